@@ -1,0 +1,9 @@
+//! A GPU splatting renderer for voxel volumes.
+
+pub mod camera;
+pub mod error;
+pub mod image;
+pub mod kernel;
+pub mod settings;
+pub mod transfer;
+pub mod volume;

@@ -1,0 +1,112 @@
+//! Transfer functions: from a scalar to a colour and an opacity.
+
+use crate::error::{Error, Result};
+
+/// A control point of a transfer function.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControlPoint {
+    /// The scalar value.
+    pub value: f64,
+    /// Red, green and blue in 0..1, in display space (composited and written as they are).
+    pub color: [f64; 3],
+    /// Opacity in 0..1 of a slab one unit distance thick.
+    pub opacity: f64,
+}
+
+/// A piecewise linear map from scalar values to colour and opacity, constant beyond its ends.
+///
+/// Two points at the same value make a step: at the value itself the later one holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TransferFunction {
+    points: Vec<ControlPoint>,
+    unit_distance: Option<f64>,
+}
+
+impl TransferFunction {
+    /// Opacities are clamped here: fully opaque would be infinite extinction. One unit distance of it still leaves
+    /// less than 1/65000, which no 8 or 16 bit picture shows.
+    pub const MAX_OPACITY: f64 = 1.0 - 1.0 / 65_536.0;
+
+    /// The most control points accepted.
+    pub const MAX_POINTS: usize = 4096;
+
+    /// A transfer function through `points`, whose opacities are meant per `unit_distance` (world units; `None`: the
+    /// smallest spacing of the volume it is applied to).
+    ///
+    /// # Errors
+    /// [`Error::Transfer`] where there are no points or over [`Self::MAX_POINTS`], values are not finite or not in
+    /// ascending order, colours or opacities leave 0..1, or the unit distance is not positive.
+    pub fn new(points: Vec<ControlPoint>, unit_distance: Option<f64>) -> Result<Self> {
+        let error = |reason: String| Err(Error::Transfer(reason));
+        if points.is_empty() || points.len() > Self::MAX_POINTS {
+            return error(format!("{} control points, expected 1 to {}", points.len(), Self::MAX_POINTS));
+        }
+        for (i, p) in points.iter().enumerate() {
+            if !p.value.is_finite() {
+                return error(format!("point {}: value {} is not finite", i + 1, p.value));
+            }
+            if i > 0 && p.value < points[i - 1].value {
+                return error(format!("point {}: value {} comes after {}", i + 1, p.value, points[i - 1].value));
+            }
+            if !p.color.iter().chain([&p.opacity]).all(|c| (0.0..=1.0).contains(c)) {
+                return error(format!(
+                    "point {}: colour {:?} and opacity {} must lie in 0..1",
+                    i + 1,
+                    p.color,
+                    p.opacity
+                ));
+            }
+        }
+        if let Some(unit) = unit_distance
+            && !(unit.is_finite() && unit > 0.0)
+        {
+            return error(format!("unit_distance {unit} is not a positive length"));
+        }
+        Ok(Self { points, unit_distance })
+    }
+
+    /// The control points, values ascending.
+    #[must_use]
+    pub fn points(&self) -> &[ControlPoint] {
+        &self.points
+    }
+
+    /// The distance that opacities are meant for, where the function states one.
+    #[must_use]
+    pub fn unit_distance(&self) -> Option<f64> {
+        self.unit_distance
+    }
+
+    /// Colour and opacity (not clamped) at a value.
+    #[must_use]
+    pub fn sample(&self, value: f64) -> ([f64; 3], f64) {
+        // `above` is the first point past the value: the segment is (above - 1, above).
+        let above = self.points.partition_point(|p| p.value <= value);
+        let (a, b) = match (above.checked_sub(1), self.points.get(above)) {
+            (Some(a), Some(b)) => (&self.points[a], b),
+            (Some(a), None) => (&self.points[a], &self.points[a]),
+            (None, _) => (&self.points[0], &self.points[0]),
+        };
+        let f = if b.value > a.value { (value - a.value) / (b.value - a.value) } else { 0.0 };
+        let mix = |x: f64, y: f64| x + (y - x) * f;
+        (std::array::from_fn(|c| mix(a.color[c], b.color[c])), mix(a.opacity, b.opacity))
+    }
+
+    /// Extinction per world unit for an opacity per `unit` of distance: -ln(1 - opacity) / unit.
+    #[must_use]
+    pub fn extinction(opacity: f64, unit: f64) -> f64 {
+        -(-opacity.min(Self::MAX_OPACITY)).ln_1p() / unit
+    }
+
+    /// The unit distance that holds for a volume of smallest spacing `min_spacing`.
+    #[must_use]
+    pub fn unit_or(&self, min_spacing: f64) -> f64 {
+        self.unit_distance.unwrap_or(min_spacing)
+    }
+
+    /// The largest opacity of any point.
+    #[must_use]
+    pub fn max_opacity(&self) -> f64 {
+        self.points.iter().map(|p| p.opacity).fold(0.0, f64::max)
+    }
+}

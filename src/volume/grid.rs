@@ -1,0 +1,122 @@
+//! Where the lattice points of a volume lie in the world.
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use crate::error::{Error, Result};
+
+/// A lattice of samples placed in the world by an affine map.
+///
+/// Lattice coordinates are voxel indices: sample (i, j, k) lies at lattice point (i, j, k), i fastest in memory.
+/// World coordinates are in the file's unit of length (millimetres for most scans). Oriented medical files are brought
+/// to the patient space of DICOM: +x to the patient's left, +y to the back, +z to the head. Files without
+/// orientation have world axes along their lattice axes and the origin that they state.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Grid {
+    dims: [u32; 3],
+    to_world: DAffine3,
+    to_lattice: DAffine3,
+}
+
+/// The largest extent of one axis: lattice indices are stored in 16 bits.
+pub const MAX_DIM: u32 = 65_535;
+
+impl Grid {
+    /// A grid of `dims` samples whose lattice point p lies at `to_world * p`.
+    ///
+    /// # Errors
+    /// [`Error::Volume`] where a dimension is 0 or over [`MAX_DIM`], or the map is singular or not finite.
+    pub fn new(dims: [u32; 3], to_world: DAffine3) -> Result<Self> {
+        if let Some(axis) = (0..3).find(|&a| dims[a] == 0 || dims[a] > MAX_DIM) {
+            return Err(Error::Volume(format!(
+                "dimension {} is {}, expected 1 to {MAX_DIM} (lattice {} x {} x {})",
+                axis + 1,
+                dims[axis],
+                dims[0],
+                dims[1],
+                dims[2]
+            )));
+        }
+        let m = to_world.matrix3;
+        let lengths = [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()];
+        // The determinant relative to the axis lengths is the volume of the unit parallelepiped: it does not
+        // depend on the unit of length, so nanometre and kilometre grids pass the same test.
+        let unit_volume = m.determinant() / (lengths[0] * lengths[1] * lengths[2]);
+        if !to_world.is_finite() || !unit_volume.is_finite() || unit_volume.abs() < 1e-6 {
+            return Err(Error::Volume(format!(
+                "the grid's axes do not span space (spacing {} x {} x {}): check spacing and directions in the header",
+                lengths[0], lengths[1], lengths[2]
+            )));
+        }
+        Ok(Self { dims, to_world, to_lattice: to_world.inverse() })
+    }
+
+    /// An axis-parallel grid with the given spacing (world length per voxel), its first sample at the world's origin.
+    ///
+    /// # Errors
+    /// As [`Grid::new`].
+    pub fn axis_parallel(dims: [u32; 3], spacing: [f64; 3]) -> Result<Self> {
+        Self::new(dims, DAffine3::from_mat3(DMat3::from_diagonal(DVec3::from_array(spacing))))
+    }
+
+    /// Samples along each lattice axis.
+    #[must_use]
+    pub fn dims(&self) -> [u32; 3] {
+        self.dims
+    }
+
+    /// The number of samples.
+    #[must_use]
+    pub fn len(&self) -> u64 {
+        self.dims.iter().map(|&d| u64::from(d)).product()
+    }
+
+    /// Whether there are no samples: never, a grid has at least one.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        false
+    }
+
+    /// The map from lattice to world coordinates.
+    #[must_use]
+    pub fn to_world(&self) -> DAffine3 {
+        self.to_world
+    }
+
+    /// The map from world to lattice coordinates.
+    #[must_use]
+    pub fn to_lattice(&self) -> DAffine3 {
+        self.to_lattice
+    }
+
+    /// World distance between neighbouring samples along each lattice axis.
+    #[must_use]
+    pub fn spacing(&self) -> [f64; 3] {
+        let m = self.to_world.matrix3;
+        [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()]
+    }
+
+    /// The smallest of the three spacings: the default unit distance of opacities.
+    #[must_use]
+    pub fn min_spacing(&self) -> f64 {
+        let [x, y, z] = self.spacing();
+        x.min(y).min(z)
+    }
+
+    /// The world position of the centre of the lattice.
+    #[must_use]
+    pub fn center(&self) -> DVec3 {
+        let last = DVec3::from_array(self.dims.map(|d| f64::from(d - 1)));
+        self.to_world.transform_point3(last / 2.0)
+    }
+
+    /// The eight world corners of the volume, whose boundary lies `margin` voxels outside the outermost samples.
+    #[must_use]
+    pub fn corners(&self, margin: f64) -> [DVec3; 8] {
+        std::array::from_fn(|c| {
+            let side = |axis: usize| {
+                if c >> axis & 1 == 0 { -margin } else { f64::from(self.dims[axis] - 1) + margin }
+            };
+            self.to_world.transform_point3(DVec3::new(side(0), side(1), side(2)))
+        })
+    }
+}
