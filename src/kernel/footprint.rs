@@ -109,17 +109,3 @@ impl FootprintTable {
         self.max_error
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn zz_sizes() {
-        for k in [Kernel::default(), Kernel::KAISER_BESSEL, Kernel::Gaussian { sigma: 0.7, radius: 4.0 }] {
-            for s in [16, 32, 64, 128, 256] {
-                eprintln!("{k:?} {s} {:.2e}", FootprintTable::with_size(&k, s).max_error());
-            }
-        }
-    }
-}
