@@ -1,111 +1,246 @@
-//! The cumulative footprint as a table that a shader can sample.
+//! The cumulative footprint as a table that a shader can evaluate.
 
 use super::Kernel;
 use super::quadrature::integrate;
 use crate::error::{Error, Result};
 
-/// The running line integral of a kernel, sampled for bilinear interpolation.
+/// The running line integral F(r, t) of a kernel: sampled across the ray, a polynomial along it.
 ///
-/// With c = sqrt(R^2 - r^2), the half chord of the ray in the support ball, and v = t / c, entry (i, j) holds
+/// Let c = sqrt(R^2 - r^2), the half chord of the ray in the support ball, and measure t from the chord's middle.
+/// Row i of the table belongs to s = c^2 / R^2 = i / (rows - 1) and holds the coefficients a_k of
 ///
 /// ```text
-/// G(c, v) = integral from 0 to v c of h(sqrt(r^2 + u^2)) du      c = R i / (n - 1),  v = j / (n - 1)
+/// G(t) = integral from 0 to t of h(sqrt(r^2 + u^2)) du = t (a_0 + a_1 q + a_2 q^2 + ...)     q = 1 - t^2 / c^2
 /// ```
 ///
-/// and the section of the kernel between t0 and t1 is G(c, t1/c) - G(c, t0/c), odd in v and constant beyond |v| = 1.
+/// for |t| <= c; G is odd and constant beyond. Rows are interpolated linearly in s. The section of the kernel between
+/// t0 and t1 is G(t1) - G(t0), and Westover's footprint 2 G(c) = 2 c a_0.
 ///
-/// These coordinates are why a small table is enough. In (r, t) the truncated kernel has a square-root edge at r = R
-/// and a kink along t = c. Here both lie on the border of the table: with h = g(R^2 - rho^2), G = c * integral from 0
-/// to v of g(c^2 (1 - w^2)) dw is analytic in c and v, and the bilinear error falls as 1/n^2 everywhere.
+/// Why these coordinates: a kernel is an analytic function g of y = R^2 - rho^2 in its ball, and on the chord
+/// y = c^2 q, so G / t = integral from 0 to 1 of g(c^2 (1 - w^2 t^2/c^2)) dw is analytic in c^2 and q. The square-root
+/// edge that a truncated kernel has at r = R is exactly the factor t <= c, and its kink at t = c is the clamp; neither
+/// is left in the table. For a Gaussian, and for any g with positive Taylor coefficients, the a_k are positive too:
+/// Horner's rule on q in 0..1 loses nothing to cancellation. The sections of one splat in consecutive sheets share one
+/// row, so they cost one table access and a few multiply-adds each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FootprintTable {
-    size: u32,
-    values: Vec<f32>,
+    rows: u32,
+    terms: u32,
+    coefficients: Vec<f32>,
     max_error: f64,
 }
 
 impl FootprintTable {
-    const MIN_SIZE: u32 = 16;
-    /// Past this, rounding to f32 outweighs interpolation.
-    const MAX_SIZE: u32 = 1024;
+    /// Numbers of polynomial terms tried: a texel holds four.
+    const TERMS: [u32; 4] = [4, 8, 12, 16];
+    const MIN_ROWS: u32 = 32;
+    const MAX_ROWS: u32 = 4096;
 
-    /// The smallest table (a power of two across) whose interpolation errs by at most `max_error` of the peak of the
-    /// footprint, measured at the cell centres and edges, where a bilinear interpolant of a smooth function errs most.
+    /// The smallest table whose sections err by at most `max_error`, as a fraction of the peak of the footprint.
     ///
     /// # Errors
-    /// [`Error::Setting`] where no table up to 1024^2 is that accurate (about 3e-7).
+    /// [`Error::Setting`] where no table of up to 16 terms and 4096 rows is that accurate: below about 2e-7, or for a
+    /// kernel very narrow in its support.
     pub fn new(kernel: &Kernel, max_error: f64) -> Result<Self> {
-        let mut size = Self::MIN_SIZE;
-        loop {
-            let table = Self::with_size(kernel, size);
-            if table.max_error <= max_error {
-                return Ok(table);
+        let mut best = f64::INFINITY;
+        for terms in Self::TERMS {
+            // More rows do not mend a polynomial of too low a degree, so the degree is found first, on few rows.
+            let degree = degree_error(kernel, terms);
+            if degree > max_error {
+                best = best.min(degree);
+                continue;
             }
-            if size >= Self::MAX_SIZE {
-                return Err(Error::Setting {
-                    name: "max-error",
-                    reason: format!(
-                        "{max_error} asks for more than a footprint table of {size} x {size} gives ({:.1e})",
-                        table.max_error
-                    ),
-                });
+            let mut rows = Self::MIN_ROWS;
+            while rows <= Self::MAX_ROWS {
+                let table = Self::with_size(kernel, rows, terms);
+                if table.max_error <= max_error {
+                    return Ok(table);
+                }
+                best = best.min(table.max_error);
+                rows *= 2;
             }
-            size *= 2;
         }
+        Err(Error::Setting {
+            name: "max-error",
+            reason: format!(
+                "no footprint table of {kernel:?} is accurate to {max_error:e}, the best errs by {best:.1e} of the peak"
+            ),
+        })
     }
 
-    /// A table of `size` x `size` entries, `size` at least 2.
+    /// A table of `rows` rows (at least 2) of `terms` coefficients (1 to 16).
     #[must_use]
-    pub fn with_size(kernel: &Kernel, size: u32) -> Self {
-        // Sampled at twice the resolution: the even nodes are the table, the odd ones measure it.
-        let fine = 2 * size - 1;
+    pub fn with_size(kernel: &Kernel, rows: u32, terms: u32) -> Self {
+        let row = |s: f64| fit(terms as usize, |q| mean_to(kernel, s, q));
+        let coefficients: Vec<f32> =
+            (0..rows).flat_map(|i| row(f64::from(i) / f64::from(rows - 1))).map(|a| a as f32).collect();
+        let mut table = Self { rows, terms, coefficients, max_error: 0.0 };
+        table.max_error = table.measure(kernel);
+        table
+    }
+
+    /// The largest error of 2 G found between rows, where linear interpolation errs most, over the footprint's peak.
+    /// 2 G bounds both the whole footprint and the difference of two values of opposite error.
+    fn measure(&self, kernel: &Kernel) -> f64 {
+        const PROBES: u32 = 64;
         let radius = kernel.radius();
-        let exact: Vec<f64> = (0..fine)
-            .flat_map(|i| {
-                let c = radius * f64::from(i) / f64::from(fine - 1);
-                let r2 = radius * radius - c * c;
-                let step = c / f64::from(fine - 1);
-                let mut sum = 0.0;
-                (0..fine).map(move |j| {
-                    if j > 0 {
-                        let end = f64::from(j) * step;
-                        sum += integrate(end - step, end, 1, |u| kernel.value(r2 + u * u));
-                    }
-                    sum
-                })
+        let peak = 2.0 * radius * mean_to(kernel, 1.0, 0.0);
+        let worst = (0..PROBES).map(|i| {
+            // Half way between two rows, spread over the table, the rim and the centre included.
+            let row = (f64::from(i) / f64::from(PROBES - 1) * f64::from(self.rows - 2)).floor() + 0.5;
+            let s = row / f64::from(self.rows - 1);
+            let c = radius * s.sqrt();
+            (0..=16).map(f64::from).fold(0.0_f64, |worst, j| {
+                let v = j / 16.0;
+                let exact = mean_to(kernel, s, 1.0 - v * v);
+                let error = (self.mean(s, 1.0 - v * v) - exact).abs() * c * v;
+                worst.max(2.0 * error)
             })
-            .collect();
-        let at = |i: u32, j: u32| exact[(i * fine + j) as usize];
-        let values =
-            (0..size).flat_map(|i| (0..size).map(move |j| (2 * i, 2 * j))).map(|(i, j)| at(i, j) as f32).collect();
-        let peak = 2.0 * at(fine - 1, fine - 1);
-        let mut worst = 0.0_f64;
-        for i in 0..fine {
-            for j in 0..fine {
-                // Nodes around (i, j): itself along an even coordinate, its two neighbours along an odd one.
-                let (i0, i1, j0, j1) = (i - i % 2, i + i % 2, j - j % 2, j + j % 2);
-                let bilinear = (at(i0, j0) + at(i0, j1) + at(i1, j0) + at(i1, j1)) / 4.0;
-                worst = worst.max((bilinear - at(i, j)).abs());
-            }
-        }
-        Self { size, values, max_error: worst / peak }
+        });
+        worst.fold(0.0, f64::max) / peak
     }
 
-    /// Entries across: the table is `size` x `size`.
+    /// The tabulated G / t at s and q, in f64 from the f32 coefficients.
+    fn mean(&self, s: f64, q: f64) -> f64 {
+        let at = s * f64::from(self.rows - 1);
+        let low = at.floor().min(f64::from(self.rows - 2)) as usize;
+        let f = at - low as f64;
+        let terms = self.terms as usize;
+        let (a, b) = self.coefficients[low * terms..(low + 2) * terms].split_at(terms);
+        a.iter().zip(b).rev().fold(0.0, |sum, (&a, &b)| {
+            let (a, b) = (f64::from(a), f64::from(b));
+            sum * q + a + (b - a) * f
+        })
+    }
+
+    /// The number of rows, over s from 0 (the rim, r = R) to 1 (the centre, r = 0).
     #[must_use]
-    pub fn size(&self) -> u32 {
-        self.size
+    pub fn rows(&self) -> u32 {
+        self.rows
     }
 
-    /// The entries, v fastest.
+    /// The number of coefficients of a row.
     #[must_use]
-    pub fn values(&self) -> &[f32] {
-        &self.values
+    pub fn terms(&self) -> u32 {
+        self.terms
     }
 
-    /// The largest interpolation error found, as a fraction of the footprint's peak.
+    /// The coefficients, row by row, a_0 first.
+    #[must_use]
+    pub fn coefficients(&self) -> &[f32] {
+        &self.coefficients
+    }
+
+    /// The largest error of a section found, as a fraction of the footprint's peak.
     #[must_use]
     pub fn max_error(&self) -> f64 {
         self.max_error
+    }
+
+    /// The section of the kernel between t0 and t1 (voxels along the ray from its closest point) of a ray at squared
+    /// distance r2 from the centre, as the shaders evaluate it but in f64.
+    #[must_use]
+    pub fn section(&self, radius: f64, r2: f64, t0: f64, t1: f64) -> f64 {
+        let c2 = radius * radius - r2;
+        if c2 <= 0.0 {
+            return 0.0;
+        }
+        let c = c2.sqrt();
+        let g = |t: f64| {
+            let t = t.clamp(-c, c);
+            t * self.mean(c2 / (radius * radius), 1.0 - t * t / c2)
+        };
+        g(t1) - g(t0)
+    }
+}
+
+/// The largest error of 2 G that `terms` coefficients leave on rows that are exact, over the footprint's peak.
+fn degree_error(kernel: &Kernel, terms: u32) -> f64 {
+    let radius = kernel.radius();
+    let worst = (1..=8).map(|i| {
+        let s = f64::from(i) / 8.0;
+        let row = fit(terms as usize, |q| mean_to(kernel, s, q));
+        (1..=16).map(f64::from).fold(0.0_f64, |worst, j| {
+            let v = j / 16.0;
+            let q = 1.0 - v * v;
+            let fitted = row.iter().rev().fold(0.0, |sum, a| sum * q + a);
+            worst.max(2.0 * radius * s.sqrt() * v * (fitted - mean_to(kernel, s, q)).abs())
+        })
+    });
+    worst.fold(0.0, f64::max) / (2.0 * radius * mean_to(kernel, 1.0, 0.0))
+}
+
+/// G(t) / t, the mean of the kernel from the middle of the chord to t, at s = c^2 / R^2 and q = 1 - t^2 / c^2.
+fn mean_to(kernel: &Kernel, s: f64, q: f64) -> f64 {
+    let radius2 = kernel.radius() * kernel.radius();
+    let c2 = s * radius2;
+    let v2 = 1.0 - q;
+    integrate(0.0, 1.0, 6, |w| kernel.value(radius2 - c2 * (1.0 - v2 * w * w)))
+}
+
+/// Coefficients of the polynomial of `terms` terms through `f` at the Chebyshev nodes of [0, 1]: near-minimax
+/// (Trefethen, "Approximation Theory and Approximation Practice", chapter 16), by Newton's divided differences.
+fn fit(terms: usize, f: impl Fn(f64) -> f64) -> Vec<f64> {
+    let nodes: Vec<f64> = (0..terms)
+        .map(|i| 0.5 - 0.5 * ((2 * i + 1) as f64 / (2 * terms) as f64 * std::f64::consts::PI).cos())
+        .collect();
+    let mut differences: Vec<f64> = nodes.iter().map(|&q| f(q)).collect();
+    for order in 1..terms {
+        for i in (order..terms).rev() {
+            differences[i] = (differences[i] - differences[i - 1]) / (nodes[i] - nodes[i - order]);
+        }
+    }
+    // Newton's form to powers of q, from the innermost bracket out.
+    let mut powers = vec![0.0; terms];
+    for i in (0..terms).rev() {
+        for k in (1..terms).rev() {
+            powers[k] = powers[k - 1] - nodes[i] * powers[k];
+        }
+        powers[0] = differences[i] - nodes[i] * powers[0];
+    }
+    powers
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sections_match_direct_integration() {
+        for kernel in [Kernel::default(), Kernel::KAISER_BESSEL, Kernel::Gaussian { sigma: 1.5, radius: 3.0 }] {
+            let (radius, accuracy) = (kernel.radius(), 1e-5);
+            let table = FootprintTable::new(&kernel, accuracy).unwrap();
+            let peak = kernel.cumulative_footprint(0.0, radius);
+            for r in [0.0, 0.3, 1.1, 1.7, 1.97, 1.9999].map(|r| r * radius / 2.0) {
+                for (t0, t1) in [(-9.0, 9.0), (-2.5, -1.5), (-0.4, 0.1), (0.0, 1.0), (1.2, 1.3), (1.9, 2.9)] {
+                    let exact = kernel.cumulative_footprint(r, t1) - kernel.cumulative_footprint(r, t0);
+                    let got = table.section(radius, r * r, t0, t1);
+                    assert!(
+                        (got - exact).abs() <= accuracy * peak,
+                        "{kernel:?} r {r} t {t0}..{t1}: {got} against {exact}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn accuracy_asked_for_decides_the_size() {
+        let coarse = FootprintTable::new(&Kernel::default(), 1e-3).unwrap();
+        let fine = FootprintTable::new(&Kernel::default(), 1e-6).unwrap();
+        assert!(coarse.coefficients().len() < fine.coefficients().len());
+        assert!(coarse.max_error() <= 1e-3 && fine.max_error() <= 1e-6);
+    }
+
+    #[test]
+    fn impossible_accuracy_is_refused() {
+        let error = FootprintTable::new(&Kernel::default(), 1e-9).unwrap_err();
+        assert!(error.to_string().starts_with("max-error: no footprint table"), "{error}");
+    }
+
+    #[test]
+    fn coefficients_of_a_gaussian_do_not_cancel() {
+        let table = FootprintTable::with_size(&Kernel::default(), 64, 8);
+        assert!(table.coefficients().iter().all(|&a| a > -1e-6));
     }
 }
