@@ -2,8 +2,11 @@
 
 pub mod camera;
 pub mod error;
+mod gpu;
 pub mod image;
 pub mod kernel;
+pub mod renderer;
 pub mod settings;
+pub mod stats;
 pub mod transfer;
 pub mod volume;

@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Normalization};
 
 /// The format of the sheet buffers. The frame that they are composited into is always f32.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Precision {
     /// Half-precision sheets: half the memory traffic.
     #[default]
@@ -50,6 +50,15 @@ impl Default for Settings {
 impl Settings {
     /// The largest width or height of a picture, in pixels.
     pub const MAX_SIZE: u32 = 32_768;
+
+    /// The error of the footprint table asked for, or what the rounding of the sheets makes worth while.
+    #[must_use]
+    pub fn footprint_error(&self) -> f64 {
+        self.max_error.unwrap_or(match self.precision {
+            Precision::F16 => 1e-4,
+            Precision::F32 => 1e-5,
+        })
+    }
 
     /// Refuses settings out of range.
     ///

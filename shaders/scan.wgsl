@@ -1,0 +1,34 @@
+// scan: exclusive prefix sums, one level at a time. `reduce` sums each run of RUN values; after the sums have been
+// scanned the same way, `spread` replaces each value by the sum of all before it.
+
+const RUN: u32 = 128u;
+
+@group(0) @binding(0) var<storage, read_write> values: array<u32>;
+@group(0) @binding(1) var<storage, read_write> sums: array<u32>;
+
+@compute @workgroup_size(WORKGROUP)
+fn reduce(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let run = invocation_index(id, groups);
+    if run >= arrayLength(&sums) {
+        return;
+    }
+    var sum = 0u;
+    for (var i = run * RUN; i < min((run + 1u) * RUN, arrayLength(&values)); i++) {
+        sum += values[i];
+    }
+    sums[run] = sum;
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn spread(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let run = invocation_index(id, groups);
+    if run >= arrayLength(&sums) {
+        return;
+    }
+    var sum = sums[run];
+    for (var i = run * RUN; i < min((run + 1u) * RUN, arrayLength(&values)); i++) {
+        let value = values[i];
+        values[i] = sum;
+        sum += value;
+    }
+}

@@ -1,0 +1,73 @@
+// sort: a stable counting sort of splats by batch, a batch being the consecutive sheets that one pass feeds. A splat
+// goes into every batch that its kernel reaches into. Each invocation owns a block of consecutive splats and one column
+// of counters per batch, so no atomics are needed and the order within a batch is that of the splats.
+
+struct Sort {
+    // Splats in this span.
+    count: u32,
+    // Splats of one block, and the number of blocks.
+    block: u32,
+    blocks: u32,
+    // Number of batches, and sheets in each.
+    batches: u32,
+    sheets_per_batch: u32,
+}
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<uniform> sort: Sort;
+@group(0) @binding(2) var<storage, read> splats: array<Splat>;
+// places[batch * blocks + block]: counts, then places after the scan; one more entry ends it with the total.
+@group(0) @binding(3) var<storage, read_write> places: array<u32>;
+@group(0) @binding(4) var<storage, read_write> starts: array<u32>;
+@group(0) @binding(5) var<storage, read_write> entries: array<u32>;
+
+// First and last batch that a splat reaches into; first > last where it reaches into none.
+fn batches_of(s: Splat) -> vec2i {
+    let z = dot(frame.view_z, splat_lattice(s) - frame.lattice_center);
+    let first = floor((z - frame.depth_extent - frame.sheet_origin) * frame.inverse_sheet_step);
+    let last = floor((z + frame.depth_extent - frame.sheet_origin) * frame.inverse_sheet_step);
+    if last < 0.0 || first >= f32(frame.sheets) {
+        return vec2i(0, -1);
+    }
+    let n = i32(sort.sheets_per_batch);
+    return vec2i(max(i32(first), 0) / n, min(i32(last), i32(frame.sheets) - 1) / n);
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let block = invocation_index(id, groups);
+    if block >= sort.blocks {
+        return;
+    }
+    for (var i = block * sort.block; i < min((block + 1u) * sort.block, sort.count); i++) {
+        let range = batches_of(splats[i]);
+        for (var batch = range.x; batch <= range.y; batch++) {
+            places[u32(batch) * sort.blocks + block] += 1u;
+        }
+    }
+}
+
+// Where each batch starts, and the total: read before `emit` advances the places.
+@compute @workgroup_size(WORKGROUP)
+fn mark(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let batch = invocation_index(id, groups);
+    if batch <= sort.batches {
+        starts[batch] = places[batch * sort.blocks];
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let block = invocation_index(id, groups);
+    if block >= sort.blocks {
+        return;
+    }
+    for (var i = block * sort.block; i < min((block + 1u) * sort.block, sort.count); i++) {
+        let range = batches_of(splats[i]);
+        for (var batch = range.x; batch <= range.y; batch++) {
+            let place = u32(batch) * sort.blocks + block;
+            entries[places[place]] = i;
+            places[place] += 1u;
+        }
+    }
+}

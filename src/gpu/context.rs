@@ -1,0 +1,253 @@
+//! The device: chosen, opened, and watched for errors.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use serde::Serialize;
+
+use crate::error::{Error, Result};
+
+/// A graphics adapter as the driver describes it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct AdapterInfo {
+    /// The name of the device.
+    pub name: String,
+    /// The graphics interface it is reached through: vulkan, metal or dx12.
+    pub backend: String,
+    /// What it is: discrete, integrated, virtual, cpu (software) or other.
+    pub kind: &'static str,
+    /// The driver and its version.
+    pub driver: String,
+}
+
+impl AdapterInfo {
+    fn new(info: &wgpu::AdapterInfo) -> Self {
+        let kind = match info.device_type {
+            wgpu::DeviceType::DiscreteGpu => "discrete",
+            wgpu::DeviceType::IntegratedGpu => "integrated",
+            wgpu::DeviceType::VirtualGpu => "virtual",
+            wgpu::DeviceType::Cpu => "cpu",
+            wgpu::DeviceType::Other => "other",
+        };
+        Self {
+            name: info.name.clone(),
+            backend: info.backend.to_str().to_owned(),
+            kind,
+            driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+        }
+    }
+
+    /// Real GPUs before software; of equals, the order of the driver.
+    fn rank(&self) -> u32 {
+        match self.kind {
+            "discrete" => 0,
+            "integrated" => 1,
+            "virtual" => 2,
+            "other" => 3,
+            _ => 4,
+        }
+    }
+}
+
+fn instance() -> wgpu::Instance {
+    wgpu::Instance::new(wgpu::InstanceDescriptor {
+        backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
+        flags: wgpu::InstanceFlags::empty().with_env(),
+        ..wgpu::InstanceDescriptor::new_without_display_handle()
+    })
+}
+
+async fn enumerate() -> Vec<(AdapterInfo, wgpu::Adapter)> {
+    let adapters = instance().enumerate_adapters(wgpu::Backends::all()).await;
+    let mut found: Vec<_> = adapters.into_iter().map(|a| (AdapterInfo::new(&a.get_info()), a)).collect();
+    found.sort_by_key(|(info, _)| info.rank());
+    found
+}
+
+/// The adapters of this machine, best first.
+pub(crate) fn adapters() -> Vec<AdapterInfo> {
+    pollster::block_on(enumerate()).into_iter().map(|(info, _)| info).collect()
+}
+
+/// An open device with its queue, and what went wrong on it.
+pub(crate) struct Context {
+    pub(crate) device: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
+    pub(crate) info: AdapterInfo,
+    pub(crate) limits: wgpu::Limits,
+    pub(crate) features: wgpu::Features,
+    /// What the device said outside error scopes: the reason it was lost, or an error nobody waited for.
+    failure: Arc<Mutex<Option<String>>>,
+    /// Bytes of buffers and textures made so far, ever.
+    allocated: AtomicU64,
+}
+
+impl Context {
+    /// Opens the best adapter, or the first whose name contains `name` (letter case ignored).
+    pub(crate) fn new(name: Option<&str>) -> Result<Self> {
+        pollster::block_on(Self::open(name))
+    }
+
+    async fn open(name: Option<&str>) -> Result<Self> {
+        let found = enumerate().await;
+        if found.is_empty() {
+            return Err(Error::NoAdapter(
+                "no Vulkan, Metal or DX12 driver found; on Debian and Ubuntu `apt-get install mesa-vulkan-drivers \
+                 libvulkan1` gives a software one"
+                    .to_owned(),
+            ));
+        }
+        let wanted = name.map(str::to_lowercase);
+        let names: Vec<String> = found.iter().map(|(info, _)| info.name.clone()).collect();
+        let (info, adapter) = found
+            .into_iter()
+            .find(|(info, _)| wanted.as_ref().is_none_or(|w| info.name.to_lowercase().contains(w)))
+            .ok_or_else(|| {
+                Error::NoAdapter(format!("none is named {:?}; there are: {}", name.unwrap_or(""), names.join(", ")))
+            })?;
+        let features = adapter.features() & (wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::FLOAT32_BLENDABLE);
+        let limits = adapter.limits();
+        let (device, queue) = adapter
+            .request_device(&wgpu::DeviceDescriptor {
+                label: Some("voxsplat"),
+                required_features: features,
+                required_limits: limits.clone(),
+                ..Default::default()
+            })
+            .await
+            .map_err(|e| Error::NoAdapter(format!("{} cannot be opened: {}", info.name, one_line(&e.to_string()))))?;
+        let failure = Arc::new(Mutex::new(None));
+        let note = |failure: &Mutex<Option<String>>, what: String| {
+            let mut failure = failure.lock().unwrap_or_else(PoisonError::into_inner);
+            failure.get_or_insert(what);
+        };
+        let lost = Arc::clone(&failure);
+        device.set_device_lost_callback(move |reason, message| {
+            // Dropping the device at the end of the program is no failure.
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                note(&lost, format!("device lost: {}", one_line(&message)));
+            }
+        });
+        let uncaptured = Arc::clone(&failure);
+        device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| note(&uncaptured, one_line(&e.to_string()))));
+        Ok(Self { device, queue, info, limits, features, failure, allocated: AtomicU64::new(0) })
+    }
+
+    /// Runs `work` and turns whatever the device reports meanwhile into an error that names `stage`.
+    pub(crate) fn guarded<T>(&self, stage: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        let out_of_memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
+        let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
+        let result = work();
+        let validation = pollster::block_on(validation.pop());
+        let internal = pollster::block_on(internal.pop());
+        if pollster::block_on(out_of_memory.pop()).is_some() {
+            return Err(Error::OutOfMemory(stage.to_owned()));
+        }
+        if let Some(e) = internal.or(validation) {
+            return Err(Error::Device { stage: stage.to_owned(), reason: one_line(&e.to_string()) });
+        }
+        let failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        if let Some(reason) = failure {
+            return Err(Error::Device { stage: stage.to_owned(), reason });
+        }
+        result
+    }
+
+    /// Waits until the device has done all that was submitted.
+    pub(crate) fn wait(&self, stage: &str) -> Result<()> {
+        self.device
+            .poll(wgpu::PollType::wait_indefinitely())
+            .map(|_| ())
+            .map_err(|e| Error::Device { stage: stage.to_owned(), reason: one_line(&e.to_string()) })
+    }
+
+    /// A buffer of `size` bytes, rounded up to what copies need.
+    pub(crate) fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
+        let size = size.max(16).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT);
+        if size > self.limits.max_buffer_size {
+            return Err(self.unsupported(format!(
+                "holds buffers of at most {} bytes, {label} needs {size}: render fewer pixels or a smaller volume",
+                self.limits.max_buffer_size
+            )));
+        }
+        self.allocated.fetch_add(size, Ordering::Relaxed);
+        Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size,
+            usage,
+            mapped_at_creation: false,
+        }))
+    }
+
+    /// A buffer that holds `data`.
+    pub(crate) fn upload(&self, label: &str, data: &[u8], usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
+        let buffer = self.buffer(label, data.len() as u64, usage | wgpu::BufferUsages::COPY_DST)?;
+        // Copies are made of whole words: the bytes past the last word go in one of their own.
+        let (words, rest) = data.split_at(data.len() / 4 * 4);
+        self.queue.write_buffer(&buffer, 0, words);
+        if !rest.is_empty() {
+            let mut last = [0; 4];
+            last[..rest.len()].copy_from_slice(rest);
+            self.queue.write_buffer(&buffer, words.len() as u64, &last);
+        }
+        Ok(buffer)
+    }
+
+    /// A texture whose bytes are counted.
+    pub(crate) fn texture(&self, descriptor: &wgpu::TextureDescriptor<'_>) -> wgpu::Texture {
+        let texel = u64::from(descriptor.format.block_copy_size(None).unwrap_or(16));
+        let texels = u64::from(descriptor.size.width)
+            * u64::from(descriptor.size.height)
+            * u64::from(descriptor.size.depth_or_array_layers);
+        self.allocated.fetch_add(texel * texels, Ordering::Relaxed);
+        self.device.create_texture(descriptor)
+    }
+
+    /// Bytes of buffers and textures made since the device was opened.
+    pub(crate) fn allocated(&self) -> u64 {
+        self.allocated.load(Ordering::Relaxed)
+    }
+
+    /// Reads the whole of a buffer that was made with `MAP_READ`.
+    pub(crate) fn read(&self, stage: &str, buffer: &wgpu::Buffer) -> Result<Vec<u8>> {
+        let failed = |e: &dyn std::fmt::Display| Error::Device {
+            stage: stage.to_owned(),
+            reason: format!("the result cannot be read back: {}", one_line(&e.to_string())),
+        };
+        let outcome = Arc::new(Mutex::new(None));
+        let slot = Arc::clone(&outcome);
+        buffer.map_async(wgpu::MapMode::Read, .., move |r| {
+            *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(r);
+        });
+        self.wait(stage)?;
+        let mapped = outcome.lock().unwrap_or_else(PoisonError::into_inner).take();
+        match mapped {
+            Some(Ok(())) => {}
+            Some(Err(e)) => return Err(failed(&e)),
+            None => return Err(failed(&"the driver never finished")),
+        }
+        let view = buffer.get_mapped_range(..).map_err(|e| failed(&e))?;
+        let bytes = view.to_vec();
+        drop(view);
+        buffer.unmap();
+        Ok(bytes)
+    }
+
+    /// An error that names this adapter.
+    pub(crate) fn unsupported(&self, reason: String) -> Error {
+        Error::Unsupported { adapter: self.info.name.clone(), reason }
+    }
+
+    /// Workgroups of `size` invocations for `count` of them, folded into rows where the adapter's limit asks for it.
+    pub(crate) fn workgroups(&self, count: u64, size: u64) -> (u32, u32) {
+        let groups = count.div_ceil(size);
+        let row = u64::from(self.limits.max_compute_workgroups_per_dimension);
+        if groups <= row { (groups as u32, 1) } else { (row as u32, groups.div_ceil(row) as u32) }
+    }
+}
+
+/// Driver messages run over many lines; an error of this library is one.
+fn one_line(message: &str) -> String {
+    message.split_whitespace().collect::<Vec<_>>().join(" ")
+}

@@ -1,0 +1,88 @@
+//! The structs that Rust and WGSL share, in one place; a test compares names, offsets and sizes with the shaders.
+
+use bytemuck::{Pod, Zeroable};
+
+/// A classified voxel; `Splat` in shaders/common/splat.wgsl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub(crate) struct Splat {
+    /// Lattice x in the low 16 bits, y in the high ones.
+    pub xy: u32,
+    /// Lattice z, then red as unsigned normalised 16 bits.
+    pub z_red: u32,
+    /// Green, then blue, as unsigned normalised 16 bits.
+    pub green_blue: u32,
+    /// Extinction times unit distance.
+    pub density: f32,
+}
+
+/// Parameters of `classify`; shaders/classify.wgsl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub(crate) struct Classify {
+    pub dims: [u32; 3],
+    pub count: u32,
+    pub start: [u32; 3],
+    pub points: u32,
+    pub sample_origin: f32,
+    pub base: u32,
+    pub _pad: [u32; 2],
+}
+
+/// A control point of the transfer function in the units of the samples; shaders/classify.wgsl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub(crate) struct ControlPoint {
+    pub color: [f32; 3],
+    pub sample: f32,
+    pub opacity: f32,
+    pub _pad: [f32; 3],
+}
+
+/// What all stages of one frame share; each field is explained in shaders/common/frame.wgsl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub(crate) struct Frame {
+    pub lattice_center: [f32; 3],
+    pub radius: f32,
+    pub view_x: [f32; 3],
+    pub offset_x: f32,
+    pub view_y: [f32; 3],
+    pub offset_y: f32,
+    pub view_z: [f32; 3],
+    pub eye_depth: f32,
+    pub grid_right: [f32; 3],
+    pub depth_extent: f32,
+    pub grid_up: [f32; 3],
+    pub sheet_origin: f32,
+    pub grid_forward: [f32; 3],
+    pub sheet_step: f32,
+    pub pixel_scale: [f32; 2],
+    pub pixel_offset: [f32; 2],
+    pub clip_scale: [f32; 2],
+    pub clip_offset: [f32; 2],
+    pub quad_pad: [f32; 2],
+    pub section_scale: f32,
+    pub inverse_sheet_scale: f32,
+    pub region: [u32; 2],
+    pub sheets: u32,
+    pub inverse_sheet_step: f32,
+}
+
+/// Parameters of `sort`; shaders/sort.wgsl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub(crate) struct Sort {
+    pub count: u32,
+    pub block: u32,
+    pub blocks: u32,
+    pub batches: u32,
+    pub sheets_per_batch: u32,
+}
+
+/// What one batch of sheets adds to the frame; shaders/splat.wgsl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub(crate) struct Batch {
+    pub depth: f32,
+}

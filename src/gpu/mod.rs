@@ -1,0 +1,12 @@
+//! The stages on the GPU. This folder and `renderer.rs` are the only places that name wgpu.
+
+pub(crate) mod classify;
+pub(crate) mod context;
+pub(crate) mod layout;
+mod pipeline;
+pub(crate) mod plan;
+pub(crate) mod quads;
+pub(crate) mod scan;
+mod shaders;
+pub(crate) mod sort;
+pub(crate) mod timing;

@@ -1,0 +1,116 @@
+//! Short forms of wgpu's descriptors for what the stages need.
+
+use super::context::Context;
+use super::shaders::Shader;
+
+/// What a binding of a stage holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Slot {
+    /// A uniform buffer.
+    Uniform,
+    /// A uniform buffer bound at an offset given with each draw.
+    DynamicUniform,
+    /// A storage buffer that is only read.
+    Read,
+    /// A storage buffer that is written.
+    Write,
+    /// A float texture, read without filtering.
+    Texture(wgpu::TextureViewDimension),
+}
+
+impl Slot {
+    fn binding_type(self) -> wgpu::BindingType {
+        let buffer =
+            |ty, has_dynamic_offset| wgpu::BindingType::Buffer { ty, has_dynamic_offset, min_binding_size: None };
+        match self {
+            Self::Uniform => buffer(wgpu::BufferBindingType::Uniform, false),
+            Self::DynamicUniform => buffer(wgpu::BufferBindingType::Uniform, true),
+            Self::Read => buffer(wgpu::BufferBindingType::Storage { read_only: true }, false),
+            Self::Write => buffer(wgpu::BufferBindingType::Storage { read_only: false }, false),
+            Self::Texture(view_dimension) => wgpu::BindingType::Texture {
+                sample_type: wgpu::TextureSampleType::Float { filterable: false },
+                view_dimension,
+                multisampled: false,
+            },
+        }
+    }
+}
+
+/// A bind group layout of the slots at bindings 0, 1, 2, ...
+pub(super) fn layout(
+    context: &Context,
+    stage: &str,
+    visibility: wgpu::ShaderStages,
+    slots: &[Slot],
+) -> wgpu::BindGroupLayout {
+    let entries: Vec<_> = (0..)
+        .zip(slots)
+        .map(|(binding, slot)| wgpu::BindGroupLayoutEntry { binding, visibility, ty: slot.binding_type(), count: None })
+        .collect();
+    context.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some(&format!("{stage}.layout")),
+        entries: &entries,
+    })
+}
+
+/// A bind group of resources at bindings 0, 1, 2, ...
+pub(super) fn bind(
+    context: &Context,
+    stage: &str,
+    layout: &wgpu::BindGroupLayout,
+    resources: &[wgpu::BindingResource<'_>],
+) -> wgpu::BindGroup {
+    let entries: Vec<_> = (0..)
+        .zip(resources)
+        .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource: resource.clone() })
+        .collect();
+    context.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some(&format!("{stage}.bindings")),
+        layout,
+        entries: &entries,
+    })
+}
+
+/// The part of a buffer from byte `offset`, `size` bytes long.
+pub(super) fn part(buffer: &wgpu::Buffer, offset: u64, size: u64) -> wgpu::BindingResource<'_> {
+    wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size: std::num::NonZeroU64::new(size) })
+}
+
+pub(super) fn module(context: &Context, shader: Shader) -> wgpu::ShaderModule {
+    context.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(shader.name),
+        source: wgpu::ShaderSource::Wgsl(shader.source().into()),
+    })
+}
+
+pub(super) fn pipeline_layout(context: &Context, stage: &str, group: &wgpu::BindGroupLayout) -> wgpu::PipelineLayout {
+    context.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(&format!("{stage}.pipeline_layout")),
+        bind_group_layouts: &[Some(group)],
+        immediate_size: 0,
+    })
+}
+
+/// A compute pipeline of one entry point, specialised by override constants.
+pub(super) fn compute(
+    context: &Context,
+    module: &wgpu::ShaderModule,
+    stage: &str,
+    entry: &str,
+    group: &wgpu::BindGroupLayout,
+    constants: &[(&str, f64)],
+) -> wgpu::ComputePipeline {
+    context.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(&format!("{stage}.{entry}")),
+        layout: Some(&pipeline_layout(context, stage, group)),
+        module,
+        entry_point: Some(entry),
+        compilation_options: specialised(constants),
+        cache: None,
+    })
+}
+
+/// Override constants. No stage uses workgroup memory, so there is none to clear.
+pub(super) fn specialised<'a>(constants: &'a [(&'a str, f64)]) -> wgpu::PipelineCompilationOptions<'a> {
+    wgpu::PipelineCompilationOptions { constants, zero_initialize_workgroup_memory: false }
+}

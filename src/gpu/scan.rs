@@ -1,0 +1,57 @@
+//! scan: exclusive prefix sums of u32, in as many levels as the length needs.
+
+use super::context::Context;
+use super::pipeline::{Slot, bind, compute, layout, module};
+use super::shaders;
+use crate::error::Result;
+
+/// Values that one invocation sums; RUN in shaders/scan.wgsl.
+const RUN: u64 = 128;
+/// Invocations of a workgroup; WORKGROUP in shaders/common/dispatch.wgsl.
+pub(super) const WORKGROUP: u64 = 64;
+
+/// The pipelines of the scan.
+pub(crate) struct Scan {
+    layout: wgpu::BindGroupLayout,
+    reduce: wgpu::ComputePipeline,
+    spread: wgpu::ComputePipeline,
+}
+
+impl Scan {
+    pub(crate) fn new(context: &Context) -> Self {
+        let module = module(context, shaders::SCAN);
+        let layout = layout(context, "scan", wgpu::ShaderStages::COMPUTE, &[Slot::Write, Slot::Write]);
+        let pipeline = |entry| compute(context, &module, "scan", entry, &layout, &[]);
+        Self { reduce: pipeline("reduce"), spread: pipeline("spread"), layout }
+    }
+
+    /// Records the scan of the first `count` values of `values`, in place, into `pass`.
+    pub(crate) fn record(
+        &self,
+        context: &Context,
+        pass: &mut wgpu::ComputePass<'_>,
+        values: &wgpu::Buffer,
+        count: u64,
+    ) -> Result<()> {
+        let runs = count.div_ceil(RUN);
+        let sums = context.buffer("scan.sums", runs * 4, wgpu::BufferUsages::STORAGE)?;
+        let group = bind(
+            context,
+            "scan",
+            &self.layout,
+            &[super::pipeline::part(values, 0, count * 4), super::pipeline::part(&sums, 0, runs * 4)],
+        );
+        let (x, y) = context.workgroups(runs, WORKGROUP);
+        // One run: its sum starts from the zero that a fresh buffer holds, and nothing is above it.
+        if runs > 1 {
+            pass.set_pipeline(&self.reduce);
+            pass.set_bind_group(0, &group, &[]);
+            pass.dispatch_workgroups(x, y, 1);
+            self.record(context, pass, &sums, runs)?;
+        }
+        pass.set_pipeline(&self.spread);
+        pass.set_bind_group(0, &group, &[]);
+        pass.dispatch_workgroups(x, y, 1);
+        Ok(())
+    }
+}

@@ -1,0 +1,38 @@
+//! The WGSL of each stage: the stage's own file first, so that error lines are those of the file, then what it shares.
+
+/// A stage's shader.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Shader {
+    /// The stage's name.
+    pub name: &'static str,
+    /// The stage's file and the files it uses, in that order.
+    parts: &'static [&'static str],
+}
+
+impl Shader {
+    /// The whole source.
+    pub(crate) fn source(&self) -> String {
+        self.parts.join("\n")
+    }
+}
+
+const ABSORBED: &str = include_str!("../../shaders/common/absorbed.wgsl");
+const DISPATCH: &str = include_str!("../../shaders/common/dispatch.wgsl");
+const FRAME: &str = include_str!("../../shaders/common/frame.wgsl");
+const SPLAT: &str = include_str!("../../shaders/common/splat.wgsl");
+
+pub(crate) const CLASSIFY: Shader =
+    Shader { name: "classify", parts: &[include_str!("../../shaders/classify.wgsl"), SPLAT, DISPATCH] };
+pub(crate) const SCAN: Shader = Shader { name: "scan", parts: &[include_str!("../../shaders/scan.wgsl"), DISPATCH] };
+pub(crate) const SORT: Shader =
+    Shader { name: "sort", parts: &[include_str!("../../shaders/sort.wgsl"), FRAME, SPLAT, DISPATCH] };
+pub(crate) const SPLATTING: Shader =
+    Shader { name: "splat", parts: &[include_str!("../../shaders/splat.wgsl"), FRAME, SPLAT] };
+pub(crate) const COMPOSITE: Shader =
+    Shader { name: "composite", parts: &[include_str!("../../shaders/composite.wgsl"), FRAME, ABSORBED] };
+pub(crate) const RESOLVE: Shader =
+    Shader { name: "resolve", parts: &[include_str!("../../shaders/resolve.wgsl"), FRAME, ABSORBED] };
+
+/// Every shader there is.
+#[cfg(test)]
+pub(crate) const ALL: [Shader; 6] = [CLASSIFY, SCAN, SORT, SPLATTING, COMPOSITE, RESOLVE];

@@ -1,0 +1,163 @@
+//! sort: splats into batches of consecutive sheets, by a stable counting sort.
+
+use super::classify::Store;
+use super::context::Context;
+use super::layout::Sort;
+use super::pipeline::{Slot, bind, compute, layout, module, part};
+use super::plan::Plan;
+use super::scan::{Scan, WORKGROUP};
+use super::shaders;
+use super::timing::Timing;
+use crate::error::Result;
+
+/// The least splats that one invocation sorts.
+const MIN_BLOCK: u64 = 64;
+/// Counters (blocks times batches) beyond which blocks grow instead: the scan stays cheap beside the splats.
+const MAX_COUNTERS: u64 = 1 << 22;
+
+/// The pipelines of the sort.
+pub(crate) struct Sorter {
+    layout: wgpu::BindGroupLayout,
+    count: wgpu::ComputePipeline,
+    mark: wgpu::ComputePipeline,
+    emit: wgpu::ComputePipeline,
+}
+
+/// A run of splats of one store, sorted on its own: small enough that its entries fit into one binding.
+pub(crate) struct Span<'a> {
+    pub(crate) store: &'a Store,
+    /// First splat, a multiple of what storage bindings align to.
+    pub(crate) first: u32,
+    pub(crate) count: u32,
+    /// Indices of splats, relative to `first`, by batch.
+    pub(crate) entries: wgpu::Buffer,
+    /// Where each batch starts in `entries`; one more ends the last.
+    pub(crate) starts: Vec<u32>,
+}
+
+impl Span<'_> {
+    /// The span's splats as a binding.
+    pub(crate) fn splats(&self) -> wgpu::BindingResource<'_> {
+        part(&self.store.splats, u64::from(self.first) * 16, u64::from(self.count) * 16)
+    }
+}
+
+impl Sorter {
+    pub(crate) fn new(context: &Context) -> Self {
+        let module = module(context, shaders::SORT);
+        let slots = [Slot::Uniform, Slot::Uniform, Slot::Read, Slot::Write, Slot::Write, Slot::Write];
+        let layout = layout(context, "sort", wgpu::ShaderStages::COMPUTE, &slots);
+        let pipeline = |entry| compute(context, &module, "sort", entry, &layout, &[]);
+        Self { count: pipeline("count"), mark: pipeline("mark"), emit: pipeline("emit"), layout }
+    }
+
+    /// Sorts the splats of all stores. `frame` holds the uniforms of the frame.
+    pub(crate) fn run<'a>(
+        &self,
+        context: &Context,
+        scan: &Scan,
+        timing: &mut Timing,
+        plan: &Plan,
+        frame: &wgpu::Buffer,
+        sheets_per_batch: u32,
+        stores: &'a [Store],
+    ) -> Result<Vec<Span<'a>>> {
+        let binding = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size);
+        // Offsets of storage bindings are multiples of at most 256 bytes: 16 splats.
+        let most = (binding / 4 / plan.batches_per_splat(sheets_per_batch) / 16 * 16).max(16);
+        let mut spans = Vec::new();
+        for store in stores {
+            for first in (0..u64::from(store.count)).step_by(most as usize) {
+                let count = most.min(u64::from(store.count) - first);
+                let (first, count) = (first as u32, count as u32);
+                spans.push(self.span(context, scan, timing, plan, frame, sheets_per_batch, store, first, count)?);
+            }
+        }
+        Ok(spans)
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "one call, and each argument is a different thing")]
+    fn span<'a>(
+        &self,
+        context: &Context,
+        scan: &Scan,
+        timing: &mut Timing,
+        plan: &Plan,
+        frame: &wgpu::Buffer,
+        sheets_per_batch: u32,
+        store: &'a Store,
+        first: u32,
+        count: u32,
+    ) -> Result<Span<'a>> {
+        let batches = plan.sheets().div_ceil(sheets_per_batch);
+        let counters_per_block = u64::from(batches);
+        let block = u64::from(count).div_ceil((MAX_COUNTERS / counters_per_block.max(1)).max(1)).max(MIN_BLOCK);
+        let blocks = u64::from(count).div_ceil(block);
+        let counters = blocks * counters_per_block + 1;
+        let parameters = Sort { count, block: block as u32, blocks: blocks as u32, batches, sheets_per_batch };
+        let parameters =
+            context.upload("sort.parameters", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
+        let storage = wgpu::BufferUsages::STORAGE;
+        let places = context.buffer("sort.places", counters * 4, storage)?;
+        let starts_bytes = u64::from(batches + 1) * 4;
+        let starts = context.buffer("sort.starts", starts_bytes, storage | wgpu::BufferUsages::COPY_SRC)?;
+        let staging = context.buffer(
+            "sort.starts_staging",
+            starts_bytes,
+            wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+        )?;
+        let none = context.buffer("sort.no_entries", 16, storage)?;
+        let bindings = |entries: &wgpu::Buffer| {
+            bind(
+                context,
+                "sort",
+                &self.layout,
+                &[
+                    frame.as_entire_binding(),
+                    parameters.as_entire_binding(),
+                    part(&store.splats, u64::from(first) * 16, u64::from(count) * 16),
+                    places.as_entire_binding(),
+                    starts.as_entire_binding(),
+                    entries.as_entire_binding(),
+                ],
+            )
+        };
+        let (x, y) = context.workgroups(blocks, WORKGROUP);
+        let mut encoder = context.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("sort.count"),
+                timestamp_writes: timing.compute(context, "sort"),
+            });
+            let group = bindings(&none);
+            pass.set_pipeline(&self.count);
+            pass.set_bind_group(0, &group, &[]);
+            pass.dispatch_workgroups(x, y, 1);
+            scan.record(context, &mut pass, &places, counters)?;
+            pass.set_pipeline(&self.mark);
+            pass.set_bind_group(0, &group, &[]);
+            let (x, y) = context.workgroups(u64::from(batches) + 1, WORKGROUP);
+            pass.dispatch_workgroups(x, y, 1);
+        }
+        encoder.copy_buffer_to_buffer(&starts, 0, &staging, 0, starts_bytes);
+        context.queue.submit([encoder.finish()]);
+        let bytes = context.read("sort", &staging)?;
+        let starts: Vec<u32> =
+            bytes[..starts_bytes as usize].chunks_exact(4).map(bytemuck::pod_read_unaligned).collect();
+        let total = starts.last().copied().unwrap_or(0);
+        let usage = storage | wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::COPY_SRC;
+        let entries = context.buffer("sort.entries", u64::from(total) * 4, usage)?;
+        let mut encoder = context.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("sort.emit"),
+                timestamp_writes: timing.compute(context, "sort"),
+            });
+            pass.set_pipeline(&self.emit);
+            pass.set_bind_group(0, &bindings(&entries), &[]);
+            pass.dispatch_workgroups(x, y, 1);
+        }
+        context.queue.submit([encoder.finish()]);
+        Ok(Span { store, first, count, entries, starts })
+    }
+}

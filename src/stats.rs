@@ -1,0 +1,102 @@
+//! What a picture took: what was modelled and what was left out.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::renderer::AdapterInfo;
+
+/// The time of one stage.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StageTime {
+    /// The stage.
+    pub name: &'static str,
+    /// Seconds.
+    pub seconds: f64,
+    /// Whether the device's timestamps told, or the host's clock.
+    pub clock: Clock,
+}
+
+/// What a stage was timed by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Clock {
+    /// Timestamp queries on the device: the stage alone.
+    Device,
+    /// The host's clock: the stage with all waiting.
+    Host,
+}
+
+/// What a picture took.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Stats {
+    /// The adapter that made it.
+    pub adapter: AdapterInfo,
+    /// The painter: `quads`.
+    pub painter: &'static str,
+    /// Width and height of the picture, pixels.
+    pub size: [u32; 2],
+    /// Pixels that the volume can reach: only these have sheets.
+    pub pixels_covered: u64,
+    /// Voxels of the volume.
+    pub voxels: u64,
+    /// Voxels of some opacity, kept as splats.
+    pub splats_kept: u64,
+    /// Voxels of none, dropped before drawing.
+    pub splats_dropped: u64,
+    /// Sheets across the volume.
+    pub sheets: u32,
+    /// World thickness of a sheet.
+    pub sheet_thickness: f64,
+    /// Sheets that one pass feeds.
+    pub sheets_per_pass: u32,
+    /// Passes drawn, one per batch of sheets that splats reach.
+    pub passes: u64,
+    /// Quads drawn, one per splat and batch that it reaches.
+    pub quads: u64,
+    /// Quads per splat kept.
+    pub quads_per_splat: f64,
+    /// Rows and terms of the footprint table.
+    pub footprint_table: [u32; 2],
+    /// Its largest error, as a fraction of the footprint's peak.
+    pub footprint_error: f64,
+    /// Bytes of the prepared volume on the device.
+    pub scene_bytes: u64,
+    /// Bytes made on the device for this picture besides.
+    pub frame_bytes: u64,
+    /// The time of each stage.
+    pub stages: Vec<StageTime>,
+}
+
+impl fmt::Display for Stats {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let percent = |part: u64| 100.0 * part as f64 / self.voxels.max(1) as f64;
+        writeln!(f, "adapter      {} ({}, {})", self.adapter.name, self.adapter.kind, self.adapter.driver)?;
+        writeln!(
+            f,
+            "picture      {} x {} px, {} px within reach of the volume",
+            self.size[0], self.size[1], self.pixels_covered
+        )?;
+        writeln!(f, "voxels       {:>12}", self.voxels)?;
+        writeln!(f, "  kept       {:>12}  {:.2} % as splats", self.splats_kept, percent(self.splats_kept))?;
+        writeln!(f, "  dropped    {:>12}  {:.2} % transparent", self.splats_dropped, percent(self.splats_dropped))?;
+        writeln!(
+            f,
+            "sheets       {:>12}  {:.4} world units thick, {} a pass",
+            self.sheets, self.sheet_thickness, self.sheets_per_pass
+        )?;
+        writeln!(f, "passes       {:>12}  painter {}", self.passes, self.painter)?;
+        writeln!(f, "quads        {:>12}  {:.2} per splat", self.quads, self.quads_per_splat)?;
+        writeln!(
+            f,
+            "footprint    {:>5} x {:>2} table, error {:.1e} of its peak",
+            self.footprint_table[0], self.footprint_table[1], self.footprint_error
+        )?;
+        writeln!(f, "GPU memory   {:>12}  bytes of volume, {} of picture", self.scene_bytes, self.frame_bytes)?;
+        for stage in &self.stages {
+            let clock = if stage.clock == Clock::Device { "device" } else { "host" };
+            writeln!(f, "{:<12} {:>9.3} ms  ({clock} clock)", stage.name, stage.seconds * 1e3)?;
+        }
+        Ok(())
+    }
+}
