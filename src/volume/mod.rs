@@ -1,8 +1,10 @@
 //! Scans: a lattice of scalar samples, where it lies in the world, and what its numbers mean.
 
 mod grid;
+mod phantom;
 
 pub use grid::{Grid, MAX_DIM};
+pub use phantom::{Demo, demo_transfer, demos};
 
 use rayon::prelude::*;
 
