@@ -1,5 +1,10 @@
 //! Pictures: composited values in f32.
 
+mod background;
+mod file;
+
+pub use background::Background;
+
 use crate::error::{Error, Result};
 
 /// A picture as composited: premultiplied RGBA in f32, rows from the top.
