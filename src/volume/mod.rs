@@ -1,10 +1,18 @@
 //! Scans: a lattice of scalar samples, where it lies in the world, and what its numbers mean.
 
 mod grid;
+mod load;
+mod metaimage;
+mod nifti;
+mod npy;
+mod nrrd;
 mod phantom;
+mod source;
 
 pub use grid::{Grid, MAX_DIM};
+pub use load::{LoadOptions, load};
 pub use phantom::{Demo, demo_transfer, demos};
+pub use source::{Endian, SampleType};
 
 use rayon::prelude::*;
 
