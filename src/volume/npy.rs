@@ -17,8 +17,11 @@ pub(super) fn looks_like(head: &[u8]) -> bool {
 /// Reads an .npy file; the spacing is 1 and x is the last axis of a C-ordered array.
 pub(super) fn read(path: &Path) -> Result<Volume> {
     let mut file = BufReader::new(open(path)?);
-    let header =
-        NpyHeader::from_reader(&mut file).map_err(|e| malformed(path, format!("the .npy header is damaged: {e}")))?;
+    let header = NpyHeader::from_reader(&mut file).map_err(|e| {
+        // A syntax error draws the place over several lines; the first says what it is.
+        let reason = e.to_string();
+        malformed(path, format!("the .npy header is damaged: {}", reason.lines().next().unwrap_or("unreadable")))
+    })?;
     let DType::Plain(ty) = header.dtype() else {
         return Err(malformed(path, "a structured array: save one plain number per voxel"));
     };

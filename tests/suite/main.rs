@@ -1,0 +1,3 @@
+//! The integration tests, one binary: wgpu is linked once.
+
+mod readers;
