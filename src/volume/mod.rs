@@ -1,8 +1,12 @@
 //! Scans: a lattice of scalar samples, where it lies in the world, and what its numbers mean.
 
 mod grid;
+mod load;
+mod statistics;
 
 pub use grid::{Grid, MAX_DIM};
+pub use load::{Demo, Endian, LoadOptions, SampleType, demo_transfer, demos, load};
+pub use statistics::{BackgroundEstimate, Statistics};
 
 use rayon::prelude::*;
 
