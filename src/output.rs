@@ -1,20 +1,80 @@
-//! Stand-in: files written whole or not at all.
+//! Outputs appear whole or not at all.
 
 use std::fs::File;
-use std::io;
-use std::path::Path;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 
-/// Writes a file through a temporary one beside it.
+fn directory_of(path: &Path) -> PathBuf {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
+        _ => PathBuf::from("."),
+    }
+}
+
+/// Refuses a path that cannot be written, before the work that would be lost on it.
 ///
 /// # Errors
-/// [`Error::Write`].
+/// [`Error::Write`] where the path is a directory, or its own directory does not exist or cannot be written to.
+pub fn check_writable(path: &Path) -> Result<()> {
+    let error = |reason: String| Err(Error::Write { path: path.to_owned(), reason });
+    if path.is_dir() {
+        return error("it is a directory, give a file name".to_owned());
+    }
+    let directory = directory_of(path);
+    if !directory.is_dir() {
+        return error(format!("there is no directory {}", directory.display()));
+    }
+    match tempfile::tempfile_in(&directory) {
+        Ok(_) => Ok(()),
+        Err(e) => error(e.to_string()),
+    }
+}
+
+/// Writes a file under a temporary name in the directory of `path` and renames it when it is complete.
+///
+/// # Errors
+/// [`Error::Write`] where any step fails; nothing is left behind then, and an older file stays as it was.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> Result<()> {
-    let error = |reason: String| Error::Write { path: path.to_owned(), reason };
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(folder).map_err(|e| error(e.to_string()))?;
-    write(file.as_file_mut()).map_err(|e| error(e.to_string()))?;
-    file.persist(path).map_err(|e| error(e.to_string()))?;
+    let failed = |e: io::Error| Error::Write { path: path.to_owned(), reason: e.to_string() };
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".voxsplat-");
+    // Temporary files are private by default; an output has the permissions that the user's umask gives.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let mut file = builder.tempfile_in(directory_of(path)).map_err(failed)?;
+    write(file.as_file_mut()).map_err(failed)?;
+    file.as_file_mut().flush().map_err(failed)?;
+    file.persist(path).map_err(|e| failed(e.error))?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file_and_nothing_else() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("out.txt");
+        write_atomically(&path, |f| f.write_all(b"old")).unwrap();
+        let error = write_atomically(&path, |f| {
+            f.write_all(b"ne")?;
+            Err(io::Error::other("disk full"))
+        })
+        .unwrap_err();
+        assert!(error.to_string().ends_with("out.txt: disk full"), "{error}");
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn impossible_targets_are_named_before_the_work() {
+        let directory = tempfile::tempdir().unwrap();
+        let missing = check_writable(&directory.path().join("no/out.png")).unwrap_err().to_string();
+        assert!(missing.contains("there is no directory"), "{missing}");
+        let folder = check_writable(directory.path()).unwrap_err().to_string();
+        assert!(folder.contains("is a directory"), "{folder}");
+    }
 }

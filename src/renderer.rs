@@ -129,13 +129,15 @@ impl Renderer {
     pub fn render(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
         settings.validate()?;
         let before = self.context.allocated();
-        let table = FootprintTable::new(&settings.kernel, settings.footprint_error())?;
-        let sheets_per_pass = self.sheets_per_pass(settings)?;
+        let precision = self.precision(settings)?;
+        let table =
+            FootprintTable::new(&settings.kernel, settings.max_error.unwrap_or_else(|| precision.footprint_error()))?;
+        let sheets_per_pass = self.sheets_per_pass(settings, precision)?;
         let plan = Plan::new(camera, &scene.grid, settings, scene.max_density, scene.unit);
         let mut stages = vec![host_stage("classify", scene.seconds)];
         let key = QuadsKey {
             perspective: plan.is_perspective(),
-            precision: settings.precision,
+            precision,
             sheets_per_pass,
             footprint_rows: table.rows(),
             footprint_terms: table.terms(),
@@ -175,6 +177,7 @@ impl Renderer {
         let stats = Stats {
             adapter: self.context.info.clone(),
             painter: "quads",
+            precision,
             size: settings.size,
             pixels_covered: covered,
             voxels: scene.grid.len(),
@@ -233,13 +236,23 @@ impl Renderer {
             .collect()
     }
 
-    /// How many sheets one pass feeds: as many as asked for, or the most that the adapter's attachments hold up to 4.
-    fn sheets_per_pass(&self, settings: &Settings) -> Result<u32> {
-        let context = &self.context;
-        if settings.precision == Precision::F32 && !context.features.contains(wgpu::Features::FLOAT32_BLENDABLE) {
-            return Err(context.unsupported("cannot blend f32 sheets: use --precision f16".to_owned()));
+    /// The precision asked for, or the adapter's own: see [`Settings::precision`].
+    fn precision(&self, settings: &Settings) -> Result<Precision> {
+        let blendable = self.context.features.contains(wgpu::Features::FLOAT32_BLENDABLE);
+        match settings.precision {
+            Some(Precision::F32) if !blendable => {
+                Err(self.context.unsupported("cannot blend f32 sheets: use --precision f16".to_owned()))
+            }
+            Some(precision) => Ok(precision),
+            None if blendable && self.context.info.is_software() => Ok(Precision::F32),
+            None => Ok(Precision::F16),
         }
-        let bytes = settings.precision.format().block_copy_size(None).unwrap_or(16);
+    }
+
+    /// How many sheets one pass feeds: as many as asked for, or the most that the adapter's attachments hold up to 4.
+    fn sheets_per_pass(&self, settings: &Settings, precision: Precision) -> Result<u32> {
+        let context = &self.context;
+        let bytes = precision.format().block_copy_size(None).unwrap_or(16);
         let most =
             context.limits.max_color_attachments.min(context.limits.max_color_attachment_bytes_per_sample / bytes);
         let possible = [8, 4, 2, 1].into_iter().filter(|&n| n <= most);

@@ -5,6 +5,7 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::renderer::AdapterInfo;
+use crate::settings::Precision;
 
 /// The time of one stage.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -34,6 +35,8 @@ pub struct Stats {
     pub adapter: AdapterInfo,
     /// The painter: `quads`.
     pub painter: &'static str,
+    /// The format of the sheets.
+    pub precision: Precision,
     /// Width and height of the picture, pixels.
     pub size: [u32; 2],
     /// Pixels that the volume can reach: only these have sheets.
@@ -85,7 +88,7 @@ impl fmt::Display for Stats {
             "sheets       {:>12}  {:.4} world units thick, {} a pass",
             self.sheets, self.sheet_thickness, self.sheets_per_pass
         )?;
-        writeln!(f, "passes       {:>12}  painter {}", self.passes, self.painter)?;
+        writeln!(f, "passes       {:>12}  painter {}, {} sheets", self.passes, self.painter, self.precision)?;
         writeln!(f, "quads        {:>12}  {:.2} per splat", self.quads, self.quads_per_splat)?;
         writeln!(
             f,

@@ -14,7 +14,7 @@ use crate::transfer::TransferFunction;
 use crate::volume::{Samples, ToF64, Volume, with_samples};
 
 /// Voxels that one invocation classifies; RUN in shaders/classify.wgsl.
-const RUN: u64 = 32;
+pub(super) const RUN: u64 = 32;
 /// Voxels of one chunk: the memory that preparing a scene takes besides its splats, and far within every limit.
 const CHUNK: usize = 1 << 22;
 

@@ -37,6 +37,12 @@ impl AdapterInfo {
         }
     }
 
+    /// Whether it is a processor that does the work of a GPU, such as Mesa's lavapipe.
+    #[must_use]
+    pub fn is_software(&self) -> bool {
+        self.kind == "cpu"
+    }
+
     /// Real GPUs before software; of equals, the order of the driver.
     fn rank(&self) -> u32 {
         match self.kind {

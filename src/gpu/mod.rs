@@ -8,5 +8,7 @@ pub(crate) mod plan;
 pub(crate) mod quads;
 pub(crate) mod scan;
 mod shaders;
+#[cfg(test)]
+mod shaders_test;
 pub(crate) mod sort;
 pub(crate) mod timing;

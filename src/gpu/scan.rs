@@ -6,7 +6,7 @@ use super::shaders;
 use crate::error::Result;
 
 /// Values that one invocation sums; RUN in shaders/scan.wgsl.
-const RUN: u64 = 128;
+pub(super) const RUN: u64 = 128;
 /// Invocations of a workgroup; WORKGROUP in shaders/common/dispatch.wgsl.
 pub(super) const WORKGROUP: u64 = 64;
 

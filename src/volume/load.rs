@@ -4,7 +4,6 @@ use std::str::FromStr;
 
 use super::{Grid, Samples, Volume};
 use crate::error::{Error, Result};
-use crate::transfer::{ControlPoint, TransferFunction};
 
 /// How a file is read.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -65,41 +64,13 @@ impl FromStr for Endian {
     }
 }
 
-/// A built-in volume.
-#[derive(Debug, Clone, Copy)]
-pub struct Demo {
-    /// Its name.
-    pub name: &'static str,
-    /// What it is.
-    pub description: &'static str,
-}
-
-/// The built-in volumes.
-#[must_use]
-pub fn demos() -> &'static [Demo] {
-    &[Demo { name: "sphere", description: "a ball" }]
-}
-
-/// The transfer function of a built-in volume.
-#[must_use]
-pub fn demo_transfer(name: &str) -> Option<TransferFunction> {
-    let point = |value, opacity| ControlPoint { value, color: [1.0, 0.8, 0.4], opacity };
-    (name == "sphere").then(|| TransferFunction::new(vec![point(0.2, 0.0), point(1.0, 0.2)], None).ok()).flatten()
-}
-
 /// Reads a volume.
 ///
 /// # Errors
 /// Whatever is wrong with it.
 pub fn load(source: &str, options: &LoadOptions) -> Result<Volume> {
-    if source == "demo:sphere" {
-        let n = 32;
-        let c = f64::from(n - 1) / 2.0;
-        let v = |i: u32| (f64::from(i) - c).powi(2);
-        let samples = (0..n * n * n)
-            .map(|i| (1.2 - ((v(i % n) + v(i / n % n) + v(i / n / n)).sqrt() / 12.0)).clamp(0.0, 1.0) as f32)
-            .collect();
-        return Volume::new(Grid::axis_parallel([n; 3], [1.0; 3])?, Samples::F32(samples));
+    if let Some(name) = source.strip_prefix("demo:") {
+        return super::phantom::demo(name);
     }
     let path = std::path::Path::new(source);
     let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;

@@ -2,10 +2,12 @@
 
 mod grid;
 mod load;
+mod phantom;
 mod statistics;
 
 pub use grid::{Grid, MAX_DIM};
-pub use load::{Demo, Endian, LoadOptions, SampleType, demo_transfer, demos, load};
+pub use load::{Endian, LoadOptions, SampleType, load};
+pub use phantom::{Demo, demo_transfer, demos};
 pub use statistics::{BackgroundEstimate, Statistics};
 
 use rayon::prelude::*;

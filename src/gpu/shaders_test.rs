@@ -1,0 +1,106 @@
+//! Shaders checked without a device: every one parses and validates, and its structs are those of `layout.rs`.
+
+use std::mem::{offset_of, size_of};
+
+use super::layout::{Batch, Classify, ControlPoint, Frame, Sort, Splat};
+use super::shaders::{ALL, Shader};
+
+fn parsed(shader: Shader) -> naga::Module {
+    let source = shader.source();
+    match naga::front::wgsl::parse_str(&source) {
+        Ok(module) => module,
+        Err(e) => panic!("{}: {}", shader.name, e.emit_to_string(&source)),
+    }
+}
+
+#[test]
+fn every_shader_validates() {
+    for shader in ALL {
+        let module = parsed(shader);
+        let flags = naga::valid::ValidationFlags::all();
+        let result = naga::valid::Validator::new(flags, naga::valid::Capabilities::empty()).validate(&module);
+        if let Err(e) = result {
+            panic!("{}: {}", shader.name, e.emit_to_string(&shader.source()));
+        }
+    }
+}
+
+/// Members of a WGSL struct as (name, offset), and its size.
+fn reflected(name: &str) -> (Vec<(String, usize)>, usize) {
+    for shader in ALL {
+        let module = parsed(shader);
+        for (_, ty) in module.types.iter() {
+            if ty.name.as_deref() == Some(name)
+                && let naga::TypeInner::Struct { members, span } = &ty.inner
+            {
+                let members = members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset as usize)).collect();
+                return (members, *span as usize);
+            }
+        }
+    }
+    panic!("no shader has a struct {name}");
+}
+
+/// Compares a Rust struct, its named fields in order, with the WGSL struct of the same name.
+macro_rules! same_layout {
+    ($t:ident { $($field:ident),* $(,)? }) => {{
+        let rust = [$((stringify!($field).to_owned(), offset_of!($t, $field))),*];
+        let (wgsl, size) = reflected(stringify!($t));
+        assert_eq!(rust.as_slice(), wgsl.as_slice(), "fields of {}", stringify!($t));
+        assert_eq!(size_of::<$t>(), size, "size of {}", stringify!($t));
+    }};
+}
+
+#[test]
+fn structs_are_laid_out_alike() {
+    same_layout!(Splat { xy, z_red, green_blue, density });
+    same_layout!(Classify { dims, count, start, points, sample_origin, base });
+    same_layout!(ControlPoint { color, sample, opacity });
+    same_layout!(Sort { count, block, blocks, batches, sheets_per_batch });
+    same_layout!(Batch { depth });
+    same_layout!(Frame {
+        lattice_center,
+        radius,
+        view_x,
+        offset_x,
+        view_y,
+        offset_y,
+        view_z,
+        eye_depth,
+        grid_right,
+        depth_extent,
+        grid_up,
+        sheet_origin,
+        grid_forward,
+        sheet_step,
+        pixel_scale,
+        pixel_offset,
+        clip_scale,
+        clip_offset,
+        quad_pad,
+        section_scale,
+        inverse_sheet_scale,
+        region,
+        sheets,
+        inverse_sheet_step,
+    });
+}
+
+#[test]
+fn constants_are_those_of_the_host() {
+    // (shader, constant, the host's value)
+    let expected = [
+        ("classify", "RUN", super::classify::RUN),
+        ("scan", "RUN", super::scan::RUN),
+        ("scan", "WORKGROUP", super::scan::WORKGROUP),
+    ];
+    for (name, constant, value) in expected {
+        let shader = ALL.into_iter().find(|s| s.name == name).unwrap();
+        assert!(
+            shader.source().contains(&format!("const {constant}: u32 = {value}u;")),
+            "{name}: {constant} is not {value}"
+        );
+    }
+    let max_opacity = crate::transfer::TransferFunction::MAX_OPACITY.to_string();
+    assert!(super::shaders::CLASSIFY.source().contains(&max_opacity), "classify: MAX_OPACITY is not {max_opacity}");
+}

@@ -1,0 +1,183 @@
+//! Differences of pictures, on premultiplied RGBA as composited; alpha counts like the colours.
+//!
+//! What a difference means: 1/255 = 3.9e-3 is one step of an 8-bit channel, which nobody sees; 1e-3 and less cannot
+//! change an 8-bit picture by more than one step; 1e-6 is the rounding of f32.
+
+use std::fmt;
+
+use serde::{Serialize, Serializer};
+
+use crate::error::{Error, Result};
+use crate::image::Image;
+
+/// What a comparison found. With d the differences of all channels of all pixels:
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Comparison {
+    /// Width and height of both pictures, pixels.
+    pub size: [u32; 2],
+    /// max |d|; infinite where either picture has a value that is not finite.
+    #[serde(serialize_with = "finite_or_text")]
+    pub max: f64,
+    /// max |d| of red, green, blue and alpha.
+    pub max_channel: [f64; 4],
+    /// mean |d|.
+    pub mean: f64,
+    /// sqrt(mean d^2).
+    pub rms: f64,
+    /// -20 log10(rms) dB, relative to a signal of 1; infinite where the pictures are equal.
+    #[serde(serialize_with = "finite_or_text")]
+    pub psnr: f64,
+    /// What the pixels were held to.
+    pub tolerance: f64,
+    /// Pixels of which some channel differs by more than the tolerance.
+    pub outliers: u64,
+    /// Those, of all pixels.
+    pub outlier_fraction: f64,
+    /// Column and row, from the top left, of the pixel that differs most.
+    pub worst: [u32; 2],
+}
+
+/// JSON has no infinity: it is written as the text "inf".
+fn finite_or_text<S: Serializer>(value: &f64, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    if value.is_finite() { serializer.serialize_f64(*value) } else { serializer.serialize_str("inf") }
+}
+
+/// Compares two pictures of the same size.
+///
+/// A value that is not finite on either side differs infinitely, even from itself: NaN is never a match.
+///
+/// # Errors
+/// [`Error::Compare`] where the sizes differ.
+pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
+    check_sizes(a, b)?;
+    let (mut max_channel, mut sum, mut squares) = ([0.0_f64; 4], 0.0, 0.0);
+    let (mut outliers, mut max, mut worst) = (0, 0.0, 0);
+    for (index, (p, q)) in a.pixels().iter().zip(b.pixels()).enumerate() {
+        let mut pixel = 0.0_f64;
+        for c in 0..4 {
+            let d = difference(p[c], q[c]);
+            max_channel[c] = max_channel[c].max(d);
+            sum += d;
+            squares += d * d;
+            pixel = pixel.max(d);
+        }
+        outliers += u64::from(pixel > tolerance);
+        if pixel > max {
+            (max, worst) = (pixel, index);
+        }
+    }
+    let count = (a.pixels().len() * 4) as f64;
+    let rms = (squares / count).sqrt();
+    let width = a.width() as usize;
+    Ok(Comparison {
+        size: [a.width(), a.height()],
+        max,
+        max_channel,
+        mean: sum / count,
+        rms,
+        psnr: -20.0 * rms.log10(),
+        tolerance,
+        outliers,
+        outlier_fraction: outliers as f64 / a.pixels().len() as f64,
+        worst: [(worst % width) as u32, (worst / width) as u32],
+    })
+}
+
+/// An opaque picture of |a - b| * gain: red, green and blue of the colours, to each of which the difference of alpha is
+/// added, so that a difference of alpha alone shows as gray.
+///
+/// # Errors
+/// [`Error::Compare`] where the sizes differ.
+pub fn difference_picture(a: &Image, b: &Image, gain: f64) -> Result<Image> {
+    check_sizes(a, b)?;
+    let pixels = a.pixels().iter().zip(b.pixels()).map(|(p, q)| {
+        let shown = |c: usize| ((difference(p[c], q[c]) + difference(p[3], q[3])) * gain).min(1.0) as f32;
+        [shown(0), shown(1), shown(2), 1.0]
+    });
+    Image::new(a.width(), a.height(), pixels.collect())
+}
+
+fn difference(a: f32, b: f32) -> f64 {
+    let d = (f64::from(a) - f64::from(b)).abs();
+    if d.is_finite() { d } else { f64::INFINITY }
+}
+
+fn check_sizes(a: &Image, b: &Image) -> Result<()> {
+    if (a.width(), a.height()) == (b.width(), b.height()) && !a.pixels().is_empty() {
+        return Ok(());
+    }
+    Err(Error::Compare(format!(
+        "the pictures are {} x {} and {} x {} pixels",
+        a.width(),
+        a.height(),
+        b.width(),
+        b.height()
+    )))
+}
+
+impl fmt::Display for Comparison {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [r, g, b, a] = self.max_channel;
+        writeln!(f, "pixels    {} x {}", self.size[0], self.size[1])?;
+        writeln!(f, "max       {:.3e} at ({}, {})", self.max, self.worst[0], self.worst[1])?;
+        writeln!(f, "  r g b a {r:.3e} {g:.3e} {b:.3e} {a:.3e}")?;
+        writeln!(f, "mean      {:.3e}", self.mean)?;
+        writeln!(f, "rms       {:.3e}", self.rms)?;
+        writeln!(f, "psnr      {:.1} dB", self.psnr)?;
+        writeln!(
+            f,
+            "outliers  {} pixels over {:.3e} ({:.3} %)",
+            self.outliers,
+            self.tolerance,
+            100.0 * self.outlier_fraction
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn image(values: &[[f32; 4]]) -> Image {
+        Image::new(values.len() as u32, 1, values.to_vec()).unwrap()
+    }
+
+    #[test]
+    fn measures_follow_their_formulas() {
+        let a = image(&[[0.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.5, 1.0]]);
+        let b = image(&[[0.0, 0.0, 0.0, 0.25], [0.5, 0.25, 0.5, 0.5]]);
+        let c = compare(&a, &b, 0.3).unwrap();
+        assert_eq!((c.max, c.worst, c.outliers), (0.5, [1, 0], 1));
+        assert_eq!(c.max_channel, [0.0, 0.25, 0.0, 0.5]);
+        assert!((c.mean - 1.0 / 8.0).abs() < 1e-12);
+        assert!((c.rms - (0.375_f64 / 8.0).sqrt()).abs() < 1e-12);
+        assert!((c.psnr + 20.0 * c.rms.log10()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn equal_pictures_have_no_difference() {
+        let a = image(&[[0.1, 0.2, 0.3, 0.4]]);
+        let c = compare(&a, &a, 0.0).unwrap();
+        assert_eq!((c.max, c.outliers), (0.0, 0));
+        assert!(c.psnr.is_infinite() && serde_json::to_string(&c).unwrap().contains("\"inf\""));
+    }
+
+    #[test]
+    fn nan_never_matches() {
+        let a = image(&[[f32::NAN, 0.0, 0.0, 0.0]]);
+        let c = compare(&a, &a, 1e9).unwrap();
+        assert!(c.max.is_infinite() && c.outliers == 1);
+    }
+
+    #[test]
+    fn sizes_must_match() {
+        let error = compare(&image(&[[0.0; 4]]), &image(&[[0.0; 4]; 2]), 0.0).unwrap_err().to_string();
+        assert_eq!(error, "cannot compare: the pictures are 1 x 1 and 2 x 1 pixels");
+    }
+
+    #[test]
+    fn difference_picture_shows_alpha_as_gray() {
+        let d = difference_picture(&image(&[[0.0; 4]]), &image(&[[0.0, 0.0, 0.0, 0.05]]), 10.0).unwrap();
+        assert!(d.pixels()[0].iter().take(3).all(|v| (v - 0.5).abs() < 1e-6));
+    }
+}

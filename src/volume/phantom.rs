@@ -1,0 +1,277 @@
+//! Built-in volumes with known shapes: `demo:NAME[:SIZE]`.
+
+use std::f64::consts::PI;
+
+use glam::{DAffine3, DVec3};
+use rayon::prelude::*;
+
+use super::{Grid, Samples, Volume};
+use crate::error::{Error, Result};
+use crate::transfer::{ControlPoint, TransferFunction};
+
+/// A built-in volume.
+#[derive(Debug, Clone, Copy)]
+pub struct Demo {
+    /// Its name, as in `demo:NAME`.
+    pub name: &'static str,
+    /// One line on what it is.
+    pub description: &'static str,
+    make: fn(u32) -> Samples,
+    /// Control points as (value, [red, green, blue], opacity per voxel).
+    transfer: &'static [(f64, [f64; 3], f64)],
+}
+
+const DEFAULT_SIZE: u32 = 128;
+const SIZES: std::ops::RangeInclusive<u32> = 2..=1024;
+
+static DEMOS: [Demo; 4] = [
+    Demo {
+        name: "marschner-lobb",
+        description: "the resolution test of Marschner and Lobb (1994), f32 in 0..1",
+        make: marschner_lobb,
+        transfer: &[
+            (0.15, [0.10, 0.20, 0.80], 0.00),
+            (0.35, [0.10, 0.50, 0.90], 0.02),
+            (0.55, [0.90, 0.80, 0.20], 0.06),
+            (0.80, [1.00, 0.30, 0.10], 0.15),
+            (1.00, [1.00, 1.00, 1.00], 0.30),
+        ],
+    },
+    Demo {
+        name: "sphere",
+        description: "a sphere of two tones, left and right halves, u8: the colour is known wherever a ray goes",
+        make: sphere,
+        transfer: &[
+            (50.0, [0.95, 0.55, 0.15], 0.00),
+            (100.0, [0.95, 0.55, 0.15], 0.06),
+            (150.0, [0.15, 0.45, 0.95], 0.06),
+            (200.0, [0.15, 0.45, 0.95], 0.06),
+        ],
+    },
+    Demo {
+        name: "vessels",
+        description: "a branching vessel tree, sparse, u8",
+        make: vessels,
+        transfer: &[
+            (70.0, [0.30, 0.02, 0.04], 0.00),
+            (120.0, [0.62, 0.06, 0.05], 0.12),
+            (190.0, [0.95, 0.35, 0.15], 0.45),
+            (255.0, [1.00, 0.88, 0.62], 0.80),
+        ],
+    },
+    Demo {
+        name: "shepp-logan",
+        description: "the 3-D Shepp-Logan head with Toft's contrast, f32 in 0..1",
+        make: shepp_logan,
+        transfer: &[
+            (0.02, [0.05, 0.10, 0.30], 0.000),
+            (0.12, [0.10, 0.35, 0.75], 0.010),
+            (0.22, [0.20, 0.75, 0.70], 0.020),
+            (0.32, [0.95, 0.85, 0.35], 0.120),
+            (0.45, [0.95, 0.45, 0.20], 0.060),
+            (1.00, [1.00, 0.95, 0.90], 0.030),
+        ],
+    },
+];
+
+/// The built-in volumes.
+#[must_use]
+pub fn demos() -> &'static [Demo] {
+    &DEMOS
+}
+
+/// The transfer function that suits a built-in volume, `name` with or without its size.
+#[must_use]
+pub fn demo_transfer(name: &str) -> Option<TransferFunction> {
+    let name = name.split(':').next().unwrap_or(name);
+    let demo = DEMOS.iter().find(|d| d.name == name)?;
+    let points = demo.transfer.iter().map(|&(value, color, opacity)| ControlPoint { value, color, opacity }).collect();
+    TransferFunction::new(points, None).ok()
+}
+
+/// The built-in volume `NAME` or `NAME:SIZE`: SIZE^3 voxels of spacing 1, centred on the world's origin.
+pub(super) fn demo(name_and_size: &str) -> Result<Volume> {
+    let (name, size) = match name_and_size.split_once(':') {
+        None => (name_and_size, DEFAULT_SIZE),
+        Some((name, size)) => {
+            let parsed = size.parse().ok().filter(|n| SIZES.contains(n)).ok_or_else(|| {
+                Error::Volume(format!("demo:{name}: size {size:?}, expected {} to {}", SIZES.start(), SIZES.end()))
+            })?;
+            (name, parsed)
+        }
+    };
+    let demo = DEMOS.iter().find(|d| d.name == name).ok_or_else(|| {
+        let known: Vec<_> = DEMOS.iter().map(|d| d.name).collect();
+        Error::Volume(format!("there is no demo:{name}; there are: {}", known.join(", ")))
+    })?;
+    let middle = f64::from(size - 1) / 2.0;
+    let grid = Grid::new([size; 3], DAffine3::from_translation(DVec3::splat(-middle)))?;
+    Volume::new(grid, (demo.make)(size))
+}
+
+/// A field over the cube [-1, 1]^3, sampled at the centres of size^3 cells, x fastest.
+fn sampled<T: Send>(size: u32, field: impl Fn(DVec3) -> T + Sync) -> Vec<T> {
+    let at = |i: u32| (f64::from(i) + 0.5) / f64::from(size) * 2.0 - 1.0;
+    (0..size)
+        .into_par_iter()
+        .flat_map_iter(|z| {
+            let field = &field;
+            (0..size).flat_map(move |y| (0..size).map(move |x| field(DVec3::new(at(x), at(y), at(z)))))
+        })
+        .collect()
+}
+
+/// Marschner and Lobb, "An evaluation of reconstruction filters for volume rendering" (1994), equation 2, with
+/// f_M = 6 and alpha = 0.25.
+fn marschner_lobb(size: u32) -> Samples {
+    let (frequency, alpha) = (6.0, 0.25);
+    Samples::F32(sampled(size, |p| {
+        let rho = (2.0 * PI * frequency * (PI * p.x.hypot(p.y) / 2.0).cos()).cos();
+        ((1.0 - (PI * p.z / 2.0).sin() + alpha * (1.0 + rho)) / (2.0 * (1.0 + alpha))) as f32
+    }))
+}
+
+fn sphere(size: u32) -> Samples {
+    Samples::U8(sampled(size, |p| match p {
+        p if p.length_squared() > 0.64 => 0,
+        p if p.x < 0.0 => 100,
+        _ => 200,
+    }))
+}
+
+/// Ellipsoids of the 3-D Shepp-Logan phantom (Kak and Slaney, "Principles of Computerized Tomographic Imaging", table
+/// 3.1 extended to 3-D by Schabel), with Toft's contrast ("The Radon Transform", 1996, table B.3):
+/// density, half axes, centre, turn about z in degrees.
+const ELLIPSOIDS: [(f64, [f64; 3], [f64; 3], f64); 10] = [
+    (1.0, [0.69, 0.92, 0.81], [0.0, 0.0, 0.0], 0.0),
+    (-0.8, [0.6624, 0.874, 0.78], [0.0, -0.0184, 0.0], 0.0),
+    (-0.2, [0.11, 0.31, 0.22], [0.22, 0.0, 0.0], -18.0),
+    (-0.2, [0.16, 0.41, 0.28], [-0.22, 0.0, 0.0], 18.0),
+    (0.1, [0.21, 0.25, 0.41], [0.0, 0.35, -0.15], 0.0),
+    (0.1, [0.046, 0.046, 0.05], [0.0, 0.1, 0.25], 0.0),
+    (0.1, [0.046, 0.046, 0.05], [0.0, -0.1, 0.25], 0.0),
+    (0.1, [0.046, 0.023, 0.05], [-0.08, -0.605, 0.0], 0.0),
+    (0.1, [0.023, 0.023, 0.02], [0.0, -0.606, 0.0], 0.0),
+    (0.1, [0.023, 0.046, 0.02], [0.06, -0.605, 0.0], 0.0),
+];
+
+fn shepp_logan(size: u32) -> Samples {
+    Samples::F32(sampled(size, |p| {
+        let inside = |&(density, axes, center, turn): &(f64, [f64; 3], [f64; 3], f64)| {
+            let d = p - DVec3::from_array(center);
+            let (sin, cos) = turn.to_radians().sin_cos();
+            let turned = DVec3::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x, d.z);
+            if (turned / DVec3::from_array(axes)).length_squared() <= 1.0 { density } else { 0.0 }
+        };
+        // Sums such as 1 - 0.8 - 0.2 leave 5e-17 behind, which is air.
+        let sum: f64 = ELLIPSOIDS.iter().map(inside).sum();
+        if sum < 1e-9 { 0.0 } else { sum as f32 }
+    }))
+}
+
+/// Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014): splitmix64.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Uniform in -1..1.
+    fn symmetric(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    fn direction(&mut self) -> DVec3 {
+        DVec3::new(self.symmetric(), self.symmetric(), self.symmetric())
+    }
+}
+
+/// A tree of tapering tubes with soft walls, grown upwards from the bottom and kept inside the volume.
+fn vessels(size: u32) -> Samples {
+    let n = f64::from(size);
+    let mut samples = vec![0_u8; (size as usize).pow(3)];
+    let mut random = Random(7);
+    // Tips still to grow: position, direction, radius in fractions of the size, generation.
+    let mut tips = vec![(DVec3::new(0.5, 0.5, 0.06), DVec3::Z, 0.034, 0_u32)];
+    while let Some((mut p, mut direction, radius, generation)) = tips.pop() {
+        let length = 0.24 * 0.83_f64.powi(generation as i32);
+        let steps = (length * n).ceil().max(1.0) as u32;
+        for step in 0..steps {
+            direction = (direction + random.direction() * 0.12).normalize();
+            let out = p - DVec3::splat(0.5);
+            if out.length() > 0.36 {
+                direction = (direction - out * 0.3).normalize();
+            }
+            p += direction * (length / f64::from(steps));
+            let taper = 1.0 - 0.2 * f64::from(step) / f64::from(steps);
+            stamp(&mut samples, size, p * n, radius * taper * n);
+        }
+        if generation < 7 {
+            for _ in 0..2 {
+                let spread = (direction + random.direction() * 0.75).normalize();
+                tips.push((p, spread, radius * 0.78, generation + 1));
+            }
+        }
+    }
+    Samples::U8(samples)
+}
+
+/// The largest of what is there and a ball of soft wall, 255 in the middle and 128 at `radius` voxels.
+fn stamp(samples: &mut [u8], size: u32, center: DVec3, radius: f64) {
+    // Thinner than this a tube would fall between the lattice points.
+    let radius = radius.max(0.7);
+    let reach = radius * 2.0;
+    let range = |c: f64| {
+        let clamp = |v: f64| v.clamp(0.0, f64::from(size)) as usize;
+        clamp((c - reach).ceil())..clamp((c + reach).floor() + 1.0)
+    };
+    for z in range(center.z) {
+        for y in range(center.y) {
+            for x in range(center.x) {
+                let d2 = (DVec3::new(x as f64, y as f64, z as f64) - center).length_squared();
+                let value = (255.0 * (-d2 / (radius * radius) * std::f64::consts::LN_2).exp()) as u8;
+                let sample = &mut samples[(z * size as usize + y) * size as usize + x];
+                *sample = value.max(*sample);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_demo_has_a_transfer_function_that_shows_it() {
+        for d in demos() {
+            let volume = demo(&format!("{}:32", d.name)).unwrap();
+            let transfer = demo_transfer(&format!("{}:32", d.name)).unwrap();
+            assert_eq!(volume.grid().dims(), [32; 3]);
+            assert!(volume.grid().center().length() < 1e-12);
+            let visible = (0..32_usize.pow(3)).filter(|&i| transfer.sample(volume.value(i)).1 > 0.0).count();
+            assert!(visible > 300, "{}: {visible}", d.name);
+        }
+    }
+
+    #[test]
+    fn vessels_are_sparse_and_the_same_every_time() {
+        let (a, b) = (vessels(96), vessels(96));
+        assert_eq!(a, b);
+        let Samples::U8(samples) = a else { panic!("not u8") };
+        let visible = samples.iter().filter(|&&v| v > 70).count() as f64 / samples.len() as f64;
+        assert!((0.005..0.04).contains(&visible), "{visible}");
+    }
+
+    #[test]
+    fn bad_names_and_sizes_are_refused() {
+        for (name, part) in [("cow", "there are: marschner-lobb"), ("sphere:1", "2 to 1024"), ("sphere:x", "2 to 1024")]
+        {
+            let error = demo(name).unwrap_err().to_string();
+            assert!(error.contains(part), "{error}");
+        }
+    }
+}
