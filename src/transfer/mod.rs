@@ -1,5 +1,8 @@
 //! Transfer functions: from a scalar to a colour and an opacity.
 
+mod json;
+pub mod presets;
+
 use crate::error::{Error, Result};
 
 /// A control point of a transfer function.
@@ -11,6 +14,24 @@ pub struct ControlPoint {
     pub color: [f64; 3],
     /// Opacity in 0..1 of a slab one unit distance thick.
     pub opacity: f64,
+}
+
+impl ControlPoint {
+    /// What is wrong with the point where it follows `before`.
+    fn check(&self, before: Option<&Self>) -> Result<(), String> {
+        if !self.value.is_finite() {
+            return Err(format!("value {} is not finite", self.value));
+        }
+        if let Some(before) = before
+            && self.value < before.value
+        {
+            return Err(format!("value {} comes after {}: values must ascend", self.value, before.value));
+        }
+        if !self.color.iter().chain([&self.opacity]).all(|c| (0.0..=1.0).contains(c)) {
+            return Err(format!("colour {:?} and opacity {} must lie in 0..1", self.color, self.opacity));
+        }
+        Ok(())
+    }
 }
 
 /// A piecewise linear map from scalar values to colour and opacity, constant beyond its ends.
@@ -42,20 +63,8 @@ impl TransferFunction {
             return error(format!("{} control points, expected 1 to {}", points.len(), Self::MAX_POINTS));
         }
         for (i, p) in points.iter().enumerate() {
-            if !p.value.is_finite() {
-                return error(format!("point {}: value {} is not finite", i + 1, p.value));
-            }
-            if i > 0 && p.value < points[i - 1].value {
-                return error(format!("point {}: value {} comes after {}", i + 1, p.value, points[i - 1].value));
-            }
-            if !p.color.iter().chain([&p.opacity]).all(|c| (0.0..=1.0).contains(c)) {
-                return error(format!(
-                    "point {}: colour {:?} and opacity {} must lie in 0..1",
-                    i + 1,
-                    p.color,
-                    p.opacity
-                ));
-            }
+            p.check(i.checked_sub(1).map(|before| &points[before]))
+                .map_err(|reason| Error::Transfer(format!("point {}: {reason}", i + 1)))?;
         }
         if let Some(unit) = unit_distance
             && !(unit.is_finite() && unit > 0.0)

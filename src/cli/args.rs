@@ -1,0 +1,244 @@
+//! What may be typed.
+
+use std::path::PathBuf;
+
+use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser, TypedValueParser};
+use clap::{Parser, Subcommand, ValueEnum};
+use glam::DVec3;
+use voxsplat::image::Background;
+use voxsplat::kernel::{Kernel, Normalization};
+use voxsplat::settings::Precision;
+use voxsplat::volume::{Endian, LoadOptions, SampleType};
+
+use super::parse;
+
+/// Renders voxel volumes by splatting on the GPU.
+#[derive(Debug, Parser)]
+#[command(version, max_term_width = 100, after_help = MAIN_EXAMPLES, disable_help_subcommand = true)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    pub(super) command: Command,
+}
+
+const MAIN_EXAMPLES: &str = "\
+Examples:
+  voxsplat render demo:shepp-logan -o head.png
+  voxsplat info scan.nii.gz
+  voxsplat render scan.nii.gz -o scan.png --transfer ct-bone --azimuth 30
+
+Exit codes: 0 done, 1 failed (compare: the pictures differ), 2 wrong arguments.";
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    /// Render a volume to a picture
+    Render(Box<RenderArgs>),
+    /// Show what a volume file holds and how to render it
+    Info(InfoArgs),
+    /// Compare two pictures
+    Compare(CompareArgs),
+    /// List the graphics adapters, best first
+    Devices,
+}
+
+/// The volume and what its file does not say.
+#[derive(Debug, clap::Args)]
+pub(super) struct InputArgs {
+    /// A volume file (NRRD, NIfTI, MetaImage, NumPy, raw) or a built-in volume, demo:NAME[:SIZE]
+    #[arg(value_name = "VOLUME", value_parser = NonEmptyStringValueParser::new())]
+    pub(super) source: String,
+    /// Raw files: samples along x (fastest), y and z
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims, allow_hyphen_values = true, help_heading = "Input")]
+    pub(super) dims: Option<[u32; 3]>,
+    /// Raw files: type of the samples: u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64
+    #[arg(long = "type", value_name = "TYPE", value_parser = parse::library::<SampleType>, help_heading = "Input")]
+    pub(super) sample_type: Option<SampleType>,
+    /// Raw files: byte order, little or big [default: little]
+    #[arg(long, value_name = "ORDER", value_parser = parse::library::<Endian>, help_heading = "Input")]
+    pub(super) endian: Option<Endian>,
+    /// Raw files: bytes to skip before the samples
+    #[arg(long, value_name = "BYTES", default_value_t = 0, help_heading = "Input")]
+    pub(super) offset: u64,
+    /// World distance between samples; replaces what the file says
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing, allow_hyphen_values = true, help_heading = "Input")]
+    pub(super) spacing: Option<[f64; 3]>,
+    /// Put VALUE in the place of NaN and infinite samples, which are refused otherwise
+    #[arg(long, value_name = "VALUE", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Input")]
+    pub(super) replace_nan: Option<f64>,
+}
+
+impl InputArgs {
+    pub(super) fn options(&self) -> LoadOptions {
+        LoadOptions {
+            dims: self.dims,
+            sample_type: self.sample_type,
+            spacing: self.spacing,
+            endian: self.endian,
+            offset: self.offset,
+            replace_nan: self.replace_nan,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum ProjectionArg {
+    Orthographic,
+    Perspective,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum PainterArg {
+    Auto,
+    Quads,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum StatsFormat {
+    Table,
+    Json,
+}
+
+fn normalizations() -> impl TypedValueParser<Value = Normalization> {
+    PossibleValuesParser::new(["unit", "peak"])
+        .map(|text| if text == "peak" { Normalization::Peak } else { Normalization::Unit })
+}
+
+fn precisions() -> impl TypedValueParser<Value = Precision> {
+    PossibleValuesParser::new(["f16", "f32"]).map(|text| if text == "f32" { Precision::F32 } else { Precision::F16 })
+}
+
+const RENDER_EXAMPLES: &str = "\
+Examples:
+  voxsplat render demo:marschner-lobb -o ml.png --kernel kaiser-bessel
+  voxsplat render head.nii.gz -o head.png --azimuth -30 --elevation 15 --size 1920x1080
+  voxsplat render ct.nrrd -o skull.png --transfer ct-bone --projection perspective --fov 40
+  voxsplat render engine.raw -o engine.png --dims 256,256,128 --type u8 --transfer viridis
+  voxsplat render head.nii.gz -o truth.exr --reference --size 256";
+
+/// Render a volume to a picture.
+///
+/// Angles are in degrees; world lengths are in the unit of the file, millimetres for most scans.
+#[derive(Debug, clap::Args)]
+#[command(after_help = RENDER_EXAMPLES)]
+pub(super) struct RenderArgs {
+    #[command(flatten)]
+    pub(super) input: InputArgs,
+
+    /// Picture to write: .png, 8 bits per channel, or .exr, 32-bit float with premultiplied alpha
+    #[arg(short, long, value_name = "FILE", help_heading = "Output")]
+    pub(super) output: PathBuf,
+    /// Pixels across and down, or one number for both; 1 to 32768
+    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = parse::size, help_heading = "Output")]
+    pub(super) size: [u32; 2],
+    /// What a PNG is laid over: #rrggbb, a name such as white, r,g,b in 0..1, or transparent
+    #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::library::<Background>,
+        help_heading = "Output")]
+    pub(super) background: Background,
+    /// Print what was modelled and how long it took, as a table or as one JSON object; put it after VOLUME
+    #[arg(long, value_name = "FORMAT", num_args = 0..=1, default_missing_value = "table", help_heading = "Output")]
+    pub(super) stats: Option<StatsFormat>,
+
+    /// Turn the eye about `up` by DEG degrees, from the front of the volume
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
+        help_heading = "View")]
+    pub(super) azimuth: f64,
+    /// Lift the eye towards `up` by DEG degrees
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
+        help_heading = "View")]
+    pub(super) elevation: f64,
+    /// Turn the camera about its own axis by DEG degrees, counter-clockwise
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
+        help_heading = "View")]
+    pub(super) roll: f64,
+    /// World direction that is up in the picture [default: 0,0,1]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true, help_heading = "View")]
+    pub(super) up: Option<DVec3>,
+    /// World direction from the eye to the target, in place of azimuth and elevation
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true,
+        conflicts_with_all = ["azimuth", "elevation"], help_heading = "View")]
+    pub(super) direction: Option<DVec3>,
+    /// World point in the middle of the picture [default: the centre of the volume]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true, help_heading = "View")]
+    pub(super) target: Option<DVec3>,
+    /// Parallel rays, or rays through one eye
+    #[arg(long, value_name = "KIND", default_value = "orthographic", help_heading = "View")]
+    pub(super) projection: ProjectionArg,
+    /// Perspective: vertical field of view in degrees, over 0 and under 180 [default: 30]
+    #[arg(long, value_name = "DEG", value_parser = parse::positive, allow_hyphen_values = true, help_heading = "View")]
+    pub(super) fov: Option<f64>,
+    /// Magnify by F
+    #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = parse::positive, allow_hyphen_values = true,
+        help_heading = "View")]
+    pub(super) zoom: f64,
+    /// World height that the picture spans at the target [default: the volume just fits]
+    #[arg(long, value_name = "LENGTH", value_parser = parse::positive, allow_hyphen_values = true,
+        help_heading = "View")]
+    pub(super) view_height: Option<f64>,
+    /// Perspective: world distance from the eye to the target [default: the volume just fits]
+    #[arg(long, value_name = "LENGTH", value_parser = parse::positive, allow_hyphen_values = true,
+        help_heading = "View")]
+    pub(super) distance: Option<f64>,
+
+    /// Transfer function: a FILE.json, or a preset that adapts to the data: ct-bone, ct-soft-tissue, angiography, mri,
+    /// grayscale, gray, viridis or inferno [default: suggested by the data; see `voxsplat info`]
+    #[arg(long, value_name = "FILE.json|PRESET", value_parser = NonEmptyStringValueParser::new(),
+        help_heading = "Model")]
+    pub(super) transfer: Option<String>,
+    /// Reconstruction kernel, lengths in voxels: gaussian[:SIGMA,RADIUS] (1,2) or kaiser-bessel[:RADIUS,ALPHA] (2,10.4)
+    #[arg(long, value_name = "KERNEL", default_value = "gaussian", value_parser = parse::kernel,
+        help_heading = "Model")]
+    pub(super) kernel: Kernel,
+    /// What sums of kernels are divided by: the kernel's integral, or its peak of 1 (the historical way, denser)
+    #[arg(long, value_name = "HOW", default_value = "unit", value_parser = normalizations(), help_heading = "Model")]
+    pub(super) normalization: Normalization,
+    /// Thickness of a sheet in voxels, 0.05 to 64: thinner is more exact and slower
+    #[arg(long, value_name = "VOXELS", default_value_t = 1.0, value_parser = parse::positive,
+        allow_hyphen_values = true, help_heading = "Model")]
+    pub(super) sheet_thickness: f64,
+
+    /// How splats are drawn: quads is the only painter, and what auto takes
+    #[arg(long, value_name = "PAINTER", default_value = "auto", help_heading = "Device")]
+    pub(super) painter: PainterArg,
+    /// Format of the sheet buffers, f16 or f32 [default: f32 on software adapters, f16 on others]
+    #[arg(long, value_name = "FORMAT", value_parser = precisions(), help_heading = "Device")]
+    pub(super) precision: Option<Precision>,
+    /// Largest error of the footprint table, 1e-7 to 0.1 of its peak [default: 1e-4 for f16, 1e-5 for f32]
+    #[arg(long, value_name = "E", value_parser = parse::positive, allow_hyphen_values = true, help_heading = "Device")]
+    pub(super) max_error: Option<f64>,
+    /// Sheets that one pass feeds, 1 to 8 [default: what the adapter does best]
+    #[arg(long, value_name = "N", help_heading = "Device")]
+    pub(super) sheets_per_pass: Option<u32>,
+    /// Part of the name of the adapter to use; see `voxsplat devices` [default: the best]
+    #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new(), help_heading = "Device")]
+    pub(super) adapter: Option<String>,
+    /// Integrate every ray in f64 on the CPU instead: slow and exact; the options of sheets and device have no effect
+    #[arg(long, help_heading = "Device")]
+    pub(super) reference: bool,
+}
+
+/// Show what a volume file holds, its histogram, and the command line that renders it.
+#[derive(Debug, clap::Args)]
+pub(super) struct InfoArgs {
+    #[command(flatten)]
+    pub(super) input: InputArgs,
+    /// Print one JSON object
+    #[arg(long, help_heading = "Output")]
+    pub(super) json: bool,
+}
+
+/// Compare two pictures; the exit code is 1 where a pixel differs by more than the tolerance.
+#[derive(Debug, clap::Args)]
+pub(super) struct CompareArgs {
+    /// A picture, .png or .exr
+    pub(super) a: PathBuf,
+    /// A picture of the same size
+    pub(super) b: PathBuf,
+    /// Largest difference of any channel that passes; channels run from 0 to 1 (1/255 is 0.00392)
+    #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = parse::tolerance, allow_hyphen_values = true)]
+    pub(super) tolerance: f64,
+    /// Write the difference, ten times magnified, as a picture
+    #[arg(long, value_name = "FILE")]
+    pub(super) difference: Option<PathBuf>,
+    /// Print one JSON object
+    #[arg(long)]
+    pub(super) json: bool,
+}

@@ -1,0 +1,19 @@
+//! `voxsplat devices`.
+
+use voxsplat::renderer::adapters;
+
+use super::{Failure, output};
+
+pub(super) fn run() -> Result<(), Failure> {
+    let adapters = adapters();
+    if adapters.is_empty() {
+        return Err(Failure::Failed(
+            "no graphics adapter: install a Vulkan driver, or mesa-vulkan-drivers for rendering without a GPU"
+                .to_owned(),
+        ));
+    }
+    let width = adapters.iter().map(|a| a.name.chars().count()).max().unwrap_or(0);
+    let lines: String =
+        adapters.iter().map(|a| format!("{:width$}  {:10}  {:7}  {}\n", a.name, a.kind, a.backend, a.driver)).collect();
+    output::print(&lines)
+}

@@ -1,0 +1,198 @@
+//! `voxsplat info`.
+
+use std::path::Path;
+
+use glam::DVec3;
+use serde::Serialize;
+use voxsplat::transfer::presets::{self, Suggestion};
+use voxsplat::volume::{self, Grid, Statistics, Volume};
+
+use super::args::{InfoArgs, InputArgs};
+use super::progress::Progress;
+use super::{Failure, histogram, output};
+
+/// What there is to know about a volume; the keys are those of the JSON.
+#[derive(Serialize)]
+struct Info {
+    source: String,
+    dims: [u32; 3],
+    voxels: u64,
+    #[serde(rename = "type")]
+    sample_type: &'static str,
+    bytes: u64,
+    slope: f64,
+    intercept: f64,
+    spacing: [f64; 3],
+    /// World length of the volume along each lattice axis, outer faces to outer faces.
+    extent: [f64; 3],
+    center: [f64; 3],
+    /// `None` where the file does not state one.
+    orientation: Option<Orientation>,
+    min: f64,
+    max: f64,
+    mean: f64,
+    std_dev: f64,
+    /// Counts over min..max in equal bins.
+    histogram: Vec<u64>,
+    /// Largest value of the background and its share of the voxels; `None` where all values are one.
+    background: Option<[f64; 2]>,
+    /// `None` for a built-in volume, which brings its own transfer function.
+    preset: Option<&'static str>,
+    reason: String,
+    command: String,
+}
+
+/// Where the lattice axes point in the patient.
+#[derive(Serialize)]
+struct Orientation {
+    /// One letter per lattice axis: Left, Right, Posterior, Anterior, Superior or Inferior.
+    axes: String,
+    /// The largest angle between a lattice axis and the patient axis it is named after, degrees.
+    oblique: f64,
+}
+
+impl Orientation {
+    fn of(grid: &Grid) -> Self {
+        let m = grid.to_world().matrix3;
+        let mut oblique = 0.0_f64;
+        let letters = [m.x_axis, m.y_axis, m.z_axis].map(|axis: DVec3| {
+            let axis = axis.normalize();
+            // World axes of patient space run to the left, to the back and to the head.
+            let named = [(axis.x, "LR"), (axis.y, "PA"), (axis.z, "SI")];
+            let (along, names) = named
+                .into_iter()
+                .fold((0.0, "??"), |best: (f64, &str), next| if next.0.abs() > best.0.abs() { next } else { best });
+            oblique = oblique.max(along.abs().clamp(0.0, 1.0).acos().to_degrees());
+            &names[if along < 0.0 { 1..2 } else { 0..1 }]
+        });
+        Self { axes: letters.join("-"), oblique }
+    }
+}
+
+pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
+    let (volume, statistics) = {
+        let _progress = Progress::spinner("reading");
+        let volume = volume::load(&args.input.source, &args.input.options())?;
+        let statistics = Statistics::of(&volume);
+        (volume, statistics)
+    };
+    let info = Info::new(&args.input, &volume, &statistics);
+    if args.json { output::print_json(&info) } else { output::print(&info.to_text()) }
+}
+
+impl Info {
+    fn new(input: &InputArgs, volume: &Volume, statistics: &Statistics) -> Self {
+        let grid = volume.grid();
+        let (slope, intercept) = volume.rescale();
+        let own = input.source.strip_prefix("demo:").and_then(volume::demo_transfer).is_some();
+        let (preset, reason) = if own {
+            (None, "a built-in volume has its own transfer function".to_owned())
+        } else {
+            let Suggestion { name, reason } = presets::suggest(volume, statistics);
+            (Some(name), reason)
+        };
+        let spacing = grid.spacing();
+        Self {
+            source: input.source.clone(),
+            dims: grid.dims(),
+            voxels: grid.len(),
+            sample_type: volume.samples().type_name(),
+            bytes: grid.len() * sample_bytes(volume.samples().type_name()),
+            slope,
+            intercept,
+            spacing,
+            extent: std::array::from_fn(|a| spacing[a] * f64::from(grid.dims()[a])),
+            center: grid.center().to_array(),
+            orientation: volume.is_oriented().then(|| Orientation::of(grid)),
+            min: statistics.min,
+            max: statistics.max,
+            mean: statistics.mean,
+            std_dev: statistics.std_dev,
+            histogram: statistics.histogram(),
+            background: statistics.background().map(|b| [b.limit, b.fraction]),
+            preset,
+            reason,
+            command: command(input, preset),
+        }
+    }
+
+    fn to_text(&self) -> String {
+        let by = |v: &[f64; 3]| v.map(short).join(" x ");
+        let mut text = String::new();
+        let mut line = |name: &str, value: String| text += &format!("{name:<12} {value}\n");
+        line("volume", self.source.clone());
+        let [x, y, z] = self.dims;
+        line("lattice", format!("{x} x {y} x {z} = {} voxels", self.voxels));
+        line("samples", format!("{}, {} bytes", self.sample_type, self.bytes));
+        if (self.slope, self.intercept) != (1.0, 0.0) {
+            line("values", format!("{} * sample + {}", short(self.slope), short(self.intercept)));
+        }
+        line("spacing", by(&self.spacing));
+        line("extent", format!("{} world units, centre at {}", by(&self.extent), self.center.map(short).join(",")));
+        line(
+            "orientation",
+            match &self.orientation {
+                None => "not stated: world axes along the lattice".to_owned(),
+                Some(Orientation { axes, oblique }) if *oblique < 0.05 => axes.clone(),
+                Some(Orientation { axes, oblique }) => format!("{axes}, oblique by {oblique:.1} degrees"),
+            },
+        );
+        line("range", format!("{} to {}", short(self.min), short(self.max)));
+        line("mean", format!("{}, standard deviation {}", short(self.mean), short(self.std_dev)));
+        if let Some([limit, fraction]) = self.background {
+            line("background", format!("{:.1} % of the voxels, values up to {}", 100.0 * fraction, short(limit)));
+        }
+        line("histogram", "(height: logarithm of the count)".to_owned());
+        text += &histogram::draw(&self.histogram);
+        text += &histogram::axis(&short(self.min), &short(self.max));
+        let preset = self.preset.map(|p| format!("{p}: ")).unwrap_or_default();
+        text + &format!("{:<12} {preset}{}\n{:<12} {}\n", "transfer", self.reason, "render", self.command)
+    }
+}
+
+fn sample_bytes(type_name: &str) -> u64 {
+    // u8, i16, f64 ...: the name ends in the number of bits.
+    type_name[1..].parse::<u64>().unwrap_or(0) / 8
+}
+
+/// Four digits after the point, or four significant ones where that would hide or drown them.
+fn short(value: f64) -> String {
+    let size = value.abs();
+    if value == value.trunc() && size < 1e15 {
+        format!("{value}")
+    } else if (1e-3..1e6).contains(&size) {
+        format!("{value:.4}").trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        format!("{value:.4e}")
+    }
+}
+
+/// The command line that renders what was described, options of the input repeated.
+fn command(input: &InputArgs, preset: Option<&str>) -> String {
+    let mut words = vec!["voxsplat".to_owned(), "render".to_owned(), quoted(&input.source)];
+    let mut option = |name: &str, value: Option<String>| words.extend(value.map(|v| format!("--{name} {v}")));
+    option("dims", input.dims.map(|d| d.map(|d| d.to_string()).join(",")));
+    option("type", input.sample_type.map(|t| format!("{t:?}").to_lowercase()));
+    option("endian", input.endian.map(|e| format!("{e:?}").to_lowercase()));
+    option("offset", (input.offset > 0).then(|| input.offset.to_string()));
+    option("spacing", input.spacing.map(|s| s.map(|s| s.to_string()).join(",")));
+    option("replace-nan", input.replace_nan.map(|v| v.to_string()));
+    option("transfer", preset.map(str::to_owned));
+    let name = match input.source.strip_prefix("demo:") {
+        Some(name) => name.split(':').next().unwrap_or(name).to_owned(),
+        // All extensions go: scan.nii.gz makes scan.png.
+        None => Path::new(&input.source)
+            .file_name()
+            .and_then(|n| n.to_str()?.split('.').find(|part| !part.is_empty()))
+            .unwrap_or("volume")
+            .to_owned(),
+    };
+    words.push(format!("-o {}", quoted(&format!("{name}.png"))));
+    words.join(" ")
+}
+
+/// The text as one word of a POSIX shell.
+fn quoted(text: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./:,+=@%".contains(c);
+    if text.chars().all(plain) { text.to_owned() } else { format!("'{}'", text.replace('\'', r"'\''")) }
+}

@@ -1,0 +1,153 @@
+//! Arguments checked against each other and against the library: what is left can only fail at the work itself.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::image::{Background, Image};
+use voxsplat::settings::Settings;
+use voxsplat::transfer::{TransferFunction, presets};
+use voxsplat::volume::{Grid, LoadOptions};
+
+use super::Failure;
+use super::args::{CompareArgs, PainterArg, ProjectionArg, RenderArgs, StatsFormat};
+
+/// Vertical field of view where none is given, degrees.
+const DEFAULT_FOV: f64 = 30.0;
+
+/// Where the transfer function comes from.
+#[derive(Debug)]
+pub(super) enum Transfer {
+    /// The volume's own, or one suggested by its values.
+    Suggested,
+    /// A preset fitted to the values.
+    Preset(String),
+    /// As given.
+    Given(TransferFunction),
+}
+
+/// What makes the picture.
+#[derive(Debug)]
+pub(super) enum Engine {
+    /// Textured quads on a device.
+    Quads { adapter: Option<String> },
+    /// The f64 integral.
+    Reference,
+}
+
+/// A picture to make.
+#[derive(Debug)]
+pub(super) struct RenderJob {
+    pub(super) source: String,
+    pub(super) load: LoadOptions,
+    pub(super) transfer: Transfer,
+    pub(super) view: View,
+    pub(super) settings: Settings,
+    pub(super) engine: Engine,
+    pub(super) output: PathBuf,
+    pub(super) background: Background,
+    pub(super) stats: Option<StatsFormat>,
+}
+
+/// Refuses an output that could not be written, before the work.
+fn check_output(path: &Path) -> Result<(), Failure> {
+    Image::check_output(path).map_err(|e| Failure::Usage(e.to_string()))
+}
+
+impl RenderJob {
+    pub(super) fn new(args: RenderArgs) -> Result<Self, Failure> {
+        let settings = Settings {
+            size: args.size,
+            kernel: args.kernel,
+            normalization: args.normalization,
+            sheet_thickness: args.sheet_thickness,
+            precision: args.precision,
+            max_error: args.max_error,
+            sheets_per_pass: args.sheets_per_pass,
+        };
+        settings.validate()?;
+        let view = view(&args)?;
+        // A view is right or wrong whatever the volume: one voxel finds out before a long read.
+        Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, settings.size)?;
+        check_output(&args.output)?;
+        let transfer = match args.transfer {
+            None => Transfer::Suggested,
+            Some(name) if presets::PRESETS.iter().any(|p| p.name == name) => Transfer::Preset(name),
+            Some(name) if is_file_name(&name) => Transfer::Given(TransferFunction::load(Path::new(&name))?),
+            Some(name) => {
+                let known: Vec<&str> = presets::PRESETS.iter().map(|p| p.name).collect();
+                let known = known.join(", ");
+                return Err(Failure::Usage(format!("--transfer: {name:?}, expected a FILE.json or one of {known}")));
+            }
+        };
+        let engine = match (args.reference, args.painter) {
+            (true, _) => Engine::Reference,
+            (false, PainterArg::Auto | PainterArg::Quads) => Engine::Quads { adapter: args.adapter },
+        };
+        Ok(Self {
+            load: args.input.options(),
+            source: args.input.source,
+            transfer,
+            view,
+            settings,
+            engine,
+            output: args.output,
+            background: args.background,
+            stats: args.stats,
+        })
+    }
+}
+
+/// Whether the text can only be meant as a file, so that a missing file is reported as such.
+fn is_file_name(text: &str) -> bool {
+    text.to_lowercase().ends_with(".json") || text.contains(['/', '\\']) || Path::new(text).is_file()
+}
+
+fn view(args: &RenderArgs) -> Result<View, Failure> {
+    let projection = match args.projection {
+        ProjectionArg::Perspective => ProjectionKind::Perspective { fov: args.fov.unwrap_or(DEFAULT_FOV) },
+        ProjectionArg::Orthographic => {
+            for (name, given) in [("fov", args.fov.is_some()), ("distance", args.distance.is_some())] {
+                if given {
+                    return Err(Failure::Usage(format!("--{name} needs --projection perspective")));
+                }
+            }
+            ProjectionKind::Orthographic
+        }
+    };
+    if args.up == Some(DVec3::ZERO) || args.direction == Some(DVec3::ZERO) {
+        return Err(Failure::Usage("--up and --direction need a length over 0".to_owned()));
+    }
+    Ok(View {
+        azimuth: args.azimuth,
+        elevation: args.elevation,
+        roll: args.roll,
+        up: args.up.unwrap_or(View::default().up),
+        direction: args.direction,
+        target: args.target,
+        projection,
+        zoom: args.zoom,
+        view_height: args.view_height,
+        distance: args.distance,
+    })
+}
+
+/// Two pictures to compare.
+#[derive(Debug)]
+pub(super) struct CompareJob {
+    pub(super) a: PathBuf,
+    pub(super) b: PathBuf,
+    pub(super) tolerance: f64,
+    pub(super) difference: Option<PathBuf>,
+    pub(super) json: bool,
+}
+
+impl CompareJob {
+    pub(super) fn new(args: CompareArgs) -> Result<Self, Failure> {
+        if let Some(path) = &args.difference {
+            check_output(path)?;
+        }
+        let CompareArgs { a, b, tolerance, difference, json } = args;
+        Ok(Self { a, b, tolerance, difference, json })
+    }
+}

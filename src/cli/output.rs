@@ -1,0 +1,26 @@
+//! The two streams.
+
+use std::io::{self, Write};
+
+use super::Failure;
+
+/// Writes a result to stdout. A reader that has seen enough (`| head`) is no failure.
+pub(super) fn print(text: &str) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Failed(format!("cannot write to stdout: {e}"))),
+        _ => Ok(()),
+    }
+}
+
+/// Writes a value to stdout as JSON.
+pub(super) fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(value).map_err(|e| Failure::Failed(format!("cannot write JSON: {e}")))?;
+    print(&(text + "\n"))
+}
+
+/// Writes one line to stderr. Where even that fails there is nobody left to tell.
+pub(super) fn say(message: &str) {
+    let line: Vec<&str> = message.split_whitespace().collect();
+    drop(writeln!(io::stderr().lock(), "voxsplat: {}", line.join(" ")));
+}

@@ -1,0 +1,127 @@
+//! Values of options from their text. Errors say what is accepted.
+
+use std::str::FromStr;
+
+use glam::DVec3;
+use voxsplat::error::Error;
+use voxsplat::kernel::Kernel;
+
+/// A value that the library reads, without the option's name in its error: the parser of arguments puts it there.
+pub(super) fn library<T: FromStr<Err = Error>>(text: &str) -> Result<T, String> {
+    text.parse().map_err(|e| match e {
+        Error::Setting { reason, .. } => reason,
+        other => other.to_string(),
+    })
+}
+
+/// Numbers parted by commas.
+fn list<T: FromStr>(text: &str) -> Option<Vec<T>> {
+    text.split(',').map(|part| part.trim().parse().ok()).collect()
+}
+
+fn three<T: FromStr>(text: &str) -> Option<[T; 3]> {
+    list(text)?.try_into().ok()
+}
+
+/// A point or a direction.
+pub(super) fn vector(text: &str) -> Result<DVec3, String> {
+    three(text)
+        .map(DVec3::from_array)
+        .filter(|v| v.is_finite())
+        .ok_or_else(|| "expected three numbers X,Y,Z".to_owned())
+}
+
+/// Distances between samples.
+pub(super) fn spacing(text: &str) -> Result<[f64; 3], String> {
+    three(text)
+        .filter(|s: &[f64; 3]| s.iter().all(|s| s.is_finite() && *s > 0.0))
+        .ok_or_else(|| "expected three lengths over 0, X,Y,Z".to_owned())
+}
+
+/// Numbers of samples.
+pub(super) fn dims(text: &str) -> Result<[u32; 3], String> {
+    three(text)
+        .filter(|d: &[u32; 3]| d.iter().all(|&d| d > 0))
+        .ok_or_else(|| "expected three whole numbers over 0, X,Y,Z".to_owned())
+}
+
+/// Pixels, `WxH` or one number for both.
+pub(super) fn size(text: &str) -> Result<[u32; 2], String> {
+    let error = || "expected WIDTHxHEIGHT or one number for both, in pixels".to_owned();
+    let number = |part: &str| part.trim().parse().map_err(|_| error());
+    match text.split_once(['x', 'X']) {
+        Some((width, height)) => Ok([number(width)?, number(height)?]),
+        None => number(text).map(|n| [n, n]),
+    }
+}
+
+/// A finite number.
+pub(super) fn number(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(|| "expected a finite number".to_owned())
+}
+
+/// A finite number over 0.
+pub(super) fn positive(text: &str) -> Result<f64, String> {
+    number(text).ok().filter(|&n| n > 0.0).ok_or_else(|| "expected a number over 0".to_owned())
+}
+
+/// A finite number, 0 or over.
+pub(super) fn tolerance(text: &str) -> Result<f64, String> {
+    number(text).ok().filter(|&n| n >= 0.0).ok_or_else(|| "expected a number, 0 or over".to_owned())
+}
+
+/// `gaussian[:SIGMA,RADIUS]` or `kaiser-bessel[:RADIUS,ALPHA]`.
+pub(super) fn kernel(text: &str) -> Result<Kernel, String> {
+    let (name, numbers) = text.split_once(':').map_or((text, None), |(name, numbers)| (name, Some(numbers)));
+    let numbers: Option<[f64; 2]> = match numbers {
+        None => None,
+        Some(numbers) => Some(
+            list(numbers)
+                .and_then(|n| n.try_into().ok())
+                .ok_or_else(|| format!("expected two numbers after {name}:, found {numbers:?}"))?,
+        ),
+    };
+    let kernel = match (name, numbers) {
+        ("gaussian", None) => Kernel::default(),
+        ("gaussian", Some([sigma, radius])) => Kernel::Gaussian { sigma, radius },
+        ("kaiser-bessel", None) => Kernel::KAISER_BESSEL,
+        ("kaiser-bessel", Some([radius, alpha])) => Kernel::KaiserBessel { radius, alpha },
+        _ => return Err("expected gaussian[:SIGMA,RADIUS] or kaiser-bessel[:RADIUS,ALPHA]".to_owned()),
+    };
+    kernel.validate().map(|()| kernel).map_err(|e| match e {
+        Error::Setting { reason, .. } => reason,
+        other => other.to_string(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes() {
+        assert_eq!(size("640x480"), Ok([640, 480]));
+        assert_eq!(size("512"), Ok([512, 512]));
+        for bad in ["", "x", "10x", "-1", "1.5", "1x2x3"] {
+            assert!(size(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn vectors() {
+        assert_eq!(vector("-1,0, 2.5"), Ok(DVec3::new(-1.0, 0.0, 2.5)));
+        for bad in ["", "1,2", "1,2,3,4", "1,nan,2", "a,b,c"] {
+            assert!(vector(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn kernels() {
+        assert_eq!(kernel("gaussian"), Ok(Kernel::default()));
+        assert_eq!(kernel("gaussian:0.7,2.5"), Ok(Kernel::Gaussian { sigma: 0.7, radius: 2.5 }));
+        assert_eq!(kernel("kaiser-bessel:2,8"), Ok(Kernel::KaiserBessel { radius: 2.0, alpha: 8.0 }));
+        for bad in ["box", "gaussian:", "gaussian:1", "gaussian:0,2", "kaiser-bessel:99,2", "gaussian:nan,1"] {
+            assert!(kernel(bad).is_err(), "{bad}");
+        }
+    }
+}

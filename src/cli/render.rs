@@ -1,0 +1,125 @@
+//! `voxsplat render`.
+
+use std::time::Instant;
+
+use serde::Serialize;
+use voxsplat::camera::Camera;
+use voxsplat::image::Image;
+use voxsplat::reference;
+use voxsplat::renderer::{Renderer, RendererOptions};
+use voxsplat::stats::{Clock, StageTime, Stats};
+use voxsplat::transfer::{TransferFunction, presets};
+use voxsplat::volume::{self, Statistics, Volume};
+
+use super::args::StatsFormat;
+use super::job::{Engine, RenderJob, Transfer};
+use super::progress::Progress;
+use super::{Failure, output};
+
+/// Times of the stages on the host, in the order they ran.
+#[derive(Default)]
+struct Stages(Vec<StageTime>);
+
+impl Stages {
+    fn time<T>(&mut self, name: &'static str, work: impl FnOnce() -> T) -> T {
+        let start = Instant::now();
+        let result = work();
+        self.0.push(StageTime { name, seconds: start.elapsed().as_secs_f64(), clock: Clock::Host });
+        result
+    }
+}
+
+/// What a picture by the reference took.
+#[derive(Serialize)]
+struct ReferenceStats {
+    painter: &'static str,
+    size: [u32; 2],
+    voxels: u64,
+    stages: Vec<StageTime>,
+}
+
+pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
+    let mut stages = Stages::default();
+    let volume = {
+        let _progress = Progress::spinner("reading");
+        stages.time("load", || volume::load(&job.source, &job.load))?
+    };
+    let transfer = transfer(&job.source, job.transfer, &volume, &mut stages)?;
+    let camera = Camera::new(&job.view, volume.grid(), job.settings.size)?;
+    let save = |image: &Image, stages: &mut Stages| stages.time("encode", || image.save(&job.output, job.background));
+    match job.engine {
+        Engine::Quads { adapter } => {
+            let renderer = stages.time("device", || Renderer::new(&RendererOptions { adapter }))?;
+            let scene = {
+                let progress = Progress::bar("preparing");
+                renderer.prepare(&volume, &transfer, &|f| progress.set(f))?
+            };
+            let mut rendered = renderer.render(&scene, &camera, &job.settings)?;
+            let before = stages.0.len();
+            save(&rendered.image, &mut stages)?;
+            let after = stages.0.split_off(before);
+            rendered.stats.stages.splice(0..0, stages.0);
+            rendered.stats.stages.extend(after);
+            print_stats(job.stats, &rendered.stats, Stats::to_string)
+        }
+        Engine::Reference => {
+            let image =
+                {
+                    let progress = Progress::bar("integrating");
+                    stages.time("integrate", || {
+                        reference::Scene::new(&volume, &transfer, &job.settings.kernel, job.settings.normalization)?
+                            .render(&camera, job.settings.size, &|f| progress.set(f))
+                    })?
+                };
+            save(&image, &mut stages)?;
+            let stats = ReferenceStats {
+                painter: "reference",
+                size: job.settings.size,
+                voxels: volume.grid().len(),
+                stages: stages.0,
+            };
+            print_stats(job.stats, &stats, |stats| {
+                let times: String = stats
+                    .stages
+                    .iter()
+                    .map(|s| format!("{:<12} {:>9.3} ms  (host clock)\n", s.name, s.seconds * 1e3))
+                    .collect();
+                let [width, height] = stats.size;
+                format!("painter      reference (f64)\npicture      {width} x {height} px\n{times}")
+            })
+        }
+    }
+}
+
+fn print_stats<S: Serialize>(
+    format: Option<StatsFormat>,
+    stats: &S,
+    table: impl FnOnce(&S) -> String,
+) -> Result<(), Failure> {
+    match format {
+        None => Ok(()),
+        Some(StatsFormat::Table) => output::print(&table(stats)),
+        Some(StatsFormat::Json) => output::print_json(stats),
+    }
+}
+
+/// The transfer function of a job; says on stderr what was chosen where the user left it open.
+fn transfer(source: &str, choice: Transfer, volume: &Volume, stages: &mut Stages) -> Result<TransferFunction, Failure> {
+    let name = match choice {
+        Transfer::Given(transfer) => return Ok(transfer),
+        Transfer::Preset(name) => Some(name),
+        Transfer::Suggested => None,
+    };
+    if name.is_none()
+        && let Some(own) = source.strip_prefix("demo:").and_then(volume::demo_transfer)
+    {
+        return Ok(own);
+    }
+    let statistics = stages.time("statistics", || Statistics::of(volume));
+    let name = name.unwrap_or_else(|| {
+        let suggestion = presets::suggest(volume, &statistics);
+        output::say(&format!("note: --transfer {} is taken, as {}", suggestion.name, suggestion.reason));
+        suggestion.name.to_owned()
+    });
+    Ok(presets::preset(&name, &statistics)?)
+}

@@ -1,0 +1,230 @@
+//! Transfer functions by name, fitted to the values of a volume.
+//!
+//! All opacities are per voxel (the smallest spacing). The background keeps opacity 0 exactly: what has none is never
+//! modelled. There is no lighting, so colour darkens with falling value to tell depth and edges.
+
+use super::{ControlPoint, TransferFunction};
+use crate::error::{Error, Result};
+use crate::volume::{Samples, Statistics, Volume};
+
+/// A named way to make a transfer function from the values of a volume.
+#[derive(Debug, Clone, Copy)]
+pub struct Preset {
+    /// The name on the command line.
+    pub name: &'static str,
+    /// What it shows, in a few words.
+    pub description: &'static str,
+    build: fn(&Levels) -> Vec<ControlPoint>,
+}
+
+/// Every preset.
+pub const PRESETS: &[Preset] = &[
+    Preset { name: "ct-bone", description: "CT: opaque bone in clear flesh", build: ct_bone },
+    Preset {
+        name: "ct-soft-tissue",
+        description: "CT: translucent skin and organs, bone within",
+        build: ct_soft_tissue,
+    },
+    Preset {
+        name: "angiography",
+        description: "CT or MR angiogram: vessels full of contrast agent",
+        build: angiography,
+    },
+    Preset { name: "mri", description: "MRI: all tissue translucent, bright tissue denser", build: mri },
+    Preset { name: "grayscale", description: "black to white, denser with value", build: grayscale },
+    Preset { name: "gray", description: "the colour map gray with a gentle ramp of opacity", build: gray },
+    Preset { name: "viridis", description: "the colour map viridis with a gentle ramp of opacity", build: viridis },
+    Preset { name: "inferno", description: "the colour map inferno with a gentle ramp of opacity", build: inferno },
+];
+
+/// The preset `name` for values distributed as `statistics` tells.
+///
+/// # Errors
+/// [`Error::Transfer`] for a name that is none, with those that are; for a volume of one value only.
+pub fn preset(name: &str, statistics: &Statistics) -> Result<TransferFunction> {
+    let preset = find(name)?;
+    let levels = Levels::of(statistics).ok_or_else(|| {
+        Error::Transfer(format!(
+            "preset {name} adapts to the range of the values, but they are all {}: give points with --transfer FILE.json",
+            statistics.min
+        ))
+    })?;
+    TransferFunction::new((preset.build)(&levels), None)
+}
+
+/// The preset of a name.
+///
+/// # Errors
+/// [`Error::Transfer`] for a name that is none, with those that are.
+pub fn find(name: &str) -> Result<&'static Preset> {
+    PRESETS.iter().find(|p| p.name == name).ok_or_else(|| {
+        let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
+        Error::Transfer(format!("no preset is called {name:?}: there are {}, or give a FILE.json", names.join(", ")))
+    })
+}
+
+/// A preset chosen for a volume, and why.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Suggestion {
+    /// The preset's name.
+    pub name: &'static str,
+    /// What in the volume speaks for it.
+    pub reason: String,
+}
+
+/// Chooses a preset by the values alone; a guess that says what it saw.
+#[must_use]
+pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
+    let say = |name, reason: String| Suggestion { name, reason };
+    if is_hounsfield(statistics) {
+        let (min, max) = (statistics.min, statistics.max);
+        return say("ct-bone", format!("values from {min} to {max} look like Hounsfield units"));
+    }
+    let floats = matches!(volume.samples(), Samples::F32(_) | Samples::F64(_));
+    if floats && !volume.is_oriented() {
+        return say("viridis", "real numbers without a patient orientation: no scan, a field".to_owned());
+    }
+    let Some(levels) = Levels::of(statistics) else {
+        return say("grayscale", format!("all values are {}", statistics.min));
+    };
+    // Otsu's threshold within the brighter class parts bone or contrast agent from flesh in CT: a minority of what
+    // is not background. In MRI no tissue stands out so: about half of it lies on either side.
+    let (over, foreground) = (statistics.fraction_above(levels.bright), statistics.fraction_above(levels.background));
+    let share = 100.0 * over / foreground.max(f64::MIN_POSITIVE);
+    let saw = format!("{share:.1} % of the foreground is over {:.4}", levels.bright);
+    if share < 3.0 {
+        say("angiography", format!("{saw}: thin and far brighter than the rest, as vessels with contrast agent are"))
+    } else if share < 30.0 {
+        say("ct-bone", format!("{saw}: a bright minority, as bone in CT is"))
+    } else {
+        say("mri", format!("{saw}: no bright minority stands out, as in MRI"))
+    }
+}
+
+/// Whether values look like Hounsfield units: air far below 0 and bone or contrast agent well above.
+fn is_hounsfield(s: &Statistics) -> bool {
+    s.min < -200.0 && s.max > 300.0 && s.min >= -10_000.0 && s.max <= 100_000.0
+}
+
+/// The values that presets hang their points on, ascending but for ties.
+struct Levels {
+    hounsfield: bool,
+    /// The end of the background.
+    background: f64,
+    /// Otsu's threshold of all values.
+    object: f64,
+    /// Otsu's threshold of the foreground.
+    vessel: f64,
+    /// Otsu's threshold of the values over `object`.
+    bright: f64,
+    /// The 99.9th percentile of the values over `bright`: where ramps end.
+    top: f64,
+}
+
+impl Levels {
+    fn of(s: &Statistics) -> Option<Self> {
+        let object = s.otsu(f64::NEG_INFINITY)?;
+        let background = s.background()?.limit.min(object);
+        let vessel = s.otsu(background).unwrap_or(object).max(object);
+        let bright = s.otsu(object).unwrap_or(object);
+        let top = s.quantile_above(bright, 0.999);
+        Some(Self { hounsfield: is_hounsfield(s), background, object, vessel, bright, top })
+    }
+}
+
+/// The value a part `f` of the way from `a` to `b`.
+fn between(a: f64, b: f64, f: f64) -> f64 {
+    a + (b - a) * f
+}
+
+/// Points from (value, `0xrrggbb`, opacity).
+fn points(rows: &[(f64, u32, f64)]) -> Vec<ControlPoint> {
+    let channel = |rgb: u32, shift: u32| f64::from(rgb >> shift & 0xff) / 255.0;
+    rows.iter()
+        .map(|&(value, rgb, opacity)| ControlPoint { value, color: [16, 8, 0].map(|s| channel(rgb, s)), opacity })
+        .collect()
+}
+
+fn ct_bone(l: &Levels) -> Vec<ControlPoint> {
+    // Trabecular bone starts near 150 HU, cortical bone lies from 500 to 1900 HU.
+    let (clear, soft, hard, top) = if l.hounsfield {
+        (150.0, 300.0, 700.0, 1800.0)
+    } else {
+        let at = |f| between(l.bright, l.top, f);
+        (between(l.object, l.bright, 0.75), at(0.05), at(0.45), l.top.max(l.bright))
+    };
+    points(&[(clear, 0x40_1a0c, 0.0), (soft, 0x96_5a32, 0.08), (hard, 0xe0_c090, 0.4), (top, 0xff_faf0, 0.7)])
+}
+
+fn ct_soft_tissue(l: &Levels) -> Vec<ControlPoint> {
+    // Fat from -120, muscle and organs 20 to 80, bone from 200 HU.
+    let (air, fat, flesh, bone, top) = if l.hounsfield {
+        (-300.0, -100.0, 50.0, 250.0, 1500.0)
+    } else {
+        let at = |f| between(l.background, l.bright, f);
+        (at(0.15), at(0.35), at(0.7), l.bright, l.top.max(l.bright))
+    };
+    points(&[
+        (air, 0x38_140a, 0.0),
+        (fat, 0x8c_4a2c, 0.006),
+        (flesh, 0xc8_6e4b, 0.012),
+        (bone, 0xdc_b482, 0.05),
+        (top, 0xff_faf0, 0.5),
+    ])
+}
+
+fn angiography(l: &Levels) -> Vec<ControlPoint> {
+    // Blood with contrast agent lies from 150 to 500 HU, calcium, stents and bone above.
+    let (clear, thin, full, top) = if l.hounsfield {
+        (120.0, 200.0, 450.0, 1200.0)
+    } else {
+        let at = |f| between(l.vessel, l.top, f);
+        (at(0.0), at(0.06), at(0.3), l.top.max(l.vessel))
+    };
+    points(&[(clear, 0x30_0406, 0.0), (thin, 0x8c_1414, 0.05), (full, 0xe6_6432, 0.3), (top, 0xff_f5dc, 0.7)])
+}
+
+fn mri(l: &Levels) -> Vec<ControlPoint> {
+    let (mid, top) = (l.bright, l.top.max(l.bright));
+    points(&[
+        (l.background, 0x0a_0a14, 0.0),
+        (between(l.background, l.object, 0.6), 0x1e_1e32, 0.0),
+        (l.object.max(l.background), 0x3c_3246, 0.008),
+        (mid, 0xa0_8278, 0.03),
+        (between(mid, top, 0.6), 0xe6_d2be, 0.12),
+        (top, 0xff_faf5, 0.25),
+    ])
+}
+
+fn grayscale(l: &Levels) -> Vec<ControlPoint> {
+    points(&[(l.background, 0x00_0000, 0.0), (l.top.max(l.background), 0xff_ffff, 0.2)])
+}
+
+/// A colour map over the values past the background, its opacity rising with the square of the way along it.
+fn map(l: &Levels, color: impl Fn(f64) -> colorous::Color) -> Vec<ControlPoint> {
+    const STEPS: u32 = 16;
+    (0..=STEPS)
+        .map(|i| {
+            let f = f64::from(i) / f64::from(STEPS);
+            let colorous::Color { r, g, b } = color(f);
+            ControlPoint {
+                value: between(l.background, l.top.max(l.background), f),
+                color: [r, g, b].map(|c| f64::from(c) / 255.0),
+                opacity: 0.1 * f * f,
+            }
+        })
+        .collect()
+}
+
+fn gray(l: &Levels) -> Vec<ControlPoint> {
+    // The colour map runs from white to black.
+    map(l, |f| colorous::GREYS.eval_continuous(1.0 - f))
+}
+
+fn viridis(l: &Levels) -> Vec<ControlPoint> {
+    map(l, |f| colorous::VIRIDIS.eval_continuous(f))
+}
+
+fn inferno(l: &Levels) -> Vec<ControlPoint> {
+    map(l, |f| colorous::INFERNO.eval_continuous(f))
+}

@@ -1,0 +1,242 @@
+//! What the values of a volume are: range, mean, histogram, and where its background ends.
+
+use rayon::prelude::*;
+
+use super::{Samples, ToF64, Volume, with_samples};
+
+/// The most bins counted: one per value for 8 and 16 bit samples.
+const MAX_BINS: usize = 65_536;
+/// The most bins handed out: what a page or a terminal can show.
+const SHOWN_BINS: usize = 256;
+/// The fewest samples a task counts: a task owns up to 512 KiB of bins.
+const MIN_CHUNK: usize = 1 << 20;
+/// Thresholds look at the values up to this quantile: a few hot voxels must not stretch the classes.
+const NOT_OUTLIERS: f64 = 0.9995;
+
+/// The distribution of a volume's values (after rescaling). NaN and infinite samples are counted apart.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Statistics {
+    /// The smallest value; NaN where no sample is finite, like the other figures.
+    pub min: f64,
+    /// The largest value.
+    pub max: f64,
+    /// The mean.
+    pub mean: f64,
+    /// The standard deviation of the population.
+    pub std_dev: f64,
+    /// The number of finite samples.
+    pub count: u64,
+    /// The number of NaN and infinite samples.
+    pub non_finite: u64,
+    /// Bin i counts the values that lie around `first + i * step`.
+    bins: Vec<u64>,
+    first: f64,
+    step: f64,
+}
+
+/// The darker class of values where it is taken to be the air or void around an object.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BackgroundEstimate {
+    /// The largest value that is still background.
+    pub limit: f64,
+    /// The share of the samples that are background, 0..1.
+    pub fraction: f64,
+}
+
+/// Count, minimum, maximum and sum of the finite samples of a chunk.
+#[derive(Clone, Copy)]
+struct Moments(u64, f64, f64, f64);
+
+impl Moments {
+    const NONE: Self = Self(0, f64::INFINITY, f64::NEG_INFINITY, 0.0);
+
+    fn plus(self, o: Self) -> Self {
+        Self(self.0 + o.0, self.1.min(o.1), self.2.max(o.2), self.3 + o.3)
+    }
+}
+
+fn finite<T: ToF64>(chunk: &[T]) -> impl Iterator<Item = f64> {
+    chunk.iter().map(|v| v.to_f64()).filter(|v| v.is_finite())
+}
+
+impl Statistics {
+    /// Counts the samples on all cores at their own width, without a copy. The result does not depend on the cores.
+    #[must_use]
+    pub fn of(volume: &Volume) -> Self {
+        let integers = !matches!(volume.samples(), Samples::F32(_) | Samples::F64(_));
+        with_samples!(volume.samples(), s => Self::of_raw(s, integers)).rescaled(volume.rescale())
+    }
+
+    fn of_raw<T: ToF64>(samples: &[T], integers: bool) -> Self {
+        // Chunks follow from the length alone and their sums are added in order: the same figures on any machine.
+        let chunk = MIN_CHUNK.max(samples.len().div_ceil(64));
+        let moments: Vec<Moments> = samples
+            .par_chunks(chunk)
+            .map(|c| finite(c).fold(Moments::NONE, |m, v| m.plus(Moments(1, v, v, v))))
+            .collect();
+        let Moments(count, min, max, sum) = moments.into_iter().fold(Moments::NONE, Moments::plus);
+        let non_finite = samples.len() as u64 - count;
+        if count == 0 {
+            let (bins, nan) = (Vec::new(), f64::NAN);
+            return Self {
+                min: nan,
+                max: nan,
+                mean: nan,
+                std_dev: nan,
+                count,
+                non_finite,
+                bins,
+                first: nan,
+                step: nan,
+            };
+        }
+        let (mean, range) = (sum / count as f64, max - min);
+        let (len, first, step) = if range == 0.0 {
+            (1, min, 1.0)
+        } else if integers && range < MAX_BINS as f64 {
+            (range as usize + 1, min, 1.0)
+        } else {
+            let step = range / MAX_BINS as f64;
+            (MAX_BINS, min + step / 2.0, step)
+        };
+        let parts: Vec<(f64, Vec<u64>)> = samples
+            .par_chunks(chunk)
+            .map(|c| {
+                let (mut squares, mut bins) = (0.0, vec![0_u64; len]);
+                for v in finite(c) {
+                    squares += (v - mean) * (v - mean);
+                    bins[(((v - min) / step) as usize).min(len - 1)] += 1;
+                }
+                (squares, bins)
+            })
+            .collect();
+        let variance = parts.iter().map(|p| p.0).sum::<f64>() / count as f64;
+        let mut bins = vec![0; len];
+        for (_, part) in &parts {
+            bins.iter_mut().zip(part).for_each(|(b, p)| *b += p);
+        }
+        Self { min, max, mean, std_dev: variance.sqrt(), count, non_finite, bins, first, step }
+    }
+
+    fn rescaled(mut self, (slope, intercept): (f64, f64)) -> Self {
+        if slope < 0.0 {
+            self.bins.reverse();
+            self.first += self.step * self.bins.len().saturating_sub(1) as f64;
+            (self.min, self.max) = (self.max, self.min);
+        }
+        let value = |raw: f64| slope * raw + intercept;
+        (self.min, self.max, self.mean) = (value(self.min), value(self.max), value(self.mean));
+        self.first = value(self.first);
+        self.std_dev *= slope.abs();
+        self.step *= slope.abs();
+        self
+    }
+
+    fn value_of(&self, bin: usize) -> f64 {
+        (self.first + self.step * bin as f64).clamp(self.min, self.max)
+    }
+
+    fn bin_of(&self, value: f64) -> usize {
+        let bin = ((value - self.first) / self.step).round().max(0.0) as usize;
+        bin.min(self.bins.len().saturating_sub(1))
+    }
+
+    /// Counts over min..max in equal bins: 256 of them, or one per value where there are fewer.
+    #[must_use]
+    pub fn histogram(&self) -> Vec<u64> {
+        let len = self.bins.len().min(SHOWN_BINS);
+        let mut shown = vec![0; len];
+        for (i, n) in self.bins.iter().enumerate() {
+            shown[i * len / self.bins.len()] += n;
+        }
+        shown
+    }
+
+    /// The value below which a share `q` (0..1) of the samples lies, to the width of a bin: exact for 8 and 16 bit
+    /// samples, 1/65536 of the range for others.
+    #[must_use]
+    pub fn quantile(&self, q: f64) -> f64 {
+        self.quantile_above(f64::NEG_INFINITY, q)
+    }
+
+    /// As [`Self::quantile`], of the samples over `limit` only.
+    #[must_use]
+    pub fn quantile_above(&self, limit: f64, q: f64) -> f64 {
+        let start = self.first_above(limit);
+        let total: u64 = self.bins[start..].iter().sum();
+        let wanted = (q.clamp(0.0, 1.0) * total as f64).ceil().max(1.0) as u64;
+        let mut seen = 0;
+        for (i, n) in self.bins.iter().enumerate().skip(start) {
+            seen += n;
+            if seen >= wanted {
+                return self.value_of(i);
+            }
+        }
+        self.max
+    }
+
+    /// The share of the samples over `limit`, 0..1.
+    #[must_use]
+    pub fn fraction_above(&self, limit: f64) -> f64 {
+        self.bins[self.first_above(limit)..].iter().sum::<u64>() as f64 / self.count.max(1) as f64
+    }
+
+    /// The first bin whose value lies over `limit`.
+    fn first_above(&self, limit: f64) -> usize {
+        if self.bins.is_empty() || limit < self.min {
+            return 0;
+        }
+        let bin = self.bin_of(limit);
+        if self.value_of(bin) > limit { bin } else { (bin + 1).min(self.bins.len()) }
+    }
+
+    /// The threshold that best parts the values over `above` into two classes: the largest variance between them
+    /// (Otsu 1979, "A threshold selection method from gray-level histograms"). `f64::NEG_INFINITY` takes all values.
+    ///
+    /// `None` where there is nothing to part. Applied to the values over its own result it parts the brighter class.
+    #[must_use]
+    pub fn otsu(&self, above: f64) -> Option<f64> {
+        let start = self.first_above(above);
+        let end = self.bin_of(self.quantile(NOT_OUTLIERS)) + 1;
+        let bins = self.bins.get(start..end)?;
+        let total: f64 = bins.iter().map(|&n| n as f64).sum();
+        let sum: f64 = bins.iter().enumerate().map(|(i, &n)| n as f64 * i as f64).sum();
+        let (mut best, mut from, mut to) = (0.0, 0, 0);
+        let (mut below, mut sum_below) = (0.0, 0.0);
+        for (i, &n) in bins.iter().enumerate() {
+            below += n as f64;
+            sum_below += n as f64 * i as f64;
+            let variance = (sum * below - sum_below * total).powi(2) / (below * (total - below));
+            if variance > best {
+                (best, from, to) = (variance, i, i);
+            } else if variance == best && n == 0 {
+                // Nothing between two classes: every threshold in the gap is as good, the middle is the safest.
+                to = i;
+            }
+        }
+        (best > 0.0).then(|| self.value_of(start + (from + to) / 2))
+    }
+
+    /// The background: the foot of the highest peak of the darker of Otsu's two classes, found as the bin farthest
+    /// below the line from the peak to the threshold (Zack, Rogers and Latt 1977, the triangle method).
+    ///
+    /// `None` where all values are one. A bright background is not recognised.
+    #[must_use]
+    pub fn background(&self) -> Option<BackgroundEstimate> {
+        let threshold = self.otsu(f64::NEG_INFINITY)?;
+        let shown = self.histogram();
+        let width = self.bins.len() as f64 / shown.len() as f64;
+        let end = ((self.bin_of(threshold) as f64 / width) as usize).min(shown.len() - 1);
+        let peak = (0..=end).rev().max_by_key(|&i| shown[i])?;
+        let (top, bottom) = (shown[peak] as f64, shown[end] as f64);
+        let depth = |i: usize| {
+            let line = top + (bottom - top) * (i - peak) as f64 / (end - peak).max(1) as f64;
+            line - shown[i] as f64
+        };
+        let foot = (peak + 1..=end).rev().max_by(|&a, &b| depth(a).total_cmp(&depth(b))).unwrap_or(peak + 1);
+        // The foot itself is no longer background: the limit is the last value before it.
+        let first_of_foot = (foot as f64 * width).ceil() as usize;
+        let limit = self.value_of(first_of_foot.saturating_sub(1));
+        Some(BackgroundEstimate { limit, fraction: 1.0 - self.fraction_above(limit) })
+    }
+}
