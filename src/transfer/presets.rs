@@ -91,7 +91,7 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
     // is not background. In MRI no tissue stands out so: about half of it lies on either side.
     let (over, foreground) = (statistics.fraction_above(levels.bright), statistics.fraction_above(levels.background));
     let share = 100.0 * over / foreground.max(f64::MIN_POSITIVE);
-    let saw = format!("{share:.1} % of the foreground is over {:.4}", levels.bright);
+    let saw = format!("{share:.1} % of the foreground is over {}", (levels.bright * 1e4).round() / 1e4);
     if share < 3.0 {
         say("angiography", format!("{saw}: thin and far brighter than the rest, as vessels with contrast agent are"))
     } else if share < 30.0 {
