@@ -98,7 +98,7 @@ fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) grou
     }
     var visible = 0u;
     for (var i = first; i < min(first + RUN, classify.count); i++) {
-        visible += u32(transfer(sample_at(i)).a > 0.0);
+        visible += u32(transfer(sample_at(i) - classify.sample_origin).a > 0.0);
     }
     places[run] = visible;
 }
@@ -112,7 +112,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     }
     var place = classify.base + places[run];
     for (var i = first; i < min(first + RUN, classify.count); i++) {
-        let classified = transfer(sample_at(i));
+        let classified = transfer(sample_at(i) - classify.sample_origin);
         if classified.a > 0.0 {
             let p = lattice_point(i);
             let c = vec3u(round(clamp(classified.rgb, vec3f(0.0), vec3f(1.0)) * 65535.0));

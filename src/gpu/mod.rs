@@ -11,4 +11,6 @@ mod shaders;
 #[cfg(test)]
 mod shaders_test;
 pub(crate) mod sort;
+#[cfg(test)]
+mod stages_test;
 pub(crate) mod timing;

@@ -2,12 +2,18 @@
 
 mod grid;
 mod load;
+mod metaimage;
+mod nifti;
+mod npy;
+mod nrrd;
 mod phantom;
+mod source;
 mod statistics;
 
 pub use grid::{Grid, MAX_DIM};
-pub use load::{Endian, LoadOptions, SampleType, load};
+pub use load::{LoadOptions, load};
 pub use phantom::{Demo, demo_transfer, demos};
+pub use source::{Endian, SampleType};
 pub use statistics::{BackgroundEstimate, Statistics};
 
 use rayon::prelude::*;

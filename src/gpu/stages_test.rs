@@ -1,0 +1,213 @@
+//! Each GPU stage against its CPU twin, on whatever adapter there is.
+
+use glam::{DAffine3, DMat3, DVec2, DVec3};
+
+use super::classify::{Classifier, Store};
+use super::context::Context;
+use super::layout::Splat;
+use super::plan::{Plan, Region};
+use super::scan::Scan;
+use super::sort::Sorter;
+use super::timing::Timing;
+use crate::camera::{Camera, ProjectionKind, View};
+use crate::kernel::FootprintTable;
+use crate::reference::stages;
+use crate::renderer::{Renderer, RendererOptions};
+use crate::settings::{Precision, Settings};
+use crate::transfer::{ControlPoint, TransferFunction};
+use crate::volume::{Grid, LoadOptions, Samples, Volume, load};
+
+fn download(context: &Context, buffer: &wgpu::Buffer, bytes: u64) -> Vec<u8> {
+    let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+    let staging = context.buffer("test.staging", bytes, usage).unwrap();
+    let mut encoder = context.device.create_command_encoder(&Default::default());
+    encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, bytes);
+    context.queue.submit([encoder.finish()]);
+    context.read("test", &staging).unwrap()[..bytes as usize].to_vec()
+}
+
+fn words(bytes: &[u8]) -> Vec<u32> {
+    bytes.chunks_exact(4).map(bytemuck::pod_read_unaligned).collect()
+}
+
+fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Vec<Store> {
+    Classifier::new(context).run(context, &Scan::new(context), volume, transfer, &|_| ()).unwrap()
+}
+
+fn downloaded(context: &Context, stores: &[Store]) -> Vec<Splat> {
+    let read = |s: &Store| download(context, &s.splats, u64::from(s.count) * 16);
+    stores.iter().flat_map(read).collect::<Vec<_>>().chunks_exact(16).map(bytemuck::pod_read_unaligned).collect()
+}
+
+fn steps() -> TransferFunction {
+    let p = |value, color, opacity| ControlPoint { value, color, opacity };
+    TransferFunction::new(
+        vec![
+            p(-20.0, [0.0, 0.2, 0.4], 0.0),
+            p(3.0, [0.0, 0.2, 0.4], 0.0),
+            p(3.0, [1.0, 0.5, 0.25], 0.0005),
+            p(40.0, [0.3, 0.9, 0.1], 0.3),
+            p(90.0, [0.6, 0.0, 1.0], 1.0),
+        ],
+        Some(2.0),
+    )
+    .unwrap()
+}
+
+#[test]
+fn classify_matches_its_twin_for_every_type() {
+    let context = Context::new(None).unwrap();
+    let dims = [7, 5, 9];
+    let values: Vec<i32> = (0..7 * 5 * 9).map(|i| i * 37 % 128).collect();
+    macro_rules! each {
+        ($($variant:ident: $t:ty),*) => {
+            vec![$(Samples::$variant(values.iter().map(|&v| v as $t).collect())),*]
+        };
+    }
+    let all = each!(U8: u8, I8: i8, U16: u16, I16: i16, U32: u32, I32: i32, U64: u64, I64: i64, F32: f32, F64: f64);
+    for samples in all {
+        let name = samples.type_name();
+        for (slope, intercept) in [(1.0, 0.0), (0.5, -20.0), (-1.0, 100.0)] {
+            let grid = Grid::axis_parallel(dims, [1.0; 3]).unwrap();
+            let volume = Volume::new(grid, samples.clone()).unwrap().with_rescale(slope, intercept).unwrap();
+            let got = downloaded(&context, &classified(&context, &volume, &steps()));
+            let expected = stages::classify(&volume, &steps());
+            assert_eq!(got.len(), expected.len(), "{name} {slope} {intercept}");
+            for (g, e) in got.iter().zip(&expected) {
+                assert_eq!((g.xy, g.z_red & 0xffff), (e.xy, e.z_red & 0xffff), "{name} {slope}");
+                // A colour on the border of two 16-bit steps may round either way.
+                for shift in [(g.z_red >> 16, e.z_red >> 16), (g.green_blue & 0xffff, e.green_blue & 0xffff)] {
+                    assert!(shift.0.abs_diff(shift.1) <= 1, "{name} {slope}: {g:?} {e:?}");
+                }
+                // Near opacity 1 a step of f32 in the opacity is 4e-3 of its logarithm: hence the second term.
+                let allowed = 1e-6 + 1e-5 * e.density + 1e-7 * e.density.exp();
+                assert!((g.density - e.density).abs() <= allowed, "{name} {slope}: {g:?} {e:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn wide_integers_keep_the_resolution_of_their_window() {
+    let context = Context::new(None).unwrap();
+    let base = 4_000_000_000_u32;
+    let volume = Volume::new(
+        Grid::axis_parallel([64, 1, 1], [1.0; 3]).unwrap(),
+        Samples::U32((0..64).map(|i| base + i).collect()),
+    )
+    .unwrap();
+    let p = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
+    let transfer =
+        TransferFunction::new(vec![p(f64::from(base + 10), 0.0), p(f64::from(base + 50), 0.5)], None).unwrap();
+    let got = downloaded(&context, &classified(&context, &volume, &transfer));
+    let expected = stages::classify(&volume, &transfer);
+    assert_eq!(got.len(), expected.len());
+    for (g, e) in got.iter().zip(&expected) {
+        assert!((g.density - e.density).abs() < 1e-6, "{g:?} {e:?}");
+    }
+}
+
+#[test]
+fn chunks_continue_the_lattice() {
+    // 4.4 million voxels: two chunks, the second starting in the middle of a row.
+    let context = Context::new(None).unwrap();
+    let dims = [163_u32, 167, 163];
+    let count = dims.iter().product::<u32>();
+    let samples = (0..count).map(|i| u8::from(i % 9973 == 0) * 60).collect();
+    let volume = Volume::new(Grid::axis_parallel(dims, [1.0; 3]).unwrap(), Samples::U8(samples)).unwrap();
+    let got = downloaded(&context, &classified(&context, &volume, &steps()));
+    let expected = stages::classify(&volume, &steps());
+    let place = |s: &Splat| (s.xy, s.z_red & 0xffff);
+    assert!(got.iter().map(place).eq(expected.iter().map(place)));
+}
+
+#[test]
+fn scan_matches_its_twin() {
+    let context = Context::new(None).unwrap();
+    let scan = Scan::new(&context);
+    for count in [1, 2, 127, 128, 129, 16_384, 16_385, 2_100_000] {
+        let values: Vec<u32> = (0..count).map(|i: u32| i.wrapping_mul(2_654_435_761) >> 29).collect();
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+        let buffer = context.upload("test.values", bytemuck::cast_slice(&values), usage).unwrap();
+        let mut encoder = context.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&Default::default());
+            scan.record(&context, &mut pass, &buffer, u64::from(count)).unwrap();
+        }
+        context.queue.submit([encoder.finish()]);
+        assert!(words(&download(&context, &buffer, u64::from(count) * 4)) == stages::scan(&values), "{count}");
+    }
+}
+
+/// A small volume on a sheared, anisotropic grid, and two cameras on it.
+fn scene() -> (Volume, TransferFunction, [Camera; 2], Settings) {
+    let demo = load("demo:marschner-lobb:12", &LoadOptions::default()).unwrap();
+    let matrix = DMat3::from_cols(DVec3::X, DVec3::new(0.2, 1.1, 0.0), DVec3::new(-0.3, 0.1, 2.0));
+    let grid = Grid::new(demo.grid().dims(), DAffine3::from_mat3_translation(matrix, DVec3::splat(40.0))).unwrap();
+    let volume = demo.with_grid(grid).unwrap();
+    let settings = Settings { size: [24, 20], precision: Some(Precision::F32), ..Settings::default() };
+    let cameras = [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 50.0 }].map(|projection| {
+        let view = View { azimuth: 40.0, elevation: 25.0, roll: 10.0, projection, ..View::default() };
+        Camera::new(&view, volume.grid(), settings.size).unwrap()
+    });
+    let transfer = crate::volume::demo_transfer("marschner-lobb").unwrap();
+    (volume, transfer, cameras, settings)
+}
+
+#[test]
+fn sort_matches_its_twin() {
+    let (volume, transfer, cameras, settings) = scene();
+    let context = Context::new(None).unwrap();
+    let (scan, sorter) = (Scan::new(&context), Sorter::new(&context));
+    let stores = classified(&context, &volume, &transfer);
+    let splats = downloaded(&context, &stores);
+    for camera in cameras {
+        for thickness in [0.3, 1.0, 5.0] {
+            let settings = Settings { sheet_thickness: thickness, ..settings.clone() };
+            let plan = Plan::new(&camera, volume.grid(), &settings, 1.0, 1.0);
+            let frame = plan.frame(Region { x: 0, y: 0, width: 24, height: 20 });
+            let uniform = wgpu::BufferUsages::UNIFORM;
+            let buffer = context.upload("test.frame", bytemuck::bytes_of(&frame), uniform).unwrap();
+            for sheets in [1, 4] {
+                let mut timing = Timing::new(&context);
+                let spans = sorter.run(&context, &scan, &mut timing, &plan, &buffer, sheets, &stores).unwrap();
+                let [span] = spans.as_slice() else { panic!("{} spans", spans.len()) };
+                let total = u64::from(*span.starts.last().unwrap());
+                let entries = words(&download(&context, &span.entries, total * 4));
+                let expected = stages::sort(&frame, &splats, sheets);
+                assert_eq!(span.starts.len(), expected.len() + 1);
+                for (batch, want) in expected.iter().enumerate() {
+                    let range = span.starts[batch] as usize..span.starts[batch + 1] as usize;
+                    assert_eq!(&entries[range], want, "batch {batch} of {sheets} sheets, thickness {thickness}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn splat_composite_and_resolve_match_their_twins() {
+    let (volume, transfer, cameras, settings) = scene();
+    let renderer = Renderer::new(&RendererOptions::default()).unwrap();
+    let prepared = renderer.prepare(&volume, &transfer, &|_| ()).unwrap();
+    let splats = stages::classify(&volume, &transfer);
+    let unit = volume.grid().min_spacing();
+    let density = TransferFunction::extinction(transfer.max_opacity(), 1.0);
+    for camera in cameras {
+        let plan = Plan::new(&camera, volume.grid(), &settings, density, unit);
+        let frame = plan.frame(Region { x: 0, y: 0, width: 24, height: 20 });
+        let table = FootprintTable::new(&settings.kernel, Precision::F32.footprint_error()).unwrap();
+        for sheets_per_pass in [1, 2, 4] {
+            let settings = Settings { sheets_per_pass: Some(sheets_per_pass), ..settings.clone() };
+            let image = renderer.render(&prepared, &camera, &settings).unwrap().image;
+            for (index, pixel) in image.pixels().iter().enumerate() {
+                let center = DVec2::new((index % 24) as f64 + 0.5, (index / 24) as f64 + 0.5);
+                let sheets = stages::splat(&frame, &table, &splats, center, plan.is_perspective());
+                for (got, want) in pixel.iter().zip(stages::composite(&sheets)) {
+                    let error = (f64::from(*got) - want).abs();
+                    assert!(error < 2e-5, "pixel {index} x{sheets_per_pass}: {pixel:?}, {want}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! The CPU twins of the GPU's stages, on the same structs: what each stage must give, written the plain way.
+
+use glam::{DVec2, DVec3};
+
+use crate::gpu::layout::{Frame, Splat};
+use crate::kernel::FootprintTable;
+use crate::transfer::TransferFunction;
+use crate::volume::Volume;
+
+/// classify: every voxel of some opacity, in lattice order.
+pub(crate) fn classify(volume: &Volume, transfer: &TransferFunction) -> Vec<Splat> {
+    let [nx, ny, nz] = volume.grid().dims();
+    let points = (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])));
+    points
+        .enumerate()
+        .filter_map(|(index, [x, y, z])| {
+            let (color, opacity) = transfer.sample(volume.value(index));
+            let [r, g, b] = color.map(|c| (c * 65_535.0).round() as u32);
+            (opacity > 0.0).then(|| Splat {
+                xy: x | y << 16,
+                z_red: z | r << 16,
+                green_blue: g | b << 16,
+                density: TransferFunction::extinction(opacity, 1.0) as f32,
+            })
+        })
+        .collect()
+}
+
+/// scan: exclusive prefix sums.
+pub(crate) fn scan(values: &[u32]) -> Vec<u32> {
+    values
+        .iter()
+        .scan(0_u32, |sum, v| {
+            let before = *sum;
+            *sum += v;
+            Some(before)
+        })
+        .collect()
+}
+
+fn v3(v: [f32; 3]) -> DVec3 {
+    DVec3::from_array(v.map(f64::from))
+}
+
+fn lattice(frame: &Frame, splat: &Splat) -> DVec3 {
+    let p = [splat.xy & 0xffff, splat.xy >> 16, splat.z_red & 0xffff].map(f64::from);
+    DVec3::from_array(p) - v3(frame.lattice_center)
+}
+
+/// sort: the splats of each batch of `sheets_per_batch` sheets, in their order.
+pub(crate) fn sort(frame: &Frame, splats: &[Splat], sheets_per_batch: u32) -> Vec<Vec<u32>> {
+    let batches = frame.sheets.div_ceil(sheets_per_batch);
+    let mut sorted = vec![Vec::new(); batches as usize];
+    for (index, splat) in (0..).zip(splats) {
+        // In f32 and in the order of the shader: a reach that ends on a plane falls to the same side.
+        let p = lattice(frame, splat).as_vec3();
+        let z = frame.view_z[0] * p.x + frame.view_z[1] * p.y + frame.view_z[2] * p.z;
+        let plane = |z: f32| ((z - frame.sheet_origin) * frame.inverse_sheet_step).floor();
+        let (first, last) = (plane(z - frame.depth_extent), plane(z + frame.depth_extent));
+        if last < 0.0 || first >= frame.sheets as f32 {
+            continue;
+        }
+        let last = (last as u32).min(frame.sheets - 1);
+        for batch in first.max(0.0) as u32 / sheets_per_batch..=last / sheets_per_batch {
+            sorted[batch as usize].push(index);
+        }
+    }
+    sorted
+}
+
+/// splat: what each sheet of a pixel accumulates, as (colour, 1) times optical depth, in f64.
+pub(crate) fn splat(
+    frame: &Frame,
+    table: &FootprintTable,
+    splats: &[Splat],
+    pixel: DVec2,
+    perspective: bool,
+) -> Vec<[f64; 4]> {
+    let mut sheets = vec![[0.0; 4]; frame.sheets as usize];
+    let f2 = |v: [f32; 2]| DVec2::from_array(v.map(f64::from));
+    let plane = pixel * f2(frame.pixel_scale) + f2(frame.pixel_offset);
+    let (right, up, forward) = (v3(frame.grid_right), v3(frame.grid_up), v3(frame.grid_forward));
+    let step = f64::from(frame.sheet_step);
+    for s in splats {
+        let p = lattice(frame, s);
+        let center = DVec3::new(
+            v3(frame.view_x).dot(p) + f64::from(frame.offset_x),
+            v3(frame.view_y).dot(p) + f64::from(frame.offset_y),
+            v3(frame.view_z).dot(p),
+        );
+        let (ray, offset, length) = if perspective {
+            let depth = center.z + f64::from(frame.eye_depth);
+            (
+                forward + right * plane.x + up * plane.y,
+                plane * depth - center.truncate(),
+                (1.0 + plane.length_squared()).sqrt(),
+            )
+        } else {
+            (forward, plane - center.truncate(), 1.0)
+        };
+        let q = right * offset.x + up * offset.y;
+        let per_depth = ray.length();
+        let along = q.dot(ray) / per_depth;
+        let r2 = q.length_squared() - along * along;
+        let color = [s.z_red >> 16, s.green_blue & 0xffff, s.green_blue >> 16].map(|c| f64::from(c) / 65_535.0);
+        let scale = f64::from(s.density) * f64::from(frame.section_scale) * f64::from(frame.inverse_sheet_scale);
+        for (k, sheet) in sheets.iter_mut().enumerate() {
+            let z = f64::from(frame.sheet_origin) + k as f64 * step - center.z;
+            let t = |z: f64| z * per_depth + along;
+            let depth = scale * table.section(f64::from(frame.radius), r2, t(z), t(z + step)) * length / per_depth;
+            for (sum, c) in sheet.iter_mut().zip(color.into_iter().chain([1.0])) {
+                *sum += c * depth;
+            }
+        }
+    }
+    sheets
+}
+
+/// composite and resolve: the sheets front to back, to premultiplied RGBA.
+pub(crate) fn composite(sheets: &[[f64; 4]]) -> [f64; 4] {
+    let (mut color, mut depth) = (DVec3::ZERO, 0.0_f64);
+    for &[r, g, b, tau] in sheets {
+        if tau > 0.0 {
+            color += DVec3::new(r, g, b) / tau * (-depth).exp() * -(-tau).exp_m1();
+            depth += tau;
+        }
+    }
+    [color.x, color.y, color.z, -(-depth).exp_m1()]
+}

@@ -1,0 +1,270 @@
+//! Pictures against the f64 reference, and what must leave them as they are.
+
+use std::sync::LazyLock;
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::image::Image;
+use voxsplat::kernel::{Kernel, Normalization};
+use voxsplat::reference;
+use voxsplat::renderer::{Renderer, RendererOptions};
+use voxsplat::report::compare;
+use voxsplat::settings::{Precision, Settings};
+use voxsplat::transfer::{ControlPoint, TransferFunction};
+use voxsplat::volume::{Grid, LoadOptions, Samples, Volume, demo_transfer, load};
+
+/// One device for all tests of this binary.
+pub(crate) static RENDERER: LazyLock<Renderer> =
+    LazyLock::new(|| Renderer::new(&RendererOptions::default()).unwrap_or_else(|e| panic!("{e}")));
+
+pub(crate) fn demo(name: &str, size: u32) -> (Volume, TransferFunction) {
+    let volume = load(&format!("demo:{name}:{size}"), &LoadOptions::default()).unwrap();
+    (volume, demo_transfer(name).unwrap())
+}
+
+fn f32_settings(size: u32) -> Settings {
+    Settings { size: [size; 2], precision: Some(Precision::F32), ..Settings::default() }
+}
+
+fn camera(azimuth: f64, projection: ProjectionKind, volume: &Volume, size: [u32; 2]) -> Camera {
+    let view = View { azimuth, elevation: 25.0, projection, ..View::default() };
+    Camera::new(&view, volume.grid(), size).unwrap()
+}
+
+fn render(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Image {
+    let scene = RENDERER.prepare(volume, transfer, &|_| ()).unwrap();
+    RENDERER.render(&scene, camera, settings).unwrap().image
+}
+
+fn truth(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Image {
+    reference::Scene::new(volume, transfer, &settings.kernel, settings.normalization)
+        .and_then(|scene| scene.render(camera, settings.size, &|_| ()))
+        .unwrap()
+}
+
+/// Largest errors of colour and of alpha.
+fn errors(a: &Image, b: &Image) -> (f64, f64) {
+    let c = compare(a, b, 0.0).unwrap();
+    let [r, g, b, alpha] = c.max_channel;
+    (r.max(g).max(b), alpha)
+}
+
+const PERSPECTIVE: ProjectionKind = ProjectionKind::Perspective { fov: 40.0 };
+
+#[test]
+fn alpha_is_exact_at_every_thickness_and_colour_converges() {
+    for name in ["marschner-lobb", "sphere", "vessels", "shepp-logan"] {
+        let (volume, transfer) = demo(name, 32);
+        for projection in [ProjectionKind::Orthographic, PERSPECTIVE] {
+            let camera = camera(33.0, projection, &volume, [40, 40]);
+            let expected = truth(&volume, &transfer, &camera, &f32_settings(40));
+            let error = |thickness| {
+                let settings = Settings { sheet_thickness: thickness, ..f32_settings(40) };
+                let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings), &expected);
+                assert!(alpha < 5e-5, "{name} {projection:?} thickness {thickness}: alpha errs by {alpha:e}");
+                color
+            };
+            let [half, one, two] = [0.5, 1.0, 2.0].map(error);
+            assert!(one < 4e-3, "{name} {projection:?}: colour errs by {one:e}");
+            // Second order: four times less for half the thickness. Below 2e-4 rounding blurs the ratio.
+            assert!(half < one / 2.5 + 2e-4, "{name} {projection:?}: {half:e} at 0.5, {one:e} at 1");
+            assert!(one < two / 2.0 + 2e-4, "{name} {projection:?}: {one:e} at 1, {two:e} at 2");
+        }
+    }
+}
+
+#[test]
+fn anisotropic_and_sheared_grids_are_as_exact() {
+    let (volume, transfer) = demo("marschner-lobb", 24);
+    let matrices = [
+        DMat3::from_diagonal(DVec3::new(1.0, 1.0, 4.0)),
+        DMat3::from_cols(DVec3::X, DVec3::new(0.3, 1.0, 0.1), DVec3::new(0.2, -0.4, 1.5)),
+        // Left-handed, in a unit a thousand times smaller and far from the origin.
+        DMat3::from_diagonal(DVec3::new(-1e-3, 1e-3, 2e-3)),
+    ];
+    for (index, matrix) in matrices.into_iter().enumerate() {
+        let origin = if index == 2 { DVec3::splat(50.0) } else { DVec3::ZERO };
+        let grid = Grid::new([24; 3], DAffine3::from_mat3_translation(matrix, origin)).unwrap();
+        let volume = volume.clone().with_grid(grid).unwrap();
+        for projection in [ProjectionKind::Orthographic, PERSPECTIVE] {
+            for thickness in [0.5, 1.0, 2.0] {
+                let settings = Settings { sheet_thickness: thickness, ..f32_settings(40) };
+                let camera = camera(50.0, projection, &volume, settings.size);
+                let expected = truth(&volume, &transfer, &camera, &settings);
+                let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings), &expected);
+                assert!(alpha < 5e-5, "grid {index} {projection:?} {thickness}: alpha errs by {alpha:e}");
+                assert!(color < 0.02, "grid {index} {projection:?} {thickness}: colour errs by {color:e}");
+            }
+        }
+    }
+}
+
+#[test]
+fn kernels_and_normalisations_follow_the_reference() {
+    let (volume, transfer) = demo("vessels", 32);
+    let kernels = [
+        Kernel::KAISER_BESSEL,
+        Kernel::Gaussian { sigma: 0.7, radius: 1.5 },
+        Kernel::Gaussian { sigma: 1.2, radius: 3.3 },
+        Kernel::KaiserBessel { radius: 2.5, alpha: 6.0 },
+    ];
+    for kernel in kernels {
+        for normalization in [Normalization::Unit, Normalization::Peak] {
+            let settings = Settings { kernel, normalization, sheet_thickness: 0.5, ..f32_settings(40) };
+            let camera = camera(10.0, PERSPECTIVE, &volume, settings.size);
+            let expected = truth(&volume, &transfer, &camera, &settings);
+            let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings), &expected);
+            assert!(alpha < 5e-5, "{kernel:?} {normalization:?}: alpha errs by {alpha:e}");
+            // Peak normalisation is twelve times denser: more happens within a sheet.
+            let allowed = if normalization == Normalization::Unit { 4e-3 } else { 3e-2 };
+            assert!(color < allowed, "{kernel:?} {normalization:?}: colour errs by {color:e}");
+        }
+    }
+}
+
+#[test]
+fn a_camera_inside_the_volume_sees_what_is_in_front_of_it() {
+    let (volume, transfer) = demo("marschner-lobb", 24);
+    for distance in [0.1, 3.0, 9.0] {
+        let projection = ProjectionKind::Perspective { fov: 70.0 };
+        let view = View { azimuth: 20.0, projection, distance: Some(distance), ..View::default() };
+        let settings = f32_settings(32);
+        let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
+        let expected = truth(&volume, &transfer, &camera, &settings);
+        let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings), &expected);
+        assert!(alpha < 5e-5 && color < 8e-3, "{distance}: alpha {alpha:e}, colour {color:e}");
+    }
+}
+
+#[test]
+fn a_distant_eye_sees_the_parallel_picture() {
+    let (volume, transfer) = demo("vessels", 32);
+    let settings = f32_settings(48);
+    let parallel = View { view_height: Some(40.0), ..View::default() };
+    // 1e7 voxels away: f32 coordinates from the eye would be off by a voxel.
+    let distant =
+        View { projection: ProjectionKind::Perspective { fov: 30.0 }, distance: Some(1e7), ..parallel.clone() };
+    let [a, b] = [parallel, distant].map(|view| {
+        let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
+        render(&volume, &transfer, &camera, &settings)
+    });
+    let (color, alpha) = errors(&a, &b);
+    assert!(color < 1e-4 && alpha < 1e-4, "colour {color:e}, alpha {alpha:e}");
+}
+
+#[test]
+fn densities_of_any_scale_neither_overflow_nor_vanish() {
+    let (volume, _) = demo("sphere", 24);
+    let p = |value, opacity| ControlPoint { value, color: [0.9, 0.6, 0.3], opacity };
+    for unit in [1e-3, 1.0, 1e6] {
+        for opacity in [1e-5, 1.0] {
+            let transfer = TransferFunction::new(vec![p(50.0, 0.0), p(100.0, opacity)], Some(unit)).unwrap();
+            for precision in [Precision::F16, Precision::F32] {
+                let settings = Settings { precision: Some(precision), ..f32_settings(32) };
+                let camera = camera(33.0, ProjectionKind::Orthographic, &volume, settings.size);
+                let expected = truth(&volume, &transfer, &camera, &settings);
+                let got = render(&volume, &transfer, &camera, &settings);
+                // f16 as software rasterisers round it: cut off, up to 7e-3 of the optical depth.
+                let relative = if precision == Precision::F16 { 8e-3 } else { 5e-5 };
+                for (g, e) in got.pixels().iter().zip(expected.pixels()) {
+                    let (g, e) = (f64::from(g[3]), f64::from(e[3]));
+                    assert!(
+                        (g - e).abs() <= relative * e + 1e-12,
+                        "unit {unit} opacity {opacity} {precision}: {g} {e}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_same_scene_gives_the_same_bytes() {
+    let (volume, transfer) = demo("vessels", 48);
+    let settings = Settings { size: [64, 48], ..Settings::default() };
+    let camera = camera(70.0, PERSPECTIVE, &volume, settings.size);
+    let bits = || -> Vec<u32> {
+        let image = render(&volume, &transfer, &camera, &settings);
+        image.pixels().iter().flatten().map(|v| v.to_bits()).collect()
+    };
+    let first = bits();
+    assert!((0..3).all(|_| bits() == first));
+}
+
+#[test]
+fn transparent_voxels_change_nothing() {
+    // The same ball with and without a margin of air: every bit of the picture is the same.
+    let ball = |size: u32| {
+        let middle = f64::from(size - 1) / 2.0;
+        let at = |i: u32| (f64::from(i) - middle).powi(2);
+        let inside = |x, y, z| if at(x) + at(y) + at(z) < 60.0 { 90 } else { 0 };
+        let samples =
+            (0..size).flat_map(|z| (0..size).flat_map(move |y| (0..size).map(move |x| inside(x, y, z)))).collect();
+        let grid = Grid::new([size; 3], DAffine3::from_translation(DVec3::splat(-middle))).unwrap();
+        Volume::new(grid, Samples::U8(samples)).unwrap()
+    };
+    let p = |value, opacity| ControlPoint { value, color: [0.2, 0.7, 0.4], opacity };
+    let transfer = TransferFunction::new(vec![p(50.0, 0.0), p(100.0, 0.2)], None).unwrap();
+    let view = View { azimuth: 25.0, elevation: 40.0, view_height: Some(24.0), ..View::default() };
+    let settings = f32_settings(40);
+    let [small, large] = [20, 40].map(|size| {
+        let volume = ball(size);
+        let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
+        let scene = RENDERER.prepare(&volume, &transfer, &|_| ()).unwrap();
+        (scene.splats(), RENDERER.render(&scene, &camera, &settings).unwrap().image)
+    });
+    assert_eq!(small.0, large.0);
+    // Sheets begin where the volume does, so they cut the ball elsewhere: colours differ by the error of a sheet,
+    // alpha by rounding.
+    let (color, alpha) = errors(&small.1, &large.1);
+    assert!(alpha < 2e-6 && color < 1e-6 + 2e-6, "colour {color:e}, alpha {alpha:e}");
+}
+
+#[test]
+fn a_transparent_volume_is_the_background() {
+    let (volume, _) = demo("sphere", 16);
+    let p = |value| ControlPoint { value, color: [1.0; 3], opacity: 0.0 };
+    let transfer = TransferFunction::new(vec![p(0.0), p(255.0)], None).unwrap();
+    let settings = f32_settings(16);
+    let camera = camera(0.0, ProjectionKind::Orthographic, &volume, settings.size);
+    let scene = RENDERER.prepare(&volume, &transfer, &|_| ()).unwrap();
+    let rendered = RENDERER.render(&scene, &camera, &settings).unwrap();
+    assert_eq!((scene.splats(), rendered.stats.passes, rendered.stats.quads), (0, 0, 0));
+    assert!(rendered.image.pixels().iter().all(|p| *p == [0.0; 4]));
+}
+
+#[test]
+fn scene_and_camera_turned_together_leave_the_picture() {
+    let (volume, transfer) = demo("vessels", 32);
+    let settings = f32_settings(48);
+    let still = camera(30.0, PERSPECTIVE, &volume, settings.size);
+    let turn = DQuat::from_scaled_axis(DVec3::new(0.7, -1.1, 0.4));
+    let motion = DAffine3::from_rotation_translation(turn, DVec3::new(12.0, -7.0, 30.0));
+    let grid = Grid::new([32; 3], motion * volume.grid().to_world()).unwrap();
+    let moved = volume.clone().with_grid(grid).unwrap();
+    let turned = Camera {
+        target: motion.transform_point3(still.target),
+        right: turn * still.right,
+        up: turn * still.up,
+        forward: turn * still.forward,
+        ..still
+    };
+    let (color, alpha) =
+        errors(&render(&volume, &transfer, &still, &settings), &render(&moved, &transfer, &turned, &settings));
+    assert!(color < 1e-5 && alpha < 1e-5, "colour {color:e}, alpha {alpha:e}");
+}
+
+#[test]
+fn feeding_several_sheets_at_once_changes_nothing_but_the_number_of_quads() {
+    let (volume, transfer) = demo("shepp-logan", 32);
+    let scene = RENDERER.prepare(&volume, &transfer, &|_| ()).unwrap();
+    let one = Settings { sheets_per_pass: Some(1), ..f32_settings(32) };
+    let camera = camera(33.0, ProjectionKind::Orthographic, &volume, one.size);
+    let single = RENDERER.render(&scene, &camera, &one).unwrap();
+    let four = Settings { sheets_per_pass: Some(4), ..one };
+    let several = RENDERER.render(&scene, &camera, &four).unwrap();
+    let (color, alpha) = errors(&single.image, &several.image);
+    assert!(color < 2e-6 && alpha < 2e-6, "colour {color:e}, alpha {alpha:e}");
+    assert!(several.stats.quads_per_splat <= 2.5, "{}", several.stats.quads_per_splat);
+    assert!(single.stats.quads_per_splat > 4.5, "{}", single.stats.quads_per_splat);
+}
