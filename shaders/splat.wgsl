@@ -64,60 +64,88 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     return Varyings(vec4f(clip, 0.0, 1.0), center, vec4f(splat_color(splat) * density, density));
 }
 
-// The most sheets one pass can feed, and the planes that bound them.
-const MAX_SHEETS: u32 = 8u;
-const MAX_PLANES: u32 = 9u;
+// The chord of a fragment's ray in a splat's support, and the row of the footprint table that belongs to it. Written
+// out, without loops and arrays: a compiler that does not unroll them keeps both in memory, at five times the time.
+struct Chord {
+    // Lattice length along the ray, from the middle of the chord, of the batch's first plane; and between planes.
+    first: f32,
+    step: f32,
+    // Half the chord's length, and 1 / its square.
+    half: f32,
+    inverse_half2: f32,
+    // World length per lattice length along the ray.
+    scale: f32,
+    a0: vec4f,
+    a1: vec4f,
+    a2: vec4f,
+    a3: vec4f,
+}
 
-// World length times kernel of the fragment's ray in each sheet: the sections of the splat.
-fn sections(position: vec2f, center: vec3f, sheets: u32) -> array<f32, MAX_SHEETS> {
-    var result: array<f32, MAX_SHEETS>;
-    let plane = position * frame.pixel_scale + frame.pixel_offset;
+fn coefficients(texel: u32, row: u32, f: f32) -> vec4f {
+    let a = textureLoad(footprint, vec2u(texel, row), 0);
+    let b = textureLoad(footprint, vec2u(texel, row + 1u), 0);
+    return a + (b - a) * f;
+}
+
+fn chord(in: Varyings) -> Chord {
+    let plane = in.position.xy * frame.pixel_scale + frame.pixel_offset;
     // The ray in lattice coordinates per unit of view depth, and its offset from the centre at the centre's depth.
     var ray = frame.grid_forward;
-    var offset = plane - center.xy;
+    var offset = plane - in.center.xy;
     var world_per_depth = 1.0;
     if PERSPECTIVE {
         ray += frame.grid_right * plane.x + frame.grid_up * plane.y;
-        offset = plane * (center.z + frame.eye_depth) - center.xy;
+        offset = plane * (in.center.z + frame.eye_depth) - in.center.xy;
         world_per_depth = sqrt(1.0 + dot(plane, plane));
     }
     let q = frame.grid_right * offset.x + frame.grid_up * offset.y;
     let grid_per_depth = length(ray);
     let along = dot(q, ray) / grid_per_depth;
-    let c2 = frame.radius * frame.radius - (dot(q, q) - along * along);
-    if c2 <= 0.0 {
-        return result;
+    let half2 = frame.radius * frame.radius - (dot(q, q) - along * along);
+    if half2 <= 0.0 {
+        discard;
     }
-    let c = sqrt(c2);
-    let inverse_c2 = 1.0 / c2;
-    let row = min(c2 / (frame.radius * frame.radius), 1.0) * f32(ROWS - 1u);
-    let low = min(u32(row), ROWS - 2u);
-    let f = row - f32(low);
-    var coefficients: array<vec4f, 4>;
-    for (var i = 0u; i < TEXELS; i++) {
-        let a = textureLoad(footprint, vec2u(i, low), 0);
-        let b = textureLoad(footprint, vec2u(i, low + 1u), 0);
-        coefficients[i] = a + (b - a) * f;
+    var c: Chord;
+    c.first = (batch.depth - in.center.z) * grid_per_depth + along;
+    c.step = frame.sheet_step * grid_per_depth;
+    c.half = sqrt(max(half2, 0.0));
+    c.inverse_half2 = 1.0 / half2;
+    c.scale = world_per_depth / grid_per_depth;
+    let s = clamp(half2 / (frame.radius * frame.radius), 0.0, 1.0) * f32(ROWS - 1u);
+    let row = min(u32(s), ROWS - 2u);
+    let f = s - f32(row);
+    c.a0 = coefficients(0u, row, f);
+    if TEXELS > 1u {
+        c.a1 = coefficients(1u, row, f);
     }
-    let first = (batch.depth - center.z) * grid_per_depth + along;
-    let step = frame.sheet_step * grid_per_depth;
-    let scale = world_per_depth / grid_per_depth;
-    var before = 0.0;
-    for (var plane_index = 0u; plane_index <= sheets; plane_index++) {
-        let t = clamp(first + f32(plane_index) * step, -c, c);
-        let v = max(1.0 - t * t * inverse_c2, 0.0);
-        var sum = 0.0;
-        for (var i = TEXELS; i > 0u; i--) {
-            let a = coefficients[i - 1u];
-            sum = (((sum * v + a.w) * v + a.z) * v + a.y) * v + a.x;
-        }
-        let here = sum * t * scale;
-        if plane_index > 0u {
-            result[plane_index - 1u] = here - before;
-        }
-        before = here;
+    if TEXELS > 2u {
+        c.a2 = coefficients(2u, row, f);
     }
-    return result;
+    if TEXELS > 3u {
+        c.a3 = coefficients(3u, row, f);
+    }
+    return c;
+}
+
+fn horner(sum: f32, q: f32, a: vec4f) -> f32 {
+    return (((sum * q + a.w) * q + a.z) * q + a.y) * q + a.x;
+}
+
+// World length times kernel from the middle of the chord to plane `k` of the batch: G(t) of the footprint table.
+fn cumulative(c: Chord, k: f32) -> f32 {
+    let t = clamp(c.first + k * c.step, -c.half, c.half);
+    let q = max(1.0 - t * t * c.inverse_half2, 0.0);
+    var sum = 0.0;
+    if TEXELS > 3u {
+        sum = horner(sum, q, c.a3);
+    }
+    if TEXELS > 2u {
+        sum = horner(sum, q, c.a2);
+    }
+    if TEXELS > 1u {
+        sum = horner(sum, q, c.a1);
+    }
+    return horner(sum, q, c.a0) * t * c.scale;
 }
 
 struct Sheets1 {
@@ -126,8 +154,8 @@ struct Sheets1 {
 
 @fragment
 fn feed_1(in: Varyings) -> Sheets1 {
-    let s = sections(in.position.xy, in.center, 1u);
-    return Sheets1(in.emission * s[0]);
+    let c = chord(in);
+    return Sheets1(in.emission * (cumulative(c, 1.0) - cumulative(c, 0.0)));
 }
 
 struct Sheets2 {
@@ -137,8 +165,9 @@ struct Sheets2 {
 
 @fragment
 fn feed_2(in: Varyings) -> Sheets2 {
-    let s = sections(in.position.xy, in.center, 2u);
-    return Sheets2(in.emission * s[0], in.emission * s[1]);
+    let c = chord(in);
+    let g1 = cumulative(c, 1.0);
+    return Sheets2(in.emission * (g1 - cumulative(c, 0.0)), in.emission * (cumulative(c, 2.0) - g1));
 }
 
 struct Sheets4 {
@@ -148,10 +177,17 @@ struct Sheets4 {
     @location(3) s3: vec4f,
 }
 
+// Sections of four consecutive sheets from the five planes around them.
+fn sections(c: Chord, first: f32) -> vec4f {
+    let g = vec4f(cumulative(c, first), cumulative(c, first + 1.0), cumulative(c, first + 2.0), cumulative(c, first + 3.0));
+    return vec4f(g.yzw, cumulative(c, first + 4.0)) - g;
+}
+
 @fragment
 fn feed_4(in: Varyings) -> Sheets4 {
-    let s = sections(in.position.xy, in.center, 4u);
-    return Sheets4(in.emission * s[0], in.emission * s[1], in.emission * s[2], in.emission * s[3]);
+    let s = sections(chord(in), 0.0);
+    let e = in.emission;
+    return Sheets4(e * s.x, e * s.y, e * s.z, e * s.w);
 }
 
 struct Sheets8 {
@@ -167,7 +203,9 @@ struct Sheets8 {
 
 @fragment
 fn feed_8(in: Varyings) -> Sheets8 {
-    let s = sections(in.position.xy, in.center, 8u);
+    let c = chord(in);
+    let s = sections(c, 0.0);
+    let r = sections(c, 4.0);
     let e = in.emission;
-    return Sheets8(e * s[0], e * s[1], e * s[2], e * s[3], e * s[4], e * s[5], e * s[6], e * s[7]);
+    return Sheets8(e * s.x, e * s.y, e * s.z, e * s.w, e * r.x, e * r.y, e * r.z, e * r.w);
 }
