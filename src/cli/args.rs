@@ -15,6 +15,7 @@ use super::parse;
 /// Renders voxel volumes by splatting on the GPU.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 100, after_help = MAIN_EXAMPLES, disable_help_subcommand = true)]
+#[command(subcommand_required = true, arg_required_else_help = false)]
 pub(super) struct Args {
     #[command(subcommand)]
     pub(super) command: Command,

@@ -91,7 +91,7 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
     // is not background. In MRI no tissue stands out so: about half of it lies on either side.
     let (over, foreground) = (statistics.fraction_above(levels.bright), statistics.fraction_above(levels.background));
     let share = 100.0 * over / foreground.max(f64::MIN_POSITIVE);
-    let saw = format!("{share:.1} % of the foreground is over {:.4}", levels.bright);
+    let saw = format!("{share:.1} % of the foreground is over {}", (levels.bright * 1e4).round() / 1e4);
     if share < 3.0 {
         say("angiography", format!("{saw}: thin and far brighter than the rest, as vessels with contrast agent are"))
     } else if share < 30.0 {
@@ -117,8 +117,10 @@ struct Levels {
     vessel: f64,
     /// Otsu's threshold of the values over `object`.
     bright: f64,
-    /// The 99.9th percentile of the values over `bright`: where ramps end.
+    /// The 99.9th percentile of the values over `bright`: where the hardest tissue ends.
     top: f64,
+    /// The 99.5th percentile of the foreground: where ramps over all of it end.
+    high: f64,
 }
 
 impl Levels {
@@ -127,8 +129,9 @@ impl Levels {
         let background = s.background()?.limit.min(object);
         let vessel = s.otsu(background).unwrap_or(object).max(object);
         let bright = s.otsu(object).unwrap_or(object);
-        let top = s.quantile_above(bright, 0.999);
-        Some(Self { hounsfield: is_hounsfield(s), background, object, vessel, bright, top })
+        let top = s.quantile_above(bright, 0.999).max(bright).max(vessel);
+        let high = s.quantile_above(background, 0.995).max(background);
+        Some(Self { hounsfield: is_hounsfield(s), background, object, vessel, bright, top, high })
     }
 }
 
@@ -151,9 +154,9 @@ fn ct_bone(l: &Levels) -> Vec<ControlPoint> {
         (150.0, 300.0, 700.0, 1800.0)
     } else {
         let at = |f| between(l.bright, l.top, f);
-        (between(l.object, l.bright, 0.75), at(0.05), at(0.45), l.top.max(l.bright))
+        (between(l.object, l.bright, 0.75), at(0.05), at(0.45), l.top)
     };
-    points(&[(clear, 0x40_1a0c, 0.0), (soft, 0x96_5a32, 0.08), (hard, 0xe0_c090, 0.4), (top, 0xff_faf0, 0.7)])
+    points(&[(clear, 0x40_1a0c, 0.0), (soft, 0x6e_3c1e, 0.05), (hard, 0xc8_a070, 0.2), (top, 0xff_faf0, 0.45)])
 }
 
 fn ct_soft_tissue(l: &Levels) -> Vec<ControlPoint> {
@@ -162,14 +165,14 @@ fn ct_soft_tissue(l: &Levels) -> Vec<ControlPoint> {
         (-300.0, -100.0, 50.0, 250.0, 1500.0)
     } else {
         let at = |f| between(l.background, l.bright, f);
-        (at(0.15), at(0.35), at(0.7), l.bright, l.top.max(l.bright))
+        (at(0.15), at(0.35), at(0.7), l.bright, l.top)
     };
     points(&[
         (air, 0x38_140a, 0.0),
-        (fat, 0x8c_4a2c, 0.006),
-        (flesh, 0xc8_6e4b, 0.012),
-        (bone, 0xdc_b482, 0.05),
-        (top, 0xff_faf0, 0.5),
+        (fat, 0x8c_4a2c, 0.008),
+        (flesh, 0xc8_6e4b, 0.015),
+        (bone, 0xdc_b482, 0.03),
+        (top, 0xff_faf0, 0.12),
     ])
 }
 
@@ -179,13 +182,13 @@ fn angiography(l: &Levels) -> Vec<ControlPoint> {
         (120.0, 200.0, 450.0, 1200.0)
     } else {
         let at = |f| between(l.vessel, l.top, f);
-        (at(0.0), at(0.06), at(0.3), l.top.max(l.vessel))
+        (at(0.0), at(0.06), at(0.3), l.top)
     };
     points(&[(clear, 0x30_0406, 0.0), (thin, 0x8c_1414, 0.05), (full, 0xe6_6432, 0.3), (top, 0xff_f5dc, 0.7)])
 }
 
 fn mri(l: &Levels) -> Vec<ControlPoint> {
-    let (mid, top) = (l.bright, l.top.max(l.bright));
+    let (mid, top) = (l.bright, l.top);
     points(&[
         (l.background, 0x0a_0a14, 0.0),
         (between(l.background, l.object, 0.6), 0x1e_1e32, 0.0),
@@ -197,7 +200,7 @@ fn mri(l: &Levels) -> Vec<ControlPoint> {
 }
 
 fn grayscale(l: &Levels) -> Vec<ControlPoint> {
-    points(&[(l.background, 0x00_0000, 0.0), (l.top.max(l.background), 0xff_ffff, 0.2)])
+    points(&[(l.background, 0x00_0000, 0.0), (l.high, 0xff_ffff, 0.2)])
 }
 
 /// A colour map over the values past the background, its opacity rising with the square of the way along it.
@@ -208,7 +211,7 @@ fn map(l: &Levels, color: impl Fn(f64) -> colorous::Color) -> Vec<ControlPoint> 
             let f = f64::from(i) / f64::from(STEPS);
             let colorous::Color { r, g, b } = color(f);
             ControlPoint {
-                value: between(l.background, l.top.max(l.background), f),
+                value: between(l.background, l.high, f),
                 color: [r, g, b].map(|c| f64::from(c) / 255.0),
                 opacity: 0.1 * f * f,
             }

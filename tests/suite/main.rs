@@ -1,4 +1,13 @@
 //! The integration tests, one binary: wgpu is linked once.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a failing helper fails its test; the lints' own exemption covers test functions only"
+)]
+
+mod cli;
+mod presets;
 mod readers;
 mod rendering;

@@ -1,0 +1,10 @@
+#!/bin/sh
+# Builds voxsplat and renders a built-in volume, installing first what is missing besides Rust.
+set -eu
+cd "$(dirname "$0")/.."
+# shellcheck source=tests/setup.sh
+. ./tests/setup.sh
+picture=target/first-picture.png
+cargo build --release --locked
+target/release/voxsplat render demo:shepp-logan:96 --azimuth 30 --elevation 20 --size 512 -o "$picture" --stats
+echo "The picture is in $picture"

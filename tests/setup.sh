@@ -1,0 +1,94 @@
+# Sourced by the scripts of this repository, from its root: installs what a fresh Debian or Ubuntu lacks besides Rust.
+# A C linker, and a Vulkan driver with its loader (Mesa's, which needs no GPU). Says nothing where nothing is missing.
+# shellcheck shell=sh
+
+setup_fail() {
+    echo "setup: $*" >&2
+    exit 1
+}
+
+# Whether C programs can be linked: a compiler without the C library's headers and start files is not enough.
+setup_can_link() {
+    command -v cc >/dev/null 2>&1 || return 1
+    setup_dir=$(mktemp -d) || return 1
+    echo '#include <stdlib.h>
+int main(void) { return EXIT_SUCCESS; }' >"$setup_dir/try.c"
+    setup_rc=0
+    cc "$setup_dir/try.c" -o "$setup_dir/try" >/dev/null 2>&1 || setup_rc=1
+    rm -rf "$setup_dir"
+    return $setup_rc
+}
+
+# Whether a driver manifest names a library that is there: by path, or by a name that the dynamic linker knows.
+setup_icd_works() {
+    [ -f "$1" ] || return 1
+    setup_lib=$(sed -n 's/.*"library_path"[[:space:]]*:[[:space:]]*"\([^"]*\)".*/\1/p' "$1" | head -n 1)
+    case $setup_lib in
+        '') return 1 ;;
+        /*) [ -f "$setup_lib" ] ;;
+        */*) [ -f "$(dirname "$1")/$setup_lib" ] ;;
+        *) printf '%s\n' "$setup_libraries" | grep -qF "$setup_lib" ;;
+    esac
+}
+
+# Whether Vulkan's loader and at least one driver are there. macOS and Windows render without either.
+setup_has_vulkan() {
+    [ "$(uname -s)" = Linux ] || return 0
+    # ldconfig lies outside the PATH of ordinary users.
+    setup_libraries=$(PATH="$PATH:/usr/sbin:/sbin" ldconfig -p 2>/dev/null)
+    printf '%s\n' "$setup_libraries" | grep -q 'libvulkan\.so\.1' || return 1
+    setup_named=${VK_DRIVER_FILES:-${VK_ICD_FILENAMES:-}}
+    if [ -n "$setup_named" ]; then
+        # Named drivers replace all others, and installing one would not help: a bad name is for the user to mend.
+        setup_ifs=$IFS
+        IFS=:
+        for setup_icd in $setup_named; do
+            if setup_icd_works "$setup_icd"; then
+                IFS=$setup_ifs
+                return 0
+            fi
+        done
+        IFS=$setup_ifs
+        setup_fail "VK_DRIVER_FILES or VK_ICD_FILENAMES names no driver that works: $setup_named"
+    fi
+    for setup_icd in /usr/share/vulkan/icd.d/*.json /usr/local/share/vulkan/icd.d/*.json \
+        /etc/vulkan/icd.d/*.json /usr/local/etc/vulkan/icd.d/*.json \
+        "${XDG_DATA_HOME:-$HOME/.local/share}"/vulkan/icd.d/*.json; do
+        if setup_icd_works "$setup_icd"; then return 0; fi
+    done
+    return 1
+}
+
+setup_install() {
+    command -v apt-get >/dev/null 2>&1 ||
+        setup_fail "missing: $*; without apt-get they have to be installed by hand"
+    if [ "$(id -u)" -eq 0 ]; then
+        setup_root='env'
+    elif command -v sudo >/dev/null 2>&1; then
+        setup_root='sudo env'
+    else
+        setup_fail "missing: $*; run as root: apt-get update && apt-get install --no-install-recommends $*"
+    fi
+    echo "setup: installing $*" >&2
+    # Lists of a fresh image are empty or old.
+    $setup_root apt-get -qq update || setup_fail "apt-get update failed"
+    $setup_root DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends "$@" >/dev/null ||
+        setup_fail "apt-get could not install $*"
+}
+
+# rustup adds its directory to the PATH of new shells only.
+if ! command -v cargo >/dev/null 2>&1 && [ -f "${CARGO_HOME:-$HOME/.cargo}/env" ]; then
+    # shellcheck source=/dev/null
+    . "${CARGO_HOME:-$HOME/.cargo}/env"
+fi
+command -v cargo >/dev/null 2>&1 || setup_fail "Rust is missing: install it from https://rustup.rs"
+
+setup_packages=
+setup_can_link || setup_packages="gcc libc6-dev"
+setup_has_vulkan || setup_packages="$setup_packages libvulkan1 mesa-vulkan-drivers"
+if [ -n "$setup_packages" ]; then
+    # shellcheck disable=SC2086 # one word per package
+    setup_install $setup_packages
+    setup_can_link || setup_fail "C programs still do not link"
+    setup_has_vulkan || setup_fail "there is still no Vulkan driver"
+fi

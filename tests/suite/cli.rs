@@ -1,0 +1,239 @@
+//! The program itself, run in a temporary directory.
+
+use std::io::Read;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use tempfile::TempDir;
+use voxsplat::image::{Background, Image};
+
+/// Runs the program in `dir`; arguments are parted by blanks.
+fn voxsplat(dir: &Path, arguments: &str) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
+    command.current_dir(dir).args(arguments.split_whitespace()).output().unwrap()
+}
+
+fn folder() -> TempDir {
+    tempfile::tempdir().unwrap()
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+/// The one line that the program said, without its name; other lines are the driver's.
+fn complaint(output: &Output) -> String {
+    let stderr = String::from_utf8(output.stderr.clone()).unwrap();
+    let own: Vec<&str> = stderr.lines().filter_map(|l| l.strip_prefix("voxsplat: ")).collect();
+    assert_eq!(own.len(), 1, "expected one line: {stderr}");
+    assert!(output.stdout.is_empty() && !stderr.contains("panicked"), "{stderr}");
+    own[0].to_owned()
+}
+
+fn refused(arguments: &str, code: i32, reason: &str) {
+    let dir = folder();
+    let output = voxsplat(dir.path(), arguments);
+    let said = complaint(&output);
+    assert_eq!(output.status.code(), Some(code), "{arguments}: {said}");
+    assert!(said.contains(reason), "{arguments}: {said}");
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "{arguments} left a file");
+}
+
+/// 4 x 3 x 2 samples of u8 from 0 to 23 in `ramp.raw`.
+fn ramp(dir: &Path) -> String {
+    std::fs::write(dir.join("ramp.raw"), (0..24).collect::<Vec<u8>>()).unwrap();
+    "ramp.raw --dims 4,3,2 --type u8".to_owned()
+}
+
+#[test]
+fn wrong_arguments_are_one_line_and_exit_2() {
+    refused("", 2, "subcommand");
+    refused("paint", 2, "unrecognized subcommand 'paint'");
+    refused("render", 2, "not provided");
+    refused("render demo:sphere", 2, "--output");
+    refused("render demo:sphere -o a.png --azimut 3", 2, "'--azimuth'");
+    refused("render demo:sphere -o a.png --azimuth left", 2, "expected a finite number");
+    refused("render demo:sphere -o a.png --azimuth nan", 2, "expected a finite number");
+    refused("render demo:sphere -o a.png --size 0", 2, "--size: 0x0");
+    refused("render demo:sphere -o a.png --size 9x99999", 2, "--size: 9x99999");
+    refused("render demo:sphere -o a.png --size big", 2, "WIDTHxHEIGHT");
+    refused("render demo:sphere -o a.png --zoom -1", 2, "over 0");
+    refused("render demo:sphere -o a.png --fov 30", 2, "--projection perspective");
+    refused("render demo:sphere -o a.png --projection perspective --fov 180", 2, "fov is 180");
+    refused("render demo:sphere -o a.png --direction 0,0,-1", 2, "parallel to up");
+    refused("render demo:sphere -o a.png --direction 0,0,0", 2, "length over 0");
+    refused("render demo:sphere -o a.png --direction 1,0,0 --azimuth 3", 2, "cannot be used with");
+    refused("render demo:sphere -o a.png --kernel box", 2, "kaiser-bessel");
+    refused("render demo:sphere -o a.png --kernel gaussian:0,2", 2, "sigma is 0");
+    refused("render demo:sphere -o a.png --sheet-thickness 100", 2, "--sheet-thickness: 100");
+    refused("render demo:sphere -o a.png --max-error 1", 2, "--max-error: 1");
+    refused("render demo:sphere -o a.png --sheets-per-pass 9", 2, "--sheets-per-pass: 9");
+    refused("render demo:sphere -o a.png --precision f64", 2, "f16, f32");
+    refused("render demo:sphere -o a.png --painter tiles", 2, "quads");
+    refused("render demo:sphere -o a.png --background beige-ish", 2, "transparent");
+    refused("render demo:sphere -o a.png --transfer ct-wood", 2, "ct-bone");
+    refused("render demo:sphere -o a.png --spacing 1,0,1", 2, "lengths over 0");
+    refused("render demo:sphere -o a.png --dims 1,2", 2, "whole numbers");
+    refused("render demo:sphere -o a.png --type u12", 2, "u16");
+    refused("compare a.png b.png --tolerance -1", 2, "0 or over");
+}
+
+#[test]
+fn outputs_are_refused_before_the_work() {
+    // The volume does not exist: had it been looked for, the message would be another.
+    refused("render missing.nrrd -o a.jpg", 2, ".png or .exr");
+    refused("render missing.nrrd -o no/such/a.png", 2, "no directory");
+    refused("compare missing.png missing.png --difference a.jpg", 2, ".png or .exr");
+}
+
+#[test]
+fn failures_are_one_line_and_exit_1() {
+    refused("render missing.nrrd -o a.png", 1, "cannot read missing.nrrd");
+    refused("render demo:nothing -o a.png", 1, "there is no demo:nothing");
+    refused("render demo:sphere -o a.png --transfer missing.json", 1, "cannot read missing.json");
+    refused("info missing.nrrd", 1, "cannot read missing.nrrd");
+    refused("info .", 1, "directory");
+    refused("compare missing.png missing.png", 1, "cannot read missing.png");
+    refused("render demo:sphere:16 -o a.png --adapter no-such-adapter", 1, "no-such-adapter");
+}
+
+#[test]
+fn a_bad_transfer_file_is_named_with_its_line() {
+    let dir = folder();
+    let text = "{\"points\": [\n {\"value\": 0, \"color\": \"#000000\", \"opacity\": 2}]}";
+    std::fs::write(dir.path().join("t.json"), text).unwrap();
+    let output = voxsplat(dir.path(), "render demo:sphere -o a.png --transfer t.json");
+    assert_eq!(output.status.code(), Some(1));
+    let said = complaint(&output);
+    assert!(said.starts_with("t.json: point 1 (line 2): "), "{said}");
+}
+
+#[test]
+fn help_and_version_go_to_stdout() {
+    let dir = folder();
+    for arguments in ["--help", "render --help", "info --help", "compare --help", "devices --help", "--version"] {
+        let output = voxsplat(dir.path(), arguments);
+        assert_eq!(output.status.code(), Some(0), "{arguments}");
+        assert!(output.stderr.is_empty() && !output.stdout.is_empty(), "{arguments}");
+    }
+    let help = stdout(&voxsplat(dir.path(), "render --help"));
+    for part in ["Examples:", "View:", "Model:", "--sheet-thickness", "degrees", "ct-soft-tissue"] {
+        assert!(help.contains(part), "{part}");
+    }
+}
+
+#[test]
+fn info_tells_what_a_raw_file_holds_and_how_to_render_it() {
+    let dir = folder();
+    let input = ramp(dir.path());
+    let text = stdout(&voxsplat(dir.path(), &format!("info {input} --spacing 1,1,2.5")));
+    for part in [
+        "4 x 3 x 2 = 24 voxels",
+        "u8, 24 bytes",
+        "1 x 1 x 2.5",
+        "4 x 3 x 5 world units",
+        "not stated",
+        "0 to 23",
+        "11.5, standard deviation 6.9222",
+        "voxsplat render ramp.raw --dims 4,3,2 --type u8 --spacing 1,1,2.5 --transfer ",
+        "-o ramp.png",
+    ] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+}
+
+#[test]
+fn info_in_json_is_one_object() {
+    let dir = folder();
+    let input = ramp(dir.path());
+    let output = voxsplat(dir.path(), &format!("info {input} --json"));
+    assert_eq!(output.status.code(), Some(0));
+    let value: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(value["dims"], serde_json::json!([4, 3, 2]));
+    assert_eq!(value["type"], "u8");
+    assert_eq!(value["mean"], 11.5);
+    assert_eq!(value["histogram"].as_array().unwrap().len(), 24);
+    assert!(value["orientation"].is_null());
+}
+
+#[test]
+fn the_command_that_info_gives_is_quoted_for_a_shell() {
+    let dir = folder();
+    std::fs::write(dir.path().join("my scan's.raw"), [0, 1, 2, 3, 4, 5, 6, 7]).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
+    let output = command.current_dir(dir.path()).args(["info", "my scan's.raw", "--dims", "2,2,2", "--type", "u8"]);
+    let text = stdout(&output.output().unwrap());
+    assert!(text.contains(r"voxsplat render 'my scan'\''s.raw' --dims 2,2,2 --type u8"), "{text}");
+}
+
+#[test]
+fn a_closed_pipe_is_no_failure() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
+    let mut child = command
+        .args(["info", "demo:sphere:64", "--json"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let mut said = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+    assert!(child.wait().unwrap().success() && said.is_empty(), "{said}");
+}
+
+#[test]
+fn compare_passes_within_the_tolerance_and_fails_past_it() {
+    let dir = folder();
+    let pixels = vec![[0.25, 0.5, 0.75, 1.0]; 12];
+    let mut other = Image::new(4, 3, pixels).unwrap();
+    other.save(&dir.path().join("a.exr"), Background::Transparent).unwrap();
+    other.pixels_mut()[7][1] += 0.1;
+    other.save(&dir.path().join("b.exr"), Background::Transparent).unwrap();
+
+    let equal = voxsplat(dir.path(), "compare a.exr a.exr");
+    assert!(equal.status.success() && equal.stderr.is_empty());
+    assert!(voxsplat(dir.path(), "compare a.exr b.exr --tolerance 0.2").status.success());
+
+    let apart = voxsplat(dir.path(), "compare a.exr b.exr --tolerance 0.05 --json --difference d.png");
+    assert_eq!(apart.status.code(), Some(1));
+    let value: serde_json::Value = serde_json::from_slice(&apart.stdout).unwrap();
+    assert_eq!(value["outliers"], 1);
+    let said = String::from_utf8(apart.stderr).unwrap();
+    assert_eq!(said.lines().count(), 1);
+    assert!(said.contains("differ by more than 0.05 in 1 pixels"), "{said}");
+    let difference = Image::load(&dir.path().join("d.png")).unwrap();
+    assert!(difference.pixels()[7][1] > 0.99 && difference.pixels()[6][1] == 0.0);
+}
+
+#[test]
+fn the_reference_renders_without_a_device() {
+    let dir = folder();
+    let input = ramp(dir.path());
+    let arguments = format!("render {input} -o r.exr --reference --size 8 --azimuth -30 --transfer gray --stats json");
+    let output = voxsplat(dir.path(), &arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let value: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(value["painter"], "reference");
+    let image = Image::load(&dir.path().join("r.exr")).unwrap();
+    assert_eq!((image.width(), image.height()), (8, 8));
+    assert!(image.pixels().iter().any(|p| p[3] > 0.0));
+}
+
+#[test]
+fn a_file_without_transfer_says_what_was_taken() {
+    let dir = folder();
+    let input = ramp(dir.path());
+    let output = voxsplat(dir.path(), &format!("render {input} -o r.png --reference --size 8"));
+    assert!(output.status.success());
+    assert!(complaint(&output).starts_with("note: --transfer "));
+    let own = voxsplat(dir.path(), "render demo:sphere:16 -o s.png --reference --size 8");
+    assert!(own.status.success() && own.stderr.is_empty());
+}
+
+#[test]
+fn negative_numbers_are_values() {
+    let dir = folder();
+    let view = "--direction -1,-2,-.5 --roll -10 --target -1,0,1 --up -0.1,0,1";
+    let output = voxsplat(dir.path(), &format!("render demo:sphere:16 -o s.png --reference --size 8 {view}"));
+    assert!(output.status.success(), "{}", complaint(&output));
+}
