@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::gpu::classify::{Classifier, Store};
 pub use crate::gpu::context::AdapterInfo;
 use crate::gpu::context::{self, Context};
-use crate::gpu::plan::{Plan, Region};
+use crate::gpu::plan::{Plan, Region, Target};
 use crate::gpu::quads::{Drawn, Quads, QuadsKey, footprint_texture};
 use crate::gpu::scan::Scan;
 use crate::gpu::sort::Sorter;
@@ -157,7 +157,9 @@ impl Renderer {
                     let footprint = footprint_texture(&self.context, &table);
                     for region in self.regions(reach) {
                         covered += u64::from(region.width) * u64::from(region.height);
-                        let pixels = self.region(scene, &plan, &quads, &mut timing, region, &footprint, &mut drawn)?;
+                        let (pixels, done) = self.region(scene, &plan, &quads, &mut timing, region, &footprint)?;
+                        drawn.passes += done.passes;
+                        drawn.quads += done.quads;
                         let rows = image.pixels_mut().chunks_exact_mut(width as usize).skip(region.y as usize);
                         for (row, source) in rows.zip(pixels.chunks_exact(region.width as usize)) {
                             row[region.x as usize..][..source.len()].copy_from_slice(source);
@@ -199,7 +201,6 @@ impl Renderer {
     }
 
     /// One region of the picture: sort, splat, composite, resolve.
-    #[expect(clippy::too_many_arguments, reason = "the parts of a frame, each a different thing")]
     fn region(
         &self,
         scene: &Scene,
@@ -208,14 +209,14 @@ impl Renderer {
         timing: &mut Timing,
         region: Region,
         footprint: &wgpu::TextureView,
-        drawn: &mut Drawn,
-    ) -> Result<Vec<[f32; 4]>> {
+    ) -> Result<(Vec<[f32; 4]>, Drawn)> {
         let context = &self.context;
         let frame = context.upload("frame", bytemuck::bytes_of(&plan.frame(region)), wgpu::BufferUsages::UNIFORM)?;
+        let target = Target { plan, region, frame: &frame };
         let scan = self.scan.get_or_init(|| Scan::new(context));
         let sorter = self.sorter.get_or_init(|| Sorter::new(context));
-        let spans = sorter.run(context, scan, timing, plan, &frame, quads.sheets_per_pass(), &scene.stores)?;
-        quads.run(context, timing, plan, region, &frame, footprint, &spans, drawn)
+        let spans = sorter.run(context, scan, timing, target, quads.sheets_per_pass(), &scene.stores)?;
+        quads.run(context, timing, target, footprint, &spans)
     }
 
     fn quads(&self, key: QuadsKey) -> Arc<Quads> {

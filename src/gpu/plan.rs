@@ -16,6 +16,15 @@ pub(crate) struct Region {
     pub(crate) height: u32,
 }
 
+/// A region of a picture and the uniforms to render it with, on the device.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Target<'a> {
+    pub(crate) plan: &'a Plan,
+    pub(crate) region: Region,
+    /// [`Plan::frame`] of the region.
+    pub(crate) frame: &'a wgpu::Buffer,
+}
+
 /// The geometry of one picture, in f64: sheets, projection, and the part of the image that the volume can reach.
 #[derive(Debug, Clone)]
 pub(crate) struct Plan {

@@ -4,7 +4,7 @@
 use super::context::Context;
 use super::layout::Batch;
 use super::pipeline::{Slot, bind, compute, layout, module, pipeline_layout, specialised};
-use super::plan::{Plan, Region};
+use super::plan::Target;
 use super::shaders;
 use super::sort::Span;
 use super::timing::Timing;
@@ -96,13 +96,11 @@ impl Quads {
         &self,
         context: &Context,
         timing: &mut Timing,
-        plan: &Plan,
-        region: Region,
-        frame: &wgpu::Buffer,
+        Target { plan, region, frame }: Target<'_>,
         footprint: &wgpu::TextureView,
         spans: &[Span<'_>],
-        drawn: &mut Drawn,
-    ) -> Result<Vec<[f32; 4]>> {
+    ) -> Result<(Vec<[f32; 4]>, Drawn)> {
+        let mut drawn = Drawn::default();
         let sheets = self.key.sheets_per_pass;
         let batches = plan.sheets().div_ceil(sheets);
         let texture = context.texture(&wgpu::TextureDescriptor {
@@ -152,7 +150,7 @@ impl Quads {
                     &[
                         frame.as_entire_binding(),
                         super::pipeline::part(&depths, 0, 16),
-                        span.splats(),
+                        span.piece.splats(),
                         wgpu::BindingResource::TextureView(footprint),
                     ],
                 )
@@ -231,7 +229,8 @@ impl Quads {
         encoder.copy_buffer_to_buffer(&pixels, 0, &staging, 0, bytes);
         context.queue.submit([encoder.finish()]);
         let data = context.read("splat", &staging)?;
-        Ok(data[..bytes as usize].chunks_exact(16).map(bytemuck::pod_read_unaligned).collect())
+        let rgba = data[..bytes as usize].chunks_exact(16).map(bytemuck::pod_read_unaligned).collect();
+        Ok((rgba, drawn))
     }
 }
 

@@ -4,7 +4,7 @@ use super::classify::Store;
 use super::context::Context;
 use super::layout::Sort;
 use super::pipeline::{Slot, bind, compute, layout, module, part};
-use super::plan::Plan;
+use super::plan::Target;
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
 use super::timing::Timing;
@@ -23,23 +23,29 @@ pub(crate) struct Sorter {
     emit: wgpu::ComputePipeline,
 }
 
-/// A run of splats of one store, sorted on its own: small enough that its entries fit into one binding.
-pub(crate) struct Span<'a> {
-    pub(crate) store: &'a Store,
+/// A run of splats of one store.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Piece<'a> {
+    store: &'a Store,
     /// First splat, a multiple of what storage bindings align to.
-    pub(crate) first: u32,
-    pub(crate) count: u32,
-    /// Indices of splats, relative to `first`, by batch.
+    first: u32,
+    count: u32,
+}
+
+impl<'a> Piece<'a> {
+    /// The splats as a binding.
+    pub(crate) fn splats(&self) -> wgpu::BindingResource<'a> {
+        part(&self.store.splats, u64::from(self.first) * 16, u64::from(self.count) * 16)
+    }
+}
+
+/// A piece sorted on its own, small enough that its entries fit into one binding.
+pub(crate) struct Span<'a> {
+    pub(crate) piece: Piece<'a>,
+    /// Indices of splats in the piece, by batch.
     pub(crate) entries: wgpu::Buffer,
     /// Where each batch starts in `entries`; one more ends the last.
     pub(crate) starts: Vec<u32>,
-}
-
-impl Span<'_> {
-    /// The span's splats as a binding.
-    pub(crate) fn splats(&self) -> wgpu::BindingResource<'_> {
-        part(&self.store.splats, u64::from(self.first) * 16, u64::from(self.count) * 16)
-    }
 }
 
 impl Sorter {
@@ -51,44 +57,40 @@ impl Sorter {
         Self { count: pipeline("count"), mark: pipeline("mark"), emit: pipeline("emit"), layout }
     }
 
-    /// Sorts the splats of all stores. `frame` holds the uniforms of the frame.
+    /// Sorts the splats of all stores into batches of `sheets` sheets.
     pub(crate) fn run<'a>(
         &self,
         context: &Context,
         scan: &Scan,
         timing: &mut Timing,
-        plan: &Plan,
-        frame: &wgpu::Buffer,
-        sheets_per_batch: u32,
+        target: Target<'_>,
+        sheets: u32,
         stores: &'a [Store],
     ) -> Result<Vec<Span<'a>>> {
         let binding = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size);
         // Offsets of storage bindings are multiples of at most 256 bytes: 16 splats.
-        let most = (binding / 4 / plan.batches_per_splat(sheets_per_batch) / 16 * 16).max(16);
+        let most = (binding / 4 / target.plan.batches_per_splat(sheets) / 16 * 16).max(16);
         let mut spans = Vec::new();
         for store in stores {
             for first in (0..u64::from(store.count)).step_by(most as usize) {
                 let count = most.min(u64::from(store.count) - first);
-                let (first, count) = (first as u32, count as u32);
-                spans.push(self.span(context, scan, timing, plan, frame, sheets_per_batch, store, first, count)?);
+                let piece = Piece { store, first: first as u32, count: count as u32 };
+                spans.push(self.span(context, scan, timing, target, sheets, piece)?);
             }
         }
         Ok(spans)
     }
 
-    #[expect(clippy::too_many_arguments, reason = "one call, and each argument is a different thing")]
     fn span<'a>(
         &self,
         context: &Context,
         scan: &Scan,
         timing: &mut Timing,
-        plan: &Plan,
-        frame: &wgpu::Buffer,
+        Target { plan, frame, .. }: Target<'_>,
         sheets_per_batch: u32,
-        store: &'a Store,
-        first: u32,
-        count: u32,
+        piece: Piece<'a>,
     ) -> Result<Span<'a>> {
+        let count = piece.count;
         let batches = plan.sheets().div_ceil(sheets_per_batch);
         let counters_per_block = u64::from(batches);
         let block = u64::from(count).div_ceil((MAX_COUNTERS / counters_per_block.max(1)).max(1)).max(MIN_BLOCK);
@@ -115,7 +117,7 @@ impl Sorter {
                 &[
                     frame.as_entire_binding(),
                     parameters.as_entire_binding(),
-                    part(&store.splats, u64::from(first) * 16, u64::from(count) * 16),
+                    piece.splats(),
                     places.as_entire_binding(),
                     starts.as_entire_binding(),
                     entries.as_entire_binding(),
@@ -158,6 +160,6 @@ impl Sorter {
             pass.dispatch_workgroups(x, y, 1);
         }
         context.queue.submit([encoder.finish()]);
-        Ok(Span { store, first, count, entries, starts })
+        Ok(Span { piece, entries, starts })
     }
 }

@@ -5,7 +5,7 @@ use glam::{DAffine3, DMat3, DVec2, DVec3};
 use super::classify::{Classifier, Store};
 use super::context::Context;
 use super::layout::Splat;
-use super::plan::{Plan, Region};
+use super::plan::{Plan, Region, Target};
 use super::scan::Scan;
 use super::sort::Sorter;
 use super::timing::Timing;
@@ -165,12 +165,14 @@ fn sort_matches_its_twin() {
         for thickness in [0.3, 1.0, 5.0] {
             let settings = Settings { sheet_thickness: thickness, ..settings.clone() };
             let plan = Plan::new(&camera, volume.grid(), &settings, 1.0, 1.0);
-            let frame = plan.frame(Region { x: 0, y: 0, width: 24, height: 20 });
+            let region = Region { x: 0, y: 0, width: 24, height: 20 };
+            let frame = plan.frame(region);
             let uniform = wgpu::BufferUsages::UNIFORM;
             let buffer = context.upload("test.frame", bytemuck::bytes_of(&frame), uniform).unwrap();
+            let target = Target { plan: &plan, region, frame: &buffer };
             for sheets in [1, 4] {
                 let mut timing = Timing::new(&context);
-                let spans = sorter.run(&context, &scan, &mut timing, &plan, &buffer, sheets, &stores).unwrap();
+                let spans = sorter.run(&context, &scan, &mut timing, target, sheets, &stores).unwrap();
                 let [span] = spans.as_slice() else { panic!("{} spans", spans.len()) };
                 let total = u64::from(*span.starts.last().unwrap());
                 let entries = words(&download(&context, &span.entries, total * 4));

@@ -34,9 +34,9 @@ impl LatticeRay {
     /// The part of the ray inside a lattice box grown by `margin`, if any.
     fn clip(&self, bounds: &[[i64; 2]; 3], margin: f64) -> Option<(f64, f64)> {
         let (mut from, mut to) = (self.start, f64::INFINITY);
-        for axis in 0..3 {
+        for (axis, bound) in bounds.iter().enumerate() {
             let (origin, slope) = (self.origin[axis], self.direction[axis]);
-            let (low, high) = (bounds[axis][0] as f64 - margin, bounds[axis][1] as f64 + margin);
+            let (low, high) = (bound[0] as f64 - margin, bound[1] as f64 + margin);
             if slope == 0.0 {
                 if !(low..=high).contains(&origin) {
                     return None;
