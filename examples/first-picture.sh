@@ -7,4 +7,4 @@ cd "$(dirname "$0")/.."
 picture=target/first-picture.png
 cargo build --release --locked
 target/release/voxsplat render demo:shepp-logan:96 --azimuth 30 --elevation 20 --size 512 -o "$picture" --stats
-echo "The picture is in $picture"
+echo "The picture is in $PWD/$picture"

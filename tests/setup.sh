@@ -71,9 +71,15 @@ setup_install() {
     fi
     echo "setup: installing $*" >&2
     # Lists of a fresh image are empty or old.
-    $setup_root apt-get -qq update || setup_fail "apt-get update failed"
-    $setup_root DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends "$@" >/dev/null ||
+    setup_log=$(mktemp) || setup_fail "no temporary file can be made"
+    if ! { $setup_root apt-get -qq update &&
+        $setup_root DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends "$@"; } \
+        >"$setup_log" 2>&1; then
+        cat "$setup_log" >&2
+        rm -f "$setup_log"
         setup_fail "apt-get could not install $*"
+    fi
+    rm -f "$setup_log"
 }
 
 # rustup adds its directory to the PATH of new shells only.
