@@ -2,10 +2,11 @@
 
 use voxsplat::renderer::adapters;
 
+use super::stderr::silenced;
 use super::{Failure, output};
 
 pub(super) fn run() -> Result<(), Failure> {
-    let adapters = adapters();
+    let adapters = silenced(adapters);
     if adapters.is_empty() {
         return Err(Failure::Failed(
             "no graphics adapter: install a Vulkan driver, or mesa-vulkan-drivers for rendering without a GPU"

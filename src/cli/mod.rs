@@ -13,6 +13,7 @@ mod output;
 mod parse;
 mod progress;
 mod render;
+mod stderr;
 
 use std::process::ExitCode;
 

@@ -14,6 +14,7 @@ use voxsplat::volume::{self, Statistics, Volume};
 use super::args::StatsFormat;
 use super::job::{Engine, RenderJob, Transfer};
 use super::progress::Progress;
+use super::stderr::silenced;
 use super::{Failure, output};
 
 /// Times of the stages on the host, in the order they ran.
@@ -49,7 +50,7 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
     let save = |image: &Image, stages: &mut Stages| stages.time("encode", || image.save(&job.output, job.background));
     match job.engine {
         Engine::Quads { adapter } => {
-            let renderer = stages.time("device", || Renderer::new(&RendererOptions { adapter }))?;
+            let renderer = stages.time("device", || silenced(|| Renderer::new(&RendererOptions { adapter })))?;
             let scene = {
                 let progress = Progress::bar("preparing");
                 renderer.prepare(&volume, &transfer, &|f| progress.set(f))?
