@@ -1,98 +1,126 @@
-//! tmp
-use glam::*;
-use voxsplat::camera::*;
-use voxsplat::kernel::*;
+//! Error and time of the splatting renderer against the f64 reference: the tables of ARCHITECTURE.md.
+//!
+//! `cargo run --release --example accuracy [SIZE [PIXELS]]`: the built-in volumes at SIZE^3 voxels (64) in pictures of
+//! PIXELS^2 (128), from three oblique views each, parallel and perspective. Errors are the largest of any pixel.
+
+#![allow(clippy::print_stdout, reason = "printing its tables is what this program is for")]
+
+use std::error::Error;
+use std::time::Instant;
+
+use glam::{DAffine3, DMat3, DVec3};
+use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::image::Image;
+use voxsplat::kernel::Kernel;
 use voxsplat::reference;
-use voxsplat::renderer::*;
-use voxsplat::settings::*;
-use voxsplat::transfer::*;
-use voxsplat::volume::*;
-fn main() {
-    let n = std::env::args().nth(1).map_or(32, |s| s.parse().unwrap());
-    let px = std::env::args().nth(2).map_or(64, |s| s.parse().unwrap());
-    let mut v = Vec::new();
-    for z in 0..n {
-        for y in 0..n {
-            for x in 0..n {
-                let f = |i: u32| (i as f64 + 0.5) / n as f64 * 2.0 - 1.0;
-                let (x, y, z) = (f(x), f(y), f(z));
-                let r = (x * x + y * y).sqrt();
-                let pr = (2.0 * std::f64::consts::PI * 6.0 * (std::f64::consts::PI * r / 2.0).cos()).cos();
-                v.push(((1.0 - (std::f64::consts::PI * z / 2.0).sin() + 0.25 * (1.0 + pr)) / 2.5) as f32);
-            }
-        }
-    }
-    let aniso = std::env::var("ANISO").is_ok();
-    let grid = if aniso {
-        Grid::new(
-            [n; 3],
-            DAffine3::from_mat3(DMat3::from_cols(DVec3::X, DVec3::new(0.3, 1.0, 0.1), DVec3::new(0.2, -0.4, 4.0))),
-        )
-        .unwrap()
-    } else {
-        Grid::axis_parallel([n; 3], [1.0; 3]).unwrap()
-    };
-    let volume = Volume::new(grid, Samples::F32(v)).unwrap();
-    let p = |value, color, opacity| ControlPoint { value, color, opacity };
-    let tf = TransferFunction::new(
-        vec![
-            p(0.15, [0.1, 0.2, 0.8], 0.0),
-            p(0.35, [0.1, 0.5, 0.9], 0.02),
-            p(0.55, [0.9, 0.8, 0.2], 0.06),
-            p(0.8, [1.0, 0.3, 0.1], 0.15),
-            p(1.0, [1.0; 3], 0.3),
-        ],
-        None,
-    )
-    .unwrap();
-    let renderer = Renderer::new(&RendererOptions::default()).unwrap();
-    let scene = renderer.prepare(&volume, &tf, &|_| ()).unwrap();
-    for kernel in [Kernel::default(), Kernel::KAISER_BESSEL] {
-        let truth = reference::Scene::new(&volume, &tf, &kernel, Normalization::Unit).unwrap();
-        for projection in [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 40.0 }] {
-            let view = View { azimuth: 33.0, elevation: 21.0, projection, ..View::default() };
-            let camera = Camera::new(&view, volume.grid(), [px, px]).unwrap();
-            let t = std::time::Instant::now();
-            let want = truth.render(&camera, [px, px], &|_| ()).unwrap();
-            println!("{kernel:?} {projection:?} reference {:.2?}", t.elapsed());
-            for precision in [Precision::F16, Precision::F32] {
-                for thickness in [0.5, 1.0, 2.0] {
-                    for k in [1, 2, 4, 8] {
-                        let settings = Settings {
-                            size: [px, px],
-                            precision: Some(precision),
-                            kernel,
-                            sheet_thickness: thickness,
-                            sheets_per_pass: Some(k),
-                            ..Settings::default()
-                        };
-                        let t = std::time::Instant::now();
-                        let got = renderer.render(&scene, &camera, &settings).unwrap();
-                        let (mut a, mut c, mut worst) = (0.0_f32, 0.0_f32, 0);
-                        for (i, (x, y)) in got.image.pixels().iter().zip(want.pixels()).enumerate() {
-                            if (x[3] - y[3]).abs() > a {
-                                worst = i;
-                            }
-                            a = a.max((x[3] - y[3]).abs());
-                            for j in 0..3 {
-                                c = c.max((x[j] - y[j]).abs());
-                            }
-                        }
-                        println!(
-                            "{precision:?} D {thickness} x{k} alpha {a:.1e} colour {c:.1e} q/s {:.2} {:.0?} worst {} {} {:?} {:?}",
-                            got.stats.quads_per_splat,
-                            t.elapsed(),
-                            worst as u32 % px,
-                            worst as u32 / px,
-                            got.image.pixels()[worst][3],
-                            want.pixels()[worst][3]
-                        );
-                        if std::env::var("STATS").is_ok() {
-                            println!("{}", got.stats);
-                        }
-                    }
+use voxsplat::renderer::{Renderer, RendererOptions};
+use voxsplat::report::compare;
+use voxsplat::settings::{Precision, Settings};
+use voxsplat::transfer::TransferFunction;
+use voxsplat::volume::{Grid, LoadOptions, Volume, demo_transfer, demos, load};
+
+const VIEWS: [(f64, f64); 3] = [(33.0, 21.0), (118.0, -37.0), (247.0, 52.0)];
+const THICKNESSES: [f64; 3] = [0.5, 1.0, 2.0];
+
+/// Largest errors of (alpha, colour).
+fn errors(got: &Image, expected: &Image) -> Result<(f64, f64), Box<dyn Error>> {
+    let [r, g, b, alpha] = compare(got, expected, 0.0)?.max_channel;
+    Ok((alpha, r.max(g).max(b)))
+}
+
+/// One row per scene: alpha and colour error at each thickness, over all views.
+fn row(
+    renderer: &Renderer,
+    name: &str,
+    volume: &Volume,
+    transfer: &TransferFunction,
+    settings: &Settings,
+) -> Result<(), Box<dyn Error>> {
+    let scene = renderer.prepare(volume, transfer, &|_| ())?;
+    let truth = reference::Scene::new(volume, transfer, &settings.kernel, settings.normalization)?;
+    for projection in [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 30.0 }] {
+        let mut worst = [[(0.0_f64, 0.0_f64); 3]; 2];
+        for (azimuth, elevation) in VIEWS {
+            let view = View { azimuth, elevation, projection, ..View::default() };
+            let camera = Camera::new(&view, volume.grid(), settings.size)?;
+            let expected = truth.render(&camera, settings.size, &|_| ())?;
+            for (precision, worst) in [Precision::F16, Precision::F32].into_iter().zip(&mut worst) {
+                for (thickness, worst) in THICKNESSES.into_iter().zip(worst) {
+                    let settings =
+                        Settings { precision: Some(precision), sheet_thickness: thickness, ..settings.clone() };
+                    let (alpha, color) = errors(&renderer.render(&scene, &camera, &settings)?.image, &expected)?;
+                    *worst = (worst.0.max(alpha), worst.1.max(color));
                 }
             }
         }
+        let kind = if projection == ProjectionKind::Orthographic { "parallel" } else { "perspective" };
+        for (precision, worst) in ["f16", "f32"].into_iter().zip(worst) {
+            let [half, one, two] = worst;
+            println!(
+                "| {name} | {kind} | {precision} | {:.1e} / {:.1e} / {:.1e} | {:.1e} / {:.1e} / {:.1e} |",
+                half.0, one.0, two.0, half.1, one.1, two.1
+            );
+        }
     }
+    Ok(())
+}
+
+/// Quads per splat and the time of a frame, for each number of sheets that a pass feeds, in alternation.
+fn feeding(renderer: &Renderer, settings: &Settings) -> Result<(), Box<dyn Error>> {
+    let volume = load("demo:shepp-logan:64", &LoadOptions::default())?;
+    let transfer = demo_transfer("shepp-logan").ok_or("no transfer function")?;
+    let scene = renderer.prepare(&volume, &transfer, &|_| ())?;
+    let (azimuth, elevation) = VIEWS[0];
+    let camera = Camera::new(&View { azimuth, elevation, ..View::default() }, volume.grid(), settings.size)?;
+    let counts = [1, 2, 4, 8];
+    let mut times = [const { Vec::new() }; 4];
+    let mut quads = [0.0; 4];
+    for _ in 0..5 {
+        for (i, &sheets) in counts.iter().enumerate() {
+            let settings = Settings { sheets_per_pass: Some(sheets), ..settings.clone() };
+            let start = Instant::now();
+            quads[i] = renderer.render(&scene, &camera, &settings)?.stats.quads_per_splat;
+            times[i].push(start.elapsed().as_secs_f64());
+        }
+    }
+    let median = |times: &mut Vec<f64>| {
+        times.sort_by(f64::total_cmp);
+        times[times.len() / 2]
+    };
+    let times = times.map(|mut t| median(&mut t));
+    println!("\n| sheets per pass | quads per splat | frame, ms | time of one sheet per pass over it |");
+    println!("|---|---|---|---|");
+    for i in 0..4 {
+        println!("| {} | {:.2} | {:.0} | {:.2} |", counts[i], quads[i], times[i] * 1e3, times[0] / times[i]);
+    }
+    Ok(())
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let mut argument = |default: u32| arguments.next().map_or(Ok(default), |a| a.parse());
+    let (size, pixels) = (argument(64)?, argument(128)?);
+    let renderer = Renderer::new(&RendererOptions::default())?;
+    let settings = Settings { size: [pixels; 2], ..Settings::default() };
+    println!("{} ({})\n", renderer.adapter().name, renderer.adapter().driver);
+    println!("| volume, {size}^3 | rays | sheets | alpha at 0.5 / 1 / 2 | colour at 0.5 / 1 / 2 |");
+    println!("|---|---|---|---|---|");
+    for demo in demos() {
+        let volume = load(&format!("demo:{}:{size}", demo.name), &LoadOptions::default())?;
+        let transfer = demo_transfer(demo.name).ok_or("no transfer function")?;
+        row(&renderer, demo.name, &volume, &transfer, &settings)?;
+    }
+    let volume = load(&format!("demo:marschner-lobb:{size}"), &LoadOptions::default())?;
+    let transfer = demo_transfer("marschner-lobb").ok_or("no transfer function")?;
+    let blob = Settings { kernel: Kernel::KAISER_BESSEL, ..settings.clone() };
+    row(&renderer, "marschner-lobb, Kaiser-Bessel", &volume, &transfer, &blob)?;
+    let grids = [
+        ("1:1:4", DMat3::from_diagonal(DVec3::new(1.0, 1.0, 4.0))),
+        ("sheared", DMat3::from_cols(DVec3::X, DVec3::new(0.3, 1.0, 0.1), DVec3::new(0.2, -0.4, 1.5))),
+    ];
+    for (name, matrix) in grids {
+        let grid = Grid::new([size; 3], DAffine3::from_mat3(matrix))?;
+        row(&renderer, &format!("marschner-lobb, {name}"), &volume.clone().with_grid(grid)?, &transfer, &settings)?;
+    }
+    feeding(&renderer, &settings)
 }

@@ -8,6 +8,7 @@
 )]
 
 mod cli;
+mod golden;
 mod presets;
 mod readers;
 mod rendering;

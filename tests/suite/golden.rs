@@ -1,0 +1,97 @@
+//! Small pictures, one issue each, held to one 8-bit step.
+//!
+//! `VOXSPLAT_BLESS=1 cargo test --test suite golden` writes them anew, to be looked at before they are committed. A missing
+//! picture fails. A failure leaves expected, actual and difference pictures in target/golden.
+
+use std::path::{Path, PathBuf};
+
+use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::image::{Background, Image};
+use voxsplat::kernel::Kernel;
+use voxsplat::report::{compare, difference_picture};
+use voxsplat::settings::{Precision, Settings};
+
+use crate::rendering::{RENDERER, demo};
+
+fn directory(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
+}
+
+/// Renders a built-in volume of 40^3 voxels and compares it with tests/golden/NAME.png.
+fn check(name: &str, volume: &str, view: View, settings: Settings) {
+    let (volume, transfer) = demo(volume, 40);
+    let settings = Settings { size: [64, 56], precision: Some(Precision::F32), ..settings };
+    let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
+    let scene = RENDERER.prepare(&volume, &transfer, &|_| ()).unwrap();
+    let image = RENDERER.render(&scene, &camera, &settings).unwrap().image;
+    let golden = directory("tests/golden").join(format!("{name}.png"));
+    if std::env::var_os("VOXSPLAT_BLESS").is_some() {
+        image.save(&golden, Background::Transparent).unwrap();
+        return;
+    }
+    let results = directory("target/golden");
+    std::fs::create_dir_all(&results).unwrap();
+    let actual = results.join(format!("{name}.actual.png"));
+    image.save(&actual, Background::Transparent).unwrap();
+    let expected = Image::load(&golden).unwrap_or_else(|e| panic!("{e}: bless it"));
+    // Compared as 8-bit pictures. Drivers and processors round differently, which may turn a value over the border of
+    // two steps; straight alpha spreads the step of a nearly transparent pixel, hence premultiplied values.
+    let actual = Image::load(&actual).unwrap();
+    let step = 1.01 / 255.0;
+    let comparison = compare(&actual, &expected, step).unwrap();
+    if comparison.outliers > 0 {
+        let save = |image: &Image, what: &str| {
+            image.save(&results.join(format!("{name}.{what}.png")), Background::default()).unwrap();
+        };
+        save(&expected, "expected");
+        save(&difference_picture(&actual, &expected, 20.0).unwrap(), "difference");
+        panic!("{name} differs, see {}\n{comparison}", results.display());
+    }
+}
+
+fn turned(azimuth: f64, elevation: f64) -> View {
+    View { azimuth, elevation, ..View::default() }
+}
+
+#[test]
+fn golden_front_view_is_upright() {
+    check("front", "vessels", View::default(), Settings::default());
+}
+
+#[test]
+fn golden_oblique_view() {
+    check("oblique", "marschner-lobb", turned(35.0, 30.0), Settings::default());
+}
+
+#[test]
+fn golden_perspective() {
+    let view = View { projection: ProjectionKind::Perspective { fov: 60.0 }, ..turned(-50.0, 20.0) };
+    check("perspective", "marschner-lobb", view, Settings::default());
+}
+
+#[test]
+fn golden_two_tones_meet_in_the_middle() {
+    check("two_tones", "sphere", turned(60.0, 0.0), Settings::default());
+}
+
+#[test]
+fn golden_translucent_layers() {
+    check("layers", "shepp-logan", turned(20.0, 15.0), Settings::default());
+}
+
+#[test]
+fn golden_kaiser_bessel() {
+    let settings = Settings { kernel: Kernel::KAISER_BESSEL, ..Settings::default() };
+    check("kaiser_bessel", "marschner-lobb", turned(35.0, 30.0), settings);
+}
+
+#[test]
+fn golden_roll_zoom_and_target() {
+    let view = View { roll: 30.0, zoom: 2.5, target: Some(glam::DVec3::new(4.0, 0.0, -5.0)), ..turned(10.0, 5.0) };
+    check("roll_zoom_target", "vessels", view, Settings::default());
+}
+
+#[test]
+fn golden_thick_sheets() {
+    check("thick_sheets", "sphere", turned(60.0, 20.0), Settings { sheet_thickness: 6.0, ..Settings::default() });
+}
