@@ -1,26 +1,65 @@
 // composite: the sheets of a batch, front to back, into the frame. The frame keeps colour and the optical depth so far:
 // transmittance is its exponential, so alpha does not gather the rounding of one exponential per sheet.
 
-// Sheets of a batch.
+// Sheets of a batch: 1, 2, 4 or 8.
 override SHEETS: u32 = 4u;
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var sheets: texture_2d_array<f32>;
 @group(0) @binding(2) var<storage, read_write> pixels: array<vec4f>;
 
+fn load(at: vec2u, layer: u32) -> vec4f {
+    return textureLoad(sheets, at, layer, 0) * frame.inverse_sheet_scale;
+}
+
+fn behind(pixel: vec4f, sheet: vec4f) -> vec4f {
+    if sheet.a <= 0.0 {
+        return pixel;
+    }
+    let weight = exp(-pixel.a) * absorbed(sheet.a) / sheet.a;
+    return vec4f(pixel.rgb + sheet.rgb * weight, pixel.a + sheet.a);
+}
+
 @compute @workgroup_size(8, 8)
 fn composite(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= frame.region) {
         return;
     }
-    let index = id.y * frame.region.x + id.x;
-    var pixel = pixels[index];
-    for (var i = 0u; i < SHEETS; i++) {
-        let sheet = textureLoad(sheets, id.xy, i, 0) * frame.inverse_sheet_scale;
-        if sheet.a > 0.0 {
-            let weight = exp(-pixel.a) * absorbed(sheet.a) / sheet.a;
-            pixel = vec4f(pixel.rgb + sheet.rgb * weight, pixel.a + sheet.a);
-        }
+    // Written out: a loop over the sheets is not unrolled by software drivers. Most pixels of most batches are empty,
+    // and those neither read nor write the frame.
+    let at = id.xy;
+    var s = array<vec4f, 8>();
+    s[0] = load(at, 0u);
+    var reached = s[0].a;
+    if SHEETS >= 2u {
+        s[1] = load(at, 1u);
+        reached += s[1].a;
+    }
+    if SHEETS >= 4u {
+        s[2] = load(at, 2u);
+        s[3] = load(at, 3u);
+        reached += s[2].a + s[3].a;
+    }
+    if SHEETS >= 8u {
+        s[4] = load(at, 4u);
+        s[5] = load(at, 5u);
+        s[6] = load(at, 6u);
+        s[7] = load(at, 7u);
+        reached += s[4].a + s[5].a + s[6].a + s[7].a;
+    }
+    if reached <= 0.0 {
+        return;
+    }
+    let index = at.y * frame.region.x + at.x;
+    var pixel = behind(pixels[index], s[0]);
+    if SHEETS >= 2u {
+        pixel = behind(pixel, s[1]);
+    }
+    if SHEETS >= 4u {
+        pixel = behind(behind(pixel, s[2]), s[3]);
+    }
+    if SHEETS >= 8u {
+        pixel = behind(behind(behind(behind(pixel, s[4]), s[5]), s[6]), s[7]);
     }
     pixels[index] = pixel;
 }

@@ -139,7 +139,7 @@ fn spacing_replaces_that_of_the_header_and_keeps_its_axes() {
     let options = LoadOptions { spacing: Some([1.0, 1.5, 4.0]), ..LoadOptions::default() };
     let volume = load(&fixture("raw.nrrd").to_string_lossy(), &options).unwrap();
     let mut expected = oriented();
-    expected.matrix3 = expected.matrix3 * 2.0;
+    expected.matrix3 *= 2.0;
     assert!(volume.grid().to_world().abs_diff_eq(expected, 1e-9));
 }
 
