@@ -250,7 +250,8 @@ impl Renderer {
         }
     }
 
-    /// How many sheets one pass feeds: as many as asked for, or the most that the adapter's attachments hold up to 4.
+    /// How many sheets one pass feeds: as many as asked for, or the most that the adapter's attachments hold up to 8 on
+    /// software, which is bound by the number of quads, and up to 4 on a GPU, which is bound by blending.
     fn sheets_per_pass(&self, settings: &Settings, precision: Precision) -> Result<u32> {
         let context = &self.context;
         let bytes = precision.format().block_copy_size(None).unwrap_or(16);
@@ -258,7 +259,10 @@ impl Renderer {
             context.limits.max_color_attachments.min(context.limits.max_color_attachment_bytes_per_sample / bytes);
         let possible = [8, 4, 2, 1].into_iter().filter(|&n| n <= most);
         match settings.sheets_per_pass {
-            None => Ok(possible.filter(|&n| n <= 4).max().unwrap_or(1)),
+            None => {
+                let preferred = if context.info.is_software() { 8 } else { 4 };
+                Ok(possible.filter(|&n| n <= preferred).max().unwrap_or(1))
+            }
             Some(asked) if possible.clone().any(|n| n == asked) => Ok(asked),
             Some(asked) => Err(Error::Setting {
                 name: "sheets-per-pass",

@@ -68,13 +68,15 @@ pub(crate) fn sort(frame: &Frame, splats: &[Splat], sheets_per_batch: u32) -> Ve
     sorted
 }
 
-/// splat: what each sheet of a pixel accumulates, as (colour, 1) times optical depth, in f64.
+/// splat: what each sheet of a pixel accumulates, as (colour, 1) times optical depth. `round` is what storing a sum
+/// in the sheet's format makes of it.
 pub(crate) fn splat(
     frame: &Frame,
     table: &FootprintTable,
     splats: &[Splat],
     pixel: DVec2,
     perspective: bool,
+    round: impl Fn(f64) -> f64,
 ) -> Vec<[f64; 4]> {
     let mut sheets = vec![[0.0; 4]; frame.sheets as usize];
     let f2 = |v: [f32; 2]| DVec2::from_array(v.map(f64::from));
@@ -103,17 +105,17 @@ pub(crate) fn splat(
         let along = q.dot(ray) / per_depth;
         let r2 = q.length_squared() - along * along;
         let color = [s.z_red >> 16, s.green_blue & 0xffff, s.green_blue >> 16].map(|c| f64::from(c) / 65_535.0);
-        let scale = f64::from(s.density) * f64::from(frame.section_scale) * f64::from(frame.inverse_sheet_scale);
+        let scale = f64::from(s.density) * f64::from(frame.section_scale);
         for (k, sheet) in sheets.iter_mut().enumerate() {
             let z = f64::from(frame.sheet_origin) + k as f64 * step - center.z;
             let t = |z: f64| z * per_depth + along;
             let depth = scale * table.section(f64::from(frame.radius), r2, t(z), t(z + step)) * length / per_depth;
             for (sum, c) in sheet.iter_mut().zip(color.into_iter().chain([1.0])) {
-                *sum += c * depth;
+                *sum = round(*sum + c * depth);
             }
         }
     }
-    sheets
+    sheets.iter().map(|sheet| sheet.map(|v| v * f64::from(frame.inverse_sheet_scale))).collect()
 }
 
 /// composite and resolve: the sheets front to back, to premultiplied RGBA.
