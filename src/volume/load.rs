@@ -1,64 +1,104 @@
-//! From a name to a volume: which reader reads what.
+//! From the name of a volume to the volume: which reader reads it, and what the user says about it.
 
-use std::io::Read;
 use std::path::Path;
 
-use glam::{DAffine3, DMat3};
-
-use super::source::{Endian, Packing, SampleType, Source, malformed, open, read_full, sample_count};
-use super::{Grid, Volume, metaimage, nifti, npy, nrrd, phantom};
+use super::decode::{Layout, lattice, read_all};
+use super::input::{Input, format_error};
+use super::placement::{Placement, check_spacing};
+use super::{Endian, SampleType, Volume, metaimage, nifti, npy, nrrd, phantom};
 use crate::error::{Error, Result};
 
-/// What a file does not say about itself.
-#[derive(Debug, Clone, Default)]
+/// What to assume about a file, or to do to it. The default is to believe its header.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct LoadOptions {
-    /// Samples along x, y and z of a file without header.
+    /// Samples along x, y and z of a file without a header; x is fastest.
     pub dims: Option<[u32; 3]>,
-    /// Type of the samples of a file without header.
+    /// The sample type of a file without a header.
     pub sample_type: Option<SampleType>,
-    /// World distance between samples along x, y and z; replaces what a header says.
+    /// World distance between samples along each axis. Takes the place of what a header says; its directions and its
+    /// origin stay.
     pub spacing: Option<[f64; 3]>,
-    /// Byte order of a file without header; little where none is given.
+    /// The byte order of a file without a header; little-endian where not given.
     pub endian: Option<Endian>,
-    /// Bytes before the samples of a file without header.
+    /// Bytes before the first sample of a file without a header.
     pub offset: u64,
-    /// What replaces NaN and infinite values; without it they are an error.
+    /// The value that takes the place of NaN and infinite ones; without it they are an error.
     pub replace_nan: Option<f64>,
 }
 
-/// A reader: whether a file's first bytes are its own, and how it reads.
-struct Format {
-    looks_like: fn(&[u8]) -> bool,
-    read: fn(&Path) -> Result<Volume>,
+/// The formats that are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Nrrd,
+    Nifti,
+    MetaImage,
+    Npy,
 }
 
-/// Asked in this order; MetaImage last, whose files have no magic.
-const FORMATS: [Format; 4] = [
-    Format { looks_like: nrrd::looks_like, read: nrrd::read },
-    Format { looks_like: nifti::looks_like, read: nifti::read },
-    Format { looks_like: npy::looks_like, read: npy::read },
-    Format { looks_like: metaimage::looks_like, read: metaimage::read },
-];
+impl Format {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Nrrd => "NRRD",
+            Self::Nifti => "NIfTI",
+            Self::MetaImage => "MetaImage",
+            Self::Npy => "NumPy",
+        }
+    }
 
-/// Loads a volume from a file, or makes the built-in `demo:NAME[:SIZE]`.
+    /// The format that the first bytes of a file show.
+    fn of_content(head: &[u8]) -> Option<Self> {
+        if head.starts_with(b"NRRD000") {
+            Some(Self::Nrrd)
+        } else if head.starts_with(npy::MAGIC) {
+            Some(Self::Npy)
+        } else if nifti::is_nifti(head) {
+            Some(Self::Nifti)
+        } else if metaimage::is_metaimage(head) {
+            Some(Self::MetaImage)
+        } else {
+            None
+        }
+    }
+
+    /// The format that the name of a file promises.
+    fn of_name(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_str()?.to_ascii_lowercase();
+        let name = name.strip_suffix(".gz").unwrap_or(&name);
+        match name.rsplit_once('.')?.1 {
+            "nrrd" | "nhdr" => Some(Self::Nrrd),
+            "nii" | "hdr" => Some(Self::Nifti),
+            "mha" | "mhd" => Some(Self::MetaImage),
+            "npy" => Some(Self::Npy),
+            _ => None,
+        }
+    }
+}
+
+/// Loads a volume: a file in NRRD, NIfTI, MetaImage or NumPy format, a file of bare samples, or `demo:NAME[:SIZE]`.
 ///
-/// The format is told by the file's first bytes, not by its name: NRRD, NIfTI-1 and -2 (packed or not), NumPy and
-/// MetaImage; anything else is raw samples, x fastest, for which `options` must give dimensions and type.
+/// The content of a file decides on its format, then its name. Any of them may be compressed with gzip. Files of bare
+/// samples need `dims` and `sample_type`; for others these are an error, as are `endian` and `offset`.
 ///
 /// # Errors
-/// [`Error::Read`] where the file cannot be read, [`Error::Format`] where its content is malformed or not what the
-/// options say, [`Error::Volume`] where it makes no volume or holds NaN.
+/// [`Error::Read`] where a file cannot be read, [`Error::Format`] where its content is malformed, cut short,
+/// inconsistent or not supported, [`Error::Volume`] where it has samples that are not finite or the phantom does not
+/// exist, [`Error::Setting`] where an option is out of range.
 pub fn load(source: &str, options: &LoadOptions) -> Result<Volume> {
-    let mut volume = match source.strip_prefix("demo:") {
-        Some(name) => {
-            reject_raw_options(Path::new(source), options, "a built-in volume")?;
-            phantom::demo(name)?
-        }
-        None => read_file(Path::new(source), options)?,
-    };
     if let Some(spacing) = options.spacing {
-        volume = respaced(volume, spacing)?;
+        check_spacing(spacing)?;
     }
+    if let Some(value) = options.replace_nan
+        && !value.is_finite()
+    {
+        return Err(Error::Setting { name: "replace-nan", reason: format!("{value}, expected a finite number") });
+    }
+    let mut volume = match source.strip_prefix("demo:") {
+        Some(demo) => {
+            refuse_raw_options(Path::new(source), options, "a built-in volume")?;
+            phantom::demo(demo, options.spacing)?
+        }
+        None => load_file(Path::new(source), options)?,
+    };
     match options.replace_nan {
         Some(value) => volume.replace_non_finite(value),
         None => volume.check_finite()?,
@@ -66,46 +106,38 @@ pub fn load(source: &str, options: &LoadOptions) -> Result<Volume> {
     Ok(volume)
 }
 
-fn read_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
-    let head = first_bytes(path)?;
+fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
+    let mut input = Input::open(path)?;
+    let head = input.peek(nifti::HEADER_SIZE)?;
     if head.is_empty() {
-        return Err(malformed(path, "the file is empty"));
+        return Err(input.error("is empty"));
     }
-    // The .img of a pair is told by its name: its bytes are samples.
-    let name = path.to_string_lossy().to_lowercase();
-    let image_of_pair = name.trim_end_matches(".gz").ends_with(".img") && options.dims.is_none();
-    if image_of_pair {
-        return nifti::read(path);
+    let content = Format::of_content(&head);
+    let has_raw_options = options.dims.is_some() || options.sample_type.is_some();
+    // The image file of a NIfTI pair may be given in place of its header.
+    if content.is_none()
+        && !has_raw_options
+        && path.to_str().is_some_and(|p| [".img", ".img.gz"].iter().any(|e| p.to_ascii_lowercase().ends_with(e)))
+        && let Some(header) = nifti::header_of_image(path)
+    {
+        return load_file(&header, options);
     }
-    match FORMATS.iter().find(|f| (f.looks_like)(&head)) {
-        Some(format) => {
-            reject_raw_options(path, options, "a file with a header")?;
-            (format.read)(path)
-        }
-        None => read_raw(path, options),
+    if content.is_none() && nifti::is_analyze(&head) && Format::of_name(path) == Some(Format::Nifti) {
+        return Err(input.error("is in ANALYZE 7.5 format, which is not read: convert it to NIfTI"));
+    }
+    let Some(format) = content.or(Format::of_name(path)) else { return read_raw(input, &head, options) };
+    refuse_raw_options(path, options, &format!("a {} file", format.name()))?;
+    let spacing = options.spacing;
+    match format {
+        Format::Nrrd => nrrd::read(input, spacing),
+        Format::Nifti => nifti::read(input, spacing),
+        Format::MetaImage => metaimage::read(input, spacing),
+        Format::Npy => npy::read(input, spacing),
     }
 }
 
-/// Up to a kilobyte of the file, unpacked.
-fn first_bytes(path: &Path) -> Result<Vec<u8>> {
-    let failed = |source| Error::Read { path: path.to_owned(), source };
-    let mut head = vec![0; 1024];
-    let got = read_full(&mut open(path)?, &mut head).map_err(failed)?;
-    head.truncate(got);
-    if head.starts_with(&[0x1f, 0x8b]) {
-        let mut unpacked = vec![0; 1024];
-        let mut decoder = flate2::read::MultiGzDecoder::new(open(path)?);
-        // A damaged gzip file is reported by the reader that it looks like, or as raw.
-        let got = read_full(&mut decoder as &mut dyn Read, &mut unpacked).unwrap_or(0);
-        if got > 0 {
-            unpacked.truncate(got);
-            return Ok(unpacked);
-        }
-    }
-    Ok(head)
-}
-
-fn reject_raw_options(path: &Path, options: &LoadOptions, what: &str) -> Result<()> {
+/// Options that describe bare samples say something false about any other source.
+fn refuse_raw_options(path: &Path, options: &LoadOptions, what: &str) -> Result<()> {
     let given = [
         ("--dims", options.dims.is_some()),
         ("--type", options.sample_type.is_some()),
@@ -113,44 +145,48 @@ fn reject_raw_options(path: &Path, options: &LoadOptions, what: &str) -> Result<
         ("--offset", options.offset != 0),
     ];
     match given.iter().find(|(_, given)| *given) {
-        Some((option, _)) => Err(malformed(path, format!("this is {what}: {option} is for raw files"))),
+        Some((name, _)) => Err(format_error(path, format!("{name} is for files of bare samples, and this is {what}"))),
         None => Ok(()),
     }
 }
 
-/// Raw samples, x fastest, described by the options alone.
-fn read_raw(path: &Path, options: &LoadOptions) -> Result<Volume> {
-    let (Some(dims), Some(sample_type)) = (options.dims, options.sample_type) else {
-        return Err(malformed(
-            path,
-            "not NRRD, NIfTI, MetaImage or NumPy; for raw samples give --dims X,Y,Z and --type (u8, i16, f32, ...)",
-        ));
+fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volume> {
+    let (dims, sample_type) = match (options.dims, options.sample_type) {
+        (Some(dims), Some(sample_type)) => (dims, sample_type),
+        (None, Some(_)) => return Err(input.error("holds bare samples: give --dims X,Y,Z too")),
+        (Some(_), None) => return Err(input.error("holds bare samples: give --type u8|i16|... too")),
+        (None, None) => return Err(input.error(unknown(head))),
     };
-    let grid = Grid::axis_parallel(dims, [1.0; 3])?;
-    let source = Source {
-        path: path.to_owned(),
-        offset: Some(options.offset),
-        packing: Packing::Raw,
-        skip_unpacked: 0,
-        sample_type,
-        endian: options.endian.unwrap_or_default(),
-    };
-    Volume::new(grid, source.read(sample_count(path, dims)?)?)
+    let path = input.path().to_owned();
+    let dims = lattice(&path, &dims.map(i64::from))?;
+    let placement = Placement::axis_parallel([1.0; 3]);
+    let grid = placement.grid(&path, dims, options.spacing)?;
+    input.skip(options.offset)?;
+    let count = grid.len();
+    let layout = Layout::Binary(options.endian.unwrap_or_default());
+    let samples = read_all(input, count, sample_type, layout)?;
+    placement.volume(grid, samples)
 }
 
-/// The volume with other distances between samples, its axes and first sample where they are.
-fn respaced(volume: Volume, spacing: [f64; 3]) -> Result<Volume> {
-    if let Some(bad) = spacing.iter().find(|s| !(s.is_finite() && **s > 0.0)) {
-        return Err(Error::Setting { name: "spacing", reason: format!("{bad}, expected lengths over 0") });
+/// The way out for a file of no known format.
+fn unknown(head: &[u8]) -> String {
+    let formats: [(usize, &[u8], &str); 9] = [
+        (128, b"DICM", "DICOM"),
+        (0, b"II*\0", "TIFF"),
+        (0, b"MM\0*", "TIFF"),
+        (0, b"\x89HDF", "HDF5"),
+        (0, b"CDF", "NetCDF"),
+        (0, b"# vtk", "VTK"),
+        (0, b"<?xml", "XML"),
+        (0, b"\x89PNG", "PNG"),
+        (0, b"PK\x03\x04", "ZIP"),
+    ];
+    match formats.iter().find(|(at, magic, _)| head.get(*at..).is_some_and(|h| h.starts_with(magic))) {
+        Some((_, _, name)) => {
+            format!("is a {name} file, which is not read: convert it to NRRD, NIfTI, MetaImage or NumPy (.npy)")
+        }
+        None => "is not a NRRD, NIfTI, MetaImage or NumPy file: for bare samples give --dims X,Y,Z and \
+                 --type u8|i8|u16|i16|u32|i32|u64|i64|f32|f64"
+            .to_owned(),
     }
-    let grid = volume.grid();
-    let m = grid.to_world();
-    let [x, y, z] = spacing;
-    let axes = DMat3::from_cols(
-        m.matrix3.x_axis.normalize() * x,
-        m.matrix3.y_axis.normalize() * y,
-        m.matrix3.z_axis.normalize() * z,
-    );
-    let grid = Grid::new(grid.dims(), DAffine3::from_mat3_translation(axes, m.translation))?;
-    volume.with_grid(grid)
 }

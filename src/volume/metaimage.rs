@@ -1,165 +1,240 @@
-//! MetaImage: .mha, and .mhd with its data file (itk.org/Wiki/ITK/MetaIO/Documentation).
+//! MetaImage: .mha, and .mhd with its data files (<https://itk.org/Wiki/ITK/MetaIO/Documentation>).
+//!
+//! The world of MetaImage is ITK's, which is DICOM's patient space. Where the documentation leaves room, ITK's reading
+//! is followed: MET_LONG has 32 bits, a missing byte order means little-endian.
 
 use std::collections::HashMap;
-use std::io::{BufRead, BufReader, Read};
-use std::path::Path;
+use std::path::PathBuf;
 
-use glam::{DAffine3, DMat3, DVec3};
+use glam::DVec3;
 
-use super::source::{Endian, Packing, SampleType, Source, malformed, open, sample_count};
-use super::{Grid, Volume};
+use super::decode::{Layout, lattice, read_samples};
+use super::input::{Input, format_error};
+use super::placement::Placement;
+use super::{Endian, SampleType, Volume, multifile};
 use crate::error::{Error, Result};
 
-/// A header longer than this is none.
-const MAX_HEADER: u64 = 1 << 20;
+/// The fields that a header may begin with; other files are not taken for MetaImages unless their name says so.
+const FIRST_FIELDS: [&str; 9] =
+    ["objecttype", "ndims", "comment", "objectsubtype", "name", "id", "binarydata", "dimsize", "elementtype"];
 
-/// Whether a file begins like a MetaImage header: `Key = value`, with one of the keys that come first.
-pub(super) fn looks_like(head: &[u8]) -> bool {
-    let text = String::from_utf8_lossy(&head[..head.len().min(64)]);
-    match text.split_once('=') {
-        Some((key, _)) => matches!(key.trim(), "ObjectType" | "NDims" | "Comment" | "ObjectSubType"),
-        None => false,
+/// Whether these are the first bytes of a MetaImage header.
+pub(super) fn is_metaimage(head: &[u8]) -> bool {
+    let line = head.split(|&c| c == b'\n').next().unwrap_or_default();
+    let Some(equals) = line.iter().position(|&c| c == b'=') else { return false };
+    let name = line[..equals].trim_ascii().to_ascii_lowercase();
+    FIRST_FIELDS.iter().any(|field| field.as_bytes() == name)
+}
+
+/// Reads the volume of a header that begins here.
+pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume> {
+    let header = Header::read(&mut input)?;
+    if let Some(kind) = header.get(&["objecttype"])
+        && !kind.eq_ignore_ascii_case("image")
+    {
+        return Err(header.error(format!("ObjectType is {kind:?}, expected Image")));
+    }
+    let n_dims = header.n_dims()?;
+    let mut sizes: Vec<i64> = header.numbers("DimSize", header.required("DimSize")?, n_dims)?;
+    if sizes.len() == 4 && sizes.pop() != Some(1) {
+        return Err(header.error("holds several volumes (4 axes): save the one to be rendered alone"));
+    }
+    let dims = lattice(&header.path, &sizes)?;
+    let channels: i64 = header.number("ElementNumberOfChannels", 1)?;
+    if channels != 1 {
+        return Err(header.error(format!("has {channels} channels per sample: save one of them alone")));
+    }
+    let sample_type = header.sample_type()?;
+    let placement = header.placement(n_dims)?;
+    let grid = placement.grid(&header.path, dims, spacing)?;
+    let slope: f64 = header.number("ElementToIntensityFunctionSlope", 1.0)?;
+    let intercept: f64 = header.number("ElementToIntensityFunctionOffset", 0.0)?;
+    if slope == 0.0 || !slope.is_finite() || !intercept.is_finite() {
+        return Err(
+            header.error(format!("ElementToIntensityFunction {slope} x + {intercept} maps samples to no value"))
+        );
+    }
+
+    let count = grid.len();
+    let files = header.data_files(&mut input)?;
+    let n = files.as_ref().map_or(1, Vec::len);
+    if !count.is_multiple_of(n as u64) {
+        return Err(header.error(format!("{n} data files cannot share {count} samples equally")));
+    }
+    let start = Start {
+        header_size: header.number("HeaderSize", 0)?,
+        compressed: header.flag("CompressedData", false)?,
+        share: count / n as u64 * sample_type.size() as u64,
+    };
+    let msb = header.flag("BinaryDataByteOrderMSB", false)? || header.flag("ElementByteOrderMSB", false)?;
+    let layout = match header.flag("BinaryData", true)? {
+        true => Layout::Binary(if msb { Endian::Big } else { Endian::Little }),
+        false => Layout::Text,
+    };
+    let samples = match files {
+        None => {
+            // A header size counts from the start of the file, which a local one has been read past.
+            let local = if start.header_size == 0 { input } else { Input::open(&header.path)? };
+            read_samples(&mut std::iter::once(start.apply(local)), 1, count, sample_type, layout)?
+        }
+        Some(files) => {
+            let mut parts = files.iter().map(|file| start.apply(Input::open_data(file)?));
+            read_samples(&mut parts, n, count, sample_type, layout)?
+        }
+    };
+    // ITK leaves this map to its user, who is us: it is how such files state Hounsfield units.
+    placement.volume(grid, samples)?.with_rescale(slope, intercept)
+}
+
+/// Where samples begin in a data file.
+struct Start {
+    /// Bytes before them, -1: all but the last `share`.
+    header_size: i64,
+    compressed: bool,
+    share: u64,
+}
+
+impl Start {
+    fn apply(&self, mut input: Input) -> Result<Input> {
+        match (u64::try_from(self.header_size), input.exactly_left()) {
+            (Ok(bytes), _) => input.skip(bytes)?,
+            (Err(_), _) if self.header_size != -1 => {
+                return Err(input.error(format!("HeaderSize is {}, expected -1 or more", self.header_size)));
+            }
+            (Err(_), _) if self.compressed => {
+                return Err(input.error("HeaderSize -1 goes with uncompressed data only"));
+            }
+            (Err(_), Some(left)) if left >= self.share => input.skip(left - self.share)?,
+            (Err(_), _) => {
+                return Err(input.error(format!("is cut short: its samples need {} bytes", self.share)));
+            }
+        }
+        // CompressedDataSize is not needed: a zlib stream knows its end.
+        if self.compressed { input.inflate() } else { Ok(input) }
     }
 }
 
-struct Header<'a> {
-    path: &'a Path,
+/// The fields of a header, names in lower case.
+struct Header {
+    path: PathBuf,
     fields: HashMap<String, String>,
-    length: u64,
 }
 
-impl Header<'_> {
+impl Header {
+    /// Reads up to the line ElementDataFile, which is the last.
+    fn read(input: &mut Input) -> Result<Self> {
+        let mut fields = HashMap::new();
+        while let Some(line) = input.line()? {
+            let line = line.trim();
+            if line.is_empty() {
+                continue;
+            }
+            let Some((name, value)) = line.split_once('=') else {
+                return Err(input.error(format!("header line {line:?} is not \"Field = value\"")));
+            };
+            let name = name.trim().to_ascii_lowercase();
+            let last = name == "elementdatafile";
+            if name != "comment" && fields.insert(name.clone(), value.trim().to_owned()).is_some() {
+                return Err(input.error(format!("field {name:?} is given twice")));
+            }
+            if last {
+                return Ok(Self { path: input.path().to_owned(), fields });
+            }
+        }
+        Err(input.error("the MetaImage header has no field \"ElementDataFile\""))
+    }
+
     fn error(&self, reason: impl Into<String>) -> Error {
-        malformed(self.path, reason)
+        format_error(&self.path, reason)
     }
 
+    /// The text of the first field of these that is there: the format has several names for some.
     fn get(&self, names: &[&str]) -> Option<&str> {
-        names.iter().find_map(|n| self.fields.get(*n)).map(String::as_str)
+        names.iter().find_map(|name| self.fields.get(&name.to_ascii_lowercase())).map(String::as_str)
     }
 
-    fn require(&self, name: &str) -> Result<&str> {
-        self.get(&[name]).ok_or_else(|| self.error(format!("the header has no {name}")))
+    fn required(&self, name: &str) -> Result<&str> {
+        self.get(&[name]).ok_or_else(|| self.error(format!("the MetaImage header has no field {name:?}")))
     }
 
-    fn numbers<T: std::str::FromStr>(&self, name: &str, text: &str) -> Result<Vec<T>> {
-        text.split_whitespace()
-            .map(|n| n.parse().map_err(|_| self.error(format!("{name} = {text}: {n:?} is not such a number"))))
-            .collect()
+    fn number<T: std::str::FromStr>(&self, name: &str, default: T) -> Result<T> {
+        let Some(text) = self.get(&[name]) else { return Ok(default) };
+        text.parse().map_err(|_| self.error(format!("{name}: {text:?} is not a number that fits")))
     }
 
-    fn is_true(&self, names: &[&str]) -> bool {
-        self.get(names).is_some_and(|v| v.eq_ignore_ascii_case("true") || v == "1")
-    }
-}
-
-fn read_header(path: &Path) -> Result<Header<'_>> {
-    let failed = |source| Error::Read { path: path.to_owned(), source };
-    let mut reader = BufReader::new(open(path)?).take(MAX_HEADER);
-    let mut header = Header { path, fields: HashMap::new(), length: 0 };
-    let mut line = Vec::new();
-    // The data file comes last, and its samples may follow at once.
-    while !header.fields.contains_key("ElementDataFile") {
-        line.clear();
-        let got = reader.read_until(b'\n', &mut line).map_err(failed)?;
-        if got == 0 {
-            return Err(header.error("the header has no ElementDataFile"));
+    fn numbers<T: std::str::FromStr>(&self, name: &str, text: &str, n: usize) -> Result<Vec<T>> {
+        let list: Vec<T> = text.split_ascii_whitespace().map_while(|word| word.parse().ok()).collect();
+        if list.len() != n || text.split_ascii_whitespace().count() != n {
+            return Err(self.error(format!("{name}: {text:?}, expected {n} numbers")));
         }
-        header.length += got as u64;
-        if let Some((key, value)) = String::from_utf8_lossy(&line).split_once('=') {
-            header.fields.insert(key.trim().to_owned(), value.trim().to_owned());
+        Ok(list)
+    }
+
+    fn flag(&self, name: &str, default: bool) -> Result<bool> {
+        match self.get(&[name]).map(str::to_ascii_lowercase).as_deref() {
+            None => Ok(default),
+            Some("true" | "t" | "1" | "yes") => Ok(true),
+            Some("false" | "f" | "0" | "no") => Ok(false),
+            Some(other) => Err(self.error(format!("{name}: {other:?}, expected True or False"))),
         }
     }
-    Ok(header)
-}
 
-/// Reads the volume of a MetaImage header.
-pub(super) fn read(path: &Path) -> Result<Volume> {
-    let header = read_header(path)?;
-    let text = header.require("DimSize")?;
-    let sizes: Vec<u32> = header.numbers("DimSize", text)?;
-    if sizes.is_empty() || sizes.len() > 4 || sizes.iter().skip(3).any(|&s| s != 1) || sizes.contains(&0) {
-        return Err(header.error(format!("DimSize = {text}: a volume has three dimensions")));
-    }
-    let rank = sizes.len();
-    let mut dims = [1; 3];
-    for (dim, &size) in dims.iter_mut().zip(&sizes) {
-        *dim = size;
-    }
-    if let Some(channels) = header.get(&["ElementNumberOfChannels"]).filter(|&c| c != "1") {
-        return Err(header.error(format!("ElementNumberOfChannels = {channels}: extract one channel")));
-    }
-    let text = header.require("ElementType")?;
-    let sample_type: SampleType = match text.strip_prefix("MET_").unwrap_or(text) {
-        // MetaIO's long is 32 bits in files, whatever the platform's is.
-        "LONG" => SampleType::I32,
-        "ULONG" => SampleType::U32,
-        name => name.parse().map_err(|_| header.error(format!("ElementType = {text} is not an integer or float")))?,
-    };
-    let source = source(&header, sample_type)?;
-    let grid = Grid::new(dims, affine(&header, rank)?).map_err(|e| header.error(e.to_string()))?;
-    let volume = Volume::new(grid, source.read(sample_count(path, dims)?)?)?;
-    let stated = header.get(&["TransformMatrix", "Orientation", "Rotation", "AnatomicalOrientation"]).is_some();
-    Ok(if stated { volume.with_orientation_known() } else { volume })
-}
-
-fn source(header: &Header<'_>, sample_type: SampleType) -> Result<Source> {
-    let big = header.is_true(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"]);
-    let compressed = header.is_true(&["CompressedData"]);
-    let text = header.get(&["BinaryData"]).is_some_and(|v| v.eq_ignore_ascii_case("false"));
-    let packing = match (compressed, text) {
-        (true, _) => Packing::Zlib,
-        (false, true) => Packing::Text,
-        (false, false) => Packing::Raw,
-    };
-    let name = header.require("ElementDataFile")?;
-    let (path, start) = match name {
-        "LOCAL" | "Local" | "local" => (header.path.to_owned(), header.length),
-        _ if name.starts_with("LIST") || name.contains('%') => {
-            return Err(header.error(format!("ElementDataFile = {name} names many files: join them into one")));
+    fn n_dims(&self) -> Result<usize> {
+        match self.number("NDims", 3)? {
+            n @ 2..=4 => Ok(n),
+            n => Err(self.error(format!("NDims is {n}, expected 3"))),
         }
-        _ => (header.path.parent().unwrap_or(Path::new("")).join(name), 0),
-    };
-    let offset = match header.get(&["HeaderSize"]) {
-        None => Some(start),
-        Some("-1") if packing == Packing::Raw => None,
-        Some(text) => {
-            let skip: u64 =
-                text.parse().map_err(|_| header.error(format!("HeaderSize = {text} is neither a count nor -1")))?;
-            Some(start + skip)
-        }
-    };
-    let endian = if big { Endian::Big } else { Endian::Little };
-    Ok(Source { path, offset, packing, skip_unpacked: 0, sample_type, endian })
-}
+    }
 
-/// Lattice to world. ITK's world is patient space, LPS; row i of the nine numbers is the direction of lattice axis i.
-fn affine(header: &Header<'_>, rank: usize) -> Result<DAffine3> {
-    let padded = |names: &[&str], fill: f64| -> Result<DVec3> {
-        let mut values = [fill; 3];
-        if let Some(text) = header.get(names) {
-            let numbers: Vec<f64> = header.numbers(names[0], text)?;
-            if numbers.len() != rank {
-                return Err(header.error(format!("{} = {text}: expected {rank} numbers", names[0])));
+    fn sample_type(&self) -> Result<SampleType> {
+        let name = self.required("ElementType")?;
+        Ok(match name.to_ascii_uppercase().as_str() {
+            "MET_UCHAR" => SampleType::U8,
+            "MET_CHAR" => SampleType::I8,
+            "MET_USHORT" => SampleType::U16,
+            "MET_SHORT" => SampleType::I16,
+            "MET_UINT" | "MET_ULONG" => SampleType::U32,
+            "MET_INT" | "MET_LONG" => SampleType::I32,
+            "MET_ULONG_LONG" => SampleType::U64,
+            "MET_LONG_LONG" => SampleType::I64,
+            "MET_FLOAT" => SampleType::F32,
+            "MET_DOUBLE" => SampleType::F64,
+            _ => return Err(self.error(format!("ElementType {name:?} is not read: expected one number per sample"))),
+        })
+    }
+
+    /// The row of each axis of `n` numbers as a vector of space: a 2-D image lies in the plane z = 0.
+    fn placement(&self, n: usize) -> Result<Placement> {
+        let vector = |v: &[f64]| DVec3::new(v[0], v[1], v.get(2).copied().unwrap_or(0.0));
+        let spacing = match self.get(&["ElementSpacing", "ElementSize"]) {
+            Some(text) => self.numbers("ElementSpacing", text, n)?,
+            None => vec![1.0; n],
+        };
+        let mut placement = Placement::axis_parallel([spacing[0], spacing[1], spacing.get(2).copied().unwrap_or(1.0)]);
+        if let Some(text) = self.get(&["Offset", "Position", "Origin", "ImagePosition"]) {
+            placement.origin = vector(&self.numbers("Offset", text, n)?);
+        }
+        if let Some(text) = self.get(&["TransformMatrix", "Rotation", "Orientation"]) {
+            let matrix = self.numbers("TransformMatrix", text, n * n)?;
+            for (direction, row) in placement.directions.iter_mut().zip(matrix.chunks_exact(n)) {
+                *direction = vector(row);
             }
-            for (value, number) in values.iter_mut().zip(numbers) {
-                *value = number;
-            }
+            placement.oriented = true;
         }
-        Ok(DVec3::from_array(values))
-    };
-    let spacing = padded(&["ElementSpacing", "ElementSize"], 1.0)?;
-    let origin = padded(&["Offset", "Position", "Origin"], 0.0)?;
-    let mut directions = [DVec3::X, DVec3::Y, DVec3::Z];
-    if let Some(text) = header.get(&["TransformMatrix", "Orientation", "Rotation"]) {
-        let numbers: Vec<f64> = header.numbers("TransformMatrix", text)?;
-        if numbers.len() != rank * rank {
-            return Err(header.error(format!("TransformMatrix = {text}: expected {} numbers", rank * rank)));
-        }
-        for (axis, direction) in directions.iter_mut().enumerate().take(rank) {
-            let component = |c: usize| if c < rank { numbers[axis * rank + c] } else { 0.0 };
-            *direction = DVec3::new(component(0), component(1), component(2));
-        }
+        Ok(placement)
     }
-    let matrix = DMat3::from_cols(directions[0] * spacing.x, directions[1] * spacing.y, directions[2] * spacing.z);
-    Ok(DAffine3::from_mat3_translation(matrix, origin))
+
+    /// The files with the samples; `None` where they follow the header.
+    fn data_files(&self, input: &mut Input) -> Result<Option<Vec<PathBuf>>> {
+        let text = self.required("ElementDataFile")?;
+        let word = text.split_ascii_whitespace().next().unwrap_or_default();
+        let names = match word.to_ascii_uppercase().as_str() {
+            "LOCAL" => return Ok(None),
+            "" => return Err(self.error("ElementDataFile is empty: expected a file name or LOCAL")),
+            // The number after LIST is the dimension of each file's share: the shares are equal whatever it says.
+            "LIST" => multifile::listed(input)?,
+            _ => multifile::expanded(&self.path, text, 3)?.unwrap_or_else(|| vec![text.to_owned()]),
+        };
+        multifile::resolve(&self.path, &names).map(Some)
+    }
 }

@@ -1,19 +1,23 @@
 //! Scans: a lattice of scalar samples, where it lies in the world, and what its numbers mean.
 
+mod decode;
 mod grid;
+mod input;
 mod load;
 mod metaimage;
+mod multifile;
 mod nifti;
 mod npy;
 mod nrrd;
 mod phantom;
-mod source;
+mod placement;
+mod sample_type;
 mod statistics;
 
 pub use grid::{Grid, MAX_DIM};
 pub use load::{LoadOptions, load};
 pub use phantom::{Demo, demo_transfer, demos};
-pub use source::{Endian, SampleType};
+pub use sample_type::{Endian, SampleType};
 pub use statistics::{BackgroundEstimate, Statistics};
 
 use rayon::prelude::*;

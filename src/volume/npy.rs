@@ -1,81 +1,182 @@
-//! NumPy .npy: an array of shape (z, y, x), or (y, x) for a single slice.
+//! NumPy's .npy, versions 1 to 3
+//! (<https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>).
+//!
+//! An array is indexed (z, y, x), as NumPy users hold volumes; it has neither spacing nor orientation.
+//!
+//! The header is parsed here and not with the crate `npyz` 0.9: that multiplies the shape out unchecked (an overflow
+//! panics in a debug build), asks for up to 4 GiB on the word of the header's length, and reads sample by sample.
 
-use std::io::BufReader;
-use std::path::Path;
+use rayon::prelude::*;
 
-use npyz::{DType, Endianness, NpyHeader, Order, TypeChar};
-
-use super::source::{Endian, Packing, SampleType, Source, malformed, open, sample_count};
-use super::{Grid, Samples, Volume};
+use super::decode::{self, Layout, lattice, read_all};
+use super::input::Input;
+use super::placement::Placement;
+use super::{Endian, SampleType, Samples, Volume};
 use crate::error::Result;
 
-/// Whether a file begins like an .npy file.
-pub(super) fn looks_like(head: &[u8]) -> bool {
-    head.starts_with(b"\x93NUMPY")
+/// The first bytes of a .npy file.
+pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
+
+/// A header with a plain type and three sizes has under 200 bytes; NumPy pads it to a multiple of 64.
+const MAX_HEADER: usize = 1 << 16;
+
+/// What the header says.
+#[derive(Debug, PartialEq)]
+struct Header {
+    /// The type's string, such as `<i2`.
+    descr: String,
+    fortran_order: bool,
+    shape: Vec<i64>,
 }
 
-/// Reads an .npy file; the spacing is 1 and x is the last axis of a C-ordered array.
-pub(super) fn read(path: &Path) -> Result<Volume> {
-    let mut file = BufReader::new(open(path)?);
-    let header = NpyHeader::from_reader(&mut file).map_err(|e| {
-        // A syntax error draws the place over several lines; the first says what it is.
-        let reason = e.to_string();
-        malformed(path, format!("the .npy header is damaged: {}", reason.lines().next().unwrap_or("unreadable")))
-    })?;
-    let DType::Plain(ty) = header.dtype() else {
-        return Err(malformed(path, "a structured array: save one plain number per voxel"));
+/// Reads the volume of a header that begins here.
+pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume> {
+    let path = input.path().to_owned();
+    let header = read_header(&mut input)?;
+    let mut shape = header.shape.clone();
+    while shape.len() > 3 {
+        let Some(single) = shape.iter().position(|&n| n == 1) else { break };
+        shape.remove(single);
+    }
+    let [z, y, x] = shape[..] else {
+        return Err(input.error(format!("has the shape {:?}, expected (z, y, x)", header.shape)));
     };
-    let sample_type = match (ty.type_char(), ty.size_field()) {
-        (TypeChar::Uint | TypeChar::Bool, 1) => SampleType::U8,
-        (TypeChar::Int, 1) => SampleType::I8,
-        (TypeChar::Uint, 2) => SampleType::U16,
-        (TypeChar::Int, 2) => SampleType::I16,
-        (TypeChar::Uint, 4) => SampleType::U32,
-        (TypeChar::Int, 4) => SampleType::I32,
-        (TypeChar::Uint, 8) => SampleType::U64,
-        (TypeChar::Int, 8) => SampleType::I64,
-        (TypeChar::Float, 4) => SampleType::F32,
-        (TypeChar::Float, 8) => SampleType::F64,
+    let dims = lattice(&path, &[x, y, z])?;
+    let placement = Placement::axis_parallel([1.0; 3]);
+    let grid = placement.grid(&path, dims, spacing)?;
+
+    let count = grid.len();
+    let (order, kind) = header.descr.split_at_checked(1).unwrap_or_default();
+    let endian = match order {
+        ">" => Endian::Big,
+        "<" => Endian::Little,
+        _ => Endian::NATIVE,
+    };
+    let layout = Layout::Binary(endian);
+    let sample_type = match kind {
+        "u1" | "b1" => SampleType::U8,
+        "i1" => SampleType::I8,
+        "u2" => SampleType::U16,
+        "i2" => SampleType::I16,
+        "u4" => SampleType::U32,
+        "i4" => SampleType::I32,
+        "u8" => SampleType::U64,
+        "i8" => SampleType::I64,
+        "f4" | "f2" => SampleType::F32,
+        "f8" => SampleType::F64,
         _ => {
-            return Err(malformed(
-                path,
-                format!("samples of type {ty}: convert them to an integer, float32 or float64"),
-            ));
+            let reason =
+                format!("has samples of type {:?}: save it as integers or floats, one per voxel", header.descr);
+            return Err(input.error(reason));
         }
     };
-    let dims = match *header.shape() {
-        [z, y, x] => [x, y, z],
-        [y, x] => [x, y, 1],
-        ref shape => return Err(malformed(path, format!("an array of shape {shape:?}, expected (z, y, x)"))),
+    let samples = if kind == "f2" {
+        // The one type without a variant of its own: f32 holds every half exactly.
+        let halves: Vec<u16> = decode::read(&mut std::iter::once(Ok(input)), 1, count, layout)?;
+        Samples::F32(halves.into_par_iter().map(|bits| half::f16::from_bits(bits).to_f32()).collect())
+    } else {
+        read_all(input, count, sample_type, layout)?
     };
-    let dims: Vec<u32> = dims.iter().filter_map(|&d| u32::try_from(d).ok().filter(|&d| d > 0)).collect();
-    let dims = <[u32; 3]>::try_from(dims)
-        .map_err(|_| malformed(path, format!("an array of shape {:?} cannot be a volume", header.shape())))?;
-    // The header is text padded to a multiple of 64: the samples are the end of the file.
-    let source = Source {
-        path: path.to_owned(),
-        offset: None,
-        packing: Packing::Raw,
-        skip_unpacked: 0,
-        sample_type,
-        endian: if ty.endianness() == Endianness::Big { Endian::Big } else { Endian::Little },
-    };
-    let grid = Grid::axis_parallel(dims, [1.0; 3]).map_err(|e| malformed(path, e.to_string()))?;
-    let samples = source.read(sample_count(path, dims)?)?;
-    Volume::new(grid, if header.order() == Order::Fortran { transposed(samples, dims) } else { samples })
+    let samples = if header.fortran_order { x_fastest(samples, dims) } else { samples };
+    placement.volume(grid, samples)
 }
 
-/// Samples with z fastest to samples with x fastest.
-fn transposed(samples: Samples, [nx, ny, nz]: [u32; 3]) -> Samples {
-    fn turn<T: Copy>(s: &[T], nx: usize, ny: usize, nz: usize) -> Vec<T> {
-        (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| s[(x * ny + y) * nz + z]))).collect()
+/// Brings samples stored z fastest to x fastest.
+fn x_fastest(samples: Samples, dims: [u32; 3]) -> Samples {
+    fn turned<T: Copy + Send + Sync>(from: &[T], [nx, ny, nz]: [usize; 3]) -> Vec<T> {
+        (0..nx * ny * nz).into_par_iter().map(|i| from[(i % nx * ny + i / nx % ny) * nz + i / (nx * ny)]).collect()
     }
+    let dims = dims.map(|d| d as usize);
     macro_rules! each {
         ($($variant:ident),*) => {
-            match &samples {
-                $(Samples::$variant(s) => Samples::$variant(turn(s, nx as usize, ny as usize, nz as usize)),)*
-            }
+            match &samples { $(Samples::$variant(s) => Samples::$variant(turned(s, dims)),)* }
         };
     }
     each!(U8, I8, U16, I16, U32, I32, U64, I64, F32, F64)
+}
+
+fn read_header(input: &mut Input) -> Result<Header> {
+    let start = input.bytes(8)?;
+    let (magic, version) = start.split_at(6);
+    if magic != MAGIC {
+        return Err(input.error("is not a NumPy file: its magic is missing"));
+    }
+    let length = match version {
+        [1, 0] => input.bytes(2)?,
+        [2 | 3, 0] => input.bytes(4)?,
+        _ => return Err(input.error(format!("is of the unknown .npy version {version:?}, expected 1.0 to 3.0"))),
+    };
+    let length = length.iter().rev().fold(0, |n, &byte| n << 8 | usize::from(byte));
+    if length > MAX_HEADER {
+        return Err(input.error(format!("has a header of {length} bytes, expected at most {MAX_HEADER}")));
+    }
+    let text = input.bytes(length)?;
+    let text = String::from_utf8_lossy(&text);
+    parse(&text).ok_or_else(|| input.error(format!("has a header that is not read: {:?}", text.trim_end())))
+}
+
+/// Parses the dictionary literal of a header; `None` where it is not one of a plain array.
+fn parse(text: &str) -> Option<Header> {
+    let (mut descr, mut fortran_order, mut shape) = (None, None, None);
+    let mut rest = text.trim().strip_prefix('{')?.trim_start();
+    while !rest.starts_with('}') {
+        let (key, after) = quoted(rest)?;
+        let value = after.trim_start().strip_prefix(':')?.trim_start();
+        rest = match key {
+            "descr" => {
+                let (text, after) = quoted(value)?;
+                descr.replace(text.to_owned()).is_none().then_some(after)?
+            }
+            "fortran_order" => {
+                let word = if value.starts_with("True") { "True" } else { "False" };
+                fortran_order.replace(word == "True").is_none().then_some(value.strip_prefix(word)?)?
+            }
+            "shape" => {
+                let (inside, after) = value.strip_prefix('(')?.split_once(')')?;
+                let numbers = inside.trim().trim_end_matches(',').split(',').map(|n| n.trim().parse().ok());
+                shape.replace(numbers.collect::<Option<Vec<i64>>>()?).is_none().then_some(after)?
+            }
+            _ => return None,
+        };
+        rest = rest.trim_start();
+        match rest.strip_prefix(',') {
+            Some(after) => rest = after.trim_start(),
+            None if rest.starts_with('}') => {}
+            None => return None,
+        }
+    }
+    Some(Header { descr: descr?, fortran_order: fortran_order?, shape: shape? })
+}
+
+/// A string literal and what follows it.
+fn quoted(text: &str) -> Option<(&str, &str)> {
+    let quote = text.chars().next().filter(|c| matches!(c, '\'' | '"'))?;
+    text.get(1..)?.split_once(quote)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headers_parse_as_python_does() {
+        let header = |descr: &str, fortran_order, shape: &[i64]| {
+            Some(Header { descr: descr.to_owned(), fortran_order, shape: shape.to_vec() })
+        };
+        let text = "{'descr': '<i2', 'fortran_order': False, 'shape': (5, 4, 3), }        \n";
+        assert_eq!(parse(text), header("<i2", false, &[5, 4, 3]));
+        assert_eq!(parse("{\"shape\":(7,),\"fortran_order\":True,\"descr\":\"|u1\"}"), header("|u1", true, &[7]));
+        for bad in [
+            "",
+            "{",
+            "{'descr': '<i2'}",
+            "{'descr': [('a', '<i2')], 'fortran_order': False, 'shape': (1,)}",
+            "{'descr': '<i2', 'fortran_order': 0, 'shape': (1,)}",
+            "{'descr': '<i2', 'fortran_order': False, 'shape': ((((1,))))}",
+            "{'descr': '<i2', 'descr': '<i2', 'fortran_order': False, 'shape': (1,)}",
+            "{'descr': '<i2', 'fortran_order': False, 'shape': (99999999999999999999,)}",
+        ] {
+            assert_eq!(parse(bad), None, "{bad}");
+        }
+    }
 }

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::{Grid, Samples, Volume};
@@ -89,8 +89,9 @@ pub fn demo_transfer(name: &str) -> Option<TransferFunction> {
     TransferFunction::new(points, None).ok()
 }
 
-/// The built-in volume `NAME` or `NAME:SIZE`: SIZE^3 voxels of spacing 1, centred on the world's origin.
-pub(super) fn demo(name_and_size: &str) -> Result<Volume> {
+/// The built-in volume `NAME` or `NAME:SIZE`: SIZE^3 voxels, centred on the world's origin; the spacing is 1 where none
+/// is given.
+pub(super) fn demo(name_and_size: &str, spacing: Option<[f64; 3]>) -> Result<Volume> {
     let (name, size) = match name_and_size.split_once(':') {
         None => (name_and_size, DEFAULT_SIZE),
         Some((name, size)) => {
@@ -104,8 +105,9 @@ pub(super) fn demo(name_and_size: &str) -> Result<Volume> {
         let known: Vec<_> = DEMOS.iter().map(|d| d.name).collect();
         Error::Volume(format!("there is no demo:{name}; there are: {}", known.join(", ")))
     })?;
-    let middle = f64::from(size - 1) / 2.0;
-    let grid = Grid::new([size; 3], DAffine3::from_translation(DVec3::splat(-middle)))?;
+    let spacing = DVec3::from_array(spacing.unwrap_or([1.0; 3]));
+    let origin = -spacing * (f64::from(size - 1) / 2.0);
+    let grid = Grid::new([size; 3], DAffine3::from_mat3_translation(DMat3::from_diagonal(spacing), origin))?;
     Volume::new(grid, (demo.make)(size))
 }
 
@@ -248,7 +250,7 @@ mod tests {
     #[test]
     fn every_demo_has_a_transfer_function_that_shows_it() {
         for d in demos() {
-            let volume = demo(&format!("{}:32", d.name)).unwrap();
+            let volume = demo(&format!("{}:32", d.name), None).unwrap();
             let transfer = demo_transfer(&format!("{}:32", d.name)).unwrap();
             assert_eq!(volume.grid().dims(), [32; 3]);
             assert!(volume.grid().center().length() < 1e-12);
@@ -270,7 +272,7 @@ mod tests {
     fn bad_names_and_sizes_are_refused() {
         for (name, part) in [("cow", "there are: marschner-lobb"), ("sphere:1", "2 to 1024"), ("sphere:x", "2 to 1024")]
         {
-            let error = demo(name).unwrap_err().to_string();
+            let error = demo(name, None).unwrap_err().to_string();
             assert!(error.contains(part), "{error}");
         }
     }

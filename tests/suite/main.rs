@@ -11,4 +11,5 @@ mod cli;
 mod golden;
 mod presets;
 mod readers;
+mod readers_errors;
 mod rendering;

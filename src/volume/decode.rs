@@ -1,0 +1,177 @@
+//! From the bytes of one or more files to samples, at the width they have there.
+
+use bytemuck::Pod;
+use rayon::prelude::*;
+
+use super::input::{Input, format_error};
+use super::{Endian, SampleType, Samples};
+use crate::error::{Error, Result};
+
+/// How samples are written down.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Layout {
+    /// The samples' own bytes, in this order.
+    Binary(Endian),
+    /// Decimal numbers between blanks.
+    Text,
+}
+
+/// The files of a volume, opened one after the other, each at its first sample.
+pub(super) type Parts<'a> = &'a mut dyn Iterator<Item = Result<Input>>;
+
+/// Reads `count` samples, an equal share from each of the `parts` (there are `n_parts`).
+pub(super) fn read_samples(
+    parts: Parts<'_>,
+    n_parts: usize,
+    count: u64,
+    sample_type: SampleType,
+    layout: Layout,
+) -> Result<Samples> {
+    Ok(match sample_type {
+        SampleType::U8 => Samples::U8(read(parts, n_parts, count, layout)?),
+        SampleType::I8 => Samples::I8(read(parts, n_parts, count, layout)?),
+        SampleType::U16 => Samples::U16(read(parts, n_parts, count, layout)?),
+        SampleType::I16 => Samples::I16(read(parts, n_parts, count, layout)?),
+        SampleType::U32 => Samples::U32(read(parts, n_parts, count, layout)?),
+        SampleType::I32 => Samples::I32(read(parts, n_parts, count, layout)?),
+        SampleType::U64 => Samples::U64(read(parts, n_parts, count, layout)?),
+        SampleType::I64 => Samples::I64(read(parts, n_parts, count, layout)?),
+        SampleType::F32 => Samples::F32(read(parts, n_parts, count, layout)?),
+        SampleType::F64 => Samples::F64(read(parts, n_parts, count, layout)?),
+    })
+}
+
+/// As [`read_samples`], from one file.
+pub(super) fn read_all(input: Input, count: u64, sample_type: SampleType, layout: Layout) -> Result<Samples> {
+    read_samples(&mut std::iter::once(Ok(input)), 1, count, sample_type, layout)
+}
+
+/// What a sample type must know to be read.
+pub(super) trait Sample: Pod + Send + Sync {
+    /// The same number from the other byte order.
+    fn swap(self) -> Self;
+    /// The number that a text spells; `None` where it is none of this type.
+    fn parse(text: &str) -> Option<Self>;
+}
+
+macro_rules! integer_sample {
+    ($($t:ty),*) => { $(impl Sample for $t {
+        fn swap(self) -> Self { self.swap_bytes() }
+        fn parse(text: &str) -> Option<Self> {
+            // Some writers put integers down as floats: 3.0 or 1e3.
+            text.parse().ok().or_else(|| {
+                let number: f64 = text.parse().ok()?;
+                let integer = number as Self;
+                (integer as f64 == number && number.abs() < 9e15).then_some(integer)
+            })
+        }
+    })* };
+}
+integer_sample!(u8, i8, u16, i16, u32, i32, u64, i64);
+
+macro_rules! float_sample {
+    ($($t:ty),*) => { $(impl Sample for $t {
+        fn swap(self) -> Self { Self::from_bits(self.to_bits().swap_bytes()) }
+        fn parse(text: &str) -> Option<Self> { text.parse().ok() }
+    })* };
+}
+float_sample!(f32, f64);
+
+/// Reads straight into the vector that becomes the volume: no second copy, whatever the size.
+pub(super) fn read<T: Sample>(parts: Parts<'_>, n_parts: usize, count: u64, layout: Layout) -> Result<Vec<T>> {
+    let mut samples: Vec<T> = Vec::new();
+    let share = count / n_parts.max(1) as u64;
+    for part in parts {
+        let mut input = part?;
+        check_size::<T>(&input, share, layout)?;
+        if samples.capacity() == 0 {
+            // Once only, and after the first file has shown that it can hold its share. Memory that is never
+            // written to costs nothing, so a compressed file that ends early does no harm either.
+            let total = usize::try_from(count).ok().filter(|&n| samples.try_reserve_exact(n).is_ok());
+            total.ok_or_else(|| out_of_memory(&input, count, size_of::<T>()))?;
+        }
+        match layout {
+            Layout::Binary(_) => read_binary(&mut input, share, &mut samples)?,
+            Layout::Text => read_text(&mut input, share, &mut samples)?,
+        }
+    }
+    if matches!(layout, Layout::Binary(endian) if endian != Endian::NATIVE) && size_of::<T>() > 1 {
+        samples.par_iter_mut().for_each(|s| *s = s.swap());
+    }
+    Ok(samples)
+}
+
+/// Refuses a file that cannot hold `count` samples, before any memory is asked for.
+fn check_size<T>(input: &Input, count: u64, layout: Layout) -> Result<()> {
+    let needed = match layout {
+        Layout::Binary(_) => u128::from(count) * size_of::<T>() as u128,
+        // A digit each and a blank between.
+        Layout::Text => (u128::from(count) * 2).saturating_sub(1),
+    };
+    match (input.exactly_left(), input.at_most()) {
+        (Some(left), _) if needed > u128::from(left) => Err(input.error(format!(
+            "is cut short, or its header claims too much: {count} samples need {needed} bytes, {left} are there"
+        ))),
+        (None, Some(most)) if needed > u128::from(most) => Err(input.error(format!(
+            "is cut short, or its header claims too much: {count} samples need {needed} bytes, \
+             and the file cannot hold that many however compressed"
+        ))),
+        _ => Ok(()),
+    }
+}
+
+fn out_of_memory(input: &Input, count: u64, size: usize) -> Error {
+    let gib = count as f64 * size as f64 / f64::from(1 << 30);
+    input.error(format!("needs {gib:.1} GiB of memory, more than can be had: crop or downsample it first"))
+}
+
+fn read_binary<T: Sample>(input: &mut Input, count: u64, samples: &mut Vec<T>) -> Result<()> {
+    // Grown by a megabyte at a time: the zeros that `resize` must write are still in the cache when they are
+    // overwritten, and pages beyond the end of a short file are never touched.
+    let chunk = (1 << 20) / size_of::<T>() as u64;
+    let mut left = count;
+    while left > 0 {
+        let n = left.min(chunk);
+        let start = samples.len();
+        samples.resize(start + n as usize, T::zeroed());
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut samples[start..]);
+        let wanted = bytes.len();
+        let got = input.fill(bytes)?;
+        if got < wanted {
+            let size = size_of::<T>() as u64;
+            let found = (count - left) * size + got as u64;
+            return Err(
+                input.error(format!("is cut short: {count} samples need {} bytes, {found} are there", count * size))
+            );
+        }
+        left -= n;
+    }
+    input.verify_checksum()
+}
+
+fn read_text<T: Sample>(input: &mut Input, count: u64, samples: &mut Vec<T>) -> Result<()> {
+    let mut token = String::new();
+    for i in 0..count {
+        if !input.token(&mut token)? {
+            return Err(input.error(format!("is cut short: {count} samples expected, {i} are there")));
+        }
+        let sample = T::parse(&token);
+        samples.push(sample.ok_or_else(|| {
+            let name = std::any::type_name::<T>();
+            input.error(format!("sample {} is {token:?}, which is not a number of type {name}", i + 1))
+        })?);
+    }
+    Ok(())
+}
+
+/// The number of samples of a lattice as a header states it, each dimension in the range a grid accepts.
+pub(super) fn lattice(path: &std::path::Path, sizes: &[i64]) -> Result<[u32; 3]> {
+    let dim = |axis: usize| {
+        let size = sizes.get(axis).copied().unwrap_or(1);
+        match u32::try_from(size) {
+            Ok(n) if (1..=super::MAX_DIM).contains(&n) => Ok(n),
+            _ => Err(format_error(path, format!("dimension {} is {size}, expected 1 to {}", axis + 1, super::MAX_DIM))),
+        }
+    };
+    Ok([dim(0)?, dim(1)?, dim(2)?])
+}

@@ -1,0 +1,282 @@
+//! Bytes of a file, plain or compressed, that know where they come from and how many may be left.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
+
+use crate::error::{Error, Result};
+
+/// The first bytes of every gzip stream (RFC 1952).
+const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
+
+/// Deflate cannot expand more than this (zlib's technical notes: 1032 to 1), so a file of b bytes holds at most about
+/// b times this many: the way to tell a lying header from a well compressed volume before memory is asked for.
+const MAX_EXPANSION: u64 = 1032;
+
+/// The longest line of a header that is read; longer ones are not text.
+const MAX_LINE: u64 = 1 << 20;
+
+/// Characters of an error message that quotes a header.
+const MAX_REASON: usize = 400;
+
+/// A stream of bytes with the file it belongs to.
+pub(super) struct Input {
+    path: PathBuf,
+    reader: Box<dyn BufRead>,
+    /// Bytes that may be left at most; `None` for pipes.
+    left: Option<u64>,
+    compressed: bool,
+}
+
+impl Input {
+    /// Opens a file, decompressing it where its content is gzip.
+    pub(super) fn open(path: &Path) -> Result<Self> {
+        let plain = Self::open_plain(path)?;
+        plain.gunzip_if_gzip()
+    }
+
+    /// Opens a data file that a header names, as it is. Headers may come from anywhere: an endless device that one
+    /// names is not read.
+    pub(super) fn open_data(path: &Path) -> Result<Self> {
+        let input = Self::open_plain(path)?;
+        if input.left.is_none() {
+            return Err(input.error("is not a regular file, as a data file must be"));
+        }
+        Ok(input)
+    }
+
+    /// Opens a file as it is.
+    fn open_plain(path: &Path) -> Result<Self> {
+        let read_error = |source| Error::Read { path: path.to_owned(), source };
+        let file = File::open(path).map_err(read_error)?;
+        let meta = file.metadata().map_err(read_error)?;
+        if meta.is_dir() {
+            return Err(format_error(path, "is a directory, expected a volume file"));
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            reader: Box::new(BufReader::with_capacity(1 << 16, file)),
+            left: meta.is_file().then_some(meta.len()),
+            compressed: false,
+        })
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// An [`Error::Format`] about this file.
+    pub(super) fn error(&self, reason: impl Into<String>) -> Error {
+        format_error(&self.path, reason)
+    }
+
+    /// Bytes left at most (an upper bound where compressed), `None` where unknown.
+    pub(super) fn at_most(&self) -> Option<u64> {
+        self.left
+    }
+
+    /// Bytes left exactly, `None` where unknown.
+    pub(super) fn exactly_left(&self) -> Option<u64> {
+        if self.compressed { None } else { self.left }
+    }
+
+    /// The next bytes, up to `n`, fewer only at the end; they stay to be read.
+    pub(super) fn peek(&mut self, n: usize) -> Result<Vec<u8>> {
+        let mut head = Vec::new();
+        (&mut self.reader).take(n as u64).read_to_end(&mut head).map_err(|e| self.io_error(e))?;
+        let rest = std::mem::replace(&mut self.reader, Box::new(io::empty()));
+        self.reader = Box::new(io::Cursor::new(head.clone()).chain(rest));
+        Ok(head)
+    }
+
+    /// The same bytes, decompressed where they begin as gzip does.
+    fn gunzip_if_gzip(mut self) -> Result<Self> {
+        if self.peek(2)? == GZIP_MAGIC { Ok(self.gunzip()) } else { Ok(self) }
+    }
+
+    /// The bytes of the gzip stream that begins here (several members count as one stream: bgzip writes such).
+    pub(super) fn gunzip(self) -> Self {
+        self.decompressed(|reader| Box::new(BufReader::with_capacity(1 << 16, MultiGzDecoder::new(reader))))
+    }
+
+    /// The bytes of the zlib (or gzip, as MetaIO accepts) stream that begins here.
+    pub(super) fn inflate(mut self) -> Result<Self> {
+        if self.peek(2)? == GZIP_MAGIC {
+            return Ok(self.gunzip());
+        }
+        Ok(self.decompressed(|reader| Box::new(BufReader::with_capacity(1 << 16, ZlibDecoder::new(reader)))))
+    }
+
+    /// The bytes that hexadecimal digits (blanks between them skipped) stand for.
+    pub(super) fn unhex(mut self) -> Self {
+        self.left = self.left.map(|n| n / 2);
+        self.compressed = true;
+        self.reader = Box::new(BufReader::new(Unhex { digits: self.reader }));
+        self
+    }
+
+    fn decompressed(mut self, f: impl FnOnce(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
+        self.left = self.left.map(|n| n.saturating_mul(MAX_EXPANSION).saturating_add(1 << 16));
+        self.compressed = true;
+        self.reader = f(self.reader);
+        self
+    }
+
+    /// Drops `n` bytes.
+    pub(super) fn skip(&mut self, n: u64) -> Result<()> {
+        let passed = match self.left {
+            Some(left) if n > left => 0,
+            _ => io::copy(&mut (&mut self.reader).take(n), &mut io::sink()).map_err(|e| self.io_error(e))?,
+        };
+        if passed < n {
+            return Err(self.error(format!("ends before byte {n}, where its samples should begin")));
+        }
+        self.left = self.left.map(|left| left - n);
+        Ok(())
+    }
+
+    /// The next line without its end (LF or CRLF); `None` at the end. Bytes that are not UTF-8 are replaced.
+    pub(super) fn line(&mut self) -> Result<Option<String>> {
+        let mut line = Vec::new();
+        (&mut self.reader).take(MAX_LINE).read_until(b'\n', &mut line).map_err(|e| self.io_error(e))?;
+        if line.is_empty() {
+            return Ok(None);
+        }
+        self.left = self.left.map(|left| left.saturating_sub(line.len() as u64));
+        if line.pop_if(|c| *c == b'\n').is_none() && line.len() as u64 == MAX_LINE {
+            return Err(self.error(format!("has a header line of over {MAX_LINE} bytes")));
+        }
+        line.pop_if(|c| *c == b'\r');
+        Ok(Some(String::from_utf8_lossy(&line).into_owned()))
+    }
+
+    /// The next `n` bytes; an error where there are fewer.
+    pub(super) fn bytes(&mut self, n: usize) -> Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        (&mut self.reader).take(n as u64).read_to_end(&mut bytes).map_err(|e| self.io_error(e))?;
+        if bytes.len() < n {
+            return Err(self.error(format!("is cut short: its header has {} of {n} bytes", bytes.len())));
+        }
+        self.left = self.left.map(|left| left.saturating_sub(n as u64));
+        Ok(bytes)
+    }
+
+    /// Fills `out`, or as much of it as there are bytes; returns how much.
+    pub(super) fn fill(&mut self, out: &mut [u8]) -> Result<usize> {
+        let mut done = 0;
+        while done < out.len() {
+            match self.reader.read(&mut out[done..]) {
+                Ok(0) => break,
+                Ok(n) => done += n,
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                // A compressed stream that is cut off reports this instead of an end.
+                Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => break,
+                Err(e) => return Err(self.io_error(e)),
+            }
+        }
+        self.left = self.left.map(|left| left.saturating_sub(done as u64));
+        Ok(done)
+    }
+
+    /// Reads on to the checksum of a compressed stream, where the samples were its last bytes.
+    ///
+    /// Whatever else follows is not part of the volume and is left alone.
+    pub(super) fn verify_checksum(&mut self) -> Result<()> {
+        match self.reader.read(&mut [0]) {
+            Err(e) if e.to_string().contains("checksum") => Err(self.io_error(e)),
+            _ => Ok(()),
+        }
+    }
+
+    /// The next token between blanks and commas; `None` at the end. Tokens are cut at 64 bytes: no number needs more.
+    pub(super) fn token(&mut self, token: &mut String) -> Result<bool> {
+        token.clear();
+        loop {
+            let (used, done) = {
+                let available = match self.reader.fill_buf() {
+                    Ok(bytes) => bytes,
+                    Err(e) => return Err(self.io_error(e)),
+                };
+                if available.is_empty() {
+                    return Ok(!token.is_empty());
+                }
+                let mut used = 0;
+                let mut done = false;
+                for &c in available {
+                    used += 1;
+                    if c.is_ascii_whitespace() || c == b',' {
+                        done = !token.is_empty();
+                        if done {
+                            break;
+                        }
+                    } else if token.len() < 64 {
+                        token.push(char::from(c));
+                    }
+                }
+                (used, done)
+            };
+            self.reader.consume(used);
+            if done {
+                return Ok(true);
+            }
+        }
+    }
+
+    /// A failed read: the operating system's word, or ours where the content is to blame.
+    fn io_error(&self, source: io::Error) -> Error {
+        match source.kind() {
+            io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput | io::ErrorKind::UnexpectedEof => {
+                self.error(format!("is damaged: {source}"))
+            }
+            _ => Error::Read { path: self.path.clone(), source },
+        }
+    }
+}
+
+/// An [`Error::Format`].
+pub(super) fn format_error(path: &Path, reason: impl Into<String>) -> Error {
+    // One line, of a length to be read, is the promise of the error type, and a reason may quote a header.
+    let mut reason = reason.into().replace(|c: char| c.is_control(), " ");
+    if let Some((end, _)) = reason.char_indices().nth(MAX_REASON) {
+        reason.truncate(end);
+        reason.push_str(" ...");
+    }
+    Error::Format { path: path.to_owned(), reason }
+}
+
+/// Bytes from pairs of hexadecimal digits.
+struct Unhex {
+    digits: Box<dyn BufRead>,
+}
+
+impl Read for Unhex {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        let mut digit = || -> io::Result<Option<u8>> {
+            let mut c = [0];
+            loop {
+                match self.digits.read(&mut c)? {
+                    0 => return Ok(None),
+                    _ if c[0].is_ascii_whitespace() => {}
+                    _ => {
+                        let digit = char::from(c[0]).to_digit(16).map(|d| d as u8);
+                        return digit.map(Some).ok_or_else(|| {
+                            io::Error::new(
+                                io::ErrorKind::InvalidData,
+                                format!("{:?} is no hex digit", char::from(c[0])),
+                            )
+                        });
+                    }
+                }
+            }
+        };
+        for (n, byte) in out.iter_mut().enumerate() {
+            match (digit()?, digit()?) {
+                (Some(high), Some(low)) => *byte = high << 4 | low,
+                _ => return Ok(n),
+            }
+        }
+        Ok(out.len())
+    }
+}

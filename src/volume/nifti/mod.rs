@@ -1,0 +1,189 @@
+//! NIfTI-1 and NIfTI-2, single files and pairs, of either byte order
+//! (<https://nifti.nimh.nih.gov/pub/dist/src/niftilib/nifti1.h>, `nifti2.h` beside it).
+//!
+//! Written here because the crate `nifti` 0.18 does not do for us: it knows no NIfTI-2 (dimensions are u16), goes by
+//! the file's name to tell gzip, reserves what a header claims before it has seen the data, and builds affines with
+//! nalgebra only. Where a header leaves room, nibabel's reading of it is followed.
+//!
+//! Lengths stay in the unit of the file: `xyzt_units` is not applied, so a file in metres is not scaled to millimetres.
+
+mod header;
+
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DQuat, DVec3};
+
+use self::header::Header;
+pub(super) use self::header::{HEADER_SIZE, is_analyze, is_nifti};
+use super::decode::{Layout, lattice, read_all};
+use super::input::Input;
+use super::placement::Placement;
+use super::{SampleType, Volume};
+use crate::error::Result;
+
+/// Takes RAS, the world of NIfTI, to LPS.
+const RAS_TO_LPS: DVec3 = DVec3::new(-1.0, -1.0, 1.0);
+
+/// Reads the volume of a header that begins here.
+pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume> {
+    let header = Header::read(&mut input)?;
+    let path = input.path().to_owned();
+    let sample_type = sample_type(&header, &input)?;
+    let dims = dims(&header, &input)?;
+    let (slope, intercept) = rescale(&header, &input)?;
+    let placement = placement(&header, &input, dims, spacing)?;
+    let grid = placement.grid(&path, dims, spacing)?;
+
+    // The offset is a float in NIfTI-1.
+    let offset = header.vox_offset;
+    if !(offset >= 0.0 && offset.fract() == 0.0 && offset < 9e15) {
+        return Err(input.error(format!("vox_offset is {offset}, expected a whole number of bytes")));
+    }
+    let offset = offset as u64;
+    let input = if header.single_file {
+        let read = header.size as u64;
+        // Four bytes say whether extensions follow the header: data cannot begin before them. 0 means "right after".
+        let first = if offset == 0 { read + 4 } else { offset };
+        if first < read + 4 {
+            return Err(input.error(format!("vox_offset is {offset}, inside the header")));
+        }
+        input.skip(first - read)?;
+        input
+    } else {
+        let mut data = Input::open(&image_file(&path, &input)?)?;
+        data.skip(offset)?;
+        data
+    };
+    let count = grid.len();
+    let samples = read_all(input, count, sample_type, Layout::Binary(header.endian))?;
+    placement.volume(grid, samples)?.with_rescale(slope, intercept)
+}
+
+fn sample_type(header: &Header, input: &Input) -> Result<SampleType> {
+    let refused = match header.datatype {
+        2 => return Ok(SampleType::U8),
+        4 => return Ok(SampleType::I16),
+        8 => return Ok(SampleType::I32),
+        16 => return Ok(SampleType::F32),
+        64 => return Ok(SampleType::F64),
+        256 => return Ok(SampleType::I8),
+        512 => return Ok(SampleType::U16),
+        768 => return Ok(SampleType::U32),
+        1024 => return Ok(SampleType::I64),
+        1280 => return Ok(SampleType::U64),
+        1 => "bits",
+        32 | 1792 | 2048 => "complex numbers",
+        128 => "RGB colours",
+        2304 => "RGBA colours",
+        1536 => "128-bit floats",
+        other => return Err(input.error(format!("datatype {other} is unknown"))),
+    };
+    Err(input.error(format!("its samples are {refused}: convert it to integers or floats, one number per voxel")))
+}
+
+fn dims(header: &Header, input: &Input) -> Result<[u32; 3]> {
+    let n = usize::try_from(header.dim[0]).ok().filter(|n| (1..=7).contains(n));
+    let n = n.ok_or_else(|| input.error(format!("dim[0] is {}, expected 1 to 7 axes", header.dim[0])))?;
+    for axis in 4..=n {
+        // Unused axes are 1, or 0 in files by careless writers.
+        if !(0..=1).contains(&header.dim[axis]) {
+            return Err(input.error(format!(
+                "dim[{axis}] is {}: it holds several volumes, save the one to be rendered alone",
+                header.dim[axis]
+            )));
+        }
+    }
+    lattice(input.path(), &header.dim[1..=n.min(3)])
+}
+
+/// The map from stored numbers to values: a slope of 0 (or none that is finite) means there is none.
+fn rescale(header: &Header, input: &Input) -> Result<(f64, f64)> {
+    let (slope, intercept) = (header.scl_slope, header.scl_inter);
+    if slope == 0.0 || !slope.is_finite() {
+        return Ok((1.0, 0.0));
+    }
+    if !intercept.is_finite() {
+        return Err(input.error(format!("scl_inter is {intercept}, but scl_slope is {slope}")));
+    }
+    Ok((slope, intercept))
+}
+
+/// The sform if it has a code, else the qform if it has one, else the lattice centred on the origin, its first axis
+/// running from right to left: nibabel's order and its fallback.
+fn placement(header: &Header, input: &Input, dims: [u32; 3], spacing: Option<[f64; 3]>) -> Result<Placement> {
+    let ras = if header.sform_code != 0 {
+        let [x, y, z] = header.srow;
+        let column = |c: usize| DVec3::new(x[c], y[c], z[c]);
+        Placement {
+            directions: [column(0), column(1), column(2)],
+            spacing: [1.0; 3],
+            origin: column(3),
+            oriented: true,
+        }
+    } else if header.qform_code != 0 {
+        let rotation = rotation(header, input)?;
+        // Only -1 mirrors: other values, 0 above all, stand for 1.
+        let qfac = if header.pixdim[0] == -1.0 { -1.0 } else { 1.0 };
+        Placement {
+            directions: [rotation.x_axis, rotation.y_axis, rotation.z_axis * qfac],
+            spacing: header.spacing(),
+            origin: DVec3::from_array(header.qoffset),
+            oriented: true,
+        }
+    } else {
+        let used = spacing.unwrap_or(header.spacing());
+        let directions = [-DVec3::X, DVec3::Y, DVec3::Z];
+        let half = |a: usize| directions[a] * used[a] * (f64::from(dims[a]) - 1.0) / 2.0;
+        // The header did not say where the axes point: the conventional guess is not passed off as knowledge.
+        Placement { directions, spacing: header.spacing(), origin: -(half(0) + half(1) + half(2)), oriented: false }
+    };
+    Ok(ras.flipped(RAS_TO_LPS))
+}
+
+/// The rotation of the quaternion (a, b, c, d), a >= 0 not stored because its length is 1.
+fn rotation(header: &Header, input: &Input) -> Result<DMat3> {
+    let [b, c, d] = header.quatern;
+    let a2 = 1.0 - (b * b + c * c + d * d);
+    // Rounding of the stored numbers can take a half turn's a2 a little below 0; nibabel allows three units.
+    let rounding = 3.0 * if header.is_nifti2 { f64::EPSILON } else { f64::from(f32::EPSILON) };
+    if a2.is_nan() || a2 <= -rounding {
+        return Err(input.error(format!("quaternion ({b}, {c}, {d}) is no rotation: its length is over 1")));
+    }
+    let a = if a2.abs() < rounding { 0.0 } else { a2.sqrt() };
+    Ok(DMat3::from_quat(DQuat::from_xyzw(b, c, d, a).normalize()))
+}
+
+/// The file with the samples of a pair.
+fn image_file(header: &Path, input: &Input) -> Result<PathBuf> {
+    let (stem, upper) = stem(header);
+    let with = |extension: &str| {
+        let mut name = stem.clone().into_os_string();
+        name.push(extension);
+        PathBuf::from(name)
+    };
+    let candidates =
+        if upper { [".IMG", ".IMG.GZ", ".img", ".img.gz"] } else { [".img", ".img.gz", ".IMG", ".IMG.GZ"] }.map(with);
+    candidates
+        .iter()
+        .find(|c| c.is_file())
+        .cloned()
+        .ok_or_else(|| input.error(format!("its samples belong in {}, which is not there", candidates[0].display())))
+}
+
+/// The header of the pair that an image file belongs to, where there is one.
+pub(super) fn header_of_image(image: &Path) -> Option<PathBuf> {
+    let (stem, _) = stem(image);
+    [".hdr", ".hdr.gz", ".HDR"].into_iter().find_map(|extension| {
+        let mut name = stem.clone().into_os_string();
+        name.push(extension);
+        Some(PathBuf::from(name)).filter(|path| path.is_file())
+    })
+}
+
+/// The path without its extension (and the .gz after it), and whether that was in capitals.
+fn stem(path: &Path) -> (PathBuf, bool) {
+    let is_gz = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
+    let path = if is_gz { path.with_extension("") } else { path.to_owned() };
+    let upper = path.extension().and_then(|e| e.to_str()).is_some_and(|e| e.chars().all(|c| c.is_ascii_uppercase()));
+    (path.with_extension(""), upper)
+}

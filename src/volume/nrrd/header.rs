@@ -1,0 +1,190 @@
+//! The text of a NRRD header and the meaning of its per-axis fields.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+use crate::error::{Error, Result};
+use crate::volume::input::{Input, format_error};
+
+/// Teem's own limit (NRRD_DIM_MAX).
+const MAX_AXES: usize = 16;
+
+/// The fields of a header. Names are lower case, blanks between their words kept.
+pub(super) struct Header {
+    path: PathBuf,
+    fields: HashMap<String, String>,
+    /// Samples along each axis, fastest first, as stated (not yet checked to be positive).
+    pub(super) sizes: Vec<i64>,
+    /// World distance between samples, one per axis.
+    pub(super) spacings: Option<Vec<f64>>,
+    /// World vectors between samples, one per axis, `None` for an axis that is not spatial.
+    pub(super) directions: Option<Vec<Option<DVec3>>>,
+    /// World position of the first sample.
+    pub(super) origin: Option<DVec3>,
+    /// What brings the header's space to DICOM's patient space, where it is one of the patient.
+    pub(super) patient_flip: Option<DVec3>,
+}
+
+impl Header {
+    /// Reads up to the blank line before attached data, the end of a detached header, or its list of files.
+    pub(super) fn read(input: &mut Input) -> Result<Self> {
+        let path = input.path().to_owned();
+        let magic = input.line()?.unwrap_or_default();
+        let version = magic.trim_end().strip_prefix("NRRD000");
+        if !matches!(version, Some("1" | "2" | "3" | "4" | "5")) {
+            return Err(input.error(format!("begins with {magic:?}, expected NRRD0001 to NRRD0005")));
+        }
+        let mut fields = HashMap::new();
+        while let Some(line) = input.line()? {
+            let line = line.trim_end();
+            if line.is_empty() {
+                break;
+            }
+            if line.starts_with('#') {
+                continue;
+            }
+            let Some((name, value)) = line.split_once(':') else {
+                return Err(input.error(format!("header line {line:?} is not \"field: value\"")));
+            };
+            // "key:=value" is the application's own.
+            if value.starts_with('=') {
+                continue;
+            }
+            let name = canonical(name);
+            let is_list = name == "data file" && value.split_ascii_whitespace().next() == Some("LIST");
+            if let Some(first) = fields.insert(name.clone(), value.trim().to_owned()) {
+                return Err(input.error(format!("field {name:?} is given twice: {first:?} and {:?}", value.trim())));
+            }
+            if is_list {
+                break;
+            }
+        }
+        Self::interpret(Self {
+            path,
+            fields,
+            sizes: Vec::new(),
+            spacings: None,
+            directions: None,
+            origin: None,
+            patient_flip: None,
+        })
+    }
+
+    fn interpret(mut self) -> Result<Self> {
+        let dimension: usize = self.parsed("dimension", self.required("dimension")?)?;
+        if !(1..=MAX_AXES).contains(&dimension) {
+            return Err(self.error(format!("dimension: {dimension}, expected 1 to {MAX_AXES}")));
+        }
+        self.sizes = self.list("sizes", self.required("sizes")?, dimension)?;
+        self.spacings = self.get("spacings").map(|text| self.list("spacings", text, dimension)).transpose()?;
+        self.directions = self.get("space directions").map(|text| self.vectors(text, dimension)).transpose()?;
+        self.origin = match self.get("space origin").map(|text| self.vectors(text, 1)).transpose()? {
+            Some(vectors) => match vectors[..] {
+                [Some(origin)] => Some(origin),
+                _ => return Err(self.error("space origin: expected one vector such as (0,0,0)")),
+            },
+            None => None,
+        };
+        self.patient_flip = match self.get("space").map(str::to_ascii_lowercase).as_deref() {
+            Some("left-posterior-superior" | "lps") => Some(DVec3::ONE),
+            Some("right-anterior-superior" | "ras") => Some(DVec3::new(-1.0, -1.0, 1.0)),
+            Some("left-anterior-superior" | "las") => Some(DVec3::new(1.0, -1.0, 1.0)),
+            // Spaces of the scanner or of none in particular: a world, but not the patient's.
+            Some("scanner-xyz" | "3d-right-handed" | "3d-left-handed") | None => None,
+            Some(other) if other.ends_with("-time") || matches!(other, "last" | "rast" | "lpst") => {
+                return Err(self.error(format!("space {other:?} has time: save one point in time alone")));
+            }
+            Some(other) => return Err(self.error(format!("space {other:?} is unknown"))),
+        };
+        if self.patient_flip.is_some() && self.directions.is_none() {
+            // A named space without directions orients nothing.
+            self.patient_flip = None;
+        }
+        if let Some(text) = self.get("space dimension") {
+            let n: u32 = self.parsed("space dimension", text)?;
+            if n != 3 {
+                return Err(self.error(format!("space dimension: {n}, expected 3")));
+            }
+        }
+        Ok(self)
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// An [`Error::Format`] about this header.
+    pub(super) fn error(&self, reason: impl Into<String>) -> Error {
+        format_error(&self.path, reason)
+    }
+
+    /// The text of a field.
+    pub(super) fn get(&self, name: &str) -> Option<&str> {
+        self.fields.get(name).map(String::as_str)
+    }
+
+    /// The text of a field without which there is no volume.
+    pub(super) fn required(&self, name: &str) -> Result<&str> {
+        self.get(name).ok_or_else(|| self.error(format!("the NRRD header has no field {name:?}")))
+    }
+
+    /// Whether an axis is one of space, as far as the header says: its direction, and failing that its kind.
+    pub(super) fn is_spatial(&self, axis: usize) -> bool {
+        if let Some(directions) = &self.directions {
+            return directions.get(axis).is_some_and(Option::is_some);
+        }
+        let kind = self.get("kinds").and_then(|kinds| kinds.split_ascii_whitespace().nth(axis));
+        kind.is_none_or(|kind| matches!(kind.to_ascii_lowercase().as_str(), "domain" | "space" | "none" | "???"))
+    }
+
+    fn parsed<T: std::str::FromStr>(&self, name: &str, text: &str) -> Result<T> {
+        text.trim().parse().map_err(|_| self.error(format!("{name}: {text:?} is not a number that fits")))
+    }
+
+    fn list<T: std::str::FromStr>(&self, name: &str, text: &str, n: usize) -> Result<Vec<T>> {
+        let list = text.split_ascii_whitespace().map(|word| self.parsed(name, word)).collect::<Result<Vec<T>>>()?;
+        if list.len() != n {
+            return Err(self.error(format!("{name}: {} numbers for {n} axes", list.len())));
+        }
+        Ok(list)
+    }
+
+    /// `(x,y,z) none (x,y,z) ...`: `n` vectors, blanks allowed anywhere.
+    fn vectors(&self, text: &str, n: usize) -> Result<Vec<Option<DVec3>>> {
+        let bad = || self.error(format!("vectors {text:?}: expected {n} of the form (x,y,z) or none"));
+        let mut vectors = Vec::new();
+        let mut rest = text.trim();
+        while !rest.is_empty() {
+            if let Some(after) = rest.strip_prefix("none") {
+                vectors.push(None);
+                rest = after.trim_start();
+                continue;
+            }
+            let (inside, after) = rest.strip_prefix('(').and_then(|r| r.split_once(')')).ok_or_else(bad)?;
+            let numbers: Vec<f64> =
+                inside.split(',').map(|word| word.trim().parse().map_err(|_| bad())).collect::<Result<_>>()?;
+            let [x, y, z] = numbers[..] else { return Err(bad()) };
+            // Some writers put "none" down as NaN.
+            let vector = DVec3::new(x, y, z);
+            vectors.push(if vector.is_nan() { None } else { Some(vector) });
+            rest = after.trim_start();
+        }
+        if vectors.len() != n {
+            return Err(bad());
+        }
+        Ok(vectors)
+    }
+}
+
+/// A field's name in lower case, its old spelling without a blank brought to the new one.
+fn canonical(name: &str) -> String {
+    let name = name.trim().to_ascii_lowercase();
+    match name.as_str() {
+        "datafile" => "data file".to_owned(),
+        "lineskip" => "line skip".to_owned(),
+        "byteskip" => "byte skip".to_owned(),
+        _ => name,
+    }
+}

@@ -1,0 +1,195 @@
+//! Nearly raw raster data, NRRD0001 to NRRD0005 (<http://teem.sourceforge.net/nrrd/format.html>).
+//!
+//! Attached and detached headers, the encodings raw, gzip, text and hex, samples in one file or in many. Axes that are
+//! not spatial must have one sample: colours, vectors and time series are refused, not guessed at.
+
+mod header;
+
+use std::path::PathBuf;
+
+use glam::DVec3;
+
+use self::header::Header;
+use super::decode::{Layout, lattice, read_samples};
+use super::input::Input;
+use super::placement::Placement;
+use super::{Endian, SampleType, Volume, multifile};
+use crate::error::Result;
+
+/// The `encoding:` of the samples.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Encoding {
+    Raw,
+    Gzip,
+    Text,
+    Hex,
+}
+
+/// Reads the volume of a header that begins here.
+pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume> {
+    let header = Header::read(&mut input)?;
+    let sample_type = sample_type(&header)?;
+    let encoding = encoding(&header)?;
+    let layout = layout(&header, sample_type, encoding)?;
+    let axes = spatial_axes(&header)?;
+    let sizes = axes.map(|a| header.sizes[a]);
+    let dims = lattice(header.path(), &sizes)?;
+    let placement = placement(&header, axes)?;
+    let grid = placement.grid(header.path(), dims, spacing)?;
+    let count = grid.len();
+
+    let skip = Skip::new(&header, encoding, count * sample_type.size() as u64)?;
+    let files = data_files(&header, &mut input)?;
+    let samples = match files {
+        None => {
+            let part = skip.apply(input, encoding);
+            read_samples(&mut std::iter::once(part), 1, count, sample_type, layout)?
+        }
+        Some(files) => {
+            let n = files.len();
+            if !count.is_multiple_of(n as u64) {
+                return Err(header.error(format!("{n} data files cannot share {count} samples equally")));
+            }
+            let skip = Skip { total: skip.total / n as u64, ..skip };
+            let mut parts = files.iter().map(|file| skip.apply(Input::open_data(file)?, encoding));
+            read_samples(&mut parts, n, count, sample_type, layout)?
+        }
+    };
+    placement.volume(grid, samples)
+}
+
+fn sample_type(header: &Header) -> Result<SampleType> {
+    let name = header.required("type")?;
+    SampleType::from_name(name).ok_or_else(|| {
+        header.error(format!("type {name:?} is not read: expected an integer of 8 to 64 bits, float or double"))
+    })
+}
+
+fn encoding(header: &Header) -> Result<Encoding> {
+    match header.required("encoding")?.to_ascii_lowercase().as_str() {
+        "raw" => Ok(Encoding::Raw),
+        "gz" | "gzip" => Ok(Encoding::Gzip),
+        "txt" | "text" | "ascii" => Ok(Encoding::Text),
+        "hex" => Ok(Encoding::Hex),
+        "bz2" | "bzip2" => Err(header.error("encoding bzip2 is not read: save the volume with encoding gzip or raw")),
+        other => Err(header.error(format!("encoding {other:?} is unknown: expected raw, gzip, text or hex"))),
+    }
+}
+
+fn layout(header: &Header, sample_type: SampleType, encoding: Encoding) -> Result<Layout> {
+    if encoding == Encoding::Text {
+        return Ok(Layout::Text);
+    }
+    match header.get("endian").map(str::to_ascii_lowercase).as_deref() {
+        Some("little") => Ok(Layout::Binary(Endian::Little)),
+        Some("big") => Ok(Layout::Binary(Endian::Big)),
+        None if sample_type.size() == 1 => Ok(Layout::Binary(Endian::NATIVE)),
+        None => Err(header.error(format!("type {sample_type} needs a line \"endian: little\" or \"endian: big\""))),
+        Some(other) => Err(header.error(format!("endian {other:?}, expected little or big"))),
+    }
+}
+
+/// The three axes that span the volume, fastest first: all others have one sample.
+fn spatial_axes(header: &Header) -> Result<[usize; 3]> {
+    let mut axes: Vec<usize> = (0..header.sizes.len()).collect();
+    while axes.len() > 3 {
+        let single = |&&a: &&usize| header.sizes[a] == 1;
+        // Of several axes with one sample, one that is said not to be spatial goes first, then the slowest.
+        let dropped = axes.iter().filter(single).find(|a| !header.is_spatial(**a));
+        let Some(&dropped) = dropped.or_else(|| axes.iter().rev().find(single)) else { break };
+        axes.retain(|&a| a != dropped);
+    }
+    match axes[..] {
+        [x, y, z] if [x, y, z].iter().all(|&a| header.is_spatial(a) || header.sizes[a] == 1) => Ok([x, y, z]),
+        _ => {
+            let sizes: Vec<String> = header.sizes.iter().map(i64::to_string).collect();
+            let kinds = header.get("kinds").map(|k| format!(" and kinds {k}")).unwrap_or_default();
+            Err(header.error(format!(
+                "axes of sizes {}{kinds} are not a scalar volume: save one component or one point in time alone",
+                sizes.join(" ")
+            )))
+        }
+    }
+}
+
+/// Where the lattice lies. Without directions the world axes are the lattice's.
+fn placement(header: &Header, axes: [usize; 3]) -> Result<Placement> {
+    let Some(directions) = &header.directions else {
+        let spacing = match &header.spacings {
+            Some(all) => axes.map(|a| all[a]),
+            None => [1.0; 3],
+        };
+        return Ok(Placement { origin: header.origin.unwrap_or(DVec3::ZERO), ..Placement::axis_parallel(spacing) });
+    };
+    let mut vectors = [DVec3::ZERO; 3];
+    for (vector, a) in vectors.iter_mut().zip(axes) {
+        *vector = directions[a].ok_or_else(|| {
+            header.error(format!("space directions: axis {} has none, but is one of the volume's three", a + 1))
+        })?;
+    }
+    let placement = Placement {
+        directions: vectors,
+        spacing: [1.0; 3],
+        origin: header.origin.unwrap_or(DVec3::ZERO),
+        oriented: header.patient_flip.is_some(),
+    };
+    Ok(placement.flipped(header.patient_flip.unwrap_or(DVec3::ONE)))
+}
+
+/// What lies before the samples in each data file.
+#[derive(Clone, Copy)]
+struct Skip {
+    lines: u64,
+    /// `None`: the samples are the last `total` bytes.
+    bytes: Option<u64>,
+    total: u64,
+}
+
+impl Skip {
+    fn new(header: &Header, encoding: Encoding, total: u64) -> Result<Self> {
+        let number = |name: &str| -> Result<i64> {
+            let Some(text) = header.get(name) else { return Ok(0) };
+            text.parse().map_err(|_| header.error(format!("{name}: {text:?} is not a whole number")))
+        };
+        let (lines, bytes) = (number("line skip")?, number("byte skip")?);
+        let lines = u64::try_from(lines).map_err(|_| header.error(format!("line skip: {lines} is negative")))?;
+        let bytes = match bytes {
+            -1 if encoding == Encoding::Raw => None,
+            -1 => return Err(header.error("byte skip: -1 goes with encoding raw only")),
+            n => Some(u64::try_from(n).map_err(|_| header.error(format!("byte skip: {n}, expected -1 or more")))?),
+        };
+        Ok(Self { lines, bytes, total })
+    }
+
+    /// The input at its first sample. Lines are skipped in the file, bytes in what it decompresses to.
+    fn apply(&self, mut input: Input, encoding: Encoding) -> Result<Input> {
+        for _ in 0..self.lines {
+            if input.line()?.is_none() {
+                return Err(input.error(format!("ends before line {}, where its samples should begin", self.lines)));
+            }
+        }
+        let mut input = if encoding == Encoding::Gzip { input.gunzip() } else { input };
+        let bytes = match (self.bytes, input.exactly_left()) {
+            (Some(bytes), _) => bytes,
+            (None, Some(left)) => left.checked_sub(self.total).ok_or_else(|| {
+                input.error(format!("is cut short: its samples need {} bytes, {left} are there", self.total))
+            })?,
+            (None, None) => return Err(input.error("byte skip: -1 needs a file of known length")),
+        };
+        input.skip(bytes)?;
+        Ok(if encoding == Encoding::Hex { input.unhex() } else { input })
+    }
+}
+
+/// The files with the samples; `None` where they follow the header.
+fn data_files(header: &Header, input: &mut Input) -> Result<Option<Vec<PathBuf>>> {
+    let Some(text) = header.get("data file") else { return Ok(None) };
+    // "LIST" may be followed by the dimension of each file's share: the shares are equal whatever it says.
+    let list = text.split_ascii_whitespace().next() == Some("LIST");
+    let names = if list {
+        multifile::listed(input)?
+    } else {
+        multifile::expanded(header.path(), text, 4)?.unwrap_or_else(|| vec![text.to_owned()])
+    };
+    multifile::resolve(header.path(), &names).map(Some)
+}

@@ -1,0 +1,138 @@
+//! The types a sample can have in a file, and the order of their bytes.
+
+use std::fmt;
+use std::str::FromStr;
+
+use crate::error::Error;
+
+/// The type of a volume's samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[expect(missing_docs, reason = "each variant is named for the type it stands for")]
+pub enum SampleType {
+    U8,
+    I8,
+    U16,
+    I16,
+    U32,
+    I32,
+    U64,
+    I64,
+    F32,
+    F64,
+}
+
+impl SampleType {
+    /// Every type, narrow to wide.
+    pub const ALL: [Self; 10] =
+        [Self::U8, Self::I8, Self::U16, Self::I16, Self::U32, Self::I32, Self::U64, Self::I64, Self::F32, Self::F64];
+
+    /// Bytes per sample.
+    #[must_use]
+    pub fn size(self) -> usize {
+        match self {
+            Self::U8 | Self::I8 => 1,
+            Self::U16 | Self::I16 => 2,
+            Self::U32 | Self::I32 | Self::F32 => 4,
+            Self::U64 | Self::I64 | Self::F64 => 8,
+        }
+    }
+
+    /// The name the command line spells: u8, i8, ... f64.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::U8 => "u8",
+            Self::I8 => "i8",
+            Self::U16 => "u16",
+            Self::I16 => "i16",
+            Self::U32 => "u32",
+            Self::I32 => "i32",
+            Self::U64 => "u64",
+            Self::I64 => "i64",
+            Self::F32 => "f32",
+            Self::F64 => "f64",
+        }
+    }
+
+    /// The type that a common name stands for, case and runs of blanks aside.
+    ///
+    /// These are the spellings of C, NumPy and the NRRD format ("unsigned short int", "uint16_t", "ushort"). Plain
+    /// "long" is left out: it has 32 or 64 bits depending on who wrote it.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        let name = name.to_ascii_lowercase().split_ascii_whitespace().collect::<Vec<_>>().join(" ");
+        Some(match name.as_str() {
+            "u8" | "uint8" | "uint8_t" | "uchar" | "unsigned char" | "byte" => Self::U8,
+            "i8" | "int8" | "int8_t" | "char" | "schar" | "signed char" => Self::I8,
+            "u16" | "uint16" | "uint16_t" | "ushort" | "unsigned short" | "unsigned short int" => Self::U16,
+            "i16" | "int16" | "int16_t" | "short" | "short int" | "signed short" | "signed short int" => Self::I16,
+            "u32" | "uint32" | "uint32_t" | "uint" | "unsigned int" => Self::U32,
+            "i32" | "int32" | "int32_t" | "int" | "signed int" => Self::I32,
+            "u64" | "uint64" | "uint64_t" | "ulonglong" | "unsigned long long" | "unsigned long long int" => Self::U64,
+            "i64"
+            | "int64"
+            | "int64_t"
+            | "longlong"
+            | "long long"
+            | "long long int"
+            | "signed long long"
+            | "signed long long int" => Self::I64,
+            "f32" | "float32" | "float" | "single" => Self::F32,
+            "f64" | "float64" | "double" => Self::F64,
+            _ => return None,
+        })
+    }
+}
+
+impl fmt::Display for SampleType {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+impl FromStr for SampleType {
+    type Err = Error;
+
+    fn from_str(s: &str) -> Result<Self, Error> {
+        Self::from_name(s).ok_or_else(|| Error::Setting {
+            name: "type",
+            reason: format!("{s:?} is not a sample type: expected u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64"),
+        })
+    }
+}
+
+/// The order of the bytes of a sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Endian {
+    /// Least significant byte first: what nearly every file has.
+    #[default]
+    Little,
+    /// Most significant byte first.
+    Big,
+}
+
+impl Endian {
+    /// The order of this machine.
+    pub const NATIVE: Self = if cfg!(target_endian = "big") { Self::Big } else { Self::Little };
+}
+
+impl fmt::Display for Endian {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Little => "little",
+            Self::Big => "big",
+        })
+    }
+}
+
+impl FromStr for Endian {
+    type Err = Error;
+
+    fn from_str(s: &str) -> Result<Self, Error> {
+        match s.to_ascii_lowercase().as_str() {
+            "little" | "le" | "lsb" => Ok(Self::Little),
+            "big" | "be" | "msb" => Ok(Self::Big),
+            _ => Err(Error::Setting { name: "endian", reason: format!("{s:?}, expected little or big") }),
+        }
+    }
+}
