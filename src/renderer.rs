@@ -143,7 +143,7 @@ impl Renderer {
             footprint_terms: table.terms(),
         };
         let [width, height] = settings.size;
-        let mut image = Image::transparent(width, height);
+        let mut image = Image::transparent(width, height)?;
         let mut drawn = Drawn::default();
         let mut covered = 0;
         let reach = plan.reach().filter(|_| scene.splats() > 0 && plan.sheets() > 0);
@@ -155,7 +155,7 @@ impl Renderer {
             let (result, seconds) = on_host(|| {
                 self.context.guarded("render", || {
                     let footprint = footprint_texture(&self.context, &table);
-                    for region in self.regions(reach) {
+                    for region in self.regions(reach, key) {
                         covered += u64::from(region.width) * u64::from(region.height);
                         let (pixels, done) = self.region(scene, &plan, &quads, &mut timing, region, &footprint)?;
                         drawn.passes += done.passes;
@@ -224,10 +224,12 @@ impl Renderer {
         Arc::clone(made.entry(key).or_insert_with(|| Arc::new(Quads::new(&self.context, key))))
     }
 
-    /// The rectangles in which a picture is made: one, unless it outgrows the adapter's textures or bindings.
-    fn regions(&self, reach: Region) -> Vec<Region> {
+    /// The rectangles in which a picture is made: one, unless it outgrows the adapter's textures or bindings, or its
+    /// sheets would take more than [`MAX_SHEET_BYTES`].
+    fn regions(&self, reach: Region, key: QuadsKey) -> Vec<Region> {
         let limits = &self.context.limits;
-        let pixels = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / 16;
+        let sheets = MAX_SHEET_BYTES / u64::from(key.sheets_per_pass * key.precision.bytes());
+        let pixels = (limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / 16).min(sheets);
         let side = limits.max_texture_dimension_2d.min(pixels.isqrt() as u32).max(1);
         let steps = |start: u32, length: u32| {
             (0..length).step_by(side as usize).map(move |at| (start + at, side.min(length - at)))
@@ -254,7 +256,7 @@ impl Renderer {
     /// software, which is bound by the number of quads, and up to 4 on a GPU, which is bound by blending.
     fn sheets_per_pass(&self, settings: &Settings, precision: Precision) -> Result<u32> {
         let context = &self.context;
-        let bytes = precision.format().block_copy_size(None).unwrap_or(16);
+        let bytes = precision.bytes();
         let most =
             context.limits.max_color_attachments.min(context.limits.max_color_attachment_bytes_per_sample / bytes);
         let possible = [8, 4, 2, 1].into_iter().filter(|&n| n <= most);
@@ -275,6 +277,9 @@ impl Renderer {
         }
     }
 }
+
+/// The most memory that the sheets of a pass take; larger pictures are made in parts.
+const MAX_SHEET_BYTES: u64 = 256 << 20;
 
 fn host_stage(name: &'static str, seconds: f64) -> StageTime {
     StageTime { name, seconds, clock: Clock::Host }

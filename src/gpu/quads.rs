@@ -23,6 +23,14 @@ pub(crate) struct QuadsKey {
 }
 
 impl Precision {
+    /// Bytes of a pixel of a sheet.
+    pub(crate) fn bytes(self) -> u32 {
+        match self {
+            Self::F16 => 8,
+            Self::F32 => 16,
+        }
+    }
+
     /// The format of a sheet.
     pub(crate) fn format(self) -> wgpu::TextureFormat {
         match self {

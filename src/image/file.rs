@@ -1,5 +1,6 @@
 //! Pictures as files: PNG to look at, EXR to measure.
 
+use std::borrow::Cow;
 use std::io::{BufWriter, Cursor, Write};
 use std::path::Path;
 
@@ -44,13 +45,10 @@ impl Image {
     /// [`Error::Write`]; there is no partial file then.
     pub fn save(&self, path: &Path, background: Background) -> Result<()> {
         let format = format_of(path).ok_or_else(|| unknown(path))?;
-        let (bytes, color) = match (format, background) {
-            (ImageFormat::OpenExr, _) => {
-                let bytes = bytemuck::cast_slice(&self.pixels).to_vec();
-                (bytes, ExtendedColorType::Rgba32F)
-            }
-            (_, Background::Transparent) => (self.straight_bytes(), ExtendedColorType::Rgba8),
-            (_, Background::Color(color)) => (self.bytes_over(color), ExtendedColorType::Rgb8),
+        let (bytes, color): (Cow<'_, [u8]>, _) = match (format, background) {
+            (ImageFormat::OpenExr, _) => (bytemuck::cast_slice(&self.pixels).into(), ExtendedColorType::Rgba32F),
+            (_, Background::Transparent) => (self.straight_bytes().into(), ExtendedColorType::Rgba8),
+            (_, Background::Color(color)) => (self.bytes_over(color).into(), ExtendedColorType::Rgb8),
         };
         // Encoded in memory: encoders seek, and a failed encoding never touches the disk.
         let mut encoded = Cursor::new(Vec::new());

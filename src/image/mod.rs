@@ -30,9 +30,21 @@ impl Image {
     }
 
     /// A transparent picture.
-    #[must_use]
-    pub fn transparent(width: u32, height: u32) -> Self {
-        Self { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] }
+    ///
+    /// # Errors
+    /// [`Error::Setting`] where there is no memory for it: 16 bytes a pixel.
+    pub fn transparent(width: u32, height: u32) -> Result<Self> {
+        let count = u64::from(width) * u64::from(height);
+        let mut pixels = Vec::new();
+        let reserved = usize::try_from(count).ok().and_then(|n| pixels.try_reserve_exact(n).ok().map(|()| n));
+        let Some(count) = reserved else {
+            return Err(Error::Setting {
+                name: "size",
+                reason: format!("no memory for {width}x{height} pixels, {} bytes", count.saturating_mul(16)),
+            });
+        };
+        pixels.resize(count, [0.0; 4]);
+        Ok(Self { width, height, pixels })
     }
 
     /// Width in pixels.

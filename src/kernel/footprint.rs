@@ -63,7 +63,8 @@ impl FootprintTable {
         Err(Error::Setting {
             name: "max-error",
             reason: format!(
-                "no footprint table of {kernel:?} is accurate to {max_error:e}, the best errs by {best:.1e} of the peak"
+                "no footprint table of {kernel:?} is accurate to {max_error:e}, the best errs by {best:.1e} of the peak: \
+                 ask for less, or for a kernel with a smaller radius"
             ),
         })
     }

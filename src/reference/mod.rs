@@ -100,7 +100,7 @@ impl Scene {
         let two_sided = matches!(camera.projection, Projection::Orthographic { .. });
         let [width, height] = size;
         let done = Mutex::new(0_u32);
-        let mut image = Image::transparent(width, height);
+        let mut image = Image::transparent(width, height)?;
         image.pixels_mut().par_chunks_mut(width as usize).enumerate().for_each(|(y, row)| {
             SCRATCH.with_borrow_mut(|scratch| {
                 for (x, pixel) in (0..width).zip(row) {

@@ -268,3 +268,27 @@ fn feeding_several_sheets_at_once_changes_nothing_but_the_number_of_quads() {
     assert!(several.stats.quads_per_splat <= 2.5, "{}", several.stats.quads_per_splat);
     assert!(single.stats.quads_per_splat > 4.5, "{}", single.stats.quads_per_splat);
 }
+
+#[test]
+fn a_picture_made_in_parts_is_the_whole_picture() {
+    // 2001^2 pixels are over 256 MiB of sheets, so they are made in several regions; 667^2 pixels are not.
+    let (volume, transfer) = demo("vessels", 12);
+    let scene = RENDERER.prepare(&volume, &transfer, &|_| ()).unwrap();
+    let view = View { view_height: Some(14.0), ..View::default() };
+    let render = |size: [u32; 2], view: &View| {
+        let camera = Camera::new(view, volume.grid(), size).unwrap();
+        let settings = Settings { size, sheets_per_pass: Some(8), ..f32_settings(1) };
+        RENDERER.render(&scene, &camera, &settings).unwrap()
+    };
+    let large = render([2001, 2001], &view);
+    let small = render([667, 667], &view);
+    // The middle of each small pixel is the middle of the middle one of nine large ones.
+    let mut worst = 0.0_f32;
+    for y in 0..667_usize {
+        for x in 0..667_usize {
+            let (a, b) = (small.image.pixels()[y * 667 + x], large.image.pixels()[(3 * y + 1) * 2001 + 3 * x + 1]);
+            worst = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(worst, f32::max);
+        }
+    }
+    assert!(worst < 1e-5, "{worst:e}");
+}
