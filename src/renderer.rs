@@ -103,7 +103,7 @@ impl Renderer {
     ) -> Result<Scene> {
         volume.check_finite()?;
         let (stores, seconds) = on_host(|| {
-            self.context.guarded("classify", || {
+            self.context.guarded("classifying the volume", || {
                 let scan = self.scan.get_or_init(|| Scan::new(&self.context));
                 let classifier = self.classifier.get_or_init(|| Classifier::new(&self.context));
                 classifier.run(&self.context, scan, volume, transfer, progress)
@@ -148,12 +148,12 @@ impl Renderer {
         let mut covered = 0;
         let reach = plan.reach().filter(|_| scene.splats() > 0 && plan.sheets() > 0);
         if let Some(reach) = reach {
-            let (pipelines, seconds) = on_host(|| self.context.guarded("pipelines", || Ok(self.quads(key))));
+            let (pipelines, seconds) = on_host(|| self.context.guarded("making pipelines", || Ok(self.quads(key))));
             let quads = pipelines?;
             stages.push(host_stage("pipelines", seconds));
             let mut timing = Timing::new(&self.context);
             let (result, seconds) = on_host(|| {
-                self.context.guarded("render", || {
+                self.context.guarded("rendering", || {
                     let footprint = footprint_texture(&self.context, &table);
                     for region in self.regions(reach, key) {
                         covered += u64::from(region.width) * u64::from(region.height);
@@ -169,7 +169,7 @@ impl Renderer {
                 })
             });
             result?;
-            let device = self.context.guarded("timing", || timing.finish(&self.context))?;
+            let device = self.context.guarded("reading timestamps", || timing.finish(&self.context))?;
             for (name, seconds) in device.into_iter().flatten() {
                 stages.push(StageTime { name, seconds, clock: Clock::Device });
             }

@@ -183,7 +183,8 @@ impl Classifier {
             }
             encoder.copy_buffer_to_buffer(&places, runs * 4, &total_buffer, 0, 4);
             context.queue.submit([encoder.finish()]);
-            let visible: u32 = bytemuck::pod_read_unaligned(&context.read("classify", &total_buffer)?[..4]);
+            let visible: u32 =
+                bytemuck::pod_read_unaligned(&context.read("classifying the volume", &total_buffer)?[..4]);
             if visible > 0 {
                 let splats = context.buffer(
                     "classify.splats",
@@ -202,7 +203,7 @@ impl Classifier {
                 }
                 context.queue.submit([encoder.finish()]);
                 // Waiting here keeps one chunk of samples on the device, not all of them.
-                context.wait("classify")?;
+                context.wait("classifying the volume")?;
                 chunks.push(Store { splats, count: visible });
             }
             progress((first + count) as f64 / total as f64);
@@ -246,6 +247,6 @@ fn join(context: &Context, mut group: Vec<Store>, count: u32) -> Result<Store> {
         at += bytes;
     }
     context.queue.submit([encoder.finish()]);
-    context.wait("classify")?;
+    context.wait("classifying the volume")?;
     Ok(Store { splats, count })
 }

@@ -236,7 +236,7 @@ impl Quads {
             context.buffer("resolve.staging", bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST)?;
         encoder.copy_buffer_to_buffer(&pixels, 0, &staging, 0, bytes);
         context.queue.submit([encoder.finish()]);
-        let data = context.read("splat", &staging)?;
+        let data = context.read("splatting", &staging)?;
         let rgba = data[..bytes as usize].chunks_exact(16).map(bytemuck::pod_read_unaligned).collect();
         Ok((rgba, drawn))
     }

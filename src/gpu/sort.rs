@@ -143,7 +143,7 @@ impl Sorter {
         }
         encoder.copy_buffer_to_buffer(&starts, 0, &staging, 0, starts_bytes);
         context.queue.submit([encoder.finish()]);
-        let bytes = context.read("sort", &staging)?;
+        let bytes = context.read("sorting", &staging)?;
         let starts: Vec<u32> =
             bytes[..starts_bytes as usize].chunks_exact(4).map(bytemuck::pod_read_unaligned).collect();
         let total = starts.last().copied().unwrap_or(0);

@@ -86,7 +86,7 @@ impl Timing {
         }
         encoder.copy_buffer_to_buffer(&resolved, 0, &staging, 0, bytes);
         context.queue.submit([encoder.finish()]);
-        let data = context.read("timing", &staging)?;
+        let data = context.read("reading timestamps", &staging)?;
         let ticks: Vec<u64> = data[..bytes as usize].chunks_exact(8).map(bytemuck::pod_read_unaligned).collect();
         let second = f64::from(context.queue.get_timestamp_period()) * 1e-9;
         let mut sums: Vec<(&'static str, f64)> = Vec::new();
