@@ -13,16 +13,34 @@ fn directory_of(path: &Path) -> PathBuf {
     }
 }
 
+/// The file behind a path: links are followed, so that they are not replaced by what they point to.
+fn target(path: &Path) -> Result<PathBuf> {
+    let error = |reason: String| Err(Error::Write { path: path.to_owned(), reason });
+    let file = if path.is_symlink() {
+        match path.canonicalize() {
+            Ok(file) => file,
+            Err(e) => return error(format!("it is a link that leads nowhere: {e}")),
+        }
+    } else {
+        path.to_owned()
+    };
+    if file.is_dir() {
+        return error("it is a directory, give a file name".to_owned());
+    }
+    // A rename would replace a device or a pipe in the file system instead of writing to it.
+    if file.exists() && !file.is_file() {
+        return error("it is not a regular file".to_owned());
+    }
+    Ok(file)
+}
+
 /// Refuses a path that cannot be written, before the work that would be lost on it.
 ///
 /// # Errors
-/// [`Error::Write`] where the path is a directory, or its own directory does not exist or cannot be written to.
+/// [`Error::Write`] where the path is a directory, a device or a pipe, or its own directory does not exist or cannot be written to.
 pub fn check_writable(path: &Path) -> Result<()> {
     let error = |reason: String| Err(Error::Write { path: path.to_owned(), reason });
-    if path.is_dir() {
-        return error("it is a directory, give a file name".to_owned());
-    }
-    let directory = directory_of(path);
+    let directory = directory_of(&target(path)?);
     if !directory.is_dir() {
         return error(format!("there is no directory {}", directory.display()));
     }
@@ -43,10 +61,11 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut File) -> io::Result
     // Temporary files are private by default; an output has the permissions that the user's umask gives.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let mut file = builder.tempfile_in(directory_of(path)).map_err(failed)?;
+    let target = target(path)?;
+    let mut file = builder.tempfile_in(directory_of(&target)).map_err(failed)?;
     write(file.as_file_mut()).map_err(failed)?;
     file.as_file_mut().flush().map_err(failed)?;
-    file.persist(path).map_err(|e| failed(e.error))?;
+    file.persist(&target).map_err(|e| failed(e.error))?;
     Ok(())
 }
 
@@ -76,5 +95,16 @@ mod tests {
         assert!(missing.contains("there is no directory"), "{missing}");
         let folder = check_writable(directory.path()).unwrap_err().to_string();
         assert!(folder.contains("is a directory"), "{folder}");
+        #[cfg(unix)]
+        {
+            let device = check_writable(Path::new("/dev/null")).unwrap_err().to_string();
+            assert!(device.contains("not a regular file"), "{device}");
+            let (file, link) = (directory.path().join("file"), directory.path().join("link"));
+            std::fs::write(&file, b"old").unwrap();
+            std::os::unix::fs::symlink(&file, &link).unwrap();
+            write_atomically(&link, |f| f.write_all(b"new")).unwrap();
+            assert!(link.is_symlink());
+            assert_eq!(std::fs::read(&file).unwrap(), b"new");
+        }
     }
 }

@@ -9,6 +9,7 @@ use image::{DynamicImage, ExtendedColorType, ImageFormat, ImageReader, Rgba32FIm
 use super::{Background, Image};
 use crate::error::{Error, Result};
 use crate::output::{check_writable, write_atomically};
+use crate::settings::Settings;
 
 fn format_of(path: &Path) -> Option<ImageFormat> {
     let extension = path.extension()?.to_str()?.to_lowercase();
@@ -42,9 +43,16 @@ impl Image {
     /// premultiplied, exactly as composited; the background is left out.
     ///
     /// # Errors
-    /// [`Error::Write`]; there is no partial file then.
+    /// [`Error::Write`], also where a PNG would have to hold a value that is not finite; there is no partial file then.
     pub fn save(&self, path: &Path, background: Background) -> Result<()> {
         let format = format_of(path).ok_or_else(|| unknown(path))?;
+        if format == ImageFormat::Png
+            && let Some(bad) = self.pixels.iter().position(|p| p.iter().any(|v| !v.is_finite()))
+        {
+            let (x, y) = (bad % self.width as usize, bad / self.width as usize);
+            let reason = format!("pixel ({x}, {y}) is {:?}: only .exr holds such values", self.pixels[bad]);
+            return Err(Error::Write { path: path.to_owned(), reason });
+        }
         let (bytes, color): (Cow<'_, [u8]>, _) = match (format, background) {
             (ImageFormat::OpenExr, _) => (bytemuck::cast_slice(&self.pixels).into(), ExtendedColorType::Rgba32F),
             (_, Background::Transparent) => (self.straight_bytes().into(), ExtendedColorType::Rgba8),
@@ -90,13 +98,14 @@ impl Image {
     pub fn load(path: &Path) -> Result<Self> {
         let damaged = |reason: String| Error::Format { path: path.to_owned(), reason };
         let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
-        let reader = ImageReader::new(Cursor::new(bytes))
+        let reader = ImageReader::new(Cursor::new(&bytes))
             .with_guessed_format()
             .map_err(|source| Error::Read { path: path.to_owned(), source })?;
         let format = reader.format();
         if !matches!(format, Some(ImageFormat::Png | ImageFormat::OpenExr)) {
             return Err(damaged("not a PNG or EXR picture".to_owned()));
         }
+        check_exr_size(&bytes, format).map_err(damaged)?;
         let decoded: DynamicImage =
             reader.decode().map_err(|e| damaged(format!("the picture cannot be decoded: {e}")))?;
         let decoded: Rgba32FImage = decoded.into_rgba32f();
@@ -111,7 +120,23 @@ impl Image {
     }
 }
 
-/// Display value to 8 bits, to the nearest; NaN is 0.
+/// Refuses an EXR whose header claims more pixels than a picture may have: its decoder takes the header's word and aborts
+/// the process where there is no memory for it. (PNG decoding is bounded by `image` itself.)
+fn check_exr_size(bytes: &[u8], format: Option<ImageFormat>) -> std::result::Result<(), String> {
+    const MOST: usize = Settings::MAX_SIZE as usize;
+    if format != Some(ImageFormat::OpenExr) {
+        return Ok(());
+    }
+    let meta = exr::meta::MetaData::read_from_buffered(bytes, false)
+        .map_err(|e| format!("the picture cannot be decoded: {e}"))?;
+    let sizes = meta.headers.iter().map(|h| h.layer_size);
+    match sizes.into_iter().find(|s| s.width() > MOST || s.height() > MOST || s.area() > 1 << 28) {
+        Some(s) => Err(format!("a picture of {} x {} pixels is too large", s.width(), s.height())),
+        None => Ok(()),
+    }
+}
+
+/// Display value to 8 bits, to the nearest.
 fn byte(value: f64) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0).round() as u8
 }
@@ -158,7 +183,26 @@ mod tests {
             let error = Image::load(&path).unwrap_err().to_string();
             assert!(!error.contains('\n') && error.contains("a.png"), "{error}");
         }
+        let mut image = sample();
+        image.pixels_mut()[3][1] = f32::NAN;
+        let error = image.save(&path, Background::default()).unwrap_err().to_string();
+        assert!(error.contains("pixel (1, 1)"), "{error}");
         let error = sample().save(&directory.path().join("a.jpg"), Background::default()).unwrap_err();
         assert!(error.to_string().contains(".png or .exr"), "{error}");
+    }
+
+    #[test]
+    fn an_exr_header_that_claims_too_much_is_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.exr");
+        sample().save(&path, Background::default()).unwrap();
+        let mut bytes = std::fs::read(&path).unwrap();
+        let name = b"dataWindow\0box2i\0";
+        let at = bytes.windows(name.len()).position(|w| w == name).unwrap() + name.len();
+        // Past the attribute's size and xMin, yMin: xMax.
+        bytes[at + 12..at + 16].copy_from_slice(&300_000_000_i32.to_le_bytes());
+        std::fs::write(&path, bytes).unwrap();
+        let error = Image::load(&path).unwrap_err().to_string();
+        assert!(error.contains("too large") || error.contains("decoded"), "{error}");
     }
 }

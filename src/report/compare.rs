@@ -37,9 +37,9 @@ pub struct Comparison {
     pub worst: [u32; 2],
 }
 
-/// JSON has no infinity: it is written as the text "inf".
+/// JSON has no infinity: it is written as the text "inf" or "-inf". Pictures with NaN have a PSNR of -inf.
 fn finite_or_text<S: Serializer>(value: &f64, serializer: S) -> std::result::Result<S::Ok, S::Error> {
-    if value.is_finite() { serializer.serialize_f64(*value) } else { serializer.serialize_str("inf") }
+    if value.is_finite() { serializer.serialize_f64(*value) } else { serializer.serialize_str(&value.to_string()) }
 }
 
 /// Compares two pictures of the same size.
@@ -167,6 +167,8 @@ mod tests {
         let a = image(&[[f32::NAN, 0.0, 0.0, 0.0]]);
         let c = compare(&a, &a, 1e9).unwrap();
         assert!(c.max.is_infinite() && c.outliers == 1);
+        // The worst there is, not the best: "inf" is what equal pictures have.
+        assert!(serde_json::to_string(&c).unwrap().contains("\"psnr\":\"-inf\""));
     }
 
     #[test]
