@@ -171,7 +171,59 @@ impl Camera {
     }
 }
 
+/// How kernels grow where voxels fall closer together than pixels.
+///
+/// A kernel at depth z in front of the eye (any, for parallel rays) is h(x / s) / s^3 in lattice coordinates, with
+/// s = max(1, constant + slope z): as wide as if there were one voxel per pixel, with its integral kept (Swan, Mueller et
+/// al. 1997, "An anti-aliasing technique for splatting"). What counts as the distance of two voxels is the smallest
+/// extent of a unit lattice ball in the image, so that anisotropic grids have no holes either.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Growth {
+    /// s for parallel rays; 0 for perspective ones.
+    pub constant: f64,
+    /// s per world unit of depth in front of the eye; 0 for parallel rays.
+    pub slope: f64,
+}
+
+impl Growth {
+    /// Kernels that never grow.
+    pub const NONE: Self = Self { constant: 1.0, slope: 0.0 };
+
+    /// s at world depth `depth` in front of the eye.
+    #[must_use]
+    pub fn at(&self, depth: f64) -> f64 {
+        (self.constant + self.slope * depth).max(1.0)
+    }
+}
+
+impl Camera {
+    /// How the kernels of a volume on `grid` grow in a picture `height` pixels high.
+    #[must_use]
+    pub fn growth(&self, grid: &Grid, height: u32) -> Growth {
+        let to_world = grid.to_world().matrix3.transpose();
+        let (x, y) = (to_world * self.right, to_world * self.up);
+        // The smaller singular value of the 2 x 3 matrix of rows x and y.
+        let (a, b, c) = (x.length_squared(), x.dot(y), y.length_squared());
+        let larger2 = f64::midpoint(a, c) + (((a - c) / 2.0).powi(2) + b * b).sqrt();
+        let voxel = (x.cross(y).length_squared() / larger2).sqrt();
+        let pixel = |half: f64| 2.0 * half / f64::from(height) / voxel;
+        match self.projection {
+            Projection::Orthographic { half_height } => Growth { constant: pixel(half_height), slope: 0.0 },
+            Projection::Perspective { tan_half_fov, .. } => Growth { constant: 0.0, slope: pixel(tan_half_fov) },
+        }
+    }
+}
+
 impl View {
+    /// The world direction from eye to target, unit length.
+    ///
+    /// # Errors
+    /// [`Error::Camera`] where a number is not finite or out of its range, or `up` is parallel to the direction.
+    pub fn forward(&self) -> Result<DVec3> {
+        self.validate()?;
+        Ok(-self.frame()?.z_axis)
+    }
+
     /// The camera's axes as columns: right, up, backward.
     fn frame(&self) -> Result<DMat3> {
         let world_up = self.up.normalize();
@@ -233,5 +285,36 @@ impl View {
             return error(format!("fov is {fov} degrees, expected over 0 and under 180"));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DMat3};
+
+    use super::*;
+
+    #[test]
+    fn kernels_grow_with_the_distance_of_pixels() {
+        let grid = Grid::axis_parallel([10; 3], [0.5; 3]).unwrap();
+        let at = |projection, distance| {
+            let view = View { azimuth: 30.0, view_height: Some(40.0), projection, distance, ..View::default() };
+            Camera::new(&view, &grid, [16, 20]).unwrap().growth(&grid, 20)
+        };
+        // 40 units over 20 pixels: 2 a pixel, 4 voxels.
+        let parallel = at(ProjectionKind::Orthographic, None);
+        assert!((parallel.at(7.0) - 4.0).abs() < 1e-12);
+        let perspective = at(ProjectionKind::Perspective { fov: 30.0 }, Some(100.0));
+        assert!((perspective.at(100.0) - 4.0).abs() < 1e-12);
+        assert!((perspective.at(50.0) - 2.0).abs() < 1e-12);
+        assert_eq!(perspective.at(-3.0), 1.0);
+    }
+
+    #[test]
+    fn the_thinnest_direction_in_the_image_counts() {
+        let grid = Grid::new([4; 3], DAffine3::from_mat3(DMat3::from_diagonal(DVec3::new(1.0, 1.0, 4.0)))).unwrap();
+        let view = View { view_height: Some(40.0), ..View::default() };
+        let camera = Camera::new(&view, &grid, [20, 20]).unwrap();
+        assert!((camera.growth(&grid, 20).at(0.0) - 2.0).abs() < 1e-12);
     }
 }

@@ -40,6 +40,7 @@ pub mod error;
 mod gpu;
 pub mod image;
 pub mod kernel;
+pub mod lighting;
 pub mod output;
 pub mod reference;
 pub mod renderer;

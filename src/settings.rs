@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Normalization};
+use crate::lighting::Lighting;
 
 /// The format of the sheet buffers. The frame that they are composited into is always f32.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
@@ -13,11 +14,75 @@ pub enum Precision {
     F32,
 }
 
+/// What a pixel is, given the fields along its ray.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Model {
+    /// Emission and absorption: C = integral of c tau exp(-integral of tau), alpha = 1 - exp(-integral of tau).
+    #[default]
+    Composite,
+    /// Absorption only: white of alpha = 1 - exp(-integral of tau). One sheet of whole footprints, exact.
+    Xray,
+    /// The colour of the largest reconstructed value on the ray, its alpha the opacity of that value over the largest
+    /// opacity of the transfer function.
+    Mip,
+}
+
+/// When the transfer function is applied. X-ray is always pre-shaded, a maximum intensity projection post-shaded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Shading {
+    /// Each voxel is classified and lit, then extinction and emission are reconstructed. Fast, and blurs surfaces.
+    #[default]
+    Pre,
+    /// The scalar is reconstructed, then classified and lit per pixel and sheet (Mueller, Moeller and Crawfis 1999,
+    /// "Splatting without the blur"). Sharp whatever the magnification.
+    Post,
+}
+
+/// How splats are gathered into sheets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sheets {
+    /// Slabs parallel to the image; each kernel is cut by their planes (Mueller and Crawfis 1998).
+    #[default]
+    Image,
+    /// The voxel planes most parallel to the image, a whole footprint per voxel (Westover 1990). Historical: the picture
+    /// pops where the planes switch.
+    Axis,
+}
+
+/// What a sheet adds up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Accumulation {
+    /// Optical depth: alpha of a sheet is 1 - exp(-sum), exact for every thickness.
+    #[default]
+    OpticalDepth,
+    /// Opacities, clamped at 1. Historical: does not converge with thinner sheets.
+    Additive,
+}
+
 /// The settings of a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// Width and height of the picture in pixels.
     pub size: [u32; 2],
+    /// What a pixel is.
+    pub model: Model,
+    /// When the transfer function is applied.
+    pub shading: Shading,
+    /// The light on surfaces; `None`: colours are those of the transfer function.
+    pub lighting: Option<Lighting>,
+    /// How splats are gathered into sheets.
+    pub sheets: Sheets,
+    /// What a sheet adds up.
+    pub accumulation: Accumulation,
+    /// Early splat termination: a splat is not drawn where every pixel that it could touch lets through no more than
+    /// this fraction of light already. No channel of the picture changes by more than it; 0 turns it off.
+    pub termination: f64,
+    /// Whether kernels grow where voxels fall closer together than pixels; see [`Growth`](crate::camera::Growth).
+    pub antialiasing: bool,
     /// The reconstruction kernel.
     pub kernel: Kernel,
     /// What sums of kernels are divided by.
@@ -32,6 +97,8 @@ pub struct Settings {
     /// Largest interpolation error of the footprint table, as a fraction of the footprint's peak; `None` takes what
     /// the precision of the sheets deserves.
     pub max_error: Option<f64>,
+    /// Rows and coefficients per row of the footprint table, in place of what `max_error` asks for.
+    pub footprint_table: Option<[u32; 2]>,
     /// How many sheets one pass feeds; `None` takes what the adapter does best.
     pub sheets_per_pass: Option<u32>,
 }
@@ -40,11 +107,19 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             size: [1024, 1024],
+            model: Model::default(),
+            shading: Shading::default(),
+            lighting: None,
+            sheets: Sheets::default(),
+            accumulation: Accumulation::default(),
+            termination: 1e-3,
+            antialiasing: true,
             kernel: Kernel::default(),
             normalization: Normalization::default(),
             sheet_thickness: 1.0,
             precision: None,
             max_error: None,
+            footprint_table: None,
             sheets_per_pass: None,
         }
     }
@@ -93,11 +168,61 @@ impl Settings {
         {
             return error("max-error", format!("{e}, expected 1e-7 to 0.1 of the footprint's peak"));
         }
+        if let Some([rows, terms]) = self.footprint_table
+            && !((2..=4096).contains(&rows) && matches!(terms, 4 | 8 | 12 | 16))
+        {
+            return error(
+                "footprint-table",
+                format!("{rows}x{terms}, expected 2 to 4096 rows of 4, 8, 12 or 16 terms"),
+            );
+        }
+        if !(0.0..1.0).contains(&self.termination) {
+            return error("termination", format!("{}, expected 0 to under 1", self.termination));
+        }
+        if let Some(lighting) = &self.lighting {
+            lighting.validate()?;
+        }
+        if self.is_post_shaded() {
+            let what = if self.model == Model::Mip { "a maximum intensity projection" } else { "post-shading" };
+            if self.sheets == Sheets::Axis {
+                return error(
+                    "sheets",
+                    format!("{what} cuts kernels by image-aligned sheets, axis does not go with it"),
+                );
+            }
+            if self.accumulation == Accumulation::Additive {
+                return error("accumulate", format!("{what} adds up scalars, additive does not go with it"));
+            }
+        }
+        if self.model != Model::Composite && self.lighting.is_some() {
+            return error("light", "only the composite model is lit".to_owned());
+        }
+        if self.model == Model::Xray {
+            if self.shading == Shading::Post {
+                return error("shading", "X-ray adds up the extinction of voxels, which is pre-shading".to_owned());
+            }
+            if self.sheets == Sheets::Axis || self.accumulation == Accumulation::Additive {
+                return error(
+                    "model",
+                    "X-ray has one sheet of optical depth: leave --sheets and --accumulate".to_owned(),
+                );
+            }
+        }
         if let Some(n) = self.sheets_per_pass
             && !(1..=8).contains(&n)
         {
             return error("sheets-per-pass", format!("{n}, expected 1 to 8"));
         }
         Ok(())
+    }
+
+    /// Whether sheets hold scalars that are classified per pixel: post-shading and maximum intensity.
+    #[must_use]
+    pub fn is_post_shaded(&self) -> bool {
+        match self.model {
+            Model::Composite => self.shading == Shading::Post,
+            Model::Xray => false,
+            Model::Mip => true,
+        }
     }
 }

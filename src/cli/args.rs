@@ -7,7 +7,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 use glam::DVec3;
 use voxsplat::image::Background;
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::settings::Precision;
+use voxsplat::settings::{Accumulation, Model, Precision, Shading, Sheets};
 use voxsplat::volume::{Endian, LoadOptions, SampleType};
 
 use super::parse;
@@ -87,6 +87,21 @@ pub(super) enum ProjectionArg {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum SwitchArg {
+    On,
+    Off,
+}
+
+/// A light as it is typed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum LightArg {
+    Off,
+    Headlight,
+    /// Azimuth and elevation in degrees, as an eye's.
+    From(f64, f64),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum PainterArg {
     Auto,
     Quads,
@@ -107,12 +122,35 @@ fn precisions() -> impl TypedValueParser<Value = Precision> {
     PossibleValuesParser::new(["f16", "f32"]).map(|text| if text == "f32" { Precision::F32 } else { Precision::F16 })
 }
 
+fn models() -> impl TypedValueParser<Value = Model> {
+    PossibleValuesParser::new(["composite", "xray", "mip"]).map(|text| match text.as_str() {
+        "xray" => Model::Xray,
+        "mip" => Model::Mip,
+        _ => Model::Composite,
+    })
+}
+
+fn shadings() -> impl TypedValueParser<Value = Shading> {
+    PossibleValuesParser::new(["pre", "post"]).map(|text| if text == "post" { Shading::Post } else { Shading::Pre })
+}
+
+fn sheets() -> impl TypedValueParser<Value = Sheets> {
+    PossibleValuesParser::new(["image", "axis"]).map(|text| if text == "axis" { Sheets::Axis } else { Sheets::Image })
+}
+
+fn accumulations() -> impl TypedValueParser<Value = Accumulation> {
+    PossibleValuesParser::new(["optical-depth", "additive"])
+        .map(|text| if text == "additive" { Accumulation::Additive } else { Accumulation::OpticalDepth })
+}
+
 const RENDER_EXAMPLES: &str = "\
 Examples:
   voxsplat render demo:marschner-lobb -o ml.png --kernel kaiser-bessel
   voxsplat render head.nii.gz -o head.png --azimuth -30 --elevation 15 --size 1920x1080
   voxsplat render ct.nrrd -o skull.png --transfer ct-bone --projection perspective --fov 40
   voxsplat render engine.raw -o engine.png --dims 256,256,128 --type u8 --transfer viridis
+  voxsplat render ct.nrrd -o lit.png --transfer ct-bone --shading post --light headlight
+  voxsplat render ct.nrrd -o film.png --model xray --azimuth 90
   voxsplat render head.nii.gz -o truth.exr --reference --size 256";
 
 /// Render a volume to a picture.
@@ -184,6 +222,21 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "FILE.json|PRESET", value_parser = NonEmptyStringValueParser::new(),
         help_heading = "Model")]
     pub(super) transfer: Option<String>,
+    /// What a pixel is: composite (emission and absorption), xray (absorption only, white) or mip (the largest value,
+    /// coloured by the transfer function)
+    #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = models(), help_heading = "Model")]
+    pub(super) model: Model,
+    /// Classify and light voxels before reconstruction (pre: fast) or pixels after it (post: sharp)
+    #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = shadings(), help_heading = "Model")]
+    pub(super) shading: Shading,
+    /// Light surfaces: off, headlight (from the eye), or AZ,EL (degrees, from where an eye at that azimuth and elevation
+    /// would be); up to 4 lights, given one by one [default: off]
+    #[arg(long, value_name = "LIGHT", value_parser = parse::light, allow_hyphen_values = true, help_heading = "Model")]
+    pub(super) light: Vec<LightArg>,
+    /// Material of lit surfaces: ambient, diffuse and specular share, 0 to 1, and shininess, 1 to 1000
+    /// [default: 0.3,0.7,0.2,24]
+    #[arg(long, value_name = "A,D,S,N", value_parser = parse::material, help_heading = "Model")]
+    pub(super) material: Option<[f64; 4]>,
     /// Reconstruction kernel, lengths in voxels: gaussian[:SIGMA,RADIUS] (1,2) or kaiser-bessel[:RADIUS,ALPHA] (2,10.4)
     #[arg(long, value_name = "KERNEL", default_value = "gaussian", value_parser = parse::kernel,
         help_heading = "Model")]
@@ -196,6 +249,22 @@ pub(super) struct RenderArgs {
         allow_hyphen_values = true, help_heading = "Model")]
     pub(super) sheet_thickness: f64,
 
+    /// Sheets parallel to the image, or (historical, pops) the voxel planes most parallel to it
+    #[arg(long, value_name = "ALIGNMENT", default_value = "image", value_parser = sheets(), help_heading = "Model")]
+    pub(super) sheets: Sheets,
+    /// What a sheet adds up: optical depth, or (historical, inexact) opacities clamped at 1
+    #[arg(long, value_name = "WHAT", default_value = "optical-depth", value_parser = accumulations(),
+        help_heading = "Model")]
+    pub(super) accumulate: Accumulation,
+    /// Early splat termination: leave out splats where no more than this fraction of light passes, 0 (off) to under 1;
+    /// no channel changes by more than it
+    #[arg(long, value_name = "FRACTION", default_value_t = 1e-3, value_parser = parse::tolerance,
+        allow_hyphen_values = true, help_heading = "Model")]
+    pub(super) termination: f64,
+    /// Let kernels grow where voxels fall closer together than pixels
+    #[arg(long, value_name = "WHETHER", default_value = "on", help_heading = "Model")]
+    pub(super) antialiasing: SwitchArg,
+
     /// How splats are drawn: quads is the only painter, and what auto takes
     #[arg(long, value_name = "PAINTER", default_value = "auto", help_heading = "Device")]
     pub(super) painter: PainterArg,
@@ -205,6 +274,10 @@ pub(super) struct RenderArgs {
     /// Largest error of the footprint table, 1e-7 to 0.1 of its peak [default: 1e-4 for f16, 1e-5 for f32]
     #[arg(long, value_name = "E", value_parser = parse::positive, allow_hyphen_values = true, help_heading = "Device")]
     pub(super) max_error: Option<f64>,
+    /// Rows and coefficients a row of the footprint table, 2 to 4096 and 4, 8, 12 or 16, in place of --max-error
+    #[arg(long, value_name = "ROWSxTERMS", value_parser = parse::table, conflicts_with = "max_error",
+        help_heading = "Device")]
+    pub(super) footprint_table: Option<[u32; 2]>,
     /// Sheets that one pass feeds, 1 to 8 [default: what the adapter does best]
     #[arg(long, value_name = "N", help_heading = "Device")]
     pub(super) sheets_per_pass: Option<u32>,

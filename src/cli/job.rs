@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::image::{Background, Image};
+use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::Settings;
 use voxsplat::transfer::{TransferFunction, presets};
 use voxsplat::volume::{Grid, LoadOptions};
 
 use super::Failure;
-use super::args::{CompareArgs, PainterArg, ProjectionArg, RenderArgs, StatsFormat};
+use super::args::{CompareArgs, LightArg, PainterArg, ProjectionArg, RenderArgs, StatsFormat, SwitchArg};
 
 /// Vertical field of view where none is given, degrees.
 const DEFAULT_FOV: f64 = 30.0;
@@ -58,6 +59,14 @@ impl RenderJob {
     pub(super) fn new(args: RenderArgs) -> Result<Self, Failure> {
         let settings = Settings {
             size: args.size,
+            model: args.model,
+            shading: args.shading,
+            lighting: lighting(&args)?,
+            sheets: args.sheets,
+            accumulation: args.accumulate,
+            termination: args.termination,
+            antialiasing: args.antialiasing == SwitchArg::On,
+            footprint_table: args.footprint_table,
             kernel: args.kernel,
             normalization: args.normalization,
             sheet_thickness: args.sheet_thickness,
@@ -101,6 +110,33 @@ impl RenderJob {
 /// Whether the text can only be meant as a file, so that a missing file is reported as such.
 fn is_file_name(text: &str) -> bool {
     text.to_lowercase().ends_with(".json") || text.contains(['/', '\\']) || Path::new(text).is_file()
+}
+
+/// The lights and the material asked for; `None` where there is no light.
+fn lighting(args: &RenderArgs) -> Result<Option<Lighting>, Failure> {
+    let lit: Vec<LightArg> = args.light.iter().copied().filter(|l| *l != LightArg::Off).collect();
+    if lit.is_empty() {
+        return match args.material {
+            Some(_) => Err(Failure::Usage("--material needs a --light".to_owned())),
+            None => Ok(None),
+        };
+    }
+    if lit.len() < args.light.len() {
+        return Err(Failure::Usage("--light: off does not go with other lights".to_owned()));
+    }
+    let up = args.up.unwrap_or(View::default().up);
+    let lights = lit.into_iter().map(|light| match light {
+        LightArg::From(azimuth, elevation) => {
+            View { azimuth, elevation, up, ..View::default() }.forward().map(|forward| Light::Directional(-forward))
+        }
+        _ => Ok(Light::Headlight),
+    });
+    let lights = lights.collect::<Result<_, _>>()?;
+    let mut lighting = Lighting { lights, ..Lighting::default() };
+    if let Some([ambient, diffuse, specular, shininess]) = args.material {
+        lighting = Lighting { ambient, diffuse, specular, shininess, ..lighting };
+    }
+    Ok(Some(lighting))
 }
 
 fn view(args: &RenderArgs) -> Result<View, Failure> {

@@ -6,6 +6,8 @@ use glam::DVec3;
 use voxsplat::error::Error;
 use voxsplat::kernel::Kernel;
 
+use super::args::LightArg;
+
 /// A value that the library reads, without the option's name in its error: the parser of arguments puts it there.
 pub(super) fn library<T: FromStr<Err = Error>>(text: &str) -> Result<T, String> {
     text.parse().map_err(|e| match e {
@@ -53,6 +55,33 @@ pub(super) fn size(text: &str) -> Result<[u32; 2], String> {
         Some((width, height)) => Ok([number(width)?, number(height)?]),
         None => number(text).map(|n| [n, n]),
     }
+}
+
+/// Rows and terms of a table, `RxT`.
+pub(super) fn table(text: &str) -> Result<[u32; 2], String> {
+    let parsed = text.split_once(['x', 'X']).and_then(|(r, t)| Some([r.trim().parse().ok()?, t.trim().parse().ok()?]));
+    parsed.ok_or_else(|| "expected ROWSxTERMS, such as 256x8".to_owned())
+}
+
+/// `off`, `headlight` or `AZ,EL`.
+pub(super) fn light(text: &str) -> Result<LightArg, String> {
+    match text {
+        "off" => Ok(LightArg::Off),
+        "headlight" => Ok(LightArg::Headlight),
+        _ => match list::<f64>(text).as_deref() {
+            Some(&[azimuth, elevation]) if azimuth.is_finite() && elevation.is_finite() => {
+                Ok(LightArg::From(azimuth, elevation))
+            }
+            _ => Err("expected off, headlight or AZ,EL in degrees".to_owned()),
+        },
+    }
+}
+
+/// Ambient, diffuse, specular and shininess.
+pub(super) fn material(text: &str) -> Result<[f64; 4], String> {
+    list::<f64>(text)
+        .and_then(|numbers| numbers.try_into().ok())
+        .ok_or_else(|| "expected four numbers AMBIENT,DIFFUSE,SPECULAR,SHININESS".to_owned())
 }
 
 /// A finite number.
