@@ -113,9 +113,81 @@ impl TransferFunction {
         self.unit_distance.unwrap_or(min_spacing)
     }
 
+    /// The value that stands for nothing: what a scalar field is beyond the voxels that are modelled.
+    ///
+    /// Post-shading reconstructs the difference of the scalar from this value, so that voxels which show nothing need no
+    /// splats. It is a value of no opacity, as near to the visible ones as the transfer function allows (a kernel's sums
+    /// err in proportion to the difference): the upper end of the clear values below all visible ones; else the lower
+    /// end of those above; else a clear value between; where no value is clear, that of the first point. An end where
+    /// opacity jumps is avoided by half the distance to the next point.
+    #[must_use]
+    pub fn base(&self) -> f64 {
+        let p = &self.points;
+        let clear = |i: usize| p[i].opacity <= 0.0;
+        let last = p.len() - 1;
+        let beyond = |i: usize, sign: f64| p[i].value + sign * (p[last].value - p[0].value).max(1.0) / 2.0;
+        if clear(0) {
+            let end = (0..=last).take_while(|&i| clear(i)).last().unwrap_or(0);
+            let steps = p.get(end + 1).is_some_and(|next| next.value <= p[end].value);
+            return match end.checked_sub(1).filter(|&before| p[before].value < p[end].value) {
+                _ if !steps => p[end].value,
+                Some(before) => f64::midpoint(p[before].value, p[end].value),
+                None => beyond(end, -1.0),
+            };
+        }
+        if clear(last) {
+            let start = (0..=last).rev().take_while(|&i| clear(i)).last().unwrap_or(last);
+            let steps = start > 0 && p[start - 1].value >= p[start].value;
+            return match p.get(start + 1).filter(|after| after.value > p[start].value) {
+                _ if !steps => p[start].value,
+                Some(after) => f64::midpoint(p[start].value, after.value),
+                None => beyond(start, 1.0),
+            };
+        }
+        // Between two clear points all is clear; one alone, unless a step runs through it, is at its value.
+        let between = p.windows(2).find(|w| w.iter().all(|q| q.opacity <= 0.0) && w[0].value < w[1].value);
+        if let Some([a, b]) = between {
+            return f64::midpoint(a.value, b.value);
+        }
+        p.iter().find(|q| self.sample(q.value).1 <= 0.0).unwrap_or(&p[0]).value
+    }
+
     /// The largest opacity of any point.
     #[must_use]
     pub fn max_opacity(&self) -> f64 {
         self.points.iter().map(|p| p.opacity).fold(0.0, f64::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn base(points: &[(f64, f64)]) -> f64 {
+        let points = points.iter().map(|&(value, opacity)| ControlPoint { value, color: [1.0; 3], opacity }).collect();
+        let transfer = TransferFunction::new(points, None).unwrap();
+        let base = transfer.base();
+        let clear = |v: f64| transfer.sample(v).1 <= 0.0;
+        let some = transfer.points().iter().any(|p| clear(p.value)) || clear(f64::MIN) || clear(f64::MAX);
+        assert!(clear(base) || !some, "{base} is not clear");
+        base
+    }
+
+    #[test]
+    fn base_is_the_clear_value_next_to_the_visible_ones() {
+        assert_eq!(base(&[(0.0, 0.0), (2.0, 0.0), (3.0, 0.5), (4.0, 0.0)]), 2.0);
+        assert_eq!(base(&[(0.0, 0.5), (2.0, 0.0), (3.0, 0.0)]), 2.0);
+        assert_eq!(base(&[(0.0, 0.5), (2.0, 0.0), (4.0, 0.0), (5.0, 1.0)]), 3.0);
+        assert_eq!(base(&[(0.0, 0.5), (2.0, 0.0), (5.0, 1.0)]), 2.0);
+        assert_eq!(base(&[(1.0, 0.5), (2.0, 0.1)]), 1.0);
+        assert_eq!(base(&[(1.0, 0.0)]), 1.0);
+    }
+
+    #[test]
+    fn base_keeps_off_steps() {
+        assert_eq!(base(&[(0.0, 0.0), (2.0, 0.0), (2.0, 0.5), (4.0, 1.0)]), 1.0);
+        assert_eq!(base(&[(2.0, 0.0), (2.0, 0.5), (6.0, 1.0)]), 0.0);
+        assert_eq!(base(&[(0.0, 0.5), (2.0, 0.5), (2.0, 0.0), (4.0, 0.0)]), 3.0);
+        assert_eq!(base(&[(0.0, 0.5), (6.0, 0.5), (6.0, 0.0)]), 9.0);
     }
 }
