@@ -36,7 +36,7 @@ fn row(
     transfer: &TransferFunction,
     settings: &Settings,
 ) -> Result<(), Box<dyn Error>> {
-    let scene = renderer.prepare(volume, transfer, &|_| ())?;
+    let scene = renderer.prepare(volume, transfer, settings, &|_| ())?;
     let truth = reference::Scene::new(volume, transfer, &settings.kernel, settings.normalization)?;
     for projection in [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 30.0 }] {
         let mut worst = [[(0.0_f64, 0.0_f64); 3]; 2];
@@ -69,7 +69,7 @@ fn row(
 fn feeding(renderer: &Renderer, settings: &Settings) -> Result<(), Box<dyn Error>> {
     let volume = load("demo:shepp-logan:64", &LoadOptions::default())?;
     let transfer = demo_transfer("shepp-logan").ok_or("no transfer function")?;
-    let scene = renderer.prepare(&volume, &transfer, &|_| ())?;
+    let scene = renderer.prepare(&volume, &transfer, settings, &|_| ())?;
     let (azimuth, elevation) = VIEWS[0];
     let camera = Camera::new(&View { azimuth, elevation, ..View::default() }, volume.grid(), settings.size)?;
     let counts = [1, 2, 4, 8];

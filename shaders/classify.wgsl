@@ -4,6 +4,8 @@
 
 // How a sample is stored: 0 u8, 1 i8, 2 u16, 3 i16, 4 f32.
 override SAMPLE_TYPE: u32 = 0u;
+// Whether splats get normals.
+override LIT: bool = false;
 const RUN: u32 = 32u;
 
 struct Classify {
@@ -19,6 +21,15 @@ struct Classify {
     sample_origin: f32,
     // Splats of earlier chunks.
     base: u32,
+    // Index among the samples of the chunk's first voxel, and of the voxels below and above it (wrapping where the
+    // volume has none): `samples` holds the chunk with a row on either side, then what is a plane before and behind.
+    before: u32,
+    below: u32,
+    // World gradients of the lattice coordinates.
+    gradient_x: vec3f,
+    above: u32,
+    gradient_y: vec3f,
+    gradient_z: vec3f,
 }
 
 struct ControlPoint {
@@ -33,6 +44,7 @@ struct ControlPoint {
 @group(0) @binding(2) var<storage, read> control_points: array<ControlPoint>;
 @group(0) @binding(3) var<storage, read_write> places: array<u32>;
 @group(0) @binding(4) var<storage, read_write> splats: array<Splat>;
+@group(0) @binding(5) var<storage, read_write> normals: array<u32>;
 
 fn sample_at(i: u32) -> f32 {
     if SAMPLE_TYPE == 4u {
@@ -89,6 +101,19 @@ fn lattice_point(i: u32) -> vec3u {
     return vec3u(x % classify.dims.x, y % classify.dims.y, classify.start.z + y / classify.dims.y);
 }
 
+// World gradient at voxel `i` of the chunk, in units of half a sample: central differences, an edge standing for what is
+// beyond it.
+fn gradient(i: u32, p: vec3u) -> vec3f {
+    let c = classify.before + i;
+    let low = p > vec3u(0u);
+    let high = p + 1u < classify.dims;
+    let row = classify.dims.x;
+    let x = sample_at(c + u32(high.x)) - sample_at(c - u32(low.x));
+    let y = sample_at(c + select(0u, row, high.y)) - sample_at(c - select(0u, row, low.y));
+    let z = sample_at(select(c, classify.above + i, high.z)) - sample_at(select(c, classify.below + i, low.z));
+    return x * classify.gradient_x + y * classify.gradient_y + z * classify.gradient_z;
+}
+
 @compute @workgroup_size(WORKGROUP)
 fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let run = invocation_index(id, groups);
@@ -98,7 +123,7 @@ fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) grou
     }
     var visible = 0u;
     for (var i = first; i < min(first + RUN, classify.count); i++) {
-        visible += u32(transfer(sample_at(i) - classify.sample_origin).a > 0.0);
+        visible += u32(transfer(sample_at(classify.before + i) - classify.sample_origin).a > 0.0);
     }
     places[run] = visible;
 }
@@ -112,11 +137,14 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     }
     var place = classify.base + places[run];
     for (var i = first; i < min(first + RUN, classify.count); i++) {
-        let classified = transfer(sample_at(i) - classify.sample_origin);
+        let classified = transfer(sample_at(classify.before + i) - classify.sample_origin);
         if classified.a > 0.0 {
             let p = lattice_point(i);
             let c = vec3u(round(clamp(classified.rgb, vec3f(0.0), vec3f(1.0)) * 65535.0));
             splats[place] = Splat(p.x | (p.y << 16u), p.z | (c.r << 16u), c.g | (c.b << 16u), density(classified.a));
+            if LIT {
+                normals[place] = pack_normal(gradient(i, p));
+            }
             place += 1u;
         }
     }

@@ -3,6 +3,8 @@
 
 // Sheets of a batch: 1, 2, 4 or 8.
 override SHEETS: u32 = 4u;
+// Sheets hold sums of opacity instead of optical depth.
+override ADDITIVE: bool = false;
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var sheets: texture_2d_array<f32>;
@@ -15,6 +17,11 @@ fn load(at: vec2u, layer: u32) -> vec4f {
 fn behind(pixel: vec4f, sheet: vec4f) -> vec4f {
     if sheet.a <= 0.0 {
         return pixel;
+    }
+    if ADDITIVE {
+        // Clamped at 1, colour with it. A full sheet is opaque to f32: ln 1e-30.
+        let opacity = min(sheet.a, 1.0);
+        return vec4f(pixel.rgb + sheet.rgb * (exp(-pixel.a) * opacity / sheet.a), pixel.a - log(max(1.0 - opacity, 1e-30)));
     }
     let weight = exp(-pixel.a) * absorbed(sheet.a) / sheet.a;
     return vec4f(pixel.rgb + sheet.rgb * weight, pixel.a + sheet.a);
@@ -62,4 +69,13 @@ fn composite(@builtin(global_invocation_id) id: vec3u) {
         pixel = behind(behind(behind(behind(pixel, s[4]), s[5]), s[6]), s[7]);
     }
     pixels[index] = pixel;
+}
+
+// X-ray: the one sheet is the optical depth.
+@compute @workgroup_size(8, 8)
+fn depth(@builtin(global_invocation_id) id: vec3u) {
+    if any(id.xy >= frame.region) {
+        return;
+    }
+    pixels[id.y * frame.region.x + id.x] = vec4f(0.0, 0.0, 0.0, load(id.xy, 0u).r);
 }

@@ -1,5 +1,8 @@
 // resolve: the frame's colour and optical depth to premultiplied RGBA.
 
+// X-ray: white.
+override WHITE: bool = false;
+
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read_write> pixels: array<vec4f>;
 
@@ -10,5 +13,6 @@ fn resolve(@builtin(global_invocation_id) id: vec3u) {
     }
     let index = id.y * frame.region.x + id.x;
     let pixel = pixels[index];
-    pixels[index] = vec4f(pixel.rgb, absorbed(pixel.a));
+    let alpha = absorbed(pixel.a);
+    pixels[index] = vec4f(select(pixel.rgb, vec3f(alpha), WHITE), alpha);
 }

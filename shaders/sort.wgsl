@@ -2,6 +2,9 @@
 // goes into every batch that its kernel reaches into. Each invocation owns a block of consecutive splats and one column
 // of counters per batch, so no atomics are needed and the order within a batch is that of the splats.
 
+// Sheets are voxel planes.
+override AXIS: bool = false;
+
 struct Sort {
     // Splats in this span.
     count: u32,
@@ -23,13 +26,20 @@ struct Sort {
 
 // First and last batch that a splat reaches into; first > last where it reaches into none.
 fn batches_of(s: Splat) -> vec2i {
-    let z = dot(frame.view_z, splat_lattice(s) - frame.lattice_center);
-    let first = floor((z - frame.depth_extent - frame.sheet_origin) * frame.inverse_sheet_step);
-    let last = floor((z + frame.depth_extent - frame.sheet_origin) * frame.inverse_sheet_step);
+    let lattice = splat_lattice(s);
+    let z = dot(frame.view_z, lattice - frame.lattice_center);
+    let extent = frame.depth_extent * growth_at(z);
+    let first = floor((z - extent - frame.sheet_origin) * frame.inverse_sheet_step);
+    let last = floor((z + extent - frame.sheet_origin) * frame.inverse_sheet_step);
+    let n = i32(sort.sheets_per_batch);
+    if AXIS {
+        // Nothing is left of a splat that ends before the first plane, which is the eye's where rays have one.
+        let batch = i32(round(dot(frame.plane_axis, lattice) + frame.plane_offset)) / n;
+        return vec2i(batch, select(-1, batch, last >= 0.0));
+    }
     if last < 0.0 || first >= f32(frame.sheets) {
         return vec2i(0, -1);
     }
-    let n = i32(sort.sheets_per_batch);
     return vec2i(max(i32(first), 0) / n, min(i32(last), i32(frame.sheets) - 1) / n);
 }
 

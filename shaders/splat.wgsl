@@ -1,14 +1,22 @@
 // splat: one instanced quad per splat and batch. A fragment evaluates the sections of its splat's kernel between the
-// sheet planes of the batch and adds density times section, and colour times that, to each sheet of the batch.
+// sheet planes of the batch and adds density times section, and colour times that, to each sheet of the batch. Sheets of
+// scalars get value times the mean of the kernel in the sheet instead, four sheets to a target.
 
-override PERSPECTIVE: bool = false;
 // Texels of a row of the footprint table: four coefficients each.
 override TEXELS: u32 = 2u;
 override ROWS: u32 = 256u;
+// Sheets are voxel planes and take whole footprints, instead of slabs that take sections.
+override AXIS: bool = false;
+// Opacity is added instead of optical depth.
+override ADDITIVE: bool = false;
+// Sheets hold scalars.
+override SCALARS: bool = false;
 
 struct Batch {
-    // View depth of the first plane of the batch.
+    // View depth of the first plane of the batch; of the first plane of all where sheets are voxel planes.
     depth: f32,
+    // Number of the first sheet of the batch.
+    first_sheet: u32,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
@@ -16,6 +24,8 @@ struct Batch {
 @group(0) @binding(2) var<storage, read> splats: array<Splat>;
 // Row s of the cumulative footprint at texels (0 .. TEXELS, row).
 @group(0) @binding(3) var footprint: texture_2d<f32>;
+@group(0) @binding(4) var<storage, read> normals: array<u32>;
+@group(0) @binding(5) var<uniform> lighting: Lighting;
 
 struct Varyings {
     @builtin(position) position: vec4f,
@@ -23,45 +33,54 @@ struct Varyings {
     @location(0) @interpolate(flat) center: vec3f,
     // What a section of length 1 adds to a sheet: (colour, 1) * density * section_scale.
     @location(1) @interpolate(flat) emission: vec4f,
+    // 1 / growth of the kernel.
+    @location(2) @interpolate(flat) shrink: f32,
+    // Number of the splat's sheet in the batch, where sheets are voxel planes.
+    @location(3) @interpolate(flat) sheet: u32,
 }
 
-// Bounds of the splat in one plane coordinate, as (middle, half extent).
-//
-// `axis` and `depth` are the gradients of the view coordinate and of depth in the lattice; the support is the lattice
-// ball of the kernel's radius around the centre at view coordinate `center` and distance `z` in front of the eye.
-fn bounds(axis: vec3f, center: f32, depth: vec3f, z: f32) -> vec2f {
-    let r2 = frame.radius * frame.radius;
-    if !PERSPECTIVE {
-        return vec2f(center, frame.radius * length(axis));
+// The colour of a splat with a packed world normal under the lights.
+fn lit_splat(color: vec3f, bits: u32, center: vec3f) -> vec3f {
+    let n = unpack_normal(bits);
+    let gradient = vec3f(dot(lighting.right, n), dot(lighting.up, n), dot(lighting.forward, n));
+    var to_eye = vec3f(0.0, 0.0, -1.0);
+    if PERSPECTIVE {
+        to_eye = -normalize(vec3f(center.xy, center.z + frame.eye_depth));
     }
-    // The planes through the eye of slope k = x / z that touch the support: (center - k z)^2 = R^2 |axis - k depth|^2.
-    let a = z * z - r2 * dot(depth, depth);
-    let b = center * z - r2 * dot(axis, depth);
-    let c = center * center - r2 * dot(axis, axis);
-    return vec2f(b / a, sqrt(max(b * b - a * c, 0.0)) / a);
+    return lit(color, light_on(gradient, to_eye));
 }
 
 @vertex
 fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyings {
+    if is_terminated(entry) {
+        // All corners in one place: no fragments.
+        return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
+    }
     let splat = splats[entry];
-    let p = splat_lattice(splat) - frame.lattice_center;
-    let center = vec3f(
-        dot(frame.view_x, p) + frame.offset_x,
-        dot(frame.view_y, p) + frame.offset_y,
-        dot(frame.view_z, p),
-    );
-    let z = center.z + frame.eye_depth;
+    let lattice = splat_lattice(splat);
+    let center = view_center(lattice);
+    let growth = growth_at(center.z);
     let side = vec2f(f32(corner & 1u), f32(corner >> 1u)) * 2.0 - 1.0;
     var clip = side;
     // A support that the plane of the eye cuts has no bounds in the image: its quad covers the region.
-    if !PERSPECTIVE || z > frame.depth_extent * 1.001 {
-        let x = bounds(frame.view_x, center.x, frame.view_z, z);
-        let y = bounds(frame.view_y, center.y, frame.view_z, z);
-        let plane = vec2f(x.x, y.x) + side * (vec2f(x.y, y.y) + frame.quad_pad);
-        clip = plane * frame.clip_scale + frame.clip_offset;
+    if bounded(center, growth) {
+        let box = bounds(center, growth);
+        clip = (box.xy + side * box.zw) * frame.clip_scale + frame.clip_offset;
     }
-    let density = splat.density * frame.section_scale;
-    return Varyings(vec4f(clip, 0.0, 1.0), center, vec4f(splat_color(splat) * density, density));
+    var density = splat.density;
+    if ADDITIVE {
+        density = absorbed(density);
+    }
+    density *= frame.section_scale / (growth * growth * growth);
+    var color = splat_color(splat);
+    if LIGHTS > 0u {
+        color = lit_splat(color, normals[entry], center);
+    }
+    var sheet = 0u;
+    if AXIS {
+        sheet = u32(round(dot(frame.plane_axis, lattice) + frame.plane_offset)) - batch.first_sheet;
+    }
+    return Varyings(vec4f(clip, 0.0, 1.0), center, vec4f(color * density, density), 1.0 / growth, sheet);
 }
 
 // The chord of a fragment's ray in a splat's support, and the row of the footprint table that belongs to it. Written
@@ -73,8 +92,10 @@ struct Chord {
     // Half the chord's length, and 1 / its square.
     half: f32,
     inverse_half2: f32,
-    // World length per lattice length along the ray.
+    // World length per lattice length along the ray; for scalars, 1 / the lattice length of a sheet.
     scale: f32,
+    // Number of the splat's sheet in the batch, where sheets are voxel planes.
+    sheet: u32,
     a0: vec4f,
     a1: vec4f,
     a2: vec4f,
@@ -98,6 +119,11 @@ fn chord(in: Varyings) -> Chord {
         offset = plane * (in.center.z + frame.eye_depth) - in.center.xy;
         world_per_depth = sqrt(1.0 + dot(plane, plane));
     }
+    // A kernel that is s times as large is the kernel in a lattice s times as wide.
+    if GROWN {
+        ray *= in.shrink;
+        offset *= in.shrink;
+    }
     let q = frame.grid_right * offset.x + frame.grid_up * offset.y;
     let grid_per_depth = length(ray);
     let along = dot(q, ray) / grid_per_depth;
@@ -111,6 +137,10 @@ fn chord(in: Varyings) -> Chord {
     c.half = sqrt(max(half2, 0.0));
     c.inverse_half2 = 1.0 / half2;
     c.scale = world_per_depth / grid_per_depth;
+    if SCALARS {
+        c.scale = 1.0 / c.step;
+    }
+    c.sheet = in.sheet;
     let s = clamp(half2 / (frame.radius * frame.radius), 0.0, 1.0) * f32(ROWS - 1u);
     let row = min(u32(s), ROWS - 2u);
     let f = s - f32(row);
@@ -131,9 +161,8 @@ fn horner(sum: f32, q: f32, a: vec4f) -> f32 {
     return (((sum * q + a.w) * q + a.z) * q + a.y) * q + a.x;
 }
 
-// World length times kernel from the middle of the chord to plane `k` of the batch: G(t) of the footprint table.
-fn cumulative(c: Chord, k: f32) -> f32 {
-    let t = clamp(c.first + k * c.step, -c.half, c.half);
+// World length times kernel from the middle of the chord to t: G(t) of the footprint table.
+fn cumulative_to(c: Chord, t: f32) -> f32 {
     let q = max(1.0 - t * t * c.inverse_half2, 0.0);
     var sum = 0.0;
     if TEXELS > 3u {
@@ -148,14 +177,47 @@ fn cumulative(c: Chord, k: f32) -> f32 {
     return horner(sum, q, c.a0) * t * c.scale;
 }
 
+// The same to plane `k` of the batch.
+fn cumulative(c: Chord, k: f32) -> f32 {
+    return cumulative_to(c, clamp(c.first + k * c.step, -c.half, c.half));
+}
+
+// The whole footprint, from the first plane of all on.
+fn whole(c: Chord) -> f32 {
+    return cumulative_to(c, c.half) - cumulative(c, 0.0);
+}
+
+// The section of sheet `k`.
+fn section(c: Chord, k: u32) -> f32 {
+    if AXIS {
+        return select(0.0, whole(c), c.sheet == k);
+    }
+    return cumulative(c, f32(k) + 1.0) - cumulative(c, f32(k));
+}
+
+// Sections of four consecutive sheets from the five planes around them.
+fn sections(c: Chord, first: u32) -> vec4f {
+    if AXIS {
+        return select(vec4f(0.0), vec4f(whole(c)), vec4u(0u, 1u, 2u, 3u) + first == vec4u(c.sheet));
+    }
+    let k = f32(first);
+    let g = vec4f(cumulative(c, k), cumulative(c, k + 1.0), cumulative(c, k + 2.0), cumulative(c, k + 3.0));
+    return vec4f(g.yzw, cumulative(c, k + 4.0)) - g;
+}
+
 struct Sheets1 {
     @location(0) s0: vec4f,
 }
 
 @fragment
 fn feed_1(in: Varyings) -> Sheets1 {
-    let c = chord(in);
-    return Sheets1(in.emission * (cumulative(c, 1.0) - cumulative(c, 0.0)));
+    return Sheets1(in.emission * section(chord(in), 0u));
+}
+
+// X-ray: optical depth alone.
+@fragment
+fn feed_depth(in: Varyings) -> @location(0) f32 {
+    return in.emission.a * section(chord(in), 0u);
 }
 
 struct Sheets2 {
@@ -166,8 +228,7 @@ struct Sheets2 {
 @fragment
 fn feed_2(in: Varyings) -> Sheets2 {
     let c = chord(in);
-    let g1 = cumulative(c, 1.0);
-    return Sheets2(in.emission * (g1 - cumulative(c, 0.0)), in.emission * (cumulative(c, 2.0) - g1));
+    return Sheets2(in.emission * section(c, 0u), in.emission * section(c, 1u));
 }
 
 struct Sheets4 {
@@ -177,15 +238,9 @@ struct Sheets4 {
     @location(3) s3: vec4f,
 }
 
-// Sections of four consecutive sheets from the five planes around them.
-fn sections(c: Chord, first: f32) -> vec4f {
-    let g = vec4f(cumulative(c, first), cumulative(c, first + 1.0), cumulative(c, first + 2.0), cumulative(c, first + 3.0));
-    return vec4f(g.yzw, cumulative(c, first + 4.0)) - g;
-}
-
 @fragment
 fn feed_4(in: Varyings) -> Sheets4 {
-    let s = sections(chord(in), 0.0);
+    let s = sections(chord(in), 0u);
     let e = in.emission;
     return Sheets4(e * s.x, e * s.y, e * s.z, e * s.w);
 }
@@ -204,8 +259,24 @@ struct Sheets8 {
 @fragment
 fn feed_8(in: Varyings) -> Sheets8 {
     let c = chord(in);
-    let s = sections(c, 0.0);
-    let r = sections(c, 4.0);
+    let s = sections(c, 0u);
+    let r = sections(c, 4u);
     let e = in.emission;
     return Sheets8(e * s.x, e * s.y, e * s.z, e * s.w, e * r.x, e * r.y, e * r.z, e * r.w);
+}
+
+struct Scalars8 {
+    @location(0) s0123: vec4f,
+    @location(1) s4567: vec4f,
+}
+
+@fragment
+fn scalars_4(in: Varyings) -> Sheets1 {
+    return Sheets1(in.emission.a * sections(chord(in), 0u));
+}
+
+@fragment
+fn scalars_8(in: Varyings) -> Scalars8 {
+    let c = chord(in);
+    return Scalars8(in.emission.a * sections(c, 0u), in.emission.a * sections(c, 4u));
 }

@@ -19,8 +19,8 @@
 //! let volume = load("scan.nii.gz", &LoadOptions::default())?;
 //! let transfer = presets::preset("ct-bone", &Statistics::of(&volume))?;
 //! let renderer = Renderer::new(&RendererOptions::default())?;
-//! let scene = renderer.prepare(&volume, &transfer, &|_| ())?;
 //! let settings = Settings { size: [512, 512], ..Settings::default() };
+//! let scene = renderer.prepare(&volume, &transfer, &settings, &|_| ())?;
 //! let view = View { azimuth: 30.0, elevation: 15.0, ..View::default() };
 //! let camera = Camera::new(&view, volume.grid(), settings.size)?;
 //! let rendered = renderer.render(&scene, &camera, &settings)?;

@@ -8,14 +8,14 @@ use crate::error::{Error, Result};
 use crate::gpu::classify::{Classifier, Store};
 pub use crate::gpu::context::AdapterInfo;
 use crate::gpu::context::{self, Context};
-use crate::gpu::plan::{Plan, Region, Target};
-use crate::gpu::quads::{Drawn, Quads, QuadsKey, footprint_texture};
+use crate::gpu::plan::{Plan, Region, Subject, Target};
+use crate::gpu::quads::{Drawn, Feed, Inputs, Quads, QuadsKey, footprint_texture};
 use crate::gpu::scan::Scan;
-use crate::gpu::sort::Sorter;
+use crate::gpu::sort::{SortKey, Sorter};
 use crate::gpu::timing::{Timing, on_host};
 use crate::image::Image;
 use crate::kernel::FootprintTable;
-use crate::settings::{Precision, Settings};
+use crate::settings::{Accumulation, Model, Precision, Settings};
 use crate::stats::{Clock, StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
@@ -38,25 +38,37 @@ pub struct Renderer {
     context: Context,
     scan: OnceLock<Scan>,
     classifier: OnceLock<Classifier>,
-    sorter: OnceLock<Sorter>,
+    sorters: Mutex<HashMap<SortKey, Arc<Sorter>>>,
     quads: Mutex<HashMap<QuadsKey, Arc<Quads>>>,
 }
 
-/// A classified volume on the device of the renderer that prepared it.
+/// A volume prepared on the device of the renderer that prepared it.
 pub struct Scene {
     stores: Vec<Store>,
+    /// Whether splats have normals.
+    lit: bool,
     grid: Grid,
-    unit: f64,
-    max_density: f64,
+    subject: Subject,
     bytes: u64,
     seconds: f64,
 }
 
 impl Scene {
-    /// The number of voxels that have some opacity.
+    /// The number of voxels that are drawn.
     #[must_use]
     pub fn splats(&self) -> u64 {
         self.stores.iter().map(|s| u64::from(s.count)).sum()
+    }
+
+    /// Whether the scene holds what pictures of these settings need.
+    fn check(&self, settings: &Settings) -> Result<()> {
+        if settings.lighting.is_some() && !self.lit {
+            return Err(Error::Setting {
+                name: "light",
+                reason: "the scene was prepared without: prepare it with the settings it is rendered with".to_owned(),
+            });
+        }
+        Ok(())
     }
 }
 
@@ -79,7 +91,7 @@ impl Renderer {
             context: Context::new(options.adapter.as_deref())?,
             scan: OnceLock::new(),
             classifier: OnceLock::new(),
-            sorter: OnceLock::new(),
+            sorters: Mutex::new(HashMap::new()),
             quads: Mutex::new(HashMap::new()),
         })
     }
@@ -90,32 +102,39 @@ impl Renderer {
         &self.context.info
     }
 
-    /// Classifies a volume on the device; voxels of no opacity are dropped. `progress` is told the fraction done.
+    /// Prepares a volume for pictures of these settings: of them, what counts is the model, the shading and whether there
+    /// is light. Voxels that cannot show are dropped. `progress` is told the fraction done.
     ///
     /// # Errors
-    /// [`Error::Volume`] where a sample is NaN or infinite; [`Error::OutOfMemory`], [`Error::Device`] and
+    /// [`Error::Setting`] where a setting is out of range; [`Error::Volume`] where a sample is NaN or infinite; [`Error::OutOfMemory`], [`Error::Device`] and
     /// [`Error::Unsupported`] where the device fails or is too small.
     pub fn prepare(
         &self,
         volume: &Volume,
         transfer: &TransferFunction,
+        settings: &Settings,
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<Scene> {
+        settings.validate()?;
         volume.check_finite()?;
+        let lit = settings.lighting.is_some();
         let (stores, seconds) = on_host(|| {
             self.context.guarded("classifying the volume", || {
                 let scan = self.scan.get_or_init(|| Scan::new(&self.context));
                 let classifier = self.classifier.get_or_init(|| Classifier::new(&self.context));
-                classifier.run(&self.context, scan, volume, transfer, progress)
+                classifier.run(&self.context, scan, volume, transfer, lit, progress)
             })
         });
         let stores = stores?;
-        let bytes = stores.iter().map(|s| s.splats.size()).sum();
+        let bytes = stores.iter().map(|s| s.splats.size() + s.normals.as_ref().map_or(0, wgpu::Buffer::size)).sum();
         Ok(Scene {
             stores,
+            lit,
             grid: *volume.grid(),
-            unit: transfer.unit_or(volume.grid().min_spacing()),
-            max_density: TransferFunction::extinction(transfer.max_opacity(), 1.0),
+            subject: Subject {
+                max_weight: TransferFunction::extinction(transfer.max_opacity(), 1.0),
+                unit: transfer.unit_or(volume.grid().min_spacing()),
+            },
             bytes,
             seconds,
         })
@@ -124,19 +143,32 @@ impl Renderer {
     /// Renders a picture of a scene that this renderer prepared.
     ///
     /// # Errors
-    /// [`Error::Setting`] where a setting is out of range; [`Error::Unsupported`] where the adapter cannot do what is
-    /// asked; [`Error::OutOfMemory`] and [`Error::Device`] where the device fails. There is never a picture then.
+    /// [`Error::Setting`] where a setting is out of range or the scene was prepared for other ones;
+    /// [`Error::Unsupported`] where the adapter cannot do what is asked; [`Error::OutOfMemory`] and [`Error::Device`] where the device fails. There is never a picture then.
     pub fn render(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
         settings.validate()?;
+        scene.check(settings)?;
         let before = self.context.allocated();
         let precision = self.precision(settings)?;
-        let table =
-            FootprintTable::new(&settings.kernel, settings.max_error.unwrap_or_else(|| precision.footprint_error()))?;
-        let sheets_per_pass = self.sheets_per_pass(settings, precision)?;
-        let plan = Plan::new(camera, &scene.grid, settings, scene.max_density, scene.unit);
+        let table = match settings.footprint_table {
+            Some([rows, terms]) => FootprintTable::with_size(&settings.kernel, rows, terms),
+            None => FootprintTable::new(
+                &settings.kernel,
+                settings.max_error.unwrap_or_else(|| precision.footprint_error()),
+            )?,
+        };
+        let feed = if settings.model == Model::Xray { Feed::Depth } else { Feed::Colors };
+        let sheets_per_pass = self.sheets_per_pass(settings, feed, precision)?;
+        let plan = Plan::new(camera, &scene.grid, settings, scene.subject);
         let mut stages = vec![host_stage("classify", scene.seconds)];
         let key = QuadsKey {
+            feed,
             perspective: plan.is_perspective(),
+            grown: plan.is_grown(),
+            axis: plan.is_axis_aligned(),
+            additive: settings.accumulation == Accumulation::Additive,
+            lights: settings.lighting.as_ref().map_or(0, |l| l.lights.len() as u32),
+            terminates: plan.terminates(),
             precision,
             sheets_per_pass,
             footprint_rows: table.rows(),
@@ -148,21 +180,31 @@ impl Renderer {
         let mut covered = 0;
         let reach = plan.reach().filter(|_| scene.splats() > 0 && plan.sheets() > 0);
         if let Some(reach) = reach {
-            let (pipelines, seconds) = on_host(|| self.context.guarded("making pipelines", || Ok(self.quads(key))));
+            let (pipelines, seconds) = on_host(|| {
+                self.context
+                    .guarded("making pipelines", || Ok(made(&self.quads, key, || Quads::new(&self.context, key))))
+            });
             let quads = pipelines?;
             stages.push(host_stage("pipelines", seconds));
             let mut timing = Timing::new(&self.context);
             let (result, seconds) = on_host(|| {
                 self.context.guarded("rendering", || {
-                    let footprint = footprint_texture(&self.context, &table);
+                    let inputs = Inputs {
+                        footprint: &footprint_texture(&self.context, &table),
+                        lighting: settings.lighting.as_ref().map(|l| plan.lighting(l)).unwrap_or_default(),
+                    };
                     for region in self.regions(reach, key) {
                         covered += u64::from(region.width) * u64::from(region.height);
-                        let (pixels, done) = self.region(scene, &plan, &quads, &mut timing, region, &footprint)?;
+                        let (pixels, done) = self.region(scene, &plan, &quads, &mut timing, region, &inputs)?;
                         drawn.passes += done.passes;
                         drawn.quads += done.quads;
+                        drawn.terminated += done.terminated;
+                        let margin = plan.margin() as usize;
+                        let (x, length) = (region.x as usize, region.width as usize);
                         let rows = image.pixels_mut().chunks_exact_mut(width as usize).skip(region.y as usize);
-                        for (row, source) in rows.zip(pixels.chunks_exact(region.width as usize)) {
-                            row[region.x as usize..][..source.len()].copy_from_slice(source);
+                        let sources = pixels.chunks_exact(length + 2 * margin).skip(margin);
+                        for (row, source) in rows.take(region.height as usize).zip(sources) {
+                            row[x..x + length].copy_from_slice(&source[margin..margin + length]);
                         }
                     }
                     Ok(())
@@ -179,6 +221,11 @@ impl Renderer {
         let stats = Stats {
             adapter: self.context.info.clone(),
             painter: "quads",
+            model: settings.model,
+            shading: settings.shading,
+            lights: key.lights,
+            sheet_alignment: settings.sheets,
+            accumulation: settings.accumulation,
             precision,
             size: settings.size,
             pixels_covered: covered,
@@ -187,9 +234,11 @@ impl Renderer {
             splats_dropped: scene.grid.len() - splats_kept,
             sheets: plan.sheets(),
             sheet_thickness: plan.sheet_step(),
+            kernel_growth: plan.max_growth(),
             sheets_per_pass,
             passes: drawn.passes,
             quads: drawn.quads,
+            quads_terminated: drawn.terminated,
             quads_per_splat: drawn.quads as f64 / splats_kept.max(1) as f64,
             footprint_table: [table.rows(), table.terms()],
             footprint_error: table.max_error(),
@@ -208,27 +257,23 @@ impl Renderer {
         quads: &Quads,
         timing: &mut Timing,
         region: Region,
-        footprint: &wgpu::TextureView,
+        inputs: &Inputs<'_>,
     ) -> Result<(Vec<[f32; 4]>, Drawn)> {
         let context = &self.context;
         let frame = context.upload("frame", bytemuck::bytes_of(&plan.frame(region)), wgpu::BufferUsages::UNIFORM)?;
         let target = Target { plan, region, frame: &frame };
         let scan = self.scan.get_or_init(|| Scan::new(context));
-        let sorter = self.sorter.get_or_init(|| Sorter::new(context));
+        let key = SortKey { axis: plan.is_axis_aligned(), grown: plan.is_grown() };
+        let sorter = made(&self.sorters, key, || Sorter::new(context, key));
         let spans = sorter.run(context, scan, timing, target, quads.sheets_per_pass(), &scene.stores)?;
-        quads.run(context, timing, target, footprint, &spans)
-    }
-
-    fn quads(&self, key: QuadsKey) -> Arc<Quads> {
-        let mut made = self.quads.lock().unwrap_or_else(PoisonError::into_inner);
-        Arc::clone(made.entry(key).or_insert_with(|| Arc::new(Quads::new(&self.context, key))))
+        quads.run(context, timing, target, inputs, &spans)
     }
 
     /// The rectangles in which a picture is made: one, unless it outgrows the adapter's textures or bindings, or its
     /// sheets would take more than [`MAX_SHEET_BYTES`].
     fn regions(&self, reach: Region, key: QuadsKey) -> Vec<Region> {
         let limits = &self.context.limits;
-        let sheets = MAX_SHEET_BYTES / u64::from(key.sheets_per_pass * key.precision.bytes());
+        let sheets = MAX_SHEET_BYTES / u64::from(key.sheet_bytes());
         let pixels = (limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / 16).min(sheets);
         let side = limits.max_texture_dimension_2d.min(pixels.isqrt() as u32).max(1);
         let steps = |start: u32, length: u32| {
@@ -254,9 +299,12 @@ impl Renderer {
 
     /// How many sheets one pass feeds: as many as asked for, or the most that the adapter's attachments hold up to 8 on
     /// software, which is bound by the number of quads, and up to 4 on a GPU, which is bound by blending.
-    fn sheets_per_pass(&self, settings: &Settings, precision: Precision) -> Result<u32> {
+    fn sheets_per_pass(&self, settings: &Settings, feed: Feed, precision: Precision) -> Result<u32> {
+        if feed == Feed::Depth {
+            return Ok(1);
+        }
         let context = &self.context;
-        let bytes = precision.bytes();
+        let bytes = feed.sheet_bytes(precision);
         let most =
             context.limits.max_color_attachments.min(context.limits.max_color_attachment_bytes_per_sample / bytes);
         let possible = [8, 4, 2, 1].into_iter().filter(|&n| n <= most);
@@ -276,6 +324,12 @@ impl Renderer {
             }),
         }
     }
+}
+
+/// What was made for `key` before, or is made now.
+fn made<K: Eq + std::hash::Hash, V>(cache: &Mutex<HashMap<K, Arc<V>>>, key: K, make: impl FnOnce() -> V) -> Arc<V> {
+    let mut cache = cache.lock().unwrap_or_else(PoisonError::into_inner);
+    Arc::clone(cache.entry(key).or_insert_with(|| Arc::new(make())))
 }
 
 /// The most memory that the sheets of a pass take; larger pictures are made in parts.

@@ -125,13 +125,21 @@ impl Default for Settings {
     }
 }
 
-impl std::fmt::Display for Precision {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::F16 => "f16",
-            Self::F32 => "f32",
-        })
-    }
+/// Names as the command line spells them.
+macro_rules! named {
+    ($($t:ident { $($variant:ident: $name:literal),* })*) => { $(impl std::fmt::Display for $t {
+        fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+            f.write_str(match self {
+                $(Self::$variant => $name),*
+            })
+        }
+    })* };
+}
+named! {
+    Precision { F16: "f16", F32: "f32" }
+    Model { Composite: "composite", Xray: "xray", Mip: "mip" }
+    Sheets { Image: "image", Axis: "axis" }
+    Accumulation { OpticalDepth: "optical-depth", Additive: "additive" }
 }
 
 impl Precision {

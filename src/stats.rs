@@ -5,7 +5,7 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::renderer::AdapterInfo;
-use crate::settings::Precision;
+use crate::settings::{Accumulation, Model, Precision, Shading, Sheets};
 
 /// The time of one stage.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -35,6 +35,16 @@ pub struct Stats {
     pub adapter: AdapterInfo,
     /// The painter: `quads`.
     pub painter: &'static str,
+    /// What a pixel is.
+    pub model: Model,
+    /// When the transfer function was applied.
+    pub shading: Shading,
+    /// The number of lights; 0 where colours are those of the transfer function.
+    pub lights: u32,
+    /// How splats were gathered into sheets.
+    pub sheet_alignment: Sheets,
+    /// What a sheet added up.
+    pub accumulation: Accumulation,
     /// The format of the sheets.
     pub precision: Precision,
     /// Width and height of the picture, pixels.
@@ -51,12 +61,16 @@ pub struct Stats {
     pub sheets: u32,
     /// World thickness of a sheet.
     pub sheet_thickness: f64,
+    /// How many times as large as asked the farthest kernel was, for voxels not to fall between pixels.
+    pub kernel_growth: f64,
     /// Sheets that one pass feeds.
     pub sheets_per_pass: u32,
     /// Passes drawn, one per batch of sheets that splats reach.
     pub passes: u64,
-    /// Quads drawn, one per splat and batch that it reaches.
+    /// Quads, one per splat and batch that it reaches.
     pub quads: u64,
+    /// Of these, not drawn because everything before them was opaque.
+    pub quads_terminated: u64,
     /// Quads per splat kept.
     pub quads_per_splat: f64,
     /// Rows and terms of the footprint table.
@@ -80,16 +94,28 @@ impl fmt::Display for Stats {
             "picture      {} x {} px, {} px within reach of the volume",
             self.size[0], self.size[1], self.pixels_covered
         )?;
+        let shading =
+            if self.shading == Shading::Post || self.model == Model::Mip { "post-shaded" } else { "pre-shaded" };
+        let light = match self.lights {
+            0 => "unlit".to_owned(),
+            1 => "1 light".to_owned(),
+            n => format!("{n} lights"),
+        };
+        writeln!(f, "model        {}, {shading}, {light}", self.model)?;
         writeln!(f, "voxels       {:>12}", self.voxels)?;
         writeln!(f, "  kept       {:>12}  {:.2} % as splats", self.splats_kept, percent(self.splats_kept))?;
         writeln!(f, "  dropped    {:>12}  {:.2} % transparent", self.splats_dropped, percent(self.splats_dropped))?;
         writeln!(
             f,
-            "sheets       {:>12}  {:.4} world units thick, {} a pass",
-            self.sheets, self.sheet_thickness, self.sheets_per_pass
+            "sheets       {:>12}  {:.4} world units thick, {} a pass, {}, {}",
+            self.sheets, self.sheet_thickness, self.sheets_per_pass, self.sheet_alignment, self.accumulation
         )?;
         writeln!(f, "passes       {:>12}  painter {}, {} sheets", self.passes, self.painter, self.precision)?;
-        writeln!(f, "quads        {:>12}  {:.2} per splat", self.quads, self.quads_per_splat)?;
+        writeln!(
+            f,
+            "quads        {:>12}  {:.2} per splat, {} hidden and not drawn",
+            self.quads, self.quads_per_splat, self.quads_terminated
+        )?;
         writeln!(
             f,
             "footprint    {:>5} x {:>2} table, error {:.1e} of its peak",

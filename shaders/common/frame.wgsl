@@ -44,4 +44,16 @@ struct Frame {
     sheets: u32,
     // 1 / sheet_step.
     inverse_sheet_step: f32,
+    // Axis-aligned sheets: number of the sheet, front to back, of lattice point p: dot(plane_axis, p) + plane_offset.
+    plane_axis: vec3f,
+    plane_offset: f32,
+    // Half the size of the lattice box, voxels: what is reconstructed from scalars ends there.
+    box_half: vec3f,
+    // Optical depth at which a pixel counts as opaque.
+    opaque_depth: f32,
+    // Growth of a kernel centred at view depth z: max(1, growth.x + growth.y z).
+    growth: vec2f,
+    // Tiles of early splat termination across and down the region, and pixels along the side of one.
+    tiles: u32,
+    tile_size: u32,
 }

@@ -15,3 +15,10 @@ fn splat_lattice(s: Splat) -> vec3f {
 fn splat_color(s: Splat) -> vec3f {
     return vec3f(f32(s.z_red >> 16u), f32(s.green_blue & 0xffffu), f32(s.green_blue >> 16u)) * (1.0 / 65535.0);
 }
+
+// An entry of the sorted list is the index of a splat; its top bit tells that the splat was terminated.
+const TERMINATED: u32 = 0x80000000u;
+
+fn is_terminated(entry: u32) -> bool {
+    return (entry & TERMINATED) != 0u;
+}

@@ -53,7 +53,7 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
             let renderer = stages.time("device", || silenced(|| Renderer::new(&RendererOptions { adapter })))?;
             let scene = {
                 let progress = Progress::bar("preparing");
-                renderer.prepare(&volume, &transfer, &|f| progress.set(f))?
+                renderer.prepare(&volume, &transfer, &job.settings, &|f| progress.set(f))?
             };
             let mut rendered = renderer.render(&scene, &camera, &job.settings)?;
             let before = stages.0.len();

@@ -210,6 +210,28 @@ impl Context {
         self.device.create_texture(descriptor)
     }
 
+    /// A texture of f32 in RGBA, row by row.
+    pub(crate) fn float_texture(&self, label: &str, [width, height]: [u32; 2], values: &[f32]) -> wgpu::TextureView {
+        let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+        let texture = self.texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size,
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba32Float,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        self.queue.write_texture(
+            texture.as_image_copy(),
+            bytemuck::cast_slice(values),
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(width * 16), rows_per_image: None },
+            size,
+        );
+        texture.create_view(&Default::default())
+    }
+
     /// Bytes of buffers and textures made since the device was opened.
     pub(crate) fn allocated(&self) -> u64 {
         self.allocated.load(Ordering::Relaxed)

@@ -26,7 +26,14 @@ pub(crate) struct Classify {
     pub points: u32,
     pub sample_origin: f32,
     pub base: u32,
-    pub _pad: [u32; 2],
+    pub before: u32,
+    pub below: u32,
+    pub gradient_x: [f32; 3],
+    pub above: u32,
+    pub gradient_y: [f32; 3],
+    pub _pad_y: u32,
+    pub gradient_z: [f32; 3],
+    pub _pad_z: u32,
 }
 
 /// A control point of the transfer function in the units of the samples; shaders/classify.wgsl.
@@ -67,6 +74,13 @@ pub(crate) struct Frame {
     pub region: [u32; 2],
     pub sheets: u32,
     pub inverse_sheet_step: f32,
+    pub plane_axis: [f32; 3],
+    pub plane_offset: f32,
+    pub box_half: [f32; 3],
+    pub opaque_depth: f32,
+    pub growth: [f32; 2],
+    pub tiles: u32,
+    pub tile_size: u32,
 }
 
 /// Parameters of `sort`; shaders/sort.wgsl.
@@ -85,4 +99,29 @@ pub(crate) struct Sort {
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub(crate) struct Batch {
     pub depth: f32,
+    pub first_sheet: u32,
+}
+
+/// Material and lights in view coordinates; shaders/common/lighting.wgsl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+pub(crate) struct Lighting {
+    pub right: [f32; 3],
+    pub ambient: f32,
+    pub up: [f32; 3],
+    pub diffuse: f32,
+    pub forward: [f32; 3],
+    pub specular: f32,
+    pub lights: [[f32; 4]; 4],
+    pub shininess: f32,
+    pub _pad: [u32; 3],
+}
+
+/// The entries of a batch; shaders/terminate.wgsl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub(crate) struct Terminate {
+    pub first: u32,
+    pub count: u32,
+    pub margin: f32,
 }

@@ -2,9 +2,10 @@
 
 use glam::{DVec3, DVec4};
 
-use super::layout::Frame;
-use crate::camera::{Camera, Projection};
-use crate::settings::Settings;
+use super::layout::{Batch, Frame};
+use crate::camera::{Camera, Growth, Projection};
+use crate::lighting::{Light, Lighting};
+use crate::settings::{Model, Settings, Sheets};
 use crate::volume::Grid;
 
 /// A rectangle of the image, in pixels from its top left.
@@ -25,6 +26,22 @@ pub(crate) struct Target<'a> {
     pub(crate) frame: &'a wgpu::Buffer,
 }
 
+impl Target<'_> {
+    /// Width and height of the buffers that the region is rendered in: with the margin around it.
+    pub(crate) fn extent(&self) -> [u32; 2] {
+        [self.region.width, self.region.height].map(|side| side + 2 * self.plan.margin)
+    }
+}
+
+/// What a scene's splats are, as far as a plan needs it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Subject {
+    /// The largest weight of a splat: extinction times unit distance, or scalar.
+    pub(crate) max_weight: f64,
+    /// World distance that weights are per; 1 for scalars.
+    pub(crate) unit: f64,
+}
+
 /// The geometry of one picture, in f64: sheets, projection, and the part of the image that the volume can reach.
 #[derive(Debug, Clone)]
 pub(crate) struct Plan {
@@ -32,68 +49,186 @@ pub(crate) struct Plan {
     size: [u32; 2],
     grid: Grid,
     radius: f64,
+    growth: Growth,
+    /// The smallest and the largest growth of a kernel in the volume.
+    growths: [f64; 2],
     /// Gradients in the lattice of the view coordinates x, y and z.
     view: [DVec3; 3],
     /// View coordinates of the middle of the lattice, from the target.
     offset: DVec3,
     /// Depth of the middle of the lattice in front of the eye (perspective).
     eye_depth: f64,
+    /// Lattice axis of axis-aligned sheets.
+    axis: Option<usize>,
+    post_shaded: bool,
+    /// Pixels around a region that its shading looks at.
+    margin: u32,
     /// View depth, from the middle of the lattice, at which the first sheet begins.
     sheet_origin: f64,
     sheet_step: f64,
     sheets: u32,
     section_scale: f64,
     sheet_scale: f64,
+    opaque_depth: f64,
 }
 
-/// The optical depth of a sheet is scaled so that a sheet filled with the densest material accumulates about this:
-/// an f16 sheet then resolves contributions 2e6 times smaller before they turn subnormal, and holds 250 times more
-/// (oblique perspective rays, `Normalization::Peak`) before it overflows, whatever the units of the scene.
+/// What a sheet accumulates is scaled so that a sheet filled with the densest material accumulates about this: an f16
+/// sheet then resolves contributions 2e6 times smaller before they turn subnormal, and holds 250 times more (oblique
+/// perspective rays, `Normalization::Peak`) before it overflows, whatever the units of the scene.
 const SHEET_FULL: f64 = 256.0;
 
+/// The most pixels that gradients reach sideways.
+const MAX_MARGIN: f64 = 64.0;
+
 impl Plan {
-    /// `max_density`: the largest extinction times unit distance that the transfer function gives.
-    /// `unit`: that distance, in world units.
-    pub(crate) fn new(camera: &Camera, grid: &Grid, settings: &Settings, max_density: f64, unit: f64) -> Self {
+    pub(crate) fn new(camera: &Camera, grid: &Grid, settings: &Settings, subject: Subject) -> Self {
         let to_world = grid.to_world().matrix3;
         let view = [camera.right, camera.up, camera.forward].map(|axis| to_world.transpose() * axis);
         let from_target = grid.center() - camera.target;
         let offset =
             DVec3::new(from_target.dot(camera.right), from_target.dot(camera.up), from_target.dot(camera.forward));
-        let radius = settings.kernel.radius();
-        let extent = radius * view[2].length();
         let half = DVec3::from_array(grid.dims().map(|d| f64::from(d - 1) / 2.0));
-        let reach = view[2].abs().dot(half) + extent;
+        let lattice_reach = view[2].abs().dot(half);
         let eye_depth = match camera.projection {
             Projection::Orthographic { .. } => 0.0,
             Projection::Perspective { distance, .. } => distance + offset.z,
+        };
+        let growth = if settings.antialiasing { camera.growth(grid, settings.size[1]) } else { Growth::NONE };
+        // Depth of the nearest voxel, or of the eye where that is behind it, and of the farthest.
+        let growths = [-lattice_reach, lattice_reach].map(|z| growth.at(z + eye_depth));
+        let radius = settings.kernel.radius();
+        let post_shaded = settings.is_post_shaded();
+        // What is reconstructed from scalars ends with the box of the volume.
+        let reach = if post_shaded {
+            view[2].abs().dot(half + 0.5)
+        } else {
+            lattice_reach + radius * growths[1] * view[2].length()
         };
         let sheet_origin = match camera.projection {
             Projection::Orthographic { .. } => -reach,
             // Rays start at the eye, and with them the first sheet.
             Projection::Perspective { .. } => (-reach).max(-eye_depth),
         };
-        // One voxel of thickness is the world length in which the central ray advances by one lattice unit.
         let grid_forward = grid.to_lattice().matrix3 * camera.forward;
-        let sheet_step = settings.sheet_thickness / grid_forward.length();
-        let sheets = ((reach - sheet_origin) / sheet_step).ceil().clamp(0.0, f64::from(u32::MAX / 2)) as u32;
+        let whole = reach - sheet_origin;
+        let sheet_step = if settings.model == Model::Xray {
+            whole.max(grid_forward.length().recip())
+        } else {
+            // One voxel of thickness is the world length in which the central ray advances by one lattice unit, and
+            // where kernels have grown they resolve that much less.
+            settings.sheet_thickness * growths[0] / grid_forward.length()
+        };
+        let mut sheets = (whole / sheet_step).ceil().clamp(0.0, f64::from(u32::MAX / 2)) as u32;
+        let axis = (settings.sheets == Sheets::Axis).then(|| {
+            // The planes whose normal, the gradient of their lattice coordinate, is nearest to the view direction.
+            let rows = grid.to_lattice().matrix3.transpose();
+            let cosine = |axis: &usize| (grid_forward[*axis] / rows.col(*axis).length()).abs();
+            (0..3).max_by(|a, b| cosine(a).total_cmp(&cosine(b))).unwrap_or(0)
+        });
+        if let Some(axis) = axis {
+            sheets = if sheets == 0 { 0 } else { grid.dims()[axis] };
+        }
         let divisor = settings.normalization.divisor(&settings.kernel);
-        let full = max_density / unit * sheet_step * settings.kernel.integral() / divisor;
+        let Subject { max_weight, unit } = subject;
+        // A sheet of scalars holds their mean.
+        let length = if post_shaded { 1.0 } else { sheet_step };
+        let full = max_weight / unit * length * settings.kernel.integral() / divisor;
         let sheet_scale = if full > 0.0 { (SHEET_FULL / full).log2().floor().exp2() } else { 1.0 };
-        Self {
+        let mut plan = Self {
             camera: *camera,
             size: settings.size,
             grid: *grid,
             radius,
+            growth,
+            growths,
             view,
             offset,
             eye_depth,
+            axis,
+            post_shaded,
+            margin: 0,
             sheet_origin,
             sheet_step,
             sheets,
             section_scale: sheet_scale / (divisor * unit),
             sheet_scale,
+            opaque_depth: if settings.model == Model::Composite && settings.termination > 0.0 {
+                -settings.termination.ln()
+            } else {
+                f64::INFINITY
+            },
+        };
+        if settings.lighting.is_some() && post_shaded {
+            // As far sideways as the sheets before and behind are away, for gradients that err alike in all directions.
+            let pixel = plan.pixels().0[0] * if plan.is_perspective() { eye_depth.max(sheet_step) } else { 1.0 };
+            plan.margin = (sheet_step / pixel).round().clamp(1.0, MAX_MARGIN) as u32;
         }
+        plan
+    }
+
+    /// Material and lights in this view.
+    pub(crate) fn lighting(&self, lighting: &Lighting) -> super::layout::Lighting {
+        let camera = &self.camera;
+        let f3 = |v: DVec3| v.as_vec3().to_array();
+        let mut lights = [[0.0; 4]; Lighting::MAX_LIGHTS];
+        for (slot, light) in lights.iter_mut().zip(&lighting.lights) {
+            if let Light::Directional(towards) = light {
+                let d = towards.normalize();
+                *slot = [d.dot(camera.right), d.dot(camera.up), d.dot(camera.forward), 0.0].map(|c| c as f32);
+            }
+        }
+        super::layout::Lighting {
+            right: f3(camera.right),
+            ambient: lighting.ambient as f32,
+            up: f3(camera.up),
+            diffuse: lighting.diffuse as f32,
+            forward: f3(camera.forward),
+            specular: lighting.specular as f32,
+            lights,
+            shininess: lighting.shininess as f32,
+            _pad: [0; 3],
+        }
+    }
+
+    /// The largest growth of a kernel in the volume.
+    pub(crate) fn max_growth(&self) -> f64 {
+        self.growths[1]
+    }
+
+    pub(crate) fn is_grown(&self) -> bool {
+        self.growths[1] > 1.0
+    }
+
+    pub(crate) fn is_axis_aligned(&self) -> bool {
+        self.axis.is_some()
+    }
+
+    /// Whether opaque pixels end anything.
+    pub(crate) fn terminates(&self) -> bool {
+        self.opaque_depth.is_finite()
+    }
+
+    pub(crate) fn margin(&self) -> u32 {
+        self.margin
+    }
+
+    /// The parameters of the batch that begins with sheet `first`.
+    pub(crate) fn batch(&self, first: u32) -> Batch {
+        let from = if self.axis.is_some() { 0 } else { first };
+        Batch { depth: (self.sheet_origin + f64::from(from) * self.sheet_step) as f32, first_sheet: first }
+    }
+
+    /// Side of a tile of early splat termination in pixels: about half of what a splat in the middle of the volume spans.
+    fn tile_size(&self) -> u32 {
+        let depth = if self.is_perspective() { self.eye_depth.max(self.sheet_step) } else { 1.0 };
+        let world = self.radius * self.growth.at(self.eye_depth) * self.view[0].length().max(self.view[1].length());
+        let half = world / (self.pixels().0[0] * depth);
+        half.log2().floor().exp2().clamp(8.0, 64.0) as u32
+    }
+
+    /// Tiles across and down a region with its margin.
+    pub(crate) fn tiles(&self, region: Region) -> [u32; 2] {
+        [region.width, region.height].map(|side| (side + 2 * self.margin).div_ceil(self.tile_size()))
     }
 
     pub(crate) fn is_perspective(&self) -> bool {
@@ -109,14 +244,9 @@ impl Plan {
         self.sheet_step
     }
 
-    /// View depth of the first plane of a sheet.
-    pub(crate) fn sheet_depth(&self, sheet: u32) -> f64 {
-        self.sheet_origin + f64::from(sheet) * self.sheet_step
-    }
-
     /// The most batches of `sheets` that one kernel can reach into.
     pub(crate) fn batches_per_splat(&self, sheets: u32) -> u64 {
-        let extent = 2.0 * self.radius * self.view[2].length() / self.sheet_step;
+        let extent = 2.0 * self.radius * self.growths[1] * self.view[2].length() / self.sheet_step;
         // One more than fits exactly, and one for rounding at the planes.
         (extent / f64::from(sheets)).ceil() as u64 + 2
     }
@@ -138,7 +268,8 @@ impl Plan {
         let whole = Region { x: 0, y: 0, width: w, height: h };
         let (scale, origin) = self.pixels();
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for corner in self.grid.corners(self.radius) {
+        let beyond = if self.post_shaded { 0.5 } else { self.radius * self.growths[1] };
+        for corner in self.grid.corners(beyond) {
             let d = corner - self.camera.target;
             let mut plane = [d.dot(self.camera.right), d.dot(self.camera.up)];
             if let Projection::Perspective { distance, .. } = self.camera.projection {
@@ -166,9 +297,23 @@ impl Plan {
         let f3 = |v: DVec3| v.as_vec3().to_array();
         let f2 = |v: [f64; 2]| v.map(|c| c as f32);
         let (scale, origin) = self.pixels();
+        let margin = f64::from(self.margin);
+        let [width, height] = [region.width, region.height].map(|side| side + 2 * self.margin);
         // Pixels of the region to clip coordinates: x right, y up, both in -1..1.
-        let corner = [origin[0] + f64::from(region.x) * scale[0], origin[1] + f64::from(region.y) * scale[1]];
-        let span = [f64::from(region.width) * scale[0], f64::from(region.height) * scale[1]];
+        let corner = [
+            origin[0] + (f64::from(region.x) - margin) * scale[0],
+            origin[1] + (f64::from(region.y) - margin) * scale[1],
+        ];
+        let span = [f64::from(width) * scale[0], f64::from(height) * scale[1]];
+        let (plane_axis, plane_offset) = self.axis.map_or((DVec3::ZERO, 0.0), |axis| {
+            // Numbered front to back.
+            let unit = DVec3::AXES[axis];
+            if to_lattice.mul_vec3(self.camera.forward)[axis] >= 0.0 {
+                (unit, 0.0)
+            } else {
+                (-unit, f64::from(self.grid.dims()[axis] - 1))
+            }
+        });
         let clip = DVec4::new(
             2.0 / span[0],
             -2.0 / span[1],
@@ -198,9 +343,16 @@ impl Plan {
             quad_pad: [(scale[0].abs() / 64.0) as f32, (scale[1].abs() / 64.0) as f32],
             section_scale: self.section_scale as f32,
             inverse_sheet_scale: (1.0 / self.sheet_scale) as f32,
-            region: [region.width, region.height],
+            region: [width, height],
             sheets: self.sheets,
             inverse_sheet_step: (1.0 / self.sheet_step) as f32,
+            plane_axis: f3(plane_axis),
+            plane_offset: plane_offset as f32,
+            box_half: self.grid.dims().map(|d| d as f32 / 2.0),
+            opaque_depth: self.opaque_depth as f32,
+            growth: [(self.growth.constant + self.growth.slope * self.eye_depth) as f32, self.growth.slope as f32],
+            tiles: self.tiles(region)[0],
+            tile_size: self.tile_size(),
         }
     }
 }

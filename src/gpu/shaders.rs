@@ -16,18 +16,27 @@ impl Shader {
     }
 }
 
+const BOUNDS: &str = include_str!("../../shaders/common/bounds.wgsl");
+const LIGHTING: &str = include_str!("../../shaders/common/lighting.wgsl");
+const NORMAL: &str = include_str!("../../shaders/common/normal.wgsl");
 const ABSORBED: &str = include_str!("../../shaders/common/absorbed.wgsl");
 const DISPATCH: &str = include_str!("../../shaders/common/dispatch.wgsl");
 const FRAME: &str = include_str!("../../shaders/common/frame.wgsl");
 const SPLAT: &str = include_str!("../../shaders/common/splat.wgsl");
 
 pub(crate) const CLASSIFY: Shader =
-    Shader { name: "classify", parts: &[include_str!("../../shaders/classify.wgsl"), SPLAT, DISPATCH] };
+    Shader { name: "classify", parts: &[include_str!("../../shaders/classify.wgsl"), SPLAT, NORMAL, DISPATCH] };
 pub(crate) const SCAN: Shader = Shader { name: "scan", parts: &[include_str!("../../shaders/scan.wgsl"), DISPATCH] };
 pub(crate) const SORT: Shader =
-    Shader { name: "sort", parts: &[include_str!("../../shaders/sort.wgsl"), FRAME, SPLAT, DISPATCH] };
-pub(crate) const SPLATTING: Shader =
-    Shader { name: "splat", parts: &[include_str!("../../shaders/splat.wgsl"), FRAME, SPLAT] };
+    Shader { name: "sort", parts: &[include_str!("../../shaders/sort.wgsl"), FRAME, SPLAT, BOUNDS, DISPATCH] };
+pub(crate) const SPLATTING: Shader = Shader {
+    name: "splat",
+    parts: &[include_str!("../../shaders/splat.wgsl"), FRAME, SPLAT, BOUNDS, LIGHTING, NORMAL, ABSORBED],
+};
+pub(crate) const TERMINATE: Shader = Shader {
+    name: "terminate",
+    parts: &[include_str!("../../shaders/terminate.wgsl"), FRAME, SPLAT, BOUNDS, DISPATCH],
+};
 pub(crate) const COMPOSITE: Shader =
     Shader { name: "composite", parts: &[include_str!("../../shaders/composite.wgsl"), FRAME, ABSORBED] };
 pub(crate) const RESOLVE: Shader =
@@ -35,4 +44,4 @@ pub(crate) const RESOLVE: Shader =
 
 /// Every shader there is.
 #[cfg(test)]
-pub(crate) const ALL: [Shader; 6] = [CLASSIFY, SCAN, SORT, SPLATTING, COMPOSITE, RESOLVE];
+pub(crate) const ALL: [Shader; 7] = [CLASSIFY, SCAN, SORT, SPLATTING, TERMINATE, COMPOSITE, RESOLVE];

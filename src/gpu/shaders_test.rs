@@ -2,7 +2,7 @@
 
 use std::mem::{offset_of, size_of};
 
-use super::layout::{Batch, Classify, ControlPoint, Frame, Sort, Splat};
+use super::layout::{Batch, Classify, ControlPoint, Frame, Lighting, Sort, Splat, Terminate};
 use super::shaders::{ALL, Shader};
 
 fn parsed(shader: Shader) -> naga::Module {
@@ -54,10 +54,25 @@ macro_rules! same_layout {
 #[test]
 fn structs_are_laid_out_alike() {
     same_layout!(Splat { xy, z_red, green_blue, density });
-    same_layout!(Classify { dims, count, start, points, sample_origin, base });
+    same_layout!(Classify {
+        dims,
+        count,
+        start,
+        points,
+        sample_origin,
+        base,
+        before,
+        below,
+        gradient_x,
+        above,
+        gradient_y,
+        gradient_z,
+    });
     same_layout!(ControlPoint { color, sample, opacity });
     same_layout!(Sort { count, block, blocks, batches, sheets_per_batch });
-    same_layout!(Batch { depth });
+    same_layout!(Batch { depth, first_sheet });
+    same_layout!(Terminate { first, count, margin });
+    same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, shininess });
     same_layout!(Frame {
         lattice_center,
         radius,
@@ -83,6 +98,13 @@ fn structs_are_laid_out_alike() {
         region,
         sheets,
         inverse_sheet_step,
+        plane_axis,
+        plane_offset,
+        box_half,
+        opaque_depth,
+        growth,
+        tiles,
+        tile_size,
     });
 }
 
@@ -92,6 +114,7 @@ fn constants_are_those_of_the_host() {
     let expected = [
         ("classify", "RUN", super::classify::RUN),
         ("scan", "RUN", super::scan::RUN),
+        ("terminate", "RUN", super::quads::terminate::RUN),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),
     ];
     for (name, constant, value) in expected {

@@ -1,5 +1,7 @@
 //! sort: splats into batches of consecutive sheets, by a stable counting sort.
 
+use std::ops::Range;
+
 use super::classify::Store;
 use super::context::Context;
 use super::layout::Sort;
@@ -14,6 +16,15 @@ use crate::error::Result;
 const MIN_BLOCK: u64 = 64;
 /// Counters (blocks times batches) beyond which blocks grow instead: the scan stays cheap beside the splats.
 const MAX_COUNTERS: u64 = 1 << 22;
+
+/// What the pipelines are specialised for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) struct SortKey {
+    /// Sheets are voxel planes.
+    pub(crate) axis: bool,
+    /// Kernels grow.
+    pub(crate) grown: bool,
+}
 
 /// The pipelines of the sort.
 pub(crate) struct Sorter {
@@ -37,6 +48,11 @@ impl<'a> Piece<'a> {
     pub(crate) fn splats(&self) -> wgpu::BindingResource<'a> {
         part(&self.store.splats, u64::from(self.first) * 16, u64::from(self.count) * 16)
     }
+
+    /// Their normals, where they have any.
+    pub(crate) fn normals(&self) -> Option<wgpu::BindingResource<'a>> {
+        self.store.normals.as_ref().map(|n| part(n, u64::from(self.first) * 4, u64::from(self.count) * 4))
+    }
 }
 
 /// A piece sorted on its own, small enough that its entries fit into one binding.
@@ -48,12 +64,21 @@ pub(crate) struct Span<'a> {
     pub(crate) starts: Vec<u32>,
 }
 
+impl Span<'_> {
+    /// The places of a batch's entries.
+    pub(crate) fn batch(&self, batch: u32) -> Range<u32> {
+        let batch = batch as usize;
+        self.starts[batch]..self.starts[batch + 1]
+    }
+}
+
 impl Sorter {
-    pub(crate) fn new(context: &Context) -> Self {
+    pub(crate) fn new(context: &Context, key: SortKey) -> Self {
+        let constants = [("AXIS", f64::from(u8::from(key.axis))), ("GROWN", f64::from(u8::from(key.grown)))];
         let module = module(context, shaders::SORT);
         let slots = [Slot::Uniform, Slot::Uniform, Slot::Read, Slot::Write, Slot::Write, Slot::Write];
         let layout = layout(context, "sort", wgpu::ShaderStages::COMPUTE, &slots);
-        let pipeline = |entry| compute(context, &module, "sort", entry, &layout, &[]);
+        let pipeline = |entry| compute(context, &module, "sort", entry, &layout, &constants);
         Self { count: pipeline("count"), mark: pipeline("mark"), emit: pipeline("emit"), layout }
     }
 
@@ -68,8 +93,8 @@ impl Sorter {
         stores: &'a [Store],
     ) -> Result<Vec<Span<'a>>> {
         let binding = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size);
-        // Offsets of storage bindings are multiples of at most 256 bytes: 16 splats.
-        let most = (binding / 4 / target.plan.batches_per_splat(sheets) / 16 * 16).max(16);
+        // Offsets of storage bindings are multiples of at most 256 bytes: 64 normals.
+        let most = (binding / 4 / target.plan.batches_per_splat(sheets) / 64 * 64).max(64);
         let mut spans = Vec::new();
         for store in stores {
             for first in (0..u64::from(store.count)).step_by(most as usize) {
@@ -147,6 +172,7 @@ impl Sorter {
         let starts: Vec<u32> =
             bytes[..starts_bytes as usize].chunks_exact(4).map(bytemuck::pod_read_unaligned).collect();
         let total = starts.last().copied().unwrap_or(0);
+        // Written by the termination of splats too.
         let usage = storage | wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::COPY_SRC;
         let entries = context.buffer("sort.entries", u64::from(total) * 4, usage)?;
         let mut encoder = context.device.create_command_encoder(&Default::default());

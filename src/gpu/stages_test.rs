@@ -5,15 +5,15 @@ use glam::{DAffine3, DMat3, DVec2, DVec3};
 use super::classify::{Classifier, Store};
 use super::context::Context;
 use super::layout::Splat;
-use super::plan::{Plan, Region, Target};
+use super::plan::{Plan, Region, Subject, Target};
 use super::scan::Scan;
-use super::sort::Sorter;
+use super::sort::{SortKey, Sorter};
 use super::timing::Timing;
 use crate::camera::{Camera, ProjectionKind, View};
 use crate::kernel::FootprintTable;
 use crate::reference::stages;
 use crate::renderer::{Renderer, RendererOptions};
-use crate::settings::{Precision, Settings};
+use crate::settings::{Accumulation, Precision, Settings, Sheets};
 use crate::transfer::{ControlPoint, TransferFunction};
 use crate::volume::{Grid, LoadOptions, Samples, Volume, load};
 
@@ -31,7 +31,7 @@ fn words(bytes: &[u8]) -> Vec<u32> {
 }
 
 fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Vec<Store> {
-    Classifier::new(context).run(context, &Scan::new(context), volume, transfer, &|_| ()).unwrap()
+    Classifier::new(context).run(context, &Scan::new(context), volume, transfer, false, &|_| ()).unwrap()
 }
 
 fn downloaded(context: &Context, stores: &[Store]) -> Vec<Splat> {
@@ -145,7 +145,8 @@ fn scene() -> (Volume, TransferFunction, [Camera; 2], Settings) {
     let matrix = DMat3::from_cols(DVec3::X, DVec3::new(0.2, 1.1, 0.0), DVec3::new(-0.3, 0.1, 2.0));
     let grid = Grid::new(demo.grid().dims(), DAffine3::from_mat3_translation(matrix, DVec3::splat(40.0))).unwrap();
     let volume = demo.with_grid(grid).unwrap();
-    let settings = Settings { size: [24, 20], precision: Some(Precision::F32), ..Settings::default() };
+    let settings =
+        Settings { size: [24, 20], precision: Some(Precision::F32), termination: 0.0, ..Settings::default() };
     let cameras = [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 50.0 }].map(|projection| {
         let view = View { azimuth: 40.0, elevation: 25.0, roll: 10.0, projection, ..View::default() };
         Camera::new(&view, volume.grid(), settings.size).unwrap()
@@ -154,33 +155,52 @@ fn scene() -> (Volume, TransferFunction, [Camera; 2], Settings) {
     (volume, transfer, cameras, settings)
 }
 
+/// Extinction per unit distance, as pictures of pre-shaded scenes have it.
+fn subject(volume: &Volume, transfer: &TransferFunction) -> Subject {
+    Subject {
+        max_weight: TransferFunction::extinction(transfer.max_opacity(), 1.0),
+        unit: transfer.unit_or(volume.grid().min_spacing()),
+    }
+}
+
+const WHOLE: Region = Region { x: 0, y: 0, width: 24, height: 20 };
+
 #[test]
 fn sort_matches_its_twin() {
     let (volume, transfer, cameras, settings) = scene();
     let context = Context::new(None).unwrap();
-    let (scan, sorter) = (Scan::new(&context), Sorter::new(&context));
+    let scan = Scan::new(&context);
     let stores = classified(&context, &volume, &transfer);
     let splats = downloaded(&context, &stores);
-    for camera in cameras {
-        for thickness in [0.3, 1.0, 5.0] {
-            let settings = Settings { sheet_thickness: thickness, ..settings.clone() };
-            let plan = Plan::new(&camera, volume.grid(), &settings, 1.0, 1.0);
-            let region = Region { x: 0, y: 0, width: 24, height: 20 };
-            let frame = plan.frame(region);
+    for (camera, perspective) in cameras.iter().zip([false, true]) {
+        for (thickness, sheets_kind, size) in [
+            (0.3, Sheets::Image, [24, 20]),
+            (1.0, Sheets::Image, [24, 20]),
+            (5.0, Sheets::Image, [24, 20]),
+            (1.0, Sheets::Image, [6, 5]),
+            (1.0, Sheets::Axis, [24, 20]),
+        ] {
+            let settings = Settings { sheet_thickness: thickness, sheets: sheets_kind, size, ..settings.clone() };
+            let plan = Plan::new(camera, volume.grid(), &settings, Subject { max_weight: 1.0, unit: 1.0 });
+            let key = SortKey { axis: plan.is_axis_aligned(), grown: plan.is_grown() };
+            let sorter = Sorter::new(&context, key);
+            let frame = plan.frame(WHOLE);
             let uniform = wgpu::BufferUsages::UNIFORM;
             let buffer = context.upload("test.frame", bytemuck::bytes_of(&frame), uniform).unwrap();
-            let target = Target { plan: &plan, region, frame: &buffer };
+            let target = Target { plan: &plan, region: WHOLE, frame: &buffer };
+            let mode = stages::Mode { perspective, axis: key.axis, additive: false };
             for sheets in [1, 4] {
                 let mut timing = Timing::new(&context);
                 let spans = sorter.run(&context, &scan, &mut timing, target, sheets, &stores).unwrap();
                 let [span] = spans.as_slice() else { panic!("{} spans", spans.len()) };
                 let total = u64::from(*span.starts.last().unwrap());
                 let entries = words(&download(&context, &span.entries, total * 4));
-                let expected = stages::sort(&frame, &splats, sheets);
+                let expected = stages::sort(&frame, &splats, mode, sheets);
                 assert_eq!(span.starts.len(), expected.len() + 1);
-                for (batch, want) in expected.iter().enumerate() {
-                    let range = span.starts[batch] as usize..span.starts[batch + 1] as usize;
-                    assert_eq!(&entries[range], want, "batch {batch} of {sheets} sheets, thickness {thickness}");
+                for (batch, want) in (0..).zip(&expected) {
+                    let range = span.batch(batch);
+                    let got = &entries[range.start as usize..range.end as usize];
+                    assert_eq!(got, want, "batch {batch} of {sheets} {sheets_kind} sheets, thickness {thickness}");
                 }
             }
         }
@@ -191,23 +211,35 @@ fn sort_matches_its_twin() {
 fn splat_composite_and_resolve_match_their_twins() {
     let (volume, transfer, cameras, settings) = scene();
     let renderer = Renderer::new(&RendererOptions::default()).unwrap();
-    let prepared = renderer.prepare(&volume, &transfer, &|_| ()).unwrap();
+    let prepared = renderer.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
     let splats = stages::classify(&volume, &transfer);
-    let unit = volume.grid().min_spacing();
-    let density = TransferFunction::extinction(transfer.max_opacity(), 1.0);
-    for camera in cameras {
-        let plan = Plan::new(&camera, volume.grid(), &settings, density, unit);
-        let frame = plan.frame(Region { x: 0, y: 0, width: 24, height: 20 });
-        let table = FootprintTable::new(&settings.kernel, Precision::F32.footprint_error()).unwrap();
-        for sheets_per_pass in [1, 2, 4] {
-            let settings = Settings { sheets_per_pass: Some(sheets_per_pass), ..settings.clone() };
-            let image = renderer.render(&prepared, &camera, &settings).unwrap().image;
-            for (index, pixel) in image.pixels().iter().enumerate() {
-                let center = DVec2::new((index % 24) as f64 + 0.5, (index / 24) as f64 + 0.5);
-                let sheets = stages::splat(&frame, &table, &splats, center, plan.is_perspective(), |v| v);
-                for (got, want) in pixel.iter().zip(stages::composite(&sheets)) {
-                    let error = (f64::from(*got) - want).abs();
-                    assert!(error < 2e-5, "pixel {index} x{sheets_per_pass}: {pixel:?}, {want}");
+    for (camera, perspective) in cameras.iter().zip([false, true]) {
+        for (sheets, accumulation, sheets_per_pass) in [
+            (Sheets::Image, Accumulation::OpticalDepth, 1),
+            (Sheets::Image, Accumulation::OpticalDepth, 2),
+            (Sheets::Image, Accumulation::OpticalDepth, 4),
+            (Sheets::Image, Accumulation::Additive, 4),
+            (Sheets::Axis, Accumulation::OpticalDepth, 1),
+            (Sheets::Axis, Accumulation::Additive, 4),
+        ] {
+            // Pixels as wide as two voxels, and as a fifth.
+            for size in [[24, 20], [6, 5]] {
+                let settings =
+                    Settings { size, sheets, accumulation, sheets_per_pass: Some(sheets_per_pass), ..settings.clone() };
+                let plan = Plan::new(camera, volume.grid(), &settings, subject(&volume, &transfer));
+                let [width, height] = size;
+                let frame = plan.frame(Region { x: 0, y: 0, width, height });
+                let table = FootprintTable::new(&settings.kernel, Precision::F32.footprint_error()).unwrap();
+                let additive = accumulation == Accumulation::Additive;
+                let mode = stages::Mode { perspective, axis: sheets == Sheets::Axis, additive };
+                let image = renderer.render(&prepared, camera, &settings).unwrap().image;
+                for (index, pixel) in (0..).zip(image.pixels()) {
+                    let center = DVec2::new(f64::from(index % width) + 0.5, f64::from(index / width) + 0.5);
+                    let sheets = stages::splat(&frame, &table, &splats, center, mode, |v| v);
+                    for (got, want) in pixel.iter().zip(stages::composite(&sheets, additive)) {
+                        let error = (f64::from(*got) - want).abs();
+                        assert!(error < 2e-5, "pixel {index} x{sheets_per_pass} {mode:?}: {pixel:?}, {want}");
+                    }
                 }
             }
         }
@@ -220,17 +252,17 @@ fn splat_composite_and_resolve_match_their_twins() {
 fn f16_sheets_rounded_to_the_nearest_keep_alpha() {
     let (volume, transfer, cameras, settings) = scene();
     let splats = stages::classify(&volume, &transfer);
-    let density = TransferFunction::extinction(transfer.max_opacity(), 1.0);
     let table = FootprintTable::new(&settings.kernel, Precision::F16.footprint_error()).unwrap();
     let mut worst = 0.0_f64;
     for camera in cameras {
-        let plan = Plan::new(&camera, volume.grid(), &settings, density, volume.grid().min_spacing());
-        let frame = plan.frame(Region { x: 0, y: 0, width: 24, height: 20 });
+        let plan = Plan::new(&camera, volume.grid(), &settings, subject(&volume, &transfer));
+        let mode = stages::Mode { perspective: plan.is_perspective(), ..stages::Mode::default() };
+        let frame = plan.frame(WHOLE);
         for y in 0..20 {
             for x in 0..24 {
                 let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
                 let alpha = |round: &dyn Fn(f64) -> f64| {
-                    stages::composite(&stages::splat(&frame, &table, &splats, center, plan.is_perspective(), round))[3]
+                    stages::composite(&stages::splat(&frame, &table, &splats, center, mode, round), false)[3]
                 };
                 let nearest = alpha(&|v| half::f16::from_f64(v).to_f64());
                 worst = worst.max((nearest - alpha(&|v| v)).abs());

@@ -47,16 +47,42 @@ fn lattice(frame: &Frame, splat: &Splat) -> DVec3 {
     DVec3::from_array(p) - v3(frame.lattice_center)
 }
 
+/// How splats go into sheets.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Mode {
+    pub(crate) perspective: bool,
+    pub(crate) axis: bool,
+    pub(crate) additive: bool,
+}
+
+/// Growth of the kernel of a splat at view depth `z`.
+fn growth(frame: &Frame, z: f64) -> f64 {
+    (f64::from(frame.growth[0]) + f64::from(frame.growth[1]) * z).max(1.0)
+}
+
+/// The voxel plane of a splat, front to back.
+fn plane(frame: &Frame, splat: &Splat) -> u32 {
+    let p = lattice(frame, splat) + v3(frame.lattice_center);
+    (v3(frame.plane_axis).dot(p) + f64::from(frame.plane_offset)).round() as u32
+}
+
 /// sort: the splats of each batch of `sheets_per_batch` sheets, in their order.
-pub(crate) fn sort(frame: &Frame, splats: &[Splat], sheets_per_batch: u32) -> Vec<Vec<u32>> {
+pub(crate) fn sort(frame: &Frame, splats: &[Splat], mode: Mode, sheets_per_batch: u32) -> Vec<Vec<u32>> {
     let batches = frame.sheets.div_ceil(sheets_per_batch);
     let mut sorted = vec![Vec::new(); batches as usize];
     for (index, splat) in (0..).zip(splats) {
         // In f32 and in the order of the shader: a reach that ends on a plane falls to the same side.
         let p = lattice(frame, splat).as_vec3();
         let z = frame.view_z[0] * p.x + frame.view_z[1] * p.y + frame.view_z[2] * p.z;
-        let plane = |z: f32| ((z - frame.sheet_origin) * frame.inverse_sheet_step).floor();
-        let (first, last) = (plane(z - frame.depth_extent), plane(z + frame.depth_extent));
+        let extent = frame.depth_extent * (frame.growth[0] + frame.growth[1] * z).max(1.0);
+        let cut = |z: f32| ((z - frame.sheet_origin) * frame.inverse_sheet_step).floor();
+        let (first, last) = (cut(z - extent), cut(z + extent));
+        if mode.axis {
+            if last >= 0.0 {
+                sorted[(plane(frame, splat) / sheets_per_batch) as usize].push(index);
+            }
+            continue;
+        }
         if last < 0.0 || first >= frame.sheets as f32 {
             continue;
         }
@@ -68,19 +94,19 @@ pub(crate) fn sort(frame: &Frame, splats: &[Splat], sheets_per_batch: u32) -> Ve
     sorted
 }
 
-/// splat: what each sheet of a pixel accumulates, as (colour, 1) times optical depth. `round` is what storing a sum
-/// in the sheet's format makes of it.
+/// splat: what each sheet of a pixel accumulates, as (colour, 1) times optical depth or opacity. `round` is what storing
+/// a sum in the sheet's format makes of it.
 pub(crate) fn splat(
     frame: &Frame,
     table: &FootprintTable,
     splats: &[Splat],
     pixel: DVec2,
-    perspective: bool,
+    mode: Mode,
     round: impl Fn(f64) -> f64,
 ) -> Vec<[f64; 4]> {
     let mut sheets = vec![[0.0; 4]; frame.sheets as usize];
     let f2 = |v: [f32; 2]| DVec2::from_array(v.map(f64::from));
-    let plane = pixel * f2(frame.pixel_scale) + f2(frame.pixel_offset);
+    let at = pixel * f2(frame.pixel_scale) + f2(frame.pixel_offset);
     let (right, up, forward) = (v3(frame.grid_right), v3(frame.grid_up), v3(frame.grid_forward));
     let step = f64::from(frame.sheet_step);
     for s in splats {
@@ -90,26 +116,33 @@ pub(crate) fn splat(
             v3(frame.view_y).dot(p) + f64::from(frame.offset_y),
             v3(frame.view_z).dot(p),
         );
-        let (ray, offset, length) = if perspective {
+        let growth = growth(frame, center.z);
+        let (ray, offset, length) = if mode.perspective {
             let depth = center.z + f64::from(frame.eye_depth);
-            (
-                forward + right * plane.x + up * plane.y,
-                plane * depth - center.truncate(),
-                (1.0 + plane.length_squared()).sqrt(),
-            )
+            (forward + right * at.x + up * at.y, at * depth - center.truncate(), (1.0 + at.length_squared()).sqrt())
         } else {
-            (forward, plane - center.truncate(), 1.0)
+            (forward, at - center.truncate(), 1.0)
         };
-        let q = right * offset.x + up * offset.y;
+        // The grown kernel is the kernel in a lattice as much wider.
+        let (ray, q) = (ray / growth, (right * offset.x + up * offset.y) / growth);
         let per_depth = ray.length();
         let along = q.dot(ray) / per_depth;
         let r2 = q.length_squared() - along * along;
         let color = [s.z_red >> 16, s.green_blue & 0xffff, s.green_blue >> 16].map(|c| f64::from(c) / 65_535.0);
-        let scale = f64::from(s.density) * f64::from(frame.section_scale);
-        for (k, sheet) in sheets.iter_mut().enumerate() {
-            let z = f64::from(frame.sheet_origin) + k as f64 * step - center.z;
-            let t = |z: f64| z * per_depth + along;
-            let depth = scale * table.section(f64::from(frame.radius), r2, t(z), t(z + step)) * length / per_depth;
+        let density = f64::from(s.density);
+        let weight = if mode.additive { -(-density).exp_m1() } else { density };
+        let scale = weight * f64::from(frame.section_scale) / growth.powi(3) * length / per_depth;
+        let t = |z: f64| (z - center.z) * per_depth + along;
+        let origin = f64::from(frame.sheet_origin);
+        let section = |from: f64, to: f64| scale * table.section(f64::from(frame.radius), r2, t(from), t(to));
+        for (k, sheet) in (0_u32..).zip(&mut sheets) {
+            let depth = if !mode.axis {
+                section(origin + f64::from(k) * step, origin + f64::from(k + 1) * step)
+            } else if k == plane(frame, s) {
+                section(origin, f64::INFINITY)
+            } else {
+                continue;
+            };
             for (sum, c) in sheet.iter_mut().zip(color.into_iter().chain([1.0])) {
                 *sum = round(*sum + c * depth);
             }
@@ -119,12 +152,13 @@ pub(crate) fn splat(
 }
 
 /// composite and resolve: the sheets front to back, to premultiplied RGBA.
-pub(crate) fn composite(sheets: &[[f64; 4]]) -> [f64; 4] {
+pub(crate) fn composite(sheets: &[[f64; 4]], additive: bool) -> [f64; 4] {
     let (mut color, mut depth) = (DVec3::ZERO, 0.0_f64);
-    for &[r, g, b, tau] in sheets {
-        if tau > 0.0 {
-            color += DVec3::new(r, g, b) / tau * (-depth).exp() * -(-tau).exp_m1();
-            depth += tau;
+    for &[r, g, b, sum] in sheets {
+        if sum > 0.0 {
+            let opacity = if additive { sum.min(1.0) } else { -(-sum).exp_m1() };
+            color += DVec3::new(r, g, b) / sum * (-depth).exp() * opacity;
+            depth -= (-opacity).ln_1p();
         }
     }
     [color.x, color.y, color.z, -(-depth).exp_m1()]

@@ -22,7 +22,7 @@ fn check(name: &str, volume: &str, view: View, settings: Settings) {
     let (volume, transfer) = demo(volume, 40);
     let settings = Settings { size: [64, 56], precision: Some(Precision::F32), ..settings };
     let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
-    let scene = RENDERER.prepare(&volume, &transfer, &|_| ()).unwrap();
+    let scene = RENDERER.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
     let image = RENDERER.render(&scene, &camera, &settings).unwrap().image;
     let golden = directory("tests/golden").join(format!("{name}.png"));
     if std::env::var_os("VOXSPLAT_BLESS").is_some() {

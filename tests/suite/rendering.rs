@@ -22,8 +22,9 @@ pub(crate) fn demo(name: &str, size: u32) -> (Volume, TransferFunction) {
     (volume, demo_transfer(name).unwrap())
 }
 
+/// Nothing that is allowed to change a picture.
 fn f32_settings(size: u32) -> Settings {
-    Settings { size: [size; 2], precision: Some(Precision::F32), ..Settings::default() }
+    Settings { size: [size; 2], precision: Some(Precision::F32), termination: 0.0, ..Settings::default() }
 }
 
 fn camera(azimuth: f64, projection: ProjectionKind, volume: &Volume, size: [u32; 2]) -> Camera {
@@ -32,7 +33,7 @@ fn camera(azimuth: f64, projection: ProjectionKind, volume: &Volume, size: [u32;
 }
 
 fn render(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Image {
-    let scene = RENDERER.prepare(volume, transfer, &|_| ()).unwrap();
+    let scene = RENDERER.prepare(volume, transfer, settings, &|_| ()).unwrap();
     RENDERER.render(&scene, camera, settings).unwrap().image
 }
 
@@ -210,7 +211,7 @@ fn transparent_voxels_change_nothing() {
     let [small, large] = [20, 40].map(|size| {
         let volume = ball(size);
         let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
-        let scene = RENDERER.prepare(&volume, &transfer, &|_| ()).unwrap();
+        let scene = RENDERER.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
         (scene.splats(), RENDERER.render(&scene, &camera, &settings).unwrap().image)
     });
     assert_eq!(small.0, large.0);
@@ -227,7 +228,7 @@ fn a_transparent_volume_is_the_background() {
     let transfer = TransferFunction::new(vec![p(0.0), p(255.0)], None).unwrap();
     let settings = f32_settings(16);
     let camera = camera(0.0, ProjectionKind::Orthographic, &volume, settings.size);
-    let scene = RENDERER.prepare(&volume, &transfer, &|_| ()).unwrap();
+    let scene = RENDERER.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
     let rendered = RENDERER.render(&scene, &camera, &settings).unwrap();
     assert_eq!((scene.splats(), rendered.stats.passes, rendered.stats.quads), (0, 0, 0));
     assert!(rendered.image.pixels().iter().all(|p| *p == [0.0; 4]));
@@ -257,7 +258,7 @@ fn scene_and_camera_turned_together_leave_the_picture() {
 #[test]
 fn feeding_several_sheets_at_once_changes_nothing_but_the_number_of_quads() {
     let (volume, transfer) = demo("shepp-logan", 32);
-    let scene = RENDERER.prepare(&volume, &transfer, &|_| ()).unwrap();
+    let scene = RENDERER.prepare(&volume, &transfer, &f32_settings(32), &|_| ()).unwrap();
     let one = Settings { sheets_per_pass: Some(1), ..f32_settings(32) };
     let camera = camera(33.0, ProjectionKind::Orthographic, &volume, one.size);
     let single = RENDERER.render(&scene, &camera, &one).unwrap();
@@ -273,7 +274,7 @@ fn feeding_several_sheets_at_once_changes_nothing_but_the_number_of_quads() {
 fn a_picture_made_in_parts_is_the_whole_picture() {
     // 2001^2 pixels are over 256 MiB of sheets, so they are made in several regions; 667^2 pixels are not.
     let (volume, transfer) = demo("vessels", 12);
-    let scene = RENDERER.prepare(&volume, &transfer, &|_| ()).unwrap();
+    let scene = RENDERER.prepare(&volume, &transfer, &f32_settings(1), &|_| ()).unwrap();
     let view = View { view_height: Some(14.0), ..View::default() };
     let render = |size: [u32; 2], view: &View| {
         let camera = Camera::new(view, volume.grid(), size).unwrap();

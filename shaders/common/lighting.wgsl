@@ -1,0 +1,53 @@
+// Blinn-Phong on gradients, two-sided: `Lighting::shade` of the host in f32. View coordinates throughout.
+
+// Lights: 0 leaves colours alone.
+override LIGHTS: u32 = 0u;
+
+struct Lighting {
+    // World axes of the view.
+    right: vec3f,
+    ambient: f32,
+    up: vec3f,
+    diffuse: f32,
+    forward: vec3f,
+    specular: f32,
+    // Unit vectors towards the lights; 0 for a headlight.
+    lights: array<vec4f, 4>,
+    shininess: f32,
+}
+
+// Diffuse and specular share of one light.
+fn light_from(light: vec3f, normal: vec3f, to_eye: vec3f) -> vec2f {
+    let towards = select(light, to_eye, all(light == vec3f(0.0)));
+    let cosine = dot(normal, towards);
+    if cosine <= 0.0 {
+        return vec2f(0.0);
+    }
+    let between = to_eye + towards;
+    let highlight = dot(normal, between) * inverseSqrt(max(dot(between, between), 1e-20));
+    return vec2f(cosine, pow(max(highlight, 0.0), lighting.shininess));
+}
+
+// Shares of the colour and of white that a surface of the given gradient (any length) shows.
+fn light_on(gradient: vec3f, to_eye: vec3f) -> vec2f {
+    let length2 = dot(gradient, gradient);
+    if length2 <= 0.0 {
+        return vec2f(1.0, 0.0);
+    }
+    let normal = gradient * (inverseSqrt(length2) * select(1.0, -1.0, dot(gradient, to_eye) < 0.0));
+    var sum = light_from(lighting.lights[0].xyz, normal, to_eye);
+    if LIGHTS > 1u {
+        sum += light_from(lighting.lights[1].xyz, normal, to_eye);
+    }
+    if LIGHTS > 2u {
+        sum += light_from(lighting.lights[2].xyz, normal, to_eye);
+    }
+    if LIGHTS > 3u {
+        sum += light_from(lighting.lights[3].xyz, normal, to_eye);
+    }
+    return vec2f(lighting.ambient + lighting.diffuse * sum.x, lighting.specular * sum.y);
+}
+
+fn lit(color: vec3f, light: vec2f) -> vec3f {
+    return clamp(color * light.x + light.y, vec3f(0.0), vec3f(1.0));
+}

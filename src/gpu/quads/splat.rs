@@ -1,0 +1,229 @@
+//! splat: quads into the sheets of a batch.
+
+use super::super::context::Context;
+use super::super::pipeline::{Slot, bind, layout, module, pipeline_layout, specialised};
+use super::super::plan::Target;
+use super::super::shaders;
+use super::super::sort::Span;
+use super::super::timing::Timing;
+use super::{Feed, Inputs, QuadsKey, Slots};
+use crate::error::Result;
+use crate::kernel::FootprintTable;
+use crate::settings::Precision;
+
+/// The render pipeline that feeds sheets.
+pub(super) struct Splatting {
+    key: QuadsKey,
+    layout: wgpu::BindGroupLayout,
+    pipeline: wgpu::RenderPipeline,
+}
+
+/// The sheets of a batch: a layer each.
+pub(super) struct Sheets {
+    targets: Vec<wgpu::TextureView>,
+    /// All layers.
+    pub(super) all: wgpu::TextureView,
+}
+
+/// What the batches of one region are drawn with.
+pub(super) struct Splats<'a> {
+    pipeline: &'a wgpu::RenderPipeline,
+    batches: Slots,
+    groups: Vec<wgpu::BindGroup>,
+}
+
+impl QuadsKey {
+    /// The format of a layer.
+    fn format(&self) -> wgpu::TextureFormat {
+        match (self.feed, self.precision) {
+            (Feed::Colors, Precision::F16) => wgpu::TextureFormat::Rgba16Float,
+            (Feed::Colors, Precision::F32) => wgpu::TextureFormat::Rgba32Float,
+            (Feed::Depth, Precision::F16) => wgpu::TextureFormat::R16Float,
+            (Feed::Depth, Precision::F32) => wgpu::TextureFormat::R32Float,
+        }
+    }
+
+    /// Layers of a batch.
+    fn layers(&self) -> u32 {
+        match self.feed {
+            Feed::Colors => self.sheets_per_pass,
+            Feed::Depth => 1,
+        }
+    }
+
+    /// The fragment stage.
+    fn entry(&self) -> String {
+        match self.feed {
+            Feed::Colors => format!("feed_{}", self.sheets_per_pass),
+            Feed::Depth => "feed_depth".to_owned(),
+        }
+    }
+}
+
+impl Sheets {
+    pub(super) fn new(context: &Context, key: QuadsKey, [width, height]: [u32; 2]) -> Self {
+        let texture = context.texture(&wgpu::TextureDescriptor {
+            label: Some("splat.sheets"),
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: key.layers() },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: key.format(),
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        });
+        let targets = (0..key.layers())
+            .map(|layer| {
+                texture.create_view(&wgpu::TextureViewDescriptor {
+                    label: Some("splat.sheet"),
+                    dimension: Some(wgpu::TextureViewDimension::D2),
+                    base_array_layer: layer,
+                    array_layer_count: Some(1),
+                    ..Default::default()
+                })
+            })
+            .collect();
+        let all = texture.create_view(&wgpu::TextureViewDescriptor {
+            label: Some("composite.sheets"),
+            dimension: Some(wgpu::TextureViewDimension::D2Array),
+            ..Default::default()
+        });
+        Self { targets, all }
+    }
+}
+
+impl Splatting {
+    pub(super) fn new(context: &Context, key: QuadsKey) -> Self {
+        let slots = [
+            Slot::Uniform,
+            Slot::DynamicUniform,
+            Slot::Read,
+            Slot::Texture(wgpu::TextureViewDimension::D2),
+            Slot::Read,
+            Slot::Uniform,
+        ];
+        let layout = layout(context, "splat", wgpu::ShaderStages::VERTEX_FRAGMENT, &slots);
+        Self { key, pipeline: pipeline(context, key, &layout), layout }
+    }
+
+    pub(super) fn bind(
+        &self,
+        context: &Context,
+        target: Target<'_>,
+        inputs: &Inputs<'_>,
+        spans: &[Span<'_>],
+        batches: u32,
+    ) -> Result<Splats<'_>> {
+        let parameters: Vec<_> = (0..batches).map(|b| target.plan.batch(b * self.key.sheets_per_pass)).collect();
+        let batches = Slots::new(context, "splat.batches", &parameters)?;
+        let lighting =
+            context.upload("splat.lighting", bytemuck::bytes_of(&inputs.lighting), wgpu::BufferUsages::UNIFORM)?;
+        let no_normals = context.buffer("splat.no_normals", 16, wgpu::BufferUsages::STORAGE)?;
+        let groups = spans
+            .iter()
+            .map(|span| {
+                let resources = [
+                    target.frame.as_entire_binding(),
+                    batches.binding(),
+                    span.piece.splats(),
+                    wgpu::BindingResource::TextureView(inputs.footprint),
+                    span.piece.normals().unwrap_or_else(|| no_normals.as_entire_binding()),
+                    lighting.as_entire_binding(),
+                ];
+                bind(context, "splat", &self.layout, &resources)
+            })
+            .collect();
+        Ok(Splats { pipeline: &self.pipeline, batches, groups })
+    }
+}
+
+impl Splats<'_> {
+    /// Draws the entries of a batch into its sheets, cleared before.
+    pub(super) fn record(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        timing: &mut Timing,
+        sheets: &Sheets,
+        spans: &[Span<'_>],
+        batch: u32,
+    ) {
+        let ops = wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), store: wgpu::StoreOp::Store };
+        let attachments: Vec<_> = sheets
+            .targets
+            .iter()
+            .map(|view| Some(wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops }))
+            .collect();
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("splat"),
+            color_attachments: &attachments,
+            timestamp_writes: timing.render(context, "splat"),
+            ..Default::default()
+        });
+        pass.set_pipeline(self.pipeline);
+        for (span, group) in spans.iter().zip(&self.groups) {
+            let range = span.batch(batch);
+            if !range.is_empty() {
+                pass.set_bind_group(0, group, &[self.batches.offset(batch)]);
+                pass.set_vertex_buffer(0, span.entries.slice(..));
+                pass.draw(0..4, range);
+            }
+        }
+    }
+}
+
+fn pipeline(context: &Context, key: QuadsKey, group: &wgpu::BindGroupLayout) -> wgpu::RenderPipeline {
+    let module = module(context, shaders::SPLATTING);
+    let flag = QuadsKey::flag;
+    // A stage takes only the constants that it uses.
+    let common = [("PERSPECTIVE", flag(key.perspective)), ("GROWN", flag(key.grown)), ("AXIS", flag(key.axis))];
+    let vertex = [("ADDITIVE", flag(key.additive)), ("LIGHTS", f64::from(key.lights))];
+    let fragment = [("TEXELS", f64::from(key.footprint_terms / 4)), ("ROWS", f64::from(key.footprint_rows))];
+    let vertex_constants = [common.as_slice(), &vertex].concat();
+    let fragment_constants = [common.as_slice(), &fragment].concat();
+    let add = wgpu::BlendComponent {
+        src_factor: wgpu::BlendFactor::One,
+        dst_factor: wgpu::BlendFactor::One,
+        operation: wgpu::BlendOperation::Add,
+    };
+    let target = Some(wgpu::ColorTargetState {
+        format: key.format(),
+        blend: Some(wgpu::BlendState { color: add, alpha: add }),
+        write_mask: wgpu::ColorWrites::ALL,
+    });
+    let targets = vec![target; key.layers() as usize];
+    context.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some("splat"),
+        layout: Some(&pipeline_layout(context, "splat", group)),
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some("vertex"),
+            compilation_options: specialised(&vertex_constants),
+            buffers: &[Some(wgpu::VertexBufferLayout {
+                array_stride: 4,
+                step_mode: wgpu::VertexStepMode::Instance,
+                attributes: &[wgpu::VertexAttribute {
+                    format: wgpu::VertexFormat::Uint32,
+                    offset: 0,
+                    shader_location: 0,
+                }],
+            })],
+        },
+        primitive: wgpu::PrimitiveState { topology: wgpu::PrimitiveTopology::TriangleStrip, ..Default::default() },
+        depth_stencil: None,
+        multisample: wgpu::MultisampleState::default(),
+        fragment: Some(wgpu::FragmentState {
+            module: &module,
+            entry_point: Some(&key.entry()),
+            compilation_options: specialised(&fragment_constants),
+            targets: &targets,
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
+
+/// The footprint table as a texture: one row of texels per row of the table, four coefficients each.
+pub(crate) fn footprint_texture(context: &Context, table: &FootprintTable) -> wgpu::TextureView {
+    context.float_texture("splat.footprint", [table.terms() / 4, table.rows()], table.coefficients())
+}
