@@ -9,12 +9,13 @@ use crate::gpu::classify::{Classifier, Store};
 pub use crate::gpu::context::AdapterInfo;
 use crate::gpu::context::{self, Context};
 use crate::gpu::plan::{Plan, Region, Subject, Target};
-use crate::gpu::quads::{Drawn, Feed, Inputs, Quads, QuadsKey, footprint_texture};
+use crate::gpu::quads::{Drawn, Feed, Inputs, Quads, QuadsKey, TransferTable, footprint_texture};
+use crate::gpu::scalars::{self, Emitted, Reach, Shows};
 use crate::gpu::scan::Scan;
 use crate::gpu::sort::{SortKey, Sorter};
 use crate::gpu::timing::{Timing, on_host};
 use crate::image::Image;
-use crate::kernel::FootprintTable;
+use crate::kernel::{FootprintTable, Kernel, Normalization};
 use crate::settings::{Accumulation, Model, Precision, Settings};
 use crate::stats::{Clock, StageTime, Stats};
 use crate::transfer::TransferFunction;
@@ -44,32 +45,88 @@ pub struct Renderer {
 
 /// A volume prepared on the device of the renderer that prepared it.
 pub struct Scene {
-    stores: Vec<Store>,
-    /// Whether splats have normals.
-    lit: bool,
+    content: Content,
     grid: Grid,
     subject: Subject,
-    bytes: u64,
     seconds: f64,
 }
 
-impl Scene {
-    /// The number of voxels that are drawn.
-    #[must_use]
-    pub fn splats(&self) -> u64 {
-        self.stores.iter().map(|s| u64::from(s.count)).sum()
+/// What is on the device.
+enum Content {
+    /// Classified voxels, lit or not.
+    Splats { stores: Vec<Store>, lit: bool },
+    /// Scalars, classified when they have been reconstructed.
+    Scalars(Scalars),
+}
+
+/// A volume as post-shading draws it.
+struct Scalars {
+    volume: Volume,
+    transfer: TransferFunction,
+    shows: Shows,
+    table: TransferTable,
+    /// The splats of the picture before, drawn again where nothing asks for others.
+    emitted: Mutex<Option<(ScalarsKey, Arc<Emitted>)>>,
+}
+
+/// What splats of scalars depend on besides volume and transfer function.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct ScalarsKey {
+    kernel: Kernel,
+    normalization: Normalization,
+    reach: Reach,
+}
+
+/// The splats of one picture.
+enum Drawable<'a> {
+    Splats(&'a [Store]),
+    Scalars(Arc<Emitted>),
+}
+
+impl Drawable<'_> {
+    fn stores(&self) -> &[Store] {
+        match self {
+            Self::Splats(stores) => stores,
+            Self::Scalars(emitted) => &emitted.stores,
+        }
     }
 
+    fn splats(&self) -> u64 {
+        self.stores().iter().map(|s| u64::from(s.count)).sum()
+    }
+
+    /// Those that are voxels of the volume.
+    fn voxels(&self) -> u64 {
+        match self {
+            Self::Splats(_) => self.splats(),
+            Self::Scalars(emitted) => emitted.voxels,
+        }
+    }
+
+    fn bytes(&self) -> u64 {
+        self.stores().iter().map(|s| s.splats.size() + s.normals.as_ref().map_or(0, wgpu::Buffer::size)).sum()
+    }
+}
+
+impl Scene {
     /// Whether the scene holds what pictures of these settings need.
     fn check(&self, settings: &Settings) -> Result<()> {
-        if settings.lighting.is_some() && !self.lit {
-            return Err(Error::Setting {
-                name: "light",
-                reason: "the scene was prepared without: prepare it with the settings it is rendered with".to_owned(),
-            });
+        let error = |name, what: &str| {
+            let reason = format!("the scene was prepared {what}: prepare it with the settings it is rendered with");
+            Err(Error::Setting { name, reason })
+        };
+        match &self.content {
+            Content::Splats { .. } if settings.is_post_shaded() => error("shading", "for pre-shading"),
+            Content::Splats { lit: false, .. } if settings.lighting.is_some() => error("light", "without light"),
+            Content::Scalars(_) if !settings.is_post_shaded() => error("shading", "for post-shading"),
+            Content::Scalars(scalars) if scalars.shows != shows(settings) => error("model", "for another model"),
+            _ => Ok(()),
         }
-        Ok(())
     }
+}
+
+fn shows(settings: &Settings) -> Shows {
+    if settings.model == Model::Mip { Shows::Largest } else { Shows::Opaque }
 }
 
 /// A picture and what it took.
@@ -117,27 +174,86 @@ impl Renderer {
     ) -> Result<Scene> {
         settings.validate()?;
         volume.check_finite()?;
-        let lit = settings.lighting.is_some();
-        let (stores, seconds) = on_host(|| {
+        let (content, seconds) = on_host(|| {
             self.context.guarded("classifying the volume", || {
+                if settings.is_post_shaded() {
+                    return Ok(Content::Scalars(self.scalars(volume, transfer, settings)));
+                }
+                let lit = settings.lighting.is_some();
                 let scan = self.scan.get_or_init(|| Scan::new(&self.context));
                 let classifier = self.classifier.get_or_init(|| Classifier::new(&self.context));
-                classifier.run(&self.context, scan, volume, transfer, lit, progress)
+                let stores = classifier.run(&self.context, scan, volume, transfer, lit, progress)?;
+                Ok(Content::Splats { stores, lit })
             })
         });
-        let stores = stores?;
-        let bytes = stores.iter().map(|s| s.splats.size() + s.normals.as_ref().map_or(0, wgpu::Buffer::size)).sum();
-        Ok(Scene {
-            stores,
-            lit,
-            grid: *volume.grid(),
-            subject: Subject {
+        let subject = if settings.is_post_shaded() {
+            Subject { max_weight: scalars::largest(volume, transfer), unit: 1.0 }
+        } else {
+            Subject {
                 max_weight: TransferFunction::extinction(transfer.max_opacity(), 1.0),
                 unit: transfer.unit_or(volume.grid().min_spacing()),
+            }
+        };
+        Ok(Scene { content: content?, grid: *volume.grid(), subject, seconds })
+    }
+
+    /// What of post-shading does not depend on the camera.
+    fn scalars(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Scalars {
+        let shows = shows(settings);
+        let base = transfer.base();
+        let points = transfer.points();
+        let (first, last) = (points[0].value, points[points.len() - 1].value);
+        let unit = transfer.unit_or(volume.grid().min_spacing());
+        let rows = f64::from(TRANSFER_ROWS - 1);
+        let values: Vec<f32> = (0..TRANSFER_ROWS)
+            .flat_map(|row| {
+                let (color, opacity) = transfer.sample(first + (last - first) * f64::from(row) / rows);
+                let alpha = match shows {
+                    Shows::Opaque => TransferFunction::extinction(opacity, unit),
+                    Shows::Largest => opacity / transfer.max_opacity().max(f64::MIN_POSITIVE),
+                };
+                [color[0], color[1], color[2], alpha].map(|c| c as f32)
+            })
+            .collect();
+        let scale = if last > first { rows / (last - first) } else { 0.0 };
+        let clear = transfer.clear_around(base).map_or([1.0, -1.0], |ends| ends.map(|v| (v - base) as f32));
+        Scalars {
+            volume: volume.clone(),
+            transfer: transfer.clone(),
+            shows,
+            table: TransferTable {
+                texture: self.context.float_texture("shade.transfer", [TRANSFER_ROWS, 1], &values),
+                clear,
+                lookup: [scale as f32, ((base - first) * scale) as f32],
             },
-            bytes,
-            seconds,
-        })
+            emitted: Mutex::new(None),
+        }
+    }
+
+    /// The splats that a picture is made of, and the seconds it took to make those that the scene did not hold.
+    fn drawable<'a>(&self, scene: &'a Scene, plan: &Plan, settings: &Settings) -> Result<(Drawable<'a>, f64)> {
+        let scalars = match &scene.content {
+            Content::Splats { stores, .. } => return Ok((Drawable::Splats(stores), 0.0)),
+            Content::Scalars(scalars) => scalars,
+        };
+        let key =
+            ScalarsKey { kernel: settings.kernel, normalization: settings.normalization, reach: plan.scalar_reach() };
+        let mut held = scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, emitted)) = held.as_ref()
+            && *of == key
+        {
+            return Ok((Drawable::Scalars(Arc::clone(emitted)), 0.0));
+        }
+        let (emitted, seconds) = on_host(|| {
+            self.context.guarded("emitting scalars", || {
+                let Scalars { volume, transfer, shows, .. } = scalars;
+                let ScalarsKey { kernel, normalization, reach } = &key;
+                scalars::emit(&self.context, volume, transfer, kernel, *normalization, *shows, *reach)
+            })
+        });
+        let emitted = Arc::new(emitted?);
+        *held = Some((key, Arc::clone(&emitted)));
+        Ok((Drawable::Scalars(emitted), seconds))
     }
 
     /// Renders a picture of a scene that this renderer prepared.
@@ -157,10 +273,16 @@ impl Renderer {
                 settings.max_error.unwrap_or_else(|| precision.footprint_error()),
             )?,
         };
-        let feed = if settings.model == Model::Xray { Feed::Depth } else { Feed::Colors };
+        let feed = match settings.model {
+            Model::Xray => Feed::Depth,
+            Model::Mip => Feed::Maximum,
+            Model::Composite if settings.is_post_shaded() => Feed::Scalars,
+            Model::Composite => Feed::Colors,
+        };
         let sheets_per_pass = self.sheets_per_pass(settings, feed, precision)?;
         let plan = Plan::new(camera, &scene.grid, settings, scene.subject);
-        let mut stages = vec![host_stage("classify", scene.seconds)];
+        let (drawable, seconds) = self.drawable(scene, &plan, settings)?;
+        let mut stages = vec![host_stage("classify", scene.seconds + seconds)];
         let key = QuadsKey {
             feed,
             perspective: plan.is_perspective(),
@@ -168,6 +290,7 @@ impl Renderer {
             axis: plan.is_axis_aligned(),
             additive: settings.accumulation == Accumulation::Additive,
             lights: settings.lighting.as_ref().map_or(0, |l| l.lights.len() as u32),
+            samples: settings.samples_per_sheet(),
             terminates: plan.terminates(),
             precision,
             sheets_per_pass,
@@ -178,7 +301,8 @@ impl Renderer {
         let mut image = Image::transparent(width, height)?;
         let mut drawn = Drawn::default();
         let mut covered = 0;
-        let reach = plan.reach().filter(|_| scene.splats() > 0 && plan.sheets() > 0);
+        // Scalars are everywhere, be it as the base alone.
+        let reach = plan.reach().filter(|_| (drawable.splats() > 0 || feed.is_scalar()) && plan.sheets() > 0);
         if let Some(reach) = reach {
             let (pipelines, seconds) = on_host(|| {
                 self.context
@@ -192,10 +316,15 @@ impl Renderer {
                     let inputs = Inputs {
                         footprint: &footprint_texture(&self.context, &table),
                         lighting: settings.lighting.as_ref().map(|l| plan.lighting(l)).unwrap_or_default(),
+                        transfer: match &scene.content {
+                            Content::Splats { .. } => None,
+                            Content::Scalars(scalars) => Some(&scalars.table),
+                        },
                     };
                     for region in self.regions(reach, key) {
                         covered += u64::from(region.width) * u64::from(region.height);
-                        let (pixels, done) = self.region(scene, &plan, &quads, &mut timing, region, &inputs)?;
+                        let (pixels, done) =
+                            self.region(drawable.stores(), &plan, &quads, &mut timing, region, &inputs)?;
                         drawn.passes += done.passes;
                         drawn.quads += done.quads;
                         drawn.terminated += done.terminated;
@@ -217,7 +346,7 @@ impl Renderer {
             }
             stages.push(host_stage("frame", seconds));
         }
-        let splats_kept = scene.splats();
+        let (splats, splats_kept) = (drawable.splats(), drawable.voxels());
         let stats = Stats {
             adapter: self.context.info.clone(),
             painter: "quads",
@@ -232,6 +361,7 @@ impl Renderer {
             voxels: scene.grid.len(),
             splats_kept,
             splats_dropped: scene.grid.len() - splats_kept,
+            splats_padding: splats - splats_kept,
             sheets: plan.sheets(),
             sheet_thickness: plan.sheet_step(),
             kernel_growth: plan.max_growth(),
@@ -239,10 +369,10 @@ impl Renderer {
             passes: drawn.passes,
             quads: drawn.quads,
             quads_terminated: drawn.terminated,
-            quads_per_splat: drawn.quads as f64 / splats_kept.max(1) as f64,
+            quads_per_splat: drawn.quads as f64 / splats.max(1) as f64,
             footprint_table: [table.rows(), table.terms()],
             footprint_error: table.max_error(),
-            scene_bytes: scene.bytes,
+            scene_bytes: drawable.bytes(),
             frame_bytes: self.context.allocated() - before,
             stages,
         };
@@ -252,7 +382,7 @@ impl Renderer {
     /// One region of the picture: sort, splat, composite, resolve.
     fn region(
         &self,
-        scene: &Scene,
+        stores: &[Store],
         plan: &Plan,
         quads: &Quads,
         timing: &mut Timing,
@@ -265,7 +395,7 @@ impl Renderer {
         let scan = self.scan.get_or_init(|| Scan::new(context));
         let key = SortKey { axis: plan.is_axis_aligned(), grown: plan.is_grown() };
         let sorter = made(&self.sorters, key, || Sorter::new(context, key));
-        let spans = sorter.run(context, scan, timing, target, quads.sheets_per_pass(), &scene.stores)?;
+        let spans = sorter.run(context, scan, timing, target, quads.sheets_per_pass(), stores)?;
         quads.run(context, timing, target, inputs, &spans)
     }
 
@@ -292,7 +422,7 @@ impl Renderer {
                 Err(self.context.unsupported("cannot blend f32 sheets: use --precision f16".to_owned()))
             }
             Some(precision) => Ok(precision),
-            None if blendable && self.context.info.is_software() => Ok(Precision::F32),
+            None if blendable && (self.context.info.is_software() || settings.is_post_shaded()) => Ok(Precision::F32),
             None => Ok(Precision::F16),
         }
     }
@@ -304,13 +434,15 @@ impl Renderer {
             return Ok(1);
         }
         let context = &self.context;
-        let bytes = feed.sheet_bytes(precision);
-        let most =
-            context.limits.max_color_attachments.min(context.limits.max_color_attachment_bytes_per_sample / bytes);
-        let possible = [8, 4, 2, 1].into_iter().filter(|&n| n <= most);
+        let attachment = if feed.is_scalar() { 4 } else { 1 } * feed.sheet_bytes(precision);
+        let bytes = context.limits.max_color_attachment_bytes_per_sample;
+        let most = context.limits.max_color_attachments.min(bytes / attachment);
+        // Scalars go four to an attachment.
+        let (most, least) = if feed.is_scalar() { (4 * most, 4) } else { (most, 1) };
+        let possible = [8, 4, 2, 1].into_iter().filter(|&n| (least..=most).contains(&n));
         match settings.sheets_per_pass {
             None => {
-                let preferred = if context.info.is_software() { 8 } else { 4 };
+                let preferred = if context.info.is_software() || feed.is_scalar() { 8 } else { 4 };
                 Ok(possible.filter(|&n| n <= preferred).max().unwrap_or(1))
             }
             Some(asked) if possible.clone().any(|n| n == asked) => Ok(asked),
@@ -331,6 +463,9 @@ fn made<K: Eq + std::hash::Hash, V>(cache: &Mutex<HashMap<K, Arc<V>>>, key: K, m
     let mut cache = cache.lock().unwrap_or_else(PoisonError::into_inner);
     Arc::clone(cache.entry(key).or_insert_with(|| Arc::new(make())))
 }
+
+/// Steps of a transfer function's table.
+const TRANSFER_ROWS: u32 = 4096;
 
 /// The most memory that the sheets of a pass take; larger pictures are made in parts.
 const MAX_SHEET_BYTES: u64 = 256 << 20;

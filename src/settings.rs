@@ -63,6 +63,17 @@ pub enum Accumulation {
     Additive,
 }
 
+/// What a post-shaded sheet is classified by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Interslice {
+    /// The parabola through the means of the sheet and its two neighbours, at four samples per voxel of thickness.
+    #[default]
+    Parabola,
+    /// The mean of the sheet, once. Historical: a narrow peak of the transfer function may fall between two sheets.
+    Mean,
+}
+
 /// The settings of a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
@@ -78,6 +89,8 @@ pub struct Settings {
     pub sheets: Sheets,
     /// What a sheet adds up.
     pub accumulation: Accumulation,
+    /// What a post-shaded sheet is classified by.
+    pub interslice: Interslice,
     /// Early splat termination: a splat is not drawn where every pixel that it could touch lets through no more than
     /// this fraction of light already. No channel of the picture changes by more than it; 0 turns it off.
     pub termination: f64,
@@ -89,7 +102,8 @@ pub struct Settings {
     pub normalization: Normalization,
     /// Thickness of a sheet, in voxels along the central ray.
     pub sheet_thickness: f64,
-    /// The format of the sheet buffers; `None` takes f16 on a GPU and f32 on a software adapter.
+    /// The format of the sheet buffers; `None` takes f16 on a GPU and f32 on a software adapter, and f32
+    /// for scalars wherever the adapter blends it.
     ///
     /// Mesa's software rasteriser cuts each sum off when it stores half floats where GPUs round to the nearest: with
     /// some fifty contributions to a pixel of a sheet, alpha comes out 2e-3 to 4e-3 too low there, and f32 is as fast.
@@ -112,6 +126,7 @@ impl Default for Settings {
             lighting: None,
             sheets: Sheets::default(),
             accumulation: Accumulation::default(),
+            interslice: Interslice::default(),
             termination: 1e-3,
             antialiasing: true,
             kernel: Kernel::default(),
@@ -222,6 +237,14 @@ impl Settings {
             return error("sheets-per-pass", format!("{n}, expected 1 to 8"));
         }
         Ok(())
+    }
+
+    /// The places at which a post-shaded sheet is classified.
+    pub(crate) fn samples_per_sheet(&self) -> u32 {
+        match self.interslice {
+            Interslice::Mean => 1,
+            Interslice::Parabola => (4.0 * self.sheet_thickness).ceil().clamp(2.0, 64.0) as u32,
+        }
     }
 
     /// Whether sheets hold scalars that are classified per pixel: post-shading and maximum intensity.

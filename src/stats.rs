@@ -57,6 +57,8 @@ pub struct Stats {
     pub splats_kept: u64,
     /// Voxels of none, dropped before drawing.
     pub splats_dropped: u64,
+    /// Copies of voxels beyond the faces of the volume, for the scalar field to be complete up to them.
+    pub splats_padding: u64,
     /// Sheets across the volume.
     pub sheets: u32,
     /// World thickness of a sheet.
@@ -104,6 +106,9 @@ impl fmt::Display for Stats {
         writeln!(f, "model        {}, {shading}, {light}", self.model)?;
         writeln!(f, "voxels       {:>12}", self.voxels)?;
         writeln!(f, "  kept       {:>12}  {:.2} % as splats", self.splats_kept, percent(self.splats_kept))?;
+        if self.splats_padding > 0 {
+            writeln!(f, "  copied     {:>12}  beyond the faces", self.splats_padding)?;
+        }
         writeln!(f, "  dropped    {:>12}  {:.2} % transparent", self.splats_dropped, percent(self.splats_dropped))?;
         writeln!(
             f,

@@ -7,7 +7,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 use glam::DVec3;
 use voxsplat::image::Background;
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::settings::{Accumulation, Model, Precision, Shading, Sheets};
+use voxsplat::settings::{Accumulation, Interslice, Model, Precision, Shading, Sheets};
 use voxsplat::volume::{Endian, LoadOptions, SampleType};
 
 use super::parse;
@@ -143,6 +143,11 @@ fn accumulations() -> impl TypedValueParser<Value = Accumulation> {
         .map(|text| if text == "additive" { Accumulation::Additive } else { Accumulation::OpticalDepth })
 }
 
+fn interslices() -> impl TypedValueParser<Value = Interslice> {
+    PossibleValuesParser::new(["parabola", "mean"])
+        .map(|text| if text == "mean" { Interslice::Mean } else { Interslice::Parabola })
+}
+
 const RENDER_EXAMPLES: &str = "\
 Examples:
   voxsplat render demo:marschner-lobb -o ml.png --kernel kaiser-bessel
@@ -256,6 +261,9 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "WHAT", default_value = "optical-depth", value_parser = accumulations(),
         help_heading = "Model")]
     pub(super) accumulate: Accumulation,
+    /// Post-shading: classify a sheet by the parabola through it and its neighbours, or (historical) by its mean
+    #[arg(long, value_name = "HOW", default_value = "parabola", value_parser = interslices(), help_heading = "Model")]
+    pub(super) interslice: Interslice,
     /// Early splat termination: leave out splats where no more than this fraction of light passes, 0 (off) to under 1;
     /// no channel changes by more than it
     #[arg(long, value_name = "FRACTION", default_value_t = 1e-3, value_parser = parse::tolerance,

@@ -64,6 +64,7 @@ impl RenderJob {
             lighting: lighting(&args)?,
             sheets: args.sheets,
             accumulation: args.accumulate,
+            interslice: args.interslice,
             termination: args.termination,
             antialiasing: args.antialiasing == SwitchArg::On,
             footprint_table: args.footprint_table,

@@ -125,3 +125,15 @@ pub(crate) struct Terminate {
     pub count: u32,
     pub margin: f32,
 }
+
+/// How a batch of sheets of scalars is shaded; shaders/shade.wgsl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub(crate) struct Shade {
+    pub depth: f32,
+    pub previous: f32,
+    pub current: f32,
+    pub margin: i32,
+    pub clear: [f32; 2],
+    pub lookup: [f32; 2],
+}

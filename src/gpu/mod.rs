@@ -6,6 +6,7 @@ pub(crate) mod layout;
 mod pipeline;
 pub(crate) mod plan;
 pub(crate) mod quads;
+pub(crate) mod scalars;
 pub(crate) mod scan;
 mod shaders;
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use glam::{DVec3, DVec4};
 
 use super::layout::{Batch, Frame};
+use super::scalars::Reach;
 use crate::camera::{Camera, Growth, Projection};
 use crate::lighting::{Light, Lighting};
 use crate::settings::{Model, Settings, Sheets};
@@ -63,6 +64,8 @@ pub(crate) struct Plan {
     post_shaded: bool,
     /// Pixels around a region that its shading looks at.
     margin: u32,
+    /// Layers of the lattice beyond the faces of the volume.
+    padding: u32,
     /// View depth, from the middle of the lattice, at which the first sheet begins.
     sheet_origin: f64,
     sheet_step: f64,
@@ -104,20 +107,21 @@ impl Plan {
         } else {
             lattice_reach + radius * growths[1] * view[2].length()
         };
-        let sheet_origin = match camera.projection {
-            Projection::Orthographic { .. } => -reach,
-            // Rays start at the eye, and with them the first sheet.
-            Projection::Perspective { .. } => (-reach).max(-eye_depth),
-        };
         let grid_forward = grid.to_lattice().matrix3 * camera.forward;
-        let whole = reach - sheet_origin;
-        let sheet_step = if settings.model == Model::Xray {
-            whole.max(grid_forward.length().recip())
-        } else {
-            // One voxel of thickness is the world length in which the central ray advances by one lattice unit, and
-            // where kernels have grown they resolve that much less.
-            settings.sheet_thickness * growths[0] / grid_forward.length()
+        // One voxel of thickness is the world length in which the central ray advances by one lattice unit, and where
+        // kernels have grown they resolve that much less.
+        let mut sheet_step = settings.sheet_thickness * growths[0] / grid_forward.length();
+        // Shading takes in a sheet before the first and one after the last.
+        let beside = if post_shaded { sheet_step } else { 0.0 };
+        let sheet_origin = match camera.projection {
+            Projection::Orthographic { .. } => -reach - beside,
+            // Rays start at the eye, and with them the first sheet.
+            Projection::Perspective { .. } => (-reach - beside).max(-eye_depth),
         };
+        let whole = if reach > sheet_origin { reach + beside - sheet_origin } else { 0.0 };
+        if settings.model == Model::Xray {
+            sheet_step = sheet_step.max(whole);
+        }
         let mut sheets = (whole / sheet_step).ceil().clamp(0.0, f64::from(u32::MAX / 2)) as u32;
         let axis = (settings.sheets == Sheets::Axis).then(|| {
             // The planes whose normal, the gradient of their lattice coordinate, is nearest to the view direction.
@@ -147,6 +151,7 @@ impl Plan {
             axis,
             post_shaded,
             margin: 0,
+            padding: 0,
             sheet_origin,
             sheet_step,
             sheets,
@@ -158,12 +163,40 @@ impl Plan {
                 f64::INFINITY
             },
         };
+        if post_shaded {
+            plan.padding = plan.scalar_reach().padding;
+        }
         if settings.lighting.is_some() && post_shaded {
             // As far sideways as the sheets before and behind are away, for gradients that err alike in all directions.
             let pixel = plan.pixels().0[0] * if plan.is_perspective() { eye_depth.max(sheet_step) } else { 1.0 };
             plan.margin = (sheet_step / pixel).round().clamp(1.0, MAX_MARGIN) as u32;
         }
         plan
+    }
+
+    /// How far splats of scalars reach in this picture.
+    pub(crate) fn scalar_reach(&self) -> Reach {
+        let (scale, origin) = self.pixels();
+        let rotation = self.grid.to_lattice().matrix3;
+        let [w, h] = self.size.map(f64::from);
+        // The longest lattice length of a sheet along any ray.
+        let mut longest = (rotation * self.camera.forward).length();
+        if self.is_perspective() {
+            for (x, y) in [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)] {
+                let (sx, sy) = (origin[0] + x * scale[0], origin[1] + y * scale[1]);
+                let ray = self.camera.forward + self.camera.right * sx + self.camera.up * sy;
+                longest = longest.max((rotation * ray).length());
+            }
+        }
+        let sheet = self.sheet_step * longest;
+        let radius = self.radius * self.growths[1];
+        // A mean is taken in over a sheet and both its neighbours, any of which may lie beyond the volume's faces.
+        Reach { padding: (radius + 2.0 * sheet).ceil() as u32, influence: (2.0 * radius + 3.0 * sheet).ceil() as u32 }
+    }
+
+    /// View depth of the first plane of a sheet.
+    pub(crate) fn sheet_depth(&self, sheet: u32) -> f64 {
+        self.sheet_origin + f64::from(sheet) * self.sheet_step
     }
 
     /// Material and lights in this view.
@@ -215,7 +248,7 @@ impl Plan {
     /// The parameters of the batch that begins with sheet `first`.
     pub(crate) fn batch(&self, first: u32) -> Batch {
         let from = if self.axis.is_some() { 0 } else { first };
-        Batch { depth: (self.sheet_origin + f64::from(from) * self.sheet_step) as f32, first_sheet: first }
+        Batch { depth: self.sheet_depth(from) as f32, first_sheet: first }
     }
 
     /// Side of a tile of early splat termination in pixels: about half of what a splat in the middle of the volume spans.
@@ -321,7 +354,7 @@ impl Plan {
             1.0 + 2.0 * corner[1] / span[1],
         );
         Frame {
-            lattice_center: self.grid.dims().map(|d| (d - 1) as f32 / 2.0),
+            lattice_center: self.grid.dims().map(|d| (d - 1) as f32 / 2.0 + self.padding as f32),
             radius: self.radius as f32,
             view_x: f3(self.view[0]),
             offset_x: self.offset.x as f32,

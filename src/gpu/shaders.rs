@@ -19,6 +19,7 @@ impl Shader {
 const BOUNDS: &str = include_str!("../../shaders/common/bounds.wgsl");
 const LIGHTING: &str = include_str!("../../shaders/common/lighting.wgsl");
 const NORMAL: &str = include_str!("../../shaders/common/normal.wgsl");
+const RAY: &str = include_str!("../../shaders/common/ray.wgsl");
 const ABSORBED: &str = include_str!("../../shaders/common/absorbed.wgsl");
 const DISPATCH: &str = include_str!("../../shaders/common/dispatch.wgsl");
 const FRAME: &str = include_str!("../../shaders/common/frame.wgsl");
@@ -39,9 +40,11 @@ pub(crate) const TERMINATE: Shader = Shader {
 };
 pub(crate) const COMPOSITE: Shader =
     Shader { name: "composite", parts: &[include_str!("../../shaders/composite.wgsl"), FRAME, ABSORBED] };
+pub(crate) const SHADE: Shader =
+    Shader { name: "shade", parts: &[include_str!("../../shaders/shade.wgsl"), FRAME, RAY, LIGHTING, ABSORBED] };
 pub(crate) const RESOLVE: Shader =
     Shader { name: "resolve", parts: &[include_str!("../../shaders/resolve.wgsl"), FRAME, ABSORBED] };
 
 /// Every shader there is.
 #[cfg(test)]
-pub(crate) const ALL: [Shader; 7] = [CLASSIFY, SCAN, SORT, SPLATTING, TERMINATE, COMPOSITE, RESOLVE];
+pub(crate) const ALL: [Shader; 8] = [CLASSIFY, SCAN, SORT, SPLATTING, TERMINATE, COMPOSITE, SHADE, RESOLVE];

@@ -2,7 +2,7 @@
 
 use std::mem::{offset_of, size_of};
 
-use super::layout::{Batch, Classify, ControlPoint, Frame, Lighting, Sort, Splat, Terminate};
+use super::layout::{Batch, Classify, ControlPoint, Frame, Lighting, Shade, Sort, Splat, Terminate};
 use super::shaders::{ALL, Shader};
 
 fn parsed(shader: Shader) -> naga::Module {
@@ -71,6 +71,7 @@ fn structs_are_laid_out_alike() {
     same_layout!(ControlPoint { color, sample, opacity });
     same_layout!(Sort { count, block, blocks, batches, sheets_per_batch });
     same_layout!(Batch { depth, first_sheet });
+    same_layout!(Shade { depth, previous, current, margin, clear, lookup });
     same_layout!(Terminate { first, count, margin });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, shininess });
     same_layout!(Frame {

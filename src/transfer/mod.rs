@@ -152,6 +152,37 @@ impl TransferFunction {
         p.iter().find(|q| self.sample(q.value).1 <= 0.0).unwrap_or(&p[0]).value
     }
 
+    /// Whether no value of a range (both ends included, either may be infinite) has opacity.
+    #[must_use]
+    pub fn is_clear(&self, [low, high]: [f64; 2]) -> bool {
+        let ends = [low, high].map(|v| self.sample(v.clamp(f64::MIN, f64::MAX)).1);
+        let inside = self.points.iter().filter(|p| (low..=high).contains(&p.value)).map(|p| p.opacity);
+        ends.into_iter().chain(inside).all(|opacity| opacity <= 0.0)
+    }
+
+    /// The range of values without opacity that `value` lies in, both ends included; infinite where there is no end,
+    /// `None` where the value has opacity. Where opacity jumps the range ends half way to the jump.
+    #[must_use]
+    pub fn clear_around(&self, value: f64) -> Option<[f64; 2]> {
+        if !self.is_clear([value; 2]) {
+            return None;
+        }
+        // A segment is clear where both its ends are: the range ends with the last point before one that is not.
+        let end = |visible: Option<&ControlPoint>, last: Option<&ControlPoint>, infinite: f64| match (visible, last) {
+            (None, _) => infinite,
+            (Some(visible), Some(last)) if last.value != visible.value => last.value,
+            (Some(visible), _) => f64::midpoint(value, visible.value),
+        };
+        let above = self.points.iter().position(|p| p.value > value && p.opacity > 0.0);
+        let below = self.points.iter().rposition(|p| p.value < value && p.opacity > 0.0);
+        let before = above.and_then(|i| self.points.get(i.checked_sub(1)?)).filter(|p| p.value >= value);
+        let after = below.and_then(|i| self.points.get(i + 1)).filter(|p| p.value <= value);
+        Some([
+            end(below.map(|i| &self.points[i]), after, f64::NEG_INFINITY),
+            end(above.map(|i| &self.points[i]), before, f64::INFINITY),
+        ])
+    }
+
     /// The largest opacity of any point.
     #[must_use]
     pub fn max_opacity(&self) -> f64 {
@@ -181,6 +212,21 @@ mod tests {
         assert_eq!(base(&[(0.0, 0.5), (2.0, 0.0), (5.0, 1.0)]), 2.0);
         assert_eq!(base(&[(1.0, 0.5), (2.0, 0.1)]), 1.0);
         assert_eq!(base(&[(1.0, 0.0)]), 1.0);
+    }
+
+    #[test]
+    fn clear_ranges_end_where_opacity_begins() {
+        let points = [(0.0, 0.0), (2.0, 0.0), (3.0, 0.5), (4.0, 0.0), (6.0, 0.0), (6.0, 0.3)];
+        let point = |&(value, opacity): &(f64, f64)| ControlPoint { value, color: [1.0; 3], opacity };
+        let transfer = TransferFunction::new(points.iter().map(point).collect(), None).unwrap();
+        assert_eq!(transfer.clear_around(1.0), Some([f64::NEG_INFINITY, 2.0]));
+        assert_eq!(transfer.clear_around(2.0), Some([f64::NEG_INFINITY, 2.0]));
+        assert_eq!(transfer.clear_around(2.5), None);
+        assert_eq!(transfer.clear_around(5.0), Some([4.0, 5.5]));
+        assert_eq!(transfer.clear_around(7.0), None);
+        assert!(transfer.is_clear([f64::NEG_INFINITY, 2.0]) && transfer.is_clear([4.0, 5.9]));
+        assert!(!transfer.is_clear([1.0, 5.0]) && !transfer.is_clear([5.0, 6.0]) && !transfer.is_clear([2.5, 2.6]));
+        assert!(!transfer.is_clear([5.0, f64::INFINITY]));
     }
 
     #[test]

@@ -20,6 +20,8 @@ pub use phantom::{Demo, demo_transfer, demos};
 pub use sample_type::{Endian, SampleType};
 pub use statistics::{BackgroundEstimate, Statistics};
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
@@ -112,7 +114,8 @@ to_f64!(u8, i8, u16, i16, u32, i32, u64, i64, f32, f64);
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume {
     grid: Grid,
-    samples: Samples,
+    /// Shared: a clone costs nothing.
+    samples: Arc<Samples>,
     slope: f64,
     intercept: f64,
     oriented: bool,
@@ -132,7 +135,7 @@ impl Volume {
                 grid.len()
             )));
         }
-        Ok(Self { grid, samples, slope: 1.0, intercept: 0.0, oriented: false })
+        Ok(Self { grid, samples: Arc::new(samples), slope: 1.0, intercept: 0.0, oriented: false })
     }
 
     /// The same samples read as `slope * sample + intercept` (NIfTI's scl_slope and scl_inter, DICOM's rescale).
@@ -212,7 +215,7 @@ impl Volume {
                 Some(_) => (s.par_iter().filter(|v| !v.to_f64().is_finite()).count(), first),
             }
         }
-        let (count, first) = match &self.samples {
+        let (count, first) = match self.samples.as_ref() {
             Samples::F32(s) => bad(s),
             Samples::F64(s) => bad(s),
             _ => (0, None),
@@ -234,7 +237,7 @@ impl Volume {
     /// Puts `value` in the place of every NaN or infinite value.
     pub fn replace_non_finite(&mut self, value: f64) {
         let raw = (value - self.intercept) / self.slope;
-        match &mut self.samples {
+        match Arc::make_mut(&mut self.samples) {
             Samples::F32(s) => s.par_iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = raw as f32),
             Samples::F64(s) => s.par_iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = raw),
             _ => {}

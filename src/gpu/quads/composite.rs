@@ -6,7 +6,7 @@ use super::super::plan::Target;
 use super::super::shaders;
 use super::super::timing::Timing;
 use super::splat::Sheets;
-use super::{Feed, QuadsKey};
+use super::{Feed, IntoFrame, QuadsKey, dispatch};
 
 /// The pipelines.
 pub(super) struct Composite {
@@ -17,8 +17,10 @@ pub(super) struct Composite {
 }
 
 /// What one region is composited with.
-pub(super) struct Compositing<'a> {
+struct Compositing<'a> {
     stage: &'a Composite,
+    /// Whether a batch has splats.
+    drawn: Vec<bool>,
     sheets: wgpu::BindGroup,
     pixels: wgpu::BindGroup,
     workgroups: [u32; 2],
@@ -33,7 +35,7 @@ impl Composite {
         let constants = [("SHEETS", f64::from(key.sheets_per_pass)), ("ADDITIVE", QuadsKey::flag(key.additive))];
         let (entry, constants) = match key.feed {
             Feed::Colors => ("composite", constants.as_slice()),
-            Feed::Depth => ("depth", [].as_slice()),
+            _ => ("depth", [].as_slice()),
         };
         let shader = module(context, shaders::COMPOSITE);
         let composite = compute(context, &shader, "composite", entry, &composite_layout, constants);
@@ -43,45 +45,37 @@ impl Composite {
         Self { composite_layout, composite, resolve_layout, resolve }
     }
 
-    pub(super) fn bind(
-        &self,
+    pub(super) fn bind<'a>(
+        &'a self,
         context: &Context,
         target: Target<'_>,
         sheets: &Sheets,
         pixels: &wgpu::Buffer,
-    ) -> Compositing<'_> {
+        drawn: Vec<bool>,
+    ) -> Box<dyn IntoFrame + 'a> {
         let frame = target.frame.as_entire_binding();
         let sheets = wgpu::BindingResource::TextureView(&sheets.all);
         let resources = [frame.clone(), sheets, pixels.as_entire_binding()];
-        Compositing {
+        Box::new(Compositing {
             stage: self,
+            drawn,
             sheets: bind(context, "composite", &self.composite_layout, &resources),
             pixels: bind(context, "resolve", &self.resolve_layout, &[frame, pixels.as_entire_binding()]),
             workgroups: target.extent().map(|side| side.div_ceil(8)),
-        }
+        })
     }
 }
 
-impl Compositing<'_> {
-    /// Brings the sheets of a batch into the frame.
-    pub(super) fn record(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing) {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some("composite"),
-            timestamp_writes: timing.compute(context, "composite"),
-        });
-        pass.set_pipeline(&self.stage.composite);
-        pass.set_bind_group(0, &self.sheets, &[]);
-        pass.dispatch_workgroups(self.workgroups[0], self.workgroups[1], 1);
+impl IntoFrame for Compositing<'_> {
+    fn batch(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing, batch: u32) {
+        if self.drawn[batch as usize] {
+            let pipeline = &self.stage.composite;
+            dispatch(context, encoder, timing, "composite", pipeline, &self.sheets, &[], self.workgroups);
+        }
     }
 
-    /// Makes the frame a picture.
-    pub(super) fn resolve(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing) {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some("resolve"),
-            timestamp_writes: timing.compute(context, "resolve"),
-        });
-        pass.set_pipeline(&self.stage.resolve);
-        pass.set_bind_group(0, &self.pixels, &[]);
-        pass.dispatch_workgroups(self.workgroups[0], self.workgroups[1], 1);
+    fn resolve(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing) {
+        let pipeline = &self.stage.resolve;
+        dispatch(context, encoder, timing, "resolve", pipeline, &self.pixels, &[], self.workgroups);
     }
 }

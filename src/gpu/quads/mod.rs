@@ -2,12 +2,14 @@
 //! followed by compute passes that bring its sheets into the frame.
 
 mod composite;
+mod shade;
 mod splat;
 pub(crate) mod terminate;
 
 pub(crate) use splat::footprint_texture;
 
 use composite::Composite;
+use shade::Shading;
 use splat::{Sheets, Splatting};
 use terminate::Terminator;
 
@@ -16,7 +18,7 @@ use super::layout::Lighting;
 use super::plan::Target;
 use super::sort::Span;
 use super::timing::Timing;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::settings::Precision;
 
 /// What sheets hold, and what becomes of them.
@@ -26,6 +28,10 @@ pub(crate) enum Feed {
     Colors,
     /// Optical depth of the one sheet of an X-ray.
     Depth,
+    /// Means of the scalar, classified and composited.
+    Scalars,
+    /// Means of the scalar, of which the largest is kept.
+    Maximum,
 }
 
 /// What the pipelines are specialised for.
@@ -39,8 +45,10 @@ pub(crate) struct QuadsKey {
     pub(crate) axis: bool,
     /// Opacities are added.
     pub(crate) additive: bool,
-    /// The number of lights on splats.
+    /// The number of lights, on splats or on sheets of scalars.
     pub(crate) lights: u32,
+    /// Samples that a sheet of scalars is classified at.
+    pub(crate) samples: u32,
     /// Opaque pixels hide splats.
     pub(crate) terminates: bool,
     pub(crate) precision: Precision,
@@ -50,9 +58,19 @@ pub(crate) struct QuadsKey {
 }
 
 impl QuadsKey {
-    /// Bytes of a pixel in all sheets of a pass.
+    /// Bytes of a pixel in all sheets that are held.
     pub(crate) fn sheet_bytes(&self) -> u32 {
-        self.sheets_per_pass * self.feed.sheet_bytes(self.precision)
+        self.sheets_per_pass * self.feed.sheet_bytes(self.precision) * self.batches_held()
+    }
+
+    /// Batches whose sheets are held at a time: shading looks back.
+    fn batches_held(&self) -> u32 {
+        if self.feed.is_scalar() { 2 } else { 1 }
+    }
+
+    /// Lights on splats.
+    fn splat_lights(&self) -> u32 {
+        if self.feed.is_scalar() { 0 } else { self.lights }
     }
 
     fn flag(value: bool) -> f64 {
@@ -69,8 +87,13 @@ impl Feed {
         };
         match self {
             Self::Colors => 4 * channel,
-            Self::Depth => channel,
+            Self::Depth | Self::Scalars | Self::Maximum => channel,
         }
+    }
+
+    /// Whether sheets hold scalars.
+    pub(crate) fn is_scalar(self) -> bool {
+        matches!(self, Self::Scalars | Self::Maximum)
     }
 }
 
@@ -78,6 +101,30 @@ impl Feed {
 pub(crate) struct Inputs<'a> {
     pub(crate) footprint: &'a wgpu::TextureView,
     pub(crate) lighting: Lighting,
+    /// What scalars are classified by.
+    pub(crate) transfer: Option<&'a TransferTable>,
+}
+
+/// A transfer function as shading reads it; see `Shade` in shaders/shade.wgsl.
+pub(crate) struct TransferTable {
+    pub(crate) texture: wgpu::TextureView,
+    pub(crate) clear: [f32; 2],
+    pub(crate) lookup: [f32; 2],
+}
+
+/// Brings batches of sheets into the frame, front to back.
+trait IntoFrame {
+    /// The batch that was splatted last, if it has splats.
+    fn batch(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing, batch: u32);
+
+    /// What is left after the last batch; then makes the frame a picture.
+    fn resolve(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing);
+}
+
+/// Which stage brings sheets into the frame.
+enum Consumer {
+    Composite(Composite),
+    Shading(Shading),
 }
 
 /// The pipelines of the painter.
@@ -85,7 +132,7 @@ pub(crate) struct Quads {
     key: QuadsKey,
     splatting: Splatting,
     terminator: Option<Terminator>,
-    composite: Composite,
+    consumer: Consumer,
 }
 
 /// What was drawn.
@@ -104,7 +151,11 @@ impl Quads {
         Self {
             splatting: Splatting::new(context, key),
             terminator: key.terminates.then(|| Terminator::new(context, key)),
-            composite: Composite::new(context, key),
+            consumer: if key.feed.is_scalar() {
+                Consumer::Shading(Shading::new(context, key))
+            } else {
+                Consumer::Composite(Composite::new(context, key))
+            },
             key,
         }
     }
@@ -128,28 +179,42 @@ impl Quads {
         let bytes = u64::from(width) * u64::from(height) * 16;
         let pixels =
             context.buffer("composite.pixels", bytes, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC)?;
-        let sheets = Sheets::new(context, self.key, [width, height]);
+        let sheets: Vec<_> =
+            (0..self.key.batches_held()).map(|_| Sheets::new(context, self.key, [width, height])).collect();
+        let quads_of = |batch: u32| spans.iter().map(|s| s.batch(batch).len() as u64).sum::<u64>();
         let splats = self.splatting.bind(context, target, inputs, spans, batches)?;
         let termination =
             self.terminator.as_ref().map(|t| t.bind(context, target, &pixels, spans, batches)).transpose()?;
-        let composite = self.composite.bind(context, target, &sheets, &pixels);
+        let has_splats = (0..batches).map(|b| quads_of(b) > 0).collect();
+        let into_frame = match (&self.consumer, inputs.transfer) {
+            (Consumer::Composite(stage), _) => stage.bind(context, target, &sheets[0], &pixels, has_splats),
+            (Consumer::Shading(stage), Some(table)) => {
+                stage.bind(context, target, inputs.lighting, table, &sheets, &pixels, has_splats)?
+            }
+            (Consumer::Shading(_), None) => {
+                return Err(Error::Device {
+                    stage: "shade".to_owned(),
+                    reason: "there is no transfer function to classify by".to_owned(),
+                });
+            }
+        };
         let mut encoder = context.device.create_command_encoder(&Default::default());
         for batch in 0..batches {
-            let quads: u32 = spans.iter().map(|s| s.batch(batch).len() as u32).sum();
-            if quads == 0 {
-                continue;
+            let quads = quads_of(batch);
+            if quads > 0 {
+                if let Some(termination) = &termination
+                    && drawn.passes > 0
+                {
+                    termination.record(context, &mut encoder, timing, spans, batch);
+                }
+                drawn.passes += 1;
+                drawn.quads += quads;
+                let sheets = &sheets[(batch % self.key.batches_held()) as usize];
+                splats.record(context, &mut encoder, timing, sheets, spans, batch);
             }
-            if let Some(termination) = &termination
-                && drawn.passes > 0
-            {
-                termination.record(context, &mut encoder, timing, spans, batch);
-            }
-            drawn.passes += 1;
-            drawn.quads += u64::from(quads);
-            splats.record(context, &mut encoder, timing, &sheets, spans, batch);
-            composite.record(context, &mut encoder, timing);
+            into_frame.batch(context, &mut encoder, timing, batch);
         }
-        composite.resolve(context, &mut encoder, timing);
+        into_frame.resolve(context, &mut encoder, timing);
         let staging =
             context.buffer("resolve.staging", bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST)?;
         encoder.copy_buffer_to_buffer(&pixels, 0, &staging, 0, bytes);
@@ -190,4 +255,25 @@ impl Slots {
     fn offset(&self, index: u32) -> u32 {
         index * self.stride
     }
+}
+
+/// One compute pass of one dispatch.
+#[expect(clippy::too_many_arguments, reason = "what a dispatch takes")]
+fn dispatch(
+    context: &Context,
+    encoder: &mut wgpu::CommandEncoder,
+    timing: &mut Timing,
+    stage: &'static str,
+    pipeline: &wgpu::ComputePipeline,
+    group: &wgpu::BindGroup,
+    offsets: &[u32],
+    [x, y]: [u32; 2],
+) {
+    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+        label: Some(stage),
+        timestamp_writes: timing.compute(context, stage),
+    });
+    pass.set_pipeline(pipeline);
+    pass.set_bind_group(0, group, offsets);
+    pass.dispatch_workgroups(x, y, 1);
 }

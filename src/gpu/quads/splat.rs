@@ -36,8 +36,8 @@ impl QuadsKey {
     /// The format of a layer.
     fn format(&self) -> wgpu::TextureFormat {
         match (self.feed, self.precision) {
-            (Feed::Colors, Precision::F16) => wgpu::TextureFormat::Rgba16Float,
-            (Feed::Colors, Precision::F32) => wgpu::TextureFormat::Rgba32Float,
+            (Feed::Colors | Feed::Scalars | Feed::Maximum, Precision::F16) => wgpu::TextureFormat::Rgba16Float,
+            (Feed::Colors | Feed::Scalars | Feed::Maximum, Precision::F32) => wgpu::TextureFormat::Rgba32Float,
             (Feed::Depth, Precision::F16) => wgpu::TextureFormat::R16Float,
             (Feed::Depth, Precision::F32) => wgpu::TextureFormat::R32Float,
         }
@@ -48,6 +48,8 @@ impl QuadsKey {
         match self.feed {
             Feed::Colors => self.sheets_per_pass,
             Feed::Depth => 1,
+            // Four sheets to a layer.
+            Feed::Scalars | Feed::Maximum => self.sheets_per_pass / 4,
         }
     }
 
@@ -56,6 +58,7 @@ impl QuadsKey {
         match self.feed {
             Feed::Colors => format!("feed_{}", self.sheets_per_pass),
             Feed::Depth => "feed_depth".to_owned(),
+            Feed::Scalars | Feed::Maximum => format!("scalars_{}", self.sheets_per_pass),
         }
     }
 }
@@ -177,7 +180,7 @@ fn pipeline(context: &Context, key: QuadsKey, group: &wgpu::BindGroupLayout) -> 
     let flag = QuadsKey::flag;
     // A stage takes only the constants that it uses.
     let common = [("PERSPECTIVE", flag(key.perspective)), ("GROWN", flag(key.grown)), ("AXIS", flag(key.axis))];
-    let vertex = [("ADDITIVE", flag(key.additive)), ("LIGHTS", f64::from(key.lights))];
+    let vertex = [("ADDITIVE", flag(key.additive)), ("LIGHTS", f64::from(key.splat_lights()))];
     let fragment = [("TEXELS", f64::from(key.footprint_terms / 4)), ("ROWS", f64::from(key.footprint_rows))];
     let vertex_constants = [common.as_slice(), &vertex].concat();
     let fragment_constants = [common.as_slice(), &fragment].concat();

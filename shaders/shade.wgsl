@@ -1,0 +1,251 @@
+// shade: post-shading (Mueller, Moeller and Crawfis 1999, "Splatting without the blur"). The sheets of a batch and the
+// last two of the batch before hold means of the scalar; each sheet between its two neighbours is classified and lit per
+// pixel and composited, one sheet behind what was splatted last. `maximum` keeps the largest value instead. Scalars are
+// relative to the transfer function's base, so that nothing is 0.
+
+// Sheets of a batch: 4 or 8, four to a layer.
+override SHEETS: u32 = 8u;
+// Samples of a whole sheet along the ray: on the parabola through the means of the sheet and its neighbours; with one,
+// the mean itself.
+override SAMPLES: u32 = 4u;
+
+struct Shade {
+    // View depth of the first plane of the first sheet that is shaded: the last of the batch before.
+    depth: f32,
+    // Whether the batch before has splats, and this one: 1 or 0.
+    previous: f32,
+    current: f32,
+    // Pixels that gradients reach sideways.
+    margin: i32,
+    // The scalars around 0, ends included, at which nothing shows; none where x > y.
+    clear: vec2f,
+    // Place of a scalar in the table of the transfer function: scalar * x + y.
+    lookup: vec2f,
+}
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<uniform> shading: Shade;
+@group(0) @binding(2) var<uniform> lighting: Lighting;
+@group(0) @binding(3) var previous: texture_2d_array<f32>;
+@group(0) @binding(4) var current: texture_2d_array<f32>;
+// Colour and extinction per world length, or for maxima colour and alpha, at equal steps of the scalar.
+@group(0) @binding(5) var transfer: texture_2d<f32>;
+@group(0) @binding(6) var<storage, read_write> pixels: array<vec4f>;
+
+// Means of consecutive sheets of a pixel: two of the batch before, then those of the batch.
+struct Means {
+    before: vec2f,
+    a: vec4f,
+    b: vec4f,
+}
+
+fn means_at(at: vec2i) -> Means {
+    let p = clamp(at, vec2i(0), vec2i(frame.region) - 1);
+    var m: Means;
+    m.before = textureLoad(previous, p, i32(SHEETS / 4u) - 1, 0).zw * (frame.inverse_sheet_scale * shading.previous);
+    m.a = textureLoad(current, p, 0, 0) * (frame.inverse_sheet_scale * shading.current);
+    if SHEETS > 4u {
+        m.b = textureLoad(current, p, 1, 0) * (frame.inverse_sheet_scale * shading.current);
+    }
+    return m;
+}
+
+fn difference(m: Means, n: Means) -> Means {
+    return Means(m.before - n.before, m.a - n.a, m.b - n.b);
+}
+
+// The parabola whose means over three sheets are given, the middle one from -1/2 to 1/2: x + y u + z u^2.
+fn parabola(m: vec3f) -> vec3f {
+    let second = (m.x + m.z - 2.0 * m.y) * 0.5;
+    return vec3f(m.y - second / 12.0, (m.z - m.x) * 0.5, second);
+}
+
+// A parabola leaves the range of its means by at most a sixth of it, so what lies so much further inside is clear.
+fn is_clear(low: f32, high: f32) -> bool {
+    let beyond = (high - low) / 6.0;
+    return low - beyond >= shading.clear.x && high + beyond <= shading.clear.y;
+}
+
+fn is_clear_batch(m: Means) -> bool {
+    var low = min(vec4f(m.before, m.before), m.a);
+    var high = max(vec4f(m.before, m.before), m.a);
+    if SHEETS > 4u {
+        low = min(low, m.b);
+        high = max(high, m.b);
+    }
+    return is_clear(min(min(low.x, low.y), min(low.z, low.w)), max(max(high.x, high.y), max(high.z, high.w)));
+}
+
+fn classified(scalar: f32) -> vec4f {
+    let size = textureDimensions(transfer).x;
+    let at = clamp(scalar * shading.lookup.x + shading.lookup.y, 0.0, f32(size - 1u));
+    let index = min(u32(at), size - 2u);
+    let a = textureLoad(transfer, vec2u(index, 0u), 0);
+    let b = textureLoad(transfer, vec2u(index + 1u, 0u), 0);
+    return a + (b - a) * (at - f32(index));
+}
+
+// The part of the sheet that begins at view depth `z` inside the box, from -1/2 to 1/2; none where x >= y.
+fn part_of_sheet(ray: Ray, z: f32) -> vec2f {
+    return clamp((ray.inside - z) * frame.inverse_sheet_step, vec2f(0.0), vec2f(1.0)) - 0.5;
+}
+
+// Means around a sheet at the eye, before which there are no sheets: extrapolated.
+fn from_eye(m: vec3f, z: f32) -> vec3f {
+    if PERSPECTIVE && z - 0.5 * frame.sheet_step < -frame.eye_depth {
+        return vec3f(2.0 * m.y - m.z, m.yz);
+    }
+    return m;
+}
+
+// The light on a sheet, from its means and the differences of means sideways.
+fn light_of(m: vec3f, sideways: vec2f, ray: Ray, z: f32) -> vec2f {
+    let slope = sideways / (2.0 * f32(shading.margin) * frame.pixel_scale);
+    let along = (m.z - m.x) * 0.5 * frame.inverse_sheet_step;
+    if !PERSPECTIVE {
+        return light_on(vec3f(slope, along), vec3f(0.0, 0.0, -1.0));
+    }
+    // x = plane.x Z and y = plane.y Z: derivatives in the plane and along the ray to those in x, y and Z.
+    let inverse_depth = 1.0 / (z + 0.5 * frame.sheet_step + frame.eye_depth);
+    let across = slope * inverse_depth;
+    return light_on(vec3f(across, along - dot(across, ray.plane)), -vec3f(ray.plane, 1.0) / ray.stretch);
+}
+
+// Composites one sheet: colour and optical depth so far, and the sheet's.
+fn behind(pixel: vec4f, means: vec3f, sideways: vec2f, ray: Ray, z: f32) -> vec4f {
+    let part = part_of_sheet(ray, z);
+    if part.x >= part.y || is_clear(min(means.x, min(means.y, means.z)), max(means.x, max(means.y, means.z))) {
+        return pixel;
+    }
+    let m = from_eye(means, z);
+    var light = vec2f(1.0, 0.0);
+    if LIGHTS > 0u {
+        light = light_of(m, sideways, ray, z);
+    }
+    let p = parabola(m);
+    let step = (part.y - part.x) / f32(SAMPLES);
+    let length = step * frame.sheet_step * ray.stretch;
+    var result = pixel;
+    for (var i = 0u; i < SAMPLES; i++) {
+        let u = part.x + (f32(i) + 0.5) * step;
+        let c = classified(select(p.x + (p.y + p.z * u) * u, m.y, SAMPLES == 1u));
+        if c.a > 0.0 {
+            let depth = c.a * length;
+            var color = c.rgb;
+            if LIGHTS > 0u {
+                color = lit(color, light);
+            }
+            result = vec4f(result.rgb + color * (exp(-result.a) * absorbed(depth)), result.a + depth);
+        }
+    }
+    return result;
+}
+
+@compute @workgroup_size(8, 8)
+fn shade(@builtin(global_invocation_id) id: vec3u) {
+    if any(id.xy >= frame.region) {
+        return;
+    }
+    let index = id.y * frame.region.x + id.x;
+    let at = vec2i(id.xy);
+    let m = means_at(at);
+    if is_clear_batch(m) {
+        return;
+    }
+    var pixel = pixels[index];
+    if pixel.a >= frame.opaque_depth {
+        return;
+    }
+    let ray = ray_of(id.xy);
+    var x: Means;
+    var y: Means;
+    if LIGHTS > 0u {
+        let right = vec2i(shading.margin, 0);
+        let down = vec2i(0, shading.margin);
+        x = difference(means_at(at + right), means_at(at - right));
+        y = difference(means_at(at + down), means_at(at - down));
+    }
+    let step = frame.sheet_step;
+    var z = shading.depth;
+    pixel = behind(pixel, vec3f(m.before, m.a.x), vec2f(x.before.y, y.before.y), ray, z);
+    z += step;
+    pixel = behind(pixel, vec3f(m.before.y, m.a.xy), vec2f(x.a.x, y.a.x), ray, z);
+    z += step;
+    pixel = behind(pixel, m.a.xyz, vec2f(x.a.y, y.a.y), ray, z);
+    z += step;
+    pixel = behind(pixel, m.a.yzw, vec2f(x.a.z, y.a.z), ray, z);
+    if SHEETS > 4u {
+        z += step;
+        pixel = behind(pixel, vec3f(m.a.zw, m.b.x), vec2f(x.a.w, y.a.w), ray, z);
+        z += step;
+        pixel = behind(pixel, vec3f(m.a.w, m.b.xy), vec2f(x.b.x, y.b.x), ray, z);
+        z += step;
+        pixel = behind(pixel, m.b.xyz, vec2f(x.b.y, y.b.y), ray, z);
+        z += step;
+        pixel = behind(pixel, m.b.yzw, vec2f(x.b.z, y.b.z), ray, z);
+    }
+    pixels[index] = pixel;
+}
+
+// The largest scalar so far (x), once there is one (y = 1), and that of one sheet.
+fn larger(so_far: vec2f, means: vec3f, ray: Ray, z: f32) -> vec2f {
+    let part = part_of_sheet(ray, z);
+    if part.x >= part.y {
+        return so_far;
+    }
+    let p = parabola(from_eye(means, z));
+    var largest = max(p.x + (p.y + p.z * part.x) * part.x, p.x + (p.y + p.z * part.y) * part.y);
+    if p.z < 0.0 {
+        let u = clamp(-0.5 * p.y / p.z, part.x, part.y);
+        largest = max(largest, p.x + (p.y + p.z * u) * u);
+    }
+    return vec2f(select(largest, max(largest, so_far.x), so_far.y > 0.0), 1.0);
+}
+
+@compute @workgroup_size(8, 8)
+fn maximum(@builtin(global_invocation_id) id: vec3u) {
+    if any(id.xy >= frame.region) {
+        return;
+    }
+    let ray = ray_of(id.xy);
+    if ray.inside.x >= ray.inside.y {
+        return;
+    }
+    let index = id.y * frame.region.x + id.x;
+    let m = means_at(vec2i(id.xy));
+    let step = frame.sheet_step;
+    var z = shading.depth;
+    var so_far = larger(pixels[index].xy, vec3f(m.before, m.a.x), ray, z);
+    z += step;
+    so_far = larger(so_far, vec3f(m.before.y, m.a.xy), ray, z);
+    z += step;
+    so_far = larger(so_far, m.a.xyz, ray, z);
+    z += step;
+    so_far = larger(so_far, m.a.yzw, ray, z);
+    if SHEETS > 4u {
+        z += step;
+        so_far = larger(so_far, vec3f(m.a.zw, m.b.x), ray, z);
+        z += step;
+        so_far = larger(so_far, vec3f(m.a.w, m.b.xy), ray, z);
+        z += step;
+        so_far = larger(so_far, m.b.xyz, ray, z);
+        z += step;
+        so_far = larger(so_far, m.b.yzw, ray, z);
+    }
+    pixels[index] = vec4f(so_far, 0.0, 0.0);
+}
+
+// The colour of the largest scalar.
+@compute @workgroup_size(8, 8)
+fn resolve_maximum(@builtin(global_invocation_id) id: vec3u) {
+    if any(id.xy >= frame.region) {
+        return;
+    }
+    let index = id.y * frame.region.x + id.x;
+    let largest = pixels[index];
+    var color = vec4f(0.0);
+    if largest.y > 0.0 {
+        color = classified(largest.x);
+    }
+    pixels[index] = vec4f(color.rgb * color.a, color.a);
+}

@@ -1,0 +1,150 @@
+//! shade: sheets of scalars into the frame, classified and lit per pixel; or their largest value.
+
+use super::super::context::Context;
+use super::super::layout::{Lighting, Shade};
+use super::super::pipeline::{Slot, bind, compute, layout, module};
+use super::super::plan::Target;
+use super::super::shaders;
+use super::super::timing::Timing;
+use super::splat::Sheets;
+use super::{Feed, IntoFrame, QuadsKey, Slots, TransferTable, dispatch};
+use crate::error::Result;
+
+/// The pipelines.
+pub(super) struct Shading {
+    key: QuadsKey,
+    layout: wgpu::BindGroupLayout,
+    shade: wgpu::ComputePipeline,
+    resolve_layout: wgpu::BindGroupLayout,
+    resolve: wgpu::ComputePipeline,
+}
+
+/// What one region is shaded with.
+struct Shaded<'a> {
+    stage: &'a Shading,
+    batches: Slots,
+    /// Whether a batch has splats; one more ends the list.
+    drawn: Vec<bool>,
+    /// Whether a field of nothing but the base shows nothing.
+    base_is_clear: bool,
+    /// For even and odd batches.
+    groups: [wgpu::BindGroup; 2],
+    resolve: wgpu::BindGroup,
+    workgroups: [u32; 2],
+}
+
+impl Shading {
+    pub(super) fn new(context: &Context, key: QuadsKey) -> Self {
+        let stages = wgpu::ShaderStages::COMPUTE;
+        let sheets = Slot::Texture(wgpu::TextureViewDimension::D2Array);
+        let slots = [
+            Slot::Uniform,
+            Slot::DynamicUniform,
+            Slot::Uniform,
+            sheets,
+            sheets,
+            Slot::Texture(wgpu::TextureViewDimension::D2),
+            Slot::Write,
+        ];
+        let shade_layout = layout(context, "shade", stages, &slots);
+        let shader = module(context, shaders::SHADE);
+        let constants = [("PERSPECTIVE", QuadsKey::flag(key.perspective)), ("SHEETS", f64::from(key.sheets_per_pass))];
+        let shading = [("LIGHTS", f64::from(key.lights)), ("SAMPLES", f64::from(key.samples))];
+        let shading = [constants, shading].concat();
+        let maximum = key.feed == Feed::Maximum;
+        let (entry, constants) =
+            if maximum { ("maximum", constants.as_slice()) } else { ("shade", shading.as_slice()) };
+        let shade = compute(context, &shader, "shade", entry, &shade_layout, constants);
+        let (resolve_layout, resolve) = if maximum {
+            let pipeline = compute(context, &shader, "shade", "resolve_maximum", &shade_layout, &[]);
+            (shade_layout.clone(), pipeline)
+        } else {
+            let resolve_layout = layout(context, "resolve", stages, &[Slot::Uniform, Slot::Write]);
+            let shader = module(context, shaders::RESOLVE);
+            let pipeline = compute(context, &shader, "resolve", "resolve", &resolve_layout, &[]);
+            (resolve_layout, pipeline)
+        };
+        Self { key, layout: shade_layout, shade, resolve_layout, resolve }
+    }
+
+    pub(super) fn bind<'a>(
+        &'a self,
+        context: &Context,
+        target: Target<'_>,
+        lighting: Lighting,
+        table: &TransferTable,
+        sheets: &[Sheets],
+        pixels: &wgpu::Buffer,
+        mut drawn: Vec<bool>,
+    ) -> Result<Box<dyn IntoFrame + 'a>> {
+        drawn.push(false);
+        let parameters: Vec<_> = (0..drawn.len() as u32)
+            .map(|batch| Shade {
+                // One sheet back: each is shaded when the next one is known.
+                depth: (target.plan.sheet_depth(batch * self.key.sheets_per_pass) - target.plan.sheet_step()) as f32,
+                previous: f32::from(u8::from(batch > 0 && drawn[batch as usize - 1])),
+                current: f32::from(u8::from(drawn[batch as usize])),
+                margin: target.plan.margin() as i32,
+                clear: table.clear,
+                lookup: table.lookup,
+            })
+            .collect();
+        let batches = Slots::new(context, "shade.batches", &parameters)?;
+        let lighting = context.upload("shade.lighting", bytemuck::bytes_of(&lighting), wgpu::BufferUsages::UNIFORM)?;
+        let frame = target.frame.as_entire_binding();
+        let view = wgpu::BindingResource::TextureView;
+        let group = |parity: usize| {
+            let resources = [
+                frame.clone(),
+                batches.binding(),
+                lighting.as_entire_binding(),
+                view(&sheets[1 - parity].all),
+                view(&sheets[parity].all),
+                view(&table.texture),
+                pixels.as_entire_binding(),
+            ];
+            bind(context, "shade", &self.layout, &resources)
+        };
+        let groups = [group(0), group(1)];
+        let resolve = match self.key.feed {
+            Feed::Maximum => group(0),
+            _ => bind(context, "resolve", &self.resolve_layout, &[frame.clone(), pixels.as_entire_binding()]),
+        };
+        Ok(Box::new(Shaded {
+            stage: self,
+            batches,
+            drawn,
+            base_is_clear: table.clear[0] <= table.clear[1],
+            groups,
+            resolve,
+            workgroups: target.extent().map(|side| side.div_ceil(8)),
+        }))
+    }
+}
+
+impl Shaded<'_> {
+    fn sheets(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing, batch: u32) {
+        let index = batch as usize;
+        let before = index.checked_sub(1).is_some_and(|before| self.drawn[before]);
+        // Where no splat reaches, there is the base: it may show, and be the largest value of a ray.
+        if !before && !self.drawn[index] && self.base_is_clear && self.stage.key.feed != Feed::Maximum {
+            return;
+        }
+        let offsets = [self.batches.offset(batch)];
+        let group = &self.groups[index % 2];
+        dispatch(context, encoder, timing, "shade", &self.stage.shade, group, &offsets, self.workgroups);
+    }
+}
+
+impl IntoFrame for Shaded<'_> {
+    fn batch(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing, batch: u32) {
+        self.sheets(context, encoder, timing, batch);
+    }
+
+    fn resolve(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing) {
+        // The last sheet, after which there is none.
+        self.sheets(context, encoder, timing, self.drawn.len() as u32 - 1);
+        let offsets: &[u32] = if self.stage.key.feed == Feed::Maximum { &[0] } else { &[] };
+        dispatch(context, encoder, timing, "resolve", &self.stage.resolve, &self.resolve, offsets, self.workgroups);
+    }
+}

@@ -1,0 +1,223 @@
+//! scalars: a volume to splats of scalars, for post-shading. On the host: which voxels can show depends on their
+//! surroundings, and is known brick by brick.
+
+use rayon::prelude::*;
+
+use super::classify::Store;
+use super::context::Context;
+use super::layout::Splat;
+use crate::error::{Error, Result};
+use crate::kernel::{Kernel, Normalization};
+use crate::transfer::TransferFunction;
+use crate::volume::{MAX_DIM, Volume};
+
+/// Voxels along the side of a brick.
+const BRICK: usize = 4;
+
+/// How far splats reach, as far as it decides which are needed; see [`Plan`](super::plan::Plan).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Reach {
+    /// Layers by which the lattice is extended on every side, each a copy of the outermost one: the field is complete to
+    /// the faces of the volume and does not fade there.
+    pub(crate) padding: u32,
+    /// Voxels within which two voxels can take part in the classification of the same place.
+    pub(crate) influence: u32,
+}
+
+/// What of a scalar field shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Shows {
+    /// Whatever the transfer function gives opacity.
+    Opaque,
+    /// The largest value, where it has opacity: smaller ones only matter for not being larger.
+    Largest,
+}
+
+/// Splats of scalars on the device.
+#[derive(Debug)]
+pub(crate) struct Emitted {
+    pub(crate) stores: Vec<Store>,
+    /// Voxels of the volume among the splats; the others are copies beyond its faces.
+    pub(crate) voxels: u64,
+}
+
+/// The largest sum of kernels over the lattice, over the divisor: reconstruction magnifies differences by no more.
+///
+/// Looked for on a grid of a quarter of a voxel, for a kernel as asked and as a broad one has it; a tenth is added for
+/// what lies between.
+fn magnification(kernel: &Kernel, normalization: Normalization) -> f64 {
+    let reach = kernel.radius().ceil() as i32;
+    let offsets = [0.0, 0.25, 0.5];
+    let mut worst = kernel.integral();
+    for x in offsets {
+        for y in offsets {
+            for z in offsets {
+                let mut sum = 0.0;
+                for k in -reach..=reach + 1 {
+                    for j in -reach..=reach + 1 {
+                        for i in -reach..=reach + 1 {
+                            let d = [f64::from(i) - x, f64::from(j) - y, f64::from(k) - z];
+                            sum += kernel.value(d.iter().map(|c| c * c).sum());
+                        }
+                    }
+                }
+                worst = worst.max(sum);
+            }
+        }
+    }
+    1.1 * worst / normalization.divisor(kernel)
+}
+
+/// The least and the largest value of each brick, less the base.
+struct Bricks {
+    counts: [usize; 3],
+    ranges: Vec<[f64; 2]>,
+}
+
+const NOTHING: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
+
+fn joined(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
+}
+
+impl Bricks {
+    fn new(volume: &Volume, base: f64) -> Self {
+        let dims = volume.grid().dims().map(|d| d as usize);
+        let counts = dims.map(|d| d.div_ceil(BRICK));
+        let [nx, ny, nz] = dims;
+        let mut ranges = vec![NOTHING; counts.iter().product()];
+        ranges.par_chunks_mut(counts[0] * counts[1]).enumerate().for_each(|(bz, layer)| {
+            for z in bz * BRICK..nz.min((bz + 1) * BRICK) {
+                for y in 0..ny {
+                    for x in 0..nx {
+                        let value = volume.value(x + nx * (y + ny * z)) - base;
+                        let range = &mut layer[x / BRICK + counts[0] * (y / BRICK)];
+                        *range = joined(*range, [value, value]);
+                    }
+                }
+            }
+        });
+        Self { counts, ranges }
+    }
+
+    /// The largest distance of a value from the base.
+    fn largest(&self) -> f64 {
+        self.ranges.iter().flatten().map(|v| v.abs()).fold(0.0, f64::max)
+    }
+
+    /// The range of each brick and all within `bricks` of it.
+    fn dilated(mut self, bricks: usize) -> Self {
+        let counts = self.counts;
+        let strides = [1, counts[0], counts[0] * counts[1]];
+        for axis in 0..3 {
+            let (n, stride) = (counts[axis], strides[axis]);
+            let source = std::mem::take(&mut self.ranges);
+            self.ranges = (0..source.len())
+                .into_par_iter()
+                .map(|index| {
+                    let at = index / stride % n;
+                    let (low, high) = (at.saturating_sub(bricks), (at + bricks).min(n - 1));
+                    (low..=high).map(|i| source[index - at * stride + i * stride]).fold(NOTHING, joined)
+                })
+                .collect();
+        }
+        self
+    }
+}
+
+/// Whether nothing shows where the field is made of voxels in a range about the base.
+fn is_hidden(transfer: &TransferFunction, shows: Shows, base: f64, magnification: f64, range: [f64; 2]) -> bool {
+    // Sums of kernels, then the parabola through means, which leaves their range by a sixth of it on either side.
+    let low = range[0].min(0.0) * magnification;
+    let high = range[1].max(0.0) * magnification;
+    let beyond = (high - low) / 6.0;
+    match shows {
+        Shows::Opaque => transfer.is_clear([base + low - beyond, base + high + beyond]),
+        Shows::Largest => transfer.is_clear([f64::NEG_INFINITY, base + high + beyond]),
+    }
+}
+
+/// The splats of a volume: those of voxels that can take part in something visible, and copies beyond its faces.
+pub(crate) fn emit(
+    context: &Context,
+    volume: &Volume,
+    transfer: &TransferFunction,
+    kernel: &Kernel,
+    normalization: Normalization,
+    shows: Shows,
+    reach: Reach,
+) -> Result<Emitted> {
+    let base = transfer.base();
+    let dims = volume.grid().dims();
+    if let Some(longest) = dims.into_iter().max().filter(|&d| d + 2 * reach.padding > MAX_DIM) {
+        return Err(Error::Setting {
+            name: "shading",
+            reason: format!("an axis of {longest} voxels and {} beyond are more than {MAX_DIM}", 2 * reach.padding),
+        });
+    }
+    let magnification = magnification(kernel, normalization);
+    let bricks = Bricks::new(volume, base).dilated((reach.influence as usize).div_ceil(BRICK));
+    let shown: Vec<bool> =
+        bricks.ranges.par_iter().map(|&range| !is_hidden(transfer, shows, base, magnification, range)).collect();
+    let [bx, by, _] = bricks.counts;
+    let [nx, ny, nz] = dims.map(|d| d as usize);
+    let padding = reach.padding as usize;
+    // A place of the extended lattice, and the voxel that it is a copy of.
+    let rows = |n: usize| (0..n + 2 * padding).map(move |p| (p, p.saturating_sub(padding).min(n - 1)));
+    let layers: Vec<(Vec<Splat>, u64)> = (0..nz + 2 * padding)
+        .into_par_iter()
+        .map(|pz| {
+            let z = pz.saturating_sub(padding).min(nz - 1);
+            let mut splats = Vec::new();
+            let mut voxels = 0;
+            for (py, y) in rows(ny) {
+                for (px, x) in rows(nx) {
+                    if !shown[x / BRICK + bx * (y / BRICK + by * (z / BRICK))] {
+                        continue;
+                    }
+                    let scalar = (volume.value(x + nx * (y + ny * z)) - base) as f32;
+                    if scalar != 0.0 {
+                        let place = [px, py, pz].map(|p| p as u32);
+                        splats.push(Splat {
+                            xy: place[0] | place[1] << 16,
+                            z_red: place[2],
+                            green_blue: 0,
+                            density: scalar,
+                        });
+                        voxels += u64::from([px, py, pz] == [x, y, z].map(|c| c + padding));
+                    }
+                }
+            }
+            (splats, voxels)
+        })
+        .collect();
+    let most = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / 16;
+    let most = usize::try_from(most.min(u64::from(u32::MAX))).unwrap_or(usize::MAX);
+    let mut stores = Vec::new();
+    let mut pending: Vec<Splat> = Vec::new();
+    let mut voxels = 0;
+    for (layer, inside) in layers {
+        voxels += inside;
+        pending.extend(layer);
+        while pending.len() >= most {
+            let rest = pending.split_off(most);
+            stores.push(store(context, &std::mem::replace(&mut pending, rest))?);
+        }
+    }
+    if !pending.is_empty() {
+        stores.push(store(context, &pending)?);
+    }
+    context.wait("emitting scalars")?;
+    Ok(Emitted { stores, voxels })
+}
+
+fn store(context: &Context, splats: &[Splat]) -> Result<Store> {
+    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+    let buffer = context.upload("scalars.splats", bytemuck::cast_slice(splats), usage)?;
+    Ok(Store { splats: buffer, normals: None, count: splats.len() as u32 })
+}
+
+/// The largest distance of a sample from the base: what sheets are scaled by.
+pub(crate) fn largest(volume: &Volume, transfer: &TransferFunction) -> f64 {
+    Bricks::new(volume, transfer.base()).largest()
+}
