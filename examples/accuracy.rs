@@ -37,7 +37,7 @@ fn row(
     settings: &Settings,
 ) -> Result<(), Box<dyn Error>> {
     let scene = renderer.prepare(volume, transfer, settings, &|_| ())?;
-    let truth = reference::Scene::new(volume, transfer, &settings.kernel, settings.normalization)?;
+    let truth = reference::Scene::new(volume, transfer, settings)?;
     for projection in [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 30.0 }] {
         let mut worst = [[(0.0_f64, 0.0_f64); 3]; 2];
         for (azimuth, elevation) in VIEWS {

@@ -64,14 +64,13 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
             print_stats(job.stats, &rendered.stats, Stats::to_string)
         }
         Engine::Reference => {
-            let image =
-                {
-                    let progress = Progress::bar("integrating");
-                    stages.time("integrate", || {
-                        reference::Scene::new(&volume, &transfer, &job.settings.kernel, job.settings.normalization)?
-                            .render(&camera, job.settings.size, &|f| progress.set(f))
-                    })?
-                };
+            let image = {
+                let progress = Progress::bar("integrating");
+                stages.time("integrate", || {
+                    reference::Scene::new(&volume, &transfer, &job.settings)?
+                        .render(&camera, job.settings.size, &|f| progress.set(f))
+                })?
+            };
             save(&image, &mut stages)?;
             let stats = ReferenceStats {
                 painter: "reference",

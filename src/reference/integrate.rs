@@ -1,21 +1,34 @@
-//! The optical model's integral along one ray.
+//! The integrals of the models along one ray.
 
-use super::profile::Profile;
-use super::walk::{Chord, Walk};
+use glam::{DMat3, DVec3};
+
+use super::classify::Weights;
+use super::profile::{Range, Scalar, Series};
+use super::walk::Piece;
+use crate::lighting::Lighting;
+use crate::transfer::TransferFunction;
 
 /// Optical depth beyond which nothing more is seen: a transmittance of 1e-12.
 const OPAQUE_DEPTH: f64 = 27.631_021_115_928_547;
 /// Optical depth of one step at most, for the exponential to be as well resolved as the kernel.
 const MAX_STEP_DEPTH: f64 = 0.25;
-/// Planes gathered at once: sorting few chords at a time costs little, and an opaque ray leaves most planes alone.
-const PLANES: usize = 16;
+/// How far a step through a classified field and its two halves may differ in what the eye sees of them. Halves err by
+/// a small fraction of that.
+const TOLERANCE: f64 = 1e-9;
+/// How often a piece is halved at most: jumps of lit colour, which nothing else finds, are narrowed down to nothing.
+const MAX_LEVEL: u32 = 26;
+/// Length in voxels down to which the places are looked for where a scalar meets a control point it may just touch.
+const FLOOR: f64 = 1.0 / 1024.0;
+/// Spread of a scalar, as a fraction of its size, that is rounding.
+const ROUNDING: f64 = 1e-13;
 
 /// What a ray collects: colour (premultiplied) and optical depth.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RayIntegral {
-    /// C = integral of e(t) exp(-integral_0^t tau) dt, red, green and blue.
+    /// C = integral of e(t) exp(-integral_0^t tau) dt, red, green and blue. X-ray and maximum intensity: their pixel.
     pub color: [f64; 3],
-    /// The integral of tau, up to the end or to where the transmittance fell under 1e-12.
+    /// The integral of tau, up to the end or to where the transmittance fell under 1e-12. Maximum intensity: what has
+    /// the alpha of its pixel, infinite for an alpha of 1.
     pub optical_depth: f64,
 }
 
@@ -32,119 +45,36 @@ impl RayIntegral {
         let [r, g, b] = self.color;
         [r, g, b, self.alpha()]
     }
-}
 
-/// How finely a ray is cut, and in what measure.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Steps<'a> {
-    pub(super) profile: &'a Profile,
-    /// The longest step, in voxels along the ray.
-    pub(super) longest: f64,
-    /// World units per voxel along the ray, over the kernel's divisor N.
-    pub(super) measure: f64,
-}
-
-/// Chords of the ray being integrated; kept from ray to ray for its memory.
-#[derive(Debug, Default)]
-pub(super) struct Scratch {
-    /// Chords not yet entered, the next one last.
-    ahead: Vec<Chord>,
-    /// Chords that hold the current position.
-    inside: Vec<Chord>,
-}
-
-/// Integrates along a walk.
-///
-/// The truncated kernels jump where the ray enters and leaves their support, and are analytic in between: the ray is
-/// cut at every such place, and each piece is integrated by Gauss's rule, which never sees a jump.
-pub(super) fn integrate(mut walk: Walk<'_>, steps: Steps<'_>, scratch: &mut Scratch) -> RayIntegral {
-    let Scratch { ahead, inside } = scratch;
-    ahead.clear();
-    inside.clear();
-    let mut sum = RayIntegral::default();
-    let mut position = f64::NEG_INFINITY;
-    loop {
-        // No chord of a plane not yet gathered begins before `complete`.
-        let complete = walk.gather(PLANES, ahead);
-        ahead.sort_unstable_by(|a, b| b.enter.total_cmp(&a.enter));
-        loop {
-            while let Some(chord) = ahead.pop_if(|c| c.enter <= position) {
-                inside.push(chord);
-            }
-            let mut next = ahead.last().map_or(complete, |c| c.enter.min(complete));
-            let mut i = 0;
-            while i < inside.len() {
-                if inside[i].leave <= position {
-                    inside.swap_remove(i);
-                } else {
-                    next = next.min(inside[i].leave);
-                    i += 1;
-                }
-            }
-            if !inside.is_empty() {
-                steps.piece(inside, position, next, &mut sum);
-                if sum.optical_depth > OPAQUE_DEPTH {
-                    return sum;
-                }
-            }
-            position = next;
-            if next >= complete {
-                break;
-            }
-        }
-        if complete == f64::INFINITY {
-            return sum;
-        }
-    }
-}
-
-impl Steps<'_> {
-    /// Adds the integral over a piece without jumps.
-    fn piece(&self, inside: &[Chord], from: f64, to: f64, sum: &mut RayIntegral) {
-        let count = ((to - from) / self.longest).ceil().max(1.0);
-        self.cut(count, from, to, |a, b| {
-            let field = self.field(inside, a, b);
-            // One look tells whether the exponential needs finer steps than the kernel does. Stopping at an opaque
-            // ray bounds their number, however many there are to the end of the piece.
-            let depth = field.iter().map(|f| f[0]).fold(0.0, f64::max) * (b - a);
-            if depth <= MAX_STEP_DEPTH {
-                add(&field, b - a, sum);
-                return sum.optical_depth <= OPAQUE_DEPTH;
-            }
-            self.cut((depth / MAX_STEP_DEPTH).ceil(), a, b, |c, d| {
-                add(&self.field(inside, c, d), d - c, sum);
-                sum.optical_depth <= OPAQUE_DEPTH
-            })
-        });
+    /// Light of a colour (not premultiplied), of some opacity.
+    pub(super) fn uniform(color: [f64; 3], alpha: f64) -> Self {
+        Self { color: color.map(|c| c * alpha), optical_depth: -(-alpha).ln_1p() }
     }
 
-    /// Calls `step` for each of `count` equal parts of a piece until it returns false; whether it never did.
-    fn cut(&self, count: f64, from: f64, to: f64, mut step: impl FnMut(f64, f64) -> bool) -> bool {
-        let at = |i: f64| if i < count { from + (to - from) * (i / count) } else { to };
-        let mut i = 0.0;
-        while i < count {
-            if !step(at(i), at(i + 1.0)) {
-                return false;
+    /// A step of the given length along which extinction and emission have these values at the nodes.
+    fn step(field: &[Weights; STAGES], length: f64) -> Self {
+        let dot = |w: &[f64; STAGES]| (0..STAGES).map(|n| w[n] * field[n][0]).sum::<f64>() * length;
+        let mut color = [0.0; 3];
+        for n in 0..STAGES {
+            let seen = WEIGHTS[n] * length * (-dot(&RUNNING[n])).exp();
+            for (color, emission) in color.iter_mut().zip(&field[n][1..]) {
+                *color += seen * emission;
             }
-            i += 1.0;
         }
-        true
+        Self { color, optical_depth: dot(&WEIGHTS) }
     }
 
-    /// Extinction and emission at the nodes of a step, per voxel of length along the ray.
-    fn field(&self, inside: &[Chord], from: f64, to: f64) -> [[f64; 4]; STAGES] {
-        let nodes = NODES.map(|c| from + (to - from) * c);
-        let mut field = [[0.0; 4]; STAGES];
-        for chord in inside {
-            for (sum, u) in field.iter_mut().zip(nodes) {
-                let t = u - chord.closest;
-                let h = self.profile.value(chord.half2 - t * t);
-                for (s, w) in sum.iter_mut().zip(chord.weights) {
-                    *s += w * h;
-                }
-            }
+    /// Adds what lies behind.
+    fn append(&mut self, behind: &Self) {
+        let transmittance = (-self.optical_depth).exp();
+        for (color, c) in self.color.iter_mut().zip(behind.color) {
+            *color += transmittance * c;
         }
-        field.map(|f| f.map(|x| x * self.measure))
+        self.optical_depth += behind.optical_depth;
+    }
+
+    fn is_opaque(&self) -> bool {
+        self.optical_depth > OPAQUE_DEPTH
     }
 }
 
@@ -161,14 +91,259 @@ const RUNNING: [[f64; STAGES]; STAGES] = [
     [5.0 / 36.0 + SQRT15 / 30.0, 2.0 / 9.0 + SQRT15 / 15.0, 5.0 / 36.0],
 ];
 
-/// Adds a step of the given length whose field is known at the nodes.
-fn add(field: &[[f64; 4]; STAGES], length: f64, sum: &mut RayIntegral) {
-    let dot = |w: &[f64; STAGES]| (0..STAGES).map(|n| w[n] * field[n][0]).sum::<f64>() * length;
-    for n in 0..STAGES {
-        let transmittance = (-(sum.optical_depth + dot(&RUNNING[n]))).exp();
-        for (color, emission) in sum.color.iter_mut().zip(&field[n][1..]) {
-            *color += WEIGHTS[n] * length * transmittance * emission;
+/// The integral of splats that extinguish and emit.
+#[derive(Debug)]
+pub(super) struct Emission {
+    pub(super) sum: RayIntegral,
+    /// World units per voxel along the ray, over the kernel's divisor N.
+    pub(super) measure: f64,
+}
+
+impl Emission {
+    /// Adds a piece no longer than the kernel needs; whether there is more to see.
+    pub(super) fn piece(&mut self, piece: &Piece<'_>) -> bool {
+        let field = self.field(piece, piece.from, piece.to);
+        // One look tells whether the exponential needs finer steps than the kernel does. Stopping at an opaque ray
+        // bounds their number, however many there are to the end of the piece.
+        let length = piece.to - piece.from;
+        let count = (field.iter().map(|f| f[0]).fold(0.0, f64::max) * length / MAX_STEP_DEPTH).ceil();
+        if count <= 1.0 {
+            self.sum.append(&RayIntegral::step(&field, length));
+            return !self.sum.is_opaque();
+        }
+        let at = |i: f64| if i < count { piece.from + length * (i / count) } else { piece.to };
+        let mut i = 0.0;
+        while i < count && !self.sum.is_opaque() {
+            let (a, b) = (at(i), at(i + 1.0));
+            self.sum.append(&RayIntegral::step(&self.field(piece, a, b), b - a));
+            i += 1.0;
+        }
+        !self.sum.is_opaque()
+    }
+
+    /// Extinction and emission at the nodes of a step, per voxel of length along the ray.
+    fn field(&self, piece: &Piece<'_>, from: f64, to: f64) -> [Weights; STAGES] {
+        NODES.map(|c| piece.at(from + (to - from) * c).map(|x| x * self.measure))
+    }
+}
+
+/// A scalar field that is classified, and lit, where it is reconstructed.
+#[derive(Debug)]
+pub(super) struct Classifier {
+    transfer: TransferFunction,
+    /// What opacities are meant per, in world units.
+    unit: f64,
+    pub(super) base: f64,
+    /// The values, ascending, between which opacity is linear and extinction analytic.
+    kinks: Vec<f64>,
+    lighting: Option<Lighting>,
+    /// From gradients along the lattice axes to such in the world.
+    to_world: DMat3,
+}
+
+impl Classifier {
+    pub(super) fn new(transfer: &TransferFunction, unit: f64, lighting: Option<&Lighting>, to_lattice: DMat3) -> Self {
+        let points = transfer.points();
+        let mut kinks: Vec<f64> = points.iter().map(|p| p.value).collect();
+        // Where opacities are cut off, too.
+        kinks.extend(points.windows(2).filter_map(|w| {
+            let [a, b] = [w[0].opacity, w[1].opacity].map(|o| o - TransferFunction::MAX_OPACITY);
+            (a * b < 0.0).then(|| w[0].value + (w[1].value - w[0].value) * (a / (a - b)))
+        }));
+        kinks.sort_unstable_by(f64::total_cmp);
+        kinks.dedup();
+        Self {
+            transfer: transfer.clone(),
+            unit,
+            base: transfer.base(),
+            kinks,
+            lighting: lighting.cloned(),
+            to_world: to_lattice.transpose(),
         }
     }
-    sum.optical_depth += dot(&WEIGHTS);
+
+    /// The kinks between two values, not those at them.
+    fn between(&self, low: f64, high: f64) -> &[f64] {
+        let first = self.kinks.partition_point(|&v| v <= low);
+        let last = self.kinks.partition_point(|&v| v < high);
+        self.kinks.get(first..last).unwrap_or(&[])
+    }
+
+    /// Extinction and emission per world unit where the scalar and its differences along the lattice axes are these.
+    fn emission(&self, [scalar, differences @ ..]: Weights, to_eye: DVec3) -> Weights {
+        let (mut color, opacity) = self.transfer.sample(scalar);
+        let tau = TransferFunction::extinction(opacity, self.unit);
+        if tau <= 0.0 {
+            return [0.0; 4];
+        }
+        if let Some(lighting) = &self.lighting {
+            color = lighting.shade(color, self.to_world * DVec3::from_array(differences), to_eye);
+        }
+        [tau, tau * color[0], tau * color[1], tau * color[2]]
+    }
+}
+
+/// The integral of a field that is classified where it is reconstructed.
+#[derive(Debug)]
+pub(super) struct Classified<'a> {
+    pub(super) sum: RayIntegral,
+    pub(super) classifier: &'a Classifier,
+    /// Unit vector, world coordinates.
+    pub(super) to_eye: DVec3,
+    /// World units per voxel along the ray.
+    pub(super) measure: f64,
+    /// The kernel's divisor N.
+    pub(super) divisor: f64,
+    /// Up to where the ray is integrated.
+    pub(super) position: f64,
+}
+
+/// A piece's scalar and differences, in x from -1 to 1.
+struct Stretch<'a> {
+    series: &'a Series,
+    scalar: &'a Scalar,
+    /// Voxels per unit of x.
+    half: f64,
+}
+
+impl Classified<'_> {
+    /// Adds a piece and what is empty before it; whether there is more to see.
+    pub(super) fn piece(&mut self, piece: &Piece<'_>) -> bool {
+        self.empty(piece.from);
+        self.position = piece.to;
+        let series = piece.series();
+        let stretch = Stretch { series: &series, scalar: &series.scalar(), half: (piece.to - piece.from) / 2.0 };
+        !self.sum.is_opaque() && self.split(&stretch, -1.0, 1.0)
+    }
+
+    /// Adds what is empty up to a position: there the field is its base.
+    pub(super) fn empty(&mut self, to: f64) {
+        if to > self.position {
+            let length = (to - self.position) * self.measure;
+            let (color, opacity) = self.classifier.transfer.sample(self.classifier.base);
+            let optical_depth = TransferFunction::extinction(opacity, self.classifier.unit) * length;
+            let alpha = -(-optical_depth).exp_m1();
+            self.sum.append(&RayIntegral { color: color.map(|c| c * alpha), optical_depth });
+            self.position = to;
+        }
+    }
+
+    fn value(&self, sum: f64) -> f64 {
+        self.classifier.base + sum / self.divisor
+    }
+
+    /// Adds the part of a stretch from a to b, cut wherever the scalar meets a kink of the transfer function: so no
+    /// peak is missed, however narrow, and what is left is smooth.
+    fn split(&mut self, stretch: &Stretch<'_>, a: f64, b: f64) -> bool {
+        let Range { middle, spread, monotone } = stretch.scalar.range(a, b);
+        let (low, high) = (self.value(middle - spread), self.value(middle + spread));
+        let kinks = self.classifier.between(low, high);
+        if kinks.is_empty() {
+            return self.smooth(stretch, a, b);
+        }
+        if monotone {
+            let [start, end] = [a, b].map(|x| self.value(stretch.scalar.at(x)));
+            let kinks = self.classifier.between(start.min(end), start.max(end));
+            let mut from = a;
+            for i in 0..kinks.len() {
+                let kink = kinks[if start < end { i } else { kinks.len() - 1 - i }];
+                let to = stretch.scalar.solve((kink - self.classifier.base) * self.divisor, a, b).max(from);
+                if !self.smooth(stretch, from, to) {
+                    return false;
+                }
+                from = to;
+            }
+            return self.smooth(stretch, from, b);
+        }
+        if (b - a) * stretch.half < FLOOR || high - low < ROUNDING * low.abs().max(high.abs()) {
+            return self.smooth(stretch, a, b);
+        }
+        let middle = f64::midpoint(a, b);
+        self.split(stretch, a, middle) && self.split(stretch, middle, b)
+    }
+
+    /// Adds a part on which the transfer function is smooth, light need not be.
+    fn smooth(&mut self, stretch: &Stretch<'_>, a: f64, b: f64) -> bool {
+        let clear = |x: f64| self.classifier.transfer.sample(self.value(stretch.scalar.at(x))).1 <= 0.0;
+        // Between kinks opacity is linear: clear at one place inside, clear everywhere. A part that only touches a
+        // kink is looked at more closely.
+        if a >= b || NODES.iter().all(|c| clear(a + (b - a) * c)) {
+            return true;
+        }
+        let whole = self.step(stretch, a, b);
+        self.refine(stretch, a, b, &whole, 0)
+    }
+
+    /// Adds a step, or halves it until its halves agree with it.
+    fn refine(&mut self, stretch: &Stretch<'_>, a: f64, b: f64, whole: &RayIntegral, level: u32) -> bool {
+        let middle = f64::midpoint(a, b);
+        let (first, second) = (self.step(stretch, a, middle), self.step(stretch, middle, b));
+        let mut both = first;
+        both.append(&second);
+        let error = (both.color.iter().zip(whole.color))
+            .map(|(c, w)| (c - w).abs())
+            .fold((both.optical_depth - whole.optical_depth).abs(), f64::max);
+        let seen = (-self.sum.optical_depth).exp();
+        if level == MAX_LEVEL || (both.optical_depth <= MAX_STEP_DEPTH && error * seen <= TOLERANCE) {
+            self.sum.append(&both);
+            return !self.sum.is_opaque();
+        }
+        self.refine(stretch, a, middle, &first, level + 1) && self.refine(stretch, middle, b, &second, level + 1)
+    }
+
+    fn step(&self, stretch: &Stretch<'_>, a: f64, b: f64) -> RayIntegral {
+        let field = NODES.map(|c| {
+            let [scalar, differences @ ..] = stretch.series.at(a + (b - a) * c);
+            let [x, y, z] = differences.map(|d| d / self.divisor);
+            self.classifier.emission([self.value(scalar), x, y, z], self.to_eye)
+        });
+        RayIntegral::step(&field, (b - a) * stretch.half * self.measure)
+    }
+}
+
+/// The largest sum of splats on a ray; 0 where it is empty.
+#[derive(Debug)]
+pub(super) struct Maximum {
+    /// `None` before the first stretch.
+    pub(super) largest: Option<f64>,
+    /// Up to where the ray was searched.
+    pub(super) position: f64,
+}
+
+impl Maximum {
+    /// Looks at a piece, both of its ends included, and at what is empty before it.
+    pub(super) fn piece(&mut self, piece: &Piece<'_>) {
+        self.empty(piece.from);
+        self.position = piece.to;
+        self.search(&piece.series().scalar(), -1.0, 1.0);
+    }
+
+    /// Looks at what is empty up to a position.
+    pub(super) fn empty(&mut self, to: f64) {
+        if to > self.position {
+            self.take(0.0);
+            self.position = to;
+        }
+    }
+
+    fn take(&mut self, value: f64) {
+        self.largest = Some(self.largest.map_or(value, |l| l.max(value)));
+    }
+
+    /// Branch and bound: parts that cannot hold the maximum are left alone.
+    fn search(&mut self, scalar: &Scalar, a: f64, b: f64) {
+        let Range { middle, spread, monotone } = scalar.range(a, b);
+        if self.largest.is_some_and(|l| middle + spread <= l) {
+            return;
+        }
+        self.take(middle);
+        if monotone {
+            self.take(scalar.at(a));
+            self.take(scalar.at(b));
+        } else if spread > ROUNDING * middle.abs() {
+            let middle = f64::midpoint(a, b);
+            self.search(scalar, a, middle);
+            self.search(scalar, middle, b);
+        }
+    }
 }

@@ -30,7 +30,7 @@ fn volume(dims: [u32; 3], matrix: DMat3, voxels: &[([u32; 3], u8)]) -> Volume {
 }
 
 fn prepared(volume: &Volume, kernel: &Kernel) -> Scene {
-    Scene::new(volume, &tones(), kernel, Normalization::Unit).unwrap()
+    Scene::new(volume, &tones(), &Settings { kernel: *kernel, ..Settings::default() }).unwrap()
 }
 
 /// erf by its Maclaurin series (Abramowitz and Stegun 7.1.5), for |x| up to about 3.

@@ -38,7 +38,7 @@ fn render(volume: &Volume, transfer: &TransferFunction, camera: &Camera, setting
 }
 
 fn truth(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Image {
-    reference::Scene::new(volume, transfer, &settings.kernel, settings.normalization)
+    reference::Scene::new(volume, transfer, settings)
         .and_then(|scene| scene.render(camera, settings.size, &|_| ()))
         .unwrap()
 }
