@@ -24,7 +24,7 @@ pub struct Demo {
 const DEFAULT_SIZE: u32 = 128;
 const SIZES: std::ops::RangeInclusive<u32> = 2..=1024;
 
-static DEMOS: [Demo; 4] = [
+static DEMOS: [Demo; 5] = [
     Demo {
         name: "marschner-lobb",
         description: "the resolution test of Marschner and Lobb (1994), f32 in 0..1",
@@ -70,6 +70,19 @@ static DEMOS: [Demo; 4] = [
             (0.32, [0.95, 0.85, 0.35], 0.120),
             (0.45, [0.95, 0.45, 0.20], 0.060),
             (1.00, [1.00, 0.95, 0.90], 0.030),
+        ],
+    },
+    Demo {
+        name: "shell",
+        description: "a soft shell around a soft core with a narrow peak in the transfer function, f32 in 0..1",
+        make: shell,
+        transfer: &[
+            (0.00, [0.00, 0.00, 0.00], 0.00),
+            (0.40, [0.20, 0.40, 1.00], 0.00),
+            (0.50, [1.00, 0.80, 0.30], 0.25),
+            (0.60, [0.20, 0.40, 1.00], 0.00),
+            (0.85, [1.00, 0.20, 0.10], 0.00),
+            (1.00, [1.00, 0.20, 0.10], 0.35),
         ],
     },
 ];
@@ -130,6 +143,13 @@ fn marschner_lobb(size: u32) -> Samples {
     Samples::F32(sampled(size, |p| {
         let rho = (2.0 * PI * frequency * (PI * p.x.hypot(p.y) / 2.0).cos()).cos();
         ((1.0 - (PI * p.z / 2.0).sin() + alpha * (1.0 + rho)) / (2.0 * (1.0 + alpha))) as f32
+    }))
+}
+
+fn shell(size: u32) -> Samples {
+    Samples::F32(sampled(size, |p| {
+        let value = (-((p.length() - 0.65) / 0.1).powi(2)).exp() + 0.9 * (-p.length_squared() / (0.18 * 0.18)).exp();
+        if value < 1e-6 { 0.0 } else { value.min(1.0) as f32 }
     }))
 }
 

@@ -165,8 +165,8 @@ fn densities_of_any_scale_neither_overflow_nor_vanish() {
                 let camera = camera(33.0, ProjectionKind::Orthographic, &volume, settings.size);
                 let expected = truth(&volume, &transfer, &camera, &settings);
                 let got = render(&volume, &transfer, &camera, &settings);
-                // f16 as software rasterisers round it: each of some fifty sums is cut off.
-                let relative = if precision == Precision::F16 { 1.2e-2 } else { 5e-5 };
+                // f16 as software rasterisers round it: each of some fifty sums is cut off, more where kernels grow.
+                let relative = if precision == Precision::F16 { 1.6e-2 } else { 5e-5 };
                 for (g, e) in got.pixels().iter().zip(expected.pixels()) {
                     let (g, e) = (f64::from(g[3]), f64::from(e[3]));
                     assert!(

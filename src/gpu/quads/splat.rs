@@ -181,7 +181,11 @@ fn pipeline(context: &Context, key: QuadsKey, group: &wgpu::BindGroupLayout) -> 
     // A stage takes only the constants that it uses.
     let common = [("PERSPECTIVE", flag(key.perspective)), ("GROWN", flag(key.grown)), ("AXIS", flag(key.axis))];
     let vertex = [("ADDITIVE", flag(key.additive)), ("LIGHTS", f64::from(key.splat_lights()))];
-    let fragment = [("TEXELS", f64::from(key.footprint_terms / 4)), ("ROWS", f64::from(key.footprint_rows))];
+    let fragment = [
+        ("TEXELS", f64::from(key.footprint_terms / 4)),
+        ("ROWS", f64::from(key.footprint_rows)),
+        ("SCALARS", flag(key.feed.is_scalar())),
+    ];
     let vertex_constants = [common.as_slice(), &vertex].concat();
     let fragment_constants = [common.as_slice(), &fragment].concat();
     let add = wgpu::BlendComponent {
