@@ -231,6 +231,7 @@ impl Scene {
                     sum: RayIntegral::default(),
                     classifier,
                     to_eye: -direction,
+                    sides: classifier.sides(-direction),
                     measure,
                     divisor: self.divisor,
                     position: ray.start,
