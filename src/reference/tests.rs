@@ -618,3 +618,33 @@ fn wrong_settings_are_refused() {
     let wrong = Settings { lighting: Some(Lighting::default()), model: Model::Mip, ..Settings::default() };
     assert!(matches!(Scene::new(&volume, &tones(), &wrong), Err(Error::Setting { .. })));
 }
+
+#[test]
+fn finer_steps_change_nothing() {
+    let volume = crate::volume::load("demo:marschner-lobb:16", &crate::volume::LoadOptions::default()).unwrap();
+    let transfer = crate::volume::demo_transfer("marschner-lobb").unwrap();
+    let lights = vec![Light::Headlight, Light::Directional(DVec3::new(0.2, -1.0, 0.5))];
+    let light = Lighting { lights, ambient: 0.6, ..Lighting::default() };
+    for (model, shading, lighting) in [
+        (Model::Composite, Shading::Pre, None),
+        (Model::Composite, Shading::Post, None),
+        (Model::Composite, Shading::Post, Some(light)),
+        (Model::Mip, Shading::Post, None),
+    ] {
+        let how = Settings { lighting, ..settings(Kernel::default(), model, shading) };
+        let scene = Scene::new(&volume, &transfer, &how).unwrap();
+        let mut finer = Scene::new(&volume, &transfer, &how).unwrap();
+        finer.longest_step *= 0.21;
+        let mut worst = 0.0_f64;
+        for i in 0..40 {
+            // Along an axis, where chords end together and pieces are longest, and across.
+            let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 1.2, -0.7) * f64::from(i % 4));
+            let (u, v) = (f64::from(i * 7 % 40) / 40.0 - 0.5, f64::from(i) / 40.0 - 0.5);
+            let diameter = volume.grid().corners(0.5)[0].distance(volume.grid().center());
+            let origin = volume.grid().center() + turn * DVec3::new(u, 0.0, v) * diameter;
+            let [a, b] = [&scene, &finer].map(|s| s.ray(origin, turn * DVec3::Y, true).rgba());
+            worst = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(worst, f64::max);
+        }
+        assert!(worst < 1e-8, "{model:?} {shading:?}: {worst:e}");
+    }
+}
