@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3};
 use super::classify::Weights;
 use super::profile::{Range, Scalar, Series};
 use super::walk::Piece;
-use crate::lighting::Lighting;
+use crate::lighting::{Light, Lighting};
 use crate::transfer::TransferFunction;
 
 /// Optical depth beyond which nothing more is seen: a transmittance of 1e-12.
@@ -15,11 +15,11 @@ const MAX_STEP_DEPTH: f64 = 0.25;
 /// How far a step through a classified field and its two halves may differ in what the eye sees of them. Halves err by
 /// a small fraction of that.
 const TOLERANCE: f64 = 1e-9;
-/// How often a piece is halved at most: jumps of lit colour, which nothing else finds, are narrowed down to nothing.
+/// How often a step is halved at most.
 const MAX_LEVEL: u32 = 26;
-/// Length in voxels down to which the places are looked for where a scalar meets a control point it may just touch.
+/// Length in voxels down to which the places are looked for where a polynomial meets a value that it may just touch.
 const FLOOR: f64 = 1.0 / 1024.0;
-/// Spread of a scalar, as a fraction of its size, that is rounding.
+/// Spread of a polynomial, as a fraction of its size, that is rounding.
 const ROUNDING: f64 = 1e-13;
 
 /// What a ray collects: colour (premultiplied) and optical depth.
@@ -169,6 +169,19 @@ impl Classifier {
         self.kinks.get(first..last).unwrap_or(&[])
     }
 
+    /// The factors of scalar and differences that make the numbers whose sign lit colour jumps or bends with: on which
+    /// side of the surface are the eye, each light, and the direction half way between them.
+    pub(super) fn sides(&self, to_eye: DVec3) -> Vec<Weights> {
+        let lights = self.lighting.iter().flat_map(|lighting| &lighting.lights);
+        let halves = lights.filter_map(|light| match *light {
+            Light::Headlight => None,
+            Light::Directional(towards) => Some([towards, to_eye + towards.normalize()]),
+        });
+        let eye = self.lighting.as_ref().map(|_| to_eye);
+        let directions = eye.into_iter().chain(halves.flatten());
+        directions.map(|d| self.to_world.transpose() * d).map(|d| [0.0, d.x, d.y, d.z]).collect()
+    }
+
     /// Extinction and emission per world unit where the scalar and its differences along the lattice axes are these.
     fn emission(&self, [scalar, differences @ ..]: Weights, to_eye: DVec3) -> Weights {
         let (mut color, opacity) = self.transfer.sample(scalar);
@@ -190,6 +203,8 @@ pub(super) struct Classified<'a> {
     pub(super) classifier: &'a Classifier,
     /// Unit vector, world coordinates.
     pub(super) to_eye: DVec3,
+    /// As the classifier gives them for that.
+    pub(super) sides: Vec<Weights>,
     /// World units per voxel along the ray.
     pub(super) measure: f64,
     /// The kernel's divisor N.
@@ -198,10 +213,13 @@ pub(super) struct Classified<'a> {
     pub(super) position: f64,
 }
 
-/// A piece's scalar and differences, in x from -1 to 1.
-struct Stretch<'a> {
-    series: &'a Series,
-    scalar: &'a Scalar,
+/// A piece in x from -1 to 1.
+struct Stretch {
+    /// Scalar and differences.
+    series: Series,
+    scalar: Scalar,
+    /// What has a sign that matters.
+    sides: Vec<Scalar>,
     /// Voxels per unit of x.
     half: f64,
 }
@@ -212,7 +230,12 @@ impl Classified<'_> {
         self.empty(piece.from);
         self.position = piece.to;
         let series = piece.series();
-        let stretch = Stretch { series: &series, scalar: &series.scalar(), half: (piece.to - piece.from) / 2.0 };
+        let stretch = Stretch {
+            series,
+            scalar: series.combined(&[1.0, 0.0, 0.0, 0.0]),
+            sides: self.sides.iter().map(|side| series.combined(side)).collect(),
+            half: (piece.to - piece.from) / 2.0,
+        };
         !self.sum.is_opaque() && self.split(&stretch, -1.0, 1.0)
     }
 
@@ -232,42 +255,51 @@ impl Classified<'_> {
         self.classifier.base + sum / self.divisor
     }
 
-    /// Adds the part of a stretch from a to b, cut wherever the scalar meets a kink of the transfer function: so no
-    /// peak is missed, however narrow, and what is left is smooth.
-    fn split(&mut self, stretch: &Stretch<'_>, a: f64, b: f64) -> bool {
-        let Range { middle, spread, monotone } = stretch.scalar.range(a, b);
-        let (low, high) = (self.value(middle - spread), self.value(middle + spread));
-        let kinks = self.classifier.between(low, high);
-        if kinks.is_empty() {
-            return self.smooth(stretch, a, b);
+    /// Adds the part of a stretch from a to b, cut wherever the scalar meets a kink of the transfer function or light
+    /// changes sides: so no peak is missed, however narrow, and what is left is smooth.
+    fn split(&mut self, stretch: &Stretch, a: f64, b: f64) -> bool {
+        let range = stretch.scalar.range(a, b);
+        if self.is_clear(range) {
+            return true;
         }
-        if monotone {
-            let [start, end] = [a, b].map(|x| self.value(stretch.scalar.at(x)));
-            let kinks = self.classifier.between(start.min(end), start.max(end));
-            let mut from = a;
-            for i in 0..kinks.len() {
-                let kink = kinks[if start < end { i } else { kinks.len() - 1 - i }];
-                let to = stretch.scalar.solve((kink - self.classifier.base) * self.divisor, a, b).max(from);
-                if !self.smooth(stretch, from, to) {
-                    return false;
-                }
-                from = to;
-            }
-            return self.smooth(stretch, from, b);
+        let mut cuts = Vec::new();
+        let base = self.classifier.base;
+        let rounding = ROUNDING * stretch.scalar.size.max((base * self.divisor).abs());
+        let mut sure = range.spread <= rounding || {
+            let sums = |kink: f64| (kink - base) * self.divisor;
+            let [low, high] = [-range.spread, range.spread].map(|s| self.value(range.middle + s));
+            self.classifier.between(low, high).iter().all(|&kink| stretch.scalar.meets(sums(kink), a, b, &mut cuts))
+        };
+        for side in &stretch.sides {
+            let range = side.range(a, b);
+            let settled =
+                range.middle.abs() > range.spread || range.middle.abs() + range.spread <= ROUNDING * side.size;
+            sure &= settled || side.meets(0.0, a, b, &mut cuts);
         }
-        if (b - a) * stretch.half < FLOOR || high - low < ROUNDING * low.abs().max(high.abs()) {
-            return self.smooth(stretch, a, b);
+        if !sure && (b - a) * stretch.half > FLOOR {
+            let middle = f64::midpoint(a, b);
+            return self.split(stretch, a, middle) && self.split(stretch, middle, b);
         }
-        let middle = f64::midpoint(a, b);
-        self.split(stretch, a, middle) && self.split(stretch, middle, b)
+        cuts.push(b);
+        cuts.sort_unstable_by(f64::total_cmp);
+        let mut from = a;
+        cuts.iter().all(|&to| self.smooth(stretch, std::mem::replace(&mut from, to), to))
     }
 
-    /// Adds a part on which the transfer function is smooth, light need not be.
-    fn smooth(&mut self, stretch: &Stretch<'_>, a: f64, b: f64) -> bool {
-        let clear = |x: f64| self.classifier.transfer.sample(self.value(stretch.scalar.at(x))).1 <= 0.0;
-        // Between kinks opacity is linear: clear at one place inside, clear everywhere. A part that only touches a
-        // kink is looked at more closely.
-        if a >= b || NODES.iter().all(|c| clear(a + (b - a) * c)) {
+    /// Whether nothing is seen of scalars in a range.
+    fn is_clear(&self, Range { middle, spread, .. }: Range) -> bool {
+        let [low, high] = [-spread, spread].map(|s| self.value(middle + s));
+        // Between kinks opacity is linear and not negative: clear at one place inside, clear everywhere.
+        self.classifier.between(low, high).is_empty() && self.opacity(middle) <= 0.0
+    }
+
+    fn opacity(&self, sum: f64) -> f64 {
+        self.classifier.transfer.sample(self.value(sum)).1
+    }
+
+    /// Adds a part without kinks.
+    fn smooth(&mut self, stretch: &Stretch, a: f64, b: f64) -> bool {
+        if a >= b || self.opacity(stretch.scalar.at(f64::midpoint(a, b))) <= 0.0 {
             return true;
         }
         let whole = self.step(stretch, a, b);
@@ -275,7 +307,7 @@ impl Classified<'_> {
     }
 
     /// Adds a step, or halves it until its halves agree with it.
-    fn refine(&mut self, stretch: &Stretch<'_>, a: f64, b: f64, whole: &RayIntegral, level: u32) -> bool {
+    fn refine(&mut self, stretch: &Stretch, a: f64, b: f64, whole: &RayIntegral, level: u32) -> bool {
         let middle = f64::midpoint(a, b);
         let (first, second) = (self.step(stretch, a, middle), self.step(stretch, middle, b));
         let mut both = first;
@@ -284,20 +316,37 @@ impl Classified<'_> {
             .map(|(c, w)| (c - w).abs())
             .fold((both.optical_depth - whole.optical_depth).abs(), f64::max);
         let seen = (-self.sum.optical_depth).exp();
-        if level == MAX_LEVEL || (both.optical_depth <= MAX_STEP_DEPTH && error * seen <= TOLERANCE) {
+        let agree = both.optical_depth <= MAX_STEP_DEPTH && error * seen <= TOLERANCE;
+        if level == MAX_LEVEL || (agree && self.is_evenly_bright(stretch, a, b)) {
             self.sum.append(&both);
             return !self.sum.is_opaque();
         }
         self.refine(stretch, a, middle, &first, level + 1) && self.refine(stretch, middle, b, &second, level + 1)
     }
 
-    fn step(&self, stretch: &Stretch<'_>, a: f64, b: f64) -> RayIntegral {
-        let field = NODES.map(|c| {
-            let [scalar, differences @ ..] = stretch.series.at(a + (b - a) * c);
-            let [x, y, z] = differences.map(|d| d / self.divisor);
-            self.classifier.emission([self.value(scalar), x, y, z], self.to_eye)
-        });
+    /// Whether the same channels of lit colour are cut off at 1 at both ends and in the middle of a step, or it is so
+    /// short that it does not matter. Such a kink near an end escapes the nodes.
+    fn is_evenly_bright(&self, stretch: &Stretch, a: f64, b: f64) -> bool {
+        if stretch.sides.is_empty() || (b - a) * stretch.half <= FLOOR {
+            return true;
+        }
+        let cut_off = |x: f64| {
+            let [tau, emission @ ..] = self.emission(stretch, x);
+            emission.map(|e| tau > 0.0 && e >= tau)
+        };
+        let first = cut_off(a);
+        first == cut_off(f64::midpoint(a, b)) && first == cut_off(b)
+    }
+
+    fn step(&self, stretch: &Stretch, a: f64, b: f64) -> RayIntegral {
+        let field = NODES.map(|c| self.emission(stretch, a + (b - a) * c));
         RayIntegral::step(&field, (b - a) * stretch.half * self.measure)
+    }
+
+    fn emission(&self, stretch: &Stretch, x: f64) -> Weights {
+        let [scalar, differences @ ..] = stretch.series.at(x);
+        let [x, y, z] = differences.map(|d| d / self.divisor);
+        self.classifier.emission([self.value(scalar), x, y, z], self.to_eye)
     }
 }
 
@@ -315,7 +364,7 @@ impl Maximum {
     pub(super) fn piece(&mut self, piece: &Piece<'_>) {
         self.empty(piece.from);
         self.position = piece.to;
-        self.search(&piece.series().scalar(), -1.0, 1.0);
+        self.search(&piece.series().combined(&[1.0, 0.0, 0.0, 0.0]), -1.0, 1.0);
     }
 
     /// Looks at what is empty up to a position.

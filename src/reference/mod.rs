@@ -15,15 +15,16 @@
 //! C = integral of e(t) exp(-integral_0^t tau) dt        alpha = 1 - exp(-integral of tau dt)
 //! ```
 //!
-//! Lit, c_j is [`Lighting::shade`] of colour, gradient and direction to the eye at voxel j. The gradient along a lattice
-//! axis is (f_(j+1) - f_(j-1)) / 2, a neighbour beyond the edge having the value at the edge, taken to the world by the
-//! transpose of the map from there.
+//! Lit, c_j is [`Lighting::shade`] of colour, gradient and direction to the eye at voxel j. The gradient along a
+//! lattice axis is (f_(j+1) - f_(j-1)) / 2, a neighbour beyond the edge having the value at the edge, taken to the
+//! world by the transpose of the map from there.
 //!
 //! **X-ray.** The same tau; the pixel is (alpha, alpha, alpha, alpha).
 //!
 //! **Composite, post-shaded** (Mueller, Moeller and Crawfis 1999, "Splatting without the blur"). The scalar is
 //! reconstructed, relative to b = [`TransferFunction::base`], over the lattice with its edge samples repeated outwards
-//! as far as kernels reach, and exists inside the box of the voxels, half a voxel beyond the outermost samples:
+//! as far as kernels reach (the support radius times the largest scale in the lattice, rounded up), and exists inside
+//! the box of the voxels, half a voxel beyond the outermost samples:
 //!
 //! ```text
 //! f = b + sum of (f_j - b)        tau = extinction of f        e = colour of f times tau        C, alpha as above
@@ -37,7 +38,7 @@
 //!
 //! This is what splatting approximates by footprints and sheets; here there are neither: every ray is cut wherever it
 //! enters or leaves a kernel's support, and where f meets a control point; the pieces are integrated by Gauss's rule.
-//! Errors of optical depth and colour are about 1e-10 of their size, of post-shading below 1e-7, of maxima 1e-12.
+//! Errors of optical depth and colour are about 1e-10 of their size, of lit post-shading 1e-9, of maxima 1e-12.
 //! Sheets, accumulation, termination, precision and the footprint table are the renderer's affair and change nothing.
 //!
 //! Slow, and made to be right: nothing is shared with the renderer but the data it reads.
@@ -231,6 +232,7 @@ impl Scene {
                     sum: RayIntegral::default(),
                     classifier,
                     to_eye: -direction,
+                    sides: classifier.sides(-direction),
                     measure,
                     divisor: self.divisor,
                     position: ray.start,

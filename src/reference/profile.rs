@@ -130,9 +130,10 @@ impl Series {
         std::array::from_fn(|c| self.0[0][c] + x * next[c] - after[c])
     }
 
-    /// The series of the first weight alone.
-    pub(super) fn scalar(&self) -> Scalar {
-        let value = self.0.map(|term| term[0]);
+    /// One polynomial: the weights, each times its factor, added up.
+    pub(super) fn combined(&self, factors: &Weights) -> Scalar {
+        let products = self.0.map(|term| std::array::from_fn::<_, 4, _>(|c| term[c] * factors[c]));
+        let value = products.map(|p| p.iter().sum::<f64>());
         // d/dx sum c_k T_k = sum d_k T_k with d_(k-1) = d_(k+1) + 2 k c_k, d_0 half of that.
         let mut slope = [0.0; SERIES + 1];
         for k in (1..SERIES).rev() {
@@ -140,9 +141,13 @@ impl Series {
         }
         slope[0] /= 2.0;
         // |T_k''| is largest at the ends: k^2 (k^2 - 1) / 3.
-        let curvature =
-            value.iter().enumerate().map(|(k, c)| c.abs() * (k * k * (k * k).saturating_sub(1)) as f64 / 3.0);
-        Scalar { value, slope: std::array::from_fn(|k| slope[k]), curvature: curvature.sum() }
+        let bend = |k: usize| (k * k * (k * k).saturating_sub(1)) as f64 / 3.0;
+        Scalar {
+            value,
+            slope: std::array::from_fn(|k| slope[k]),
+            curvature: value.iter().enumerate().map(|(k, c)| c.abs() * bend(k)).sum(),
+            size: products.iter().flatten().map(|p| p.abs()).sum(),
+        }
     }
 }
 
@@ -153,6 +158,8 @@ pub(super) struct Scalar {
     slope: [f64; SERIES],
     /// No second derivative is larger.
     curvature: f64,
+    /// No term of the sums that make it is larger: it is rounded at some 1e-16 of that.
+    pub(super) size: f64,
 }
 
 /// What is sure about a polynomial on an interval.
@@ -178,8 +185,20 @@ impl Scalar {
         Range { middle: self.at(middle), spread: (slope + bend / 2.0) * half, monotone: slope > 2.0 * bend }
     }
 
+    /// Adds where the polynomial has a value between a and b, both left out. False where it is not monotone there, so
+    /// that it may have it more than once.
+    pub(super) fn meets(&self, value: f64, a: f64, b: f64, places: &mut Vec<f64>) -> bool {
+        if !self.range(a, b).monotone {
+            return false;
+        }
+        if (self.at(a) - value) * (self.at(b) - value) < 0.0 {
+            places.push(self.solve(value, a, b));
+        }
+        true
+    }
+
     /// Where the polynomial, monotone on the interval from a to b, has a value that it has there.
-    pub(super) fn solve(&self, value: f64, a: f64, b: f64) -> f64 {
+    fn solve(&self, value: f64, a: f64, b: f64) -> f64 {
         // With slopes of at least half the middle one's size, and that over twice the curvature times half the
         // interval, Newton's error in halves of the interval goes from e to e^2 / 2 or less: 2^-63 after six steps.
         (0..6).fold(f64::midpoint(a, b), |x, _| (x + (value - self.at(x)) / clenshaw(&self.slope, x)).clamp(a, b))
@@ -229,7 +248,7 @@ mod tests {
     fn a_series_is_its_polynomial_and_knows_its_bounds() {
         let f = |x: f64| [x.powi(7) - 2.0 * x + 0.5, x * x, 1.0, -x.powi(5)];
         let series = Series::through(&Series::points().map(f));
-        let scalar = series.scalar();
+        let scalar = series.combined(&[1.0, 0.0, 0.0, 0.0]);
         for i in 0..200 {
             let x = f64::from(i) / 100.0 - 1.0;
             for (got, expected) in series.at(x).iter().zip(f(x)) {
@@ -241,8 +260,8 @@ mod tests {
                 assert!((f(y)[0] - range.middle).abs() <= range.spread + 1e-15);
             }
         }
-        assert!(scalar.range(-0.1, 0.1).monotone && !scalar.range(-1.0, 1.0).monotone);
-        let root = scalar.solve(0.5, -0.1, 0.09);
+        assert!(scalar.range(-0.02, 0.02).monotone && !scalar.range(-1.0, 1.0).monotone);
+        let root = scalar.solve(0.5, -0.02, 0.018);
         assert!(root.abs() < 1e-15, "{root:e}");
     }
 }

@@ -4,6 +4,9 @@ use glam::{DAffine3, DMat3, DQuat};
 
 use super::*;
 use crate::camera::{ProjectionKind, View};
+use crate::kernel::Normalization;
+use crate::lighting::Light;
+use crate::settings::Shading;
 use crate::transfer::ControlPoint;
 use crate::volume::Samples;
 
@@ -179,4 +182,469 @@ fn a_ray_that_starts_inside_sees_only_what_is_ahead() {
     let expected = 1.0 - (-tau * footprint(0.0) / 2.0).exp();
     assert!((from_center - expected).abs() < 1e-9, "{from_center} is not {expected}");
     assert_eq!(scene.ray(DVec3::new(4.1, 2.0, 2.0), DVec3::X, false).alpha(), 0.0);
+}
+
+fn settings(kernel: Kernel, model: Model, shading: Shading) -> Settings {
+    Settings { kernel, model, shading, ..Settings::default() }
+}
+
+/// A transfer function through (value, opacity) points, red from 0 to 1 over them.
+fn ramp(points: &[(f64, f64)], unit: f64) -> TransferFunction {
+    let last = (points.len() - 1).max(1) as f64;
+    let points = points.iter().enumerate().map(|(i, &(v, o))| point(v, [i as f64 / last, 0.5, 0.25], o)).collect();
+    TransferFunction::new(points, Some(unit)).unwrap()
+}
+
+fn floats(grid: Grid, f: impl Fn(DVec3) -> f64) -> Volume {
+    let [nx, ny, nz] = grid.dims();
+    let mut samples = Vec::new();
+    for z in 0..nz {
+        for y in 0..ny {
+            for x in 0..nx {
+                samples.push(f(DVec3::new(f64::from(x), f64::from(y), f64::from(z))));
+            }
+        }
+    }
+    Volume::new(grid, Samples::F64(samples)).unwrap()
+}
+
+/// Bumpy values from about -1 to 1 on a sheared anisotropic grid.
+fn bumps() -> Volume {
+    let matrix = DMat3::from_cols(DVec3::new(0.5, 0.1, 0.0), DVec3::new(-0.1, 0.8, 0.2), DVec3::new(0.0, 0.3, 1.2));
+    let grid = Grid::new([5, 6, 4], DAffine3::from_mat3_translation(matrix, DVec3::new(1.0, 2.0, -3.0))).unwrap();
+    floats(grid, |p| (1.3 * p.x + 0.4).sin() * (0.9 * p.y).cos() + 0.3 * (p.z * 1.7 + p.x).sin())
+}
+
+/// The fields of post-shading as the definition has them, sum by sum.
+struct Plain<'a> {
+    volume: &'a Volume,
+    kernel: Kernel,
+    divisor: f64,
+    base: f64,
+    /// The scale of the kernel at a world point.
+    scale: &'a dyn Fn(DVec3) -> f64,
+    layers: i64,
+}
+
+impl Plain<'_> {
+    fn sample(&self, p: [i64; 3]) -> f64 {
+        let d = self.volume.grid().dims().map(i64::from);
+        let [x, y, z]: [i64; 3] = std::array::from_fn(|a| p[a].clamp(0, d[a] - 1));
+        self.volume.value((x + d[0] * (y + d[1] * z)) as usize)
+    }
+
+    /// f, and its gradient in the world.
+    fn at(&self, world: DVec3) -> (f64, DVec3) {
+        let grid = self.volume.grid();
+        let x = grid.to_lattice().transform_point3(world);
+        let d = grid.dims().map(i64::from);
+        // No kernel is twice as large as those that layers are meant for.
+        let near = |a: usize| (x[a].round() as i64 - 2 * self.layers, x[a].round() as i64 + 2 * self.layers);
+        let range = |a: usize| near(a).0.max(-self.layers)..near(a).1.min(d[a] + self.layers);
+        let (mut f, mut g) = (self.base, DVec3::ZERO);
+        for k in range(2) {
+            for j in range(1) {
+                for i in range(0) {
+                    let p = DVec3::new(i as f64, j as f64, k as f64);
+                    let s = (self.scale)(grid.to_world().transform_point3(p));
+                    let h = self.kernel.value(x.distance_squared(p) / (s * s)) / s.powi(3) / self.divisor;
+                    if h == 0.0 {
+                        continue;
+                    }
+                    f += (self.sample([i, j, k]) - self.base) * h;
+                    g += h / 2.0
+                        * DVec3::new(
+                            self.sample([i + 1, j, k]) - self.sample([i - 1, j, k]),
+                            self.sample([i, j + 1, k]) - self.sample([i, j - 1, k]),
+                            self.sample([i, j, k + 1]) - self.sample([i, j, k - 1]),
+                        );
+                }
+            }
+        }
+        (f, grid.to_lattice().matrix3.transpose() * g)
+    }
+
+    /// Where a ray is inside the box, as a world length from its origin. `first` is where it starts.
+    fn span(&self, origin: DVec3, direction: DVec3, first: f64) -> Option<(f64, f64)> {
+        let grid = self.volume.grid();
+        let (o, d) = (grid.to_lattice().transform_point3(origin), grid.to_lattice().transform_vector3(direction));
+        let (mut from, mut to) = (first, f64::INFINITY);
+        for a in 0..3 {
+            let (p, q) = ((-0.5 - o[a]) / d[a], (f64::from(grid.dims()[a]) - 0.5 - o[a]) / d[a]);
+            (from, to) = (from.max(p.min(q)), to.min(p.max(q)));
+        }
+        (from < to).then_some((from, to))
+    }
+
+    /// The midpoint rule of `steps` steps.
+    fn composite(
+        &self,
+        transfer: &TransferFunction,
+        lighting: Option<&Lighting>,
+        (origin, direction, first): (DVec3, DVec3, f64),
+        steps: u32,
+    ) -> [f64; 4] {
+        let unit = transfer.unit_or(self.volume.grid().min_spacing());
+        let Some((from, to)) = self.span(origin, direction, first) else { return [0.0; 4] };
+        let length = (to - from) / f64::from(steps);
+        let (mut color, mut depth) = (DVec3::ZERO, 0.0_f64);
+        for i in 0..steps {
+            let (f, g) = self.at(origin + direction * (from + (f64::from(i) + 0.5) * length));
+            let (c, opacity) = transfer.sample(f);
+            let c = lighting.map_or(c, |l| l.shade(c, g, -direction));
+            let d = TransferFunction::extinction(opacity, unit) * length;
+            color += DVec3::from_array(c) * -(-d).exp_m1() * (-depth).exp();
+            depth += d;
+        }
+        [color.x, color.y, color.z, -(-depth).exp_m1()]
+    }
+
+    fn maximum(&self, (origin, direction, first): (DVec3, DVec3, f64), steps: u32) -> Option<f64> {
+        let (from, to) = self.span(origin, direction, first)?;
+        let at = |i: u32| from + (to - from) * f64::from(i) / f64::from(steps);
+        (0..=steps).map(|i| self.at(origin + direction * at(i)).0).reduce(f64::max)
+    }
+}
+
+fn plain(volume: &Volume, kernel: Kernel, base: f64) -> Plain<'_> {
+    let layers = kernel.radius().ceil() as i64;
+    Plain { volume, kernel, divisor: kernel.integral(), base, scale: &|_| 1.0, layers }
+}
+
+fn assert_close(got: [f64; 4], expected: [f64; 4], tolerance: f64, what: &str) {
+    let worst = got.iter().zip(expected).map(|(g, e)| (g - e).abs()).fold(0.0, f64::max);
+    assert!(worst < tolerance, "{what}: {got:?} is not {expected:?}, off by {worst:e}");
+}
+
+/// A kernel that ripples little.
+const WIDE: Kernel = Kernel::Gaussian { sigma: 1.0, radius: 5.0 };
+
+#[test]
+fn a_grown_voxel_is_wider_and_as_much() {
+    let kernel = Kernel::default();
+    let volume = volume([5, 5, 5], DMat3::IDENTITY, &[([2, 2, 2], 1)]);
+    let scene = prepared(&volume, &kernel);
+    let tau = TransferFunction::extinction(0.4, 1.0) / kernel.integral();
+    for projection in [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 40.0 }] {
+        // 3 voxels to a pixel, at the target, which is the voxel's place.
+        let view = View { view_height: Some(33.0), projection, ..View::default() };
+        let camera = Camera::new(&view, volume.grid(), [11, 11]).unwrap();
+        let picture = scene.render(&camera, [11, 11], &|_| ()).unwrap();
+        let mut seen = 0;
+        for (i, got) in (0_u32..).zip(picture.pixels()) {
+            let (sx, sy) = Camera::image_coordinates([i % 11, i / 11], [11, 11]);
+            let (origin, direction) = camera.ray(sx, sy);
+            let r = (DVec3::splat(2.0) - origin).cross(direction).length();
+            // The chord and its amplitude: 3 / 27 of the footprint at a third of the distance.
+            let expected = 1.0 - (-tau * footprint(r / 3.0) / 9.0).exp();
+            assert!((f64::from(got[3]) - expected).abs() < 1e-7, "{projection:?} {r}: {} is not {expected}", got[3]);
+            seen += u32::from(expected > 0.0);
+        }
+        assert!(seen > 10);
+    }
+}
+
+#[test]
+fn growth_is_off_without_antialiasing_and_for_single_rays() {
+    let kernel = Kernel::default();
+    let volume = volume([5, 5, 5], DMat3::IDENTITY, &[([2, 2, 2], 1)]);
+    let still = Settings { antialiasing: false, ..Settings::default() };
+    let camera = Camera::new(&View { view_height: Some(33.0), ..View::default() }, volume.grid(), [11, 11]).unwrap();
+    let tau = TransferFunction::extinction(0.4, 1.0) / kernel.integral();
+    let expected = 1.0 - (-tau * footprint(0.0)).exp();
+    let picture = Scene::new(&volume, &tones(), &still).unwrap().render(&camera, [11, 11], &|_| ()).unwrap();
+    assert!((f64::from(picture.pixels()[60][3]) - expected).abs() < 1e-7);
+    let (origin, direction) = camera.ray(0.0, 0.0);
+    assert!((prepared(&volume, &kernel).ray(origin, direction, true).alpha() - expected).abs() < 1e-9);
+}
+
+#[test]
+fn xray_adds_optical_depth() {
+    let scene = Scene::new(
+        &volume([5, 9, 5], DMat3::IDENTITY, &[([2, 2, 2], 1), ([2, 5, 2], 2)]),
+        &tones(),
+        &settings(Kernel::default(), Model::Xray, Shading::Pre),
+    )
+    .unwrap();
+    let tau = TransferFunction::extinction(0.4, 1.0) + TransferFunction::extinction(0.7, 1.0);
+    let r = DVec3::new(0.5, 0.0, 0.7);
+    let expected = 1.0 - (-tau / Kernel::default().integral() * footprint(r.length())).exp();
+    let got = scene.ray(DVec3::new(2.0, -9.0, 2.0) + r, DVec3::Y, true);
+    assert_close(got.rgba(), [expected; 4], 1e-10, "two voxels");
+}
+
+/// Red rises with x, y and z in the lattice; the middle voxel alone is visible.
+fn hill(matrix: DMat3) -> (Volume, TransferFunction, DVec3) {
+    let grid = Grid::new([3, 3, 3], DAffine3::from_mat3(matrix)).unwrap();
+    let volume = floats(grid, |p| p.dot(DVec3::new(1.0, 10.0, 100.0)));
+    let transfer = ramp(&[(110.5, 0.0), (111.0, 0.6), (111.5, 0.0)], 1.0);
+    (volume, transfer, grid.to_lattice().matrix3.transpose() * DVec3::new(1.0, 10.0, 100.0))
+}
+
+#[test]
+fn a_lit_voxel_shows_its_shade() {
+    let matrix = DMat3::from_cols(DVec3::new(0.5, 0.1, 0.0), DVec3::new(-0.2, 1.0, 0.3), DVec3::new(0.0, 0.4, 2.0));
+    let (volume, transfer, gradient) = hill(matrix);
+    let lighting = Lighting {
+        lights: vec![Light::Headlight, Light::Directional(DVec3::new(1.0, -2.0, 3.0))],
+        ..Lighting::default()
+    };
+    let lit = Settings { lighting: Some(lighting.clone()), ..Settings::default() };
+    let scene = Scene::new(&volume, &transfer, &lit).unwrap();
+    let center = matrix * DVec3::ONE;
+    let direction = DVec3::new(0.3, -0.5, 0.7).normalize();
+    let origin = center - direction * 3.0 + DVec3::new(0.2, 0.1, -0.3);
+    for (two_sided, to_eye) in [(true, -direction), (false, (origin - center).normalize())] {
+        let got = scene.ray(origin, direction, two_sided);
+        let shade = lighting.shade([0.5, 0.5, 0.25], gradient, to_eye);
+        let [r, g, b] = shade.map(|c| c * got.alpha());
+        assert!(got.alpha() > 0.01);
+        assert_close(got.rgba(), [r, g, b, got.alpha()], 1e-10, "shade");
+    }
+}
+
+#[test]
+fn gradients_at_the_edge_take_the_edge_for_its_neighbour() {
+    let volume = floats(Grid::axis_parallel([2, 1, 1], [2.0; 3]).unwrap(), |p| p.x);
+    let lighting = Lighting { diffuse: 0.0, ambient: 0.5, specular: 0.0, ..Lighting::default() };
+    let lit = Settings { lighting: Some(lighting), ..Settings::default() };
+    let splats = Splats::new(&volume, &ramp(&[(0.0, 0.1), (1.0, 0.2)], 1.0), &lit).unwrap();
+    for x in 0..2 {
+        // Half a step of 1 per 2 world units.
+        assert_eq!(splats.get([x, 0, 0]).unwrap().gradient, Some(DVec3::new(0.25, 0.0, 0.0)));
+    }
+}
+
+#[test]
+fn post_shading_is_its_definition() {
+    let volume = bumps();
+    let transfer = ramp(&[(-0.6, 0.5), (-0.3, 0.0), (0.1, 0.0), (0.4, 0.8), (0.5, 0.1), (0.9, 0.9)], 0.5);
+    let lighting = Lighting { lights: vec![Light::Directional(DVec3::new(0.2, -1.0, 0.5))], ..Lighting::default() };
+    for (kernel, normalization, lighting) in [
+        (Kernel::default(), Normalization::Unit, None),
+        (WIDE, Normalization::Unit, Some(lighting)),
+        (Kernel::Gaussian { sigma: 0.5, radius: 1.2 }, Normalization::Peak, None),
+    ] {
+        let how =
+            Settings { lighting: lighting.clone(), normalization, ..settings(kernel, Model::Composite, Shading::Post) };
+        let scene = Scene::new(&volume, &transfer, &how).unwrap();
+        let plain = Plain { divisor: normalization.divisor(&kernel), ..plain(&volume, kernel, transfer.base()) };
+        let center = volume.grid().center();
+        for (i, two_sided) in [true, false, true].into_iter().enumerate() {
+            let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 1.2, -0.7) * (i as f64 + 0.4));
+            let direction = turn * DVec3::Y;
+            // The one-sided ray starts inside.
+            let origin = center + turn * DVec3::new(0.3, 0.2 - 0.6 * f64::from(u8::from(two_sided)), -0.4);
+            let first = if two_sided { f64::NEG_INFINITY } else { 0.0 };
+            let got = scene.ray(origin, direction, two_sided).rgba();
+            let expected = plain.composite(&transfer, lighting.as_ref(), (origin, direction, first), 60_000);
+            assert!(expected[3] > 0.1, "{expected:?}");
+            assert_close(got, expected, 1e-5, &format!("{kernel:?}, ray {i}"));
+        }
+    }
+}
+
+#[test]
+fn post_shading_of_a_linear_ramp_is_the_ramp() {
+    // So wide a kernel reconstructs linear functions where it does not reach the edge.
+    let volume = floats(Grid::axis_parallel([24, 24, 24], [1.0; 3]).unwrap(), |p| p.x);
+    let transfer = ramp(&[(9.0, 0.0), (11.0, 0.8), (13.0, 0.0)], 1.0);
+    let scene = Scene::new(&volume, &transfer, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
+    let got = scene.ray(DVec3::new(-5.0, 11.3, 11.6), DVec3::X, true);
+    // The extinction of opacities 0 to 0.8 and back: 2 integral_0^0.8 -ln(1 - o) do / 0.4.
+    let expected = 2.0 / 0.4 * (0.2 * 0.2_f64.ln() + 0.8);
+    // Its integral errs as sums of the kernel do: by 2e-5 for the cut at 5.
+    assert!((got.optical_depth - expected).abs() < 3e-4, "{} is not {expected}", got.optical_depth);
+}
+
+#[test]
+fn a_constant_volume_has_no_rim() {
+    let volume = floats(Grid::axis_parallel([6, 7, 8], [1.0; 3]).unwrap(), |_| 2.0);
+    let transfer = ramp(&[(0.0, 0.0), (1.0, 0.0), (3.0, 0.5)], 1.0);
+    let scene = Scene::new(&volume, &transfer, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
+    let tau = TransferFunction::extinction(0.25, 1.0);
+    for (origin, length) in
+        [(DVec3::new(2.3, 0.0, 4.1), 7.0), (DVec3::new(-0.499, 0.0, 7.499), 7.0), (DVec3::new(-0.501, 0.0, 4.0), 0.0)]
+    {
+        let got = scene.ray(origin, DVec3::Y, true).alpha();
+        let expected = 1.0 - (-tau * length).exp();
+        assert!((got - expected).abs() < 1e-4, "{origin}: {got} is not {expected}");
+    }
+}
+
+#[test]
+fn a_visible_base_fills_the_box() {
+    // No value is clear: the base is the first, which all voxels have.
+    let volume = floats(Grid::axis_parallel([3, 4, 3], [1.0; 3]).unwrap(), |_| 0.0);
+    let transfer = ramp(&[(0.0, 0.4), (1.0, 0.9)], 1.0);
+    let scene = Scene::new(&volume, &transfer, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
+    let got = scene.ray(DVec3::ONE, DVec3::Y, true).rgba();
+    let alpha = 1.0 - 0.6_f64.powi(4);
+    assert_close(got, [0.0, 0.5 * alpha, 0.25 * alpha, alpha], 1e-12, "base");
+}
+
+#[test]
+fn a_narrow_peak_is_found() {
+    let volume = floats(Grid::axis_parallel([24, 24, 24], [1.0; 3]).unwrap(), |p| p.x);
+    // 1e-5 wide: its optical depth is that of the ramp, but for ripple.
+    let width = 1e-5;
+    let transfer = ramp(&[(11.0, 0.0), (11.0 + width, 0.5), (11.0 + 2.0 * width, 0.0)], width);
+    let scene = Scene::new(&volume, &transfer, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
+    // 2 integral_0^0.5 -ln(1 - o) do / 0.5.
+    let expected = 2.0 / 0.5 * (0.5 * 0.5_f64.ln() + 0.5);
+    let got = scene.ray(DVec3::new(-5.0, 11.3, 11.6), DVec3::X, true).optical_depth;
+    assert!((got / expected - 1.0).abs() < 1e-3, "{got} is not {expected}");
+    // Jumps instead of slopes: an optical depth of 2 ln 2.
+    let jumps = ramp(&[(11.0, 0.0), (11.0, 0.5), (11.0 + 2.0 * width, 0.5), (11.0 + 2.0 * width, 0.0)], width);
+    let scene = Scene::new(&volume, &jumps, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
+    let got = scene.ray(DVec3::new(-5.0, 11.3, 11.6), DVec3::X, true).optical_depth;
+    assert!((got / (2.0 * 2.0_f64.ln()) - 1.0).abs() < 1e-3, "{got}");
+}
+
+#[test]
+fn gradients_are_central_differences_of_the_field() {
+    let volume = bumps();
+    let plain = plain(&volume, Kernel::default(), 0.3);
+    let lit = Settings {
+        lighting: Some(Lighting::default()),
+        ..settings(Kernel::default(), Model::Composite, Shading::Post)
+    };
+    let transfer = ramp(&[(0.3, 0.0), (1.0, 1.0)], 1.0);
+    let splats = Splats::new(&volume, &transfer, &lit).unwrap();
+    // What the walk adds up at a point, against f one voxel ahead and behind.
+    let to_world = volume.grid().to_world();
+    let x = DVec3::new(2.2, 2.7, 1.6);
+    let mut sums = [0.0; 4];
+    for k in -2..6 {
+        for j in -2..8 {
+            for i in -2..7 {
+                let Some(splat) = splats.get([i, j, k]) else { continue };
+                let h = Kernel::default().value(x.distance_squared(DVec3::new(i as f64, j as f64, k as f64)));
+                for (sum, w) in sums.iter_mut().zip(splat.weights) {
+                    *sum += w * h / plain.divisor;
+                }
+            }
+        }
+    }
+    let f = |lattice: DVec3| plain.at(to_world.transform_point3(lattice)).0;
+    assert!((sums[0] + 0.3 - f(x)).abs() < 1e-13);
+    for (axis, got) in sums[1..].iter().enumerate() {
+        let step = DVec3::AXES[axis];
+        let expected = (f(x + step) - f(x - step)) / 2.0;
+        assert!((got - expected).abs() < 1e-13, "axis {axis}: {got} is not {expected}");
+    }
+}
+
+#[test]
+fn maximum_intensity_is_its_definition() {
+    let volume = bumps();
+    // The base is 0, above some of the values.
+    let transfer = ramp(&[(-2.0, 0.3), (0.0, 0.0), (0.2, 0.4), (1.0, 0.8)], 1.0);
+    for kernel in [Kernel::default(), Kernel::KAISER_BESSEL] {
+        let scene = Scene::new(&volume, &transfer, &settings(kernel, Model::Mip, Shading::Pre)).unwrap();
+        let plain = plain(&volume, kernel, transfer.base());
+        for i in 0..6 {
+            let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 1.2, -0.7) * (f64::from(i) + 0.4));
+            let direction = turn * DVec3::Y;
+            let origin = volume.grid().center() + turn * DVec3::new(0.2 * f64::from(i) - 0.5, 0.1, -0.2);
+            let two_sided = i % 2 == 0;
+            let first = if two_sided { f64::NEG_INFINITY } else { 0.0 };
+            let m = plain.maximum((origin, direction, first), 60_000).unwrap();
+            let (color, opacity) = transfer.sample(m);
+            let alpha = opacity / 0.8;
+            let [r, g, b] = color.map(|c| c * alpha);
+            let got = scene.ray(origin, direction, two_sided).rgba();
+            assert_close(got, [r, g, b, alpha], 1e-5, &format!("{kernel:?}, ray {i}"));
+        }
+        assert_eq!(scene.ray(DVec3::splat(-50.0), DVec3::Y, true), RayIntegral::default());
+    }
+}
+
+#[test]
+fn the_largest_value_is_fully_opaque() {
+    let volume = floats(Grid::axis_parallel([3, 3, 3], [1.0; 3]).unwrap(), |_| 5.0);
+    let transfer = ramp(&[(0.0, 0.0), (1.0, 0.25)], 1.0);
+    let scene = Scene::new(&volume, &transfer, &settings(WIDE, Model::Mip, Shading::Pre)).unwrap();
+    assert_eq!(scene.ray(DVec3::ONE, DVec3::Y, true).rgba(), [1.0, 0.5, 0.25, 1.0]);
+    let clear = ramp(&[(0.0, 0.0), (1.0, 0.0)], 1.0);
+    let scene = Scene::new(&volume, &clear, &settings(WIDE, Model::Mip, Shading::Pre)).unwrap();
+    assert_eq!(scene.ray(DVec3::ONE, DVec3::Y, true).rgba(), [0.0; 4]);
+}
+
+#[test]
+fn grown_kernels_of_post_shading_are_their_definition() {
+    let volume = bumps();
+    let transfer = ramp(&[(-0.3, 0.0), (0.0, 0.5), (0.4, 0.9)], 0.5);
+    for (projection, model) in [
+        (ProjectionKind::Orthographic, Model::Composite),
+        (ProjectionKind::Perspective { fov: 70.0 }, Model::Composite),
+        (ProjectionKind::Perspective { fov: 70.0 }, Model::Mip),
+    ] {
+        let view = View { azimuth: 30.0, elevation: 20.0, projection, ..View::default() };
+        let camera = Camera::new(&view, volume.grid(), [4, 4]).unwrap();
+        let growth = camera.growth(volume.grid(), 4);
+        let (eye, _) = camera.ray(0.0, 0.0);
+        let scale = |p: DVec3| growth.at((p - eye).dot(camera.forward));
+        assert!(scale(volume.grid().center()) > 1.5, "{growth:?}");
+        let kernel = Kernel::default();
+        let scene = Scene::new(&volume, &transfer, &settings(kernel, model, Shading::Post)).unwrap();
+        let largest = volume.grid().corners(0.0).map(scale).into_iter().fold(1.0, f64::max);
+        let layers = (2.0 * largest).ceil() as i64;
+        let plain = Plain { scale: &scale, layers, ..plain(&volume, kernel, transfer.base()) };
+        let picture = scene.render(&camera, [4, 4], &|_| ()).unwrap();
+        let parallel = projection == ProjectionKind::Orthographic;
+        for pixel in [[1, 1], [2, 3], [3, 2]] {
+            let (sx, sy) = Camera::image_coordinates(pixel, [4, 4]);
+            let (origin, direction) = camera.ray(sx, sy);
+            let ray = (origin, direction, if parallel { f64::NEG_INFINITY } else { 0.0 });
+            let expected = if model == Model::Mip {
+                plain.maximum(ray, 2000).map_or([0.0; 4], |m| {
+                    let (color, opacity) = transfer.sample(m);
+                    let [r, g, b] = color.map(|c| c * opacity / 0.9);
+                    [r, g, b, opacity / 0.9]
+                })
+            } else {
+                plain.composite(&transfer, None, ray, 2000)
+            };
+            let got = picture.pixels()[(pixel[1] * 4 + pixel[0]) as usize].map(f64::from);
+            assert_close(got, expected, 1e-4, &format!("{projection:?} {model:?} {pixel:?}"));
+        }
+    }
+}
+
+#[test]
+fn wrong_settings_are_refused() {
+    let volume = bumps();
+    let wrong = Settings { lighting: Some(Lighting::default()), model: Model::Mip, ..Settings::default() };
+    assert!(matches!(Scene::new(&volume, &tones(), &wrong), Err(Error::Setting { .. })));
+}
+
+#[test]
+fn finer_steps_change_nothing() {
+    let volume = crate::volume::load("demo:marschner-lobb:16", &crate::volume::LoadOptions::default()).unwrap();
+    let transfer = crate::volume::demo_transfer("marschner-lobb").unwrap();
+    let lights = vec![Light::Headlight, Light::Directional(DVec3::new(0.2, -1.0, 0.5))];
+    let light = Lighting { lights, ambient: 0.6, ..Lighting::default() };
+    for (model, shading, lighting) in [
+        (Model::Composite, Shading::Pre, None),
+        (Model::Composite, Shading::Post, None),
+        (Model::Composite, Shading::Post, Some(light)),
+        (Model::Mip, Shading::Post, None),
+    ] {
+        let how = Settings { lighting, ..settings(Kernel::default(), model, shading) };
+        let scene = Scene::new(&volume, &transfer, &how).unwrap();
+        let mut finer = Scene::new(&volume, &transfer, &how).unwrap();
+        finer.longest_step *= 0.21;
+        let mut worst = 0.0_f64;
+        for i in 0..40 {
+            // Along an axis, where chords end together and pieces are longest, and across.
+            let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 1.2, -0.7) * f64::from(i % 4));
+            let (u, v) = (f64::from(i * 7 % 40) / 40.0 - 0.5, f64::from(i) / 40.0 - 0.5);
+            let diameter = volume.grid().corners(0.5)[0].distance(volume.grid().center());
+            let origin = volume.grid().center() + turn * DVec3::new(u, 0.0, v) * diameter;
+            let [a, b] = [&scene, &finer].map(|s| s.ray(origin, turn * DVec3::Y, true).rgba());
+            worst = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(worst, f64::max);
+        }
+        assert!(worst < 1e-8, "{model:?} {shading:?}: {worst:e}");
+    }
 }
