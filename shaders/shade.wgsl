@@ -60,10 +60,10 @@ fn parabola(m: vec3f) -> vec3f {
     return vec3f(m.y - second / 12.0, (m.z - m.x) * 0.5, second);
 }
 
-// A parabola leaves the range of its means by at most a sixth of it, so what lies so much further inside is clear.
+// Nothing shows between clear means. The parabola may leave their range, by a sixth of it; but where it does so alone,
+// as beside voxels that were left out for showing nothing, there is nothing to show either.
 fn is_clear(low: f32, high: f32) -> bool {
-    let beyond = (high - low) / 6.0;
-    return low - beyond >= shading.clear.x && high + beyond <= shading.clear.y;
+    return low >= shading.clear.x && high <= shading.clear.y;
 }
 
 fn is_clear_batch(m: Means) -> bool {
@@ -198,6 +198,9 @@ fn larger(so_far: vec2f, means: vec3f, ray: Ray, z: f32) -> vec2f {
     if p.z < 0.0 {
         let u = clamp(-0.5 * p.y / p.z, part.x, part.y);
         largest = max(largest, p.x + (p.y + p.z * u) * u);
+    }
+    if is_clear(shading.clear.x, max(means.x, max(means.y, means.z))) {
+        largest = min(largest, shading.clear.y);
     }
     return vec2f(select(largest, max(largest, so_far.x), so_far.y > 0.0), 1.0);
 }

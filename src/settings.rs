@@ -67,7 +67,7 @@ pub enum Accumulation {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Interslice {
-    /// The parabola through the means of the sheet and its two neighbours, at four samples per voxel of thickness.
+    /// The parabola through the means of the sheet and its two neighbours, at eight samples per voxel of thickness.
     #[default]
     Parabola,
     /// The mean of the sheet, once. Historical: a narrow peak of the transfer function may fall between two sheets.
@@ -243,7 +243,7 @@ impl Settings {
     pub(crate) fn samples_per_sheet(&self) -> u32 {
         match self.interslice {
             Interslice::Mean => 1,
-            Interslice::Parabola => (4.0 * self.sheet_thickness).ceil().clamp(2.0, 64.0) as u32,
+            Interslice::Parabola => (8.0 * self.sheet_thickness).ceil().clamp(2.0, 64.0) as u32,
         }
     }
 

@@ -59,6 +59,8 @@ pub(crate) struct Plan {
     offset: DVec3,
     /// Depth of the middle of the lattice in front of the eye (perspective).
     eye_depth: f64,
+    /// View depth of the farthest voxel.
+    farthest: f64,
     /// Lattice axis of axis-aligned sheets.
     axis: Option<usize>,
     post_shaded: bool,
@@ -148,6 +150,7 @@ impl Plan {
             view,
             offset,
             eye_depth,
+            farthest: lattice_reach,
             axis,
             post_shaded,
             margin: 0,
@@ -163,13 +166,13 @@ impl Plan {
                 f64::INFINITY
             },
         };
-        if post_shaded {
-            plan.padding = plan.scalar_reach().padding;
-        }
         if settings.lighting.is_some() && post_shaded {
             // As far sideways as the sheets before and behind are away, for gradients that err alike in all directions.
             let pixel = plan.pixels().0[0] * if plan.is_perspective() { eye_depth.max(sheet_step) } else { 1.0 };
             plan.margin = (sheet_step / pixel).round().clamp(1.0, MAX_MARGIN) as u32;
+        }
+        if post_shaded {
+            plan.padding = plan.scalar_reach().padding;
         }
         plan
     }
@@ -190,8 +193,17 @@ impl Plan {
         }
         let sheet = self.sheet_step * longest;
         let radius = self.radius * self.growths[1];
-        // A mean is taken in over a sheet and both its neighbours, any of which may lie beyond the volume's faces.
-        Reach { padding: (radius + 2.0 * sheet).ceil() as u32, influence: (2.0 * radius + 3.0 * sheet).ceil() as u32 }
+        // What gradients reach sideways, at the far end of the volume.
+        let depth = if self.is_perspective() { self.eye_depth + self.farthest } else { 1.0 };
+        let pixel =
+            scale[0] * depth * (rotation * self.camera.right).length().max((rotation * self.camera.up).length());
+        let sideways = f64::from(self.margin) * pixel;
+        // A sheet is classified by its mean and those of its neighbours, any of which may lie beyond the faces; two
+        // voxels may take part at opposite ends of that.
+        Reach {
+            padding: (radius + 2.0 * sheet).ceil() as u32,
+            influence: (2.0 * radius + 3.0 * sheet + sideways).ceil() as u32,
+        }
     }
 
     /// View depth of the first plane of a sheet.

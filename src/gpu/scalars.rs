@@ -127,13 +127,11 @@ impl Bricks {
 
 /// Whether nothing shows where the field is made of voxels in a range about the base.
 fn is_hidden(transfer: &TransferFunction, shows: Shows, base: f64, magnification: f64, range: [f64; 2]) -> bool {
-    // Sums of kernels, then the parabola through means, which leaves their range by a sixth of it on either side.
-    let low = range[0].min(0.0) * magnification;
-    let high = range[1].max(0.0) * magnification;
-    let beyond = (high - low) / 6.0;
+    let low = base + range[0].min(0.0) * magnification;
+    let high = base + range[1].max(0.0) * magnification;
     match shows {
-        Shows::Opaque => transfer.is_clear([base + low - beyond, base + high + beyond]),
-        Shows::Largest => transfer.is_clear([f64::NEG_INFINITY, base + high + beyond]),
+        Shows::Opaque => transfer.is_clear([low, high]),
+        Shows::Largest => transfer.is_clear([f64::NEG_INFINITY, high]),
     }
 }
 

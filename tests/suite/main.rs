@@ -7,6 +7,7 @@
     reason = "a failing helper fails its test; the lints' own exemption covers test functions only"
 )]
 
+mod algorithms;
 mod cli;
 mod golden;
 mod presets;

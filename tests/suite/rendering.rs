@@ -23,34 +23,34 @@ pub(crate) fn demo(name: &str, size: u32) -> (Volume, TransferFunction) {
 }
 
 /// Nothing that is allowed to change a picture.
-fn f32_settings(size: u32) -> Settings {
+pub(crate) fn f32_settings(size: u32) -> Settings {
     Settings { size: [size; 2], precision: Some(Precision::F32), termination: 0.0, ..Settings::default() }
 }
 
-fn camera(azimuth: f64, projection: ProjectionKind, volume: &Volume, size: [u32; 2]) -> Camera {
+pub(crate) fn camera(azimuth: f64, projection: ProjectionKind, volume: &Volume, size: [u32; 2]) -> Camera {
     let view = View { azimuth, elevation: 25.0, projection, ..View::default() };
     Camera::new(&view, volume.grid(), size).unwrap()
 }
 
-fn render(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Image {
+pub(crate) fn render(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Image {
     let scene = RENDERER.prepare(volume, transfer, settings, &|_| ()).unwrap();
     RENDERER.render(&scene, camera, settings).unwrap().image
 }
 
-fn truth(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Image {
+pub(crate) fn truth(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Image {
     reference::Scene::new(volume, transfer, settings)
         .and_then(|scene| scene.render(camera, settings.size, &|_| ()))
         .unwrap()
 }
 
 /// Largest errors of colour and of alpha.
-fn errors(a: &Image, b: &Image) -> (f64, f64) {
+pub(crate) fn errors(a: &Image, b: &Image) -> (f64, f64) {
     let c = compare(a, b, 0.0).unwrap();
     let [r, g, b, alpha] = c.max_channel;
     (r.max(g).max(b), alpha)
 }
 
-const PERSPECTIVE: ProjectionKind = ProjectionKind::Perspective { fov: 40.0 };
+pub(crate) const PERSPECTIVE: ProjectionKind = ProjectionKind::Perspective { fov: 40.0 };
 
 #[test]
 fn alpha_is_exact_at_every_thickness_and_colour_converges() {
