@@ -5,11 +5,13 @@
 
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::image::{Background, Image};
 use voxsplat::kernel::Kernel;
+use voxsplat::lighting::{Light, Lighting};
 use voxsplat::report::{compare, difference_picture};
-use voxsplat::settings::{Precision, Settings};
+use voxsplat::settings::{Accumulation, Model, Precision, Settings, Shading, Sheets};
 
 use crate::rendering::{RENDERER, demo};
 
@@ -87,11 +89,68 @@ fn golden_kaiser_bessel() {
 
 #[test]
 fn golden_roll_zoom_and_target() {
-    let view = View { roll: 30.0, zoom: 2.5, target: Some(glam::DVec3::new(4.0, 0.0, -5.0)), ..turned(10.0, 5.0) };
+    let view = View { roll: 30.0, zoom: 2.5, target: Some(DVec3::new(4.0, 0.0, -5.0)), ..turned(10.0, 5.0) };
     check("roll_zoom_target", "vessels", view, Settings::default());
 }
 
 #[test]
 fn golden_thick_sheets() {
     check("thick_sheets", "sphere", turned(60.0, 20.0), Settings { sheet_thickness: 6.0, ..Settings::default() });
+}
+
+#[test]
+fn golden_axis_aligned_sheets() {
+    let settings = Settings { sheets: Sheets::Axis, sheet_thickness: 1.0, ..Settings::default() };
+    check("axis", "marschner-lobb", turned(44.0, 20.0), settings);
+}
+
+#[test]
+fn golden_added_opacities() {
+    let settings = Settings { accumulation: Accumulation::Additive, sheets: Sheets::Axis, ..Settings::default() };
+    check("additive", "marschner-lobb", turned(46.0, 20.0), settings);
+}
+
+#[test]
+fn golden_lit_voxels() {
+    let settings = Settings { lighting: Some(lights()), ..Settings::default() };
+    check("lit", "vessels", turned(30.0, 15.0), settings);
+}
+
+#[test]
+fn golden_post_shading() {
+    check("post", "shell", turned(30.0, 20.0), Settings { shading: Shading::Post, ..Settings::default() });
+}
+
+#[test]
+fn golden_post_shaded_light_in_perspective() {
+    let view = View { projection: ProjectionKind::Perspective { fov: 50.0 }, ..turned(30.0, 15.0) };
+    let settings = Settings { shading: Shading::Post, lighting: Some(lights()), ..Settings::default() };
+    check("post_lit", "sphere", view, settings);
+}
+
+#[test]
+fn golden_xray() {
+    check("xray", "shepp-logan", turned(20.0, 15.0), Settings { model: Model::Xray, ..Settings::default() });
+}
+
+#[test]
+fn golden_maximum_intensity() {
+    check("mip", "shepp-logan", turned(30.0, 15.0), Settings { model: Model::Mip, ..Settings::default() });
+}
+
+#[test]
+fn golden_minified() {
+    // Four voxels to a pixel.
+    check("minified", "vessels", View { zoom: 0.3, ..turned(30.0, 15.0) }, Settings::default());
+}
+
+#[test]
+fn golden_eye_inside_the_volume() {
+    let projection = ProjectionKind::Perspective { fov: 80.0 };
+    let view = View { projection, distance: Some(6.0), ..turned(30.0, 10.0) };
+    check("inside", "vessels", view, Settings { lighting: Some(lights()), ..Settings::default() });
+}
+
+fn lights() -> Lighting {
+    Lighting { lights: vec![Light::Headlight, Light::Directional(DVec3::new(1.0, -0.5, 1.0))], ..Lighting::default() }
 }
