@@ -268,7 +268,7 @@ impl Plan {
         let depth = if self.is_perspective() { self.eye_depth.max(self.sheet_step) } else { 1.0 };
         let world = self.radius * self.growth.at(self.eye_depth) * self.view[0].length().max(self.view[1].length());
         let half = world / (self.pixels().0[0] * depth);
-        half.log2().floor().exp2().clamp(8.0, 64.0) as u32
+        (half / 2.0).log2().floor().exp2().clamp(4.0, 64.0) as u32
     }
 
     /// Tiles across and down a region with its margin.

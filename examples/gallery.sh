@@ -1,0 +1,30 @@
+#!/bin/sh
+# Renders the pictures of the README's gallery into docs/.
+set -e
+cd "$(dirname "$0")/.."
+cargo build --release --locked
+
+picture() {
+    name=$1
+    shift
+    target/release/voxsplat render "$@" -o "docs/$name.png" --size "${pixels:-320}"
+}
+
+surface="--transfer examples/surface.json --light headlight --azimuth 30 --elevation 45"
+# shellcheck disable=SC2086
+picture lit-voxels demo:marschner-lobb:96 $surface
+# shellcheck disable=SC2086
+picture post-lit demo:marschner-lobb:96 $surface --shading post
+picture narrow-pre demo:shell:96 --azimuth 30 --elevation 20
+picture narrow-post demo:shell:96 --azimuth 30 --elevation 20 --shading post
+picture xray demo:shepp-logan:160 --model xray --azimuth 20 --elevation 10 --zoom 1.3
+picture mip demo:vessels:160 --model mip --kernel kaiser-bessel --transfer inferno --azimuth 30 --elevation 10
+picture axis demo:marschner-lobb:48 --sheets axis --azimuth 44.8 --elevation 20
+picture additive demo:marschner-lobb:48 --sheets axis --accumulate additive --azimuth 44.9 --elevation 20
+picture additive-after demo:marschner-lobb:48 --sheets axis --accumulate additive --azimuth 45.1 --elevation 20
+target/release/voxsplat compare docs/additive.png docs/additive-after.png --tolerance 1 --difference docs/pop.png
+rm docs/additive-after.png
+picture inside demo:vessels:192 --light 40,50 --light headlight --projection perspective --fov 70 --distance 30 \
+    --target 0,0,20
+pixels=40 picture minified demo:vessels:256 --light headlight --azimuth 30 --elevation 10
+pixels=40 picture aliased demo:vessels:256 --light headlight --azimuth 30 --elevation 10 --antialiasing off
