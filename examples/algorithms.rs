@@ -1,6 +1,6 @@
 //! What docs/algorithms.md states, measured: `cargo run --release --example algorithms [SECTION [FILE...]]`.
 //!
-//! Sections: thickness (also writes docs/thickness.svg), post, peak, gradients, minification, rim; termination and shading need
+//! Sections: thickness (also writes docs/thickness.svg), post, peak, gradients, minification, rim; termination, which needs
 //! the scans to measure on. Without a section, all that need no file.
 
 #![allow(clippy::print_stdout, reason = "printing its tables is what this program is for")]
@@ -22,6 +22,8 @@ use voxsplat::transfer::{ControlPoint, TransferFunction, presets};
 use voxsplat::volume::{Grid, LoadOptions, Samples, Statistics, Volume, demo_transfer, load};
 
 type Outcome<T = ()> = Result<T, Box<dyn Error>>;
+/// A section and its name.
+type Section = (&'static str, fn(&Renderer) -> Outcome);
 
 /// Nothing that is allowed to change a picture.
 fn exact(size: u32) -> Settings {
@@ -262,7 +264,7 @@ fn termination(renderer: &Renderer, files: &[String]) -> Outcome {
     for file in files {
         let volume = load(file, &LoadOptions::default())?;
         let statistics = Statistics::of(&volume);
-        let suggested = presets::preset(&presets::suggest(&volume, &statistics).name, &statistics)?;
+        let suggested = presets::preset(presets::suggest(&volume, &statistics).name, &statistics)?;
         for denser in [1, 16] {
             let point = |p: &ControlPoint| ControlPoint { opacity: 1.0 - (1.0 - p.opacity).powi(denser), ..*p };
             let points = suggested.points().iter().map(point).collect();
@@ -380,7 +382,7 @@ fn main() -> Outcome {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let renderer = Renderer::new(&RendererOptions::default())?;
     let section = arguments.first().map(String::as_str);
-    let sections: [(&str, fn(&Renderer) -> Outcome); 6] = [
+    let sections: [Section; 6] = [
         ("thickness", thickness),
         ("post", post),
         ("peak", peak),

@@ -45,7 +45,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         Some(transfer) => transfer,
         None => {
             let statistics = Statistics::of(&volume);
-            presets::preset(&presets::suggest(&volume, &statistics).name, &statistics)?
+            presets::preset(presets::suggest(&volume, &statistics).name, &statistics)?
         }
     };
     let settings = Settings { size: [pixels; 2], termination: 0.0, ..Settings::default() };

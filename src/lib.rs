@@ -45,6 +45,7 @@ pub mod output;
 pub mod reference;
 pub mod renderer;
 pub mod report;
+mod scene;
 pub mod settings;
 pub mod stats;
 pub mod transfer;

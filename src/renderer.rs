@@ -1,4 +1,4 @@
-//! Renderer (a device), Scene (a volume prepared on it), and pictures.
+//! Renderer (a device), what it prepares (a scene), and pictures.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -8,18 +8,18 @@ use crate::error::{Error, Result};
 use crate::gpu::classify::{Classifier, Store};
 pub use crate::gpu::context::AdapterInfo;
 use crate::gpu::context::{self, Context};
-use crate::gpu::plan::{Plan, Region, Subject, Target};
-use crate::gpu::quads::{Drawn, Feed, Inputs, Quads, QuadsKey, TransferTable, footprint_texture};
-use crate::gpu::scalars::{self, Emitted, Reach, Shows};
+use crate::gpu::plan::{Plan, Region, Target};
+use crate::gpu::quads::{Drawn, Feed, Inputs, Quads, QuadsKey, footprint_texture};
 use crate::gpu::scan::Scan;
 use crate::gpu::sort::{SortKey, Sorter};
 use crate::gpu::timing::{Timing, on_host};
 use crate::image::Image;
-use crate::kernel::{FootprintTable, Kernel, Normalization};
+use crate::kernel::FootprintTable;
+pub use crate::scene::Scene;
 use crate::settings::{Accumulation, Model, Precision, Settings};
 use crate::stats::{Clock, StageTime, Stats};
 use crate::transfer::TransferFunction;
-use crate::volume::{Grid, Volume};
+use crate::volume::Volume;
 
 /// How a renderer is made.
 #[derive(Debug, Clone, Default)]
@@ -41,92 +41,6 @@ pub struct Renderer {
     classifier: OnceLock<Classifier>,
     sorters: Mutex<HashMap<SortKey, Arc<Sorter>>>,
     quads: Mutex<HashMap<QuadsKey, Arc<Quads>>>,
-}
-
-/// A volume prepared on the device of the renderer that prepared it.
-pub struct Scene {
-    content: Content,
-    grid: Grid,
-    subject: Subject,
-    seconds: f64,
-}
-
-/// What is on the device.
-enum Content {
-    /// Classified voxels, lit or not.
-    Splats { stores: Vec<Store>, lit: bool },
-    /// Scalars, classified when they have been reconstructed.
-    Scalars(Scalars),
-}
-
-/// A volume as post-shading draws it.
-struct Scalars {
-    volume: Volume,
-    transfer: TransferFunction,
-    shows: Shows,
-    table: TransferTable,
-    /// The splats of the picture before, drawn again where nothing asks for others.
-    emitted: Mutex<Option<(ScalarsKey, Arc<Emitted>)>>,
-}
-
-/// What splats of scalars depend on besides volume and transfer function.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct ScalarsKey {
-    kernel: Kernel,
-    normalization: Normalization,
-    reach: Reach,
-}
-
-/// The splats of one picture.
-enum Drawable<'a> {
-    Splats(&'a [Store]),
-    Scalars(Arc<Emitted>),
-}
-
-impl Drawable<'_> {
-    fn stores(&self) -> &[Store] {
-        match self {
-            Self::Splats(stores) => stores,
-            Self::Scalars(emitted) => &emitted.stores,
-        }
-    }
-
-    fn splats(&self) -> u64 {
-        self.stores().iter().map(|s| u64::from(s.count)).sum()
-    }
-
-    /// Those that are voxels of the volume.
-    fn voxels(&self) -> u64 {
-        match self {
-            Self::Splats(_) => self.splats(),
-            Self::Scalars(emitted) => emitted.voxels,
-        }
-    }
-
-    fn bytes(&self) -> u64 {
-        self.stores().iter().map(|s| s.splats.size() + s.normals.as_ref().map_or(0, wgpu::Buffer::size)).sum()
-    }
-}
-
-impl Scene {
-    /// Whether the scene holds what pictures of these settings need.
-    fn check(&self, settings: &Settings) -> Result<()> {
-        let error = |name, what: &str| {
-            let reason = format!("the scene was prepared {what}: prepare it with the settings it is rendered with");
-            Err(Error::Setting { name, reason })
-        };
-        match &self.content {
-            Content::Splats { .. } if settings.is_post_shaded() => error("shading", "for pre-shading"),
-            Content::Splats { lit: false, .. } if settings.lighting.is_some() => error("light", "without light"),
-            Content::Scalars(_) if !settings.is_post_shaded() => error("shading", "for post-shading"),
-            Content::Scalars(scalars) if scalars.shows != shows(settings) => error("model", "for another model"),
-            _ => Ok(()),
-        }
-    }
-}
-
-fn shows(settings: &Settings) -> Shows {
-    if settings.model == Model::Mip { Shows::Largest } else { Shows::Opaque }
 }
 
 /// A picture and what it took.
@@ -163,8 +77,8 @@ impl Renderer {
     /// is light. Voxels that cannot show are dropped. `progress` is told the fraction done.
     ///
     /// # Errors
-    /// [`Error::Setting`] where a setting is out of range; [`Error::Volume`] where a sample is NaN or infinite; [`Error::OutOfMemory`], [`Error::Device`] and
-    /// [`Error::Unsupported`] where the device fails or is too small.
+    /// [`Error::Setting`] where a setting is out of range; [`Error::Volume`] where a sample is NaN or infinite;
+    /// [`Error::OutOfMemory`], [`Error::Device`] and [`Error::Unsupported`] where the device fails or is too small.
     pub fn prepare(
         &self,
         volume: &Volume,
@@ -174,93 +88,28 @@ impl Renderer {
     ) -> Result<Scene> {
         settings.validate()?;
         volume.check_finite()?;
-        let (content, seconds) = on_host(|| {
-            self.context.guarded("classifying the volume", || {
-                if settings.is_post_shaded() {
-                    return Ok(Content::Scalars(self.scalars(volume, transfer, settings)));
-                }
-                let lit = settings.lighting.is_some();
-                let scan = self.scan.get_or_init(|| Scan::new(&self.context));
-                let classifier = self.classifier.get_or_init(|| Classifier::new(&self.context));
-                let stores = classifier.run(&self.context, scan, volume, transfer, lit, progress)?;
-                Ok(Content::Splats { stores, lit })
+        let context = &self.context;
+        if settings.is_post_shaded() {
+            let prepare = || Ok(Scene::of_scalars(context, volume, transfer, settings));
+            return context.guarded("preparing the volume", prepare);
+        }
+        let lit = settings.lighting.is_some();
+        let (stores, seconds) = on_host(|| {
+            context.guarded("classifying the volume", || {
+                let scan = self.scan.get_or_init(|| Scan::new(context));
+                let classifier = self.classifier.get_or_init(|| Classifier::new(context));
+                classifier.run(context, scan, volume, transfer, lit, progress)
             })
         });
-        let subject = if settings.is_post_shaded() {
-            Subject { max_weight: scalars::largest(volume, transfer), unit: 1.0 }
-        } else {
-            Subject {
-                max_weight: TransferFunction::extinction(transfer.max_opacity(), 1.0),
-                unit: transfer.unit_or(volume.grid().min_spacing()),
-            }
-        };
-        Ok(Scene { content: content?, grid: *volume.grid(), subject, seconds })
-    }
-
-    /// What of post-shading does not depend on the camera.
-    fn scalars(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Scalars {
-        let shows = shows(settings);
-        let base = transfer.base();
-        let points = transfer.points();
-        let (first, last) = (points[0].value, points[points.len() - 1].value);
-        let unit = transfer.unit_or(volume.grid().min_spacing());
-        let rows = f64::from(TRANSFER_ROWS - 1);
-        let values: Vec<f32> = (0..TRANSFER_ROWS)
-            .flat_map(|row| {
-                let (color, opacity) = transfer.sample(first + (last - first) * f64::from(row) / rows);
-                let alpha = match shows {
-                    Shows::Opaque => TransferFunction::extinction(opacity, unit),
-                    Shows::Largest => opacity / transfer.max_opacity().max(f64::MIN_POSITIVE),
-                };
-                [color[0], color[1], color[2], alpha].map(|c| c as f32)
-            })
-            .collect();
-        let scale = if last > first { rows / (last - first) } else { 0.0 };
-        let clear = transfer.clear_around(base).map_or([1.0, -1.0], |ends| ends.map(|v| (v - base) as f32));
-        Scalars {
-            volume: volume.clone(),
-            transfer: transfer.clone(),
-            shows,
-            table: TransferTable {
-                texture: self.context.float_texture("shade.transfer", [TRANSFER_ROWS, 1], &values),
-                clear,
-                lookup: [scale as f32, ((base - first) * scale) as f32],
-            },
-            emitted: Mutex::new(None),
-        }
-    }
-
-    /// The splats that a picture is made of, and the seconds it took to make those that the scene did not hold.
-    fn drawable<'a>(&self, scene: &'a Scene, plan: &Plan, settings: &Settings) -> Result<(Drawable<'a>, f64)> {
-        let scalars = match &scene.content {
-            Content::Splats { stores, .. } => return Ok((Drawable::Splats(stores), 0.0)),
-            Content::Scalars(scalars) => scalars,
-        };
-        let key =
-            ScalarsKey { kernel: settings.kernel, normalization: settings.normalization, reach: plan.scalar_reach() };
-        let mut held = scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((of, emitted)) = held.as_ref()
-            && *of == key
-        {
-            return Ok((Drawable::Scalars(Arc::clone(emitted)), 0.0));
-        }
-        let (emitted, seconds) = on_host(|| {
-            self.context.guarded("emitting scalars", || {
-                let Scalars { volume, transfer, shows, .. } = scalars;
-                let ScalarsKey { kernel, normalization, reach } = &key;
-                scalars::emit(&self.context, volume, transfer, kernel, *normalization, *shows, *reach)
-            })
-        });
-        let emitted = Arc::new(emitted?);
-        *held = Some((key, Arc::clone(&emitted)));
-        Ok((Drawable::Scalars(emitted), seconds))
+        Ok(Scene::of_splats(stores?, lit, volume, transfer, seconds))
     }
 
     /// Renders a picture of a scene that this renderer prepared.
     ///
     /// # Errors
     /// [`Error::Setting`] where a setting is out of range or the scene was prepared for other ones;
-    /// [`Error::Unsupported`] where the adapter cannot do what is asked; [`Error::OutOfMemory`] and [`Error::Device`] where the device fails. There is never a picture then.
+    /// [`Error::Unsupported`] where the adapter cannot do what is asked; [`Error::OutOfMemory`] and [`Error::Device`] where
+    /// the device fails. There is never a picture then.
     pub fn render(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
         settings.validate()?;
         scene.check(settings)?;
@@ -280,8 +129,8 @@ impl Renderer {
             Model::Composite => Feed::Colors,
         };
         let sheets_per_pass = self.sheets_per_pass(settings, feed, precision)?;
-        let plan = Plan::new(camera, &scene.grid, settings, scene.subject);
-        let (drawable, seconds) = self.drawable(scene, &plan, settings)?;
+        let plan = Plan::new(camera, scene.grid(), settings, scene.subject());
+        let (drawable, seconds) = scene.drawable(&self.context, &plan, settings)?;
         let mut stages = vec![host_stage("classify", scene.seconds + seconds)];
         let key = QuadsKey {
             feed,
@@ -316,10 +165,7 @@ impl Renderer {
                     let inputs = Inputs {
                         footprint: &footprint_texture(&self.context, &table),
                         lighting: settings.lighting.as_ref().map(|l| plan.lighting(l)).unwrap_or_default(),
-                        transfer: match &scene.content {
-                            Content::Splats { .. } => None,
-                            Content::Scalars(scalars) => Some(&scalars.table),
-                        },
+                        transfer: scene.table(),
                     };
                     for region in self.regions(reach, key) {
                         covered += u64::from(region.width) * u64::from(region.height);
@@ -358,9 +204,9 @@ impl Renderer {
             precision,
             size: settings.size,
             pixels_covered: covered,
-            voxels: scene.grid.len(),
+            voxels: scene.grid().len(),
             splats_kept,
-            splats_dropped: scene.grid.len() - splats_kept,
+            splats_dropped: scene.grid().len() - splats_kept,
             splats_padding: splats - splats_kept,
             sheets: plan.sheets(),
             sheet_thickness: plan.sheet_step(),
@@ -463,9 +309,6 @@ fn made<K: Eq + std::hash::Hash, V>(cache: &Mutex<HashMap<K, Arc<V>>>, key: K, m
     let mut cache = cache.lock().unwrap_or_else(PoisonError::into_inner);
     Arc::clone(cache.entry(key).or_insert_with(|| Arc::new(make())))
 }
-
-/// Steps of a transfer function's table.
-const TRANSFER_ROWS: u32 = 4096;
 
 /// The most memory that the sheets of a pass take; larger pictures are made in parts.
 const MAX_SHEET_BYTES: u64 = 256 << 20;

@@ -80,6 +80,12 @@ impl TransferFunction {
         &self.points
     }
 
+    /// The values of the first and the last control point.
+    #[must_use]
+    pub fn range(&self) -> [f64; 2] {
+        [self.points[0].value, self.points[self.points.len() - 1].value]
+    }
+
     /// The distance that opacities are meant for, where the function states one.
     #[must_use]
     pub fn unit_distance(&self) -> Option<f64> {

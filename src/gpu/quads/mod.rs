@@ -18,7 +18,7 @@ use super::layout::Lighting;
 use super::plan::Target;
 use super::sort::Span;
 use super::timing::Timing;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::settings::Precision;
 
 /// What sheets hold, and what becomes of them.
@@ -186,17 +186,9 @@ impl Quads {
         let termination =
             self.terminator.as_ref().map(|t| t.bind(context, target, &pixels, spans, batches)).transpose()?;
         let has_splats = (0..batches).map(|b| quads_of(b) > 0).collect();
-        let into_frame = match (&self.consumer, inputs.transfer) {
-            (Consumer::Composite(stage), _) => stage.bind(context, target, &sheets[0], &pixels, has_splats),
-            (Consumer::Shading(stage), Some(table)) => {
-                stage.bind(context, target, inputs.lighting, table, &sheets, &pixels, has_splats)?
-            }
-            (Consumer::Shading(_), None) => {
-                return Err(Error::Device {
-                    stage: "shade".to_owned(),
-                    reason: "there is no transfer function to classify by".to_owned(),
-                });
-            }
+        let into_frame = match &self.consumer {
+            Consumer::Composite(stage) => stage.bind(context, target, &sheets[0], &pixels, has_splats),
+            Consumer::Shading(stage) => stage.bind(context, target, inputs, &sheets, &pixels, has_splats)?,
         };
         let mut encoder = context.device.create_command_encoder(&Default::default());
         for batch in 0..batches {

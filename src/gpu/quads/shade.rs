@@ -1,14 +1,14 @@
 //! shade: sheets of scalars into the frame, classified and lit per pixel; or their largest value.
 
 use super::super::context::Context;
-use super::super::layout::{Lighting, Shade};
+use super::super::layout::Shade;
 use super::super::pipeline::{Slot, bind, compute, layout, module};
 use super::super::plan::Target;
 use super::super::shaders;
 use super::super::timing::Timing;
 use super::splat::Sheets;
-use super::{Feed, IntoFrame, QuadsKey, Slots, TransferTable, dispatch};
-use crate::error::Result;
+use super::{Feed, Inputs, IntoFrame, QuadsKey, Slots, dispatch};
+use crate::error::{Error, Result};
 
 /// The pipelines.
 pub(super) struct Shading {
@@ -71,12 +71,15 @@ impl Shading {
         &'a self,
         context: &Context,
         target: Target<'_>,
-        lighting: Lighting,
-        table: &TransferTable,
+        inputs: &Inputs<'_>,
         sheets: &[Sheets],
         pixels: &wgpu::Buffer,
         mut drawn: Vec<bool>,
     ) -> Result<Box<dyn IntoFrame + 'a>> {
+        let Some(table) = inputs.transfer else {
+            let reason = "there is no transfer function to classify by".to_owned();
+            return Err(Error::Device { stage: "shade".to_owned(), reason });
+        };
         drawn.push(false);
         let parameters: Vec<_> = (0..drawn.len() as u32)
             .map(|batch| Shade {
@@ -90,7 +93,8 @@ impl Shading {
             })
             .collect();
         let batches = Slots::new(context, "shade.batches", &parameters)?;
-        let lighting = context.upload("shade.lighting", bytemuck::bytes_of(&lighting), wgpu::BufferUsages::UNIFORM)?;
+        let lighting =
+            context.upload("shade.lighting", bytemuck::bytes_of(&inputs.lighting), wgpu::BufferUsages::UNIFORM)?;
         let frame = target.frame.as_entire_binding();
         let view = wgpu::BindingResource::TextureView;
         let group = |parity: usize| {

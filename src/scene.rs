@@ -1,0 +1,210 @@
+//! A volume prepared on a device.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::error::{Error, Result};
+use crate::gpu::classify::Store;
+use crate::gpu::context::Context;
+use crate::gpu::plan::{Plan, Subject};
+use crate::gpu::quads::TransferTable;
+use crate::gpu::scalars::{self, Emitted, Reach, Shows};
+use crate::gpu::timing::on_host;
+use crate::kernel::{Kernel, Normalization};
+use crate::settings::{Model, Settings};
+use crate::transfer::TransferFunction;
+use crate::volume::{Grid, Volume};
+
+/// A volume prepared on the device of the [`Renderer`](crate::renderer::Renderer) that prepared it.
+pub struct Scene {
+    content: Content,
+    grid: Grid,
+    subject: Subject,
+    /// Seconds that it took to prepare.
+    pub(crate) seconds: f64,
+}
+
+/// What is on the device.
+enum Content {
+    /// Classified voxels, lit or not.
+    Splats { stores: Vec<Store>, lit: bool },
+    /// Scalars, classified when they have been reconstructed.
+    Scalars(Box<Scalars>),
+}
+
+/// A volume as post-shading draws it.
+struct Scalars {
+    volume: Volume,
+    transfer: TransferFunction,
+    shows: Shows,
+    table: TransferTable,
+    /// The splats of the picture before, drawn again where nothing asks for others.
+    emitted: Mutex<Option<(Asked, Arc<Emitted>)>>,
+}
+
+/// What splats of scalars depend on besides volume and transfer function.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Asked {
+    kernel: Kernel,
+    normalization: Normalization,
+    reach: Reach,
+}
+
+/// The splats of one picture.
+pub(crate) enum Drawable<'a> {
+    Splats(&'a [Store]),
+    Scalars(Arc<Emitted>),
+}
+
+/// Steps of a transfer function's table.
+const TABLE_STEPS: u32 = 4096;
+
+fn shows(settings: &Settings) -> Shows {
+    if settings.model == Model::Mip { Shows::Largest } else { Shows::Opaque }
+}
+
+impl Scene {
+    /// A scene of classified voxels.
+    pub(crate) fn of_splats(
+        stores: Vec<Store>,
+        lit: bool,
+        volume: &Volume,
+        transfer: &TransferFunction,
+        seconds: f64,
+    ) -> Self {
+        let subject = Subject {
+            max_weight: TransferFunction::extinction(transfer.max_opacity(), 1.0),
+            unit: transfer.unit_or(volume.grid().min_spacing()),
+        };
+        Self { content: Content::Splats { stores, lit }, grid: *volume.grid(), subject, seconds }
+    }
+
+    /// A scene of scalars: all of post-shading that does not depend on the camera.
+    pub(crate) fn of_scalars(
+        context: &Context,
+        volume: &Volume,
+        transfer: &TransferFunction,
+        settings: &Settings,
+    ) -> Self {
+        let shows = shows(settings);
+        let scalars = Scalars {
+            volume: volume.clone(),
+            transfer: transfer.clone(),
+            shows,
+            table: table(context, transfer, shows, transfer.unit_or(volume.grid().min_spacing())),
+            emitted: Mutex::new(None),
+        };
+        let (max_weight, seconds) = on_host(|| scalars::largest(volume, transfer));
+        Self {
+            content: Content::Scalars(Box::new(scalars)),
+            grid: *volume.grid(),
+            subject: Subject { max_weight, unit: 1.0 },
+            seconds,
+        }
+    }
+
+    pub(crate) fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    pub(crate) fn subject(&self) -> Subject {
+        self.subject
+    }
+
+    /// What scalars are classified by.
+    pub(crate) fn table(&self) -> Option<&TransferTable> {
+        match &self.content {
+            Content::Splats { .. } => None,
+            Content::Scalars(scalars) => Some(&scalars.table),
+        }
+    }
+
+    /// Whether the scene holds what pictures of these settings need.
+    pub(crate) fn check(&self, settings: &Settings) -> Result<()> {
+        let error = |name, what: &str| {
+            let reason = format!("the scene was prepared {what}: prepare it with the settings it is rendered with");
+            Err(Error::Setting { name, reason })
+        };
+        match &self.content {
+            Content::Splats { .. } if settings.is_post_shaded() => error("shading", "for pre-shading"),
+            Content::Splats { lit: false, .. } if settings.lighting.is_some() => error("light", "without light"),
+            Content::Scalars(_) if !settings.is_post_shaded() => error("shading", "for post-shading"),
+            Content::Scalars(scalars) if scalars.shows != shows(settings) => error("model", "for another model"),
+            _ => Ok(()),
+        }
+    }
+
+    /// The splats that a picture is made of, and the seconds it took to make those that the scene did not hold.
+    pub(crate) fn drawable(&self, context: &Context, plan: &Plan, settings: &Settings) -> Result<(Drawable<'_>, f64)> {
+        let scalars = match &self.content {
+            Content::Splats { stores, .. } => return Ok((Drawable::Splats(stores), 0.0)),
+            Content::Scalars(scalars) => scalars,
+        };
+        let asked =
+            Asked { kernel: settings.kernel, normalization: settings.normalization, reach: plan.scalar_reach() };
+        let mut held = scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, emitted)) = held.as_ref()
+            && *of == asked
+        {
+            return Ok((Drawable::Scalars(Arc::clone(emitted)), 0.0));
+        }
+        let (emitted, seconds) = on_host(|| {
+            context.guarded("emitting scalars", || {
+                let Scalars { volume, transfer, shows, .. } = scalars.as_ref();
+                let Asked { kernel, normalization, reach } = &asked;
+                scalars::emit(context, volume, transfer, kernel, *normalization, *shows, *reach)
+            })
+        });
+        let emitted = Arc::new(emitted?);
+        *held = Some((asked, Arc::clone(&emitted)));
+        Ok((Drawable::Scalars(emitted), seconds))
+    }
+}
+
+impl Drawable<'_> {
+    pub(crate) fn stores(&self) -> &[Store] {
+        match self {
+            Self::Splats(stores) => stores,
+            Self::Scalars(emitted) => &emitted.stores,
+        }
+    }
+
+    pub(crate) fn splats(&self) -> u64 {
+        self.stores().iter().map(|s| u64::from(s.count)).sum()
+    }
+
+    /// Those that are voxels of the volume.
+    pub(crate) fn voxels(&self) -> u64 {
+        match self {
+            Self::Splats(_) => self.splats(),
+            Self::Scalars(emitted) => emitted.voxels,
+        }
+    }
+
+    /// Bytes on the device.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.stores().iter().map(|s| s.splats.size() + s.normals.as_ref().map_or(0, wgpu::Buffer::size)).sum()
+    }
+}
+
+/// The transfer function at equal steps from its first point to its last: colour, and what is asked of its opacity.
+fn table(context: &Context, transfer: &TransferFunction, shows: Shows, unit: f64) -> TransferTable {
+    let base = transfer.base();
+    let [first, last] = transfer.range();
+    let steps = f64::from(TABLE_STEPS - 1);
+    let values: Vec<f32> = (0..TABLE_STEPS)
+        .flat_map(|step| {
+            let (color, opacity) = transfer.sample(first + (last - first) * f64::from(step) / steps);
+            let alpha = match shows {
+                Shows::Opaque => TransferFunction::extinction(opacity, unit),
+                Shows::Largest => opacity / transfer.max_opacity().max(f64::MIN_POSITIVE),
+            };
+            [color[0], color[1], color[2], alpha].map(|c| c as f32)
+        })
+        .collect();
+    let scale = if last > first { steps / (last - first) } else { 0.0 };
+    TransferTable {
+        texture: context.float_texture("shade.transfer", [TABLE_STEPS, 1], &values),
+        clear: transfer.clear_around(base).map_or([1.0, -1.0], |ends| ends.map(|v| (v - base) as f32)),
+        lookup: [scale as f32, ((base - first) * scale) as f32],
+    }
+}
