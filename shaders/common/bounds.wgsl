@@ -50,3 +50,18 @@ fn bounds(center: vec3f, growth: f32) -> vec4f {
     let y = bounds_along(frame.view_y, center.y, frame.view_z, z, frame.radius * growth);
     return vec4f(x.x, y.x, vec2f(x.y, y.y) + frame.quad_pad);
 }
+
+// Whether a support may reach into the pyramid of rays: false where it lies beyond one of its four sides, which are planes
+// through the eye.
+fn in_view(center: vec3f, growth: f32) -> bool {
+    let a = frame.pixel_offset;
+    let b = vec2f(frame.region) * frame.pixel_scale + frame.pixel_offset;
+    let low = min(a, b) - frame.quad_pad;
+    let high = max(a, b) + frame.quad_pad;
+    let z = center.z + frame.eye_depth;
+    let radius = frame.radius * growth;
+    return center.x - low.x * z >= -radius * length(frame.view_x - low.x * frame.view_z)
+        && high.x * z - center.x >= -radius * length(high.x * frame.view_z - frame.view_x)
+        && center.y - low.y * z >= -radius * length(frame.view_y - low.y * frame.view_z)
+        && high.y * z - center.y >= -radius * length(high.y * frame.view_z - frame.view_y);
+}
