@@ -263,7 +263,7 @@ fn termination(renderer: &Renderer, files: &[String]) -> Outcome {
     println!("|---|---|---|---|---|---|");
     for file in files {
         let volume = load(file, &LoadOptions::default())?;
-        let statistics = Statistics::of(&volume);
+        let statistics = Statistics::of(&volume)?;
         let suggested = presets::preset(presets::suggest(&volume, &statistics).name, &statistics)?;
         for denser in [1, 16] {
             let point = |p: &ControlPoint| ControlPoint { opacity: 1.0 - (1.0 - p.opacity).powi(denser), ..*p };

@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let transfer = match source.strip_prefix("demo:").and_then(demo_transfer) {
         Some(transfer) => transfer,
         None => {
-            let statistics = Statistics::of(&volume);
+            let statistics = Statistics::of(&volume)?;
             presets::preset(presets::suggest(&volume, &statistics).name, &statistics)?
         }
     };

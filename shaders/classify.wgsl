@@ -1,34 +1,26 @@
-// classify: voxels to splats. Each invocation owns a run of RUN consecutive voxels: `count` counts the visible ones,
-// a scan turns counts into places, `emit` writes the splats there. Without atomics the order of the splats is that of
-// the lattice, so the result does not depend on scheduling.
+// classify: voxels to splats, brick by brick. Each invocation owns a row of a brick: `count` counts its visible voxels, a
+// scan turns counts into places, `emit` writes the splats there. Without atomics the order of the splats is that of the
+// bricks and of the lattice in them, so the result does not depend on scheduling.
 
 // How a sample is stored: 0 u8, 1 i8, 2 u16, 3 i16, 4 f32.
 override SAMPLE_TYPE: u32 = 0u;
-// Whether splats get normals.
+// Whether splats get normals. Bricks come with a layer of their neighbours' voxels around them then.
 override LIT: bool = false;
-const RUN: u32 = 32u;
+// Voxels along the side of a brick.
+const EDGE: u32 = 32u;
 
 struct Classify {
     // Lattice size.
     dims: vec3u,
-    // Voxels in this chunk.
-    count: u32,
-    // Lattice point of the chunk's first voxel.
-    start: vec3u,
-    // Control points of the transfer function.
-    points: u32,
-    // Subtracted from a sample before it is compared with the control points.
-    sample_origin: f32,
-    // Splats of earlier chunks.
-    base: u32,
-    // Index among the samples of the chunk's first voxel, and of the voxels below and above it (wrapping where the
-    // volume has none): `samples` holds the chunk with a row on either side, then what is a plane before and behind.
-    before: u32,
-    below: u32,
+    // Bricks in this batch.
+    bricks: u32,
     // World gradients of the lattice coordinates.
     gradient_x: vec3f,
-    above: u32,
+    // Control points of the transfer function.
+    points: u32,
     gradient_y: vec3f,
+    // Subtracted from a sample before it is compared with the control points.
+    sample_origin: f32,
     gradient_z: vec3f,
 }
 
@@ -40,11 +32,14 @@ struct ControlPoint {
 }
 
 @group(0) @binding(0) var<uniform> classify: Classify;
+// Brick after brick, x fastest.
 @group(0) @binding(1) var<storage, read> samples: array<u32>;
 @group(0) @binding(2) var<storage, read> control_points: array<ControlPoint>;
 @group(0) @binding(3) var<storage, read_write> places: array<u32>;
 @group(0) @binding(4) var<storage, read_write> splats: array<Splat>;
 @group(0) @binding(5) var<storage, read_write> normals: array<u32>;
+// Lattice points of the first voxels of bricks.
+@group(0) @binding(6) var<storage, read> origins: array<vec4u>;
 
 fn sample_at(i: u32) -> f32 {
     if SAMPLE_TYPE == 4u {
@@ -95,35 +90,52 @@ fn density(opacity: f32) -> f32 {
     return -log(1.0 - a);
 }
 
-fn lattice_point(i: u32) -> vec3u {
-    let x = classify.start.x + i;
-    let y = classify.start.y + x / classify.dims.x;
-    return vec3u(x % classify.dims.x, y % classify.dims.y, classify.start.z + y / classify.dims.y);
+// Voxels along the side of a brick as it is stored.
+fn stored_edge() -> u32 {
+    return select(EDGE, EDGE + 2u, LIT);
 }
 
-// World gradient at voxel `i` of the chunk, in units of half a sample: central differences, an edge standing for what is
-// beyond it.
-fn gradient(i: u32, p: vec3u) -> vec3f {
-    let c = classify.before + i;
-    let low = p > vec3u(0u);
-    let high = p + 1u < classify.dims;
-    let row = classify.dims.x;
-    let x = sample_at(c + u32(high.x)) - sample_at(c - u32(low.x));
-    let y = sample_at(c + select(0u, row, high.y)) - sample_at(c - select(0u, row, low.y));
-    let z = sample_at(select(c, classify.above + i, high.z)) - sample_at(select(c, classify.below + i, low.z));
+// Where a row begins: its lattice point, the index of its first sample, and how many voxels of it are in the lattice.
+struct Row {
+    point: vec3u,
+    first: u32,
+    count: u32,
+}
+
+fn row_of(run: u32) -> Row {
+    let brick = run / (EDGE * EDGE);
+    let y = run % EDGE;
+    let z = run / EDGE % EDGE;
+    let point = origins[brick].xyz + vec3u(0u, y, z);
+    let edge = stored_edge();
+    let halo = u32(LIT);
+    let first = ((brick * edge + z + halo) * edge + y + halo) * edge + halo;
+    if any(point >= classify.dims) {
+        return Row(point, first, 0u);
+    }
+    return Row(point, first, min(EDGE, classify.dims.x - point.x));
+}
+
+// World gradient at a sample, in units of half a sample: central differences.
+fn gradient(i: u32) -> vec3f {
+    let row = stored_edge();
+    let plane = row * row;
+    let x = sample_at(i + 1u) - sample_at(i - 1u);
+    let y = sample_at(i + row) - sample_at(i - row);
+    let z = sample_at(i + plane) - sample_at(i - plane);
     return x * classify.gradient_x + y * classify.gradient_y + z * classify.gradient_z;
 }
 
 @compute @workgroup_size(WORKGROUP)
 fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let run = invocation_index(id, groups);
-    let first = run * RUN;
-    if first >= classify.count {
+    if run >= classify.bricks * EDGE * EDGE {
         return;
     }
+    let row = row_of(run);
     var visible = 0u;
-    for (var i = first; i < min(first + RUN, classify.count); i++) {
-        visible += u32(transfer(sample_at(classify.before + i) - classify.sample_origin).a > 0.0);
+    for (var i = 0u; i < row.count; i++) {
+        visible += u32(transfer(sample_at(row.first + i) - classify.sample_origin).a > 0.0);
     }
     places[run] = visible;
 }
@@ -131,19 +143,19 @@ fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) grou
 @compute @workgroup_size(WORKGROUP)
 fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let run = invocation_index(id, groups);
-    let first = run * RUN;
-    if first >= classify.count {
+    if run >= classify.bricks * EDGE * EDGE {
         return;
     }
-    var place = classify.base + places[run];
-    for (var i = first; i < min(first + RUN, classify.count); i++) {
-        let classified = transfer(sample_at(classify.before + i) - classify.sample_origin);
+    let row = row_of(run);
+    var place = places[run];
+    for (var i = 0u; i < row.count; i++) {
+        let classified = transfer(sample_at(row.first + i) - classify.sample_origin);
         if classified.a > 0.0 {
-            let p = lattice_point(i);
+            let p = row.point + vec3u(i, 0u, 0u);
             let c = vec3u(round(clamp(classified.rgb, vec3f(0.0), vec3f(1.0)) * 65535.0));
             splats[place] = Splat(p.x | (p.y << 16u), p.z | (c.r << 16u), c.g | (c.b << 16u), density(classified.a));
             if LIT {
-                normals[place] = pack_normal(gradient(i, p));
+                normals[place] = pack_normal(gradient(row.first + i));
             }
             place += 1u;
         }

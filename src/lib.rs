@@ -17,7 +17,7 @@
 //!
 //! # fn main() -> voxsplat::error::Result<()> {
 //! let volume = load("scan.nii.gz", &LoadOptions::default())?;
-//! let transfer = presets::preset("ct-bone", &Statistics::of(&volume))?;
+//! let transfer = presets::preset("ct-bone", &Statistics::of(&volume)?)?;
 //! let renderer = Renderer::new(&RendererOptions::default())?;
 //! let settings = Settings { size: [512, 512], ..Settings::default() };
 //! let scene = renderer.prepare(&volume, &transfer, &settings, &|_| ())?;

@@ -90,18 +90,18 @@ impl Renderer {
         volume.check_finite()?;
         let context = &self.context;
         if settings.is_post_shaded() {
-            let prepare = || Ok(Scene::of_scalars(context, volume, transfer, settings));
+            let prepare = || Scene::of_scalars(context, volume, transfer, settings);
             return context.guarded("preparing the volume", prepare);
         }
         let lit = settings.lighting.is_some();
-        let (stores, seconds) = on_host(|| {
+        let (classified, seconds) = on_host(|| {
             context.guarded("classifying the volume", || {
                 let scan = self.scan.get_or_init(|| Scan::new(context));
                 let classifier = self.classifier.get_or_init(|| Classifier::new(context));
                 classifier.run(context, scan, volume, transfer, lit, progress)
             })
         });
-        Ok(Scene::of_splats(stores?, lit, volume, transfer, seconds))
+        Ok(Scene::of_splats(classified?, lit, volume, transfer, seconds))
     }
 
     /// Renders a picture of a scene that this renderer prepared.
@@ -192,6 +192,7 @@ impl Renderer {
             }
             stages.push(host_stage("frame", seconds));
         }
+        let (bricks, bricks_uploaded, bytes_uploaded) = scene.bricks();
         let (splats, splats_kept) = (drawable.splats(), drawable.voxels());
         let stats = Stats {
             adapter: self.context.info.clone(),
@@ -208,6 +209,9 @@ impl Renderer {
             splats_kept,
             splats_dropped: scene.grid().len() - splats_kept,
             splats_padding: splats - splats_kept,
+            bricks,
+            bricks_uploaded,
+            bytes_uploaded,
             sheets: plan.sheets(),
             sheet_thickness: plan.sheet_step(),
             kernel_growth: plan.max_growth(),

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::{Error, Result};
-use crate::gpu::classify::Store;
+use crate::gpu::classify::{Classified, Store};
 use crate::gpu::context::Context;
 use crate::gpu::plan::{Plan, Subject};
 use crate::gpu::quads::TransferTable;
@@ -26,7 +26,7 @@ pub struct Scene {
 /// What is on the device.
 enum Content {
     /// Classified voxels, lit or not.
-    Splats { stores: Vec<Store>, lit: bool },
+    Splats { classified: Classified, lit: bool },
     /// Scalars, classified when they have been reconstructed.
     Scalars(Box<Scalars>),
 }
@@ -65,7 +65,7 @@ fn shows(settings: &Settings) -> Shows {
 impl Scene {
     /// A scene of classified voxels.
     pub(crate) fn of_splats(
-        stores: Vec<Store>,
+        classified: Classified,
         lit: bool,
         volume: &Volume,
         transfer: &TransferFunction,
@@ -75,7 +75,7 @@ impl Scene {
             max_weight: TransferFunction::extinction(transfer.max_opacity(), 1.0),
             unit: transfer.unit_or(volume.grid().min_spacing()),
         };
-        Self { content: Content::Splats { stores, lit }, grid: *volume.grid(), subject, seconds }
+        Self { content: Content::Splats { classified, lit }, grid: *volume.grid(), subject, seconds }
     }
 
     /// A scene of scalars: all of post-shading that does not depend on the camera.
@@ -84,7 +84,7 @@ impl Scene {
         volume: &Volume,
         transfer: &TransferFunction,
         settings: &Settings,
-    ) -> Self {
+    ) -> Result<Self> {
         let shows = shows(settings);
         let scalars = Scalars {
             volume: volume.clone(),
@@ -94,12 +94,12 @@ impl Scene {
             emitted: Mutex::new(None),
         };
         let (max_weight, seconds) = on_host(|| scalars::largest(volume, transfer));
-        Self {
+        Ok(Self {
             content: Content::Scalars(Box::new(scalars)),
             grid: *volume.grid(),
-            subject: Subject { max_weight, unit: 1.0 },
+            subject: Subject { max_weight: max_weight?, unit: 1.0 },
             seconds,
-        }
+        })
     }
 
     pub(crate) fn grid(&self) -> &Grid {
@@ -115,6 +115,14 @@ impl Scene {
         match &self.content {
             Content::Splats { .. } => None,
             Content::Scalars(scalars) => Some(&scalars.table),
+        }
+    }
+
+    /// Bricks of the volume, how many of them were uploaded to be classified, and their bytes; nothing of scalars is.
+    pub(crate) fn bricks(&self) -> (u32, u32, u64) {
+        match &self.content {
+            Content::Splats { classified: c, .. } => (c.bricks, c.bricks_uploaded, c.bytes_uploaded),
+            Content::Scalars(_) => (0, 0, 0),
         }
     }
 
@@ -136,7 +144,7 @@ impl Scene {
     /// The splats that a picture is made of, and the seconds it took to make those that the scene did not hold.
     pub(crate) fn drawable(&self, context: &Context, plan: &Plan, settings: &Settings) -> Result<(Drawable<'_>, f64)> {
         let scalars = match &self.content {
-            Content::Splats { stores, .. } => return Ok((Drawable::Splats(stores), 0.0)),
+            Content::Splats { classified, .. } => return Ok((Drawable::Splats(&classified.stores), 0.0)),
             Content::Scalars(scalars) => scalars,
         };
         let asked =

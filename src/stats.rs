@@ -59,6 +59,12 @@ pub struct Stats {
     pub splats_dropped: u64,
     /// Copies of voxels beyond the faces of the volume, for the scalar field to be complete up to them.
     pub splats_padding: u64,
+    /// Bricks of 32^3 voxels that the volume is classified in; 0 where the host looks at it (post-shading).
+    pub bricks: u32,
+    /// Of these, the ones whose range of values shows something: only they are uploaded.
+    pub bricks_uploaded: u32,
+    /// Their bytes.
+    pub bytes_uploaded: u64,
     /// Sheets across the volume.
     pub sheets: u32,
     /// World thickness of a sheet.
@@ -110,6 +116,13 @@ impl fmt::Display for Stats {
             writeln!(f, "  copied     {:>12}  beyond the faces", self.splats_padding)?;
         }
         writeln!(f, "  dropped    {:>12}  {:.2} % transparent", self.splats_dropped, percent(self.splats_dropped))?;
+        if self.bricks > 0 {
+            writeln!(
+                f,
+                "bricks       {:>12}  {} of them uploaded, {} bytes",
+                self.bricks, self.bricks_uploaded, self.bytes_uploaded
+            )?;
+        }
         writeln!(
             f,
             "sheets       {:>12}  {:.4} world units thick, {} a pass, {}, {}",

@@ -65,6 +65,9 @@ pub(super) struct InputArgs {
     /// Put VALUE in the place of NaN and infinite samples, which are refused otherwise
     #[arg(long, value_name = "VALUE", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Input")]
     pub(super) replace_nan: Option<f64>,
+    /// Leave samples of over MIB MiB in their file, if it is uncompressed, and read them as they are needed
+    #[arg(long, value_name = "MIB", default_value_t = 256, help_heading = "Input")]
+    pub(super) stream_over: u64,
 }
 
 impl InputArgs {
@@ -76,6 +79,7 @@ impl InputArgs {
             endian: self.endian,
             offset: self.offset,
             replace_nan: self.replace_nan,
+            stream_over: self.stream_over.saturating_mul(1 << 20),
         }
     }
 }

@@ -73,7 +73,7 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
     let (volume, statistics) = {
         let _progress = Progress::spinner("reading");
         let volume = volume::load(&args.input.source, &args.input.options())?;
-        let statistics = Statistics::of(&volume);
+        let statistics = Statistics::of(&volume)?;
         (volume, statistics)
     };
     let info = Info::new(&args.input, &volume, &statistics);
@@ -96,8 +96,8 @@ impl Info {
             source: input.source.clone(),
             dims: grid.dims(),
             voxels: grid.len(),
-            sample_type: volume.samples().type_name(),
-            bytes: grid.len() * sample_bytes(volume.samples().type_name()),
+            sample_type: volume.sample_type().name(),
+            bytes: grid.len() * volume.sample_type().size() as u64,
             slope,
             intercept,
             spacing,
@@ -148,11 +148,6 @@ impl Info {
         let preset = self.preset.map(|p| format!("{p}: ")).unwrap_or_default();
         text + &format!("{:<12} {preset}{}\n{:<12} {}\n", "transfer", self.reason, "render", self.command)
     }
-}
-
-fn sample_bytes(type_name: &str) -> u64 {
-    // u8, i16, f64 ...: the name ends in the number of bits.
-    type_name[1..].parse::<u64>().unwrap_or(0) / 8
 }
 
 /// Four digits after the point, or four significant ones where that would hide or drown them.

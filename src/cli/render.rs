@@ -115,7 +115,7 @@ fn transfer(source: &str, choice: Transfer, volume: &Volume, stages: &mut Stages
     {
         return Ok(own);
     }
-    let statistics = stages.time("statistics", || Statistics::of(volume));
+    let statistics = stages.time("statistics", || Statistics::of(volume))?;
     let name = name.unwrap_or_else(|| {
         let suggestion = presets::suggest(volume, &statistics);
         output::say(&format!("note: --transfer {} is taken, as {}", suggestion.name, suggestion.reason));

@@ -1,10 +1,5 @@
 //! classify: a volume and a transfer function to a list of splats.
 
-use std::borrow::Cow;
-use std::ops::Range;
-
-use rayon::prelude::*;
-
 use super::context::Context;
 use super::layout::{Classify, ControlPoint};
 use super::pipeline::{Slot, bind, compute, layout, module};
@@ -12,12 +7,21 @@ use super::scan::{Scan, WORKGROUP};
 use super::shaders;
 use crate::error::Result;
 use crate::transfer::TransferFunction;
-use crate::volume::{Samples, ToF64, Volume, with_samples};
+use crate::volume::{BRICK_EDGE as EDGE, RowCoding, SampleType, ToF64, Volume};
 
-/// Voxels that one invocation classifies; RUN in shaders/classify.wgsl.
-pub(super) const RUN: u64 = 32;
-/// Voxels of one chunk: the memory that preparing a scene takes besides its splats, and far within every limit.
-const CHUNK: usize = 1 << 22;
+/// Bricks of one batch, 4 million voxels: the memory that preparing a scene takes besides its splats, and far within every
+/// limit.
+const BATCH: usize = 128;
+
+/// What became of a volume.
+#[derive(Debug, Default)]
+pub(crate) struct Classified {
+    pub(crate) stores: Vec<Store>,
+    /// Bricks of the volume, those of them that may show anything, and the bytes of these.
+    pub(crate) bricks: u32,
+    pub(crate) bricks_uploaded: u32,
+    pub(crate) bytes_uploaded: u64,
+}
 
 /// Splats in one buffer that fits into a storage binding.
 #[derive(Debug)]
@@ -45,14 +49,14 @@ impl SampleCoding {
     fn new(volume: &Volume, transfer: &TransferFunction) -> Self {
         let (slope, intercept) = volume.rescale();
         let first = transfer.points()[0].value;
-        let sample_type = match volume.samples() {
+        let sample_type = match volume.sample_type() {
             // A falling map would turn the control points round, and with them the side on which a step belongs.
             _ if slope < 0.0 => None,
-            Samples::U8(_) => Some(0),
-            Samples::I8(_) => Some(1),
-            Samples::U16(_) => Some(2),
-            Samples::I16(_) => Some(3),
-            Samples::F32(_) => Some(4),
+            SampleType::U8 => Some(0),
+            SampleType::I8 => Some(1),
+            SampleType::U16 => Some(2),
+            SampleType::I16 => Some(3),
+            SampleType::F32 => Some(4),
             _ => None,
         };
         match sample_type {
@@ -74,51 +78,15 @@ impl SampleCoding {
             ((value - self.intercept) / self.slope - self.origin) as f32
         }
     }
+}
 
-    /// Bytes of the samples `range`, as the shader reads them.
-    fn bytes<'a>(&self, samples: &'a Samples, range: Range<usize>) -> Cow<'a, [u8]> {
-        fn converted<T: ToF64>(coding: &SampleCoding, samples: &[T]) -> Vec<u8> {
-            let values: Vec<f32> = samples
-                .par_iter()
-                .map(|s| ((coding.slope * s.to_f64() + coding.intercept) - coding.origin) as f32)
-                .collect();
-            bytemuck::cast_slice(&values).to_vec()
-        }
+impl RowCoding for SampleCoding {
+    fn append<T: ToF64 + bytemuck::Pod>(&self, samples: &[T], bytes: &mut Vec<u8>) {
         if self.convert {
-            Cow::Owned(with_samples!(samples, s => converted(self, &s[range])))
+            let value = |s: &T| ((self.slope * s.to_f64() + self.intercept) - self.origin) as f32;
+            bytes.extend(samples.iter().flat_map(|s| value(s).to_ne_bytes()));
         } else {
-            Cow::Borrowed(with_samples!(samples, s => bytemuck::cast_slice(&s[range])))
-        }
-    }
-}
-
-/// What of the samples a chunk is uploaded with, and where in it: see `Classify` in shaders/classify.wgsl.
-struct Neighbours {
-    ranges: Vec<Range<usize>>,
-    before: u32,
-    below: u32,
-    above: u32,
-}
-
-impl Neighbours {
-    /// The chunk alone.
-    fn none(chunk: Range<usize>) -> Self {
-        Self { ranges: vec![chunk], before: 0, below: 0, above: 0 }
-    }
-
-    /// The chunk and every neighbour of its voxels, in a volume of `total` samples with `row` in a row and `plane` in a
-    /// plane.
-    fn new(chunk: Range<usize>, total: usize, row: usize, plane: usize) -> Self {
-        let beside = chunk.start.saturating_sub(row)..(chunk.end + row).min(total);
-        let below = chunk.start.saturating_sub(plane)..chunk.end.saturating_sub(plane);
-        let above = (chunk.start + plane).min(total)..(chunk.end + plane).min(total);
-        // Of the chunk's first voxel, which need not have such neighbours itself: indices wrap.
-        let index = |offset: usize, neighbour: i64, start: usize| (offset as i64 + neighbour - start as i64) as u32;
-        Self {
-            before: (chunk.start - beside.start) as u32,
-            below: index(beside.len(), chunk.start as i64 - plane as i64, below.start),
-            above: index(beside.len() + below.len(), (chunk.start + plane) as i64, above.start),
-            ranges: vec![beside, below, above],
+            bytes.extend_from_slice(bytemuck::cast_slice(samples));
         }
     }
 }
@@ -131,14 +99,14 @@ pub(crate) struct Classifier {
 
 impl Classifier {
     pub(crate) fn new(context: &Context) -> Self {
-        let slots = [Slot::Uniform, Slot::Read, Slot::Read, Slot::Write, Slot::Write, Slot::Write];
+        let slots = [Slot::Uniform, Slot::Read, Slot::Read, Slot::Write, Slot::Write, Slot::Write, Slot::Read];
         Self {
             module: module(context, shaders::CLASSIFY),
             layout: layout(context, "classify", wgpu::ShaderStages::COMPUTE, &slots),
         }
     }
 
-    /// The visible voxels of a volume as splats in lattice order, with normals where they are to be `lit`.
+    /// The visible voxels of a volume as splats, brick by brick, with normals where they are to be `lit`.
     pub(crate) fn run(
         &self,
         context: &Context,
@@ -147,11 +115,10 @@ impl Classifier {
         transfer: &TransferFunction,
         lit: bool,
         progress: &(dyn Fn(f64) + Sync),
-    ) -> Result<Vec<Store>> {
+    ) -> Result<Classified> {
         let coding = SampleCoding::new(volume, transfer);
         let constants = [("SAMPLE_TYPE", f64::from(coding.sample_type)), ("LIT", f64::from(u8::from(lit)))];
         let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
-        let (count_pipeline, emit_pipeline) = (pipeline("count"), pipeline("emit"));
         let points: Vec<ControlPoint> = transfer
             .points()
             .iter()
@@ -162,116 +129,136 @@ impl Classifier {
                 _pad: [0.0; 3],
             })
             .collect();
-        let points_buffer =
-            context.upload("classify.control_points", bytemuck::cast_slice(&points), wgpu::BufferUsages::STORAGE)?;
-
-        let total = volume.samples().len();
-        let [nx, ny, _] = volume.grid().dims().map(|d| d as usize);
         let gradients = volume.grid().to_lattice().matrix3.transpose();
         let gradient = |axis: usize| gradients.col(axis).as_vec3().to_array();
         let storage = wgpu::BufferUsages::STORAGE;
-        let mut chunks = Vec::new();
-        for first in (0..total).step_by(CHUNK) {
-            let count = CHUNK.min(total - first);
-            let runs = (count as u64).div_ceil(RUN);
-            let neighbours = if lit {
-                Neighbours::new(first..first + count, total, nx, nx * ny)
-            } else {
-                Neighbours::none(first..first + count)
-            };
-            let parameters = Classify {
+        let job = Job {
+            context,
+            scan,
+            layout: &self.layout,
+            count: pipeline("count"),
+            emit: pipeline("emit"),
+            lit,
+            points: context.upload("classify.control_points", bytemuck::cast_slice(&points), storage)?,
+            parameters: Classify {
                 dims: volume.grid().dims(),
-                count: count as u32,
-                start: [first % nx, first / nx % ny, first / (nx * ny)].map(|v| v as u32),
-                points: points.len() as u32,
-                sample_origin: if coding.convert { 0.0 } else { coding.origin as f32 },
-                base: 0,
-                before: neighbours.before,
-                below: neighbours.below,
+                bricks: 0,
                 gradient_x: gradient(0),
-                above: neighbours.above,
+                points: points.len() as u32,
                 gradient_y: gradient(1),
-                _pad_y: 0,
+                sample_origin: if coding.convert { 0.0 } else { coding.origin as f32 },
                 gradient_z: gradient(2),
-                _pad_z: 0,
-            };
-            let parameters =
-                context.upload("classify.parameters", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
-            let bytes = match neighbours.ranges.as_slice() {
-                [range] => coding.bytes(volume.samples(), range.clone()),
-                ranges => {
-                    let parts: Vec<_> = ranges.iter().map(|r| coding.bytes(volume.samples(), r.clone())).collect();
-                    Cow::Owned(parts.concat())
+                _pad: 0,
+            },
+        };
+        let mut batch = Batch::default();
+        let mut chunks = Vec::new();
+        let mut classified = Classified::default();
+        let (slope, intercept) = volume.rescale();
+        let shows = |[low, high]: [f64; 2]| {
+            let [a, b] = [low, high].map(|raw| slope * raw + intercept);
+            !transfer.is_clear([a.min(b), a.max(b)])
+        };
+        let total = volume.bricks().into_iter().product::<u32>();
+        volume.for_each_brick(&shows, usize::from(lit), &coding, &mut |brick| {
+            classified.bricks += 1;
+            if let Some((origin, bytes)) = brick {
+                classified.bricks_uploaded += 1;
+                classified.bytes_uploaded += bytes.len() as u64;
+                batch.origins.push([origin[0], origin[1], origin[2], 0]);
+                batch.bytes.extend_from_slice(&bytes);
+                if batch.origins.len() == BATCH {
+                    chunks.extend(job.run(&std::mem::take(&mut batch))?);
                 }
-            };
-            let samples = context.upload("classify.samples", &bytes, storage)?;
-            // One place more than runs: the scan leaves the total there.
-            let places = context.buffer("classify.places", (runs + 1) * 4, storage | wgpu::BufferUsages::COPY_SRC)?;
-            let bindings = |splats: &wgpu::Buffer, normals: &wgpu::Buffer| {
-                bind(
-                    context,
-                    "classify",
-                    &self.layout,
-                    &[
-                        parameters.as_entire_binding(),
-                        samples.as_entire_binding(),
-                        points_buffer.as_entire_binding(),
-                        places.as_entire_binding(),
-                        splats.as_entire_binding(),
-                        normals.as_entire_binding(),
-                    ],
-                )
-            };
-            let none = context.buffer("classify.no_splats", 16, storage)?;
-            let no_normals = context.buffer("classify.no_normals", 16, storage)?;
-            let total_buffer =
-                context.buffer("classify.total", 4, wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ)?;
-            let (x, y) = context.workgroups(runs, WORKGROUP);
-            let mut encoder = context.device.create_command_encoder(&Default::default());
-            {
-                let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                    label: Some("classify.count"),
-                    timestamp_writes: None,
-                });
-                pass.set_pipeline(&count_pipeline);
-                pass.set_bind_group(0, &bindings(&none, &no_normals), &[]);
-                pass.dispatch_workgroups(x, y, 1);
-                scan.record(context, &mut pass, &places, runs + 1)?;
             }
-            encoder.copy_buffer_to_buffer(&places, runs * 4, &total_buffer, 0, 4);
-            context.queue.submit([encoder.finish()]);
-            let visible: u32 =
-                bytemuck::pod_read_unaligned(&context.read("classifying the volume", &total_buffer)?[..4]);
-            if visible > 0 {
-                let splats = context.buffer(
-                    "classify.splats",
-                    u64::from(visible) * 16,
-                    storage | wgpu::BufferUsages::COPY_SRC,
-                )?;
-                let normals = if lit {
-                    let usage = storage | wgpu::BufferUsages::COPY_SRC;
-                    Some(context.buffer("classify.normals", u64::from(visible) * 4, usage)?)
-                } else {
-                    None
-                };
-                let mut encoder = context.device.create_command_encoder(&Default::default());
-                {
-                    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                        label: Some("classify.emit"),
-                        timestamp_writes: None,
-                    });
-                    pass.set_pipeline(&emit_pipeline);
-                    pass.set_bind_group(0, &bindings(&splats, normals.as_ref().unwrap_or(&no_normals)), &[]);
-                    pass.dispatch_workgroups(x, y, 1);
-                }
-                context.queue.submit([encoder.finish()]);
-                // Waiting here keeps one chunk of samples on the device, not all of them.
-                context.wait("classifying the volume")?;
-                chunks.push(Store { splats, normals, count: visible });
-            }
-            progress((first + count) as f64 / total as f64);
+            progress(f64::from(classified.bricks) / f64::from(total));
+            Ok(())
+        })?;
+        if !batch.origins.is_empty() {
+            chunks.extend(job.run(&batch)?);
         }
-        gather(context, chunks)
+        classified.stores = gather(context, chunks)?;
+        Ok(classified)
+    }
+}
+
+/// Bricks that are classified together.
+#[derive(Default)]
+struct Batch {
+    origins: Vec<[u32; 4]>,
+    bytes: Vec<u8>,
+}
+
+/// What all batches of a volume share.
+struct Job<'a> {
+    context: &'a Context,
+    scan: &'a Scan,
+    layout: &'a wgpu::BindGroupLayout,
+    count: wgpu::ComputePipeline,
+    emit: wgpu::ComputePipeline,
+    lit: bool,
+    points: wgpu::Buffer,
+    parameters: Classify,
+}
+
+impl Job<'_> {
+    /// The visible voxels of a batch; `None` where there are none.
+    fn run(&self, batch: &Batch) -> Result<Option<Store>> {
+        let context = self.context;
+        let storage = wgpu::BufferUsages::STORAGE;
+        let runs = (batch.origins.len() * EDGE * EDGE) as u64;
+        let parameters = Classify { bricks: batch.origins.len() as u32, ..self.parameters };
+        let parameters =
+            context.upload("classify.parameters", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
+        let samples = context.upload("classify.samples", &batch.bytes, storage)?;
+        let origins = context.upload("classify.origins", bytemuck::cast_slice(&batch.origins), storage)?;
+        // One place more than runs: the scan leaves the total there.
+        let places = context.buffer("classify.places", (runs + 1) * 4, storage | wgpu::BufferUsages::COPY_SRC)?;
+        let none = context.buffer("classify.none", 16, storage)?;
+        let bindings = |splats: &wgpu::Buffer, normals: &wgpu::Buffer| {
+            let resources = [&parameters, &samples, &self.points, &places, splats, normals, &origins]
+                .map(wgpu::Buffer::as_entire_binding);
+            bind(context, "classify", self.layout, &resources)
+        };
+        let no_normals = context.buffer("classify.no_normals", 16, storage)?;
+        let total_buffer =
+            context.buffer("classify.total", 4, wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ)?;
+        let (x, y) = context.workgroups(runs, WORKGROUP);
+        let mut encoder = context.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("classify.count"),
+                timestamp_writes: None,
+            });
+            pass.set_pipeline(&self.count);
+            pass.set_bind_group(0, &bindings(&none, &no_normals), &[]);
+            pass.dispatch_workgroups(x, y, 1);
+            self.scan.record(context, &mut pass, &places, runs + 1)?;
+        }
+        encoder.copy_buffer_to_buffer(&places, runs * 4, &total_buffer, 0, 4);
+        context.queue.submit([encoder.finish()]);
+        let visible: u32 = bytemuck::pod_read_unaligned(&context.read("classifying the volume", &total_buffer)?[..4]);
+        if visible == 0 {
+            return Ok(None);
+        }
+        let usage = storage | wgpu::BufferUsages::COPY_SRC;
+        let splats = context.buffer("classify.splats", u64::from(visible) * 16, usage)?;
+        let normals =
+            if self.lit { Some(context.buffer("classify.normals", u64::from(visible) * 4, usage)?) } else { None };
+        let mut encoder = context.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("classify.emit"),
+                timestamp_writes: None,
+            });
+            pass.set_pipeline(&self.emit);
+            pass.set_bind_group(0, &bindings(&splats, normals.as_ref().unwrap_or(&no_normals)), &[]);
+            pass.dispatch_workgroups(x, y, 1);
+        }
+        context.queue.submit([encoder.finish()]);
+        // Waiting here keeps one batch of samples on the device, not all of them.
+        context.wait("classifying the volume")?;
+        Ok(Some(Store { splats, normals, count: visible }))
     }
 }
 

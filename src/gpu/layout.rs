@@ -21,19 +21,13 @@ pub(crate) struct Splat {
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub(crate) struct Classify {
     pub dims: [u32; 3],
-    pub count: u32,
-    pub start: [u32; 3],
-    pub points: u32,
-    pub sample_origin: f32,
-    pub base: u32,
-    pub before: u32,
-    pub below: u32,
+    pub bricks: u32,
     pub gradient_x: [f32; 3],
-    pub above: u32,
+    pub points: u32,
     pub gradient_y: [f32; 3],
-    pub _pad_y: u32,
+    pub sample_origin: f32,
     pub gradient_z: [f32; 3],
-    pub _pad_z: u32,
+    pub _pad: u32,
 }
 
 /// A control point of the transfer function in the units of the samples; shaders/classify.wgsl.

@@ -9,7 +9,7 @@ use super::layout::Splat;
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Normalization};
 use crate::transfer::TransferFunction;
-use crate::volume::{MAX_DIM, Volume};
+use crate::volume::{InMemory, MAX_DIM, Volume};
 
 /// Voxels along the side of a brick.
 const BRICK: usize = 4;
@@ -81,8 +81,8 @@ fn joined(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
 }
 
 impl Bricks {
-    fn new(volume: &Volume, base: f64) -> Self {
-        let dims = volume.grid().dims().map(|d| d as usize);
+    fn new(values: &InMemory<'_>, dims: [u32; 3], base: f64) -> Self {
+        let dims = dims.map(|d| d as usize);
         let counts = dims.map(|d| d.div_ceil(BRICK));
         let [nx, ny, nz] = dims;
         let mut ranges = vec![NOTHING; counts.iter().product()];
@@ -90,7 +90,7 @@ impl Bricks {
             for z in bz * BRICK..nz.min((bz + 1) * BRICK) {
                 for y in 0..ny {
                     for x in 0..nx {
-                        let value = volume.value(x + nx * (y + ny * z)) - base;
+                        let value = values.value(x + nx * (y + ny * z)) - base;
                         let range = &mut layer[x / BRICK + counts[0] * (y / BRICK)];
                         *range = joined(*range, [value, value]);
                     }
@@ -154,7 +154,8 @@ pub(crate) fn emit(
         });
     }
     let magnification = magnification(kernel, normalization);
-    let bricks = Bricks::new(volume, base).dilated((reach.influence as usize).div_ceil(BRICK));
+    let values = volume.in_memory()?;
+    let bricks = Bricks::new(&values, dims, base).dilated((reach.influence as usize).div_ceil(BRICK));
     let shown: Vec<bool> =
         bricks.ranges.par_iter().map(|&range| !is_hidden(transfer, shows, base, magnification, range)).collect();
     let [bx, by, _] = bricks.counts;
@@ -173,7 +174,7 @@ pub(crate) fn emit(
                     if !shown[x / BRICK + bx * (y / BRICK + by * (z / BRICK))] {
                         continue;
                     }
-                    let scalar = (volume.value(x + nx * (y + ny * z)) - base) as f32;
+                    let scalar = (values.value(x + nx * (y + ny * z)) - base) as f32;
                     if scalar != 0.0 {
                         let place = [px, py, pz].map(|p| p as u32);
                         splats.push(Splat {
@@ -216,6 +217,6 @@ fn store(context: &Context, splats: &[Splat]) -> Result<Store> {
 }
 
 /// The largest distance of a sample from the base: what sheets are scaled by.
-pub(crate) fn largest(volume: &Volume, transfer: &TransferFunction) -> f64 {
-    Bricks::new(volume, transfer.base()).largest()
+pub(crate) fn largest(volume: &Volume, transfer: &TransferFunction) -> Result<f64> {
+    Ok(Bricks::new(&volume.in_memory()?, volume.grid().dims(), transfer.base()).largest())
 }

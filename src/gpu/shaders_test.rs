@@ -54,20 +54,7 @@ macro_rules! same_layout {
 #[test]
 fn structs_are_laid_out_alike() {
     same_layout!(Splat { xy, z_red, green_blue, density });
-    same_layout!(Classify {
-        dims,
-        count,
-        start,
-        points,
-        sample_origin,
-        base,
-        before,
-        below,
-        gradient_x,
-        above,
-        gradient_y,
-        gradient_z,
-    });
+    same_layout!(Classify { dims, bricks, gradient_x, points, gradient_y, sample_origin, gradient_z });
     same_layout!(ControlPoint { color, sample, opacity });
     same_layout!(Sort { count, block, blocks, batches, sheets_per_batch });
     same_layout!(Batch { depth, first_sheet });
@@ -113,7 +100,7 @@ fn structs_are_laid_out_alike() {
 fn constants_are_those_of_the_host() {
     // (shader, constant, the host's value)
     let expected = [
-        ("classify", "RUN", super::classify::RUN),
+        ("classify", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("scan", "RUN", super::scan::RUN),
         ("terminate", "RUN", super::quads::terminate::RUN),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),

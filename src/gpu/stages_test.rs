@@ -31,7 +31,7 @@ fn words(bytes: &[u8]) -> Vec<u32> {
 }
 
 fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Vec<Store> {
-    Classifier::new(context).run(context, &Scan::new(context), volume, transfer, false, &|_| ()).unwrap()
+    Classifier::new(context).run(context, &Scan::new(context), volume, transfer, false, &|_| ()).unwrap().stores
 }
 
 fn downloaded(context: &Context, stores: &[Store]) -> Vec<Splat> {
@@ -66,7 +66,7 @@ fn classify_matches_its_twin_for_every_type() {
     }
     let all = each!(U8: u8, I8: i8, U16: u16, I16: i16, U32: u32, I32: i32, U64: u64, I64: i64, F32: f32, F64: f64);
     for samples in all {
-        let name = samples.type_name();
+        let name = samples.sample_type();
         for (slope, intercept) in [(1.0, 0.0), (0.5, -20.0), (-1.0, 100.0)] {
             let grid = Grid::axis_parallel(dims, [1.0; 3]).unwrap();
             let volume = Volume::new(grid, samples.clone()).unwrap().with_rescale(slope, intercept).unwrap();
@@ -109,7 +109,7 @@ fn wide_integers_keep_the_resolution_of_their_window() {
 
 #[test]
 fn chunks_continue_the_lattice() {
-    // 4.4 million voxels: two chunks, the second starting in the middle of a row.
+    // 216 bricks, which take two batches, those at the ends cut short.
     let context = Context::new(None).unwrap();
     let dims = [163_u32, 167, 163];
     let count = dims.iter().product::<u32>();

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::error::{Error, Result};
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
-use crate::volume::Volume;
+use crate::volume::{InMemory, Volume};
 
 /// What a splat adds to a ray where its kernel is 1:
 ///
@@ -48,16 +48,16 @@ pub(super) struct Splats {
 
 /// Half the differences of the neighbours' values along the lattice axes. A neighbour beyond the edge has the value at
 /// the edge.
-fn central_differences(volume: &Volume, index: usize) -> [f64; 3] {
+fn central_differences(values: &InMemory<'_>, dims: [u32; 3], index: usize) -> [f64; 3] {
     let mut stride = 1;
-    volume.grid().dims().map(|d| {
+    dims.map(|d| {
         let d = d as usize;
         let at = index / stride % d;
         let next = if at + 1 < d { index + stride } else { index };
         let previous = if at > 0 { index - stride } else { index };
         stride *= d;
         // Halved first: no difference of numbers overflows.
-        volume.value(next) / 2.0 - volume.value(previous) / 2.0
+        values.value(next) / 2.0 - values.value(previous) / 2.0
     })
 }
 
@@ -72,15 +72,16 @@ impl Splats {
         if !TransferFunction::extinction(transfer.max_opacity(), unit).is_finite() {
             return Err(Error::Transfer(format!("opacity per {unit} is more extinction than a number can hold")));
         }
+        let values = volume.in_memory()?;
         let dims = volume.grid().dims().map(|d| d as usize);
-        let count = volume.samples().len();
+        let count = volume.grid().len() as usize;
         let base = transfer.base();
         let to_world = volume.grid().to_lattice().matrix3.transpose();
         let (repeats, lit) = (settings.is_post_shaded(), settings.lighting.is_some());
         let classify = |index: usize| -> Option<Splat> {
-            let value = volume.value(index);
+            let value = values.value(index);
             if repeats {
-                let [x, y, z] = if lit { central_differences(volume, index) } else { [0.0; 3] };
+                let [x, y, z] = if lit { central_differences(&values, volume.grid().dims(), index) } else { [0.0; 3] };
                 let weights = [value - base, x, y, z];
                 return (weights != [0.0; 4]).then_some(Splat { weights, gradient: None });
             }
@@ -91,7 +92,7 @@ impl Splats {
             }
             if lit {
                 let [red, green, blue] = color;
-                let gradient = to_world * DVec3::from_array(central_differences(volume, index));
+                let gradient = to_world * DVec3::from_array(central_differences(&values, volume.grid().dims(), index));
                 return Some(Splat { weights: [tau, red, green, blue], gradient: Some(gradient) });
             }
             let [red, green, blue] = if settings.model == Model::Xray { [0.0; 3] } else { color.map(|c| c * tau) };

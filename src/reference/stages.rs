@@ -5,16 +5,23 @@ use glam::{DVec2, DVec3};
 use crate::gpu::layout::{Frame, Splat};
 use crate::kernel::FootprintTable;
 use crate::transfer::TransferFunction;
-use crate::volume::Volume;
+use crate::volume::{BRICK_EDGE, Volume};
 
-/// classify: every voxel of some opacity, in lattice order.
+/// classify: every voxel of some opacity, brick by brick, in lattice order inside each.
 pub(crate) fn classify(volume: &Volume, transfer: &TransferFunction) -> Vec<Splat> {
+    let memory = volume.in_memory().unwrap();
     let [nx, ny, nz] = volume.grid().dims();
-    let points = (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])));
+    let bricks = |n: u32| (0..n).step_by(BRICK_EDGE);
+    let inside = |at: u32, n: u32| at..n.min(at + BRICK_EDGE as u32);
+    let origins = bricks(nz).flat_map(|z| bricks(ny).flat_map(move |y| bricks(nx).map(move |x| [x, y, z])));
+    let points = origins.flat_map(|[x, y, z]| {
+        let row = move |y, z| inside(x, nx).map(move |x| [x, y, z]);
+        inside(z, nz).flat_map(move |z| inside(y, ny).flat_map(move |y| row(y, z)))
+    });
     points
-        .enumerate()
-        .filter_map(|(index, [x, y, z])| {
-            let (color, opacity) = transfer.sample(volume.value(index));
+        .filter_map(|[x, y, z]| {
+            let index = (x + nx * (y + ny * z)) as usize;
+            let (color, opacity) = transfer.sample(memory.value(index));
             let [r, g, b] = color.map(|c| (c * 65_535.0).round() as u32);
             (opacity > 0.0).then(|| Splat {
                 xy: x | y << 16,

@@ -230,7 +230,7 @@ impl Plain<'_> {
     fn sample(&self, p: [i64; 3]) -> f64 {
         let d = self.volume.grid().dims().map(i64::from);
         let [x, y, z]: [i64; 3] = std::array::from_fn(|a| p[a].clamp(0, d[a] - 1));
-        self.volume.value((x + d[0] * (y + d[1] * z)) as usize)
+        self.volume.in_memory().unwrap().value((x + d[0] * (y + d[1] * z)) as usize)
     }
 
     /// f, and its gradient in the world.

@@ -5,7 +5,7 @@
 
 use super::{ControlPoint, TransferFunction};
 use crate::error::{Error, Result};
-use crate::volume::{Samples, Statistics, Volume};
+use crate::volume::{Statistics, Volume};
 
 /// A named way to make a transfer function from the values of a volume.
 #[derive(Debug, Clone, Copy)]
@@ -80,7 +80,7 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
         let (min, max) = (statistics.min, statistics.max);
         return say("ct-bone", format!("values from {min} to {max} look like Hounsfield units"));
     }
-    let floats = matches!(volume.samples(), Samples::F32(_) | Samples::F64(_));
+    let floats = volume.sample_type().is_float();
     if floats && !volume.is_oriented() {
         return say("viridis", "real numbers without a patient orientation: no scan, a field".to_owned());
     }

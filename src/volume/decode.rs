@@ -4,6 +4,7 @@ use bytemuck::Pod;
 use rayon::prelude::*;
 
 use super::input::{Input, format_error};
+use super::stored::{FileSamples, Stored};
 use super::{Endian, SampleType, Samples};
 use crate::error::{Error, Result};
 
@@ -19,15 +20,39 @@ pub(super) enum Layout {
 /// The files of a volume, opened one after the other, each at its first sample.
 pub(super) type Parts<'a> = &'a mut dyn Iterator<Item = Result<Input>>;
 
-/// Reads `count` samples, an equal share from each of the `parts` (there are `n_parts`).
+/// `count` samples, an equal share from each of the `parts` (there are `n_parts`). Those that are the bytes of one plain
+/// file are left there.
 pub(super) fn read_samples(
     parts: Parts<'_>,
     n_parts: usize,
     count: u64,
     sample_type: SampleType,
     layout: Layout,
-) -> Result<Samples> {
-    Ok(match sample_type {
+) -> Result<Stored> {
+    if n_parts == 1
+        && let Layout::Binary(endian) = layout
+        && let Some(part) = parts.next()
+    {
+        let input = part?;
+        if let Some((file, offset)) = input.plain_file()? {
+            check_bytes(&input, count, sample_type.size(), layout)?;
+            let count = usize::try_from(count).map_err(|_| out_of_memory(&input, count, sample_type.size()))?;
+            let path = input.path().to_owned();
+            return Ok(Stored::File(FileSamples { file, path, offset, count, sample_type, endian, replacement: None }));
+        }
+        return read_into_memory(&mut std::iter::once(Ok(input)), 1, count, sample_type, layout);
+    }
+    read_into_memory(parts, n_parts, count, sample_type, layout)
+}
+
+fn read_into_memory(
+    parts: Parts<'_>,
+    n_parts: usize,
+    count: u64,
+    sample_type: SampleType,
+    layout: Layout,
+) -> Result<Stored> {
+    Ok(Stored::Memory(match sample_type {
         SampleType::U8 => Samples::U8(read(parts, n_parts, count, layout)?),
         SampleType::I8 => Samples::I8(read(parts, n_parts, count, layout)?),
         SampleType::U16 => Samples::U16(read(parts, n_parts, count, layout)?),
@@ -38,11 +63,11 @@ pub(super) fn read_samples(
         SampleType::I64 => Samples::I64(read(parts, n_parts, count, layout)?),
         SampleType::F32 => Samples::F32(read(parts, n_parts, count, layout)?),
         SampleType::F64 => Samples::F64(read(parts, n_parts, count, layout)?),
-    })
+    }))
 }
 
 /// As [`read_samples`], from one file.
-pub(super) fn read_all(input: Input, count: u64, sample_type: SampleType, layout: Layout) -> Result<Samples> {
+pub(super) fn read_all(input: Input, count: u64, sample_type: SampleType, layout: Layout) -> Result<Stored> {
     read_samples(&mut std::iter::once(Ok(input)), 1, count, sample_type, layout)
 }
 
@@ -83,7 +108,7 @@ pub(super) fn read<T: Sample>(parts: Parts<'_>, n_parts: usize, count: u64, layo
     let share = count / n_parts.max(1) as u64;
     for part in parts {
         let mut input = part?;
-        check_size::<T>(&input, share, layout)?;
+        check_bytes(&input, share, size_of::<T>(), layout)?;
         if samples.capacity() == 0 {
             // Once only, and after the first file has shown that it can hold its share. Memory that is never
             // written to costs nothing, so a compressed file that ends early does no harm either.
@@ -102,9 +127,9 @@ pub(super) fn read<T: Sample>(parts: Parts<'_>, n_parts: usize, count: u64, layo
 }
 
 /// Refuses a file that cannot hold `count` samples, before any memory is asked for.
-fn check_size<T>(input: &Input, count: u64, layout: Layout) -> Result<()> {
+fn check_bytes(input: &Input, count: u64, size: usize, layout: Layout) -> Result<()> {
     let needed = match layout {
-        Layout::Binary(_) => u128::from(count) * size_of::<T>() as u128,
+        Layout::Binary(_) => u128::from(count) * size as u128,
         // A digit each and a blank between.
         Layout::Text => (u128::from(count) * 2).saturating_sub(1),
     };

@@ -82,6 +82,16 @@ impl Input {
         if self.compressed { None } else { self.left }
     }
 
+    /// The file that the bytes left are those of, and where they begin in it; `None` where they are not those of a file.
+    pub(super) fn plain_file(&self) -> Result<Option<(File, u64)>> {
+        let Some(left) = self.exactly_left() else { return Ok(None) };
+        let read_error = |source| Error::Read { path: self.path.clone(), source };
+        let file = File::open(&self.path).map_err(read_error)?;
+        let length = file.metadata().map_err(read_error)?.len();
+        // A file that was changed meanwhile is read as a stream, which notices its end.
+        Ok(length.checked_sub(left).map(|offset| (file, offset)))
+    }
+
     /// The next bytes, up to `n`, fewer only at the end; they stay to be read.
     pub(super) fn peek(&mut self, n: usize) -> Result<Vec<u8>> {
         let mut head = Vec::new();

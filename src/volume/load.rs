@@ -9,7 +9,7 @@ use super::{Endian, SampleType, Volume, metaimage, nifti, npy, nrrd, phantom};
 use crate::error::{Error, Result};
 
 /// What to assume about a file, or to do to it. The default is to believe its header.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LoadOptions {
     /// Samples along x, y and z of a file without a header; x is fastest.
     pub dims: Option<[u32; 3]>,
@@ -24,6 +24,23 @@ pub struct LoadOptions {
     pub offset: u64,
     /// The value that takes the place of NaN and infinite ones; without it they are an error.
     pub replace_nan: Option<f64>,
+    /// Bytes of samples over which they are left in their file, if they are there uncompressed and in one piece, and read
+    /// brick by brick as they are needed; 256 MiB where not given.
+    pub stream_over: u64,
+}
+
+impl Default for LoadOptions {
+    fn default() -> Self {
+        Self {
+            dims: None,
+            sample_type: None,
+            spacing: None,
+            endian: None,
+            offset: 0,
+            replace_nan: None,
+            stream_over: 256 << 20,
+        }
+    }
 }
 
 /// The formats that are read.
@@ -99,10 +116,11 @@ pub fn load(source: &str, options: &LoadOptions) -> Result<Volume> {
         }
         None => load_file(Path::new(source), options)?,
     };
-    match options.replace_nan {
-        Some(value) => volume.replace_non_finite(value),
-        None => volume.check_finite()?,
+    volume = volume.loaded(options.stream_over)?;
+    if let Some(value) = options.replace_nan {
+        return volume.with_non_finite_replaced(value);
     }
+    volume.check_finite()?;
     Ok(volume)
 }
 

@@ -1,5 +1,6 @@
 //! Scans: a lattice of scalar samples, where it lies in the world, and what its numbers mean.
 
+mod bricks;
 mod decode;
 mod grid;
 mod input;
@@ -13,16 +14,20 @@ mod phantom;
 mod placement;
 mod sample_type;
 mod statistics;
+mod stored;
 
+pub(crate) use bricks::{EDGE as BRICK_EDGE, RowCoding};
 pub use grid::{Grid, MAX_DIM};
 pub use load::{LoadOptions, load};
 pub use phantom::{Demo, demo_transfer, demos};
 pub use sample_type::{Endian, SampleType};
 pub use statistics::{BackgroundEstimate, Statistics};
 
-use std::sync::Arc;
+use std::borrow::Cow;
+use std::ops::Range;
+use std::sync::{Arc, OnceLock};
 
-use rayon::prelude::*;
+use stored::Stored;
 
 use crate::error::{Error, Result};
 
@@ -73,29 +78,6 @@ impl Samples {
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
-
-    /// The type's name as the command line spells it: u8, i8, ... f64.
-    #[must_use]
-    pub fn type_name(&self) -> &'static str {
-        match self {
-            Self::U8(_) => "u8",
-            Self::I8(_) => "i8",
-            Self::U16(_) => "u16",
-            Self::I16(_) => "i16",
-            Self::U32(_) => "u32",
-            Self::I32(_) => "i32",
-            Self::U64(_) => "u64",
-            Self::I64(_) => "i64",
-            Self::F32(_) => "f32",
-            Self::F64(_) => "f64",
-        }
-    }
-
-    /// Sample `index` as stored, in f64 (64-bit integers beyond 2^53 are rounded). Panics past the end.
-    #[must_use]
-    pub fn raw(&self, index: usize) -> f64 {
-        with_samples!(self, s => s[index].to_f64())
-    }
 }
 
 /// Conversion to f64 of every sample type; `as` for 64-bit integers, exact otherwise.
@@ -111,15 +93,58 @@ macro_rules! to_f64 {
 to_f64!(u8, i8, u16, i16, u32, i32, u64, i64, f32, f64);
 
 /// A scan: samples on a grid, with the linear map from stored numbers to values.
-#[derive(Debug, Clone, PartialEq)]
+///
+/// Samples are in memory, or stay in their file and are read as they are needed: see [`LoadOptions::stream_over`]. A clone
+/// shares them.
+#[derive(Debug, Clone)]
 pub struct Volume {
     grid: Grid,
-    /// Shared: a clone costs nothing.
-    samples: Arc<Samples>,
+    data: Arc<Data>,
     slope: f64,
     intercept: f64,
     oriented: bool,
 }
+
+/// What clones of a volume share.
+#[derive(Debug)]
+struct Data {
+    stored: Stored,
+    /// Whether every sample is finite, once looked for.
+    finite: OnceLock<bool>,
+    /// The least and the largest stored sample of each brick, once looked for.
+    ranges: OnceLock<Vec<[f64; 2]>>,
+}
+
+impl Data {
+    fn new(stored: Stored) -> Self {
+        Self { stored, finite: OnceLock::new(), ranges: OnceLock::new() }
+    }
+}
+
+/// A volume with all its samples in memory.
+#[derive(Debug)]
+pub struct InMemory<'a> {
+    samples: Cow<'a, Samples>,
+    slope: f64,
+    intercept: f64,
+}
+
+impl InMemory<'_> {
+    /// The samples as stored.
+    #[must_use]
+    pub fn samples(&self) -> &Samples {
+        &self.samples
+    }
+
+    /// The value of sample `index` (x fastest), in f64. Panics past the end.
+    #[must_use]
+    pub fn value(&self, index: usize) -> f64 {
+        self.slope * self.samples.raw(index) + self.intercept
+    }
+}
+
+/// Samples read at a time where all of a volume are looked at.
+const PASS: usize = 1 << 22;
 
 impl Volume {
     /// A volume of `samples` on `grid`, whose values are the samples themselves.
@@ -127,15 +152,20 @@ impl Volume {
     /// # Errors
     /// [`Error::Volume`] where the number of samples is not that of the grid.
     pub fn new(grid: Grid, samples: Samples) -> Result<Self> {
-        if samples.len() as u64 != grid.len() {
+        Self::of(grid, Stored::Memory(samples))
+    }
+
+    fn of(grid: Grid, stored: Stored) -> Result<Self> {
+        if stored.len() as u64 != grid.len() {
             let [x, y, z] = grid.dims();
             return Err(Error::Volume(format!(
                 "{} samples for a lattice of {x} x {y} x {z} = {}",
-                samples.len(),
+                stored.len(),
                 grid.len()
             )));
         }
-        Ok(Self { grid, samples: Arc::new(samples), slope: 1.0, intercept: 0.0, oriented: false })
+        let data = Arc::new(Data::new(stored));
+        Ok(Self { grid, data, slope: 1.0, intercept: 0.0, oriented: false })
     }
 
     /// The same samples read as `slope * sample + intercept` (NIfTI's scl_slope and scl_inter, DICOM's rescale).
@@ -173,16 +203,77 @@ impl Volume {
         Ok(self)
     }
 
+    /// The same volume with `value` in the place of every NaN or infinite one.
+    ///
+    /// # Errors
+    /// [`Error::Read`] and [`Error::OutOfMemory`] where samples left in a file, and shared with a clone, cannot be read.
+    pub fn with_non_finite_replaced(mut self, value: f64) -> Result<Self> {
+        let raw = (value - self.intercept) / self.slope;
+        let mut stored = match Arc::try_unwrap(self.data) {
+            Ok(data) => data.stored,
+            Err(shared) => Stored::Memory(shared.stored.read(0..shared.stored.len())?),
+        };
+        stored.replace_non_finite(raw);
+        self.data = Arc::new(Data { finite: OnceLock::from(true), ..Data::new(stored) });
+        Ok(self)
+    }
+
     /// The lattice and its place in the world.
     #[must_use]
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
 
-    /// The samples as stored.
+    /// The type of the samples.
     #[must_use]
-    pub fn samples(&self) -> &Samples {
-        &self.samples
+    pub fn sample_type(&self) -> SampleType {
+        self.data.stored.sample_type()
+    }
+
+    /// Whether the samples are left in their file.
+    #[must_use]
+    pub fn is_streamed(&self) -> bool {
+        matches!(self.data.stored, Stored::File(_))
+    }
+
+    /// A copy of a range of the samples (x fastest), as stored. Panics where it ends past the last.
+    ///
+    /// # Errors
+    /// [`Error::Read`] and [`Error::OutOfMemory`] where samples left in a file cannot be read.
+    pub fn read(&self, range: Range<usize>) -> Result<Samples> {
+        self.data.stored.read(range)
+    }
+
+    /// The volume with all its samples in memory; those left in a file are read.
+    ///
+    /// # Errors
+    /// [`Error::Read`] and [`Error::OutOfMemory`] where they cannot be.
+    pub fn in_memory(&self) -> Result<InMemory<'_>> {
+        let samples = match &self.data.stored {
+            Stored::Memory(samples) => Cow::Borrowed(samples),
+            Stored::File(_) => Cow::Owned(self.read(0..self.data.stored.len())?),
+        };
+        Ok(InMemory { samples, slope: self.slope, intercept: self.intercept })
+    }
+
+    /// The same volume, its samples in memory unless they take more than `bytes`.
+    fn loaded(mut self, bytes: u64) -> Result<Self> {
+        if self.grid.len().saturating_mul(self.sample_type().size() as u64) <= bytes
+            && let Stored::File(_) = &self.data.stored
+        {
+            let samples = self.read(0..self.data.stored.len())?;
+            self.data = Arc::new(Data::new(Stored::Memory(samples)));
+        }
+        Ok(self)
+    }
+
+    /// The ranges of the bricks, x fastest, where they are known.
+    fn ranges(&self) -> Option<&[[f64; 2]]> {
+        self.data.ranges.get().map(Vec::as_slice)
+    }
+
+    fn keep_ranges(&self, ranges: Vec<[f64; 2]>) {
+        self.data.ranges.get_or_init(|| ranges);
     }
 
     /// (slope, intercept): value = slope * sample + intercept.
@@ -197,31 +288,31 @@ impl Volume {
         self.oriented
     }
 
-    /// The value of sample `index` (x fastest), in f64. Panics past the end.
-    #[must_use]
-    pub fn value(&self, index: usize) -> f64 {
-        self.slope * self.samples.raw(index) + self.intercept
-    }
-
     /// Refuses NaN and infinite samples: a kernel sum over one would spoil every pixel that it touches.
     ///
     /// # Errors
-    /// [`Error::Volume`] with the number of such samples and the place of the first.
+    /// [`Error::Volume`] with the number of such samples and the place of the first; [`Error::Read`] and
+    /// [`Error::OutOfMemory`] where samples left in a file cannot be read.
     pub fn check_finite(&self) -> Result<()> {
-        fn bad<T: ToF64>(s: &[T]) -> (usize, Option<usize>) {
-            let first = s.par_iter().position_first(|v| !v.to_f64().is_finite());
-            match first {
-                None => (0, None),
-                Some(_) => (s.par_iter().filter(|v| !v.to_f64().is_finite()).count(), first),
+        if !self.sample_type().is_float() || self.data.finite.get() == Some(&true) {
+            return Ok(());
+        }
+        let (mut count, mut first) = (0, None);
+        match &self.data.stored {
+            Stored::Memory(samples) => (count, first) = samples.non_finite(),
+            Stored::File(file) => {
+                for start in (0..file.count).step_by(PASS) {
+                    let (found, at) = self.read(start..file.count.min(start + PASS))?.non_finite();
+                    count += found;
+                    first = first.or(at.map(|at| start + at));
+                }
             }
         }
-        let (count, first) = match self.samples.as_ref() {
-            Samples::F32(s) => bad(s),
-            Samples::F64(s) => bad(s),
-            _ => (0, None),
-        };
         match first {
-            None => Ok(()),
+            None => {
+                self.data.finite.get_or_init(|| true);
+                Ok(())
+            }
             Some(index) => {
                 let [nx, ny, _] = self.grid.dims().map(|d| d as usize);
                 Err(Error::Volume(format!(
@@ -231,16 +322,6 @@ impl Volume {
                     index / (nx * ny)
                 )))
             }
-        }
-    }
-
-    /// Puts `value` in the place of every NaN or infinite value.
-    pub fn replace_non_finite(&mut self, value: f64) {
-        let raw = (value - self.intercept) / self.slope;
-        match Arc::make_mut(&mut self.samples) {
-            Samples::F32(s) => s.par_iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = raw as f32),
-            Samples::F64(s) => s.par_iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = raw),
-            _ => {}
         }
     }
 }

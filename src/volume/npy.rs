@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::decode::{self, Layout, lattice, read_all};
 use super::input::Input;
 use super::placement::Placement;
+use super::stored::Stored;
 use super::{Endian, SampleType, Samples, Volume};
 use crate::error::Result;
 
@@ -70,15 +71,15 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
             return Err(input.error(reason));
         }
     };
-    let samples = if kind == "f2" {
+    let stored = if kind == "f2" {
         // The one type without a variant of its own: f32 holds every half exactly.
         let halves: Vec<u16> = decode::read(&mut std::iter::once(Ok(input)), 1, count, layout)?;
-        Samples::F32(halves.into_par_iter().map(|bits| half::f16::from_bits(bits).to_f32()).collect())
+        Stored::Memory(Samples::F32(halves.into_par_iter().map(|bits| half::f16::from_bits(bits).to_f32()).collect()))
     } else {
         read_all(input, count, sample_type, layout)?
     };
-    let samples = if header.fortran_order { x_fastest(samples, dims) } else { samples };
-    placement.volume(grid, samples)
+    let stored = if header.fortran_order { Stored::Memory(x_fastest(stored.into_samples()?, dims)) } else { stored };
+    placement.volume(grid, stored)
 }
 
 /// Brings samples stored z fastest to x fastest.

@@ -327,10 +327,11 @@ mod tests {
     fn every_demo_has_a_transfer_function_that_shows_it() {
         for d in demos() {
             let volume = demo(&format!("{}:32", d.name), None).unwrap();
+            let memory = volume.in_memory().unwrap();
             let transfer = demo_transfer(&format!("{}:32", d.name)).unwrap();
             assert_eq!(volume.grid().dims(), [32; 3]);
             assert!(volume.grid().center().length() < 1e-12);
-            let visible = (0..32_usize.pow(3)).filter(|&i| transfer.sample(volume.value(i)).1 > 0.0).count();
+            let visible = (0..32_usize.pow(3)).filter(|&i| transfer.sample(memory.value(i)).1 > 0.0).count();
             assert!(visible > 300, "{}: {visible}", d.name);
         }
     }

@@ -5,7 +5,8 @@ use std::path::Path;
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::input::format_error;
-use super::{Grid, Samples, Volume};
+use super::stored::Stored;
+use super::{Grid, Volume};
 use crate::error::{Error, Result};
 
 /// The place of a lattice in the world: axis a runs along `directions[a]`, `spacing[a]` of these per sample.
@@ -37,9 +38,9 @@ impl Placement {
         self
     }
 
-    /// `samples` on the grid made here.
-    pub(super) fn volume(&self, grid: Grid, samples: Samples) -> Result<Volume> {
-        let volume = Volume::new(grid, samples)?;
+    /// The samples on the grid made here.
+    pub(super) fn volume(&self, grid: Grid, stored: Stored) -> Result<Volume> {
+        let volume = Volume::of(grid, stored)?;
         Ok(if self.oriented { volume.with_orientation_known() } else { volume })
     }
 

@@ -37,6 +37,12 @@ impl SampleType {
         }
     }
 
+    /// Whether numbers of this type have NaN and infinities.
+    #[must_use]
+    pub fn is_float(self) -> bool {
+        matches!(self, Self::F32 | Self::F64)
+    }
+
     /// The name the command line spells: u8, i8, ... f64.
     #[must_use]
     pub fn name(self) -> &'static str {

@@ -1,8 +1,11 @@
 //! What the values of a volume are: range, mean, histogram, and where its background ends.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
-use super::{Samples, ToF64, Volume, with_samples};
+use super::{ToF64, Volume, with_samples};
+use crate::error::Result;
 
 /// The most bins counted: one per value for 8 and 16 bit samples.
 const MAX_BINS: usize = 65_536;
@@ -55,30 +58,41 @@ impl Moments {
     }
 }
 
-fn finite<T: ToF64>(chunk: &[T]) -> impl Iterator<Item = f64> {
-    chunk.iter().map(|v| v.to_f64()).filter(|v| v.is_finite())
+/// Folds the finite samples of a range, a piece in memory at a time.
+fn folded<T>(volume: &Volume, range: Range<usize>, first: T, add: impl Fn(T, f64) -> T) -> Result<T> {
+    range.clone().step_by(MIN_CHUNK).try_fold(first, |so_far, start| {
+        let samples = volume.read(start..range.end.min(start + MIN_CHUNK))?;
+        Ok(with_samples!(&samples, s => s.iter().map(|v| v.to_f64()).filter(|v| v.is_finite()).fold(so_far, &add)))
+    })
 }
 
 impl Statistics {
-    /// Counts the samples on all cores at their own width, without a copy. The result does not depend on the cores.
-    #[must_use]
-    pub fn of(volume: &Volume) -> Self {
-        let integers = !matches!(volume.samples(), Samples::F32(_) | Samples::F64(_));
-        with_samples!(volume.samples(), s => Self::of_raw(s, integers)).rescaled(volume.rescale())
+    /// Counts the samples on all cores. The result does not depend on their number.
+    ///
+    /// # Errors
+    /// [`Error::Read`](crate::error::Error::Read) and [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) where samples
+    /// left in a file cannot be read.
+    pub fn of(volume: &Volume) -> Result<Self> {
+        Ok(Self::of_raw(volume)?.rescaled(volume.rescale()))
     }
 
-    fn of_raw<T: ToF64>(samples: &[T], integers: bool) -> Self {
+    fn of_raw(volume: &Volume) -> Result<Self> {
+        let (len, integers) = (volume.grid().len() as usize, !volume.sample_type().is_float());
         // Chunks follow from the length alone and their sums are added in order: the same figures on any machine.
-        let chunk = MIN_CHUNK.max(samples.len().div_ceil(64));
-        let moments: Vec<Moments> = samples
-            .par_chunks(chunk)
-            .map(|c| finite(c).fold(Moments::NONE, |m, v| m.plus(Moments(1, v, v, v))))
-            .collect();
+        let chunk = MIN_CHUNK.max(len.div_ceil(64));
+        let chunks: Vec<usize> = (0..len).step_by(chunk).collect();
+        let moments: Vec<Moments> = chunks
+            .par_iter()
+            .map(|&start| {
+                let add = |m: Moments, v: f64| m.plus(Moments(1, v, v, v));
+                folded(volume, start..len.min(start + chunk), Moments::NONE, add)
+            })
+            .collect::<Result<_>>()?;
         let Moments(count, min, max, sum) = moments.into_iter().fold(Moments::NONE, Moments::plus);
-        let non_finite = samples.len() as u64 - count;
+        let non_finite = len as u64 - count;
         if count == 0 {
             let (bins, nan) = (Vec::new(), f64::NAN);
-            return Self {
+            return Ok(Self {
                 min: nan,
                 max: nan,
                 mean: nan,
@@ -88,10 +102,10 @@ impl Statistics {
                 bins,
                 first: nan,
                 step: nan,
-            };
+            });
         }
         let (mean, range) = (sum / count as f64, max - min);
-        let (len, first, step) = if range == 0.0 {
+        let (bin_count, first, step) = if range == 0.0 {
             (1, min, 1.0)
         } else if integers && range < MAX_BINS as f64 {
             (range as usize + 1, min, 1.0)
@@ -99,23 +113,22 @@ impl Statistics {
             let step = range / MAX_BINS as f64;
             (MAX_BINS, min + step / 2.0, step)
         };
-        let parts: Vec<(f64, Vec<u64>)> = samples
-            .par_chunks(chunk)
-            .map(|c| {
-                let (mut squares, mut bins) = (0.0, vec![0_u64; len]);
-                for v in finite(c) {
-                    squares += (v - mean) * (v - mean);
-                    bins[(((v - min) / step) as usize).min(len - 1)] += 1;
-                }
-                (squares, bins)
+        let parts: Vec<(f64, Vec<u64>)> = chunks
+            .par_iter()
+            .map(|&start| {
+                let add = |(squares, mut bins): (f64, Vec<u64>), v: f64| {
+                    bins[(((v - min) / step) as usize).min(bin_count - 1)] += 1;
+                    (squares + (v - mean) * (v - mean), bins)
+                };
+                folded(volume, start..len.min(start + chunk), (0.0, vec![0_u64; bin_count]), add)
             })
-            .collect();
+            .collect::<Result<_>>()?;
         let variance = parts.iter().map(|p| p.0).sum::<f64>() / count as f64;
-        let mut bins = vec![0; len];
+        let mut bins = vec![0; bin_count];
         for (_, part) in &parts {
             bins.iter_mut().zip(part).for_each(|(b, p)| *b += p);
         }
-        Self { min, max, mean, std_dev: variance.sqrt(), count, non_finite, bins, first, step }
+        Ok(Self { min, max, mean, std_dev: variance.sqrt(), count, non_finite, bins, first, step })
     }
 
     fn rescaled(mut self, (slope, intercept): (f64, f64)) -> Self {

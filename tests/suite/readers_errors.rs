@@ -341,7 +341,7 @@ fn changed_and_cut_files_never_panic() {
             std::fs::write(&copy, &bytes).unwrap();
             match load(copy.to_str().unwrap(), &LoadOptions::default()) {
                 Ok(volume) => {
-                    assert_eq!(volume.samples().len() as u64, volume.grid().len());
+                    assert_eq!(volume.in_memory().unwrap().samples().len() as u64, volume.grid().len());
                     read += 1;
                 }
                 Err(error) => {

@@ -1,0 +1,200 @@
+//! Where the samples of a volume are: in memory, or left in their file and read a range at a time.
+
+use std::fs::File;
+use std::ops::Range;
+use std::path::PathBuf;
+
+use rayon::prelude::*;
+
+use super::decode::Sample;
+use super::{Endian, SampleType, Samples, with_samples};
+use crate::error::{Error, Result};
+
+/// The samples of a volume.
+#[derive(Debug)]
+pub(super) enum Stored {
+    Memory(Samples),
+    File(FileSamples),
+}
+
+/// Samples in a file, as they are written there: binary, in one piece.
+#[derive(Debug)]
+pub(super) struct FileSamples {
+    pub(super) file: File,
+    pub(super) path: PathBuf,
+    /// Bytes before the first sample.
+    pub(super) offset: u64,
+    pub(super) count: usize,
+    pub(super) sample_type: SampleType,
+    pub(super) endian: Endian,
+    /// What stands in for NaN and infinite samples.
+    pub(super) replacement: Option<f64>,
+}
+
+/// Bytes that one thread reads at a time.
+const PIECE: usize = 1 << 20;
+
+impl Stored {
+    pub(super) fn len(&self) -> usize {
+        match self {
+            Self::Memory(samples) => samples.len(),
+            Self::File(file) => file.count,
+        }
+    }
+
+    pub(super) fn sample_type(&self) -> SampleType {
+        match self {
+            Self::Memory(samples) => samples.sample_type(),
+            Self::File(file) => file.sample_type,
+        }
+    }
+
+    /// A copy of a range of the samples.
+    pub(super) fn read(&self, range: Range<usize>) -> Result<Samples> {
+        match self {
+            Self::Memory(samples) => Ok(samples.slice(range)),
+            Self::File(file) => file.read(range),
+        }
+    }
+
+    /// All samples, in memory.
+    pub(super) fn into_samples(self) -> Result<Samples> {
+        match self {
+            Self::Memory(samples) => Ok(samples),
+            Self::File(file) => file.read(0..file.count),
+        }
+    }
+
+    /// Puts `raw` in the place of every NaN or infinite sample.
+    pub(super) fn replace_non_finite(&mut self, raw: f64) {
+        match self {
+            Self::Memory(samples) => samples.replace_non_finite(raw),
+            Self::File(file) => file.replacement = Some(raw),
+        }
+    }
+}
+
+impl FileSamples {
+    fn read(&self, range: Range<usize>) -> Result<Samples> {
+        let mut samples = match self.sample_type {
+            SampleType::U8 => Samples::U8(self.numbers(range)?),
+            SampleType::I8 => Samples::I8(self.numbers(range)?),
+            SampleType::U16 => Samples::U16(self.numbers(range)?),
+            SampleType::I16 => Samples::I16(self.numbers(range)?),
+            SampleType::U32 => Samples::U32(self.numbers(range)?),
+            SampleType::I32 => Samples::I32(self.numbers(range)?),
+            SampleType::U64 => Samples::U64(self.numbers(range)?),
+            SampleType::I64 => Samples::I64(self.numbers(range)?),
+            SampleType::F32 => Samples::F32(self.numbers(range)?),
+            SampleType::F64 => Samples::F64(self.numbers(range)?),
+        };
+        if let Some(raw) = self.replacement {
+            samples.replace_non_finite(raw);
+        }
+        Ok(samples)
+    }
+
+    fn numbers<T: Sample>(&self, range: Range<usize>) -> Result<Vec<T>> {
+        let mut numbers = Vec::new();
+        if numbers.try_reserve_exact(range.len()).is_err() {
+            let gib = range.len() as f64 * size_of::<T>() as f64 / f64::from(1 << 30);
+            return Err(Error::OutOfMemory(format!("reading {gib:.1} GiB of {}", self.path.display())));
+        }
+        numbers.resize(range.len(), T::zeroed());
+        let first = self.offset + (range.start * size_of::<T>()) as u64;
+        numbers
+            .par_chunks_mut(PIECE / size_of::<T>())
+            .enumerate()
+            .try_for_each(|(index, piece)| {
+                read_exact_at(&self.file, bytemuck::cast_slice_mut(piece), first + (index * PIECE) as u64)?;
+                if self.endian != Endian::NATIVE && size_of::<T>() > 1 {
+                    piece.iter_mut().for_each(|n| *n = n.swap());
+                }
+                Ok(())
+            })
+            .map_err(|source| Error::Read { path: self.path.clone(), source })?;
+        Ok(numbers)
+    }
+}
+
+#[cfg(unix)]
+fn read_exact_at(file: &File, bytes: &mut [u8], offset: u64) -> std::io::Result<()> {
+    std::os::unix::fs::FileExt::read_exact_at(file, bytes, offset)
+}
+
+#[cfg(windows)]
+fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> std::io::Result<()> {
+    while !bytes.is_empty() {
+        match std::os::windows::fs::FileExt::seek_read(file, bytes, offset)? {
+            0 => return Err(std::io::ErrorKind::UnexpectedEof.into()),
+            n => {
+                bytes = &mut bytes[n..];
+                offset += n as u64;
+            }
+        }
+    }
+    Ok(())
+}
+
+impl Samples {
+    /// The type of the samples.
+    #[must_use]
+    pub fn sample_type(&self) -> SampleType {
+        match self {
+            Self::U8(_) => SampleType::U8,
+            Self::I8(_) => SampleType::I8,
+            Self::U16(_) => SampleType::U16,
+            Self::I16(_) => SampleType::I16,
+            Self::U32(_) => SampleType::U32,
+            Self::I32(_) => SampleType::I32,
+            Self::U64(_) => SampleType::U64,
+            Self::I64(_) => SampleType::I64,
+            Self::F32(_) => SampleType::F32,
+            Self::F64(_) => SampleType::F64,
+        }
+    }
+
+    /// A copy of a range.
+    fn slice(&self, range: Range<usize>) -> Self {
+        match self {
+            Self::U8(s) => Self::U8(s[range].to_vec()),
+            Self::I8(s) => Self::I8(s[range].to_vec()),
+            Self::U16(s) => Self::U16(s[range].to_vec()),
+            Self::I16(s) => Self::I16(s[range].to_vec()),
+            Self::U32(s) => Self::U32(s[range].to_vec()),
+            Self::I32(s) => Self::I32(s[range].to_vec()),
+            Self::U64(s) => Self::U64(s[range].to_vec()),
+            Self::I64(s) => Self::I64(s[range].to_vec()),
+            Self::F32(s) => Self::F32(s[range].to_vec()),
+            Self::F64(s) => Self::F64(s[range].to_vec()),
+        }
+    }
+
+    /// How many are NaN or infinite, and the first of them.
+    pub(super) fn non_finite(&self) -> (usize, Option<usize>) {
+        fn count<T: super::ToF64>(s: &[T]) -> (usize, Option<usize>) {
+            let bad = |v: &T| !v.to_f64().is_finite();
+            let first = s.par_iter().position_first(bad);
+            (first.map_or(0, |_| s.par_iter().filter(|v| bad(v)).count()), first)
+        }
+        match self {
+            Self::F32(s) => count(s),
+            Self::F64(s) => count(s),
+            _ => (0, None),
+        }
+    }
+
+    fn replace_non_finite(&mut self, raw: f64) {
+        match self {
+            Self::F32(s) => s.par_iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = raw as f32),
+            Self::F64(s) => s.par_iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = raw),
+            _ => {}
+        }
+    }
+
+    /// Sample `index` as stored, in f64 (64-bit integers beyond 2^53 are rounded). Panics past the end.
+    #[must_use]
+    pub fn raw(&self, index: usize) -> f64 {
+        with_samples!(self, s => super::ToF64::to_f64(s[index]))
+    }
+}
