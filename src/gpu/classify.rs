@@ -13,6 +13,9 @@ use crate::volume::{BRICK_EDGE as EDGE, RowCoding, SampleType, ToF64, Volume};
 /// limit.
 const BATCH: usize = 128;
 
+/// The most splats that are joined: while they are, they are in memory twice.
+const JOINED: u32 = 1 << 22;
+
 /// What became of a volume.
 #[derive(Debug, Default)]
 pub(crate) struct Classified {
@@ -262,10 +265,10 @@ impl Job<'_> {
     }
 }
 
-/// Joins the splats of many chunks into as few buffers as storage bindings allow.
+/// Joins the splats of many batches into few buffers.
 fn gather(context: &Context, chunks: Vec<Store>) -> Result<Vec<Store>> {
     let most = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / 16;
-    let most = u32::try_from(most).unwrap_or(u32::MAX);
+    let most = u32::try_from(most).unwrap_or(u32::MAX).min(JOINED);
     let mut stores = Vec::new();
     let mut group: Vec<Store> = Vec::new();
     let mut held = 0_u32;

@@ -12,7 +12,7 @@ use crate::error::Result;
 pub(crate) const EDGE: usize = 32;
 
 /// Bytes of samples that are read at a time, as far as one row of bricks allows.
-const READ: usize = 64 << 20;
+const READ: usize = 8 << 20;
 
 /// How samples are written down for whoever wants bricks.
 pub(crate) trait RowCoding: Sync {

@@ -1,5 +1,7 @@
 //! splat: quads into the sheets of a batch.
 
+use std::ops::Range;
+
 use super::super::context::Context;
 use super::super::pipeline::{Slot, bind, layout, module, pipeline_layout, specialised};
 use super::super::plan::Target;
@@ -31,6 +33,9 @@ pub(super) struct Splats<'a> {
     batches: Slots,
     groups: Vec<wgpu::BindGroup>,
 }
+
+/// Quads of one render pass on software drivers, which keep the triangles of a pass in memory.
+const SOFTWARE_PASS: u32 = 1 << 18;
 
 impl QuadsKey {
     /// The format of a layer.
@@ -151,25 +156,45 @@ impl Splats<'_> {
         spans: &[Span<'_>],
         batch: u32,
     ) {
-        let ops = wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), store: wgpu::StoreOp::Store };
-        let attachments: Vec<_> = sheets
-            .targets
-            .iter()
-            .map(|view| Some(wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops }))
-            .collect();
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("splat"),
-            color_attachments: &attachments,
-            timestamp_writes: timing.render(context, "splat"),
-            ..Default::default()
-        });
-        pass.set_pipeline(self.pipeline);
-        for (span, group) in spans.iter().zip(&self.groups) {
+        // The entries in pieces of one pass each.
+        let most = if context.info.is_software() { SOFTWARE_PASS } else { u32::MAX };
+        let mut passes: Vec<Vec<(usize, Range<u32>)>> = vec![Vec::new()];
+        let mut held = 0;
+        for (index, span) in spans.iter().enumerate() {
             let range = span.batch(batch);
-            if !range.is_empty() {
-                pass.set_bind_group(0, group, &[self.batches.offset(batch)]);
-                pass.set_vertex_buffer(0, span.entries.slice(..));
-                pass.draw(0..4, range);
+            for first in range.clone().step_by(most as usize) {
+                let piece = first..range.end.min(first.saturating_add(most));
+                held += piece.len();
+                if held > most as usize {
+                    held = piece.len();
+                    passes.push(Vec::new());
+                }
+                if let Some(pass) = passes.last_mut() {
+                    pass.push((index, piece));
+                }
+            }
+        }
+        for (number, pieces) in passes.into_iter().enumerate() {
+            let load = if number == 0 { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
+            let ops = wgpu::Operations { load, store: wgpu::StoreOp::Store };
+            let attachments: Vec<_> = sheets
+                .targets
+                .iter()
+                .map(|view| {
+                    Some(wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops })
+                })
+                .collect();
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("splat"),
+                color_attachments: &attachments,
+                timestamp_writes: timing.render(context, "splat"),
+                ..Default::default()
+            });
+            pass.set_pipeline(self.pipeline);
+            for (index, piece) in pieces {
+                pass.set_bind_group(0, &self.groups[index], &[self.batches.offset(batch)]);
+                pass.set_vertex_buffer(0, spans[index].entries.slice(..));
+                pass.draw(0..4, piece);
             }
         }
     }
