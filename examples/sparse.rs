@@ -45,9 +45,10 @@ fn main() -> Result<(), Box<dyn Error>> {
                 let rest = radius * radius - (b.y - y as f64).powi(2) - (b.z - z as f64).powi(2);
                 if rest > 0.0 {
                     let half = rest.sqrt();
-                    for x in (b.x - half).ceil() as usize..=(b.x + half).floor() as usize {
+                    let from = (b.x - half).ceil() as usize;
+                    for (x, sample) in (from..).zip(&mut row[from..=(b.x + half).floor() as usize]) {
                         let inside = 1.0 - ((b.x - x as f64).powi(2) + radius * radius - rest) / (radius * radius);
-                        row[x] = row[x].max((40.0 + 215.0 * inside) as u8);
+                        *sample = (*sample).max((40.0 + 215.0 * inside) as u8);
                     }
                 }
             }

@@ -75,6 +75,9 @@ pub(crate) fn adapters() -> Vec<AdapterInfo> {
     pollster::block_on(enumerate()).into_iter().map(|(info, _)| info).collect()
 }
 
+/// How long another thread may take to pass on that a buffer is mapped.
+const MAP_TIMEOUT: std::time::Duration = std::time::Duration::from_secs(60);
+
 /// An open device with its queue, and what went wrong on it.
 pub(crate) struct Context {
     pub(crate) device: wgpu::Device,
@@ -243,17 +246,18 @@ impl Context {
             stage: stage.to_owned(),
             reason: format!("the result cannot be read back: {}", one_line(&e.to_string())),
         };
-        let outcome = Arc::new(Mutex::new(None));
-        let slot = Arc::clone(&outcome);
-        buffer.map_async(wgpu::MapMode::Read, .., move |r| {
-            *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(r);
+        let (done, outcome) = std::sync::mpsc::channel();
+        buffer.map_async(wgpu::MapMode::Read, .., move |result| {
+            // Nobody listens any more where the wait has failed.
+            let _ = done.send(result);
         });
         self.wait(stage)?;
-        let mapped = outcome.lock().unwrap_or_else(PoisonError::into_inner).take();
-        match mapped {
-            Some(Ok(())) => {}
-            Some(Err(e)) => return Err(failed(&e)),
-            None => return Err(failed(&"the driver never finished")),
+        // Where several threads wait, the one that is told that the buffer is mapped need not be this one: by now it is
+        // about to pass that on.
+        match outcome.recv_timeout(MAP_TIMEOUT) {
+            Ok(Ok(())) => {}
+            Ok(Err(e)) => return Err(failed(&e)),
+            Err(_) => return Err(failed(&"the driver never finished")),
         }
         let view = buffer.get_mapped_range(..).map_err(|e| failed(&e))?;
         let bytes = view.to_vec();

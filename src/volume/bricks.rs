@@ -23,6 +23,9 @@ pub(crate) trait RowCoding: Sync {
 /// The lattice point of a brick's first voxel, and its samples with the halo around them, coded, x fastest.
 pub(crate) type Brick = ([u32; 3], Vec<u8>);
 
+/// Ranges of a row of bricks along x, as far as they were looked for, and those of the bricks that show something.
+type Row = (Vec<[f64; 2]>, Vec<Option<Brick>>);
+
 /// The planes of a row of bricks along x, with the halo in y and z; copies of the edge where the volume ends.
 struct Strip {
     /// Of each plane, the rows `rows`.
@@ -56,7 +59,7 @@ impl Volume {
         let known = self.ranges();
         let mut found = Vec::with_capacity(if known.is_some() { 0 } else { across * down * deep });
         for group in strips.chunks((READ / strip_bytes).max(1)) {
-            let rows: Vec<(Vec<[f64; 2]>, Vec<Option<Brick>>)> = group
+            let rows: Vec<Row> = group
                 .par_iter()
                 .map(|&strip| {
                     let (y, z) = (strip % down * EDGE, strip / down * EDGE);

@@ -14,3 +14,4 @@ mod presets;
 mod readers;
 mod readers_errors;
 mod rendering;
+mod streaming;
