@@ -22,6 +22,8 @@ struct Classify {
     // Subtracted from a sample before it is compared with the control points.
     sample_origin: f32,
     gradient_z: vec3f,
+    // Number of the first of them among the bricks of the store.
+    first_brick: u32,
 }
 
 struct ControlPoint {
@@ -36,10 +38,9 @@ struct ControlPoint {
 @group(0) @binding(1) var<storage, read> samples: array<u32>;
 @group(0) @binding(2) var<storage, read> control_points: array<ControlPoint>;
 @group(0) @binding(3) var<storage, read_write> places: array<u32>;
-@group(0) @binding(4) var<storage, read_write> splats: array<Splat>;
-@group(0) @binding(5) var<storage, read_write> normals: array<u32>;
+@group(0) @binding(4) var<storage, read_write> splats: array<vec2u>;
 // Lattice points of the first voxels of bricks.
-@group(0) @binding(6) var<storage, read> origins: array<vec4u>;
+@group(0) @binding(5) var<storage, read> origins: array<vec4u>;
 
 fn sample_at(i: u32) -> f32 {
     if SAMPLE_TYPE == 4u {
@@ -95,8 +96,9 @@ fn stored_edge() -> u32 {
     return select(EDGE, EDGE + 2u, LIT);
 }
 
-// Where a row begins: its lattice point, the index of its first sample, and how many voxels of it are in the lattice.
+// Where a row begins: its brick, its lattice point, the index of its first sample, and how many voxels of it are in the lattice.
 struct Row {
+    brick: u32,
     point: vec3u,
     first: u32,
     count: u32,
@@ -111,9 +113,9 @@ fn row_of(run: u32) -> Row {
     let halo = u32(LIT);
     let first = ((brick * edge + z + halo) * edge + y + halo) * edge + halo;
     if any(point >= classify.dims) {
-        return Row(point, first, 0u);
+        return Row(brick, point, first, 0u);
     }
-    return Row(point, first, min(EDGE, classify.dims.x - point.x));
+    return Row(brick, point, first, min(EDGE, classify.dims.x - point.x));
 }
 
 // World gradient at a sample, in units of half a sample: central differences.
@@ -151,12 +153,14 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     for (var i = 0u; i < row.count; i++) {
         let classified = transfer(sample_at(row.first + i) - classify.sample_origin);
         if classified.a > 0.0 {
-            let p = row.point + vec3u(i, 0u, 0u);
-            let c = vec3u(round(clamp(classified.rgb, vec3f(0.0), vec3f(1.0)) * 65535.0));
-            splats[place] = Splat(p.x | (p.y << 16u), p.z | (c.r << 16u), c.g | (c.b << 16u), density(classified.a));
+            var normal = NO_NORMAL;
             if LIT {
-                normals[place] = pack_normal(gradient(row.first + i));
+                normal = pack_normal(gradient(row.first + i));
             }
+            let at = splat_place(i, row.point.y % EDGE, row.point.z % EDGE, classify.first_brick + row.brick);
+            let looks = packed_looks(classified.rgb, density(classified.a));
+            splats[2u * place] = vec2u(at, looks.x);
+            splats[2u * place + 1u] = vec2u(looks.y, normal);
             place += 1u;
         }
     }

@@ -18,15 +18,16 @@ struct Sort {
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> sort: Sort;
-@group(0) @binding(2) var<storage, read> splats: array<Splat>;
+@group(0) @binding(2) var<storage, read> splats: array<vec2u>;
 // places[batch * blocks + block]: counts, then places after the scan; one more entry ends it with the total.
 @group(0) @binding(3) var<storage, read_write> places: array<u32>;
 @group(0) @binding(4) var<storage, read_write> starts: array<u32>;
 @group(0) @binding(5) var<storage, read_write> entries: array<u32>;
+@group(0) @binding(6) var<storage, read> origins: array<vec4u>;
 
 // First and last batch that a splat reaches into; first > last where it reaches into none.
-fn batches_of(s: Splat) -> vec2i {
-    let lattice = splat_lattice(s);
+fn batches_of(index: u32) -> vec2i {
+    let lattice = splat_lattice(splat_words(index));
     let z = dot(frame.view_z, lattice - frame.lattice_center);
     let extent = frame.depth_extent * growth_at(z);
     let first = floor((z - extent - frame.sheet_origin) * frame.inverse_sheet_step);
@@ -50,7 +51,7 @@ fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) grou
         return;
     }
     for (var i = block * sort.block; i < min((block + 1u) * sort.block, sort.count); i++) {
-        let range = batches_of(splats[i]);
+        let range = batches_of(i);
         for (var batch = range.x; batch <= range.y; batch++) {
             places[u32(batch) * sort.blocks + block] += 1u;
         }
@@ -73,7 +74,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
         return;
     }
     for (var i = block * sort.block; i < min((block + 1u) * sort.block, sort.count); i++) {
-        let range = batches_of(splats[i]);
+        let range = batches_of(i);
         for (var batch = range.x; batch <= range.y; batch++) {
             let place = u32(batch) * sort.blocks + block;
             entries[places[place]] = i;

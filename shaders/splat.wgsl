@@ -9,8 +9,6 @@ override ROWS: u32 = 256u;
 override AXIS: bool = false;
 // Opacity is added instead of optical depth.
 override ADDITIVE: bool = false;
-// Sheets hold scalars.
-override SCALARS: bool = false;
 
 struct Batch {
     // View depth of the first plane of the batch; of the first plane of all where sheets are voxel planes.
@@ -21,10 +19,10 @@ struct Batch {
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> batch: Batch;
-@group(0) @binding(2) var<storage, read> splats: array<Splat>;
+@group(0) @binding(2) var<storage, read> splats: array<vec2u>;
 // Row s of the cumulative footprint at texels (0 .. TEXELS, row).
 @group(0) @binding(3) var footprint: texture_2d<f32>;
-@group(0) @binding(4) var<storage, read> normals: array<u32>;
+@group(0) @binding(4) var<storage, read> origins: array<vec4u>;
 @group(0) @binding(5) var<uniform> lighting: Lighting;
 
 struct Varyings {
@@ -56,8 +54,8 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
         // All corners in one place: no fragments.
         return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
     }
-    let splat = splats[entry];
-    let lattice = splat_lattice(splat);
+    let words = splat_words(entry);
+    let lattice = splat_lattice(words);
     let center = view_center(lattice);
     let growth = growth_at(center.z);
     let side = vec2f(f32(corner & 1u), f32(corner >> 1u)) * 2.0 - 1.0;
@@ -70,14 +68,18 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     } else if !in_view(center, growth) {
         return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
     }
-    var density = splat.density;
+    var density = splat_weight(words);
     if ADDITIVE {
         density = absorbed(density);
     }
     density *= frame.section_scale / (growth * growth * growth);
-    var color = splat_color(splat);
-    if LIGHTS > 0u {
-        color = lit_splat(color, normals[entry], center);
+    var color = vec3f(0.0);
+    if !SCALARS {
+        let looks = splats[2u * entry + 1u];
+        color = splat_color(words.y, looks.x);
+        if LIGHTS > 0u {
+            color = lit_splat(color, looks.y, center);
+        }
     }
     var sheet = 0u;
     if AXIS {

@@ -27,9 +27,10 @@ struct Tally {
 @group(0) @binding(1) var<uniform> terminate: Terminate;
 @group(0) @binding(2) var<storage, read> pixels: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> tiles: array<f32>;
-@group(0) @binding(4) var<storage, read> splats: array<Splat>;
+@group(0) @binding(4) var<storage, read> splats: array<vec2u>;
 @group(0) @binding(5) var<storage, read_write> entries: array<u32>;
 @group(0) @binding(6) var<storage, read_write> tally: Tally;
+@group(0) @binding(7) var<storage, read> origins: array<vec4u>;
 
 @compute @workgroup_size(WORKGROUP)
 fn tile(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
@@ -58,8 +59,8 @@ fn tile(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
 }
 
 // Whether all pixels that a splat can touch, and those beside them, are opaque.
-fn is_hidden(splat: Splat) -> bool {
-    let center = view_center(splat_lattice(splat));
+fn is_hidden(index: u32) -> bool {
+    let center = view_center(splat_lattice(splat_words(index)));
     let growth = growth_at(center.z);
     if !bounded(center, growth) {
         return false;
@@ -94,7 +95,7 @@ fn mark(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     var marked = 0u;
     for (var i = run; i < min(run + RUN, terminate.count); i++) {
         let entry = entries[terminate.first + i];
-        if is_hidden(splats[entry]) {
+        if is_hidden(entry) {
             entries[terminate.first + i] = entry | TERMINATED;
             marked += 1u;
         }

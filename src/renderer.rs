@@ -243,7 +243,7 @@ impl Renderer {
         let frame = context.upload("frame", bytemuck::bytes_of(&plan.frame(region)), wgpu::BufferUsages::UNIFORM)?;
         let target = Target { plan, region, frame: &frame };
         let scan = self.scan.get_or_init(|| Scan::new(context));
-        let key = SortKey { axis: plan.is_axis_aligned(), grown: plan.is_grown() };
+        let key = SortKey { axis: plan.is_axis_aligned(), grown: plan.is_grown(), scalars: plan.is_post_shaded() };
         let sorter = made(&self.sorters, key, || Sorter::new(context, key));
         let spans = sorter.run(context, scan, timing, target, quads.sheets_per_pass(), stores)?;
         quads.run(context, timing, target, inputs, &spans)

@@ -190,7 +190,7 @@ impl Drawable<'_> {
 
     /// Bytes on the device.
     pub(crate) fn bytes(&self) -> u64 {
-        self.stores().iter().map(|s| s.splats.size() + s.normals.as_ref().map_or(0, wgpu::Buffer::size)).sum()
+        self.stores().iter().map(Store::bytes).sum()
     }
 }
 

@@ -1,7 +1,7 @@
 //! classify: a volume and a transfer function to a list of splats.
 
 use super::context::Context;
-use super::layout::{Classify, ControlPoint};
+use super::layout::{Classify, ControlPoint, MAX_BRICKS};
 use super::pipeline::{Slot, bind, compute, layout, module};
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
@@ -30,9 +30,40 @@ pub(crate) struct Classified {
 #[derive(Debug)]
 pub(crate) struct Store {
     pub(crate) splats: wgpu::Buffer,
-    /// A packed world normal for each splat, where they are to be lit.
-    pub(crate) normals: Option<wgpu::Buffer>,
+    /// Bytes of a splat.
+    pub(crate) stride: u64,
     pub(crate) count: u32,
+    /// Where the bricks that splats name begin, as the shaders read it.
+    pub(crate) origins: wgpu::Buffer,
+    pub(crate) bricks: Vec<BrickSplats>,
+}
+
+/// The splats of a brick, one after the other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct BrickSplats {
+    /// Lattice point of the brick's first voxel.
+    pub(crate) origin: [u32; 3],
+    /// Its first splat in the store.
+    pub(crate) first: u32,
+}
+
+impl Store {
+    pub(crate) fn new(
+        context: &Context,
+        splats: wgpu::Buffer,
+        stride: u64,
+        count: u32,
+        bricks: Vec<BrickSplats>,
+    ) -> Result<Self> {
+        let origins: Vec<[u32; 4]> = bricks.iter().map(|b| [b.origin[0], b.origin[1], b.origin[2], 0]).collect();
+        let origins = context.upload("splats.origins", bytemuck::cast_slice(&origins), wgpu::BufferUsages::STORAGE)?;
+        Ok(Self { splats, stride, count, origins, bricks })
+    }
+
+    /// Bytes on the device.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.splats.size() + self.origins.size()
+    }
 }
 
 /// How the shader reads samples: SAMPLE_TYPE in shaders/classify.wgsl.
@@ -102,7 +133,7 @@ pub(crate) struct Classifier {
 
 impl Classifier {
     pub(crate) fn new(context: &Context) -> Self {
-        let slots = [Slot::Uniform, Slot::Read, Slot::Read, Slot::Write, Slot::Write, Slot::Write, Slot::Read];
+        let slots = [Slot::Uniform, Slot::Read, Slot::Read, Slot::Write, Slot::Write, Slot::Read];
         Self {
             module: module(context, shaders::CLASSIFY),
             layout: layout(context, "classify", wgpu::ShaderStages::COMPUTE, &slots),
@@ -141,7 +172,6 @@ impl Classifier {
             layout: &self.layout,
             count: pipeline("count"),
             emit: pipeline("emit"),
-            lit,
             points: context.upload("classify.control_points", bytemuck::cast_slice(&points), storage)?,
             parameters: Classify {
                 dims: volume.grid().dims(),
@@ -151,11 +181,11 @@ impl Classifier {
                 gradient_y: gradient(1),
                 sample_origin: if coding.convert { 0.0 } else { coding.origin as f32 },
                 gradient_z: gradient(2),
-                _pad: 0,
+                first_brick: 0,
             },
         };
         let mut batch = Batch::default();
-        let mut chunks = Vec::new();
+        let mut gathering = Gathering::new(context);
         let mut classified = Classified::default();
         let (slope, intercept) = volume.rescale();
         let shows = |[low, high]: [f64; 2]| {
@@ -171,16 +201,16 @@ impl Classifier {
                 batch.origins.push([origin[0], origin[1], origin[2], 0]);
                 batch.bytes.extend_from_slice(&bytes);
                 if batch.origins.len() == BATCH {
-                    chunks.extend(job.run(&std::mem::take(&mut batch))?);
+                    job.run(&std::mem::take(&mut batch), &mut gathering)?;
                 }
             }
             progress(f64::from(classified.bricks) / f64::from(total));
             Ok(())
         })?;
         if !batch.origins.is_empty() {
-            chunks.extend(job.run(&batch)?);
+            job.run(&batch, &mut gathering)?;
         }
-        classified.stores = gather(context, chunks)?;
+        classified.stores = gathering.finish()?;
         Ok(classified)
     }
 }
@@ -199,33 +229,36 @@ struct Job<'a> {
     layout: &'a wgpu::BindGroupLayout,
     count: wgpu::ComputePipeline,
     emit: wgpu::ComputePipeline,
-    lit: bool,
     points: wgpu::Buffer,
     parameters: Classify,
 }
 
 impl Job<'_> {
-    /// The visible voxels of a batch; `None` where there are none.
-    fn run(&self, batch: &Batch) -> Result<Option<Store>> {
+    /// Adds the visible voxels of a batch.
+    fn run(&self, batch: &Batch, gathering: &mut Gathering<'_>) -> Result<()> {
         let context = self.context;
         let storage = wgpu::BufferUsages::STORAGE;
-        let runs = (batch.origins.len() * EDGE * EDGE) as u64;
+        let rows = EDGE * EDGE;
+        let runs = (batch.origins.len() * rows) as u64;
         let parameters = Classify { bricks: batch.origins.len() as u32, ..self.parameters };
-        let parameters =
-            context.upload("classify.parameters", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
+        let uniform = |parameters: &Classify| {
+            context.upload("classify.parameters", bytemuck::bytes_of(parameters), wgpu::BufferUsages::UNIFORM)
+        };
         let samples = context.upload("classify.samples", &batch.bytes, storage)?;
         let origins = context.upload("classify.origins", bytemuck::cast_slice(&batch.origins), storage)?;
         // One place more than runs: the scan leaves the total there.
-        let places = context.buffer("classify.places", (runs + 1) * 4, storage | wgpu::BufferUsages::COPY_SRC)?;
-        let none = context.buffer("classify.none", 16, storage)?;
-        let bindings = |splats: &wgpu::Buffer, normals: &wgpu::Buffer| {
-            let resources = [&parameters, &samples, &self.points, &places, splats, normals, &origins]
-                .map(wgpu::Buffer::as_entire_binding);
-            bind(context, "classify", self.layout, &resources)
+        let places_bytes = (runs + 1) * 4;
+        let places = context.buffer("classify.places", places_bytes, storage | wgpu::BufferUsages::COPY_SRC)?;
+        let none = context.buffer("classify.no_splats", 16, storage)?;
+        let bindings = |parameters: &wgpu::Buffer, splats: &wgpu::Buffer| {
+            let resources = [parameters, &samples, &self.points, &places, splats, &origins];
+            bind(context, "classify", self.layout, &resources.map(wgpu::Buffer::as_entire_binding))
         };
-        let no_normals = context.buffer("classify.no_normals", 16, storage)?;
-        let total_buffer =
-            context.buffer("classify.total", 4, wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ)?;
+        let staging = context.buffer(
+            "classify.places_staging",
+            places_bytes,
+            wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+        )?;
         let (x, y) = context.workgroups(runs, WORKGROUP);
         let mut encoder = context.device.create_command_encoder(&Default::default());
         {
@@ -234,20 +267,21 @@ impl Job<'_> {
                 timestamp_writes: None,
             });
             pass.set_pipeline(&self.count);
-            pass.set_bind_group(0, &bindings(&none, &no_normals), &[]);
+            pass.set_bind_group(0, &bindings(&uniform(&parameters)?, &none), &[]);
             pass.dispatch_workgroups(x, y, 1);
             self.scan.record(context, &mut pass, &places, runs + 1)?;
         }
-        encoder.copy_buffer_to_buffer(&places, runs * 4, &total_buffer, 0, 4);
+        encoder.copy_buffer_to_buffer(&places, 0, &staging, 0, places_bytes);
         context.queue.submit([encoder.finish()]);
-        let visible: u32 = bytemuck::pod_read_unaligned(&context.read("classifying the volume", &total_buffer)?[..4]);
+        let bytes = context.read("classifying the volume", &staging)?;
+        let place = |run: usize| bytemuck::pod_read_unaligned::<u32>(&bytes[run * 4..run * 4 + 4]);
+        let visible = place(runs as usize);
         if visible == 0 {
-            return Ok(None);
+            return Ok(());
         }
-        let usage = storage | wgpu::BufferUsages::COPY_SRC;
-        let splats = context.buffer("classify.splats", u64::from(visible) * 16, usage)?;
-        let normals =
-            if self.lit { Some(context.buffer("classify.normals", u64::from(visible) * 4, usage)?) } else { None };
+        let (first_brick, first_splat) = gathering.make_room(visible, batch.origins.len())?;
+        let splats =
+            context.buffer("classify.splats", u64::from(visible) * STRIDE, storage | wgpu::BufferUsages::COPY_SRC)?;
         let mut encoder = context.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
@@ -255,57 +289,91 @@ impl Job<'_> {
                 timestamp_writes: None,
             });
             pass.set_pipeline(&self.emit);
-            pass.set_bind_group(0, &bindings(&splats, normals.as_ref().unwrap_or(&no_normals)), &[]);
+            let parameters = uniform(&Classify { first_brick, ..parameters })?;
+            pass.set_bind_group(0, &bindings(&parameters, &splats), &[]);
             pass.dispatch_workgroups(x, y, 1);
         }
         context.queue.submit([encoder.finish()]);
         // Waiting here keeps one batch of samples on the device, not all of them.
         context.wait("classifying the volume")?;
-        Ok(Some(Store { splats, normals, count: visible }))
+        let bricks = batch
+            .origins
+            .iter()
+            .enumerate()
+            .map(|(brick, &[x, y, z, _])| BrickSplats { origin: [x, y, z], first: first_splat + place(brick * rows) });
+        gathering.add(splats, visible, bricks);
+        Ok(())
     }
 }
+
+/// Bytes of a classified splat.
+const STRIDE: u64 = 16;
 
 /// Joins the splats of many batches into few buffers.
-fn gather(context: &Context, chunks: Vec<Store>) -> Result<Vec<Store>> {
-    let most = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / 16;
-    let most = u32::try_from(most).unwrap_or(u32::MAX).min(JOINED);
-    let mut stores = Vec::new();
-    let mut group: Vec<Store> = Vec::new();
-    let mut held = 0_u32;
-    for chunk in chunks {
-        if !group.is_empty() && held.checked_add(chunk.count).is_none_or(|sum| sum > most) {
-            stores.push(join(context, std::mem::take(&mut group), held)?);
-            held = 0;
+struct Gathering<'a> {
+    context: &'a Context,
+    /// The most splats of a store.
+    most: u32,
+    stores: Vec<Store>,
+    /// What goes into the next store.
+    parts: Vec<(wgpu::Buffer, u32)>,
+    bricks: Vec<BrickSplats>,
+    held: u32,
+}
+
+impl<'a> Gathering<'a> {
+    fn new(context: &'a Context) -> Self {
+        let most = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / STRIDE;
+        let most = u32::try_from(most).unwrap_or(u32::MAX).min(JOINED);
+        Self { context, most, stores: Vec::new(), parts: Vec::new(), bricks: Vec::new(), held: 0 }
+    }
+
+    /// Numbers of the first brick and the first splat of a part that will be added.
+    fn make_room(&mut self, splats: u32, bricks: usize) -> Result<(u32, u32)> {
+        let full = self.held.checked_add(splats).is_none_or(|sum| sum > self.most);
+        if full || self.bricks.len() + bricks > MAX_BRICKS {
+            self.close()?;
         }
-        held += chunk.count;
-        group.push(chunk);
+        Ok((self.bricks.len() as u32, self.held))
     }
-    if !group.is_empty() {
-        stores.push(join(context, group, held)?);
+
+    fn add(&mut self, splats: wgpu::Buffer, count: u32, bricks: impl Iterator<Item = BrickSplats>) {
+        self.parts.push((splats, count));
+        self.bricks.extend(bricks);
+        self.held += count;
     }
-    Ok(stores)
+
+    fn close(&mut self) -> Result<()> {
+        let (parts, bricks, held) =
+            (std::mem::take(&mut self.parts), std::mem::take(&mut self.bricks), std::mem::take(&mut self.held));
+        let splats = match parts.as_slice() {
+            [] => return Ok(()),
+            [(splats, _)] => splats.clone(),
+            parts => {
+                let splats = concatenated(self.context, parts)?;
+                self.context.wait("classifying the volume")?;
+                splats
+            }
+        };
+        self.stores.push(Store::new(self.context, splats, STRIDE, held, bricks)?);
+        Ok(())
+    }
+
+    fn finish(mut self) -> Result<Vec<Store>> {
+        self.close()?;
+        Ok(self.stores)
+    }
 }
 
-fn join(context: &Context, mut group: Vec<Store>, count: u32) -> Result<Store> {
-    if group.len() == 1 {
-        return Ok(group.remove(0));
-    }
-    let splats: Vec<_> = group.iter().map(|s| (&s.splats, u64::from(s.count) * 16)).collect();
-    let normals: Option<Vec<_>> =
-        group.iter().map(|s| s.normals.as_ref().map(|normals| (normals, u64::from(s.count) * 4))).collect();
-    let splats = concatenated(context, "classify.store", &splats)?;
-    let normals = normals.map(|parts| concatenated(context, "classify.store_normals", &parts)).transpose()?;
-    context.wait("classifying the volume")?;
-    Ok(Store { splats, normals, count })
-}
-
-/// A buffer of the first bytes of others, as many of each as stated.
-fn concatenated(context: &Context, label: &str, parts: &[(&wgpu::Buffer, u64)]) -> Result<wgpu::Buffer> {
+/// A buffer of the splats of others, as many of each as stated.
+fn concatenated(context: &Context, parts: &[(wgpu::Buffer, u32)]) -> Result<wgpu::Buffer> {
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
-    let whole = context.buffer(label, parts.iter().map(|(_, bytes)| bytes).sum(), usage)?;
+    let count: u64 = parts.iter().map(|&(_, count)| u64::from(count)).sum();
+    let whole = context.buffer("classify.store", count * STRIDE, usage)?;
     let mut encoder = context.device.create_command_encoder(&Default::default());
     let mut at = 0;
-    for &(part, bytes) in parts {
+    for (part, count) in parts {
+        let bytes = u64::from(*count) * STRIDE;
         encoder.copy_buffer_to_buffer(part, 0, &whole, at, bytes);
         at += bytes;
     }

@@ -2,19 +2,31 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// A classified voxel; `Splat` in shaders/common/splat.wgsl.
+/// A classified voxel; shaders/common/splat.wgsl explains the words.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub(crate) struct Splat {
-    /// Lattice x in the low 16 bits, y in the high ones.
-    pub xy: u32,
-    /// Lattice z, then red as unsigned normalised 16 bits.
-    pub z_red: u32,
-    /// Green, then blue, as unsigned normalised 16 bits.
-    pub green_blue: u32,
-    /// Extinction times unit distance.
-    pub density: f32,
+    pub place: u32,
+    pub density_blue: u32,
+    pub color: u32,
+    pub normal: u32,
 }
+
+/// A scalar voxel; shaders/common/splat.wgsl explains the words.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub(crate) struct ScalarSplat {
+    pub place: u32,
+    pub scalar: f32,
+}
+
+/// The place of a voxel in a brick, and the brick's number in the store.
+pub(crate) fn place([x, y, z]: [u32; 3], brick: u32) -> u32 {
+    x | y << 5 | z << 10 | brick << 15
+}
+
+/// The most bricks that a place can tell apart.
+pub(crate) const MAX_BRICKS: usize = 1 << 17;
 
 /// Parameters of `classify`; shaders/classify.wgsl.
 #[repr(C)]
@@ -27,7 +39,7 @@ pub(crate) struct Classify {
     pub gradient_y: [f32; 3],
     pub sample_origin: f32,
     pub gradient_z: [f32; 3],
-    pub _pad: u32,
+    pub first_brick: u32,
 }
 
 /// A control point of the transfer function in the units of the samples; shaders/classify.wgsl.

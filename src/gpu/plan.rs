@@ -248,6 +248,10 @@ impl Plan {
         self.axis.is_some()
     }
 
+    pub(crate) fn is_post_shaded(&self) -> bool {
+        self.post_shaded
+    }
+
     /// Whether opaque pixels end anything.
     pub(crate) fn terminates(&self) -> bool {
         self.opaque_depth.is_finite()

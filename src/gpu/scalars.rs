@@ -3,15 +3,15 @@
 
 use rayon::prelude::*;
 
-use super::classify::Store;
+use super::classify::{BrickSplats, Store};
 use super::context::Context;
-use super::layout::Splat;
+use super::layout::{MAX_BRICKS, ScalarSplat, place};
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Normalization};
 use crate::transfer::TransferFunction;
-use crate::volume::{InMemory, MAX_DIM, Volume};
+use crate::volume::{BRICK_EDGE as EDGE, InMemory, MAX_DIM, Volume};
 
-/// Voxels along the side of a brick.
+/// Voxels along the side of the bricks in which ranges are known.
 const BRICK: usize = 4;
 
 /// How far splats reach, as far as it decides which are needed; see [`Plan`](super::plan::Plan).
@@ -161,59 +161,75 @@ pub(crate) fn emit(
     let [bx, by, _] = bricks.counts;
     let [nx, ny, nz] = dims.map(|d| d as usize);
     let padding = reach.padding as usize;
-    // A place of the extended lattice, and the voxel that it is a copy of.
-    let rows = |n: usize| (0..n + 2 * padding).map(move |p| (p, p.saturating_sub(padding).min(n - 1)));
-    let layers: Vec<(Vec<Splat>, u64)> = (0..nz + 2 * padding)
+    // A place of the extended lattice is that of a voxel or of a copy.
+    let voxel = |p: usize, n: usize| p.saturating_sub(padding).min(n - 1);
+    let extended = [nx, ny, nz].map(|n| n + 2 * padding);
+    let counts = extended.map(|n| n.div_ceil(EDGE));
+    let found: Vec<Found> = (0..counts.iter().product())
         .into_par_iter()
-        .map(|pz| {
-            let z = pz.saturating_sub(padding).min(nz - 1);
-            let mut splats = Vec::new();
-            let mut voxels = 0;
-            for (py, y) in rows(ny) {
-                for (px, x) in rows(nx) {
-                    if !shown[x / BRICK + bx * (y / BRICK + by * (z / BRICK))] {
-                        continue;
-                    }
-                    let scalar = (values.value(x + nx * (y + ny * z)) - base) as f32;
-                    if scalar != 0.0 {
-                        let place = [px, py, pz].map(|p| p as u32);
-                        splats.push(Splat {
-                            xy: place[0] | place[1] << 16,
-                            z_red: place[2],
-                            green_blue: 0,
-                            density: scalar,
-                        });
-                        voxels += u64::from([px, py, pz] == [x, y, z].map(|c| c + padding));
+        .map(|brick: usize| {
+            let origin = [brick % counts[0], brick / counts[0] % counts[1], brick / (counts[0] * counts[1])];
+            let origin = origin.map(|b| b * EDGE);
+            let inside = |axis: usize| origin[axis]..extended[axis].min(origin[axis] + EDGE);
+            let mut found = Found { origin: origin.map(|o| o as u32), ..Found::default() };
+            for pz in inside(2) {
+                let z = voxel(pz, nz);
+                for py in inside(1) {
+                    let y = voxel(py, ny);
+                    for px in inside(0) {
+                        let x = voxel(px, nx);
+                        if !shown[x / BRICK + bx * (y / BRICK + by * (z / BRICK))] {
+                            continue;
+                        }
+                        let scalar = (values.value(x + nx * (y + ny * z)) - base) as f32;
+                        if scalar != 0.0 {
+                            let at = [px - origin[0], py - origin[1], pz - origin[2]].map(|c| c as u32);
+                            found.splats.push(ScalarSplat { place: place(at, 0), scalar });
+                            found.voxels += u64::from([px, py, pz] == [x, y, z].map(|c| c + padding));
+                        }
                     }
                 }
             }
-            (splats, voxels)
+            found
         })
+        .filter(|found| !found.splats.is_empty())
         .collect();
-    let most = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / 16;
+    let most = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / STRIDE;
     let most = usize::try_from(most.min(u64::from(u32::MAX))).unwrap_or(usize::MAX);
-    let mut stores = Vec::new();
-    let mut pending: Vec<Splat> = Vec::new();
-    let mut voxels = 0;
-    for (layer, inside) in layers {
-        voxels += inside;
-        pending.extend(layer);
-        while pending.len() >= most {
-            let rest = pending.split_off(most);
-            stores.push(store(context, &std::mem::replace(&mut pending, rest))?);
+    let mut emitted = Emitted { stores: Vec::new(), voxels: 0 };
+    let (mut splats, mut bricks): (Vec<ScalarSplat>, Vec<BrickSplats>) = (Vec::new(), Vec::new());
+    for brick in found {
+        if splats.len() + brick.splats.len() > most || bricks.len() == MAX_BRICKS {
+            emitted.stores.push(store(context, &splats, std::mem::take(&mut bricks))?);
+            splats.clear();
         }
+        let number = bricks.len() as u32;
+        bricks.push(BrickSplats { origin: brick.origin, first: splats.len() as u32 });
+        splats.extend(brick.splats.iter().map(|s| ScalarSplat { place: s.place | number << 15, ..*s }));
+        emitted.voxels += brick.voxels;
     }
-    if !pending.is_empty() {
-        stores.push(store(context, &pending)?);
+    if !splats.is_empty() {
+        emitted.stores.push(store(context, &splats, bricks)?);
     }
     context.wait("emitting scalars")?;
-    Ok(Emitted { stores, voxels })
+    Ok(emitted)
 }
 
-fn store(context: &Context, splats: &[Splat]) -> Result<Store> {
+/// Bytes of a splat.
+const STRIDE: u64 = 8;
+
+/// The splats of one brick, their places without its number.
+#[derive(Default)]
+struct Found {
+    origin: [u32; 3],
+    splats: Vec<ScalarSplat>,
+    voxels: u64,
+}
+
+fn store(context: &Context, splats: &[ScalarSplat], bricks: Vec<BrickSplats>) -> Result<Store> {
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
     let buffer = context.upload("scalars.splats", bytemuck::cast_slice(splats), usage)?;
-    Ok(Store { splats: buffer, normals: None, count: splats.len() as u32 })
+    Store::new(context, buffer, STRIDE, splats.len() as u32, bricks)
 }
 
 /// The largest distance of a sample from the base: what sheets are scaled by.

@@ -2,7 +2,7 @@
 
 use std::mem::{offset_of, size_of};
 
-use super::layout::{Batch, Classify, ControlPoint, Frame, Lighting, Shade, Sort, Splat, Terminate};
+use super::layout::{Batch, Classify, ControlPoint, Frame, Lighting, Shade, Sort, Terminate};
 use super::shaders::{ALL, Shader};
 
 fn parsed(shader: Shader) -> naga::Module {
@@ -53,8 +53,7 @@ macro_rules! same_layout {
 
 #[test]
 fn structs_are_laid_out_alike() {
-    same_layout!(Splat { xy, z_red, green_blue, density });
-    same_layout!(Classify { dims, bricks, gradient_x, points, gradient_y, sample_origin, gradient_z });
+    same_layout!(Classify { dims, bricks, gradient_x, points, gradient_y, sample_origin, gradient_z, first_brick });
     same_layout!(ControlPoint { color, sample, opacity });
     same_layout!(Sort { count, block, blocks, batches, sheets_per_batch });
     same_layout!(Batch { depth, first_sheet });

@@ -24,6 +24,8 @@ pub(crate) struct SortKey {
     pub(crate) axis: bool,
     /// Kernels grow.
     pub(crate) grown: bool,
+    /// Splats are scalars.
+    pub(crate) scalars: bool,
 }
 
 /// The pipelines of the sort.
@@ -46,12 +48,13 @@ pub(crate) struct Piece<'a> {
 impl<'a> Piece<'a> {
     /// The splats as a binding.
     pub(crate) fn splats(&self) -> wgpu::BindingResource<'a> {
-        part(&self.store.splats, u64::from(self.first) * 16, u64::from(self.count) * 16)
+        let stride = self.store.stride;
+        part(&self.store.splats, u64::from(self.first) * stride, u64::from(self.count) * stride)
     }
 
-    /// Their normals, where they have any.
-    pub(crate) fn normals(&self) -> Option<wgpu::BindingResource<'a>> {
-        self.store.normals.as_ref().map(|n| part(n, u64::from(self.first) * 4, u64::from(self.count) * 4))
+    /// Where the bricks that they name begin.
+    pub(crate) fn origins(&self) -> wgpu::BindingResource<'a> {
+        self.store.origins.as_entire_binding()
     }
 }
 
@@ -74,9 +77,13 @@ impl Span<'_> {
 
 impl Sorter {
     pub(crate) fn new(context: &Context, key: SortKey) -> Self {
-        let constants = [("AXIS", f64::from(u8::from(key.axis))), ("GROWN", f64::from(u8::from(key.grown)))];
+        let constants = [
+            ("AXIS", f64::from(u8::from(key.axis))),
+            ("GROWN", f64::from(u8::from(key.grown))),
+            ("SCALARS", f64::from(u8::from(key.scalars))),
+        ];
         let module = module(context, shaders::SORT);
-        let slots = [Slot::Uniform, Slot::Uniform, Slot::Read, Slot::Write, Slot::Write, Slot::Write];
+        let slots = [Slot::Uniform, Slot::Uniform, Slot::Read, Slot::Write, Slot::Write, Slot::Write, Slot::Read];
         let layout = layout(context, "sort", wgpu::ShaderStages::COMPUTE, &slots);
         let pipeline = |entry| compute(context, &module, "sort", entry, &layout, &constants);
         Self { count: pipeline("count"), mark: pipeline("mark"), emit: pipeline("emit"), layout }
@@ -93,8 +100,8 @@ impl Sorter {
         stores: &'a [Store],
     ) -> Result<Vec<Span<'a>>> {
         let binding = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size);
-        // Offsets of storage bindings are multiples of at most 256 bytes: 64 normals.
-        let most = (binding / 4 / target.plan.batches_per_splat(sheets) / 64 * 64).max(64);
+        // Offsets of storage bindings are multiples of at most 256 bytes: 32 scalars.
+        let most = (binding / 4 / target.plan.batches_per_splat(sheets) / 32 * 32).max(32);
         let mut spans = Vec::new();
         for store in stores {
             for first in (0..u64::from(store.count)).step_by(most as usize) {
@@ -146,6 +153,7 @@ impl Sorter {
                     places.as_entire_binding(),
                     starts.as_entire_binding(),
                     entries.as_entire_binding(),
+                    piece.origins(),
                 ],
             )
         };

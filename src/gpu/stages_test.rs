@@ -11,7 +11,7 @@ use super::sort::{SortKey, Sorter};
 use super::timing::Timing;
 use crate::camera::{Camera, ProjectionKind, View};
 use crate::kernel::FootprintTable;
-use crate::reference::stages;
+use crate::reference::stages::{self, Voxel};
 use crate::renderer::{Renderer, RendererOptions};
 use crate::settings::{Accumulation, Precision, Settings, Sheets};
 use crate::transfer::{ControlPoint, TransferFunction};
@@ -34,9 +34,19 @@ fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -
     Classifier::new(context).run(context, &Scan::new(context), volume, transfer, false, &|_| ()).unwrap().stores
 }
 
-fn downloaded(context: &Context, stores: &[Store]) -> Vec<Splat> {
-    let read = |s: &Store| download(context, &s.splats, u64::from(s.count) * 16);
-    stores.iter().flat_map(read).collect::<Vec<_>>().chunks_exact(16).map(bytemuck::pod_read_unaligned).collect()
+fn downloaded(context: &Context, stores: &[Store]) -> Vec<Voxel> {
+    let read = |s: &Store| {
+        let origins: Vec<[u32; 3]> = s.bricks.iter().map(|b| b.origin).collect();
+        let bytes = download(context, &s.splats, u64::from(s.count) * 16);
+        let splats: Vec<Splat> = bytes.chunks_exact(16).map(bytemuck::pod_read_unaligned).collect();
+        // Bricks say where their splats begin.
+        for (number, brick) in (0..).zip(&s.bricks) {
+            let first = splats.iter().position(|splat| splat.place >> 15 == number);
+            assert!(first.is_none_or(|first| first as u32 == brick.first), "{number}");
+        }
+        splats.iter().map(|splat| stages::unpack(splat, &origins)).collect::<Vec<_>>()
+    };
+    stores.iter().flat_map(read).collect()
 }
 
 fn steps() -> TransferFunction {
@@ -74,10 +84,11 @@ fn classify_matches_its_twin_for_every_type() {
             let expected = stages::classify(&volume, &steps());
             assert_eq!(got.len(), expected.len(), "{name} {slope} {intercept}");
             for (g, e) in got.iter().zip(&expected) {
-                assert_eq!((g.xy, g.z_red & 0xffff), (e.xy, e.z_red & 0xffff), "{name} {slope}");
-                // A colour on the border of two 16-bit steps may round either way.
-                for shift in [(g.z_red >> 16, e.z_red >> 16), (g.green_blue & 0xffff, e.green_blue & 0xffff)] {
-                    assert!(shift.0.abs_diff(shift.1) <= 1, "{name} {slope}: {g:?} {e:?}");
+                assert_eq!(g.point, e.point, "{name} {slope}");
+                // 13 bits of red and blue, 14 of green.
+                for (c, (g, e)) in g.color.iter().zip(&e.color).enumerate() {
+                    let step = [1.0 / 8191.0, 1.0 / 16383.0, 1.0 / 8191.0][c];
+                    assert!((g - e).abs() <= 0.5 * step + 1e-6, "{name} {slope}: {g:?} {e:?}");
                 }
                 // Near opacity 1 a step of f32 in the opacity is 4e-3 of its logarithm: hence the second term.
                 let allowed = 1e-6 + 1e-5 * e.density + 1e-7 * e.density.exp();
@@ -103,7 +114,8 @@ fn wide_integers_keep_the_resolution_of_their_window() {
     let expected = stages::classify(&volume, &transfer);
     assert_eq!(got.len(), expected.len());
     for (g, e) in got.iter().zip(&expected) {
-        assert!((g.density - e.density).abs() < 1e-6, "{g:?} {e:?}");
+        // Densities are stored to 8e-6 of themselves.
+        assert!((g.density - e.density).abs() < 1e-6 + 8e-6 * e.density, "{g:?} {e:?}");
     }
 }
 
@@ -117,8 +129,7 @@ fn chunks_continue_the_lattice() {
     let volume = Volume::new(Grid::axis_parallel(dims, [1.0; 3]).unwrap(), Samples::U8(samples)).unwrap();
     let got = downloaded(&context, &classified(&context, &volume, &steps()));
     let expected = stages::classify(&volume, &steps());
-    let place = |s: &Splat| (s.xy, s.z_red & 0xffff);
-    assert!(got.iter().map(place).eq(expected.iter().map(place)));
+    assert!(got.iter().map(|v| v.point).eq(expected.iter().map(|v| v.point)));
 }
 
 #[test]
@@ -182,7 +193,7 @@ fn sort_matches_its_twin() {
         ] {
             let settings = Settings { sheet_thickness: thickness, sheets: sheets_kind, size, ..settings.clone() };
             let plan = Plan::new(camera, volume.grid(), &settings, Subject { max_weight: 1.0, unit: 1.0 });
-            let key = SortKey { axis: plan.is_axis_aligned(), grown: plan.is_grown() };
+            let key = SortKey { axis: plan.is_axis_aligned(), grown: plan.is_grown(), scalars: false };
             let sorter = Sorter::new(&context, key);
             let frame = plan.frame(WHOLE);
             let uniform = wgpu::BufferUsages::UNIFORM;

@@ -7,8 +7,17 @@ use crate::kernel::FootprintTable;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE, Volume};
 
+/// A classified voxel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Voxel {
+    pub(crate) point: [u32; 3],
+    pub(crate) color: [f64; 3],
+    /// Extinction times unit distance.
+    pub(crate) density: f64,
+}
+
 /// classify: every voxel of some opacity, brick by brick, in lattice order inside each.
-pub(crate) fn classify(volume: &Volume, transfer: &TransferFunction) -> Vec<Splat> {
+pub(crate) fn classify(volume: &Volume, transfer: &TransferFunction) -> Vec<Voxel> {
     let memory = volume.in_memory().unwrap();
     let [nx, ny, nz] = volume.grid().dims();
     let bricks = |n: u32| (0..n).step_by(BRICK_EDGE);
@@ -19,18 +28,25 @@ pub(crate) fn classify(volume: &Volume, transfer: &TransferFunction) -> Vec<Spla
         inside(z, nz).flat_map(move |z| inside(y, ny).flat_map(move |y| row(y, z)))
     });
     points
-        .filter_map(|[x, y, z]| {
+        .filter_map(|point @ [x, y, z]| {
             let index = (x + nx * (y + ny * z)) as usize;
             let (color, opacity) = transfer.sample(memory.value(index));
-            let [r, g, b] = color.map(|c| (c * 65_535.0).round() as u32);
-            (opacity > 0.0).then(|| Splat {
-                xy: x | y << 16,
-                z_red: z | r << 16,
-                green_blue: g | b << 16,
-                density: TransferFunction::extinction(opacity, 1.0) as f32,
-            })
+            (opacity > 0.0).then(|| Voxel { point, color, density: TransferFunction::extinction(opacity, 1.0) })
         })
         .collect()
+}
+
+/// What the shaders make of the words of a splat; `origins` are those of its store.
+pub(crate) fn unpack(splat: &Splat, origins: &[[u32; 3]]) -> Voxel {
+    let [x, y, z] = origins[(splat.place >> 15) as usize];
+    let part = |shift: u32| splat.place >> shift & 31;
+    let blue = splat.color >> 27 | (splat.density_blue & 0xff) << 5;
+    let color = [splat.color & 0x1fff, splat.color >> 13 & 0x3fff, blue].map(f64::from);
+    Voxel {
+        point: [x + part(0), y + part(5), z + part(10)],
+        color: [color[0] / 8191.0, color[1] / 16383.0, color[2] / 8191.0],
+        density: f64::from(f32::from_bits(splat.density_blue >> 8 << 7)),
+    }
 }
 
 /// scan: exclusive prefix sums.
@@ -49,9 +65,8 @@ fn v3(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
 }
 
-fn lattice(frame: &Frame, splat: &Splat) -> DVec3 {
-    let p = [splat.xy & 0xffff, splat.xy >> 16, splat.z_red & 0xffff].map(f64::from);
-    DVec3::from_array(p) - v3(frame.lattice_center)
+fn lattice(frame: &Frame, splat: &Voxel) -> DVec3 {
+    DVec3::from_array(splat.point.map(f64::from)) - v3(frame.lattice_center)
 }
 
 /// How splats go into sheets.
@@ -68,13 +83,13 @@ fn growth(frame: &Frame, z: f64) -> f64 {
 }
 
 /// The voxel plane of a splat, front to back.
-fn plane(frame: &Frame, splat: &Splat) -> u32 {
+fn plane(frame: &Frame, splat: &Voxel) -> u32 {
     let p = lattice(frame, splat) + v3(frame.lattice_center);
     (v3(frame.plane_axis).dot(p) + f64::from(frame.plane_offset)).round() as u32
 }
 
 /// sort: the splats of each batch of `sheets_per_batch` sheets, in their order.
-pub(crate) fn sort(frame: &Frame, splats: &[Splat], mode: Mode, sheets_per_batch: u32) -> Vec<Vec<u32>> {
+pub(crate) fn sort(frame: &Frame, splats: &[Voxel], mode: Mode, sheets_per_batch: u32) -> Vec<Vec<u32>> {
     let batches = frame.sheets.div_ceil(sheets_per_batch);
     let mut sorted = vec![Vec::new(); batches as usize];
     for (index, splat) in (0..).zip(splats) {
@@ -106,7 +121,7 @@ pub(crate) fn sort(frame: &Frame, splats: &[Splat], mode: Mode, sheets_per_batch
 pub(crate) fn splat(
     frame: &Frame,
     table: &FootprintTable,
-    splats: &[Splat],
+    splats: &[Voxel],
     pixel: DVec2,
     mode: Mode,
     round: impl Fn(f64) -> f64,
@@ -135,8 +150,7 @@ pub(crate) fn splat(
         let per_depth = ray.length();
         let along = q.dot(ray) / per_depth;
         let r2 = q.length_squared() - along * along;
-        let color = [s.z_red >> 16, s.green_blue & 0xffff, s.green_blue >> 16].map(|c| f64::from(c) / 65_535.0);
-        let density = f64::from(s.density);
+        let density = s.density;
         let weight = if mode.additive { -(-density).exp_m1() } else { density };
         let scale = weight * f64::from(frame.section_scale) / growth.powi(3) * length / per_depth;
         let t = |z: f64| (z - center.z) * per_depth + along;
@@ -150,7 +164,7 @@ pub(crate) fn splat(
             } else {
                 continue;
             };
-            for (sum, c) in sheet.iter_mut().zip(color.into_iter().chain([1.0])) {
+            for (sum, c) in sheet.iter_mut().zip(s.color.into_iter().chain([1.0])) {
                 *sum = round(*sum + c * depth);
             }
         }

@@ -126,7 +126,6 @@ impl Splatting {
         let batches = Slots::new(context, "splat.batches", &parameters)?;
         let lighting =
             context.upload("splat.lighting", bytemuck::bytes_of(&inputs.lighting), wgpu::BufferUsages::UNIFORM)?;
-        let no_normals = context.buffer("splat.no_normals", 16, wgpu::BufferUsages::STORAGE)?;
         let groups = spans
             .iter()
             .map(|span| {
@@ -135,7 +134,7 @@ impl Splatting {
                     batches.binding(),
                     span.piece.splats(),
                     wgpu::BindingResource::TextureView(inputs.footprint),
-                    span.piece.normals().unwrap_or_else(|| no_normals.as_entire_binding()),
+                    span.piece.origins(),
                     lighting.as_entire_binding(),
                 ];
                 bind(context, "splat", &self.layout, &resources)
@@ -204,13 +203,14 @@ fn pipeline(context: &Context, key: QuadsKey, group: &wgpu::BindGroupLayout) -> 
     let module = module(context, shaders::SPLATTING);
     let flag = QuadsKey::flag;
     // A stage takes only the constants that it uses.
-    let common = [("PERSPECTIVE", flag(key.perspective)), ("GROWN", flag(key.grown)), ("AXIS", flag(key.axis))];
-    let vertex = [("ADDITIVE", flag(key.additive)), ("LIGHTS", f64::from(key.splat_lights()))];
-    let fragment = [
-        ("TEXELS", f64::from(key.footprint_terms / 4)),
-        ("ROWS", f64::from(key.footprint_rows)),
+    let common = [
+        ("PERSPECTIVE", flag(key.perspective)),
+        ("GROWN", flag(key.grown)),
+        ("AXIS", flag(key.axis)),
         ("SCALARS", flag(key.feed.is_scalar())),
     ];
+    let vertex = [("ADDITIVE", flag(key.additive)), ("LIGHTS", f64::from(key.splat_lights()))];
+    let fragment = [("TEXELS", f64::from(key.footprint_terms / 4)), ("ROWS", f64::from(key.footprint_rows))];
     let vertex_constants = [common.as_slice(), &vertex].concat();
     let fragment_constants = [common.as_slice(), &fragment].concat();
     let add = wgpu::BlendComponent {

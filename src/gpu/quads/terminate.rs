@@ -34,11 +34,23 @@ pub(super) struct Termination<'a> {
 
 impl Terminator {
     pub(super) fn new(context: &Context, key: QuadsKey) -> Self {
-        let slots =
-            [Slot::Uniform, Slot::DynamicUniform, Slot::Read, Slot::Write, Slot::Read, Slot::Write, Slot::Write];
+        let slots = [
+            Slot::Uniform,
+            Slot::DynamicUniform,
+            Slot::Read,
+            Slot::Write,
+            Slot::Read,
+            Slot::Write,
+            Slot::Write,
+            Slot::Read,
+        ];
         let layout = layout(context, "terminate", wgpu::ShaderStages::COMPUTE, &slots);
         let module = module(context, shaders::TERMINATE);
-        let constants = [("PERSPECTIVE", QuadsKey::flag(key.perspective)), ("GROWN", QuadsKey::flag(key.grown))];
+        let constants = [
+            ("PERSPECTIVE", QuadsKey::flag(key.perspective)),
+            ("GROWN", QuadsKey::flag(key.grown)),
+            ("SCALARS", QuadsKey::flag(key.feed.is_scalar())),
+        ];
         Self {
             tile: compute(context, &module, "terminate", "tile", &layout, &[]),
             mark: compute(context, &module, "terminate", "mark", &layout, &constants),
@@ -76,6 +88,7 @@ impl Terminator {
                     span.piece.splats(),
                     span.entries.as_entire_binding(),
                     tally.as_entire_binding(),
+                    span.piece.origins(),
                 ];
                 bind(context, "terminate", &self.layout, &resources)
             })
