@@ -1,15 +1,12 @@
 // sort: a stable counting sort of splats by batch, a batch being the consecutive sheets that one pass feeds. A splat
-// goes into every batch that its kernel reaches into. Each invocation owns a block of consecutive splats and one column
+// goes into every batch that its kernel reaches into. Each invocation owns a block of consecutive splats in view and one column
 // of counters per batch, so no atomics are needed and the order within a batch is that of the splats.
 
 // Sheets are voxel planes.
 override AXIS: bool = false;
 
 struct Sort {
-    // Splats in this span.
-    count: u32,
-    // Splats of one block, and the number of blocks.
-    block: u32,
+    // Number of blocks.
     blocks: u32,
     // Number of batches, and sheets in each.
     batches: u32,
@@ -24,6 +21,8 @@ struct Sort {
 @group(0) @binding(4) var<storage, read_write> starts: array<u32>;
 @group(0) @binding(5) var<storage, read_write> entries: array<u32>;
 @group(0) @binding(6) var<storage, read> origins: array<vec4u>;
+// First splat of each block, and the one after its last.
+@group(0) @binding(7) var<storage, read> blocks: array<vec2u>;
 
 // First and last batch that a splat reaches into; first > last where it reaches into none.
 fn batches_of(index: u32) -> vec2i {
@@ -50,7 +49,7 @@ fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) grou
     if block >= sort.blocks {
         return;
     }
-    for (var i = block * sort.block; i < min((block + 1u) * sort.block, sort.count); i++) {
+    for (var i = blocks[block].x; i < blocks[block].y; i++) {
         let range = batches_of(i);
         for (var batch = range.x; batch <= range.y; batch++) {
             places[u32(batch) * sort.blocks + block] += 1u;
@@ -73,7 +72,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     if block >= sort.blocks {
         return;
     }
-    for (var i = block * sort.block; i < min((block + 1u) * sort.block, sort.count); i++) {
+    for (var i = blocks[block].x; i < blocks[block].y; i++) {
         let range = batches_of(i);
         for (var batch = range.x; batch <= range.y; batch++) {
             let place = u32(batch) * sort.blocks + block;

@@ -174,6 +174,7 @@ impl Renderer {
                         drawn.passes += done.passes;
                         drawn.quads += done.quads;
                         drawn.terminated += done.terminated;
+                        drawn.sorted += done.sorted;
                         let margin = plan.margin() as usize;
                         let (x, length) = (region.x as usize, region.width as usize);
                         let rows = image.pixels_mut().chunks_exact_mut(width as usize).skip(region.y as usize);
@@ -217,6 +218,7 @@ impl Renderer {
             kernel_growth: plan.max_growth(),
             sheets_per_pass,
             passes: drawn.passes,
+            splats_in_view: drawn.sorted,
             quads: drawn.quads,
             quads_terminated: drawn.terminated,
             quads_per_splat: drawn.quads as f64 / splats.max(1) as f64,

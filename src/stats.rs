@@ -75,6 +75,8 @@ pub struct Stats {
     pub sheets_per_pass: u32,
     /// Passes drawn, one per batch of sheets that splats reach.
     pub passes: u64,
+    /// Splats in bricks within view: the others were not looked at. Summed over the parts that a large picture is made in.
+    pub splats_in_view: u64,
     /// Quads, one per splat and batch that it reaches.
     pub quads: u64,
     /// Of these, not drawn because everything before them was opaque.
@@ -131,8 +133,8 @@ impl fmt::Display for Stats {
         writeln!(f, "passes       {:>12}  painter {}, {} sheets", self.passes, self.painter, self.precision)?;
         writeln!(
             f,
-            "quads        {:>12}  {:.2} per splat, {} hidden and not drawn",
-            self.quads, self.quads_per_splat, self.quads_terminated
+            "quads        {:>12}  of {} splats in view, {} hidden and not drawn",
+            self.quads, self.splats_in_view, self.quads_terminated
         )?;
         writeln!(
             f,

@@ -93,8 +93,6 @@ pub(crate) struct Frame {
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub(crate) struct Sort {
-    pub count: u32,
-    pub block: u32,
     pub blocks: u32,
     pub batches: u32,
     pub sheets_per_batch: u32,

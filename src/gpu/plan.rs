@@ -1,13 +1,16 @@
 //! From a camera to the numbers that the stages of a frame work with.
 
+use std::ops::Range;
+
 use glam::{DVec3, DVec4};
 
+use super::classify::Store;
 use super::layout::{Batch, Frame};
 use super::scalars::Reach;
 use crate::camera::{Camera, Growth, Projection};
 use crate::lighting::{Light, Lighting};
 use crate::settings::{Model, Settings, Sheets};
-use crate::volume::Grid;
+use crate::volume::{BRICK_EDGE, Grid};
 
 /// A rectangle of the image, in pixels from its top left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -338,6 +341,59 @@ impl Plan {
         let (x, y) = (clamped((low[0] - 1.0).floor(), w), clamped((low[1] - 1.0).floor(), h));
         let (right, bottom) = (clamped((high[0] + 1.0).ceil(), w), clamped((high[1] + 1.0).ceil(), h));
         (right > x && bottom > y).then(|| Region { x, y, width: right - x, height: bottom - y })
+    }
+
+    /// The splats of a store whose bricks reach into a region, as runs of consecutive ones.
+    pub(crate) fn in_view(&self, store: &Store, region: Region) -> Vec<Range<u32>> {
+        let sides = self.sides(region);
+        let mut runs: Vec<Range<u32>> = Vec::new();
+        for (number, brick) in store.bricks.iter().enumerate() {
+            let end = store.bricks.get(number + 1).map_or(store.count, |next| next.first);
+            if brick.first == end || !self.reaches(brick.origin, &sides) {
+                continue;
+            }
+            match runs.last_mut() {
+                Some(run) if run.end == brick.first => run.end = end,
+                _ => runs.push(brick.first..end),
+            }
+        }
+        runs
+    }
+
+    /// The planes that bound what a region shows, as (gradient in the lattice, value in the middle of the lattice): points
+    /// inside have values of 0 and more.
+    fn sides(&self, region: Region) -> Vec<(DVec3, f64)> {
+        let (scale, origin) = self.pixels();
+        // A pixel more than the margin: quads are padded.
+        let margin = f64::from(self.margin) + 1.0;
+        let plane = |axis: usize, pixel: f64| origin[axis] + pixel * scale[axis];
+        let ends = |axis: usize, first: u32, length: u32| {
+            let (a, b) = (plane(axis, f64::from(first) - margin), plane(axis, f64::from(first + length) + margin));
+            [a.min(b), a.max(b)]
+        };
+        let (x, y) = (ends(0, region.x, region.width), ends(1, region.y, region.height));
+        // In view coordinates: coordinate - slope z >= end, and the other way round.
+        let side = |axis: usize, end: f64, sign: f64| {
+            let (slope, constant) = if self.is_perspective() { (end, end * self.eye_depth) } else { (0.0, end) };
+            ((self.view[axis] - slope * self.view[2]) * sign, (self.offset[axis] - constant) * sign)
+        };
+        let mut sides = vec![side(0, x[0], 1.0), side(0, x[1], -1.0), side(1, y[0], 1.0), side(1, y[1], -1.0)];
+        if self.is_perspective() {
+            sides.push((self.view[2], self.eye_depth));
+        }
+        sides
+    }
+
+    /// Whether the kernels of a brick's voxels reach over all planes.
+    fn reaches(&self, brick: [u32; 3], sides: &[(DVec3, f64)]) -> bool {
+        let half = f64::from(BRICK_EDGE as u32 - 1) / 2.0;
+        let middle = |axis: usize| f64::from(self.grid.dims()[axis] - 1) / 2.0 + f64::from(self.padding);
+        let center = DVec3::from_array(std::array::from_fn(|axis| f64::from(brick[axis]) + half - middle(axis)));
+        let radius = self.radius * self.growths[1];
+        sides.iter().all(|(gradient, value)| {
+            let reach = gradient.abs().dot(DVec3::splat(half)) + radius * gradient.length();
+            gradient.dot(center) + value + reach >= 0.0
+        })
     }
 
     /// The uniforms of a frame that renders `region`.

@@ -55,7 +55,7 @@ macro_rules! same_layout {
 fn structs_are_laid_out_alike() {
     same_layout!(Classify { dims, bricks, gradient_x, points, gradient_y, sample_origin, gradient_z, first_brick });
     same_layout!(ControlPoint { color, sample, opacity });
-    same_layout!(Sort { count, block, blocks, batches, sheets_per_batch });
+    same_layout!(Sort { blocks, batches, sheets_per_batch });
     same_layout!(Batch { depth, first_sheet });
     same_layout!(Shade { depth, previous, current, margin, clear, lookup });
     same_layout!(Terminate { first, count, margin });

@@ -52,6 +52,12 @@ impl<'a> Piece<'a> {
         part(&self.store.splats, u64::from(self.first) * stride, u64::from(self.count) * stride)
     }
 
+    /// What of a run of the store's splats is in the piece, counted from its first.
+    fn part(&self, run: &Range<u32>) -> Option<Range<u32>> {
+        let (start, end) = (run.start.max(self.first), run.end.min(self.first + self.count));
+        (start < end).then(|| start - self.first..end - self.first)
+    }
+
     /// Where the bricks that they name begin.
     pub(crate) fn origins(&self) -> wgpu::BindingResource<'a> {
         self.store.origins.as_entire_binding()
@@ -61,6 +67,8 @@ impl<'a> Piece<'a> {
 /// A piece sorted on its own, small enough that its entries fit into one binding.
 pub(crate) struct Span<'a> {
     pub(crate) piece: Piece<'a>,
+    /// Splats in bricks in view.
+    pub(crate) sorted: u32,
     /// Indices of splats in the piece, by batch.
     pub(crate) entries: wgpu::Buffer,
     /// Where each batch starts in `entries`; one more ends the last.
@@ -83,7 +91,8 @@ impl Sorter {
             ("SCALARS", f64::from(u8::from(key.scalars))),
         ];
         let module = module(context, shaders::SORT);
-        let slots = [Slot::Uniform, Slot::Uniform, Slot::Read, Slot::Write, Slot::Write, Slot::Write, Slot::Read];
+        let slots =
+            [Slot::Uniform, Slot::Uniform, Slot::Read, Slot::Write, Slot::Write, Slot::Write, Slot::Read, Slot::Read];
         let layout = layout(context, "sort", wgpu::ShaderStages::COMPUTE, &slots);
         let pipeline = |entry| compute(context, &module, "sort", entry, &layout, &constants);
         Self { count: pipeline("count"), mark: pipeline("mark"), emit: pipeline("emit"), layout }
@@ -104,15 +113,20 @@ impl Sorter {
         let most = (binding / 4 / target.plan.batches_per_splat(sheets) / 32 * 32).max(32);
         let mut spans = Vec::new();
         for store in stores {
+            let runs = target.plan.in_view(store, target.region);
             for first in (0..u64::from(store.count)).step_by(most as usize) {
                 let count = most.min(u64::from(store.count) - first);
                 let piece = Piece { store, first: first as u32, count: count as u32 };
-                spans.push(self.span(context, scan, timing, target, sheets, piece)?);
+                let runs: Vec<_> = runs.iter().filter_map(|run| piece.part(run)).collect();
+                if !runs.is_empty() {
+                    spans.push(self.span(context, scan, timing, target, sheets, piece, &runs)?);
+                }
             }
         }
         Ok(spans)
     }
 
+    #[expect(clippy::too_many_arguments, reason = "what `run` was given, and a part of it")]
     fn span<'a>(
         &self,
         context: &Context,
@@ -121,14 +135,18 @@ impl Sorter {
         Target { plan, frame, .. }: Target<'_>,
         sheets_per_batch: u32,
         piece: Piece<'a>,
+        runs: &[Range<u32>],
     ) -> Result<Span<'a>> {
-        let count = piece.count;
+        let sorted: u32 = runs.iter().map(|run| run.len() as u32).sum();
         let batches = plan.sheets().div_ceil(sheets_per_batch);
-        let counters_per_block = u64::from(batches);
-        let block = u64::from(count).div_ceil((MAX_COUNTERS / counters_per_block.max(1)).max(1)).max(MIN_BLOCK);
-        let blocks = u64::from(count).div_ceil(block);
-        let counters = blocks * counters_per_block + 1;
-        let parameters = Sort { count, block: block as u32, blocks: blocks as u32, batches, sheets_per_batch };
+        let per_block = u64::from(batches.max(1));
+        let block = u64::from(sorted).div_ceil((MAX_COUNTERS / per_block).max(1)).max(MIN_BLOCK) as u32;
+        let mut blocks: Vec<[u32; 2]> = Vec::new();
+        for run in runs {
+            blocks.extend(run.clone().step_by(block as usize).map(|first| [first, run.end.min(first + block)]));
+        }
+        let counters = blocks.len() as u64 * per_block + 1;
+        let parameters = Sort { blocks: blocks.len() as u32, batches, sheets_per_batch };
         let parameters =
             context.upload("sort.parameters", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
         let storage = wgpu::BufferUsages::STORAGE;
@@ -141,6 +159,8 @@ impl Sorter {
             wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
         )?;
         let none = context.buffer("sort.no_entries", 16, storage)?;
+        let block_count = blocks.len() as u64;
+        let blocks = context.upload("sort.blocks", bytemuck::cast_slice(&blocks), storage)?;
         let bindings = |entries: &wgpu::Buffer| {
             bind(
                 context,
@@ -154,10 +174,11 @@ impl Sorter {
                     starts.as_entire_binding(),
                     entries.as_entire_binding(),
                     piece.origins(),
+                    blocks.as_entire_binding(),
                 ],
             )
         };
-        let (x, y) = context.workgroups(blocks, WORKGROUP);
+        let (x, y) = context.workgroups(block_count, WORKGROUP);
         let mut encoder = context.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
@@ -194,6 +215,6 @@ impl Sorter {
             pass.dispatch_workgroups(x, y, 1);
         }
         context.queue.submit([encoder.finish()]);
-        Ok(Span { piece, entries, starts })
+        Ok(Span { piece, sorted, entries, starts })
     }
 }

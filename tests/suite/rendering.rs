@@ -295,3 +295,26 @@ fn a_picture_made_in_parts_is_the_whole_picture() {
     }
     assert!(worst < 1e-5, "{worst:e}");
 }
+
+#[test]
+fn bricks_out_of_view_are_not_looked_at() {
+    // The middle of a large picture, and that middle alone.
+    let (volume, transfer) = demo("vessels", 128);
+    for projection in [ProjectionKind::Orthographic, PERSPECTIVE] {
+        let picture = |size: u32, zoom: f64| {
+            let settings = f32_settings(size);
+            let view = View { azimuth: 20.0, elevation: 10.0, zoom, projection, ..View::default() };
+            let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
+            let scene = RENDERER.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
+            RENDERER.render(&scene, &camera, &settings).unwrap()
+        };
+        let (large, small) = (picture(256, 1.0), picture(64, 4.0));
+        assert_eq!(large.stats.splats_in_view, large.stats.splats_kept);
+        assert!(4 * small.stats.splats_in_view < 3 * small.stats.splats_kept, "{}", small.stats.splats_in_view);
+        for (index, pixel) in small.image.pixels().iter().enumerate() {
+            let same = large.image.pixels()[(96 + index / 64) * 256 + 96 + index % 64];
+            let worst = pixel.iter().zip(same).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(worst < 1e-4, "{projection:?} {index}: {pixel:?} {same:?}");
+        }
+    }
+}

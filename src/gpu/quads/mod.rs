@@ -138,6 +138,8 @@ pub(crate) struct Quads {
 /// What was drawn.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Drawn {
+    /// Splats in bricks in view.
+    pub(crate) sorted: u64,
     /// Render passes, one per batch that is not empty.
     pub(crate) passes: u64,
     /// Quads, one per splat and batch.
@@ -173,7 +175,7 @@ impl Quads {
         inputs: &Inputs<'_>,
         spans: &[Span<'_>],
     ) -> Result<(Vec<[f32; 4]>, Drawn)> {
-        let mut drawn = Drawn::default();
+        let mut drawn = Drawn { sorted: spans.iter().map(|s| u64::from(s.sorted)).sum(), ..Drawn::default() };
         let [width, height] = target.extent();
         let batches = target.plan.sheets().div_ceil(self.key.sheets_per_pass);
         let bytes = u64::from(width) * u64::from(height) * 16;
