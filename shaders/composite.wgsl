@@ -6,9 +6,16 @@ override SHEETS: u32 = 4u;
 // Sheets hold sums of opacity instead of optical depth.
 override ADDITIVE: bool = false;
 
+struct Area {
+    // First pixel that the batch reaches, and the one after its last.
+    low: vec2u,
+    high: vec2u,
+}
+
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var sheets: texture_2d_array<f32>;
 @group(0) @binding(2) var<storage, read_write> pixels: array<vec4f>;
+@group(0) @binding(3) var<uniform> area: Area;
 
 fn load(at: vec2u, layer: u32) -> vec4f {
     return textureLoad(sheets, at, layer, 0) * frame.inverse_sheet_scale;
@@ -29,12 +36,12 @@ fn behind(pixel: vec4f, sheet: vec4f) -> vec4f {
 
 @compute @workgroup_size(8, 8)
 fn composite(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= frame.region) {
+    let at = area.low + id.xy;
+    if any(at >= area.high) {
         return;
     }
     // Written out: a loop over the sheets is not unrolled by software drivers. Most pixels of most batches are empty,
     // and those neither read nor write the frame.
-    let at = id.xy;
     var s = array<vec4f, 8>();
     s[0] = load(at, 0u);
     var reached = s[0].a;
@@ -74,8 +81,9 @@ fn composite(@builtin(global_invocation_id) id: vec3u) {
 // X-ray: the one sheet is the optical depth.
 @compute @workgroup_size(8, 8)
 fn depth(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= frame.region) {
+    let at = area.low + id.xy;
+    if any(at >= area.high) {
         return;
     }
-    pixels[id.y * frame.region.x + id.x] = vec4f(0.0, 0.0, 0.0, load(id.xy, 0u).r);
+    pixels[at.y * frame.region.x + at.x] = vec4f(0.0, 0.0, 0.0, load(at, 0u).r);
 }

@@ -21,6 +21,9 @@ struct Shade {
     clear: vec2f,
     // Place of a scalar in the table of the transfer function: scalar * x + y.
     lookup: vec2f,
+    // First pixel where the batches show, and the one after the last.
+    low: vec2u,
+    high: vec2u,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
@@ -143,11 +146,12 @@ fn behind(pixel: vec4f, means: vec3f, sideways: vec2f, ray: Ray, z: f32) -> vec4
 
 @compute @workgroup_size(8, 8)
 fn shade(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= frame.region) {
+    let pixel_at = shading.low + id.xy;
+    if any(pixel_at >= shading.high) {
         return;
     }
-    let index = id.y * frame.region.x + id.x;
-    let at = vec2i(id.xy);
+    let index = pixel_at.y * frame.region.x + pixel_at.x;
+    let at = vec2i(pixel_at);
     let m = means_at(at);
     if is_clear_batch(m) {
         return;
@@ -156,7 +160,7 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     if pixel.a >= frame.opaque_depth {
         return;
     }
-    let ray = ray_of(id.xy);
+    let ray = ray_of(pixel_at);
     var x: Means;
     var y: Means;
     if LIGHTS > 0u {
@@ -207,15 +211,16 @@ fn larger(so_far: vec2f, means: vec3f, ray: Ray, z: f32) -> vec2f {
 
 @compute @workgroup_size(8, 8)
 fn maximum(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= frame.region) {
+    let pixel_at = shading.low + id.xy;
+    if any(pixel_at >= shading.high) {
         return;
     }
-    let ray = ray_of(id.xy);
+    let ray = ray_of(pixel_at);
     if ray.inside.x >= ray.inside.y {
         return;
     }
-    let index = id.y * frame.region.x + id.x;
-    let m = means_at(vec2i(id.xy));
+    let index = pixel_at.y * frame.region.x + pixel_at.x;
+    let m = means_at(vec2i(pixel_at));
     let step = frame.sheet_step;
     var z = shading.depth;
     var so_far = larger(pixels[index].xy, vec3f(m.before, m.a.x), ray, z);

@@ -248,7 +248,8 @@ impl Renderer {
         let key = SortKey { axis: plan.is_axis_aligned(), grown: plan.is_grown(), scalars: plan.is_post_shaded() };
         let sorter = made(&self.sorters, key, || Sorter::new(context, key));
         let spans = sorter.run(context, scan, timing, target, quads.sheets_per_pass(), stores)?;
-        quads.run(context, timing, target, inputs, &spans)
+        let covered = plan.covered(stores, region, quads.sheets_per_pass());
+        quads.run(context, timing, target, inputs, &spans, &covered)
     }
 
     /// The rectangles in which a picture is made: one, unless it outgrows the adapter's textures or bindings, or its

@@ -106,6 +106,14 @@ pub(crate) struct Batch {
     pub first_sheet: u32,
 }
 
+/// The pixels that a batch reaches; shaders/composite.wgsl and shaders/shade.wgsl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub(crate) struct Area {
+    pub low: [u32; 2],
+    pub high: [u32; 2],
+}
+
 /// Material and lights in view coordinates; shaders/common/lighting.wgsl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
@@ -140,4 +148,6 @@ pub(crate) struct Shade {
     pub margin: i32,
     pub clear: [f32; 2],
     pub lookup: [f32; 2],
+    pub low: [u32; 2],
+    pub high: [u32; 2],
 }

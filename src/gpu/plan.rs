@@ -21,6 +21,33 @@ pub(crate) struct Region {
     pub(crate) height: u32,
 }
 
+/// A rectangle of pixels in the buffers of a region, from its first to the one after its last; empty where it has none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Area {
+    pub(crate) low: [u32; 2],
+    pub(crate) high: [u32; 2],
+}
+
+impl Default for Area {
+    fn default() -> Self {
+        Self { low: [u32::MAX; 2], high: [0; 2] }
+    }
+}
+
+impl Area {
+    /// The smallest area that holds both.
+    pub(crate) fn joined(self, other: Self) -> Self {
+        Self {
+            low: std::array::from_fn(|a| self.low[a].min(other.low[a])),
+            high: std::array::from_fn(|a| self.high[a].max(other.high[a])),
+        }
+    }
+
+    pub(crate) fn size(self) -> [u32; 2] {
+        std::array::from_fn(|a| self.high[a].saturating_sub(self.low[a]))
+    }
+}
+
 /// A region of a picture and the uniforms to render it with, on the device.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Target<'a> {
@@ -84,6 +111,9 @@ pub(crate) struct Plan {
 /// sheet then resolves contributions 2e6 times smaller before they turn subnormal, and holds 250 times more (oblique
 /// perspective rays, `Normalization::Peak`) before it overflows, whatever the units of the scene.
 const SHEET_FULL: f64 = 256.0;
+
+/// Half the distance of the first and the last voxel of a brick along an axis.
+const HALF_BRICK: f64 = (BRICK_EDGE - 1) as f64 / 2.0;
 
 /// The most pixels that gradients reach sideways.
 const MAX_MARGIN: f64 = 64.0;
@@ -360,6 +390,54 @@ impl Plan {
         runs
     }
 
+    /// For each batch of sheets, the pixels of a region that splats of it can touch: what lies outside is empty.
+    pub(crate) fn covered(&self, stores: &[Store], region: Region, sheets_per_batch: u32) -> Vec<Area> {
+        let extent = [region.width, region.height].map(|side| side + 2 * self.margin);
+        let whole = Area { low: [0, 0], high: extent };
+        let batches = self.sheets.div_ceil(sheets_per_batch) as usize;
+        if self.axis.is_some() {
+            return vec![whole; batches];
+        }
+        let sides = self.sides(region);
+        let (scale, origin) = self.pixels();
+        let first_pixel = [region.x, region.y].map(|first| f64::from(first) - f64::from(self.margin));
+        let mut areas = vec![Area::default(); batches];
+        for store in stores {
+            for brick in &store.bricks {
+                if !self.reaches(brick.origin, &sides) {
+                    continue;
+                }
+                let center = self.brick_center(brick.origin);
+                let reach = |axis: usize| self.brick_reach(self.view[axis]);
+                let z = self.view[2].dot(center);
+                let sheet = |z: f64| (z - self.sheet_origin) / self.sheet_step / f64::from(sheets_per_batch);
+                // A float to integer cast saturates. One more on either side absorbs rounding.
+                let first = (sheet(z - reach(2)) - 1e-3).floor() as usize;
+                let last = (sheet(z + reach(2)) + 1e-3).floor() as usize;
+                let (near, far) = (z - reach(2) + self.eye_depth, z + reach(2) + self.eye_depth);
+                let mut area = whole;
+                if !self.is_perspective() || near > 1e-3 * far {
+                    for axis in 0..2 {
+                        let middle = self.view[axis].dot(center) + self.offset[axis];
+                        let ends = [middle - reach(axis), middle + reach(axis)];
+                        let planes =
+                            ends.map(|end| if self.is_perspective() { [end / near, end / far] } else { [end; 2] });
+                        let pixels =
+                            planes.as_flattened().iter().map(|p| (p - origin[axis]) / scale[axis] - first_pixel[axis]);
+                        let (low, high) =
+                            pixels.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+                        area.low[axis] = (low - 2.0).floor().clamp(0.0, f64::from(extent[axis])) as u32;
+                        area.high[axis] = (high + 2.0).ceil().clamp(0.0, f64::from(extent[axis])) as u32;
+                    }
+                }
+                for reached in areas.iter_mut().take(last.saturating_add(1)).skip(first) {
+                    *reached = reached.joined(area);
+                }
+            }
+        }
+        areas
+    }
+
     /// The planes that bound what a region shows, as (gradient in the lattice, value in the middle of the lattice): points
     /// inside have values of 0 and more.
     fn sides(&self, region: Region) -> Vec<(DVec3, f64)> {
@@ -386,14 +464,20 @@ impl Plan {
 
     /// Whether the kernels of a brick's voxels reach over all planes.
     fn reaches(&self, brick: [u32; 3], sides: &[(DVec3, f64)]) -> bool {
-        let half = f64::from(BRICK_EDGE as u32 - 1) / 2.0;
+        let center = self.brick_center(brick);
+        sides.iter().all(|(gradient, value)| gradient.dot(center) + value + self.brick_reach(*gradient) >= 0.0)
+    }
+
+    /// The middle of a brick's voxels, from that of the lattice.
+    fn brick_center(&self, brick: [u32; 3]) -> DVec3 {
         let middle = |axis: usize| f64::from(self.grid.dims()[axis] - 1) / 2.0 + f64::from(self.padding);
-        let center = DVec3::from_array(std::array::from_fn(|axis| f64::from(brick[axis]) + half - middle(axis)));
-        let radius = self.radius * self.growths[1];
-        sides.iter().all(|(gradient, value)| {
-            let reach = gradient.abs().dot(DVec3::splat(half)) + radius * gradient.length();
-            gradient.dot(center) + value + reach >= 0.0
-        })
+        DVec3::from_array(std::array::from_fn(|axis| f64::from(brick[axis]) + HALF_BRICK - middle(axis)))
+    }
+
+    /// By how much a linear function of that gradient in the lattice can differ, anywhere in the kernels of a brick's
+    /// voxels, from its value in the middle.
+    fn brick_reach(&self, gradient: DVec3) -> f64 {
+        gradient.abs().dot(DVec3::splat(HALF_BRICK)) + self.radius * self.growths[1] * gradient.length()
     }
 
     /// The uniforms of a frame that renders `region`.

@@ -2,7 +2,7 @@
 
 use std::mem::{offset_of, size_of};
 
-use super::layout::{Batch, Classify, ControlPoint, Frame, Lighting, Shade, Sort, Terminate};
+use super::layout::{Area, Batch, Classify, ControlPoint, Frame, Lighting, Shade, Sort, Terminate};
 use super::shaders::{ALL, Shader};
 
 fn parsed(shader: Shader) -> naga::Module {
@@ -57,7 +57,8 @@ fn structs_are_laid_out_alike() {
     same_layout!(ControlPoint { color, sample, opacity });
     same_layout!(Sort { blocks, batches, sheets_per_batch });
     same_layout!(Batch { depth, first_sheet });
-    same_layout!(Shade { depth, previous, current, margin, clear, lookup });
+    same_layout!(Shade { depth, previous, current, margin, clear, lookup, low, high });
+    same_layout!(Area { low, high });
     same_layout!(Terminate { first, count, margin });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, shininess });
     same_layout!(Frame {

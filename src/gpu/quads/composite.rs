@@ -1,12 +1,14 @@
 //! composite and resolve: pre-shaded sheets into the frame, and the frame into a picture.
 
 use super::super::context::Context;
-use super::super::pipeline::{Slot, bind, compute, layout, module};
-use super::super::plan::Target;
+use super::super::layout;
+use super::super::pipeline::{Slot, bind, compute, layout as pipeline_slots, module};
+use super::super::plan::{Area, Target};
 use super::super::shaders;
 use super::super::timing::Timing;
 use super::splat::Sheets;
-use super::{Feed, IntoFrame, QuadsKey, dispatch};
+use super::{Feed, IntoFrame, QuadsKey, Slots, dispatch};
+use crate::error::Result;
 
 /// The pipelines.
 pub(super) struct Composite {
@@ -19,8 +21,9 @@ pub(super) struct Composite {
 /// What one region is composited with.
 struct Compositing<'a> {
     stage: &'a Composite,
-    /// Whether a batch has splats.
-    drawn: Vec<bool>,
+    /// The pixels of each batch; none where it has no splats.
+    reached: Vec<Area>,
+    areas: Slots,
     sheets: wgpu::BindGroup,
     pixels: wgpu::BindGroup,
     workgroups: [u32; 2],
@@ -29,9 +32,10 @@ struct Compositing<'a> {
 impl Composite {
     pub(super) fn new(context: &Context, key: QuadsKey) -> Self {
         let compute_stage = wgpu::ShaderStages::COMPUTE;
-        let slots = [Slot::Uniform, Slot::Texture(wgpu::TextureViewDimension::D2Array), Slot::Write];
-        let composite_layout = layout(context, "composite", compute_stage, &slots);
-        let resolve_layout = layout(context, "resolve", compute_stage, &[Slot::Uniform, Slot::Write]);
+        let sheets = Slot::Texture(wgpu::TextureViewDimension::D2Array);
+        let slots = [Slot::Uniform, sheets, Slot::Write, Slot::DynamicUniform];
+        let composite_layout = pipeline_slots(context, "composite", compute_stage, &slots);
+        let resolve_layout = pipeline_slots(context, "resolve", compute_stage, &[Slot::Uniform, Slot::Write]);
         let constants = [("SHEETS", f64::from(key.sheets_per_pass)), ("ADDITIVE", QuadsKey::flag(key.additive))];
         let (entry, constants) = match key.feed {
             Feed::Colors => ("composite", constants.as_slice()),
@@ -51,26 +55,31 @@ impl Composite {
         target: Target<'_>,
         sheets: &Sheets,
         pixels: &wgpu::Buffer,
-        drawn: Vec<bool>,
-    ) -> Box<dyn IntoFrame + 'a> {
+        reached: &[Area],
+    ) -> Result<Box<dyn IntoFrame + 'a>> {
+        let areas: Vec<_> = reached.iter().map(|a| layout::Area { low: a.low, high: a.high }).collect();
+        let areas = Slots::new(context, "composite.areas", &areas)?;
         let frame = target.frame.as_entire_binding();
         let sheets = wgpu::BindingResource::TextureView(&sheets.all);
-        let resources = [frame.clone(), sheets, pixels.as_entire_binding()];
-        Box::new(Compositing {
+        let resources = [frame.clone(), sheets, pixels.as_entire_binding(), areas.binding()];
+        Ok(Box::new(Compositing {
             stage: self,
-            drawn,
+            reached: reached.to_vec(),
             sheets: bind(context, "composite", &self.composite_layout, &resources),
             pixels: bind(context, "resolve", &self.resolve_layout, &[frame, pixels.as_entire_binding()]),
             workgroups: target.extent().map(|side| side.div_ceil(8)),
-        })
+            areas,
+        }))
     }
 }
 
 impl IntoFrame for Compositing<'_> {
     fn batch(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing, batch: u32) {
-        if self.drawn[batch as usize] {
+        let workgroups = self.reached[batch as usize].size().map(|side| side.div_ceil(8));
+        if workgroups[0] > 0 && workgroups[1] > 0 {
+            let offsets = [self.areas.offset(batch)];
             let pipeline = &self.stage.composite;
-            dispatch(context, encoder, timing, "composite", pipeline, &self.sheets, &[], self.workgroups);
+            dispatch(context, encoder, timing, "composite", pipeline, &self.sheets, &offsets, workgroups);
         }
     }
 

@@ -15,7 +15,7 @@ use terminate::Terminator;
 
 use super::context::Context;
 use super::layout::Lighting;
-use super::plan::Target;
+use super::plan::{Area, Target};
 use super::sort::Span;
 use super::timing::Timing;
 use crate::error::Result;
@@ -166,7 +166,7 @@ impl Quads {
         self.key.sheets_per_pass
     }
 
-    /// Draws the spans' splats and returns the region, with the margin around it, as premultiplied RGBA.
+    /// Draws the spans' splats, those of each batch within the area `covered`, and returns the region, with the margin around it, as premultiplied RGBA.
     pub(crate) fn run(
         &self,
         context: &Context,
@@ -174,6 +174,7 @@ impl Quads {
         target: Target<'_>,
         inputs: &Inputs<'_>,
         spans: &[Span<'_>],
+        covered: &[Area],
     ) -> Result<(Vec<[f32; 4]>, Drawn)> {
         let mut drawn = Drawn { sorted: spans.iter().map(|s| u64::from(s.sorted)).sum(), ..Drawn::default() };
         let [width, height] = target.extent();
@@ -187,10 +188,13 @@ impl Quads {
         let splats = self.splatting.bind(context, target, inputs, spans, batches)?;
         let termination =
             self.terminator.as_ref().map(|t| t.bind(context, target, &pixels, spans, batches)).transpose()?;
-        let has_splats = (0..batches).map(|b| quads_of(b) > 0).collect();
+        let reached: Vec<Area> = (0..batches)
+            .zip(covered)
+            .map(|(batch, area)| if quads_of(batch) > 0 { *area } else { Area::default() })
+            .collect();
         let into_frame = match &self.consumer {
-            Consumer::Composite(stage) => stage.bind(context, target, &sheets[0], &pixels, has_splats),
-            Consumer::Shading(stage) => stage.bind(context, target, inputs, &sheets, &pixels, has_splats)?,
+            Consumer::Composite(stage) => stage.bind(context, target, &sheets[0], &pixels, &reached)?,
+            Consumer::Shading(stage) => stage.bind(context, target, inputs, &sheets, &pixels, &reached)?,
         };
         let mut encoder = context.device.create_command_encoder(&Default::default());
         for batch in 0..batches {

@@ -3,7 +3,7 @@
 use super::super::context::Context;
 use super::super::layout::Shade;
 use super::super::pipeline::{Slot, bind, compute, layout, module};
-use super::super::plan::Target;
+use super::super::plan::{Area, Target};
 use super::super::shaders;
 use super::super::timing::Timing;
 use super::splat::Sheets;
@@ -25,6 +25,8 @@ struct Shaded<'a> {
     batches: Slots,
     /// Whether a batch has splats; one more ends the list.
     drawn: Vec<bool>,
+    /// The pixels that each step looks at.
+    areas: Vec<Area>,
     /// Whether a field of nothing but the base shows nothing.
     base_is_clear: bool,
     /// For even and odd batches.
@@ -74,13 +76,29 @@ impl Shading {
         inputs: &Inputs<'_>,
         sheets: &[Sheets],
         pixels: &wgpu::Buffer,
-        mut drawn: Vec<bool>,
+        reached: &[Area],
     ) -> Result<Box<dyn IntoFrame + 'a>> {
         let Some(table) = inputs.transfer else {
             let reason = "there is no transfer function to classify by".to_owned();
             return Err(Error::Device { stage: "shade".to_owned(), reason });
         };
-        drawn.push(false);
+        let drawn: Vec<bool> = reached.iter().map(|area| *area != Area::default()).chain([false]).collect();
+        let base_is_clear = table.clear[0] <= table.clear[1];
+        let extent = target.extent();
+        let margin = target.plan.margin();
+        // Where neither batch reaches there is the base: only where that shows, or may be the largest, is it looked at.
+        let areas: Vec<Area> = (0..drawn.len())
+            .map(|batch| {
+                if !base_is_clear || self.key.feed == Feed::Maximum {
+                    return Area { low: [0, 0], high: extent };
+                }
+                let of = |batch: Option<usize>| batch.and_then(|b| reached.get(b)).copied().unwrap_or_default();
+                let area = of(batch.checked_sub(1)).joined(of(Some(batch)));
+                // Gradients are asked for beside what shows.
+                let grown = |a: usize| (area.high[a].saturating_add(margin)).min(extent[a]);
+                Area { low: area.low.map(|l| l.saturating_sub(margin)), high: [grown(0), grown(1)] }
+            })
+            .collect();
         let parameters: Vec<_> = (0..drawn.len() as u32)
             .map(|batch| Shade {
                 // One sheet back: each is shaded when the next one is known.
@@ -90,6 +108,8 @@ impl Shading {
                 margin: target.plan.margin() as i32,
                 clear: table.clear,
                 lookup: table.lookup,
+                low: areas[batch as usize].low,
+                high: areas[batch as usize].high,
             })
             .collect();
         let batches = Slots::new(context, "shade.batches", &parameters)?;
@@ -118,7 +138,8 @@ impl Shading {
             stage: self,
             batches,
             drawn,
-            base_is_clear: table.clear[0] <= table.clear[1],
+            areas,
+            base_is_clear,
             groups,
             resolve,
             workgroups: target.extent().map(|side| side.div_ceil(8)),
@@ -136,7 +157,10 @@ impl Shaded<'_> {
         }
         let offsets = [self.batches.offset(batch)];
         let group = &self.groups[index % 2];
-        dispatch(context, encoder, timing, "shade", &self.stage.shade, group, &offsets, self.workgroups);
+        let workgroups = self.areas[index].size().map(|side| side.div_ceil(8));
+        if workgroups[0] > 0 && workgroups[1] > 0 {
+            dispatch(context, encoder, timing, "shade", &self.stage.shade, group, &offsets, workgroups);
+        }
     }
 }
 
