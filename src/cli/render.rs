@@ -55,7 +55,10 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
                 let progress = Progress::bar("preparing");
                 renderer.prepare(&volume, &transfer, &job.settings, &|f| progress.set(f))?
             };
-            let mut rendered = renderer.render(&scene, &camera, &job.settings)?;
+            let mut rendered = {
+                let _progress = Progress::spinner("splatting");
+                renderer.render(&scene, &camera, &job.settings)?
+            };
             let before = stages.0.len();
             save(&rendered.image, &mut stages)?;
             let after = stages.0.split_off(before);
