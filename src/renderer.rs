@@ -114,7 +114,8 @@ impl Renderer {
         settings.validate()?;
         scene.check(settings)?;
         let before = self.context.allocated();
-        let precision = self.precision(settings)?;
+        let plan = Plan::new(camera, scene.grid(), settings, scene.subject());
+        let precision = self.precision(settings, &plan)?;
         let table = match settings.footprint_table {
             Some([rows, terms]) => FootprintTable::with_size(&settings.kernel, rows, terms),
             None => FootprintTable::new(
@@ -129,7 +130,6 @@ impl Renderer {
             Model::Composite => Feed::Colors,
         };
         let sheets_per_pass = self.sheets_per_pass(settings, feed, precision)?;
-        let plan = Plan::new(camera, scene.grid(), settings, scene.subject());
         let (drawable, seconds) = scene.drawable(&self.context, &plan, settings)?;
         let mut stages = vec![host_stage("classify", scene.seconds + seconds)];
         let key = QuadsKey {
@@ -268,7 +268,7 @@ impl Renderer {
     }
 
     /// The precision asked for, or the adapter's own: see [`Settings::precision`].
-    fn precision(&self, settings: &Settings) -> Result<Precision> {
+    fn precision(&self, settings: &Settings, plan: &Plan) -> Result<Precision> {
         let blendable = self.context.features.contains(wgpu::Features::FLOAT32_BLENDABLE);
         match settings.precision {
             Some(Precision::F32) if !blendable => {
@@ -276,6 +276,9 @@ impl Renderer {
             }
             Some(precision) => Ok(precision),
             None if blendable && (self.context.info.is_software() || settings.is_post_shaded()) => Ok(Precision::F32),
+            // A kernel s times as large meets s^2 times as many others in a pixel, each as much fainter: half floats
+            // lose them.
+            None if blendable && plan.max_growth() > 1.5 => Ok(Precision::F32),
             None => Ok(Precision::F16),
         }
     }

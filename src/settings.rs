@@ -103,7 +103,7 @@ pub struct Settings {
     /// Thickness of a sheet, in voxels along the central ray.
     pub sheet_thickness: f64,
     /// The format of the sheet buffers; `None` takes f16 on a GPU and f32 on a software adapter, and f32
-    /// for scalars wherever the adapter blends it.
+    /// for scalars, and where kernels grow by half or more, wherever the adapter blends it.
     ///
     /// Mesa's software rasteriser cuts each sum off when it stores half floats where GPUs round to the nearest: with
     /// some fifty contributions to a pixel of a sheet, alpha comes out 2e-3 to 4e-3 too low there, and f32 is as fast.
