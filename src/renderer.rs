@@ -16,7 +16,7 @@ use crate::gpu::timing::{Timing, on_host};
 use crate::image::Image;
 use crate::kernel::FootprintTable;
 pub use crate::scene::Scene;
-use crate::settings::{Accumulation, Model, Precision, Settings};
+use crate::settings::{Accumulation, Model, Precision, Settings, Shading};
 use crate::stats::{Clock, StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
@@ -139,7 +139,7 @@ impl Renderer {
             axis: plan.is_axis_aligned(),
             additive: settings.accumulation == Accumulation::Additive,
             lights: settings.lighting.as_ref().map_or(0, |l| l.lights.len() as u32),
-            samples: settings.samples_per_sheet(),
+            samples: if feed.is_scalar() { settings.samples_per_sheet() } else { 1 },
             terminates: plan.terminates(),
             precision,
             sheets_per_pass,
@@ -199,7 +199,7 @@ impl Renderer {
             adapter: self.context.info.clone(),
             painter: "quads",
             model: settings.model,
-            shading: settings.shading,
+            shading: if settings.is_post_shaded() { Shading::Post } else { Shading::Pre },
             lights: key.lights,
             sheet_alignment: settings.sheets,
             accumulation: settings.accumulation,

@@ -7,9 +7,8 @@ use crate::gpu::classify::{Classified, Store};
 use crate::gpu::context::Context;
 use crate::gpu::plan::{Plan, Subject};
 use crate::gpu::quads::TransferTable;
-use crate::gpu::scalars::{self, Emitted, Reach, Shows};
+use crate::gpu::scalars::{self, Asked, Bricks, Emitted, Shows};
 use crate::gpu::timing::on_host;
-use crate::kernel::{Kernel, Normalization};
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
@@ -35,18 +34,11 @@ enum Content {
 struct Scalars {
     volume: Volume,
     transfer: TransferFunction,
+    bricks: Bricks,
     shows: Shows,
     table: TransferTable,
     /// The splats of the picture before, drawn again where nothing asks for others.
     emitted: Mutex<Option<(Asked, Arc<Emitted>)>>,
-}
-
-/// What splats of scalars depend on besides volume and transfer function.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Asked {
-    kernel: Kernel,
-    normalization: Normalization,
-    reach: Reach,
 }
 
 /// The splats of one picture.
@@ -86,18 +78,21 @@ impl Scene {
         settings: &Settings,
     ) -> Result<Self> {
         let shows = shows(settings);
+        let (bricks, seconds) = on_host(|| Bricks::new(volume, transfer.base()));
+        let bricks = bricks?;
+        let max_weight = bricks.largest();
         let scalars = Scalars {
             volume: volume.clone(),
+            bricks,
             transfer: transfer.clone(),
             shows,
             table: table(context, transfer, shows, transfer.unit_or(volume.grid().min_spacing())),
             emitted: Mutex::new(None),
         };
-        let (max_weight, seconds) = on_host(|| scalars::largest(volume, transfer));
         Ok(Self {
             content: Content::Scalars(Box::new(scalars)),
             grid: *volume.grid(),
-            subject: Subject { max_weight: max_weight?, unit: 1.0 },
+            subject: Subject { max_weight, unit: 1.0 },
             seconds,
         })
     }
@@ -157,9 +152,8 @@ impl Scene {
         }
         let (emitted, seconds) = on_host(|| {
             context.guarded("emitting scalars", || {
-                let Scalars { volume, transfer, shows, .. } = scalars.as_ref();
-                let Asked { kernel, normalization, reach } = &asked;
-                scalars::emit(context, volume, transfer, kernel, *normalization, *shows, *reach)
+                let Scalars { volume, bricks, transfer, shows, .. } = scalars.as_ref();
+                scalars::emit(context, volume, bricks, transfer, *shows, &asked)
             })
         });
         let emitted = Arc::new(emitted?);

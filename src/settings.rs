@@ -100,7 +100,7 @@ pub struct Settings {
     pub kernel: Kernel,
     /// What sums of kernels are divided by.
     pub normalization: Normalization,
-    /// Thickness of a sheet, in voxels along the central ray.
+    /// Thickness of a sheet, in voxels along the central ray, as many times more as the nearest kernel has grown.
     pub sheet_thickness: f64,
     /// The format of the sheet buffers; `None` takes f16 on a GPU and f32 on a software adapter, and f32
     /// for scalars, and where kernels grow by half or more, wherever the adapter blends it.

@@ -37,7 +37,7 @@ pub struct Stats {
     pub painter: &'static str,
     /// What a pixel is.
     pub model: Model,
-    /// When the transfer function was applied.
+    /// When the transfer function was applied; after reconstruction for every maximum intensity projection.
     pub shading: Shading,
     /// The number of lights; 0 where colours are those of the transfer function.
     pub lights: u32,
@@ -104,8 +104,7 @@ impl fmt::Display for Stats {
             "picture      {} x {} px, {} px within reach of the volume",
             self.size[0], self.size[1], self.pixels_covered
         )?;
-        let shading =
-            if self.shading == Shading::Post || self.model == Model::Mip { "post-shaded" } else { "pre-shaded" };
+        let shading = if self.shading == Shading::Post { "post-shaded" } else { "pre-shaded" };
         let light = match self.lights {
             0 => "unlit".to_owned(),
             1 => "1 light".to_owned(),

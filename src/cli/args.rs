@@ -253,7 +253,7 @@ pub(super) struct RenderArgs {
     /// What sums of kernels are divided by: the kernel's integral, or its peak of 1 (the historical way, denser)
     #[arg(long, value_name = "HOW", default_value = "unit", value_parser = normalizations(), help_heading = "Model")]
     pub(super) normalization: Normalization,
-    /// Thickness of a sheet in voxels, 0.05 to 64: thinner is more exact and slower
+    /// Thickness of a sheet in voxels (of grown kernels, in their size), 0.05 to 64: thinner is more exact and slower
     #[arg(long, value_name = "VOXELS", default_value_t = 1.0, value_parser = parse::positive,
         allow_hyphen_values = true, help_heading = "Model")]
     pub(super) sheet_thickness: f64,
@@ -280,7 +280,8 @@ pub(super) struct RenderArgs {
     /// How splats are drawn: quads is the only painter, and what auto takes
     #[arg(long, value_name = "PAINTER", default_value = "auto", help_heading = "Device")]
     pub(super) painter: PainterArg,
-    /// Format of the sheet buffers, f16 or f32 [default: f32 on software adapters, f16 on others]
+    /// Format of the sheet buffers, f16 or f32 [default: f32 on software adapters, for scalars and
+    /// where kernels grow by half or more, f16 elsewhere]
     #[arg(long, value_name = "FORMAT", value_parser = precisions(), help_heading = "Device")]
     pub(super) precision: Option<Precision>,
     /// Largest error of the footprint table, 1e-7 to 0.1 of its peak [default: 1e-4 for f16, 1e-5 for f32]

@@ -2,7 +2,7 @@
 
 use super::context::Context;
 use super::layout::{Classify, ControlPoint, MAX_BRICKS};
-use super::pipeline::{Slot, bind, compute, layout, module};
+use super::pipeline::{Slot, bind, compute, flag, layout, module};
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
 use crate::error::Result;
@@ -151,7 +151,7 @@ impl Classifier {
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<Classified> {
         let coding = SampleCoding::new(volume, transfer);
-        let constants = [("SAMPLE_TYPE", f64::from(coding.sample_type)), ("LIT", f64::from(u8::from(lit)))];
+        let constants = [("SAMPLE_TYPE", f64::from(coding.sample_type)), ("LIT", flag(lit))];
         let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
         let points: Vec<ControlPoint> = transfer
             .points()

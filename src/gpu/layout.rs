@@ -106,12 +106,33 @@ pub(crate) struct Batch {
     pub first_sheet: u32,
 }
 
-/// The pixels that a batch reaches; shaders/composite.wgsl and shaders/shade.wgsl.
+/// A rectangle of pixels in the buffers of a region, from its first to the one after its last; empty where it has none;
+/// `Area` in shaders/composite.wgsl.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 pub(crate) struct Area {
     pub low: [u32; 2],
     pub high: [u32; 2],
+}
+
+impl Default for Area {
+    fn default() -> Self {
+        Self { low: [u32::MAX; 2], high: [0; 2] }
+    }
+}
+
+impl Area {
+    /// The smallest area that holds both.
+    pub(crate) fn joined(self, other: Self) -> Self {
+        Self {
+            low: std::array::from_fn(|a| self.low[a].min(other.low[a])),
+            high: std::array::from_fn(|a| self.high[a].max(other.high[a])),
+        }
+    }
+
+    pub(crate) fn size(self) -> [u32; 2] {
+        std::array::from_fn(|a| self.high[a].saturating_sub(self.low[a]))
+    }
 }
 
 /// Material and lights in view coordinates; shaders/common/lighting.wgsl.

@@ -110,6 +110,11 @@ pub(super) fn compute(
     })
 }
 
+/// The value of an override constant that is a bool.
+pub(super) fn flag(value: bool) -> f64 {
+    f64::from(u8::from(value))
+}
+
 /// Override constants. No stage uses workgroup memory, so there is none to clear.
 pub(super) fn specialised<'a>(constants: &'a [(&'a str, f64)]) -> wgpu::PipelineCompilationOptions<'a> {
     wgpu::PipelineCompilationOptions { constants, zero_initialize_workgroup_memory: false }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::{DVec3, DVec4};
 
 use super::classify::Store;
-use super::layout::{Batch, Frame};
+use super::layout::{Area, Batch, Frame};
 use super::scalars::Reach;
 use crate::camera::{Camera, Growth, Projection};
 use crate::lighting::{Light, Lighting};
@@ -19,33 +19,6 @@ pub(crate) struct Region {
     pub(crate) y: u32,
     pub(crate) width: u32,
     pub(crate) height: u32,
-}
-
-/// A rectangle of pixels in the buffers of a region, from its first to the one after its last; empty where it has none.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Area {
-    pub(crate) low: [u32; 2],
-    pub(crate) high: [u32; 2],
-}
-
-impl Default for Area {
-    fn default() -> Self {
-        Self { low: [u32::MAX; 2], high: [0; 2] }
-    }
-}
-
-impl Area {
-    /// The smallest area that holds both.
-    pub(crate) fn joined(self, other: Self) -> Self {
-        Self {
-            low: std::array::from_fn(|a| self.low[a].min(other.low[a])),
-            high: std::array::from_fn(|a| self.high[a].max(other.high[a])),
-        }
-    }
-
-    pub(crate) fn size(self) -> [u32; 2] {
-        std::array::from_fn(|a| self.high[a].saturating_sub(self.low[a]))
-    }
 }
 
 /// A region of a picture and the uniforms to render it with, on the device.

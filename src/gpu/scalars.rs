@@ -9,10 +9,14 @@ use super::layout::{MAX_BRICKS, ScalarSplat, place};
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Normalization};
 use crate::transfer::TransferFunction;
-use crate::volume::{BRICK_EDGE as EDGE, InMemory, MAX_DIM, Volume};
+use crate::volume::{BRICK_EDGE as EDGE, Volume};
 
 /// Voxels along the side of the bricks in which ranges are known.
 const BRICK: usize = 4;
+
+/// The most places of an extended lattice, unless the volume itself has half as many: kernels grow without end as the
+/// picture gets smaller, and the copies beyond the faces with them.
+const MAX_PLACES: u64 = 1 << 28;
 
 /// How far splats reach, as far as it decides which are needed; see [`Plan`](super::plan::Plan).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,6 +26,14 @@ pub(crate) struct Reach {
     pub(crate) padding: u32,
     /// Voxels within which two voxels can take part in the classification of the same place.
     pub(crate) influence: u32,
+}
+
+/// What splats of scalars depend on besides volume and transfer function.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Asked {
+    pub(crate) kernel: Kernel,
+    pub(crate) normalization: Normalization,
+    pub(crate) reach: Reach,
 }
 
 /// What of a scalar field shows.
@@ -68,8 +80,9 @@ fn magnification(kernel: &Kernel, normalization: Normalization) -> f64 {
     1.1 * worst / normalization.divisor(kernel)
 }
 
-/// The least and the largest value of each brick, less the base.
-struct Bricks {
+/// The least and the largest value of each brick of a volume, less the base.
+#[derive(Debug)]
+pub(crate) struct Bricks {
     counts: [usize; 3],
     ranges: Vec<[f64; 2]>,
 }
@@ -81,8 +94,9 @@ fn joined(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
 }
 
 impl Bricks {
-    fn new(values: &InMemory<'_>, dims: [u32; 3], base: f64) -> Self {
-        let dims = dims.map(|d| d as usize);
+    pub(crate) fn new(volume: &Volume, base: f64) -> Result<Self> {
+        let values = volume.in_memory()?;
+        let dims = volume.grid().dims().map(|d| d as usize);
         let counts = dims.map(|d| d.div_ceil(BRICK));
         let [nx, ny, nz] = dims;
         let mut ranges = vec![NOTHING; counts.iter().product()];
@@ -97,22 +111,23 @@ impl Bricks {
                 }
             }
         });
-        Self { counts, ranges }
+        Ok(Self { counts, ranges })
     }
 
-    /// The largest distance of a value from the base.
-    fn largest(&self) -> f64 {
+    /// The largest distance of a value from the base: what sheets are scaled by.
+    pub(crate) fn largest(&self) -> f64 {
         self.ranges.iter().flatten().map(|v| v.abs()).fold(0.0, f64::max)
     }
 
     /// The range of each brick and all within `bricks` of it.
-    fn dilated(mut self, bricks: usize) -> Self {
+    fn dilated(&self, bricks: usize) -> Vec<[f64; 2]> {
         let counts = self.counts;
+        let mut ranges = self.ranges.clone();
         let strides = [1, counts[0], counts[0] * counts[1]];
         for axis in 0..3 {
             let (n, stride) = (counts[axis], strides[axis]);
-            let source = std::mem::take(&mut self.ranges);
-            self.ranges = (0..source.len())
+            let source = std::mem::take(&mut ranges);
+            ranges = (0..source.len())
                 .into_par_iter()
                 .map(|index| {
                     let at = index / stride % n;
@@ -121,7 +136,7 @@ impl Bricks {
                 })
                 .collect();
         }
-        self
+        ranges
     }
 }
 
@@ -139,25 +154,33 @@ fn is_hidden(transfer: &TransferFunction, shows: Shows, base: f64, magnification
 pub(crate) fn emit(
     context: &Context,
     volume: &Volume,
+    bricks: &Bricks,
     transfer: &TransferFunction,
-    kernel: &Kernel,
-    normalization: Normalization,
     shows: Shows,
-    reach: Reach,
+    asked: &Asked,
 ) -> Result<Emitted> {
+    let reach = asked.reach;
     let base = transfer.base();
     let dims = volume.grid().dims();
-    if let Some(longest) = dims.into_iter().max().filter(|&d| d + 2 * reach.padding > MAX_DIM) {
+    let places: u64 = dims
+        .map(|d| u64::from(d.saturating_add(reach.padding.saturating_mul(2))))
+        .iter()
+        .fold(1, |p, &d| p.saturating_mul(d));
+    if places > MAX_PLACES.max(2 * volume.grid().len()) {
         return Err(Error::Setting {
-            name: "shading",
-            reason: format!("an axis of {longest} voxels and {} beyond are more than {MAX_DIM}", 2 * reach.padding),
+            name: "antialiasing",
+            reason: format!(
+                "kernels that have grown so far need {} layers of voxels beyond the faces: take a larger picture, thinner \
+                 sheets, or turn it off",
+                reach.padding
+            ),
         });
     }
-    let magnification = magnification(kernel, normalization);
+    let magnification = magnification(&asked.kernel, asked.normalization);
     let values = volume.in_memory()?;
-    let bricks = Bricks::new(&values, dims, base).dilated((reach.influence as usize).div_ceil(BRICK));
+    let ranges = bricks.dilated((reach.influence as usize).div_ceil(BRICK));
     let shown: Vec<bool> =
-        bricks.ranges.par_iter().map(|&range| !is_hidden(transfer, shows, base, magnification, range)).collect();
+        ranges.par_iter().map(|&range| !is_hidden(transfer, shows, base, magnification, range)).collect();
     let [bx, by, _] = bricks.counts;
     let [nx, ny, nz] = dims.map(|d| d as usize);
     let padding = reach.padding as usize;
@@ -230,9 +253,4 @@ fn store(context: &Context, splats: &[ScalarSplat], bricks: Vec<BrickSplats>) ->
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
     let buffer = context.upload("scalars.splats", bytemuck::cast_slice(splats), usage)?;
     Store::new(context, buffer, STRIDE, splats.len() as u32, bricks)
-}
-
-/// The largest distance of a sample from the base: what sheets are scaled by.
-pub(crate) fn largest(volume: &Volume, transfer: &TransferFunction) -> Result<f64> {
-    Ok(Bricks::new(&volume.in_memory()?, volume.grid().dims(), transfer.base()).largest())
 }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::classify::Store;
 use super::context::Context;
 use super::layout::Sort;
-use super::pipeline::{Slot, bind, compute, layout, module, part};
+use super::pipeline::{Slot, bind, compute, flag, layout, module, part};
 use super::plan::Target;
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
@@ -85,11 +85,7 @@ impl Span<'_> {
 
 impl Sorter {
     pub(crate) fn new(context: &Context, key: SortKey) -> Self {
-        let constants = [
-            ("AXIS", f64::from(u8::from(key.axis))),
-            ("GROWN", f64::from(u8::from(key.grown))),
-            ("SCALARS", f64::from(u8::from(key.scalars))),
-        ];
+        let constants = [("AXIS", flag(key.axis)), ("GROWN", flag(key.grown)), ("SCALARS", flag(key.scalars))];
         let module = module(context, shaders::SORT);
         let slots =
             [Slot::Uniform, Slot::Uniform, Slot::Read, Slot::Write, Slot::Write, Slot::Write, Slot::Read, Slot::Read];

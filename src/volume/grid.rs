@@ -17,7 +17,7 @@ pub struct Grid {
     to_lattice: DAffine3,
 }
 
-/// The largest extent of one axis: lattice indices are stored in 16 bits.
+/// The largest extent of one axis: f32 lattice coordinates still tell 1/256 of a voxel apart.
 pub const MAX_DIM: u32 = 65_535;
 
 impl Grid {

@@ -236,11 +236,8 @@ impl Volume {
         matches!(self.data.stored, Stored::File(_))
     }
 
-    /// A copy of a range of the samples (x fastest), as stored. Panics where it ends past the last.
-    ///
-    /// # Errors
-    /// [`Error::Read`] and [`Error::OutOfMemory`] where samples left in a file cannot be read.
-    pub fn read(&self, range: Range<usize>) -> Result<Samples> {
+    /// A copy of a range of the samples (x fastest), as stored.
+    pub(crate) fn read(&self, range: Range<usize>) -> Result<Samples> {
         self.data.stored.read(range)
     }
 

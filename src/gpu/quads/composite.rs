@@ -1,9 +1,9 @@
 //! composite and resolve: pre-shaded sheets into the frame, and the frame into a picture.
 
 use super::super::context::Context;
-use super::super::layout;
-use super::super::pipeline::{Slot, bind, compute, layout as pipeline_slots, module};
-use super::super::plan::{Area, Target};
+use super::super::layout::Area;
+use super::super::pipeline::{Slot, bind, compute, flag, layout, module};
+use super::super::plan::Target;
 use super::super::shaders;
 use super::super::timing::Timing;
 use super::splat::Sheets;
@@ -34,16 +34,16 @@ impl Composite {
         let compute_stage = wgpu::ShaderStages::COMPUTE;
         let sheets = Slot::Texture(wgpu::TextureViewDimension::D2Array);
         let slots = [Slot::Uniform, sheets, Slot::Write, Slot::DynamicUniform];
-        let composite_layout = pipeline_slots(context, "composite", compute_stage, &slots);
-        let resolve_layout = pipeline_slots(context, "resolve", compute_stage, &[Slot::Uniform, Slot::Write]);
-        let constants = [("SHEETS", f64::from(key.sheets_per_pass)), ("ADDITIVE", QuadsKey::flag(key.additive))];
+        let composite_layout = layout(context, "composite", compute_stage, &slots);
+        let resolve_layout = layout(context, "resolve", compute_stage, &[Slot::Uniform, Slot::Write]);
+        let constants = [("SHEETS", f64::from(key.sheets_per_pass)), ("ADDITIVE", flag(key.additive))];
         let (entry, constants) = match key.feed {
             Feed::Colors => ("composite", constants.as_slice()),
             _ => ("depth", [].as_slice()),
         };
         let shader = module(context, shaders::COMPOSITE);
         let composite = compute(context, &shader, "composite", entry, &composite_layout, constants);
-        let white = [("WHITE", QuadsKey::flag(key.feed == Feed::Depth))];
+        let white = [("WHITE", flag(key.feed == Feed::Depth))];
         let shader = module(context, shaders::RESOLVE);
         let resolve = compute(context, &shader, "resolve", "resolve", &resolve_layout, &white);
         Self { composite_layout, composite, resolve_layout, resolve }
@@ -57,8 +57,7 @@ impl Composite {
         pixels: &wgpu::Buffer,
         reached: &[Area],
     ) -> Result<Box<dyn IntoFrame + 'a>> {
-        let areas: Vec<_> = reached.iter().map(|a| layout::Area { low: a.low, high: a.high }).collect();
-        let areas = Slots::new(context, "composite.areas", &areas)?;
+        let areas = Slots::new(context, "composite.areas", reached)?;
         let frame = target.frame.as_entire_binding();
         let sheets = wgpu::BindingResource::TextureView(&sheets.all);
         let resources = [frame.clone(), sheets, pixels.as_entire_binding(), areas.binding()];

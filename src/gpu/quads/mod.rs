@@ -14,8 +14,8 @@ use splat::{Sheets, Splatting};
 use terminate::Terminator;
 
 use super::context::Context;
-use super::layout::Lighting;
-use super::plan::{Area, Target};
+use super::layout::{Area, Lighting};
+use super::plan::Target;
 use super::sort::Span;
 use super::timing::Timing;
 use crate::error::Result;
@@ -71,10 +71,6 @@ impl QuadsKey {
     /// Lights on splats.
     fn splat_lights(&self) -> u32 {
         if self.feed.is_scalar() { 0 } else { self.lights }
-    }
-
-    fn flag(value: bool) -> f64 {
-        f64::from(u8::from(value))
     }
 }
 
@@ -166,7 +162,8 @@ impl Quads {
         self.key.sheets_per_pass
     }
 
-    /// Draws the spans' splats, those of each batch within the area `covered`, and returns the region, with the margin around it, as premultiplied RGBA.
+    /// Draws the spans' splats, those of each batch within its area of `covered`. Returns the region, with the margin around
+    /// it, as premultiplied RGBA.
     pub(crate) fn run(
         &self,
         context: &Context,

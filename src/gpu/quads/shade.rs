@@ -1,9 +1,9 @@
 //! shade: sheets of scalars into the frame, classified and lit per pixel; or their largest value.
 
 use super::super::context::Context;
-use super::super::layout::Shade;
-use super::super::pipeline::{Slot, bind, compute, layout, module};
-use super::super::plan::{Area, Target};
+use super::super::layout::{Area, Shade};
+use super::super::pipeline::{Slot, bind, compute, flag, layout, module};
+use super::super::plan::Target;
 use super::super::shaders;
 use super::super::timing::Timing;
 use super::splat::Sheets;
@@ -50,7 +50,7 @@ impl Shading {
         ];
         let shade_layout = layout(context, "shade", stages, &slots);
         let shader = module(context, shaders::SHADE);
-        let constants = [("PERSPECTIVE", QuadsKey::flag(key.perspective)), ("SHEETS", f64::from(key.sheets_per_pass))];
+        let constants = [("PERSPECTIVE", flag(key.perspective)), ("SHEETS", f64::from(key.sheets_per_pass))];
         let shading = [("LIGHTS", f64::from(key.lights)), ("SAMPLES", f64::from(key.samples))];
         let shading = [constants, shading].concat();
         let maximum = key.feed == Feed::Maximum;

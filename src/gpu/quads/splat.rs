@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::super::context::Context;
-use super::super::pipeline::{Slot, bind, layout, module, pipeline_layout, specialised};
+use super::super::pipeline::{Slot, bind, flag, layout, module, pipeline_layout, specialised};
 use super::super::plan::Target;
 use super::super::shaders;
 use super::super::sort::Span;
@@ -201,7 +201,6 @@ impl Splats<'_> {
 
 fn pipeline(context: &Context, key: QuadsKey, group: &wgpu::BindGroupLayout) -> wgpu::RenderPipeline {
     let module = module(context, shaders::SPLATTING);
-    let flag = QuadsKey::flag;
     // A stage takes only the constants that it uses.
     let common = [
         ("PERSPECTIVE", flag(key.perspective)),

@@ -2,7 +2,7 @@
 
 use super::super::context::Context;
 use super::super::layout::Terminate;
-use super::super::pipeline::{Slot, bind, compute, layout, module};
+use super::super::pipeline::{Slot, bind, compute, flag, layout, module, part};
 use super::super::plan::Target;
 use super::super::scan::WORKGROUP;
 use super::super::shaders;
@@ -47,9 +47,9 @@ impl Terminator {
         let layout = layout(context, "terminate", wgpu::ShaderStages::COMPUTE, &slots);
         let module = module(context, shaders::TERMINATE);
         let constants = [
-            ("PERSPECTIVE", QuadsKey::flag(key.perspective)),
-            ("GROWN", QuadsKey::flag(key.grown)),
-            ("SCALARS", QuadsKey::flag(key.feed.is_scalar())),
+            ("PERSPECTIVE", flag(key.perspective)),
+            ("GROWN", flag(key.grown)),
+            ("SCALARS", flag(key.feed.is_scalar())),
         ];
         Self {
             tile: compute(context, &module, "terminate", "tile", &layout, &[]),
@@ -84,7 +84,7 @@ impl Terminator {
                     target.frame.as_entire_binding(),
                     batches.binding(),
                     pixels.as_entire_binding(),
-                    super::super::pipeline::part(&tiles, 0, count * 4),
+                    part(&tiles, 0, count * 4),
                     span.piece.splats(),
                     span.entries.as_entire_binding(),
                     tally.as_entire_binding(),
