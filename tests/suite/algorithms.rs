@@ -385,3 +385,23 @@ fn peak_normalisation_scales_scalars() {
     let error = rms(&render(&volume, &transfer, &camera, &settings), &expected);
     assert!(error < 0.01, "{error:e}");
 }
+
+#[test]
+fn kernels_that_outgrow_the_volume_are_refused_for_scalars() {
+    let (volume, transfer) = demo("marschner-lobb", 64);
+    let settings = Settings { shading: Shading::Post, ..f32_settings(1) };
+    let camera = camera(20.0, ProjectionKind::Orthographic, &volume, settings.size);
+    let scene = RENDERER.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
+    let error = RENDERER.render(&scene, &camera, &settings).unwrap_err().to_string();
+    assert!(error.contains("antialiasing") && error.contains("larger picture"), "{error}");
+    assert!(RENDERER.render(&scene, &camera, &Settings { antialiasing: false, ..settings }).is_ok());
+}
+
+#[test]
+fn maximum_intensity_counts_as_post_shaded() {
+    let (volume, transfer) = demo("sphere", 8);
+    let settings = Settings { model: Model::Mip, ..f32_settings(8) };
+    let camera = camera(20.0, ProjectionKind::Orthographic, &volume, settings.size);
+    let scene = RENDERER.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
+    assert_eq!(RENDERER.render(&scene, &camera, &settings).unwrap().stats.shading, Shading::Post);
+}
