@@ -6,6 +6,8 @@
 override SAMPLE_TYPE: u32 = 0u;
 // Whether splats get normals. Bricks come with a layer of their neighbours' voxels around them then.
 override LIT: bool = false;
+// Whether transparent voxels stay.
+override KEEP: bool = false;
 // Voxels along the side of a brick.
 const EDGE: u32 = 32u;
 
@@ -137,7 +139,7 @@ fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) grou
     let row = row_of(run);
     var visible = 0u;
     for (var i = 0u; i < row.count; i++) {
-        visible += u32(transfer(sample_at(row.first + i) - classify.sample_origin).a > 0.0);
+        visible += u32(KEEP || transfer(sample_at(row.first + i) - classify.sample_origin).a > 0.0);
     }
     places[run] = visible;
 }
@@ -152,7 +154,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     var place = places[run];
     for (var i = 0u; i < row.count; i++) {
         let classified = transfer(sample_at(row.first + i) - classify.sample_origin);
-        if classified.a > 0.0 {
+        if KEEP || classified.a > 0.0 {
             var normal = NO_NORMAL;
             if LIT {
                 normal = pack_normal(gradient(row.first + i));

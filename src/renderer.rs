@@ -93,15 +93,14 @@ impl Renderer {
             let prepare = || Scene::of_scalars(context, volume, transfer, settings);
             return context.guarded("preparing the volume", prepare);
         }
-        let lit = settings.lighting.is_some();
         let (classified, seconds) = on_host(|| {
             context.guarded("classifying the volume", || {
                 let scan = self.scan.get_or_init(|| Scan::new(context));
                 let classifier = self.classifier.get_or_init(|| Classifier::new(context));
-                classifier.run(context, scan, volume, transfer, lit, progress)
+                classifier.run(context, scan, volume, transfer, settings, progress)
             })
         });
-        Ok(Scene::of_splats(classified?, lit, volume, transfer, seconds))
+        Ok(Scene::of_splats(classified?, settings.has_normals(), volume, transfer, seconds))
     }
 
     /// Renders a picture of a scene that this renderer prepared.
@@ -113,7 +112,7 @@ impl Renderer {
     pub fn render(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
         settings.validate()?;
         scene.check(settings)?;
-        let before = self.context.allocated();
+        let before = self.context.traffic();
         let plan = Plan::new(camera, scene.grid(), settings, scene.subject());
         let precision = self.precision(settings, &plan)?;
         let table = match settings.footprint_table {
@@ -193,13 +192,15 @@ impl Renderer {
             }
             stages.push(host_stage("frame", seconds));
         }
-        let (bricks, bricks_uploaded, bytes_uploaded) = scene.bricks();
+        let bricks = drawable.bricks();
+        let traffic = self.context.traffic();
         let (splats, splats_kept) = (drawable.splats(), drawable.voxels());
         let stats = Stats {
             adapter: self.context.info.clone(),
             painter: "quads",
             model: settings.model,
             shading: if settings.is_post_shaded() { Shading::Post } else { Shading::Pre },
+            perspective: key.perspective,
             lights: key.lights,
             sheet_alignment: settings.sheets,
             accumulation: settings.accumulation,
@@ -210,13 +211,14 @@ impl Renderer {
             splats_kept,
             splats_dropped: scene.grid().len() - splats_kept,
             splats_padding: splats - splats_kept,
-            bricks,
-            bricks_uploaded,
-            bytes_uploaded,
+            bricks: bricks.all,
+            bricks_uploaded: bricks.uploaded,
+            bytes_uploaded: bricks.bytes,
             sheets: plan.sheets(),
             sheet_thickness: plan.sheet_step(),
             kernel_growth: plan.max_growth(),
             sheets_per_pass,
+            batches: if reach.is_some() { plan.sheets().div_ceil(sheets_per_pass) } else { 0 },
             passes: drawn.passes,
             splats_in_view: drawn.sorted,
             quads: drawn.quads,
@@ -225,7 +227,9 @@ impl Renderer {
             footprint_table: [table.rows(), table.terms()],
             footprint_error: table.max_error(),
             scene_bytes: drawable.bytes(),
-            frame_bytes: self.context.allocated() - before,
+            frame_bytes: traffic.allocated - before.allocated,
+            bytes_sent: traffic.sent - before.sent,
+            pipelines: traffic.pipelines,
             stages,
         };
         Ok(Rendered { image, stats })

@@ -3,11 +3,11 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::{Error, Result};
-use crate::gpu::classify::{Classified, Store};
+use crate::gpu::classify::{Bricks, Classified, Store};
 use crate::gpu::context::Context;
 use crate::gpu::plan::{Plan, Subject};
 use crate::gpu::quads::TransferTable;
-use crate::gpu::scalars::{self, Asked, Bricks, Emitted, Shows};
+use crate::gpu::scalars::{self, Asked, Emitted, Shows};
 use crate::gpu::timing::on_host;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
@@ -34,7 +34,6 @@ enum Content {
 struct Scalars {
     volume: Volume,
     transfer: TransferFunction,
-    bricks: Bricks,
     shows: Shows,
     table: TransferTable,
     /// The splats of the picture before, drawn again where nothing asks for others.
@@ -43,7 +42,7 @@ struct Scalars {
 
 /// The splats of one picture.
 pub(crate) enum Drawable<'a> {
-    Splats(&'a [Store]),
+    Splats(&'a Classified),
     Scalars(Arc<Emitted>),
 }
 
@@ -78,12 +77,10 @@ impl Scene {
         settings: &Settings,
     ) -> Result<Self> {
         let shows = shows(settings);
-        let (bricks, seconds) = on_host(|| Bricks::new(volume, transfer.base()));
-        let bricks = bricks?;
-        let max_weight = bricks.largest();
+        let (max_weight, seconds) = on_host(|| scalars::largest(volume, transfer.base()));
+        let max_weight = max_weight?;
         let scalars = Scalars {
             volume: volume.clone(),
-            bricks,
             transfer: transfer.clone(),
             shows,
             table: table(context, transfer, shows, transfer.unit_or(volume.grid().min_spacing())),
@@ -113,14 +110,6 @@ impl Scene {
         }
     }
 
-    /// Bricks of the volume, how many of them were uploaded to be classified, and their bytes; nothing of scalars is.
-    pub(crate) fn bricks(&self) -> (u32, u32, u64) {
-        match &self.content {
-            Content::Splats { classified: c, .. } => (c.bricks, c.bricks_uploaded, c.bytes_uploaded),
-            Content::Scalars(_) => (0, 0, 0),
-        }
-    }
-
     /// Whether the scene holds what pictures of these settings need.
     pub(crate) fn check(&self, settings: &Settings) -> Result<()> {
         let error = |name, what: &str| {
@@ -139,21 +128,25 @@ impl Scene {
     /// The splats that a picture is made of, and the seconds it took to make those that the scene did not hold.
     pub(crate) fn drawable(&self, context: &Context, plan: &Plan, settings: &Settings) -> Result<(Drawable<'_>, f64)> {
         let scalars = match &self.content {
-            Content::Splats { classified, .. } => return Ok((Drawable::Splats(&classified.stores), 0.0)),
+            Content::Splats { classified, .. } => return Ok((Drawable::Splats(classified), 0.0)),
             Content::Scalars(scalars) => scalars,
         };
-        let asked =
-            Asked { kernel: settings.kernel, normalization: settings.normalization, reach: plan.scalar_reach() };
+        let asked = Asked {
+            kernel: settings.kernel,
+            normalization: settings.normalization,
+            reach: plan.scalar_reach(),
+            savings: settings.savings,
+        };
         let mut held = scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((of, emitted)) = held.as_ref()
-            && *of == asked
+            && of.serves(&asked)
         {
             return Ok((Drawable::Scalars(Arc::clone(emitted)), 0.0));
         }
         let (emitted, seconds) = on_host(|| {
             context.guarded("emitting scalars", || {
-                let Scalars { volume, bricks, transfer, shows, .. } = scalars.as_ref();
-                scalars::emit(context, volume, bricks, transfer, *shows, &asked)
+                let Scalars { volume, transfer, shows, .. } = scalars.as_ref();
+                scalars::emit(context, volume, transfer, *shows, &asked)
             })
         });
         let emitted = Arc::new(emitted?);
@@ -165,7 +158,7 @@ impl Scene {
 impl Drawable<'_> {
     pub(crate) fn stores(&self) -> &[Store] {
         match self {
-            Self::Splats(stores) => stores,
+            Self::Splats(classified) => &classified.stores,
             Self::Scalars(emitted) => &emitted.stores,
         }
     }
@@ -179,6 +172,14 @@ impl Drawable<'_> {
         match self {
             Self::Splats(_) => self.splats(),
             Self::Scalars(emitted) => emitted.voxels,
+        }
+    }
+
+    /// The bricks that splats were looked for in.
+    pub(crate) fn bricks(&self) -> &Bricks {
+        match self {
+            Self::Splats(classified) => &classified.bricks,
+            Self::Scalars(emitted) => &emitted.bricks,
         }
     }
 

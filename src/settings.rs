@@ -74,6 +74,33 @@ pub enum Interslice {
     Mean,
 }
 
+/// What is left out because it cannot show, or kept because it was made before; early termination is
+/// [`Settings::termination`].
+///
+/// All of it is on by default, and none of it changes a picture: each can be turned off to be measured
+/// (`cargo run --release --example savings`) or suspected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Savings {
+    /// Bricks whose range of values shows nothing are not looked at.
+    pub bricks: bool,
+    /// Voxels that cannot show get no splat: transparent ones; of scalars, those out of reach of anything visible.
+    pub voxels: bool,
+    /// Splats of bricks out of view are neither sorted nor drawn.
+    pub view: bool,
+    /// Sheets are composited and shaded only where bricks reach.
+    pub pixels: bool,
+    /// Stages are specialised for what the scene has: no normals without light, no growth of kernels that do not grow.
+    pub specialization: bool,
+    /// Splats of scalars are kept for the next picture that asks for the same.
+    pub reuse: bool,
+}
+
+impl Default for Savings {
+    fn default() -> Self {
+        Self { bricks: true, voxels: true, view: true, pixels: true, specialization: true, reuse: true }
+    }
+}
+
 /// The settings of a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
@@ -115,6 +142,8 @@ pub struct Settings {
     pub footprint_table: Option<[u32; 2]>,
     /// How many sheets one pass feeds; `None` takes what the adapter does best.
     pub sheets_per_pass: Option<u32>,
+    /// What is left out.
+    pub savings: Savings,
 }
 
 impl Default for Settings {
@@ -136,6 +165,7 @@ impl Default for Settings {
             max_error: None,
             footprint_table: None,
             sheets_per_pass: None,
+            savings: Savings::default(),
         }
     }
 }
@@ -237,6 +267,11 @@ impl Settings {
             return error("sheets-per-pass", format!("{n}, expected 1 to 8"));
         }
         Ok(())
+    }
+
+    /// Whether classified voxels get normals.
+    pub(crate) fn has_normals(&self) -> bool {
+        self.lighting.is_some() || !self.savings.specialization
     }
 
     /// The places at which a post-shaded sheet is classified.

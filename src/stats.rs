@@ -39,6 +39,8 @@ pub struct Stats {
     pub model: Model,
     /// When the transfer function was applied; after reconstruction for every maximum intensity projection.
     pub shading: Shading,
+    /// Whether rays start at the eye.
+    pub perspective: bool,
     /// The number of lights; 0 where colours are those of the transfer function.
     pub lights: u32,
     /// How splats were gathered into sheets.
@@ -59,11 +61,12 @@ pub struct Stats {
     pub splats_dropped: u64,
     /// Copies of voxels beyond the faces of the volume, for the scalar field to be complete up to them.
     pub splats_padding: u64,
-    /// Bricks of 32^3 voxels that the volume is classified in; 0 where the host looks at it (post-shading).
+    /// Bricks of 32^3 voxels that splats are looked for in, with those of the copies.
     pub bricks: u32,
-    /// Of these, the ones whose range of values shows something: only they are uploaded.
+    /// Of these, the ones that may hold something that shows, by their ranges of values: only they are uploaded to be
+    /// classified, or for post-shading looked at voxel by voxel.
     pub bricks_uploaded: u32,
-    /// Their bytes.
+    /// Bytes sent to the device for them: samples, or for post-shading the scalars that are kept.
     pub bytes_uploaded: u64,
     /// Sheets across the volume.
     pub sheets: u32,
@@ -73,7 +76,9 @@ pub struct Stats {
     pub kernel_growth: f64,
     /// Sheets that one pass feeds.
     pub sheets_per_pass: u32,
-    /// Passes drawn, one per batch of sheets that splats reach.
+    /// Batches of sheets across the volume: `sheets` over `sheets_per_pass`.
+    pub batches: u32,
+    /// Passes drawn, one per batch of sheets that splats reach in each part of the picture.
     pub passes: u64,
     /// Splats in bricks within view: the others were not looked at. Summed over the parts that a large picture is made in.
     pub splats_in_view: u64,
@@ -91,56 +96,74 @@ pub struct Stats {
     pub scene_bytes: u64,
     /// Bytes made on the device for this picture besides.
     pub frame_bytes: u64,
+    /// Bytes sent to the device for this picture: parameters and lists of bricks, and splats of scalars where it does not
+    /// hold them from the picture before.
+    pub bytes_sent: u64,
+    /// Pipelines that this renderer has made so far, for this picture, its scene, and those before.
+    pub pipelines: u32,
     /// The time of each stage.
     pub stages: Vec<StageTime>,
 }
 
+/// A number with its thousands apart.
+fn grouped(n: u64) -> String {
+    let digits = n.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
 impl fmt::Display for Stats {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let percent = |part: u64| 100.0 * part as f64 / self.voxels.max(1) as f64;
+        let [width, height] = self.size;
         writeln!(f, "adapter      {} ({}, {})", self.adapter.name, self.adapter.kind, self.adapter.driver)?;
-        writeln!(
-            f,
-            "picture      {} x {} px, {} px within reach of the volume",
-            self.size[0], self.size[1], self.pixels_covered
-        )?;
+        writeln!(f, "picture      {width} x {height} px, painter {}, {} sheets", self.painter, self.precision)?;
         let shading = if self.shading == Shading::Post { "post-shaded" } else { "pre-shaded" };
         let light = match self.lights {
             0 => "unlit".to_owned(),
             1 => "1 light".to_owned(),
             n => format!("{n} lights"),
         };
-        writeln!(f, "model        {}, {shading}, {light}", self.model)?;
-        writeln!(f, "voxels       {:>12}", self.voxels)?;
-        writeln!(f, "  kept       {:>12}  {:.2} % as splats", self.splats_kept, percent(self.splats_kept))?;
-        if self.splats_padding > 0 {
-            writeln!(f, "  copied     {:>12}  beyond the faces", self.splats_padding)?;
-        }
-        writeln!(f, "  dropped    {:>12}  {:.2} % transparent", self.splats_dropped, percent(self.splats_dropped))?;
-        if self.bricks > 0 {
-            writeln!(
-                f,
-                "bricks       {:>12}  {} of them uploaded, {} bytes",
-                self.bricks, self.bricks_uploaded, self.bytes_uploaded
-            )?;
-        }
+        let rays = if self.perspective { "perspective" } else { "orthographic" };
+        writeln!(f, "model        {}, {shading}, {light}, {rays}", self.model)?;
         writeln!(
             f,
-            "sheets       {:>12}  {:.4} world units thick, {} a pass, {}, {}",
-            self.sheets, self.sheet_thickness, self.sheets_per_pass, self.sheet_alignment, self.accumulation
-        )?;
-        writeln!(f, "passes       {:>12}  painter {}, {} sheets", self.passes, self.painter, self.precision)?;
-        writeln!(
-            f,
-            "quads        {:>12}  of {} splats in view, {} hidden and not drawn",
-            self.quads, self.splats_in_view, self.quads_terminated
+            "sheets       {} of {:.4} world units, {}, {}, {} a pass",
+            self.sheets, self.sheet_thickness, self.sheet_alignment, self.accumulation, self.sheets_per_pass
         )?;
         writeln!(
             f,
-            "footprint    {:>5} x {:>2} table, error {:.1e} of its peak",
+            "footprint    {} x {} table, error {:.1e} of its peak",
             self.footprint_table[0], self.footprint_table[1], self.footprint_error
         )?;
-        writeln!(f, "GPU memory   {:>12}  bytes of volume, {} of picture", self.scene_bytes, self.frame_bytes)?;
+        writeln!(f, "\n{:<10} {:>15} {:>15}", "", "modelled", "left out")?;
+        let mut row = |name: &str, modelled: u64, left_out: u64, why: &str| {
+            writeln!(f, "{name:<10} {:>15} {:>15}  {why}", grouped(modelled), grouped(left_out))
+        };
+        let pixels = u64::from(width) * u64::from(height);
+        row("pixels", self.pixels_covered, pixels.saturating_sub(self.pixels_covered), "out of reach of the volume")?;
+        row("bricks", self.bricks_uploaded.into(), (self.bricks - self.bricks_uploaded).into(), "show nothing")?;
+        row("voxels", self.splats_kept, self.splats_dropped, "show nothing")?;
+        if self.splats_padding > 0 {
+            row("copies", self.splats_padding, 0, "beyond the faces, for the field to be complete there")?;
+        }
+        let splats = self.splats_kept + self.splats_padding;
+        row("splats", self.splats_in_view, splats.saturating_sub(self.splats_in_view), "out of view")?;
+        row("quads", self.quads - self.quads_terminated, self.quads_terminated, "hidden")?;
+        row("batches", self.passes, u64::from(self.batches).saturating_sub(self.passes), "empty")?;
+        writeln!(
+            f,
+            "\nGPU memory   {} bytes of volume, {} of picture; {} sent for it",
+            grouped(self.scene_bytes),
+            grouped(self.frame_bytes),
+            grouped(self.bytes_sent)
+        )?;
+        writeln!(f, "pipelines    {} made so far", self.pipelines)?;
         for stage in &self.stages {
             let clock = if stage.clock == Clock::Device { "device" } else { "host" };
             writeln!(f, "{:<12} {:>9.3} ms  ({clock} clock)", stage.name, stage.seconds * 1e3)?;

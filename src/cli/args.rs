@@ -90,6 +90,16 @@ pub(super) enum ProjectionArg {
     Perspective,
 }
 
+/// One of [`Savings`](voxsplat::settings::Savings) that tells in a single picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum SavingArg {
+    Bricks,
+    Voxels,
+    View,
+    Pixels,
+    Specialization,
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum SwitchArg {
     On,
@@ -294,6 +304,10 @@ pub(super) struct RenderArgs {
     /// Sheets that one pass feeds, 1 to 8 [default: what the adapter does best]
     #[arg(long, value_name = "N", help_heading = "Device")]
     pub(super) sheets_per_pass: Option<u32>,
+    /// Model what cannot show all the same, to see what leaving it out saves: bricks, voxels, view (splats out of it),
+    /// pixels (that no sheet covers), specialization; parted by commas. The picture is the same
+    #[arg(long, value_name = "SAVING", value_delimiter = ',', help_heading = "Device")]
+    pub(super) without: Vec<SavingArg>,
     /// Part of the name of the adapter to use; see `voxsplat devices` [default: the best]
     #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new(), help_heading = "Device")]
     pub(super) adapter: Option<String>,

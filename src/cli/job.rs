@@ -6,12 +6,12 @@ use glam::DVec3;
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::image::{Background, Image};
 use voxsplat::lighting::{Light, Lighting};
-use voxsplat::settings::Settings;
+use voxsplat::settings::{Savings, Settings};
 use voxsplat::transfer::{TransferFunction, presets};
 use voxsplat::volume::{Grid, LoadOptions};
 
 use super::Failure;
-use super::args::{CompareArgs, LightArg, PainterArg, ProjectionArg, RenderArgs, StatsFormat, SwitchArg};
+use super::args::{CompareArgs, LightArg, PainterArg, ProjectionArg, RenderArgs, SavingArg, StatsFormat, SwitchArg};
 
 /// Vertical field of view where none is given, degrees.
 const DEFAULT_FOV: f64 = 30.0;
@@ -74,6 +74,14 @@ impl RenderJob {
             precision: args.precision,
             max_error: args.max_error,
             sheets_per_pass: args.sheets_per_pass,
+            savings: Savings {
+                bricks: !args.without.contains(&SavingArg::Bricks),
+                voxels: !args.without.contains(&SavingArg::Voxels),
+                view: !args.without.contains(&SavingArg::View),
+                pixels: !args.without.contains(&SavingArg::Pixels),
+                specialization: !args.without.contains(&SavingArg::Specialization),
+                ..Savings::default()
+            },
         };
         settings.validate()?;
         let view = view(&args)?;

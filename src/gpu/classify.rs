@@ -6,6 +6,7 @@ use super::pipeline::{Slot, bind, compute, flag, layout, module};
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
 use crate::error::Result;
+use crate::settings::Settings;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, RowCoding, SampleType, ToF64, Volume};
 
@@ -20,10 +21,18 @@ const JOINED: u32 = 1 << 22;
 #[derive(Debug, Default)]
 pub(crate) struct Classified {
     pub(crate) stores: Vec<Store>,
-    /// Bricks of the volume, those of them that may show anything, and the bytes of these.
-    pub(crate) bricks: u32,
-    pub(crate) bricks_uploaded: u32,
-    pub(crate) bytes_uploaded: u64,
+    pub(crate) bricks: Bricks,
+}
+
+/// The bricks that splats were looked for in.
+#[derive(Debug, Default)]
+pub(crate) struct Bricks {
+    /// Those of the volume and of the copies beyond its faces.
+    pub(crate) all: u32,
+    /// Those that may hold anything that shows: only they are classified, or looked at voxel by voxel.
+    pub(crate) uploaded: u32,
+    /// Bytes sent to the device for them.
+    pub(crate) bytes: u64,
 }
 
 /// Splats in one buffer that fits into a storage binding.
@@ -140,18 +149,20 @@ impl Classifier {
         }
     }
 
-    /// The visible voxels of a volume as splats, brick by brick, with normals where they are to be `lit`.
+    /// The visible voxels of a volume as splats, brick by brick, with normals where they are to be lit.
     pub(crate) fn run(
         &self,
         context: &Context,
         scan: &Scan,
         volume: &Volume,
         transfer: &TransferFunction,
-        lit: bool,
+        settings: &Settings,
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<Classified> {
+        let (lit, savings) = (settings.has_normals(), settings.savings);
         let coding = SampleCoding::new(volume, transfer);
-        let constants = [("SAMPLE_TYPE", f64::from(coding.sample_type)), ("LIT", flag(lit))];
+        let constants =
+            [("SAMPLE_TYPE", f64::from(coding.sample_type)), ("LIT", flag(lit)), ("KEEP", flag(!savings.voxels))];
         let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
         let points: Vec<ControlPoint> = transfer
             .points()
@@ -190,21 +201,22 @@ impl Classifier {
         let (slope, intercept) = volume.rescale();
         let shows = |[low, high]: [f64; 2]| {
             let [a, b] = [low, high].map(|raw| slope * raw + intercept);
-            !transfer.is_clear([a.min(b), a.max(b)])
+            !savings.bricks || !savings.voxels || !transfer.is_clear([a.min(b), a.max(b)])
         };
         let total = volume.bricks().into_iter().product::<u32>();
         volume.for_each_brick(&shows, usize::from(lit), &coding, &mut |brick| {
-            classified.bricks += 1;
+            let bricks = &mut classified.bricks;
+            bricks.all += 1;
             if let Some((origin, bytes)) = brick {
-                classified.bricks_uploaded += 1;
-                classified.bytes_uploaded += bytes.len() as u64;
+                bricks.uploaded += 1;
+                bricks.bytes += bytes.len() as u64;
                 batch.origins.push([origin[0], origin[1], origin[2], 0]);
                 batch.bytes.extend_from_slice(&bytes);
                 if batch.origins.len() == BATCH {
                     job.run(&std::mem::take(&mut batch), &mut gathering)?;
                 }
             }
-            progress(f64::from(classified.bricks) / f64::from(total));
+            progress(f64::from(classified.bricks.all) / f64::from(total));
             Ok(())
         })?;
         if !batch.origins.is_empty() {

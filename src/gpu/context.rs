@@ -1,6 +1,6 @@
 //! The device: chosen, opened, and watched for errors.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::Serialize;
@@ -87,8 +87,24 @@ pub(crate) struct Context {
     pub(crate) features: wgpu::Features,
     /// What the device said outside error scopes: the reason it was lost, or an error nobody waited for.
     failure: Arc<Mutex<Option<String>>>,
-    /// Bytes of buffers and textures made so far, ever.
+    traffic: Counters,
+}
+
+#[derive(Default)]
+struct Counters {
     allocated: AtomicU64,
+    sent: AtomicU64,
+    pipelines: AtomicU32,
+}
+
+/// What was made on a device since it was opened.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Traffic {
+    /// Bytes of buffers and textures.
+    pub(crate) allocated: u64,
+    /// Bytes sent into them by the host.
+    pub(crate) sent: u64,
+    pub(crate) pipelines: u32,
 }
 
 impl Context {
@@ -139,7 +155,7 @@ impl Context {
         });
         let uncaptured = Arc::clone(&failure);
         device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| note(&uncaptured, one_line(&e.to_string()))));
-        Ok(Self { device, queue, info, limits, features, failure, allocated: AtomicU64::new(0) })
+        Ok(Self { device, queue, info, limits, features, failure, traffic: Counters::default() })
     }
 
     /// Runs `work` and turns whatever the device reports meanwhile into an error that names `stage`.
@@ -180,7 +196,7 @@ impl Context {
                 self.limits.max_buffer_size
             )));
         }
-        self.allocated.fetch_add(size, Ordering::Relaxed);
+        self.traffic.allocated.fetch_add(size, Ordering::Relaxed);
         Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size,
@@ -192,6 +208,7 @@ impl Context {
     /// A buffer that holds `data`.
     pub(crate) fn upload(&self, label: &str, data: &[u8], usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
         let buffer = self.buffer(label, data.len() as u64, usage | wgpu::BufferUsages::COPY_DST)?;
+        self.traffic.sent.fetch_add(data.len() as u64, Ordering::Relaxed);
         // Copies are made of whole words: the bytes past the last word go in one of their own.
         let (words, rest) = data.split_at(data.len() / 4 * 4);
         self.queue.write_buffer(&buffer, 0, words);
@@ -209,7 +226,7 @@ impl Context {
         let texels = u64::from(descriptor.size.width)
             * u64::from(descriptor.size.height)
             * u64::from(descriptor.size.depth_or_array_layers);
-        self.allocated.fetch_add(texel * texels, Ordering::Relaxed);
+        self.traffic.allocated.fetch_add(texel * texels, Ordering::Relaxed);
         self.device.create_texture(descriptor)
     }
 
@@ -226,6 +243,7 @@ impl Context {
             usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
             view_formats: &[],
         });
+        self.traffic.sent.fetch_add(size_of_val(values) as u64, Ordering::Relaxed);
         self.queue.write_texture(
             texture.as_image_copy(),
             bytemuck::cast_slice(values),
@@ -235,9 +253,18 @@ impl Context {
         texture.create_view(&Default::default())
     }
 
-    /// Bytes of buffers and textures made since the device was opened.
-    pub(crate) fn allocated(&self) -> u64 {
-        self.allocated.load(Ordering::Relaxed)
+    /// What was made since the device was opened.
+    pub(crate) fn traffic(&self) -> Traffic {
+        Traffic {
+            allocated: self.traffic.allocated.load(Ordering::Relaxed),
+            sent: self.traffic.sent.load(Ordering::Relaxed),
+            pipelines: self.traffic.pipelines.load(Ordering::Relaxed),
+        }
+    }
+
+    /// Counts a pipeline that was made.
+    pub(crate) fn made_pipeline(&self) {
+        self.traffic.pipelines.fetch_add(1, Ordering::Relaxed);
     }
 
     /// Reads the whole of a buffer that was made with `MAP_READ`.

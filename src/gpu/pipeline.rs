@@ -100,6 +100,7 @@ pub(super) fn compute(
     group: &wgpu::BindGroupLayout,
     constants: &[(&str, f64)],
 ) -> wgpu::ComputePipeline {
+    context.made_pipeline();
     context.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some(&format!("{stage}.{entry}")),
         layout: Some(&pipeline_layout(context, stage, group)),

@@ -9,7 +9,7 @@ use super::layout::{Area, Batch, Frame};
 use super::scalars::Reach;
 use crate::camera::{Camera, Growth, Projection};
 use crate::lighting::{Light, Lighting};
-use crate::settings::{Model, Settings, Sheets};
+use crate::settings::{Model, Savings, Settings, Sheets};
 use crate::volume::{BRICK_EDGE, Grid};
 
 /// A rectangle of the image, in pixels from its top left.
@@ -78,6 +78,7 @@ pub(crate) struct Plan {
     section_scale: f64,
     sheet_scale: f64,
     opaque_depth: f64,
+    savings: Savings,
 }
 
 /// What a sheet accumulates is scaled so that a sheet filled with the densest material accumulates about this: an f16
@@ -171,6 +172,7 @@ impl Plan {
             } else {
                 f64::INFINITY
             },
+            savings: settings.savings,
         };
         if settings.lighting.is_some() && post_shaded {
             // As far sideways as the sheets before and behind are away, for gradients that err alike in all directions.
@@ -205,10 +207,12 @@ impl Plan {
             scale[0] * depth * (rotation * self.camera.right).length().max((rotation * self.camera.up).length());
         let sideways = f64::from(self.margin) * pixel;
         // A sheet is classified by its mean and those of its neighbours, any of which may lie beyond the faces; two
-        // voxels may take part at opposite ends of that.
+        // voxels may take part at opposite ends of that. In steps, so that rounding asks for no other splats when the
+        // camera turns.
+        let influence = 2.0 * radius + 3.0 * sheet + sideways;
         Reach {
-            padding: (radius + 2.0 * sheet).ceil() as u32,
-            influence: (2.0 * radius + 3.0 * sheet + sideways).ceil() as u32,
+            padding: ((radius + 2.0 * sheet) * (1.0 - 1e-9)).ceil() as u32,
+            influence: (16.0 * influence + 1e-3).ceil() / 16.0,
         }
     }
 
@@ -247,7 +251,7 @@ impl Plan {
     }
 
     pub(crate) fn is_grown(&self) -> bool {
-        self.growths[1] > 1.0
+        self.growths[1] > 1.0 || !self.savings.specialization
     }
 
     pub(crate) fn is_axis_aligned(&self) -> bool {
@@ -368,7 +372,7 @@ impl Plan {
         let extent = [region.width, region.height].map(|side| side + 2 * self.margin);
         let whole = Area { low: [0, 0], high: extent };
         let batches = self.sheets.div_ceil(sheets_per_batch) as usize;
-        if self.axis.is_some() {
+        if self.axis.is_some() || !self.savings.pixels {
             return vec![whole; batches];
         }
         let sides = self.sides(region);
@@ -414,6 +418,9 @@ impl Plan {
     /// The planes that bound what a region shows, as (gradient in the lattice, value in the middle of the lattice): points
     /// inside have values of 0 and more.
     fn sides(&self, region: Region) -> Vec<(DVec3, f64)> {
+        if !self.savings.view {
+            return Vec::new();
+        }
         let (scale, origin) = self.pixels();
         // A pixel more than the margin: quads are padded.
         let margin = f64::from(self.margin) + 1.0;

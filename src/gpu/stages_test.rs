@@ -31,7 +31,10 @@ fn words(bytes: &[u8]) -> Vec<u32> {
 }
 
 fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Vec<Store> {
-    Classifier::new(context).run(context, &Scan::new(context), volume, transfer, false, &|_| ()).unwrap().stores
+    Classifier::new(context)
+        .run(context, &Scan::new(context), volume, transfer, &Settings::default(), &|_| ())
+        .unwrap()
+        .stores
 }
 
 fn downloaded(context: &Context, stores: &[Store]) -> Vec<Voxel> {

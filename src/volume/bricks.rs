@@ -27,7 +27,9 @@ pub(crate) type Brick = ([u32; 3], Vec<u8>);
 type Row = (Vec<[f64; 2]>, Vec<Option<Brick>>);
 
 /// The planes of a row of bricks along x, with the halo in y and z; copies of the edge where the volume ends.
-struct Strip {
+pub(crate) struct Strip {
+    dims: [usize; 3],
+    halo: usize,
     /// Of each plane, the rows `rows`.
     planes: Vec<Samples>,
     planes_from: usize,
@@ -52,58 +54,95 @@ impl Volume {
         take: &mut dyn FnMut(Option<Brick>) -> Result<()>,
     ) -> Result<()> {
         let [across, down, deep] = self.bricks().map(|n| n as usize);
-        let [nx, _, _] = self.grid().dims().map(|d| d as usize);
-        let edge = EDGE + 2 * halo;
-        let strip_bytes = edge * edge * nx * self.sample_type().size();
-        let strips: Vec<usize> = (0..down * deep).collect();
-        let known = self.ranges();
+        let known = self.known_ranges();
         let mut found = Vec::with_capacity(if known.is_some() { 0 } else { across * down * deep });
-        for group in strips.chunks((READ / strip_bytes).max(1)) {
-            let rows: Vec<Row> = group
-                .par_iter()
-                .map(|&strip| {
-                    let (y, z) = (strip % down * EDGE, strip / down * EDGE);
-                    let ranges = known.map(|k| &k[strip * across..(strip + 1) * across]);
-                    if ranges.is_some_and(|r| !r.iter().any(|&r| shows(r))) {
-                        return Ok((Vec::new(), vec![None; across]));
-                    }
-                    let read = self.strip(y, z, halo)?;
-                    let ranges = ranges.map_or_else(|| read.ranges(nx, y, z), <[_]>::to_vec);
-                    let brick = |(i, &range): (usize, &[f64; 2])| {
-                        let x = i * EDGE;
-                        let origin = [x, y, z].map(|c| c as u32);
-                        shows(range).then(|| (origin, read.brick(self.grid().dims(), [x, y, z], halo, coding)))
-                    };
-                    let bricks = ranges.iter().enumerate().map(brick).collect();
-                    Ok((ranges, bricks))
-                })
-                .collect::<Result<_>>()?;
-            for (ranges, bricks) in rows {
-                found.extend(ranges);
-                bricks.into_iter().try_for_each(&mut *take)?;
+        let row = |j: usize, k: usize| -> Result<Row> {
+            let (y, z) = (j * EDGE, k * EDGE);
+            let first = (k * down + j) * across;
+            let ranges = known.map(|known| &known[first..first + across]);
+            if ranges.is_some_and(|r| !r.iter().any(|&r| shows(r))) {
+                return Ok((Vec::new(), vec![None; across]));
             }
-        }
+            let read = self.strip([y, z].map(|c| c as i64), halo)?;
+            let ranges = ranges.map_or_else(|| read.ranges(y, z), <[_]>::to_vec);
+            let brick = |(i, &range): (usize, &[f64; 2])| {
+                let at = [i * EDGE, y, z];
+                shows(range).then(|| (at.map(|c| c as u32), read.brick(at.map(|c| c as i64), coding)))
+            };
+            let bricks = ranges.iter().enumerate().map(brick).collect();
+            Ok((ranges, bricks))
+        };
+        self.for_each_row([down, deep], halo, &row, &mut |(ranges, bricks)| {
+            found.extend(ranges);
+            bricks.into_iter().try_for_each(&mut *take)
+        })?;
         if known.is_none() {
             self.keep_ranges(found);
         }
         Ok(())
     }
 
-    /// Reads the row of bricks whose first voxels have these y and z.
-    fn strip(&self, y: usize, z: usize, halo: usize) -> Result<Strip> {
+    /// The least and the largest stored sample of each brick, x fastest; the first time every sample is read.
+    pub(crate) fn ranges(&self) -> Result<&[[f64; 2]]> {
+        if self.known_ranges().is_none() {
+            let [_, down, deep] = self.bricks().map(|n| n as usize);
+            let mut found = Vec::new();
+            let row = |j: usize, k: usize| {
+                let (y, z) = (j * EDGE, k * EDGE);
+                Ok(self.strip([y, z].map(|c| c as i64), 0)?.ranges(y, z))
+            };
+            self.for_each_row([down, deep], 0, &row, &mut |ranges| {
+                found.extend(ranges);
+                Ok(())
+            })?;
+            self.keep_ranges(found);
+        }
+        Ok(self.known_ranges().unwrap_or_default())
+    }
+
+    /// Makes something of each row of bricks along x, given its number in y and in z, many at a time, and hands the results
+    /// over in order, y fastest. At most [`READ`] bytes of samples are in use, as far as one row with its halo allows.
+    pub(crate) fn for_each_row<R: Send>(
+        &self,
+        [down, deep]: [usize; 2],
+        halo: usize,
+        make: &(dyn Fn(usize, usize) -> Result<R> + Sync),
+        take: &mut dyn FnMut(R) -> Result<()>,
+    ) -> Result<()> {
+        let edge = EDGE + 2 * halo;
+        let bytes = edge * edge * self.grid().dims()[0] as usize * self.sample_type().size();
+        let rows: Vec<usize> = (0..down * deep).collect();
+        for group in rows.chunks((READ / bytes).max(rayon::current_num_threads())) {
+            let made: Vec<R> = group.par_iter().map(|&row| make(row % down, row / down)).collect::<Result<_>>()?;
+            made.into_iter().try_for_each(&mut *take)?;
+        }
+        Ok(())
+    }
+
+    /// Reads the row of bricks whose first voxels have these y and z, be they in the volume or beyond its faces.
+    pub(crate) fn strip(&self, [y, z]: [i64; 2], halo: usize) -> Result<Strip> {
         let [nx, ny, nz] = self.grid().dims().map(|d| d as usize);
-        let rows = y.saturating_sub(halo)..ny.min(y + EDGE + halo);
-        let planes_from = z.saturating_sub(halo);
-        let planes = (planes_from..nz.min(z + EDGE + halo))
+        let within =
+            |first: i64, n: usize| clamped(first - halo as i64, n)..clamped(first + (EDGE + halo - 1) as i64, n) + 1;
+        let rows = within(y, ny);
+        let planes = within(z, nz);
+        let planes_from = planes.start;
+        let planes = planes
             .map(|plane| self.read((plane * ny + rows.start) * nx..(plane * ny + rows.end) * nx))
             .collect::<Result<_>>()?;
-        Ok(Strip { planes, planes_from, rows })
+        Ok(Strip { dims: [nx, ny, nz], halo, planes, planes_from, rows })
     }
+}
+
+/// The place nearest to `place` along an axis of `n`.
+fn clamped(place: i64, n: usize) -> usize {
+    place.clamp(0, n as i64 - 1) as usize
 }
 
 impl Strip {
     /// The least and the largest stored sample of each brick, the halo left out.
-    fn ranges(&self, nx: usize, y: usize, z: usize) -> Vec<[f64; 2]> {
+    fn ranges(&self, y: usize, z: usize) -> Vec<[f64; 2]> {
+        let [nx, _, _] = self.dims;
         let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; nx.div_ceil(EDGE)];
         let rows = y - self.rows.start..(y + EDGE).min(self.rows.end) - self.rows.start;
         let planes = z - self.planes_from..(z + EDGE - self.planes_from).min(self.planes.len());
@@ -123,21 +162,24 @@ impl Strip {
         ranges
     }
 
-    /// The samples of one brick with the halo, coded.
-    fn brick(&self, dims: [u32; 3], at: [usize; 3], halo: usize, coding: &impl RowCoding) -> Vec<u8> {
-        let [nx, ny, nz] = dims.map(|d| d as usize);
-        let edge = EDGE + 2 * halo;
+    /// The samples of the brick whose first voxel is at `at`, with the halo, coded; beyond its faces the volume repeats its
+    /// outermost voxels.
+    pub(crate) fn brick(&self, at: [i64; 3], coding: &impl RowCoding) -> Vec<u8> {
+        let [nx, ny, nz] = self.dims;
+        let edge = EDGE + 2 * self.halo;
         let mut bytes = Vec::with_capacity(edge * edge * edge * 4);
-        // Places past the end of the volume are filled with its last voxels: nobody looks at those past a halo.
-        let place = |first: usize, i: usize, n: usize| (first + i).saturating_sub(halo).min(n - 1);
-        let x = at[0].saturating_sub(halo)..(at[0] + EDGE + halo).min(nx);
-        let (before, behind) = (halo.saturating_sub(at[0]), (at[0] + EDGE + halo).saturating_sub(nx));
-        for k in 0..edge {
-            let plane = &self.planes[place(at[2], k, nz) - self.planes_from];
+        let [x, y, z] = at.map(|first| first - self.halo as i64);
+        let end = x + edge as i64;
+        let run = clamped(x, nx)..clamped(end - 1, nx) + 1;
+        // Copies of the first voxel, of the last.
+        let before = (-x).clamp(0, edge as i64 - run.len() as i64) as usize;
+        let behind = edge - before - run.len();
+        for k in 0..edge as i64 {
+            let plane = &self.planes[clamped(z + k, nz) - self.planes_from];
             with_samples!(plane, samples => {
-                for j in 0..edge {
-                    let row = (place(at[1], j, ny) - self.rows.start) * nx;
-                    let run = &samples[row + x.start..row + x.end];
+                for j in 0..edge as i64 {
+                    let row = (clamped(y + j, ny) - self.rows.start) * nx;
+                    let run = &samples[row + run.start..row + run.end];
                     for _ in 0..before {
                         coding.append(&run[..1], &mut bytes);
                     }

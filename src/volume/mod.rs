@@ -265,7 +265,7 @@ impl Volume {
     }
 
     /// The ranges of the bricks, x fastest, where they are known.
-    fn ranges(&self) -> Option<&[[f64; 2]]> {
+    fn known_ranges(&self) -> Option<&[[f64; 2]]> {
         self.data.ranges.get().map(Vec::as_slice)
     }
 

@@ -14,4 +14,5 @@ mod presets;
 mod readers;
 mod readers_errors;
 mod rendering;
+mod savings;
 mod streaming;

@@ -223,6 +223,7 @@ fn pipeline(context: &Context, key: QuadsKey, group: &wgpu::BindGroupLayout) -> 
         write_mask: wgpu::ColorWrites::ALL,
     });
     let targets = vec![target; key.layers() as usize];
+    context.made_pipeline();
     context.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("splat"),
         layout: Some(&pipeline_layout(context, "splat", group)),
