@@ -173,6 +173,7 @@ impl Renderer {
                         drawn.passes += done.passes;
                         drawn.quads += done.quads;
                         drawn.terminated += done.terminated;
+                        drawn.hidden_bricks += done.hidden_bricks;
                         drawn.sorted += done.sorted;
                         let margin = plan.margin() as usize;
                         let (x, length) = (region.x as usize, region.width as usize);
@@ -223,6 +224,7 @@ impl Renderer {
             splats_in_view: drawn.sorted,
             quads: drawn.quads,
             quads_terminated: drawn.terminated,
+            bricks_terminated: drawn.hidden_bricks,
             quads_per_splat: drawn.quads as f64 / splats.max(1) as f64,
             footprint_table: [table.rows(), table.terms()],
             footprint_error: table.max_error(),

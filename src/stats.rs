@@ -86,6 +86,9 @@ pub struct Stats {
     pub quads: u64,
     /// Of these, not drawn because everything before them was opaque.
     pub quads_terminated: u64,
+    /// Bricks found hidden as a whole: their splats were not looked at one by one. Summed over the parts of the picture,
+    /// and over the lists that splats are sorted in, of which a brick may be in two.
+    pub bricks_terminated: u64,
     /// Quads per splat kept.
     pub quads_per_splat: f64,
     /// Rows and terms of the footprint table.
@@ -154,7 +157,11 @@ impl fmt::Display for Stats {
         }
         let splats = self.splats_kept + self.splats_padding;
         row("splats", self.splats_in_view, splats.saturating_sub(self.splats_in_view), "out of view")?;
-        row("quads", self.quads - self.quads_terminated, self.quads_terminated, "hidden")?;
+        let hidden = match self.bricks_terminated {
+            0 => "hidden".to_owned(),
+            bricks => format!("hidden, {} bricks of them as a whole", grouped(bricks)),
+        };
+        row("quads", self.quads - self.quads_terminated, self.quads_terminated, &hidden)?;
         row("batches", self.passes, u64::from(self.batches).saturating_sub(self.passes), "empty")?;
         writeln!(
             f,

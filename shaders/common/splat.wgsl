@@ -21,9 +21,14 @@ fn splat_words(index: u32) -> vec2u {
     return splats[select(2u * index, index, SCALARS)];
 }
 
+// The number of its brick.
+fn splat_brick(words: vec2u) -> u32 {
+    return words.x >> 15u;
+}
+
 fn splat_lattice(words: vec2u) -> vec3f {
     let p = words.x;
-    return vec3f(origins[p >> 15u].xyz + vec3u(p & 31u, (p >> 5u) & 31u, (p >> 10u) & 31u));
+    return vec3f(origins[splat_brick(words)].xyz + vec3u(p & 31u, (p >> 5u) & 31u, (p >> 10u) & 31u));
 }
 
 // Density, or scalar.

@@ -103,6 +103,8 @@ fn constants_are_those_of_the_host() {
         ("classify", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("scan", "RUN", super::scan::RUN),
         ("terminate", "RUN", super::quads::terminate::RUN),
+        ("terminate", "LEVELS", super::quads::terminate::LEVELS),
+        ("terminate", "STEP", super::quads::terminate::STEP),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),
     ];
     for (name, constant, value) in expected {

@@ -58,6 +58,11 @@ impl<'a> Piece<'a> {
         (start < end).then(|| start - self.first..end - self.first)
     }
 
+    /// The number of bricks that they can name.
+    pub(crate) fn bricks(&self) -> usize {
+        self.store.bricks.len()
+    }
+
     /// Where the bricks that they name begin.
     pub(crate) fn origins(&self) -> wgpu::BindingResource<'a> {
         self.store.origins.as_entire_binding()

@@ -279,6 +279,29 @@ fn termination_changes_no_channel_by_more_than_it_says() {
 }
 
 #[test]
+fn bricks_behind_opaque_pixels_are_hidden_as_a_whole() {
+    let (volume, _) = demo("sphere", 192);
+    let point = |value, color, opacity| ControlPoint { value, color, opacity };
+    let transfer =
+        TransferFunction::new(vec![point(0.2, [0.1, 0.3, 1.0], 0.0), point(0.5, [1.0; 3], 0.99)], None).unwrap();
+    for projection in PROJECTIONS {
+        let exact = Settings { sheet_thickness: 4.0, antialiasing: false, ..f32_settings(128) };
+        let camera = camera(33.0, projection, &volume, exact.size);
+        let scene = RENDERER.prepare(&volume, &transfer, &exact, &|_| ()).unwrap();
+        let whole = RENDERER.render(&scene, &camera, &exact).unwrap();
+        let got = RENDERER.render(&scene, &camera, &Settings { termination: 1e-2, ..exact }).unwrap();
+        let (whole, (color, alpha), stats) = (whole.stats, errors(&got.image, &whole.image), got.stats);
+        assert!(color.max(alpha) <= 1e-2 + 2e-6, "{projection:?}: {color:e} {alpha:e}");
+        assert!(
+            whole.bricks_terminated == 0 && stats.bricks_terminated >= 4,
+            "{projection:?}: {}",
+            stats.bricks_terminated
+        );
+        assert!(stats.quads_terminated * 2 > stats.quads, "{} of {}", stats.quads_terminated, stats.quads);
+    }
+}
+
+#[test]
 fn minification_keeps_energy() {
     // Thin enough for alpha to be optical depth: its sum times the area of a pixel is the mass of the volume. Far enough
     // from the faces for grown kernels to stay inside, where scalars end.

@@ -142,6 +142,8 @@ pub(crate) struct Drawn {
     pub(crate) quads: u64,
     /// Of these, terminated early: hidden by what is before them.
     pub(crate) terminated: u64,
+    /// Bricks found hidden as a whole on the way.
+    pub(crate) hidden_bricks: u64,
 }
 
 impl Quads {
@@ -217,7 +219,7 @@ impl Quads {
         context.queue.submit([encoder.finish()]);
         let data = context.read("splatting", &staging)?;
         if let Some(tally) = tally {
-            drawn.terminated = Terminator::terminated(context, &tally)?;
+            [drawn.terminated, drawn.hidden_bricks] = Terminator::terminated(context, &tally)?;
         }
         let rgba = data[..bytes as usize].chunks_exact(16).map(bytemuck::pod_read_unaligned).collect();
         Ok((rgba, drawn))

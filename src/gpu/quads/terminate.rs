@@ -1,8 +1,8 @@
-//! terminate: marks the entries of a batch that opaque pixels hide.
+//! terminate: marks the entries of a batch that opaque pixels hide, bricks first.
 
 use super::super::context::Context;
 use super::super::layout::Terminate;
-use super::super::pipeline::{Slot, bind, compute, flag, layout, module, part};
+use super::super::pipeline::{Slot, bind, compute, flag, layout, module};
 use super::super::plan::Target;
 use super::super::scan::WORKGROUP;
 use super::super::shaders;
@@ -14,12 +14,17 @@ use crate::error::Result;
 /// Entries that one invocation looks at; RUN in shaders/terminate.wgsl.
 pub(crate) const RUN: u64 = 16;
 /// Bytes of `Tally` in shaders/terminate.wgsl.
-const TALLY: u64 = 8;
+const TALLY: u64 = 12;
+/// LEVELS and STEP in shaders/terminate.wgsl.
+pub(crate) const LEVELS: u64 = 2;
+pub(crate) const STEP: u64 = 4;
 
 /// The pipelines.
 pub(super) struct Terminator {
     layout: wgpu::BindGroupLayout,
     tile: wgpu::ComputePipeline,
+    raise: wgpu::ComputePipeline,
+    group: wgpu::ComputePipeline,
     mark: wgpu::ComputePipeline,
 }
 
@@ -28,7 +33,9 @@ pub(super) struct Termination<'a> {
     stage: &'a Terminator,
     batches: Slots,
     groups: Vec<wgpu::BindGroup>,
+    /// Tiles, and blocks of them in the levels above.
     tiles: u64,
+    blocks: u64,
     tally: wgpu::Buffer,
 }
 
@@ -43,6 +50,7 @@ impl Terminator {
             Slot::Write,
             Slot::Write,
             Slot::Read,
+            Slot::Write,
         ];
         let layout = layout(context, "terminate", wgpu::ShaderStages::COMPUTE, &slots);
         let module = module(context, shaders::TERMINATE);
@@ -51,9 +59,12 @@ impl Terminator {
             ("GROWN", flag(key.grown)),
             ("SCALARS", flag(key.feed.is_scalar())),
         ];
+        let pipeline = |entry, constants: &[_]| compute(context, &module, "terminate", entry, &layout, constants);
         Self {
-            tile: compute(context, &module, "terminate", "tile", &layout, &[]),
-            mark: compute(context, &module, "terminate", "mark", &layout, &constants),
+            tile: pipeline("tile", &[]),
+            raise: pipeline("raise", &[]),
+            group: pipeline("group", &constants[..2]),
+            mark: pipeline("mark", &constants),
             layout,
         }
     }
@@ -72,34 +83,39 @@ impl Terminator {
             .map(|range| Terminate { first: range.start, count: range.len() as u32, margin })
             .collect();
         let batches = Slots::new(context, "terminate.batches", &parameters)?;
-        let [across, down] = target.plan.tiles(target.region);
-        let count = u64::from(across) * u64::from(down);
-        let tiles = context.buffer("terminate.tiles", count * 4, wgpu::BufferUsages::STORAGE)?;
+        let [across, down] = target.plan.tiles(target.region).map(u64::from);
+        let level = |side: u64| across.div_ceil(side) * down.div_ceil(side);
+        let blocks = (1..=LEVELS as u32).map(|n| level(STEP.pow(n))).sum();
+        let tiles = context.buffer("terminate.tiles", (level(1) + blocks) * 4, wgpu::BufferUsages::STORAGE)?;
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
         let tally = context.buffer("terminate.tally", TALLY, usage)?;
         let groups = spans
             .iter()
             .map(|span| {
+                let bricks = span.piece.bricks() as u64;
+                let hidden = context.buffer("terminate.hidden", bricks * 4, wgpu::BufferUsages::STORAGE)?;
                 let resources = [
                     target.frame.as_entire_binding(),
                     batches.binding(),
                     pixels.as_entire_binding(),
-                    part(&tiles, 0, count * 4),
+                    tiles.as_entire_binding(),
                     span.piece.splats(),
                     span.entries.as_entire_binding(),
                     tally.as_entire_binding(),
                     span.piece.origins(),
+                    hidden.as_entire_binding(),
                 ];
-                bind(context, "terminate", &self.layout, &resources)
+                Ok(bind(context, "terminate", &self.layout, &resources))
             })
-            .collect();
-        Ok(Termination { stage: self, batches, groups, tiles: count, tally })
+            .collect::<Result<_>>()?;
+        Ok(Termination { stage: self, batches, groups, tiles: level(1), blocks, tally })
     }
 
-    /// The number of entries marked, from the copy of a tally.
-    pub(super) fn terminated(context: &Context, tally: &wgpu::Buffer) -> Result<u64> {
+    /// The number of entries marked and of bricks found hidden, from the copy of a tally.
+    pub(super) fn terminated(context: &Context, tally: &wgpu::Buffer) -> Result<[u64; 2]> {
         let bytes = context.read("splatting", tally)?;
-        Ok(u64::from(bytemuck::pod_read_unaligned::<u32>(&bytes[4..8])))
+        let word = |first: usize| u64::from(bytemuck::pod_read_unaligned::<u32>(&bytes[first..first + 4]));
+        Ok([word(4), word(8)])
     }
 }
 
@@ -122,6 +138,15 @@ impl Termination<'_> {
         pass.set_bind_group(0, first, &[0]);
         let (x, y) = context.workgroups(self.tiles, WORKGROUP);
         pass.dispatch_workgroups(x, y, 1);
+        pass.set_pipeline(&self.stage.raise);
+        let (x, y) = context.workgroups(self.blocks, WORKGROUP);
+        pass.dispatch_workgroups(x, y, 1);
+        pass.set_pipeline(&self.stage.group);
+        for (span, group) in spans.iter().zip(&self.groups) {
+            pass.set_bind_group(0, group, &[0]);
+            let (x, y) = context.workgroups(span.piece.bricks() as u64, WORKGROUP);
+            pass.dispatch_workgroups(x, y, 1);
+        }
         pass.set_pipeline(&self.stage.mark);
         for ((index, span), group) in (0..).zip(spans).zip(&self.groups) {
             let count = span.batch(batch).len() as u64;
