@@ -137,8 +137,12 @@ fn turn(volume: &Volume, transfer: &TransferFunction, options: &Options) -> Resu
     let mut times = Vec::new();
     let mut sent = Vec::new();
     let mut start = start;
+    // As high for every view: one fitted to each would change the size of the voxels.
+    let [corner, .., opposite] = volume.grid().corners(0.5);
+    let view_height = Some(corner.distance(opposite));
     for step in 0..=options.runs.max(2) {
-        let view = View { azimuth: 10.0 * step as f64, elevation: 20.0, zoom: options.zoom, ..View::default() };
+        let view =
+            View { azimuth: 10.0 * step as f64, elevation: 20.0, zoom: options.zoom, view_height, ..View::default() };
         let camera = Camera::new(&view, volume.grid(), settings.size)?;
         sent.push(renderer.render(&scene, &camera, settings)?.stats.bytes_sent);
         times.push(start.elapsed().as_secs_f64() * 1e3);

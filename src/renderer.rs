@@ -12,11 +12,13 @@ use crate::gpu::plan::{Plan, Region, Target};
 use crate::gpu::quads::{Drawn, Feed, Inputs, Quads, QuadsKey, footprint_texture};
 use crate::gpu::scan::Scan;
 use crate::gpu::sort::{SortKey, Sorter};
+use crate::gpu::tiles::{self, Followed, Tiles, TilesKey};
 use crate::gpu::timing::{Timing, on_host};
 use crate::image::Image;
 use crate::kernel::FootprintTable;
+use crate::scene::Drawable;
 pub use crate::scene::Scene;
-use crate::settings::{Accumulation, Model, Precision, Settings, Shading};
+use crate::settings::{Accumulation, Model, Painter, Precision, Settings, Shading};
 use crate::stats::{Clock, StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
@@ -41,6 +43,7 @@ pub struct Renderer {
     classifier: OnceLock<Classifier>,
     sorters: Mutex<HashMap<SortKey, Arc<Sorter>>>,
     quads: Mutex<HashMap<QuadsKey, Arc<Quads>>>,
+    tiles: Mutex<HashMap<TilesKey, Arc<Tiles>>>,
 }
 
 /// A picture and what it took.
@@ -64,6 +67,7 @@ impl Renderer {
             classifier: OnceLock::new(),
             sorters: Mutex::new(HashMap::new()),
             quads: Mutex::new(HashMap::new()),
+            tiles: Mutex::new(HashMap::new()),
         })
     }
 
@@ -114,7 +118,147 @@ impl Renderer {
         scene.check(settings)?;
         let before = self.context.traffic();
         let plan = Plan::new(camera, scene.grid(), settings, scene.subject());
-        let precision = self.precision(settings, &plan)?;
+        let (drawable, seconds) = scene.drawable(&self.context, &plan, settings)?;
+        let mut stages = vec![host_stage("classify", scene.seconds + seconds)];
+        let (painter, painter_reason) = self.painter(&plan, scene, drawable.stores(), camera, settings)?;
+        let painted = match painter {
+            Choice::Tiles(view) => self.tiles(scene, &plan, &view, &mut stages)?,
+            Choice::Quads => self.quads(scene, &plan, &drawable, settings, &mut stages)?,
+        };
+        let bricks = drawable.bricks();
+        let traffic = self.context.traffic();
+        let (splats, splats_kept) = (drawable.splats(), drawable.voxels());
+        let Painted { image, drawn, followed, covered, precision, sheets, sheet_thickness, .. } = painted;
+        let stats = Stats {
+            adapter: self.context.info.clone(),
+            painter: if followed.is_some() { Painter::Tiles } else { Painter::Quads },
+            painter_reason,
+            rays: followed.map_or(0, |f| f.rays),
+            rays_per_voxel: followed.and_then(|f| f.rays_per_voxel),
+            model: settings.model,
+            shading: if settings.is_post_shaded() { Shading::Post } else { Shading::Pre },
+            perspective: plan.is_perspective(),
+            lights: settings.lighting.as_ref().map_or(0, |l| l.lights.len() as u32),
+            sheet_alignment: settings.sheets,
+            accumulation: settings.accumulation,
+            precision,
+            size: settings.size,
+            pixels_covered: covered,
+            voxels: scene.grid().len(),
+            splats_kept,
+            splats_dropped: scene.grid().len() - splats_kept,
+            splats_padding: splats - splats_kept,
+            bricks: bricks.all,
+            bricks_uploaded: bricks.uploaded,
+            bytes_uploaded: bricks.bytes,
+            sheets,
+            sheet_thickness,
+            kernel_growth: plan.max_growth(),
+            sheets_per_pass: painted.sheets_per_pass,
+            batches: if painted.sheets_per_pass > 0 && covered > 0 {
+                sheets.div_ceil(painted.sheets_per_pass)
+            } else {
+                0
+            },
+            passes: drawn.passes,
+            splats_in_view: drawn.sorted,
+            quads: drawn.quads,
+            quads_terminated: drawn.terminated,
+            bricks_terminated: drawn.hidden_bricks,
+            quads_per_splat: drawn.quads as f64 / splats.max(1) as f64,
+            footprint_table: painted.footprint_table,
+            footprint_error: painted.footprint_error,
+            scene_bytes: drawable.bytes() + painted.packed_bytes,
+            frame_bytes: traffic.allocated - before.allocated,
+            bytes_sent: traffic.sent - before.sent,
+            pipelines: traffic.pipelines,
+            stages,
+        };
+        Ok(Rendered { image, stats })
+    }
+
+    /// The painter of a picture, and why it is taken.
+    fn painter<'a>(
+        &self,
+        plan: &Plan,
+        scene: &'a Scene,
+        stores: &'a [Store],
+        camera: &'a Camera,
+        settings: &'a Settings,
+    ) -> Result<(Choice<'a>, String)> {
+        if settings.painter == Painter::Quads {
+            return Ok((Choice::Quads, "asked for".to_owned()));
+        }
+        let subject = scene.subject();
+        let view = || {
+            let weights = [subject.max_weight, subject.unit];
+            tiles::View::new(&self.context, stores, scene.grid(), camera, settings, weights)
+                .ok_or_else(|| "the volume outgrows its texture".to_owned())
+        };
+        let served = match tiles::refusal(&self.context, plan, camera, settings) {
+            None => view(),
+            Some(reason) => Err(reason),
+        };
+        match (settings.painter, served) {
+            (Painter::Auto, Ok(_)) if !self.context.info.is_software() => {
+                Ok((Choice::Quads, "the adapter has a rasteriser".to_owned()))
+            }
+            (Painter::Auto, Ok(view)) => Ok((Choice::Tiles(view), "the adapter is software".to_owned())),
+            (Painter::Auto, Err(reason)) => Ok((Choice::Quads, format!("tiles does not serve: {reason}"))),
+            (_, Ok(view)) => Ok((Choice::Tiles(view), "asked for".to_owned())),
+            (_, Err(reason)) => {
+                Err(Error::Setting { name: "painter", reason: format!("tiles does not serve: {reason}") })
+            }
+        }
+    }
+
+    /// Draws by rays.
+    fn tiles(
+        &self,
+        scene: &Scene,
+        plan: &Plan,
+        view: &tiles::View<'_>,
+        stages: &mut Vec<StageTime>,
+    ) -> Result<Painted> {
+        let settings = view.settings;
+        let (sheets, sheet_thickness) = view.slabs();
+        let mut painted = Painted::new(settings, sheets, sheet_thickness)?;
+        let mut followed = Followed::default();
+        let Some(reach) = plan.reach().filter(|_| !view.stores.is_empty()) else {
+            return Ok(Painted { followed: Some(followed), ..painted });
+        };
+        let (pipelines, seconds) = on_host(|| {
+            let key = view.key();
+            let make = || Ok(made(&self.tiles, key, || Tiles::new(&self.context, key)));
+            self.context.guarded("making pipelines", make)
+        });
+        let pipelines = pipelines?;
+        stages.push(host_stage("pipelines", seconds));
+        self.timed(stages, |timing| {
+            let lighting = settings.lighting.as_ref().map(|l| plan.lighting(l)).unwrap_or_default();
+            let packed = scene.packed(view, || pipelines.pack(&self.context, timing, view, &lighting))?;
+            painted.packed_bytes = packed.bytes();
+            for region in self.regions(reach, 16) {
+                painted.covered += u64::from(region.width) * u64::from(region.height);
+                let (pixels, done) = pipelines.run(&self.context, timing, view, &packed, region)?;
+                followed = Followed { rays: followed.rays + done.rays, ..done };
+                painted.put(region, 0, &pixels);
+            }
+            Ok(())
+        })?;
+        Ok(Painted { followed: Some(followed), ..painted })
+    }
+
+    /// Draws by quads.
+    fn quads(
+        &self,
+        scene: &Scene,
+        plan: &Plan,
+        drawable: &Drawable<'_>,
+        settings: &Settings,
+        stages: &mut Vec<StageTime>,
+    ) -> Result<Painted> {
+        let precision = self.precision(settings, plan)?;
         let table = match settings.footprint_table {
             Some([rows, terms]) => FootprintTable::with_size(&settings.kernel, rows, terms),
             None => FootprintTable::new(
@@ -129,8 +273,6 @@ impl Renderer {
             Model::Composite => Feed::Colors,
         };
         let sheets_per_pass = self.sheets_per_pass(settings, feed, precision)?;
-        let (drawable, seconds) = scene.drawable(&self.context, &plan, settings)?;
-        let mut stages = vec![host_stage("classify", scene.seconds + seconds)];
         let key = QuadsKey {
             feed,
             perspective: plan.is_perspective(),
@@ -145,96 +287,50 @@ impl Renderer {
             footprint_rows: table.rows(),
             footprint_terms: table.terms(),
         };
-        let [width, height] = settings.size;
-        let mut image = Image::transparent(width, height)?;
-        let mut drawn = Drawn::default();
-        let mut covered = 0;
-        // Scalars are everywhere, be it as the base alone.
-        let reach = plan.reach().filter(|_| (drawable.splats() > 0 || feed.is_scalar()) && plan.sheets() > 0);
-        if let Some(reach) = reach {
-            let (pipelines, seconds) = on_host(|| {
-                self.context
-                    .guarded("making pipelines", || Ok(made(&self.quads, key, || Quads::new(&self.context, key))))
-            });
-            let quads = pipelines?;
-            stages.push(host_stage("pipelines", seconds));
-            let mut timing = Timing::new(&self.context);
-            let (result, seconds) = on_host(|| {
-                self.context.guarded("rendering", || {
-                    let inputs = Inputs {
-                        footprint: &footprint_texture(&self.context, &table),
-                        lighting: settings.lighting.as_ref().map(|l| plan.lighting(l)).unwrap_or_default(),
-                        transfer: scene.table(),
-                    };
-                    for region in self.regions(reach, key) {
-                        covered += u64::from(region.width) * u64::from(region.height);
-                        let (pixels, done) =
-                            self.region(drawable.stores(), &plan, &quads, &mut timing, region, &inputs)?;
-                        drawn.passes += done.passes;
-                        drawn.quads += done.quads;
-                        drawn.terminated += done.terminated;
-                        drawn.hidden_bricks += done.hidden_bricks;
-                        drawn.sorted += done.sorted;
-                        let margin = plan.margin() as usize;
-                        let (x, length) = (region.x as usize, region.width as usize);
-                        let rows = image.pixels_mut().chunks_exact_mut(width as usize).skip(region.y as usize);
-                        let sources = pixels.chunks_exact(length + 2 * margin).skip(margin);
-                        for (row, source) in rows.take(region.height as usize).zip(sources) {
-                            row[x..x + length].copy_from_slice(&source[margin..margin + length]);
-                        }
-                    }
-                    Ok(())
-                })
-            });
-            result?;
-            let device = self.context.guarded("reading timestamps", || timing.finish(&self.context))?;
-            for (name, seconds) in device.into_iter().flatten() {
-                stages.push(StageTime { name, seconds, clock: Clock::Device });
-            }
-            stages.push(host_stage("frame", seconds));
-        }
-        let bricks = drawable.bricks();
-        let traffic = self.context.traffic();
-        let (splats, splats_kept) = (drawable.splats(), drawable.voxels());
-        let stats = Stats {
-            adapter: self.context.info.clone(),
-            painter: "quads",
-            model: settings.model,
-            shading: if settings.is_post_shaded() { Shading::Post } else { Shading::Pre },
-            perspective: key.perspective,
-            lights: key.lights,
-            sheet_alignment: settings.sheets,
-            accumulation: settings.accumulation,
+        let mut painted = Painted {
             precision,
-            size: settings.size,
-            pixels_covered: covered,
-            voxels: scene.grid().len(),
-            splats_kept,
-            splats_dropped: scene.grid().len() - splats_kept,
-            splats_padding: splats - splats_kept,
-            bricks: bricks.all,
-            bricks_uploaded: bricks.uploaded,
-            bytes_uploaded: bricks.bytes,
-            sheets: plan.sheets(),
-            sheet_thickness: plan.sheet_step(),
-            kernel_growth: plan.max_growth(),
             sheets_per_pass,
-            batches: if reach.is_some() { plan.sheets().div_ceil(sheets_per_pass) } else { 0 },
-            passes: drawn.passes,
-            splats_in_view: drawn.sorted,
-            quads: drawn.quads,
-            quads_terminated: drawn.terminated,
-            bricks_terminated: drawn.hidden_bricks,
-            quads_per_splat: drawn.quads as f64 / splats.max(1) as f64,
             footprint_table: [table.rows(), table.terms()],
             footprint_error: table.max_error(),
-            scene_bytes: drawable.bytes(),
-            frame_bytes: traffic.allocated - before.allocated,
-            bytes_sent: traffic.sent - before.sent,
-            pipelines: traffic.pipelines,
-            stages,
+            ..Painted::new(settings, plan.sheets(), plan.sheet_step())?
         };
-        Ok(Rendered { image, stats })
+        // Scalars are everywhere, be it as the base alone.
+        let reach = plan.reach().filter(|_| (drawable.splats() > 0 || feed.is_scalar()) && plan.sheets() > 0);
+        let Some(reach) = reach else { return Ok(painted) };
+        let (pipelines, seconds) = on_host(|| {
+            let make = || Ok(made(&self.quads, key, || Quads::new(&self.context, key)));
+            self.context.guarded("making pipelines", make)
+        });
+        let quads = pipelines?;
+        stages.push(host_stage("pipelines", seconds));
+        self.timed(stages, |timing| {
+            let inputs = Inputs {
+                footprint: &footprint_texture(&self.context, &table),
+                lighting: settings.lighting.as_ref().map(|l| plan.lighting(l)).unwrap_or_default(),
+                transfer: scene.table(),
+            };
+            for region in self.regions(reach, key.sheet_bytes()) {
+                painted.covered += u64::from(region.width) * u64::from(region.height);
+                let (pixels, done) = self.region(drawable.stores(), plan, &quads, timing, region, &inputs)?;
+                painted.drawn.add(done);
+                painted.put(region, plan.margin(), &pixels);
+            }
+            Ok(())
+        })?;
+        Ok(painted)
+    }
+
+    /// Runs the stages of a picture and notes their times.
+    fn timed(&self, stages: &mut Vec<StageTime>, work: impl FnOnce(&mut Timing) -> Result<()>) -> Result<()> {
+        let mut timing = Timing::new(&self.context);
+        let (result, seconds) = on_host(|| self.context.guarded("rendering", || work(&mut timing)));
+        result?;
+        let device = self.context.guarded("reading timestamps", || timing.finish(&self.context))?;
+        for (name, seconds) in device.into_iter().flatten() {
+            stages.push(StageTime { name, seconds, clock: Clock::Device });
+        }
+        stages.push(host_stage("frame", seconds));
+        Ok(())
     }
 
     /// One region of the picture: sort, splat, composite, resolve.
@@ -259,10 +355,10 @@ impl Renderer {
     }
 
     /// The rectangles in which a picture is made: one, unless it outgrows the adapter's textures or bindings, or its
-    /// sheets would take more than [`MAX_SHEET_BYTES`].
-    fn regions(&self, reach: Region, key: QuadsKey) -> Vec<Region> {
+    /// sheets, of that many bytes a pixel, would take more than [`MAX_SHEET_BYTES`].
+    fn regions(&self, reach: Region, sheet_bytes: u32) -> Vec<Region> {
         let limits = &self.context.limits;
-        let sheets = MAX_SHEET_BYTES / u64::from(key.sheet_bytes());
+        let sheets = MAX_SHEET_BYTES / u64::from(sheet_bytes);
         let pixels = (limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / 16).min(sheets);
         let side = limits.max_texture_dimension_2d.min(pixels.isqrt() as u32).max(1);
         let steps = |start: u32, length: u32| {
@@ -316,6 +412,58 @@ impl Renderer {
                     possible.map(|n| n.to_string()).collect::<Vec<_>>().join(", ")
                 ),
             }),
+        }
+    }
+}
+
+/// The painter of a picture.
+enum Choice<'a> {
+    Quads,
+    Tiles(tiles::View<'a>),
+}
+
+/// A picture, and what it took to paint it.
+struct Painted {
+    image: Image,
+    drawn: Drawn,
+    followed: Option<Followed>,
+    covered: u64,
+    precision: Precision,
+    sheets: u32,
+    sheet_thickness: f64,
+    sheets_per_pass: u32,
+    footprint_table: [u32; 2],
+    footprint_error: f64,
+    packed_bytes: u64,
+}
+
+impl Painted {
+    /// Nothing yet.
+    fn new(settings: &Settings, sheets: u32, sheet_thickness: f64) -> Result<Self> {
+        let [width, height] = settings.size;
+        Ok(Self {
+            image: Image::transparent(width, height)?,
+            drawn: Drawn::default(),
+            followed: None,
+            covered: 0,
+            precision: Precision::F32,
+            sheets,
+            sheet_thickness,
+            sheets_per_pass: 0,
+            footprint_table: [0; 2],
+            footprint_error: 0.0,
+            packed_bytes: 0,
+        })
+    }
+
+    /// Puts the pixels of a region, with a margin around them, in their place.
+    fn put(&mut self, region: Region, margin: u32, pixels: &[[f32; 4]]) {
+        let margin = margin as usize;
+        let (x, length, width) = (region.x as usize, region.width as usize, self.image.width() as usize);
+        let rows = self.image.pixels_mut().chunks_exact_mut(width).skip(region.y as usize);
+        let sources = pixels.chunks_exact(length + 2 * margin).skip(margin);
+        for (row, source) in rows.take(region.height as usize).zip(sources) {
+            row[x..x + length].copy_from_slice(&source[margin..margin + length]);
         }
     }
 }

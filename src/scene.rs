@@ -8,6 +8,7 @@ use crate::gpu::context::Context;
 use crate::gpu::plan::{Plan, Subject};
 use crate::gpu::quads::TransferTable;
 use crate::gpu::scalars::{self, Asked, Emitted, Shows};
+use crate::gpu::tiles::{self, Packed};
 use crate::gpu::timing::on_host;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
@@ -25,7 +26,12 @@ pub struct Scene {
 /// What is on the device.
 enum Content {
     /// Classified voxels, lit or not.
-    Splats { classified: Classified, lit: bool },
+    Splats {
+        classified: Classified,
+        lit: bool,
+        /// What the painter `tiles` made of them for the picture before.
+        packed: Mutex<Option<Arc<Packed>>>,
+    },
     /// Scalars, classified when they have been reconstructed.
     Scalars(Box<Scalars>),
 }
@@ -66,7 +72,12 @@ impl Scene {
             max_weight: TransferFunction::extinction(transfer.max_opacity(), 1.0),
             unit: transfer.unit_or(volume.grid().min_spacing()),
         };
-        Self { content: Content::Splats { classified, lit }, grid: *volume.grid(), subject, seconds }
+        Self {
+            content: Content::Splats { classified, lit, packed: Mutex::new(None) },
+            grid: *volume.grid(),
+            subject,
+            seconds,
+        }
     }
 
     /// A scene of scalars: all of post-shading that does not depend on the camera.
@@ -108,6 +119,26 @@ impl Scene {
             Content::Splats { .. } => None,
             Content::Scalars(scalars) => Some(&scalars.table),
         }
+    }
+
+    /// The splats as the painter `tiles` reads them: those of the picture before, where they serve, or made anew.
+    pub(crate) fn packed(
+        &self,
+        view: &tiles::View<'_>,
+        make: impl FnOnce() -> Result<Arc<Packed>>,
+    ) -> Result<Arc<Packed>> {
+        let Content::Splats { packed, .. } = &self.content else { return make() };
+        let mut held = packed.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(packed) = held.as_ref()
+            && view.is_served_by(packed)
+        {
+            return Ok(Arc::clone(packed));
+        }
+        // Let go of before, so that there are not two.
+        *held = None;
+        let packed = make()?;
+        *held = Some(Arc::clone(&packed));
+        Ok(packed)
     }
 
     /// Whether the scene holds what pictures of these settings need.

@@ -74,6 +74,32 @@ pub enum Interslice {
     Mean,
 }
 
+/// How splats are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Painter {
+    /// `Tiles` on software adapters for the pictures that it serves, `Quads` for all others. Only the adapter and what is
+    /// asked for decide, so the same input gives the same bytes; `Stats::painter_reason` says why.
+    #[default]
+    Auto,
+    /// Instanced quads, added up in sheets by the rasteriser: every picture.
+    Quads,
+    /// Rays that gather the kernels they meet, plane by plane, in compute shaders: composite and X-ray, pre-shaded, parallel
+    /// rays, kernels of at most 2 voxels that do not grow.
+    Tiles,
+}
+
+/// How finely the painter `Tiles` looks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Resolution {
+    /// One to four rays per voxel and axis, as many as the direction of view asks for, and the picture enlarged from them.
+    #[default]
+    Capped,
+    /// A ray for each pixel.
+    Full,
+}
+
 /// What is left out because it cannot show, or kept because it was made before; early termination is
 /// [`Settings::termination`].
 ///
@@ -142,6 +168,10 @@ pub struct Settings {
     pub footprint_table: Option<[u32; 2]>,
     /// How many sheets one pass feeds; `None` takes what the adapter does best.
     pub sheets_per_pass: Option<u32>,
+    /// How splats are drawn.
+    pub painter: Painter,
+    /// How finely the painter `Tiles` looks.
+    pub resolution: Resolution,
     /// What is left out.
     pub savings: Savings,
 }
@@ -165,6 +195,8 @@ impl Default for Settings {
             max_error: None,
             footprint_table: None,
             sheets_per_pass: None,
+            painter: Painter::default(),
+            resolution: Resolution::default(),
             savings: Savings::default(),
         }
     }
@@ -181,6 +213,8 @@ macro_rules! named {
     })* };
 }
 named! {
+    Painter { Auto: "auto", Quads: "quads", Tiles: "tiles" }
+    Resolution { Capped: "capped", Full: "full" }
     Precision { F16: "f16", F32: "f32" }
     Model { Composite: "composite", Xray: "xray", Mip: "mip" }
     Sheets { Image: "image", Axis: "axis" }

@@ -5,7 +5,7 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::renderer::AdapterInfo;
-use crate::settings::{Accumulation, Model, Precision, Shading, Sheets};
+use crate::settings::{Accumulation, Model, Painter, Precision, Shading, Sheets};
 
 /// The time of one stage.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -33,8 +33,15 @@ pub enum Clock {
 pub struct Stats {
     /// The adapter that made it.
     pub adapter: AdapterInfo,
-    /// The painter: `quads`.
-    pub painter: &'static str,
+    /// The painter that made it.
+    pub painter: Painter,
+    /// Why it did.
+    pub painter_reason: String,
+    /// Rays that the painter `tiles` followed; 0 where `quads` made the picture.
+    pub rays: u64,
+    /// Rays per voxel, along the two lattice axes that face the eye most: first the one that rays lean to less. `None`: one
+    /// per pixel, or `quads`.
+    pub rays_per_voxel: Option<[u32; 2]>,
     /// What a pixel is.
     pub model: Model,
     /// When the transfer function was applied; after reconstruction for every maximum intensity projection.
@@ -125,7 +132,8 @@ impl fmt::Display for Stats {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [width, height] = self.size;
         writeln!(f, "adapter      {} ({}, {})", self.adapter.name, self.adapter.kind, self.adapter.driver)?;
-        writeln!(f, "picture      {width} x {height} px, painter {}, {} sheets", self.painter, self.precision)?;
+        writeln!(f, "picture      {width} x {height} px")?;
+        writeln!(f, "painter      {}: {}", self.painter, self.painter_reason)?;
         let shading = if self.shading == Shading::Post { "post-shaded" } else { "pre-shaded" };
         let light = match self.lights {
             0 => "unlit".to_owned(),
@@ -134,16 +142,30 @@ impl fmt::Display for Stats {
         };
         let rays = if self.perspective { "perspective" } else { "orthographic" };
         writeln!(f, "model        {}, {shading}, {light}, {rays}", self.model)?;
-        writeln!(
-            f,
-            "sheets       {} of {:.4} world units, {}, {}, {} a pass",
-            self.sheets, self.sheet_thickness, self.sheet_alignment, self.accumulation, self.sheets_per_pass
-        )?;
-        writeln!(
-            f,
-            "footprint    {} x {} table, error {:.1e} of its peak",
-            self.footprint_table[0], self.footprint_table[1], self.footprint_error
-        )?;
+        if self.painter == Painter::Tiles {
+            let rays = match self.rays_per_voxel {
+                Some([a, b]) => format!("{a} x {b} per voxel"),
+                None => "one per pixel".to_owned(),
+            };
+            writeln!(f, "rays         {}, {rays}", grouped(self.rays))?;
+            writeln!(f, "sheets       {} of {:.4} world units, voxel planes", self.sheets, self.sheet_thickness)?;
+        } else {
+            writeln!(
+                f,
+                "sheets       {} of {:.4} world units, {}, {}, {}, {} a pass",
+                self.sheets,
+                self.sheet_thickness,
+                self.sheet_alignment,
+                self.accumulation,
+                self.precision,
+                self.sheets_per_pass
+            )?;
+            writeln!(
+                f,
+                "footprint    {} x {} table, error {:.1e} of its peak",
+                self.footprint_table[0], self.footprint_table[1], self.footprint_error
+            )?;
+        }
         writeln!(f, "\n{:<10} {:>15} {:>15}", "", "modelled", "left out")?;
         let mut row = |name: &str, modelled: u64, left_out: u64, why: &str| {
             writeln!(f, "{name:<10} {:>15} {:>15}  {why}", grouped(modelled), grouped(left_out))
@@ -156,6 +178,10 @@ impl fmt::Display for Stats {
             row("copies", self.splats_padding, 0, "beyond the faces, for the field to be complete there")?;
         }
         let splats = self.splats_kept + self.splats_padding;
+        // Rays meet what is in their way, and nobody counts it.
+        let counted = self.painter != Painter::Tiles;
+        let mut row =
+            |name, modelled, left_out, why: &str| if counted { row(name, modelled, left_out, why) } else { Ok(()) };
         row("splats", self.splats_in_view, splats.saturating_sub(self.splats_in_view), "out of view")?;
         let hidden = match self.bricks_terminated {
             0 => "hidden".to_owned(),

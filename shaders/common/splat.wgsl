@@ -26,9 +26,14 @@ fn splat_brick(words: vec2u) -> u32 {
     return words.x >> 15u;
 }
 
-fn splat_lattice(words: vec2u) -> vec3f {
+// Its lattice point.
+fn splat_point(words: vec2u) -> vec3u {
     let p = words.x;
-    return vec3f(origins[splat_brick(words)].xyz + vec3u(p & 31u, (p >> 5u) & 31u, (p >> 10u) & 31u));
+    return origins[splat_brick(words)].xyz + vec3u(p & 31u, (p >> 5u) & 31u, (p >> 10u) & 31u);
+}
+
+fn splat_lattice(words: vec2u) -> vec3f {
+    return vec3f(splat_point(words));
 }
 
 // Density, or scalar.

@@ -7,7 +7,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 use glam::DVec3;
 use voxsplat::image::Background;
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::settings::{Accumulation, Interslice, Model, Precision, Shading, Sheets};
+use voxsplat::settings::{Accumulation, Interslice, Model, Painter, Precision, Resolution, Shading, Sheets};
 use voxsplat::volume::{Endian, LoadOptions, SampleType};
 
 use super::parse;
@@ -116,12 +116,6 @@ pub(super) enum LightArg {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum PainterArg {
-    Auto,
-    Quads,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum StatsFormat {
     Table,
     Json,
@@ -146,6 +140,19 @@ fn models() -> impl TypedValueParser<Value = Model> {
 
 fn shadings() -> impl TypedValueParser<Value = Shading> {
     PossibleValuesParser::new(["pre", "post"]).map(|text| if text == "post" { Shading::Post } else { Shading::Pre })
+}
+
+fn painters() -> impl TypedValueParser<Value = Painter> {
+    PossibleValuesParser::new(["auto", "quads", "tiles"]).map(|text| match text.as_str() {
+        "quads" => Painter::Quads,
+        "tiles" => Painter::Tiles,
+        _ => Painter::Auto,
+    })
+}
+
+fn resolutions() -> impl TypedValueParser<Value = Resolution> {
+    PossibleValuesParser::new(["capped", "full"])
+        .map(|text| if text == "full" { Resolution::Full } else { Resolution::Capped })
 }
 
 fn sheets() -> impl TypedValueParser<Value = Sheets> {
@@ -287,9 +294,13 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "WHETHER", default_value = "on", help_heading = "Model")]
     pub(super) antialiasing: SwitchArg,
 
-    /// How splats are drawn: quads is the only painter, and what auto takes
-    #[arg(long, value_name = "PAINTER", default_value = "auto", help_heading = "Device")]
-    pub(super) painter: PainterArg,
+    /// How splats are drawn: quads (any picture), tiles (rays that share what they know of the kernels: fast on software;
+    /// pre-shaded, orthographic, composite or xray, kernels up to 2 voxels) or auto (tiles on software where it serves)
+    #[arg(long, value_name = "PAINTER", default_value = "auto", value_parser = painters(), help_heading = "Device")]
+    pub(super) painter: Painter,
+    /// How finely tiles looks: capped (1 to 4 rays per voxel and axis, enlarged to the picture) or full (a ray per pixel)
+    #[arg(long, value_name = "HOW", default_value = "capped", value_parser = resolutions(), help_heading = "Device")]
+    pub(super) resolution: Resolution,
     /// Format of the sheet buffers, f16 or f32 [default: f32 on software adapters, for scalars and
     /// where kernels grow by half or more, f16 elsewhere]
     #[arg(long, value_name = "FORMAT", value_parser = precisions(), help_heading = "Device")]

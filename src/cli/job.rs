@@ -11,7 +11,7 @@ use voxsplat::transfer::{TransferFunction, presets};
 use voxsplat::volume::{Grid, LoadOptions};
 
 use super::Failure;
-use super::args::{CompareArgs, LightArg, PainterArg, ProjectionArg, RenderArgs, SavingArg, StatsFormat, SwitchArg};
+use super::args::{CompareArgs, LightArg, ProjectionArg, RenderArgs, SavingArg, StatsFormat, SwitchArg};
 
 /// Vertical field of view where none is given, degrees.
 const DEFAULT_FOV: f64 = 30.0;
@@ -30,8 +30,8 @@ pub(super) enum Transfer {
 /// What makes the picture.
 #[derive(Debug)]
 pub(super) enum Engine {
-    /// Textured quads on a device.
-    Quads { adapter: Option<String> },
+    /// Splats on a device.
+    Device { adapter: Option<String> },
     /// The f64 integral.
     Reference,
 }
@@ -74,6 +74,8 @@ impl RenderJob {
             precision: args.precision,
             max_error: args.max_error,
             sheets_per_pass: args.sheets_per_pass,
+            painter: args.painter,
+            resolution: args.resolution,
             savings: Savings {
                 bricks: !args.without.contains(&SavingArg::Bricks),
                 voxels: !args.without.contains(&SavingArg::Voxels),
@@ -98,9 +100,9 @@ impl RenderJob {
                 return Err(Failure::Usage(format!("--transfer: {name:?}, expected a FILE.json or one of {known}")));
             }
         };
-        let engine = match (args.reference, args.painter) {
-            (true, _) => Engine::Reference,
-            (false, PainterArg::Auto | PainterArg::Quads) => Engine::Quads { adapter: args.adapter },
+        let engine = match args.reference {
+            true => Engine::Reference,
+            false => Engine::Device { adapter: args.adapter },
         };
         Ok(Self {
             load: args.input.options(),

@@ -49,7 +49,7 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
     let camera = Camera::new(&job.view, volume.grid(), job.settings.size)?;
     let save = |image: &Image, stages: &mut Stages| stages.time("encode", || image.save(&job.output, job.background));
     match job.engine {
-        Engine::Quads { adapter } => {
+        Engine::Device { adapter } => {
             let renderer = stages.time("device", || silenced(|| Renderer::new(&RendererOptions { adapter })))?;
             let scene = {
                 let progress = Progress::bar("preparing");

@@ -130,7 +130,10 @@ impl Context {
             .ok_or_else(|| {
                 Error::NoAdapter(format!("none is named {:?}; there are: {}", name.unwrap_or(""), names.join(", ")))
             })?;
-        let features = adapter.features() & (wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::FLOAT32_BLENDABLE);
+        let features = adapter.features()
+            & (wgpu::Features::TIMESTAMP_QUERY
+                | wgpu::Features::FLOAT32_BLENDABLE
+                | wgpu::Features::FLOAT32_FILTERABLE);
         let limits = adapter.limits();
         let (device, queue) = adapter
             .request_device(&wgpu::DeviceDescriptor {

@@ -172,3 +172,57 @@ pub(crate) struct Shade {
     pub low: [u32; 2],
     pub high: [u32; 2],
 }
+
+/// The raster of the painter `tiles`; each field is explained in shaders/common/raster.wgsl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub(crate) struct Raster {
+    pub origin: [f32; 2],
+    pub step_x: [f32; 2],
+    pub step_y: [f32; 2],
+    pub shear: [f32; 2],
+    pub direction: [f32; 3],
+    pub density_scale: f32,
+    pub voxels: [i32; 3],
+    pub flipped: i32,
+    pub half: [f32; 2],
+    pub row_half: f32,
+    pub row_slope: f32,
+    pub size: [u32; 2],
+    pub tiles: [u32; 2],
+    pub phases: u32,
+    pub opaque_depth: f32,
+    pub columns: i32,
+    pub row_texels: i32,
+    pub run_slots: u32,
+    pub radius2: f32,
+    pub footprint_high: [f32; 2],
+    pub footprint: [f32; 4],
+    pub section_0: [f32; 2],
+    pub section_1: [f32; 2],
+    pub section_2: [f32; 2],
+    pub section_3: [f32; 2],
+    pub section_4: [f32; 2],
+    pub pixel_origin: [f32; 2],
+    pub pixel_x: [f32; 2],
+    pub pixel_y: [f32; 2],
+    pub picture: [u32; 2],
+    pub _pad: [u32; 2],
+}
+
+/// How splats are packed for the painter `tiles`; each field is explained in shaders/pack.wgsl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub(crate) struct Pack {
+    pub low: [u32; 3],
+    pub splats: u32,
+    pub axes: [u32; 3],
+    pub rows: u32,
+    pub columns: u32,
+    pub row_texels: u32,
+    pub width: u32,
+    pub first_row: u32,
+    pub row_count: u32,
+    pub scale: f32,
+    pub _pad: [u32; 2],
+}

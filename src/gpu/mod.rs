@@ -14,4 +14,5 @@ mod shaders_test;
 pub(crate) mod sort;
 #[cfg(test)]
 mod stages_test;
+pub(crate) mod tiles;
 pub(crate) mod timing;

@@ -16,21 +16,42 @@ pub(super) enum Slot {
     Write,
     /// A float texture, read without filtering.
     Texture(wgpu::TextureViewDimension),
+    /// A float texture that a sampler filters.
+    FilteredTexture,
+    /// A sampler that filters.
+    Sampler,
+    /// A texture of unsigned integers.
+    IntegerTexture(wgpu::TextureViewDimension),
+    /// A texture that is written.
+    StorageTexture(wgpu::TextureFormat, wgpu::TextureViewDimension),
 }
 
 impl Slot {
     fn binding_type(self) -> wgpu::BindingType {
         let buffer =
             |ty, has_dynamic_offset| wgpu::BindingType::Buffer { ty, has_dynamic_offset, min_binding_size: None };
+        let texture = |sample_type, view_dimension| wgpu::BindingType::Texture {
+            sample_type,
+            view_dimension,
+            multisampled: false,
+        };
         match self {
             Self::Uniform => buffer(wgpu::BufferBindingType::Uniform, false),
             Self::DynamicUniform => buffer(wgpu::BufferBindingType::Uniform, true),
             Self::Read => buffer(wgpu::BufferBindingType::Storage { read_only: true }, false),
             Self::Write => buffer(wgpu::BufferBindingType::Storage { read_only: false }, false),
-            Self::Texture(view_dimension) => wgpu::BindingType::Texture {
-                sample_type: wgpu::TextureSampleType::Float { filterable: false },
+            Self::Texture(view_dimension) => {
+                texture(wgpu::TextureSampleType::Float { filterable: false }, view_dimension)
+            }
+            Self::FilteredTexture => {
+                texture(wgpu::TextureSampleType::Float { filterable: true }, wgpu::TextureViewDimension::D2)
+            }
+            Self::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+            Self::IntegerTexture(view_dimension) => texture(wgpu::TextureSampleType::Uint, view_dimension),
+            Self::StorageTexture(format, view_dimension) => wgpu::BindingType::StorageTexture {
+                access: wgpu::StorageTextureAccess::WriteOnly,
+                format,
                 view_dimension,
-                multisampled: false,
             },
         }
     }

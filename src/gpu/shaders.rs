@@ -23,6 +23,8 @@ const RAY: &str = include_str!("../../shaders/common/ray.wgsl");
 const ABSORBED: &str = include_str!("../../shaders/common/absorbed.wgsl");
 const DISPATCH: &str = include_str!("../../shaders/common/dispatch.wgsl");
 const FRAME: &str = include_str!("../../shaders/common/frame.wgsl");
+const PACKING: &str = include_str!("../../shaders/common/packing.wgsl");
+const RASTER: &str = include_str!("../../shaders/common/raster.wgsl");
 const SPLAT: &str = include_str!("../../shaders/common/splat.wgsl");
 
 pub(crate) const CLASSIFY: Shader =
@@ -44,7 +46,18 @@ pub(crate) const SHADE: Shader =
     Shader { name: "shade", parts: &[include_str!("../../shaders/shade.wgsl"), FRAME, RAY, LIGHTING, ABSORBED] };
 pub(crate) const RESOLVE: Shader =
     Shader { name: "resolve", parts: &[include_str!("../../shaders/resolve.wgsl"), FRAME, ABSORBED] };
+pub(crate) const PACK: Shader = Shader {
+    name: "pack",
+    parts: &[include_str!("../../shaders/pack.wgsl"), PACKING, SPLAT, LIGHTING, NORMAL, DISPATCH],
+};
+pub(crate) const SKIP: Shader =
+    Shader { name: "skip", parts: &[include_str!("../../shaders/skip.wgsl"), RASTER, PACKING] };
+pub(crate) const GATHER: Shader =
+    Shader { name: "gather", parts: &[include_str!("../../shaders/gather.wgsl"), RASTER, PACKING, ABSORBED] };
+pub(crate) const ENLARGE: Shader =
+    Shader { name: "enlarge", parts: &[include_str!("../../shaders/enlarge.wgsl"), RASTER] };
 
 /// Every shader there is.
 #[cfg(test)]
-pub(crate) const ALL: [Shader; 8] = [CLASSIFY, SCAN, SORT, SPLATTING, TERMINATE, COMPOSITE, SHADE, RESOLVE];
+pub(crate) const ALL: [Shader; 12] =
+    [CLASSIFY, SCAN, SORT, SPLATTING, TERMINATE, COMPOSITE, SHADE, RESOLVE, PACK, SKIP, GATHER, ENLARGE];

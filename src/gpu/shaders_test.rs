@@ -2,7 +2,7 @@
 
 use std::mem::{offset_of, size_of};
 
-use super::layout::{Area, Batch, Classify, ControlPoint, Frame, Lighting, Shade, Sort, Terminate};
+use super::layout::{Area, Batch, Classify, ControlPoint, Frame, Lighting, Pack, Raster, Shade, Sort, Terminate};
 use super::shaders::{ALL, Shader};
 
 fn parsed(shader: Shader) -> naga::Module {
@@ -18,7 +18,9 @@ fn every_shader_validates() {
     for shader in ALL {
         let module = parsed(shader);
         let flags = naga::valid::ValidationFlags::all();
-        let result = naga::valid::Validator::new(flags, naga::valid::Capabilities::empty()).validate(&module);
+        // Packed f16: wgpu has it wherever WebGPU is whole.
+        let capabilities = naga::valid::Capabilities::SHADER_FLOAT16_IN_FLOAT32;
+        let result = naga::valid::Validator::new(flags, capabilities).validate(&module);
         if let Err(e) = result {
             panic!("{}: {}", shader.name, e.emit_to_string(&shader.source()));
         }
@@ -60,6 +62,39 @@ fn structs_are_laid_out_alike() {
     same_layout!(Shade { depth, previous, current, margin, clear, lookup, low, high });
     same_layout!(Area { low, high });
     same_layout!(Terminate { first, count, margin });
+    same_layout!(Pack { low, splats, axes, rows, columns, row_texels, width, first_row, row_count, scale });
+    same_layout!(Raster {
+        origin,
+        step_x,
+        step_y,
+        shear,
+        direction,
+        density_scale,
+        voxels,
+        flipped,
+        half,
+        row_half,
+        row_slope,
+        size,
+        tiles,
+        phases,
+        opaque_depth,
+        columns,
+        row_texels,
+        run_slots,
+        radius2,
+        footprint_high,
+        footprint,
+        section_0,
+        section_1,
+        section_2,
+        section_3,
+        section_4,
+        pixel_origin,
+        pixel_x,
+        pixel_y,
+        picture,
+    });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, shininess });
     same_layout!(Frame {
         lattice_center,
@@ -105,6 +140,7 @@ fn constants_are_those_of_the_host() {
         ("terminate", "RUN", super::quads::terminate::RUN),
         ("terminate", "LEVELS", super::quads::terminate::LEVELS),
         ("terminate", "STEP", super::quads::terminate::STEP),
+        ("skip", "RUN_ROW", u64::from(super::tiles::RUN_ROW)),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),
     ];
     for (name, constant, value) in expected {
@@ -113,6 +149,9 @@ fn constants_are_those_of_the_host() {
             shader.source().contains(&format!("const {constant}: u32 = {value}u;")),
             "{name}: {constant} is not {value}"
         );
+    }
+    for (constant, value) in [("MARGIN", super::tiles::MARGIN), ("CELL", super::tiles::CELL)] {
+        assert!(super::shaders::SKIP.source().contains(&format!("const {constant}: i32 = {value};")), "{constant}");
     }
     let max_opacity = crate::transfer::TransferFunction::MAX_OPACITY.to_string();
     assert!(super::shaders::CLASSIFY.source().contains(&max_opacity), "classify: MAX_OPACITY is not {max_opacity}");

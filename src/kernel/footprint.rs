@@ -155,6 +155,21 @@ impl FootprintTable {
     }
 }
 
+/// Coefficients, lowest first, of the polynomial p of `terms` terms for which c p(c^2) is the footprint at half chord c.
+///
+/// The footprint is 2 c times the mean of the kernel over half the chord, which is analytic in c^2.
+pub(crate) fn footprint_polynomial(kernel: &Kernel, terms: usize) -> Vec<f64> {
+    let radius2 = kernel.radius() * kernel.radius();
+    let powers = fit(terms, |s| 2.0 * mean_to(kernel, s, 0.0));
+    powers.iter().enumerate().map(|(k, a)| a / radius2.powi(k as i32)).collect()
+}
+
+/// The section of the kernel between t0 and t1 of a ray at squared distance r2 from the centre, by quadrature.
+pub(crate) fn section(kernel: &Kernel, r2: f64, t0: f64, t1: f64) -> f64 {
+    let c = (kernel.radius() * kernel.radius() - r2).max(0.0).sqrt();
+    integrate(t0.clamp(-c, c), t1.clamp(-c, c), 2, |t| kernel.value(r2 + t * t))
+}
+
 /// The largest error of 2 G that `terms` coefficients leave on rows that are exact, over the footprint's peak.
 fn degree_error(kernel: &Kernel, terms: u32) -> f64 {
     let radius = kernel.radius();

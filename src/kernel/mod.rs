@@ -4,6 +4,7 @@ mod footprint;
 mod quadrature;
 
 pub use footprint::FootprintTable;
+pub(crate) use footprint::{footprint_polynomial, section};
 
 use std::f64::consts::PI;
 

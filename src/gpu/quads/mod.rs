@@ -146,6 +146,17 @@ pub(crate) struct Drawn {
     pub(crate) hidden_bricks: u64,
 }
 
+impl Drawn {
+    /// Adds what was drawn of another part of the picture.
+    pub(crate) fn add(&mut self, other: Self) {
+        self.sorted += other.sorted;
+        self.passes += other.passes;
+        self.quads += other.quads;
+        self.terminated += other.terminated;
+        self.hidden_bricks += other.hidden_bricks;
+    }
+}
+
 impl Quads {
     pub(crate) fn new(context: &Context, key: QuadsKey) -> Self {
         Self {
