@@ -19,6 +19,8 @@
 
 // X-ray: white.
 override WHITE: bool = false;
+// Terms of the footprint's polynomial: 6 or 8.
+override TERMS: u32 = 6u;
 
 // A ray so far: what it shows, its optical depth and what it lets through; and the two slabs behind that, the last of them
 // complete.
@@ -49,7 +51,11 @@ fn weights(du: f32, dv: f32) -> vec2f {
     let c2 = max(raster.radius2 - (du * du + dv * dv - s * s), 0.0);
     let f = raster.footprint;
     let g = raster.footprint_high;
-    let w = sqrt(c2) * (((((g.y * c2 + g.x) * c2 + f.w) * c2 + f.z) * c2 + f.y) * c2 + f.x);
+    var high = g.y * c2 + g.x;
+    if TERMS > 6u {
+        high += (g.w * c2 + g.z) * c2 * c2;
+    }
+    let w = sqrt(c2) * ((((high * c2 + f.w) * c2 + f.z) * c2 + f.y) * c2 + f.x);
     return vec2f(w, w * s);
 }
 

@@ -193,7 +193,8 @@ impl Renderer {
         let view = || {
             let weights = [subject.max_weight, subject.unit];
             tiles::View::new(&self.context, stores, scene.grid(), camera, settings, weights)
-                .ok_or_else(|| "the volume outgrows its texture".to_owned())
+                .map(Box::new)
+                .map_err(str::to_owned)
         };
         let served = match tiles::refusal(&self.context, plan, camera, settings) {
             None => view(),
@@ -222,7 +223,8 @@ impl Renderer {
     ) -> Result<Painted> {
         let settings = view.settings;
         let (sheets, sheet_thickness) = view.slabs();
-        let mut painted = Painted::new(settings, sheets, sheet_thickness)?;
+        let mut painted =
+            Painted { footprint_error: view.footprint_error(), ..Painted::new(settings, sheets, sheet_thickness)? };
         let mut followed = Followed::default();
         let Some(reach) = plan.reach().filter(|_| !view.stores.is_empty()) else {
             return Ok(Painted { followed: Some(followed), ..painted });
@@ -419,7 +421,7 @@ impl Renderer {
 /// The painter of a picture.
 enum Choice<'a> {
     Quads,
-    Tiles(tiles::View<'a>),
+    Tiles(Box<tiles::View<'a>>),
 }
 
 /// A picture, and what it took to paint it.

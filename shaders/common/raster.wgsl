@@ -22,6 +22,9 @@ struct Raster {
     // Of a row of voxels, at distance v along b, kernels within row_half of row_slope v along a reach the ray.
     row_half: f32,
     row_slope: f32,
+    // Footprint at squared half chord c2: sqrt(c2) times the polynomial in c2 of these eight coefficients.
+    footprint: vec4f,
+    footprint_high: vec4f,
     // Raster points.
     size: vec2u,
     // Tiles of 8 x 8 rays across and down, of each phase.
@@ -37,9 +40,6 @@ struct Raster {
     run_slots: u32,
     // Square of the kernel's radius.
     radius2: f32,
-    // Footprint at squared half chord c2: sqrt(c2) times the polynomial in c2 of these six coefficients.
-    footprint_high: vec2f,
-    footprint: vec4f,
     // Part of a kernel in the slab of the plane n - 2 planes behind its own: footprint times (x + y s), s the place of its
     // centre along the ray from where the ray meets its plane.
     section_0: vec2f,

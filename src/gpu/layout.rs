@@ -188,6 +188,8 @@ pub(crate) struct Raster {
     pub half: [f32; 2],
     pub row_half: f32,
     pub row_slope: f32,
+    pub footprint: [f32; 4],
+    pub footprint_high: [f32; 4],
     pub size: [u32; 2],
     pub tiles: [u32; 2],
     pub phases: u32,
@@ -196,8 +198,6 @@ pub(crate) struct Raster {
     pub row_texels: i32,
     pub run_slots: u32,
     pub radius2: f32,
-    pub footprint_high: [f32; 2],
-    pub footprint: [f32; 4],
     pub section_0: [f32; 2],
     pub section_1: [f32; 2],
     pub section_2: [f32; 2],
@@ -207,7 +207,6 @@ pub(crate) struct Raster {
     pub pixel_x: [f32; 2],
     pub pixel_y: [f32; 2],
     pub picture: [u32; 2],
-    pub _pad: [u32; 2],
 }
 
 /// How splats are packed for the painter `tiles`; each field is explained in shaders/pack.wgsl.

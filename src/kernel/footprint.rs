@@ -155,13 +155,20 @@ impl FootprintTable {
     }
 }
 
-/// Coefficients, lowest first, of the polynomial p of `terms` terms for which c p(c^2) is the footprint at half chord c.
+/// Coefficients, lowest first, of the polynomial p of `terms` terms for which c p(c^2) is the footprint at half chord c, and
+/// its largest error as a fraction of the footprint's peak.
 ///
 /// The footprint is 2 c times the mean of the kernel over half the chord, which is analytic in c^2.
-pub(crate) fn footprint_polynomial(kernel: &Kernel, terms: usize) -> Vec<f64> {
+pub(crate) fn footprint_polynomial(kernel: &Kernel, terms: usize) -> (Vec<f64>, f64) {
     let radius2 = kernel.radius() * kernel.radius();
-    let powers = fit(terms, |s| 2.0 * mean_to(kernel, s, 0.0));
-    powers.iter().enumerate().map(|(k, a)| a / radius2.powi(k as i32)).collect()
+    let mean = |s: f64| 2.0 * mean_to(kernel, s, 0.0);
+    let powers = fit(terms, mean);
+    let worst = (0..=64).map(|i| {
+        let s = f64::from(i) / 64.0;
+        s.sqrt() * (powers.iter().rev().fold(0.0, |sum, a| sum * s + a) - mean(s)).abs()
+    });
+    let error = worst.fold(0.0, f64::max) / mean(1.0);
+    (powers.iter().enumerate().map(|(k, a)| a / radius2.powi(k as i32)).collect(), error)
 }
 
 /// The section of the kernel between t0 and t1 of a ray at squared distance r2 from the centre, by quadrature.

@@ -69,7 +69,7 @@ fn wrong_arguments_are_one_line_and_exit_2() {
     refused("render demo:sphere -o a.png --max-error 1", 2, "--max-error: 1");
     refused("render demo:sphere -o a.png --sheets-per-pass 9", 2, "--sheets-per-pass: 9");
     refused("render demo:sphere -o a.png --precision f64", 2, "f16, f32");
-    refused("render demo:sphere -o a.png --painter tiles", 2, "quads");
+    refused("render demo:sphere -o a.png --painter rays", 2, "quads");
     refused("render demo:sphere -o a.png --background beige-ish", 2, "transparent");
     refused("render demo:sphere -o a.png --transfer ct-wood", 2, "ct-bone");
     refused("render demo:sphere -o a.png --spacing 1,0,1", 2, "lengths over 0");

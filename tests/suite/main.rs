@@ -16,3 +16,4 @@ mod readers_errors;
 mod rendering;
 mod savings;
 mod streaming;
+mod tiles;

@@ -137,10 +137,10 @@ fn only_what_a_scene_needs_is_made_and_sent() {
     let pre = f32_settings(128);
     let post = Settings { shading: Shading::Post, ..pre.clone() };
     // Pipelines: two of classification, two of the scan, three of the sort; one of splats, one that composites or shades,
-    // one that resolves, and one of termination that looks for opaque tiles and one that marks.
+    // one that resolves, and four of termination.
     let scenes = [
         (pre.clone(), 10),
-        (Settings { termination: 0.01, ..pre.clone() }, 12),
+        (Settings { termination: 0.01, ..pre.clone() }, 14),
         (Settings { model: Model::Xray, ..pre.clone() }, 10),
         (Settings { lighting: lit(), ..pre.clone() }, 10),
         (post.clone(), 8),

@@ -8,12 +8,13 @@ mod raster;
 pub(crate) use pack::MARGIN;
 pub(crate) use pack::Packed;
 #[cfg(test)]
-pub(crate) use raster::{CELL, RUN_ROW};
+pub(crate) use raster::CELL;
+pub(crate) use raster::RUN_ROW;
 
 use std::sync::Arc;
 
 use pack::{Packer, Packing};
-use raster::{Look, Raster, Subject};
+use raster::{Footprint, Look, Raster, Subject};
 
 use super::classify::Store;
 use super::context::Context;
@@ -38,6 +39,8 @@ pub(crate) struct TilesKey {
     lights: u32,
     /// A ray for each pixel, instead of one or a few for each voxel.
     full: bool,
+    /// Terms of the footprint's polynomial.
+    terms: u32,
 }
 
 /// Why the painter does not serve a picture; `None`: it does.
@@ -101,6 +104,7 @@ pub(crate) struct View<'a> {
     /// The largest density of a voxel, and the world distance that densities are per.
     pub(crate) max_weight: f64,
     pub(crate) unit: f64,
+    footprint: Footprint,
     look: Look,
     packing: Packing,
 }
@@ -115,7 +119,7 @@ pub(crate) struct Followed {
 }
 
 impl<'a> View<'a> {
-    /// `None` where the volume does not fit into a texture.
+    /// Says why where that cannot be: the volume does not fit into a texture, or the kernel's footprint is no polynomial.
     pub(crate) fn new(
         context: &Context,
         stores: &'a [Store],
@@ -123,16 +127,24 @@ impl<'a> View<'a> {
         camera: &'a Camera,
         settings: &'a Settings,
         [max_weight, unit]: [f64; 2],
-    ) -> Option<Self> {
+    ) -> std::result::Result<Self, &'static str> {
+        let footprint =
+            Footprint::new(&settings.kernel).ok_or("its footprints are polynomials, this kernel's is none")?;
         let look = Look::new(camera, grid);
-        let packing = Packing::new(context, stores, grid.dims(), look.axes)?;
-        Some(Self { stores, grid, camera, settings, max_weight, unit, look, packing })
+        let packing = Packing::new(context, stores, grid.dims(), look.axes).ok_or("the volume outgrows its texture")?;
+        Ok(Self { stores, grid, camera, settings, max_weight, unit, footprint, look, packing })
+    }
+
+    /// The largest error of the footprint, as a fraction of its peak.
+    pub(crate) fn footprint_error(&self) -> f64 {
+        self.footprint.error
     }
 
     pub(crate) fn key(&self) -> TilesKey {
         TilesKey {
             white: self.settings.model == Model::Xray,
             lights: self.settings.lighting.as_ref().map_or(0, |l| l.lights.len() as u32),
+            terms: self.footprint.terms(),
             full: self.raster(Region { x: 0, y: 0, width: 1, height: 1 }).is_some_and(|r| r.rays_per_voxel.is_none()),
         }
     }
@@ -155,12 +167,14 @@ impl<'a> View<'a> {
             grid: self.grid,
             size: settings.size,
             kernel: settings.kernel,
+            footprint: &self.footprint,
             packing: self.packing,
             density_scale: 1.0 / (settings.normalization.divisor(&settings.kernel) * self.unit),
             opaque_depth: match (settings.model, settings.termination) {
                 (Model::Composite, e) if e > 0.0 => -e.ln(),
                 _ => f64::INFINITY,
             },
+            max_depth: self.max_weight * self.look.voxel() / self.unit,
             full: settings.resolution == Resolution::Full,
         };
         Raster::new(&subject, &self.look, region)
@@ -180,8 +194,8 @@ impl Tiles {
         let slots = [Slot::Uniform, textures[0], textures[1], picture, Slot::Write];
         let gather_layout = layout(context, "gather", stage, &slots);
         let entry = if key.full { "single" } else { "blocked" };
-        let white = [("WHITE", flag(key.white))];
-        let gather = compute(context, &module(context, shaders::GATHER), "gather", entry, &gather_layout, &white);
+        let constants = [("WHITE", flag(key.white)), ("TERMS", f64::from(key.terms))];
+        let gather = compute(context, &module(context, shaders::GATHER), "gather", entry, &gather_layout, &constants);
         let enlarge = (!key.full).then(|| {
             let slots = [Slot::Uniform, Slot::FilteredTexture, picture, Slot::Sampler, Slot::Write];
             let layout = layout(context, "enlarge", stage, &slots);
@@ -248,8 +262,8 @@ impl Tiles {
             });
             texture.create_view(&wgpu::TextureViewDescriptor::default())
         };
-        let rows = tiles.div_ceil(raster::RUN_ROW) * uniforms.run_slots;
-        let runs = texture("skip.runs", wgpu::TextureFormat::Rg32Uint, [tiles.min(raster::RUN_ROW), rows]);
+        let rows = tiles.div_ceil(RUN_ROW) * uniforms.run_slots;
+        let runs = texture("skip.runs", wgpu::TextureFormat::Rg32Uint, [tiles.min(RUN_ROW), rows]);
         let picture_size = if self.key.full { [1, 1] } else { [width, height] };
         let pictures = [0, 1].map(|_| texture("gather.picture", wgpu::TextureFormat::Rgba32Float, picture_size));
         let bytes = u64::from(region.width) * u64::from(region.height) * 16;

@@ -9,8 +9,10 @@ use crate::camera::{Camera, Projection};
 use crate::kernel::{Kernel, footprint_polynomial, section};
 use crate::volume::Grid;
 
-/// Terms of the footprint's polynomial.
-const TERMS: usize = 6;
+/// Terms of the footprint's polynomial: the fewer where they do.
+const TERMS: [usize; 2] = [6, 8];
+/// The most that it may err by, as a fraction of the footprint's peak.
+const FOOTPRINT_ERROR: f64 = 5e-5;
 /// Raster points around those that pixels lie between: what cubic B-splines and the search for their coefficients look at.
 const AROUND: f64 = 8.0;
 /// Side of a tile in rays.
@@ -19,6 +21,27 @@ const TILE: u32 = 8;
 pub(crate) const CELL: u32 = 4;
 /// Tiles in a row of the texture of runs; RUN_ROW in shaders/common/raster.wgsl.
 pub(crate) const RUN_ROW: u32 = 4096;
+
+/// The footprint of a kernel as a polynomial.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Footprint {
+    coefficients: Vec<f64>,
+    /// Its largest error, as a fraction of the footprint's peak.
+    pub(super) error: f64,
+}
+
+impl Footprint {
+    /// `None` where the terms there are do not do.
+    pub(super) fn new(kernel: &Kernel) -> Option<Self> {
+        let fits = TERMS.map(|terms| footprint_polynomial(kernel, terms));
+        let (coefficients, error) = fits.into_iter().find(|(_, error)| *error <= FOOTPRINT_ERROR)?;
+        Some(Self { coefficients, error })
+    }
+
+    pub(super) fn terms(&self) -> u32 {
+        self.coefficients.len() as u32
+    }
+}
 
 /// How parallel rays look at a lattice.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,6 +72,11 @@ impl Look {
         }
     }
 
+    /// World length of a voxel along a ray.
+    pub(super) fn voxel(&self) -> f64 {
+        self.stretch
+    }
+
     /// World distance of two voxel planes along a ray: the thickness of a slab.
     pub(super) fn slab(&self) -> f64 {
         self.stretch / self.direction.z
@@ -70,23 +98,38 @@ pub(super) struct Subject<'a> {
     /// Width and height of the whole picture.
     pub(super) size: [u32; 2],
     pub(super) kernel: Kernel,
+    pub(super) footprint: &'a Footprint,
     pub(super) packing: Packing,
     /// Optical depth per world length of a stored density times a kernel.
     pub(super) density_scale: f64,
     pub(super) opaque_depth: f64,
+    /// The largest optical depth of a voxel per voxel of its density.
+    pub(super) max_depth: f64,
     /// A ray for each pixel.
     pub(super) full: bool,
 }
 
-/// Rays per voxel that rays which lean that much along an axis ask for: where they follow the voxels' rows, the ripple and
-/// the rims of kernels in plane after plane fall on one another, and one ray per voxel misses what is between.
+/// Rays per voxel along an axis, of rays that move by `shear` voxels along it from plane to plane: where that is close to a
+/// whole number, the ripple and the rims of kernels in plane after plane fall on one another, and one ray per voxel misses
+/// what is between.
 ///
-/// Measured on demo:marschner-lobb:64; ARCHITECTURE.md has the table.
-fn rays_for(lean: f64) -> u32 {
-    match lean.abs() {
-        l if l > 0.11 => 1,
-        l if l > 0.04 => 2,
+/// Measured; ARCHITECTURE.md has the table.
+fn rays_for(shear: f64) -> u32 {
+    let whole = shear.round();
+    match (shear - whole).abs() {
+        off if off > 0.18 || whole != 0.0 && off > 0.05 => 1,
+        off if off > 0.06 || whole != 0.0 => 2,
         _ => 4,
+    }
+}
+
+/// Rays per voxel along an axis that a volume asks for whose densest voxel has that optical depth: opacity saturates, and
+/// edges of what is opaque are sharper than kernels are.
+fn rays_for_depth(depth: f64) -> u32 {
+    match depth {
+        d if d <= 0.4 => 1,
+        d if d <= 1.6 => 2,
+        _ => 3,
     }
 }
 
@@ -120,8 +163,11 @@ impl Raster {
         // Pixels that a step of one voxel along a and b crosses.
         let to_pixels = DMat2::from_cols(pixel_x, pixel_y).inverse();
         let magnification = [to_pixels.x_axis.length(), to_pixels.y_axis.length()];
-        let asked = [direction.x, direction.y].map(rays_for);
-        let full = subject.full || asked == [4, 4];
+        let for_depth = rays_for_depth(subject.max_depth);
+        let asked = [shear.x, shear.y].map(|shear| rays_for(shear).max(for_depth));
+        // Where there are as many rays as pixels, they may as well go through the pixels.
+        let as_many = (0..2).all(|axis| asked[axis] > 1 && f64::from(asked[axis]) >= magnification[axis]);
+        let full = subject.full || asked == [4, 4] || as_many;
         let rays = [0, 1].map(|axis| asked[axis].min(magnification[axis].ceil().max(1.0) as u32));
         let (origin, step_x, step_y, points, phases);
         if full {
@@ -148,7 +194,8 @@ impl Raster {
             phases = rays[0];
         }
         let to_raster = DMat2::from_cols(step_x, step_y).inverse();
-        let footprint = footprint_polynomial(kernel, TERMS).into_iter().map(|c| c as f32).collect::<Vec<_>>();
+        let footprint = &subject.footprint;
+        let coefficient = |n: usize| footprint.coefficients.get(n).map_or(0.0, |&c| c as f32);
         let sections = sections(kernel, direction);
         let f2 = |v: DVec2| v.as_vec2().to_array();
         let uniforms = layout::Raster {
@@ -163,6 +210,8 @@ impl Raster {
             half: f2(half),
             row_half: (radius / (1.0 - direction.x * direction.x).sqrt()) as f32,
             row_slope: (direction.x * direction.y / (1.0 - direction.x * direction.x)) as f32,
+            footprint: [0, 1, 2, 3].map(coefficient),
+            footprint_high: [4, 5, 6, 7].map(coefficient),
             size: points,
             tiles: [points[0].div_ceil(TILE * phases), points[1].div_ceil(TILE)],
             phases,
@@ -171,8 +220,6 @@ impl Raster {
             row_texels: packing.row_texels as i32,
             run_slots: packing.dims[2].div_ceil(CELL).div_ceil(2) + 1,
             radius2: (radius * radius) as f32,
-            footprint_high: [footprint[4], footprint[5]],
-            footprint: [footprint[0], footprint[1], footprint[2], footprint[3]],
             section_0: sections[0],
             section_1: sections[1],
             section_2: sections[2],
@@ -182,7 +229,6 @@ impl Raster {
             pixel_x: f2(to_raster * pixel_x),
             pixel_y: f2(to_raster * pixel_y),
             picture: [region.width, region.height],
-            _pad: [0; 2],
         };
         Some(Self { uniforms, rays_per_voxel: (!full).then_some(rays) })
     }
@@ -249,7 +295,7 @@ mod tests {
     #[test]
     fn footprints_are_polynomials() {
         for kernel in [Kernel::default(), Kernel::KAISER_BESSEL] {
-            let coefficients = footprint_polynomial(&kernel, TERMS);
+            let Footprint { coefficients, error } = Footprint::new(&kernel).unwrap();
             let radius = kernel.radius();
             let peak = kernel.cumulative_footprint(0.0, radius);
             let worst = (0..=50).map(|i| {
@@ -259,7 +305,7 @@ mod tests {
                 (got - kernel.cumulative_footprint(r, radius)).abs() / peak
             });
             let worst = worst.fold(0.0, f64::max);
-            assert!(worst < 2e-5, "{kernel:?}: {worst:e}");
+            assert!(worst < 2e-5 && (worst - error).abs() < 1e-5, "{kernel:?}: {worst:e}, {error:e}");
         }
     }
 }

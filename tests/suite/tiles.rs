@@ -1,0 +1,230 @@
+//! The painter `tiles` against the f64 reference and against `quads`.
+
+use glam::{DAffine3, DMat3, DVec3};
+use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::error::Error;
+use voxsplat::image::Image;
+use voxsplat::kernel::{Kernel, Normalization};
+use voxsplat::lighting::{Light, Lighting};
+use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
+use voxsplat::settings::{Model, Painter, Precision, Resolution, Savings, Settings, Shading, Sheets};
+use voxsplat::transfer::TransferFunction;
+use voxsplat::volume::{Grid, Volume};
+
+use crate::rendering::{PERSPECTIVE, RENDERER, demo, errors, truth};
+
+/// Tiles, with a ray for each pixel.
+fn full(size: u32) -> Settings {
+    Settings {
+        size: [size; 2],
+        painter: Painter::Tiles,
+        resolution: Resolution::Full,
+        termination: 0.0,
+        antialiasing: false,
+        ..Settings::default()
+    }
+}
+
+fn camera(azimuth: f64, elevation: f64, zoom: f64, volume: &Volume, settings: &Settings) -> Camera {
+    let view = View { azimuth, elevation, zoom, ..View::default() };
+    Camera::new(&view, volume.grid(), settings.size).unwrap()
+}
+
+fn render(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Rendered {
+    let scene = RENDERER.prepare(volume, transfer, settings, &|_| ()).unwrap();
+    RENDERER.render(&scene, camera, settings).unwrap()
+}
+
+/// Root mean square over the colours of covered pixels, of 255.
+fn rms(a: &Image, b: &Image) -> f64 {
+    let shown = |p: &[f32; 4]| p[..3].iter().any(|&c| c > 1.0 / 255.0);
+    let pixels: Vec<_> = a.pixels().iter().zip(b.pixels()).filter(|(p, q)| shown(p) || shown(q)).collect();
+    let squares = pixels.iter().flat_map(|(p, q)| p[..3].iter().zip(&q[..3])).map(|(p, q)| f64::from(p - q).powi(2));
+    255.0 * (squares.sum::<f64>() / (3 * pixels.len()) as f64).sqrt()
+}
+
+/// Views along an axis, between two and three of them, from behind and from below.
+const VIEWS: [(f64, f64); 6] = [(0.0, 0.0), (30.0, 20.0), (45.0, 35.264), (100.0, -50.0), (215.0, 10.0), (0.0, 45.0)];
+
+#[test]
+fn a_ray_per_pixel_is_the_reference() {
+    for (name, limit) in [("marschner-lobb", 2e-3), ("vessels", 4e-3), ("shepp-logan", 1e-3)] {
+        let (volume, transfer) = demo(name, 32);
+        for (azimuth, elevation) in VIEWS {
+            let settings = full(48);
+            let camera = camera(azimuth, elevation, 1.0, &volume, &settings);
+            let expected = truth(&volume, &transfer, &camera, &settings);
+            let got = render(&volume, &transfer, &camera, &settings);
+            assert_eq!((got.stats.painter, got.stats.rays_per_voxel), (Painter::Tiles, None));
+            let (color, alpha) = errors(&got.image, &expected);
+            assert!(alpha < 3e-4 && color < limit, "{name} {azimuth} {elevation}: {color:e} {alpha:e}");
+        }
+    }
+}
+
+#[test]
+fn a_ray_per_voxel_errs_by_less_than_half_a_step() {
+    for (name, size) in [("marschner-lobb", 48), ("shell", 64), ("vessels", 48), ("shepp-logan", 48)] {
+        let (volume, transfer) = demo(name, size);
+        for (azimuth, elevation) in [(30.0, 20.0), (100.0, -50.0), (215.0, 10.0), (30.0, 4.0)] {
+            let exact = full(240);
+            let settings = Settings { resolution: Resolution::Capped, ..exact.clone() };
+            let camera = camera(azimuth, elevation, 1.0, &volume, &settings);
+            let expected = render(&volume, &transfer, &camera, &exact);
+            let got = render(&volume, &transfer, &camera, &settings);
+            assert!(got.stats.rays_per_voxel.is_some() && got.stats.rays < expected.stats.rays);
+            let error = rms(&got.image, &expected.image);
+            assert!(error < 0.45, "{name} {azimuth} {elevation}: {error}");
+        }
+    }
+}
+
+#[test]
+fn every_model_that_is_served_is_that_of_quads() {
+    let (volume, transfer) = demo("marschner-lobb", 32);
+    let lights = vec![Light::Headlight, Light::Directional(DVec3::new(1.0, -0.3, 0.8))];
+    let lit = Lighting { ambient: 0.2, diffuse: 0.5, specular: 0.3, shininess: 12.0, lights };
+    let base = full(48);
+    let cases = [
+        base.clone(),
+        Settings { model: Model::Xray, ..base.clone() },
+        Settings { lighting: Some(lit), ..base.clone() },
+        Settings { kernel: Kernel::KAISER_BESSEL, ..base.clone() },
+        Settings {
+            kernel: Kernel::Gaussian { sigma: 0.7, radius: 1.6 },
+            normalization: Normalization::Peak,
+            ..base.clone()
+        },
+        Settings { size: [70, 33], ..base.clone() },
+    ];
+    for settings in cases {
+        for zoom in [1.0, 3.0] {
+            let camera = camera(30.0, 20.0, zoom, &volume, &settings);
+            // Thin sheets, for what quads err by to be small.
+            let quads = Settings { painter: Painter::Quads, sheet_thickness: 0.25, ..settings.clone() };
+            let quads = Settings { precision: Some(Precision::F32), ..quads };
+            let quads = if quads.model == Model::Xray { Settings { sheet_thickness: 1.0, ..quads } } else { quads };
+            let expected = render(&volume, &transfer, &camera, &quads);
+            let got = render(&volume, &transfer, &camera, &settings);
+            let (color, alpha) = errors(&got.image, &expected.image);
+            // A slab is 1.2 voxels thick, which is much of a narrow kernel.
+            let limit = if settings.kernel.radius() < 2.0 { 5e-3 } else { 2e-3 };
+            assert!(alpha < 5e-4 && color < limit, "{settings:?} zoom {zoom}: {color:e} {alpha:e}");
+        }
+    }
+}
+
+#[test]
+fn grids_may_be_anisotropic_sheared_and_cropped() {
+    let (volume, transfer) = demo("marschner-lobb", 24);
+    let shear = DMat3::from_cols(DVec3::X, DVec3::new(0.3, 1.0, 0.0), DVec3::new(-0.2, 0.1, 1.7));
+    for matrix in [DMat3::from_diagonal(DVec3::new(1.0, 1.5, 2.0)), shear] {
+        let grid = Grid::new(volume.grid().dims(), DAffine3::from_mat3(matrix)).unwrap();
+        let volume = volume.clone().with_grid(grid).unwrap();
+        for (azimuth, elevation) in [(30.0, 20.0), (70.0, 40.0)] {
+            let settings = full(128);
+            let camera = camera(azimuth, elevation, 1.5, &volume, &settings);
+            let expected = truth(&volume, &transfer, &camera, &settings);
+            let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings).image, &expected);
+            assert!(alpha < 5e-4 && color < 4e-3, "{matrix} {azimuth}: {color:e} {alpha:e}");
+            let capped = Settings { resolution: Resolution::Capped, ..settings };
+            let got = render(&volume, &transfer, &camera, &capped);
+            assert!(got.stats.rays_per_voxel.is_some());
+            let error = rms(&got.image, &expected);
+            assert!(error < 0.6, "{matrix} {azimuth}: {error}");
+        }
+    }
+}
+
+#[test]
+fn termination_is_bounded_and_repeats_are_equal() {
+    let (volume, _) = demo("sphere", 48);
+    let point = |value, color, opacity| voxsplat::transfer::ControlPoint { value, color, opacity };
+    let points = vec![point(0.2, [0.1, 0.3, 1.0], 0.0), point(0.5, [1.0; 3], 0.9)];
+    let transfer = TransferFunction::new(points, None).unwrap();
+    for resolution in [Resolution::Full, Resolution::Capped] {
+        let exact = Settings { resolution, ..full(96) };
+        let camera = camera(30.0, 20.0, 1.0, &volume, &exact);
+        let scene = RENDERER.prepare(&volume, &transfer, &exact, &|_| ()).unwrap();
+        let whole = RENDERER.render(&scene, &camera, &exact).unwrap().image;
+        let settings = Settings { termination: 1e-2, ..exact.clone() };
+        let got = RENDERER.render(&scene, &camera, &settings).unwrap().image;
+        let (color, alpha) = errors(&got, &whole);
+        // Enlarged, an error of the raster can grow by what the spline's weights add up to.
+        assert!(color.max(alpha) < 1.5e-2 && color > 0.0, "{color:e} {alpha:e}");
+        assert!(RENDERER.render(&scene, &camera, &exact).unwrap().image.pixels() == whole.pixels());
+    }
+}
+
+#[test]
+fn auto_takes_tiles_where_they_serve_and_says_why_not() {
+    let (volume, transfer) = demo("marschner-lobb", 24);
+    let auto = Settings { size: [64; 2], ..Settings::default() };
+    let scene = RENDERER.prepare(&volume, &transfer, &auto, &|_| ()).unwrap();
+    let near = camera(30.0, 20.0, 1.0, &volume, &auto);
+    let stats = |settings: &Settings, camera: &Camera| RENDERER.render(&scene, camera, settings).map(|r| r.stats);
+    let software = RENDERER.adapter().is_software();
+    let expected = if software { Painter::Tiles } else { Painter::Quads };
+    assert_eq!(stats(&auto, &near).unwrap().painter, expected);
+    let view = View { projection: PERSPECTIVE, ..View::default() };
+    let perspective = Camera::new(&view, volume.grid(), auto.size).unwrap();
+    let far = camera(30.0, 20.0, 0.2, &volume, &auto);
+    let cases = [
+        (auto.clone(), &perspective, "parallel"),
+        (auto.clone(), &far, "grow"),
+        (Settings { sheets: Sheets::Axis, ..auto.clone() }, &near, "sheets"),
+        (Settings { sheet_thickness: 0.5, ..auto.clone() }, &near, "voxel thick"),
+        (Settings { kernel: Kernel::Gaussian { sigma: 1.0, radius: 3.0 }, ..auto.clone() }, &near, "at most 2"),
+        (Settings { precision: Some(Precision::F32), ..auto.clone() }, &near, "precision"),
+        (Settings { max_error: Some(1e-3), ..auto.clone() }, &near, "footprint table"),
+    ];
+    for (settings, camera, word) in cases {
+        let got = stats(&settings, camera).unwrap();
+        assert_eq!(got.painter, Painter::Quads, "{word}");
+        assert!(got.painter_reason.contains(word), "{}", got.painter_reason);
+        match stats(&Settings { painter: Painter::Tiles, ..settings }, camera) {
+            Err(Error::Setting { name: "painter", reason }) => assert!(reason.contains(word), "{reason}"),
+            other => panic!("{word}: {other:?}"),
+        }
+    }
+    let quads = stats(&Settings { painter: Painter::Quads, ..auto.clone() }, &near).unwrap();
+    assert_eq!((quads.painter, quads.painter_reason.as_str()), (Painter::Quads, "asked for"));
+    let post = Settings { shading: Shading::Post, ..auto };
+    let scene = RENDERER.prepare(&volume, &transfer, &post, &|_| ()).unwrap();
+    assert_eq!(RENDERER.render(&scene, &near, &post).unwrap().stats.painter, Painter::Quads);
+}
+
+#[test]
+fn turning_packs_the_volume_once_an_axis() {
+    let (volume, transfer) = demo("vessels", 64);
+    let settings = Settings { resolution: Resolution::Capped, ..full(96) };
+    // Its own, for nobody else to be counted.
+    let renderer = Renderer::new(&RendererOptions::default()).unwrap();
+    let scene = renderer.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
+    let packs = |azimuth: f64, settings: &Settings| {
+        let camera = camera(azimuth, 20.0, 1.0, &volume, settings);
+        let stats = renderer.render(&scene, &camera, settings).unwrap().stats;
+        assert!(stats.bytes_sent < 1000, "{}", stats.bytes_sent);
+        stats.stages.iter().any(|s| s.name == "pack")
+    };
+    // Without timestamps the stage does not show.
+    if !packs(25.0, &settings) {
+        return;
+    }
+    assert!(!packs(30.0, &settings) && !packs(40.0, &settings));
+    assert!(packs(120.0, &settings), "another axis");
+    let always = Settings { savings: Savings { reuse: false, ..Savings::default() }, ..settings };
+    assert!(packs(120.0, &always));
+}
+
+#[test]
+fn nothing_to_see_is_a_clear_picture() {
+    let (volume, _) = demo("sphere", 16);
+    let point = |value, opacity| voxsplat::transfer::ControlPoint { value, color: [1.0; 3], opacity };
+    let transfer = TransferFunction::new(vec![point(500.0, 0.0), point(600.0, 0.5)], None).unwrap();
+    let settings = full(16);
+    let view = View { projection: ProjectionKind::Orthographic, ..View::default() };
+    let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
+    let got = render(&volume, &transfer, &camera, &settings);
+    assert!(got.image.pixels().iter().all(|p| *p == [0.0; 4]) && got.stats.rays == 0);
+}
