@@ -15,7 +15,7 @@ use voxsplat::kernel::Kernel;
 use voxsplat::reference;
 use voxsplat::renderer::{Renderer, RendererOptions};
 use voxsplat::report::compare;
-use voxsplat::settings::{Precision, Settings};
+use voxsplat::settings::{Painter, Precision, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, LoadOptions, Volume, demo_transfer, demos, load};
 
@@ -101,7 +101,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut argument = |default: u32| arguments.next().map_or(Ok(default), |a| a.parse());
     let (size, pixels) = (argument(64)?, argument(128)?);
     let renderer = Renderer::new(&RendererOptions::default())?;
-    let settings = Settings { size: [pixels; 2], termination: 0.0, ..Settings::default() };
+    let painter = Painter::Quads;
+    let settings = Settings { size: [pixels; 2], painter, termination: 0.0, ..Settings::default() };
     println!("{} ({})\n", renderer.adapter().name, renderer.adapter().driver);
     println!("| volume, {size}^3 | rays | sheets | alpha at 0.5 / 1 / 2 | colour at 0.5 / 1 / 2 |");
     println!("|---|---|---|---|---|");

@@ -17,7 +17,7 @@ use voxsplat::lighting::{Light, Lighting};
 use voxsplat::reference;
 use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
 use voxsplat::report::compare;
-use voxsplat::settings::{Accumulation, Interslice, Settings, Shading};
+use voxsplat::settings::{Accumulation, Interslice, Painter, Settings, Shading};
 use voxsplat::transfer::{ControlPoint, TransferFunction, presets};
 use voxsplat::volume::{Grid, LoadOptions, Samples, Statistics, Volume, demo_transfer, load};
 
@@ -27,7 +27,7 @@ type Section = (&'static str, fn(&Renderer) -> Outcome);
 
 /// Nothing that is allowed to change a picture.
 fn exact(size: u32) -> Settings {
-    Settings { size: [size; 2], termination: 0.0, ..Settings::default() }
+    Settings { size: [size; 2], painter: Painter::Quads, termination: 0.0, ..Settings::default() }
 }
 
 fn demo(name: &str, size: u32) -> Outcome<(Volume, TransferFunction)> {

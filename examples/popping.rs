@@ -18,7 +18,7 @@ use voxsplat::camera::{Camera, View};
 use voxsplat::image::{Background, Image};
 use voxsplat::reference;
 use voxsplat::renderer::{Renderer, RendererOptions};
-use voxsplat::settings::{Accumulation, Settings, Sheets};
+use voxsplat::settings::{Accumulation, Painter, Settings, Sheets};
 use voxsplat::transfer::presets;
 use voxsplat::volume::{LoadOptions, Statistics, demo_transfer, load};
 
@@ -48,7 +48,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             presets::preset(presets::suggest(&volume, &statistics).name, &statistics)?
         }
     };
-    let settings = Settings { size: [pixels; 2], termination: 0.0, ..Settings::default() };
+    let painter = Painter::Quads;
+    let settings = Settings { size: [pixels; 2], painter, termination: 0.0, ..Settings::default() };
     let cameras = TENTHS
         .map(|t| Camera::new(&View { azimuth: f64::from(t) / 10.0, ..View::default() }, volume.grid(), settings.size))
         .collect::<Result<Vec<_>, _>>()?;

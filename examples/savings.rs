@@ -1,4 +1,4 @@
-//! What each optimisation saves: pictures with all of them, and with each switched off, in alternation; then a turn.
+//! What each optimisation of the painter `quads` saves: pictures with all of them, and with each switched off, in alternation; then a turn.
 //!
 //! ```text
 //! cargo run --release --example savings [--post] [--zoom F] [--size PIXELS] [--runs N] VOLUME...
@@ -16,7 +16,7 @@ use std::time::Instant;
 use voxsplat::camera::{Camera, View};
 use voxsplat::image::Image;
 use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
-use voxsplat::settings::{Savings, Settings, Shading};
+use voxsplat::settings::{Painter, Savings, Settings, Shading};
 use voxsplat::stats::Stats;
 use voxsplat::transfer::{TransferFunction, presets};
 use voxsplat::volume::{LoadOptions, Statistics, Volume, demo_transfer, load};
@@ -30,7 +30,7 @@ struct Options {
 
 fn options() -> Result<Options, Box<dyn Error>> {
     let mut options = Options {
-        settings: Settings { size: [256; 2], ..Settings::default() },
+        settings: Settings { size: [256; 2], painter: Painter::Quads, ..Settings::default() },
         zoom: 1.0,
         runs: 3,
         volumes: Vec::new(),

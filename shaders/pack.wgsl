@@ -4,7 +4,8 @@
 struct Pack {
     // First lattice point of the box that is packed.
     low: vec3u,
-    splats: u32,
+    // The splats that are looked at, and the one after the last.
+    first_splat: u32,
     // Numbers of the lattice axes that a, b and m run along.
     axes: vec3u,
     // Voxels along b.
@@ -18,6 +19,7 @@ struct Pack {
     row_count: u32,
     // What densities are multiplied by to stay in the range of f16.
     scale: f32,
+    end_splat: u32,
 }
 
 @group(0) @binding(0) var<uniform> pack: Pack;
@@ -35,8 +37,8 @@ fn rounded(v: vec4f) -> vec4f {
 
 @compute @workgroup_size(WORKGROUP)
 fn voxels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let index = invocation_index(id, groups);
-    if index >= pack.splats {
+    let index = pack.first_splat + invocation_index(id, groups);
+    if index >= pack.end_splat {
         return;
     }
     let words = splat_words(index);

@@ -12,10 +12,10 @@ use crate::volume::{BRICK_EDGE as EDGE, RowCoding, SampleType, ToF64, Volume};
 
 /// Bricks of one batch, 4 million voxels: the memory that preparing a scene takes besides its splats, and far within every
 /// limit.
-const BATCH: usize = 128;
+const BATCH: usize = 32;
 
 /// The most splats that are joined: while they are, they are in memory twice.
-const JOINED: u32 = 1 << 22;
+const JOINED: u32 = 1 << 19;
 
 /// What became of a volume.
 #[derive(Debug, Default)]

@@ -214,7 +214,7 @@ pub(crate) struct Raster {
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub(crate) struct Pack {
     pub low: [u32; 3],
-    pub splats: u32,
+    pub first_splat: u32,
     pub axes: [u32; 3],
     pub rows: u32,
     pub columns: u32,
@@ -223,5 +223,6 @@ pub(crate) struct Pack {
     pub first_row: u32,
     pub row_count: u32,
     pub scale: f32,
-    pub _pad: [u32; 2],
+    pub end_splat: u32,
+    pub _pad: u32,
 }

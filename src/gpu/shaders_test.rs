@@ -62,7 +62,19 @@ fn structs_are_laid_out_alike() {
     same_layout!(Shade { depth, previous, current, margin, clear, lookup, low, high });
     same_layout!(Area { low, high });
     same_layout!(Terminate { first, count, margin });
-    same_layout!(Pack { low, splats, axes, rows, columns, row_texels, width, first_row, row_count, scale });
+    same_layout!(Pack {
+        low,
+        first_splat,
+        axes,
+        rows,
+        columns,
+        row_texels,
+        width,
+        first_row,
+        row_count,
+        scale,
+        end_splat
+    });
     same_layout!(Raster {
         origin,
         step_x,

@@ -172,14 +172,18 @@ impl Samples {
 
     /// How many are NaN or infinite, and the first of them.
     pub(super) fn non_finite(&self) -> (usize, Option<usize>) {
-        fn count<T: super::ToF64>(s: &[T]) -> (usize, Option<usize>) {
-            let bad = |v: &T| !v.to_f64().is_finite();
-            let first = s.par_iter().position_first(bad);
-            (first.map_or(0, |_| s.par_iter().filter(|v| bad(v)).count()), first)
+        fn count<T: Copy + Sync>(s: &[T], is_finite: impl Fn(T) -> bool + Sync) -> (usize, Option<usize>) {
+            // Whole pieces at a time, which vectorises; where one is spoilt, sample by sample.
+            let piece = |piece: &[T]| !piece.iter().fold(true, |all, &v| all & is_finite(v));
+            if !s.par_chunks(PIECE / size_of::<T>()).any(piece) {
+                return (0, None);
+            }
+            let bad = |v: &T| !is_finite(*v);
+            (s.par_iter().filter(|v| bad(v)).count(), s.iter().position(bad))
         }
         match self {
-            Self::F32(s) => count(s),
-            Self::F64(s) => count(s),
+            Self::F32(s) => count(s, |v: f32| v.is_finite()),
+            Self::F64(s) => count(s, |v: f64| v.is_finite()),
             _ => (0, None),
         }
     }

@@ -11,7 +11,7 @@ use voxsplat::image::{Background, Image};
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::report::{compare, difference_picture};
-use voxsplat::settings::{Accumulation, Model, Precision, Settings, Shading, Sheets};
+use voxsplat::settings::{Accumulation, Model, Painter, Precision, Settings, Shading, Sheets};
 
 use crate::rendering::{RENDERER, demo};
 
@@ -22,7 +22,8 @@ fn directory(name: &str) -> PathBuf {
 /// Renders a built-in volume of 40^3 voxels and compares it with tests/golden/NAME.png.
 fn check(name: &str, volume: &str, view: View, settings: Settings) {
     let (volume, transfer) = demo(volume, 40);
-    let settings = Settings { size: [64, 56], precision: Some(Precision::F32), ..settings };
+    let precision = (settings.painter != Painter::Tiles).then_some(Precision::F32);
+    let settings = Settings { size: [64, 56], precision, ..settings };
     let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
     let scene = RENDERER.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
     let image = RENDERER.render(&scene, &camera, &settings).unwrap().image;
@@ -91,6 +92,12 @@ fn golden_kaiser_bessel() {
 fn golden_roll_zoom_and_target() {
     let view = View { roll: 30.0, zoom: 2.5, target: Some(DVec3::new(4.0, 0.0, -5.0)), ..turned(10.0, 5.0) };
     check("roll_zoom_target", "vessels", view, Settings::default());
+}
+
+#[test]
+fn golden_rays() {
+    let settings = Settings { painter: Painter::Tiles, ..Settings::default() };
+    check("rays", "marschner-lobb", View { zoom: 2.0, ..turned(35.0, 30.0) }, settings);
 }
 
 #[test]

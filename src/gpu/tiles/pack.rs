@@ -1,5 +1,7 @@
 //! pack: the splats of a scene in a texture that rays read: see shaders/pack.wgsl.
 
+use std::ops::Range;
+
 use super::super::classify::Store;
 use super::super::context::Context;
 use super::super::layout::{Lighting, Pack};
@@ -16,7 +18,7 @@ pub(crate) const MARGIN: u32 = 7;
 /// Bytes of a texel, of two voxels.
 const TEXEL: u64 = 16;
 /// Bytes that are packed at a time.
-const BAND: u64 = 32 << 20;
+const BAND: u64 = 16 << 20;
 /// The most bytes of a packed volume: it holds what is between visible voxels too.
 const MAX_BYTES: u64 = 1 << 30;
 /// Densities are scaled to stay below this, the largest power of two that f16 holds but one.
@@ -68,6 +70,25 @@ impl Packing {
             row_texels,
             size: [width as u32, height as u32],
         })
+    }
+}
+
+impl Packing {
+    /// The planes that have voxels in rows of the texture.
+    fn planes(&self, rows: Range<u32>) -> Range<u32> {
+        let shelf = self.dims[1] + 1;
+        let at = |row: u32| (row / shelf * self.columns).min(self.dims[2]);
+        at(rows.start.saturating_sub(1))..at(rows.end.saturating_sub(1) + shelf)
+    }
+
+    /// From the first splat of a store to the last of those that can be in planes.
+    fn splats(&self, store: &Store, planes: &Range<u32>) -> Range<u32> {
+        let end = |number: usize| store.bricks.get(number + 1).map_or(store.count, |next| next.first);
+        let (low, axis) = (self.low[2], self.axes[2]);
+        let inside = |origin: u32| origin < low + planes.end && origin + BRICK_EDGE as u32 > low + planes.start;
+        let bricks = store.bricks.iter().enumerate().filter(|(_, brick)| inside(brick.origin[axis]));
+        let runs = bricks.map(|(number, brick)| brick.first..end(number));
+        runs.reduce(|hull, run| hull.start.min(run.start)..hull.end.max(run.end)).unwrap_or(0..0)
     }
 }
 
@@ -160,10 +181,16 @@ impl Packer {
             let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
             let texels = context.buffer("pack.texels", u64::from(row_count) * row_bytes, usage)?;
             let mut encoder = context.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+            let planes = packing.planes(first_row..first_row + row_count);
             for store in stores {
+                let splats = packing.splats(store, &planes);
+                if splats.is_empty() {
+                    continue;
+                }
                 let parameters = Pack {
                     low: unordered(packing.axes, packing.low),
-                    splats: store.count,
+                    first_splat: splats.start,
+                    end_splat: splats.end,
                     axes: packing.axes.map(|axis| axis as u32),
                     rows: packing.dims[1],
                     columns: packing.columns,
@@ -172,7 +199,7 @@ impl Packer {
                     first_row,
                     row_count,
                     scale: scale as f32,
-                    _pad: [0; 2],
+                    _pad: 0,
                 };
                 let parameters =
                     context.upload("pack.parameters", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
@@ -191,7 +218,7 @@ impl Packer {
                 });
                 pass.set_pipeline(&self.voxels);
                 pass.set_bind_group(0, &group, &[]);
-                let (x, y) = context.workgroups(u64::from(store.count), WORKGROUP);
+                let (x, y) = context.workgroups(splats.len() as u64, WORKGROUP);
                 pass.dispatch_workgroups(x, y, 1);
             }
             encoder.copy_buffer_to_texture(
