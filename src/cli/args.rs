@@ -66,7 +66,7 @@ pub(super) struct InputArgs {
     #[arg(long, value_name = "VALUE", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Input")]
     pub(super) replace_nan: Option<f64>,
     /// Leave samples of over MIB MiB in their file, if it is uncompressed, and read them as they are needed
-    #[arg(long, value_name = "MIB", default_value_t = 16, help_heading = "Input")]
+    #[arg(long, value_name = "MIB", default_value_t = 4, help_heading = "Input")]
     pub(super) stream_over: u64,
 }
 

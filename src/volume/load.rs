@@ -25,7 +25,7 @@ pub struct LoadOptions {
     /// The value that takes the place of NaN and infinite ones; without it they are an error.
     pub replace_nan: Option<f64>,
     /// Bytes of samples over which they are left in their file, if they are there uncompressed and in one piece, and read
-    /// brick by brick as they are needed; 16 MiB where not given.
+    /// brick by brick as they are needed; 4 MiB where not given.
     pub stream_over: u64,
 }
 
@@ -38,7 +38,7 @@ impl Default for LoadOptions {
             endian: None,
             offset: 0,
             replace_nan: None,
-            stream_over: 16 << 20,
+            stream_over: 4 << 20,
         }
     }
 }
