@@ -57,18 +57,6 @@ fn difference(m: Means, n: Means) -> Means {
     return Means(m.before - n.before, m.a - n.a, m.b - n.b);
 }
 
-// The parabola whose means over three sheets are given, the middle one from -1/2 to 1/2: x + y u + z u^2.
-fn parabola(m: vec3f) -> vec3f {
-    let second = (m.x + m.z - 2.0 * m.y) * 0.5;
-    return vec3f(m.y - second / 12.0, (m.z - m.x) * 0.5, second);
-}
-
-// Nothing shows between clear means. The parabola may leave their range, by a sixth of it; but where it does so alone,
-// as beside voxels that were left out for showing nothing, there is nothing to show either.
-fn is_clear(low: f32, high: f32) -> bool {
-    return low >= shading.clear.x && high <= shading.clear.y;
-}
-
 fn is_clear_batch(m: Means) -> bool {
     var low = min(vec4f(m.before, m.before), m.a);
     var high = max(vec4f(m.before, m.before), m.a);
@@ -76,16 +64,7 @@ fn is_clear_batch(m: Means) -> bool {
         low = min(low, m.b);
         high = max(high, m.b);
     }
-    return is_clear(min(min(low.x, low.y), min(low.z, low.w)), max(max(high.x, high.y), max(high.z, high.w)));
-}
-
-fn classified(scalar: f32) -> vec4f {
-    let size = textureDimensions(transfer).x;
-    let at = clamp(scalar * shading.lookup.x + shading.lookup.y, 0.0, f32(size - 1u));
-    let index = min(u32(at), size - 2u);
-    let a = textureLoad(transfer, vec2u(index, 0u), 0);
-    let b = textureLoad(transfer, vec2u(index + 1u, 0u), 0);
-    return a + (b - a) * (at - f32(index));
+    return between_clear(min(min(low.x, low.y), min(low.z, low.w)), max(max(high.x, high.y), max(high.z, high.w)), shading.clear);
 }
 
 // The part of the sheet that begins at view depth `z` inside the box, from -1/2 to 1/2; none where x >= y.
@@ -117,7 +96,7 @@ fn light_of(m: vec3f, sideways: vec2f, ray: Ray, z: f32) -> vec2f {
 // Composites one sheet: colour and optical depth so far, and the sheet's.
 fn behind(pixel: vec4f, means: vec3f, sideways: vec2f, ray: Ray, z: f32) -> vec4f {
     let part = part_of_sheet(ray, z);
-    if part.x >= part.y || is_clear(min(means.x, min(means.y, means.z)), max(means.x, max(means.y, means.z))) {
+    if part.x >= part.y || is_clear(means, shading.clear) {
         return pixel;
     }
     let m = from_eye(means, z);
@@ -131,7 +110,7 @@ fn behind(pixel: vec4f, means: vec3f, sideways: vec2f, ray: Ray, z: f32) -> vec4
     var result = pixel;
     for (var i = 0u; i < SAMPLES; i++) {
         let u = part.x + (f32(i) + 0.5) * step;
-        let c = classified(select(p.x + (p.y + p.z * u) * u, m.y, SAMPLES == 1u));
+        let c = classified(select(p.x + (p.y + p.z * u) * u, m.y, SAMPLES == 1u), shading.lookup);
         if c.a > 0.0 {
             let depth = c.a * length;
             var color = c.rgb;
@@ -197,15 +176,7 @@ fn larger(so_far: vec2f, means: vec3f, ray: Ray, z: f32) -> vec2f {
     if part.x >= part.y {
         return so_far;
     }
-    let p = parabola(from_eye(means, z));
-    var largest = max(p.x + (p.y + p.z * part.x) * part.x, p.x + (p.y + p.z * part.y) * part.y);
-    if p.z < 0.0 {
-        let u = clamp(-0.5 * p.y / p.z, part.x, part.y);
-        largest = max(largest, p.x + (p.y + p.z * u) * u);
-    }
-    if is_clear(shading.clear.x, max(means.x, max(means.y, means.z))) {
-        largest = min(largest, shading.clear.y);
-    }
+    let largest = shown(largest_in(from_eye(means, z), part), means, shading.clear);
     return vec2f(select(largest, max(largest, so_far.x), so_far.y > 0.0), 1.0);
 }
 
@@ -253,7 +224,7 @@ fn resolve_maximum(@builtin(global_invocation_id) id: vec3u) {
     let largest = pixels[index];
     var color = vec4f(0.0);
     if largest.y > 0.0 {
-        color = classified(largest.x);
+        color = classified(largest.x, shading.lookup);
     }
     pixels[index] = vec4f(color.rgb * color.a, color.a);
 }

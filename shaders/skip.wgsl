@@ -4,13 +4,32 @@
 @group(0) @binding(1) var occupied: texture_3d<u32>;
 @group(0) @binding(2) var runs: texture_storage_2d<rg32uint, write>;
 
-// Whether a cell of any of the planes from `first` to `last` that rays meet between base coordinates low and high, with the
-// kernels' reach, is occupied.
-fn is_occupied(low: vec2f, high: vec2f, first: i32, last: i32) -> bool {
-    let at_first = raster.shear * f32(first);
-    let at_last = raster.shear * f32(last);
-    let a = max(vec2i(ceil(low + min(at_first, at_last))), vec2i(0));
-    let b = min(vec2i(floor(high + max(at_first, at_last))), raster.voxels.xy - 1);
+// The rays at the corners of a tile.
+struct Corners {
+    bases: array<vec2f, 4>,
+    shears: array<vec2f, 4>,
+    // How far kernels reach.
+    half: vec2f,
+    // Whether all of them follow the axis well enough to bound those between.
+    bounded: bool,
+}
+
+// Whether a cell of any of the planes from `first` to `last` that rays between the corners meet, with the kernels' reach,
+// is occupied.
+fn is_occupied(corners: ptr<function, Corners>, first: i32, last: i32) -> bool {
+    if raster.everything == 1u || !(*corners).bounded {
+        return true;
+    }
+    var low = vec2f(3e38);
+    var high = vec2f(-3e38);
+    for (var i = 0u; i < 4u; i++) {
+        let at_first = (*corners).bases[i] + (*corners).shears[i] * f32(first);
+        let at_last = (*corners).bases[i] + (*corners).shears[i] * f32(last);
+        low = min(low, min(at_first, at_last));
+        high = max(high, max(at_first, at_last));
+    }
+    let a = max(vec2i(ceil(low - (*corners).half)), vec2i(0));
+    let b = min(vec2i(floor(high + (*corners).half)), raster.voxels.xy - 1);
     if any(a > b) {
         return false;
     }
@@ -34,24 +53,30 @@ fn skip(@builtin(global_invocation_id) tile: vec3u) {
     }
     let from_ray = first_ray(tile);
     let to_ray = from_ray + vec2u(7u * raster.phases, 7u);
-    let corners = array<vec2f, 4>(
-        base_of(from_ray),
-        base_of(to_ray),
-        base_of(vec2u(to_ray.x, from_ray.y)),
-        base_of(vec2u(from_ray.x, to_ray.y)),
-    );
-    let low = min(min(corners[0], corners[1]), min(corners[2], corners[3])) - raster.half;
-    let high = max(max(corners[0], corners[1]), max(corners[2], corners[3])) + raster.half;
+    let rays = array<vec2u, 4>(from_ray, to_ray, vec2u(to_ray.x, from_ray.y), vec2u(from_ray.x, to_ray.y));
+    var corners: Corners;
+    corners.half = raster.half;
+    corners.bounded = true;
+    for (var i = 0u; i < 4u; i++) {
+        let line = line_of(rays[i]);
+        corners.bases[i] = line.base;
+        corners.shears[i] = line.shear;
+        if PERSPECTIVE {
+            corners.half = max(corners.half, half_of(line.shear));
+            corners.bounded = corners.bounded && line.heading.z > 0.2 * length(line.heading);
+        }
+    }
     var slot = 0u;
-    // Planes from start to end are occupied; none yet where there is no end.
+    // Planes from start to end are occupied; none yet where there is no end. A gap of one cell is not skipped: slabs look
+    // at those on either side.
     var start = 0;
     var end = 0;
     for (var first = 0; first < raster.voxels.z; first += CELL) {
         let last = min(first + CELL, raster.voxels.z) - 1;
-        if is_occupied(low, high, first, last) {
+        if is_occupied(&corners, first, last) {
             if end == 0 {
                 start = first;
-            } else if first > end {
+            } else if first > end + CELL {
                 textureStore(runs, runs_of(tile, slot), vec4u(u32(start), u32(end), 0u, 0u));
                 slot++;
                 start = first;

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::gpu::classify::{Classifier, Store};
 pub use crate::gpu::context::AdapterInfo;
 use crate::gpu::context::{self, Context};
-use crate::gpu::plan::{Plan, Region, Target};
+use crate::gpu::plan::{Plan, Region, Subject, Target};
 use crate::gpu::quads::{Drawn, Feed, Inputs, Quads, QuadsKey, footprint_texture};
 use crate::gpu::scan::Scan;
 use crate::gpu::sort::{SortKey, Sorter};
@@ -189,14 +189,13 @@ impl Renderer {
         if settings.painter == Painter::Quads {
             return Ok((Choice::Quads, "asked for".to_owned()));
         }
-        let subject = scene.subject();
         let view = || {
-            let weights = [subject.max_weight, subject.unit];
-            tiles::View::new(&self.context, stores, scene.grid(), camera, settings, weights)
-                .map(Box::new)
-                .map_err(str::to_owned)
+            let Subject { max_weight, unit } = scene.subject();
+            let (grid, transfer, padding) = (scene.grid(), scene.table(), plan.padding());
+            let subject = tiles::Subject { stores, grid, padding, max_weight, unit, transfer };
+            tiles::View::new(&self.context, subject, camera, settings).map(Box::new).map_err(str::to_owned)
         };
-        let served = match tiles::refusal(&self.context, plan, camera, settings) {
+        let served = match tiles::refusal(&self.context, plan, settings) {
             None => view(),
             Some(reason) => Err(reason),
         };
@@ -226,7 +225,7 @@ impl Renderer {
         let mut painted =
             Painted { footprint_error: view.footprint_error(), ..Painted::new(settings, sheets, sheet_thickness)? };
         let mut followed = Followed::default();
-        let Some(reach) = plan.reach().filter(|_| !view.stores.is_empty()) else {
+        let Some(reach) = plan.reach().filter(|_| !view.is_empty()) else {
             return Ok(Painted { followed: Some(followed), ..painted });
         };
         let (pipelines, seconds) = on_host(|| {
@@ -238,11 +237,11 @@ impl Renderer {
         stages.push(host_stage("pipelines", seconds));
         self.timed(stages, |timing| {
             let lighting = settings.lighting.as_ref().map(|l| plan.lighting(l)).unwrap_or_default();
-            let packed = scene.packed(view, || pipelines.pack(&self.context, timing, view, &lighting))?;
-            painted.packed_bytes = packed.bytes();
+            let packed = scene.packed(view, |look| pipelines.pack(&self.context, timing, view, look, &lighting))?;
+            painted.packed_bytes = packed.iter().map(|packed| packed.bytes()).sum();
             for region in self.regions(reach, 16) {
                 painted.covered += u64::from(region.width) * u64::from(region.height);
-                let (pixels, done) = pipelines.run(&self.context, timing, view, &packed, region)?;
+                let (pixels, done) = pipelines.run(&self.context, timing, view, &packed, &lighting, region)?;
                 followed = Followed { rays: followed.rays + done.rays, ..done };
                 painted.put(region, 0, &pixels);
             }

@@ -6,10 +6,10 @@ use crate::error::{Error, Result};
 use crate::gpu::classify::{Bricks, Classified, Store};
 use crate::gpu::context::Context;
 use crate::gpu::plan::{Plan, Subject};
-use crate::gpu::quads::TransferTable;
 use crate::gpu::scalars::{self, Asked, Emitted, Shows};
 use crate::gpu::tiles::{self, Packed};
 use crate::gpu::timing::on_host;
+use crate::gpu::transfer::TransferTable;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
@@ -19,6 +19,8 @@ pub struct Scene {
     content: Content,
     grid: Grid,
     subject: Subject,
+    /// What the painter `tiles` made of it for the picture before.
+    packed: Mutex<Vec<Arc<Packed>>>,
     /// Seconds that it took to prepare.
     pub(crate) seconds: f64,
 }
@@ -26,12 +28,7 @@ pub struct Scene {
 /// What is on the device.
 enum Content {
     /// Classified voxels, lit or not.
-    Splats {
-        classified: Classified,
-        lit: bool,
-        /// What the painter `tiles` made of them for the picture before.
-        packed: Mutex<Option<Arc<Packed>>>,
-    },
+    Splats { classified: Classified, lit: bool },
     /// Scalars, classified when they have been reconstructed.
     Scalars(Box<Scalars>),
 }
@@ -52,9 +49,6 @@ pub(crate) enum Drawable<'a> {
     Scalars(Arc<Emitted>),
 }
 
-/// Steps of a transfer function's table.
-const TABLE_STEPS: u32 = 4096;
-
 fn shows(settings: &Settings) -> Shows {
     if settings.model == Model::Mip { Shows::Largest } else { Shows::Opaque }
 }
@@ -73,9 +67,10 @@ impl Scene {
             unit: transfer.unit_or(volume.grid().min_spacing()),
         };
         Self {
-            content: Content::Splats { classified, lit, packed: Mutex::new(None) },
+            content: Content::Splats { classified, lit },
             grid: *volume.grid(),
             subject,
+            packed: Mutex::default(),
             seconds,
         }
     }
@@ -94,13 +89,14 @@ impl Scene {
             volume: volume.clone(),
             transfer: transfer.clone(),
             shows,
-            table: table(context, transfer, shows, transfer.unit_or(volume.grid().min_spacing())),
+            table: TransferTable::new(context, transfer, shows, transfer.unit_or(volume.grid().min_spacing())),
             emitted: Mutex::new(None),
         };
         Ok(Self {
             content: Content::Scalars(Box::new(scalars)),
             grid: *volume.grid(),
             subject: Subject { max_weight, unit: 1.0 },
+            packed: Mutex::default(),
             seconds,
         })
     }
@@ -121,23 +117,26 @@ impl Scene {
         }
     }
 
-    /// The splats as the painter `tiles` reads them: those of the picture before, where they serve, or made anew.
+    /// The splats as the painter `tiles` reads them, for each of a view's looks: those of the picture before, where they
+    /// serve, or made anew.
     pub(crate) fn packed(
         &self,
         view: &tiles::View<'_>,
-        make: impl FnOnce() -> Result<Arc<Packed>>,
-    ) -> Result<Arc<Packed>> {
-        let Content::Splats { packed, .. } = &self.content else { return make() };
-        let mut held = packed.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(packed) = held.as_ref()
-            && view.is_served_by(packed)
-        {
-            return Ok(Arc::clone(packed));
+        mut make: impl FnMut(usize) -> Result<Arc<Packed>>,
+    ) -> Result<Vec<Arc<Packed>>> {
+        let mut held = self.packed.lock().unwrap_or_else(PoisonError::into_inner);
+        // Let go of the others before, so that there are not more than needed.
+        held.retain(|packed| (0..view.looks()).any(|look| view.is_served_by(look, packed)));
+        let mut packed: Vec<Arc<Packed>> = Vec::new();
+        for look in 0..view.looks() {
+            let mut found = packed.iter().chain(held.iter()).filter(|packed| view.serves(look, packed));
+            let next = found.next().map(Arc::clone);
+            packed.push(match next {
+                Some(packed) => packed,
+                None => make(look)?,
+            });
         }
-        // Let go of before, so that there are not two.
-        *held = None;
-        let packed = make()?;
-        *held = Some(Arc::clone(&packed));
+        held.clone_from(&packed);
         Ok(packed)
     }
 
@@ -181,6 +180,7 @@ impl Scene {
             })
         });
         let emitted = Arc::new(emitted?);
+        self.packed.lock().unwrap_or_else(PoisonError::into_inner).clear();
         *held = Some((asked, Arc::clone(&emitted)));
         Ok((Drawable::Scalars(emitted), seconds))
     }
@@ -217,28 +217,5 @@ impl Drawable<'_> {
     /// Bytes on the device.
     pub(crate) fn bytes(&self) -> u64 {
         self.stores().iter().map(Store::bytes).sum()
-    }
-}
-
-/// The transfer function at equal steps from its first point to its last: colour, and what is asked of its opacity.
-fn table(context: &Context, transfer: &TransferFunction, shows: Shows, unit: f64) -> TransferTable {
-    let base = transfer.base();
-    let [first, last] = transfer.range();
-    let steps = f64::from(TABLE_STEPS - 1);
-    let values: Vec<f32> = (0..TABLE_STEPS)
-        .flat_map(|step| {
-            let (color, opacity) = transfer.sample(first + (last - first) * f64::from(step) / steps);
-            let alpha = match shows {
-                Shows::Opaque => TransferFunction::extinction(opacity, unit),
-                Shows::Largest => opacity / transfer.max_opacity().max(f64::MIN_POSITIVE),
-            };
-            [color[0], color[1], color[2], alpha].map(|c| c as f32)
-        })
-        .collect();
-    let scale = if last > first { steps / (last - first) } else { 0.0 };
-    TransferTable {
-        texture: context.float_texture("shade.transfer", [TABLE_STEPS, 1], &values),
-        clear: transfer.clear_around(base).map_or([1.0, -1.0], |ends| ends.map(|v| (v - base) as f32)),
-        lookup: [scale as f32, ((base - first) * scale) as f32],
     }
 }

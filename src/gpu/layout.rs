@@ -173,6 +173,9 @@ pub(crate) struct Shade {
     pub high: [u32; 2],
 }
 
+/// Steps of the table of sections; SECTIONS in shaders/common/raster.wgsl.
+pub(crate) const SECTIONS: usize = 9;
+
 /// The raster of the painter `tiles`; each field is explained in shaders/common/raster.wgsl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -182,34 +185,46 @@ pub(crate) struct Raster {
     pub step_y: [f32; 2],
     pub shear: [f32; 2],
     pub direction: [f32; 3],
+    pub stretch: f32,
+    pub heading: [f32; 3],
     pub density_scale: f32,
+    pub heading_x: [f32; 3],
+    pub opaque_depth: f32,
+    pub heading_y: [f32; 3],
+    pub radius2: f32,
+    pub eye: [f32; 3],
+    pub row_half: f32,
+    pub box_low: [f32; 3],
+    pub row_slope: f32,
+    pub box_high: [f32; 3],
+    pub samples: u32,
+    pub gradient_x: [f32; 3],
+    pub everything: u32,
+    pub gradient_y: [f32; 3],
+    pub phases: u32,
+    pub gradient_z: [f32; 3],
+    pub run_slots: u32,
     pub voxels: [i32; 3],
     pub flipped: i32,
     pub half: [f32; 2],
-    pub row_half: f32,
-    pub row_slope: f32,
-    pub footprint: [f32; 4],
-    pub footprint_high: [f32; 4],
-    pub size: [u32; 2],
-    pub tiles: [u32; 2],
-    pub phases: u32,
-    pub opaque_depth: f32,
     pub columns: i32,
     pub row_texels: i32,
-    pub run_slots: u32,
-    pub radius2: f32,
-    pub section_0: [f32; 2],
-    pub section_1: [f32; 2],
-    pub section_2: [f32; 2],
-    pub section_3: [f32; 2],
-    pub section_4: [f32; 2],
+    pub footprint: [f32; 4],
+    pub footprint_high: [f32; 4],
+    pub plane_origin: [f32; 2],
+    pub plane_step: [f32; 2],
+    pub clear: [f32; 2],
+    pub lookup: [f32; 2],
+    pub size: [u32; 2],
+    pub tiles: [u32; 2],
     pub pixel_origin: [f32; 2],
     pub pixel_x: [f32; 2],
     pub pixel_y: [f32; 2],
     pub picture: [u32; 2],
+    pub sections: [[[f32; 4]; 3]; SECTIONS],
 }
 
-/// How splats are packed for the painter `tiles`; each field is explained in shaders/pack.wgsl.
+/// How splats are packed for the painter `tiles`; each field is explained in shaders/common/packing.wgsl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub(crate) struct Pack {
@@ -224,5 +239,13 @@ pub(crate) struct Pack {
     pub row_count: u32,
     pub scale: f32,
     pub end_splat: u32,
-    pub _pad: u32,
+    pub planes: u32,
+    pub eye: [f32; 3],
+    pub _pad_eye: u32,
+    pub view_x: [f32; 3],
+    pub _pad_x: u32,
+    pub view_y: [f32; 3],
+    pub _pad_y: u32,
+    pub view_z: [f32; 3],
+    pub _pad_z: u32,
 }

@@ -16,3 +16,4 @@ pub(crate) mod sort;
 mod stages_test;
 pub(crate) mod tiles;
 pub(crate) mod timing;
+pub(crate) mod transfer;

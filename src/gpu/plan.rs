@@ -267,6 +267,20 @@ impl Plan {
         self.opaque_depth.is_finite()
     }
 
+    /// Whether kernels can reach the eye.
+    pub(crate) fn is_among_voxels(&self) -> bool {
+        let Projection::Perspective { distance, .. } = self.camera.projection else { return false };
+        let eye = self.camera.target - self.camera.forward * distance;
+        let from_center = self.grid.to_lattice().transform_vector3(eye - self.grid.center());
+        let half = DVec3::from_array(self.grid.dims().map(|d| f64::from(d - 1) / 2.0));
+        from_center.abs().cmple(half + self.radius * self.growths[1]).all()
+    }
+
+    /// Layers of the lattice beyond the faces of the volume.
+    pub(crate) fn padding(&self) -> u32 {
+        self.padding
+    }
+
     pub(crate) fn margin(&self) -> u32 {
         self.margin
     }

@@ -25,6 +25,7 @@ const DISPATCH: &str = include_str!("../../shaders/common/dispatch.wgsl");
 const FRAME: &str = include_str!("../../shaders/common/frame.wgsl");
 const PACKING: &str = include_str!("../../shaders/common/packing.wgsl");
 const RASTER: &str = include_str!("../../shaders/common/raster.wgsl");
+const TRANSFER: &str = include_str!("../../shaders/common/transfer.wgsl");
 const SPLAT: &str = include_str!("../../shaders/common/splat.wgsl");
 
 pub(crate) const CLASSIFY: Shader =
@@ -42,22 +43,28 @@ pub(crate) const TERMINATE: Shader = Shader {
 };
 pub(crate) const COMPOSITE: Shader =
     Shader { name: "composite", parts: &[include_str!("../../shaders/composite.wgsl"), FRAME, ABSORBED] };
-pub(crate) const SHADE: Shader =
-    Shader { name: "shade", parts: &[include_str!("../../shaders/shade.wgsl"), FRAME, RAY, LIGHTING, ABSORBED] };
+pub(crate) const SHADE: Shader = Shader {
+    name: "shade",
+    parts: &[include_str!("../../shaders/shade.wgsl"), FRAME, RAY, TRANSFER, LIGHTING, ABSORBED],
+};
 pub(crate) const RESOLVE: Shader =
     Shader { name: "resolve", parts: &[include_str!("../../shaders/resolve.wgsl"), FRAME, ABSORBED] };
 pub(crate) const PACK: Shader = Shader {
     name: "pack",
     parts: &[include_str!("../../shaders/pack.wgsl"), PACKING, SPLAT, LIGHTING, NORMAL, DISPATCH],
 };
+pub(crate) const GRADIENTS: Shader =
+    Shader { name: "gradients", parts: &[include_str!("../../shaders/gradients.wgsl"), PACKING] };
 pub(crate) const SKIP: Shader =
     Shader { name: "skip", parts: &[include_str!("../../shaders/skip.wgsl"), RASTER, PACKING] };
-pub(crate) const GATHER: Shader =
-    Shader { name: "gather", parts: &[include_str!("../../shaders/gather.wgsl"), RASTER, PACKING, ABSORBED] };
+pub(crate) const GATHER: Shader = Shader {
+    name: "gather",
+    parts: &[include_str!("../../shaders/gather.wgsl"), RASTER, PACKING, TRANSFER, LIGHTING, ABSORBED],
+};
 pub(crate) const ENLARGE: Shader =
     Shader { name: "enlarge", parts: &[include_str!("../../shaders/enlarge.wgsl"), RASTER] };
 
 /// Every shader there is.
 #[cfg(test)]
-pub(crate) const ALL: [Shader; 12] =
-    [CLASSIFY, SCAN, SORT, SPLATTING, TERMINATE, COMPOSITE, SHADE, RESOLVE, PACK, SKIP, GATHER, ENLARGE];
+pub(crate) const ALL: [Shader; 13] =
+    [CLASSIFY, SCAN, SORT, SPLATTING, TERMINATE, COMPOSITE, SHADE, RESOLVE, PACK, GRADIENTS, SKIP, GATHER, ENLARGE];

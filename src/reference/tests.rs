@@ -445,6 +445,21 @@ fn post_shading_is_its_definition() {
 }
 
 #[test]
+fn what_shows_everywhere_ends_with_the_box() {
+    // Nothing is clear: the ray ends in the middle of a step, at its base.
+    let volume = floats(Grid::axis_parallel([12, 10, 14], [1.0; 3]).unwrap(), |_| 0.25);
+    let transfer = ramp(&[(0.0, 0.1), (1.0, 0.1)], 1.0);
+    let direction = DVec3::new(0.3, 0.9, -0.2).normalize();
+    for (shading, model) in [(Shading::Post, Model::Composite), (Shading::Post, Model::Mip)] {
+        let scene = Scene::new(&volume, &transfer, &settings(WIDE, model, shading)).unwrap();
+        let got = scene.ray(volume.grid().center(), direction, true).alpha();
+        let chord = 10.0 / direction.y;
+        let expected = if model == Model::Mip { 1.0 } else { 1.0 - 0.9_f64.powf(chord) };
+        assert!((got - expected).abs() < 1e-9, "{model}: {got} is not {expected}");
+    }
+}
+
+#[test]
 fn post_shading_of_a_linear_ramp_is_the_ramp() {
     // So wide a kernel reconstructs linear functions where it does not reach the edge.
     let volume = floats(Grid::axis_parallel([24, 24, 24], [1.0; 3]).unwrap(), |p| p.x);

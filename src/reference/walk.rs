@@ -351,7 +351,8 @@ pub(super) fn pieces(
                 position = ahead.last().map_or(complete, |c| c.enter.min(complete));
                 continue;
             }
-            let end = complete.min(position + longest);
+            // Behind the end of a ray that was clipped there is nothing, not even the base.
+            let end = complete.min(position + longest).min(walk.ray.end);
             let (middle, half) = (f64::midpoint(position, end), (end - position) / 2.0);
             let nodes = Series::points().map(|x| middle + half * x);
             let mut values = [[0.0; 4]; SERIES];

@@ -7,11 +7,11 @@ use voxsplat::image::Image;
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
-use voxsplat::settings::{Model, Painter, Precision, Resolution, Savings, Settings, Shading, Sheets};
+use voxsplat::settings::{Interslice, Model, Painter, Precision, Resolution, Savings, Settings, Shading, Sheets};
 use voxsplat::transfer::TransferFunction;
-use voxsplat::volume::{Grid, Volume};
+use voxsplat::volume::{Grid, Samples, Volume};
 
-use crate::rendering::{PERSPECTIVE, RENDERER, demo, errors, truth};
+use crate::rendering::{RENDERER, demo, errors, truth};
 
 /// Tiles, with a ray for each pixel.
 fn full(size: u32) -> Settings {
@@ -27,6 +27,18 @@ fn full(size: u32) -> Settings {
 
 fn camera(azimuth: f64, elevation: f64, zoom: f64, volume: &Volume, settings: &Settings) -> Camera {
     let view = View { azimuth, elevation, zoom, ..View::default() };
+    Camera::new(&view, volume.grid(), settings.size).unwrap()
+}
+
+/// From one eye, so far from the middle of the volume where that is given.
+fn from_eye(
+    [azimuth, elevation, fov]: [f64; 3],
+    distance: Option<f64>,
+    volume: &Volume,
+    settings: &Settings,
+) -> Camera {
+    let view =
+        View { azimuth, elevation, projection: ProjectionKind::Perspective { fov }, distance, ..View::default() };
     Camera::new(&view, volume.grid(), settings.size).unwrap()
 }
 
@@ -58,6 +70,91 @@ fn a_ray_per_pixel_is_the_reference() {
             assert_eq!((got.stats.painter, got.stats.rays_per_voxel), (Painter::Tiles, None));
             let (color, alpha) = errors(&got.image, &expected);
             assert!(alpha < 3e-4 && color < limit, "{name} {azimuth} {elevation}: {color:e} {alpha:e}");
+        }
+    }
+}
+
+/// Views through one eye: along one axis, two and all three, from behind; (azimuth, elevation, field of view).
+const EYES: [[f64; 3]; 5] =
+    [[0.0, 0.0, 30.0], [30.0, 20.0, 40.0], [45.0, 0.0, 50.0], [45.0, 35.0, 70.0], [215.0, -50.0, 90.0]];
+
+#[test]
+fn rays_through_one_eye_are_those_of_the_reference() {
+    for (name, limit) in [("marschner-lobb", 2.5e-3), ("vessels", 4e-3), ("shepp-logan", 1e-3)] {
+        let (volume, transfer) = demo(name, 32);
+        for eye in EYES {
+            let settings = full(48);
+            let camera = from_eye(eye, None, &volume, &settings);
+            let expected = truth(&volume, &transfer, &camera, &settings);
+            let got = render(&volume, &transfer, &camera, &settings);
+            assert_eq!(got.stats.painter, Painter::Tiles);
+            let (color, alpha) = errors(&got.image, &expected);
+            assert!(alpha < 3e-4 && color < limit, "{name} {eye:?}: {color:e} {alpha:e}");
+        }
+    }
+}
+
+/// Root mean square over all channels of all pixels.
+fn rms_of_all(a: &Image, b: &Image) -> f64 {
+    let pairs = a.pixels().as_flattened().iter().zip(b.pixels().as_flattened());
+    let squares: f64 = pairs.map(|(p, q)| f64::from(p - q).powi(2)).sum();
+    (squares / (4 * a.pixels().len()) as f64).sqrt()
+}
+
+#[test]
+fn scalars_are_classified_about_as_well_as_by_quads() {
+    let headlight = Lighting { lights: vec![Light::Headlight], ..Lighting::default() };
+    let post = Settings { shading: Shading::Post, ..full(36) };
+    // Slabs are thinner than sheets, their means less exact where kernels end in a jump; gradients are those of the lattice.
+    let cases = [
+        (post.clone(), 1.3),
+        (Settings { interslice: Interslice::Mean, ..post.clone() }, 1.2),
+        (Settings { lighting: Some(headlight), ..post.clone() }, 0.6),
+        (Settings { model: Model::Mip, ..post.clone() }, 1.2),
+        (Settings { kernel: Kernel::KAISER_BESSEL, ..post }, 0.5),
+    ];
+    for (settings, limit) in cases {
+        for name in ["marschner-lobb", "vessels"] {
+            let (volume, transfer) = demo(name, 24);
+            let cameras = [
+                camera(100.0, -50.0, 1.0, &volume, &settings),
+                from_eye([45.0, 35.0, 60.0], None, &volume, &settings),
+                // In the middle of it.
+                from_eye([10.0, 5.0, 100.0], Some(6.0), &volume, &settings),
+            ];
+            let squares = cameras.map(|camera| {
+                let expected = truth(&volume, &transfer, &camera, &settings);
+                let quads = Settings { painter: Painter::Quads, ..settings.clone() };
+                let got = render(&volume, &transfer, &camera, &settings);
+                assert_eq!(got.stats.painter, Painter::Tiles);
+                [&got, &render(&volume, &transfer, &camera, &quads)].map(|r| rms_of_all(&r.image, &expected).powi(2))
+            });
+            let [tiles, quads] = [0, 1].map(|painter| squares.iter().map(|s| s[painter]).sum::<f64>().sqrt());
+            assert!(tiles < limit * quads, "{settings:?} {name}: {tiles:e}, quads {quads:e}");
+        }
+    }
+}
+
+#[test]
+fn scalars_fill_their_box_and_what_shows_everywhere_shows() {
+    // All opaque at the base too: a uniform box.
+    let grid = Grid::axis_parallel([12, 10, 14], [1.0; 3]).unwrap();
+    let volume = Volume::new(grid, Samples::F32(vec![0.25; 12 * 10 * 14])).unwrap();
+    let point = |value, opacity| voxsplat::transfer::ControlPoint { value, color: [0.2, 0.4, 0.8], opacity };
+    let transfer = TransferFunction::new(vec![point(0.0, 0.1), point(1.0, 0.1)], None).unwrap();
+    for model in [Model::Composite, Model::Mip] {
+        let settings = Settings { model, shading: Shading::Post, ..full(48) };
+        for camera in
+            [camera(30.0, 20.0, 1.0, &volume, &settings), from_eye([30.0, 20.0, 50.0], None, &volume, &settings)]
+        {
+            let expected = truth(&volume, &transfer, &camera, &settings);
+            let got = render(&volume, &transfer, &camera, &settings);
+            let (color, alpha) = errors(&got.image, &expected);
+            assert!(
+                got.stats.painter == Painter::Tiles && alpha < 1e-4 && color < 1e-4,
+                "{model:?} {color:e} {alpha:e}"
+            );
+            assert!(got.image.pixels()[48 * 24 + 24][3] > 0.5);
         }
     }
 }
@@ -99,8 +196,12 @@ fn every_model_that_is_served_is_that_of_quads() {
         Settings { size: [70, 33], ..base.clone() },
     ];
     for settings in cases {
-        for zoom in [1.0, 3.0] {
-            let camera = camera(30.0, 20.0, zoom, &volume, &settings);
+        let cameras = [
+            camera(30.0, 20.0, 1.0, &volume, &settings),
+            camera(30.0, 20.0, 3.0, &volume, &settings),
+            from_eye([40.0, 30.0, 60.0], None, &volume, &settings),
+        ];
+        for camera in cameras {
             // Thin sheets, for what quads err by to be small.
             let quads = Settings { painter: Painter::Quads, sheet_thickness: 0.25, ..settings.clone() };
             let quads = Settings { precision: Some(Precision::F32), ..quads };
@@ -110,7 +211,7 @@ fn every_model_that_is_served_is_that_of_quads() {
             let (color, alpha) = errors(&got.image, &expected.image);
             // A slab is 1.2 voxels thick, which is much of a narrow kernel.
             let limit = if settings.kernel.radius() < 2.0 { 5e-3 } else { 2e-3 };
-            assert!(alpha < 5e-4 && color < limit, "{settings:?} zoom {zoom}: {color:e} {alpha:e}");
+            assert!(alpha < 5e-4 && color < limit, "{settings:?} {camera:?}: {color:e} {alpha:e}");
         }
     }
 }
@@ -167,11 +268,10 @@ fn auto_takes_tiles_where_they_serve_and_says_why_not() {
     let software = RENDERER.adapter().is_software();
     let expected = if software { Painter::Tiles } else { Painter::Quads };
     assert_eq!(stats(&auto, &near).unwrap().painter, expected);
-    let view = View { projection: PERSPECTIVE, ..View::default() };
-    let perspective = Camera::new(&view, volume.grid(), auto.size).unwrap();
+    let inside = from_eye([0.0, 0.0, 60.0], Some(5.0), &volume, &auto);
     let far = camera(30.0, 20.0, 0.2, &volume, &auto);
     let cases = [
-        (auto.clone(), &perspective, "parallel"),
+        (auto.clone(), &inside, "eye"),
         (auto.clone(), &far, "grow"),
         (Settings { sheets: Sheets::Axis, ..auto.clone() }, &near, "sheets"),
         (Settings { sheet_thickness: 0.5, ..auto.clone() }, &near, "voxel thick"),
@@ -192,7 +292,7 @@ fn auto_takes_tiles_where_they_serve_and_says_why_not() {
     assert_eq!((quads.painter, quads.painter_reason.as_str()), (Painter::Quads, "asked for"));
     let post = Settings { shading: Shading::Post, ..auto };
     let scene = RENDERER.prepare(&volume, &transfer, &post, &|_| ()).unwrap();
-    assert_eq!(RENDERER.render(&scene, &near, &post).unwrap().stats.painter, Painter::Quads);
+    assert_eq!(RENDERER.render(&scene, &near, &post).unwrap().stats.painter, expected);
 }
 
 #[test]
@@ -205,7 +305,7 @@ fn turning_packs_the_volume_once_an_axis() {
     let packs = |azimuth: f64, settings: &Settings| {
         let camera = camera(azimuth, 20.0, 1.0, &volume, settings);
         let stats = renderer.render(&scene, &camera, settings).unwrap().stats;
-        assert!(stats.bytes_sent < 1000, "{}", stats.bytes_sent);
+        assert!(stats.bytes_sent < 2000, "{}", stats.bytes_sent);
         stats.stages.iter().any(|s| s.name == "pack")
     };
     // Without timestamps the stage does not show.

@@ -18,6 +18,7 @@ use super::layout::{Area, Lighting};
 use super::plan::Target;
 use super::sort::Span;
 use super::timing::Timing;
+use super::transfer::TransferTable;
 use crate::error::Result;
 use crate::settings::Precision;
 
@@ -99,13 +100,6 @@ pub(crate) struct Inputs<'a> {
     pub(crate) lighting: Lighting,
     /// What scalars are classified by.
     pub(crate) transfer: Option<&'a TransferTable>,
-}
-
-/// A transfer function as shading reads it; see `Shade` in shaders/shade.wgsl.
-pub(crate) struct TransferTable {
-    pub(crate) texture: wgpu::TextureView,
-    pub(crate) clear: [f32; 2],
-    pub(crate) lookup: [f32; 2],
 }
 
 /// Brings batches of sheets into the frame, front to back.

@@ -13,8 +13,8 @@ pub(crate) use raster::RUN_ROW;
 
 use std::sync::Arc;
 
-use pack::{Packer, Packing};
-use raster::{Footprint, Look, Raster, Subject};
+use pack::{Lit, Packer, Packing, Voxel};
+use raster::{Classification, Footprint, Look, Raster};
 
 use super::classify::Store;
 use super::context::Context;
@@ -23,20 +23,25 @@ use super::pipeline::{Slot, bind, compute, flag, layout, module};
 use super::plan::{Plan, Region};
 use super::shaders;
 use super::timing::Timing;
+use super::transfer::TransferTable;
 use crate::camera::{Camera, Projection};
 use crate::error::Result;
-use crate::settings::{Accumulation, Model, Resolution, Settings, Sheets};
+use crate::settings::{Accumulation, Interslice, Model, Resolution, Settings, Sheets};
 use crate::volume::Grid;
 
 /// The radius of kernels, in voxels, that the shaders' rows of six voxels hold at every angle.
 const MAX_RADIUS: f64 = 2.0;
 
+/// Places at which a slab of scalars, half a plane thick, is classified, per voxel of its thickness.
+const SAMPLES_PER_VOXEL: f64 = 8.0;
+
 /// What the pipelines are specialised for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(crate) struct TilesKey {
-    /// X-ray: white.
-    white: bool,
+    model: Model,
+    voxel: Voxel,
     lights: u32,
+    perspective: bool,
     /// A ray for each pixel, instead of one or a few for each voxel.
     full: bool,
     /// Terms of the footprint's polynomial.
@@ -44,14 +49,8 @@ pub(crate) struct TilesKey {
 }
 
 /// Why the painter does not serve a picture; `None`: it does.
-pub(crate) fn refusal(context: &Context, plan: &Plan, camera: &Camera, settings: &Settings) -> Option<String> {
+pub(crate) fn refusal(context: &Context, plan: &Plan, settings: &Settings) -> Option<String> {
     let given = |what: &str| Some(format!("it has no {what}"));
-    if settings.is_post_shaded() {
-        return Some("it shades voxels, not pixels".to_owned());
-    }
-    if !matches!(camera.projection, Projection::Orthographic { .. }) {
-        return Some("its rays are parallel".to_owned());
-    }
     if settings.sheets == Sheets::Axis || settings.accumulation == Accumulation::Additive {
         return Some("its sheets add up optical depth of parts of kernels".to_owned());
     }
@@ -61,7 +60,10 @@ pub(crate) fn refusal(context: &Context, plan: &Plan, camera: &Camera, settings:
     if plan.max_growth() > 1.0 {
         return Some("its kernels do not grow where voxels are smaller than pixels".to_owned());
     }
-    if settings.model == Model::Composite && settings.sheet_thickness < 1.0 {
+    if !settings.is_post_shaded() && plan.is_among_voxels() {
+        return Some("its kernels are not cut at the eye, which is among the voxels".to_owned());
+    }
+    if settings.model != Model::Xray && settings.sheet_thickness < 1.0 {
         return Some("its sheets are a voxel thick and more".to_owned());
     }
     if settings.precision.is_some() || settings.sheets_per_pass.is_some() {
@@ -95,18 +97,29 @@ struct Enlarge {
     sampler: wgpu::Sampler,
 }
 
-/// A scene as the painter looks at it.
-pub(crate) struct View<'a> {
+/// What the painter draws.
+#[derive(Clone, Copy)]
+pub(crate) struct Subject<'a> {
     pub(crate) stores: &'a [Store],
     pub(crate) grid: &'a Grid,
-    pub(crate) camera: &'a Camera,
-    pub(crate) settings: &'a Settings,
-    /// The largest density of a voxel, and the world distance that densities are per.
+    /// Layers of the lattice beyond the faces of the volume.
+    pub(crate) padding: u32,
+    /// The largest density of a voxel, or scalar.
     pub(crate) max_weight: f64,
+    /// World distance that densities are per.
     pub(crate) unit: f64,
+    /// What scalars are classified by.
+    pub(crate) transfer: Option<&'a TransferTable>,
+}
+
+/// A scene as the painter looks at it.
+pub(crate) struct View<'a> {
+    subject: Subject<'a>,
+    camera: &'a Camera,
+    pub(crate) settings: &'a Settings,
     footprint: Footprint,
-    look: Look,
-    packing: Packing,
+    /// The ways in which rays follow the lattice, and the volume as each reads it.
+    looks: Vec<(Look, Packing)>,
 }
 
 /// What was drawn.
@@ -122,17 +135,27 @@ impl<'a> View<'a> {
     /// Says why where that cannot be: the volume does not fit into a texture, or the kernel's footprint is no polynomial.
     pub(crate) fn new(
         context: &Context,
-        stores: &'a [Store],
-        grid: &'a Grid,
+        subject: Subject<'a>,
         camera: &'a Camera,
         settings: &'a Settings,
-        [max_weight, unit]: [f64; 2],
     ) -> std::result::Result<Self, &'static str> {
         let footprint =
             Footprint::new(&settings.kernel).ok_or("its footprints are polynomials, this kernel's is none")?;
-        let look = Look::new(camera, grid);
-        let packing = Packing::new(context, stores, grid.dims(), look.axes).ok_or("the volume outgrows its texture")?;
-        Ok(Self { stores, grid, camera, settings, max_weight, unit, footprint, look, packing })
+        let lights = settings.lighting.as_ref().map_or(0, |l| l.lights.len() as u32);
+        let voxel = match (settings.is_post_shaded(), lights) {
+            (false, lights) => Voxel::Color { lights },
+            (true, 0) => Voxel::Scalar,
+            (true, _) => Voxel::Gradient,
+        };
+        let dims = subject.grid.dims().map(|n| n + 2 * subject.padding);
+        let mut looks = Vec::new();
+        for look in Look::all(camera, subject.grid, settings.size) {
+            let whole = !subject.shows_nothing_else();
+            let packing = Packing::new(context, subject.stores, dims, whole, look.axes, voxel)
+                .ok_or("the volume outgrows its texture")?;
+            looks.push((look, packing));
+        }
+        Ok(Self { subject, camera, settings, footprint, looks })
     }
 
     /// The largest error of the footprint, as a fraction of its peak.
@@ -140,44 +163,86 @@ impl<'a> View<'a> {
         self.footprint.error
     }
 
+    /// Whether there is anything to look at.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.looks.is_empty() || self.subject.stores.is_empty() && self.subject.shows_nothing_else()
+    }
+
     pub(crate) fn key(&self) -> TilesKey {
+        let [look, ..] = self.looks.as_slice() else { return TilesKey::default() };
+        let (_, packing) = look;
         TilesKey {
-            white: self.settings.model == Model::Xray,
+            model: self.settings.model,
+            voxel: packing.voxel,
             lights: self.settings.lighting.as_ref().map_or(0, |l| l.lights.len() as u32),
+            perspective: matches!(self.camera.projection, Projection::Perspective { .. }),
             terms: self.footprint.terms(),
-            full: self.raster(Region { x: 0, y: 0, width: 1, height: 1 }).is_some_and(|r| r.rays_per_voxel.is_none()),
+            full: self
+                .raster(look, Region { x: 0, y: 0, width: 1, height: 1 })
+                .is_some_and(|r| r.rays_per_voxel.is_none()),
         }
     }
 
     /// Voxel planes across the volume, and their world distance along the rays.
     pub(crate) fn slabs(&self) -> (u32, f64) {
-        (self.packing.dims[2], self.look.slab())
+        self.looks.first().map_or((0, 0.0), |(look, packing)| (packing.dims[2], look.slab()))
     }
 
-    /// Whether a volume packed before is what this picture needs.
-    pub(crate) fn is_served_by(&self, packed: &Packed) -> bool {
+    /// How many ways rays follow the lattice.
+    pub(crate) fn looks(&self) -> usize {
+        self.looks.len()
+    }
+
+    /// Whether a volume that was packed for this picture is what a look needs.
+    pub(crate) fn serves(&self, look: usize, packed: &Packed) -> bool {
+        self.looks[look].1 == packed.packing
+    }
+
+    /// Whether one that was packed for another is.
+    pub(crate) fn is_served_by(&self, look: usize, packed: &Packed) -> bool {
         // Light is packed with the colours, and may come from the eye.
-        self.settings.savings.reuse && self.settings.lighting.is_none() && packed.packing == self.packing
+        let lit = matches!(packed.packing.voxel, Voxel::Color { lights: 1.. });
+        self.settings.savings.reuse && !lit && self.serves(look, packed)
     }
 
-    fn raster(&self, region: Region) -> Option<Raster> {
+    fn raster(&self, (look, packing): &(Look, Packing), region: Region) -> Option<Raster> {
         let settings = self.settings;
-        let subject = Subject {
+        let Subject { grid, padding, max_weight, unit, transfer, .. } = self.subject;
+        let samples = match settings.interslice {
+            Interslice::Mean => 1,
+            Interslice::Parabola => (SAMPLES_PER_VOXEL * look.slab_voxels() / 2.0).ceil() as u32,
+        };
+        let scalars = transfer.map(|table| Classification {
+            clear: table.clear,
+            lookup: table.lookup,
+            samples,
+            everything: !self.subject.shows_nothing_else(),
+        });
+        let subject = raster::Subject {
             camera: self.camera,
-            grid: self.grid,
+            grid,
             size: settings.size,
             kernel: settings.kernel,
             footprint: &self.footprint,
-            packing: self.packing,
-            density_scale: 1.0 / (settings.normalization.divisor(&settings.kernel) * self.unit),
+            packing: *packing,
+            padding,
+            density_scale: 1.0 / (settings.normalization.divisor(&settings.kernel) * unit),
             opaque_depth: match (settings.model, settings.termination) {
                 (Model::Composite, e) if e > 0.0 => -e.ln(),
                 _ => f64::INFINITY,
             },
-            max_depth: self.max_weight * self.look.voxel() / self.unit,
-            full: settings.resolution == Resolution::Full,
+            scalars,
+            max_depth: max_weight * look.voxel() / unit,
+            full: settings.resolution == Resolution::Full || scalars.is_some(),
         };
-        Raster::new(&subject, &self.look, region)
+        Raster::new(&subject, look, region)
+    }
+}
+
+impl Subject<'_> {
+    /// Whether places without splats, at the transfer function's base, show nothing.
+    fn shows_nothing_else(&self) -> bool {
+        self.transfer.is_none_or(|table| table.clear[0] <= table.clear[1])
     }
 }
 
@@ -189,12 +254,26 @@ impl Tiles {
         let picture = Slot::StorageTexture(wgpu::TextureFormat::Rgba32Float, d2);
         let runs = Slot::StorageTexture(wgpu::TextureFormat::Rg32Uint, d2);
         let skip_layout = layout(context, "skip", stage, &[Slot::Uniform, Slot::IntegerTexture(d3), runs]);
-        let skip = compute(context, &module(context, shaders::SKIP), "skip", "skip", &skip_layout, &[]);
+        let perspective = ("PERSPECTIVE", flag(key.perspective));
+        let skip = compute(context, &module(context, shaders::SKIP), "skip", "skip", &skip_layout, &[perspective]);
         let textures = [Slot::IntegerTexture(d2), Slot::IntegerTexture(d2)];
-        let slots = [Slot::Uniform, textures[0], textures[1], picture, Slot::Write];
+        let slots = [Slot::Uniform, textures[0], textures[1], picture, Slot::Write, Slot::Uniform, Slot::Texture(d2)];
         let gather_layout = layout(context, "gather", stage, &slots);
-        let entry = if key.full { "single" } else { "blocked" };
-        let constants = [("WHITE", flag(key.white)), ("TERMS", f64::from(key.terms))];
+        let entry = match (key.voxel, key.full) {
+            (Voxel::Scalar | Voxel::Gradient, _) => "scalars",
+            (Voxel::Color { .. }, true) => "single",
+            (Voxel::Color { .. }, false) => "blocked",
+        };
+        let scalars = !matches!(key.voxel, Voxel::Color { .. });
+        let constants = [
+            perspective,
+            ("WHITE", flag(key.model == Model::Xray)),
+            ("TERMS", f64::from(key.terms)),
+            ("SCALARS", flag(scalars)),
+            ("MAXIMUM", flag(key.model == Model::Mip)),
+            // Lights are packed with colours.
+            ("LIGHTS", if scalars { f64::from(key.lights) } else { 0.0 }),
+        ];
         let gather = compute(context, &module(context, shaders::GATHER), "gather", entry, &gather_layout, &constants);
         let enlarge = (!key.full).then(|| {
             let slots = [Slot::Uniform, Slot::FilteredTexture, picture, Slot::Sampler, Slot::Write];
@@ -215,19 +294,33 @@ impl Tiles {
                 layout,
             }
         });
-        Self { key, packer: Packer::new(context, key.lights), skip_layout, skip, gather_layout, gather, enlarge }
+        let packer = Packer::new(context, key.voxel, key.perspective);
+        Self { key, packer, skip_layout, skip, gather_layout, gather, enlarge }
     }
 
-    /// The volume of a view in a texture.
+    /// The volume as a look of a view reads it, in a texture.
     pub(crate) fn pack(
         &self,
         context: &Context,
         timing: &mut Timing,
         view: &View<'_>,
+        look: usize,
         lighting: &Lighting,
     ) -> Result<Arc<Packed>> {
-        let packed = self.packer.run(context, timing, view.stores, view.packing, lighting, view.max_weight)?;
-        Ok(Arc::new(packed))
+        let (camera, subject) = (view.camera, &view.subject);
+        let eye = match camera.projection {
+            Projection::Perspective { distance, .. } => camera.target - camera.forward * distance,
+            Projection::Orthographic { .. } => camera.target,
+        };
+        let to_world = subject.grid.to_world().matrix3;
+        let axes = [camera.right, camera.up, camera.forward];
+        let lit = Lit {
+            lighting,
+            eye: subject.grid.to_lattice().transform_point3(eye).as_vec3().to_array(),
+            view: [0, 1, 2].map(|i| axes.map(|axis| axis.dot(to_world.col(i)) as f32)),
+        };
+        let (_, packing) = view.looks[look];
+        Ok(Arc::new(self.packer.run(context, timing, subject.stores, packing, &lit, subject.max_weight)?))
     }
 
     /// Draws a region, as premultiplied RGBA.
@@ -236,14 +329,46 @@ impl Tiles {
         context: &Context,
         timing: &mut Timing,
         view: &View<'_>,
-        packed: &Packed,
+        packed: &[Arc<Packed>],
+        lighting: &Lighting,
         region: Region,
     ) -> Result<(Vec<[f32; 4]>, Followed)> {
-        let Some(mut raster) = view.raster(region) else {
-            let pixels = region.width as usize * region.height as usize;
-            return Ok((vec![[0.0; 4]; pixels], Followed::default()));
-        };
-        raster.uniforms.density_scale /= packed.scale as f32;
+        let bytes = u64::from(region.width) * u64::from(region.height) * 16;
+        let pixels =
+            context.buffer("tiles.pixels", bytes, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC)?;
+        let lighting = context.upload("gather.lighting", bytemuck::bytes_of(lighting), wgpu::BufferUsages::UNIFORM)?;
+        let mut encoder = context.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let mut followed = Followed::default();
+        for (look, packed) in view.looks.iter().zip(packed) {
+            if let Some(mut raster) = view.raster(look, region) {
+                raster.uniforms.density_scale /= packed.scale as f32;
+                let buffers = [&pixels, &lighting];
+                self.look(context, &mut encoder, timing, (view, packed), &raster, buffers)?;
+                let [width, height] = raster.uniforms.size;
+                // Of several looks each follows its own of the same rays.
+                followed.rays = u64::from(width) * u64::from(height);
+                followed.rays_per_voxel = raster.rays_per_voxel;
+            }
+        }
+        let staging =
+            context.buffer("tiles.staging", bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST)?;
+        encoder.copy_buffer_to_buffer(&pixels, 0, &staging, 0, bytes);
+        context.queue.submit([encoder.finish()]);
+        let data = context.read("following rays", &staging)?;
+        let rgba = data[..bytes as usize].chunks_exact(16).map(bytemuck::pod_read_unaligned).collect();
+        Ok((rgba, followed))
+    }
+
+    /// Follows the rays of one look.
+    fn look(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        timing: &mut Timing,
+        (view, packed): (&View<'_>, &Packed),
+        raster: &Raster,
+        [pixels, lighting]: [&wgpu::Buffer; 2],
+    ) -> Result<()> {
         let uniforms = &raster.uniforms;
         let [width, height] = uniforms.size;
         let [across, down] = uniforms.tiles;
@@ -266,10 +391,8 @@ impl Tiles {
         let runs = texture("skip.runs", wgpu::TextureFormat::Rg32Uint, [tiles.min(RUN_ROW), rows]);
         let picture_size = if self.key.full { [1, 1] } else { [width, height] };
         let pictures = [0, 1].map(|_| texture("gather.picture", wgpu::TextureFormat::Rgba32Float, picture_size));
-        let bytes = u64::from(region.width) * u64::from(region.height) * 16;
-        let pixels =
-            context.buffer("tiles.pixels", bytes, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC)?;
-        let mut encoder = context.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let none = texture("gather.transfer", wgpu::TextureFormat::Rgba32Float, [1, 1]);
+        let transfer = view.subject.transfer.map_or(&none, |table| &table.texture);
         let mut dispatch = |stage, pipeline: &wgpu::ComputePipeline, group: &wgpu::BindGroup, [x, y, z]: [u32; 3]| {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some(stage),
@@ -288,6 +411,8 @@ impl Tiles {
             texture_binding(&runs),
             texture_binding(&pictures[0]),
             pixels.as_entire_binding(),
+            lighting.as_entire_binding(),
+            texture_binding(transfer),
         ];
         let group = bind(context, "gather", &self.gather_layout, &resources);
         dispatch("gather", &self.gather, &group, [across, down, uniforms.phases]);
@@ -306,16 +431,10 @@ impl Tiles {
             let spare = texture("enlarge.spare", wgpu::TextureFormat::Rgba32Float, [1, 1]);
             dispatch("enlarge", &stage.across, &group(a, b), [width.div_ceil(64), height, 1]);
             dispatch("enlarge", &stage.down, &group(b, a), [width.div_ceil(64), height, 1]);
-            dispatch("enlarge", &stage.enlarge, &group(a, &spare), [region.width.div_ceil(64), region.height, 1]);
+            let [across, down] = uniforms.picture;
+            dispatch("enlarge", &stage.enlarge, &group(a, &spare), [across.div_ceil(64), down, 1]);
         }
-        let staging =
-            context.buffer("tiles.staging", bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST)?;
-        encoder.copy_buffer_to_buffer(&pixels, 0, &staging, 0, bytes);
-        context.queue.submit([encoder.finish()]);
-        let data = context.read("following rays", &staging)?;
-        let rgba = data[..bytes as usize].chunks_exact(16).map(bytemuck::pod_read_unaligned).collect();
-        let rays = u64::from(width) * u64::from(height);
-        Ok((rgba, Followed { rays, rays_per_voxel: raster.rays_per_voxel }))
+        Ok(())
     }
 }
 

@@ -2,10 +2,12 @@
 
 use std::ops::Range;
 
+use bytemuck::Zeroable;
+
 use super::super::classify::Store;
 use super::super::context::Context;
 use super::super::layout::{Lighting, Pack};
-use super::super::pipeline::{Slot, bind, compute, layout, module};
+use super::super::pipeline::{Slot, bind, compute, flag, layout, module};
 use super::super::scan::WORKGROUP;
 use super::super::shaders;
 use super::super::timing::Timing;
@@ -15,8 +17,29 @@ use crate::volume::BRICK_EDGE;
 
 /// Texels of zeros before each row of voxels; MARGIN in shaders/common/packing.wgsl.
 pub(crate) const MARGIN: u32 = 7;
-/// Bytes of a texel, of two voxels.
-const TEXEL: u64 = 16;
+/// What is packed of a voxel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub(super) enum Voxel {
+    /// Colour and density of classified voxels, lit in this picture's light by so many lights.
+    Color { lights: u32 },
+    /// The scalar.
+    #[default]
+    Scalar,
+    /// The scalar and its gradient.
+    Gradient,
+}
+
+impl Voxel {
+    fn is_scalar(self) -> bool {
+        matches!(self, Self::Scalar | Self::Gradient)
+    }
+
+    /// Bytes of a texel, of two voxels.
+    fn texel(self) -> u64 {
+        if self == Self::Scalar { 8 } else { 16 }
+    }
+}
+
 /// Bytes that are packed at a time.
 const BAND: u64 = 16 << 20;
 /// The most bytes of a packed volume: it holds what is between visible voxels too.
@@ -27,6 +50,7 @@ const FULL: f64 = 16_384.0;
 /// Where the voxels of a volume are in the texture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Packing {
+    pub(super) voxel: Voxel,
     /// Numbers of the lattice axes a, b and m.
     pub(super) axes: [usize; 3],
     /// First lattice point, and points, along a, b and m.
@@ -38,8 +62,16 @@ pub(super) struct Packing {
 }
 
 impl Packing {
-    /// The packing of the bricks that splats are in; `None` where it does not fit into a texture.
-    pub(super) fn new(context: &Context, stores: &[Store], dims: [u32; 3], axes: [usize; 3]) -> Option<Self> {
+    /// The packing of the bricks that splats are in, or of the whole lattice of `dims` points; `None` where it does not fit
+    /// into a texture.
+    pub(super) fn new(
+        context: &Context,
+        stores: &[Store],
+        dims: [u32; 3],
+        whole: bool,
+        axes: [usize; 3],
+        voxel: Voxel,
+    ) -> Option<Self> {
         let bricks = stores.iter().flat_map(|store| &store.bricks);
         let (low, high) = bricks.fold(([u32::MAX; 3], [0; 3]), |(low, high), brick| {
             let axis =
@@ -47,6 +79,7 @@ impl Packing {
             let ends = [0, 1, 2].map(axis);
             (ends.map(|(low, _)| low), ends.map(|(_, high)| high))
         });
+        let (low, high) = if whole { ([0; 3], dims) } else { (low, high) };
         let low = axes.map(|axis| low[axis]);
         let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
         let [a, b, m] = dims;
@@ -57,12 +90,13 @@ impl Packing {
         let column = u64::from(row_texels + MARGIN);
         let columns = ((f64::from(m) * rows as f64 / column as f64).sqrt().ceil() as u64).clamp(1, u64::from(m.max(1)));
         // Rows of buffers that are copied to textures are aligned.
-        let align = u64::from(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT) / TEXEL;
+        let align = u64::from(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT) / 8;
         let width = (columns * column + u64::from(MARGIN)).next_multiple_of(align);
         let height = u64::from(m).div_ceil(columns) * rows + 1;
-        let fits = width <= most && height <= most && width * height * TEXEL <= MAX_BYTES;
+        let fits = width <= most && height <= most && width * height * voxel.texel() <= MAX_BYTES;
         let cells = dims.map(|n| n.div_ceil(CELL)).iter().all(|&n| n <= context.limits.max_texture_dimension_3d);
         (fits && cells).then_some(Self {
+            voxel,
             axes,
             low,
             dims,
@@ -110,15 +144,24 @@ impl Packed {
     }
 }
 
-/// The pipeline.
+/// The pipelines.
 pub(super) struct Packer {
     layout: wgpu::BindGroupLayout,
     voxels: wgpu::ComputePipeline,
+    gradients: Option<(wgpu::BindGroupLayout, wgpu::ComputePipeline)>,
+}
+
+/// The light on what is packed.
+pub(super) struct Lit<'a> {
+    pub(super) lighting: &'a Lighting,
+    /// Lattice point of the eye, and view coordinates of steps along the axes of the lattice.
+    pub(super) eye: [f32; 3],
+    pub(super) view: [[f32; 3]; 3],
 }
 
 impl Packer {
-    /// For that many lights.
-    pub(super) fn new(context: &Context, lights: u32) -> Self {
+    pub(super) fn new(context: &Context, voxel: Voxel, perspective: bool) -> Self {
+        let d2 = wgpu::TextureViewDimension::D2;
         let slots = [
             Slot::Uniform,
             Slot::Uniform,
@@ -127,10 +170,24 @@ impl Packer {
             Slot::Write,
             Slot::StorageTexture(wgpu::TextureFormat::R32Uint, wgpu::TextureViewDimension::D3),
         ];
-        let layout = layout(context, "pack", wgpu::ShaderStages::COMPUTE, &slots);
-        let module = module(context, shaders::PACK);
-        let voxels = compute(context, &module, "pack", "voxels", &layout, &[("LIGHTS", f64::from(lights))]);
-        Self { layout, voxels }
+        let stage = wgpu::ShaderStages::COMPUTE;
+        let pack = layout(context, "pack", stage, &slots);
+        let lights = if let Voxel::Color { lights } = voxel { lights } else { 0 };
+        let constants = [
+            ("LIGHTS", f64::from(lights)),
+            ("SCALARS", flag(voxel.is_scalar())),
+            // Where light comes to is all that rays through one eye change.
+            ("PERSPECTIVE", flag(perspective && lights > 0)),
+        ];
+        let voxels = compute(context, &module(context, shaders::PACK), "pack", "voxels", &pack, &constants);
+        let gradients = (voxel == Voxel::Gradient).then(|| {
+            let target = Slot::StorageTexture(wgpu::TextureFormat::Rgba32Uint, d2);
+            let layout = layout(context, "gradients", stage, &[Slot::Uniform, Slot::IntegerTexture(d2), target]);
+            let module = module(context, shaders::GRADIENTS);
+            let pipeline = compute(context, &module, "gradients", "gradients", &layout, &[]);
+            (layout, pipeline)
+        });
+        Self { layout: pack, voxels, gradients }
     }
 
     pub(super) fn run(
@@ -139,10 +196,13 @@ impl Packer {
         timing: &mut Timing,
         stores: &[Store],
         packing: Packing,
-        lighting: &Lighting,
+        lit: &Lit<'_>,
         max_weight: f64,
     ) -> Result<Packed> {
-        let scale = (FULL / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(1e30);
+        let scale = match packing.voxel {
+            Voxel::Scalar => 1.0,
+            _ => (FULL / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(1e30),
+        };
         let [width, height] = packing.size;
         let texture = |label, format, size: [u32; 3], dimension, usage| {
             let [width, height, depth_or_array_layers] = size;
@@ -157,13 +217,10 @@ impl Packer {
                 view_formats: &[],
             })
         };
-        let volume = texture(
-            "pack.volume",
-            wgpu::TextureFormat::Rgba32Uint,
-            [width, height, 1],
-            wgpu::TextureDimension::D2,
-            wgpu::TextureUsages::COPY_DST,
-        );
+        let flat = |label, format, usage| texture(label, format, [width, height, 1], wgpu::TextureDimension::D2, usage);
+        let format =
+            if packing.voxel.is_scalar() { wgpu::TextureFormat::Rg32Uint } else { wgpu::TextureFormat::Rgba32Uint };
+        let volume = flat("pack.volume", format, wgpu::TextureUsages::COPY_DST);
         let occupied = texture(
             "pack.occupied",
             wgpu::TextureFormat::R32Uint,
@@ -171,10 +228,27 @@ impl Packer {
             wgpu::TextureDimension::D3,
             wgpu::TextureUsages::STORAGE_BINDING,
         );
-        let [volume_view, occupied_view] =
-            [&volume, &occupied].map(|t| t.create_view(&wgpu::TextureViewDescriptor::default()));
-        let lighting = context.upload("pack.lighting", bytemuck::bytes_of(lighting), wgpu::BufferUsages::UNIFORM)?;
-        let row_bytes = u64::from(width) * TEXEL;
+        let view = |texture: &wgpu::Texture| texture.create_view(&wgpu::TextureViewDescriptor::default());
+        let [volume_view, occupied_view] = [&volume, &occupied].map(view);
+        let lighting =
+            context.upload("pack.lighting", bytemuck::bytes_of(lit.lighting), wgpu::BufferUsages::UNIFORM)?;
+        let row_bytes = u64::from(width) * if packing.voxel.is_scalar() { 8 } else { 16 };
+        let [view_x, view_y, view_z] = lit.view;
+        let common = Pack {
+            low: unordered(packing.axes, packing.low),
+            axes: packing.axes.map(|axis| axis as u32),
+            rows: packing.dims[1],
+            columns: packing.columns,
+            row_texels: packing.row_texels,
+            width,
+            scale: scale as f32,
+            planes: packing.dims[2],
+            eye: lit.eye,
+            view_x,
+            view_y,
+            view_z,
+            ..Pack::zeroed()
+        };
         let band = (BAND / row_bytes).clamp(1, u64::from(height)) as u32;
         for first_row in (0..height).step_by(band as usize) {
             let row_count = band.min(height - first_row);
@@ -187,20 +261,8 @@ impl Packer {
                 if splats.is_empty() {
                     continue;
                 }
-                let parameters = Pack {
-                    low: unordered(packing.axes, packing.low),
-                    first_splat: splats.start,
-                    end_splat: splats.end,
-                    axes: packing.axes.map(|axis| axis as u32),
-                    rows: packing.dims[1],
-                    columns: packing.columns,
-                    row_texels: packing.row_texels,
-                    width,
-                    first_row,
-                    row_count,
-                    scale: scale as f32,
-                    _pad: 0,
-                };
+                let parameters =
+                    Pack { first_splat: splats.start, end_splat: splats.end, first_row, row_count, ..common };
                 let parameters =
                     context.upload("pack.parameters", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
                 let resources = [
@@ -240,19 +302,44 @@ impl Packer {
             // One band at a time in memory.
             context.wait("packing the volume")?;
         }
+        let mut volume_view = volume_view;
+        if let Some((layout, pipeline)) = &self.gradients {
+            let whole = flat("gradients.volume", wgpu::TextureFormat::Rgba32Uint, wgpu::TextureUsages::STORAGE_BINDING);
+            let whole = view(&whole);
+            let parameters =
+                context.upload("gradients.parameters", bytemuck::bytes_of(&common), wgpu::BufferUsages::UNIFORM)?;
+            let resources = [
+                parameters.as_entire_binding(),
+                wgpu::BindingResource::TextureView(&volume_view),
+                wgpu::BindingResource::TextureView(&whole),
+            ];
+            let group = bind(context, "gradients", layout, &resources);
+            let mut encoder = context.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("gradients"),
+                timestamp_writes: timing.compute(context, "gradients"),
+            });
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, &group, &[]);
+            pass.dispatch_workgroups(width.div_ceil(64), height, 1);
+            drop(pass);
+            context.queue.submit([encoder.finish()]);
+            context.wait("differences of scalars")?;
+            volume_view = whole;
+        }
         let cells: u64 = packing.dims.iter().map(|&n| u64::from(n.div_ceil(CELL))).product();
         Ok(Packed {
             packing,
             volume: volume_view,
             occupied: occupied_view,
             scale,
-            bytes: u64::from(height) * row_bytes + cells * 4,
+            bytes: u64::from(height) * u64::from(width) * packing.voxel.texel() + cells * 4,
         })
     }
 }
 
 /// What is given along a, b and m, along the axes of the lattice.
-fn unordered(axes: [usize; 3], values: [u32; 3]) -> [u32; 3] {
+pub(super) fn unordered(axes: [usize; 3], values: [u32; 3]) -> [u32; 3] {
     let mut result = [0; 3];
     for (axis, value) in axes.into_iter().zip(values) {
         result[axis] = value;
