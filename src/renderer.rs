@@ -12,7 +12,7 @@ use crate::gpu::plan::{Plan, Region, Subject, Target};
 use crate::gpu::quads::{Drawn, Feed, Inputs, Quads, QuadsKey, footprint_texture};
 use crate::gpu::scan::Scan;
 use crate::gpu::sort::{SortKey, Sorter};
-use crate::gpu::tiles::{self, Followed, Tiles, TilesKey};
+use crate::gpu::tiles::{self, Followed, Spacing, Tiles, TilesKey};
 use crate::gpu::timing::{Timing, on_host};
 use crate::image::Image;
 use crate::kernel::FootprintTable;
@@ -129,12 +129,14 @@ impl Renderer {
         let traffic = self.context.traffic();
         let (splats, splats_kept) = (drawable.splats(), drawable.voxels());
         let Painted { image, drawn, followed, covered, precision, sheets, sheet_thickness, .. } = painted;
+        let spacing = followed.and_then(|f| f.spacing);
         let stats = Stats {
             adapter: self.context.info.clone(),
             painter: if followed.is_some() { Painter::Tiles } else { Painter::Quads },
             painter_reason,
             rays: followed.map_or(0, |f| f.rays),
-            rays_per_voxel: followed.and_then(|f| f.rays_per_voxel),
+            rays_per_voxel: spacing.and_then(|s| if let Spacing::Voxel(rays) = s { Some(rays) } else { None }),
+            pixels_per_ray: spacing.and_then(|s| if let Spacing::Pixels(pitch) = s { Some(pitch) } else { None }),
             model: settings.model,
             shading: if settings.is_post_shaded() { Shading::Post } else { Shading::Pre },
             perspective: plan.is_perspective(),

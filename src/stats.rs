@@ -39,9 +39,11 @@ pub struct Stats {
     pub painter_reason: String,
     /// Rays that the painter `tiles` followed; 0 where `quads` made the picture.
     pub rays: u64,
-    /// Rays per voxel, along the two lattice axes that face the eye most: first the one that rays lean to less. `None`: one
-    /// per pixel, or `quads`.
+    /// Rays per voxel, along the two lattice axes that face the eye most: first the one that rays lean to less. `None`: rays
+    /// are spaced by pixels.
     pub rays_per_voxel: Option<[u32; 2]>,
+    /// Pixels from ray to ray where they are spaced so: 1 where each pixel has its own.
+    pub pixels_per_ray: Option<f64>,
     /// What a pixel is.
     pub model: Model,
     /// When the transfer function was applied; after reconstruction for every maximum intensity projection.
@@ -143,12 +145,13 @@ impl fmt::Display for Stats {
         let rays = if self.perspective { "perspective" } else { "orthographic" };
         writeln!(f, "model        {}, {shading}, {light}, {rays}", self.model)?;
         if self.painter == Painter::Tiles {
-            let rays = match self.rays_per_voxel {
-                Some([a, b]) => format!("{a} x {b} per voxel"),
-                None => "one per pixel".to_owned(),
+            let rays = match (self.rays_per_voxel, self.pixels_per_ray) {
+                (Some([a, b]), _) => format!("{a} x {b} per voxel"),
+                (None, Some(pixels)) if pixels > 1.0 => format!("{pixels:.2} pixels apart"),
+                _ => "one per pixel".to_owned(),
             };
             writeln!(f, "rays         {}, {rays}", grouped(self.rays))?;
-            writeln!(f, "sheets       {} of {:.4} world units, voxel planes", self.sheets, self.sheet_thickness)?;
+            writeln!(f, "sheets       {} of {:.4} world units, along voxel planes", self.sheets, self.sheet_thickness)?;
         } else {
             writeln!(
                 f,

@@ -178,6 +178,27 @@ fn a_ray_per_voxel_errs_by_less_than_half_a_step() {
 }
 
 #[test]
+fn a_coarser_raster_errs_by_less_than_half_a_step() {
+    for (name, size) in [("marschner-lobb", 48), ("shell", 48), ("vessels", 40), ("shepp-logan", 48)] {
+        let (volume, transfer) = demo(name, size);
+        for (eye, zoom) in [([0.0, 0.0, 30.0], 1.3), ([45.0, 35.0, 60.0], 3.0), ([215.0, -50.0, 30.0], 2.0)] {
+            let exact = full(240);
+            let settings = Settings { resolution: Resolution::Capped, ..exact.clone() };
+            let [azimuth, elevation, fov] = eye;
+            let projection = ProjectionKind::Perspective { fov };
+            let view = View { azimuth, elevation, projection, zoom, ..View::default() };
+            let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
+            let expected = render(&volume, &transfer, &camera, &exact);
+            let got = render(&volume, &transfer, &camera, &settings);
+            assert_eq!(expected.stats.pixels_per_ray, Some(1.0));
+            assert!(got.stats.pixels_per_ray > Some(1.2) && got.stats.rays < expected.stats.rays, "{name} {eye:?}");
+            let error = rms(&got.image, &expected.image);
+            assert!(error < 0.45, "{name} {eye:?}: {error}");
+        }
+    }
+}
+
+#[test]
 fn every_model_that_is_served_is_that_of_quads() {
     let (volume, transfer) = demo("marschner-lobb", 32);
     let lights = vec![Light::Headlight, Light::Directional(DVec3::new(1.0, -0.3, 0.8))];

@@ -14,12 +14,13 @@ pub(crate) use raster::RUN_ROW;
 use std::sync::Arc;
 
 use pack::{Lit, Packer, Packing, Voxel};
+pub(crate) use raster::Spacing;
 use raster::{Classification, Footprint, Look, Raster};
 
 use super::classify::Store;
 use super::context::Context;
-use super::layout::Lighting;
-use super::pipeline::{Slot, bind, compute, flag, layout, module};
+use super::layout::{self, Lighting};
+use super::pipeline::{Slot, bind, compute, flag, layout as slots_layout, module};
 use super::plan::{Plan, Region};
 use super::shaders;
 use super::timing::Timing;
@@ -35,6 +36,18 @@ const MAX_RADIUS: f64 = 2.0;
 /// Places at which a slab of scalars, half a plane thick, is classified, per voxel of its thickness.
 const SAMPLES_PER_VOXEL: f64 = 8.0;
 
+/// Which rays are followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+enum Rays {
+    /// Those of the pixels.
+    #[default]
+    Pixels,
+    /// Each on its own through a coarser raster, that is enlarged.
+    Coarser,
+    /// Eight at a time through the lattice's raster, that is enlarged.
+    Shared,
+}
+
 /// What the pipelines are specialised for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(crate) struct TilesKey {
@@ -42,8 +55,7 @@ pub(crate) struct TilesKey {
     voxel: Voxel,
     lights: u32,
     perspective: bool,
-    /// A ray for each pixel, instead of one or a few for each voxel.
-    full: bool,
+    rays: Rays,
     /// Terms of the footprint's polynomial.
     terms: u32,
 }
@@ -80,7 +92,6 @@ pub(crate) fn refusal(context: &Context, plan: &Plan, settings: &Settings) -> Op
 
 /// The pipelines of the painter.
 pub(crate) struct Tiles {
-    key: TilesKey,
     packer: Packer,
     skip_layout: wgpu::BindGroupLayout,
     skip: wgpu::ComputePipeline,
@@ -123,12 +134,11 @@ pub(crate) struct View<'a> {
 }
 
 /// What was drawn.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Followed {
     /// Rays.
     pub(crate) rays: u64,
-    /// Rays per voxel along the two lattice axes that face the eye most; `None`: one per pixel.
-    pub(crate) rays_per_voxel: Option<[u32; 2]>,
+    pub(crate) spacing: Option<Spacing>,
 }
 
 impl<'a> View<'a> {
@@ -177,15 +187,19 @@ impl<'a> View<'a> {
             lights: self.settings.lighting.as_ref().map_or(0, |l| l.lights.len() as u32),
             perspective: matches!(self.camera.projection, Projection::Perspective { .. }),
             terms: self.footprint.terms(),
-            full: self
-                .raster(look, Region { x: 0, y: 0, width: 1, height: 1 })
-                .is_some_and(|r| r.rays_per_voxel.is_none()),
+            rays: match self.raster(look, Region { x: 0, y: 0, width: 1, height: 1 }).map(|r| r.spacing) {
+                Some(Spacing::Voxel(_)) => Rays::Shared,
+                Some(Spacing::Pixels(1.0)) | None => Rays::Pixels,
+                Some(Spacing::Pixels(_)) => Rays::Coarser,
+            },
         }
     }
 
-    /// Voxel planes across the volume, and their world distance along the rays.
+    /// Slabs across the volume, and their world thickness along the rays.
     pub(crate) fn slabs(&self) -> (u32, f64) {
-        self.looks.first().map_or((0, 0.0), |(look, packing)| (packing.dims[2], look.slab()))
+        let Some((look, packing)) = self.looks.first() else { return (0, 0.0) };
+        let per_plane = if self.subject.transfer.is_some() { 2 } else { 1 };
+        (packing.dims[2] * per_plane, look.slab() / f64::from(per_plane))
     }
 
     /// How many ways rays follow the lattice.
@@ -233,6 +247,7 @@ impl<'a> View<'a> {
             },
             scalars,
             max_depth: max_weight * look.voxel() / unit,
+            // What is classified has edges that no raster but the picture's own keeps.
             full: settings.resolution == Resolution::Full || scalars.is_some(),
         };
         Raster::new(&subject, look, region)
@@ -253,16 +268,16 @@ impl Tiles {
         let d3 = wgpu::TextureViewDimension::D3;
         let picture = Slot::StorageTexture(wgpu::TextureFormat::Rgba32Float, d2);
         let runs = Slot::StorageTexture(wgpu::TextureFormat::Rg32Uint, d2);
-        let skip_layout = layout(context, "skip", stage, &[Slot::Uniform, Slot::IntegerTexture(d3), runs]);
+        let skip_layout = slots_layout(context, "skip", stage, &[Slot::Uniform, Slot::IntegerTexture(d3), runs]);
         let perspective = ("PERSPECTIVE", flag(key.perspective));
         let skip = compute(context, &module(context, shaders::SKIP), "skip", "skip", &skip_layout, &[perspective]);
         let textures = [Slot::IntegerTexture(d2), Slot::IntegerTexture(d2)];
         let slots = [Slot::Uniform, textures[0], textures[1], picture, Slot::Write, Slot::Uniform, Slot::Texture(d2)];
-        let gather_layout = layout(context, "gather", stage, &slots);
-        let entry = match (key.voxel, key.full) {
+        let gather_layout = slots_layout(context, "gather", stage, &slots);
+        let entry = match (key.voxel, key.rays) {
             (Voxel::Scalar | Voxel::Gradient, _) => "scalars",
-            (Voxel::Color { .. }, true) => "single",
-            (Voxel::Color { .. }, false) => "blocked",
+            (Voxel::Color { .. }, Rays::Shared) => "blocked",
+            (Voxel::Color { .. }, _) => "single",
         };
         let scalars = !matches!(key.voxel, Voxel::Color { .. });
         let constants = [
@@ -271,13 +286,14 @@ impl Tiles {
             ("TERMS", f64::from(key.terms)),
             ("SCALARS", flag(scalars)),
             ("MAXIMUM", flag(key.model == Model::Mip)),
+            ("ENLARGED", flag(key.rays == Rays::Coarser)),
             // Lights are packed with colours.
             ("LIGHTS", if scalars { f64::from(key.lights) } else { 0.0 }),
         ];
         let gather = compute(context, &module(context, shaders::GATHER), "gather", entry, &gather_layout, &constants);
-        let enlarge = (!key.full).then(|| {
+        let enlarge = (key.rays != Rays::Pixels).then(|| {
             let slots = [Slot::Uniform, Slot::FilteredTexture, picture, Slot::Sampler, Slot::Write];
-            let layout = layout(context, "enlarge", stage, &slots);
+            let layout = slots_layout(context, "enlarge", stage, &slots);
             let module = module(context, shaders::ENLARGE);
             let prefilter = |down| compute(context, &module, "enlarge", "prefilter", &layout, &[("DOWN", flag(down))]);
             let sampler = context.device.create_sampler(&wgpu::SamplerDescriptor {
@@ -295,7 +311,7 @@ impl Tiles {
             }
         });
         let packer = Packer::new(context, key.voxel, key.perspective);
-        Self { key, packer, skip_layout, skip, gather_layout, gather, enlarge }
+        Self { packer, skip_layout, skip, gather_layout, gather, enlarge }
     }
 
     /// The volume as a look of a view reads it, in a texture.
@@ -339,16 +355,43 @@ impl Tiles {
         let lighting = context.upload("gather.lighting", bytemuck::bytes_of(lighting), wgpu::BufferUsages::UNIFORM)?;
         let mut encoder = context.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let mut followed = Followed::default();
+        let mut enlarged: Option<Enlarged> = None;
         for (look, packed) in view.looks.iter().zip(packed) {
-            if let Some(mut raster) = view.raster(look, region) {
-                raster.uniforms.density_scale /= packed.scale as f32;
-                let buffers = [&pixels, &lighting];
-                self.look(context, &mut encoder, timing, (view, packed), &raster, buffers)?;
-                let [width, height] = raster.uniforms.size;
-                // Of several looks each follows its own of the same rays.
-                followed.rays = u64::from(width) * u64::from(height);
-                followed.rays_per_voxel = raster.rays_per_voxel;
-            }
+            let Some(mut raster) = view.raster(look, region) else { continue };
+            raster.uniforms.density_scale /= packed.scale as f32;
+            let [width, height] = raster.uniforms.size;
+            // Of several looks each follows its own of the same rays.
+            followed = Followed { rays: u64::from(width) * u64::from(height), spacing: Some(raster.spacing) };
+            let frame = context.upload("raster", bytemuck::bytes_of(&raster.uniforms), wgpu::BufferUsages::UNIFORM)?;
+            // Where they are enlarged from is the same for all.
+            let enlarged = enlarged.get_or_insert_with(|| {
+                let size = if self.enlarge.is_some() { [width, height] } else { [1, 1] };
+                let pictures = [0, 1].map(|_| texture(context, "gather.picture", PICTURE, size));
+                Enlarged { frame: frame.clone(), size, pictures }
+            });
+            let targets = Targets { picture: &enlarged.pictures[0], pixels: &pixels, lighting: &lighting };
+            self.look(context, &mut encoder, timing, (view, packed), &raster.uniforms, &frame, &targets);
+        }
+        if let (Some(stage), Some(Enlarged { frame, size, pictures })) = (&self.enlarge, &enlarged) {
+            let group = |from: &wgpu::TextureView, to: &wgpu::TextureView| {
+                let resources = [
+                    frame.as_entire_binding(),
+                    texture_binding(from),
+                    texture_binding(to),
+                    wgpu::BindingResource::Sampler(&stage.sampler),
+                    pixels.as_entire_binding(),
+                ];
+                bind(context, "enlarge", &stage.layout, &resources)
+            };
+            let [a, b] = pictures;
+            let [width, height] = *size;
+            let spare = texture(context, "enlarge.spare", PICTURE, [1, 1]);
+            let mut dispatch = |pipeline, group: &wgpu::BindGroup, [across, down]: [u32; 2]| {
+                dispatch(context, &mut encoder, timing, "enlarge", pipeline, group, [across.div_ceil(64), down, 1]);
+            };
+            dispatch(&stage.across, &group(a, b), [width, height]);
+            dispatch(&stage.down, &group(b, a), [width, height]);
+            dispatch(&stage.enlarge, &group(a, &spare), [region.width, region.height]);
         }
         let staging =
             context.buffer("tiles.staging", bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST)?;
@@ -366,76 +409,87 @@ impl Tiles {
         encoder: &mut wgpu::CommandEncoder,
         timing: &mut Timing,
         (view, packed): (&View<'_>, &Packed),
-        raster: &Raster,
-        [pixels, lighting]: [&wgpu::Buffer; 2],
-    ) -> Result<()> {
-        let uniforms = &raster.uniforms;
-        let [width, height] = uniforms.size;
+        uniforms: &layout::Raster,
+        frame: &wgpu::Buffer,
+        targets: &Targets<'_>,
+    ) {
         let [across, down] = uniforms.tiles;
         let tiles = across * down * uniforms.phases;
-        let frame = context.upload("raster", bytemuck::bytes_of(uniforms), wgpu::BufferUsages::UNIFORM)?;
-        let texture = |label, format, [width, height]: [u32; 2]| {
-            let texture = context.texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
-                view_formats: &[],
-            });
-            texture.create_view(&wgpu::TextureViewDescriptor::default())
-        };
         let rows = tiles.div_ceil(RUN_ROW) * uniforms.run_slots;
-        let runs = texture("skip.runs", wgpu::TextureFormat::Rg32Uint, [tiles.min(RUN_ROW), rows]);
-        let picture_size = if self.key.full { [1, 1] } else { [width, height] };
-        let pictures = [0, 1].map(|_| texture("gather.picture", wgpu::TextureFormat::Rgba32Float, picture_size));
-        let none = texture("gather.transfer", wgpu::TextureFormat::Rgba32Float, [1, 1]);
+        let runs = texture(context, "skip.runs", wgpu::TextureFormat::Rg32Uint, [tiles.min(RUN_ROW), rows]);
+        let none = texture(context, "gather.transfer", PICTURE, [1, 1]);
         let transfer = view.subject.transfer.map_or(&none, |table| &table.texture);
-        let mut dispatch = |stage, pipeline: &wgpu::ComputePipeline, group: &wgpu::BindGroup, [x, y, z]: [u32; 3]| {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                label: Some(stage),
-                timestamp_writes: timing.compute(context, stage),
-            });
-            pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, group, &[]);
-            pass.dispatch_workgroups(x, y, z);
-        };
         let resources = [frame.as_entire_binding(), texture_binding(&packed.occupied), texture_binding(&runs)];
         let group = bind(context, "skip", &self.skip_layout, &resources);
-        dispatch("skip", &self.skip, &group, [across.div_ceil(8), down.div_ceil(8), uniforms.phases]);
+        let workgroups = [across.div_ceil(8), down.div_ceil(8), uniforms.phases];
+        dispatch(context, encoder, timing, "skip", &self.skip, &group, workgroups);
         let resources = [
             frame.as_entire_binding(),
             texture_binding(&packed.volume),
             texture_binding(&runs),
-            texture_binding(&pictures[0]),
-            pixels.as_entire_binding(),
-            lighting.as_entire_binding(),
+            texture_binding(targets.picture),
+            targets.pixels.as_entire_binding(),
+            targets.lighting.as_entire_binding(),
             texture_binding(transfer),
         ];
         let group = bind(context, "gather", &self.gather_layout, &resources);
-        dispatch("gather", &self.gather, &group, [across, down, uniforms.phases]);
-        if let Some(stage) = &self.enlarge {
-            let group = |from: &wgpu::TextureView, to: &wgpu::TextureView| {
-                let resources = [
-                    frame.as_entire_binding(),
-                    texture_binding(from),
-                    texture_binding(to),
-                    wgpu::BindingResource::Sampler(&stage.sampler),
-                    pixels.as_entire_binding(),
-                ];
-                bind(context, "enlarge", &stage.layout, &resources)
-            };
-            let [a, b] = &pictures;
-            let spare = texture("enlarge.spare", wgpu::TextureFormat::Rgba32Float, [1, 1]);
-            dispatch("enlarge", &stage.across, &group(a, b), [width.div_ceil(64), height, 1]);
-            dispatch("enlarge", &stage.down, &group(b, a), [width.div_ceil(64), height, 1]);
-            let [across, down] = uniforms.picture;
-            dispatch("enlarge", &stage.enlarge, &group(a, &spare), [across.div_ceil(64), down, 1]);
-        }
-        Ok(())
+        dispatch(context, encoder, timing, "gather", &self.gather, &group, [across, down, uniforms.phases]);
     }
+}
+
+/// What is enlarged.
+struct Enlarged {
+    frame: wgpu::Buffer,
+    size: [u32; 2],
+    /// What rays wrote, and room for filtering it.
+    pictures: [wgpu::TextureView; 2],
+}
+
+/// What rays write to, and the light they bring.
+struct Targets<'a> {
+    picture: &'a wgpu::TextureView,
+    pixels: &'a wgpu::Buffer,
+    lighting: &'a wgpu::Buffer,
+}
+
+/// The format of what is enlarged.
+const PICTURE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
+
+fn texture(
+    context: &Context,
+    label: &str,
+    format: wgpu::TextureFormat,
+    [width, height]: [u32; 2],
+) -> wgpu::TextureView {
+    let texture = context.texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
+        view_formats: &[],
+    });
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}
+
+fn dispatch(
+    context: &Context,
+    encoder: &mut wgpu::CommandEncoder,
+    timing: &mut Timing,
+    stage: &'static str,
+    pipeline: &wgpu::ComputePipeline,
+    group: &wgpu::BindGroup,
+    [x, y, z]: [u32; 3],
+) {
+    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+        label: Some(stage),
+        timestamp_writes: timing.compute(context, stage),
+    });
+    pass.set_pipeline(pipeline);
+    pass.set_bind_group(0, group, &[]);
+    pass.dispatch_workgroups(x, y, z);
 }
 
 fn texture_binding(view: &wgpu::TextureView) -> wgpu::BindingResource<'_> {

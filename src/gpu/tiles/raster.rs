@@ -16,6 +16,10 @@ const TERMS: [usize; 2] = [6, 8];
 const FOOTPRINT_ERROR: f64 = 5e-5;
 /// Raster points around those that pixels lie between: what cubic B-splines and the search for their coefficients look at.
 const AROUND: f64 = 8.0;
+/// The fewest pixels between rays that are not each a pixel's.
+const MIN_PITCH: f64 = 1.25;
+/// How far beyond the picture, in halves of its height, rays are looked for that are followed.
+const BEYOND: f64 = 0.25;
 /// Side of a tile in rays.
 const TILE: u32 = 8;
 /// Voxel planes that are skipped together; CELL in shaders/common/packing.wgsl.
@@ -73,7 +77,8 @@ impl Look {
         ways.filter_map(|(m, flipped)| {
             // The part of the picture whose rays follow m that way most: where m's component is larger than any other.
             let sign = if flipped { -1.0 } else { 1.0 };
-            let mut part = vec![(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+            let edge = 1.0 + BEYOND;
+            let mut part = vec![(-edge, -edge), (edge, -edge), (edge, edge), (-edge, edge)];
             for other in (0..3).filter(|&other| other != m) {
                 for against in [1.0, -1.0] {
                     // Ties are followed along both, whatever rounding makes of them.
@@ -146,8 +151,16 @@ fn clipped(polygon: &[(f64, f64)], value: impl Fn((f64, f64)) -> f64) -> Vec<(f6
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Raster {
     pub(super) uniforms: layout::Raster,
-    /// Rays per voxel along a and b; `None`: one for each pixel.
-    pub(super) rays_per_voxel: Option<[u32; 2]>,
+    pub(super) spacing: Spacing,
+}
+
+/// How far rays are apart.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Spacing {
+    /// So many rays a voxel, along a and b.
+    Voxel([u32; 2]),
+    /// So many pixels; where it is one, rays go through the pixels.
+    Pixels(f64),
 }
 
 /// What a raster is of.
@@ -263,18 +276,28 @@ impl Raster {
         // Plane coordinates of a point of the image, in pixels from its top left corner.
         let plane = |p: DVec2| DVec2::new(p.x - width / 2.0, height / 2.0 - p.y) * (2.0 * half_height / height);
         let raised = |p: DVec2| camera.right * plane(p).x + camera.up * plane(p).y;
-        let mut rays_per_voxel = None;
+        let spacing;
         if let Projection::Perspective { distance, .. } = camera.projection {
             let heading = |p: DVec2| look.ordered(to_lattice.matrix3 * (camera.forward + raised(p)));
-            let first = heading(corner);
+            // Pixels that a voxel takes at the far end of the volume.
+            let farthest = grid.corners(0.5).map(|c| (c - camera.target).dot(camera.forward) + distance);
+            let farthest = farthest.into_iter().fold(0.0, f64::max);
+            let magnification = grid.min_spacing() / (farthest * 2.0 * half_height / height);
+            let points = Points::new(subject, magnification, corner, &region);
+            spacing = Spacing::Pixels(points.pitch);
+            let first = heading(points.first);
+            let next = points.first + points.pitch;
             uniforms = layout::Raster {
                 heading: f3(first),
-                heading_x: f3(heading(corner + DVec2::X) - first),
-                heading_y: f3(heading(corner + DVec2::Y) - first),
+                heading_x: f3(heading(points.first + DVec2::X * points.pitch) - first),
+                heading_y: f3(heading(points.first + DVec2::Y * points.pitch) - first),
                 eye: f3(placed(camera.target - camera.forward * distance)),
-                plane_origin: f2(plane(corner)),
-                plane_step: f2(plane(corner + 1.0) - plane(corner)),
-                size: uniforms.picture,
+                plane_origin: f2(plane(points.first)),
+                plane_step: f2(plane(next) - plane(points.first)),
+                size: points.size,
+                pixel_origin: f2(points.pixel_origin),
+                pixel_x: f2(DVec2::X / points.pitch),
+                pixel_y: f2(DVec2::Y / points.pitch),
                 sections: std::array::from_fn(|step| section_step(step, kernel, scalars)),
                 ..uniforms
             };
@@ -286,7 +309,7 @@ impl Raster {
                 DVec2::new(p.x, p.y) - shear * p.z
             };
             let rays = Parallel { shear, base, corner, region, dims, radius }.rays(subject)?;
-            rays_per_voxel = rays.per_voxel;
+            spacing = rays.spacing;
             let Rays { origin, step_x, step_y, size, phases, pixel_origin, pixel_x, pixel_y, .. } = rays;
             let square = 1.0 - direction.x * direction.x;
             uniforms = layout::Raster {
@@ -310,13 +333,40 @@ impl Raster {
         }
         let [across, down] = uniforms.size;
         uniforms.tiles = [across.div_ceil(TILE * uniforms.phases), down.div_ceil(TILE)];
-        Some(Self { uniforms, rays_per_voxel })
+        Some(Self { uniforms, spacing })
     }
 }
 
 /// How far from where a ray meets a plane kernels reach it along a and b.
 fn reach(radius: f64, shear: DVec2) -> DVec2 {
     radius * (DVec2::ONE + shear * shear).map(f64::sqrt)
+}
+
+/// A raster of points between pixels.
+struct Points {
+    /// Pixels from point to point; 1 where points are pixels.
+    pitch: f64,
+    /// The first of them, in pixels of the picture.
+    first: DVec2,
+    size: [u32; 2],
+    /// The middle of the region's first pixel, in points.
+    pixel_origin: DVec2,
+}
+
+impl Points {
+    /// Where voxels take so many pixels; `corner` is the middle of the region's first.
+    fn new(subject: &Subject<'_>, magnification: f64, corner: DVec2, region: &Region) -> Self {
+        // Rays per voxel: measured, as those of parallel rays are. These do not move in step with the lattice.
+        let rays = [1.5, 2.0, 3.0][rays_for_depth(subject.max_depth) as usize - 1];
+        let pitch = magnification / rays;
+        let sides = [region.width, region.height];
+        // Enlarging costs as much as a few rays.
+        if subject.full || pitch < MIN_PITCH {
+            return Self { pitch: 1.0, first: corner, size: sides, pixel_origin: DVec2::ZERO };
+        }
+        let size = sides.map(|side| ((f64::from(side) - 1.0) / pitch + 2.0 * AROUND).ceil() as u32 + 1);
+        Self { pitch, first: corner - AROUND * pitch, size, pixel_origin: DVec2::splat(AROUND) }
+    }
 }
 
 /// Parallel rays in base coordinates.
@@ -338,7 +388,7 @@ struct Rays {
     step_y: DVec2,
     size: [u32; 2],
     phases: u32,
-    per_voxel: Option<[u32; 2]>,
+    spacing: Spacing,
     pixel_origin: DVec2,
     pixel_x: DVec2,
     pixel_y: DVec2,
@@ -357,19 +407,18 @@ impl<B: Fn(DVec2) -> DVec2> Parallel<B> {
         let asked = [shear.x, shear.y].map(|shear| rays_for(shear).max(for_depth));
         // Where there are as many rays as pixels, they may as well go through the pixels.
         let as_many = (0..2).all(|axis| asked[axis] > 1 && f64::from(asked[axis]) >= magnification[axis]);
-        let pixels = Rays {
-            origin: first,
-            step_x: pixel_x,
-            step_y: pixel_y,
-            size: [region.width, region.height],
-            phases: 1,
-            per_voxel: None,
-            pixel_origin: DVec2::ZERO,
-            pixel_x: DVec2::X,
-            pixel_y: DVec2::Y,
-        };
         if subject.full || asked == [4, 4] || as_many {
-            return Some(pixels);
+            return Some(Rays {
+                origin: first,
+                step_x: pixel_x,
+                step_y: pixel_y,
+                size: [region.width, region.height],
+                phases: 1,
+                spacing: Spacing::Pixels(1.0),
+                pixel_origin: DVec2::ZERO,
+                pixel_x: DVec2::X,
+                pixel_y: DVec2::Y,
+            });
         }
         let rays = [0, 1].map(|axis| asked[axis].min(magnification[axis].ceil().max(1.0) as u32));
         let steps = DVec2::new(1.0 / f64::from(rays[0]), 1.0 / f64::from(rays[1]));
@@ -396,7 +445,7 @@ impl<B: Fn(DVec2) -> DVec2> Parallel<B> {
             step_y,
             size: [count.x as u32, count.y as u32],
             phases: rays[0],
-            per_voxel: Some(rays),
+            spacing: Spacing::Voxel(rays),
             pixel_origin: to_raster * (first - origin),
             pixel_x: to_raster * pixel_x,
             pixel_y: to_raster * pixel_y,
