@@ -285,3 +285,15 @@ fn scalars_8(in: Varyings) -> Scalars8 {
     let c = chord(in);
     return Scalars8(in.emission.a * sections(c, 0u), in.emission.a * sections(c, 4u));
 }
+
+// Clears the part of the sheets that a batch reaches: one triangle over all of them.
+@vertex
+fn cover(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4f {
+    return vec4f(f32(corner & 1u) * 4.0 - 1.0, f32(corner >> 1u) * 4.0 - 1.0, 0.0, 1.0);
+}
+
+@fragment
+fn wipe() -> Sheets8 {
+    let none = vec4f(0.0);
+    return Sheets8(none, none, none, none, none, none, none, none);
+}

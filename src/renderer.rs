@@ -1,6 +1,7 @@
 //! Renderer (a device), what it prepares (a scene), and pictures.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use crate::camera::Camera;
@@ -230,11 +231,8 @@ impl Renderer {
         let Some(reach) = plan.reach().filter(|_| !view.is_empty()) else {
             return Ok(Painted { followed: Some(followed), ..painted });
         };
-        let (pipelines, seconds) = on_host(|| {
-            let key = view.key();
-            let make = || Ok(made(&self.tiles, key, || Tiles::new(&self.context, key)));
-            self.context.guarded("making pipelines", make)
-        });
+        let key = view.key();
+        let (pipelines, seconds) = on_host(|| made(&self.tiles, key, || Tiles::new(&self.context, key)));
         let pipelines = pipelines?;
         stages.push(host_stage("pipelines", seconds));
         self.timed(stages, |timing| {
@@ -300,10 +298,7 @@ impl Renderer {
         // Scalars are everywhere, be it as the base alone.
         let reach = plan.reach().filter(|_| (drawable.splats() > 0 || feed.is_scalar()) && plan.sheets() > 0);
         let Some(reach) = reach else { return Ok(painted) };
-        let (pipelines, seconds) = on_host(|| {
-            let make = || Ok(made(&self.quads, key, || Quads::new(&self.context, key)));
-            self.context.guarded("making pipelines", make)
-        });
+        let (pipelines, seconds) = on_host(|| made(&self.quads, key, || Quads::new(&self.context, key)));
         let quads = pipelines?;
         stages.push(host_stage("pipelines", seconds));
         self.timed(stages, |timing| {
@@ -351,7 +346,7 @@ impl Renderer {
         let target = Target { plan, region, frame: &frame };
         let scan = self.scan.get_or_init(|| Scan::new(context));
         let key = SortKey { axis: plan.is_axis_aligned(), grown: plan.is_grown(), scalars: plan.is_post_shaded() };
-        let sorter = made(&self.sorters, key, || Sorter::new(context, key));
+        let sorter = made(&self.sorters, key, || Ok(Sorter::new(context, key)))?;
         let spans = sorter.run(context, scan, timing, target, quads.sheets_per_pass(), stores)?;
         let covered = plan.covered(stores, region, quads.sheets_per_pass());
         quads.run(context, timing, target, inputs, &spans, &covered)
@@ -472,9 +467,16 @@ impl Painted {
 }
 
 /// What was made for `key` before, or is made now.
-fn made<K: Eq + std::hash::Hash, V>(cache: &Mutex<HashMap<K, Arc<V>>>, key: K, make: impl FnOnce() -> V) -> Arc<V> {
+fn made<K: Eq + std::hash::Hash, V>(
+    cache: &Mutex<HashMap<K, Arc<V>>>,
+    key: K,
+    make: impl FnOnce() -> Result<V>,
+) -> Result<Arc<V>> {
     let mut cache = cache.lock().unwrap_or_else(PoisonError::into_inner);
-    Arc::clone(cache.entry(key).or_insert_with(|| Arc::new(make())))
+    Ok(match cache.entry(key) {
+        Entry::Occupied(held) => Arc::clone(held.get()),
+        Entry::Vacant(place) => Arc::clone(place.insert(Arc::new(make()?))),
+    })
 }
 
 /// The most memory that the sheets of a pass take; larger pictures are made in parts.

@@ -167,12 +167,13 @@ impl Scene {
             reach: plan.scalar_reach(),
             savings: settings.savings,
         };
-        let mut held = scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((of, emitted)) = held.as_ref()
+        let lock = || scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, emitted)) = lock().as_ref()
             && of.serves(&asked)
         {
             return Ok((Drawable::Scalars(Arc::clone(emitted)), 0.0));
         }
+        // Not under the lock: who emits waits for a pool of threads, which may hand it work that asks for the lock.
         let (emitted, seconds) = on_host(|| {
             context.guarded("emitting scalars", || {
                 let Scalars { volume, transfer, shows, .. } = scalars.as_ref();
@@ -181,7 +182,7 @@ impl Scene {
         });
         let emitted = Arc::new(emitted?);
         self.packed.lock().unwrap_or_else(PoisonError::into_inner).clear();
-        *held = Some((asked, Arc::clone(&emitted)));
+        *lock() = Some((asked, Arc::clone(&emitted)));
         Ok((Drawable::Scalars(emitted), seconds))
     }
 }

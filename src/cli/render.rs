@@ -41,16 +41,38 @@ struct ReferenceStats {
 
 pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
     let mut stages = Stages::default();
-    let volume = {
-        let _progress = Progress::spinner("reading");
-        stages.time("load", || volume::load(&job.source, &job.load))?
-    };
-    let transfer = transfer(&job.source, job.transfer, &volume, &mut stages)?;
+    let mut opening = Stages::default();
+    let progress = Progress::spinner("reading");
+    // The driver takes about as long to open as a small volume to read. It is silenced meanwhile, and this program with it:
+    // what there is to say comes after.
+    let (read, opened) = std::thread::scope(|scope| {
+        let adapter = match &job.engine {
+            Engine::Device { adapter } => Some(adapter.clone()),
+            Engine::Reference => None,
+        };
+        let device = adapter.map(|adapter| {
+            let opening = &mut opening;
+            let open = move || silenced(|| Renderer::new(&RendererOptions { adapter }));
+            scope.spawn(move || opening.time("device", open))
+        });
+        let read = || {
+            let volume = stages.time("load", || volume::load(&job.source, &job.load))?;
+            let (transfer, note) = transfer(&job.source, job.transfer, &volume, &mut stages)?;
+            Ok::<_, Failure>((volume, transfer, note))
+        };
+        (read(), device.map(|thread| thread.join()))
+    });
+    drop(progress);
+    let (volume, transfer, note) = read?;
+    if let Some(note) = note {
+        output::say(&note);
+    }
+    stages.0.append(&mut opening.0);
     let camera = Camera::new(&job.view, volume.grid(), job.settings.size)?;
     let save = |image: &Image, stages: &mut Stages| stages.time("encode", || image.save(&job.output, job.background));
-    match job.engine {
-        Engine::Device { adapter } => {
-            let renderer = stages.time("device", || silenced(|| Renderer::new(&RendererOptions { adapter })))?;
+    match opened {
+        Some(opened) => {
+            let renderer = opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
             let scene = {
                 let progress = Progress::bar("preparing");
                 renderer.prepare(&volume, &transfer, &job.settings, &|f| progress.set(f))?
@@ -66,7 +88,7 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
             rendered.stats.stages.extend(after);
             print_stats(job.stats, &rendered.stats, Stats::to_string)
         }
-        Engine::Reference => {
+        None => {
             let image = {
                 let progress = Progress::bar("integrating");
                 stages.time("integrate", || {
@@ -106,23 +128,28 @@ fn print_stats<S: Serialize>(
     }
 }
 
-/// The transfer function of a job; says on stderr what was chosen where the user left it open.
-fn transfer(source: &str, choice: Transfer, volume: &Volume, stages: &mut Stages) -> Result<TransferFunction, Failure> {
+/// The transfer function of a job, and what to say of what was chosen where the user left it open.
+fn transfer(
+    source: &str,
+    choice: Transfer,
+    volume: &Volume,
+    stages: &mut Stages,
+) -> Result<(TransferFunction, Option<String>), Failure> {
     let name = match choice {
-        Transfer::Given(transfer) => return Ok(transfer),
+        Transfer::Given(transfer) => return Ok((transfer, None)),
         Transfer::Preset(name) => Some(name),
         Transfer::Suggested => None,
     };
     if name.is_none()
         && let Some(own) = source.strip_prefix("demo:").and_then(volume::demo_transfer)
     {
-        return Ok(own);
+        return Ok((own, None));
     }
     let statistics = stages.time("statistics", || Statistics::of(volume))?;
-    let name = name.unwrap_or_else(|| {
+    let Some(name) = name else {
         let suggestion = presets::suggest(volume, &statistics);
-        output::say(&format!("note: --transfer {} is taken, as {}", suggestion.name, suggestion.reason));
-        suggestion.name.to_owned()
-    });
-    Ok(presets::preset(&name, &statistics)?)
+        let note = format!("note: --transfer {} is taken, as {}", suggestion.name, suggestion.reason);
+        return Ok((presets::preset(suggestion.name, &statistics)?, Some(note)));
+    };
+    Ok((presets::preset(&name, &statistics)?, None))
 }

@@ -2,6 +2,7 @@
 
 use super::context::Context;
 use super::shaders::Shader;
+use crate::error::Result;
 
 /// What a binding of a stage holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -129,6 +130,23 @@ pub(super) fn compute(
         entry_point: Some(entry),
         compilation_options: specialised(constants),
         cache: None,
+    })
+}
+
+/// Makes two sets of pipelines at the same time.
+pub(super) fn both<A: Send, B: Send>(
+    context: &Context,
+    first: impl FnOnce() -> A + Send,
+    second: impl FnOnce() -> B + Send,
+) -> Result<(A, B)> {
+    // What catches a device's errors is a thread's own. A thread, not a pool's: callers hold locks, and who waits in a pool
+    // may be handed work that asks for them.
+    const STAGE: &str = "making pipelines";
+    std::thread::scope(|scope| {
+        let first = scope.spawn(|| context.guarded(STAGE, || Ok(first())));
+        let second = context.guarded(STAGE, || Ok(second()));
+        let first = first.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        Ok((first?, second?))
     })
 }
 

@@ -136,13 +136,13 @@ fn only_what_a_scene_needs_is_made_and_sent() {
     let (volume, transfer) = balls();
     let pre = f32_settings(128);
     let post = Settings { shading: Shading::Post, ..pre.clone() };
-    // Pipelines: two of classification, two of the scan, three of the sort; one of splats, one that composites or shades,
-    // one that resolves, and four of termination.
+    // Pipelines: two of classification, two of the scan, three of the sort; one of splats and one that wipes sheets, one that
+    // composites or shades, one that resolves, and four of termination.
     let scenes = [
-        (pre.clone(), 10),
-        (Settings { termination: 0.01, ..pre.clone() }, 14),
-        (Settings { model: Model::Xray, ..pre.clone() }, 10),
-        (Settings { lighting: lit(), ..pre.clone() }, 10),
+        (pre.clone(), 11),
+        (Settings { termination: 0.01, ..pre.clone() }, 15),
+        (Settings { model: Model::Xray, ..pre.clone() }, 11),
+        (Settings { lighting: lit(), ..pre.clone() }, 11),
         (post.clone(), 8),
         (Settings { model: Model::Mip, ..pre.clone() }, 8),
     ];

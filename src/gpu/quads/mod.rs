@@ -15,6 +15,7 @@ use terminate::Terminator;
 
 use super::context::Context;
 use super::layout::{Area, Lighting};
+use super::pipeline::both;
 use super::plan::Target;
 use super::sort::Span;
 use super::timing::Timing;
@@ -152,17 +153,14 @@ impl Drawn {
 }
 
 impl Quads {
-    pub(crate) fn new(context: &Context, key: QuadsKey) -> Self {
-        Self {
-            splatting: Splatting::new(context, key),
-            terminator: key.terminates.then(|| Terminator::new(context, key)),
-            consumer: if key.feed.is_scalar() {
-                Consumer::Shading(Shading::new(context, key))
-            } else {
-                Consumer::Composite(Composite::new(context, key))
-            },
-            key,
-        }
+    pub(crate) fn new(context: &Context, key: QuadsKey) -> Result<Self> {
+        let consumer = || match key.feed.is_scalar() {
+            true => Consumer::Shading(Shading::new(context, key)),
+            false => Consumer::Composite(Composite::new(context, key)),
+        };
+        let rest = || (key.terminates.then(|| Terminator::new(context, key)), consumer());
+        let (splatting, (terminator, consumer)) = both(context, || Splatting::new(context, key), rest)?;
+        Ok(Self { key, splatting, terminator, consumer })
     }
 
     pub(crate) fn sheets_per_pass(&self) -> u32 {
@@ -212,7 +210,8 @@ impl Quads {
                 drawn.passes += 1;
                 drawn.quads += quads;
                 let sheets = &sheets[(batch % self.key.batches_held()) as usize];
-                splats.record(context, &mut encoder, timing, sheets, spans, batch);
+                let area = reached[batch as usize];
+                splats.record(context, &mut encoder, timing, sheets, spans, (batch, area));
             }
             into_frame.batch(context, &mut encoder, timing, batch);
         }

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::super::context::Context;
+use super::super::layout::Area;
 use super::super::pipeline::{Slot, bind, flag, layout, module, pipeline_layout, specialised};
 use super::super::plan::Target;
 use super::super::shaders;
@@ -18,6 +19,8 @@ pub(super) struct Splatting {
     key: QuadsKey,
     layout: wgpu::BindGroupLayout,
     pipeline: wgpu::RenderPipeline,
+    /// Clears parts of sheets; scalars are looked at beyond them.
+    wipe: Option<wgpu::RenderPipeline>,
 }
 
 /// The sheets of a batch: a layer each.
@@ -30,6 +33,8 @@ pub(super) struct Sheets {
 /// What the batches of one region are drawn with.
 pub(super) struct Splats<'a> {
     pipeline: &'a wgpu::RenderPipeline,
+    wipe: Option<&'a wgpu::RenderPipeline>,
+    extent: [u32; 2],
     batches: Slots,
     groups: Vec<wgpu::BindGroup>,
 }
@@ -111,7 +116,9 @@ impl Splatting {
             Slot::Uniform,
         ];
         let layout = layout(context, "splat", wgpu::ShaderStages::VERTEX_FRAGMENT, &slots);
-        Self { key, pipeline: pipeline(context, key, &layout), layout }
+        let module = module(context, shaders::SPLATTING);
+        let wipe = (!key.feed.is_scalar()).then(|| wiping(context, key, &module));
+        Self { key, pipeline: pipeline(context, key, &module, &layout), wipe, layout }
     }
 
     pub(super) fn bind(
@@ -140,12 +147,12 @@ impl Splatting {
                 bind(context, "splat", &self.layout, &resources)
             })
             .collect();
-        Ok(Splats { pipeline: &self.pipeline, batches, groups })
+        Ok(Splats { pipeline: &self.pipeline, wipe: self.wipe.as_ref(), extent: target.extent(), batches, groups })
     }
 }
 
 impl Splats<'_> {
-    /// Draws the entries of a batch into its sheets, cleared before.
+    /// Draws the entries of a batch into its sheets, of which the area that they reach is cleared before.
     pub(super) fn record(
         &self,
         context: &Context,
@@ -153,8 +160,13 @@ impl Splats<'_> {
         timing: &mut Timing,
         sheets: &Sheets,
         spans: &[Span<'_>],
-        batch: u32,
+        (batch, area): (u32, Area),
     ) {
+        // Where that is much of them, drivers clear faster.
+        let [width, height] = area.size();
+        let part = u64::from(width) * u64::from(height);
+        let all = u64::from(self.extent[0]) * u64::from(self.extent[1]);
+        let wipe = self.wipe.filter(|_| 2 * part < all && part > 0);
         // The entries in pieces of one pass each.
         let most = if context.info.is_software() { SOFTWARE_PASS } else { u32::MAX };
         let mut passes: Vec<Vec<(usize, Range<u32>)>> = vec![Vec::new()];
@@ -174,7 +186,10 @@ impl Splats<'_> {
             }
         }
         for (number, pieces) in passes.into_iter().enumerate() {
-            let load = if number == 0 { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
+            let load = match (number, wipe) {
+                (0, None) => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                _ => wgpu::LoadOp::Load,
+            };
             let ops = wgpu::Operations { load, store: wgpu::StoreOp::Store };
             let attachments: Vec<_> = sheets
                 .targets
@@ -189,6 +204,12 @@ impl Splats<'_> {
                 timestamp_writes: timing.render(context, "splat"),
                 ..Default::default()
             });
+            if let (0, Some(wipe)) = (number, wipe) {
+                pass.set_pipeline(wipe);
+                pass.set_scissor_rect(area.low[0], area.low[1], width, height);
+                pass.draw(0..3, 0..1);
+                pass.set_scissor_rect(0, 0, self.extent[0], self.extent[1]);
+            }
             pass.set_pipeline(self.pipeline);
             for (index, piece) in pieces {
                 pass.set_bind_group(0, &self.groups[index], &[self.batches.offset(batch)]);
@@ -199,8 +220,40 @@ impl Splats<'_> {
     }
 }
 
-fn pipeline(context: &Context, key: QuadsKey, group: &wgpu::BindGroupLayout) -> wgpu::RenderPipeline {
-    let module = module(context, shaders::SPLATTING);
+/// The pipeline that writes nothing but zeros.
+fn wiping(context: &Context, key: QuadsKey, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
+    let target = Some(wgpu::ColorTargetState { format: key.format(), blend: None, write_mask: wgpu::ColorWrites::ALL });
+    let targets = vec![target; key.layers() as usize];
+    context.made_pipeline();
+    context.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some("splat.wipe"),
+        layout: Some(&context.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor::default())),
+        vertex: wgpu::VertexState {
+            module,
+            entry_point: Some("cover"),
+            compilation_options: specialised(&[]),
+            buffers: &[],
+        },
+        primitive: wgpu::PrimitiveState::default(),
+        depth_stencil: None,
+        multisample: wgpu::MultisampleState::default(),
+        fragment: Some(wgpu::FragmentState {
+            module,
+            entry_point: Some("wipe"),
+            compilation_options: specialised(&[]),
+            targets: &targets,
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
+
+fn pipeline(
+    context: &Context,
+    key: QuadsKey,
+    module: &wgpu::ShaderModule,
+    group: &wgpu::BindGroupLayout,
+) -> wgpu::RenderPipeline {
     // A stage takes only the constants that it uses.
     let common = [
         ("PERSPECTIVE", flag(key.perspective)),
@@ -228,7 +281,7 @@ fn pipeline(context: &Context, key: QuadsKey, group: &wgpu::BindGroupLayout) -> 
         label: Some("splat"),
         layout: Some(&pipeline_layout(context, "splat", group)),
         vertex: wgpu::VertexState {
-            module: &module,
+            module,
             entry_point: Some("vertex"),
             compilation_options: specialised(&vertex_constants),
             buffers: &[Some(wgpu::VertexBufferLayout {
@@ -245,7 +298,7 @@ fn pipeline(context: &Context, key: QuadsKey, group: &wgpu::BindGroupLayout) -> 
         depth_stencil: None,
         multisample: wgpu::MultisampleState::default(),
         fragment: Some(wgpu::FragmentState {
-            module: &module,
+            module,
             entry_point: Some(&key.entry()),
             compilation_options: specialised(&fragment_constants),
             targets: &targets,

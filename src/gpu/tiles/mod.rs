@@ -20,7 +20,7 @@ use raster::{Classification, Footprint, Look, Raster};
 use super::classify::Store;
 use super::context::Context;
 use super::layout::{self, Lighting};
-use super::pipeline::{Slot, bind, compute, flag, layout as slots_layout, module};
+use super::pipeline::{Slot, bind, both, compute, flag, layout as slots_layout, module};
 use super::plan::{Plan, Region};
 use super::shaders;
 use super::timing::Timing;
@@ -93,11 +93,15 @@ pub(crate) fn refusal(context: &Context, plan: &Plan, settings: &Settings) -> Op
 /// The pipelines of the painter.
 pub(crate) struct Tiles {
     packer: Packer,
-    skip_layout: wgpu::BindGroupLayout,
-    skip: wgpu::ComputePipeline,
-    gather_layout: wgpu::BindGroupLayout,
-    gather: wgpu::ComputePipeline,
+    skip: Stage,
+    gather: Stage,
     enlarge: Option<Enlarge>,
+}
+
+/// A pipeline and the layout of what it is bound to.
+struct Stage {
+    layout: wgpu::BindGroupLayout,
+    pipeline: wgpu::ComputePipeline,
 }
 
 struct Enlarge {
@@ -121,6 +125,65 @@ pub(crate) struct Subject<'a> {
     pub(crate) unit: f64,
     /// What scalars are classified by.
     pub(crate) transfer: Option<&'a TransferTable>,
+}
+
+/// What stages write as they go along: where runs are, and pictures that are enlarged.
+const RUNS: Slot = Slot::StorageTexture(wgpu::TextureFormat::Rg32Uint, wgpu::TextureViewDimension::D2);
+const PICTURES: Slot = Slot::StorageTexture(PICTURE, wgpu::TextureViewDimension::D2);
+
+fn skip(context: &Context, key: TilesKey) -> Stage {
+    let slots = [Slot::Uniform, Slot::IntegerTexture(wgpu::TextureViewDimension::D3), RUNS];
+    let layout = slots_layout(context, "skip", wgpu::ShaderStages::COMPUTE, &slots);
+    let constants = [("PERSPECTIVE", flag(key.perspective))];
+    let pipeline = compute(context, &module(context, shaders::SKIP), "skip", "skip", &layout, &constants);
+    Stage { layout, pipeline }
+}
+
+fn gather(context: &Context, key: TilesKey) -> Stage {
+    let d2 = wgpu::TextureViewDimension::D2;
+    let textures = [Slot::IntegerTexture(d2), Slot::IntegerTexture(d2)];
+    let slots = [Slot::Uniform, textures[0], textures[1], PICTURES, Slot::Write, Slot::Uniform, Slot::Texture(d2)];
+    let layout = slots_layout(context, "gather", wgpu::ShaderStages::COMPUTE, &slots);
+    let entry = match (key.voxel, key.rays) {
+        (Voxel::Scalar | Voxel::Gradient, _) => "scalars",
+        (Voxel::Color { .. }, Rays::Shared) => "blocked",
+        (Voxel::Color { .. }, _) => "single",
+    };
+    let scalars = !matches!(key.voxel, Voxel::Color { .. });
+    let constants = [
+        ("PERSPECTIVE", flag(key.perspective)),
+        ("WHITE", flag(key.model == Model::Xray)),
+        ("TERMS", f64::from(key.terms)),
+        ("SCALARS", flag(scalars)),
+        ("MAXIMUM", flag(key.model == Model::Mip)),
+        ("ENLARGED", flag(key.rays == Rays::Coarser)),
+        // Lights are packed with colours.
+        ("LIGHTS", if scalars { f64::from(key.lights) } else { 0.0 }),
+    ];
+    let pipeline = compute(context, &module(context, shaders::GATHER), "gather", entry, &layout, &constants);
+    Stage { layout, pipeline }
+}
+
+impl Enlarge {
+    fn new(context: &Context) -> Self {
+        let slots = [Slot::Uniform, Slot::FilteredTexture, PICTURES, Slot::Sampler, Slot::Write];
+        let layout = slots_layout(context, "enlarge", wgpu::ShaderStages::COMPUTE, &slots);
+        let module = module(context, shaders::ENLARGE);
+        let prefilter = |down| compute(context, &module, "enlarge", "prefilter", &layout, &[("DOWN", flag(down))]);
+        let sampler = context.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("enlarge.filtered"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..wgpu::SamplerDescriptor::default()
+        });
+        Self {
+            across: prefilter(false),
+            down: prefilter(true),
+            enlarge: compute(context, &module, "enlarge", "enlarge", &layout, &[]),
+            sampler,
+            layout,
+        }
+    }
 }
 
 /// A scene as the painter looks at it.
@@ -181,13 +244,14 @@ impl<'a> View<'a> {
     pub(crate) fn key(&self) -> TilesKey {
         let [look, ..] = self.looks.as_slice() else { return TilesKey::default() };
         let (_, packing) = look;
+        let [width, height] = self.settings.size;
         TilesKey {
             model: self.settings.model,
             voxel: packing.voxel,
             lights: self.settings.lighting.as_ref().map_or(0, |l| l.lights.len() as u32),
             perspective: matches!(self.camera.projection, Projection::Perspective { .. }),
             terms: self.footprint.terms(),
-            rays: match self.raster(look, Region { x: 0, y: 0, width: 1, height: 1 }).map(|r| r.spacing) {
+            rays: match self.raster(look, Region { x: 0, y: 0, width, height }).map(|r| r.spacing) {
                 Some(Spacing::Voxel(_)) => Rays::Shared,
                 Some(Spacing::Pixels(1.0)) | None => Rays::Pixels,
                 Some(Spacing::Pixels(_)) => Rays::Coarser,
@@ -209,7 +273,8 @@ impl<'a> View<'a> {
 
     /// Whether a volume that was packed for this picture is what a look needs.
     pub(crate) fn serves(&self, look: usize, packed: &Packed) -> bool {
-        self.looks[look].1 == packed.packing
+        let source = self.subject.stores.first().map(|store| &store.splats);
+        self.looks[look].1 == packed.packing && source == packed.source.as_ref()
     }
 
     /// Whether one that was packed for another is.
@@ -262,56 +327,13 @@ impl Subject<'_> {
 }
 
 impl Tiles {
-    pub(crate) fn new(context: &Context, key: TilesKey) -> Self {
-        let stage = wgpu::ShaderStages::COMPUTE;
-        let d2 = wgpu::TextureViewDimension::D2;
-        let d3 = wgpu::TextureViewDimension::D3;
-        let picture = Slot::StorageTexture(wgpu::TextureFormat::Rgba32Float, d2);
-        let runs = Slot::StorageTexture(wgpu::TextureFormat::Rg32Uint, d2);
-        let skip_layout = slots_layout(context, "skip", stage, &[Slot::Uniform, Slot::IntegerTexture(d3), runs]);
-        let perspective = ("PERSPECTIVE", flag(key.perspective));
-        let skip = compute(context, &module(context, shaders::SKIP), "skip", "skip", &skip_layout, &[perspective]);
-        let textures = [Slot::IntegerTexture(d2), Slot::IntegerTexture(d2)];
-        let slots = [Slot::Uniform, textures[0], textures[1], picture, Slot::Write, Slot::Uniform, Slot::Texture(d2)];
-        let gather_layout = slots_layout(context, "gather", stage, &slots);
-        let entry = match (key.voxel, key.rays) {
-            (Voxel::Scalar | Voxel::Gradient, _) => "scalars",
-            (Voxel::Color { .. }, Rays::Shared) => "blocked",
-            (Voxel::Color { .. }, _) => "single",
+    pub(crate) fn new(context: &Context, key: TilesKey) -> Result<Self> {
+        let rest = || {
+            let packer = Packer::new(context, key.voxel, key.perspective);
+            (packer, skip(context, key), (key.rays != Rays::Pixels).then(|| Enlarge::new(context)))
         };
-        let scalars = !matches!(key.voxel, Voxel::Color { .. });
-        let constants = [
-            perspective,
-            ("WHITE", flag(key.model == Model::Xray)),
-            ("TERMS", f64::from(key.terms)),
-            ("SCALARS", flag(scalars)),
-            ("MAXIMUM", flag(key.model == Model::Mip)),
-            ("ENLARGED", flag(key.rays == Rays::Coarser)),
-            // Lights are packed with colours.
-            ("LIGHTS", if scalars { f64::from(key.lights) } else { 0.0 }),
-        ];
-        let gather = compute(context, &module(context, shaders::GATHER), "gather", entry, &gather_layout, &constants);
-        let enlarge = (key.rays != Rays::Pixels).then(|| {
-            let slots = [Slot::Uniform, Slot::FilteredTexture, picture, Slot::Sampler, Slot::Write];
-            let layout = slots_layout(context, "enlarge", stage, &slots);
-            let module = module(context, shaders::ENLARGE);
-            let prefilter = |down| compute(context, &module, "enlarge", "prefilter", &layout, &[("DOWN", flag(down))]);
-            let sampler = context.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("enlarge.filtered"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..wgpu::SamplerDescriptor::default()
-            });
-            Enlarge {
-                across: prefilter(false),
-                down: prefilter(true),
-                enlarge: compute(context, &module, "enlarge", "enlarge", &layout, &[]),
-                sampler,
-                layout,
-            }
-        });
-        let packer = Packer::new(context, key.voxel, key.perspective);
-        Self { packer, skip_layout, skip, gather_layout, gather, enlarge }
+        let (gather, (packer, skip, enlarge)) = both(context, || gather(context, key), rest)?;
+        Ok(Self { packer, skip, gather, enlarge })
     }
 
     /// The volume as a look of a view reads it, in a texture.
@@ -369,8 +391,9 @@ impl Tiles {
                 let pictures = [0, 1].map(|_| texture(context, "gather.picture", PICTURE, size));
                 Enlarged { frame: frame.clone(), size, pictures }
             });
-            let targets = Targets { picture: &enlarged.pictures[0], pixels: &pixels, lighting: &lighting };
-            self.look(context, &mut encoder, timing, (view, packed), &raster.uniforms, &frame, &targets);
+            let buffers =
+                Buffers { frame: &frame, picture: &enlarged.pictures[0], pixels: &pixels, lighting: &lighting };
+            self.look(context, &mut encoder, timing, (view, packed), &raster.uniforms, &buffers);
         }
         if let (Some(stage), Some(Enlarged { frame, size, pictures })) = (&self.enlarge, &enlarged) {
             let group = |from: &wgpu::TextureView, to: &wgpu::TextureView| {
@@ -410,8 +433,7 @@ impl Tiles {
         timing: &mut Timing,
         (view, packed): (&View<'_>, &Packed),
         uniforms: &layout::Raster,
-        frame: &wgpu::Buffer,
-        targets: &Targets<'_>,
+        buffers: &Buffers<'_>,
     ) {
         let [across, down] = uniforms.tiles;
         let tiles = across * down * uniforms.phases;
@@ -419,21 +441,22 @@ impl Tiles {
         let runs = texture(context, "skip.runs", wgpu::TextureFormat::Rg32Uint, [tiles.min(RUN_ROW), rows]);
         let none = texture(context, "gather.transfer", PICTURE, [1, 1]);
         let transfer = view.subject.transfer.map_or(&none, |table| &table.texture);
-        let resources = [frame.as_entire_binding(), texture_binding(&packed.occupied), texture_binding(&runs)];
-        let group = bind(context, "skip", &self.skip_layout, &resources);
+        let frame = buffers.frame.as_entire_binding();
+        let resources = [frame.clone(), texture_binding(&packed.occupied), texture_binding(&runs)];
+        let group = bind(context, "skip", &self.skip.layout, &resources);
         let workgroups = [across.div_ceil(8), down.div_ceil(8), uniforms.phases];
-        dispatch(context, encoder, timing, "skip", &self.skip, &group, workgroups);
+        dispatch(context, encoder, timing, "skip", &self.skip.pipeline, &group, workgroups);
         let resources = [
-            frame.as_entire_binding(),
+            frame,
             texture_binding(&packed.volume),
             texture_binding(&runs),
-            texture_binding(targets.picture),
-            targets.pixels.as_entire_binding(),
-            targets.lighting.as_entire_binding(),
+            texture_binding(buffers.picture),
+            buffers.pixels.as_entire_binding(),
+            buffers.lighting.as_entire_binding(),
             texture_binding(transfer),
         ];
-        let group = bind(context, "gather", &self.gather_layout, &resources);
-        dispatch(context, encoder, timing, "gather", &self.gather, &group, [across, down, uniforms.phases]);
+        let group = bind(context, "gather", &self.gather.layout, &resources);
+        dispatch(context, encoder, timing, "gather", &self.gather.pipeline, &group, [across, down, uniforms.phases]);
     }
 }
 
@@ -445,8 +468,9 @@ struct Enlarged {
     pictures: [wgpu::TextureView; 2],
 }
 
-/// What rays write to, and the light they bring.
-struct Targets<'a> {
+/// What the rays of a look share: their raster, what they write to, and the light they bring.
+struct Buffers<'a> {
+    frame: &'a wgpu::Buffer,
     picture: &'a wgpu::TextureView,
     pixels: &'a wgpu::Buffer,
     lighting: &'a wgpu::Buffer,

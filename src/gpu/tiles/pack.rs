@@ -130,6 +130,8 @@ impl Packing {
 #[derive(Debug)]
 pub(crate) struct Packed {
     pub(super) packing: Packing,
+    /// The first of the buffers that it was made from.
+    pub(super) source: Option<wgpu::Buffer>,
     pub(super) volume: wgpu::TextureView,
     pub(super) occupied: wgpu::TextureView,
     /// What densities were multiplied by.
@@ -330,6 +332,7 @@ impl Packer {
         let cells: u64 = packing.dims.iter().map(|&n| u64::from(n.div_ceil(CELL))).product();
         Ok(Packed {
             packing,
+            source: stores.first().map(|store| store.splats.clone()),
             volume: volume_view,
             occupied: occupied_view,
             scale,
