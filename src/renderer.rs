@@ -19,7 +19,7 @@ use crate::image::Image;
 use crate::kernel::FootprintTable;
 use crate::scene::Drawable;
 pub use crate::scene::Scene;
-use crate::settings::{Accumulation, Model, Painter, Precision, Settings, Shading};
+use crate::settings::{Accumulation, Model, Painter, Precision, Resolution, Settings, Shading};
 use crate::stats::{Clock, StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
@@ -205,6 +205,9 @@ impl Renderer {
         match (settings.painter, served) {
             (Painter::Auto, Ok(_)) if !self.context.info.is_software() => {
                 Ok((Choice::Quads, "the adapter has a rasteriser".to_owned()))
+            }
+            (Painter::Auto, Ok(view)) if settings.resolution == Resolution::Capped && view.is_better_by_quads() => {
+                Ok((Choice::Quads, "few voxels make an X-ray faster by quads".to_owned()))
             }
             (Painter::Auto, Ok(view)) => Ok((Choice::Tiles(view), "the adapter is software".to_owned())),
             (Painter::Auto, Err(reason)) => Ok((Choice::Quads, format!("tiles does not serve: {reason}"))),

@@ -78,14 +78,16 @@ pub enum Interslice {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Painter {
-    /// `Tiles` on software adapters for the pictures that it serves, `Quads` for all others. Only the adapter and what is
-    /// asked for decide, so the same input gives the same bytes; `Stats::painter_reason` says why.
+    /// `Tiles` on software adapters for the pictures that it serves, but X-rays of few voxels; `Quads` for all others. Only
+    /// the adapter, what is asked for and the number of voxels decide, so the same input gives the same bytes;
+    /// `Stats::painter_reason` says why.
     #[default]
     Auto,
     /// Instanced quads, added up in sheets by the rasteriser: every picture.
     Quads,
-    /// Rays that gather the kernels they meet, plane by plane, in compute shaders: composite and X-ray, pre-shaded, parallel
-    /// rays, kernels of at most 2 voxels that do not grow.
+    /// Rays that gather the kernels they meet, plane by plane, in compute shaders: all models, shadings and projections, with
+    /// kernels of at most 2 voxels that do not grow, image-aligned sheets of optical depth a voxel thick or thicker, and
+    /// pre-shaded an eye that no kernel reaches.
     Tiles,
 }
 
@@ -93,7 +95,8 @@ pub enum Painter {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Resolution {
-    /// One to four rays per voxel and axis, as many as the direction of view asks for, and the picture enlarged from them.
+    /// Pre-shaded, one to four rays per voxel and axis, as many as the direction of view and the opacity ask for, where that
+    /// is fewer than pixels, and the picture enlarged from them. What is classified per pixel has a ray for each.
     #[default]
     Capped,
     /// A ray for each pixel.

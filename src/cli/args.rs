@@ -294,11 +294,11 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "WHETHER", default_value = "on", help_heading = "Model")]
     pub(super) antialiasing: SwitchArg,
 
-    /// How splats are drawn: quads (any picture), tiles (rays that share what they know of the kernels: fast on software;
-    /// pre-shaded, orthographic, composite or xray, kernels up to 2 voxels) or auto (tiles on software where it serves)
+    /// How splats are drawn: quads (any picture), tiles (rays that gather the kernels they meet: fast on software; kernels up
+    /// to 2 voxels, voxels no smaller than pixels, image-aligned sheets) or auto (tiles on software where it serves)
     #[arg(long, value_name = "PAINTER", default_value = "auto", value_parser = painters(), help_heading = "Device")]
     pub(super) painter: Painter,
-    /// How finely tiles looks: capped (1 to 4 rays per voxel and axis, enlarged to the picture) or full (a ray per pixel)
+    /// How finely tiles looks: capped (pre-shaded, 1 to 4 rays per voxel and axis, enlarged to the picture) or full (a ray per pixel)
     #[arg(long, value_name = "HOW", default_value = "capped", value_parser = resolutions(), help_heading = "Device")]
     pub(super) resolution: Resolution,
     /// Format of the sheet buffers, f16 or f32 [default: f32 on software adapters, for scalars and

@@ -101,6 +101,27 @@ fn golden_rays() {
 }
 
 #[test]
+fn golden_rays_through_one_eye() {
+    // They follow all three axes.
+    let settings = Settings { painter: Painter::Tiles, antialiasing: false, ..Settings::default() };
+    let view = View { projection: ProjectionKind::Perspective { fov: 60.0 }, ..turned(45.0, 35.0) };
+    check("rays_perspective", "vessels", view, settings);
+}
+
+#[test]
+fn golden_rays_lit_per_pixel() {
+    let lighting = Some(Lighting { lights: vec![Light::Headlight], ..Lighting::default() });
+    let settings = Settings { painter: Painter::Tiles, shading: Shading::Post, lighting, ..Settings::default() };
+    check("rays_post_lit", "vessels", View { zoom: 1.5, ..turned(-40.0, 20.0) }, settings);
+}
+
+#[test]
+fn golden_rays_to_the_maximum() {
+    let settings = Settings { painter: Painter::Tiles, model: Model::Mip, ..Settings::default() };
+    check("rays_mip", "vessels", View { zoom: 1.5, ..turned(30.0, 10.0) }, settings);
+}
+
+#[test]
 fn golden_thick_sheets() {
     check("thick_sheets", "sphere", turned(60.0, 20.0), Settings { sheet_thickness: 6.0, ..Settings::default() });
 }

@@ -309,6 +309,12 @@ fn auto_takes_tiles_where_they_serve_and_says_why_not() {
             other => panic!("{word}: {other:?}"),
         }
     }
+    // A few voxels, seen along an axis: a ray for each of many pixels.
+    let one = Volume::new(Grid::axis_parallel([3; 3], [1.0; 3]).unwrap(), Samples::F32(vec![1.0; 27])).unwrap();
+    let xray = Settings { model: Model::Xray, ..auto.clone() };
+    let got = render(&one, &transfer, &camera(0.0, 0.0, 1.0, &one, &xray), &xray).stats;
+    assert_eq!(got.painter, Painter::Quads);
+    assert!(!software || got.painter_reason.contains("few voxels"), "{}", got.painter_reason);
     let quads = stats(&Settings { painter: Painter::Quads, ..auto.clone() }, &near).unwrap();
     assert_eq!((quads.painter, quads.painter_reason.as_str()), (Painter::Quads, "asked for"));
     let post = Settings { shading: Shading::Post, ..auto };

@@ -18,7 +18,7 @@ const FOOTPRINT_ERROR: f64 = 5e-5;
 const AROUND: f64 = 8.0;
 /// The fewest pixels between rays that are not each a pixel's.
 const MIN_PITCH: f64 = 1.25;
-/// How far beyond the picture, in halves of its height, rays are looked for that are followed.
+/// How far beyond the picture, in halves of its width and height, looks are those of rays.
 const BEYOND: f64 = 0.25;
 /// Side of a tile in rays.
 const TILE: u32 = 8;
@@ -358,7 +358,8 @@ impl Points {
     fn new(subject: &Subject<'_>, magnification: f64, corner: DVec2, region: &Region) -> Self {
         // Rays per voxel: measured, as those of parallel rays are. These do not move in step with the lattice.
         let rays = [1.5, 2.0, 3.0][rays_for_depth(subject.max_depth) as usize - 1];
-        let pitch = magnification / rays;
+        // Not so coarse that the points around the picture are rays that no look follows.
+        let pitch = (magnification / rays).min(BEYOND / 2.0 * f64::from(subject.size[0].min(subject.size[1])) / AROUND);
         let sides = [region.width, region.height];
         // Enlarging costs as much as a few rays.
         if subject.full || pitch < MIN_PITCH {
