@@ -199,13 +199,13 @@ impl Renderer {
             tiles::View::new(&self.context, subject, camera, settings).map(Box::new).map_err(str::to_owned)
         };
         let served = match tiles::refusal(&self.context, plan, settings) {
+            None if settings.painter == Painter::Auto && !self.context.info.is_software() => {
+                return Ok((Choice::Quads, "the adapter has a rasteriser".to_owned()));
+            }
             None => view(),
             Some(reason) => Err(reason),
         };
         match (settings.painter, served) {
-            (Painter::Auto, Ok(_)) if !self.context.info.is_software() => {
-                Ok((Choice::Quads, "the adapter has a rasteriser".to_owned()))
-            }
             (Painter::Auto, Ok(view)) if settings.resolution == Resolution::Capped && view.is_better_by_quads() => {
                 Ok((Choice::Quads, "few voxels make an X-ray faster by quads".to_owned()))
             }

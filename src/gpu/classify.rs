@@ -10,7 +10,7 @@ use crate::settings::Settings;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, RowCoding, SampleType, ToF64, Volume};
 
-/// Bricks of one batch, 4 million voxels: the memory that preparing a scene takes besides its splats, and far within every
+/// Bricks of one batch, a million voxels: the memory that preparing a scene takes besides its splats, and far within every
 /// limit.
 const BATCH: usize = 32;
 

@@ -2,6 +2,7 @@
 
 use super::context::Context;
 use super::shaders::Shader;
+use super::timing::Timing;
 use crate::error::Result;
 
 /// What a binding of a stage holds.
@@ -131,6 +132,27 @@ pub(super) fn compute(
         compilation_options: specialised(constants),
         cache: None,
     })
+}
+
+/// One compute pass of one dispatch.
+#[expect(clippy::too_many_arguments, reason = "what a dispatch takes")]
+pub(super) fn dispatch(
+    context: &Context,
+    encoder: &mut wgpu::CommandEncoder,
+    timing: &mut Timing,
+    stage: &'static str,
+    pipeline: &wgpu::ComputePipeline,
+    group: &wgpu::BindGroup,
+    offsets: &[u32],
+    [x, y, z]: [u32; 3],
+) {
+    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+        label: Some(stage),
+        timestamp_writes: timing.compute(context, stage),
+    });
+    pass.set_pipeline(pipeline);
+    pass.set_bind_group(0, group, offsets);
+    pass.dispatch_workgroups(x, y, z);
 }
 
 /// Makes two sets of pipelines at the same time.

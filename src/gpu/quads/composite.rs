@@ -2,12 +2,12 @@
 
 use super::super::context::Context;
 use super::super::layout::Area;
-use super::super::pipeline::{Slot, bind, compute, flag, layout, module};
+use super::super::pipeline::{Slot, bind, compute, dispatch, flag, layout, module};
 use super::super::plan::Target;
 use super::super::shaders;
 use super::super::timing::Timing;
 use super::splat::Sheets;
-use super::{Feed, IntoFrame, QuadsKey, Slots, dispatch};
+use super::{Feed, IntoFrame, QuadsKey, Slots};
 use crate::error::Result;
 
 /// The pipelines.
@@ -78,12 +78,30 @@ impl IntoFrame for Compositing<'_> {
         if workgroups[0] > 0 && workgroups[1] > 0 {
             let offsets = [self.areas.offset(batch)];
             let pipeline = &self.stage.composite;
-            dispatch(context, encoder, timing, "composite", pipeline, &self.sheets, &offsets, workgroups);
+            dispatch(
+                context,
+                encoder,
+                timing,
+                "composite",
+                pipeline,
+                &self.sheets,
+                &offsets,
+                [workgroups[0], workgroups[1], 1],
+            );
         }
     }
 
     fn resolve(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing) {
         let pipeline = &self.stage.resolve;
-        dispatch(context, encoder, timing, "resolve", pipeline, &self.pixels, &[], self.workgroups);
+        dispatch(
+            context,
+            encoder,
+            timing,
+            "resolve",
+            pipeline,
+            &self.pixels,
+            &[],
+            [self.workgroups[0], self.workgroups[1], 1],
+        );
     }
 }

@@ -257,24 +257,3 @@ impl Slots {
         index * self.stride
     }
 }
-
-/// One compute pass of one dispatch.
-#[expect(clippy::too_many_arguments, reason = "what a dispatch takes")]
-fn dispatch(
-    context: &Context,
-    encoder: &mut wgpu::CommandEncoder,
-    timing: &mut Timing,
-    stage: &'static str,
-    pipeline: &wgpu::ComputePipeline,
-    group: &wgpu::BindGroup,
-    offsets: &[u32],
-    [x, y]: [u32; 2],
-) {
-    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-        label: Some(stage),
-        timestamp_writes: timing.compute(context, stage),
-    });
-    pass.set_pipeline(pipeline);
-    pass.set_bind_group(0, group, offsets);
-    pass.dispatch_workgroups(x, y, 1);
-}

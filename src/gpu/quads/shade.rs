@@ -2,12 +2,12 @@
 
 use super::super::context::Context;
 use super::super::layout::{Area, Shade};
-use super::super::pipeline::{Slot, bind, compute, flag, layout, module};
+use super::super::pipeline::{Slot, bind, compute, dispatch, flag, layout, module};
 use super::super::plan::Target;
 use super::super::shaders;
 use super::super::timing::Timing;
 use super::splat::Sheets;
-use super::{Feed, Inputs, IntoFrame, QuadsKey, Slots, dispatch};
+use super::{Feed, Inputs, IntoFrame, QuadsKey, Slots};
 use crate::error::{Error, Result};
 
 /// The pipelines.
@@ -159,7 +159,16 @@ impl Shaded<'_> {
         let group = &self.groups[index % 2];
         let workgroups = self.areas[index].size().map(|side| side.div_ceil(8));
         if workgroups[0] > 0 && workgroups[1] > 0 {
-            dispatch(context, encoder, timing, "shade", &self.stage.shade, group, &offsets, workgroups);
+            dispatch(
+                context,
+                encoder,
+                timing,
+                "shade",
+                &self.stage.shade,
+                group,
+                &offsets,
+                [workgroups[0], workgroups[1], 1],
+            );
         }
     }
 }
@@ -173,6 +182,15 @@ impl IntoFrame for Shaded<'_> {
         // The last sheet, after which there is none.
         self.sheets(context, encoder, timing, self.drawn.len() as u32 - 1);
         let offsets: &[u32] = if self.stage.key.feed == Feed::Maximum { &[0] } else { &[] };
-        dispatch(context, encoder, timing, "resolve", &self.stage.resolve, &self.resolve, offsets, self.workgroups);
+        dispatch(
+            context,
+            encoder,
+            timing,
+            "resolve",
+            &self.stage.resolve,
+            &self.resolve,
+            offsets,
+            [self.workgroups[0], self.workgroups[1], 1],
+        );
     }
 }

@@ -15,12 +15,12 @@ use std::sync::Arc;
 
 use pack::{Lit, Packer, Packing, Voxel};
 pub(crate) use raster::Spacing;
-use raster::{Classification, Footprint, Look, Raster};
+use raster::{Classification, Footprint, Look, Raster, Sections};
 
 use super::classify::Store;
 use super::context::Context;
 use super::layout::{self, Lighting};
-use super::pipeline::{Slot, bind, both, compute, flag, layout as slots_layout, module};
+use super::pipeline::{Slot, bind, both, compute, dispatch, flag, layout as slots_layout, module};
 use super::plan::{Plan, Region};
 use super::shaders;
 use super::timing::Timing;
@@ -195,6 +195,7 @@ pub(crate) struct View<'a> {
     camera: &'a Camera,
     pub(crate) settings: &'a Settings,
     footprint: Footprint,
+    sections: Sections,
     /// The ways in which rays follow the lattice, and the volume as each reads it.
     looks: Vec<(Look, Packing)>,
 }
@@ -224,14 +225,16 @@ impl<'a> View<'a> {
             (true, _) => Voxel::Gradient,
         };
         let dims = subject.grid.dims().map(|n| n + 2 * subject.padding);
-        let mut looks = Vec::new();
-        for look in Look::all(camera, subject.grid, settings.size) {
-            let whole = !subject.shows_nothing_else();
-            let packing = Packing::new(context, subject.stores, dims, whole, look.axes, voxel)
-                .ok_or("the volume outgrows its texture")?;
-            looks.push((look, packing));
-        }
-        Ok(Self { subject, camera, settings, footprint, looks })
+        let whole = !subject.shows_nothing_else();
+        let looks = Look::all(camera, subject.grid, settings.size);
+        let packings = looks.iter().map(|look| {
+            Packing::new(context, subject.stores, dims, whole, look.axes, voxel)
+                .ok_or("the volume outgrows its texture")
+        });
+        let packings = packings.collect::<std::result::Result<Vec<_>, _>>()?;
+        let sections = Sections::new(&settings.kernel, camera, &looks, subject.transfer.is_some());
+        let looks = looks.into_iter().zip(packings).collect();
+        Ok(Self { subject, camera, settings, footprint, sections, looks })
     }
 
     /// The largest error of the footprint, as a fraction of its peak.
@@ -324,6 +327,7 @@ impl<'a> View<'a> {
                 _ => f64::INFINITY,
             },
             scalars,
+            sections: &self.sections,
             max_depth: max_weight * look.voxel() / unit,
             // What is classified has edges that no raster but the picture's own keeps.
             full: settings.resolution == Resolution::Full || scalars.is_some(),
@@ -423,7 +427,16 @@ impl Tiles {
             let [width, height] = *size;
             let spare = texture(context, "enlarge.spare", PICTURE, [1, 1]);
             let mut dispatch = |pipeline, group: &wgpu::BindGroup, [across, down]: [u32; 2]| {
-                dispatch(context, &mut encoder, timing, "enlarge", pipeline, group, [across.div_ceil(64), down, 1]);
+                dispatch(
+                    context,
+                    &mut encoder,
+                    timing,
+                    "enlarge",
+                    pipeline,
+                    group,
+                    &[],
+                    [across.div_ceil(64), down, 1],
+                );
             };
             dispatch(&stage.across, &group(a, b), [width, height]);
             dispatch(&stage.down, &group(b, a), [width, height]);
@@ -458,7 +471,7 @@ impl Tiles {
         let resources = [frame.clone(), texture_binding(&packed.occupied), texture_binding(&runs)];
         let group = bind(context, "skip", &self.skip.layout, &resources);
         let workgroups = [across.div_ceil(8), down.div_ceil(8), uniforms.phases];
-        dispatch(context, encoder, timing, "skip", &self.skip.pipeline, &group, workgroups);
+        dispatch(context, encoder, timing, "skip", &self.skip.pipeline, &group, &[], workgroups);
         let resources = [
             frame,
             texture_binding(&packed.volume),
@@ -469,7 +482,8 @@ impl Tiles {
             texture_binding(transfer),
         ];
         let group = bind(context, "gather", &self.gather.layout, &resources);
-        dispatch(context, encoder, timing, "gather", &self.gather.pipeline, &group, [across, down, uniforms.phases]);
+        let workgroups = [across, down, uniforms.phases];
+        dispatch(context, encoder, timing, "gather", &self.gather.pipeline, &group, &[], workgroups);
     }
 }
 
@@ -509,24 +523,6 @@ fn texture(
         view_formats: &[],
     });
     texture.create_view(&wgpu::TextureViewDescriptor::default())
-}
-
-fn dispatch(
-    context: &Context,
-    encoder: &mut wgpu::CommandEncoder,
-    timing: &mut Timing,
-    stage: &'static str,
-    pipeline: &wgpu::ComputePipeline,
-    group: &wgpu::BindGroup,
-    [x, y, z]: [u32; 3],
-) {
-    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-        label: Some(stage),
-        timestamp_writes: timing.compute(context, stage),
-    });
-    pass.set_pipeline(pipeline);
-    pass.set_bind_group(0, group, &[]);
-    pass.dispatch_workgroups(x, y, z);
 }
 
 fn texture_binding(view: &wgpu::TextureView) -> wgpu::BindingResource<'_> {

@@ -7,7 +7,7 @@ use bytemuck::Zeroable;
 use super::super::classify::Store;
 use super::super::context::Context;
 use super::super::layout::{Lighting, Pack};
-use super::super::pipeline::{Slot, bind, compute, flag, layout, module};
+use super::super::pipeline::{Slot, bind, compute, dispatch, flag, layout, module};
 use super::super::scan::WORKGROUP;
 use super::super::shaders;
 use super::super::timing::Timing;
@@ -17,6 +17,7 @@ use crate::volume::BRICK_EDGE;
 
 /// Texels of zeros before each row of voxels; MARGIN in shaders/common/packing.wgsl.
 pub(crate) const MARGIN: u32 = 7;
+
 /// What is packed of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(super) enum Voxel {
@@ -105,9 +106,7 @@ impl Packing {
             size: [width as u32, height as u32],
         })
     }
-}
 
-impl Packing {
     /// The planes that have voxels in rows of the texture.
     fn planes(&self, rows: Range<u32>) -> Range<u32> {
         let shelf = self.dims[1] + 1;
@@ -276,14 +275,8 @@ impl Packer {
                     wgpu::BindingResource::TextureView(&occupied_view),
                 ];
                 let group = bind(context, "pack", &self.layout, &resources);
-                let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                    label: Some("pack"),
-                    timestamp_writes: timing.compute(context, "pack"),
-                });
-                pass.set_pipeline(&self.voxels);
-                pass.set_bind_group(0, &group, &[]);
                 let (x, y) = context.workgroups(splats.len() as u64, WORKGROUP);
-                pass.dispatch_workgroups(x, y, 1);
+                dispatch(context, &mut encoder, timing, "pack", &self.voxels, &group, &[], [x, y, 1]);
             }
             encoder.copy_buffer_to_texture(
                 wgpu::TexelCopyBufferInfo {
@@ -317,14 +310,8 @@ impl Packer {
             ];
             let group = bind(context, "gradients", layout, &resources);
             let mut encoder = context.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                label: Some("gradients"),
-                timestamp_writes: timing.compute(context, "gradients"),
-            });
-            pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, &group, &[]);
-            pass.dispatch_workgroups(width.div_ceil(64), height, 1);
-            drop(pass);
+            let workgroups = [width.div_ceil(64), height, 1];
+            dispatch(context, &mut encoder, timing, "gradients", pipeline, &group, &[], workgroups);
             context.queue.submit([encoder.finish()]);
             context.wait("differences of scalars")?;
             volume_view = whole;

@@ -178,6 +178,7 @@ pub(super) struct Subject<'a> {
     pub(super) density_scale: f64,
     /// How scalars are classified; `None`: voxels are.
     pub(super) scalars: Option<Classification>,
+    pub(super) sections: &'a Sections,
     pub(super) opaque_depth: f64,
     /// The largest optical depth of a voxel per voxel of its density.
     pub(super) max_depth: f64,
@@ -188,7 +189,7 @@ pub(super) struct Subject<'a> {
 /// How scalars are classified.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Classification {
-    /// See [`TransferTable`](super::super::quads::TransferTable).
+    /// See [`TransferTable`](super::super::transfer::TransferTable).
     pub(super) clear: [f32; 2],
     pub(super) lookup: [f32; 2],
     /// Places in a slab.
@@ -261,12 +262,12 @@ impl Raster {
             footprint_high: [4, 5, 6, 7].map(coefficient),
             picture: [region.width, region.height],
             phases: 1,
+            sections: subject.sections.0,
             ..layout::Raster::zeroed()
         };
         if let Some(Classification { clear, lookup, samples, everything }) = subject.scalars {
             uniforms = layout::Raster { clear, lookup, samples, everything: u32::from(everything), ..uniforms };
         }
-        let scalars = subject.scalars.is_some();
         let corner = DVec2::new(f64::from(region.x), f64::from(region.y)) + 0.5;
         let [width, height] = size.map(f64::from);
         let half_height = match camera.projection {
@@ -298,7 +299,6 @@ impl Raster {
                 pixel_origin: f2(points.pixel_origin),
                 pixel_x: f2(DVec2::X / points.pitch),
                 pixel_y: f2(DVec2::Y / points.pitch),
-                sections: std::array::from_fn(|step| section_step(step, kernel, scalars)),
                 ..uniforms
             };
         } else {
@@ -327,7 +327,6 @@ impl Raster {
                 pixel_origin: f2(pixel_origin),
                 pixel_x: f2(pixel_x),
                 pixel_y: f2(pixel_y),
-                sections: [sections(kernel, direction, scalars); layout::SECTIONS],
                 ..uniforms
             };
         }
@@ -450,6 +449,21 @@ impl<B: Fn(DVec2) -> DVec2> Parallel<B> {
             pixel_origin: to_raster * (first - origin),
             pixel_x: to_raster * pixel_x,
             pixel_y: to_raster * pixel_y,
+        })
+    }
+}
+
+/// The parts of kernels in slabs, as all rays of a picture need them: the same for every look and region of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sections([[[f32; 4]; 3]; layout::SECTIONS]);
+
+impl Sections {
+    pub(super) fn new(kernel: &Kernel, camera: &Camera, looks: &[Look], scalars: bool) -> Self {
+        Self(match (camera.projection, looks) {
+            (Projection::Orthographic { .. }, [look, ..]) => {
+                [sections(kernel, look.direction, scalars); layout::SECTIONS]
+            }
+            _ => std::array::from_fn(|step| section_step(step, kernel, scalars)),
         })
     }
 }
