@@ -1,145 +1,23 @@
-// gather: the rays of the painter `tiles`. A ray goes from voxel plane to voxel plane and gathers the kernels that reach
-// it there; each plane has a slab, from half way to the plane before to half way to the one behind, and every kernel is cut
-// by the planes between slabs. Slabs are composited as they are complete: colours and densities, or scalars that are
-// classified and lit now.
+// gather: rays of the painter `tiles` through classified voxels. A ray goes from voxel plane to voxel plane and gathers the
+// kernels that reach it there; each plane has a slab, from half way to the plane before to half way to the one behind, and
+// every kernel is cut by the planes between slabs. Slabs are composited as they are complete.
 //
 // A kernel's parts in the five slabs that it can reach are close to linear in the place of its centre along the ray, times
 // its whole footprint: so a plane needs two sums, of footprints and of footprints times places, and its slabs get theirs
-// from these. The parts add up to the footprint, so optical depth is that of whole footprints. Scalars, of which small
-// differences may show, are summed in slabs half as thick: eight parts, close to parabolas, from three sums.
+// from these. The parts add up to the footprint, so optical depth is that of whole footprints.
 //
 // `blocked` is written out for eight rays a voxel apart: they meet a plane at the same place between voxels and share the
 // six footprints of a row. Loops over them would keep arrays in memory on drivers that unroll none.
 
 @group(0) @binding(0) var<uniform> raster: Raster;
-@group(0) @binding(1) var volume: texture_2d<u32>;
 @group(0) @binding(2) var runs: texture_2d<u32>;
 // What is enlarged later.
 @group(0) @binding(3) var picture: texture_storage_2d<rgba32float, write>;
 // What is not.
 @group(0) @binding(4) var<storage, read_write> pixels: array<vec4f>;
-@group(0) @binding(5) var<uniform> lighting: Lighting;
-// Of scalars: colour and extinction per world length, or for maxima colour and alpha, at equal steps.
-@group(0) @binding(6) var transfer: texture_2d<f32>;
 
-// X-ray: white.
-override WHITE: bool = false;
-// Terms of the footprint's polynomial: 6 or 8.
-override TERMS: u32 = 6u;
-// Voxels are scalars, without light two floats to a texel, or their gradients too as half floats.
-override SCALARS: bool = false;
-// The largest scalar is kept.
-override MAXIMUM: bool = false;
 // `single` goes through raster points that are not pixels.
 override ENLARGED: bool = false;
-
-// What a ray is like everywhere.
-struct Course {
-    // It meets plane k at base + k shear.
-    base: vec2f,
-    shear: vec2f,
-    // Unit vector in (a, b, m).
-    direction: vec3f,
-    // World length per lattice length.
-    stretch: f32,
-    // See Raster.
-    half: vec2f,
-    row_half: f32,
-    row_slope: f32,
-    section: Section,
-    // Planes between which it counts: in front of the eye, and for scalars inside the box.
-    inside: vec2f,
-    // Unit vector to the eye, view coordinates.
-    to_eye: vec3f,
-}
-
-// A ray so far: what it shows, its optical depth and what it lets through; or the largest scalar as `color.x`, once there
-// is one as `color.y` = 1. And the two slabs behind that, the last of them complete.
-struct Ray {
-    color: vec3f,
-    depth: f32,
-    transmitted: f32,
-    before: vec4f,
-    slab: vec4f,
-}
-
-fn clear_ray() -> Ray {
-    return Ray(vec3f(0.0), 0.0, 1.0, vec4f(0.0), vec4f(0.0));
-}
-
-// Farther than any plane, and an i32.
-const FAR: f32 = 1e8;
-
-fn course_of(at: vec2u) -> Course {
-    let line = line_of(at);
-    var course = Course(line.base, line.shear, raster.direction, raster.stretch, raster.half, raster.row_half,
-        raster.row_slope, raster.sections[0], vec2f(-FAR, FAR), vec3f(0.0, 0.0, -1.0));
-    if PERSPECTIVE {
-        let per_length = inverseSqrt(dot(line.heading, line.heading));
-        let d = line.heading * per_length;
-        let plane = raster.plane_origin + vec2f(at) * raster.plane_step;
-        let slant = sqrt(1.0 + dot(plane, plane));
-        course.direction = d;
-        course.stretch = slant * per_length;
-        course.half = half_of(line.shear);
-        let square = 1.0 - d.x * d.x;
-        course.row_half = sqrt(raster.radius2 / square);
-        course.row_slope = d.x * d.y / square;
-        let lean = max(length(line.shear), 1e-4);
-        let place = clamp(lean * SECTION_STEPS, 0.0, f32(SECTIONS) - 1.001);
-        let step = u32(place);
-        let from_section = raster.sections[step];
-        let to_section = raster.sections[step + 1u];
-        course.section.x = mix(from_section.x, to_section.x, place - f32(step));
-        course.section.y = mix(from_section.y, to_section.y, place - f32(step)) / lean;
-        course.section.z = mix(from_section.z, to_section.z, place - f32(step)) / (lean * lean);
-        course.inside.x = raster.eye.z;
-        course.to_eye = -vec3f(plane, 1.0) / slant;
-    }
-    if SCALARS {
-        // Slabs (Kay and Kajiya 1986); a component of 0 is replaced by one that leaves the ends far outside.
-        let shear = select(line.shear, vec2f(1e-20), abs(line.shear) < vec2f(1e-20));
-        let a = (raster.box_low.xy - line.base) / shear;
-        let b = (raster.box_high.xy - line.base) / shear;
-        let near = min(a, b);
-        let far = max(a, b);
-        course.inside = vec2f(
-            max(max(near.x, near.y), max(raster.box_low.z, course.inside.x)),
-            min(min(far.x, far.y), raster.box_high.z),
-        );
-    }
-    return course;
-}
-
-// The two voxels of a texel: (colour, 1) times density, or (gradient, scalar).
-fn first_of(texel: vec4u) -> vec4f {
-    if SCALARS && LIGHTS == 0u {
-        return vec4f(0.0, 0.0, 0.0, bitcast<f32>(texel.x));
-    }
-    return vec4f(unpack2x16float(texel.x), unpack2x16float(texel.y));
-}
-
-fn second_of(texel: vec4u) -> vec4f {
-    if SCALARS && LIGHTS == 0u {
-        return vec4f(0.0, 0.0, 0.0, bitcast<f32>(texel.y));
-    }
-    return vec4f(unpack2x16float(texel.z), unpack2x16float(texel.w));
-}
-
-// Footprint of a voxel (du, dv) from where a ray of that direction meets its plane, and that times its place along the ray,
-// and again.
-fn weights(du: f32, dv: f32, direction: vec2f) -> vec3f {
-    let s = du * direction.x + dv * direction.y;
-    let c2 = max(raster.radius2 - (du * du + dv * dv - s * s), 0.0);
-    let f = raster.footprint;
-    let g = raster.footprint_high;
-    var high = g.y * c2 + g.x;
-    if TERMS > 6u {
-        high += (g.w * c2 + g.z) * c2 * c2;
-    }
-    let w = sqrt(c2) * ((((high * c2 + f.w) * c2 + f.z) * c2 + f.y) * c2 + f.x);
-    return vec3f(w, w * s, w * s * s);
-}
 
 // Parts of a plane's kernels in the slabs from two before its own to two behind, given its two sums: a kernel's part is
 // its footprint times x + y s. Both are alike on either side, and its own slab has the rest.
@@ -189,147 +67,6 @@ fn advance(ray: ptr<function, Ray>, behind: vec4f, course: Course, plane: f32) {
     (*ray).slab = behind;
 }
 
-// The same of scalars: the slab half a plane thick whose middle is at `middle`.
-fn advance_scalars(ray: ptr<function, Ray>, behind: vec4f, course: Course, middle: f32) {
-    // The part of it that counts, from -1/2 to 1/2.
-    let part = clamp(2.0 * (course.inside - middle), vec2f(-0.5), vec2f(0.5));
-    if part.x < part.y {
-        if MAXIMUM {
-            enlarge_maximum(ray, behind, course, part);
-        } else {
-            classify_slab(ray, behind, course, part);
-        }
-    }
-    (*ray).before = (*ray).slab;
-    (*ray).slab = behind;
-}
-
-// Means of the scalar in the slab that waits and its neighbours.
-fn means_of(ray: Ray, behind: vec4f, course: Course) -> vec3f {
-    return vec3f(ray.before.w, ray.slab.w, behind.w) * (2.0 * raster.density_scale * course.direction.z);
-}
-
-fn classify_slab(ray: ptr<function, Ray>, behind: vec4f, course: Course, part: vec2f) {
-    let means = means_of(*ray, behind, course);
-    if is_clear(means, raster.clear) {
-        return;
-    }
-    var light = vec2f(1.0, 0.0);
-    if LIGHTS > 0u {
-        let g = (*ray).slab.xyz;
-        light = light_on(raster.gradient_x * g.x + raster.gradient_y * g.y + raster.gradient_z * g.z, course.to_eye);
-    }
-    let p = parabola(means);
-    let step = (part.y - part.x) / f32(raster.samples);
-    let length = 0.5 * step * course.stretch / course.direction.z;
-    for (var i = 0u; i < raster.samples; i++) {
-        let u = part.x + (f32(i) + 0.5) * step;
-        let c = classified(select(p.x + (p.y + p.z * u) * u, means.y, raster.samples == 1u), raster.lookup);
-        if c.a > 0.0 {
-            let depth = c.a * length;
-            var color = c.rgb;
-            if LIGHTS > 0u {
-                color = lit(color, light);
-            }
-            (*ray).color += color * ((*ray).transmitted * absorbed(depth));
-            (*ray).depth += depth;
-            (*ray).transmitted *= exp(-depth);
-        }
-    }
-}
-
-fn enlarge_maximum(ray: ptr<function, Ray>, behind: vec4f, course: Course, part: vec2f) {
-    let means = means_of(*ray, behind, course);
-    let largest = shown(largest_in(means, part), means, raster.clear);
-    (*ray).color.x = select(largest, max(largest, (*ray).color.x), (*ray).color.y > 0.0);
-    (*ray).color.y = 1.0;
-}
-
-// A ray at its end.
-fn premultiplied(ray: Ray) -> vec4f {
-    let alpha = absorbed(max(ray.depth, 0.0));
-    return vec4f(select(ray.color, vec3f(alpha), WHITE), alpha);
-}
-
-// The texel before the first of a plane's voxels.
-fn place_of(plane: i32) -> vec2i {
-    let k = select(plane, raster.voxels.z - 1 - plane, raster.flipped == 1);
-    return vec2i(
-        k % raster.columns * (raster.row_texels + MARGIN) + MARGIN,
-        k / raster.columns * (raster.voxels.y + 1) + 1,
-    );
-}
-
-// The rows of a plane that reach a ray, none past the last plane of a run.
-fn rows_of(plane: i32, end: i32, b: f32, half: f32) -> vec2i {
-    let first = i32(ceil(b - half));
-    return vec2i(first, select(first - 1, i32(floor(b + half)), plane < end));
-}
-
-// Sums of a plane's voxels over the kernels that reach a ray: of footprints, of these times places, and of scalars again.
-struct Moments {
-    m: vec4f,
-    n: vec4f,
-    o: f32,
-}
-
-fn gathered(course: Course, plane: i32, end: i32) -> Moments {
-    let direction = course.direction.xy;
-    let center = course.base + course.shear * f32(plane);
-    let rows = rows_of(plane, end, center.y, course.half.y);
-    let place = place_of(plane);
-    var sums = Moments(vec4f(0.0), vec4f(0.0), 0.0);
-    for (var row = rows.x; row <= rows.y; row++) {
-        let dv = f32(row) - center.y;
-        let first = i32(ceil(center.x + dv * course.row_slope - course.row_half)) & -2;
-        let du = f32(first) - center.x;
-        let texel = vec2i(clamp(first >> 1u, -MARGIN, raster.row_texels), clamp(row, -1, raster.voxels.y)) + place;
-        let t0 = textureLoad(volume, texel, 0);
-        let t1 = textureLoad(volume, texel + vec2i(1, 0), 0);
-        let t2 = textureLoad(volume, texel + vec2i(2, 0), 0);
-        let v0 = first_of(t0);
-        let v1 = second_of(t0);
-        let v2 = first_of(t1);
-        let v3 = second_of(t1);
-        let v4 = first_of(t2);
-        let v5 = second_of(t2);
-        let w0 = weights(du, dv, direction);
-        let w1 = weights(du + 1.0, dv, direction);
-        let w2 = weights(du + 2.0, dv, direction);
-        let w3 = weights(du + 3.0, dv, direction);
-        let w4 = weights(du + 4.0, dv, direction);
-        let w5 = weights(du + 5.0, dv, direction);
-        sums.m += w0.x * v0 + w1.x * v1 + w2.x * v2 + w3.x * v3 + w4.x * v4 + w5.x * v5;
-        sums.n += w0.y * v0 + w1.y * v1 + w2.y * v2 + w3.y * v3 + w4.y * v4 + w5.y * v5;
-        sums.o += w0.z * v0.w + w1.z * v1.w + w2.z * v2.w + w3.z * v3.w + w4.z * v4.w + w5.z * v5.w;
-        // Rays that lean along a reach farther: from here on over more than five voxels, not counting the one that a
-        // texel may begin too early.
-        if PERSPECTIVE && course.row_half >= 2.5 {
-            let t3 = textureLoad(volume, texel + vec2i(3, 0), 0);
-            let v6 = first_of(t3);
-            let v7 = second_of(t3);
-            let w6 = weights(du + 6.0, dv, direction);
-            let w7 = weights(du + 7.0, dv, direction);
-            sums.m += w6.x * v6 + w7.x * v7;
-            sums.n += w6.y * v6 + w7.y * v7;
-            sums.o += w6.z * v6.w + w7.z * v7.w;
-        }
-    }
-    return sums;
-}
-
-// The planes of a run that can matter to a ray: the first, and the one after the last.
-fn planes_of(run: vec2i, course: Course) -> vec2i {
-    let last = min(run.y, raster.voxels.z);
-    if PERSPECTIVE || SCALARS {
-        // What counts before or behind begins so far off: a kernel reaches over two planes, curves look at the slabs next
-        // to those, and conversions cut off.
-        let near = i32(max(course.inside.x, -FAR)) - 4;
-        return vec2i(max(run.x, near), min(last, i32(min(course.inside.y, FAR)) + 5));
-    }
-    return vec2i(run.x, last);
-}
-
 fn keep(at: vec2u, value: vec4f) {
     if ENLARGED {
         textureStore(picture, at, value);
@@ -340,7 +77,6 @@ fn keep(at: vec2u, value: vec4f) {
 
 // Planes after the last of a run until all that it feeds has been composited.
 const FLUSH: i32 = 5;
-const FLUSH_SCALARS: i32 = 4;
 
 @compute @workgroup_size(64)
 fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
@@ -376,67 +112,6 @@ fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
         }
     }
     keep(at, premultiplied(ray));
-}
-
-@compute @workgroup_size(64)
-fn scalars(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
-    let at = tile.xy * 8u + vec2u(lane & 7u, lane >> 3u);
-    if !is_followed(at) {
-        return;
-    }
-    let course = course_of(at);
-    let x = course.section.x;
-    let y = course.section.y;
-    let z = course.section.z;
-    var ray = clear_ray();
-    for (var slot = 0u; slot < raster.run_slots; slot++) {
-        let run = vec2i(textureLoad(runs, runs_of(tile, slot), 0).xy);
-        if run.y == 0 || ray.depth > raster.opaque_depth {
-            break;
-        }
-        let planes = planes_of(run, course);
-        var s0 = vec4f(0.0);
-        var s1 = vec4f(0.0);
-        var s2 = vec4f(0.0);
-        var s3 = vec4f(0.0);
-        var s4 = vec4f(0.0);
-        var s5 = vec4f(0.0);
-        ray.before = vec4f(0.0);
-        ray.slab = vec4f(0.0);
-        for (var plane = planes.x; plane < planes.y + FLUSH_SCALARS; plane++) {
-            let sums = gathered(course, plane, planes.y);
-            // Kernels feed the slabs from two planes before theirs to two behind. What is even in s is the same on both
-            // sides, what is odd the opposite.
-            let o = vec4f(0.0, 0.0, 0.0, sums.o);
-            let e0 = x.x * sums.m + z.x * o;
-            let e1 = x.y * sums.m + z.y * o;
-            let e2 = x.z * sums.m + z.z * o;
-            let e3 = x.w * sums.m + z.w * o;
-            let o0 = y.x * sums.n;
-            let o1 = y.y * sums.n;
-            let o2 = y.z * sums.n;
-            let o3 = y.w * sums.n;
-            advance_scalars(&ray, s0 + e0 + o0, course, f32(plane) - 2.25);
-            advance_scalars(&ray, s1 + e1 + o1, course, f32(plane) - 1.75);
-            s0 = s2 + e2 + o2;
-            s1 = s3 + e3 + o3;
-            s2 = s4 + e3 - o3;
-            s3 = s5 + e2 - o2;
-            s4 = e1 - o1;
-            s5 = e0 - o0;
-            if ray.depth > raster.opaque_depth {
-                break;
-            }
-        }
-    }
-    if MAXIMUM {
-        // Empty space that was skipped is at the base, 0, and shows nothing.
-        let c = classified(ray.color.x, raster.lookup);
-        let inside = course.inside.x < course.inside.y;
-        keep(at, select(vec4f(0.0), vec4f(c.rgb * c.a, c.a), inside));
-    } else {
-        keep(at, premultiplied(ray));
-    }
 }
 
 // The least optical depth of eight rays.
@@ -538,13 +213,13 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
                 let first = i32(ceil(center.x + dv * course.row_slope - course.row_half)) & -2;
                 let du = f32(first) - center.x;
                 let texel = vec2i(clamp(first >> 1u, -MARGIN, raster.row_texels), clamp(row, -1, raster.voxels.y)) + place;
-                let t0 = textureLoad(volume, texel + vec2i(0, 0), 0);
-                let t1 = textureLoad(volume, texel + vec2i(1, 0), 0);
-                let t2 = textureLoad(volume, texel + vec2i(2, 0), 0);
-                let t3 = textureLoad(volume, texel + vec2i(3, 0), 0);
-                let t4 = textureLoad(volume, texel + vec2i(4, 0), 0);
-                let t5 = textureLoad(volume, texel + vec2i(5, 0), 0);
-                let t6 = textureLoad(volume, texel + vec2i(6, 0), 0);
+                let t0 = textureLoad(volume, texel + vec2i(0, 0));
+                let t1 = textureLoad(volume, texel + vec2i(1, 0));
+                let t2 = textureLoad(volume, texel + vec2i(2, 0));
+                let t3 = textureLoad(volume, texel + vec2i(3, 0));
+                let t4 = textureLoad(volume, texel + vec2i(4, 0));
+                let t5 = textureLoad(volume, texel + vec2i(5, 0));
+                let t6 = textureLoad(volume, texel + vec2i(6, 0));
                 let v0 = first_of(t0);
                 let v1 = second_of(t0);
                 let v2 = first_of(t1);

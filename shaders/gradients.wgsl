@@ -1,12 +1,12 @@
 // gradients: the packed scalars of a volume to f16 of gradient, by central differences, and scalar.
 
 @group(0) @binding(0) var<uniform> pack: Pack;
-@group(0) @binding(1) var scalars: texture_2d<u32>;
+@group(0) @binding(1) var scalars: texture_storage_2d<rg32uint, read>;
 @group(0) @binding(2) var volume: texture_storage_2d<rgba32uint, write>;
 
 // The scalars of a texel; beyond the ends of a row, before the first row and behind the last there is nothing.
 fn scalars_at(texel: vec2i) -> vec2f {
-    return bitcast<vec2f>(textureLoad(scalars, texel, 0).xy);
+    return bitcast<vec2f>(textureLoad(scalars, texel).xy);
 }
 
 // Scalar and central differences of a voxel, as f16.

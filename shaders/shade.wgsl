@@ -32,7 +32,7 @@ struct Shade {
 @group(0) @binding(3) var previous: texture_2d_array<f32>;
 @group(0) @binding(4) var current: texture_2d_array<f32>;
 // Colour and extinction per world length, or for maxima colour and alpha, at equal steps of the scalar.
-@group(0) @binding(5) var transfer: texture_2d<f32>;
+@group(0) @binding(5) var transfer: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(6) var<storage, read_write> pixels: array<vec4f>;
 
 // Means of consecutive sheets of a pixel: two of the batch before, then those of the batch.

@@ -41,7 +41,7 @@ fn classified(scalar: f32, lookup: vec2f) -> vec4f {
     let size = textureDimensions(transfer).x;
     let at = clamp(scalar * lookup.x + lookup.y, 0.0, f32(size - 1u));
     let index = min(u32(at), size - 2u);
-    let a = textureLoad(transfer, vec2u(index, 0u), 0);
-    let b = textureLoad(transfer, vec2u(index + 1u, 0u), 0);
+    let a = textureLoad(transfer, vec2u(index, 0u));
+    let b = textureLoad(transfer, vec2u(index + 1u, 0u));
     return a + (b - a) * (at - f32(index));
 }

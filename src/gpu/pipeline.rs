@@ -24,6 +24,8 @@ pub(super) enum Slot {
     Sampler,
     /// A texture of unsigned integers.
     IntegerTexture(wgpu::TextureViewDimension),
+    /// A storage texture that is read, faster than others are on software Vulkan: they look up their level each time.
+    ReadTexture(wgpu::TextureFormat),
     /// A texture that is written.
     StorageTexture(wgpu::TextureFormat, wgpu::TextureViewDimension),
 }
@@ -50,6 +52,11 @@ impl Slot {
             }
             Self::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
             Self::IntegerTexture(view_dimension) => texture(wgpu::TextureSampleType::Uint, view_dimension),
+            Self::ReadTexture(format) => wgpu::BindingType::StorageTexture {
+                access: wgpu::StorageTextureAccess::ReadOnly,
+                format,
+                view_dimension: wgpu::TextureViewDimension::D2,
+            },
             Self::StorageTexture(format, view_dimension) => wgpu::BindingType::StorageTexture {
                 access: wgpu::StorageTextureAccess::WriteOnly,
                 format,

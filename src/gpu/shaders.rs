@@ -25,6 +25,9 @@ const DISPATCH: &str = include_str!("../../shaders/common/dispatch.wgsl");
 const FRAME: &str = include_str!("../../shaders/common/frame.wgsl");
 const PACKING: &str = include_str!("../../shaders/common/packing.wgsl");
 const RASTER: &str = include_str!("../../shaders/common/raster.wgsl");
+const COURSE: &str = include_str!("../../shaders/common/course.wgsl");
+const VECTORS: &str = include_str!("../../shaders/voxels/vectors.wgsl");
+const SCALARS: &str = include_str!("../../shaders/voxels/scalars.wgsl");
 const TRANSFER: &str = include_str!("../../shaders/common/transfer.wgsl");
 const SPLAT: &str = include_str!("../../shaders/common/splat.wgsl");
 
@@ -59,12 +62,36 @@ pub(crate) const SKIP: Shader =
     Shader { name: "skip", parts: &[include_str!("../../shaders/skip.wgsl"), RASTER, PACKING] };
 pub(crate) const GATHER: Shader = Shader {
     name: "gather",
-    parts: &[include_str!("../../shaders/gather.wgsl"), RASTER, PACKING, TRANSFER, LIGHTING, ABSORBED],
+    parts: &[include_str!("../../shaders/gather.wgsl"), COURSE, VECTORS, RASTER, PACKING, ABSORBED],
+};
+const SCALAR_RAYS: &str = include_str!("../../shaders/gather_scalars.wgsl");
+pub(crate) const GATHER_SCALARS: Shader = Shader {
+    name: "gather-scalars",
+    parts: &[SCALAR_RAYS, COURSE, SCALARS, RASTER, PACKING, TRANSFER, LIGHTING, ABSORBED],
+};
+pub(crate) const GATHER_GRADIENTS: Shader = Shader {
+    name: "gather-gradients",
+    parts: &[SCALAR_RAYS, COURSE, VECTORS, RASTER, PACKING, TRANSFER, LIGHTING, ABSORBED],
 };
 pub(crate) const ENLARGE: Shader =
     Shader { name: "enlarge", parts: &[include_str!("../../shaders/enlarge.wgsl"), RASTER] };
 
 /// Every shader there is.
 #[cfg(test)]
-pub(crate) const ALL: [Shader; 13] =
-    [CLASSIFY, SCAN, SORT, SPLATTING, TERMINATE, COMPOSITE, SHADE, RESOLVE, PACK, GRADIENTS, SKIP, GATHER, ENLARGE];
+pub(crate) const ALL: [Shader; 15] = [
+    CLASSIFY,
+    SCAN,
+    SORT,
+    SPLATTING,
+    TERMINATE,
+    COMPOSITE,
+    SHADE,
+    RESOLVE,
+    PACK,
+    GRADIENTS,
+    SKIP,
+    GATHER,
+    GATHER_SCALARS,
+    GATHER_GRADIENTS,
+    ENLARGE,
+];

@@ -45,7 +45,7 @@ impl Shading {
             Slot::Uniform,
             sheets,
             sheets,
-            Slot::Texture(wgpu::TextureViewDimension::D2),
+            Slot::ReadTexture(wgpu::TextureFormat::Rgba32Float),
             Slot::Write,
         ];
         let shade_layout = layout(context, "shade", stages, &slots);

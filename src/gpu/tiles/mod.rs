@@ -143,28 +143,29 @@ fn skip(context: &Context, key: TilesKey) -> Stage {
 }
 
 fn gather(context: &Context, key: TilesKey) -> Stage {
-    let d2 = wgpu::TextureViewDimension::D2;
-    let textures = [Slot::IntegerTexture(d2), Slot::IntegerTexture(d2)];
-    let slots = [Slot::Uniform, textures[0], textures[1], PICTURES, Slot::Write, Slot::Uniform, Slot::Texture(d2)];
-    let layout = slots_layout(context, "gather", wgpu::ShaderStages::COMPUTE, &slots);
-    let entry = match (key.voxel, key.rays) {
-        (Voxel::Scalar | Voxel::Gradient, _) => "scalars",
-        (Voxel::Color { .. }, Rays::Shared) => "blocked",
-        (Voxel::Color { .. }, _) => "single",
+    let runs = Slot::IntegerTexture(wgpu::TextureViewDimension::D2);
+    let perspective = ("PERSPECTIVE", flag(key.perspective));
+    let terms = ("TERMS", f64::from(key.terms));
+    let stage = |shader: shaders::Shader, entry, slots: &[Slot], constants: &[(&str, f64)]| {
+        let layout = slots_layout(context, "gather", wgpu::ShaderStages::COMPUTE, slots);
+        let pipeline = compute(context, &module(context, shader), "gather", entry, &layout, constants);
+        Stage { layout, pipeline }
     };
-    let scalars = !matches!(key.voxel, Voxel::Color { .. });
-    let constants = [
-        ("PERSPECTIVE", flag(key.perspective)),
-        ("WHITE", flag(key.model == Model::Xray)),
-        ("TERMS", f64::from(key.terms)),
-        ("SCALARS", flag(scalars)),
-        ("MAXIMUM", flag(key.model == Model::Mip)),
-        ("ENLARGED", flag(key.rays == Rays::Coarser)),
-        // Lights are packed with colours.
-        ("LIGHTS", if scalars { f64::from(key.lights) } else { 0.0 }),
-    ];
-    let pipeline = compute(context, &module(context, shaders::GATHER), "gather", entry, &layout, &constants);
-    Stage { layout, pipeline }
+    let volume = Slot::ReadTexture(key.voxel.format());
+    if let Voxel::Color { .. } = key.voxel {
+        let entry = if key.rays == Rays::Shared { "blocked" } else { "single" };
+        let white = ("WHITE", flag(key.model == Model::Xray));
+        let enlarged = ("ENLARGED", flag(key.rays == Rays::Coarser));
+        let slots = [Slot::Uniform, volume, runs, PICTURES, Slot::Write];
+        return stage(shaders::GATHER, entry, &slots, &[perspective, terms, white, enlarged]);
+    }
+    let shader =
+        if key.voxel == Voxel::Scalar { shaders::GATHER_SCALARS } else { shaders::GATHER_GRADIENTS };
+    let maximum = ("MAXIMUM", flag(key.model == Model::Mip));
+    let lights = ("LIGHTS", f64::from(key.lights));
+    let transfer = Slot::ReadTexture(wgpu::TextureFormat::Rgba32Float);
+    let slots = [Slot::Uniform, volume, runs, Slot::Write, Slot::Uniform, transfer];
+    stage(shader, "gather", &slots, &[perspective, terms, maximum, lights, ("SCALARS", 1.0)])
 }
 
 impl Enlarge {
@@ -465,22 +466,19 @@ impl Tiles {
         let tiles = across * down * uniforms.phases;
         let rows = tiles.div_ceil(RUN_ROW) * uniforms.run_slots;
         let runs = texture(context, "skip.runs", wgpu::TextureFormat::Rg32Uint, [tiles.min(RUN_ROW), rows]);
-        let none = texture(context, "gather.transfer", PICTURE, [1, 1]);
-        let transfer = view.subject.transfer.map_or(&none, |table| &table.texture);
         let frame = buffers.frame.as_entire_binding();
         let resources = [frame.clone(), texture_binding(&packed.occupied), texture_binding(&runs)];
         let group = bind(context, "skip", &self.skip.layout, &resources);
         let workgroups = [across.div_ceil(8), down.div_ceil(8), uniforms.phases];
         dispatch(context, encoder, timing, "skip", &self.skip.pipeline, &group, &[], workgroups);
-        let resources = [
-            frame,
-            texture_binding(&packed.volume),
-            texture_binding(&runs),
-            texture_binding(buffers.picture),
-            buffers.pixels.as_entire_binding(),
-            buffers.lighting.as_entire_binding(),
-            texture_binding(transfer),
-        ];
+        let mut resources = vec![frame, texture_binding(&packed.volume), texture_binding(&runs)];
+        let pixels = buffers.pixels.as_entire_binding();
+        match view.subject.transfer {
+            Some(table) => {
+                resources.extend([pixels, buffers.lighting.as_entire_binding(), texture_binding(&table.texture)]);
+            }
+            None => resources.extend([texture_binding(buffers.picture), pixels]),
+        }
         let group = bind(context, "gather", &self.gather.layout, &resources);
         let workgroups = [across, down, uniforms.phases];
         dispatch(context, encoder, timing, "gather", &self.gather.pipeline, &group, &[], workgroups);

@@ -39,6 +39,11 @@ impl Voxel {
     fn texel(self) -> u64 {
         if self == Self::Scalar { 8 } else { 16 }
     }
+
+    /// The format of the texture that rays read.
+    pub(super) fn format(self) -> wgpu::TextureFormat {
+        if self == Self::Scalar { wgpu::TextureFormat::Rg32Uint } else { wgpu::TextureFormat::Rgba32Uint }
+    }
 }
 
 /// Bytes that are packed at a time.
@@ -183,7 +188,7 @@ impl Packer {
         let voxels = compute(context, &module(context, shaders::PACK), "pack", "voxels", &pack, &constants);
         let gradients = (voxel == Voxel::Gradient).then(|| {
             let target = Slot::StorageTexture(wgpu::TextureFormat::Rgba32Uint, d2);
-            let layout = layout(context, "gradients", stage, &[Slot::Uniform, Slot::IntegerTexture(d2), target]);
+            let layout = layout(context, "gradients", stage, &[Slot::Uniform, Slot::ReadTexture(Voxel::Scalar.format()), target]);
             let module = module(context, shaders::GRADIENTS);
             let pipeline = compute(context, &module, "gradients", "gradients", &layout, &[]);
             (layout, pipeline)
@@ -221,7 +226,7 @@ impl Packer {
         let flat = |label, format, usage| texture(label, format, [width, height, 1], wgpu::TextureDimension::D2, usage);
         let format =
             if packing.voxel.is_scalar() { wgpu::TextureFormat::Rg32Uint } else { wgpu::TextureFormat::Rgba32Uint };
-        let volume = flat("pack.volume", format, wgpu::TextureUsages::COPY_DST);
+        let volume = flat("pack.volume", format, wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST);
         let occupied = texture(
             "pack.occupied",
             wgpu::TextureFormat::R32Uint,
@@ -299,7 +304,7 @@ impl Packer {
         }
         let mut volume_view = volume_view;
         if let Some((layout, pipeline)) = &self.gradients {
-            let whole = flat("gradients.volume", wgpu::TextureFormat::Rgba32Uint, wgpu::TextureUsages::STORAGE_BINDING);
+            let whole = flat("gradients.volume", packing.voxel.format(), wgpu::TextureUsages::STORAGE_BINDING);
             let whole = view(&whole);
             let parameters =
                 context.upload("gradients.parameters", bytemuck::bytes_of(&common), wgpu::BufferUsages::UNIFORM)?;
