@@ -8,6 +8,11 @@ override SAMPLE_TYPE: u32 = 0u;
 override LIT: bool = false;
 // Whether transparent voxels stay.
 override KEEP: bool = false;
+// Control points, if they are so few that comparing with one after the other is fastest: all invocations read the same of
+// them then. 0: they are many.
+override FEW: u32 = 0u;
+// The most that are few.
+const MOST_FEW: u32 = 32u;
 // Voxels along the side of a brick.
 const EDGE: u32 = 32u;
 
@@ -26,6 +31,7 @@ struct Classify {
     gradient_z: vec3f,
     // Number of the first of them among the bricks of the store.
     first_brick: u32,
+    few: array<ControlPoint, MOST_FEW>,
 }
 
 struct ControlPoint {
@@ -62,20 +68,37 @@ fn sample_at(i: u32) -> f32 {
     return f32(bitcast<i32>(bits) >> 24u);
 }
 
+fn chosen(first: bool, a: ControlPoint, b: ControlPoint) -> ControlPoint {
+    let color = select(b.color, a.color, first);
+    return ControlPoint(color, select(b.sample, a.sample, first), select(b.opacity, a.opacity, first));
+}
+
 // Colour and opacity: piecewise linear, constant beyond the ends; at a step the later point holds.
 fn transfer(sample: f32) -> vec4f {
-    var above = 0u;
-    var end = classify.points;
-    while above < end {
-        let middle = (above + end) / 2u;
-        if control_points[middle].sample <= sample {
-            above = middle + 1u;
-        } else {
-            end = middle;
+    // The last point that is not above the sample, or the first, and the one after it.
+    var a = classify.few[0];
+    var b = a;
+    if FEW > 0u {
+        for (var i = 0u; i < FEW; i++) {
+            let next = classify.few[min(i + 1u, FEW - 1u)];
+            let reached = classify.few[i].sample <= sample;
+            a = chosen(reached, classify.few[i], a);
+            b = chosen(reached, next, b);
         }
+    } else {
+        var above = 0u;
+        var end = classify.points;
+        while above < end {
+            let middle = (above + end) / 2u;
+            if control_points[middle].sample <= sample {
+                above = middle + 1u;
+            } else {
+                end = middle;
+            }
+        }
+        a = control_points[max(above, 1u) - 1u];
+        b = control_points[min(above, classify.points - 1u)];
     }
-    let a = control_points[max(above, 1u) - 1u];
-    let b = control_points[min(above, classify.points - 1u)];
     let width = b.sample - a.sample;
     var f = 0.0;
     if width > 0.0 {
@@ -155,14 +178,13 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     for (var i = 0u; i < row.count; i++) {
         let classified = transfer(sample_at(row.first + i) - classify.sample_origin);
         if KEEP || classified.a > 0.0 {
-            var normal = NO_NORMAL;
-            if LIT {
-                normal = pack_normal(gradient(row.first + i));
-            }
             let at = splat_place(i, row.point.y % EDGE, row.point.z % EDGE, classify.first_brick + row.brick);
             let looks = packed_looks(classified.rgb, density(classified.a));
             splats[2u * place] = vec2u(at, looks.x);
-            splats[2u * place + 1u] = vec2u(looks.y, normal);
+            splats[2u * place + 1u].x = looks.y;
+            if LIT {
+                splats[2u * place + 1u].y = pack_normal(gradient(row.first + i));
+            }
             place += 1u;
         }
     }

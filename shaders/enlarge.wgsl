@@ -1,30 +1,9 @@
-// enlarge: the raster to the picture by cubic B-splines through its points (Unser, Aldroubi and Eden 1991, "Fast B-spline
-// transforms for continuous image representation and interpolation").
+// enlarge: the raster to the picture by cubic B-splines, from the coefficients that shaders/prefilter.wgsl found.
 
 @group(0) @binding(0) var<uniform> raster: Raster;
-@group(0) @binding(1) var source: texture_2d<f32>;
-@group(0) @binding(2) var coefficients: texture_storage_2d<rgba32float, write>;
-@group(0) @binding(3) var filtered: sampler;
-@group(0) @binding(4) var<storage, read_write> pixels: array<vec4f>;
-
-// The axis along which coefficients are sought.
-override DOWN: bool = false;
-
-// A source texel some steps away; beyond the ends there is nothing.
-fn source_at(at: vec2i, steps: i32) -> vec4f {
-    return textureLoad(source, at + select(vec2i(steps, 0), vec2i(0, steps), DOWN), 0);
-}
-
-// Coefficients along one axis: the inverse of (1, 4, 1) / 6, whose taps fall by z = sqrt(3) - 2, cut after five of them; the
-// last makes up for the rest, so that a flat picture stays as it is.
-@compute @workgroup_size(64)
-fn prefilter(@builtin(global_invocation_id) id: vec3u) {
-    let p = vec2i(id.xy);
-    let sum = 1.7320508 * source_at(p, 0) - 0.4641016 * (source_at(p, -1) + source_at(p, 1))
-        + 0.1243556 * (source_at(p, -2) + source_at(p, 2)) - 0.0333210 * (source_at(p, -3) + source_at(p, 3))
-        + 0.0089284 * (source_at(p, -4) + source_at(p, 4)) - 0.0018868 * (source_at(p, -5) + source_at(p, 5));
-    textureStore(coefficients, id.xy, sum);
-}
+@group(0) @binding(1) var coefficients: texture_2d<f32>;
+@group(0) @binding(2) var filtered: sampler;
+@group(0) @binding(3) var<storage, read_write> pixels: array<vec4f>;
 
 // Weights of the cubic B-spline for the four coefficients around a place between two of them.
 fn cubic(t: f32) -> vec4f {
@@ -47,10 +26,10 @@ fn enlarge(@builtin(global_invocation_id) id: vec3u) {
     let texel = 1.0 / vec2f(raster.size);
     let a = (cell - 0.5 + vec2f(x.y, y.y) / first) * texel;
     let b = (cell + 1.5 + vec2f(x.w, y.w) / second) * texel;
-    let top = first.x * textureSampleLevel(source, filtered, a, 0.0)
-        + second.x * textureSampleLevel(source, filtered, vec2f(b.x, a.y), 0.0);
-    let bottom = first.x * textureSampleLevel(source, filtered, vec2f(a.x, b.y), 0.0)
-        + second.x * textureSampleLevel(source, filtered, b, 0.0);
+    let top = first.x * textureSampleLevel(coefficients, filtered, a, 0.0)
+        + second.x * textureSampleLevel(coefficients, filtered, vec2f(b.x, a.y), 0.0);
+    let bottom = first.x * textureSampleLevel(coefficients, filtered, vec2f(a.x, b.y), 0.0)
+        + second.x * textureSampleLevel(coefficients, filtered, b, 0.0);
     let sum = first.y * top + second.y * bottom;
     let alpha = clamp(sum.a, 0.0, 1.0);
     pixels[id.y * raster.picture.x + id.x] = vec4f(clamp(sum.rgb, vec3f(0.0), vec3f(alpha)), alpha);

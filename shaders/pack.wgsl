@@ -11,6 +11,12 @@ override PERSPECTIVE: bool = false;
 @group(0) @binding(4) var<storage, read_write> texels: array<u32>;
 @group(0) @binding(5) var occupied: texture_storage_3d<r32uint, write>;
 
+// Whether the splat before one is its neighbour in its cell, which has been marked then: storing is slow. `x` counts from the
+// first voxel that is packed.
+fn follows_in_cell(index: u32, at: u32, x: u32) -> bool {
+    return index > pack.first_splat && (at & 31u) != 0u && x % u32(CELL) != 0u && splat_words(index - 1u).x + 1u == at;
+}
+
 @compute @workgroup_size(WORKGROUP)
 fn voxels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let index = pack.first_splat + invocation_index(id, groups);
@@ -20,7 +26,9 @@ fn voxels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) gro
     let words = splat_words(index);
     let point = splat_point(words) - pack.low;
     let place = vec3u(point[pack.axes.x], point[pack.axes.y], point[pack.axes.z]);
-    textureStore(occupied, place / u32(CELL), vec4u(1u));
+    if !follows_in_cell(index, words.x, point.x) {
+        textureStore(occupied, place / u32(CELL), vec4u(1u));
+    }
     let row = place.z / pack.columns * (pack.rows + 1u) + 1u + place.y;
     // Rows before the first wrap around to large numbers.
     let at = row - pack.first_row;

@@ -21,7 +21,7 @@ struct Batch {
 @group(0) @binding(1) var<uniform> batch: Batch;
 @group(0) @binding(2) var<storage, read> splats: array<vec2u>;
 // Row s of the cumulative footprint at texels (0 .. TEXELS, row).
-@group(0) @binding(3) var footprint: texture_2d<f32>;
+@group(0) @binding(3) var footprint: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(4) var<storage, read> origins: array<vec4u>;
 @group(0) @binding(5) var<uniform> lighting: Lighting;
 
@@ -108,8 +108,8 @@ struct Chord {
 }
 
 fn coefficients(texel: u32, row: u32, f: f32) -> vec4f {
-    let a = textureLoad(footprint, vec2u(texel, row), 0);
-    let b = textureLoad(footprint, vec2u(texel, row + 1u), 0);
+    let a = textureLoad(footprint, vec2u(texel, row));
+    let b = textureLoad(footprint, vec2u(texel, row + 1u));
     return a + (b - a) * f;
 }
 

@@ -1,7 +1,9 @@
 //! classify: a volume and a transfer function to a list of splats.
 
+use bytemuck::Zeroable;
+
 use super::context::Context;
-use super::layout::{Classify, ControlPoint, MAX_BRICKS};
+use super::layout::{Classify, ControlPoint, FEW, MAX_BRICKS};
 use super::pipeline::{Slot, bind, compute, flag, layout, module};
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
@@ -161,9 +163,6 @@ impl Classifier {
     ) -> Result<Classified> {
         let (lit, savings) = (settings.has_normals(), settings.savings);
         let coding = SampleCoding::new(volume, transfer);
-        let constants =
-            [("SAMPLE_TYPE", f64::from(coding.sample_type)), ("LIT", flag(lit)), ("KEEP", flag(!savings.voxels))];
-        let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
         let points: Vec<ControlPoint> = transfer
             .points()
             .iter()
@@ -174,6 +173,19 @@ impl Classifier {
                 _pad: [0.0; 3],
             })
             .collect();
+        // So few points are part of the pipeline, which is made for their number.
+        let mut few = [ControlPoint::zeroed(); FEW];
+        let is_few = points.len() <= FEW;
+        if is_few {
+            few[..points.len()].copy_from_slice(&points);
+        }
+        let constants = [
+            ("SAMPLE_TYPE", f64::from(coding.sample_type)),
+            ("LIT", flag(lit)),
+            ("KEEP", flag(!savings.voxels)),
+            ("FEW", if is_few { points.len() as f64 } else { 0.0 }),
+        ];
+        let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
         let gradients = volume.grid().to_lattice().matrix3.transpose();
         let gradient = |axis: usize| gradients.col(axis).as_vec3().to_array();
         let storage = wgpu::BufferUsages::STORAGE;
@@ -193,6 +205,7 @@ impl Classifier {
                 sample_origin: if coding.convert { 0.0 } else { coding.origin as f32 },
                 gradient_z: gradient(2),
                 first_brick: 0,
+                few,
             },
         };
         let mut batch = Batch::default();

@@ -40,7 +40,11 @@ pub(crate) struct Classify {
     pub sample_origin: f32,
     pub gradient_z: [f32; 3],
     pub first_brick: u32,
+    pub few: [ControlPoint; FEW],
 }
+
+/// The most control points that are compared with one after the other; MOST_FEW in shaders/classify.wgsl.
+pub(crate) const FEW: usize = 32;
 
 /// A control point of the transfer function in the units of the samples; shaders/classify.wgsl.
 #[repr(C)]

@@ -101,6 +101,11 @@ pub(super) fn bind(
     })
 }
 
+/// A texture.
+pub(super) fn whole(view: &wgpu::TextureView) -> wgpu::BindingResource<'_> {
+    wgpu::BindingResource::TextureView(view)
+}
+
 /// The part of a buffer from byte `offset`, `size` bytes long.
 pub(super) fn part(buffer: &wgpu::Buffer, offset: u64, size: u64) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size: std::num::NonZeroU64::new(size) })

@@ -73,12 +73,14 @@ pub(crate) const GATHER_GRADIENTS: Shader = Shader {
     name: "gather-gradients",
     parts: &[SCALAR_RAYS, COURSE, VECTORS, RASTER, PACKING, TRANSFER, LIGHTING, ABSORBED],
 };
+pub(crate) const PREFILTER: Shader =
+    Shader { name: "prefilter", parts: &[include_str!("../../shaders/prefilter.wgsl")] };
 pub(crate) const ENLARGE: Shader =
     Shader { name: "enlarge", parts: &[include_str!("../../shaders/enlarge.wgsl"), RASTER] };
 
 /// Every shader there is.
 #[cfg(test)]
-pub(crate) const ALL: [Shader; 15] = [
+pub(crate) const ALL: [Shader; 16] = [
     CLASSIFY,
     SCAN,
     SORT,
@@ -93,5 +95,6 @@ pub(crate) const ALL: [Shader; 15] = [
     GATHER,
     GATHER_SCALARS,
     GATHER_GRADIENTS,
+    PREFILTER,
     ENLARGE,
 ];

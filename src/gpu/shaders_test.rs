@@ -55,7 +55,17 @@ macro_rules! same_layout {
 
 #[test]
 fn structs_are_laid_out_alike() {
-    same_layout!(Classify { dims, bricks, gradient_x, points, gradient_y, sample_origin, gradient_z, first_brick });
+    same_layout!(Classify {
+        dims,
+        bricks,
+        gradient_x,
+        points,
+        gradient_y,
+        sample_origin,
+        gradient_z,
+        first_brick,
+        few
+    });
     same_layout!(ControlPoint { color, sample, opacity });
     same_layout!(Sort { blocks, batches, sheets_per_batch });
     same_layout!(Batch { depth, first_sheet });
@@ -165,6 +175,7 @@ fn constants_are_those_of_the_host() {
     // (shader, constant, the host's value)
     let expected = [
         ("classify", "EDGE", crate::volume::BRICK_EDGE as u64),
+        ("classify", "MOST_FEW", super::layout::FEW as u64),
         ("scan", "RUN", super::scan::RUN),
         ("terminate", "RUN", super::quads::terminate::RUN),
         ("terminate", "LEVELS", super::quads::terminate::LEVELS),

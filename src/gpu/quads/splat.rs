@@ -111,7 +111,7 @@ impl Splatting {
             Slot::Uniform,
             Slot::DynamicUniform,
             Slot::Read,
-            Slot::Texture(wgpu::TextureViewDimension::D2),
+            Slot::ReadTexture(wgpu::TextureFormat::Rgba32Float),
             Slot::Read,
             Slot::Uniform,
         ];

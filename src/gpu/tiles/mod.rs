@@ -1,7 +1,11 @@
 //! The painter `tiles`: compute shaders that follow rays over a raster of the lattice's own, so that rays share what they
 //! know of the kernels, and enlarge it to the picture. Rays skip what is empty and end where they are opaque.
 
+mod enlarge;
+mod follow;
+mod look;
 mod pack;
+mod parts;
 mod raster;
 
 #[cfg(test)]
@@ -9,20 +13,24 @@ pub(crate) use pack::MARGIN;
 pub(crate) use pack::Packed;
 #[cfg(test)]
 pub(crate) use raster::CELL;
+#[cfg(test)]
 pub(crate) use raster::RUN_ROW;
 
 use std::sync::Arc;
 
+use enlarge::{Enlarge, PICTURE};
+use follow::{Stage, Targets, follow};
+use look::Look;
 use pack::{Lit, Packer, Packing, Voxel};
+use parts::{Footprint, Sections};
 pub(crate) use raster::Spacing;
-use raster::{Classification, Footprint, Look, Raster, Sections};
+use raster::{Classification, Raster};
 
 use super::classify::Store;
 use super::context::Context;
-use super::layout::{self, Lighting};
-use super::pipeline::{Slot, bind, both, compute, dispatch, flag, layout as slots_layout, module};
+use super::layout::Lighting;
+use super::pipeline::both;
 use super::plan::{Plan, Region};
-use super::shaders;
 use super::timing::Timing;
 use super::transfer::TransferTable;
 use crate::camera::{Camera, Projection};
@@ -101,20 +109,6 @@ pub(crate) struct Tiles {
     enlarge: Option<Enlarge>,
 }
 
-/// A pipeline and the layout of what it is bound to.
-struct Stage {
-    layout: wgpu::BindGroupLayout,
-    pipeline: wgpu::ComputePipeline,
-}
-
-struct Enlarge {
-    layout: wgpu::BindGroupLayout,
-    across: wgpu::ComputePipeline,
-    down: wgpu::ComputePipeline,
-    enlarge: wgpu::ComputePipeline,
-    sampler: wgpu::Sampler,
-}
-
 /// What the painter draws.
 #[derive(Clone, Copy)]
 pub(crate) struct Subject<'a> {
@@ -128,66 +122,6 @@ pub(crate) struct Subject<'a> {
     pub(crate) unit: f64,
     /// What scalars are classified by.
     pub(crate) transfer: Option<&'a TransferTable>,
-}
-
-/// What stages write as they go along: where runs are, and pictures that are enlarged.
-const RUNS: Slot = Slot::StorageTexture(wgpu::TextureFormat::Rg32Uint, wgpu::TextureViewDimension::D2);
-const PICTURES: Slot = Slot::StorageTexture(PICTURE, wgpu::TextureViewDimension::D2);
-
-fn skip(context: &Context, key: TilesKey) -> Stage {
-    let slots = [Slot::Uniform, Slot::IntegerTexture(wgpu::TextureViewDimension::D3), RUNS];
-    let layout = slots_layout(context, "skip", wgpu::ShaderStages::COMPUTE, &slots);
-    let constants = [("PERSPECTIVE", flag(key.perspective))];
-    let pipeline = compute(context, &module(context, shaders::SKIP), "skip", "skip", &layout, &constants);
-    Stage { layout, pipeline }
-}
-
-fn gather(context: &Context, key: TilesKey) -> Stage {
-    let runs = Slot::IntegerTexture(wgpu::TextureViewDimension::D2);
-    let perspective = ("PERSPECTIVE", flag(key.perspective));
-    let terms = ("TERMS", f64::from(key.terms));
-    let stage = |shader: shaders::Shader, entry, slots: &[Slot], constants: &[(&str, f64)]| {
-        let layout = slots_layout(context, "gather", wgpu::ShaderStages::COMPUTE, slots);
-        let pipeline = compute(context, &module(context, shader), "gather", entry, &layout, constants);
-        Stage { layout, pipeline }
-    };
-    let volume = Slot::ReadTexture(key.voxel.format());
-    if let Voxel::Color { .. } = key.voxel {
-        let entry = if key.rays == Rays::Shared { "blocked" } else { "single" };
-        let white = ("WHITE", flag(key.model == Model::Xray));
-        let enlarged = ("ENLARGED", flag(key.rays == Rays::Coarser));
-        let slots = [Slot::Uniform, volume, runs, PICTURES, Slot::Write];
-        return stage(shaders::GATHER, entry, &slots, &[perspective, terms, white, enlarged]);
-    }
-    let shader =
-        if key.voxel == Voxel::Scalar { shaders::GATHER_SCALARS } else { shaders::GATHER_GRADIENTS };
-    let maximum = ("MAXIMUM", flag(key.model == Model::Mip));
-    let lights = ("LIGHTS", f64::from(key.lights));
-    let transfer = Slot::ReadTexture(wgpu::TextureFormat::Rgba32Float);
-    let slots = [Slot::Uniform, volume, runs, Slot::Write, Slot::Uniform, transfer];
-    stage(shader, "gather", &slots, &[perspective, terms, maximum, lights, ("SCALARS", 1.0)])
-}
-
-impl Enlarge {
-    fn new(context: &Context) -> Self {
-        let slots = [Slot::Uniform, Slot::FilteredTexture, PICTURES, Slot::Sampler, Slot::Write];
-        let layout = slots_layout(context, "enlarge", wgpu::ShaderStages::COMPUTE, &slots);
-        let module = module(context, shaders::ENLARGE);
-        let prefilter = |down| compute(context, &module, "enlarge", "prefilter", &layout, &[("DOWN", flag(down))]);
-        let sampler = context.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("enlarge.filtered"),
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            ..wgpu::SamplerDescriptor::default()
-        });
-        Self {
-            across: prefilter(false),
-            down: prefilter(true),
-            enlarge: compute(context, &module, "enlarge", "enlarge", &layout, &[]),
-            sampler,
-            layout,
-        }
-    }
 }
 
 /// A scene as the painter looks at it.
@@ -348,9 +282,9 @@ impl Tiles {
     pub(crate) fn new(context: &Context, key: TilesKey) -> Result<Self> {
         let rest = || {
             let packer = Packer::new(context, key.voxel, key.perspective);
-            (packer, skip(context, key), (key.rays != Rays::Pixels).then(|| Enlarge::new(context)))
+            (packer, Stage::skip(context, key), (key.rays != Rays::Pixels).then(|| Enlarge::new(context)))
         };
-        let (gather, (packer, skip, enlarge)) = both(context, || gather(context, key), rest)?;
+        let (gather, (packer, skip, enlarge)) = both(context, || Stage::gather(context, key), rest)?;
         Ok(Self { packer, skip, gather, enlarge })
     }
 
@@ -409,39 +343,19 @@ impl Tiles {
                 let pictures = [0, 1].map(|_| texture(context, "gather.picture", PICTURE, size));
                 Enlarged { frame: frame.clone(), size, pictures }
             });
-            let buffers =
-                Buffers { frame: &frame, picture: &enlarged.pictures[0], pixels: &pixels, lighting: &lighting };
-            self.look(context, &mut encoder, timing, (view, packed), &raster.uniforms, &buffers);
+            let targets = Targets {
+                frame: &frame,
+                picture: &enlarged.pictures[0],
+                pixels: &pixels,
+                lighting: &lighting,
+                transfer: view.subject.transfer,
+            };
+            let stages = [&self.skip, &self.gather];
+            follow(context, &mut encoder, timing, stages, packed, &raster.uniforms, &targets);
         }
         if let (Some(stage), Some(Enlarged { frame, size, pictures })) = (&self.enlarge, &enlarged) {
-            let group = |from: &wgpu::TextureView, to: &wgpu::TextureView| {
-                let resources = [
-                    frame.as_entire_binding(),
-                    texture_binding(from),
-                    texture_binding(to),
-                    wgpu::BindingResource::Sampler(&stage.sampler),
-                    pixels.as_entire_binding(),
-                ];
-                bind(context, "enlarge", &stage.layout, &resources)
-            };
-            let [a, b] = pictures;
-            let [width, height] = *size;
-            let spare = texture(context, "enlarge.spare", PICTURE, [1, 1]);
-            let mut dispatch = |pipeline, group: &wgpu::BindGroup, [across, down]: [u32; 2]| {
-                dispatch(
-                    context,
-                    &mut encoder,
-                    timing,
-                    "enlarge",
-                    pipeline,
-                    group,
-                    &[],
-                    [across.div_ceil(64), down, 1],
-                );
-            };
-            dispatch(&stage.across, &group(a, b), [width, height]);
-            dispatch(&stage.down, &group(b, a), [width, height]);
-            dispatch(&stage.enlarge, &group(a, &spare), [region.width, region.height]);
+            let to = (&pixels, [region.width, region.height]);
+            stage.run(context, &mut encoder, timing, frame, (pictures, *size), to);
         }
         let staging =
             context.buffer("tiles.staging", bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST)?;
@@ -450,38 +364,6 @@ impl Tiles {
         let data = context.read("following rays", &staging)?;
         let rgba = data[..bytes as usize].chunks_exact(16).map(bytemuck::pod_read_unaligned).collect();
         Ok((rgba, followed))
-    }
-
-    /// Follows the rays of one look.
-    fn look(
-        &self,
-        context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
-        timing: &mut Timing,
-        (view, packed): (&View<'_>, &Packed),
-        uniforms: &layout::Raster,
-        buffers: &Buffers<'_>,
-    ) {
-        let [across, down] = uniforms.tiles;
-        let tiles = across * down * uniforms.phases;
-        let rows = tiles.div_ceil(RUN_ROW) * uniforms.run_slots;
-        let runs = texture(context, "skip.runs", wgpu::TextureFormat::Rg32Uint, [tiles.min(RUN_ROW), rows]);
-        let frame = buffers.frame.as_entire_binding();
-        let resources = [frame.clone(), texture_binding(&packed.occupied), texture_binding(&runs)];
-        let group = bind(context, "skip", &self.skip.layout, &resources);
-        let workgroups = [across.div_ceil(8), down.div_ceil(8), uniforms.phases];
-        dispatch(context, encoder, timing, "skip", &self.skip.pipeline, &group, &[], workgroups);
-        let mut resources = vec![frame, texture_binding(&packed.volume), texture_binding(&runs)];
-        let pixels = buffers.pixels.as_entire_binding();
-        match view.subject.transfer {
-            Some(table) => {
-                resources.extend([pixels, buffers.lighting.as_entire_binding(), texture_binding(&table.texture)]);
-            }
-            None => resources.extend([texture_binding(buffers.picture), pixels]),
-        }
-        let group = bind(context, "gather", &self.gather.layout, &resources);
-        let workgroups = [across, down, uniforms.phases];
-        dispatch(context, encoder, timing, "gather", &self.gather.pipeline, &group, &[], workgroups);
     }
 }
 
@@ -492,17 +374,6 @@ struct Enlarged {
     /// What rays wrote, and room for filtering it.
     pictures: [wgpu::TextureView; 2],
 }
-
-/// What the rays of a look share: their raster, what they write to, and the light they bring.
-struct Buffers<'a> {
-    frame: &'a wgpu::Buffer,
-    picture: &'a wgpu::TextureView,
-    pixels: &'a wgpu::Buffer,
-    lighting: &'a wgpu::Buffer,
-}
-
-/// The format of what is enlarged.
-const PICTURE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 
 fn texture(
     context: &Context,
@@ -521,8 +392,4 @@ fn texture(
         view_formats: &[],
     });
     texture.create_view(&wgpu::TextureViewDescriptor::default())
-}
-
-fn texture_binding(view: &wgpu::TextureView) -> wgpu::BindingResource<'_> {
-    wgpu::BindingResource::TextureView(view)
 }

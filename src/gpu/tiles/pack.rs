@@ -188,7 +188,12 @@ impl Packer {
         let voxels = compute(context, &module(context, shaders::PACK), "pack", "voxels", &pack, &constants);
         let gradients = (voxel == Voxel::Gradient).then(|| {
             let target = Slot::StorageTexture(wgpu::TextureFormat::Rgba32Uint, d2);
-            let layout = layout(context, "gradients", stage, &[Slot::Uniform, Slot::ReadTexture(Voxel::Scalar.format()), target]);
+            let layout = layout(
+                context,
+                "gradients",
+                stage,
+                &[Slot::Uniform, Slot::ReadTexture(Voxel::Scalar.format()), target],
+            );
             let module = module(context, shaders::GRADIENTS);
             let pipeline = compute(context, &module, "gradients", "gradients", &layout, &[]);
             (layout, pipeline)

@@ -5,147 +5,23 @@ use glam::{DMat2, DMat3, DVec2, DVec3};
 
 use super::super::layout;
 use super::super::plan::Region;
+use super::look::{BEYOND, Look};
 use super::pack::{Packing, unordered};
+use super::parts::{Footprint, Sections};
 use crate::camera::{Camera, Projection};
-use crate::kernel::{Kernel, footprint_polynomial, section};
+use crate::kernel::Kernel;
 use crate::volume::Grid;
 
-/// Terms of the footprint's polynomial: the fewer where they do.
-const TERMS: [usize; 2] = [6, 8];
-/// The most that it may err by, as a fraction of the footprint's peak.
-const FOOTPRINT_ERROR: f64 = 5e-5;
 /// Raster points around those that pixels lie between: what cubic B-splines and the search for their coefficients look at.
 const AROUND: f64 = 8.0;
 /// The fewest pixels between rays that are not each a pixel's.
 const MIN_PITCH: f64 = 1.25;
-/// How far beyond the picture, in halves of its width and height, looks are those of rays.
-const BEYOND: f64 = 0.25;
 /// Side of a tile in rays.
 const TILE: u32 = 8;
 /// Voxel planes that are skipped together; CELL in shaders/common/packing.wgsl.
 pub(crate) const CELL: u32 = 4;
 /// Tiles in a row of the texture of runs; RUN_ROW in shaders/common/raster.wgsl.
 pub(crate) const RUN_ROW: u32 = 4096;
-
-/// The footprint of a kernel as a polynomial.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Footprint {
-    coefficients: Vec<f64>,
-    /// Its largest error, as a fraction of the footprint's peak.
-    pub(super) error: f64,
-}
-
-impl Footprint {
-    /// `None` where the terms there are do not do.
-    pub(super) fn new(kernel: &Kernel) -> Option<Self> {
-        let fits = TERMS.map(|terms| footprint_polynomial(kernel, terms));
-        let (coefficients, error) = fits.into_iter().find(|(_, error)| *error <= FOOTPRINT_ERROR)?;
-        Some(Self { coefficients, error })
-    }
-
-    pub(super) fn terms(&self) -> u32 {
-        self.coefficients.len() as u32
-    }
-}
-
-/// How rays look at a lattice: along the axis m that they follow most.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Look {
-    /// Numbers of the lattice axes a, b and m; rays follow a least.
-    pub(super) axes: [usize; 3],
-    /// Whether they run against m.
-    flipped: bool,
-    /// Unit vector in (a, b, m), m as they run along it; of rays through one eye that of a ray in their middle.
-    direction: DVec3,
-    /// World length per lattice length along it.
-    stretch: f64,
-}
-
-impl Look {
-    /// The looks of a picture: one of parallel rays; of rays through one eye those that any pixel's ray has.
-    pub(super) fn all(camera: &Camera, grid: &Grid, size: [u32; 2]) -> Vec<Self> {
-        let to_lattice = grid.to_lattice().matrix3;
-        let Projection::Perspective { tan_half_fov, .. } = camera.projection else {
-            let ray = to_lattice * camera.forward;
-            let m = ray.abs().max_position();
-            return vec![Self::along(m, ray[m] < 0.0, ray, 1.0)];
-        };
-        let aspect = f64::from(size[0]) / f64::from(size[1]);
-        let [right, up] = [camera.right * aspect, camera.up].map(|axis| to_lattice * axis * tan_half_fov);
-        let forward = to_lattice * camera.forward;
-        let ways = (0..3).flat_map(|m| [(m, false), (m, true)]);
-        ways.filter_map(|(m, flipped)| {
-            // The part of the picture whose rays follow m that way most: where m's component is larger than any other.
-            let sign = if flipped { -1.0 } else { 1.0 };
-            let edge = 1.0 + BEYOND;
-            let mut part = vec![(-edge, -edge), (edge, -edge), (edge, edge), (-edge, edge)];
-            for other in (0..3).filter(|&other| other != m) {
-                for against in [1.0, -1.0] {
-                    // Ties are followed along both, whatever rounding makes of them.
-                    let lead = |d: DVec3| sign * d[m] - against * d[other] + 1e-5 * d.length();
-                    part = clipped(&part, |(x, y)| lead(forward + right * x + up * y));
-                }
-            }
-            let count = part.len() as f64;
-            let (x, y) = part.iter().fold((0.0, 0.0), |(x, y), p| (x + p.0 / count, y + p.1 / count));
-            let world = (1.0 + (tan_half_fov * tan_half_fov) * (x * x * aspect * aspect + y * y)).sqrt();
-            (!part.is_empty()).then(|| Self::along(m, flipped, forward + right * x + up * y, world))
-        })
-        .collect()
-    }
-
-    /// Along m, of rays around one of that lattice direction and world length.
-    fn along(m: usize, flipped: bool, ray: DVec3, world: f64) -> Self {
-        let lean = ray.abs();
-        let (i, j) = ((m + 1) % 3, (m + 2) % 3);
-        let (a, b) = if lean[i] < lean[j] || lean[i] == lean[j] && i < j { (i, j) } else { (j, i) };
-        let unit = ray.normalize();
-        Self {
-            axes: [a, b, m],
-            flipped,
-            direction: DVec3::new(unit[a], unit[b], unit[m].abs()),
-            stretch: world / ray.length(),
-        }
-    }
-
-    /// World length of a voxel along a ray.
-    pub(super) fn voxel(&self) -> f64 {
-        self.stretch
-    }
-
-    /// World distance of two voxel planes along a ray: the thickness of a slab.
-    pub(super) fn slab(&self) -> f64 {
-        self.stretch / self.direction.z
-    }
-
-    /// That distance in voxels.
-    pub(super) fn slab_voxels(&self) -> f64 {
-        1.0 / self.direction.z
-    }
-
-    /// What is given along the axes of the lattice, along a, b and m as rays run along it.
-    fn ordered(&self, v: DVec3) -> DVec3 {
-        let [a, b, m] = self.axes;
-        DVec3::new(v[a], v[b], if self.flipped { -v[m] } else { v[m] })
-    }
-}
-
-/// The part of a convex polygon where a linear function is not negative (Sutherland and Hodgman 1974).
-fn clipped(polygon: &[(f64, f64)], value: impl Fn((f64, f64)) -> f64) -> Vec<(f64, f64)> {
-    let mut kept = Vec::with_capacity(polygon.len() + 1);
-    for (i, &p) in polygon.iter().enumerate() {
-        let q = polygon[(i + 1) % polygon.len()];
-        let (at_p, at_q) = (value(p), value(q));
-        if at_p >= 0.0 {
-            kept.push(p);
-        }
-        if (at_p >= 0.0) != (at_q >= 0.0) {
-            let t = at_p / (at_p - at_q);
-            kept.push((p.0 + t * (q.0 - p.0), p.1 + t * (q.1 - p.1)));
-        }
-    }
-    kept
-}
 
 /// The rays of a region of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -318,7 +194,7 @@ impl Raster {
                 step_y: f2(step_y),
                 shear: f2(shear),
                 direction: f3(direction),
-                stretch: look.stretch as f32,
+                stretch: look.voxel() as f32,
                 row_half: (radius / square.sqrt()) as f32,
                 row_slope: (direction.x * direction.y / square) as f32,
                 phases,
@@ -450,136 +326,5 @@ impl<B: Fn(DVec2) -> DVec2> Parallel<B> {
             pixel_x: to_raster * pixel_x,
             pixel_y: to_raster * pixel_y,
         })
-    }
-}
-
-/// The parts of kernels in slabs, as all rays of a picture need them: the same for every look and region of it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Sections([[[f32; 4]; 3]; layout::SECTIONS]);
-
-impl Sections {
-    pub(super) fn new(kernel: &Kernel, camera: &Camera, looks: &[Look], scalars: bool) -> Self {
-        Self(match (camera.projection, looks) {
-            (Projection::Orthographic { .. }, [look, ..]) => {
-                [sections(kernel, look.direction, scalars); layout::SECTIONS]
-            }
-            _ => std::array::from_fn(|step| section_step(step, kernel, scalars)),
-        })
-    }
-}
-
-/// A step of the table of sections: those of any direction that leans so far, with s in units of that. So they are smooth
-/// towards rays along m, which meet all kernels of a plane at s = 0.
-fn section_step(step: usize, kernel: &Kernel, scalars: bool) -> [[f32; 4]; 3] {
-    let lean = (std::f64::consts::SQRT_2 * step as f64 / (layout::SECTIONS - 1) as f64).max(1e-3);
-    let [x, y, z] = sections(kernel, DVec3::new(0.0, lean, 1.0).normalize(), scalars);
-    let lean = lean as f32;
-    [x, y.map(|c| c * lean), z.map(|c| c * lean * lean)]
-}
-
-/// The parts of a kernel in the slabs before its middle, as the least squares fit over where rays can meet its plane: for
-/// each slab, by its number, footprint times x + y s, with scalars + z s^2; s is the place of its centre along the ray.
-///
-/// Slabs are a plane thick, with a plane in their middle, those of scalars half as thick between planes.
-fn sections(kernel: &Kernel, direction: DVec3, scalars: bool) -> [[f32; 4]; 3] {
-    /// Places along a side of the square that is looked at.
-    const SIDE: i32 = 25;
-    let radius = kernel.radius();
-    let reach = radius / direction.z;
-    // Planes where slabs begin and the last ends.
-    let ends: &[f64] = if scalars { &[-2.0, -1.5, -1.0, -0.5, 0.0] } else { &[-2.5, -1.5, -0.5] };
-    // Powers of s that are told apart: rays along m meet all kernels of a plane at s = 0.
-    let terms = if direction.z > 1.0 - 1e-9 {
-        1
-    } else if scalars {
-        3
-    } else {
-        2
-    };
-    // Sums of squares of the footprint times powers of s, and of these times each part.
-    let mut normal = DMat3::ZERO;
-    let mut parts = [DVec3::ZERO; 4];
-    for i in 0..SIDE {
-        for j in 0..SIDE {
-            let place = |n: i32| reach * (f64::from(2 * n + 1) / f64::from(SIDE) - 1.0);
-            let (du, dv) = (place(i), place(j));
-            let s = du * direction.x + dv * direction.y;
-            let r2 = du * du + dv * dv - s * s;
-            if r2 >= radius * radius {
-                continue;
-            }
-            let powers = DVec3::new(1.0, s, s * s) * section(kernel, r2, -radius, radius);
-            normal += DMat3::from_cols(powers * powers.x, powers * powers.y, powers * powers.z);
-            for (sum, slab) in parts.iter_mut().zip(ends.windows(2)) {
-                *sum += powers * section(kernel, r2, slab[0] / direction.z - s, slab[1] / direction.z - s);
-            }
-        }
-    }
-    // Powers that are not fitted are left out of the equations.
-    for unused in terms..3 {
-        let axis = DVec3::AXES[unused];
-        let keep = DVec3::ONE - axis;
-        normal = DMat3::from_cols(normal.x_axis * keep, normal.y_axis * keep, normal.z_axis * keep);
-        *normal.col_mut(unused) = axis;
-        parts = parts.map(|part| part * keep);
-    }
-    let solve = normal.inverse();
-    let fits = parts.map(|part| (solve * part).as_vec3());
-    [fits.map(|fit| fit.x), fits.map(|fit| fit.y), fits.map(|fit| fit.z)]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn parts_of_a_kernel_are_its_sections() {
-        for direction in [DVec3::Z, DVec3::new(0.1, 0.4, 0.8).normalize(), DVec3::new(1.0, 1.0, 1.0).normalize()] {
-            for kernel in [Kernel::default(), Kernel::KAISER_BESSEL] {
-                let [[x0, x1, ..], [y0, y1, ..], _] = sections(&kernel, direction, false).map(|c| c.map(f64::from));
-                // Of a kernel before the ray's place, more is in the slabs before.
-                assert!(direction == DVec3::Z || y0 < 0.0 && y1 < 0.0, "{y0} {y1}");
-                // Through the middle: what symmetry leaves adds up to the footprint.
-                let plane = |n: f64| n / direction.z;
-                let whole = section(&kernel, 0.0, -9.0, 9.0);
-                for (x, n) in [(x0, -2.5), (x1, -1.5), (1.0 - 2.0 * (x0 + x1), -0.5)] {
-                    let exact = section(&kernel, 0.0, plane(n), plane(n + 1.0)) / whole;
-                    // The fit is to all places at once, most of which are beside the middle.
-                    assert!((x - exact).abs() < 0.15, "{kernel:?} {direction} {n}: {x} for {exact}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn looks_are_those_of_pixels() {
-        let grid = Grid::new([8, 8, 8], glam::DAffine3::IDENTITY).unwrap();
-        let count = |fov, azimuth, elevation| {
-            let projection = crate::camera::ProjectionKind::Perspective { fov };
-            let view = crate::camera::View { projection, azimuth, elevation, ..crate::camera::View::default() };
-            Look::all(&Camera::new(&view, &grid, [64, 48]).unwrap(), &grid, [64, 48]).len()
-        };
-        assert_eq!(count(30.0, 0.0, 0.0), 1);
-        assert_eq!(count(30.0, 45.0, 0.0), 2);
-        assert_eq!(count(30.0, 45.0, 35.26), 3);
-        // Around the front all sides, but not the back.
-        assert_eq!(count(120.0, 0.0, 0.0), 5);
-    }
-
-    #[test]
-    fn footprints_are_polynomials() {
-        for kernel in [Kernel::default(), Kernel::KAISER_BESSEL] {
-            let Footprint { coefficients, error } = Footprint::new(&kernel).unwrap();
-            let radius = kernel.radius();
-            let peak = kernel.cumulative_footprint(0.0, radius);
-            let worst = (0..=50).map(|i| {
-                let r = radius * f64::from(i) / 50.0;
-                let c2 = radius * radius - r * r;
-                let got = c2.sqrt() * coefficients.iter().rev().fold(0.0, |sum, a| sum * c2 + a);
-                (got - kernel.cumulative_footprint(r, radius)).abs() / peak
-            });
-            let worst = worst.fold(0.0, f64::max);
-            assert!(worst < 2e-5 && (worst - error).abs() < 1e-5, "{kernel:?}: {worst:e}, {error:e}");
-        }
     }
 }

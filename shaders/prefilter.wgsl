@@ -1,0 +1,24 @@
+// prefilter: the coefficients of cubic B-splines that go through the points of the raster (Unser, Aldroubi and Eden 1991, "Fast
+// B-spline transforms for continuous image representation and interpolation"), one axis at a time.
+
+@group(0) @binding(0) var source: texture_storage_2d<rgba32float, read>;
+@group(0) @binding(1) var coefficients: texture_storage_2d<rgba32float, write>;
+
+// The axis along which coefficients are sought.
+override DOWN: bool = false;
+
+// A source texel some steps away; beyond the ends there is nothing.
+fn source_at(at: vec2i, steps: i32) -> vec4f {
+    return textureLoad(source, at + select(vec2i(steps, 0), vec2i(0, steps), DOWN));
+}
+
+// Coefficients along one axis: the inverse of (1, 4, 1) / 6, whose taps fall by z = sqrt(3) - 2, cut after five of them; the
+// last makes up for the rest, so that a flat picture stays as it is.
+@compute @workgroup_size(64)
+fn prefilter(@builtin(global_invocation_id) id: vec3u) {
+    let p = vec2i(id.xy);
+    let sum = 1.7320508 * source_at(p, 0) - 0.4641016 * (source_at(p, -1) + source_at(p, 1))
+        + 0.1243556 * (source_at(p, -2) + source_at(p, 2)) - 0.0333210 * (source_at(p, -3) + source_at(p, 3))
+        + 0.0089284 * (source_at(p, -4) + source_at(p, 4)) - 0.0018868 * (source_at(p, -5) + source_at(p, 5));
+    textureStore(coefficients, id.xy, sum);
+}
