@@ -122,7 +122,7 @@ fn least(a: vec4f, b: vec4f) -> f32 {
 
 @compute @workgroup_size(8)
 fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
-    let at = first_ray(tile) + vec2u(0u, lane);
+    let at = first_ray(tile) + vec2u(0u, lane * raster.phases.y);
     let course = course_of(at);
     let direction = course.direction.xy;
     var ray0 = clear_ray();
@@ -303,12 +303,12 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
             }
         }
     }
-    textureStore(picture, at + vec2u(0u * raster.phases, 0u), premultiplied(ray0));
-    textureStore(picture, at + vec2u(1u * raster.phases, 0u), premultiplied(ray1));
-    textureStore(picture, at + vec2u(2u * raster.phases, 0u), premultiplied(ray2));
-    textureStore(picture, at + vec2u(3u * raster.phases, 0u), premultiplied(ray3));
-    textureStore(picture, at + vec2u(4u * raster.phases, 0u), premultiplied(ray4));
-    textureStore(picture, at + vec2u(5u * raster.phases, 0u), premultiplied(ray5));
-    textureStore(picture, at + vec2u(6u * raster.phases, 0u), premultiplied(ray6));
-    textureStore(picture, at + vec2u(7u * raster.phases, 0u), premultiplied(ray7));
+    textureStore(picture, at + vec2u(0u * raster.phases.x, 0u), premultiplied(ray0));
+    textureStore(picture, at + vec2u(1u * raster.phases.x, 0u), premultiplied(ray1));
+    textureStore(picture, at + vec2u(2u * raster.phases.x, 0u), premultiplied(ray2));
+    textureStore(picture, at + vec2u(3u * raster.phases.x, 0u), premultiplied(ray3));
+    textureStore(picture, at + vec2u(4u * raster.phases.x, 0u), premultiplied(ray4));
+    textureStore(picture, at + vec2u(5u * raster.phases.x, 0u), premultiplied(ray5));
+    textureStore(picture, at + vec2u(6u * raster.phases.x, 0u), premultiplied(ray6));
+    textureStore(picture, at + vec2u(7u * raster.phases.x, 0u), premultiplied(ray7));
 }

@@ -52,7 +52,7 @@ fn skip(@builtin(global_invocation_id) tile: vec3u) {
         return;
     }
     let from_ray = first_ray(tile);
-    let to_ray = from_ray + vec2u(7u * raster.phases, 7u);
+    let to_ray = from_ray + 7u * raster.phases;
     let rays = array<vec2u, 4>(from_ray, to_ray, vec2u(to_ray.x, from_ray.y), vec2u(from_ray.x, to_ray.y));
     var corners: Corners;
     corners.half = raster.half;

@@ -1,9 +1,9 @@
 // The raster of the painter `tiles`, its volume, and the way from one to the other.
 //
-// The lattice is looked at along the axis m that the rays follow most; a and b are the other two, a the one that rays lean
-// to less. Voxel planes are numbered front to back. Base coordinates are the (a, b) at which a ray meets plane 0; it meets
-// plane k further on by k times its shear. Rays through one eye are followed along up to three axes, either way: each ray
-// along its own.
+// The lattice is looked at along the axis m that the rays follow most; a and b are the other two, a the first of them that
+// rays do not lean to too much for six voxels of a row to hold what reaches them. Voxel planes are numbered front to back.
+// Base coordinates are the (a, b) at which a ray meets plane 0; it meets plane k further on by k times its shear. Rays
+// through one eye are followed along up to three axes, either way: each ray along its own.
 
 override PERSPECTIVE: bool = false;
 
@@ -48,20 +48,20 @@ struct Raster {
     // Whether no cell is skipped: 1 or 0.
     everything: u32,
     gradient_y: vec3f,
-    // Rays of a tile are so many raster points apart along x, a voxel; tiles of as many phases lie between each other.
-    phases: u32,
-    gradient_z: vec3f,
     // Places for the runs of a tile.
     run_slots: u32,
-    // Voxels along a, b and m.
-    voxels: vec3i,
+    gradient_z: vec3f,
     // Whether plane 0 is the last of the volume: 1 or 0.
     flipped: i32,
+    // Voxels along a, b and m.
+    voxels: vec3i,
+    // Columns of planes in the volume's texture.
+    columns: i32,
     // How far from a ray's place in a plane kernels reach it along a and b, of parallel rays.
     half: vec2f,
-    // Columns of planes in the volume's texture, and texels of a row of voxels: two voxels each.
-    columns: i32,
-    row_texels: i32,
+    // Rays of a tile are so many raster points apart, a voxel where rays are shared; tiles of as many phases lie between
+    // each other.
+    phases: vec2u,
     // Footprint at squared half chord c2: sqrt(c2) times the polynomial in c2 of these eight coefficients.
     footprint: vec4f,
     footprint_high: vec4f,
@@ -81,6 +81,8 @@ struct Raster {
     pixel_y: vec2f,
     // Pixels.
     picture: vec2u,
+    // Texels of a row of voxels in the volume's texture: two voxels each.
+    row_texels: i32,
     // For parallel rays the first; for others at steps of how far they lean, with s in units of that.
     sections: array<Section, SECTIONS>,
 }
@@ -105,7 +107,7 @@ fn runs_of(tile: vec3u, slot: u32) -> vec2u {
 
 // The first ray of a tile.
 fn first_ray(tile: vec3u) -> vec2u {
-    return vec2u(tile.x * 8u * raster.phases + tile.z, tile.y * 8u);
+    return tile.xy * 8u * raster.phases + vec2u(tile.z % raster.phases.x, tile.z / raster.phases.x);
 }
 
 // Where a ray meets the planes.

@@ -112,14 +112,13 @@ fn structs_are_laid_out_alike() {
         gradient_x,
         everything,
         gradient_y,
-        phases,
-        gradient_z,
         run_slots,
-        voxels,
+        gradient_z,
         flipped,
-        half,
+        voxels,
         columns,
-        row_texels,
+        half,
+        phases,
         footprint,
         footprint_high,
         plane_origin,
@@ -132,6 +131,7 @@ fn structs_are_laid_out_alike() {
         pixel_x,
         pixel_y,
         picture,
+        row_texels,
         sections
     });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, shininess });

@@ -76,13 +76,14 @@ pub(super) fn follow(
     targets: &Targets<'_>,
 ) {
     let [across, down] = raster.tiles;
-    let tiles = across * down * raster.phases;
+    let phases = raster.phases.into_iter().product::<u32>();
+    let tiles = across * down * phases;
     let rows = tiles.div_ceil(RUN_ROW) * raster.run_slots;
     let runs = texture(context, "skip.runs", wgpu::TextureFormat::Rg32Uint, [tiles.min(RUN_ROW), rows]);
     let frame = targets.frame.as_entire_binding();
     let resources = [frame.clone(), whole(&packed.occupied), whole(&runs)];
     let group = bind(context, "skip", &skip.layout, &resources);
-    let workgroups = [across.div_ceil(8), down.div_ceil(8), raster.phases];
+    let workgroups = [across.div_ceil(8), down.div_ceil(8), phases];
     dispatch(context, encoder, timing, "skip", &skip.pipeline, &group, &[], workgroups);
     let mut resources = vec![frame, whole(&packed.volume), whole(&runs)];
     let pixels = targets.pixels.as_entire_binding();
@@ -91,6 +92,6 @@ pub(super) fn follow(
         None => resources.extend([whole(targets.picture), pixels]),
     }
     let group = bind(context, "gather", &gather.layout, &resources);
-    let workgroups = [across, down, raster.phases];
+    let workgroups = [across, down, phases];
     dispatch(context, encoder, timing, "gather", &gather.pipeline, &group, &[], workgroups);
 }

@@ -137,7 +137,7 @@ impl Raster {
             footprint: [0, 1, 2, 3].map(coefficient),
             footprint_high: [4, 5, 6, 7].map(coefficient),
             picture: [region.width, region.height],
-            phases: 1,
+            phases: [1, 1],
             sections: subject.sections.0,
             ..layout::Raster::zeroed()
         };
@@ -207,7 +207,7 @@ impl Raster {
             };
         }
         let [across, down] = uniforms.size;
-        uniforms.tiles = [across.div_ceil(TILE * uniforms.phases), down.div_ceil(TILE)];
+        uniforms.tiles = [across.div_ceil(TILE * uniforms.phases[0]), down.div_ceil(TILE * uniforms.phases[1])];
         Some(Self { uniforms, spacing })
     }
 }
@@ -263,7 +263,7 @@ struct Rays {
     step_x: DVec2,
     step_y: DVec2,
     size: [u32; 2],
-    phases: u32,
+    phases: [u32; 2],
     spacing: Spacing,
     pixel_origin: DVec2,
     pixel_x: DVec2,
@@ -289,7 +289,7 @@ impl<B: Fn(DVec2) -> DVec2> Parallel<B> {
                 step_x: pixel_x,
                 step_y: pixel_y,
                 size: [region.width, region.height],
-                phases: 1,
+                phases: [1, 1],
                 spacing: Spacing::Pixels(1.0),
                 pixel_origin: DVec2::ZERO,
                 pixel_x: DVec2::X,
@@ -320,7 +320,7 @@ impl<B: Fn(DVec2) -> DVec2> Parallel<B> {
             step_x,
             step_y,
             size: [count.x as u32, count.y as u32],
-            phases: rays[0],
+            phases: rays,
             spacing: Spacing::Voxel(rays),
             pixel_origin: to_raster * (first - origin),
             pixel_x: to_raster * pixel_x,
