@@ -1,5 +1,5 @@
-// classify: voxels to splats, brick by brick. Each invocation owns a row of a brick: `count` counts its visible voxels, a
-// scan turns counts into places, `emit` writes the splats there. Without atomics the order of the splats is that of the
+// classify: voxels to splats, brick by brick. Each invocation owns a row of a brick: `count` notes its visible voxels, a
+// scan turns their counts into places, `emit` writes the splats there. Without atomics the order of the splats is that of the
 // bricks and of the lattice in them, so the result does not depend on scheduling.
 
 // How a sample is stored: 0 u8, 1 i8, 2 u16, 3 i16, 4 f32.
@@ -49,6 +49,8 @@ struct ControlPoint {
 @group(0) @binding(4) var<storage, read_write> splats: array<vec2u>;
 // Lattice points of the first voxels of bricks.
 @group(0) @binding(5) var<storage, read> origins: array<vec4u>;
+// Row after row, a bit for each visible voxel, the first of a row the lowest.
+@group(0) @binding(6) var<storage, read_write> seen: array<u32>;
 
 fn sample_at(i: u32) -> f32 {
     if SAMPLE_TYPE == 4u {
@@ -162,9 +164,11 @@ fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) grou
     let row = row_of(run);
     var visible = 0u;
     for (var i = 0u; i < row.count; i++) {
-        visible += u32(KEEP || transfer(sample_at(row.first + i) - classify.sample_origin).a > 0.0);
+        let shows = KEEP || transfer(sample_at(row.first + i) - classify.sample_origin).a > 0.0;
+        visible |= u32(shows) << i;
     }
-    places[run] = visible;
+    seen[run] = visible;
+    places[run] = countOneBits(visible);
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -175,17 +179,17 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     }
     let row = row_of(run);
     var place = places[run];
-    for (var i = 0u; i < row.count; i++) {
+    // From visible voxel to visible voxel.
+    for (var rest = seen[run]; rest != 0u; rest &= rest - 1u) {
+        let i = firstTrailingBit(rest);
         let classified = transfer(sample_at(row.first + i) - classify.sample_origin);
-        if KEEP || classified.a > 0.0 {
-            let at = splat_place(i, row.point.y % EDGE, row.point.z % EDGE, classify.first_brick + row.brick);
-            let looks = packed_looks(classified.rgb, density(classified.a));
-            splats[2u * place] = vec2u(at, looks.x);
-            splats[2u * place + 1u].x = looks.y;
-            if LIT {
-                splats[2u * place + 1u].y = pack_normal(gradient(row.first + i));
-            }
-            place += 1u;
+        let at = splat_place(i, row.point.y % EDGE, row.point.z % EDGE, classify.first_brick + row.brick);
+        let looks = packed_looks(classified.rgb, density(classified.a));
+        splats[2u * place] = vec2u(at, looks.x);
+        splats[2u * place + 1u].x = looks.y;
+        if LIT {
+            splats[2u * place + 1u].y = pack_normal(gradient(row.first + i));
         }
+        place += 1u;
     }
 }

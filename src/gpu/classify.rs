@@ -56,6 +56,23 @@ pub(crate) struct BrickSplats {
     pub(crate) origin: [u32; 3],
     /// Its first splat in the store.
     pub(crate) first: u32,
+    /// Lattice points of the box around its splats: the first, and the one after the last.
+    pub(crate) bounds: [[u32; 3]; 2],
+}
+
+impl BrickSplats {
+    /// The splats from `first` on of the brick at `origin`, given for each row along x, y before z, the bits of the places
+    /// where there are any, the first of a row the lowest.
+    pub(crate) fn new(origin: [u32; 3], first: u32, rows: impl Iterator<Item = u32>) -> Self {
+        let mut places = [0_u32; 3];
+        for (row, bits) in rows.enumerate().filter(|&(_, bits)| bits != 0) {
+            let (y, z) = (row % EDGE, row / EDGE);
+            places = [places[0] | bits, places[1] | 1 << y, places[2] | 1 << z];
+        }
+        let low: [u32; 3] = std::array::from_fn(|axis| origin[axis] + places[axis].trailing_zeros() % u32::BITS);
+        let high = std::array::from_fn(|axis| origin[axis] + u32::BITS - places[axis].leading_zeros());
+        Self { origin, first, bounds: [low, high] }
+    }
 }
 
 impl Store {
@@ -144,7 +161,7 @@ pub(crate) struct Classifier {
 
 impl Classifier {
     pub(crate) fn new(context: &Context) -> Self {
-        let slots = [Slot::Uniform, Slot::Read, Slot::Read, Slot::Write, Slot::Write, Slot::Read];
+        let slots = [Slot::Uniform, Slot::Read, Slot::Read, Slot::Write, Slot::Write, Slot::Read, Slot::Write];
         Self {
             module: module(context, shaders::CLASSIFY),
             layout: layout(context, "classify", wgpu::ShaderStages::COMPUTE, &slots),
@@ -272,16 +289,17 @@ impl Job<'_> {
         let samples = context.upload("classify.samples", &batch.bytes, storage)?;
         let origins = context.upload("classify.origins", bytemuck::cast_slice(&batch.origins), storage)?;
         // One place more than runs: the scan leaves the total there.
-        let places_bytes = (runs + 1) * 4;
+        let (places_bytes, seen_bytes) = ((runs + 1) * 4, runs * 4);
         let places = context.buffer("classify.places", places_bytes, storage | wgpu::BufferUsages::COPY_SRC)?;
+        let seen = context.buffer("classify.seen", seen_bytes, storage | wgpu::BufferUsages::COPY_SRC)?;
         let none = context.buffer("classify.no_splats", 16, storage)?;
         let bindings = |parameters: &wgpu::Buffer, splats: &wgpu::Buffer| {
-            let resources = [parameters, &samples, &self.points, &places, splats, &origins];
+            let resources = [parameters, &samples, &self.points, &places, splats, &origins, &seen];
             bind(context, "classify", self.layout, &resources.map(wgpu::Buffer::as_entire_binding))
         };
         let staging = context.buffer(
             "classify.places_staging",
-            places_bytes,
+            places_bytes + seen_bytes,
             wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
         )?;
         let (x, y) = context.workgroups(runs, WORKGROUP);
@@ -297,10 +315,12 @@ impl Job<'_> {
             self.scan.record(context, &mut pass, &places, runs + 1)?;
         }
         encoder.copy_buffer_to_buffer(&places, 0, &staging, 0, places_bytes);
+        encoder.copy_buffer_to_buffer(&seen, 0, &staging, places_bytes, seen_bytes);
         context.queue.submit([encoder.finish()]);
         let bytes = context.read("classifying the volume", &staging)?;
-        let place = |run: usize| bytemuck::pod_read_unaligned::<u32>(&bytes[run * 4..run * 4 + 4]);
-        let visible = place(runs as usize);
+        let words: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
+        let (places, seen) = words.split_at(runs as usize + 1);
+        let visible = places[runs as usize];
         if visible == 0 {
             return Ok(());
         }
@@ -321,11 +341,10 @@ impl Job<'_> {
         context.queue.submit([encoder.finish()]);
         // Waiting here keeps one batch of samples on the device, not all of them.
         context.wait("classifying the volume")?;
-        let bricks = batch
-            .origins
-            .iter()
-            .enumerate()
-            .map(|(brick, &[x, y, z, _])| BrickSplats { origin: [x, y, z], first: first_splat + place(brick * rows) });
+        let bricks = batch.origins.iter().zip(places.iter().step_by(rows).zip(seen.chunks_exact(rows)));
+        let bricks = bricks.map(|(&[x, y, z, _], (place, seen))| {
+            BrickSplats::new([x, y, z], first_splat + place, seen.iter().copied())
+        });
         gathering.add(splats, visible, bricks);
         Ok(())
     }

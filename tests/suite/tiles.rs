@@ -339,7 +339,7 @@ fn turning_packs_the_volume_once_an_axis() {
     if !packs(25.0, &settings) {
         return;
     }
-    assert!(!packs(30.0, &settings) && !packs(40.0, &settings));
+    assert!(!packs(10.0, &settings) && !packs(35.0, &settings));
     assert!(packs(120.0, &settings), "another axis");
     let always = Settings { savings: Savings { reuse: false, ..Savings::default() }, ..settings };
     assert!(packs(120.0, &always));

@@ -68,7 +68,7 @@ pub(super) struct Packing {
 }
 
 impl Packing {
-    /// The packing of the bricks that splats are in, or of the whole lattice of `dims` points; `None` where it does not fit
+    /// The packing of the box around the splats, or of the whole lattice of `dims` points; `None` where it does not fit
     /// into a texture.
     pub(super) fn new(
         context: &Context,
@@ -78,11 +78,11 @@ impl Packing {
         axes: [usize; 3],
         voxel: Voxel,
     ) -> Option<Self> {
-        let bricks = stores.iter().flat_map(|store| &store.bricks);
-        let (low, high) = bricks.fold(([u32::MAX; 3], [0; 3]), |(low, high), brick| {
-            let axis =
-                |i: usize| (low[i].min(brick.origin[i]), high[i].max(dims[i].min(brick.origin[i] + BRICK_EDGE as u32)));
-            let ends = [0, 1, 2].map(axis);
+        // A brick without splats is a box without a size.
+        let boxes = stores.iter().flat_map(|store| &store.bricks).map(|brick| brick.bounds);
+        let (low, high) = boxes.filter(|[low, high]| low != high).fold(([u32::MAX; 3], [0; 3]), |hull, next| {
+            let ends = |i: usize| (hull.0[i].min(next[0][i]), hull.1[i].max(next[1][i]));
+            let ends = [0, 1, 2].map(ends);
             (ends.map(|(low, _)| low), ends.map(|(_, high)| high))
         });
         let (low, high) = if whole { ([0; 3], dims) } else { (low, high) };

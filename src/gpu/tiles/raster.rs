@@ -184,7 +184,10 @@ impl Raster {
                 let p = placed(camera.target + raised(p));
                 DVec2::new(p.x, p.y) - shear * p.z
             };
-            let rays = Parallel { shear, base, corner, region, dims, radius }.rays(subject)?;
+            // The same rays whatever part of the volume is packed.
+            let anchor = placed(grid.to_world().translation);
+            let anchor = DVec2::new(anchor.x, anchor.y) - shear * anchor.z;
+            let rays = Parallel { shear, base, anchor, corner, region, dims, radius }.rays(subject)?;
             spacing = rays.spacing;
             let Rays { origin, step_x, step_y, size, phases, pixel_origin, pixel_x, pixel_y, .. } = rays;
             let square = 1.0 - direction.x * direction.x;
@@ -250,9 +253,12 @@ struct Parallel<B> {
     shear: DVec2,
     /// Where the ray of a pixel meets plane 0.
     base: B,
+    /// Where a ray through the first voxel of the volume meets it.
+    anchor: DVec2,
     /// The middle of the region's first pixel.
     corner: DVec2,
     region: Region,
+    /// Voxels that are packed.
     dims: [f64; 3],
     radius: f64,
 }
@@ -273,7 +279,7 @@ struct Rays {
 impl<B: Fn(DVec2) -> DVec2> Parallel<B> {
     /// `None` where none reaches the volume.
     fn rays(&self, subject: &Subject<'_>) -> Option<Rays> {
-        let Self { shear, base, corner, region, dims, radius } = self;
+        let Self { shear, base, anchor, corner, region, dims, radius } = self;
         let first = base(*corner);
         let [pixel_x, pixel_y] = [DVec2::X, DVec2::Y].map(|step| base(*corner + step) - first);
         // Pixels that a step of one voxel along a and b crosses.
@@ -311,8 +317,8 @@ impl<B: Fn(DVec2) -> DVec2> Parallel<B> {
         if low.cmpgt(high).any() {
             return None;
         }
-        let origin = low - steps * AROUND;
-        let count = ((high - low) / steps + 2.0 * AROUND).ceil() + 1.0;
+        let origin = *anchor + steps * (((low - *anchor) / steps).floor() - AROUND);
+        let count = ((high - origin) / steps + AROUND).ceil() + 1.0;
         let (step_x, step_y) = (DVec2::new(steps.x, 0.0), DVec2::new(0.0, steps.y));
         let to_raster = DMat2::from_cols(step_x, step_y).inverse();
         Some(Rays {
