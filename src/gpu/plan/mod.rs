@@ -1,16 +1,15 @@
 //! From a camera to the numbers that the stages of a frame work with.
 
-use std::ops::Range;
+mod culling;
 
 use glam::{DVec3, DVec4};
 
-use super::classify::Store;
-use super::layout::{Area, Batch, Frame};
+use super::layout::{Batch, Frame};
 use super::scalars::Reach;
 use crate::camera::{Camera, Growth, Projection};
 use crate::lighting::{Light, Lighting};
 use crate::settings::{Model, Savings, Settings, Sheets};
-use crate::volume::{BRICK_EDGE, Grid};
+use crate::volume::Grid;
 
 /// A rectangle of the image, in pixels from its top left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,9 +84,6 @@ pub(crate) struct Plan {
 /// sheet then resolves contributions 2e6 times smaller before they turn subnormal, and holds 250 times more (oblique
 /// perspective rays, `Normalization::Peak`) before it overflows, whatever the units of the scene.
 const SHEET_FULL: f64 = 256.0;
-
-/// Half the distance of the first and the last voxel of a brick along an axis.
-const HALF_BRICK: f64 = (BRICK_EDGE - 1) as f64 / 2.0;
 
 /// The most pixels that gradients reach sideways.
 const MAX_MARGIN: f64 = 64.0;
@@ -362,116 +358,6 @@ impl Plan {
         let (x, y) = (clamped((low[0] - 1.0).floor(), w), clamped((low[1] - 1.0).floor(), h));
         let (right, bottom) = (clamped((high[0] + 1.0).ceil(), w), clamped((high[1] + 1.0).ceil(), h));
         (right > x && bottom > y).then(|| Region { x, y, width: right - x, height: bottom - y })
-    }
-
-    /// The splats of a store whose bricks reach into a region, as runs of consecutive ones.
-    pub(crate) fn in_view(&self, store: &Store, region: Region) -> Vec<Range<u32>> {
-        let sides = self.sides(region);
-        let mut runs: Vec<Range<u32>> = Vec::new();
-        for (number, brick) in store.bricks.iter().enumerate() {
-            let end = store.bricks.get(number + 1).map_or(store.count, |next| next.first);
-            if brick.first == end || !self.reaches(brick.origin, &sides) {
-                continue;
-            }
-            match runs.last_mut() {
-                Some(run) if run.end == brick.first => run.end = end,
-                _ => runs.push(brick.first..end),
-            }
-        }
-        runs
-    }
-
-    /// For each batch of sheets, the pixels of a region that splats of it can touch: what lies outside is empty.
-    pub(crate) fn covered(&self, stores: &[Store], region: Region, sheets_per_batch: u32) -> Vec<Area> {
-        let extent = [region.width, region.height].map(|side| side + 2 * self.margin);
-        let whole = Area { low: [0, 0], high: extent };
-        let batches = self.sheets.div_ceil(sheets_per_batch) as usize;
-        if self.axis.is_some() || !self.savings.pixels {
-            return vec![whole; batches];
-        }
-        let sides = self.sides(region);
-        let (scale, origin) = self.pixels();
-        let first_pixel = [region.x, region.y].map(|first| f64::from(first) - f64::from(self.margin));
-        let mut areas = vec![Area::default(); batches];
-        for store in stores {
-            for brick in &store.bricks {
-                if !self.reaches(brick.origin, &sides) {
-                    continue;
-                }
-                let center = self.brick_center(brick.origin);
-                let reach = |axis: usize| self.brick_reach(self.view[axis]);
-                let z = self.view[2].dot(center);
-                let sheet = |z: f64| (z - self.sheet_origin) / self.sheet_step / f64::from(sheets_per_batch);
-                // A float to integer cast saturates. One more on either side absorbs rounding.
-                let first = (sheet(z - reach(2)) - 1e-3).floor() as usize;
-                let last = (sheet(z + reach(2)) + 1e-3).floor() as usize;
-                let (near, far) = (z - reach(2) + self.eye_depth, z + reach(2) + self.eye_depth);
-                let mut area = whole;
-                if !self.is_perspective() || near > 1e-3 * far {
-                    for axis in 0..2 {
-                        let middle = self.view[axis].dot(center) + self.offset[axis];
-                        let ends = [middle - reach(axis), middle + reach(axis)];
-                        let planes =
-                            ends.map(|end| if self.is_perspective() { [end / near, end / far] } else { [end; 2] });
-                        let pixels =
-                            planes.as_flattened().iter().map(|p| (p - origin[axis]) / scale[axis] - first_pixel[axis]);
-                        let (low, high) =
-                            pixels.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
-                        area.low[axis] = (low - 2.0).floor().clamp(0.0, f64::from(extent[axis])) as u32;
-                        area.high[axis] = (high + 2.0).ceil().clamp(0.0, f64::from(extent[axis])) as u32;
-                    }
-                }
-                for reached in areas.iter_mut().take(last.saturating_add(1)).skip(first) {
-                    *reached = reached.joined(area);
-                }
-            }
-        }
-        areas
-    }
-
-    /// The planes that bound what a region shows, as (gradient in the lattice, value in the middle of the lattice): points
-    /// inside have values of 0 and more.
-    fn sides(&self, region: Region) -> Vec<(DVec3, f64)> {
-        if !self.savings.view {
-            return Vec::new();
-        }
-        let (scale, origin) = self.pixels();
-        // A pixel more than the margin: quads are padded.
-        let margin = f64::from(self.margin) + 1.0;
-        let plane = |axis: usize, pixel: f64| origin[axis] + pixel * scale[axis];
-        let ends = |axis: usize, first: u32, length: u32| {
-            let (a, b) = (plane(axis, f64::from(first) - margin), plane(axis, f64::from(first + length) + margin));
-            [a.min(b), a.max(b)]
-        };
-        let (x, y) = (ends(0, region.x, region.width), ends(1, region.y, region.height));
-        // In view coordinates: coordinate - slope z >= end, and the other way round.
-        let side = |axis: usize, end: f64, sign: f64| {
-            let (slope, constant) = if self.is_perspective() { (end, end * self.eye_depth) } else { (0.0, end) };
-            ((self.view[axis] - slope * self.view[2]) * sign, (self.offset[axis] - constant) * sign)
-        };
-        let mut sides = vec![side(0, x[0], 1.0), side(0, x[1], -1.0), side(1, y[0], 1.0), side(1, y[1], -1.0)];
-        if self.is_perspective() {
-            sides.push((self.view[2], self.eye_depth));
-        }
-        sides
-    }
-
-    /// Whether the kernels of a brick's voxels reach over all planes.
-    fn reaches(&self, brick: [u32; 3], sides: &[(DVec3, f64)]) -> bool {
-        let center = self.brick_center(brick);
-        sides.iter().all(|(gradient, value)| gradient.dot(center) + value + self.brick_reach(*gradient) >= 0.0)
-    }
-
-    /// The middle of a brick's voxels, from that of the lattice.
-    fn brick_center(&self, brick: [u32; 3]) -> DVec3 {
-        let middle = |axis: usize| f64::from(self.grid.dims()[axis] - 1) / 2.0 + f64::from(self.padding);
-        DVec3::from_array(std::array::from_fn(|axis| f64::from(brick[axis]) + HALF_BRICK - middle(axis)))
-    }
-
-    /// By how much a linear function of that gradient in the lattice can differ, anywhere in the kernels of a brick's
-    /// voxels, from its value in the middle.
-    fn brick_reach(&self, gradient: DVec3) -> f64 {
-        gradient.abs().dot(DVec3::splat(HALF_BRICK)) + self.radius * self.growths[1] * gradient.length()
     }
 
     /// The uniforms of a frame that renders `region`.
