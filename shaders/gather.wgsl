@@ -86,6 +86,7 @@ fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     }
     let course = course_of(at);
     let section = course.section;
+    let footprints = footprints_of(course);
     var ray = clear_ray();
     for (var slot = 0u; slot < raster.run_slots; slot++) {
         let run = vec2i(textureLoad(runs, runs_of(tile, slot), 0).xy);
@@ -100,7 +101,7 @@ fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
         ray.before = vec4f(0.0);
         ray.slab = vec4f(0.0);
         for (var plane = planes.x; plane < planes.y + FLUSH; plane++) {
-            let sums = gathered(course, plane, planes.y);
+            let sums = gathered(course, footprints, plane, planes.y);
             advance(&ray, s0 + part_0(section, sums.m, sums.n), course, f32(plane - 3));
             s0 = s1 + part_1(section, sums.m, sums.n);
             s1 = s2 + part_2(section, sums.m);

@@ -83,6 +83,7 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     let x = course.section.x;
     let y = course.section.y;
     let z = course.section.z;
+    let footprints = footprints_of(course);
     var ray = clear_ray();
     for (var slot = 0u; slot < raster.run_slots; slot++) {
         let run = vec2i(textureLoad(runs, runs_of(tile, slot), 0).xy);
@@ -99,7 +100,7 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
         ray.before = vec4f(0.0);
         ray.slab = vec4f(0.0);
         for (var plane = planes.x; plane < planes.y + FLUSH; plane++) {
-            let sums = gathered(course, plane, planes.y);
+            let sums = gathered(course, footprints, plane, planes.y);
             // Kernels feed the slabs from two planes before theirs to two behind. What is even in s is the same on both
             // sides, what is odd the opposite.
             let o = vec4f(0.0, 0.0, 0.0, sums.o);

@@ -26,6 +26,7 @@ const FRAME: &str = include_str!("../../shaders/common/frame.wgsl");
 const PACKING: &str = include_str!("../../shaders/common/packing.wgsl");
 const RASTER: &str = include_str!("../../shaders/common/raster.wgsl");
 const COURSE: &str = include_str!("../../shaders/common/course.wgsl");
+const PLANE: &str = include_str!("../../shaders/common/plane.wgsl");
 const VECTORS: &str = include_str!("../../shaders/voxels/vectors.wgsl");
 const SCALARS: &str = include_str!("../../shaders/voxels/scalars.wgsl");
 const TRANSFER: &str = include_str!("../../shaders/common/transfer.wgsl");
@@ -62,16 +63,16 @@ pub(crate) const SKIP: Shader =
     Shader { name: "skip", parts: &[include_str!("../../shaders/skip.wgsl"), RASTER, PACKING] };
 pub(crate) const GATHER: Shader = Shader {
     name: "gather",
-    parts: &[include_str!("../../shaders/gather.wgsl"), COURSE, VECTORS, RASTER, PACKING, ABSORBED],
+    parts: &[include_str!("../../shaders/gather.wgsl"), COURSE, PLANE, VECTORS, RASTER, PACKING, ABSORBED],
 };
 const SCALAR_RAYS: &str = include_str!("../../shaders/gather_scalars.wgsl");
 pub(crate) const GATHER_SCALARS: Shader = Shader {
     name: "gather-scalars",
-    parts: &[SCALAR_RAYS, COURSE, SCALARS, RASTER, PACKING, TRANSFER, LIGHTING, ABSORBED],
+    parts: &[SCALAR_RAYS, COURSE, PLANE, SCALARS, RASTER, PACKING, TRANSFER, LIGHTING, ABSORBED],
 };
 pub(crate) const GATHER_GRADIENTS: Shader = Shader {
     name: "gather-gradients",
-    parts: &[SCALAR_RAYS, COURSE, VECTORS, RASTER, PACKING, TRANSFER, LIGHTING, ABSORBED],
+    parts: &[SCALAR_RAYS, COURSE, PLANE, VECTORS, RASTER, PACKING, TRANSFER, LIGHTING, ABSORBED],
 };
 pub(crate) const PREFILTER: Shader =
     Shader { name: "prefilter", parts: &[include_str!("../../shaders/prefilter.wgsl")] };

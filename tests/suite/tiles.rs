@@ -74,6 +74,33 @@ fn a_ray_per_pixel_is_the_reference() {
     }
 }
 
+#[test]
+fn straight_rays_are_those_that_lean_a_little() {
+    // Straight ones find their footprints once, the others in every plane.
+    let headlight = Lighting { lights: vec![Light::Headlight], ..Lighting::default() };
+    let post = Settings { shading: Shading::Post, ..full(40) };
+    let cases = [
+        full(40),
+        Settings { kernel: Kernel::KAISER_BESSEL, ..full(40) },
+        Settings { model: Model::Xray, ..full(40) },
+        post.clone(),
+        Settings { lighting: Some(headlight), ..post.clone() },
+        Settings { model: Model::Mip, ..post },
+    ];
+    let (volume, transfer) = demo("vessels", 24);
+    for settings in cases {
+        for (azimuth, elevation) in [(0.0, 0.0), (90.0, 0.0), (180.0, 0.0), (0.0, 90.0)] {
+            let [straight, leaning] = [0.0, 1e-3].map(|degrees| {
+                let camera = camera(azimuth + degrees, elevation - degrees, 1.0, &volume, &settings);
+                render(&volume, &transfer, &camera, &settings).image
+            });
+            let pairs = straight.pixels().as_flattened().iter().zip(leaning.pixels().as_flattened());
+            let worst = pairs.fold(0.0_f32, |worst, (p, q)| worst.max((p - q).abs()));
+            assert!(worst < 2e-3, "{settings:?} {azimuth} {elevation}: {worst:e}");
+        }
+    }
+}
+
 /// Views through one eye: along one axis, two and all three, from behind; (azimuth, elevation, field of view).
 const EYES: [[f64; 3]; 5] =
     [[0.0, 0.0, 30.0], [30.0, 20.0, 40.0], [45.0, 0.0, 50.0], [45.0, 35.0, 70.0], [215.0, -50.0, 90.0]];

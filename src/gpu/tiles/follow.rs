@@ -48,20 +48,28 @@ impl Stage {
         let runs = Slot::IntegerTexture(wgpu::TextureViewDimension::D2);
         let perspective = ("PERSPECTIVE", flag(key.perspective));
         let terms = ("TERMS", f64::from(key.terms));
+        let straight = ("STRAIGHT", flag(key.rays == Rays::Straight));
         if let Voxel::Color { .. } = key.voxel {
             let picture = Slot::StorageTexture(PICTURE, wgpu::TextureViewDimension::D2);
             let entry = if key.rays == Rays::Shared { "blocked" } else { "single" };
             let white = ("WHITE", flag(key.model == Model::Xray));
             let enlarged = ("ENLARGED", flag(key.rays == Rays::Coarser));
             let slots = [Slot::Uniform, volume, runs, picture, Slot::Write];
-            return Self::new(context, shaders::GATHER, entry, &slots, &[perspective, terms, white, enlarged]);
+            return Self::new(
+                context,
+                shaders::GATHER,
+                entry,
+                &slots,
+                &[perspective, terms, straight, white, enlarged],
+            );
         }
         let shader = if key.voxel == Voxel::Scalar { shaders::GATHER_SCALARS } else { shaders::GATHER_GRADIENTS };
         let maximum = ("MAXIMUM", flag(key.model == Model::Mip));
         let lights = ("LIGHTS", f64::from(key.lights));
         let transfer = Slot::ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let slots = [Slot::Uniform, volume, runs, Slot::Write, Slot::Uniform, transfer];
-        Self::new(context, shader, "gather", &slots, &[perspective, terms, maximum, lights, ("SCALARS", 1.0)])
+        let scalars = ("SCALARS", 1.0);
+        Self::new(context, shader, "gather", &slots, &[perspective, terms, straight, scalars, maximum, lights])
     }
 }
 

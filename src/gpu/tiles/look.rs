@@ -1,6 +1,6 @@
 //! The ways in which rays follow a lattice.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use crate::camera::{Camera, Projection};
 use crate::volume::Grid;
@@ -69,6 +69,11 @@ impl Look {
             direction: DVec3::new(unit[a], unit[b], unit[m].abs()),
             stretch: world / ray.length(),
         }
+    }
+
+    /// How far rays move along a and b from plane to plane.
+    pub(super) fn shear(&self) -> DVec2 {
+        DVec2::new(self.direction.x, self.direction.y) / self.direction.z
     }
 
     /// World length of a voxel along a ray.

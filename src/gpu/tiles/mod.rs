@@ -44,6 +44,9 @@ const MAX_RADIUS: f64 = 2.0;
 /// Places at which a slab of scalars, half a plane thick, is classified, per voxel of its thickness.
 const SAMPLES_PER_VOXEL: f64 = 8.0;
 
+/// How far straight rays may move across the volume, in voxels.
+const STRAIGHT: f64 = 1e-4;
+
 /// Pixels that are worth an X-ray's quad.
 const PIXELS_PER_QUAD: u64 = 8;
 
@@ -53,6 +56,8 @@ enum Rays {
     /// Those of the pixels.
     #[default]
     Pixels,
+    /// Those of the pixels, which run along m.
+    Straight,
     /// Each on its own through a coarser raster, that is enlarged.
     Coarser,
     /// Eight at a time through the lattice's raster, that is enlarged.
@@ -194,10 +199,17 @@ impl<'a> View<'a> {
             terms: self.footprint.terms(),
             rays: match self.raster(look, Region { x: 0, y: 0, width, height }).map(|r| r.spacing) {
                 Some(Spacing::Voxel(_)) => Rays::Shared,
+                Some(Spacing::Pixels(1.0)) if self.is_straight(look) => Rays::Straight,
                 Some(Spacing::Pixels(1.0)) | None => Rays::Pixels,
                 Some(Spacing::Pixels(_)) => Rays::Coarser,
             },
         }
+    }
+
+    /// Whether rays run along m so closely that they meet all planes at the same place.
+    fn is_straight(&self, (look, packing): &(Look, Packing)) -> bool {
+        matches!(self.camera.projection, Projection::Orthographic { .. })
+            && look.shear().abs().max_element() * f64::from(packing.dims[2]) < STRAIGHT
     }
 
     /// Whether software draws the picture faster by quads: an X-ray takes one of them a splat, and a ray for each pixel a
@@ -282,7 +294,11 @@ impl Tiles {
     pub(crate) fn new(context: &Context, key: TilesKey) -> Result<Self> {
         let rest = || {
             let packer = Packer::new(context, key.voxel, key.perspective);
-            (packer, Stage::skip(context, key), (key.rays != Rays::Pixels).then(|| Enlarge::new(context)))
+            (
+                packer,
+                Stage::skip(context, key),
+                matches!(key.rays, Rays::Coarser | Rays::Shared).then(|| Enlarge::new(context)),
+            )
         };
         let (gather, (packer, skip, enlarge)) = both(context, || Stage::gather(context, key), rest)?;
         Ok(Self { packer, skip, gather, enlarge })

@@ -179,7 +179,7 @@ impl Raster {
             };
         } else {
             let direction = look.direction;
-            let shear = DVec2::new(direction.x, direction.y) / direction.z;
+            let shear = look.shear();
             let base = |p: DVec2| {
                 let p = placed(camera.target + raised(p));
                 DVec2::new(p.x, p.y) - shear * p.z

@@ -1,0 +1,141 @@
+// What a ray of the painter `tiles` gathers of a voxel plane.
+
+// Terms of the footprint's polynomial: 6 or 8.
+override TERMS: u32 = 6u;
+// Rays run along m, and meet all planes at the same place: their footprints are found once.
+override STRAIGHT: bool = false;
+
+// Footprint at a squared distance.
+fn footprint(square: f32) -> f32 {
+    let c2 = max(raster.radius2 - square, 0.0);
+    let f = raster.footprint;
+    let g = raster.footprint_high;
+    var high = g.y * c2 + g.x;
+    if TERMS > 6u {
+        high += (g.w * c2 + g.z) * c2 * c2;
+    }
+    return sqrt(c2) * ((((high * c2 + f.w) * c2 + f.z) * c2 + f.y) * c2 + f.x);
+}
+
+// Footprint of a voxel (du, dv) from where a ray of that direction meets its plane, and that times its place along the ray,
+// and again.
+fn weights(du: f32, dv: f32, direction: vec2f) -> vec3f {
+    let s = du * direction.x + dv * direction.y;
+    let w = footprint(du * du + dv * dv - s * s);
+    return vec3f(w, w * s, w * s * s);
+}
+
+// The texel before the first of a plane's voxels.
+fn place_of(plane: i32) -> vec2i {
+    let k = select(plane, raster.voxels.z - 1 - plane, raster.flipped == 1);
+    return vec2i(
+        k % raster.columns * (raster.row_texels + MARGIN) + MARGIN,
+        k / raster.columns * (raster.voxels.y + 1) + 1,
+    );
+}
+
+// The rows of a plane that reach a ray, none past the last plane of a run.
+fn rows_of(plane: i32, end: i32, b: f32, half: f32) -> vec2i {
+    let first = i32(ceil(b - half));
+    return vec2i(first, select(first - 1, i32(floor(b + half)), plane < end));
+}
+
+// Sums of a plane's voxels over the kernels that reach a ray: of footprints, of these times places, and of scalars again.
+struct Moments {
+    m: vec4f,
+    n: vec4f,
+    o: f32,
+}
+
+// What a straight ray meets in every plane: the footprints of 6 voxels in each of 4 rows, which is all that kernels of 2 voxels
+// and less reach.
+struct Footprints {
+    // The texel in which the first of them is, from the texel before a plane's voxels.
+    texel: vec2i,
+    a: mat4x4f,
+    b: mat4x2f,
+}
+
+fn footprints_of(course: Course) -> Footprints {
+    var footprints: Footprints;
+    if STRAIGHT {
+        let first = vec2i(ceil(course.base - course.half)) & vec2i(-2, -1);
+        footprints.texel = vec2i(first.x >> 1u, first.y);
+        for (var row = 0; row < 4; row++) {
+            let d = vec2f(first + vec2i(0, row)) - course.base;
+            let x = d.x + vec4f(0.0, 1.0, 2.0, 3.0);
+            let square = x * x + d.y * d.y;
+            let beyond = (d.x + vec2f(4.0, 5.0)) * (d.x + vec2f(4.0, 5.0)) + d.y * d.y;
+            footprints.a[row] = vec4f(footprint(square.x), footprint(square.y), footprint(square.z), footprint(square.w));
+            footprints.b[row] = vec2f(footprint(beyond.x), footprint(beyond.y));
+        }
+    }
+    return footprints;
+}
+
+// The sum of a row of the footprints.
+fn row_of(texel: vec2i, row: i32, place: vec2i, a: vec4f, b: vec2f) -> vec4f {
+    let at = vec2i(clamp(texel.x, -MARGIN, raster.row_texels), clamp(texel.y + row, -1, raster.voxels.y)) + place;
+    let t0 = textureLoad(volume, at);
+    let t1 = textureLoad(volume, at + vec2i(1, 0));
+    let t2 = textureLoad(volume, at + vec2i(2, 0));
+    return a.x * first_of(t0) + a.y * second_of(t0) + a.z * first_of(t1) + a.w * second_of(t1) + b.x * first_of(t2)
+        + b.y * second_of(t2);
+}
+
+fn gathered_straight(footprints: Footprints, plane: i32, end: i32) -> vec4f {
+    if plane >= end {
+        return vec4f(0.0);
+    }
+    let place = place_of(plane);
+    return row_of(footprints.texel, 0, place, footprints.a[0], footprints.b[0]) + row_of(footprints.texel, 1, place, footprints.a[1], footprints.b[1])
+        + row_of(footprints.texel, 2, place, footprints.a[2], footprints.b[2]) + row_of(footprints.texel, 3, place, footprints.a[3], footprints.b[3]);
+}
+
+fn gathered(course: Course, footprints: Footprints, plane: i32, end: i32) -> Moments {
+    if STRAIGHT {
+        return Moments(gathered_straight(footprints, plane, end), vec4f(0.0), 0.0);
+    }
+    let direction = course.direction.xy;
+    let center = course.base + course.shear * f32(plane);
+    let rows = rows_of(plane, end, center.y, course.half.y);
+    let place = place_of(plane);
+    var sums = Moments(vec4f(0.0), vec4f(0.0), 0.0);
+    for (var row = rows.x; row <= rows.y; row++) {
+        let dv = f32(row) - center.y;
+        let first = i32(ceil(center.x + dv * course.row_slope - course.row_half)) & -2;
+        let du = f32(first) - center.x;
+        let texel = vec2i(clamp(first >> 1u, -MARGIN, raster.row_texels), clamp(row, -1, raster.voxels.y)) + place;
+        let t0 = textureLoad(volume, texel);
+        let t1 = textureLoad(volume, texel + vec2i(1, 0));
+        let t2 = textureLoad(volume, texel + vec2i(2, 0));
+        let v0 = first_of(t0);
+        let v1 = second_of(t0);
+        let v2 = first_of(t1);
+        let v3 = second_of(t1);
+        let v4 = first_of(t2);
+        let v5 = second_of(t2);
+        let w0 = weights(du, dv, direction);
+        let w1 = weights(du + 1.0, dv, direction);
+        let w2 = weights(du + 2.0, dv, direction);
+        let w3 = weights(du + 3.0, dv, direction);
+        let w4 = weights(du + 4.0, dv, direction);
+        let w5 = weights(du + 5.0, dv, direction);
+        sums.m += w0.x * v0 + w1.x * v1 + w2.x * v2 + w3.x * v3 + w4.x * v4 + w5.x * v5;
+        sums.n += w0.y * v0 + w1.y * v1 + w2.y * v2 + w3.y * v3 + w4.y * v4 + w5.y * v5;
+        sums.o += w0.z * v0.w + w1.z * v1.w + w2.z * v2.w + w3.z * v3.w + w4.z * v4.w + w5.z * v5.w;
+        // Rays that lean along a reach farther: from here on over more than five voxels, not counting the one that a
+        // texel may begin too early.
+        if PERSPECTIVE && course.row_half >= 2.5 {
+            let t3 = textureLoad(volume, texel + vec2i(3, 0));
+            let v6 = first_of(t3);
+            let v7 = second_of(t3);
+            let w6 = weights(du + 6.0, dv, direction);
+            let w7 = weights(du + 7.0, dv, direction);
+            sums.m += w6.x * v6 + w7.x * v7;
+            sums.n += w6.y * v6 + w7.y * v7;
+            sums.o += w6.z * v6.w + w7.z * v7.w;
+        }
+    }
+    return sums;
+}
