@@ -4,7 +4,7 @@ use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use super::classify::{Classifier, Store};
 use super::context::Context;
-use super::layout::Splat;
+use super::layout::{FEW, Splat};
 use super::plan::{Plan, Region, Subject, Target};
 use super::scan::Scan;
 use super::sort::{SortKey, Sorter};
@@ -83,22 +83,62 @@ fn classify_matches_its_twin_for_every_type() {
         for (slope, intercept) in [(1.0, 0.0), (0.5, -20.0), (-1.0, 100.0)] {
             let grid = Grid::axis_parallel(dims, [1.0; 3]).unwrap();
             let volume = Volume::new(grid, samples.clone()).unwrap().with_rescale(slope, intercept).unwrap();
-            let got = downloaded(&context, &classified(&context, &volume, &steps()));
-            let expected = stages::classify(&volume, &steps());
-            assert_eq!(got.len(), expected.len(), "{name} {slope} {intercept}");
-            for (g, e) in got.iter().zip(&expected) {
-                assert_eq!(g.point, e.point, "{name} {slope}");
-                // 13 bits of red and blue, 14 of green.
-                for (c, (g, e)) in g.color.iter().zip(&e.color).enumerate() {
-                    let step = [1.0 / 8191.0, 1.0 / 16383.0, 1.0 / 8191.0][c];
-                    assert!((g - e).abs() <= 0.5 * step + 1e-6, "{name} {slope}: {g:?} {e:?}");
-                }
-                // Near opacity 1 a step of f32 in the opacity is 4e-3 of its logarithm: hence the second term.
-                let allowed = 1e-6 + 1e-5 * e.density + 1e-7 * e.density.exp();
-                assert!((g.density - e.density).abs() <= allowed, "{name} {slope}: {g:?} {e:?}");
-            }
+            assert_classified(&context, &volume, &steps(), &format!("{name} {slope} {intercept}"));
         }
     }
+}
+
+/// Asserts that the device makes of a volume what the twin does.
+fn assert_classified(context: &Context, volume: &Volume, transfer: &TransferFunction, what: &str) {
+    let got = downloaded(context, &classified(context, volume, transfer));
+    let expected = stages::classify(volume, transfer);
+    assert_eq!(got.len(), expected.len(), "{what}");
+    for (g, e) in got.iter().zip(&expected) {
+        assert_eq!(g.point, e.point, "{what}");
+        // 13 bits of red and blue, 14 of green.
+        for (c, (g, e)) in g.color.iter().zip(&e.color).enumerate() {
+            let step = [1.0 / 8191.0, 1.0 / 16383.0, 1.0 / 8191.0][c];
+            assert!((g - e).abs() <= 0.5 * step + 1e-6, "{what}: {g:?} {e:?}");
+        }
+        // Near opacity 1 a step of f32 in the opacity is 4e-3 of its logarithm: hence the second term.
+        let allowed = 1e-6 + 1e-5 * e.density + 1e-7 * e.density.exp();
+        assert!((g.density - e.density).abs() <= allowed, "{what}: {g:?} {e:?}");
+    }
+}
+
+#[test]
+fn classify_matches_its_twin_for_few_and_many_control_points() {
+    let context = Context::new(None).unwrap();
+    let samples = Samples::F32((0..40 * 7 * 3).map(|i| (i * 37 % 1000) as f32 / 7.0 - 10.0).collect());
+    let volume = Volume::new(Grid::axis_parallel([40, 7, 3], [1.0; 3]).unwrap(), samples).unwrap();
+    for count in [1, 2, FEW - 1, FEW, FEW + 1, 3 * FEW] {
+        // Two at each value but the first: ramps and steps, with what is clear in between.
+        let point = |i: usize| ControlPoint {
+            value: (i.div_ceil(2) as f64) * 100.0 / count as f64,
+            color: [0.1, 0.5, 0.9].map(|c| (c + 0.37 * i as f64) % 1.0),
+            opacity: if i % 5 < 2 { 0.0 } else { (0.13 * i as f64) % 0.7 },
+        };
+        let transfer = TransferFunction::new((2..2 + count).map(point).collect(), None).unwrap();
+        assert_classified(&context, &volume, &transfer, &format!("{count} points"));
+    }
+}
+
+/// Bricks know the box around their splats, which rays and culling go by.
+#[test]
+fn bricks_are_bounded_by_their_splats() {
+    let context = Context::new(None).unwrap();
+    let dims = [70_u32, 40, 33];
+    let shown = [[3, 5, 7], [9, 5, 31], [31, 31, 32], [69, 39, 0]];
+    let at = |[x, y, z]: [u32; 3]| (x + dims[0] * (y + dims[1] * z)) as usize;
+    let mut samples = vec![0_u8; dims.iter().product::<u32>() as usize];
+    for point in shown {
+        samples[at(point)] = 60;
+    }
+    let volume = Volume::new(Grid::axis_parallel(dims, [1.0; 3]).unwrap(), Samples::U8(samples)).unwrap();
+    let stores = classified(&context, &volume, &steps());
+    let bounds: Vec<_> = stores.iter().flat_map(|s| &s.bricks).map(|b| b.bounds).filter(|[l, h]| l != h).collect();
+    let single = |[x, y, z]: [u32; 3]| [[x, y, z], [x + 1, y + 1, z + 1]];
+    assert_eq!(bounds, [[[3, 5, 7], [10, 6, 32]], single(shown[3]), single(shown[2])]);
 }
 
 #[test]
