@@ -11,8 +11,8 @@
 //! picture from a cold start and then a turntable of 10-degree steps, each in a process of its own, one after the other; what takes
 //! over 1.5 s a frame takes part in the first run only.
 //!
-//! Prints per scene and entry: wall time of the command that makes one picture, median time of a frame, peak resident memory of
-//! the first, the error against its own truth (rms over covered pixels and colours in steps of 8 bits), and the ratios to the
+//! Prints per scene and entry, as medians: wall time of the command that makes one picture, time of a frame, peak resident memory
+//! of the first, the error against its own truth (rms over covered pixels and colours in steps of 8 bits), and the ratios to the
 //! best rival. voxsplat's truth is its f64 reference, made once and kept in WORK/truth, which takes minutes; that of a rival
 //! is what `reference.py` of the scripts makes.
 
@@ -230,7 +230,7 @@ enum Entry {
 struct Times {
     cold: Vec<f64>,
     frame: Vec<f64>,
-    memory: f64,
+    memory: Vec<f64>,
     error: f64,
 }
 
@@ -256,7 +256,7 @@ impl Race<'_> {
                 turn.args(["--child", painter, &self.scene.name, "--frames", &frames, "--work"]).arg(work);
                 let (_, _, json) = measured(&mut turn)?;
                 times.cold.push(wall);
-                times.memory = times.memory.max(memory);
+                times.memory.push(memory);
                 times.frame.push(json["median_s"].as_f64().unwrap_or(f64::NAN));
                 times.error = json["error"].as_f64().unwrap_or(f64::NAN);
             }
@@ -287,7 +287,7 @@ impl Race<'_> {
                 }
                 let (_, _, json) = measured(&mut command(&frames))?;
                 times.cold.push(wall);
-                times.memory = times.memory.max(memory);
+                times.memory.push(memory);
                 times.frame.push(json["median_s"].as_f64().unwrap_or(f64::NAN));
             }
         }
@@ -341,7 +341,7 @@ fn main() -> Result<()> {
 
 fn print(scene: &Scene, entries: &[Entry], times: Vec<Times>) {
     let rows: Vec<[f64; 4]> =
-        times.into_iter().map(|t| [median(t.cold), median(t.frame) * 1e3, t.memory, t.error]).collect();
+        times.into_iter().map(|t| [median(t.cold), median(t.frame) * 1e3, median(t.memory), t.error]).collect();
     let rival = |entry: &Entry| matches!(entry, Entry::Rival(_));
     let best: [f64; 3] = std::array::from_fn(|column| {
         let rivals = entries.iter().zip(&rows).filter(|(entry, _)| rival(entry));

@@ -2,9 +2,9 @@
 // kernels that reach it there; each plane has a slab, from half way to the plane before to half way to the one behind, and
 // every kernel is cut by the planes between slabs. Slabs are composited as they are complete.
 //
-// A kernel's parts in the five slabs that it can reach are close to linear in the place of its centre along the ray, times
-// its whole footprint: so a plane needs two sums, of footprints and of footprints times places, and its slabs get theirs
-// from these. The parts add up to the footprint, so optical depth is that of whole footprints.
+// A kernel's parts in the slabs that it can reach, two or three on either side of its own, are close to linear in the place
+// of its centre along the ray, times its whole footprint: so a plane needs two sums, of footprints and of footprints times
+// places, and its slabs get theirs from these. The parts add up to the footprint, so optical depth is that of whole ones.
 //
 // `blocked` is written out for eight rays a voxel apart: they meet a plane at the same place between voxels and share the
 // six footprints of a row. Loops over them would keep arrays in memory on drivers that unroll none.
@@ -19,26 +19,23 @@
 // `single` goes through raster points that are not pixels.
 override ENLARGED: bool = false;
 
-// Parts of a plane's kernels in the slabs from two before its own to two behind, given its two sums: a kernel's part is
-// its footprint times x + y s. Both are alike on either side, and its own slab has the rest.
-fn part_0(section: Section, m: vec4f, n: vec4f) -> vec4f {
+// Parts of a plane's kernels, given its two sums, in the slab so many planes before or behind its own: a kernel's part is its
+// footprint times x + y s. Both are alike on either side, and its own slab has the rest.
+fn part_1(section: Section, m: vec4f, n: vec4f) -> vec4f {
     return section.x.x * m + section.y.x * n;
 }
 
-fn part_1(section: Section, m: vec4f, n: vec4f) -> vec4f {
+fn part_2(section: Section, m: vec4f, n: vec4f) -> vec4f {
     return section.x.y * m + section.y.y * n;
 }
 
-fn part_2(section: Section, m: vec4f) -> vec4f {
-    return (1.0 - 2.0 * (section.x.x + section.x.y)) * m;
-}
-
+// Only of kernels over 2 voxels.
 fn part_3(section: Section, m: vec4f, n: vec4f) -> vec4f {
-    return section.x.y * m - section.y.y * n;
+    return section.x.z * m + section.y.z * n;
 }
 
-fn part_4(section: Section, m: vec4f, n: vec4f) -> vec4f {
-    return section.x.x * m - section.y.x * n;
+fn part_0(section: Section, m: vec4f) -> vec4f {
+    return (1.0 - 2.0 * (section.x.x + section.x.y + section.x.z)) * m;
 }
 
 // Composites the slab that waits, of plane `plane`, now that the one behind it is known. With the slope between its
@@ -75,8 +72,9 @@ fn keep(at: vec2u, value: vec4f) {
     }
 }
 
-// Planes after the last of a run until all that it feeds has been composited.
-const FLUSH: i32 = 5;
+// Planes after the last of a run until all that it feeds has been composited; by `blocked`, which kernels of 2 voxels reach.
+const FLUSH: i32 = 7;
+const FLUSH_BLOCKED: i32 = 5;
 
 @compute @workgroup_size(64)
 fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
@@ -98,15 +96,19 @@ fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
         var s1 = vec4f(0.0);
         var s2 = vec4f(0.0);
         var s3 = vec4f(0.0);
+        var s4 = vec4f(0.0);
+        var s5 = vec4f(0.0);
         ray.before = vec4f(0.0);
         ray.slab = vec4f(0.0);
         for (var plane = planes.x; plane < planes.y + FLUSH; plane++) {
             let sums = gathered(course, footprints, plane, planes.y);
-            advance(&ray, s0 + part_0(section, sums.m, sums.n), course, f32(plane - 3));
-            s0 = s1 + part_1(section, sums.m, sums.n);
-            s1 = s2 + part_2(section, sums.m);
-            s2 = s3 + part_3(section, sums.m, sums.n);
-            s3 = part_4(section, sums.m, sums.n);
+            advance(&ray, s0 + part_3(section, sums.m, sums.n), course, f32(plane - 4));
+            s0 = s1 + part_2(section, sums.m, sums.n);
+            s1 = s2 + part_1(section, sums.m, sums.n);
+            s2 = s3 + part_0(section, sums.m);
+            s3 = s4 + part_1(section, sums.m, -sums.n);
+            s4 = s5 + part_2(section, sums.m, -sums.n);
+            s5 = part_3(section, sums.m, -sums.n);
             if ray.depth > raster.opaque_depth {
                 break;
             }
@@ -189,7 +191,7 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
         ray6.slab = vec4f(0.0);
         ray7.before = vec4f(0.0);
         ray7.slab = vec4f(0.0);
-        for (var plane = run.x; plane < run.y + FLUSH; plane++) {
+        for (var plane = run.x; plane < run.y + FLUSH_BLOCKED; plane++) {
             let center = course.base + course.shear * f32(plane);
             let rows = rows_of(plane, end, center.y, course.half.y);
             let place = place_of(plane);
@@ -258,46 +260,46 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
                 m7 += w0.x * v7 + w1.x * v8 + w2.x * v9 + w3.x * v10 + w4.x * v11 + w5.x * v12;
                 n7 += w0.y * v7 + w1.y * v8 + w2.y * v9 + w3.y * v10 + w4.y * v11 + w5.y * v12;
             }
-            advance(&ray0, s00 + part_0(course.section, m0, n0), course, f32(plane - 3));
+            advance(&ray0, s00 + part_2(course.section, m0, n0), course, f32(plane - 3));
             s00 = s01 + part_1(course.section, m0, n0);
-            s01 = s02 + part_2(course.section, m0);
-            s02 = s03 + part_3(course.section, m0, n0);
-            s03 = part_4(course.section, m0, n0);
-            advance(&ray1, s10 + part_0(course.section, m1, n1), course, f32(plane - 3));
+            s01 = s02 + part_0(course.section, m0);
+            s02 = s03 + part_1(course.section, m0, -n0);
+            s03 = part_2(course.section, m0, -n0);
+            advance(&ray1, s10 + part_2(course.section, m1, n1), course, f32(plane - 3));
             s10 = s11 + part_1(course.section, m1, n1);
-            s11 = s12 + part_2(course.section, m1);
-            s12 = s13 + part_3(course.section, m1, n1);
-            s13 = part_4(course.section, m1, n1);
-            advance(&ray2, s20 + part_0(course.section, m2, n2), course, f32(plane - 3));
+            s11 = s12 + part_0(course.section, m1);
+            s12 = s13 + part_1(course.section, m1, -n1);
+            s13 = part_2(course.section, m1, -n1);
+            advance(&ray2, s20 + part_2(course.section, m2, n2), course, f32(plane - 3));
             s20 = s21 + part_1(course.section, m2, n2);
-            s21 = s22 + part_2(course.section, m2);
-            s22 = s23 + part_3(course.section, m2, n2);
-            s23 = part_4(course.section, m2, n2);
-            advance(&ray3, s30 + part_0(course.section, m3, n3), course, f32(plane - 3));
+            s21 = s22 + part_0(course.section, m2);
+            s22 = s23 + part_1(course.section, m2, -n2);
+            s23 = part_2(course.section, m2, -n2);
+            advance(&ray3, s30 + part_2(course.section, m3, n3), course, f32(plane - 3));
             s30 = s31 + part_1(course.section, m3, n3);
-            s31 = s32 + part_2(course.section, m3);
-            s32 = s33 + part_3(course.section, m3, n3);
-            s33 = part_4(course.section, m3, n3);
-            advance(&ray4, s40 + part_0(course.section, m4, n4), course, f32(plane - 3));
+            s31 = s32 + part_0(course.section, m3);
+            s32 = s33 + part_1(course.section, m3, -n3);
+            s33 = part_2(course.section, m3, -n3);
+            advance(&ray4, s40 + part_2(course.section, m4, n4), course, f32(plane - 3));
             s40 = s41 + part_1(course.section, m4, n4);
-            s41 = s42 + part_2(course.section, m4);
-            s42 = s43 + part_3(course.section, m4, n4);
-            s43 = part_4(course.section, m4, n4);
-            advance(&ray5, s50 + part_0(course.section, m5, n5), course, f32(plane - 3));
+            s41 = s42 + part_0(course.section, m4);
+            s42 = s43 + part_1(course.section, m4, -n4);
+            s43 = part_2(course.section, m4, -n4);
+            advance(&ray5, s50 + part_2(course.section, m5, n5), course, f32(plane - 3));
             s50 = s51 + part_1(course.section, m5, n5);
-            s51 = s52 + part_2(course.section, m5);
-            s52 = s53 + part_3(course.section, m5, n5);
-            s53 = part_4(course.section, m5, n5);
-            advance(&ray6, s60 + part_0(course.section, m6, n6), course, f32(plane - 3));
+            s51 = s52 + part_0(course.section, m5);
+            s52 = s53 + part_1(course.section, m5, -n5);
+            s53 = part_2(course.section, m5, -n5);
+            advance(&ray6, s60 + part_2(course.section, m6, n6), course, f32(plane - 3));
             s60 = s61 + part_1(course.section, m6, n6);
-            s61 = s62 + part_2(course.section, m6);
-            s62 = s63 + part_3(course.section, m6, n6);
-            s63 = part_4(course.section, m6, n6);
-            advance(&ray7, s70 + part_0(course.section, m7, n7), course, f32(plane - 3));
+            s61 = s62 + part_0(course.section, m6);
+            s62 = s63 + part_1(course.section, m6, -n6);
+            s63 = part_2(course.section, m6, -n6);
+            advance(&ray7, s70 + part_2(course.section, m7, n7), course, f32(plane - 3));
             s70 = s71 + part_1(course.section, m7, n7);
-            s71 = s72 + part_2(course.section, m7);
-            s72 = s73 + part_3(course.section, m7, n7);
-            s73 = part_4(course.section, m7, n7);
+            s71 = s72 + part_0(course.section, m7);
+            s72 = s73 + part_1(course.section, m7, -n7);
+            s73 = part_2(course.section, m7, -n7);
             if least(vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth), vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth))
                 > raster.opaque_depth {
                 break;

@@ -194,8 +194,9 @@ impl Renderer {
         }
         let view = || {
             let Subject { max_weight, unit } = scene.subject();
-            let (grid, transfer, padding) = (scene.grid(), scene.table(), plan.padding());
-            let subject = tiles::Subject { stores, grid, padding, max_weight, unit, transfer };
+            let (padding, growth) = (plan.padding(), plan.max_growth());
+            let (grid, transfer) = (scene.grid(), scene.table());
+            let subject = tiles::Subject { stores, grid, padding, growth, max_weight, unit, transfer };
             tiles::View::new(&self.context, subject, camera, settings).map(Box::new).map_err(str::to_owned)
         };
         let served = match tiles::refusal(&self.context, plan, settings) {

@@ -2,6 +2,9 @@
 
 // Terms of the footprint's polynomial: 6 or 8.
 override TERMS: u32 = 6u;
+// Texels of a row of voxels that are looked at: 3 where kernels reach less than 2.5 voxels along it, as of six voxels the
+// first may begin one too early, 4 up to 3.5 and 5 up to 4.5.
+override TEXELS: u32 = 3u;
 // Rays run along m, and meet all planes at the same place: their footprints are found once.
 override STRAIGHT: bool = false;
 
@@ -92,6 +95,17 @@ fn gathered_straight(footprints: Footprints, plane: i32, end: i32) -> vec4f {
         + row_of(footprints.texel, 2, place, footprints.a[2], footprints.b[2]) + row_of(footprints.texel, 3, place, footprints.a[3], footprints.b[3]);
 }
 
+fn add_pair(sums: ptr<function, Moments>, texel: vec2i, du: f32, dv: f32, direction: vec2f) {
+    let t = textureLoad(volume, texel);
+    let v = first_of(t);
+    let u = second_of(t);
+    let w = weights(du, dv, direction);
+    let x = weights(du + 1.0, dv, direction);
+    (*sums).m += w.x * v + x.x * u;
+    (*sums).n += w.y * v + x.y * u;
+    (*sums).o += w.z * v.w + x.z * u.w;
+}
+
 fn gathered(course: Course, footprints: Footprints, plane: i32, end: i32) -> Moments {
     if STRAIGHT {
         return Moments(gathered_straight(footprints, plane, end), vec4f(0.0), 0.0);
@@ -124,17 +138,11 @@ fn gathered(course: Course, footprints: Footprints, plane: i32, end: i32) -> Mom
         sums.m += w0.x * v0 + w1.x * v1 + w2.x * v2 + w3.x * v3 + w4.x * v4 + w5.x * v5;
         sums.n += w0.y * v0 + w1.y * v1 + w2.y * v2 + w3.y * v3 + w4.y * v4 + w5.y * v5;
         sums.o += w0.z * v0.w + w1.z * v1.w + w2.z * v2.w + w3.z * v3.w + w4.z * v4.w + w5.z * v5.w;
-        // Rays that lean along a reach farther: from here on over more than five voxels, not counting the one that a
-        // texel may begin too early.
-        if PERSPECTIVE && course.row_half >= 2.5 {
-            let t3 = textureLoad(volume, texel + vec2i(3, 0));
-            let v6 = first_of(t3);
-            let v7 = second_of(t3);
-            let w6 = weights(du + 6.0, dv, direction);
-            let w7 = weights(du + 7.0, dv, direction);
-            sums.m += w6.x * v6 + w7.x * v7;
-            sums.n += w6.y * v6 + w7.y * v7;
-            sums.o += w6.z * v6.w + w7.z * v7.w;
+        if TEXELS > 3u {
+            add_pair(&sums, texel + vec2i(3, 0), du + 6.0, dv, direction);
+        }
+        if TEXELS > 4u {
+            add_pair(&sums, texel + vec2i(4, 0), du + 8.0, dv, direction);
         }
     }
     return sums;

@@ -88,8 +88,8 @@ struct Raster {
 }
 
 // Parts of a kernel in the slabs before its middle: its footprint times x + y s + z s^2, s the place of its centre along the
-// ray from where the ray meets its plane. The slabs behind get theirs by symmetry. Colours have slabs a plane thick, of
-// which the first two are here, the third has the rest, and z is not used.
+// ray from where the ray meets its plane. The slabs behind get theirs by symmetry. Colours have slabs a plane thick: here
+// are those one, two and three before its own, which has the rest, and z is not used.
 struct Section {
     x: vec4f,
     y: vec4f,

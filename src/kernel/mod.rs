@@ -76,6 +76,14 @@ impl Kernel {
         }
     }
 
+    /// The same kernel so many times as large.
+    pub(crate) fn grown(&self, growth: f64) -> Self {
+        match *self {
+            Self::Gaussian { sigma, radius } => Self::Gaussian { sigma: growth * sigma, radius: growth * radius },
+            Self::KaiserBessel { radius, alpha } => Self::KaiserBessel { radius: growth * radius, alpha },
+        }
+    }
+
     /// The kernel at squared distance `rho2` (voxels^2) from its centre: 1 at 0, 0 outside the support.
     #[must_use]
     pub fn value(&self, rho2: f64) -> f64 {

@@ -48,6 +48,7 @@ impl Stage {
         let runs = Slot::IntegerTexture(wgpu::TextureViewDimension::D2);
         let perspective = ("PERSPECTIVE", flag(key.perspective));
         let terms = ("TERMS", f64::from(key.terms));
+        let texels = ("TEXELS", f64::from(key.texels));
         let straight = ("STRAIGHT", flag(key.rays == Rays::Straight));
         if let Voxel::Color { .. } = key.voxel {
             let picture = Slot::StorageTexture(PICTURE, wgpu::TextureViewDimension::D2);
@@ -60,7 +61,7 @@ impl Stage {
                 shaders::GATHER,
                 entry,
                 &slots,
-                &[perspective, terms, straight, white, enlarged],
+                &[perspective, terms, texels, straight, white, enlarged],
             );
         }
         let shader = if key.voxel == Voxel::Scalar { shaders::GATHER_SCALARS } else { shaders::GATHER_GRADIENTS };
@@ -69,7 +70,7 @@ impl Stage {
         let transfer = Slot::ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let slots = [Slot::Uniform, volume, runs, Slot::Write, Slot::Uniform, transfer];
         let scalars = ("SCALARS", 1.0);
-        Self::new(context, shader, "gather", &slots, &[perspective, terms, straight, scalars, maximum, lights])
+        Self::new(context, shader, "gather", &slots, &[perspective, terms, texels, straight, scalars, maximum, lights])
     }
 }
 

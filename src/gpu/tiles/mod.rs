@@ -35,11 +35,14 @@ use super::timing::Timing;
 use super::transfer::TransferTable;
 use crate::camera::{Camera, Projection};
 use crate::error::Result;
+use crate::kernel::Kernel;
 use crate::settings::{Accumulation, Interslice, Model, Resolution, Settings, Sheets};
 use crate::volume::Grid;
 
-/// The radius of kernels, in voxels, that the shaders' rows of six voxels hold at every angle.
+/// The radius of kernels, in voxels, that reach two planes and three texels of a row.
 const MAX_RADIUS: f64 = 2.0;
+/// That of kernels of classified voxels along parallel rays, which may reach farther.
+const MAX_PARALLEL_RADIUS: f64 = 3.0;
 
 /// Places at which a slab of scalars, half a plane thick, is classified, per voxel of its thickness.
 const SAMPLES_PER_VOXEL: f64 = 8.0;
@@ -74,6 +77,8 @@ pub(crate) struct TilesKey {
     rays: Rays,
     /// Terms of the footprint's polynomial.
     terms: u32,
+    /// Texels of a row of voxels that kernels reach.
+    texels: u32,
 }
 
 /// Why the painter does not serve a picture; `None`: it does.
@@ -82,11 +87,15 @@ pub(crate) fn refusal(context: &Context, plan: &Plan, settings: &Settings) -> Op
     if settings.sheets == Sheets::Axis || settings.accumulation == Accumulation::Additive {
         return Some("its sheets add up optical depth of parts of kernels".to_owned());
     }
-    if settings.kernel.radius() > MAX_RADIUS {
-        return Some(format!("its kernels reach at most {MAX_RADIUS} voxels"));
+    let growth = plan.max_growth();
+    if plan.is_perspective() && growth > 1.0 {
+        return Some("its kernels are of one size, and grow with the distance here".to_owned());
     }
-    if plan.max_growth() > 1.0 {
-        return Some("its kernels do not grow where voxels are smaller than pixels".to_owned());
+    let wide = !plan.is_perspective() && !settings.is_post_shaded();
+    let most = if wide { MAX_PARALLEL_RADIUS } else { MAX_RADIUS };
+    if settings.kernel.radius() * growth > most {
+        let grown = if growth > 1.0 { ", grown to the size of pixels" } else { "" };
+        return Some(format!("its kernels reach at most {most} voxels{grown}"));
     }
     if !settings.is_post_shaded() && plan.is_among_voxels() {
         return Some("its kernels are not cut at the eye, which is among the voxels".to_owned());
@@ -121,6 +130,8 @@ pub(crate) struct Subject<'a> {
     pub(crate) grid: &'a Grid,
     /// Layers of the lattice beyond the faces of the volume.
     pub(crate) padding: u32,
+    /// How many times as large as asked for kernels are.
+    pub(crate) growth: f64,
     /// The largest density of a voxel, or scalar.
     pub(crate) max_weight: f64,
     /// World distance that densities are per.
@@ -134,6 +145,8 @@ pub(crate) struct View<'a> {
     subject: Subject<'a>,
     camera: &'a Camera,
     pub(crate) settings: &'a Settings,
+    /// As it has grown.
+    kernel: Kernel,
     footprint: Footprint,
     sections: Sections,
     /// The ways in which rays follow the lattice, and the volume as each reads it.
@@ -156,8 +169,8 @@ impl<'a> View<'a> {
         camera: &'a Camera,
         settings: &'a Settings,
     ) -> std::result::Result<Self, &'static str> {
-        let footprint =
-            Footprint::new(&settings.kernel).ok_or("its footprints are polynomials, this kernel's is none")?;
+        let kernel = settings.kernel.grown(subject.growth);
+        let footprint = Footprint::new(&kernel).ok_or("its footprints are polynomials, this kernel's is none")?;
         let lights = settings.lighting.as_ref().map_or(0, |l| l.lights.len() as u32);
         let voxel = match (settings.is_post_shaded(), lights) {
             (false, lights) => Voxel::Color { lights },
@@ -172,9 +185,9 @@ impl<'a> View<'a> {
                 .ok_or("the volume outgrows its texture")
         });
         let packings = packings.collect::<std::result::Result<Vec<_>, _>>()?;
-        let sections = Sections::new(&settings.kernel, camera, &looks, subject.transfer.is_some());
+        let sections = Sections::new(&kernel, camera, &looks, subject.transfer.is_some());
         let looks = looks.into_iter().zip(packings).collect();
-        Ok(Self { subject, camera, settings, footprint, sections, looks })
+        Ok(Self { subject, camera, settings, kernel, footprint, sections, looks })
     }
 
     /// The largest error of the footprint, as a fraction of its peak.
@@ -191,13 +204,22 @@ impl<'a> View<'a> {
         let [look, ..] = self.looks.as_slice() else { return TilesKey::default() };
         let (_, packing) = look;
         let [width, height] = self.settings.size;
+        let raster = self.raster(look, Region { x: 0, y: 0, width, height });
+        let perspective = matches!(self.camera.projection, Projection::Perspective { .. });
         TilesKey {
             model: self.settings.model,
             voxel: packing.voxel,
             lights: self.settings.lighting.as_ref().map_or(0, |l| l.lights.len() as u32),
-            perspective: matches!(self.camera.projection, Projection::Perspective { .. }),
+            perspective,
             terms: self.footprint.terms(),
-            rays: match self.raster(look, Region { x: 0, y: 0, width, height }).map(|r| r.spacing) {
+            texels: match raster.map_or(0.0, |r| r.uniforms.row_half) {
+                // Rays through one eye that lean along a as much as along m reach over seven voxels.
+                _ if perspective => 4,
+                half if half < 2.5 => 3,
+                half if half < 3.5 => 4,
+                _ => 5,
+            },
+            rays: match raster.map(|r| r.spacing) {
                 Some(Spacing::Voxel(_)) => Rays::Shared,
                 Some(Spacing::Pixels(1.0)) if self.is_straight(look) => Rays::Straight,
                 Some(Spacing::Pixels(1.0)) | None => Rays::Pixels,
@@ -209,6 +231,7 @@ impl<'a> View<'a> {
     /// Whether rays run along m so closely that they meet all planes at the same place.
     fn is_straight(&self, (look, packing): &(Look, Packing)) -> bool {
         matches!(self.camera.projection, Projection::Orthographic { .. })
+            && self.kernel.radius() <= MAX_RADIUS
             && look.shear().abs().max_element() * f64::from(packing.dims[2]) < STRAIGHT
     }
 
@@ -218,7 +241,7 @@ impl<'a> View<'a> {
         let splats: u64 = self.subject.stores.iter().map(|store| u64::from(store.count)).sum();
         let [width, height] = self.settings.size.map(u64::from);
         self.settings.model == Model::Xray
-            && self.key().rays == Rays::Pixels
+            && matches!(self.key().rays, Rays::Pixels | Rays::Straight)
             && PIXELS_PER_QUAD * splats < width * height
     }
 
@@ -249,7 +272,7 @@ impl<'a> View<'a> {
 
     fn raster(&self, (look, packing): &(Look, Packing), region: Region) -> Option<Raster> {
         let settings = self.settings;
-        let Subject { grid, padding, max_weight, unit, transfer, .. } = self.subject;
+        let Subject { grid, padding, growth, max_weight, unit, transfer, .. } = self.subject;
         let samples = match settings.interslice {
             Interslice::Mean => 1,
             Interslice::Parabola => (SAMPLES_PER_VOXEL * look.slab_voxels() / 2.0).ceil() as u32,
@@ -264,11 +287,11 @@ impl<'a> View<'a> {
             camera: self.camera,
             grid,
             size: settings.size,
-            kernel: settings.kernel,
+            kernel: self.kernel,
             footprint: &self.footprint,
             packing: *packing,
             padding,
-            density_scale: 1.0 / (settings.normalization.divisor(&settings.kernel) * unit),
+            density_scale: 1.0 / (settings.normalization.divisor(&settings.kernel) * growth.powi(3) * unit),
             opaque_depth: match (settings.model, settings.termination) {
                 (Model::Composite, e) if e > 0.0 => -e.ln(),
                 _ => f64::INFINITY,
@@ -276,8 +299,8 @@ impl<'a> View<'a> {
             scalars,
             sections: &self.sections,
             max_depth: max_weight * look.voxel() / unit,
-            // What is classified has edges that no raster but the picture's own keeps.
-            full: settings.resolution == Resolution::Full || scalars.is_some(),
+            // What is classified has edges that no raster but the picture's own keeps; rays that are shared reach two voxels.
+            full: settings.resolution == Resolution::Full || scalars.is_some() || self.kernel.radius() > MAX_RADIUS,
         };
         Raster::new(&subject, look, region)
     }

@@ -66,8 +66,12 @@ fn sections(kernel: &Kernel, direction: DVec3, scalars: bool) -> [[f32; 4]; 3] {
     const SIDE: i32 = 25;
     let radius = kernel.radius();
     let reach = radius / direction.z;
-    // Planes where slabs begin and the last ends.
-    let ends: &[f64] = if scalars { &[-2.0, -1.5, -1.0, -0.5, 0.0] } else { &[-2.5, -1.5, -0.5] };
+    // Planes where slabs begin and end: of scalars the first one first, of colours the nearest.
+    let slabs: &[[f64; 2]] = if scalars {
+        &[[-2.0, -1.5], [-1.5, -1.0], [-1.0, -0.5], [-0.5, 0.0]]
+    } else {
+        &[[-1.5, -0.5], [-2.5, -1.5], [-3.5, -2.5]]
+    };
     // Powers of s that are told apart: rays along m meet all kernels of a plane at s = 0.
     let terms = if direction.z > 1.0 - 1e-9 {
         1
@@ -90,7 +94,7 @@ fn sections(kernel: &Kernel, direction: DVec3, scalars: bool) -> [[f32; 4]; 3] {
             }
             let powers = DVec3::new(1.0, s, s * s) * section(kernel, r2, -radius, radius);
             normal += DMat3::from_cols(powers * powers.x, powers * powers.y, powers * powers.z);
-            for (sum, slab) in parts.iter_mut().zip(ends.windows(2)) {
+            for (sum, slab) in parts.iter_mut().zip(slabs) {
                 *sum += powers * section(kernel, r2, slab[0] / direction.z - s, slab[1] / direction.z - s);
             }
         }
@@ -116,7 +120,7 @@ mod tests {
     fn parts_of_a_kernel_are_its_sections() {
         for direction in [DVec3::Z, DVec3::new(0.1, 0.4, 0.8).normalize(), DVec3::new(1.0, 1.0, 1.0).normalize()] {
             for kernel in [Kernel::default(), Kernel::KAISER_BESSEL] {
-                let [[x0, x1, ..], [y0, y1, ..], _] = sections(&kernel, direction, false).map(|c| c.map(f64::from));
+                let [[x1, x0, ..], [y1, y0, ..], _] = sections(&kernel, direction, false).map(|c| c.map(f64::from));
                 // Of a kernel before the ray's place, more is in the slabs before.
                 assert!(direction == DVec3::Z || y0 < 0.0 && y1 < 0.0, "{y0} {y1}");
                 // Through the middle: what symmetry leaves adds up to the footprint.
