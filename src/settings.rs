@@ -86,8 +86,8 @@ pub enum Painter {
     /// Instanced quads, added up in sheets by the rasteriser: every picture.
     Quads,
     /// Rays that gather the kernels they meet, plane by plane, in compute shaders: all models, shadings and projections, with
-    /// kernels of at most 2 voxels that do not grow, image-aligned sheets of optical depth a voxel thick or thicker, and
-    /// pre-shaded an eye that no kernel reaches.
+    /// kernels that reach at most 3 voxels as they have grown (2 in perspective, where they must not grow, and post-shaded),
+    /// image-aligned sheets of optical depth a voxel thick or thicker, and pre-shaded an eye that no kernel reaches.
     Tiles,
 }
 

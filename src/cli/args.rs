@@ -294,8 +294,8 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "WHETHER", default_value = "on", help_heading = "Model")]
     pub(super) antialiasing: SwitchArg,
 
-    /// How splats are drawn: quads (any picture), tiles (rays that gather the kernels they meet: fast on software; kernels up
-    /// to 2 voxels, voxels no smaller than pixels, image-aligned sheets) or auto (tiles on software where it serves)
+    /// How splats are drawn: quads (any picture), tiles (rays that gather the kernels they meet: fast on software; kernels that
+    /// reach up to 3 voxels, in perspective and post-shaded 2, image-aligned sheets) or auto (tiles on software where it serves)
     #[arg(long, value_name = "PAINTER", default_value = "auto", value_parser = painters(), help_heading = "Device")]
     pub(super) painter: Painter,
     /// How finely tiles looks: capped (pre-shaded, 1 to 4 rays per voxel and axis, enlarged to the picture) or full (a ray per pixel)
