@@ -68,7 +68,8 @@ fn footprints_of(course: Course) -> Footprints {
             let d = vec2f(first + vec2i(0, row)) - course.base;
             let x = d.x + vec4f(0.0, 1.0, 2.0, 3.0);
             let square = x * x + d.y * d.y;
-            let beyond = (d.x + vec2f(4.0, 5.0)) * (d.x + vec2f(4.0, 5.0)) + d.y * d.y;
+            let y = d.x + vec2f(4.0, 5.0);
+            let beyond = y * y + d.y * d.y;
             footprints.a[row] = vec4f(footprint(square.x), footprint(square.y), footprint(square.z), footprint(square.w));
             footprints.b[row] = vec2f(footprint(beyond.x), footprint(beyond.y));
         }
@@ -76,9 +77,9 @@ fn footprints_of(course: Course) -> Footprints {
     return footprints;
 }
 
-// The sum of a row of the footprints.
-fn row_of(texel: vec2i, row: i32, place: vec2i, a: vec4f, b: vec2f) -> vec4f {
-    let at = vec2i(clamp(texel.x, -MARGIN, raster.row_texels), clamp(texel.y + row, -1, raster.voxels.y)) + place;
+// The sum of one of their rows.
+fn row_sum(texel: vec2i, place: vec2i, a: vec4f, b: vec2f) -> vec4f {
+    let at = vec2i(clamp(texel.x, -MARGIN, raster.row_texels), clamp(texel.y, -1, raster.voxels.y)) + place;
     let t0 = textureLoad(volume, at);
     let t1 = textureLoad(volume, at + vec2i(1, 0));
     let t2 = textureLoad(volume, at + vec2i(2, 0));
@@ -91,8 +92,11 @@ fn gathered_straight(footprints: Footprints, plane: i32, end: i32) -> vec4f {
         return vec4f(0.0);
     }
     let place = place_of(plane);
-    return row_of(footprints.texel, 0, place, footprints.a[0], footprints.b[0]) + row_of(footprints.texel, 1, place, footprints.a[1], footprints.b[1])
-        + row_of(footprints.texel, 2, place, footprints.a[2], footprints.b[2]) + row_of(footprints.texel, 3, place, footprints.a[3], footprints.b[3]);
+    let texel = footprints.texel;
+    let a = footprints.a;
+    let b = footprints.b;
+    return row_sum(texel, place, a[0], b[0]) + row_sum(texel + vec2i(0, 1), place, a[1], b[1])
+        + row_sum(texel + vec2i(0, 2), place, a[2], b[2]) + row_sum(texel + vec2i(0, 3), place, a[3], b[3]);
 }
 
 fn add_pair(sums: ptr<function, Moments>, texel: vec2i, du: f32, dv: f32, direction: vec2f) {

@@ -80,7 +80,6 @@ fn kernels_reach_three_voxels_along_parallel_rays() {
     let grown = Settings { antialiasing: true, ..full(24) };
     let wide = |kernel| Settings { kernel, ..full(48) };
     let cases = [
-        (grown.clone(), 26.0),
         (grown.clone(), 32.0),
         (Settings { model: Model::Xray, normalization: Normalization::Peak, ..grown.clone() }, 32.0),
         (Settings { kernel: Kernel::KAISER_BESSEL, ..grown.clone() }, 30.0),
@@ -92,7 +91,7 @@ fn kernels_reach_three_voxels_along_parallel_rays() {
     for (name, limit) in [("marschner-lobb", 3e-3), ("vessels", 6e-3)] {
         let (volume, transfer) = demo(name, 24);
         for (settings, height) in &cases {
-            for (azimuth, elevation) in VIEWS {
+            for &(azimuth, elevation) in &VIEWS[..4] {
                 let view = View { azimuth, elevation, view_height: Some(*height), ..View::default() };
                 let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
                 let expected = truth(&volume, &transfer, &camera, settings);
