@@ -67,8 +67,8 @@ fn advance(ray: ptr<function, Ray>, behind: vec4f, course: Course, plane: f32) {
 fn keep(at: vec2u, value: vec4f) {
     if ENLARGED {
         textureStore(picture, at, value);
-    } else if all(at < raster.picture) {
-        pixels[at.y * raster.picture.x + at.x] = value;
+    } else {
+        keep_pixel(at, value);
     }
 }
 
@@ -78,7 +78,7 @@ const FLUSH_BLOCKED: i32 = 5;
 
 @compute @workgroup_size(64)
 fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
-    let at = tile.xy * 8u + vec2u(lane & 7u, lane >> 3u);
+    let at = ray_of(tile, lane);
     if !is_followed(at) {
         return;
     }
@@ -87,8 +87,8 @@ fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     let footprints = footprints_of(course);
     var ray = clear_ray();
     for (var slot = 0u; slot < raster.run_slots; slot++) {
-        let run = vec2i(textureLoad(runs, runs_of(tile, slot), 0).xy);
-        if run.y == 0 || ray.depth > raster.opaque_depth {
+        let run = run_of(tile, slot, ray.depth);
+        if run.y == 0 {
             break;
         }
         let planes = planes_of(run, course);
@@ -137,9 +137,9 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
     var ray6 = clear_ray();
     var ray7 = clear_ray();
     for (var slot = 0u; slot < raster.run_slots; slot++) {
-        let run = vec2i(textureLoad(runs, runs_of(tile, slot), 0).xy);
         let depth = least(vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth), vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth));
-        if run.y == 0 || depth > raster.opaque_depth {
+        let run = run_of(tile, slot, depth);
+        if run.y == 0 {
             break;
         }
         let end = min(run.y, raster.voxels.z);
@@ -212,17 +212,16 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
             var m7 = vec4f(0.0);
             var n7 = vec4f(0.0);
             for (var row = rows.x; row <= rows.y; row++) {
-                let dv = f32(row) - center.y;
-                let first = i32(ceil(center.x + dv * course.row_slope - course.row_half)) & -2;
-                let du = f32(first) - center.x;
-                let texel = vec2i(clamp(first >> 1u, -MARGIN, raster.row_texels), clamp(row, -1, raster.voxels.y)) + place;
-                let t0 = textureLoad(volume, texel + vec2i(0, 0));
-                let t1 = textureLoad(volume, texel + vec2i(1, 0));
-                let t2 = textureLoad(volume, texel + vec2i(2, 0));
-                let t3 = textureLoad(volume, texel + vec2i(3, 0));
-                let t4 = textureLoad(volume, texel + vec2i(4, 0));
-                let t5 = textureLoad(volume, texel + vec2i(5, 0));
-                let t6 = textureLoad(volume, texel + vec2i(6, 0));
+                let cut = row_at(course, center, row, place);
+                let du = cut.du;
+                let dv = cut.dv;
+                let t0 = textureLoad(volume, cut.texel + vec2i(0, 0));
+                let t1 = textureLoad(volume, cut.texel + vec2i(1, 0));
+                let t2 = textureLoad(volume, cut.texel + vec2i(2, 0));
+                let t3 = textureLoad(volume, cut.texel + vec2i(3, 0));
+                let t4 = textureLoad(volume, cut.texel + vec2i(4, 0));
+                let t5 = textureLoad(volume, cut.texel + vec2i(5, 0));
+                let t6 = textureLoad(volume, cut.texel + vec2i(6, 0));
                 let v0 = first_of(t0);
                 let v1 = second_of(t0);
                 let v2 = first_of(t1);

@@ -75,7 +75,7 @@ const FLUSH: i32 = 4;
 
 @compute @workgroup_size(64)
 fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
-    let at = tile.xy * 8u + vec2u(lane & 7u, lane >> 3u);
+    let at = ray_of(tile, lane);
     if !is_followed(at) {
         return;
     }
@@ -86,8 +86,8 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     let footprints = footprints_of(course);
     var ray = clear_ray();
     for (var slot = 0u; slot < raster.run_slots; slot++) {
-        let run = vec2i(textureLoad(runs, runs_of(tile, slot), 0).xy);
-        if run.y == 0 || ray.depth > raster.opaque_depth {
+        let run = run_of(tile, slot, ray.depth);
+        if run.y == 0 {
             break;
         }
         let planes = planes_of(run, course);
@@ -132,7 +132,5 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
         let inside = course.inside.x < course.inside.y;
         value = select(vec4f(0.0), vec4f(c.rgb * c.a, c.a), inside);
     }
-    if all(at < raster.picture) {
-        pixels[at.y * raster.picture.x + at.x] = value;
-    }
+    keep_pixel(at, value);
 }

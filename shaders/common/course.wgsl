@@ -90,6 +90,23 @@ fn premultiplied(ray: Ray) -> vec4f {
     return vec4f(select(ray.color, vec3f(alpha), WHITE), alpha);
 }
 
+// The ray of an invocation in a tile of neighbours.
+fn ray_of(tile: vec3u, lane: u32) -> vec2u {
+    return tile.xy * 8u + vec2u(lane & 7u, lane >> 3u);
+}
+
+// The planes of a run, the first and the one after the last; 0 where there are no more, or the ray is opaque.
+fn run_of(tile: vec3u, slot: u32, depth: f32) -> vec2i {
+    let run = vec2i(textureLoad(runs, runs_of(tile, slot), 0).xy);
+    return select(run, vec2i(0), depth > raster.opaque_depth);
+}
+
+fn keep_pixel(at: vec2u, value: vec4f) {
+    if all(at < raster.picture) {
+        pixels[at.y * raster.picture.x + at.x] = value;
+    }
+}
+
 // The planes of a run that can matter to a ray: the first, and the one after the last.
 fn planes_of(run: vec2i, course: Course) -> vec2i {
     let last = min(run.y, raster.voxels.z);

@@ -1,5 +1,7 @@
 //! classify: a volume and a transfer function to a list of splats.
 
+use std::ops::Range;
+
 use bytemuck::Zeroable;
 
 use super::context::Context;
@@ -50,13 +52,13 @@ pub(crate) struct Store {
 }
 
 /// The splats of a brick, one after the other.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct BrickSplats {
     /// Lattice point of the brick's first voxel.
     pub(crate) origin: [u32; 3],
     /// Its first splat in the store.
     pub(crate) first: u32,
-    /// Lattice points of the box around its splats: the first, and the one after the last.
+    /// Lattice points of the box around its splats: the first, and the one after the last; alike where there are none.
     pub(crate) bounds: [[u32; 3]; 2],
 }
 
@@ -86,6 +88,13 @@ impl Store {
         let origins: Vec<[u32; 4]> = bricks.iter().map(|b| [b.origin[0], b.origin[1], b.origin[2], 0]).collect();
         let origins = context.upload("splats.origins", bytemuck::cast_slice(&origins), wgpu::BufferUsages::STORAGE)?;
         Ok(Self { splats, stride, count, origins, bricks })
+    }
+
+    /// The bricks that have splats, and which.
+    pub(crate) fn runs(&self) -> impl Iterator<Item = (&BrickSplats, Range<u32>)> {
+        let ends = self.bricks.iter().skip(1).map(|next| next.first).chain([self.count]);
+        let runs = self.bricks.iter().zip(ends).map(|(brick, end)| (brick, brick.first..end));
+        runs.filter(|(_, run)| !run.is_empty())
     }
 
     /// Bytes on the device.

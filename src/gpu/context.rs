@@ -223,37 +223,41 @@ impl Context {
         Ok(buffer)
     }
 
-    /// A texture whose bytes are counted.
-    pub(crate) fn texture(&self, descriptor: &wgpu::TextureDescriptor<'_>) -> wgpu::Texture {
-        let texel = u64::from(descriptor.format.block_copy_size(None).unwrap_or(16));
-        let texels = u64::from(descriptor.size.width)
-            * u64::from(descriptor.size.height)
-            * u64::from(descriptor.size.depth_or_array_layers);
+    /// A texture of one level, whose bytes are counted.
+    pub(crate) fn texture(
+        &self,
+        label: &str,
+        format: wgpu::TextureFormat,
+        [width, height, depth_or_array_layers]: [u32; 3],
+        dimension: wgpu::TextureDimension,
+        usage: wgpu::TextureUsages,
+    ) -> wgpu::Texture {
+        let texel = u64::from(format.block_copy_size(None).unwrap_or(16));
+        let texels = u64::from(width) * u64::from(height) * u64::from(depth_or_array_layers);
         self.traffic.allocated.fetch_add(texel * texels, Ordering::Relaxed);
-        self.device.create_texture(descriptor)
-    }
-
-    /// A texture of f32 in RGBA, row by row.
-    pub(crate) fn float_texture(&self, label: &str, [width, height]: [u32; 2], values: &[f32]) -> wgpu::TextureView {
-        let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
-        let texture = self.texture(&wgpu::TextureDescriptor {
+        self.device.create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
-            size,
+            size: wgpu::Extent3d { width, height, depth_or_array_layers },
             mip_level_count: 1,
             sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Rgba32Float,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING
-                | wgpu::TextureUsages::STORAGE_BINDING
-                | wgpu::TextureUsages::COPY_DST,
+            dimension,
+            format,
+            usage,
             view_formats: &[],
-        });
+        })
+    }
+
+    /// A storage texture of f32 in RGBA, row by row.
+    pub(crate) fn float_texture(&self, label: &str, [width, height]: [u32; 2], values: &[f32]) -> wgpu::TextureView {
+        let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST;
+        let (format, flat) = (wgpu::TextureFormat::Rgba32Float, wgpu::TextureDimension::D2);
+        let texture = self.texture(label, format, [width, height, 1], flat, usage);
         self.traffic.sent.fetch_add(size_of_val(values) as u64, Ordering::Relaxed);
         self.queue.write_texture(
             texture.as_image_copy(),
             bytemuck::cast_slice(values),
             wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(width * 16), rows_per_image: None },
-            size,
+            texture.size(),
         );
         texture.create_view(&Default::default())
     }

@@ -146,6 +146,11 @@ pub(super) fn compute(
     })
 }
 
+/// Workgroups in a plane.
+pub(super) fn flat([x, y]: [u32; 2]) -> [u32; 3] {
+    [x, y, 1]
+}
+
 /// One compute pass of one dispatch.
 #[expect(clippy::too_many_arguments, reason = "what a dispatch takes")]
 pub(super) fn dispatch(

@@ -268,7 +268,8 @@ fn found(
     (scalars, halo): (&[f32], usize),
     kept: Option<&[bool]>,
 ) -> Found {
-    let mut found = Found { origin: origin.map(|o| o as u32), rows: vec![0; EDGE * EDGE], ..Found::default() };
+    let mut found = Found::default();
+    let mut rows = vec![0; EDGE * EDGE];
     let edge = EDGE + 2 * halo;
     let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(extended[axis] - origin[axis]));
     // The places of a row along an axis that are those of voxels, not of copies.
@@ -283,13 +284,14 @@ fn found(
             let inside = voxels[1].contains(&y) && voxels[2].contains(&z);
             for (x, &scalar) in row.iter().enumerate() {
                 if scalar != 0.0 && kept.is_none_or(|kept| kept[x]) {
-                    found.rows[y + EDGE * z] |= 1 << x;
+                    rows[y + EDGE * z] |= 1 << x;
                     found.splats.push(ScalarSplat { place: place([x, y, z].map(|c| c as u32), 0), scalar });
                     found.voxels += u64::from(inside && voxels[0].contains(&x));
                 }
             }
         }
     }
+    found.brick = BrickSplats::new(origin.map(|o| o as u32), 0, rows.into_iter());
     found
 }
 
@@ -320,7 +322,7 @@ impl<'a> Gathering<'a> {
             self.close()?;
         }
         let number = self.bricks.len() as u32;
-        self.bricks.push(BrickSplats::new(found.origin, self.splats.len() as u32, found.rows.iter().copied()));
+        self.bricks.push(BrickSplats { first: self.splats.len() as u32, ..found.brick });
         self.emitted.bricks.bytes += size_of_val(found.splats.as_slice()) as u64;
         self.splats.extend(found.splats.iter().map(|s| ScalarSplat { place: s.place | number << 15, ..*s }));
         Ok(())
@@ -351,9 +353,8 @@ const STRIDE: u64 = 8;
 /// The splats of one brick, their places without its number.
 #[derive(Default)]
 struct Found {
-    origin: [u32; 3],
+    /// As if it were the first of its store.
+    brick: BrickSplats,
     splats: Vec<ScalarSplat>,
-    /// The places of the splats, as [`BrickSplats::new`] takes them.
-    rows: Vec<u32>,
     voxels: u64,
 }

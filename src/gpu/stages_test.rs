@@ -136,7 +136,7 @@ fn bricks_are_bounded_by_their_splats() {
     }
     let volume = Volume::new(Grid::axis_parallel(dims, [1.0; 3]).unwrap(), Samples::U8(samples)).unwrap();
     let stores = classified(&context, &volume, &steps());
-    let bounds: Vec<_> = stores.iter().flat_map(|s| &s.bricks).map(|b| b.bounds).filter(|[l, h]| l != h).collect();
+    let bounds: Vec<_> = stores.iter().flat_map(Store::runs).map(|(brick, _)| brick.bounds).collect();
     let single = |[x, y, z]: [u32; 3]| [[x, y, z], [x + 1, y + 1, z + 1]];
     assert_eq!(bounds, [[[3, 5, 7], [10, 6, 32]], single(shown[3]), single(shown[2])]);
 }

@@ -108,6 +108,22 @@ fn kernels_reach_three_voxels_along_parallel_rays() {
 }
 
 #[test]
+fn scalars_of_kernels_that_grew_err_less_than_by_quads() {
+    let kernel = Kernel::Gaussian { sigma: 0.8, radius: 1.5 };
+    let settings = Settings { shading: Shading::Post, antialiasing: true, kernel, ..full(24) };
+    let (volume, transfer) = demo("vessels", 24);
+    let view = View { azimuth: 30.0, elevation: 20.0, view_height: Some(30.0), ..View::default() };
+    let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
+    let expected = truth(&volume, &transfer, &camera, &settings);
+    let [tiles, quads] = [Painter::Tiles, Painter::Quads].map(|painter| {
+        let got = render(&volume, &transfer, &camera, &Settings { painter, ..settings.clone() });
+        assert!(got.stats.painter == painter && got.stats.kernel_growth > 1.2);
+        rms_of_all(&got.image, &expected)
+    });
+    assert!(tiles < quads && tiles < 2e-3, "{tiles:e}, quads {quads:e}");
+}
+
+#[test]
 fn straight_rays_are_those_that_lean_a_little() {
     // Straight ones find their footprints once, the others in every plane.
     let headlight = Lighting { lights: vec![Light::Headlight], ..Lighting::default() };

@@ -13,14 +13,10 @@ impl Plan {
     pub(crate) fn in_view(&self, store: &Store, region: Region) -> Vec<Range<u32>> {
         let sides = self.sides(region);
         let mut runs: Vec<Range<u32>> = Vec::new();
-        for (number, brick) in store.bricks.iter().enumerate() {
-            let end = store.bricks.get(number + 1).map_or(store.count, |next| next.first);
-            if brick.first == end || !self.reaches(brick, &sides) {
-                continue;
-            }
+        for (_, next) in store.runs().filter(|(brick, _)| self.reaches(brick, &sides)) {
             match runs.last_mut() {
-                Some(run) if run.end == brick.first => run.end = end,
-                _ => runs.push(brick.first..end),
+                Some(run) if run.end == next.start => run.end = next.end,
+                _ => runs.push(next),
             }
         }
         runs
@@ -39,11 +35,7 @@ impl Plan {
         let first_pixel = [region.x, region.y].map(|first| f64::from(first) - f64::from(self.margin));
         let mut areas = vec![Area::default(); batches];
         for store in stores {
-            for brick in &store.bricks {
-                let [low, high] = brick.bounds;
-                if low == high || !self.reaches(brick, &sides) {
-                    continue;
-                }
+            for (brick, _) in store.runs().filter(|(brick, _)| self.reaches(brick, &sides)) {
                 let center = self.center(brick);
                 let reach = |axis: usize| self.extent(brick, self.view[axis]);
                 let z = self.view[2].dot(center);

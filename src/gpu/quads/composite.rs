@@ -2,7 +2,7 @@
 
 use super::super::context::Context;
 use super::super::layout::Area;
-use super::super::pipeline::{Slot, bind, compute, dispatch, flag, layout, module};
+use super::super::pipeline::{Slot, bind, compute, dispatch, flag, flat, layout, module, whole};
 use super::super::plan::Target;
 use super::super::shaders;
 use super::super::timing::Timing;
@@ -59,7 +59,7 @@ impl Composite {
     ) -> Result<Box<dyn IntoFrame + 'a>> {
         let areas = Slots::new(context, "composite.areas", reached)?;
         let frame = target.frame.as_entire_binding();
-        let sheets = wgpu::BindingResource::TextureView(&sheets.all);
+        let sheets = whole(&sheets.all);
         let resources = [frame.clone(), sheets, pixels.as_entire_binding(), areas.binding()];
         Ok(Box::new(Compositing {
             stage: self,
@@ -78,30 +78,12 @@ impl IntoFrame for Compositing<'_> {
         if workgroups[0] > 0 && workgroups[1] > 0 {
             let offsets = [self.areas.offset(batch)];
             let pipeline = &self.stage.composite;
-            dispatch(
-                context,
-                encoder,
-                timing,
-                "composite",
-                pipeline,
-                &self.sheets,
-                &offsets,
-                [workgroups[0], workgroups[1], 1],
-            );
+            dispatch(context, encoder, timing, "composite", pipeline, &self.sheets, &offsets, flat(workgroups));
         }
     }
 
     fn resolve(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing) {
         let pipeline = &self.stage.resolve;
-        dispatch(
-            context,
-            encoder,
-            timing,
-            "resolve",
-            pipeline,
-            &self.pixels,
-            &[],
-            [self.workgroups[0], self.workgroups[1], 1],
-        );
+        dispatch(context, encoder, timing, "resolve", pipeline, &self.pixels, &[], flat(self.workgroups));
     }
 }

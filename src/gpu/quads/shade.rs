@@ -2,7 +2,7 @@
 
 use super::super::context::Context;
 use super::super::layout::{Area, Shade};
-use super::super::pipeline::{Slot, bind, compute, dispatch, flag, layout, module};
+use super::super::pipeline::{Slot, bind, compute, dispatch, flag, flat, layout, module, whole};
 use super::super::plan::Target;
 use super::super::shaders;
 use super::super::timing::Timing;
@@ -116,15 +116,14 @@ impl Shading {
         let lighting =
             context.upload("shade.lighting", bytemuck::bytes_of(&inputs.lighting), wgpu::BufferUsages::UNIFORM)?;
         let frame = target.frame.as_entire_binding();
-        let view = wgpu::BindingResource::TextureView;
         let group = |parity: usize| {
             let resources = [
                 frame.clone(),
                 batches.binding(),
                 lighting.as_entire_binding(),
-                view(&sheets[1 - parity].all),
-                view(&sheets[parity].all),
-                view(&table.texture),
+                whole(&sheets[1 - parity].all),
+                whole(&sheets[parity].all),
+                whole(&table.texture),
                 pixels.as_entire_binding(),
             ];
             bind(context, "shade", &self.layout, &resources)
@@ -159,16 +158,7 @@ impl Shaded<'_> {
         let group = &self.groups[index % 2];
         let workgroups = self.areas[index].size().map(|side| side.div_ceil(8));
         if workgroups[0] > 0 && workgroups[1] > 0 {
-            dispatch(
-                context,
-                encoder,
-                timing,
-                "shade",
-                &self.stage.shade,
-                group,
-                &offsets,
-                [workgroups[0], workgroups[1], 1],
-            );
+            dispatch(context, encoder, timing, "shade", &self.stage.shade, group, &offsets, flat(workgroups));
         }
     }
 }
@@ -182,15 +172,7 @@ impl IntoFrame for Shaded<'_> {
         // The last sheet, after which there is none.
         self.sheets(context, encoder, timing, self.drawn.len() as u32 - 1);
         let offsets: &[u32] = if self.stage.key.feed == Feed::Maximum { &[0] } else { &[] };
-        dispatch(
-            context,
-            encoder,
-            timing,
-            "resolve",
-            &self.stage.resolve,
-            &self.resolve,
-            offsets,
-            [self.workgroups[0], self.workgroups[1], 1],
-        );
+        let (pipeline, workgroups) = (&self.stage.resolve, flat(self.workgroups));
+        dispatch(context, encoder, timing, "resolve", pipeline, &self.resolve, offsets, workgroups);
     }
 }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::super::context::Context;
 use super::super::layout::Area;
-use super::super::pipeline::{Slot, bind, flag, layout, module, pipeline_layout, specialised};
+use super::super::pipeline::{Slot, bind, flag, layout, module, pipeline_layout, specialised, whole};
 use super::super::plan::Target;
 use super::super::shaders;
 use super::super::sort::Span;
@@ -75,16 +75,9 @@ impl QuadsKey {
 
 impl Sheets {
     pub(super) fn new(context: &Context, key: QuadsKey, [width, height]: [u32; 2]) -> Self {
-        let texture = context.texture(&wgpu::TextureDescriptor {
-            label: Some("splat.sheets"),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: key.layers() },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: key.format(),
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
-        });
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
+        let (size, layered) = ([width, height, key.layers()], wgpu::TextureDimension::D2);
+        let texture = context.texture("splat.sheets", key.format(), size, layered, usage);
         let targets = (0..key.layers())
             .map(|layer| {
                 texture.create_view(&wgpu::TextureViewDescriptor {
@@ -140,7 +133,7 @@ impl Splatting {
                     target.frame.as_entire_binding(),
                     batches.binding(),
                     span.piece.splats(),
-                    wgpu::BindingResource::TextureView(inputs.footprint),
+                    whole(inputs.footprint),
                     span.piece.origins(),
                     lighting.as_entire_binding(),
                 ];

@@ -420,15 +420,7 @@ fn texture(
     format: wgpu::TextureFormat,
     [width, height]: [u32; 2],
 ) -> wgpu::TextureView {
-    let texture = context.texture(&wgpu::TextureDescriptor {
-        label: Some(label),
-        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
-        view_formats: &[],
-    });
+    let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING;
+    let texture = context.texture(label, format, [width, height, 1], wgpu::TextureDimension::D2, usage);
     texture.create_view(&wgpu::TextureViewDescriptor::default())
 }

@@ -7,13 +7,12 @@ use bytemuck::Zeroable;
 use super::super::classify::Store;
 use super::super::context::Context;
 use super::super::layout::{Lighting, Pack};
-use super::super::pipeline::{Slot, bind, compute, dispatch, flag, layout, module};
+use super::super::pipeline::{Slot, bind, compute, dispatch, flag, layout, module, whole};
 use super::super::scan::WORKGROUP;
 use super::super::shaders;
 use super::super::timing::Timing;
 use super::raster::CELL;
 use crate::error::Result;
-use crate::volume::BRICK_EDGE;
 
 /// Texels of zeros before each row of voxels; MARGIN in shaders/common/packing.wgsl.
 pub(crate) const MARGIN: u32 = 7;
@@ -78,9 +77,8 @@ impl Packing {
         axes: [usize; 3],
         voxel: Voxel,
     ) -> Option<Self> {
-        // A brick without splats is a box without a size.
-        let boxes = stores.iter().flat_map(|store| &store.bricks).map(|brick| brick.bounds);
-        let (low, high) = boxes.filter(|[low, high]| low != high).fold(([u32::MAX; 3], [0; 3]), |hull, next| {
+        let boxes = stores.iter().flat_map(Store::runs).map(|(brick, _)| brick.bounds);
+        let (low, high) = boxes.fold(([u32::MAX; 3], [0; 3]), |hull, next| {
             let ends = |i: usize| (hull.0[i].min(next[0][i]), hull.1[i].max(next[1][i]));
             let ends = [0, 1, 2].map(ends);
             (ends.map(|(low, _)| low), ends.map(|(_, high)| high))
@@ -121,11 +119,10 @@ impl Packing {
 
     /// From the first splat of a store to the last of those that can be in planes.
     fn splats(&self, store: &Store, planes: &Range<u32>) -> Range<u32> {
-        let end = |number: usize| store.bricks.get(number + 1).map_or(store.count, |next| next.first);
         let (low, axis) = (self.low[2], self.axes[2]);
-        let inside = |origin: u32| origin < low + planes.end && origin + BRICK_EDGE as u32 > low + planes.start;
-        let bricks = store.bricks.iter().enumerate().filter(|(_, brick)| inside(brick.origin[axis]));
-        let runs = bricks.map(|(number, brick)| brick.first..end(number));
+        let inside = |[first, end]: [u32; 2]| first < low + planes.end && end > low + planes.start;
+        let bricks = store.runs().filter(|(brick, _)| inside(brick.bounds.map(|point| point[axis])));
+        let runs = bricks.map(|(_, run)| run);
         runs.reduce(|hull, run| hull.start.min(run.start)..hull.end.max(run.end)).unwrap_or(0..0)
     }
 }
@@ -215,29 +212,17 @@ impl Packer {
             _ => (FULL / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(1e30),
         };
         let [width, height] = packing.size;
-        let texture = |label, format, size: [u32; 3], dimension, usage| {
-            let [width, height, depth_or_array_layers] = size;
-            context.texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d { width, height, depth_or_array_layers },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension,
-                format,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING | usage,
-                view_formats: &[],
-            })
-        };
-        let flat = |label, format, usage| texture(label, format, [width, height, 1], wgpu::TextureDimension::D2, usage);
+        let (flat, storage) = (wgpu::TextureDimension::D2, wgpu::TextureUsages::STORAGE_BINDING);
+        let size = [width, height, 1];
         let format =
             if packing.voxel.is_scalar() { wgpu::TextureFormat::Rg32Uint } else { wgpu::TextureFormat::Rgba32Uint };
-        let volume = flat("pack.volume", format, wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST);
-        let occupied = texture(
+        let volume = context.texture("pack.volume", format, size, flat, storage | wgpu::TextureUsages::COPY_DST);
+        let occupied = context.texture(
             "pack.occupied",
             wgpu::TextureFormat::R32Uint,
             packing.dims.map(|n| n.div_ceil(CELL)),
             wgpu::TextureDimension::D3,
-            wgpu::TextureUsages::STORAGE_BINDING,
+            storage | wgpu::TextureUsages::TEXTURE_BINDING,
         );
         let view = |texture: &wgpu::Texture| texture.create_view(&wgpu::TextureViewDescriptor::default());
         let [volume_view, occupied_view] = [&volume, &occupied].map(view);
@@ -282,7 +267,7 @@ impl Packer {
                     store.splats.as_entire_binding(),
                     store.origins.as_entire_binding(),
                     texels.as_entire_binding(),
-                    wgpu::BindingResource::TextureView(&occupied_view),
+                    whole(&occupied_view),
                 ];
                 let group = bind(context, "pack", &self.layout, &resources);
                 let (x, y) = context.workgroups(splats.len() as u64, WORKGROUP);
@@ -309,22 +294,17 @@ impl Packer {
         }
         let mut volume_view = volume_view;
         if let Some((layout, pipeline)) = &self.gradients {
-            let whole = flat("gradients.volume", packing.voxel.format(), wgpu::TextureUsages::STORAGE_BINDING);
-            let whole = view(&whole);
+            let vectors = view(&context.texture("gradients.volume", packing.voxel.format(), size, flat, storage));
             let parameters =
                 context.upload("gradients.parameters", bytemuck::bytes_of(&common), wgpu::BufferUsages::UNIFORM)?;
-            let resources = [
-                parameters.as_entire_binding(),
-                wgpu::BindingResource::TextureView(&volume_view),
-                wgpu::BindingResource::TextureView(&whole),
-            ];
+            let resources = [parameters.as_entire_binding(), whole(&volume_view), whole(&vectors)];
             let group = bind(context, "gradients", layout, &resources);
             let mut encoder = context.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
             let workgroups = [width.div_ceil(64), height, 1];
             dispatch(context, &mut encoder, timing, "gradients", pipeline, &group, &[], workgroups);
             context.queue.submit([encoder.finish()]);
             context.wait("differences of scalars")?;
-            volume_view = whole;
+            volume_view = vectors;
         }
         let cells: u64 = packing.dims.iter().map(|&n| u64::from(n.div_ceil(CELL))).product();
         Ok(Packed {
