@@ -10,6 +10,8 @@ use std::time::Instant;
 
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::demos::{demo_transfer, demos};
+use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::Image;
 use voxsplat::kernel::Kernel;
 use voxsplat::reference;
@@ -17,7 +19,7 @@ use voxsplat::renderer::{Renderer, RendererOptions};
 use voxsplat::report::compare;
 use voxsplat::settings::{Painter, Precision, Settings};
 use voxsplat::transfer::TransferFunction;
-use voxsplat::volume::{Grid, LoadOptions, Volume, demo_transfer, demos, load};
+use voxsplat::volume::{Grid, Volume};
 
 const VIEWS: [(f64, f64); 3] = [(33.0, 21.0), (118.0, -37.0), (247.0, 52.0)];
 const THICKNESSES: [f64; 3] = [0.5, 1.0, 2.0];

@@ -11,6 +11,8 @@ use std::time::Instant;
 
 use glam::DVec3;
 use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::demos::demo_transfer;
+use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::Image;
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
@@ -19,7 +21,7 @@ use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
 use voxsplat::report::compare;
 use voxsplat::settings::{Accumulation, Interslice, Painter, Settings, Shading};
 use voxsplat::transfer::{ControlPoint, TransferFunction, presets};
-use voxsplat::volume::{Grid, LoadOptions, Samples, Statistics, Volume, demo_transfer, load};
+use voxsplat::volume::{Grid, Samples, Statistics, Volume};
 
 type Outcome<T = ()> = Result<T, Box<dyn Error>>;
 /// A section and its name.

@@ -14,13 +14,15 @@
 use std::error::Error;
 
 use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::demos::demo_transfer;
+use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::Image;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::reference;
 use voxsplat::renderer::{Rendered, Renderer, RendererOptions, Scene};
 use voxsplat::settings::{Model, Painter, Resolution, Settings, Shading};
 use voxsplat::transfer::TransferFunction;
-use voxsplat::volume::{LoadOptions, Volume, demo_transfer, load};
+use voxsplat::volume::Volume;
 
 const VOLUMES: [&str; 4] = ["demo:marschner-lobb:64", "demo:shell:128", "demo:vessels:128", "demo:shepp-logan:128"];
 

@@ -15,12 +15,14 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use voxsplat::camera::{Camera, View};
+use voxsplat::demos::demo_transfer;
+use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::{Background, Image};
 use voxsplat::reference;
 use voxsplat::renderer::{Renderer, RendererOptions};
 use voxsplat::settings::{Accumulation, Painter, Settings, Sheets};
 use voxsplat::transfer::presets;
-use voxsplat::volume::{LoadOptions, Statistics, demo_transfer, load};
+use voxsplat::volume::Statistics;
 
 /// Frames, in tenths of a degree.
 const TENTHS: std::ops::RangeInclusive<u32> = 440..=460;

@@ -25,12 +25,13 @@ use std::time::Instant;
 
 use serde::Deserialize;
 use voxsplat::camera::{Camera, View};
+use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::{Background, Image};
 use voxsplat::reference;
 use voxsplat::renderer::{Renderer, RendererOptions};
 use voxsplat::settings::{Painter, Settings};
 use voxsplat::transfer::{ControlPoint, TransferFunction};
-use voxsplat::volume::{LoadOptions, Volume, load};
+use voxsplat::volume::Volume;
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
 

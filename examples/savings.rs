@@ -14,12 +14,14 @@ use std::error::Error;
 use std::time::Instant;
 
 use voxsplat::camera::{Camera, View};
+use voxsplat::demos::demo_transfer;
+use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::Image;
 use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
 use voxsplat::settings::{Painter, Savings, Settings, Shading};
 use voxsplat::stats::Stats;
 use voxsplat::transfer::{TransferFunction, presets};
-use voxsplat::volume::{LoadOptions, Statistics, Volume, demo_transfer, load};
+use voxsplat::volume::{Statistics, Volume};
 
 struct Options {
     settings: Settings,

@@ -13,7 +13,8 @@
 //! use voxsplat::renderer::{Renderer, RendererOptions};
 //! use voxsplat::settings::Settings;
 //! use voxsplat::transfer::presets;
-//! use voxsplat::volume::{LoadOptions, Statistics, load};
+//! use voxsplat::formats::{LoadOptions, load};
+//! use voxsplat::volume::Statistics;
 //!
 //! # fn main() -> voxsplat::error::Result<()> {
 //! let volume = load("scan.nii.gz", &LoadOptions::default())?;
@@ -35,8 +36,11 @@
 //! model integrated in f64, to measure against), [`report`] (differences of pictures), [`image`] and [`output`]
 //! (files), [`stats`] and [`error`].
 
+pub mod adapter;
 pub mod camera;
+pub mod demos;
 pub mod error;
+pub mod formats;
 mod gpu;
 pub mod image;
 pub mod kernel;

@@ -3,10 +3,11 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::{Error, Result};
-use crate::gpu::classify::{Bricks, Classified, Store};
+use crate::gpu::classify::Classified;
 use crate::gpu::context::Context;
-use crate::gpu::plan::{Plan, Subject};
+use crate::gpu::quads::plan::{Plan, Subject};
 use crate::gpu::scalars::{self, Asked, Emitted, Shows};
+use crate::gpu::store::{Bricks, Store};
 use crate::gpu::tiles::{self, Packed};
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::TransferTable;

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::renderer::AdapterInfo;
+use crate::adapter::AdapterInfo;
 use crate::settings::{Accumulation, Model, Painter, Precision, Shading, Sheets};
 
 /// The time of one stage.

@@ -5,12 +5,13 @@ use std::path::PathBuf;
 use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser, TypedValueParser};
 use clap::{Parser, Subcommand, ValueEnum};
 use glam::DVec3;
+use voxsplat::formats::LoadOptions;
 use voxsplat::image::Background;
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::settings::{Accumulation, Interslice, Model, Painter, Precision, Resolution, Shading, Sheets};
-use voxsplat::volume::{Endian, LoadOptions, SampleType};
+use voxsplat::volume::{Endian, SampleType};
 
-use super::parse;
+use super::parse::{self, LightArg};
 
 /// Renders voxel volumes by splatting on the GPU.
 #[derive(Debug, Parser)]
@@ -104,15 +105,6 @@ pub(super) enum SavingArg {
 pub(super) enum SwitchArg {
     On,
     Off,
-}
-
-/// A light as it is typed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum LightArg {
-    Off,
-    Headlight,
-    /// Azimuth and elevation in degrees, as an eye's.
-    From(f64, f64),
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -5,7 +5,8 @@ use std::path::Path;
 use glam::DVec3;
 use serde::Serialize;
 use voxsplat::transfer::presets::{self, Suggestion};
-use voxsplat::volume::{self, Grid, Statistics, Volume};
+use voxsplat::volume::{Grid, Statistics, Volume};
+use voxsplat::{demos, formats};
 
 use super::args::{InfoArgs, InputArgs};
 use super::progress::Progress;
@@ -72,7 +73,7 @@ impl Orientation {
 pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
     let (volume, statistics) = {
         let _progress = Progress::spinner("reading");
-        let volume = volume::load(&args.input.source, &args.input.options())?;
+        let volume = formats::load(&args.input.source, &args.input.options())?;
         let statistics = Statistics::of(&volume)?;
         (volume, statistics)
     };
@@ -84,7 +85,7 @@ impl Info {
     fn new(input: &InputArgs, volume: &Volume, statistics: &Statistics) -> Self {
         let grid = volume.grid();
         let (slope, intercept) = volume.rescale();
-        let own = input.source.strip_prefix("demo:").and_then(volume::demo_transfer).is_some();
+        let own = input.source.strip_prefix("demo:").and_then(demos::demo_transfer).is_some();
         let (preset, reason) = if own {
             (None, "a built-in volume has its own transfer function".to_owned())
         } else {

@@ -4,14 +4,16 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Savings, Settings};
 use voxsplat::transfer::{TransferFunction, presets};
-use voxsplat::volume::{Grid, LoadOptions};
+use voxsplat::volume::Grid;
 
 use super::Failure;
-use super::args::{CompareArgs, LightArg, ProjectionArg, RenderArgs, SavingArg, StatsFormat, SwitchArg};
+use super::args::{CompareArgs, ProjectionArg, RenderArgs, SavingArg, StatsFormat, SwitchArg};
+use super::parse::LightArg;
 
 /// Vertical field of view where none is given, degrees.
 const DEFAULT_FOV: f64 = 30.0;

@@ -6,7 +6,14 @@ use glam::DVec3;
 use voxsplat::error::Error;
 use voxsplat::kernel::Kernel;
 
-use super::args::LightArg;
+/// A light as it is typed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum LightArg {
+    Off,
+    Headlight,
+    /// Azimuth and elevation in degrees, as an eye's.
+    From(f64, f64),
+}
 
 /// A value that the library reads, without the option's name in its error: the parser of arguments puts it there.
 pub(super) fn library<T: FromStr<Err = Error>>(text: &str) -> Result<T, String> {

@@ -9,7 +9,8 @@ use voxsplat::reference;
 use voxsplat::renderer::{Renderer, RendererOptions};
 use voxsplat::stats::{Clock, StageTime, Stats};
 use voxsplat::transfer::{TransferFunction, presets};
-use voxsplat::volume::{self, Statistics, Volume};
+use voxsplat::volume::{Statistics, Volume};
+use voxsplat::{demos, formats};
 
 use super::args::StatsFormat;
 use super::job::{Engine, RenderJob, Transfer};
@@ -56,7 +57,7 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
             scope.spawn(move || opening.time("device", open))
         });
         let read = || {
-            let volume = stages.time("load", || volume::load(&job.source, &job.load))?;
+            let volume = stages.time("load", || formats::load(&job.source, &job.load))?;
             let (transfer, note) = transfer(&job.source, job.transfer, &volume, &mut stages)?;
             Ok::<_, Failure>((volume, transfer, note))
         };
@@ -141,7 +142,7 @@ fn transfer(
         Transfer::Suggested => None,
     };
     if name.is_none()
-        && let Some(own) = source.strip_prefix("demo:").and_then(volume::demo_transfer)
+        && let Some(own) = source.strip_prefix("demo:").and_then(demos::demo_transfer)
     {
         return Ok((own, None));
     }

@@ -3,54 +3,23 @@
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use serde::Serialize;
-
+use crate::adapter::{AdapterInfo, AdapterKind};
 use crate::error::{Error, Result};
 
-/// A graphics adapter as the driver describes it.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct AdapterInfo {
-    /// The name of the device.
-    pub name: String,
-    /// The graphics interface it is reached through: vulkan, metal or dx12.
-    pub backend: String,
-    /// What it is: discrete, integrated, virtual, cpu (software) or other.
-    pub kind: &'static str,
-    /// The driver and its version.
-    pub driver: String,
-}
-
-impl AdapterInfo {
-    fn new(info: &wgpu::AdapterInfo) -> Self {
+impl From<&wgpu::AdapterInfo> for AdapterInfo {
+    fn from(info: &wgpu::AdapterInfo) -> Self {
         let kind = match info.device_type {
-            wgpu::DeviceType::DiscreteGpu => "discrete",
-            wgpu::DeviceType::IntegratedGpu => "integrated",
-            wgpu::DeviceType::VirtualGpu => "virtual",
-            wgpu::DeviceType::Cpu => "cpu",
-            wgpu::DeviceType::Other => "other",
+            wgpu::DeviceType::DiscreteGpu => AdapterKind::Discrete,
+            wgpu::DeviceType::IntegratedGpu => AdapterKind::Integrated,
+            wgpu::DeviceType::VirtualGpu => AdapterKind::Virtual,
+            wgpu::DeviceType::Cpu => AdapterKind::Cpu,
+            wgpu::DeviceType::Other => AdapterKind::Other,
         };
         Self {
             name: info.name.clone(),
             backend: info.backend.to_str().to_owned(),
             kind,
             driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
-        }
-    }
-
-    /// Whether it is a processor that does the work of a GPU, such as Mesa's lavapipe.
-    #[must_use]
-    pub fn is_software(&self) -> bool {
-        self.kind == "cpu"
-    }
-
-    /// Real GPUs before software; of equals, the order of the driver.
-    fn rank(&self) -> u32 {
-        match self.kind {
-            "discrete" => 0,
-            "integrated" => 1,
-            "virtual" => 2,
-            "other" => 3,
-            _ => 4,
         }
     }
 }
@@ -65,8 +34,9 @@ fn instance() -> wgpu::Instance {
 
 async fn enumerate() -> Vec<(AdapterInfo, wgpu::Adapter)> {
     let adapters = instance().enumerate_adapters(wgpu::Backends::all()).await;
-    let mut found: Vec<_> = adapters.into_iter().map(|a| (AdapterInfo::new(&a.get_info()), a)).collect();
-    found.sort_by_key(|(info, _)| info.rank());
+    let mut found: Vec<_> = adapters.into_iter().map(|a| (AdapterInfo::from(&a.get_info()), a)).collect();
+    // Of equals, the order of the driver.
+    found.sort_by_key(|(info, _)| info.kind);
     found
 }
 

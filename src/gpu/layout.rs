@@ -180,6 +180,15 @@ pub(crate) struct Shade {
 /// Steps of the table of sections; SECTIONS in shaders/common/raster.wgsl.
 pub(crate) const SECTIONS: usize = 9;
 
+/// Side in voxels of the cells that rays skip as a whole; CELL in shaders/common/packing.wgsl.
+pub(crate) const CELL: u32 = 4;
+/// Texels of zeros before each row of packed voxels; MARGIN in shaders/common/packing.wgsl.
+pub(crate) const MARGIN: u32 = 7;
+/// Side of a tile in rays; the workgroup of `gather`.
+pub(crate) const TILE: u32 = 8;
+/// Tiles in a row of the texture of runs; RUN_ROW in shaders/common/raster.wgsl.
+pub(crate) const RUN_ROW: u32 = 4096;
+
 /// The raster of the painter `tiles`; each field is explained in shaders/common/raster.wgsl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]

@@ -4,16 +4,17 @@ pub(crate) mod classify;
 pub(crate) mod context;
 pub(crate) mod layout;
 mod pipeline;
-pub(crate) mod plan;
 pub(crate) mod quads;
 pub(crate) mod scalars;
 pub(crate) mod scan;
 mod shaders;
 #[cfg(test)]
 mod shaders_test;
-pub(crate) mod sort;
 #[cfg(test)]
 mod stages_test;
+pub(crate) mod store;
 pub(crate) mod tiles;
 pub(crate) mod timing;
 pub(crate) mod transfer;
+#[cfg(test)]
+mod twins;

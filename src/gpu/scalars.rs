@@ -1,9 +1,9 @@
 //! scalars: a volume to splats of scalars, for post-shading. On the host, brick by brick: which voxels can show depends on
 //! their surroundings.
 
-use super::classify::{BrickSplats, Bricks, Store};
 use super::context::Context;
 use super::layout::{MAX_BRICKS, ScalarSplat, place};
+use super::store::{BrickSplats, Bricks, Store};
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Normalization};
 use crate::settings::Savings;
@@ -17,7 +17,7 @@ const MAX_HALO: usize = 16;
 /// picture gets smaller, and the copies beyond the faces with them.
 const MAX_PLACES: u64 = 1 << 28;
 
-/// How far splats reach, as far as it decides which are needed; see [`Plan`](super::plan::Plan).
+/// How far splats reach, as far as it decides which are needed; see [`Plan`](super::quads::plan::Plan).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Reach {
     /// Layers by which the lattice is extended on every side, each a copy of the outermost one: the field is complete to

@@ -180,7 +180,7 @@ fn constants_are_those_of_the_host() {
         ("terminate", "RUN", super::quads::terminate::RUN),
         ("terminate", "LEVELS", super::quads::terminate::LEVELS),
         ("terminate", "STEP", super::quads::terminate::STEP),
-        ("skip", "RUN_ROW", u64::from(super::tiles::RUN_ROW)),
+        ("skip", "RUN_ROW", u64::from(super::layout::RUN_ROW)),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),
     ];
     for (name, constant, value) in expected {
@@ -190,7 +190,7 @@ fn constants_are_those_of_the_host() {
             "{name}: {constant} is not {value}"
         );
     }
-    for (constant, value) in [("MARGIN", super::tiles::MARGIN), ("CELL", super::tiles::CELL)] {
+    for (constant, value) in [("MARGIN", super::layout::MARGIN), ("CELL", super::layout::CELL)] {
         assert!(super::shaders::SKIP.source().contains(&format!("const {constant}: i32 = {value};")), "{constant}");
     }
     let max_opacity = crate::transfer::TransferFunction::MAX_OPACITY.to_string();

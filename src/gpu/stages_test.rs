@@ -2,20 +2,22 @@
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
-use super::classify::{Classifier, Store};
+use super::classify::Classifier;
 use super::context::Context;
 use super::layout::{FEW, Splat};
-use super::plan::{Plan, Region, Subject, Target};
+use super::quads::plan::{Plan, Region, Subject, Target};
+use super::quads::sort::{SortKey, Sorter};
 use super::scan::Scan;
-use super::sort::{SortKey, Sorter};
+use super::store::Store;
 use super::timing::Timing;
+use super::twins::{self, Voxel};
 use crate::camera::{Camera, ProjectionKind, View};
+use crate::formats::{LoadOptions, load};
 use crate::kernel::FootprintTable;
-use crate::reference::stages::{self, Voxel};
 use crate::renderer::{Renderer, RendererOptions};
 use crate::settings::{Accumulation, Precision, Settings, Sheets};
 use crate::transfer::{ControlPoint, TransferFunction};
-use crate::volume::{Grid, LoadOptions, Samples, Volume, load};
+use crate::volume::{Grid, Samples, Volume};
 
 fn download(context: &Context, buffer: &wgpu::Buffer, bytes: u64) -> Vec<u8> {
     let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
@@ -47,7 +49,7 @@ fn downloaded(context: &Context, stores: &[Store]) -> Vec<Voxel> {
             let first = splats.iter().position(|splat| splat.place >> 15 == number);
             assert!(first.is_none_or(|first| first as u32 == brick.first), "{number}");
         }
-        splats.iter().map(|splat| stages::unpack(splat, &origins)).collect::<Vec<_>>()
+        splats.iter().map(|splat| twins::unpack(splat, &origins)).collect::<Vec<_>>()
     };
     stores.iter().flat_map(read).collect()
 }
@@ -91,7 +93,7 @@ fn classify_matches_its_twin_for_every_type() {
 /// Asserts that the device makes of a volume what the twin does.
 fn assert_classified(context: &Context, volume: &Volume, transfer: &TransferFunction, what: &str) {
     let got = downloaded(context, &classified(context, volume, transfer));
-    let expected = stages::classify(volume, transfer);
+    let expected = twins::classify(volume, transfer);
     assert_eq!(got.len(), expected.len(), "{what}");
     for (g, e) in got.iter().zip(&expected) {
         assert_eq!(g.point, e.point, "{what}");
@@ -154,7 +156,7 @@ fn wide_integers_keep_the_resolution_of_their_window() {
     let transfer =
         TransferFunction::new(vec![p(f64::from(base + 10), 0.0), p(f64::from(base + 50), 0.5)], None).unwrap();
     let got = downloaded(&context, &classified(&context, &volume, &transfer));
-    let expected = stages::classify(&volume, &transfer);
+    let expected = twins::classify(&volume, &transfer);
     assert_eq!(got.len(), expected.len());
     for (g, e) in got.iter().zip(&expected) {
         // Densities are stored to 8e-6 of themselves.
@@ -171,7 +173,7 @@ fn chunks_continue_the_lattice() {
     let samples = (0..count).map(|i| u8::from(i % 9973 == 0) * 60).collect();
     let volume = Volume::new(Grid::axis_parallel(dims, [1.0; 3]).unwrap(), Samples::U8(samples)).unwrap();
     let got = downloaded(&context, &classified(&context, &volume, &steps()));
-    let expected = stages::classify(&volume, &steps());
+    let expected = twins::classify(&volume, &steps());
     assert!(got.iter().map(|v| v.point).eq(expected.iter().map(|v| v.point)));
 }
 
@@ -189,7 +191,7 @@ fn scan_matches_its_twin() {
             scan.record(&context, &mut pass, &buffer, u64::from(count)).unwrap();
         }
         context.queue.submit([encoder.finish()]);
-        assert!(words(&download(&context, &buffer, u64::from(count) * 4)) == stages::scan(&values), "{count}");
+        assert!(words(&download(&context, &buffer, u64::from(count) * 4)) == twins::scan(&values), "{count}");
     }
 }
 
@@ -205,7 +207,7 @@ fn scene() -> (Volume, TransferFunction, [Camera; 2], Settings) {
         let view = View { azimuth: 40.0, elevation: 25.0, roll: 10.0, projection, ..View::default() };
         Camera::new(&view, volume.grid(), settings.size).unwrap()
     });
-    let transfer = crate::volume::demo_transfer("marschner-lobb").unwrap();
+    let transfer = crate::demos::demo_transfer("marschner-lobb").unwrap();
     (volume, transfer, cameras, settings)
 }
 
@@ -242,14 +244,14 @@ fn sort_matches_its_twin() {
             let uniform = wgpu::BufferUsages::UNIFORM;
             let buffer = context.upload("test.frame", bytemuck::bytes_of(&frame), uniform).unwrap();
             let target = Target { plan: &plan, region: WHOLE, frame: &buffer };
-            let mode = stages::Mode { perspective, axis: key.axis, additive: false };
+            let mode = twins::Mode { perspective, axis: key.axis, additive: false };
             for sheets in [1, 4] {
                 let mut timing = Timing::new(&context);
                 let spans = sorter.run(&context, &scan, &mut timing, target, sheets, &stores).unwrap();
                 let [span] = spans.as_slice() else { panic!("{} spans", spans.len()) };
                 let total = u64::from(*span.starts.last().unwrap());
                 let entries = words(&download(&context, &span.entries, total * 4));
-                let expected = stages::sort(&frame, &splats, mode, sheets);
+                let expected = twins::sort(&frame, &splats, mode, sheets);
                 assert_eq!(span.starts.len(), expected.len() + 1);
                 for (batch, want) in (0..).zip(&expected) {
                     let range = span.batch(batch);
@@ -266,7 +268,7 @@ fn splat_composite_and_resolve_match_their_twins() {
     let (volume, transfer, cameras, settings) = scene();
     let renderer = Renderer::new(&RendererOptions::default()).unwrap();
     let prepared = renderer.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
-    let splats = stages::classify(&volume, &transfer);
+    let splats = twins::classify(&volume, &transfer);
     for (camera, perspective) in cameras.iter().zip([false, true]) {
         for (sheets, accumulation, sheets_per_pass) in [
             (Sheets::Image, Accumulation::OpticalDepth, 1),
@@ -285,12 +287,12 @@ fn splat_composite_and_resolve_match_their_twins() {
                 let frame = plan.frame(Region { x: 0, y: 0, width, height });
                 let table = FootprintTable::new(&settings.kernel, Precision::F32.footprint_error()).unwrap();
                 let additive = accumulation == Accumulation::Additive;
-                let mode = stages::Mode { perspective, axis: sheets == Sheets::Axis, additive };
+                let mode = twins::Mode { perspective, axis: sheets == Sheets::Axis, additive };
                 let image = renderer.render(&prepared, camera, &settings).unwrap().image;
                 for (index, pixel) in (0..).zip(image.pixels()) {
                     let center = DVec2::new(f64::from(index % width) + 0.5, f64::from(index / width) + 0.5);
-                    let sheets = stages::splat(&frame, &table, &splats, center, mode, |v| v);
-                    for (got, want) in pixel.iter().zip(stages::composite(&sheets, additive)) {
+                    let sheets = twins::splat(&frame, &table, &splats, center, mode, |v| v);
+                    for (got, want) in pixel.iter().zip(twins::composite(&sheets, additive)) {
                         let error = (f64::from(*got) - want).abs();
                         assert!(error < 2e-5, "pixel {index} x{sheets_per_pass} {mode:?}: {pixel:?}, {want}");
                     }
@@ -305,18 +307,18 @@ fn splat_composite_and_resolve_match_their_twins() {
 #[test]
 fn f16_sheets_rounded_to_the_nearest_keep_alpha() {
     let (volume, transfer, cameras, settings) = scene();
-    let splats = stages::classify(&volume, &transfer);
+    let splats = twins::classify(&volume, &transfer);
     let table = FootprintTable::new(&settings.kernel, Precision::F16.footprint_error()).unwrap();
     let mut worst = 0.0_f64;
     for camera in cameras {
         let plan = Plan::new(&camera, volume.grid(), &settings, subject(&volume, &transfer));
-        let mode = stages::Mode { perspective: plan.is_perspective(), ..stages::Mode::default() };
+        let mode = twins::Mode { perspective: plan.is_perspective(), ..twins::Mode::default() };
         let frame = plan.frame(WHOLE);
         for y in 0..20 {
             for x in 0..24 {
                 let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
                 let alpha = |round: &dyn Fn(f64) -> f64| {
-                    stages::composite(&stages::splat(&frame, &table, &splats, center, mode, round), false)[3]
+                    twins::composite(&twins::splat(&frame, &table, &splats, center, mode, round), false)[3]
                 };
                 let nearest = alpha(&|v| half::f16::from_f64(v).to_f64());
                 worst = worst.max((nearest - alpha(&|v| v)).abs());

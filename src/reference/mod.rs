@@ -46,8 +46,6 @@
 mod classify;
 mod integrate;
 mod profile;
-#[cfg(test)]
-pub(crate) mod stages;
 mod walk;
 
 pub use integrate::RayIntegral;

@@ -1,33 +1,21 @@
 //! Scans: a lattice of scalar samples, where it lies in the world, and what its numbers mean.
 
 mod bricks;
-mod decode;
 mod grid;
-mod input;
-mod load;
-mod metaimage;
-mod multifile;
-mod nifti;
-mod npy;
-mod nrrd;
-mod phantom;
-mod placement;
 mod sample_type;
 mod statistics;
 mod stored;
 
 pub(crate) use bricks::{EDGE as BRICK_EDGE, RowCoding};
 pub use grid::{Grid, MAX_DIM};
-pub use load::{LoadOptions, load};
-pub use phantom::{Demo, demo_transfer, demos};
+pub(crate) use sample_type::Sample;
 pub use sample_type::{Endian, SampleType};
 pub use statistics::{BackgroundEstimate, Statistics};
+pub(crate) use stored::{FileSamples, Stored};
 
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
-
-use stored::Stored;
 
 use crate::error::{Error, Result};
 
@@ -94,7 +82,7 @@ to_f64!(u8, i8, u16, i16, u32, i32, u64, i64, f32, f64);
 
 /// A scan: samples on a grid, with the linear map from stored numbers to values.
 ///
-/// Samples are in memory, or stay in their file and are read as they are needed: see [`LoadOptions::stream_over`]. A clone
+/// Samples are in memory, or stay in their file and are read as they are needed: see [`LoadOptions::stream_over`](crate::formats::LoadOptions::stream_over). A clone
 /// shares them.
 #[derive(Debug, Clone)]
 pub struct Volume {
@@ -155,7 +143,7 @@ impl Volume {
         Self::of(grid, Stored::Memory(samples))
     }
 
-    fn of(grid: Grid, stored: Stored) -> Result<Self> {
+    pub(crate) fn of(grid: Grid, stored: Stored) -> Result<Self> {
         if stored.len() as u64 != grid.len() {
             let [x, y, z] = grid.dims();
             return Err(Error::Volume(format!(
@@ -254,7 +242,7 @@ impl Volume {
     }
 
     /// The same volume, its samples in memory unless they take more than `bytes`.
-    fn loaded(mut self, bytes: u64) -> Result<Self> {
+    pub(crate) fn loaded(mut self, bytes: u64) -> Result<Self> {
         if self.grid.len().saturating_mul(self.sample_type().size() as u64) <= bytes
             && let Stored::File(_) = &self.data.stored
         {

@@ -3,6 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use bytemuck::Pod;
+
 use crate::error::Error;
 
 /// The type of a volume's samples.
@@ -142,3 +144,34 @@ impl FromStr for Endian {
         }
     }
 }
+
+/// What a sample type must know to be read.
+pub(crate) trait Sample: Pod + Send + Sync {
+    /// The same number from the other byte order.
+    fn swap(self) -> Self;
+    /// The number that a text spells; `None` where it is none of this type.
+    fn parse(text: &str) -> Option<Self>;
+}
+
+macro_rules! integer_sample {
+    ($($t:ty),*) => { $(impl Sample for $t {
+        fn swap(self) -> Self { self.swap_bytes() }
+        fn parse(text: &str) -> Option<Self> {
+            // Some writers put integers down as floats: 3.0 or 1e3.
+            text.parse().ok().or_else(|| {
+                let number: f64 = text.parse().ok()?;
+                let integer = number as Self;
+                (integer as f64 == number && number.abs() < 9e15).then_some(integer)
+            })
+        }
+    })* };
+}
+integer_sample!(u8, i8, u16, i16, u32, i32, u64, i64);
+
+macro_rules! float_sample {
+    ($($t:ty),*) => { $(impl Sample for $t {
+        fn swap(self) -> Self { Self::from_bits(self.to_bits().swap_bytes()) }
+        fn parse(text: &str) -> Option<Self> { text.parse().ok() }
+    })* };
+}
+float_sample!(f32, f64);

@@ -6,43 +6,42 @@ use std::path::PathBuf;
 
 use rayon::prelude::*;
 
-use super::decode::Sample;
-use super::{Endian, SampleType, Samples, with_samples};
+use super::{Endian, Sample, SampleType, Samples, with_samples};
 use crate::error::{Error, Result};
 
 /// The samples of a volume.
 #[derive(Debug)]
-pub(super) enum Stored {
+pub(crate) enum Stored {
     Memory(Samples),
     File(FileSamples),
 }
 
 /// Samples in a file, as they are written there: binary, in one piece.
 #[derive(Debug)]
-pub(super) struct FileSamples {
-    pub(super) file: File,
-    pub(super) path: PathBuf,
+pub(crate) struct FileSamples {
+    pub(crate) file: File,
+    pub(crate) path: PathBuf,
     /// Bytes before the first sample.
-    pub(super) offset: u64,
-    pub(super) count: usize,
-    pub(super) sample_type: SampleType,
-    pub(super) endian: Endian,
+    pub(crate) offset: u64,
+    pub(crate) count: usize,
+    pub(crate) sample_type: SampleType,
+    pub(crate) endian: Endian,
     /// What stands in for NaN and infinite samples.
-    pub(super) replacement: Option<f64>,
+    pub(crate) replacement: Option<f64>,
 }
 
 /// Bytes that one thread reads at a time.
 const PIECE: usize = 1 << 20;
 
 impl Stored {
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         match self {
             Self::Memory(samples) => samples.len(),
             Self::File(file) => file.count,
         }
     }
 
-    pub(super) fn sample_type(&self) -> SampleType {
+    pub(crate) fn sample_type(&self) -> SampleType {
         match self {
             Self::Memory(samples) => samples.sample_type(),
             Self::File(file) => file.sample_type,
@@ -50,7 +49,7 @@ impl Stored {
     }
 
     /// A copy of a range of the samples.
-    pub(super) fn read(&self, range: Range<usize>) -> Result<Samples> {
+    pub(crate) fn read(&self, range: Range<usize>) -> Result<Samples> {
         match self {
             Self::Memory(samples) => Ok(samples.slice(range)),
             Self::File(file) => file.read(range),
@@ -58,7 +57,7 @@ impl Stored {
     }
 
     /// All samples, in memory.
-    pub(super) fn into_samples(self) -> Result<Samples> {
+    pub(crate) fn into_samples(self) -> Result<Samples> {
         match self {
             Self::Memory(samples) => Ok(samples),
             Self::File(file) => file.read(0..file.count),
@@ -66,7 +65,7 @@ impl Stored {
     }
 
     /// Puts `raw` in the place of every NaN or infinite sample.
-    pub(super) fn replace_non_finite(&mut self, raw: f64) {
+    pub(crate) fn replace_non_finite(&mut self, raw: f64) {
         match self {
             Self::Memory(samples) => samples.replace_non_finite(raw),
             Self::File(file) => file.replacement = Some(raw),
@@ -171,7 +170,7 @@ impl Samples {
     }
 
     /// How many are NaN or infinite, and the first of them.
-    pub(super) fn non_finite(&self) -> (usize, Option<usize>) {
+    pub(crate) fn non_finite(&self) -> (usize, Option<usize>) {
         fn count<T: Copy + Sync>(s: &[T], is_finite: impl Fn(T) -> bool + Sync) -> (usize, Option<usize>) {
             // Whole pieces at a time, which vectorises; where one is spoilt, sample by sample.
             let piece = |piece: &[T]| !piece.iter().fold(true, |all, &v| all & is_finite(v));

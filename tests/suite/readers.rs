@@ -5,7 +5,8 @@
 use std::path::PathBuf;
 
 use serde::Deserialize;
-use voxsplat::volume::{Endian, LoadOptions, SampleType, Samples, Volume, load};
+use voxsplat::formats::{LoadOptions, load};
+use voxsplat::volume::{Endian, SampleType, Samples, Volume};
 
 /// What a file holds, according to the reference implementation that read it.
 #[derive(Deserialize)]

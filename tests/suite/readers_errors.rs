@@ -4,7 +4,8 @@ use std::io::Write;
 use std::path::Path;
 
 use voxsplat::error::Error;
-use voxsplat::volume::{LoadOptions, SampleType, load};
+use voxsplat::formats::{LoadOptions, load};
+use voxsplat::volume::SampleType;
 
 use crate::readers::{expected, path};
 

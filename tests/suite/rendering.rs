@@ -4,6 +4,8 @@ use std::sync::LazyLock;
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::demos::demo_transfer;
+use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::Image;
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::reference;
@@ -11,7 +13,7 @@ use voxsplat::renderer::{Renderer, RendererOptions};
 use voxsplat::report::compare;
 use voxsplat::settings::{Precision, Settings};
 use voxsplat::transfer::{ControlPoint, TransferFunction};
-use voxsplat::volume::{Grid, LoadOptions, Samples, Volume, demo_transfer, load};
+use voxsplat::volume::{Grid, Samples, Volume};
 
 /// One device for all tests of this binary.
 pub(crate) static RENDERER: LazyLock<Renderer> =

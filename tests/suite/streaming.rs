@@ -5,12 +5,13 @@ use std::path::Path;
 use glam::DVec3;
 use voxsplat::camera::{Camera, View};
 use voxsplat::error::Error;
+use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::Image;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Model, Settings, Shading};
 use voxsplat::stats::Stats;
 use voxsplat::transfer::{ControlPoint, TransferFunction};
-use voxsplat::volume::{Endian, LoadOptions, SampleType, Statistics, Volume, load};
+use voxsplat::volume::{Endian, SampleType, Statistics, Volume};
 
 use crate::rendering::{RENDERER, f32_settings};
 

@@ -3,9 +3,9 @@
 use super::super::context::Context;
 use super::super::layout::Area;
 use super::super::pipeline::{Slot, bind, compute, dispatch, flag, flat, layout, module, whole};
-use super::super::plan::Target;
 use super::super::shaders;
 use super::super::timing::Timing;
+use super::plan::Target;
 use super::splat::Sheets;
 use super::{Feed, IntoFrame, QuadsKey, Slots};
 use crate::error::Result;

@@ -2,22 +2,25 @@
 //! followed by compute passes that bring its sheets into the frame.
 
 mod composite;
+mod culling;
+pub(crate) mod plan;
 mod shade;
+pub(crate) mod sort;
 mod splat;
 pub(crate) mod terminate;
 
 pub(crate) use splat::footprint_texture;
 
 use composite::Composite;
+use plan::Target;
 use shade::Shading;
+use sort::Span;
 use splat::{Sheets, Splatting};
 use terminate::Terminator;
 
 use super::context::Context;
 use super::layout::{Area, Lighting};
 use super::pipeline::both;
-use super::plan::Target;
-use super::sort::Span;
 use super::timing::Timing;
 use super::transfer::TransferTable;
 use crate::error::Result;

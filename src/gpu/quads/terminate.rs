@@ -3,11 +3,11 @@
 use super::super::context::Context;
 use super::super::layout::Terminate;
 use super::super::pipeline::{Slot, bind, compute, flag, layout, module};
-use super::super::plan::Target;
 use super::super::scan::WORKGROUP;
 use super::super::shaders;
-use super::super::sort::Span;
 use super::super::timing::Timing;
+use super::plan::Target;
+use super::sort::Span;
 use super::{QuadsKey, Slots};
 use crate::error::Result;
 

@@ -1,14 +1,13 @@
 //! skip and gather: rays from plane to plane. See shaders/skip.wgsl, shaders/gather.wgsl and shaders/gather_scalars.wgsl.
 
 use super::super::context::Context;
-use super::super::layout::Raster;
+use super::super::layout::{RUN_ROW, Raster};
 use super::super::pipeline::{Slot, bind, compute, dispatch, flag, layout, module, whole};
 use super::super::shaders;
 use super::super::timing::Timing;
 use super::super::transfer::TransferTable;
 use super::enlarge::PICTURE;
 use super::pack::{Packed, Voxel};
-use super::raster::RUN_ROW;
 use super::{Rays, TilesKey, texture};
 use crate::settings::Model;
 

@@ -98,6 +98,15 @@ impl Look {
     }
 }
 
+/// What is given along a, b and m, along the axes of the lattice.
+pub(super) fn unordered(axes: [usize; 3], values: [u32; 3]) -> [u32; 3] {
+    let mut result = [0; 3];
+    for (axis, value) in axes.into_iter().zip(values) {
+        result[axis] = value;
+    }
+    result
+}
+
 /// The part of a convex polygon where a linear function is not negative (Sutherland and Hodgman 1974).
 fn clipped(polygon: &[(f64, f64)], value: impl Fn((f64, f64)) -> f64) -> Vec<(f64, f64)> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);

@@ -8,13 +8,7 @@ mod pack;
 mod parts;
 mod raster;
 
-#[cfg(test)]
-pub(crate) use pack::MARGIN;
 pub(crate) use pack::Packed;
-#[cfg(test)]
-pub(crate) use raster::CELL;
-#[cfg(test)]
-pub(crate) use raster::RUN_ROW;
 
 use std::sync::Arc;
 
@@ -26,11 +20,11 @@ use parts::{Footprint, Sections};
 pub(crate) use raster::Spacing;
 use raster::{Classification, Raster};
 
-use super::classify::Store;
 use super::context::Context;
 use super::layout::Lighting;
 use super::pipeline::both;
-use super::plan::{Plan, Region};
+use super::quads::plan::{Plan, Region};
+use super::store::Store;
 use super::timing::Timing;
 use super::transfer::TransferTable;
 use crate::camera::{Camera, Projection};

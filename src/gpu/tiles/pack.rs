@@ -4,18 +4,15 @@ use std::ops::Range;
 
 use bytemuck::Zeroable;
 
-use super::super::classify::Store;
 use super::super::context::Context;
-use super::super::layout::{Lighting, Pack};
+use super::super::layout::{CELL, Lighting, MARGIN, Pack};
 use super::super::pipeline::{Slot, bind, compute, dispatch, flag, layout, module, whole};
 use super::super::scan::WORKGROUP;
 use super::super::shaders;
+use super::super::store::Store;
 use super::super::timing::Timing;
-use super::raster::CELL;
+use super::look::unordered;
 use crate::error::Result;
-
-/// Texels of zeros before each row of voxels; MARGIN in shaders/common/packing.wgsl.
-pub(crate) const MARGIN: u32 = 7;
 
 /// What is packed of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -316,13 +313,4 @@ impl Packer {
             bytes: u64::from(height) * u64::from(width) * packing.voxel.texel() + cells * 4,
         })
     }
-}
-
-/// What is given along a, b and m, along the axes of the lattice.
-pub(super) fn unordered(axes: [usize; 3], values: [u32; 3]) -> [u32; 3] {
-    let mut result = [0; 3];
-    for (axis, value) in axes.into_iter().zip(values) {
-        result[axis] = value;
-    }
-    result
 }

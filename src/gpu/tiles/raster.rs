@@ -3,10 +3,10 @@
 use bytemuck::Zeroable;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
-use super::super::layout;
-use super::super::plan::Region;
-use super::look::{BEYOND, Look};
-use super::pack::{Packing, unordered};
+use super::super::layout::{self, CELL, TILE};
+use super::super::quads::plan::Region;
+use super::look::{BEYOND, Look, unordered};
+use super::pack::Packing;
 use super::parts::{Footprint, Sections};
 use crate::camera::{Camera, Projection};
 use crate::kernel::Kernel;
@@ -16,12 +16,6 @@ use crate::volume::Grid;
 const AROUND: f64 = 8.0;
 /// The fewest pixels between rays that are not each a pixel's.
 const MIN_PITCH: f64 = 1.25;
-/// Side of a tile in rays.
-const TILE: u32 = 8;
-/// Voxel planes that are skipped together; CELL in shaders/common/packing.wgsl.
-pub(crate) const CELL: u32 = 4;
-/// Tiles in a row of the texture of runs; RUN_ROW in shaders/common/raster.wgsl.
-pub(crate) const RUN_ROW: u32 = 4096;
 
 /// The rays of a region of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]

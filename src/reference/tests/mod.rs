@@ -327,8 +327,8 @@ fn wrong_settings_are_refused() {
 
 #[test]
 fn finer_steps_change_nothing() {
-    let volume = crate::volume::load("demo:marschner-lobb:16", &crate::volume::LoadOptions::default()).unwrap();
-    let transfer = crate::volume::demo_transfer("marschner-lobb").unwrap();
+    let volume = crate::formats::load("demo:marschner-lobb:16", &crate::formats::LoadOptions::default()).unwrap();
+    let transfer = crate::demos::demo_transfer("marschner-lobb").unwrap();
     let lights = vec![Light::Headlight, Light::Directional(DVec3::new(0.2, -1.0, 0.5))];
     let light = Lighting { lights, ambient: 0.6, ..Lighting::default() };
     for (model, shading, lighting) in [

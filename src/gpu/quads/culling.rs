@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::super::classify::{BrickSplats, Store};
 use super::super::layout::Area;
-use super::{Plan, Region};
+use super::super::store::{BrickSplats, Store};
+use super::plan::{Plan, Region};
 
 impl Plan {
     /// The splats of a store whose bricks reach into a region, as runs of consecutive ones.

@@ -18,8 +18,8 @@ pub(super) use self::header::{HEADER_SIZE, is_analyze, is_nifti};
 use super::decode::{Layout, lattice, read_all};
 use super::input::Input;
 use super::placement::Placement;
-use super::{SampleType, Volume};
 use crate::error::Result;
+use crate::volume::{SampleType, Volume};
 
 /// Takes RAS, the world of NIfTI, to LPS.
 const RAS_TO_LPS: DVec3 = DVec3::new(-1.0, -1.0, 1.0);

@@ -1,11 +1,11 @@
 //! The fixed layout of the two NIfTI headers.
 
 use crate::error::Result;
+use crate::formats::input::Input;
 use crate::volume::Endian;
-use crate::volume::input::Input;
 
 /// Bytes of the longer header, NIfTI-2's: what a file must be looked at to be recognised.
-pub(in crate::volume) const HEADER_SIZE: usize = NIFTI2_SIZE;
+pub(in crate::formats) const HEADER_SIZE: usize = NIFTI2_SIZE;
 
 const NIFTI1_SIZE: usize = 348;
 const NIFTI2_SIZE: usize = 540;
@@ -61,12 +61,12 @@ fn recognise(head: &[u8]) -> Option<(bool, Endian, bool)> {
 }
 
 /// Whether these are the first bytes of a NIfTI header.
-pub(in crate::volume) fn is_nifti(head: &[u8]) -> bool {
+pub(in crate::formats) fn is_nifti(head: &[u8]) -> bool {
     recognise(head).is_some()
 }
 
 /// Whether these are the first bytes of an ANALYZE 7.5 header: NIfTI-1's layout without its magic.
-pub(in crate::volume) fn is_analyze(head: &[u8]) -> bool {
+pub(in crate::formats) fn is_analyze(head: &[u8]) -> bool {
     let size = NIFTI1_SIZE as u32;
     head.len() >= NIFTI1_SIZE
         && head.first_chunk().is_some_and(|s| u32::from_le_bytes(*s) == size || u32::from_be_bytes(*s) == size)

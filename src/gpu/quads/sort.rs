@@ -2,14 +2,14 @@
 
 use std::ops::Range;
 
-use super::classify::Store;
-use super::context::Context;
-use super::layout::Sort;
-use super::pipeline::{Slot, bind, compute, flag, layout, module, part};
+use super::super::context::Context;
+use super::super::layout::Sort;
+use super::super::pipeline::{Slot, bind, compute, flag, layout, module, part};
+use super::super::scan::{Scan, WORKGROUP};
+use super::super::shaders;
+use super::super::store::Store;
+use super::super::timing::Timing;
 use super::plan::Target;
-use super::scan::{Scan, WORKGROUP};
-use super::shaders;
-use super::timing::Timing;
 use crate::error::Result;
 
 /// The least splats that one invocation sorts.

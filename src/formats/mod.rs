@@ -1,12 +1,23 @@
 //! From the name of a volume to the volume: which reader reads it, and what the user says about it.
 
+mod decode;
+mod input;
+mod metaimage;
+mod multifile;
+mod nifti;
+mod npy;
+mod nrrd;
+mod placement;
+
 use std::path::Path;
 
-use super::decode::{Layout, lattice, read_all};
-use super::input::{Input, format_error};
-use super::placement::{Placement, check_spacing};
-use super::{Endian, SampleType, Volume, metaimage, nifti, npy, nrrd, phantom};
+use decode::{Layout, lattice, read_all};
+use input::{Input, format_error};
+use placement::{Placement, check_spacing};
+
+use crate::demos;
 use crate::error::{Error, Result};
+use crate::volume::{Endian, SampleType, Volume};
 
 /// What to assume about a file, or to do to it. The default is to believe its header.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -112,7 +123,7 @@ pub fn load(source: &str, options: &LoadOptions) -> Result<Volume> {
     let mut volume = match source.strip_prefix("demo:") {
         Some(demo) => {
             refuse_raw_options(Path::new(source), options, "a built-in volume")?;
-            phantom::demo(demo, options.spacing)?
+            demos::demo(demo, options.spacing)?
         }
         None => load_file(Path::new(source), options)?,
     };

@@ -12,9 +12,10 @@ use glam::DVec3;
 use self::header::Header;
 use super::decode::{Layout, lattice, read_samples};
 use super::input::Input;
+use super::multifile;
 use super::placement::Placement;
-use super::{Endian, SampleType, Volume, multifile};
 use crate::error::Result;
+use crate::volume::{Endian, SampleType, Volume};
 
 /// The `encoding:` of the samples.
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -10,9 +10,10 @@ use glam::DVec3;
 
 use super::decode::{Layout, lattice, read_samples};
 use super::input::{Input, format_error};
+use super::multifile;
 use super::placement::Placement;
-use super::{Endian, SampleType, Volume, multifile};
 use crate::error::{Error, Result};
+use crate::volume::{Endian, SampleType, Volume};
 
 /// The fields that a header may begin with; other files are not taken for MetaImages unless their name says so.
 const FIRST_FIELDS: [&str; 9] =

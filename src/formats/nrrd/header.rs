@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use crate::error::{Error, Result};
-use crate::volume::input::{Input, format_error};
+use crate::formats::input::{Input, format_error};
 
 /// Teem's own limit (NRRD_DIM_MAX).
 const MAX_AXES: usize = 16;

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::gpu::layout::{Frame, Splat};
+use super::layout::{Frame, Splat};
 use crate::kernel::FootprintTable;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE, Volume};

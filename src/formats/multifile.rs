@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use super::input::{Input, format_error};
 use crate::error::Result;
+use crate::volume::MAX_DIM;
 
 /// More files than this are a mistake in the header: no axis has more samples.
-const MAX_FILES: usize = super::MAX_DIM as usize;
+const MAX_FILES: usize = MAX_DIM as usize;
 
 /// The files that hold the samples, in order; names are relative to the header's folder.
 pub(super) fn resolve(header: &Path, names: &[String]) -> Result<Vec<PathBuf>> {

@@ -1,11 +1,9 @@
 //! From a camera to the numbers that the stages of a frame work with.
 
-mod culling;
-
 use glam::{DVec3, DVec4};
 
-use super::layout::{Batch, Frame};
-use super::scalars::Reach;
+use super::super::layout::{Batch, Frame};
+use super::super::scalars::Reach;
 use crate::camera::{Camera, Growth, Projection};
 use crate::lighting::{Light, Lighting};
 use crate::settings::{Model, Savings, Settings, Sheets};
@@ -48,36 +46,36 @@ pub(crate) struct Subject {
 /// The geometry of one picture, in f64: sheets, projection, and the part of the image that the volume can reach.
 #[derive(Debug, Clone)]
 pub(crate) struct Plan {
-    camera: Camera,
-    size: [u32; 2],
-    grid: Grid,
-    radius: f64,
-    growth: Growth,
+    pub(super) camera: Camera,
+    pub(super) size: [u32; 2],
+    pub(super) grid: Grid,
+    pub(super) radius: f64,
+    pub(super) growth: Growth,
     /// The smallest and the largest growth of a kernel in the volume.
-    growths: [f64; 2],
+    pub(super) growths: [f64; 2],
     /// Gradients in the lattice of the view coordinates x, y and z.
-    view: [DVec3; 3],
+    pub(super) view: [DVec3; 3],
     /// View coordinates of the middle of the lattice, from the target.
-    offset: DVec3,
+    pub(super) offset: DVec3,
     /// Depth of the middle of the lattice in front of the eye (perspective).
-    eye_depth: f64,
+    pub(super) eye_depth: f64,
     /// View depth of the farthest voxel.
-    farthest: f64,
+    pub(super) farthest: f64,
     /// Lattice axis of axis-aligned sheets.
-    axis: Option<usize>,
-    post_shaded: bool,
+    pub(super) axis: Option<usize>,
+    pub(super) post_shaded: bool,
     /// Pixels around a region that its shading looks at.
-    margin: u32,
+    pub(super) margin: u32,
     /// Layers of the lattice beyond the faces of the volume.
-    padding: u32,
+    pub(super) padding: u32,
     /// View depth, from the middle of the lattice, at which the first sheet begins.
-    sheet_origin: f64,
-    sheet_step: f64,
-    sheets: u32,
-    section_scale: f64,
-    sheet_scale: f64,
-    opaque_depth: f64,
-    savings: Savings,
+    pub(super) sheet_origin: f64,
+    pub(super) sheet_step: f64,
+    pub(super) sheets: u32,
+    pub(super) section_scale: f64,
+    pub(super) sheet_scale: f64,
+    pub(super) opaque_depth: f64,
+    pub(super) savings: Savings,
 }
 
 /// What a sheet accumulates is scaled so that a sheet filled with the densest material accumulates about this: an f16
@@ -218,7 +216,7 @@ impl Plan {
     }
 
     /// Material and lights in this view.
-    pub(crate) fn lighting(&self, lighting: &Lighting) -> super::layout::Lighting {
+    pub(crate) fn lighting(&self, lighting: &Lighting) -> super::super::layout::Lighting {
         let camera = &self.camera;
         let f3 = |v: DVec3| v.as_vec3().to_array();
         let mut lights = [[0.0; 4]; Lighting::MAX_LIGHTS];
@@ -228,7 +226,7 @@ impl Plan {
                 *slot = [d.dot(camera.right), d.dot(camera.up), d.dot(camera.forward), 0.0].map(|c| c as f32);
             }
         }
-        super::layout::Lighting {
+        super::super::layout::Lighting {
             right: f3(camera.right),
             ambient: lighting.ambient as f32,
             up: f3(camera.up),
@@ -321,7 +319,7 @@ impl Plan {
     }
 
     /// Plane coordinates per pixel across and down, and those of the top left corner of the image.
-    fn pixels(&self) -> ([f64; 2], [f64; 2]) {
+    pub(super) fn pixels(&self) -> ([f64; 2], [f64; 2]) {
         let [w, h] = self.size.map(f64::from);
         let half = match self.camera.projection {
             Projection::Orthographic { half_height } => half_height,

@@ -5,9 +5,8 @@ use std::path::Path;
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::input::format_error;
-use super::stored::Stored;
-use super::{Grid, Volume};
 use crate::error::{Error, Result};
+use crate::volume::{Grid, Stored, Volume};
 
 /// The place of a lattice in the world: axis a runs along `directions[a]`, `spacing[a]` of these per sample.
 ///

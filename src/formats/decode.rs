@@ -1,12 +1,10 @@
 //! From the bytes of one or more files to samples, at the width they have there.
 
-use bytemuck::Pod;
 use rayon::prelude::*;
 
 use super::input::{Input, format_error};
-use super::stored::{FileSamples, Stored};
-use super::{Endian, SampleType, Samples};
 use crate::error::{Error, Result};
+use crate::volume::{Endian, FileSamples, MAX_DIM, Sample, SampleType, Samples, Stored};
 
 /// How samples are written down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -70,37 +68,6 @@ fn read_into_memory(
 pub(super) fn read_all(input: Input, count: u64, sample_type: SampleType, layout: Layout) -> Result<Stored> {
     read_samples(&mut std::iter::once(Ok(input)), 1, count, sample_type, layout)
 }
-
-/// What a sample type must know to be read.
-pub(super) trait Sample: Pod + Send + Sync {
-    /// The same number from the other byte order.
-    fn swap(self) -> Self;
-    /// The number that a text spells; `None` where it is none of this type.
-    fn parse(text: &str) -> Option<Self>;
-}
-
-macro_rules! integer_sample {
-    ($($t:ty),*) => { $(impl Sample for $t {
-        fn swap(self) -> Self { self.swap_bytes() }
-        fn parse(text: &str) -> Option<Self> {
-            // Some writers put integers down as floats: 3.0 or 1e3.
-            text.parse().ok().or_else(|| {
-                let number: f64 = text.parse().ok()?;
-                let integer = number as Self;
-                (integer as f64 == number && number.abs() < 9e15).then_some(integer)
-            })
-        }
-    })* };
-}
-integer_sample!(u8, i8, u16, i16, u32, i32, u64, i64);
-
-macro_rules! float_sample {
-    ($($t:ty),*) => { $(impl Sample for $t {
-        fn swap(self) -> Self { Self::from_bits(self.to_bits().swap_bytes()) }
-        fn parse(text: &str) -> Option<Self> { text.parse().ok() }
-    })* };
-}
-float_sample!(f32, f64);
 
 /// Reads straight into the vector that becomes the volume: no second copy, whatever the size.
 pub(super) fn read<T: Sample>(parts: Parts<'_>, n_parts: usize, count: u64, layout: Layout) -> Result<Vec<T>> {
@@ -194,8 +161,8 @@ pub(super) fn lattice(path: &std::path::Path, sizes: &[i64]) -> Result<[u32; 3]>
     let dim = |axis: usize| {
         let size = sizes.get(axis).copied().unwrap_or(1);
         match u32::try_from(size) {
-            Ok(n) if (1..=super::MAX_DIM).contains(&n) => Ok(n),
-            _ => Err(format_error(path, format!("dimension {} is {size}, expected 1 to {}", axis + 1, super::MAX_DIM))),
+            Ok(n) if (1..=MAX_DIM).contains(&n) => Ok(n),
+            _ => Err(format_error(path, format!("dimension {} is {size}, expected 1 to {}", axis + 1, MAX_DIM))),
         }
     };
     Ok([dim(0)?, dim(1)?, dim(2)?])

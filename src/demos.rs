@@ -5,9 +5,9 @@ use std::f64::consts::PI;
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::{Grid, Samples, Volume};
 use crate::error::{Error, Result};
 use crate::transfer::{ControlPoint, TransferFunction};
+use crate::volume::{Grid, Samples, Volume};
 
 /// A built-in volume.
 #[derive(Debug, Clone, Copy)]

@@ -11,9 +11,8 @@ use rayon::prelude::*;
 use super::decode::{self, Layout, lattice, read_all};
 use super::input::Input;
 use super::placement::Placement;
-use super::stored::Stored;
-use super::{Endian, SampleType, Samples, Volume};
 use crate::error::Result;
+use crate::volume::{Endian, SampleType, Samples, Stored, Volume};
 
 /// The first bytes of a .npy file.
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";

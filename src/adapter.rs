@@ -1,0 +1,54 @@
+//! The graphics adapter that pictures are made on, as its driver describes it.
+
+use std::fmt;
+
+use serde::Serialize;
+
+/// A graphics adapter as the driver describes it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct AdapterInfo {
+    /// The name of the device.
+    pub name: String,
+    /// The graphics interface it is reached through: vulkan, metal or dx12.
+    pub backend: String,
+    /// What kind of device it is.
+    pub kind: AdapterKind,
+    /// The driver and its version.
+    pub driver: String,
+}
+
+/// What kind of device an adapter is, the fastest kind first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AdapterKind {
+    /// A GPU with memory of its own.
+    Discrete,
+    /// A GPU that shares the processor's memory.
+    Integrated,
+    /// A GPU seen through a virtual machine.
+    Virtual,
+    /// A device of which the driver does not say what it is.
+    Other,
+    /// A processor that does the work of a GPU, such as Mesa's lavapipe.
+    Cpu,
+}
+
+impl fmt::Display for AdapterKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Discrete => "discrete",
+            Self::Integrated => "integrated",
+            Self::Virtual => "virtual",
+            Self::Other => "other",
+            Self::Cpu => "cpu",
+        })
+    }
+}
+
+impl AdapterInfo {
+    /// Whether the adapter is a processor that does the work of a GPU, such as Mesa's lavapipe.
+    #[must_use]
+    pub fn is_software(&self) -> bool {
+        self.kind == AdapterKind::Cpu
+    }
+}
