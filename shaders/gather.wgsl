@@ -123,6 +123,34 @@ fn least(a: vec4f, b: vec4f) -> f32 {
     return min(min(m.x, m.y), min(m.z, m.w));
 }
 
+// The slabs that one of eight rays has met and planes may still add to, the foremost first.
+struct Slabs {
+    s0: vec4f,
+    s1: vec4f,
+    s2: vec4f,
+    s3: vec4f,
+}
+
+// Before each run: nothing is pending.
+fn restart(ray: ptr<function, Ray>, slabs: ptr<function, Slabs>) {
+    (*ray).before = vec4f(0.0);
+    (*ray).slab = vec4f(0.0);
+    *slabs = Slabs(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(0.0));
+}
+
+// Adds a plane to the slabs that it reaches, and composites the one that no later plane reaches.
+fn feed(ray: ptr<function, Ray>, slabs: ptr<function, Slabs>, sums: Moments, course: Course, plane: i32) {
+    let section = course.section;
+    let pending = *slabs;
+    advance(ray, pending.s0 + part_2(section, sums.m, sums.n), course, f32(plane - 3));
+    *slabs = Slabs(
+        pending.s1 + part_1(section, sums.m, sums.n),
+        pending.s2 + part_0(section, sums.m),
+        pending.s3 + part_1(section, sums.m, -sums.n),
+        part_2(section, sums.m, -sums.n),
+    );
+}
+
 @compute @workgroup_size(8)
 fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
     let at = first_ray(tile) + vec2u(0u, lane * raster.phases.y);
@@ -136,85 +164,44 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
     var ray5 = clear_ray();
     var ray6 = clear_ray();
     var ray7 = clear_ray();
+    var slabs0: Slabs;
+    var slabs1: Slabs;
+    var slabs2: Slabs;
+    var slabs3: Slabs;
+    var slabs4: Slabs;
+    var slabs5: Slabs;
+    var slabs6: Slabs;
+    var slabs7: Slabs;
+    var depth = 0.0;
     for (var slot = 0u; slot < raster.run_slots; slot++) {
-        let depth = least(vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth), vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth));
         let run = run_of(tile, slot, depth);
         if run.y == 0 {
             break;
         }
         let end = min(run.y, raster.voxels.z);
-        var s00 = vec4f(0.0);
-        var s01 = vec4f(0.0);
-        var s02 = vec4f(0.0);
-        var s03 = vec4f(0.0);
-        var s10 = vec4f(0.0);
-        var s11 = vec4f(0.0);
-        var s12 = vec4f(0.0);
-        var s13 = vec4f(0.0);
-        var s20 = vec4f(0.0);
-        var s21 = vec4f(0.0);
-        var s22 = vec4f(0.0);
-        var s23 = vec4f(0.0);
-        var s30 = vec4f(0.0);
-        var s31 = vec4f(0.0);
-        var s32 = vec4f(0.0);
-        var s33 = vec4f(0.0);
-        var s40 = vec4f(0.0);
-        var s41 = vec4f(0.0);
-        var s42 = vec4f(0.0);
-        var s43 = vec4f(0.0);
-        var s50 = vec4f(0.0);
-        var s51 = vec4f(0.0);
-        var s52 = vec4f(0.0);
-        var s53 = vec4f(0.0);
-        var s60 = vec4f(0.0);
-        var s61 = vec4f(0.0);
-        var s62 = vec4f(0.0);
-        var s63 = vec4f(0.0);
-        var s70 = vec4f(0.0);
-        var s71 = vec4f(0.0);
-        var s72 = vec4f(0.0);
-        var s73 = vec4f(0.0);
-        ray0.before = vec4f(0.0);
-        ray0.slab = vec4f(0.0);
-        ray1.before = vec4f(0.0);
-        ray1.slab = vec4f(0.0);
-        ray2.before = vec4f(0.0);
-        ray2.slab = vec4f(0.0);
-        ray3.before = vec4f(0.0);
-        ray3.slab = vec4f(0.0);
-        ray4.before = vec4f(0.0);
-        ray4.slab = vec4f(0.0);
-        ray5.before = vec4f(0.0);
-        ray5.slab = vec4f(0.0);
-        ray6.before = vec4f(0.0);
-        ray6.slab = vec4f(0.0);
-        ray7.before = vec4f(0.0);
-        ray7.slab = vec4f(0.0);
+        restart(&ray0, &slabs0);
+        restart(&ray1, &slabs1);
+        restart(&ray2, &slabs2);
+        restart(&ray3, &slabs3);
+        restart(&ray4, &slabs4);
+        restart(&ray5, &slabs5);
+        restart(&ray6, &slabs6);
+        restart(&ray7, &slabs7);
         for (var plane = run.x; plane < run.y + FLUSH_BLOCKED; plane++) {
             let center = course.base + course.shear * f32(plane);
             let rows = rows_of(plane, end, center.y, course.half.y);
             let place = place_of(plane);
-            var m0 = vec4f(0.0);
-            var n0 = vec4f(0.0);
-            var m1 = vec4f(0.0);
-            var n1 = vec4f(0.0);
-            var m2 = vec4f(0.0);
-            var n2 = vec4f(0.0);
-            var m3 = vec4f(0.0);
-            var n3 = vec4f(0.0);
-            var m4 = vec4f(0.0);
-            var n4 = vec4f(0.0);
-            var m5 = vec4f(0.0);
-            var n5 = vec4f(0.0);
-            var m6 = vec4f(0.0);
-            var n6 = vec4f(0.0);
-            var m7 = vec4f(0.0);
-            var n7 = vec4f(0.0);
+            var sums0 = Moments(vec4f(0.0), vec4f(0.0), 0.0);
+            var sums1 = Moments(vec4f(0.0), vec4f(0.0), 0.0);
+            var sums2 = Moments(vec4f(0.0), vec4f(0.0), 0.0);
+            var sums3 = Moments(vec4f(0.0), vec4f(0.0), 0.0);
+            var sums4 = Moments(vec4f(0.0), vec4f(0.0), 0.0);
+            var sums5 = Moments(vec4f(0.0), vec4f(0.0), 0.0);
+            var sums6 = Moments(vec4f(0.0), vec4f(0.0), 0.0);
+            var sums7 = Moments(vec4f(0.0), vec4f(0.0), 0.0);
             for (var row = rows.x; row <= rows.y; row++) {
                 let cut = row_at(course, center, row, place);
-                let du = cut.du;
-                let dv = cut.dv;
+                let w = row_weights(cut, direction);
                 let t0 = textureLoad(volume, cut.texel + vec2i(0, 0));
                 let t1 = textureLoad(volume, cut.texel + vec2i(1, 0));
                 let t2 = textureLoad(volume, cut.texel + vec2i(2, 0));
@@ -235,72 +222,28 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
                 let v10 = first_of(t5);
                 let v11 = second_of(t5);
                 let v12 = first_of(t6);
-                let v13 = second_of(t6);
-                let w0 = weights(du + 0.0, dv, direction);
-                let w1 = weights(du + 1.0, dv, direction);
-                let w2 = weights(du + 2.0, dv, direction);
-                let w3 = weights(du + 3.0, dv, direction);
-                let w4 = weights(du + 4.0, dv, direction);
-                let w5 = weights(du + 5.0, dv, direction);
-                m0 += w0.x * v0 + w1.x * v1 + w2.x * v2 + w3.x * v3 + w4.x * v4 + w5.x * v5;
-                n0 += w0.y * v0 + w1.y * v1 + w2.y * v2 + w3.y * v3 + w4.y * v4 + w5.y * v5;
-                m1 += w0.x * v1 + w1.x * v2 + w2.x * v3 + w3.x * v4 + w4.x * v5 + w5.x * v6;
-                n1 += w0.y * v1 + w1.y * v2 + w2.y * v3 + w3.y * v4 + w4.y * v5 + w5.y * v6;
-                m2 += w0.x * v2 + w1.x * v3 + w2.x * v4 + w3.x * v5 + w4.x * v6 + w5.x * v7;
-                n2 += w0.y * v2 + w1.y * v3 + w2.y * v4 + w3.y * v5 + w4.y * v6 + w5.y * v7;
-                m3 += w0.x * v3 + w1.x * v4 + w2.x * v5 + w3.x * v6 + w4.x * v7 + w5.x * v8;
-                n3 += w0.y * v3 + w1.y * v4 + w2.y * v5 + w3.y * v6 + w4.y * v7 + w5.y * v8;
-                m4 += w0.x * v4 + w1.x * v5 + w2.x * v6 + w3.x * v7 + w4.x * v8 + w5.x * v9;
-                n4 += w0.y * v4 + w1.y * v5 + w2.y * v6 + w3.y * v7 + w4.y * v8 + w5.y * v9;
-                m5 += w0.x * v5 + w1.x * v6 + w2.x * v7 + w3.x * v8 + w4.x * v9 + w5.x * v10;
-                n5 += w0.y * v5 + w1.y * v6 + w2.y * v7 + w3.y * v8 + w4.y * v9 + w5.y * v10;
-                m6 += w0.x * v6 + w1.x * v7 + w2.x * v8 + w3.x * v9 + w4.x * v10 + w5.x * v11;
-                n6 += w0.y * v6 + w1.y * v7 + w2.y * v8 + w3.y * v9 + w4.y * v10 + w5.y * v11;
-                m7 += w0.x * v7 + w1.x * v8 + w2.x * v9 + w3.x * v10 + w4.x * v11 + w5.x * v12;
-                n7 += w0.y * v7 + w1.y * v8 + w2.y * v9 + w3.y * v10 + w4.y * v11 + w5.y * v12;
+                add_row(&sums0, w, v0, v1, v2, v3, v4, v5);
+                add_row(&sums1, w, v1, v2, v3, v4, v5, v6);
+                add_row(&sums2, w, v2, v3, v4, v5, v6, v7);
+                add_row(&sums3, w, v3, v4, v5, v6, v7, v8);
+                add_row(&sums4, w, v4, v5, v6, v7, v8, v9);
+                add_row(&sums5, w, v5, v6, v7, v8, v9, v10);
+                add_row(&sums6, w, v6, v7, v8, v9, v10, v11);
+                add_row(&sums7, w, v7, v8, v9, v10, v11, v12);
             }
-            advance(&ray0, s00 + part_2(course.section, m0, n0), course, f32(plane - 3));
-            s00 = s01 + part_1(course.section, m0, n0);
-            s01 = s02 + part_0(course.section, m0);
-            s02 = s03 + part_1(course.section, m0, -n0);
-            s03 = part_2(course.section, m0, -n0);
-            advance(&ray1, s10 + part_2(course.section, m1, n1), course, f32(plane - 3));
-            s10 = s11 + part_1(course.section, m1, n1);
-            s11 = s12 + part_0(course.section, m1);
-            s12 = s13 + part_1(course.section, m1, -n1);
-            s13 = part_2(course.section, m1, -n1);
-            advance(&ray2, s20 + part_2(course.section, m2, n2), course, f32(plane - 3));
-            s20 = s21 + part_1(course.section, m2, n2);
-            s21 = s22 + part_0(course.section, m2);
-            s22 = s23 + part_1(course.section, m2, -n2);
-            s23 = part_2(course.section, m2, -n2);
-            advance(&ray3, s30 + part_2(course.section, m3, n3), course, f32(plane - 3));
-            s30 = s31 + part_1(course.section, m3, n3);
-            s31 = s32 + part_0(course.section, m3);
-            s32 = s33 + part_1(course.section, m3, -n3);
-            s33 = part_2(course.section, m3, -n3);
-            advance(&ray4, s40 + part_2(course.section, m4, n4), course, f32(plane - 3));
-            s40 = s41 + part_1(course.section, m4, n4);
-            s41 = s42 + part_0(course.section, m4);
-            s42 = s43 + part_1(course.section, m4, -n4);
-            s43 = part_2(course.section, m4, -n4);
-            advance(&ray5, s50 + part_2(course.section, m5, n5), course, f32(plane - 3));
-            s50 = s51 + part_1(course.section, m5, n5);
-            s51 = s52 + part_0(course.section, m5);
-            s52 = s53 + part_1(course.section, m5, -n5);
-            s53 = part_2(course.section, m5, -n5);
-            advance(&ray6, s60 + part_2(course.section, m6, n6), course, f32(plane - 3));
-            s60 = s61 + part_1(course.section, m6, n6);
-            s61 = s62 + part_0(course.section, m6);
-            s62 = s63 + part_1(course.section, m6, -n6);
-            s63 = part_2(course.section, m6, -n6);
-            advance(&ray7, s70 + part_2(course.section, m7, n7), course, f32(plane - 3));
-            s70 = s71 + part_1(course.section, m7, n7);
-            s71 = s72 + part_0(course.section, m7);
-            s72 = s73 + part_1(course.section, m7, -n7);
-            s73 = part_2(course.section, m7, -n7);
-            if least(vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth), vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth))
-                > raster.opaque_depth {
+            feed(&ray0, &slabs0, sums0, course, plane);
+            feed(&ray1, &slabs1, sums1, course, plane);
+            feed(&ray2, &slabs2, sums2, course, plane);
+            feed(&ray3, &slabs3, sums3, course, plane);
+            feed(&ray4, &slabs4, sums4, course, plane);
+            feed(&ray5, &slabs5, sums5, course, plane);
+            feed(&ray6, &slabs6, sums6, course, plane);
+            feed(&ray7, &slabs7, sums7, course, plane);
+            depth = least(
+                vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
+                vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),
+            );
+            if depth > raster.opaque_depth {
                 break;
             }
         }
