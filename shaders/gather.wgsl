@@ -76,45 +76,38 @@ fn keep(at: vec2u, value: vec4f) {
 const FLUSH: i32 = 7;
 const FLUSH_BLOCKED: i32 = 5;
 
+// The slabs that planes may still add to, the foremost first.
+struct Slabs {
+    s0: vec4f,
+    s1: vec4f,
+    s2: vec4f,
+    s3: vec4f,
+    s4: vec4f,
+    s5: vec4f,
+}
+
+// Adds a plane to the slabs that it reaches, and composites the one that no later plane reaches.
+fn feed(ray: ptr<function, Ray>, slabs: ptr<function, Slabs>, sums: Moments, course: Course, plane: i32) {
+    let section = course.section;
+    let pending = *slabs;
+    advance(ray, pending.s0 + part_3(section, sums.m, sums.n), course, f32(plane - 4));
+    *slabs = Slabs(
+        pending.s1 + part_2(section, sums.m, sums.n),
+        pending.s2 + part_1(section, sums.m, sums.n),
+        pending.s3 + part_0(section, sums.m),
+        pending.s4 + part_1(section, sums.m, -sums.n),
+        pending.s5 + part_2(section, sums.m, -sums.n),
+        part_3(section, sums.m, -sums.n),
+    );
+}
+
 @compute @workgroup_size(64)
 fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
     let at = ray_of(tile, lane);
     if !is_followed(at) {
         return;
     }
-    let course = course_of(at);
-    let section = course.section;
-    let footprints = footprints_of(course);
-    var ray = clear_ray();
-    for (var slot = 0u; slot < raster.run_slots; slot++) {
-        let run = run_of(tile, slot, ray.depth);
-        if run.y == 0 {
-            break;
-        }
-        let planes = planes_of(run, course);
-        var s0 = vec4f(0.0);
-        var s1 = vec4f(0.0);
-        var s2 = vec4f(0.0);
-        var s3 = vec4f(0.0);
-        var s4 = vec4f(0.0);
-        var s5 = vec4f(0.0);
-        ray.before = vec4f(0.0);
-        ray.slab = vec4f(0.0);
-        for (var plane = planes.x; plane < planes.y + FLUSH; plane++) {
-            let sums = gathered(course, footprints, plane, planes.y);
-            advance(&ray, s0 + part_3(section, sums.m, sums.n), course, f32(plane - 4));
-            s0 = s1 + part_2(section, sums.m, sums.n);
-            s1 = s2 + part_1(section, sums.m, sums.n);
-            s2 = s3 + part_0(section, sums.m);
-            s3 = s4 + part_1(section, sums.m, -sums.n);
-            s4 = s5 + part_2(section, sums.m, -sums.n);
-            s5 = part_3(section, sums.m, -sums.n);
-            if ray.depth > raster.opaque_depth {
-                break;
-            }
-        }
-    }
-    keep(at, premultiplied(ray));
+    keep(at, premultiplied(march_planes(tile, course_of(at))));
 }
 
 // The least optical depth of eight rays.
@@ -123,8 +116,8 @@ fn least(a: vec4f, b: vec4f) -> f32 {
     return min(min(m.x, m.y), min(m.z, m.w));
 }
 
-// The slabs that one of eight rays has met and planes may still add to, the foremost first.
-struct Slabs {
+// The same where kernels reach two planes.
+struct NearSlabs {
     s0: vec4f,
     s1: vec4f,
     s2: vec4f,
@@ -132,18 +125,18 @@ struct Slabs {
 }
 
 // Before each run: nothing is pending.
-fn restart(ray: ptr<function, Ray>, slabs: ptr<function, Slabs>) {
+fn restart(ray: ptr<function, Ray>, slabs: ptr<function, NearSlabs>) {
     (*ray).before = vec4f(0.0);
     (*ray).slab = vec4f(0.0);
-    *slabs = Slabs(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    *slabs = NearSlabs(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(0.0));
 }
 
 // Adds a plane to the slabs that it reaches, and composites the one that no later plane reaches.
-fn feed(ray: ptr<function, Ray>, slabs: ptr<function, Slabs>, sums: Moments, course: Course, plane: i32) {
+fn feed_near(ray: ptr<function, Ray>, slabs: ptr<function, NearSlabs>, sums: Moments, course: Course, plane: i32) {
     let section = course.section;
     let pending = *slabs;
     advance(ray, pending.s0 + part_2(section, sums.m, sums.n), course, f32(plane - 3));
-    *slabs = Slabs(
+    *slabs = NearSlabs(
         pending.s1 + part_1(section, sums.m, sums.n),
         pending.s2 + part_0(section, sums.m),
         pending.s3 + part_1(section, sums.m, -sums.n),
@@ -164,14 +157,14 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
     var ray5 = clear_ray();
     var ray6 = clear_ray();
     var ray7 = clear_ray();
-    var slabs0: Slabs;
-    var slabs1: Slabs;
-    var slabs2: Slabs;
-    var slabs3: Slabs;
-    var slabs4: Slabs;
-    var slabs5: Slabs;
-    var slabs6: Slabs;
-    var slabs7: Slabs;
+    var slabs0: NearSlabs;
+    var slabs1: NearSlabs;
+    var slabs2: NearSlabs;
+    var slabs3: NearSlabs;
+    var slabs4: NearSlabs;
+    var slabs5: NearSlabs;
+    var slabs6: NearSlabs;
+    var slabs7: NearSlabs;
     var depth = 0.0;
     for (var slot = 0u; slot < raster.run_slots; slot++) {
         let run = run_of(tile, slot, depth);
@@ -231,14 +224,14 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
                 add_row(&sums6, w, v6, v7, v8, v9, v10, v11);
                 add_row(&sums7, w, v7, v8, v9, v10, v11, v12);
             }
-            feed(&ray0, &slabs0, sums0, course, plane);
-            feed(&ray1, &slabs1, sums1, course, plane);
-            feed(&ray2, &slabs2, sums2, course, plane);
-            feed(&ray3, &slabs3, sums3, course, plane);
-            feed(&ray4, &slabs4, sums4, course, plane);
-            feed(&ray5, &slabs5, sums5, course, plane);
-            feed(&ray6, &slabs6, sums6, course, plane);
-            feed(&ray7, &slabs7, sums7, course, plane);
+            feed_near(&ray0, &slabs0, sums0, course, plane);
+            feed_near(&ray1, &slabs1, sums1, course, plane);
+            feed_near(&ray2, &slabs2, sums2, course, plane);
+            feed_near(&ray3, &slabs3, sums3, course, plane);
+            feed_near(&ray4, &slabs4, sums4, course, plane);
+            feed_near(&ray5, &slabs5, sums5, course, plane);
+            feed_near(&ray6, &slabs6, sums6, course, plane);
+            feed_near(&ray7, &slabs7, sums7, course, plane);
             depth = least(
                 vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
                 vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),

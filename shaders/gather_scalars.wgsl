@@ -44,23 +44,17 @@ fn classify_slab(ray: ptr<function, Ray>, behind: vec4f, course: Course, part: v
         let g = (*ray).slab.xyz;
         light = light_on(raster.gradient_x * g.x + raster.gradient_y * g.y + raster.gradient_z * g.z, course.to_eye);
     }
-    let p = parabola(means);
     let step = (part.y - part.x) / f32(raster.samples);
     let length = 0.5 * step * course.stretch / course.direction.z;
-    for (var i = 0u; i < raster.samples; i++) {
-        let u = part.x + (f32(i) + 0.5) * step;
-        let c = classified(select(p.x + (p.y + p.z * u) * u, means.y, raster.samples == 1u), raster.lookup);
-        if c.a > 0.0 {
-            let depth = c.a * length;
-            var color = c.rgb;
-            if LIGHTS > 0u {
-                color = lit(color, light);
-            }
-            (*ray).color += color * ((*ray).transmitted * absorbed(depth));
-            (*ray).depth += depth;
-            (*ray).transmitted *= exp(-depth);
-        }
-    }
+    march_parabola(ray, means, part, raster.samples, length, raster.lookup, light);
+}
+
+alias Marched = Ray;
+
+fn add_sample(ray: ptr<function, Marched>, color: vec3f, depth: f32) {
+    (*ray).color += color * ((*ray).transmitted * absorbed(depth));
+    (*ray).depth += depth;
+    (*ray).transmitted *= exp(-depth);
 }
 
 fn enlarge_maximum(ray: ptr<function, Ray>, behind: vec4f, course: Course, part: vec2f) {
@@ -73,6 +67,37 @@ fn enlarge_maximum(ray: ptr<function, Ray>, behind: vec4f, course: Course, part:
 // Planes after the last of a run until all that it feeds has been composited.
 const FLUSH: i32 = 4;
 
+// The slabs that planes may still add to, the foremost first.
+struct Slabs {
+    s0: vec4f,
+    s1: vec4f,
+    s2: vec4f,
+    s3: vec4f,
+    s4: vec4f,
+    s5: vec4f,
+}
+
+// Kernels feed the slabs from two planes before theirs to two behind. What is even in s is the same on both sides, what is
+// odd the opposite.
+fn feed(ray: ptr<function, Ray>, slabs: ptr<function, Slabs>, sums: Moments, course: Course, plane: i32) {
+    let x = course.section.x;
+    let y = course.section.y;
+    let z = course.section.z;
+    let o = vec4f(0.0, 0.0, 0.0, sums.o);
+    let e0 = x.x * sums.m + z.x * o;
+    let e1 = x.y * sums.m + z.y * o;
+    let e2 = x.z * sums.m + z.z * o;
+    let e3 = x.w * sums.m + z.w * o;
+    let o0 = y.x * sums.n;
+    let o1 = y.y * sums.n;
+    let o2 = y.z * sums.n;
+    let o3 = y.w * sums.n;
+    let pending = *slabs;
+    advance(ray, pending.s0 + e0 + o0, course, f32(plane) - 2.25);
+    advance(ray, pending.s1 + e1 + o1, course, f32(plane) - 1.75);
+    *slabs = Slabs(pending.s2 + e2 + o2, pending.s3 + e3 + o3, pending.s4 + e3 - o3, pending.s5 + e2 - o2, e1 - o1, e0 - o0);
+}
+
 @compute @workgroup_size(64)
 fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
     let at = ray_of(tile, lane);
@@ -80,51 +105,7 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
         return;
     }
     let course = course_of(at);
-    let x = course.section.x;
-    let y = course.section.y;
-    let z = course.section.z;
-    let footprints = footprints_of(course);
-    var ray = clear_ray();
-    for (var slot = 0u; slot < raster.run_slots; slot++) {
-        let run = run_of(tile, slot, ray.depth);
-        if run.y == 0 {
-            break;
-        }
-        let planes = planes_of(run, course);
-        var s0 = vec4f(0.0);
-        var s1 = vec4f(0.0);
-        var s2 = vec4f(0.0);
-        var s3 = vec4f(0.0);
-        var s4 = vec4f(0.0);
-        var s5 = vec4f(0.0);
-        ray.before = vec4f(0.0);
-        ray.slab = vec4f(0.0);
-        for (var plane = planes.x; plane < planes.y + FLUSH; plane++) {
-            let sums = gathered(course, footprints, plane, planes.y);
-            // Kernels feed the slabs from two planes before theirs to two behind. What is even in s is the same on both
-            // sides, what is odd the opposite.
-            let o = vec4f(0.0, 0.0, 0.0, sums.o);
-            let e0 = x.x * sums.m + z.x * o;
-            let e1 = x.y * sums.m + z.y * o;
-            let e2 = x.z * sums.m + z.z * o;
-            let e3 = x.w * sums.m + z.w * o;
-            let o0 = y.x * sums.n;
-            let o1 = y.y * sums.n;
-            let o2 = y.z * sums.n;
-            let o3 = y.w * sums.n;
-            advance(&ray, s0 + e0 + o0, course, f32(plane) - 2.25);
-            advance(&ray, s1 + e1 + o1, course, f32(plane) - 1.75);
-            s0 = s2 + e2 + o2;
-            s1 = s3 + e3 + o3;
-            s2 = s4 + e3 - o3;
-            s3 = s5 + e2 - o2;
-            s4 = e1 - o1;
-            s5 = e0 - o0;
-            if ray.depth > raster.opaque_depth {
-                break;
-            }
-        }
-    }
+    let ray = march_planes(tile, course);
     var value = premultiplied(ray);
     if MAXIMUM {
         // Empty space that was skipped is at the base, 0, and shows nothing.

@@ -44,14 +44,12 @@ fn voxels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) gro
     let looks = splats[2u * index + 1u];
     var color = splat_color(words.y, looks.x);
     if LIGHTS > 0u {
-        let n = unpack_normal(looks.y);
-        let gradient = vec3f(dot(lighting.right, n), dot(lighting.up, n), dot(lighting.forward, n));
         var to_eye = vec3f(0.0, 0.0, -1.0);
         if PERSPECTIVE {
             let offset = splat_lattice(words) - pack.eye;
             to_eye = -normalize(pack.view_x * offset.x + pack.view_y * offset.y + pack.view_z * offset.z);
         }
-        color = lit(color, light_on(gradient, to_eye));
+        color = lit_splat(color, looks.y, to_eye);
     }
     let density = splat_weight(words) * pack.scale;
     let v = rounded(vec4f(color * density, density));

@@ -104,23 +104,19 @@ fn behind(pixel: vec4f, means: vec3f, sideways: vec2f, ray: Ray, z: f32) -> vec4
     if LIGHTS > 0u {
         light = light_of(m, sideways, ray, z);
     }
-    let p = parabola(m);
     let step = (part.y - part.x) / f32(SAMPLES);
     let length = step * frame.sheet_step * ray.stretch;
     var result = pixel;
-    for (var i = 0u; i < SAMPLES; i++) {
-        let u = part.x + (f32(i) + 0.5) * step;
-        let c = classified(select(p.x + (p.y + p.z * u) * u, m.y, SAMPLES == 1u), shading.lookup);
-        if c.a > 0.0 {
-            let depth = c.a * length;
-            var color = c.rgb;
-            if LIGHTS > 0u {
-                color = lit(color, light);
-            }
-            result = vec4f(result.rgb + color * (exp(-result.a) * absorbed(depth)), result.a + depth);
-        }
-    }
+    march_parabola(&result, m, part, SAMPLES, length, shading.lookup, light);
     return result;
+}
+
+// Colour and optical depth so far.
+alias Marched = vec4f;
+
+fn add_sample(so_far: ptr<function, Marched>, color: vec3f, depth: f32) {
+    let pixel = *so_far;
+    *so_far = vec4f(pixel.rgb + color * (exp(-pixel.a) * absorbed(depth)), pixel.a + depth);
 }
 
 @compute @workgroup_size(8, 8)

@@ -37,15 +37,12 @@ struct Varyings {
     @location(3) @interpolate(flat) sheet: u32,
 }
 
-// The colour of a splat with a packed world normal under the lights.
-fn lit_splat(color: vec3f, bits: u32, center: vec3f) -> vec3f {
-    let n = unpack_normal(bits);
-    let gradient = vec3f(dot(lighting.right, n), dot(lighting.up, n), dot(lighting.forward, n));
-    var to_eye = vec3f(0.0, 0.0, -1.0);
+// Unit vector from a splat's centre to the eye, view coordinates.
+fn to_eye_from(center: vec3f) -> vec3f {
     if PERSPECTIVE {
-        to_eye = -normalize(vec3f(center.xy, center.z + frame.eye_depth));
+        return -normalize(vec3f(center.xy, center.z + frame.eye_depth));
     }
-    return lit(color, light_on(gradient, to_eye));
+    return vec3f(0.0, 0.0, -1.0);
 }
 
 @vertex
@@ -78,7 +75,7 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
         let looks = splats[2u * entry + 1u];
         color = splat_color(words.y, looks.x);
         if LIGHTS > 0u {
-            color = lit_splat(color, looks.y, center);
+            color = lit_splat(color, looks.y, to_eye_from(center));
         }
     }
     var sheet = 0u;

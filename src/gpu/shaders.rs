@@ -26,6 +26,9 @@ const FRAME: &str = include_str!("../../shaders/common/frame.wgsl");
 const PACKING: &str = include_str!("../../shaders/common/packing.wgsl");
 const RASTER: &str = include_str!("../../shaders/common/raster.wgsl");
 const COURSE: &str = include_str!("../../shaders/common/course.wgsl");
+const MARCH_PLANES: &str = include_str!("../../shaders/common/march_planes.wgsl");
+const MARCH_PARABOLA: &str = include_str!("../../shaders/common/march_parabola.wgsl");
+const LIT_SPLAT: &str = include_str!("../../shaders/common/lit_splat.wgsl");
 const PLANE: &str = include_str!("../../shaders/common/plane.wgsl");
 const VECTORS: &str = include_str!("../../shaders/voxels/vectors.wgsl");
 const SCALARS: &str = include_str!("../../shaders/voxels/scalars.wgsl");
@@ -39,7 +42,7 @@ pub(crate) const SORT: Shader =
     Shader { name: "sort", parts: &[include_str!("../../shaders/sort.wgsl"), FRAME, SPLAT, BOUNDS, DISPATCH] };
 pub(crate) const SPLATTING: Shader = Shader {
     name: "splat",
-    parts: &[include_str!("../../shaders/splat.wgsl"), FRAME, SPLAT, BOUNDS, LIGHTING, NORMAL, ABSORBED],
+    parts: &[include_str!("../../shaders/splat.wgsl"), FRAME, SPLAT, BOUNDS, LIT_SPLAT, LIGHTING, NORMAL, ABSORBED],
 };
 pub(crate) const TERMINATE: Shader = Shader {
     name: "terminate",
@@ -49,13 +52,13 @@ pub(crate) const COMPOSITE: Shader =
     Shader { name: "composite", parts: &[include_str!("../../shaders/composite.wgsl"), FRAME, ABSORBED] };
 pub(crate) const SHADE: Shader = Shader {
     name: "shade",
-    parts: &[include_str!("../../shaders/shade.wgsl"), FRAME, RAY, TRANSFER, LIGHTING, ABSORBED],
+    parts: &[include_str!("../../shaders/shade.wgsl"), FRAME, RAY, MARCH_PARABOLA, TRANSFER, LIGHTING, ABSORBED],
 };
 pub(crate) const RESOLVE: Shader =
     Shader { name: "resolve", parts: &[include_str!("../../shaders/resolve.wgsl"), FRAME, ABSORBED] };
 pub(crate) const PACK: Shader = Shader {
     name: "pack",
-    parts: &[include_str!("../../shaders/pack.wgsl"), PACKING, SPLAT, LIGHTING, NORMAL, DISPATCH],
+    parts: &[include_str!("../../shaders/pack.wgsl"), PACKING, SPLAT, LIT_SPLAT, LIGHTING, NORMAL, DISPATCH],
 };
 pub(crate) const GRADIENTS: Shader =
     Shader { name: "gradients", parts: &[include_str!("../../shaders/gradients.wgsl"), PACKING] };
@@ -63,16 +66,49 @@ pub(crate) const SKIP: Shader =
     Shader { name: "skip", parts: &[include_str!("../../shaders/skip.wgsl"), RASTER, PACKING] };
 pub(crate) const GATHER: Shader = Shader {
     name: "gather",
-    parts: &[include_str!("../../shaders/gather.wgsl"), COURSE, PLANE, VECTORS, RASTER, PACKING, ABSORBED],
+    parts: &[
+        include_str!("../../shaders/gather.wgsl"),
+        MARCH_PLANES,
+        COURSE,
+        PLANE,
+        VECTORS,
+        RASTER,
+        PACKING,
+        ABSORBED,
+    ],
 };
 const SCALAR_RAYS: &str = include_str!("../../shaders/gather_scalars.wgsl");
 pub(crate) const GATHER_SCALARS: Shader = Shader {
     name: "gather-scalars",
-    parts: &[SCALAR_RAYS, COURSE, PLANE, SCALARS, RASTER, PACKING, TRANSFER, LIGHTING, ABSORBED],
+    parts: &[
+        SCALAR_RAYS,
+        MARCH_PLANES,
+        COURSE,
+        PLANE,
+        SCALARS,
+        RASTER,
+        PACKING,
+        MARCH_PARABOLA,
+        TRANSFER,
+        LIGHTING,
+        ABSORBED,
+    ],
 };
 pub(crate) const GATHER_GRADIENTS: Shader = Shader {
     name: "gather-gradients",
-    parts: &[SCALAR_RAYS, COURSE, PLANE, VECTORS, RASTER, PACKING, TRANSFER, LIGHTING, ABSORBED],
+    parts: &[
+        SCALAR_RAYS,
+        MARCH_PLANES,
+        COURSE,
+        PLANE,
+        VECTORS,
+        RASTER,
+        PACKING,
+        MARCH_PARABOLA,
+        TRANSFER,
+        LIGHTING,
+        ABSORBED,
+    ],
 };
 pub(crate) const PREFILTER: Shader =
     Shader { name: "prefilter", parts: &[include_str!("../../shaders/prefilter.wgsl")] };
