@@ -1,78 +1,77 @@
-// gather: rays of the painter `tiles` through classified voxels. A ray goes from voxel plane to voxel plane and gathers the
-// kernels that reach it there; each plane has a slab, from half way to the plane before to half way to the one behind, and
-// every kernel is cut by the planes between slabs. Slabs are composited as they are complete.
+// gather: rays of the painter `tiles` through classified voxels. A ray goes from voxel plane to voxel plane and gathers
+// the kernels of each plane that reach it. Each plane has a slab, from half way to the plane before it to half way to
+// the plane behind it. The planes between slabs cut every kernel; a slab is composited when all kernels that reach it
+// are known.
 //
-// A kernel's parts in the slabs that it can reach, two or three on either side of its own, are close to linear in the place
-// of its centre along the ray, times its whole footprint: so a plane needs two sums, of footprints and of footprints times
-// places, and its slabs get theirs from these. The parts add up to the footprint, so optical depth is that of whole ones.
+// A kernel reaches two or three slabs on either side of its own. Its part in each is nearly its footprint times a
+// linear function of s, the place of its centre along the ray. So a plane needs two sums, its moments: footprints m0,
+// and footprints times s, m1. The slabs around it get their parts from these. The parts of a kernel add up to its
+// footprint, so the optical depth of a ray is that of whole kernels.
 //
-// `blocked` is written out for eight rays a voxel apart: they meet a plane at the same place between voxels and share the
-// six footprints of a row. Loops over them would keep arrays in memory on drivers that unroll none.
+// `single` marches one ray. `blocked` marches eight that are a voxel apart: they meet a plane at the same place between
+// its voxels and share the six footprints of a row. It is written out eight times: loops over arrays stay in memory on
+// drivers that do not unroll them.
 
-@group(0) @binding(0) var<uniform> raster: Raster;
+@group(0) @binding(0) var<uniform> rays: Rays;
 @group(0) @binding(2) var runs: texture_2d<u32>;
-// What is enlarged later.
-@group(0) @binding(3) var picture: texture_storage_2d<rgba32float, write>;
-// What is not.
+// Written if rays go through an intermediate image; read by `prefilter`.
+@group(0) @binding(3) var intermediate: texture_storage_2d<rgba32float, write>;
+// The picture: written if every pixel has its own ray.
 @group(0) @binding(4) var<storage, read_write> pixels: array<vec4f>;
 
-// `single` goes through raster points that are not pixels.
-override ENLARGED: bool = false;
+// The rays of `single` go through an intermediate image.
+override RESAMPLED: bool = false;
 
-// Parts of a plane's kernels, given its two sums, in the slab so many planes before or behind its own: a kernel's part is its
-// footprint times x + y s. Both are alike on either side, and its own slab has the rest.
-fn part_1(section: Section, m: vec4f, n: vec4f) -> vec4f {
-    return section.x.x * m + section.y.x * n;
+// What the kernels of a plane with moments m0 and m1 add to the slab one, two or three planes before their own. Behind
+// their own the sign of m1 changes.
+fn part_1(section: Section, m0: vec4f, m1: vec4f) -> vec4f {
+    return section.by_m0.x * m0 + section.by_m1.x * m1;
 }
 
-fn part_2(section: Section, m: vec4f, n: vec4f) -> vec4f {
-    return section.x.y * m + section.y.y * n;
+fn part_2(section: Section, m0: vec4f, m1: vec4f) -> vec4f {
+    return section.by_m0.y * m0 + section.by_m1.y * m1;
 }
 
-// Only of kernels over 2 voxels.
-fn part_3(section: Section, m: vec4f, n: vec4f) -> vec4f {
-    return section.x.z * m + section.y.z * n;
+// 0 for kernels with a radius of at most 2 voxels.
+fn part_3(section: Section, m0: vec4f, m1: vec4f) -> vec4f {
+    return section.by_m0.z * m0 + section.by_m1.z * m1;
 }
 
-fn part_0(section: Section, m: vec4f) -> vec4f {
-    return (1.0 - 2.0 * (section.x.x + section.x.y + section.x.z)) * m;
+// What they add to their own slab: the rest.
+fn part_0(section: Section, m0: vec4f) -> vec4f {
+    return (1.0 - 2.0 * (section.by_m0.x + section.by_m0.y + section.by_m0.z)) * m0;
 }
 
-// Composites the slab that waits, of plane `plane`, now that the one behind it is known. With the slope between its
-// neighbours inside it, emission and extinction are right to second order.
-fn advance(ray: ptr<function, Ray>, behind: vec4f, course: Course, plane: f32) {
+// Composites the slab of plane `plane`, which waits in `ray`, now that the slab behind it is known. The slope between
+// its neighbours makes emission and extinction inside it right to second order.
+fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, plane: f32) {
     var x = (*ray).slab;
     var slope = behind - (*ray).before;
     if PERSPECTIVE {
-        // The eye may be in it.
-        let part = clamp(course.inside - plane, vec2f(-0.5), vec2f(0.5));
+        // The eye may be in the slab: only the part in front of it counts.
+        let part = clamp(geometry.inside - plane, vec2f(-0.5), vec2f(0.5));
         let length = max(part.y - part.x, 0.0);
         x = length * (x + slope * (0.25 * (part.x + part.y)));
         slope *= length * length;
     }
-    let scale = raster.density_scale * course.stretch;
+    let scale = rays.density_scale * geometry.stretch;
     let depth = x.w * scale;
     let passed = exp(-depth);
-    // (1 - exp(-depth)) / depth, by its series where that cancels.
+    // (1 - exp(-depth)) / depth. Below 4e-3 the series errs by depth^2 / 6 < 3e-6; the quotient, in f32, by more than
+    // 1e-5.
     let mean = select((1.0 - passed) / depth, 1.0 - 0.5 * depth, abs(depth) < 4e-3);
+    // 1/24: a slab has a variance of 1/12 along the ray, and the slope is that over two slabs.
     let bend = sqrt(passed) * scale * scale * (1.0 / 24.0);
     let color = x.rgb * (scale * mean) + bend * (x.rgb * slope.w - x.w * slope.rgb);
-    (*ray).color += (*ray).transmitted * color;
+    (*ray).color += (*ray).transmittance * color;
     (*ray).depth += depth;
-    (*ray).transmitted *= passed;
+    (*ray).transmittance *= passed;
     (*ray).before = (*ray).slab;
     (*ray).slab = behind;
 }
 
-fn keep(at: vec2u, value: vec4f) {
-    if ENLARGED {
-        textureStore(picture, at, value);
-    } else {
-        keep_pixel(at, value);
-    }
-}
-
-// Planes after the last of a run until all that it feeds has been composited; by `blocked`, which kernels of 2 voxels reach.
+// Planes after the last of a run: kernels reach 3 slabs beyond it, and slabs are composited 4 planes late. By `blocked`
+// kernels reach 2, and slabs are composited 3 planes late.
 const FLUSH: i32 = 7;
 const FLUSH_BLOCKED: i32 = 5;
 
@@ -86,28 +85,67 @@ struct Slabs {
     s5: vec4f,
 }
 
-// Adds a plane to the slabs that it reaches, and composites the one that no later plane reaches.
-fn feed(ray: ptr<function, Ray>, slabs: ptr<function, Slabs>, sums: Moments, course: Course, plane: i32) {
-    let section = course.section;
+// Adds a plane to the slabs that its kernels reach, and composites the slab before the foremost of these.
+fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments, geometry: RayGeometry, plane: i32) {
+    let section = geometry.section;
     let pending = *slabs;
-    advance(ray, pending.s0 + part_3(section, sums.m, sums.n), course, f32(plane - 4));
+    advance(ray, pending.s0 + part_3(section, sums.m0, sums.m1), geometry, f32(plane - 4));
     *slabs = Slabs(
-        pending.s1 + part_2(section, sums.m, sums.n),
-        pending.s2 + part_1(section, sums.m, sums.n),
-        pending.s3 + part_0(section, sums.m),
-        pending.s4 + part_1(section, sums.m, -sums.n),
-        pending.s5 + part_2(section, sums.m, -sums.n),
-        part_3(section, sums.m, -sums.n),
+        pending.s1 + part_2(section, sums.m0, sums.m1),
+        pending.s2 + part_1(section, sums.m0, sums.m1),
+        pending.s3 + part_0(section, sums.m0),
+        pending.s4 + part_1(section, sums.m0, -sums.m1),
+        pending.s5 + part_2(section, sums.m0, -sums.m1),
+        part_3(section, sums.m0, -sums.m1),
     );
 }
 
 @compute @workgroup_size(64)
 fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
-    let at = ray_of(tile, lane);
-    if !is_followed(at) {
+    let at = point_of(tile, lane);
+    if !is_marched(at) {
         return;
     }
-    keep(at, premultiplied(march_planes(tile, course_of(at))));
+    let value = premultiplied(march_planes(tile, geometry_of(at)));
+    if RESAMPLED {
+        textureStore(intermediate, at, value);
+    } else {
+        store_pixel(at, value);
+    }
+}
+
+// `Slabs` of kernels with a radius of at most 2 voxels.
+struct NearSlabs {
+    s0: vec4f,
+    s1: vec4f,
+    s2: vec4f,
+    s3: vec4f,
+}
+
+// `feed` of such kernels.
+fn feed_near(
+    ray: ptr<function, RayState>,
+    slabs: ptr<function, NearSlabs>,
+    sums: Moments,
+    geometry: RayGeometry,
+    plane: i32,
+) {
+    let section = geometry.section;
+    let pending = *slabs;
+    advance(ray, pending.s0 + part_2(section, sums.m0, sums.m1), geometry, f32(plane - 3));
+    *slabs = NearSlabs(
+        pending.s1 + part_1(section, sums.m0, sums.m1),
+        pending.s2 + part_0(section, sums.m0),
+        pending.s3 + part_1(section, sums.m0, -sums.m1),
+        part_2(section, sums.m0, -sums.m1),
+    );
+}
+
+// A run begins: nothing before it is pending.
+fn restart(ray: ptr<function, RayState>, slabs: ptr<function, NearSlabs>) {
+    (*ray).before = vec4f(0.0);
+    (*ray).slab = vec4f(0.0);
+    *slabs = NearSlabs();
 }
 
 // The least optical depth of eight rays.
@@ -116,47 +154,19 @@ fn least(a: vec4f, b: vec4f) -> f32 {
     return min(min(m.x, m.y), min(m.z, m.w));
 }
 
-// The same where kernels reach two planes.
-struct NearSlabs {
-    s0: vec4f,
-    s1: vec4f,
-    s2: vec4f,
-    s3: vec4f,
-}
-
-// Before each run: nothing is pending.
-fn restart(ray: ptr<function, Ray>, slabs: ptr<function, NearSlabs>) {
-    (*ray).before = vec4f(0.0);
-    (*ray).slab = vec4f(0.0);
-    *slabs = NearSlabs(vec4f(0.0), vec4f(0.0), vec4f(0.0), vec4f(0.0));
-}
-
-// Adds a plane to the slabs that it reaches, and composites the one that no later plane reaches.
-fn feed_near(ray: ptr<function, Ray>, slabs: ptr<function, NearSlabs>, sums: Moments, course: Course, plane: i32) {
-    let section = course.section;
-    let pending = *slabs;
-    advance(ray, pending.s0 + part_2(section, sums.m, sums.n), course, f32(plane - 3));
-    *slabs = NearSlabs(
-        pending.s1 + part_1(section, sums.m, sums.n),
-        pending.s2 + part_0(section, sums.m),
-        pending.s3 + part_1(section, sums.m, -sums.n),
-        part_2(section, sums.m, -sums.n),
-    );
-}
-
 @compute @workgroup_size(8)
 fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
-    let at = first_ray(tile) + vec2u(0u, lane * raster.phases.y);
-    let course = course_of(at);
-    let direction = course.direction.xy;
-    var ray0 = clear_ray();
-    var ray1 = clear_ray();
-    var ray2 = clear_ray();
-    var ray3 = clear_ray();
-    var ray4 = clear_ray();
-    var ray5 = clear_ray();
-    var ray6 = clear_ray();
-    var ray7 = clear_ray();
+    let at = first_ray(tile) + vec2u(0u, lane * rays.phases.y);
+    let geometry = geometry_of(at);
+    let direction = geometry.direction.xy;
+    var ray0 = new_ray();
+    var ray1 = new_ray();
+    var ray2 = new_ray();
+    var ray3 = new_ray();
+    var ray4 = new_ray();
+    var ray5 = new_ray();
+    var ray6 = new_ray();
+    var ray7 = new_ray();
     var slabs0: NearSlabs;
     var slabs1: NearSlabs;
     var slabs2: NearSlabs;
@@ -166,12 +176,12 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
     var slabs6: NearSlabs;
     var slabs7: NearSlabs;
     var depth = 0.0;
-    for (var slot = 0u; slot < raster.run_slots; slot++) {
-        let run = run_of(tile, slot, depth);
+    for (var slot = 0u; slot < rays.run_slots; slot++) {
+        let run = run_at(tile, slot, depth);
         if run.y == 0 {
             break;
         }
-        let end = min(run.y, raster.voxels.z);
+        let end = min(run.y, rays.voxels.z);
         restart(&ray0, &slabs0);
         restart(&ray1, &slabs1);
         restart(&ray2, &slabs2);
@@ -181,9 +191,9 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
         restart(&ray6, &slabs6);
         restart(&ray7, &slabs7);
         for (var plane = run.x; plane < run.y + FLUSH_BLOCKED; plane++) {
-            let center = course.base + course.shear * f32(plane);
-            let rows = rows_of(plane, end, center.y, course.half.y);
-            let place = place_of(plane);
+            let center = geometry.base + geometry.shear * f32(plane);
+            let rows = rows_of(plane, end, center.y, geometry.footprint_half.y);
+            let origin = plane_texel(plane);
             var sums0 = Moments(vec4f(0.0), vec4f(0.0), 0.0);
             var sums1 = Moments(vec4f(0.0), vec4f(0.0), 0.0);
             var sums2 = Moments(vec4f(0.0), vec4f(0.0), 0.0);
@@ -193,15 +203,15 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
             var sums6 = Moments(vec4f(0.0), vec4f(0.0), 0.0);
             var sums7 = Moments(vec4f(0.0), vec4f(0.0), 0.0);
             for (var row = rows.x; row <= rows.y; row++) {
-                let cut = row_at(course, center, row, place);
-                let w = row_weights(cut, direction);
-                let t0 = textureLoad(volume, cut.texel + vec2i(0, 0));
-                let t1 = textureLoad(volume, cut.texel + vec2i(1, 0));
-                let t2 = textureLoad(volume, cut.texel + vec2i(2, 0));
-                let t3 = textureLoad(volume, cut.texel + vec2i(3, 0));
-                let t4 = textureLoad(volume, cut.texel + vec2i(4, 0));
-                let t5 = textureLoad(volume, cut.texel + vec2i(5, 0));
-                let t6 = textureLoad(volume, cut.texel + vec2i(6, 0));
+                let at_row = voxel_row(geometry, center, row, origin);
+                let w = row_weights(at_row, direction);
+                let t0 = textureLoad(volume, at_row.texel + vec2i(0, 0));
+                let t1 = textureLoad(volume, at_row.texel + vec2i(1, 0));
+                let t2 = textureLoad(volume, at_row.texel + vec2i(2, 0));
+                let t3 = textureLoad(volume, at_row.texel + vec2i(3, 0));
+                let t4 = textureLoad(volume, at_row.texel + vec2i(4, 0));
+                let t5 = textureLoad(volume, at_row.texel + vec2i(5, 0));
+                let t6 = textureLoad(volume, at_row.texel + vec2i(6, 0));
                 let v0 = first_of(t0);
                 let v1 = second_of(t0);
                 let v2 = first_of(t1);
@@ -224,29 +234,29 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
                 add_row(&sums6, w, v6, v7, v8, v9, v10, v11);
                 add_row(&sums7, w, v7, v8, v9, v10, v11, v12);
             }
-            feed_near(&ray0, &slabs0, sums0, course, plane);
-            feed_near(&ray1, &slabs1, sums1, course, plane);
-            feed_near(&ray2, &slabs2, sums2, course, plane);
-            feed_near(&ray3, &slabs3, sums3, course, plane);
-            feed_near(&ray4, &slabs4, sums4, course, plane);
-            feed_near(&ray5, &slabs5, sums5, course, plane);
-            feed_near(&ray6, &slabs6, sums6, course, plane);
-            feed_near(&ray7, &slabs7, sums7, course, plane);
+            feed_near(&ray0, &slabs0, sums0, geometry, plane);
+            feed_near(&ray1, &slabs1, sums1, geometry, plane);
+            feed_near(&ray2, &slabs2, sums2, geometry, plane);
+            feed_near(&ray3, &slabs3, sums3, geometry, plane);
+            feed_near(&ray4, &slabs4, sums4, geometry, plane);
+            feed_near(&ray5, &slabs5, sums5, geometry, plane);
+            feed_near(&ray6, &slabs6, sums6, geometry, plane);
+            feed_near(&ray7, &slabs7, sums7, geometry, plane);
             depth = least(
                 vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
                 vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),
             );
-            if depth > raster.opaque_depth {
+            if depth > rays.opaque_depth {
                 break;
             }
         }
     }
-    textureStore(picture, at + vec2u(0u * raster.phases.x, 0u), premultiplied(ray0));
-    textureStore(picture, at + vec2u(1u * raster.phases.x, 0u), premultiplied(ray1));
-    textureStore(picture, at + vec2u(2u * raster.phases.x, 0u), premultiplied(ray2));
-    textureStore(picture, at + vec2u(3u * raster.phases.x, 0u), premultiplied(ray3));
-    textureStore(picture, at + vec2u(4u * raster.phases.x, 0u), premultiplied(ray4));
-    textureStore(picture, at + vec2u(5u * raster.phases.x, 0u), premultiplied(ray5));
-    textureStore(picture, at + vec2u(6u * raster.phases.x, 0u), premultiplied(ray6));
-    textureStore(picture, at + vec2u(7u * raster.phases.x, 0u), premultiplied(ray7));
+    textureStore(intermediate, at + vec2u(0u * rays.phases.x, 0u), premultiplied(ray0));
+    textureStore(intermediate, at + vec2u(1u * rays.phases.x, 0u), premultiplied(ray1));
+    textureStore(intermediate, at + vec2u(2u * rays.phases.x, 0u), premultiplied(ray2));
+    textureStore(intermediate, at + vec2u(3u * rays.phases.x, 0u), premultiplied(ray3));
+    textureStore(intermediate, at + vec2u(4u * rays.phases.x, 0u), premultiplied(ray4));
+    textureStore(intermediate, at + vec2u(5u * rays.phases.x, 0u), premultiplied(ray5));
+    textureStore(intermediate, at + vec2u(6u * rays.phases.x, 0u), premultiplied(ray6));
+    textureStore(intermediate, at + vec2u(7u * rays.phases.x, 0u), premultiplied(ray7));
 }

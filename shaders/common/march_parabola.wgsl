@@ -1,7 +1,9 @@
-// The march through a slab of scalars, which both painters make: the parabola through the means of the slab and its neighbours
-// is classified at equal steps. The stage says what a sample adds: `Marched` and `add_sample`.
+// The march through one slab of scalars, the same for both painters: the parabola through the means of the slab and of
+// its two neighbours is classified at equal steps. Each stage says what a sample adds: the type `Marched` and
+// `add_sample`. (`shade` keeps optical depth alone between batches, `gather` keeps transmittance beside it.)
 
-// From part.x to part.y of the slab; `length` is the world length of a step.
+// `means` are those of the slab before, of the slab and of the slab behind. `part` is the part of the slab that counts,
+// its ends from -1/2 to 1/2; `length` is the world length along the ray between two samples.
 fn march_parabola(
     so_far: ptr<function, Marched>,
     means: vec3f,

@@ -2,7 +2,7 @@
 
 use std::mem::{offset_of, size_of};
 
-use super::layout::{Area, Batch, Classify, ControlPoint, Frame, Lighting, Pack, Raster, Shade, Sort, Terminate};
+use super::layout::{Area, Batch, Classify, ControlPoint, Frame, Lighting, Pack, Rays, Shade, Sort, Terminate};
 use super::shaders::{ALL, Shader};
 
 fn parsed(shader: Shader) -> naga::Module {
@@ -64,12 +64,12 @@ fn structs_are_laid_out_alike() {
         sample_origin,
         gradient_z,
         first_brick,
-        few
+        inline_points
     });
     same_layout!(ControlPoint { color, sample, opacity });
     same_layout!(Sort { blocks, batches, sheets_per_batch });
     same_layout!(Batch { depth, first_sheet });
-    same_layout!(Shade { depth, previous, current, margin, clear, lookup, low, high });
+    same_layout!(Shade { depth, previous, current, margin, invisible, lookup, low, high });
     same_layout!(Area { low, high });
     same_layout!(Terminate { first, count, margin });
     same_layout!(Pack {
@@ -90,7 +90,7 @@ fn structs_are_laid_out_alike() {
         view_y,
         view_z
     });
-    same_layout!(Raster {
+    same_layout!(Rays {
         origin,
         step_x,
         step_y,
@@ -110,20 +110,20 @@ fn structs_are_laid_out_alike() {
         box_high,
         samples,
         gradient_x,
-        everything,
+        skip_nothing,
         gradient_y,
         run_slots,
         gradient_z,
         flipped,
         voxels,
         columns,
-        half,
+        footprint_half,
         phases,
         footprint,
         footprint_high,
-        plane_origin,
-        plane_step,
-        clear,
+        slope_origin,
+        slope_step,
+        invisible,
         lookup,
         size,
         tiles,
@@ -175,7 +175,7 @@ fn constants_are_those_of_the_host() {
     // (shader, constant, the host's value)
     let expected = [
         ("classify", "EDGE", crate::volume::BRICK_EDGE as u64),
-        ("classify", "MOST_FEW", super::layout::FEW as u64),
+        ("classify", "MAX_INLINE_POINTS", super::layout::MAX_INLINE_POINTS as u64),
         ("scan", "RUN", super::scan::RUN),
         ("terminate", "RUN", super::quads::terminate::RUN),
         ("terminate", "LEVELS", super::quads::terminate::LEVELS),
@@ -190,7 +190,7 @@ fn constants_are_those_of_the_host() {
             "{name}: {constant} is not {value}"
         );
     }
-    for (constant, value) in [("MARGIN", super::layout::MARGIN), ("CELL", super::layout::CELL)] {
+    for (constant, value) in [("MARGIN", super::layout::MARGIN), ("MACROCELL", super::layout::MACROCELL)] {
         assert!(super::shaders::SKIP.source().contains(&format!("const {constant}: i32 = {value};")), "{constant}");
     }
     let max_opacity = crate::transfer::TransferFunction::MAX_OPACITY.to_string();

@@ -1,4 +1,4 @@
-//! prefilter and enlarge: the raster to the picture. See shaders/prefilter.wgsl and shaders/enlarge.wgsl.
+//! prefilter and enlarge: the raster to the picture. See shaders/prefilter.wgsl and shaders/resample.wgsl.
 
 use super::super::context::Context;
 use super::super::pipeline::{Slot, bind, compute, dispatch, flag, layout, module, whole};
@@ -27,7 +27,7 @@ impl Enlarge {
         let prefilter = |down| compute(context, &filter, "prefilter", "prefilter", &filtering, &[("DOWN", flag(down))]);
         let slots = [Slot::Uniform, Slot::FilteredTexture, Slot::Sampler, Slot::Write];
         let enlarging = layout(context, "enlarge", stage, &slots);
-        let enlarge = module(context, shaders::ENLARGE);
+        let enlarge = module(context, shaders::RESAMPLE);
         let sampler = context.device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("enlarge.filtered"),
             mag_filter: wgpu::FilterMode::Linear,
@@ -37,7 +37,7 @@ impl Enlarge {
         Self {
             across: prefilter(false),
             down: prefilter(true),
-            enlarge: compute(context, &enlarge, "enlarge", "enlarge", &enlarging, &[]),
+            enlarge: compute(context, &enlarge, "resample", "resample", &enlarging, &[]),
             filtering,
             enlarging,
             sampler,

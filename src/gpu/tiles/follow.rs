@@ -1,7 +1,7 @@
 //! skip and gather: rays from plane to plane. See shaders/skip.wgsl, shaders/gather.wgsl and shaders/gather_scalars.wgsl.
 
 use super::super::context::Context;
-use super::super::layout::{RUN_ROW, Raster};
+use super::super::layout::{self, RUN_ROW};
 use super::super::pipeline::{Slot, bind, compute, dispatch, flag, layout, module, whole};
 use super::super::shaders;
 use super::super::timing::Timing;
@@ -53,7 +53,7 @@ impl Stage {
             let picture = Slot::StorageTexture(PICTURE, wgpu::TextureViewDimension::D2);
             let entry = if key.rays == Rays::Shared { "blocked" } else { "single" };
             let white = ("WHITE", flag(key.model == Model::Xray));
-            let enlarged = ("ENLARGED", flag(key.rays == Rays::Coarser));
+            let enlarged = ("RESAMPLED", flag(key.rays == Rays::Coarser));
             let slots = [Slot::Uniform, volume, runs, picture, Slot::Write];
             return Self::new(
                 context,
@@ -80,7 +80,7 @@ pub(super) fn follow(
     timing: &mut Timing,
     [skip, gather]: [&Stage; 2],
     packed: &Packed,
-    raster: &Raster,
+    raster: &layout::Rays,
     targets: &Targets<'_>,
 ) {
     let [across, down] = raster.tiles;

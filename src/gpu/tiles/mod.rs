@@ -272,10 +272,10 @@ impl<'a> View<'a> {
             Interslice::Parabola => (SAMPLES_PER_VOXEL * look.slab_voxels() / 2.0).ceil() as u32,
         };
         let scalars = transfer.map(|table| Classification {
-            clear: table.clear,
+            invisible: table.invisible,
             lookup: table.lookup,
             samples,
-            everything: !self.subject.shows_nothing_else(),
+            skip_nothing: !self.subject.shows_nothing_else(),
         });
         let subject = raster::Subject {
             camera: self.camera,
@@ -303,7 +303,7 @@ impl<'a> View<'a> {
 impl Subject<'_> {
     /// Whether places without splats, at the transfer function's base, show nothing.
     fn shows_nothing_else(&self) -> bool {
-        self.transfer.is_none_or(|table| table.clear[0] <= table.clear[1])
+        self.transfer.is_none_or(|table| table.invisible[0] <= table.invisible[1])
     }
 }
 

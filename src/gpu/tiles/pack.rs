@@ -5,7 +5,7 @@ use std::ops::Range;
 use bytemuck::Zeroable;
 
 use super::super::context::Context;
-use super::super::layout::{CELL, Lighting, MARGIN, Pack};
+use super::super::layout::{Lighting, MACROCELL, MARGIN, Pack};
 use super::super::pipeline::{Slot, bind, compute, dispatch, flag, layout, module, whole};
 use super::super::scan::WORKGROUP;
 use super::super::shaders;
@@ -95,7 +95,7 @@ impl Packing {
         let width = (columns * column + u64::from(MARGIN)).next_multiple_of(align);
         let height = u64::from(m).div_ceil(columns) * rows + 1;
         let fits = width <= most && height <= most && width * height * voxel.texel() <= MAX_BYTES;
-        let cells = dims.map(|n| n.div_ceil(CELL)).iter().all(|&n| n <= context.limits.max_texture_dimension_3d);
+        let cells = dims.map(|n| n.div_ceil(MACROCELL)).iter().all(|&n| n <= context.limits.max_texture_dimension_3d);
         (fits && cells).then_some(Self {
             voxel,
             axes,
@@ -217,7 +217,7 @@ impl Packer {
         let occupied = context.texture(
             "pack.occupied",
             wgpu::TextureFormat::R32Uint,
-            packing.dims.map(|n| n.div_ceil(CELL)),
+            packing.dims.map(|n| n.div_ceil(MACROCELL)),
             wgpu::TextureDimension::D3,
             storage | wgpu::TextureUsages::TEXTURE_BINDING,
         );
@@ -303,7 +303,7 @@ impl Packer {
             context.wait("differences of scalars")?;
             volume_view = vectors;
         }
-        let cells: u64 = packing.dims.iter().map(|&n| u64::from(n.div_ceil(CELL))).product();
+        let cells: u64 = packing.dims.iter().map(|&n| u64::from(n.div_ceil(MACROCELL))).product();
         Ok(Packed {
             packing,
             source: stores.first().map(|store| store.splats.clone()),

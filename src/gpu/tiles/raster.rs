@@ -3,7 +3,7 @@
 use bytemuck::Zeroable;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
-use super::super::layout::{self, CELL, TILE};
+use super::super::layout::{self, MACROCELL, TILE};
 use super::super::quads::plan::Region;
 use super::look::{BEYOND, Look, unordered};
 use super::pack::Packing;
@@ -20,7 +20,7 @@ const MIN_PITCH: f64 = 1.25;
 /// The rays of a region of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Raster {
-    pub(super) uniforms: layout::Raster,
+    pub(super) uniforms: layout::Rays,
     pub(super) spacing: Spacing,
 }
 
@@ -60,12 +60,12 @@ pub(super) struct Subject<'a> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Classification {
     /// See [`TransferTable`](super::super::transfer::TransferTable).
-    pub(super) clear: [f32; 2],
+    pub(super) invisible: [f32; 2],
     pub(super) lookup: [f32; 2],
     /// Places in a slab.
     pub(super) samples: u32,
     /// Whether empty space may show.
-    pub(super) everything: bool,
+    pub(super) skip_nothing: bool,
 }
 
 /// Rays per voxel along an axis, of rays that move by `shear` voxels along it from plane to plane: where that is close to a
@@ -114,7 +114,7 @@ impl Raster {
         // Half a voxel beyond the outermost ones of the volume.
         let ends = [DVec3::splat(-0.5), DVec3::from_array(grid.dims().map(f64::from)) - 0.5];
         let ends = ends.map(|end| placed(grid.to_world().transform_point3(end)));
-        let mut uniforms = layout::Raster {
+        let mut uniforms = layout::Rays {
             density_scale: subject.density_scale as f32,
             opaque_depth: subject.opaque_depth as f32,
             radius2: (radius * radius) as f32,
@@ -123,7 +123,7 @@ impl Raster {
             gradient_x: f3(gradients.x_axis),
             gradient_y: f3(gradients.y_axis),
             gradient_z: f3(gradients.z_axis),
-            run_slots: packing.dims[2].div_ceil(CELL).div_ceil(2) + 1,
+            run_slots: packing.dims[2].div_ceil(MACROCELL).div_ceil(2) + 1,
             voxels: packing.dims.map(|n| n as i32),
             flipped: i32::from(look.flipped),
             columns: packing.columns as i32,
@@ -133,10 +133,10 @@ impl Raster {
             picture: [region.width, region.height],
             phases: [1, 1],
             sections: subject.sections.0,
-            ..layout::Raster::zeroed()
+            ..layout::Rays::zeroed()
         };
-        if let Some(Classification { clear, lookup, samples, everything }) = subject.scalars {
-            uniforms = layout::Raster { clear, lookup, samples, everything: u32::from(everything), ..uniforms };
+        if let Some(Classification { invisible, lookup, samples, skip_nothing }) = subject.scalars {
+            uniforms = layout::Rays { invisible, lookup, samples, skip_nothing: u32::from(skip_nothing), ..uniforms };
         }
         let corner = DVec2::new(f64::from(region.x), f64::from(region.y)) + 0.5;
         let [width, height] = size.map(f64::from);
@@ -158,13 +158,13 @@ impl Raster {
             spacing = Spacing::Pixels(points.pitch);
             let first = heading(points.first);
             let next = points.first + points.pitch;
-            uniforms = layout::Raster {
+            uniforms = layout::Rays {
                 heading: f3(first),
                 heading_x: f3(heading(points.first + DVec2::X * points.pitch) - first),
                 heading_y: f3(heading(points.first + DVec2::Y * points.pitch) - first),
                 eye: f3(placed(camera.target - camera.forward * distance)),
-                plane_origin: f2(plane(points.first)),
-                plane_step: f2(plane(next) - plane(points.first)),
+                slope_origin: f2(plane(points.first)),
+                slope_step: f2(plane(next) - plane(points.first)),
                 size: points.size,
                 pixel_origin: f2(points.pixel_origin),
                 pixel_x: f2(DVec2::X / points.pitch),
@@ -185,7 +185,7 @@ impl Raster {
             spacing = rays.spacing;
             let Rays { origin, step_x, step_y, size, phases, pixel_origin, pixel_x, pixel_y, .. } = rays;
             let square = 1.0 - direction.x * direction.x;
-            uniforms = layout::Raster {
+            uniforms = layout::Rays {
                 origin: f2(origin),
                 step_x: f2(step_x),
                 step_y: f2(step_y),
@@ -195,7 +195,7 @@ impl Raster {
                 row_half: (radius / square.sqrt()) as f32,
                 row_slope: (direction.x * direction.y / square) as f32,
                 phases,
-                half: f2(reach(radius, shear)),
+                footprint_half: f2(reach(radius, shear)),
                 size,
                 pixel_origin: f2(pixel_origin),
                 pixel_x: f2(pixel_x),
