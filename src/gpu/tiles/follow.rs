@@ -8,7 +8,7 @@ use super::super::timing::Timing;
 use super::super::transfer::TransferTable;
 use super::enlarge::PICTURE;
 use super::pack::{Packed, Voxel};
-use super::{Rays, TilesKey, texture};
+use super::{RayKind, TilesKey, texture};
 use crate::settings::Model;
 
 /// A pipeline and the layout of what it is bound to.
@@ -48,12 +48,12 @@ impl Stage {
         let perspective = ("PERSPECTIVE", flag(key.perspective));
         let terms = ("TERMS", f64::from(key.terms));
         let texels = ("TEXELS", f64::from(key.texels));
-        let straight = ("STRAIGHT", flag(key.rays == Rays::Straight));
+        let straight = ("STRAIGHT", flag(key.rays == RayKind::Straight));
         if let Voxel::Color { .. } = key.voxel {
             let picture = Slot::StorageTexture(PICTURE, wgpu::TextureViewDimension::D2);
-            let entry = if key.rays == Rays::Shared { "blocked" } else { "single" };
+            let entry = if key.rays == RayKind::Shared { "blocked" } else { "single" };
             let white = ("WHITE", flag(key.model == Model::Xray));
-            let enlarged = ("RESAMPLED", flag(key.rays == Rays::Coarser));
+            let enlarged = ("RESAMPLED", flag(key.rays == RayKind::Coarser));
             let slots = [Slot::Uniform, volume, runs, picture, Slot::Write];
             return Self::new(
                 context,

@@ -1,24 +1,24 @@
 //! The painter `tiles`: compute shaders that follow rays over a raster of the lattice's own, so that rays share what they
 //! know of the kernels, and enlarge it to the picture. Rays skip what is empty and end where they are opaque.
 
+mod axis;
 mod enlarge;
 mod follow;
-mod look;
 mod pack;
 mod parts;
-mod raster;
+mod rays;
 
 pub(crate) use pack::Packed;
 
 use std::sync::Arc;
 
+use axis::PrincipalAxis;
 use enlarge::{Enlarge, PICTURE};
 use follow::{Stage, Targets, follow};
-use look::Look;
 use pack::{Lit, Packer, Packing, Voxel};
 use parts::{Footprint, Sections};
-pub(crate) use raster::Spacing;
-use raster::{Classification, Raster};
+pub(crate) use rays::Spacing;
+use rays::{Classification, FittedKernel, Optics, PackedBox, RaySetup, Rays};
 
 use super::context::Context;
 use super::layout::Lighting;
@@ -49,7 +49,7 @@ const PIXELS_PER_QUAD: u64 = 8;
 
 /// Which rays are followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-enum Rays {
+enum RayKind {
     /// Those of the pixels.
     #[default]
     Pixels,
@@ -68,7 +68,7 @@ pub(crate) struct TilesKey {
     voxel: Voxel,
     lights: u32,
     perspective: bool,
-    rays: Rays,
+    rays: RayKind,
     /// Terms of the footprint's polynomial.
     terms: u32,
     /// Texels of a row of voxels that kernels reach.
@@ -144,7 +144,7 @@ pub(crate) struct View<'a> {
     footprint: Footprint,
     sections: Sections,
     /// The ways in which rays follow the lattice, and the volume as each reads it.
-    looks: Vec<(Look, Packing)>,
+    looks: Vec<(PrincipalAxis, Packing)>,
 }
 
 /// What was drawn.
@@ -173,7 +173,7 @@ impl<'a> View<'a> {
         };
         let dims = subject.grid.dims().map(|n| n + 2 * subject.padding);
         let whole = !subject.shows_nothing_else();
-        let looks = Look::all(camera, subject.grid, settings.size);
+        let looks = PrincipalAxis::all(camera, subject.grid, settings.size);
         let packings = looks.iter().map(|look| {
             Packing::new(context, subject.stores, dims, whole, look.axes, voxel)
                 .ok_or("the volume outgrows its texture")
@@ -214,16 +214,16 @@ impl<'a> View<'a> {
                 _ => 5,
             },
             rays: match raster.map(|r| r.spacing) {
-                Some(Spacing::Voxel(_)) => Rays::Shared,
-                Some(Spacing::Pixels(1.0)) if self.is_straight(look) => Rays::Straight,
-                Some(Spacing::Pixels(1.0)) | None => Rays::Pixels,
-                Some(Spacing::Pixels(_)) => Rays::Coarser,
+                Some(Spacing::Voxel(_)) => RayKind::Shared,
+                Some(Spacing::Pixels(1.0)) if self.is_straight(look) => RayKind::Straight,
+                Some(Spacing::Pixels(1.0)) | None => RayKind::Pixels,
+                Some(Spacing::Pixels(_)) => RayKind::Coarser,
             },
         }
     }
 
     /// Whether rays run along m so closely that they meet all planes at the same place.
-    fn is_straight(&self, (look, packing): &(Look, Packing)) -> bool {
+    fn is_straight(&self, (look, packing): &(PrincipalAxis, Packing)) -> bool {
         matches!(self.camera.projection, Projection::Orthographic { .. })
             && self.kernel.radius() <= MAX_RADIUS
             && look.shear().abs().max_element() * f64::from(packing.dims[2]) < STRAIGHT
@@ -235,7 +235,7 @@ impl<'a> View<'a> {
         let splats: u64 = self.subject.stores.iter().map(|store| u64::from(store.count)).sum();
         let [width, height] = self.settings.size.map(u64::from);
         self.settings.model == Model::Xray
-            && matches!(self.key().rays, Rays::Pixels | Rays::Straight)
+            && matches!(self.key().rays, RayKind::Pixels | RayKind::Straight)
             && PIXELS_PER_QUAD * splats < width * height
     }
 
@@ -264,7 +264,7 @@ impl<'a> View<'a> {
         self.settings.savings.reuse && !lit && self.serves(look, packed)
     }
 
-    fn raster(&self, (look, packing): &(Look, Packing), region: Region) -> Option<Raster> {
+    fn raster(&self, (look, packing): &(PrincipalAxis, Packing), region: Region) -> Option<Rays> {
         let settings = self.settings;
         let Subject { grid, padding, growth, max_weight, unit, transfer, .. } = self.subject;
         let samples = match settings.interslice {
@@ -277,26 +277,27 @@ impl<'a> View<'a> {
             samples,
             skip_nothing: !self.subject.shows_nothing_else(),
         });
-        let subject = raster::Subject {
+        let divisor = settings.normalization.divisor(&settings.kernel) * growth.powi(3);
+        let setup = RaySetup {
             camera: self.camera,
-            grid,
             size: settings.size,
-            kernel: self.kernel,
-            footprint: &self.footprint,
-            packing: *packing,
-            padding,
-            density_scale: 1.0 / (settings.normalization.divisor(&settings.kernel) * growth.powi(3) * unit),
-            opaque_depth: match (settings.model, settings.termination) {
-                (Model::Composite, e) if e > 0.0 => -e.ln(),
-                _ => f64::INFINITY,
+            volume: PackedBox { grid, packing: *packing, padding },
+            kernel: FittedKernel { kernel: self.kernel, footprint: &self.footprint, sections: &self.sections },
+            optics: Optics {
+                density_scale: 1.0 / (divisor * unit),
+                opaque_depth: match (settings.model, settings.termination) {
+                    (Model::Composite, e) if e > 0.0 => -e.ln(),
+                    _ => f64::INFINITY,
+                },
+                max_depth: max_weight * look.voxel() / unit,
             },
             scalars,
-            sections: &self.sections,
-            max_depth: max_weight * look.voxel() / unit,
-            // What is classified has edges that no raster but the picture's own keeps; rays that are shared reach two voxels.
-            full: settings.resolution == Resolution::Full || scalars.is_some() || self.kernel.radius() > MAX_RADIUS,
+            // What is classified has edges that only the rays of pixels keep; rays that are shared reach two voxels.
+            ray_per_pixel: settings.resolution == Resolution::Full
+                || scalars.is_some()
+                || self.kernel.radius() > MAX_RADIUS,
         };
-        Raster::new(&subject, look, region)
+        Rays::new(&setup, look, region)
     }
 }
 
@@ -314,7 +315,7 @@ impl Tiles {
             (
                 packer,
                 Stage::skip(context, key),
-                matches!(key.rays, Rays::Coarser | Rays::Shared).then(|| Enlarge::new(context)),
+                matches!(key.rays, RayKind::Coarser | RayKind::Shared).then(|| Enlarge::new(context)),
             )
         };
         let (gather, (packer, skip, enlarge)) = both(context, || Stage::gather(context, key), rest)?;

@@ -11,7 +11,7 @@ use super::super::scan::WORKGROUP;
 use super::super::shaders;
 use super::super::store::Store;
 use super::super::timing::Timing;
-use super::look::unordered;
+use super::axis::unordered;
 use crate::error::Result;
 
 /// What is packed of a voxel.
