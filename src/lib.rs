@@ -46,6 +46,7 @@ pub mod image;
 pub mod kernel;
 pub mod lighting;
 pub mod output;
+pub mod progress;
 pub mod reference;
 pub mod renderer;
 pub mod report;

@@ -7,9 +7,9 @@ use std::path::Path;
 use image::{DynamicImage, ExtendedColorType, ImageFormat, ImageReader, Rgba32FImage};
 
 use super::{Background, Image};
+use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::output::{check_writable, write_atomically};
-use crate::settings::Settings;
 
 fn format_of(path: &Path) -> Option<ImageFormat> {
     let extension = path.extension()?.to_str()?.to_lowercase();
@@ -123,7 +123,7 @@ impl Image {
 /// Refuses an EXR whose header claims more pixels than a picture may have: its decoder takes the header's word and aborts
 /// the process where there is no memory for it. (PNG decoding is bounded by `image` itself.)
 fn check_exr_size(bytes: &[u8], format: Option<ImageFormat>) -> std::result::Result<(), String> {
-    const MOST: usize = Settings::MAX_SIZE as usize;
+    const MOST: usize = Camera::MAX_SIZE as usize;
     if format != Some(ImageFormat::OpenExr) {
         return Ok(());
     }
