@@ -45,6 +45,7 @@ mod gpu;
 pub mod image;
 pub mod kernel;
 pub mod lighting;
+mod names;
 pub mod output;
 pub mod reference;
 pub mod renderer;

@@ -3,10 +3,10 @@
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Normalization};
 use crate::lighting::Lighting;
+use crate::names::named;
 
 /// The format of the sheet buffers. The frame that they are composited into is always f32.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Precision {
     /// Half-precision sheets: half the memory traffic.
     F16,
@@ -15,8 +15,7 @@ pub enum Precision {
 }
 
 /// What a pixel is, given the fields along its ray.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Model {
     /// Emission and absorption: C = integral of c tau exp(-integral of tau), alpha = 1 - exp(-integral of tau).
     #[default]
@@ -29,8 +28,7 @@ pub enum Model {
 }
 
 /// When the transfer function is applied. X-ray is always pre-shaded, a maximum intensity projection post-shaded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Shading {
     /// Each voxel is classified and lit, then extinction and emission are reconstructed. Fast, and blurs surfaces.
     #[default]
@@ -41,8 +39,7 @@ pub enum Shading {
 }
 
 /// How splats are gathered into sheets.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Sheets {
     /// Slabs parallel to the image; each kernel is cut by their planes (Mueller and Crawfis 1998).
     #[default]
@@ -53,8 +50,7 @@ pub enum Sheets {
 }
 
 /// What a sheet adds up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Accumulation {
     /// Optical depth: alpha of a sheet is 1 - exp(-sum), exact for every thickness.
     #[default]
@@ -64,8 +60,7 @@ pub enum Accumulation {
 }
 
 /// What a post-shaded sheet is classified by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Interslice {
     /// The parabola through the means of the sheet and its two neighbours, at eight samples per voxel of thickness.
     #[default]
@@ -75,8 +70,7 @@ pub enum Interslice {
 }
 
 /// How splats are drawn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Painter {
     /// `Tiles` on software adapters for the pictures that it serves, but X-rays of few voxels; `Quads` for all others. Only
     /// the adapter, what is asked for and the number of voxels decide, so the same input gives the same bytes;
@@ -92,8 +86,7 @@ pub enum Painter {
 }
 
 /// How finely the painter `Tiles` looks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Resolution {
     /// Pre-shaded, one to four rays per voxel and axis, as many as the direction of view and the opacity ask for, where that
     /// is fewer than pixels, and the picture enlarged from them. What is classified per pixel has a ray for each.
@@ -205,24 +198,14 @@ impl Default for Settings {
     }
 }
 
-/// Names as the command line spells them.
-macro_rules! named {
-    ($($t:ident { $($variant:ident: $name:literal),* })*) => { $(impl std::fmt::Display for $t {
-        fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-            f.write_str(match self {
-                $(Self::$variant => $name),*
-            })
-        }
-    })* };
-}
-named! {
-    Painter { Auto: "auto", Quads: "quads", Tiles: "tiles" }
-    Resolution { Capped: "capped", Full: "full" }
-    Precision { F16: "f16", F32: "f32" }
-    Model { Composite: "composite", Xray: "xray", Mip: "mip" }
-    Sheets { Image: "image", Axis: "axis" }
-    Accumulation { OpticalDepth: "optical-depth", Additive: "additive" }
-}
+named! { "precision", Precision { F16: "f16", F32: "f32" } }
+named! { "model", Model { Composite: "composite", Xray: "xray", Mip: "mip" } }
+named! { "shading", Shading { Pre: "pre", Post: "post" } }
+named! { "sheets", Sheets { Image: "image", Axis: "axis" } }
+named! { "accumulate", Accumulation { OpticalDepth: "optical-depth", Additive: "additive" } }
+named! { "interslice", Interslice { Parabola: "parabola", Mean: "mean" } }
+named! { "painter", Painter { Auto: "auto", Quads: "quads", Tiles: "tiles" } }
+named! { "resolution", Resolution { Capped: "capped", Full: "full" } }
 
 impl Precision {
     /// The error of the footprint table that the rounding of such sheets makes worth while, of the footprint's peak.

@@ -5,6 +5,7 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::adapter::AdapterInfo;
+use crate::names::spelled;
 use crate::settings::{Accumulation, Model, Painter, Precision, Shading, Sheets};
 
 /// The time of one stage.
@@ -19,14 +20,15 @@ pub struct StageTime {
 }
 
 /// What a stage was timed by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Clock {
     /// Timestamp queries on the device: the stage alone.
     Device,
     /// The host's clock: the stage with all waiting.
     Host,
 }
+
+spelled! { Clock { Device: "device", Host: "host" } }
 
 /// What a picture took.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -201,8 +203,7 @@ impl fmt::Display for Stats {
         )?;
         writeln!(f, "pipelines    {} made so far", self.pipelines)?;
         for stage in &self.stages {
-            let clock = if stage.clock == Clock::Device { "device" } else { "host" };
-            writeln!(f, "{:<12} {:>9.3} ms  ({clock} clock)", stage.name, stage.seconds * 1e3)?;
+            writeln!(f, "{:<12} {:>9.3} ms  ({} clock)", stage.name, stage.seconds * 1e3, stage.clock)?;
         }
         Ok(())
     }

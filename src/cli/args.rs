@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser, TypedValueParser};
+use clap::builder::NonEmptyStringValueParser;
 use clap::{Parser, Subcommand, ValueEnum};
 use glam::DVec3;
 use voxsplat::formats::LoadOptions;
@@ -11,7 +11,7 @@ use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::settings::{Accumulation, Interslice, Model, Painter, Precision, Resolution, Shading, Sheets};
 use voxsplat::volume::{Endian, SampleType};
 
-use super::parse::{self, LightArg};
+use super::parse::{self, LightArg, one_of};
 
 /// Renders voxel volumes by splatting on the GPU.
 #[derive(Debug, Parser)]
@@ -113,54 +113,6 @@ pub(super) enum StatsFormat {
     Json,
 }
 
-fn normalizations() -> impl TypedValueParser<Value = Normalization> {
-    PossibleValuesParser::new(["unit", "peak"])
-        .map(|text| if text == "peak" { Normalization::Peak } else { Normalization::Unit })
-}
-
-fn precisions() -> impl TypedValueParser<Value = Precision> {
-    PossibleValuesParser::new(["f16", "f32"]).map(|text| if text == "f32" { Precision::F32 } else { Precision::F16 })
-}
-
-fn models() -> impl TypedValueParser<Value = Model> {
-    PossibleValuesParser::new(["composite", "xray", "mip"]).map(|text| match text.as_str() {
-        "xray" => Model::Xray,
-        "mip" => Model::Mip,
-        _ => Model::Composite,
-    })
-}
-
-fn shadings() -> impl TypedValueParser<Value = Shading> {
-    PossibleValuesParser::new(["pre", "post"]).map(|text| if text == "post" { Shading::Post } else { Shading::Pre })
-}
-
-fn painters() -> impl TypedValueParser<Value = Painter> {
-    PossibleValuesParser::new(["auto", "quads", "tiles"]).map(|text| match text.as_str() {
-        "quads" => Painter::Quads,
-        "tiles" => Painter::Tiles,
-        _ => Painter::Auto,
-    })
-}
-
-fn resolutions() -> impl TypedValueParser<Value = Resolution> {
-    PossibleValuesParser::new(["capped", "full"])
-        .map(|text| if text == "full" { Resolution::Full } else { Resolution::Capped })
-}
-
-fn sheets() -> impl TypedValueParser<Value = Sheets> {
-    PossibleValuesParser::new(["image", "axis"]).map(|text| if text == "axis" { Sheets::Axis } else { Sheets::Image })
-}
-
-fn accumulations() -> impl TypedValueParser<Value = Accumulation> {
-    PossibleValuesParser::new(["optical-depth", "additive"])
-        .map(|text| if text == "additive" { Accumulation::Additive } else { Accumulation::OpticalDepth })
-}
-
-fn interslices() -> impl TypedValueParser<Value = Interslice> {
-    PossibleValuesParser::new(["parabola", "mean"])
-        .map(|text| if text == "mean" { Interslice::Mean } else { Interslice::Parabola })
-}
-
 const RENDER_EXAMPLES: &str = "\
 Examples:
   voxsplat render demo:marschner-lobb -o ml.png --kernel kaiser-bessel
@@ -242,10 +194,10 @@ pub(super) struct RenderArgs {
     pub(super) transfer: Option<String>,
     /// What a pixel is: composite (emission and absorption), xray (absorption only, white) or mip (the largest value,
     /// coloured by the transfer function)
-    #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = models(), help_heading = "Model")]
+    #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = one_of(Model::ALL, Model::name), help_heading = "Model")]
     pub(super) model: Model,
     /// Classify and light voxels before reconstruction (pre: fast) or pixels after it (post: sharp)
-    #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = shadings(), help_heading = "Model")]
+    #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = one_of(Shading::ALL, Shading::name), help_heading = "Model")]
     pub(super) shading: Shading,
     /// Light surfaces: off, headlight (from the eye), or AZ,EL (degrees, from where an eye at that azimuth and elevation
     /// would be); up to 4 lights, given one by one [default: off]
@@ -260,7 +212,7 @@ pub(super) struct RenderArgs {
         help_heading = "Model")]
     pub(super) kernel: Kernel,
     /// What sums of kernels are divided by: the kernel's integral, or its peak of 1 (the historical way, denser)
-    #[arg(long, value_name = "HOW", default_value = "unit", value_parser = normalizations(), help_heading = "Model")]
+    #[arg(long, value_name = "HOW", default_value = "unit", value_parser = one_of(Normalization::ALL, Normalization::name), help_heading = "Model")]
     pub(super) normalization: Normalization,
     /// Thickness of a sheet in voxels (of grown kernels, in their size), 0.05 to 64: thinner is more exact and slower
     #[arg(long, value_name = "VOXELS", default_value_t = 1.0, value_parser = parse::positive,
@@ -268,14 +220,14 @@ pub(super) struct RenderArgs {
     pub(super) sheet_thickness: f64,
 
     /// Sheets parallel to the image, or (historical, pops) the voxel planes most parallel to it
-    #[arg(long, value_name = "ALIGNMENT", default_value = "image", value_parser = sheets(), help_heading = "Model")]
+    #[arg(long, value_name = "ALIGNMENT", default_value = "image", value_parser = one_of(Sheets::ALL, Sheets::name), help_heading = "Model")]
     pub(super) sheets: Sheets,
     /// What a sheet adds up: optical depth, or (historical, inexact) opacities clamped at 1
-    #[arg(long, value_name = "WHAT", default_value = "optical-depth", value_parser = accumulations(),
+    #[arg(long, value_name = "WHAT", default_value = "optical-depth", value_parser = one_of(Accumulation::ALL, Accumulation::name),
         help_heading = "Model")]
     pub(super) accumulate: Accumulation,
     /// Post-shading: classify a sheet by the parabola through it and its neighbours, or (historical) by its mean
-    #[arg(long, value_name = "HOW", default_value = "parabola", value_parser = interslices(), help_heading = "Model")]
+    #[arg(long, value_name = "HOW", default_value = "parabola", value_parser = one_of(Interslice::ALL, Interslice::name), help_heading = "Model")]
     pub(super) interslice: Interslice,
     /// Early splat termination: leave out splats where no more than this fraction of light passes, 0 (off) to under 1;
     /// no channel changes by more than it
@@ -288,14 +240,14 @@ pub(super) struct RenderArgs {
 
     /// How splats are drawn: quads (any picture), tiles (rays that gather the kernels they meet: fast on software; kernels that
     /// reach up to 3 voxels, in perspective and post-shaded 2, image-aligned sheets) or auto (tiles on software where it serves)
-    #[arg(long, value_name = "PAINTER", default_value = "auto", value_parser = painters(), help_heading = "Device")]
+    #[arg(long, value_name = "PAINTER", default_value = "auto", value_parser = one_of(Painter::ALL, Painter::name), help_heading = "Device")]
     pub(super) painter: Painter,
     /// How finely tiles looks: capped (pre-shaded, 1 to 4 rays per voxel and axis, enlarged to the picture) or full (a ray per pixel)
-    #[arg(long, value_name = "HOW", default_value = "capped", value_parser = resolutions(), help_heading = "Device")]
+    #[arg(long, value_name = "HOW", default_value = "capped", value_parser = one_of(Resolution::ALL, Resolution::name), help_heading = "Device")]
     pub(super) resolution: Resolution,
     /// Format of the sheet buffers, f16 or f32 [default: f32 on software adapters, for scalars and
     /// where kernels grow by half or more, f16 elsewhere]
-    #[arg(long, value_name = "FORMAT", value_parser = precisions(), help_heading = "Device")]
+    #[arg(long, value_name = "FORMAT", value_parser = one_of(Precision::ALL, Precision::name), help_heading = "Device")]
     pub(super) precision: Option<Precision>,
     /// Largest error of the footprint table, 1e-7 to 0.1 of its peak [default: 1e-4 for f16, 1e-5 for f32]
     #[arg(long, value_name = "E", value_parser = parse::positive, allow_hyphen_values = true, help_heading = "Device")]

@@ -168,8 +168,8 @@ fn command(input: &InputArgs, preset: Option<&str>) -> String {
     let mut words = vec!["voxsplat".to_owned(), "render".to_owned(), quoted(&input.source)];
     let mut option = |name: &str, value: Option<String>| words.extend(value.map(|v| format!("--{name} {v}")));
     option("dims", input.dims.map(|d| d.map(|d| d.to_string()).join(",")));
-    option("type", input.sample_type.map(|t| format!("{t:?}").to_lowercase()));
-    option("endian", input.endian.map(|e| format!("{e:?}").to_lowercase()));
+    option("type", input.sample_type.map(|t| t.to_string()));
+    option("endian", input.endian.map(|e| e.to_string()));
     option("offset", (input.offset > 0).then(|| input.offset.to_string()));
     option("spacing", input.spacing.map(|s| s.map(|s| s.to_string()).join(",")));
     option("replace-nan", input.replace_nan.map(|v| v.to_string()));

@@ -9,6 +9,7 @@ pub(crate) use footprint::{footprint_polynomial, section};
 use std::f64::consts::PI;
 
 use crate::error::{Error, Result};
+use crate::names::named;
 use quadrature::integrate;
 
 /// A radially symmetric reconstruction kernel of compact support, peak 1, in lattice coordinates (unit: voxels).
@@ -127,6 +128,8 @@ pub enum Normalization {
     /// By 1, the kernel's peak: the historical way, which thickens by the kernel's integral.
     Peak,
 }
+
+named! { "normalization", Normalization { Unit: "unit", Peak: "peak" } }
 
 impl Normalization {
     /// N for a kernel.

@@ -1,11 +1,11 @@
 //! The types a sample can have in a file, and the order of their bytes.
 
-use std::fmt;
 use std::str::FromStr;
 
 use bytemuck::Pod;
 
 use crate::error::Error;
+use crate::names::{listed, spelled};
 
 /// The type of a volume's samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -24,10 +24,6 @@ pub enum SampleType {
 }
 
 impl SampleType {
-    /// Every type, narrow to wide.
-    pub const ALL: [Self; 10] =
-        [Self::U8, Self::I8, Self::U16, Self::I16, Self::U32, Self::I32, Self::U64, Self::I64, Self::F32, Self::F64];
-
     /// Bytes per sample.
     #[must_use]
     pub fn size(self) -> usize {
@@ -43,23 +39,6 @@ impl SampleType {
     #[must_use]
     pub fn is_float(self) -> bool {
         matches!(self, Self::F32 | Self::F64)
-    }
-
-    /// The name the command line spells: u8, i8, ... f64.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::U8 => "u8",
-            Self::I8 => "i8",
-            Self::U16 => "u16",
-            Self::I16 => "i16",
-            Self::U32 => "u32",
-            Self::I32 => "i32",
-            Self::U64 => "u64",
-            Self::I64 => "i64",
-            Self::F32 => "f32",
-            Self::F64 => "f64",
-        }
     }
 
     /// The type that a common name stands for, case and runs of blanks aside.
@@ -92,9 +71,18 @@ impl SampleType {
     }
 }
 
-impl fmt::Display for SampleType {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
+spelled! {
+    SampleType {
+        U8: "u8",
+        I8: "i8",
+        U16: "u16",
+        I16: "i16",
+        U32: "u32",
+        I32: "i32",
+        U64: "u64",
+        I64: "i64",
+        F32: "f32",
+        F64: "f64",
     }
 }
 
@@ -104,7 +92,7 @@ impl FromStr for SampleType {
     fn from_str(s: &str) -> Result<Self, Error> {
         Self::from_name(s).ok_or_else(|| Error::Setting {
             name: "type",
-            reason: format!("{s:?} is not a sample type: expected u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64"),
+            reason: format!("{s:?} is not a sample type: expected {}", listed(&Self::ALL.map(Self::name))),
         })
     }
 }
@@ -124,14 +112,7 @@ impl Endian {
     pub const NATIVE: Self = if cfg!(target_endian = "big") { Self::Big } else { Self::Little };
 }
 
-impl fmt::Display for Endian {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
-            Self::Little => "little",
-            Self::Big => "big",
-        })
-    }
-}
+spelled! { Endian { Little: "little", Big: "big" } }
 
 impl FromStr for Endian {
     type Err = Error;
