@@ -377,7 +377,7 @@ impl Renderer {
         let blendable = self.context.features.contains(wgpu::Features::FLOAT32_BLENDABLE);
         match settings.precision {
             Some(Precision::F32) if !blendable => {
-                Err(self.context.unsupported("cannot blend f32 sheets: use --precision f16".to_owned()))
+                Err(self.context.unsupported("cannot blend f32 sheets: choose precision f16".to_owned()))
             }
             Some(precision) => Ok(precision),
             None if blendable && (self.context.info.is_software() || settings.is_post_shaded()) => Ok(Precision::F32),

@@ -277,7 +277,7 @@ impl Settings {
             if self.sheets == Sheets::Axis || self.accumulation == Accumulation::Additive {
                 return error(
                     "model",
-                    "X-ray has one sheet of optical depth: leave --sheets and --accumulate".to_owned(),
+                    "X-ray has one sheet of optical depth: leave sheets and accumulation".to_owned(),
                 );
             }
         }

@@ -54,7 +54,7 @@ pub(super) struct RenderJob {
 
 /// Refuses an output that could not be written, before the work.
 fn check_output(path: &Path) -> Result<(), Failure> {
-    Image::check_output(path).map_err(|e| Failure::Usage(e.to_string()))
+    Image::check_output(path).map_err(|e| Failure::Usage(format!("{e:#}")))
 }
 
 impl RenderJob {

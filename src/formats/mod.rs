@@ -12,11 +12,11 @@ mod placement;
 use std::path::Path;
 
 use decode::{Layout, lattice, read_all};
-use input::{Input, format_error};
+use input::{Input, hinted};
 use placement::{Placement, check_spacing};
 
 use crate::demos;
-use crate::error::{Error, Result};
+use crate::error::{Error, Hint, Result};
 use crate::volume::{Endian, SampleType, Volume};
 
 /// What to assume about a file, or to do to it. The default is to believe its header.
@@ -118,7 +118,7 @@ pub fn load(source: &str, options: &LoadOptions) -> Result<Volume> {
     if let Some(value) = options.replace_nan
         && !value.is_finite()
     {
-        return Err(Error::Setting { name: "replace-nan", reason: format!("{value}, expected a finite number") });
+        return Err(Error::Setting { name: "replace_nan", reason: format!("{value}, expected a finite number") });
     }
     let mut volume = match source.strip_prefix("demo:") {
         Some(demo) => {
@@ -168,13 +168,16 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
 /// Options that describe bare samples say something false about any other source.
 fn refuse_raw_options(path: &Path, options: &LoadOptions, what: &str) -> Result<()> {
     let given = [
-        ("--dims", options.dims.is_some()),
-        ("--type", options.sample_type.is_some()),
-        ("--endian", options.endian.is_some()),
-        ("--offset", options.offset != 0),
+        ("dims", options.dims.is_some()),
+        ("sample_type", options.sample_type.is_some()),
+        ("endian", options.endian.is_some()),
+        ("offset", options.offset != 0),
     ];
-    match given.iter().find(|(_, given)| *given) {
-        Some((name, _)) => Err(format_error(path, format!("{name} is for files of bare samples, and this is {what}"))),
+    match given.into_iter().find(|(_, given)| *given) {
+        Some((name, _)) => {
+            let reason = format!("it is for files of bare samples, and {} is {what}", path.display());
+            Err(Error::Setting { name, reason })
+        }
         None => Ok(()),
     }
 }
@@ -182,9 +185,9 @@ fn refuse_raw_options(path: &Path, options: &LoadOptions, what: &str) -> Result<
 fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volume> {
     let (dims, sample_type) = match (options.dims, options.sample_type) {
         (Some(dims), Some(sample_type)) => (dims, sample_type),
-        (None, Some(_)) => return Err(input.error("holds bare samples: give --dims X,Y,Z too")),
-        (Some(_), None) => return Err(input.error("holds bare samples: give --type u8|i16|... too")),
-        (None, None) => return Err(input.error(unknown(head))),
+        (None, Some(_)) => return Err(hinted(input.error("holds bare samples of unknown number"), Hint::GiveDims)),
+        (Some(_), None) => return Err(hinted(input.error("holds bare samples of unknown type"), Hint::GiveSampleType)),
+        (None, None) => return Err(unknown(&input, head)),
     };
     let path = input.path().to_owned();
     let dims = lattice(&path, &dims.map(i64::from))?;
@@ -197,8 +200,8 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
     placement.volume(grid, samples)
 }
 
-/// The way out for a file of no known format.
-fn unknown(head: &[u8]) -> String {
+/// The error about a file of no known format.
+fn unknown(input: &Input, head: &[u8]) -> Error {
     let formats: [(usize, &[u8], &str); 9] = [
         (128, b"DICM", "DICOM"),
         (0, b"II*\0", "TIFF"),
@@ -212,10 +215,12 @@ fn unknown(head: &[u8]) -> String {
     ];
     match formats.iter().find(|(at, magic, _)| head.get(*at..).is_some_and(|h| h.starts_with(magic))) {
         Some((_, _, name)) => {
-            format!("is a {name} file, which is not read: convert it to NRRD, NIfTI, MetaImage or NumPy (.npy)")
+            let reason = "which is not read: convert it to NRRD, NIfTI, MetaImage or NumPy (.npy)";
+            input.error(format!("is a {name} file, {reason}"))
         }
-        None => "is not a NRRD, NIfTI, MetaImage or NumPy file: for bare samples give --dims X,Y,Z and \
-                 --type u8|i8|u16|i16|u32|i32|u64|i64|f32|f64"
-            .to_owned(),
+        None => {
+            let error = input.error("is not a NRRD, NIfTI, MetaImage or NumPy file");
+            hinted(error, Hint::GiveDimsAndSampleType)
+        }
     }
 }

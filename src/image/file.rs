@@ -1,7 +1,7 @@
 //! Pictures as files: PNG to look at, EXR to measure.
 
 use std::borrow::Cow;
-use std::io::{BufWriter, Cursor, Write};
+use std::io::{self, BufWriter, Cursor, Write};
 use std::path::Path;
 
 use image::{DynamicImage, ExtendedColorType, ImageFormat, ImageReader, Rgba32FImage};
@@ -21,14 +21,15 @@ fn format_of(path: &Path) -> Option<ImageFormat> {
 }
 
 fn unknown(path: &Path) -> Error {
-    Error::Write { path: path.to_owned(), reason: "pictures are written as .png or .exr".to_owned() }
+    Error::Output { path: path.to_owned(), reason: "pictures are written as .png or .exr".to_owned() }
 }
 
 impl Image {
     /// Refuses a path that [`Image::save`] could not write.
     ///
     /// # Errors
-    /// [`Error::Write`] where the extension is neither .png nor .exr, or as [`check_writable`].
+    /// [`Error::Output`] if the extension is neither .png nor .exr, or if the path is a directory, a device or a pipe;
+    /// [`Error::Write`] if the directory cannot be written to.
     pub fn check_output(path: &Path) -> Result<()> {
         if format_of(path).is_none() {
             return Err(unknown(path));
@@ -43,7 +44,8 @@ impl Image {
     /// premultiplied, exactly as composited; the background is left out.
     ///
     /// # Errors
-    /// [`Error::Write`], also where a PNG would have to hold a value that is not finite; there is no partial file then.
+    /// [`Error::Output`] as [`Image::check_output`], and if a PNG would have to hold a value that is not finite;
+    /// [`Error::Write`] if encoding or writing fails. No partial file is left behind.
     pub fn save(&self, path: &Path, background: Background) -> Result<()> {
         let format = format_of(path).ok_or_else(|| unknown(path))?;
         if format == ImageFormat::Png
@@ -51,7 +53,7 @@ impl Image {
         {
             let (x, y) = (bad % self.width as usize, bad / self.width as usize);
             let reason = format!("pixel ({x}, {y}) is {:?}: only .exr holds such values", self.pixels[bad]);
-            return Err(Error::Write { path: path.to_owned(), reason });
+            return Err(Error::Output { path: path.to_owned(), reason });
         }
         let (bytes, color): (Cow<'_, [u8]>, _) = match (format, background) {
             (ImageFormat::OpenExr, _) => (bytemuck::cast_slice(&self.pixels).into(), ExtendedColorType::Rgba32F),
@@ -61,7 +63,7 @@ impl Image {
         // Encoded in memory: encoders seek, and a failed encoding never touches the disk.
         let mut encoded = Cursor::new(Vec::new());
         image::write_buffer_with_format(&mut encoded, &bytes, self.width, self.height, color, format)
-            .map_err(|e| Error::Write { path: path.to_owned(), reason: e.to_string() })?;
+            .map_err(|e| Error::Write { path: path.to_owned(), source: io::Error::other(e) })?;
         write_atomically(path, |file| {
             let mut file = BufWriter::new(file);
             file.write_all(encoded.get_ref())?;
@@ -96,7 +98,7 @@ impl Image {
     /// # Errors
     /// [`Error::Read`] where the file cannot be read, [`Error::Format`] where it is neither or is damaged.
     pub fn load(path: &Path) -> Result<Self> {
-        let damaged = |reason: String| Error::Format { path: path.to_owned(), reason };
+        let damaged = |reason: String| Error::Format { path: path.to_owned(), reason, hint: None };
         let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
         let reader = ImageReader::new(Cursor::new(&bytes))
             .with_guessed_format()

@@ -21,10 +21,10 @@ impl Image {
     /// A picture of the given pixels, row by row from the top.
     ///
     /// # Errors
-    /// [`Error::Compare`] where their number is not `width * height`.
+    /// [`Error::Image`] if their number is not `width * height`.
     pub fn new(width: u32, height: u32, pixels: Vec<[f32; 4]>) -> Result<Self> {
         if pixels.len() as u64 != u64::from(width) * u64::from(height) {
-            return Err(Error::Compare(format!("{} pixels do not make {width} x {height}", pixels.len())));
+            return Err(Error::Image(format!("{} pixels do not make {width} x {height}", pixels.len())));
         }
         Ok(Self { width, height, pixels })
     }
@@ -32,16 +32,14 @@ impl Image {
     /// A transparent picture.
     ///
     /// # Errors
-    /// [`Error::Setting`] where there is no memory for it: 16 bytes a pixel.
+    /// [`Error::Memory`] if there is no memory for it: 16 bytes a pixel.
     pub fn transparent(width: u32, height: u32) -> Result<Self> {
         let count = u64::from(width) * u64::from(height);
         let mut pixels = Vec::new();
         let reserved = usize::try_from(count).ok().and_then(|n| pixels.try_reserve_exact(n).ok().map(|()| n));
         let Some(count) = reserved else {
-            return Err(Error::Setting {
-                name: "size",
-                reason: format!("no memory for {width}x{height} pixels, {} bytes", count.saturating_mul(16)),
-            });
+            let what = format!("a picture of {width} x {height} pixels");
+            return Err(Error::Memory { what, bytes: count.saturating_mul(16) });
         };
         pixels.resize(count, [0.0; 4]);
         Ok(Self { width, height, pixels })

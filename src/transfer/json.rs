@@ -112,7 +112,7 @@ impl TransferFunction {
                 Error::Transfer(reason) => reason,
                 other => other.to_string(),
             };
-            Error::Format { path: path.to_owned(), reason }
+            Error::Format { path: path.to_owned(), reason, hint: None }
         })
     }
 

@@ -45,7 +45,7 @@ pub fn preset(name: &str, statistics: &Statistics) -> Result<TransferFunction> {
     let preset = find(name)?;
     let levels = Levels::of(statistics).ok_or_else(|| {
         Error::Transfer(format!(
-            "preset {name} adapts to the range of the values, but they are all {}: give points with --transfer FILE.json",
+            "preset {name} adapts to the range of the values, but they are all {}: give control points instead",
             statistics.min
         ))
     })?;
@@ -59,7 +59,7 @@ pub fn preset(name: &str, statistics: &Statistics) -> Result<TransferFunction> {
 pub fn find(name: &str) -> Result<&'static Preset> {
     PRESETS.iter().find(|p| p.name == name).ok_or_else(|| {
         let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
-        Error::Transfer(format!("no preset is called {name:?}: there are {}, or give a FILE.json", names.join(", ")))
+        Error::Transfer(format!("no preset is called {name:?}: there are {}", names.join(", ")))
     })
 }
 

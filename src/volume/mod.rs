@@ -194,7 +194,7 @@ impl Volume {
     /// The same volume with `value` in the place of every NaN or infinite one.
     ///
     /// # Errors
-    /// [`Error::Read`] and [`Error::OutOfMemory`] where samples left in a file, and shared with a clone, cannot be read.
+    /// [`Error::Read`] and [`Error::Memory`] where samples left in a file, and shared with a clone, cannot be read.
     pub fn with_non_finite_replaced(mut self, value: f64) -> Result<Self> {
         let raw = (value - self.intercept) / self.slope;
         let mut stored = match Arc::try_unwrap(self.data) {
@@ -232,7 +232,7 @@ impl Volume {
     /// The volume with all its samples in memory; those left in a file are read.
     ///
     /// # Errors
-    /// [`Error::Read`] and [`Error::OutOfMemory`] where they cannot be.
+    /// [`Error::Read`] and [`Error::Memory`] where they cannot be.
     pub fn in_memory(&self) -> Result<InMemory<'_>> {
         let samples = match &self.data.stored {
             Stored::Memory(samples) => Cow::Borrowed(samples),
@@ -276,8 +276,8 @@ impl Volume {
     /// Refuses NaN and infinite samples: a kernel sum over one would spoil every pixel that it touches.
     ///
     /// # Errors
-    /// [`Error::Volume`] with the number of such samples and the place of the first; [`Error::Read`] and
-    /// [`Error::OutOfMemory`] where samples left in a file cannot be read.
+    /// [`Error::NonFinite`] if there are such samples; [`Error::Read`] and [`Error::Memory`] if samples left in a file
+    /// cannot be read.
     pub fn check_finite(&self) -> Result<()> {
         if !self.sample_type().is_float() || self.data.finite.get() == Some(&true) {
             return Ok(());
@@ -300,12 +300,8 @@ impl Volume {
             }
             Some(index) => {
                 let [nx, ny, _] = self.grid.dims().map(|d| d as usize);
-                Err(Error::Volume(format!(
-                    "{count} samples are NaN or infinite, the first at ({}, {}, {}): replace them with --replace-nan VALUE",
-                    index % nx,
-                    index / nx % ny,
-                    index / (nx * ny)
-                )))
+                let first = [index % nx, index / nx % ny, index / (nx * ny)].map(|at| at as u32);
+                Err(Error::NonFinite { count: count as u64, first })
             }
         }
     }

@@ -91,7 +91,7 @@ impl FromStr for SampleType {
 
     fn from_str(s: &str) -> Result<Self, Error> {
         Self::from_name(s).ok_or_else(|| Error::Setting {
-            name: "type",
+            name: "sample_type",
             reason: format!("{s:?} is not a sample type: expected {}", listed(&Self::ALL.map(Self::name))),
         })
     }

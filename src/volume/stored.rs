@@ -96,8 +96,8 @@ impl FileSamples {
     fn numbers<T: Sample>(&self, range: Range<usize>) -> Result<Vec<T>> {
         let mut numbers = Vec::new();
         if numbers.try_reserve_exact(range.len()).is_err() {
-            let gib = range.len() as f64 * size_of::<T>() as f64 / f64::from(1 << 30);
-            return Err(Error::OutOfMemory(format!("reading {gib:.1} GiB of {}", self.path.display())));
+            let what = format!("samples of {}", self.path.display());
+            return Err(Error::Memory { what, bytes: range.len() as u64 * size_of::<T>() as u64 });
         }
         numbers.resize(range.len(), T::zeroed());
         let first = self.offset + (range.start * size_of::<T>()) as u64;

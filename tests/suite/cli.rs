@@ -93,6 +93,7 @@ fn failures_are_one_line_and_exit_1() {
     refused("render demo:sphere -o a.png --transfer missing.json", 1, "cannot read missing.json");
     refused("info missing.nrrd", 1, "cannot read missing.nrrd");
     refused("info .", 1, "directory");
+    refused("render demo:sphere:8 -o a.png --type u8", 2, "--type: it is for files of bare samples");
     refused("compare missing.png missing.png", 1, "cannot read missing.png");
     refused("render demo:sphere:16 -o a.png --adapter no-such-adapter", 1, "no-such-adapter");
 }
