@@ -6,8 +6,6 @@
 //! of a ray is exact whatever the thickness of the sheets; colours converge as its square.
 //!
 //! ```no_run
-//! use std::path::Path;
-//!
 //! use voxsplat::camera::{Camera, View};
 //! use voxsplat::image::Background;
 //! use voxsplat::renderer::{Renderer, RendererOptions};
@@ -25,7 +23,7 @@
 //! let view = View { azimuth: 30.0, elevation: 15.0, ..View::default() };
 //! let camera = Camera::new(&view, volume.grid(), settings.size)?;
 //! let rendered = renderer.render(&scene, &camera, &settings)?;
-//! rendered.image.save(Path::new("scan.png"), Background::default())?;
+//! rendered.image.save("scan.png", Background::default())?;
 //! print!("{}", rendered.stats);
 //! # Ok(())
 //! # }
@@ -38,6 +36,7 @@
 
 pub mod adapter;
 pub mod camera;
+mod color;
 pub mod demos;
 pub mod error;
 pub mod formats;

@@ -4,6 +4,7 @@
 //! modelled. There is no lighting, so colour darkens with falling value to tell depth and edges.
 
 use super::{ControlPoint, TransferFunction};
+use crate::color;
 use crate::error::{Error, Result};
 use crate::volume::{Statistics, Volume};
 
@@ -142,10 +143,7 @@ fn between(a: f64, b: f64, f: f64) -> f64 {
 
 /// Points from (value, `0xrrggbb`, opacity).
 fn points(rows: &[(f64, u32, f64)]) -> Vec<ControlPoint> {
-    let channel = |rgb: u32, shift: u32| f64::from(rgb >> shift & 0xff) / 255.0;
-    rows.iter()
-        .map(|&(value, rgb, opacity)| ControlPoint { value, color: [16, 8, 0].map(|s| channel(rgb, s)), opacity })
-        .collect()
+    rows.iter().map(|&(value, rgb, opacity)| ControlPoint { value, color: color::packed(rgb), opacity }).collect()
 }
 
 fn ct_bone(l: &Levels) -> Vec<ControlPoint> {
