@@ -46,8 +46,8 @@ pub(super) enum Command {
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
     /// A volume file (NRRD, NIfTI, MetaImage, NumPy, raw) or a built-in volume, demo:NAME[:SIZE]
-    #[arg(value_name = "VOLUME", value_parser = NonEmptyStringValueParser::new())]
-    pub(super) source: String,
+    #[arg(value_name = "VOLUME")]
+    pub(super) source: PathBuf,
     /// Raw files: samples along x (fastest), y and z
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims, allow_hyphen_values = true, help_heading = "Input")]
     pub(super) dims: Option<[u32; 3]>,
@@ -189,9 +189,8 @@ pub(super) struct RenderArgs {
 
     /// Transfer function: a FILE.json, or a preset that adapts to the data: ct-bone, ct-soft-tissue, angiography, mri,
     /// grayscale, gray, viridis or inferno [default: suggested by the data; see `voxsplat info`]
-    #[arg(long, value_name = "FILE.json|PRESET", value_parser = NonEmptyStringValueParser::new(),
-        help_heading = "Model")]
-    pub(super) transfer: Option<String>,
+    #[arg(long, value_name = "FILE.json|PRESET", help_heading = "Model")]
+    pub(super) transfer: Option<PathBuf>,
     /// What a pixel is: composite (emission and absorption), xray (absorption only, white) or mip (the largest value,
     /// coloured by the transfer function)
     #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = one_of(Model::ALL, Model::name), help_heading = "Model")]

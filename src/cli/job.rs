@@ -24,7 +24,7 @@ pub(super) enum Transfer {
     /// The volume's own, or one suggested by its values.
     Suggested,
     /// A preset fitted to the values.
-    Preset(String),
+    Preset(&'static str),
     /// As given.
     Given(TransferFunction),
 }
@@ -41,7 +41,7 @@ pub(super) enum Engine {
 /// A picture to make.
 #[derive(Debug)]
 pub(super) struct RenderJob {
-    pub(super) source: String,
+    pub(super) source: PathBuf,
     pub(super) load: LoadOptions,
     pub(super) transfer: Transfer,
     pub(super) view: View,
@@ -94,13 +94,17 @@ impl RenderJob {
         check_output(&args.output)?;
         let transfer = match args.transfer {
             None => Transfer::Suggested,
-            Some(name) if presets::PRESETS.iter().any(|p| p.name == name) => Transfer::Preset(name),
-            Some(name) if is_file_name(&name) => Transfer::Given(TransferFunction::load(Path::new(&name))?),
-            Some(name) => {
-                let known: Vec<&str> = presets::PRESETS.iter().map(|p| p.name).collect();
-                let known = known.join(", ");
-                return Err(Failure::Usage(format!("--transfer: {name:?}, expected a FILE.json or one of {known}")));
-            }
+            Some(given) => match presets::PRESETS.iter().find(|preset| given == Path::new(preset.name)) {
+                Some(preset) => Transfer::Preset(preset.name),
+                None if is_file_name(&given) => Transfer::Given(TransferFunction::load(&given)?),
+                None => {
+                    let known: Vec<&str> = presets::PRESETS.iter().map(|p| p.name).collect();
+                    let known = known.join(", ");
+                    return Err(Failure::Usage(format!(
+                        "--transfer: {given:?}, expected a FILE.json or one of {known}"
+                    )));
+                }
+            },
         };
         let engine = match args.reference {
             true => Engine::Reference,
@@ -121,8 +125,9 @@ impl RenderJob {
 }
 
 /// Whether the text can only be meant as a file, so that a missing file is reported as such.
-fn is_file_name(text: &str) -> bool {
-    text.to_lowercase().ends_with(".json") || text.contains(['/', '\\']) || Path::new(text).is_file()
+fn is_file_name(text: &Path) -> bool {
+    let lossy = text.to_string_lossy();
+    lossy.to_lowercase().ends_with(".json") || lossy.contains(['/', '\\']) || text.is_file()
 }
 
 /// The lights and the material asked for; `None` where there is no light.

@@ -1,5 +1,6 @@
 //! `voxsplat render`.
 
+use std::path::Path;
 use std::time::Instant;
 
 use serde::Serialize;
@@ -131,7 +132,7 @@ fn print_stats<S: Serialize>(
 
 /// The transfer function of a job, and what to say of what was chosen where the user left it open.
 fn transfer(
-    source: &str,
+    source: &Path,
     choice: Transfer,
     volume: &Volume,
     stages: &mut Stages,
@@ -142,7 +143,7 @@ fn transfer(
         Transfer::Suggested => None,
     };
     if name.is_none()
-        && let Some(own) = source.strip_prefix("demo:").and_then(demos::demo_transfer)
+        && let Some(own) = demos::own_transfer(source)
     {
         return Ok((own, None));
     }
@@ -152,5 +153,5 @@ fn transfer(
         let note = format!("note: --transfer {} is taken, as {}", suggestion.name, suggestion.reason);
         return Ok((presets::preset(suggestion.name, &statistics)?, Some(note)));
     };
-    Ok((presets::preset(&name, &statistics)?, None))
+    Ok((presets::preset(name, &statistics)?, None))
 }

@@ -90,7 +90,8 @@ impl Format {
 
     /// The format that the name of a file promises.
     fn of_name(path: &Path) -> Option<Self> {
-        let name = path.file_name()?.to_str()?.to_ascii_lowercase();
+        // The extension decides: what is lost of a name that is not UTF-8 does not count.
+        let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         let name = name.strip_suffix(".gz").unwrap_or(&name);
         match name.rsplit_once('.')?.1 {
             "nrrd" | "nhdr" => Some(Self::Nrrd),
@@ -102,7 +103,8 @@ impl Format {
     }
 }
 
-/// Loads a volume: a file in NRRD, NIfTI, MetaImage or NumPy format, a file of bare samples, or `demo:NAME[:SIZE]`.
+/// Loads a volume: a file in NRRD, NIfTI, MetaImage or NumPy format, a file of bare samples, or the built-in volume
+/// `demo:NAME[:SIZE]` (see [`demos`](crate::demos)).
 ///
 /// The content of a file decides on its format, then its name. Any of them may be compressed with gzip. Files of bare
 /// samples need `dims` and `sample_type`; for others these are an error, as are `endian` and `offset`.
@@ -111,7 +113,11 @@ impl Format {
 /// [`Error::Read`] where a file cannot be read, [`Error::Format`] where its content is malformed, cut short,
 /// inconsistent or not supported, [`Error::Volume`] where it has samples that are not finite or the phantom does not
 /// exist, [`Error::Setting`] where an option is out of range.
-pub fn load(source: &str, options: &LoadOptions) -> Result<Volume> {
+pub fn load(source: impl AsRef<Path>, options: &LoadOptions) -> Result<Volume> {
+    load_from(source.as_ref(), options)
+}
+
+fn load_from(source: &Path, options: &LoadOptions) -> Result<Volume> {
     if let Some(spacing) = options.spacing {
         check_spacing(spacing)?;
     }
@@ -120,12 +126,12 @@ pub fn load(source: &str, options: &LoadOptions) -> Result<Volume> {
     {
         return Err(Error::Setting { name: "replace_nan", reason: format!("{value}, expected a finite number") });
     }
-    let mut volume = match source.strip_prefix("demo:") {
+    let mut volume = match demos::name_in(source) {
         Some(demo) => {
-            refuse_raw_options(Path::new(source), options, "a built-in volume")?;
-            demos::demo(demo, options.spacing)?
+            refuse_raw_options(source, options, "a built-in volume")?;
+            demos::parsed(demo, options.spacing)?
         }
-        None => load_file(Path::new(source), options)?,
+        None => load_file(source, options)?,
     };
     volume = volume.loaded(options.stream_over)?;
     if let Some(value) = options.replace_nan {
@@ -146,7 +152,7 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
     // The image file of a NIfTI pair may be given in place of its header.
     if content.is_none()
         && !has_raw_options
-        && path.to_str().is_some_and(|p| [".img", ".img.gz"].iter().any(|e| p.to_ascii_lowercase().ends_with(e)))
+        && nifti::is_image_name(path)
         && let Some(header) = nifti::header_of_image(path)
     {
         return load_file(&header, options);

@@ -30,7 +30,8 @@ impl Image {
     /// # Errors
     /// [`Error::Output`] if the extension is neither .png nor .exr, or if the path is a directory, a device or a pipe;
     /// [`Error::Write`] if the directory cannot be written to.
-    pub fn check_output(path: &Path) -> Result<()> {
+    pub fn check_output(path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
         if format_of(path).is_none() {
             return Err(unknown(path));
         }
@@ -46,7 +47,11 @@ impl Image {
     /// # Errors
     /// [`Error::Output`] as [`Image::check_output`], and if a PNG would have to hold a value that is not finite;
     /// [`Error::Write`] if encoding or writing fails. No partial file is left behind.
-    pub fn save(&self, path: &Path, background: Background) -> Result<()> {
+    pub fn save(&self, path: impl AsRef<Path>, background: Background) -> Result<()> {
+        self.save_to(path.as_ref(), background)
+    }
+
+    fn save_to(&self, path: &Path, background: Background) -> Result<()> {
         let format = format_of(path).ok_or_else(|| unknown(path))?;
         if format == ImageFormat::Png
             && let Some(bad) = self.pixels.iter().position(|p| p.iter().any(|v| !v.is_finite()))
@@ -57,8 +62,8 @@ impl Image {
         }
         let (bytes, color): (Cow<'_, [u8]>, _) = match (format, background) {
             (ImageFormat::OpenExr, _) => (bytemuck::cast_slice(&self.pixels).into(), ExtendedColorType::Rgba32F),
-            (_, Background::Transparent) => (self.straight_bytes().into(), ExtendedColorType::Rgba8),
-            (_, Background::Color(color)) => (self.bytes_over(color).into(), ExtendedColorType::Rgb8),
+            (_, Background::Transparent) => (self.to_rgba8(background).into(), ExtendedColorType::Rgba8),
+            (_, Background::Color(_)) => (without_alpha(&self.to_rgba8(background)).into(), ExtendedColorType::Rgb8),
         };
         // Encoded in memory: encoders seek, and a failed encoding never touches the disk.
         let mut encoded = Cursor::new(Vec::new());
@@ -71,33 +76,12 @@ impl Image {
         })
     }
 
-    /// RGB bytes over an opaque colour.
-    fn bytes_over(&self, color: [f64; 3]) -> Vec<u8> {
-        self.pixels
-            .iter()
-            .flat_map(|p| {
-                std::array::from_fn::<u8, 3, _>(|c| byte(f64::from(p[c]) + color[c] * (1.0 - f64::from(p[3]))))
-            })
-            .collect()
-    }
-
-    /// RGBA bytes with the colour divided by alpha.
-    fn straight_bytes(&self) -> Vec<u8> {
-        self.pixels
-            .iter()
-            .flat_map(|p| {
-                let alpha = f64::from(p[3]);
-                let straight = |c: usize| if alpha > 0.0 { byte(f64::from(p[c]) / alpha) } else { 0 };
-                [straight(0), straight(1), straight(2), byte(alpha)]
-            })
-            .collect()
-    }
-
     /// Reads a picture: PNG of any kind as display values with straight alpha, EXR as premultiplied values.
     ///
     /// # Errors
     /// [`Error::Read`] where the file cannot be read, [`Error::Format`] where it is neither or is damaged.
-    pub fn load(path: &Path) -> Result<Self> {
+    pub fn load(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
         let damaged = |reason: String| Error::Format { path: path.to_owned(), reason, hint: None };
         let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
         let reader = ImageReader::new(Cursor::new(&bytes))
@@ -138,9 +122,9 @@ fn check_exr_size(bytes: &[u8], format: Option<ImageFormat>) -> std::result::Res
     }
 }
 
-/// Display value to 8 bits, to the nearest.
-fn byte(value: f64) -> u8 {
-    (value.clamp(0.0, 1.0) * 255.0).round() as u8
+/// The bytes of red, green and blue of opaque pixels.
+fn without_alpha(rgba: &[u8]) -> Vec<u8> {
+    rgba.chunks_exact(4).flat_map(|pixel| &pixel[..3]).copied().collect()
 }
 
 #[cfg(test)]
@@ -189,7 +173,7 @@ mod tests {
         image.pixels_mut()[3][1] = f32::NAN;
         let error = image.save(&path, Background::default()).unwrap_err().to_string();
         assert!(error.contains("pixel (1, 1)"), "{error}");
-        let error = sample().save(&directory.path().join("a.jpg"), Background::default()).unwrap_err();
+        let error = sample().save(directory.path().join("a.jpg"), Background::default()).unwrap_err();
         assert!(error.to_string().contains(".png or .exr"), "{error}");
     }
 
