@@ -9,7 +9,8 @@ use voxsplat::image::Image;
 use voxsplat::reference;
 use voxsplat::renderer::{Renderer, RendererOptions};
 use voxsplat::stats::{Clock, StageTime, Stats};
-use voxsplat::transfer::{TransferFunction, presets};
+use voxsplat::transfer::TransferFunction;
+use voxsplat::transfer::presets::{self, Suggestion};
 use voxsplat::volume::{Statistics, Volume};
 use voxsplat::{demos, formats};
 
@@ -137,21 +138,16 @@ fn transfer(
     volume: &Volume,
     stages: &mut Stages,
 ) -> Result<(TransferFunction, Option<String>), Failure> {
-    let name = match choice {
-        Transfer::Given(transfer) => return Ok((transfer, None)),
-        Transfer::Preset(name) => Some(name),
-        Transfer::Suggested => None,
-    };
-    if name.is_none()
-        && let Some(own) = demos::own_transfer(source)
-    {
-        return Ok((own, None));
+    let mut statistics = || stages.time("statistics", || Statistics::of(volume));
+    match choice {
+        Transfer::Given(transfer) => Ok((transfer, None)),
+        Transfer::Preset(name) => Ok((presets::preset(name, &statistics()?)?, None)),
+        Transfer::Suggested => {
+            if let Some(own) = demos::own_transfer(source) {
+                return Ok((own, None));
+            }
+            let (transfer, Suggestion { name, reason }) = TransferFunction::for_volume(volume, &statistics()?)?;
+            Ok((transfer, Some(format!("note: --transfer {name} is taken, as {reason}"))))
+        }
     }
-    let statistics = stages.time("statistics", || Statistics::of(volume))?;
-    let Some(name) = name else {
-        let suggestion = presets::suggest(volume, &statistics);
-        let note = format!("note: --transfer {} is taken, as {}", suggestion.name, suggestion.reason);
-        return Ok((presets::preset(suggestion.name, &statistics)?, Some(note)));
-    };
-    Ok((presets::preset(name, &statistics)?, None))
 }

@@ -102,6 +102,19 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
     }
 }
 
+impl TransferFunction {
+    /// The preset that [`suggest`] chooses for a volume, fitted to its values, and the reason for the choice.
+    ///
+    /// A built-in volume has a better one of its own: [`own_transfer`](crate::demos::own_transfer).
+    ///
+    /// # Errors
+    /// [`Error::Transfer`] if all values are the same: then there is no range to fit to.
+    pub fn for_volume(volume: &Volume, statistics: &Statistics) -> Result<(Self, Suggestion)> {
+        let suggestion = suggest(volume, statistics);
+        Ok((preset(suggestion.name, statistics)?, suggestion))
+    }
+}
+
 /// Whether values look like Hounsfield units: air far below 0 and bone or contrast agent well above.
 fn is_hounsfield(s: &Statistics) -> bool {
     s.min < -200.0 && s.max > 300.0 && s.min >= -10_000.0 && s.max <= 100_000.0

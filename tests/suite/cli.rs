@@ -228,7 +228,8 @@ fn compare_passes_within_the_tolerance_and_fails_past_it() {
     let apart = voxsplat(dir.path(), "compare a.exr b.exr --tolerance 0.05 --json --difference d.png");
     assert_eq!(apart.status.code(), Some(1));
     let value: serde_json::Value = serde_json::from_slice(&apart.stdout).unwrap();
-    assert_eq!(value["outliers"], 1);
+    assert_eq!((&value["outliers"], &value["covered"]), (&1.into(), &12.into()));
+    assert!((value["rms_covered"].as_f64().unwrap() - (0.1_f64.powi(2) / 48.0).sqrt()).abs() < 1e-6);
     let said = String::from_utf8(apart.stderr).unwrap();
     assert_eq!(said.lines().count(), 1);
     assert!(said.contains("differ by more than 0.05 in 1 pixels"), "{said}");
