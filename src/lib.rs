@@ -31,8 +31,8 @@
 //!
 //! Where things are: [`volume`] (readers, phantoms, statistics), [`transfer`] (functions, presets, JSON), [`kernel`]
 //! (kernels and the footprint table), [`camera`], [`settings`], [`renderer`] (the GPU), [`mod@reference`] (the same
-//! model integrated in f64, to measure against), [`report`] (differences of pictures), [`image`] and [`output`]
-//! (files), [`stats`] and [`error`].
+//! model integrated in f64, to measure against), [`report`] (differences of pictures), [`image`] (pictures
+//! and their files), [`stats`] and [`error`].
 
 pub mod adapter;
 pub mod camera;
@@ -45,7 +45,7 @@ pub mod image;
 pub mod kernel;
 pub mod lighting;
 mod names;
-pub mod output;
+mod output;
 pub mod reference;
 pub mod renderer;
 pub mod report;

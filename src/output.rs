@@ -39,7 +39,7 @@ fn target(path: &Path) -> Result<PathBuf> {
 /// # Errors
 /// [`Error::Output`] if the path is a directory, a device or a pipe, or its own directory does not exist;
 /// [`Error::Write`] if that directory cannot be written to.
-pub fn check_writable(path: &Path) -> Result<()> {
+pub(crate) fn check_writable(path: &Path) -> Result<()> {
     let directory = directory_of(&target(path)?);
     if !directory.is_dir() {
         let reason = format!("there is no directory {}", directory.display());
@@ -56,7 +56,7 @@ pub fn check_writable(path: &Path) -> Result<()> {
 /// # Errors
 /// [`Error::Output`] if `path` is a directory, a device or a pipe, [`Error::Write`] if any step fails. Nothing is left
 /// behind then, and an older file stays as it was.
-pub fn write_atomically(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> Result<()> {
+pub(crate) fn write_atomically(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> Result<()> {
     let failed = |source| Error::Write { path: path.to_owned(), source };
     let mut builder = tempfile::Builder::new();
     builder.prefix(".voxsplat-");

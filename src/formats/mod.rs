@@ -104,7 +104,7 @@ impl Format {
 }
 
 /// Loads a volume: a file in NRRD, NIfTI, MetaImage or NumPy format, a file of bare samples, or the built-in volume
-/// `demo:NAME[:SIZE]` (see [`demos`](crate::demos)).
+/// `demo:NAME[:SIZE]` (see [`demos`]).
 ///
 /// The content of a file decides on its format, then its name. Any of them may be compressed with gzip. Files of bare
 /// samples need `dims` and `sample_type`; for others these are an error, as are `endian` and `offset`.

@@ -57,7 +57,7 @@ pub fn preset(name: &str, statistics: &Statistics) -> Result<TransferFunction> {
 ///
 /// # Errors
 /// [`Error::Transfer`] for a name that is none, with those that are.
-pub fn find(name: &str) -> Result<&'static Preset> {
+fn find(name: &str) -> Result<&'static Preset> {
     PRESETS.iter().find(|p| p.name == name).ok_or_else(|| {
         let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
         Error::Transfer(format!("no preset is called {name:?}: there are {}", names.join(", ")))

@@ -302,7 +302,7 @@ impl Volume {
     /// # Errors
     /// [`Error::NonFinite`] if there are such samples; [`Error::Read`] and [`Error::Memory`] if samples left in a file
     /// cannot be read.
-    pub fn check_finite(&self) -> Result<()> {
+    pub(crate) fn check_finite(&self) -> Result<()> {
         if !self.sample_type().is_float() || self.data.finite.get() == Some(&true) {
             return Ok(());
         }

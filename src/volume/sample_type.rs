@@ -45,7 +45,7 @@ impl SampleType {
     /// These are the spellings of C, NumPy and the NRRD format ("unsigned short int", "uint16_t", "ushort"). Plain
     /// "long" is left out: it has 32 or 64 bits depending on who wrote it.
     #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
+    pub(crate) fn from_name(name: &str) -> Option<Self> {
         let name = name.to_ascii_lowercase().split_ascii_whitespace().collect::<Vec<_>>().join(" ");
         Some(match name.as_str() {
             "u8" | "uint8" | "uint8_t" | "uchar" | "unsigned char" | "byte" => Self::U8,
