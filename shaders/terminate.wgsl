@@ -89,7 +89,7 @@ fn is_hidden(box: vec4f) -> bool {
     return true;
 }
 
-fn is_terminated(index: u32) -> bool {
+fn is_behind_opaque_tiles(index: u32) -> bool {
     let words = splat_words(index);
     let center = view_center(splat_lattice(words));
     let growth = growth_at(center.z);
@@ -105,7 +105,7 @@ fn mark(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     var marked = 0u;
     for (var i = run; i < min(run + RUN, terminate.count); i++) {
         let entry = entries[terminate.first + i];
-        if is_terminated(entry) {
+        if is_behind_opaque_tiles(entry) {
             entries[terminate.first + i] = entry | TERMINATED;
             marked += 1u;
         }

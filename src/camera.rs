@@ -288,7 +288,7 @@ impl View {
                 let right = forward.cross(world_up);
                 if right.length() < 1e-6 {
                     return Err(Error::Camera(format!(
-                        "direction {forward} is parallel to up {world_up}: give another --up"
+                        "direction {forward} is parallel to up {world_up}: choose another up"
                     )));
                 }
                 (forward, right.normalize())

@@ -1,6 +1,10 @@
-//! Built-in volumes with known shapes: `demo:NAME[:SIZE]`.
+//! Built-in volumes with known shapes, each with a transfer function that shows it.
+//!
+//! Wherever a file is expected, `demo:NAME` or `demo:NAME:SIZE` names one of them.
 
 use std::f64::consts::PI;
+use std::fmt;
+use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
@@ -21,7 +25,9 @@ pub struct Demo {
     transfer: &'static [(f64, [f64; 3], f64)],
 }
 
+/// Voxels along each axis of `demo:NAME`.
 const DEFAULT_SIZE: u32 = 128;
+/// Voxels along each axis: one has no extent, and 1024^3 samples of f32 are 4 GiB.
 const SIZES: std::ops::RangeInclusive<u32> = 2..=1024;
 
 static DEMOS: [Demo; 5] = [
@@ -102,23 +108,56 @@ pub fn demo_transfer(name: &str) -> Option<TransferFunction> {
     TransferFunction::new(points, None).ok()
 }
 
-/// The built-in volume `NAME` or `NAME:SIZE`: SIZE^3 voxels, centred on the world's origin; the spacing is 1 where none
-/// is given.
-pub(super) fn demo(name_and_size: &str, spacing: Option<[f64; 3]>) -> Result<Volume> {
-    let (name, size) = match name_and_size.split_once(':') {
-        None => (name_and_size, DEFAULT_SIZE),
-        Some((name, size)) => {
-            let parsed = size.parse().ok().filter(|n| SIZES.contains(n)).ok_or_else(|| {
-                Error::Volume(format!("demo:{name}: size {size:?}, expected {} to {}", SIZES.start(), SIZES.end()))
-            })?;
-            (name, parsed)
-        }
+/// The built-in volume `name` of `size`^3 voxels, 1 world unit apart, centred on the world's origin.
+///
+/// ```
+/// let volume = voxsplat::demos::volume("sphere", 32)?;
+/// assert_eq!(volume.grid().dims(), [32; 3]);
+/// # Ok::<(), voxsplat::error::Error>(())
+/// ```
+///
+/// # Errors
+/// [`Error::Volume`] if no built-in volume has that name, or if `size` is not 2 to 1024.
+pub fn volume(name: &str, size: u32) -> Result<Volume> {
+    spaced(name, size, [1.0; 3])
+}
+
+/// The transfer function of the built-in volume that `source` names; `None` if `source` is a file.
+///
+/// `source` is what [`load`](crate::formats::load) takes: `demo:NAME`, `demo:NAME:SIZE` or the path of a file.
+#[must_use]
+pub fn own_transfer(source: impl AsRef<Path>) -> Option<TransferFunction> {
+    demo_transfer(name_in(source.as_ref())?)
+}
+
+/// What follows `demo:` in a source; `None` if the source is a file.
+pub(crate) fn name_in(source: &Path) -> Option<&str> {
+    source.to_str()?.strip_prefix("demo:")
+}
+
+/// The built-in volume `NAME` or `NAME:SIZE`, its voxels 1 world unit apart unless a spacing is given.
+pub(crate) fn parsed(name_and_size: &str, spacing: Option<[f64; 3]>) -> Result<Volume> {
+    let spacing = spacing.unwrap_or([1.0; 3]);
+    let Some((name, size)) = name_and_size.split_once(':') else {
+        return spaced(name_and_size, DEFAULT_SIZE, spacing);
     };
+    let size = size.parse().map_err(|_| wrong_size(name, format_args!("{size:?}")))?;
+    spaced(name, size, spacing)
+}
+
+fn wrong_size(name: &str, size: impl fmt::Display) -> Error {
+    Error::Volume(format!("demo:{name}: size {size}, expected {} to {}", SIZES.start(), SIZES.end()))
+}
+
+fn spaced(name: &str, size: u32, spacing: [f64; 3]) -> Result<Volume> {
     let demo = DEMOS.iter().find(|d| d.name == name).ok_or_else(|| {
         let known: Vec<_> = DEMOS.iter().map(|d| d.name).collect();
         Error::Volume(format!("there is no demo:{name}; there are: {}", known.join(", ")))
     })?;
-    let spacing = DVec3::from_array(spacing.unwrap_or([1.0; 3]));
+    if !SIZES.contains(&size) {
+        return Err(wrong_size(name, size));
+    }
+    let spacing = DVec3::from_array(spacing);
     let origin = -spacing * (f64::from(size - 1) / 2.0);
     let grid = Grid::new([size; 3], DAffine3::from_mat3_translation(DMat3::from_diagonal(spacing), origin))?;
     Volume::new(grid, (demo.make)(size))
@@ -294,7 +333,7 @@ mod tests {
         let renderer = Renderer::new(&RendererOptions::default()).unwrap();
         let view = View { azimuth: 33.0, elevation: 12.0, ..View::default() };
         let error = |size: u32| {
-            let volume = demo(&format!("shepp-logan:{size}"), None).unwrap();
+            let volume = volume("shepp-logan", size).unwrap();
             let settings = Settings {
                 size: [64; 2],
                 model: Model::Xray,
@@ -326,7 +365,7 @@ mod tests {
     #[test]
     fn every_demo_has_a_transfer_function_that_shows_it() {
         for d in demos() {
-            let volume = demo(&format!("{}:32", d.name), None).unwrap();
+            let volume = volume(d.name, 32).unwrap();
             let memory = volume.in_memory().unwrap();
             let transfer = demo_transfer(&format!("{}:32", d.name)).unwrap();
             assert_eq!(volume.grid().dims(), [32; 3]);
@@ -349,7 +388,7 @@ mod tests {
     fn bad_names_and_sizes_are_refused() {
         for (name, part) in [("cow", "there are: marschner-lobb"), ("sphere:1", "2 to 1024"), ("sphere:x", "2 to 1024")]
         {
-            let error = demo(name, None).unwrap_err().to_string();
+            let error = parsed(name, None).unwrap_err().to_string();
             assert!(error.contains(part), "{error}");
         }
     }

@@ -154,12 +154,15 @@ impl Renderer {
             let (made, seconds) = on_host(|| painting.make_pipelines());
             made?;
             stages.push(StageTime::host("pipelines", seconds));
-            self.timed(&mut stages, |recorder| {
-                regions.iter().try_for_each(|&region| {
+            let rendered = self.timed(&mut stages, |recorder| {
+                (0_u32..).zip(&regions).try_for_each(|(done, &region)| {
+                    self.progress.report("rendering", f64::from(done) / regions.len() as f64);
                     let painted = painting.paint(recorder, region)?;
                     take(recorder, region, &painted)
                 })
-            })?;
+            });
+            self.progress.report("rendering", 1.0);
+            rendered?;
         }
         let traffic = context.traffic();
         let bricks = drawable.bricks();

@@ -3,10 +3,10 @@
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Normalization};
 use crate::lighting::Lighting;
+use crate::names::named;
 
 /// The format of the sheet buffers. The frame that they are composited into is always f32.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Precision {
     /// Half-precision sheets: half the memory traffic.
     F16,
@@ -15,8 +15,7 @@ pub enum Precision {
 }
 
 /// What a pixel is, given the fields along its ray.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Model {
     /// Emission and absorption: C = integral of c tau exp(-integral of tau), alpha = 1 - exp(-integral of tau).
     #[default]
@@ -29,8 +28,7 @@ pub enum Model {
 }
 
 /// When the transfer function is applied. X-ray is always pre-shaded, a maximum intensity projection post-shaded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Shading {
     /// Each voxel is classified and lit, then extinction and emission are reconstructed. Fast, and blurs surfaces.
     #[default]
@@ -41,8 +39,7 @@ pub enum Shading {
 }
 
 /// How splats are gathered into sheets.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Sheets {
     /// Slabs parallel to the image; each kernel is cut by their planes (Mueller and Crawfis 1998).
     #[default]
@@ -53,8 +50,7 @@ pub enum Sheets {
 }
 
 /// What a sheet adds up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Accumulation {
     /// Optical depth: alpha of a sheet is 1 - exp(-sum), exact for every thickness.
     #[default]
@@ -64,8 +60,7 @@ pub enum Accumulation {
 }
 
 /// What a post-shaded sheet is classified by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Interslice {
     /// The parabola through the means of the sheet and its two neighbours, at eight samples per voxel of thickness.
     #[default]
@@ -141,8 +136,7 @@ pub struct TilesSettings {
 }
 
 /// How finely the painter `Tiles` looks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Resolution {
     /// Pre-shaded, one to four rays per voxel and axis, as many as the direction of view and the opacity ask for, where that
     /// is fewer than pixels, and the picture enlarged from them. What is classified per pixel has a ray for each.
@@ -192,23 +186,13 @@ impl Default for Settings {
     }
 }
 
-/// Names as the command line spells them.
-macro_rules! named {
-    ($($t:ident { $($variant:ident: $name:literal),* })*) => { $(impl std::fmt::Display for $t {
-        fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-            f.write_str(match self {
-                $(Self::$variant => $name),*
-            })
-        }
-    })* };
-}
-named! {
-    Resolution { Capped: "capped", Full: "full" }
-    Precision { F16: "f16", F32: "f32" }
-    Model { Composite: "composite", Xray: "xray", Mip: "mip" }
-    Sheets { Image: "image", Axis: "axis" }
-    Accumulation { OpticalDepth: "optical-depth", Additive: "additive" }
-}
+named! { "precision", Precision { F16: "f16", F32: "f32" } }
+named! { "model", Model { Composite: "composite", Xray: "xray", Mip: "mip" } }
+named! { "shading", Shading { Pre: "pre", Post: "post" } }
+named! { "sheets", Sheets { Image: "image", Axis: "axis" } }
+named! { "accumulation", Accumulation { OpticalDepth: "optical-depth", Additive: "additive" } }
+named! { "interslice", Interslice { Parabola: "parabola", Mean: "mean" } }
+named! { "resolution", Resolution { Capped: "capped", Full: "full" } }
 
 impl Precision {
     /// The error of the footprint table that the rounding of such sheets makes worth while, of the footprint's peak.
@@ -224,17 +208,17 @@ impl Precision {
 impl QuadsSettings {
     /// Refuses knobs out of range.
     fn validate(&self) -> Result<()> {
-        in_range("sheet-thickness", self.sheet_thickness, 0.05..=64.0, "voxels")?;
+        in_range("sheet_thickness", self.sheet_thickness, 0.05..=64.0, "voxels")?;
         if let Some(e) = self.max_error {
-            in_range("max-error", e, 1e-7..=0.1, "of the footprint's peak")?;
+            in_range("max_error", e, 1e-7..=0.1, "of the footprint's peak")?;
         }
         if let Some(n) = self.sheets_per_pass {
-            in_range("sheets-per-pass", f64::from(n), 1.0..=8.0, "sheets")?;
+            in_range("sheets_per_pass", f64::from(n), 1.0..=8.0, "sheets")?;
         }
         match self.footprint_table {
             Some([rows, terms]) if !((2..=4096).contains(&rows) && matches!(terms, 4 | 8 | 12 | 16)) => {
                 let reason = format!("{rows}x{terms}, expected 2 to 4096 rows of 4, 8, 12 or 16 terms");
-                Err(Error::Setting { name: "footprint-table", reason })
+                Err(Error::Setting { name: "footprint_table", reason })
             }
             _ => Ok(()),
         }
@@ -279,11 +263,15 @@ impl Settings {
         let xray = self.model == Model::Xray;
         let rules = [
             (post && axis, "sheets", "post-shading and maximum intensity need image-aligned sheets, axis does not go"),
-            (post && additive, "accumulate", "post-shading and maximum intensity add up scalars, additive does not go"),
-            (self.model != Model::Composite && self.lighting.is_some(), "light", "only the composite model is lit"),
+            (
+                post && additive,
+                "accumulation",
+                "post-shading and maximum intensity add up scalars, additive does not go",
+            ),
+            (self.model != Model::Composite && self.lighting.is_some(), "lighting", "only the composite model is lit"),
             (xray && self.shading == Shading::Post, "shading", "an X-ray adds up voxels' extinction: it is pre-shaded"),
             (xray && axis, "sheets", "an X-ray has one sheet, axis does not go"),
-            (xray && additive, "accumulate", "an X-ray is a sheet of optical depth, additive does not go"),
+            (xray && additive, "accumulation", "an X-ray is a sheet of optical depth, additive does not go"),
         ];
         match rules.into_iter().find(|(broken, ..)| *broken) {
             Some((_, name, reason)) => Err(Error::Setting { name, reason: reason.to_owned() }),

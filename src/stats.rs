@@ -5,14 +5,8 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::adapter::AdapterInfo;
+use crate::names::spelled;
 use crate::settings::{Accumulation, Model, Precision, Shading, Sheets};
-
-impl StageTime {
-    /// A time by the host's clock.
-    pub(crate) fn host(name: &'static str, seconds: f64) -> Self {
-        Self { name, seconds, clock: Clock::Host }
-    }
-}
 
 /// The time of one stage.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -25,15 +19,23 @@ pub struct StageTime {
     pub clock: Clock,
 }
 
+impl StageTime {
+    /// A time by the host's clock.
+    pub(crate) fn host(name: &'static str, seconds: f64) -> Self {
+        Self { name, seconds, clock: Clock::Host }
+    }
+}
+
 /// What a stage was timed by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Clock {
     /// Timestamp queries on the device: the stage alone.
     Device,
     /// The host's clock: the stage with all waiting.
     Host,
 }
+
+spelled! { Clock { Device: "device", Host: "host" } }
 
 /// What a picture took.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -289,8 +291,7 @@ impl Stats {
         )?;
         writeln!(f, "pipelines    {} made so far", self.pipelines)?;
         for stage in &self.stages {
-            let clock = if stage.clock == Clock::Device { "device" } else { "host" };
-            writeln!(f, "{:<12} {:>9.3} ms  ({clock} clock)", stage.name, stage.seconds * 1e3)?;
+            writeln!(f, "{:<12} {:>9.3} ms  ({} clock)", stage.name, stage.seconds * 1e3, stage.clock)?;
         }
         Ok(())
     }

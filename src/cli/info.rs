@@ -1,6 +1,6 @@
 //! `voxsplat info`.
 
-use std::path::Path;
+use std::ffi::OsStr;
 
 use glam::DVec3;
 use serde::Serialize;
@@ -85,7 +85,7 @@ impl Info {
     fn new(input: &InputArgs, volume: &Volume, statistics: &Statistics) -> Self {
         let grid = volume.grid();
         let (slope, intercept) = volume.rescale();
-        let own = input.source.strip_prefix("demo:").and_then(demos::demo_transfer).is_some();
+        let own = demos::own_transfer(&input.source).is_some();
         let (preset, reason) = if own {
             (None, "a built-in volume has its own transfer function".to_owned())
         } else {
@@ -94,7 +94,7 @@ impl Info {
         };
         let spacing = grid.spacing();
         Self {
-            source: input.source.clone(),
+            source: input.source.to_string_lossy().into_owned(),
             dims: grid.dims(),
             voxels: grid.len(),
             sample_type: volume.sample_type().name(),
@@ -165,30 +165,41 @@ fn short(value: f64) -> String {
 
 /// The command line that renders what was described, options of the input repeated.
 fn command(input: &InputArgs, preset: Option<&str>) -> String {
-    let mut words = vec!["voxsplat".to_owned(), "render".to_owned(), quoted(&input.source)];
+    let mut words = vec!["voxsplat".to_owned(), "render".to_owned(), quoted(input.source.as_os_str())];
     let mut option = |name: &str, value: Option<String>| words.extend(value.map(|v| format!("--{name} {v}")));
     option("dims", input.dims.map(|d| d.map(|d| d.to_string()).join(",")));
-    option("type", input.sample_type.map(|t| format!("{t:?}").to_lowercase()));
-    option("endian", input.endian.map(|e| format!("{e:?}").to_lowercase()));
+    option("type", input.sample_type.map(|t| t.to_string()));
+    option("endian", input.endian.map(|e| e.to_string()));
     option("offset", (input.offset > 0).then(|| input.offset.to_string()));
     option("spacing", input.spacing.map(|s| s.map(|s| s.to_string()).join(",")));
     option("replace-nan", input.replace_nan.map(|v| v.to_string()));
     option("transfer", preset.map(str::to_owned));
-    let name = match input.source.strip_prefix("demo:") {
+    let name = match input.source.to_str().and_then(|source| source.strip_prefix("demo:")) {
         Some(name) => name.split(':').next().unwrap_or(name).to_owned(),
         // All extensions go: scan.nii.gz makes scan.png.
-        None => Path::new(&input.source)
+        None => input
+            .source
             .file_name()
             .and_then(|n| n.to_str()?.split('.').find(|part| !part.is_empty()))
             .unwrap_or("volume")
             .to_owned(),
     };
-    words.push(format!("-o {}", quoted(&format!("{name}.png"))));
+    words.push(format!("-o {}", quoted(format!("{name}.png").as_ref())));
     words.join(" ")
 }
 
-/// The text as one word of a POSIX shell.
-fn quoted(text: &str) -> String {
+/// The text as one word of a POSIX shell; `$'...'` (POSIX 2024) if it is not UTF-8.
+fn quoted(text: &OsStr) -> String {
     let plain = |c: char| c.is_alphanumeric() || "-_./:,+=@%".contains(c);
-    if text.chars().all(plain) { text.to_owned() } else { format!("'{}'", text.replace('\'', r"'\''")) }
+    match text.to_str() {
+        Some(text) if text.chars().all(plain) => text.to_owned(),
+        Some(text) => format!("'{}'", text.replace('\'', r"'\''")),
+        None => {
+            let byte = |&byte: &u8| match char::from(byte) {
+                c if c.is_ascii() && plain(c) => c.to_string(),
+                _ => format!("\\x{byte:02x}"),
+            };
+            format!("$'{}'", text.as_encoded_bytes().iter().map(byte).collect::<String>())
+        }
+    }
 }

@@ -15,11 +15,13 @@ mod progress;
 mod render;
 mod stderr;
 
+use std::error::Error as _;
 use std::process::ExitCode;
 
 use clap::Parser;
 use clap::error::ErrorKind;
-use voxsplat::error::Error;
+use voxsplat::error::{Error, Hint};
+use voxsplat::volume::SampleType;
 
 /// Why a command did not do what it was asked.
 #[derive(Debug)]
@@ -32,13 +34,49 @@ enum Failure {
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
+        let message = in_flags(&error);
         match error {
-            // Both come from options; that a value is out of range may show only beside the volume or the adapter.
-            Error::Setting { name, reason } => Self::Usage(format!("--{name}: {reason}")),
-            Error::Camera(_) => Self::Usage(error.to_string()),
-            other => Self::Failed(other.to_string()),
+            // Both come from options. That a value is out of range may show only beside the volume or the adapter.
+            Error::Setting { .. } | Error::Camera(_) => Self::Usage(message),
+            _ => Self::Failed(message),
         }
     }
+}
+
+/// The whole of an error in one line: the message, its causes and the way out, in the words of the command line.
+fn in_flags(error: &Error) -> String {
+    let mut message = match error {
+        Error::Setting { name, reason } => format!("{}: {reason}", flag(name)),
+        other => other.to_string(),
+    };
+    let causes = std::iter::successors(error.source(), |&cause| cause.source());
+    causes.for_each(|cause| message += &format!(": {cause}"));
+    if let Some(hint) = error.hint() {
+        message += ": ";
+        message += &match hint {
+            Hint::GiveDims => "give --dims X,Y,Z too".to_owned(),
+            Hint::GiveSampleType => format!("give --type {} too", sample_types()),
+            Hint::GiveDimsAndSampleType => format!("for bare samples give --dims X,Y,Z and --type {}", sample_types()),
+            Hint::GiveSpacing => "give --spacing X,Y,Z".to_owned(),
+            Hint::ReplaceNonFinite => "replace them with --replace-nan VALUE".to_owned(),
+            other => other.to_string(),
+        };
+    }
+    message
+}
+
+/// The option that sets a setting of the library.
+fn flag(setting: &str) -> String {
+    match setting {
+        "sample_type" => "--type".to_owned(),
+        "accumulation" => "--accumulate".to_owned(),
+        "lighting" => "--light".to_owned(),
+        other => format!("--{}", other.replace('_', "-")),
+    }
+}
+
+fn sample_types() -> String {
+    SampleType::ALL.map(SampleType::name).join("|")
 }
 
 /// Parses, runs, reports.

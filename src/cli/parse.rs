@@ -2,6 +2,7 @@
 
 use std::str::FromStr;
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use voxsplat::error::Error;
 use voxsplat::kernel::Kernel;
@@ -21,6 +22,14 @@ pub(super) fn library<T: FromStr<Err = Error>>(text: &str) -> Result<T, String> 
         Error::Setting { reason, .. } => reason,
         other => other.to_string(),
     })
+}
+
+/// The variants of an enum of the library by their names, which help lists.
+pub(super) fn one_of<T, const N: usize>(all: [T; N], name: fn(T) -> &'static str) -> impl TypedValueParser<Value = T>
+where
+    T: FromStr<Err = Error> + Clone + Send + Sync + 'static,
+{
+    PossibleValuesParser::new(all.map(name)).try_map(|text| library(&text))
 }
 
 /// Numbers parted by commas.

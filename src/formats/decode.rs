@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::input::{Input, format_error};
 use crate::error::{Error, Result};
-use crate::volume::{Endian, FileSamples, MAX_DIM, Sample, SampleType, Samples, Stored};
+use crate::volume::{Endian, FileSamples, MAX_DIM, Number, SampleType, Stored, with_type};
 
 /// How samples are written down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,18 +50,8 @@ fn read_into_memory(
     sample_type: SampleType,
     layout: Layout,
 ) -> Result<Stored> {
-    Ok(Stored::Memory(match sample_type {
-        SampleType::U8 => Samples::U8(read(parts, n_parts, count, layout)?),
-        SampleType::I8 => Samples::I8(read(parts, n_parts, count, layout)?),
-        SampleType::U16 => Samples::U16(read(parts, n_parts, count, layout)?),
-        SampleType::I16 => Samples::I16(read(parts, n_parts, count, layout)?),
-        SampleType::U32 => Samples::U32(read(parts, n_parts, count, layout)?),
-        SampleType::I32 => Samples::I32(read(parts, n_parts, count, layout)?),
-        SampleType::U64 => Samples::U64(read(parts, n_parts, count, layout)?),
-        SampleType::I64 => Samples::I64(read(parts, n_parts, count, layout)?),
-        SampleType::F32 => Samples::F32(read(parts, n_parts, count, layout)?),
-        SampleType::F64 => Samples::F64(read(parts, n_parts, count, layout)?),
-    }))
+    let samples = with_type!(sample_type, T => T::collected(read(parts, n_parts, count, layout)?));
+    Ok(Stored::Memory(samples))
 }
 
 /// As [`read_samples`], from one file.
@@ -70,7 +60,7 @@ pub(super) fn read_all(input: Input, count: u64, sample_type: SampleType, layout
 }
 
 /// Reads straight into the vector that becomes the volume: no second copy, whatever the size.
-pub(super) fn read<T: Sample>(parts: Parts<'_>, n_parts: usize, count: u64, layout: Layout) -> Result<Vec<T>> {
+pub(super) fn read<T: Number>(parts: Parts<'_>, n_parts: usize, count: u64, layout: Layout) -> Result<Vec<T>> {
     let mut samples: Vec<T> = Vec::new();
     let share = count / n_parts.max(1) as u64;
     for part in parts {
@@ -117,7 +107,7 @@ fn out_of_memory(input: &Input, count: u64, size: usize) -> Error {
     input.error(format!("needs {gib:.1} GiB of memory, more than can be had: crop or downsample it first"))
 }
 
-fn read_binary<T: Sample>(input: &mut Input, count: u64, samples: &mut Vec<T>) -> Result<()> {
+fn read_binary<T: Number>(input: &mut Input, count: u64, samples: &mut Vec<T>) -> Result<()> {
     // Grown by a megabyte at a time: the zeros that `resize` must write are still in the cache when they are
     // overwritten, and pages beyond the end of a short file are never touched.
     let chunk = (1 << 20) / size_of::<T>() as u64;
@@ -141,7 +131,7 @@ fn read_binary<T: Sample>(input: &mut Input, count: u64, samples: &mut Vec<T>) -
     input.verify_checksum()
 }
 
-fn read_text<T: Sample>(input: &mut Input, count: u64, samples: &mut Vec<T>) -> Result<()> {
+fn read_text<T: Number>(input: &mut Input, count: u64, samples: &mut Vec<T>) -> Result<()> {
     let mut token = String::new();
     for i in 0..count {
         if !input.token(&mut token)? {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Hint, Result};
 
 /// The first bytes of every gzip stream (RFC 1952).
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
@@ -245,6 +245,14 @@ impl Input {
     }
 }
 
+/// The error with a way out for the caller.
+pub(super) fn hinted(mut error: Error, way_out: Hint) -> Error {
+    if let Error::Format { hint, .. } = &mut error {
+        *hint = Some(way_out);
+    }
+    error
+}
+
 /// An [`Error::Format`].
 pub(super) fn format_error(path: &Path, reason: impl Into<String>) -> Error {
     // One line, of a length to be read, is the promise of the error type, and a reason may quote a header.
@@ -253,7 +261,7 @@ pub(super) fn format_error(path: &Path, reason: impl Into<String>) -> Error {
         reason.truncate(end);
         reason.push_str(" ...");
     }
-    Error::Format { path: path.to_owned(), reason }
+    Error::Format { path: path.to_owned(), reason, hint: None }
 }
 
 /// Bytes from pairs of hexadecimal digits.

@@ -12,7 +12,7 @@ use super::decode::{self, Layout, lattice, read_all};
 use super::input::Input;
 use super::placement::Placement;
 use crate::error::Result;
-use crate::volume::{Endian, SampleType, Samples, Stored, Volume};
+use crate::volume::{Endian, Number, SampleType, Samples, Stored, Volume, with_samples};
 
 /// The first bytes of a .npy file.
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
@@ -87,12 +87,7 @@ fn x_fastest(samples: Samples, dims: [u32; 3]) -> Samples {
         (0..nx * ny * nz).into_par_iter().map(|i| from[(i % nx * ny + i / nx % ny) * nz + i / (nx * ny)]).collect()
     }
     let dims = dims.map(|d| d as usize);
-    macro_rules! each {
-        ($($variant:ident),*) => {
-            match &samples { $(Samples::$variant(s) => Samples::$variant(turned(s, dims)),)* }
-        };
-    }
-    each!(U8, I8, U16, I16, U32, I32, U64, I64, F32, F64)
+    with_samples!(&samples, s => Number::collected(turned(s, dims)))
 }
 
 fn read_header(input: &mut Input) -> Result<Header> {

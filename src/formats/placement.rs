@@ -4,8 +4,8 @@ use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::input::format_error;
-use crate::error::{Error, Result};
+use super::input::{format_error, hinted};
+use crate::error::{Error, Hint, Result};
 use crate::volume::{Grid, Stored, Volume};
 
 /// The place of a lattice in the world: axis a runs along `directions[a]`, `spacing[a]` of these per sample.
@@ -53,12 +53,8 @@ impl Placement {
                 Some(spacing) => *axis = axis.normalize_or(DVec3::AXES[a]) * spacing[a],
                 None if self.spacing[a].is_finite() && self.spacing[a] > 0.0 => *axis *= self.spacing[a],
                 None => {
-                    let reason = format!(
-                        "the spacing of axis {} is {}, not a positive length: give --spacing X,Y,Z",
-                        a + 1,
-                        self.spacing[a]
-                    );
-                    return Err(format_error(path, reason));
+                    let reason = format!("the spacing of axis {} is {}, not a positive length", a + 1, self.spacing[a]);
+                    return Err(hinted(format_error(path, reason), Hint::GiveSpacing));
                 }
             }
         }

@@ -23,7 +23,7 @@ use crate::error::{Error, Result};
 /// Horner's rule on q in 0..1 loses nothing to cancellation. The sections of one splat in consecutive sheets share one
 /// row, so they cost one table access and a few multiply-adds each.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FootprintTable {
+pub(crate) struct FootprintTable {
     rows: u32,
     terms: u32,
     coefficients: Vec<f32>,
@@ -41,7 +41,7 @@ impl FootprintTable {
     /// # Errors
     /// [`Error::Setting`] where no table of up to 16 terms and 4096 rows is that accurate: below about 2e-7, or for a
     /// kernel very narrow in its support.
-    pub fn new(kernel: &Kernel, max_error: f64) -> Result<Self> {
+    pub(crate) fn new(kernel: &Kernel, max_error: f64) -> Result<Self> {
         let mut best = f64::INFINITY;
         for terms in Self::TERMS {
             // More rows do not mend a polynomial of too low a degree, so the degree is found first, on few rows.
@@ -71,7 +71,7 @@ impl FootprintTable {
 
     /// A table of `rows` rows (at least 2) of `terms` coefficients (1 to 16).
     #[must_use]
-    pub fn with_size(kernel: &Kernel, rows: u32, terms: u32) -> Self {
+    pub(crate) fn with_size(kernel: &Kernel, rows: u32, terms: u32) -> Self {
         let row = |s: f64| fit(terms as usize, |q| mean_to(kernel, s, q));
         let coefficients: Vec<f32> =
             (0..rows).flat_map(|i| row(f64::from(i) / f64::from(rows - 1))).map(|a| a as f32).collect();
@@ -116,32 +116,32 @@ impl FootprintTable {
 
     /// The number of rows, over s from 0 (the rim, r = R) to 1 (the centre, r = 0).
     #[must_use]
-    pub fn rows(&self) -> u32 {
+    pub(crate) fn rows(&self) -> u32 {
         self.rows
     }
 
     /// The number of coefficients of a row.
     #[must_use]
-    pub fn terms(&self) -> u32 {
+    pub(crate) fn terms(&self) -> u32 {
         self.terms
     }
 
     /// The coefficients, row by row, a_0 first.
     #[must_use]
-    pub fn coefficients(&self) -> &[f32] {
+    pub(crate) fn coefficients(&self) -> &[f32] {
         &self.coefficients
     }
 
     /// The largest error of a section found, as a fraction of the footprint's peak.
     #[must_use]
-    pub fn max_error(&self) -> f64 {
+    pub(crate) fn max_error(&self) -> f64 {
         self.max_error
     }
 
     /// The section of the kernel between t0 and t1 (voxels along the ray from its closest point) of a ray at squared
     /// distance r2 from the centre, as the shaders evaluate it but in f64.
-    #[must_use]
-    pub fn section(&self, radius: f64, r2: f64, t0: f64, t1: f64) -> f64 {
+    #[cfg(test)]
+    pub(crate) fn section(&self, radius: f64, r2: f64, t0: f64, t1: f64) -> f64 {
         let c2 = radius * radius - r2;
         if c2 <= 0.0 {
             return 0.0;

@@ -3,18 +3,18 @@
 mod footprint;
 mod quadrature;
 
-pub use footprint::FootprintTable;
-pub(crate) use footprint::{footprint_polynomial, section};
+pub(crate) use footprint::{FootprintTable, footprint_polynomial, section};
 
 use std::f64::consts::PI;
 
 use crate::error::{Error, Result};
+use crate::names::named;
 use quadrature::integrate;
 
 /// A radially symmetric reconstruction kernel of compact support, peak 1, in lattice coordinates (unit: voxels).
 ///
 /// Every kernel here is an analytic function of y = R^2 - rho^2 inside its support ball of radius R; that is what
-/// makes the [`FootprintTable`] smooth.
+/// makes its table of footprints smooth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kernel {
     /// exp(-rho^2 / (2 sigma^2)) for rho <= radius, 0 outside (Westover 1990; the course notes' sigma 1, radius 2).
@@ -86,7 +86,7 @@ impl Kernel {
 
     /// The kernel at squared distance `rho2` (voxels^2) from its centre: 1 at 0, 0 outside the support.
     #[must_use]
-    pub fn value(&self, rho2: f64) -> f64 {
+    pub(crate) fn value(&self, rho2: f64) -> f64 {
         let radius2 = self.radius() * self.radius();
         if rho2 > radius2 {
             return 0.0;
@@ -102,16 +102,16 @@ impl Kernel {
 
     /// The integral over the support ball, in voxels^3: 11.6317 for the default Gaussian.
     #[must_use]
-    pub fn integral(&self) -> f64 {
+    pub(crate) fn integral(&self) -> f64 {
         4.0 * PI * integrate(0.0, self.radius(), 64, |r| self.value(r * r) * r * r)
     }
 
     /// The integral along the line at distance `r` from the centre, cut `t` from its closest point (voxels):
     /// the cumulative footprint F(r, t) = integral from -inf to t of h(sqrt(r^2 + u^2)) du.
     ///
-    /// Integrated numerically to about 1e-13; the renderer samples it once into a [`FootprintTable`].
-    #[must_use]
-    pub fn cumulative_footprint(&self, r: f64, t: f64) -> f64 {
+    /// Integrated numerically to about 1e-13: what the sections of a [`FootprintTable`] are tested against.
+    #[cfg(test)]
+    pub(crate) fn cumulative_footprint(&self, r: f64, t: f64) -> f64 {
         let half_chord = (self.radius() * self.radius() - r * r).max(0.0).sqrt();
         let end = t.clamp(-half_chord, half_chord);
         integrate(-half_chord, end, 64, |u| self.value(r * r + u * u))
@@ -128,10 +128,12 @@ pub enum Normalization {
     Peak,
 }
 
+named! { "normalization", Normalization { Unit: "unit", Peak: "peak" } }
+
 impl Normalization {
     /// N for a kernel.
     #[must_use]
-    pub fn divisor(self, kernel: &Kernel) -> f64 {
+    pub(crate) fn divisor(self, kernel: &Kernel) -> f64 {
         match self {
             Self::Unit => kernel.integral(),
             Self::Peak => 1.0,

@@ -22,8 +22,15 @@ pub struct Comparison {
     pub max_channel: [f64; 4],
     /// mean |d|.
     pub mean: f64,
-    /// sqrt(mean d^2).
+    /// sqrt(mean d^2) over all pixels.
     pub rms: f64,
+    /// Pixels that either picture covers: alpha is over 0, or NaN. An opaque picture covers all of its pixels.
+    pub covered: u64,
+    /// sqrt(mean d^2) over all four channels of the covered pixels only; 0 if there are none.
+    ///
+    /// Unlike `rms` it does not fall when the same volume is drawn with more empty space around it.
+    #[serde(serialize_with = "finite_or_text")]
+    pub rms_covered: f64,
     /// -20 log10(rms) dB, relative to a signal of 1; infinite where the pictures are equal.
     #[serde(serialize_with = "finite_or_text")]
     pub psnr: f64,
@@ -52,14 +59,21 @@ pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
     check_sizes(a, b)?;
     let (mut max_channel, mut sum, mut squares) = ([0.0_f64; 4], 0.0, 0.0);
     let (mut outliers, mut max, mut worst) = (0, 0.0, 0);
+    let (mut covered, mut squares_covered) = (0_u64, 0.0);
     for (index, (p, q)) in a.pixels().iter().zip(b.pixels()).enumerate() {
         let mut pixel = 0.0_f64;
+        let mut pixel_squares = 0.0;
         for c in 0..4 {
             let d = difference(p[c], q[c]);
             max_channel[c] = max_channel[c].max(d);
             sum += d;
-            squares += d * d;
+            pixel_squares += d * d;
             pixel = pixel.max(d);
+        }
+        squares += pixel_squares;
+        if [p[3], q[3]].iter().any(|alpha| *alpha > 0.0 || alpha.is_nan()) {
+            covered += 1;
+            squares_covered += pixel_squares;
         }
         outliers += u64::from(pixel > tolerance);
         if pixel > max {
@@ -75,6 +89,8 @@ pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
         max_channel,
         mean: sum / count,
         rms,
+        covered,
+        rms_covered: (squares_covered / (4 * covered.max(1)) as f64).sqrt(),
         psnr: -20.0 * rms.log10(),
         tolerance,
         outliers,
@@ -123,6 +139,7 @@ impl fmt::Display for Comparison {
         writeln!(f, "  r g b a {r:.3e} {g:.3e} {b:.3e} {a:.3e}")?;
         writeln!(f, "mean      {:.3e}", self.mean)?;
         writeln!(f, "rms       {:.3e}", self.rms)?;
+        writeln!(f, "covered   {} pixels, rms {:.3e}", self.covered, self.rms_covered)?;
         writeln!(f, "psnr      {:.1} dB", self.psnr)?;
         writeln!(
             f,
@@ -152,6 +169,21 @@ mod tests {
         assert!((c.mean - 1.0 / 8.0).abs() < 1e-12);
         assert!((c.rms - (0.375_f64 / 8.0).sqrt()).abs() < 1e-12);
         assert!((c.psnr + 20.0 * c.rms.log10()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn pixels_that_neither_picture_covers_do_not_dilute_the_rms() {
+        let (clear, half) = ([0.0; 4], [0.25, 0.25, 0.25, 0.5]);
+        let a = image(&[clear, clear, clear, half]);
+        let b = image(&[clear, clear, half, half]);
+        let c = compare(&a, &b, 0.0).unwrap();
+        let square: f64 = 3.0 * 0.0625 + 0.25;
+        assert_eq!(c.covered, 2);
+        assert!((c.rms_covered - (square / 8.0).sqrt()).abs() < 1e-12);
+        assert!((c.rms - (square / 16.0).sqrt()).abs() < 1e-12);
+        assert!(c.to_string().contains("covered   2 pixels, rms 2.339e-1"), "{c}");
+        let nothing = compare(&image(&[clear]), &image(&[clear]), 0.0).unwrap();
+        assert_eq!((nothing.covered, nothing.rms_covered), (0, 0.0));
     }
 
     #[test]

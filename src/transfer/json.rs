@@ -12,6 +12,7 @@ use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
 use serde_json::value::RawValue;
 
 use super::{ControlPoint, TransferFunction};
+use crate::color;
 use crate::error::{Error, Result};
 
 /// The file; its points stay text until each is read by itself, so that an error can name the point and its line.
@@ -45,7 +46,7 @@ impl<'de> Deserialize<'de> for Color {
             }
 
             fn visit_str<E: de::Error>(self, text: &str) -> Result<Color, E> {
-                hex(text).map(Color).ok_or_else(|| E::invalid_value(de::Unexpected::Str(text), &self))
+                color::hex(text).map(Color).ok_or_else(|| E::invalid_value(de::Unexpected::Str(text), &self))
             }
 
             fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Color, A::Error> {
@@ -61,13 +62,6 @@ impl<'de> Deserialize<'de> for Color {
         }
         deserializer.deserialize_any(ColorVisitor)
     }
-}
-
-/// The colour of `#rrggbb`.
-fn hex(text: &str) -> Option<[f64; 3]> {
-    let digits = text.strip_prefix('#').filter(|d| d.len() == 6 && d.bytes().all(|b| b.is_ascii_hexdigit()))?;
-    let number = u32::from_str_radix(digits, 16).ok()?;
-    Some([16, 8, 0].map(|shift| f64::from(number >> shift & 0xff) / 255.0))
 }
 
 /// The message of a JSON error without the position that it ends in.
@@ -105,14 +99,15 @@ impl TransferFunction {
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Format`] for what [`TransferFunction::from_json`] refuses.
-    pub fn load(path: &Path) -> Result<Self> {
+    pub fn load(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
         let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
         Self::from_json(&text).map_err(|e| {
             let reason = match e {
                 Error::Transfer(reason) => reason,
                 other => other.to_string(),
             };
-            Error::Format { path: path.to_owned(), reason }
+            Error::Format { path: path.to_owned(), reason, hint: None }
         })
     }
 

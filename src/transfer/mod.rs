@@ -115,7 +115,7 @@ impl TransferFunction {
 
     /// The unit distance that holds for a volume of smallest spacing `min_spacing`.
     #[must_use]
-    pub fn unit_or(&self, min_spacing: f64) -> f64 {
+    pub(crate) fn unit_or(&self, min_spacing: f64) -> f64 {
         self.unit_distance.unwrap_or(min_spacing)
     }
 
@@ -160,7 +160,7 @@ impl TransferFunction {
 
     /// Whether no value of a range (both ends included, either may be infinite) has opacity.
     #[must_use]
-    pub fn is_clear(&self, [low, high]: [f64; 2]) -> bool {
+    pub(crate) fn is_clear(&self, [low, high]: [f64; 2]) -> bool {
         let ends = [low, high].map(|v| self.sample(v.clamp(f64::MIN, f64::MAX)).1);
         let inside = self.points.iter().filter(|p| (low..=high).contains(&p.value)).map(|p| p.opacity);
         ends.into_iter().chain(inside).all(|opacity| opacity <= 0.0)
@@ -169,7 +169,7 @@ impl TransferFunction {
     /// The range of values without opacity that `value` lies in, both ends included; infinite where there is no end,
     /// `None` where the value has opacity. Where opacity jumps the range ends half way to the jump.
     #[must_use]
-    pub fn clear_around(&self, value: f64) -> Option<[f64; 2]> {
+    pub(crate) fn clear_around(&self, value: f64) -> Option<[f64; 2]> {
         if !self.is_clear([value; 2]) {
             return None;
         }
@@ -191,7 +191,7 @@ impl TransferFunction {
 
     /// The largest opacity of any point.
     #[must_use]
-    pub fn max_opacity(&self) -> f64 {
+    pub(crate) fn max_opacity(&self) -> f64 {
         self.points.iter().map(|p| p.opacity).fold(0.0, f64::max)
     }
 }

@@ -4,6 +4,7 @@
 //! modelled. There is no lighting, so colour darkens with falling value to tell depth and edges.
 
 use super::{ControlPoint, TransferFunction};
+use crate::color;
 use crate::error::{Error, Result};
 use crate::volume::{Statistics, Volume};
 
@@ -45,7 +46,7 @@ pub fn preset(name: &str, statistics: &Statistics) -> Result<TransferFunction> {
     let preset = find(name)?;
     let levels = Levels::of(statistics).ok_or_else(|| {
         Error::Transfer(format!(
-            "preset {name} adapts to the range of the values, but they are all {}: give points with --transfer FILE.json",
+            "preset {name} adapts to the range of the values, but they are all {}: give control points instead",
             statistics.min
         ))
     })?;
@@ -56,10 +57,10 @@ pub fn preset(name: &str, statistics: &Statistics) -> Result<TransferFunction> {
 ///
 /// # Errors
 /// [`Error::Transfer`] for a name that is none, with those that are.
-pub fn find(name: &str) -> Result<&'static Preset> {
+fn find(name: &str) -> Result<&'static Preset> {
     PRESETS.iter().find(|p| p.name == name).ok_or_else(|| {
         let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
-        Error::Transfer(format!("no preset is called {name:?}: there are {}, or give a FILE.json", names.join(", ")))
+        Error::Transfer(format!("no preset is called {name:?}: there are {}", names.join(", ")))
     })
 }
 
@@ -98,6 +99,19 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
         say("ct-bone", format!("{saw}: a bright minority, as bone in CT is"))
     } else {
         say("mri", format!("{saw}: no bright minority stands out, as in MRI"))
+    }
+}
+
+impl TransferFunction {
+    /// The preset that [`suggest`] chooses for a volume, fitted to its values, and the reason for the choice.
+    ///
+    /// A built-in volume has a better one of its own: [`own_transfer`](crate::demos::own_transfer).
+    ///
+    /// # Errors
+    /// [`Error::Transfer`] if all values are the same: then there is no range to fit to.
+    pub fn for_volume(volume: &Volume, statistics: &Statistics) -> Result<(Self, Suggestion)> {
+        let suggestion = suggest(volume, statistics);
+        Ok((preset(suggestion.name, statistics)?, suggestion))
     }
 }
 
@@ -142,10 +156,7 @@ fn between(a: f64, b: f64, f: f64) -> f64 {
 
 /// Points from (value, `0xrrggbb`, opacity).
 fn points(rows: &[(f64, u32, f64)]) -> Vec<ControlPoint> {
-    let channel = |rgb: u32, shift: u32| f64::from(rgb >> shift & 0xff) / 255.0;
-    rows.iter()
-        .map(|&(value, rgb, opacity)| ControlPoint { value, color: [16, 8, 0].map(|s| channel(rgb, s)), opacity })
-        .collect()
+    rows.iter().map(|&(value, rgb, opacity)| ControlPoint { value, color: color::packed(rgb), opacity }).collect()
 }
 
 fn ct_bone(l: &Levels) -> Vec<ControlPoint> {

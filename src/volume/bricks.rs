@@ -2,10 +2,9 @@
 
 use std::ops::Range;
 
-use bytemuck::Pod;
 use rayon::prelude::*;
 
-use super::{Samples, ToF64, Volume, with_samples};
+use super::{Number, Samples, ToF64, Volume, with_samples};
 use crate::error::Result;
 
 /// Voxels along the side of a brick.
@@ -17,7 +16,7 @@ const READ: usize = 8 << 20;
 /// How samples are written down for whoever wants bricks.
 pub(crate) trait RowCoding: Sync {
     /// Appends samples to what is there.
-    fn append<T: ToF64 + Pod>(&self, samples: &[T], bytes: &mut Vec<u8>);
+    fn append<T: Number>(&self, samples: &[T], bytes: &mut Vec<u8>);
 }
 
 /// The lattice point of a brick's first voxel, and its samples with the halo around them, coded, x fastest.

@@ -8,8 +8,8 @@ mod stored;
 
 pub(crate) use bricks::{EDGE as BRICK_EDGE, RowCoding};
 pub use grid::{Grid, MAX_DIM};
-pub(crate) use sample_type::Sample;
-pub use sample_type::{Endian, SampleType};
+pub use sample_type::{Endian, Sample, SampleType};
+pub(crate) use sample_type::{Number, ToF64, with_type};
 pub use statistics::{BackgroundEstimate, Statistics};
 pub(crate) use stored::{FileSamples, Stored};
 
@@ -68,18 +68,6 @@ impl Samples {
     }
 }
 
-/// Conversion to f64 of every sample type; `as` for 64-bit integers, exact otherwise.
-pub(crate) trait ToF64: Copy + Send + Sync {
-    fn to_f64(self) -> f64;
-}
-
-macro_rules! to_f64 {
-    ($($t:ty),*) => { $(impl ToF64 for $t {
-        fn to_f64(self) -> f64 { self as f64 }
-    })* };
-}
-to_f64!(u8, i8, u16, i16, u32, i32, u64, i64, f32, f64);
-
 /// A scan: samples on a grid, with the linear map from stored numbers to values.
 ///
 /// Samples are in memory, or stay in their file and are read as they are needed: see [`LoadOptions::stream_over`](crate::formats::LoadOptions::stream_over). A clone
@@ -131,10 +119,53 @@ impl InMemory<'_> {
     }
 }
 
+/// Refuses samples that do not fill the lattice.
+fn check_count(grid: &Grid, count: usize) -> Result<()> {
+    if count as u64 == grid.len() {
+        return Ok(());
+    }
+    let [x, y, z] = grid.dims();
+    Err(Error::Volume(format!("{count} samples for a lattice of {x} x {y} x {z} = {}", grid.len())))
+}
+
 /// Samples read at a time where all of a volume are looked at.
 const PASS: usize = 1 << 22;
 
 impl Volume {
+    /// A volume of a copy of `samples`, x fastest, then y, then z, on a lattice whose axes are the world's.
+    ///
+    /// `dims` are the numbers of samples along x, y and z. `spacing` is the world distance between neighbouring samples
+    /// along each of them, in any unit of length. The first sample lies at the world's origin; [`Volume::with_grid`]
+    /// places the lattice elsewhere. Values are the samples themselves; [`Volume::with_rescale`] maps them.
+    ///
+    /// ```
+    /// use voxsplat::volume::{SampleType, Volume};
+    ///
+    /// // 4 x 3 x 2 samples of 16 bits, slices twice as far apart as pixels.
+    /// let samples: Vec<i16> = (0..24).collect();
+    /// let volume = Volume::from_slice([4, 3, 2], [0.5, 0.5, 1.0], &samples)?;
+    /// assert_eq!(volume.sample_type(), SampleType::I16);
+    /// assert_eq!(volume.grid().spacing(), [0.5, 0.5, 1.0]);
+    /// # Ok::<(), voxsplat::error::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::Volume`] if the number of samples is not the product of `dims`, if a dimension is 0 or over [`MAX_DIM`], or
+    /// if a spacing is 0 or not finite; [`Error::Memory`] if there is no memory for the copy.
+    pub fn from_slice<T: Sample>(dims: [u32; 3], spacing: [f64; 3], samples: &[T]) -> Result<Self> {
+        let grid = Grid::axis_parallel(dims, spacing)?;
+        check_count(&grid, samples.len())?;
+        let mut copy = Vec::new();
+        if copy.try_reserve_exact(samples.len()).is_err() {
+            return Err(Error::Memory {
+                what: "the samples of a volume".to_owned(),
+                bytes: size_of_val(samples) as u64,
+            });
+        }
+        copy.extend_from_slice(samples);
+        Self::new(grid, T::collected(copy))
+    }
+
     /// A volume of `samples` on `grid`, whose values are the samples themselves.
     ///
     /// # Errors
@@ -144,14 +175,7 @@ impl Volume {
     }
 
     pub(crate) fn of(grid: Grid, stored: Stored) -> Result<Self> {
-        if stored.len() as u64 != grid.len() {
-            let [x, y, z] = grid.dims();
-            return Err(Error::Volume(format!(
-                "{} samples for a lattice of {x} x {y} x {z} = {}",
-                stored.len(),
-                grid.len()
-            )));
-        }
+        check_count(&grid, stored.len())?;
         let data = Arc::new(Data::new(stored));
         Ok(Self { grid, data, slope: 1.0, intercept: 0.0, oriented: false })
     }
@@ -194,7 +218,7 @@ impl Volume {
     /// The same volume with `value` in the place of every NaN or infinite one.
     ///
     /// # Errors
-    /// [`Error::Read`] and [`Error::OutOfMemory`] where samples left in a file, and shared with a clone, cannot be read.
+    /// [`Error::Read`] and [`Error::Memory`] where samples left in a file, and shared with a clone, cannot be read.
     pub fn with_non_finite_replaced(mut self, value: f64) -> Result<Self> {
         let raw = (value - self.intercept) / self.slope;
         let mut stored = match Arc::try_unwrap(self.data) {
@@ -232,7 +256,7 @@ impl Volume {
     /// The volume with all its samples in memory; those left in a file are read.
     ///
     /// # Errors
-    /// [`Error::Read`] and [`Error::OutOfMemory`] where they cannot be.
+    /// [`Error::Read`] and [`Error::Memory`] where they cannot be.
     pub fn in_memory(&self) -> Result<InMemory<'_>> {
         let samples = match &self.data.stored {
             Stored::Memory(samples) => Cow::Borrowed(samples),
@@ -276,9 +300,9 @@ impl Volume {
     /// Refuses NaN and infinite samples: a kernel sum over one would spoil every pixel that it touches.
     ///
     /// # Errors
-    /// [`Error::Volume`] with the number of such samples and the place of the first; [`Error::Read`] and
-    /// [`Error::OutOfMemory`] where samples left in a file cannot be read.
-    pub fn check_finite(&self) -> Result<()> {
+    /// [`Error::NonFinite`] if there are such samples; [`Error::Read`] and [`Error::Memory`] if samples left in a file
+    /// cannot be read.
+    pub(crate) fn check_finite(&self) -> Result<()> {
         if !self.sample_type().is_float() || self.data.finite.get() == Some(&true) {
             return Ok(());
         }
@@ -300,12 +324,8 @@ impl Volume {
             }
             Some(index) => {
                 let [nx, ny, _] = self.grid.dims().map(|d| d as usize);
-                Err(Error::Volume(format!(
-                    "{count} samples are NaN or infinite, the first at ({}, {}, {}): replace them with --replace-nan VALUE",
-                    index % nx,
-                    index / nx % ny,
-                    index / (nx * ny)
-                )))
+                let first = [index % nx, index / nx % ny, index / (nx * ny)].map(|at| at as u32);
+                Err(Error::NonFinite { count: count as u64, first })
             }
         }
     }

@@ -70,8 +70,8 @@ impl Statistics {
     /// Counts the samples on all cores. The result does not depend on their number.
     ///
     /// # Errors
-    /// [`Error::Read`](crate::error::Error::Read) and [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) where samples
-    /// left in a file cannot be read.
+    /// [`Error::Read`](crate::error::Error::Read) and [`Error::Memory`](crate::error::Error::Memory) if samples left in a
+    /// file cannot be read.
     pub fn of(volume: &Volume) -> Result<Self> {
         Ok(Self::of_raw(volume)?.rescaled(volume.rescale()))
     }

@@ -155,35 +155,47 @@ fn rotation(header: &Header, input: &Input) -> Result<DMat3> {
 
 /// The file with the samples of a pair.
 fn image_file(header: &Path, input: &Input) -> Result<PathBuf> {
-    let (stem, upper) = stem(header);
-    let with = |extension: &str| {
-        let mut name = stem.clone().into_os_string();
-        name.push(extension);
-        PathBuf::from(name)
+    let extensions = match in_capitals(header) {
+        true => [".IMG", ".IMG.GZ", ".img", ".img.gz"],
+        false => [".img", ".img.gz", ".IMG", ".IMG.GZ"],
     };
-    let candidates =
-        if upper { [".IMG", ".IMG.GZ", ".img", ".img.gz"] } else { [".img", ".img.gz", ".IMG", ".IMG.GZ"] }.map(with);
-    candidates
-        .iter()
-        .find(|c| c.is_file())
-        .cloned()
-        .ok_or_else(|| input.error(format!("its samples belong in {}, which is not there", candidates[0].display())))
+    let missing = || {
+        let expected = with_extension(header, extensions[0]);
+        input.error(format!("its samples belong in {}, which is not there", expected.display()))
+    };
+    existing(header, &extensions).ok_or_else(missing)
 }
 
-/// The header of the pair that an image file belongs to, where there is one.
+/// Whether a file is named as the one with the samples of a pair.
+pub(super) fn is_image_name(path: &Path) -> bool {
+    uncompressed(path).extension().is_some_and(|e| e.eq_ignore_ascii_case("img"))
+}
+
+/// The header of the pair that an image file belongs to, if there is one.
 pub(super) fn header_of_image(image: &Path) -> Option<PathBuf> {
-    let (stem, _) = stem(image);
-    [".hdr", ".hdr.gz", ".HDR"].into_iter().find_map(|extension| {
-        let mut name = stem.clone().into_os_string();
-        name.push(extension);
-        Some(PathBuf::from(name)).filter(|path| path.is_file())
-    })
+    existing(image, &[".hdr", ".hdr.gz", ".HDR"])
 }
 
-/// The path without its extension (and the .gz after it), and whether that was in capitals.
-fn stem(path: &Path) -> (PathBuf, bool) {
+/// The first file there is that is named as `path` but for its extension.
+fn existing(path: &Path, extensions: &[&str]) -> Option<PathBuf> {
+    extensions.iter().map(|extension| with_extension(path, extension)).find(|file| file.is_file())
+}
+
+/// The path with another extension in place of its own and of the .gz after that.
+fn with_extension(path: &Path, extension: &str) -> PathBuf {
+    let mut name = uncompressed(path).with_extension("").into_os_string();
+    name.push(extension);
+    name.into()
+}
+
+/// The path without .gz.
+fn uncompressed(path: &Path) -> PathBuf {
     let is_gz = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
-    let path = if is_gz { path.with_extension("") } else { path.to_owned() };
-    let upper = path.extension().and_then(|e| e.to_str()).is_some_and(|e| e.chars().all(|c| c.is_ascii_uppercase()));
-    (path.with_extension(""), upper)
+    if is_gz { path.with_extension("") } else { path.to_owned() }
+}
+
+/// Whether the extension is in capitals, .gz aside.
+fn in_capitals(path: &Path) -> bool {
+    let path = uncompressed(path);
+    path.extension().and_then(|e| e.to_str()).is_some_and(|e| e.chars().all(|c| c.is_ascii_uppercase()))
 }

@@ -188,7 +188,7 @@ fn sheets_per_pass(context: &Context, asked: Option<u32>, feed: Feed, precision:
         }
         Some(asked) if possible.clone().any(|n| n == asked) => Ok(asked),
         Some(asked) => Err(Error::Setting {
-            name: "sheets-per-pass",
+            name: "sheets_per_pass",
             reason: format!(
                 "{asked}, but {} takes {} with these sheets",
                 context.info.name,

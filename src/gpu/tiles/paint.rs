@@ -45,17 +45,17 @@ fn refusal(context: &Context, view: &ViewGeometry, settings: &Settings) -> Optio
 }
 
 /// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a ray
-/// at most sqrt(3) / 2 voxels: so much whatever the direction, so that turning asks for no other splats.
+/// at most sqrt(3) / 2 voxels, so three are at most 2.6 voxels. They count as 3: the parts of kernels in slabs are fitted,
+/// and a fit fades a little later than its kernel. Light takes central differences, a voxel farther. None of it depends on
+/// the direction, so that turning asks for no other splats.
 fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
     if !settings.is_post_shaded() {
         return ScalarNeed { padding: 0, influence: 0.0 };
     }
-    let slab = 3.0_f64.sqrt() / 2.0;
+    const SLABS: f64 = 3.0;
+    let differences = if settings.lighting.is_some() { 1.0 } else { 0.0 };
     let radius = view.max_radius();
-    // A voxel of one end of the three slabs and a voxel of the other end; or a voxel at one end, and the neighbour of a
-    // voxel in the middle slab, which its central difference takes in.
-    let differences = if settings.lighting.is_some() { 2.0 * slab + 1.0 } else { 0.0 };
-    ScalarNeed::new(radius + 2.0 * slab, 2.0 * radius + differences.max(3.0 * slab))
+    ScalarNeed::new(radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS + differences)
 }
 
 fn begin(job: Job<'_>) -> Result<Begun<'_>> {
