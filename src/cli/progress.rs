@@ -1,14 +1,14 @@
-//! Progress on stderr, where that is a terminal.
+//! Progress on stderr, if that is a terminal.
 
 use std::io::{IsTerminal, stderr};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// Parts of the whole that the bar tells apart.
+/// Steps of the bar.
 const STEPS: u64 = 1000;
 
-/// A bar that goes when it is dropped.
+/// A bar or spinner that disappears when it is dropped.
 pub(super) struct Progress(ProgressBar);
 
 impl Progress {
@@ -30,7 +30,7 @@ impl Progress {
         progress
     }
 
-    /// For work that tells how far it is.
+    /// For work that reports how much is done.
     pub(super) fn bar(what: &'static str) -> Self {
         Self::new(ProgressBar::new(STEPS), "{msg:10} {wide_bar} {percent:>3} % {elapsed}", what)
     }
