@@ -9,9 +9,9 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// Everything that can go wrong.
 ///
-/// `{}` gives the message alone: one line without a trailing full stop, in the words of the library. The cause, if there
-/// is one, is what [`source`](std::error::Error::source) returns; the message does not repeat it, so a report that walks
-/// the chain prints each fact once. `{:#}` gives the whole of it in one line: message, cause and way out.
+/// `{}` gives the message alone: one line without a trailing full stop, in the words of the library. The cause, if
+/// there is one, is what [`source`](std::error::Error::source) returns; the message does not repeat it, so a report
+/// that walks the chain prints each fact once. `{:#}` gives the whole of it in one line: message, cause and way out.
 ///
 /// ```
 /// use voxsplat::formats::{LoadOptions, load};
