@@ -252,6 +252,8 @@ impl Random {
 }
 
 /// A tree of tapering tubes with soft walls, grown upwards from the bottom and kept inside the volume.
+///
+/// Seed, lengths, radii and bends are chosen for a tree that fills the volume and stays sparse.
 fn vessels(size: u32) -> Samples {
     let n = f64::from(size);
     let mut samples = vec![0_u8; (size as usize).pow(3)];

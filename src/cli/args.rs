@@ -235,8 +235,8 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "HOW", default_value = "parabola",
         value_parser = one_of(Interslice::ALL, Interslice::name), help_heading = "Model")]
     pub(super) interslice: Interslice,
-    /// Early termination: skip splats behind which no more than this fraction of light passes, 0 (off) to under 1; no
-    /// channel changes by more than that fraction
+    /// Early termination: skip splats that at most this fraction of the light reaches, 0 (off) to under 1; no channel
+    /// changes by more than that fraction
     #[arg(long, value_name = "FRACTION", default_value_t = 1e-3, value_parser = parse::tolerance,
         allow_hyphen_values = true, help_heading = "Model")]
     pub(super) termination: f64,

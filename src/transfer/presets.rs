@@ -89,6 +89,7 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
     // foreground. In MRI no tissue stands out like that, and about half of the foreground lies on either side.
     let (over, foreground) = (statistics.fraction_above(levels.bright), statistics.fraction_above(levels.background));
     let share = 100.0 * over / foreground.max(f64::MIN_POSITIVE);
+    // The two bounds are rules of thumb.
     let saw = format!("{share:.1} % of the foreground is over {}", (levels.bright * 1e4).round() / 1e4);
     if share < 3.0 {
         say("angiography", format!("{saw}: thin and far brighter than the rest, as vessels with contrast agent are"))

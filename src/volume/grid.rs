@@ -17,6 +17,10 @@ pub struct Grid {
     to_lattice: DAffine3,
 }
 
+/// The volume of the box spanned by unit vectors along the axes, below which they count as coplanar. NIfTI states axes
+/// in f32, whose rounding of 6e-8 leaves about 1e-7 of coplanar axes.
+const COPLANAR: f64 = 1e-6;
+
 /// The most samples along an axis. Up to here, f32 lattice coordinates resolve 1/256 of a voxel.
 pub const MAX_DIM: u32 = 65_535;
 
@@ -41,7 +45,7 @@ impl Grid {
         // The determinant over the axis lengths is the volume spanned by the unit axes. It does not depend on the unit
         // of length, so grids in nanometres and in kilometres pass the same test.
         let unit_volume = m.determinant() / (lengths[0] * lengths[1] * lengths[2]);
-        if !to_world.is_finite() || !unit_volume.is_finite() || unit_volume.abs() < 1e-6 {
+        if !to_world.is_finite() || !unit_volume.is_finite() || unit_volume.abs() < COPLANAR {
             return Err(Error::Volume(format!(
                 "the grid's axes do not span space (spacing {} x {} x {}): check spacing and directions in the header",
                 lengths[0], lengths[1], lengths[2]
