@@ -69,7 +69,7 @@ pub enum Error {
     Camera(String),
     /// A setting or an option out of its range, or at odds with another one.
     Setting {
-        /// The setting: the name of its field.
+        /// The setting: the name of its field, with `_` or `-` between words.
         name: &'static str,
         /// What was given and what would be accepted.
         reason: String,

@@ -18,10 +18,15 @@ pub(super) enum LightArg {
 
 /// Parses a value of the library. The error is without the option's name, which `clap` adds.
 pub(super) fn library<T: FromStr<Err = Error>>(text: &str) -> Result<T, String> {
-    text.parse().map_err(|e| match e {
+    text.parse().map_err(reason)
+}
+
+/// The message of an error without the setting's name.
+fn reason(error: Error) -> String {
+    match error {
         Error::Setting { reason, .. } => reason,
         other => other.to_string(),
-    })
+    }
 }
 
 /// Parses an enum of the library by its names. Help lists them.
@@ -133,10 +138,7 @@ pub(super) fn kernel(text: &str) -> Result<Kernel, String> {
         ("kaiser-bessel", Some([radius, alpha])) => Kernel::KaiserBessel { radius, alpha },
         _ => return Err("expected gaussian[:SIGMA,RADIUS] or kaiser-bessel[:RADIUS,ALPHA]".to_owned()),
     };
-    kernel.validate().map(|()| kernel).map_err(|e| match e {
-        Error::Setting { reason, .. } => reason,
-        other => other.to_string(),
-    })
+    kernel.validate().map(|()| kernel).map_err(reason)
 }
 
 #[cfg(test)]
