@@ -18,10 +18,10 @@ use crate::volume::{Grid, Samples, Volume};
 pub struct Demo {
     /// Its name, as in `demo:NAME`.
     pub name: &'static str,
-    /// One line on what it is.
+    /// A description in one line.
     pub description: &'static str,
     make: fn(u32) -> Samples,
-    /// Control points as (value, [red, green, blue], opacity per voxel).
+    /// Control points: value, colour as red, green and blue in 0..1, opacity per voxel.
     transfer: &'static [(f64, [f64; 3], f64)],
 }
 
@@ -99,7 +99,7 @@ pub fn demos() -> &'static [Demo] {
     &DEMOS
 }
 
-/// The transfer function that suits a built-in volume, `name` with or without its size.
+/// The transfer function of a built-in volume, by `NAME` or `NAME:SIZE`; `None` if there is no such volume.
 #[must_use]
 pub fn demo_transfer(name: &str) -> Option<TransferFunction> {
     let name = name.split(':').next().unwrap_or(name);
@@ -163,7 +163,7 @@ fn spaced(name: &str, size: u32, spacing: [f64; 3]) -> Result<Volume> {
     Volume::new(grid, (demo.make)(size))
 }
 
-/// A field over the cube [-1, 1]^3, sampled at the centres of size^3 cells, x fastest.
+/// Samples a field over the cube [-1, 1]^3 at the centres of size^3 cells, x fastest.
 fn sampled<T: Send>(size: u32, field: impl Fn(DVec3) -> T + Sync) -> Vec<T> {
     let at = |i: u32| (f64::from(i) + 0.5) / f64::from(size) * 2.0 - 1.0;
     (0..size)
@@ -224,7 +224,7 @@ fn shepp_logan(size: u32) -> Samples {
             let turned = DVec3::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x, d.z);
             if (turned / DVec3::from_array(axes)).length_squared() <= 1.0 { density } else { 0.0 }
         };
-        // Sums such as 1 - 0.8 - 0.2 leave 5e-17 behind, which is air.
+        // Densities such as 1 - 0.8 - 0.2 sum to 5e-17 instead of 0, the density of air.
         let sum: f64 = ELLIPSOIDS.iter().map(inside).sum();
         if sum < 1e-9 { 0.0 } else { sum as f32 }
     }))
@@ -252,11 +252,13 @@ impl Random {
 }
 
 /// A tree of tapering tubes with soft walls, grown upwards from the bottom and kept inside the volume.
+///
+/// Seed, lengths, radii and bends are chosen for a tree that fills the volume and stays sparse.
 fn vessels(size: u32) -> Samples {
     let n = f64::from(size);
     let mut samples = vec![0_u8; (size as usize).pow(3)];
     let mut random = Random(7);
-    // Tips still to grow: position, direction, radius in fractions of the size, generation.
+    // Branches still to grow: position and radius as fractions of the size, direction, generation.
     let mut tips = vec![(DVec3::new(0.5, 0.5, 0.06), DVec3::Z, 0.034, 0_u32)];
     while let Some((mut p, mut direction, radius, generation)) = tips.pop() {
         let length = 0.24 * 0.83_f64.powi(generation as i32);
@@ -281,9 +283,9 @@ fn vessels(size: u32) -> Samples {
     Samples::U8(samples)
 }
 
-/// The largest of what is there and a ball of soft wall, 255 in the middle and 128 at `radius` voxels.
+/// Draws a ball with a soft wall, 255 at its centre and 128 at `radius` voxels; larger samples stay.
 fn stamp(samples: &mut [u8], size: u32, center: DVec3, radius: f64) {
-    // Thinner than this a tube would fall between the lattice points.
+    // A thinner tube would pass between the lattice points.
     let radius = radius.max(0.7);
     let reach = radius * 2.0;
     let range = |c: f64| {
@@ -306,11 +308,11 @@ fn stamp(samples: &mut [u8], size: u32, center: DVec3, radius: f64) {
 mod tests {
     use super::*;
 
-    /// Length of a ray inside each ellipsoid times its density, summed: the line integral of the phantom.
+    /// The line integral of the phantom: the sum over ellipsoids of density times length of the ray inside.
     fn projected(origin: DVec3, direction: DVec3) -> f64 {
         let chord = |&(density, axes, center, turn): &(f64, [f64; 3], [f64; 3], f64)| {
             let (sin, cos) = turn.to_radians().sin_cos();
-            // Into the space in which the ellipsoid is the unit ball.
+            // The map into the space in which the ellipsoid is the unit ball.
             let into =
                 |v: DVec3| DVec3::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x, v.z) / DVec3::from_array(axes);
             let (o, d) = (into(origin - DVec3::from_array(center)), into(direction));
@@ -326,7 +328,7 @@ mod tests {
         use crate::renderer::{Renderer, RendererOptions};
         use crate::settings::{Model, Precision, Settings};
 
-        // So thin that opacity is the line integral; the density of the phantom is between 0 and 1.
+        // So thin that opacity is proportional to the line integral; the phantom's density is in 0..1.
         let thin = 1e-6;
         let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
         let transfer = TransferFunction::new(vec![point(0.0, 0.0), point(1.0, thin)], Some(1.0)).unwrap();
@@ -356,8 +358,7 @@ mod tests {
             }
             (squares / (64.0 * 64.0)).sqrt() / peak
         };
-        // The phantom has sharp edges, the lattice samples them and the kernel blurs them: what is left falls with the
-        // spacing, the footprints themselves being exact.
+        // Footprints are exact, so the only error is that of the sampled and blurred edges. It falls with the spacing.
         let [coarse, fine] = [error(36), error(144)];
         assert!(fine < 0.4 * coarse && fine < 0.02, "{coarse:e} {fine:e}");
     }

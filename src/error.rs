@@ -9,9 +9,9 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// Everything that can go wrong.
 ///
-/// `{}` gives the message alone: one line without a trailing full stop, in the words of the library. The cause, if there
-/// is one, is what [`source`](std::error::Error::source) returns; the message does not repeat it, so a report that walks
-/// the chain prints each fact once. `{:#}` gives the whole of it in one line: message, cause and way out.
+/// `{}` gives the message alone: one line without a trailing full stop, in the words of the library. The cause, if
+/// there is one, is what [`source`](std::error::Error::source) returns; the message does not repeat it, so a report
+/// that walks the chain prints each fact once. `{:#}` gives the whole of it in one line: message, cause and way out.
 ///
 /// ```
 /// use voxsplat::formats::{LoadOptions, load};
@@ -69,7 +69,7 @@ pub enum Error {
     Camera(String),
     /// A setting or an option out of its range, or at odds with another one.
     Setting {
-        /// The setting: the name of its field.
+        /// The setting: the name of its field, with `_` or `-` between words.
         name: &'static str,
         /// What was given and what would be accepted.
         reason: String,

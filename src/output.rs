@@ -1,4 +1,4 @@
-//! Outputs appear whole or not at all.
+//! Output files: they appear whole or not at all.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -13,7 +13,7 @@ fn directory_of(path: &Path) -> PathBuf {
     }
 }
 
-/// The file behind a path: links are followed, so that they are not replaced by what they point to.
+/// The file that a path leads to. Links are followed: a rename onto a link would replace the link.
 fn target(path: &Path) -> Result<PathBuf> {
     let error = |reason: &str| Err(Error::Output { path: path.to_owned(), reason: reason.to_owned() });
     let file = if path.is_symlink() {
@@ -27,14 +27,14 @@ fn target(path: &Path) -> Result<PathBuf> {
     if file.is_dir() {
         return error("it is a directory, expected a file name");
     }
-    // A rename would replace a device or a pipe in the file system instead of writing to it.
+    // A rename would replace a device or a pipe instead of writing to it.
     if file.exists() && !file.is_file() {
         return error("it is not a regular file");
     }
     Ok(file)
 }
 
-/// Refuses a path that cannot be written, before the work that would be lost on it.
+/// Refuses a path that cannot be written. It is checked before the work whose result would be lost.
 ///
 /// # Errors
 /// [`Error::Output`] if the path is a directory, a device or a pipe, or its own directory does not exist;
@@ -60,7 +60,7 @@ pub(crate) fn write_atomically(path: &Path, write: impl FnOnce(&mut File) -> io:
     let failed = |source| Error::Write { path: path.to_owned(), source };
     let mut builder = tempfile::Builder::new();
     builder.prefix(".voxsplat-");
-    // Temporary files are private by default; an output has the permissions that the user's umask gives.
+    // Temporary files are private by default; an output gets the permissions of the user's umask.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let target = target(path)?;

@@ -1,4 +1,4 @@
-//! What may be typed.
+//! The arguments of the program, and its help.
 
 use std::path::PathBuf;
 
@@ -42,7 +42,7 @@ pub(super) enum Command {
     Devices,
 }
 
-/// The volume and what its file does not say.
+/// The volume, and what its file does not state.
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
     /// A volume file (NRRD, NIfTI, MetaImage, NumPy, raw) or a built-in volume, demo:NAME[:SIZE]
@@ -60,13 +60,14 @@ pub(super) struct InputArgs {
     /// Raw files: bytes to skip before the samples
     #[arg(long, value_name = "BYTES", default_value_t = 0, help_heading = "Input")]
     pub(super) offset: u64,
-    /// World distance between samples; replaces what the file says
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing, allow_hyphen_values = true, help_heading = "Input")]
+    /// World distance between samples; replaces the spacing of the file
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing, allow_hyphen_values = true,
+        help_heading = "Input")]
     pub(super) spacing: Option<[f64; 3]>,
-    /// Put VALUE in the place of NaN and infinite samples, which are refused otherwise
+    /// Replace NaN and infinite samples by VALUE; without this option they are refused
     #[arg(long, value_name = "VALUE", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Input")]
     pub(super) replace_nan: Option<f64>,
-    /// Leave samples of over MIB MiB in their file, if it is uncompressed, and read them as they are needed
+    /// Read a volume of more than MIB MiB piece by piece from its file, if that is uncompressed
     #[arg(long, value_name = "MIB", default_value_t = 4, help_heading = "Input")]
     pub(super) stream_over: u64,
 }
@@ -136,34 +137,34 @@ pub(super) struct RenderArgs {
     /// Pixels across and down, or one number for both; 1 to 32768
     #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = parse::size, help_heading = "Output")]
     pub(super) size: [u32; 2],
-    /// What a PNG is laid over: #rrggbb, a name such as white, r,g,b in 0..1, or transparent
+    /// Background of a PNG: #rrggbb, a name such as white, r,g,b in 0..1, or transparent
     #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::library::<Background>,
         help_heading = "Output")]
     pub(super) background: Background,
-    /// Print what was modelled and how long it took, as a table or as one JSON object; put it after VOLUME
+    /// Print statistics and the time of each stage, as a table or as one JSON object; put it after VOLUME
     #[arg(long, value_name = "FORMAT", num_args = 0..=1, default_missing_value = "table", help_heading = "Output")]
     pub(super) stats: Option<StatsFormat>,
 
-    /// Turn the eye about `up` by DEG degrees, from the front of the volume
+    /// Rotate the eye about the up direction by DEG degrees, from the front of the volume
     #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) azimuth: f64,
-    /// Lift the eye towards `up` by DEG degrees
+    /// Raise the eye towards the up direction by DEG degrees
     #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) elevation: f64,
-    /// Turn the camera about its own axis by DEG degrees, counter-clockwise
+    /// Rotate the camera about its viewing direction by DEG degrees, counter-clockwise
     #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) roll: f64,
     /// World direction that is up in the picture [default: 0,0,1]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true, help_heading = "View")]
     pub(super) up: Option<DVec3>,
-    /// World direction from the eye to the target, in place of azimuth and elevation
+    /// World direction from the eye to the target; replaces azimuth and elevation
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true,
         conflicts_with_all = ["azimuth", "elevation"], help_heading = "View")]
     pub(super) direction: Option<DVec3>,
-    /// World point in the middle of the picture [default: the centre of the volume]
+    /// World point at the centre of the picture [default: the centre of the volume]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true, help_heading = "View")]
     pub(super) target: Option<DVec3>,
     /// Parallel rays, or rays through one eye
@@ -191,13 +192,15 @@ pub(super) struct RenderArgs {
     pub(super) transfer: Option<PathBuf>,
     /// What a pixel is: composite (emission and absorption), xray (absorption only, white) or mip (the largest value,
     /// coloured by the transfer function)
-    #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = one_of(Model::ALL, Model::name), help_heading = "Model")]
+    #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = one_of(Model::ALL, Model::name),
+        help_heading = "Model")]
     pub(super) model: Model,
     /// Classify and light voxels before reconstruction (pre: fast) or pixels after it (post: sharp)
-    #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = one_of(Shading::ALL, Shading::name), help_heading = "Model")]
+    #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = one_of(Shading::ALL, Shading::name),
+        help_heading = "Model")]
     pub(super) shading: Shading,
-    /// Light surfaces: off, headlight (from the eye), or AZ,EL (degrees, from where an eye at that azimuth and elevation
-    /// would be); up to 4 lights, given one by one [default: off]
+    /// Light surfaces: off, headlight (from the eye), or AZ,EL (from the position of an eye at that azimuth and
+    /// elevation, degrees); repeat the option for up to 4 lights [default: off]
     #[arg(long, value_name = "LIGHT", value_parser = parse::light, allow_hyphen_values = true, help_heading = "Model")]
     pub(super) light: Vec<LightArg>,
     /// Material of lit surfaces: ambient, diffuse and specular share, 0 to 1, and shininess, 1 to 1000
@@ -208,18 +211,20 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "KERNEL", default_value = "gaussian", value_parser = parse::kernel,
         help_heading = "Model")]
     pub(super) kernel: Kernel,
-    /// What sums of kernels are divided by: the kernel's integral, or its peak of 1 (the historical way, denser)
-    #[arg(long, value_name = "HOW", default_value = "unit", value_parser = one_of(Normalization::ALL, Normalization::name), help_heading = "Model")]
+    /// Divisor of sums of kernels: the kernel's integral (unit), or its peak of 1 (historical, denser)
+    #[arg(long, value_name = "HOW", default_value = "unit",
+        value_parser = one_of(Normalization::ALL, Normalization::name), help_heading = "Model")]
     pub(super) normalization: Normalization,
     /// Post-shading: classify a sheet by the parabola through it and its neighbours, or (historical) by its mean
-    #[arg(long, value_name = "HOW", default_value = "parabola", value_parser = one_of(Interslice::ALL, Interslice::name), help_heading = "Model")]
+    #[arg(long, value_name = "HOW", default_value = "parabola",
+        value_parser = one_of(Interslice::ALL, Interslice::name), help_heading = "Model")]
     pub(super) interslice: Interslice,
-    /// Early splat termination: leave out splats where no more than this fraction of light passes, 0 (off) to under 1;
-    /// no channel changes by more than it
+    /// Early termination: skip splats that at most this fraction of the light reaches, 0 (off) to under 1; no channel
+    /// changes by more than that fraction
     #[arg(long, value_name = "FRACTION", default_value_t = 1e-3, value_parser = parse::tolerance,
         allow_hyphen_values = true, help_heading = "Model")]
     pub(super) termination: f64,
-    /// Let kernels grow where voxels fall closer together than pixels
+    /// Enlarge the kernels of voxels that are closer together than pixels
     #[arg(long, value_name = "WHETHER", default_value = "on", help_heading = "Model")]
     pub(super) antialiasing: SwitchArg,
 
@@ -269,7 +274,7 @@ pub(super) struct RenderArgs {
     pub(super) resolution: Option<Resolution>,
 }
 
-/// Show what a volume file holds, its histogram, and the command line that renders it.
+/// Show the properties of a volume file, its histogram, and the command line that renders it.
 #[derive(Debug, clap::Args)]
 pub(super) struct InfoArgs {
     #[command(flatten)]
@@ -279,17 +284,17 @@ pub(super) struct InfoArgs {
     pub(super) json: bool,
 }
 
-/// Compare two pictures; the exit code is 1 where a pixel differs by more than the tolerance.
+/// Compare two pictures. The exit code is 1 if a pixel differs by more than the tolerance.
 #[derive(Debug, clap::Args)]
 pub(super) struct CompareArgs {
     /// A picture, .png or .exr
     pub(super) a: PathBuf,
     /// A picture of the same size
     pub(super) b: PathBuf,
-    /// Largest difference of any channel that passes; channels run from 0 to 1 (1/255 is 0.00392)
+    /// Largest tolerated difference of a channel; channels run from 0 to 1, so an 8-bit step is 0.00392
     #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = parse::tolerance, allow_hyphen_values = true)]
     pub(super) tolerance: f64,
-    /// Write the difference, ten times magnified, as a picture
+    /// Write the difference, multiplied by ten, as a picture
     #[arg(long, value_name = "FILE")]
     pub(super) difference: Option<PathBuf>,
     /// Print one JSON object

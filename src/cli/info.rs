@@ -12,7 +12,7 @@ use super::args::{InfoArgs, InputArgs};
 use super::progress::Progress;
 use super::{Failure, histogram, output};
 
-/// What there is to know about a volume; the keys are those of the JSON.
+/// The properties of a volume. Field names are the keys of the JSON.
 #[derive(Serialize)]
 struct Info {
     source: String,
@@ -24,31 +24,31 @@ struct Info {
     slope: f64,
     intercept: f64,
     spacing: [f64; 3],
-    /// World length of the volume along each lattice axis, outer faces to outer faces.
+    /// World length of the volume along each lattice axis, between its outer faces.
     extent: [f64; 3],
     center: [f64; 3],
-    /// `None` where the file does not state one.
+    /// `None` if the file does not state it.
     orientation: Option<Orientation>,
     min: f64,
     max: f64,
     mean: f64,
     std_dev: f64,
-    /// Counts over min..max in equal bins.
+    /// Counts in equal bins over min..max.
     histogram: Vec<u64>,
-    /// Largest value of the background and its share of the voxels; `None` where all values are one.
+    /// Largest value of the background, and its share of the voxels; `None` if all values are the same.
     background: Option<[f64; 2]>,
-    /// `None` for a built-in volume, which brings its own transfer function.
+    /// The suggested preset; `None` for a built-in volume, which has a transfer function of its own.
     preset: Option<&'static str>,
     reason: String,
     command: String,
 }
 
-/// Where the lattice axes point in the patient.
+/// The directions of the lattice axes in the patient.
 #[derive(Serialize)]
 struct Orientation {
     /// One letter per lattice axis: Left, Right, Posterior, Anterior, Superior or Inferior.
     axes: String,
-    /// The largest angle between a lattice axis and the patient axis it is named after, degrees.
+    /// The largest angle between a lattice axis and the patient axis of its letter, degrees.
     oblique: f64,
 }
 
@@ -58,7 +58,7 @@ impl Orientation {
         let mut oblique = 0.0_f64;
         let letters = [m.x_axis, m.y_axis, m.z_axis].map(|axis: DVec3| {
             let axis = axis.normalize();
-            // World axes of patient space run to the left, to the back and to the head.
+            // The axes of patient space run to the left, to the back and to the head.
             let named = [(axis.x, "LR"), (axis.y, "PA"), (axis.z, "SI")];
             let (along, names) = named
                 .into_iter()
@@ -151,7 +151,7 @@ impl Info {
     }
 }
 
-/// Four digits after the point, or four significant ones where that would hide or drown them.
+/// Up to four digits after the point; scientific notation for very small and very large numbers.
 fn short(value: f64) -> String {
     let size = value.abs();
     if value == value.trunc() && size < 1e15 {
@@ -163,7 +163,7 @@ fn short(value: f64) -> String {
     }
 }
 
-/// The command line that renders what was described, options of the input repeated.
+/// The command line that renders the volume, with the same input options.
 fn command(input: &InputArgs, preset: Option<&str>) -> String {
     let mut words = vec!["voxsplat".to_owned(), "render".to_owned(), quoted(input.source.as_os_str())];
     let mut option = |name: &str, value: Option<String>| words.extend(value.map(|v| format!("--{name} {v}")));
@@ -176,7 +176,7 @@ fn command(input: &InputArgs, preset: Option<&str>) -> String {
     option("transfer", preset.map(str::to_owned));
     let name = match input.source.to_str().and_then(|source| source.strip_prefix("demo:")) {
         Some(name) => name.split(':').next().unwrap_or(name).to_owned(),
-        // All extensions go: scan.nii.gz makes scan.png.
+        // All extensions are dropped: scan.nii.gz becomes scan.png.
         None => input
             .source
             .file_name()
@@ -188,7 +188,7 @@ fn command(input: &InputArgs, preset: Option<&str>) -> String {
     words.join(" ")
 }
 
-/// The text as one word of a POSIX shell; `$'...'` (POSIX 2024) if it is not UTF-8.
+/// The text as one word of a POSIX shell. Text that is not UTF-8 is written as `$'...'` (POSIX 2024).
 fn quoted(text: &OsStr) -> String {
     let plain = |c: char| c.is_alphanumeric() || "-_./:,+=@%".contains(c);
     match text.to_str() {

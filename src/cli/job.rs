@@ -1,4 +1,4 @@
-//! Arguments checked against each other and against the library: what is left can only fail at the work itself.
+//! Jobs: arguments that have been checked against each other and by the library, before any file is read.
 
 use std::path::{Path, PathBuf};
 
@@ -15,30 +15,30 @@ use super::Failure;
 use super::args::{CompareArgs, PainterArg, ProjectionArg, RenderArgs, StatsFormat, SwitchArg};
 use super::parse::LightArg;
 
-/// Vertical field of view where none is given, degrees.
+/// The default vertical field of view, degrees.
 const DEFAULT_FOV: f64 = 30.0;
 
-/// Where the transfer function comes from.
+/// The choice of a transfer function.
 #[derive(Debug)]
 pub(super) enum Transfer {
-    /// The volume's own, or one suggested by its values.
+    /// That of a built-in volume, otherwise the preset suggested by the values.
     Suggested,
-    /// A preset fitted to the values.
+    /// A preset, by name.
     Preset(&'static str),
-    /// As given.
+    /// From a file.
     Given(TransferFunction),
 }
 
-/// What makes the picture.
+/// The way to make the picture.
 #[derive(Debug)]
 pub(super) enum Engine {
-    /// Splats on a device.
+    /// Splatting on a graphics adapter.
     Device { adapter: Option<String> },
-    /// The f64 integral.
+    /// The f64 reference on the CPU.
     Reference,
 }
 
-/// A picture to make.
+/// A picture to render.
 #[derive(Debug)]
 pub(super) struct RenderJob {
     pub(super) source: PathBuf,
@@ -54,7 +54,7 @@ pub(super) struct RenderJob {
     pub(super) stats: Option<StatsFormat>,
 }
 
-/// Refuses an output that could not be written, before the work.
+/// Refuses an output that cannot be written, before the work.
 fn check_output(path: &Path) -> Result<(), Failure> {
     Image::check_output(path).map_err(|e| Failure::Usage(format!("{e:#}")))
 }
@@ -74,7 +74,7 @@ impl RenderJob {
         };
         settings.validate()?;
         let view = view(&args)?;
-        // A view is right or wrong whatever the volume: one voxel finds out before a long read.
+        // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         check_output(&args.output)?;
         let transfer = match args.transfer {
@@ -110,7 +110,7 @@ impl RenderJob {
     }
 }
 
-/// Whether the text can only be meant as a file, so that a missing file is reported as such.
+/// Whether the text must mean a file. Then a missing file is reported, instead of an unknown preset.
 fn is_file_name(text: &Path) -> bool {
     let lossy = text.to_string_lossy();
     lossy.to_lowercase().ends_with(".json") || lossy.contains(['/', '\\']) || text.is_file()
@@ -150,7 +150,7 @@ fn painter(args: &RenderArgs) -> Result<Painter, Failure> {
     }
 }
 
-/// The lights and the material asked for; `None` where there is no light.
+/// The lights and their material; `None` if there is no light.
 fn lighting(args: &RenderArgs) -> Result<Option<Lighting>, Failure> {
     let lit: Vec<LightArg> = args.light.iter().copied().filter(|l| *l != LightArg::Off).collect();
     if lit.is_empty() {

@@ -1,7 +1,7 @@
-//! The command line: typed arguments ([`args`]) become validated jobs ([`job`]), each run by the file of its command.
+//! The command line. Arguments ([`args`]) become validated jobs ([`job`]); each command has a file that runs its jobs.
 //!
-//! Results go to stdout, everything else to stderr; an error is one line. Exit codes: 0 done, 1 failed (for `compare`
-//! also: the pictures differ), 2 the command line asks for something that is not possible.
+//! Results go to stdout, everything else to stderr. An error is one line. Exit codes: 0 done, 1 failed or, for
+//! `compare`, the pictures differ, 2 wrong arguments.
 
 mod args;
 mod compare;
@@ -23,7 +23,7 @@ use clap::error::ErrorKind;
 use voxsplat::error::{Error, Hint};
 use voxsplat::volume::SampleType;
 
-/// Why a command did not do what it was asked.
+/// The failure of a command.
 #[derive(Debug)]
 enum Failure {
     /// The arguments are wrong.
@@ -36,14 +36,15 @@ impl From<Error> for Failure {
     fn from(error: Error) -> Self {
         let message = in_flags(&error);
         match error {
-            // Both come from options. That a value is out of range may show only beside the volume or the adapter.
+            // Both are about options, even if the volume or the adapter must be known to find the fault.
             Error::Setting { .. } | Error::Camera(_) => Self::Usage(message),
             _ => Self::Failed(message),
         }
     }
 }
 
-/// The whole of an error in one line: the message, its causes and the way out, in the words of the command line.
+/// An error in one line: message, causes and way out, with the options of the command line for the fields of the
+/// library.
 fn in_flags(error: &Error) -> String {
     let mut message = match error {
         Error::Setting { name, reason } => format!("{}: {reason}", flag(name)),
@@ -75,11 +76,12 @@ fn flag(setting: &str) -> String {
     }
 }
 
+/// The sample types, as `--type` takes them.
 fn sample_types() -> String {
     SampleType::ALL.map(SampleType::name).join("|")
 }
 
-/// Parses, runs, reports.
+/// Parses the arguments, runs the command, reports its failure.
 pub(crate) fn main() -> ExitCode {
     let result = match args::Args::try_parse() {
         Ok(args) => run(args),
@@ -110,7 +112,7 @@ fn run(args: args::Args) -> Result<(), Failure> {
     }
 }
 
-/// The message of a command-line error: its first paragraph and the tips, without the usage text.
+/// The error of `clap` in one line: its first paragraph and its tips, without the usage text.
 fn in_one_line(text: &str) -> String {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
     let end = lines.iter().position(|l| l.starts_with("Usage:") || l.starts_with("For more information"));

@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// Parts of the whole that the bar tells apart.
+/// Steps of the bar.
 const STEPS: u64 = 1000;
 
-/// A line that goes when it is dropped.
+/// A bar or spinner that disappears when it is dropped.
 pub(super) struct Progress(ProgressBar);
 
 impl Progress {

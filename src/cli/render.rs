@@ -20,7 +20,7 @@ use super::progress::{self, Progress};
 use super::stderr::silenced;
 use super::{Failure, output};
 
-/// Times of the stages on the host, in the order they ran.
+/// Host times of the stages, in the order in which they ran.
 #[derive(Default)]
 struct Stages(Vec<StageTime>);
 
@@ -33,7 +33,7 @@ impl Stages {
     }
 }
 
-/// What a picture by the reference took.
+/// Statistics of a picture by the reference.
 #[derive(Serialize)]
 struct ReferenceStats {
     painter: &'static str,
@@ -46,8 +46,8 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
     let mut stages = Stages::default();
     let mut opening = Stages::default();
     let progress = Progress::spinner("reading");
-    // The driver takes about as long to open as a small volume to read. It is silenced meanwhile, and this program with it:
-    // what there is to say comes after.
+    // Opening the driver takes about as long as reading a small volume, so both run at once. The driver is silenced
+    // meanwhile, and with it this process: notes are printed afterwards.
     let (read, opened) = std::thread::scope(|scope| {
         let adapter = match &job.engine {
             Engine::Device { adapter } => Some(adapter.clone()),
@@ -117,7 +117,7 @@ fn print_stats<S: Serialize>(
     }
 }
 
-/// The transfer function of a job, and what to say of what was chosen where the user left it open.
+/// The transfer function of a job, and a note for the user if a preset was suggested.
 fn transfer(
     source: &Path,
     choice: Transfer,

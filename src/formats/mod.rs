@@ -1,4 +1,4 @@
-//! From the name of a volume to the volume: which reader reads it, and what the user says about it.
+//! Readers: from the name of a volume to the volume.
 
 mod decode;
 mod input;
@@ -19,24 +19,24 @@ use crate::demos;
 use crate::error::{Error, Hint, Result};
 use crate::volume::{Endian, SampleType, Volume};
 
-/// What to assume about a file, or to do to it. The default is to believe its header.
+/// What the caller knows about a file, or wants done to its samples. The default is to believe its header.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LoadOptions {
     /// Samples along x, y and z of a file without a header; x is fastest.
     pub dims: Option<[u32; 3]>,
     /// The sample type of a file without a header.
     pub sample_type: Option<SampleType>,
-    /// World distance between samples along each axis. Takes the place of what a header says; its directions and its
-    /// origin stay.
+    /// World distance between samples along each axis. It replaces the spacing of a header, whose directions and origin
+    /// stay.
     pub spacing: Option<[f64; 3]>,
-    /// The byte order of a file without a header; little-endian where not given.
+    /// The byte order of a file without a header; `None` is little-endian.
     pub endian: Option<Endian>,
     /// Bytes before the first sample of a file without a header.
     pub offset: u64,
-    /// The value that takes the place of NaN and infinite ones; without it they are an error.
+    /// The finite number that replaces NaN and infinite samples; `None` makes such samples an error.
     pub replace_nan: Option<f64>,
-    /// Bytes of samples over which they are left in their file, if they are there uncompressed and in one piece, and read
-    /// brick by brick as they are needed; 4 MiB where not given.
+    /// The largest volume, in bytes of samples, that is always read into memory; 4 MiB by default. A larger one stays
+    /// in its file if its samples are uncompressed and in one piece there, and is read brick by brick.
     pub stream_over: u64,
 }
 
@@ -73,7 +73,7 @@ impl Format {
         }
     }
 
-    /// The format that the first bytes of a file show.
+    /// The format that the first bytes of a file belong to.
     fn of_content(head: &[u8]) -> Option<Self> {
         if head.starts_with(b"NRRD000") {
             Some(Self::Nrrd)
@@ -106,13 +106,17 @@ impl Format {
 /// Loads a volume: a file in NRRD, NIfTI, MetaImage or NumPy format, a file of bare samples, or the built-in volume
 /// `demo:NAME[:SIZE]` (see [`demos`]).
 ///
-/// The content of a file decides on its format, then its name. Any of them may be compressed with gzip. Files of bare
-/// samples need `dims` and `sample_type`; for others these are an error, as are `endian` and `offset`.
+/// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
+/// may be compressed with gzip. Files of bare samples need `dims` and `sample_type`. For all other files these two are
+/// an error, as are `endian` and `offset`.
 ///
 /// # Errors
-/// [`Error::Read`] where a file cannot be read, [`Error::Format`] where its content is malformed, cut short,
-/// inconsistent or not supported, [`Error::Volume`] where it has samples that are not finite or the phantom does not
-/// exist, [`Error::Setting`] where an option is out of range.
+/// - [`Error::Read`] if a file cannot be read.
+/// - [`Error::Format`] if its content is malformed, cut short, inconsistent or not supported.
+/// - [`Error::NonFinite`] if it has NaN or infinite samples and no replacement is given.
+/// - [`Error::Volume`] if the built-in volume does not exist.
+/// - [`Error::Setting`] if an option is out of range or does not apply to the file.
+/// - [`Error::Memory`] if there is no memory for the samples.
 pub fn load(source: impl AsRef<Path>, options: &LoadOptions) -> Result<Volume> {
     load_from(source.as_ref(), options)
 }
@@ -149,7 +153,7 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
     }
     let content = Format::of_content(&head);
     let has_raw_options = options.dims.is_some() || options.sample_type.is_some();
-    // The image file of a NIfTI pair may be given in place of its header.
+    // Users may name the image file of a NIfTI pair instead of its header.
     if content.is_none()
         && !has_raw_options
         && nifti::is_image_name(path)
@@ -171,7 +175,7 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
     }
 }
 
-/// Options that describe bare samples say something false about any other source.
+/// Refuses options for bare samples on any other source: they would contradict its header.
 fn refuse_raw_options(path: &Path, options: &LoadOptions, what: &str) -> Result<()> {
     let given = [
         ("dims", options.dims.is_some()),

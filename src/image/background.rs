@@ -1,14 +1,14 @@
-//! What a picture is laid over.
+//! The background of 8-bit pictures.
 
 use std::str::FromStr;
 
 use crate::color;
 use crate::error::Error;
 
-/// The background of a PNG.
+/// The background that a picture is composited over when it becomes 8-bit pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Background {
-    /// None: the PNG keeps straight alpha.
+    /// No background: pixels keep their alpha, as straight alpha.
     Transparent,
     /// An opaque colour, red, green and blue in 0..1, in display space.
     Color([f64; 3]),

@@ -38,11 +38,10 @@ impl Image {
         check_writable(path)
     }
 
-    /// Writes the picture by the extension of `path`.
+    /// Writes the picture in the format of the extension of `path`. The file appears whole or not at all.
     ///
-    /// `.png`: 8 bits per channel, rounded to the nearest, values as composited (they are in display space already);
-    /// over a colour, or with straight alpha where the background is transparent. `.exr`: RGBA in 32-bit float,
-    /// premultiplied, exactly as composited; the background is left out.
+    /// - `.png`: 8 bits per channel as from [`Image::to_rgba8`]. Over a colour the file has no alpha channel.
+    /// - `.exr`: RGBA in 32-bit float, premultiplied, exactly as composited. The background is not used.
     ///
     /// # Errors
     /// [`Error::Output`] as [`Image::check_output`], and if a PNG would have to hold a value that is not finite;
@@ -65,7 +64,7 @@ impl Image {
             (_, Background::Transparent) => (self.to_rgba8(background).into(), ExtendedColorType::Rgba8),
             (_, Background::Color(_)) => (without_alpha(&self.to_rgba8(background)).into(), ExtendedColorType::Rgb8),
         };
-        // Encoded in memory: encoders seek, and a failed encoding never touches the disk.
+        // Encoders seek, so they need a buffer; a failed encoding never touches the disk.
         let mut encoded = Cursor::new(Vec::new());
         image::write_buffer_with_format(&mut encoded, &bytes, self.width, self.height, color, format)
             .map_err(|e| Error::Write { path: path.to_owned(), source: io::Error::other(e) })?;
@@ -76,10 +75,10 @@ impl Image {
         })
     }
 
-    /// Reads a picture: PNG of any kind as display values with straight alpha, EXR as premultiplied values.
+    /// Reads a PNG or EXR picture. The alpha of a PNG is straight, that of an EXR premultiplied.
     ///
     /// # Errors
-    /// [`Error::Read`] where the file cannot be read, [`Error::Format`] where it is neither or is damaged.
+    /// [`Error::Read`] if the file cannot be read, [`Error::Format`] if it is neither PNG nor EXR or is damaged.
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let damaged = |reason: String| Error::Format { path: path.to_owned(), reason, hint: None };
@@ -106,8 +105,10 @@ impl Image {
     }
 }
 
-/// Refuses an EXR whose header claims more pixels than a picture may have: its decoder takes the header's word and aborts
-/// the process where there is no memory for it. (PNG decoding is bounded by `image` itself.)
+/// Refuses an EXR whose header claims more than [`Settings::MAX_SIZE`] pixels along a side or 2^28 pixels, 4 GiB, in
+/// all.
+///
+/// The decoder reserves the memory that the header claims, and aborts the process if there is none. `image` bounds PNG.
 fn check_exr_size(bytes: &[u8], format: Option<ImageFormat>) -> std::result::Result<(), String> {
     const MOST: usize = Camera::MAX_SIZE as usize;
     if format != Some(ImageFormat::OpenExr) {

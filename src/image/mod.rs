@@ -1,4 +1,4 @@
-//! Pictures: composited values in f32.
+//! Pictures: composited values in f32, their files and their 8-bit pixels.
 
 mod background;
 mod file;
@@ -7,9 +7,9 @@ pub use background::Background;
 
 use crate::error::{Error, Result};
 
-/// A picture as composited: premultiplied RGBA in f32, rows from the top.
+/// A picture as composited: premultiplied RGBA in f32, rows from the top, pixels of a row from the left.
 ///
-/// Colours are in the transfer function's own (display) space; alpha is 1 - transmittance. Values are not clamped.
+/// Colours are in display space, as in the transfer function. Alpha is 1 - transmittance. Values are not clamped.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image {
     width: u32,
@@ -18,10 +18,10 @@ pub struct Image {
 }
 
 impl Image {
-    /// A picture of the given pixels, row by row from the top.
+    /// A picture of the given premultiplied pixels, row by row from the top.
     ///
     /// # Errors
-    /// [`Error::Image`] if their number is not `width * height`.
+    /// [`Error::Image`] if there are not `width * height` pixels.
     pub fn new(width: u32, height: u32, pixels: Vec<[f32; 4]>) -> Result<Self> {
         if pixels.len() as u64 != u64::from(width) * u64::from(height) {
             return Err(Error::Image(format!("{} pixels do not make {width} x {height}", pixels.len())));
@@ -29,7 +29,7 @@ impl Image {
         Ok(Self { width, height, pixels })
     }
 
-    /// A transparent picture.
+    /// A picture of transparent pixels.
     ///
     /// # Errors
     /// [`Error::Memory`] if there is no memory for it: 16 bytes a pixel.
@@ -47,9 +47,9 @@ impl Image {
 
     /// The picture as 8-bit RGBA, 4 bytes a pixel, rows from the top, each from the left: `4 * width * height` bytes.
     ///
-    /// Over a colour, every alpha is 255. Over [`Background::Transparent`], alpha is straight: colours are divided by it,
-    /// and a pixel of alpha 0 is four zeros. Values are clamped to 0..1 and rounded to the nearest of 256 steps; they are
-    /// in display space already, so no gamma is applied. NaN becomes 0.
+    /// Over a colour, every alpha is 255. Over [`Background::Transparent`], alpha is straight: colours are divided by
+    /// it, and a pixel of alpha 0 is four zeros. Values are clamped to 0..1 and rounded to the nearest of 256 steps;
+    /// they are in display space already, so no gamma is applied. NaN becomes 0.
     ///
     /// ```
     /// use voxsplat::image::{Background, Image};
@@ -86,13 +86,13 @@ impl Image {
         self.height
     }
 
-    /// The pixels, row by row from the top.
+    /// The premultiplied pixels, row by row from the top.
     #[must_use]
     pub fn pixels(&self) -> &[[f32; 4]] {
         &self.pixels
     }
 
-    /// The pixels, to be changed.
+    /// The premultiplied pixels, mutable, row by row from the top.
     pub fn pixels_mut(&mut self) -> &mut [[f32; 4]] {
         &mut self.pixels
     }

@@ -15,7 +15,7 @@ use super::{ControlPoint, TransferFunction};
 use crate::color;
 use crate::error::{Error, Result};
 
-/// The file; its points stay text until each is read by itself, so that an error can name the point and its line.
+/// The file. Points stay text until each is parsed by itself, so an error can name the point and its line.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields, expecting = "an object with the keys `points` and `unit_distance`")]
 struct Document<'a> {
@@ -64,7 +64,7 @@ impl<'de> Deserialize<'de> for Color {
     }
 }
 
-/// The message of a JSON error without the position that it ends in.
+/// The message of a JSON error without the position at its end.
 fn bare(error: &serde_json::Error) -> String {
     let text = error.to_string();
     text.split_once(" at line ").map_or(text.clone(), |(message, _)| message.to_owned())
@@ -74,15 +74,15 @@ impl TransferFunction {
     /// Reads a transfer function from JSON text.
     ///
     /// # Errors
-    /// [`Error::Transfer`] that names the line and, inside of one, the point: malformed JSON, missing or unknown keys,
-    /// colours that are none, and whatever [`TransferFunction::new`] refuses.
+    /// [`Error::Transfer`] for malformed JSON, missing or unknown keys, wrong colours, and all that
+    /// [`TransferFunction::new`] refuses. It names the line and, inside a point, the point.
     pub fn from_json(text: &str) -> Result<Self> {
         let document: Document<'_> = serde_json::from_str(text)
             .map_err(|e| Error::Transfer(format!("line {} column {}: {}", e.line(), e.column(), bare(&e))))?;
         let mut points: Vec<ControlPoint> = Vec::with_capacity(document.points.len());
         for raw in document.points {
             let number = points.len() + 1;
-            // The raw text is a slice of `text`: how far into it tells the line.
+            // The raw text is a slice of `text`: its offset gives the line.
             let start = raw.get().as_ptr().addr() - text.as_ptr().addr();
             let line = 1 + text[..start].bytes().filter(|&b| b == b'\n').count();
             let error = |line: usize, reason: &str| Error::Transfer(format!("point {number} (line {line}): {reason}"));
@@ -95,10 +95,11 @@ impl TransferFunction {
         Self::new(points, document.unit_distance)
     }
 
-    /// Reads a JSON file.
+    /// Reads a transfer function from a JSON file.
     ///
     /// # Errors
-    /// [`Error::Read`], or [`Error::Format`] for what [`TransferFunction::from_json`] refuses.
+    /// [`Error::Read`] if the file cannot be read, [`Error::Format`] if [`TransferFunction::from_json`] refuses its
+    /// text.
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
@@ -111,7 +112,7 @@ impl TransferFunction {
         })
     }
 
-    /// The function as JSON text, one point per line; [`TransferFunction::from_json`] gives it back exactly.
+    /// The function as JSON text, one point per line. [`TransferFunction::from_json`] reads back the same function.
     #[must_use]
     pub fn to_json(&self) -> String {
         let points: Vec<String> = self
@@ -128,7 +129,7 @@ impl TransferFunction {
     }
 }
 
-/// The shortest decimal that reads back as the same number; always finite here.
+/// The shortest decimal that reads back as the same number. Numbers of a transfer function are finite.
 fn number(value: f64) -> String {
     format!("{value:?}")
 }

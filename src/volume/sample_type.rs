@@ -1,4 +1,4 @@
-//! The types a sample can have in a file, and the order of their bytes.
+//! The types of samples, and their byte order.
 
 use std::str::FromStr;
 
@@ -34,16 +34,16 @@ impl SampleType {
         }
     }
 
-    /// Whether numbers of this type have NaN and infinities.
+    /// Whether numbers of this type can be NaN or infinite.
     #[must_use]
     pub fn is_float(self) -> bool {
         matches!(self, Self::F32 | Self::F64)
     }
 
-    /// The type that a common name stands for, case and runs of blanks aside.
+    /// The type with a common name, in any case; runs of blanks count as one.
     ///
-    /// These are the spellings of C, NumPy and the NRRD format ("unsigned short int", "uint16_t", "ushort"). Plain
-    /// "long" is left out: it has 32 or 64 bits depending on who wrote it.
+    /// Names are those of C, NumPy and the NRRD format ("unsigned short int", "uint16_t", "ushort"). Plain "long" is
+    /// not accepted: depending on the writer it has 32 or 64 bits.
     #[must_use]
     pub(crate) fn from_name(name: &str) -> Option<Self> {
         let name = name.to_ascii_lowercase().split_ascii_whitespace().collect::<Vec<_>>().join(" ");
@@ -96,10 +96,10 @@ impl FromStr for SampleType {
     }
 }
 
-/// The order of the bytes of a sample.
+/// The byte order of samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Endian {
-    /// Least significant byte first: what nearly every file has.
+    /// Least significant byte first, as in nearly every file.
     #[default]
     Little,
     /// Most significant byte first.
@@ -107,7 +107,7 @@ pub enum Endian {
 }
 
 impl Endian {
-    /// The order of this machine.
+    /// The byte order of this machine.
     pub const NATIVE: Self = if cfg!(target_endian = "big") { Self::Big } else { Self::Little };
 }
 
@@ -128,7 +128,7 @@ impl FromStr for Endian {
 /// A number type that the samples of a volume can have: `u8`, `i8`, `u16`, `i16`, `u32`, `i32`, `u64`, `i64`, `f32` or
 /// `f64`.
 ///
-/// Sealed: these ten are what files hold and what the device classifies.
+/// Sealed: files hold these ten types, and the device classifies them.
 pub trait Sample: Number {
     /// The type as a value.
     const TYPE: SampleType;
@@ -148,9 +148,9 @@ mod number {
         /// The same number from the other byte order.
         #[must_use]
         fn swap(self) -> Self;
-        /// The number that a text spells; `None` if it is none of this type.
+        /// Parses a decimal number; `None` if the text is not a number of this type.
         fn parse(text: &str) -> Option<Self>;
-        /// The samples as a value of the type that holds any of the ten.
+        /// The samples as [`Samples`].
         fn collected(samples: Vec<Self>) -> Samples;
     }
 }
@@ -175,11 +175,11 @@ macro_rules! samples {
 }
 samples! {
     Self::swap_bytes,
-    // Some writers put integers down as floats: 3.0 or 1e3.
+    // Some writers spell integers as floats: 3.0 or 1e3.
     |text: &str| text.parse().ok().or_else(|| {
         let number: f64 = text.parse().ok()?;
         let integer = number as Self;
-        // Below 9e15, a little under 2^53, f64 tells every integer from its neighbours.
+        // Below 9e15, a little under 2^53, f64 holds every integer exactly.
         (integer as f64 == number && number.abs() < 9e15).then_some(integer)
     });
     U8 u8, I8 i8, U16 u16, I16 i16, U32 u32, I32 i32, U64 u64, I64 i64
@@ -193,8 +193,8 @@ samples! {
 /// Runs one expression with the Rust type `$t` of a [`SampleType`].
 macro_rules! with_type {
     ($type:expr, $t:ident => $body:expr) => {
-        $crate::volume::with_type!(@ $type, $t, $body; U8 u8, I8 i8, U16 u16, I16 i16, U32 u32, I32 i32, U64 u64, I64 i64,
-            F32 f32, F64 f64)
+        $crate::volume::with_type!(@ $type, $t, $body;
+            U8 u8, I8 i8, U16 u16, I16 i16, U32 u32, I32 i32, U64 u64, I64 i64, F32 f32, F64 f64)
     };
     (@ $type:expr, $t:ident, $body:expr; $($variant:ident $rust:ty),+) => {
         match $type {

@@ -1,4 +1,4 @@
-//! Where the samples of a volume are: in memory, or left in their file and read a range at a time.
+//! Samples in memory, or in their file and read a range at a time.
 
 use std::fs::File;
 use std::ops::Range;
@@ -16,7 +16,7 @@ pub(crate) enum Stored {
     File(FileSamples),
 }
 
-/// Samples in a file, as they are written there: binary, in one piece.
+/// Binary samples in one piece of a file.
 #[derive(Debug)]
 pub(crate) struct FileSamples {
     pub(crate) file: File,
@@ -26,11 +26,11 @@ pub(crate) struct FileSamples {
     pub(crate) count: usize,
     pub(crate) sample_type: SampleType,
     pub(crate) endian: Endian,
-    /// What stands in for NaN and infinite samples.
+    /// The number that replaces NaN and infinite samples.
     pub(crate) replacement: Option<f64>,
 }
 
-/// Bytes that one thread reads at a time.
+/// Bytes that one thread reads or checks at a time.
 const PIECE: usize = 1 << 20;
 
 impl Stored {
@@ -64,7 +64,7 @@ impl Stored {
         }
     }
 
-    /// Puts `raw` in the place of every NaN or infinite sample.
+    /// Replaces every NaN or infinite sample by `raw`.
     pub(crate) fn replace_non_finite(&mut self, raw: f64) {
         match self {
             Self::Memory(samples) => samples.replace_non_finite(raw),
@@ -139,10 +139,10 @@ impl Samples {
         with_samples!(self, s => Number::collected(s[range].to_vec()))
     }
 
-    /// How many are NaN or infinite, and the first of them.
+    /// The number of NaN and infinite samples, and the index of the first.
     pub(crate) fn non_finite(&self) -> (usize, Option<usize>) {
         fn count<T: Copy + Sync>(s: &[T], is_finite: impl Fn(T) -> bool + Sync) -> (usize, Option<usize>) {
-            // Whole pieces at a time, which vectorises; where one is spoilt, sample by sample.
+            // A fold over whole pieces vectorises. Samples are counted one by one only if a piece fails.
             let piece = |piece: &[T]| !piece.iter().fold(true, |all, &v| all & is_finite(v));
             if !s.par_chunks(PIECE / size_of::<T>()).any(piece) {
                 return (0, None);
@@ -165,7 +165,10 @@ impl Samples {
         }
     }
 
-    /// Sample `index` as stored, in f64 (64-bit integers beyond 2^53 are rounded). Panics past the end.
+    /// Sample `index` as stored, in f64; 64-bit integers beyond 2^53 are rounded.
+    ///
+    /// # Panics
+    /// If `index` is not under the number of samples.
     #[must_use]
     pub fn raw(&self, index: usize) -> f64 {
         with_samples!(self, s => s[index].to_f64())
