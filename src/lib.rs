@@ -6,8 +6,6 @@
 //! of a ray is exact whatever the thickness of the sheets; colours converge as its square.
 //!
 //! ```no_run
-//! use std::path::Path;
-//!
 //! use voxsplat::camera::{Camera, View};
 //! use voxsplat::image::Background;
 //! use voxsplat::renderer::{Renderer, RendererOptions};
@@ -25,7 +23,7 @@
 //! let view = View { azimuth: 30.0, elevation: 15.0, ..View::default() };
 //! let camera = Camera::new(&view, volume.grid(), settings.size)?;
 //! let rendered = renderer.render(&scene, &camera, &settings)?;
-//! rendered.image.save(Path::new("scan.png"), Background::default())?;
+//! rendered.image.save("scan.png", Background::default())?;
 //! print!("{}", rendered.stats);
 //! # Ok(())
 //! # }
@@ -33,11 +31,12 @@
 //!
 //! Where things are: [`volume`] (readers, phantoms, statistics), [`transfer`] (functions, presets, JSON), [`kernel`]
 //! (kernels and the footprint table), [`camera`], [`settings`], [`renderer`] (the GPU), [`mod@reference`] (the same
-//! model integrated in f64, to measure against), [`report`] (differences of pictures), [`image`] and [`output`]
-//! (files), [`stats`] and [`error`].
+//! model integrated in f64, to measure against), [`report`] (differences of pictures), [`image`] (pictures
+//! and their files), [`stats`] and [`error`].
 
 pub mod adapter;
 pub mod camera;
+mod color;
 pub mod demos;
 pub mod error;
 pub mod formats;
@@ -45,7 +44,9 @@ mod gpu;
 pub mod image;
 pub mod kernel;
 pub mod lighting;
-pub mod output;
+mod names;
+mod output;
+pub mod progress;
 pub mod reference;
 pub mod renderer;
 pub mod report;

@@ -3,8 +3,11 @@
 pub(crate) mod classify;
 pub(crate) mod context;
 pub(crate) mod layout;
-mod pipeline;
+pub(crate) mod painter;
+pub(crate) mod pipeline;
 pub(crate) mod quads;
+pub(crate) mod recorder;
+pub(crate) mod savings;
 pub(crate) mod scalars;
 pub(crate) mod scan;
 mod shaders;
@@ -18,3 +21,4 @@ pub(crate) mod timing;
 pub(crate) mod transfer;
 #[cfg(test)]
 mod twins;
+pub(crate) mod view;

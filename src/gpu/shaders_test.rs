@@ -178,8 +178,6 @@ fn constants_are_those_of_the_host() {
         ("classify", "MAX_INLINE_POINTS", super::layout::MAX_INLINE_POINTS as u64),
         ("scan", "RUN", super::scan::RUN),
         ("terminate", "RUN", super::quads::terminate::RUN),
-        ("terminate", "LEVELS", super::quads::terminate::LEVELS),
-        ("terminate", "STEP", super::quads::terminate::STEP),
         ("skip", "RUN_ROW", u64::from(super::layout::RUN_ROW)),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),
     ];

@@ -44,7 +44,7 @@ fn check(name: &str, volume: &str, view: View, settings: Settings) {
     let comparison = compare(&actual, &expected, step).unwrap();
     if comparison.outliers > 0 {
         let save = |image: &Image, what: &str| {
-            image.save(&results.join(format!("{name}.{what}.png")), Background::default()).unwrap();
+            image.save(results.join(format!("{name}.{what}.png")), Background::default()).unwrap();
         };
         save(&expected, "expected");
         save(&difference_picture(&actual, &expected, 20.0).unwrap(), "difference");

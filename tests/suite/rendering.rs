@@ -20,7 +20,7 @@ pub(crate) static RENDERER: LazyLock<Renderer> =
     LazyLock::new(|| Renderer::new(&RendererOptions::default()).unwrap_or_else(|e| panic!("{e}")));
 
 pub(crate) fn demo(name: &str, size: u32) -> (Volume, TransferFunction) {
-    let volume = load(&format!("demo:{name}:{size}"), &LoadOptions::default()).unwrap();
+    let volume = load(format!("demo:{name}:{size}"), &LoadOptions::default()).unwrap();
     (volume, demo_transfer(name).unwrap())
 }
 

@@ -8,7 +8,7 @@ use bytemuck::Zeroable;
 use glam::{DMat3, DVec2, DVec3};
 
 use super::super::layout::{self, MACROCELL, TILE};
-use super::super::quads::plan::Region;
+use super::super::view::Region;
 use super::axis::{PrincipalAxis, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};

@@ -4,7 +4,7 @@
 use glam::{DMat2, DVec2};
 
 use super::super::super::layout;
-use super::super::super::quads::plan::Region;
+use super::super::super::view::Region;
 use super::super::axis::PrincipalAxis;
 use super::{RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, rays_for_depth};
 

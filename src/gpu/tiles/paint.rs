@@ -1,0 +1,287 @@
+//! A picture by rays: what is refused, what the picture needs, and its regions.
+
+use std::sync::Arc;
+
+use super::super::context::Context;
+use super::super::layout;
+use super::super::painter::{Begun, Job, Painted, Painting, Room};
+use super::super::recorder::Recorder;
+use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights};
+use super::axis::PrincipalAxis;
+use super::pack::{Lit, Packed, Packing, Voxel};
+use super::parts::{Footprint, Sections};
+use super::rays::{Classification, FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
+use super::{MAX_PARALLEL_RADIUS, MAX_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
+use crate::error::Result;
+use crate::kernel::Kernel;
+use crate::settings::{Model, Painter, Resolution, Settings};
+use crate::stats::{PainterStats, RaySpacing, TilesStats};
+
+/// The painter: fast, and not for every picture.
+pub(crate) const ROOM: Room = Room { refusal, need, begin };
+
+/// Pixels for which a splat of an X-ray is worth a quad: a quad takes as long as about 40 rays for pixels, and most of
+/// them meet nothing. Measured on software; see `docs/measurements`.
+const PIXELS_PER_QUAD: u64 = 8;
+
+fn refusal(context: &Context, view: &ViewGeometry, settings: &Settings) -> Option<String> {
+    let growth = view.max_growth();
+    if view.is_perspective() && growth > 1.0 {
+        return Some("tiles draws kernels of one size, and in this perspective they grow with distance".to_owned());
+    }
+    let wide = !view.is_perspective() && !settings.is_post_shaded();
+    let most = if wide { MAX_PARALLEL_RADIUS } else { MAX_RADIUS };
+    if settings.kernel.radius() * growth > most {
+        let grown = if growth > 1.0 { ", and they have grown to the size of pixels" } else { "" };
+        return Some(format!("tiles draws kernels that reach at most {most} voxels here{grown}"));
+    }
+    if !settings.is_post_shaded() && view.is_among_voxels() {
+        return Some("tiles does not cut kernels at the eye, and the eye is among the voxels".to_owned());
+    }
+    if !context.features.contains(wgpu::Features::FLOAT32_FILTERABLE) {
+        return Some(format!("tiles needs filtered 32-bit floats, which {} has not", context.info.name));
+    }
+    None
+}
+
+/// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a ray
+/// at most sqrt(3) / 2 voxels, so three are at most 2.6 voxels. They count as 3: the parts of kernels in slabs are fitted,
+/// and a fit fades a little later than its kernel. Light takes central differences, a voxel farther. None of it depends on
+/// the direction, so that turning asks for no other splats.
+fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
+    if !settings.is_post_shaded() {
+        return ScalarNeed { padding: 0, influence: 0.0 };
+    }
+    const SLABS: f64 = 3.0;
+    let differences = if settings.lighting.is_some() { 1.0 } else { 0.0 };
+    let radius = view.max_radius();
+    ScalarNeed::new(radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS + differences)
+}
+
+fn begin(job: Job<'_>) -> Result<Begun<'_>> {
+    Ok(match Picture::new(job) {
+        Err(reason) => Begun::Refused(reason),
+        Ok(picture) if job.settings.painter == Painter::Auto && picture.is_better_by_quads() => {
+            Begun::Refused("an X-ray of few voxels is faster by quads".to_owned())
+        }
+        Ok(picture) => Begun::Ready(Box::new(picture)),
+    })
+}
+
+/// A picture under way.
+pub(super) struct Picture<'a> {
+    pub(super) job: Job<'a>,
+    /// The kernel as it has grown.
+    kernel: Kernel,
+    footprint: Footprint,
+    sections: Sections,
+    pub(super) lighting: layout::Lighting,
+    /// The principal axes that rays are marched along, and the volume as each of them reads it.
+    pub(super) axes: Vec<(PrincipalAxis, Packing)>,
+    packed: Option<Vec<Arc<Packed>>>,
+    rays: u64,
+    spacing: Option<Spacing>,
+}
+
+impl<'a> Picture<'a> {
+    /// Says why if it cannot be: the volume does not fit into a texture, or the kernel's footprint is no polynomial.
+    fn new(job: Job<'a>) -> std::result::Result<Self, String> {
+        let Job { context, view, settings, stores, transfer, .. } = job;
+        let kernel = settings.kernel.grown(view.max_growth());
+        let footprint = Footprint::new(&kernel)
+            .ok_or("tiles draws footprints that are polynomials of 8 terms to 5e-5, and this kernel's is none")?;
+        let lights = settings.light_count();
+        let voxel = match (settings.is_post_shaded(), lights) {
+            (false, lights) => Voxel::Color { lights },
+            (true, 0) => Voxel::Scalar,
+            (true, _) => Voxel::Gradient,
+        };
+        let dims = view.grid.dims().map(|n| n + 2 * job.padding);
+        let whole = !shows_nothing_else(&job);
+        let axes = PrincipalAxis::all(&view.camera, &view.grid, view.camera.size);
+        let packings = axes.iter().map(|axis| Packing::new(context, stores, dims, whole, axis.axes, voxel));
+        let packings: Option<Vec<Packing>> = packings.collect();
+        let packings = packings.ok_or("tiles packs the volume into a texture, which this volume outgrows")?;
+        let sections = Sections::new(&kernel, &view.camera, &axes, transfer.is_some());
+        let axes = axes.into_iter().zip(packings).collect();
+        let lighting = view.lighting(settings.lighting.as_ref());
+        Ok(Self { job, kernel, footprint, sections, lighting, axes, packed: None, rays: 0, spacing: None })
+    }
+
+    fn key(&self) -> TilesKey {
+        let [axis, ..] = self.axes.as_slice() else { return TilesKey::default() };
+        let (_, packing) = axis;
+        let Job { view, settings, .. } = self.job;
+        let [width, height] = view.camera.size;
+        let rays = self.rays(axis, Region { x: 0, y: 0, width, height });
+        TilesKey {
+            model: settings.model,
+            voxel: packing.voxel,
+            lights: settings.light_count(),
+            perspective: view.is_perspective(),
+            terms: self.footprint.terms(),
+            texels: match rays.map_or(0.0, |r| r.uniforms.row_half) {
+                // Rays through one eye that lean along a as much as along m reach over seven voxels.
+                _ if view.is_perspective() => 4,
+                half if half < 2.5 => 3,
+                half if half < 3.5 => 4,
+                _ => 5,
+            },
+            rays: match rays.map(|r| r.spacing) {
+                Some(Spacing::Voxel(_)) => RayKind::Shared,
+                Some(Spacing::Pixels(1.0)) if self.is_straight(axis) => RayKind::Straight,
+                Some(Spacing::Pixels(1.0)) | None => RayKind::Pixels,
+                Some(Spacing::Pixels(_)) => RayKind::Coarser,
+            },
+        }
+    }
+
+    /// Whether rays run along m so closely that they meet all planes at the same place.
+    fn is_straight(&self, (axis, packing): &(PrincipalAxis, Packing)) -> bool {
+        !self.job.view.is_perspective()
+            && self.kernel.radius() <= MAX_RADIUS
+            && axis.shear().abs().max_element() * f64::from(packing.dims[2]) < STRAIGHT
+    }
+
+    /// Whether software draws the picture faster by quads.
+    fn is_better_by_quads(&self) -> bool {
+        let [width, height] = self.job.view.camera.size.map(u64::from);
+        self.job.settings.model == Model::Xray
+            && matches!(self.key().rays, RayKind::Pixels | RayKind::Straight)
+            && PIXELS_PER_QUAD * self.job.splats() < width * height
+    }
+
+    /// Whether `packed` holds the splats of this picture in the layout of a axis.
+    fn serves(&self, axis: usize, packed: &Packed) -> bool {
+        let source = self.job.stores.first().map(|store| &store.splats);
+        self.axes[axis].1 == packed.packing && source == packed.source.as_ref()
+    }
+
+    /// Whether `packed`, made for an earlier picture, can be reused by a axis: as [`Self::serves`], and no light is baked
+    /// into its colours, which may come from the eye.
+    fn is_reusable(&self, packed: &Packed) -> bool {
+        let lit = matches!(packed.packing.voxel, Voxel::Color { lights: 1.. });
+        !lit && (0..self.axes.len()).any(|axis| self.serves(axis, packed))
+    }
+
+    /// The splats as each axis reads them: those that the scene holds from a picture before, or packed now.
+    fn pack(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles) -> Result<Vec<Arc<Packed>>> {
+        let mut held = self.job.scene.packed();
+        // Drop unusable packings first, so that old and new are never in memory together.
+        held.retain(|packed| self.is_reusable(packed));
+        let mut packed: Vec<Arc<Packed>> = Vec::new();
+        for axis in 0..self.axes.len() {
+            let served = packed.iter().chain(held.iter()).find(|packed| self.serves(axis, packed)).map(Arc::clone);
+            packed.push(match served {
+                Some(packed) => packed,
+                None => self.pack_for(recorder, pipelines, axis)?,
+            });
+        }
+        held.clone_from(&packed);
+        Ok(packed)
+    }
+
+    fn pack_for(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles, axis: usize) -> Result<Arc<Packed>> {
+        let Job { view, stores, weights, .. } = self.job;
+        let camera = &view.camera;
+        let eye = camera.eye().unwrap_or(camera.target);
+        let to_world = view.grid.to_world().matrix3;
+        let axes = [camera.right, camera.up, camera.forward];
+        let lit = Lit {
+            lighting: &self.lighting,
+            eye: view.grid.to_lattice().transform_point3(eye).as_vec3().to_array(),
+            view: [0, 1, 2].map(|i| axes.map(|axis| axis.dot(to_world.col(i)) as f32)),
+        };
+        let (_, packing) = self.axes[axis];
+        Ok(Arc::new(pipelines.packer.run(recorder, stores, packing, &lit, weights.max)?))
+    }
+
+    pub(super) fn rays(&self, (axis, packing): &(PrincipalAxis, Packing), region: Region) -> Option<Rays> {
+        let Job { view, settings, weights, transfer, padding, .. } = self.job;
+        let scalars = transfer.map(|table| Classification {
+            invisible: table.invisible,
+            lookup: table.lookup,
+            // Slabs of scalars are half a plane thick.
+            samples: settings.samples_per_slab(axis.slab_voxels() / 2.0),
+            skip_nothing: !shows_nothing_else(&self.job),
+        });
+        let divisor = settings.normalization.divisor(&settings.kernel) * view.max_growth().powi(3);
+        let setup = RaySetup {
+            camera: &view.camera,
+            size: view.camera.size,
+            volume: PackedBox { grid: &view.grid, packing: *packing, padding },
+            kernel: FittedKernel { kernel: self.kernel, footprint: &self.footprint, sections: &self.sections },
+            optics: Optics {
+                density_scale: 1.0 / (divisor * weights.unit),
+                opaque_depth: view.opaque_depth,
+                max_depth: weights.max * axis.voxel() / weights.unit,
+            },
+            scalars,
+            // What is classified has edges that only the rays of pixels keep; rays that are shared reach two voxels.
+            ray_per_pixel: settings.tiles().resolution == Resolution::Full
+                || scalars.is_some()
+                || self.kernel.radius() > MAX_RADIUS,
+        };
+        Rays::new(&setup, axis, region)
+    }
+
+    fn pipelines(&self) -> Result<Arc<Tiles>> {
+        let key = self.key();
+        self.job.pipelines.tiles.0.get_or_make(key, || Tiles::new(self.job.context, key))
+    }
+}
+
+/// Whether places without splats, at the transfer function's base, show nothing.
+fn shows_nothing_else(job: &Job<'_>) -> bool {
+    job.transfer.is_none_or(|table| table.invisible[0] <= table.invisible[1])
+}
+
+impl Painting for Picture<'_> {
+    fn is_empty(&self) -> bool {
+        self.axes.is_empty() || self.job.stores.is_empty() && shows_nothing_else(&self.job)
+    }
+
+    fn pixel_bytes(&self) -> u32 {
+        // The intermediate image, which is no larger than the picture: RGBA, f32.
+        16
+    }
+
+    fn make_pipelines(&self) -> Result<()> {
+        self.pipelines().map(|_| ())
+    }
+
+    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<Painted> {
+        let pipelines = self.pipelines()?;
+        let packed = match self.packed.take() {
+            Some(packed) => packed,
+            None => self.pack(recorder, &pipelines)?,
+        };
+        let marched = pipelines.draw(recorder, self, &packed, region)?;
+        self.packed = Some(packed);
+        self.rays += marched.rays;
+        self.spacing = marched.spacing.or(self.spacing);
+        Ok(Painted { pixels: marched.pixels, margin: 0 })
+    }
+
+    fn footprint_error(&self) -> f64 {
+        self.footprint.error
+    }
+
+    fn stats(&self) -> PainterStats {
+        let per_plane = if self.job.transfer.is_some() { 2 } else { 1 };
+        let (slabs, slab_thickness) = self
+            .axes
+            .first()
+            .map_or((0, 0.0), |(axis, packing)| (packing.dims[2] * per_plane, axis.slab() / f64::from(per_plane)));
+        PainterStats::Tiles(TilesStats {
+            slabs,
+            slab_thickness,
+            rays: self.rays,
+            spacing: self.spacing.map(|spacing| match spacing {
+                Spacing::Voxel(rays) => RaySpacing::PerVoxel(rays),
+                Spacing::Pixels(pitch) => RaySpacing::Pixels(pitch),
+            }),
+            packed_bytes: self.packed.iter().flatten().map(|packed| packed.bytes()).sum(),
+        })
+    }
+}
