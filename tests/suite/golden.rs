@@ -6,14 +6,14 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::image::{Background, Image};
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::report::{compare, difference_picture};
 use voxsplat::settings::{Accumulation, Model, Painter, Precision, Settings, Shading, Sheets};
 
-use crate::rendering::{RENDERER, demo};
+use crate::support::{demo, look, render};
 
 fn directory(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
@@ -23,10 +23,8 @@ fn directory(name: &str) -> PathBuf {
 fn check(name: &str, volume: &str, view: View, settings: Settings) {
     let (volume, transfer) = demo(volume, 40);
     let precision = (settings.painter != Painter::Tiles).then_some(Precision::F32);
-    let settings = Settings { size: [64, 56], precision, ..settings };
-    let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
-    let scene = RENDERER.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
-    let image = RENDERER.render(&scene, &camera, &settings).unwrap().image;
+    let settings = Settings { precision, ..settings };
+    let image = render(&volume, &transfer, &look(&view, &volume, [64, 56]), &settings);
     let golden = directory("tests/golden").join(format!("{name}.png"));
     if std::env::var_os("VOXSPLAT_BLESS").is_some() {
         image.save(&golden, Background::Transparent).unwrap();

@@ -16,4 +16,6 @@ mod readers_errors;
 mod rendering;
 mod savings;
 mod streaming;
+mod support;
 mod tiles;
+mod truth;

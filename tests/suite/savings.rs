@@ -1,19 +1,17 @@
 //! What is left out changes no picture, and is left out.
 
-use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
-use voxsplat::renderer::{Renderer, RendererOptions, Scene};
+use voxsplat::renderer::{Renderer, Scene};
 use voxsplat::settings::{Model, Savings, Settings, Shading};
 use voxsplat::stats::Stats;
 use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 
-use crate::rendering::{PERSPECTIVE, RENDERER, f32_settings};
-
-fn lit() -> Option<Lighting> {
-    Some(Lighting { lights: vec![Light::Headlight], ..Lighting::default() })
-}
+use crate::support::{
+    PERSPECTIVE, draw_on, exact_quads, headlight, look, new_renderer, picture, prepare_on, thick, transfer, with_quads,
+};
 
 /// Two balls that fade outwards, one in the middle, over a background that falls away from them: what is dropped is not 0.
 fn balls() -> (Volume, TransferFunction) {
@@ -28,9 +26,7 @@ fn balls() -> (Volume, TransferFunction) {
     let points = (0..dims.iter().product()).map(|i| [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])]);
     let grid = Grid::axis_parallel(dims, [1.0; 3]).unwrap();
     let volume = Volume::new(grid, Samples::F32(points.map(value).collect())).unwrap();
-    let point = |value, opacity, color| ControlPoint { value, color, opacity };
-    let points = vec![point(20.0, 0.0, [1.0, 0.2, 0.1]), point(40.0, 0.4, [0.2, 0.9, 1.0])];
-    (volume, TransferFunction::new(points, None).unwrap())
+    (volume, transfer(&[(20.0, [1.0, 0.2, 0.1], 0.0), (40.0, [0.2, 0.9, 1.0], 0.4)], None))
 }
 
 fn without() -> [(&'static str, Savings); 6] {
@@ -48,25 +44,22 @@ fn without() -> [(&'static str, Savings); 6] {
 #[test]
 fn nothing_that_is_left_out_changes_a_pixel() {
     let (volume, transfer) = balls();
-    let pre = Settings { termination: 1e-3, ..f32_settings(56) };
+    let pre = Settings { termination: 1e-3, ..exact_quads() };
     let post = Settings { shading: Shading::Post, ..pre.clone() };
     let scenes = [
         ("pre-shaded", pre.clone()),
-        ("lit", Settings { lighting: lit(), ..pre.clone() }),
+        ("lit", Settings { lighting: headlight(), ..pre.clone() }),
         ("X-ray", Settings { model: Model::Xray, ..pre.clone() }),
         ("post-shaded", post.clone()),
-        ("post-shaded and lit", Settings { lighting: lit(), ..post.clone() }),
-        ("thick sheets", Settings { sheet_thickness: 1.5, ..post }),
+        ("post-shaded and lit", Settings { lighting: headlight(), ..post.clone() }),
+        ("thick sheets", thick(&post, 1.5)),
         ("maximum", Settings { model: Model::Mip, ..pre }),
     ];
     for (name, settings) in scenes {
         for (projection, zoom) in [(ProjectionKind::Orthographic, 3.0), (PERSPECTIVE, 1.6)] {
             let view = View { azimuth: 25.0, elevation: 15.0, zoom, projection, ..View::default() };
-            let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
-            let render = |settings: &Settings| {
-                let scene = RENDERER.prepare(&volume, &transfer, settings, &|_| ()).unwrap();
-                RENDERER.render(&scene, &camera, settings).unwrap()
-            };
+            let camera = look(&view, &volume, [56; 2]);
+            let render = |settings: &Settings| picture(&volume, &transfer, &camera, settings);
             let expected = render(&settings);
             assert!(expected.image.pixels().iter().any(|p| p[3] > 0.1), "{name}: nothing to see");
             for (saving, savings) in without() {
@@ -112,10 +105,10 @@ fn post_shading_keeps_exactly_the_scalars_that_can_take_part() {
     let (volume, transfer) = balls();
     // Two voxels meet in a pixel where each is within a kernel radius of its three sheets.
     for (sheet_thickness, reach) in [(1.0, 2.0 * 2.0 + 3.0), (0.25, 2.0 * 2.0 + 0.75)] {
-        let settings = Settings { shading: Shading::Post, sheet_thickness, antialiasing: false, ..f32_settings(48) };
-        let camera = Camera::new(&View::default(), volume.grid(), settings.size).unwrap();
-        let scene = RENDERER.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
-        let stats = RENDERER.render(&scene, &camera, &settings).unwrap().stats;
+        let settings = Settings { shading: Shading::Post, antialiasing: false, ..exact_quads() };
+        let settings = thick(&settings, sheet_thickness);
+        let camera = look(&View::default(), &volume, [48; 2]);
+        let stats = picture(&volume, &transfer, &camera, &settings).stats;
         let [shown, expected] = counted(&volume, reach);
         // A scalar of 20, the base, weighs nothing and is no splat.
         let zeros = volume.in_memory().unwrap();
@@ -127,14 +120,13 @@ fn post_shading_keeps_exactly_the_scalars_that_can_take_part() {
 
 fn turn(renderer: &Renderer, scene: &Scene, volume: &Volume, settings: &Settings, azimuth: f64) -> Stats {
     let view = View { azimuth, elevation: 20.0, ..View::default() };
-    let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
-    renderer.render(scene, &camera, settings).unwrap().stats
+    draw_on(renderer, scene, &look(&view, volume, [128; 2]), settings).unwrap().stats
 }
 
 #[test]
 fn only_what_a_scene_needs_is_made_and_sent() {
     let (volume, transfer) = balls();
-    let pre = f32_settings(128);
+    let pre = exact_quads();
     let post = Settings { shading: Shading::Post, ..pre.clone() };
     // Pipelines: two of classification, two of the scan, three of the sort; one of splats and one that wipes sheets, one that
     // composites or shades, one that resolves, and four of termination.
@@ -142,13 +134,13 @@ fn only_what_a_scene_needs_is_made_and_sent() {
         (pre.clone(), 11),
         (Settings { termination: 0.01, ..pre.clone() }, 15),
         (Settings { model: Model::Xray, ..pre.clone() }, 11),
-        (Settings { lighting: lit(), ..pre.clone() }, 11),
+        (Settings { lighting: headlight(), ..pre.clone() }, 11),
         (post.clone(), 8),
         (Settings { model: Model::Mip, ..pre.clone() }, 8),
     ];
     for (settings, pipelines) in scenes {
-        let renderer = Renderer::new(&RendererOptions::default()).unwrap();
-        let scene = renderer.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
+        let renderer = new_renderer();
+        let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
         let first = turn(&renderer, &scene, &volume, &settings, 0.0);
         assert_eq!(first.pipelines, pipelines, "{settings:?}");
         let splats = first.splats_kept + first.splats_padding;
@@ -172,12 +164,12 @@ fn only_what_a_scene_needs_is_made_and_sent() {
 #[test]
 fn a_change_redoes_only_the_stages_that_depend_on_it() {
     let (volume, transfer) = balls();
-    let renderer = Renderer::new(&RendererOptions::default()).unwrap();
-    let post =
-        Settings { shading: Shading::Post, lighting: lit(), footprint_table: Some([256, 8]), ..f32_settings(128) };
+    let renderer = new_renderer();
+    let post = Settings { shading: Shading::Post, lighting: headlight(), ..exact_quads() };
+    let post = with_quads(&post, |q| q.footprint_table = Some([256, 8]));
     let pre = Settings { shading: Shading::Pre, ..post.clone() };
     for settings in [pre, post] {
-        let scene = renderer.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
+        let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
         let first = turn(&renderer, &scene, &volume, &settings, 10.0);
         // Another light: parameters.
         let lighting = Lighting { lights: vec![Light::Directional(glam::DVec3::X)], ..Lighting::default() };
@@ -193,7 +185,7 @@ fn a_change_redoes_only_the_stages_that_depend_on_it() {
         // Another transfer function: no pipelines.
         let points = transfer.points().iter().map(|p| ControlPoint { value: p.value + 10.0, ..*p }).collect();
         let other = TransferFunction::new(points, None).unwrap();
-        let scene = renderer.prepare(&volume, &other, &settings, &|_| ()).unwrap();
+        let scene = prepare_on(&renderer, &volume, &other, &settings).unwrap();
         let stats = turn(&renderer, &scene, &volume, &settings, 10.0);
         assert!(stats.splats_kept < first.splats_kept && stats.bricks_uploaded <= first.bricks_uploaded);
     }
