@@ -1,4 +1,4 @@
-//! Each GPU stage against its CPU twin, on whatever adapter there is.
+//! Each GPU stage against its CPU twin, on the adapter of the tests.
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
@@ -18,6 +18,14 @@ use crate::renderer::{Renderer, RendererOptions};
 use crate::settings::{Accumulation, Precision, Settings, Sheets};
 use crate::transfer::{ControlPoint, TransferFunction};
 use crate::volume::{Grid, Samples, Volume};
+
+#[path = "../../tests/suite/adapter.rs"]
+mod adapter;
+use adapter::adapter;
+
+fn context() -> Context {
+    Context::new(Some(&adapter())).unwrap()
+}
 
 fn download(context: &Context, buffer: &wgpu::Buffer, bytes: u64) -> Vec<u8> {
     let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
@@ -71,7 +79,7 @@ fn steps() -> TransferFunction {
 
 #[test]
 fn classify_matches_its_twin_for_every_type() {
-    let context = Context::new(None).unwrap();
+    let context = context();
     let dims = [7, 5, 9];
     let values: Vec<i32> = (0..7 * 5 * 9).map(|i| i * 37 % 128).collect();
     macro_rules! each {
@@ -110,7 +118,7 @@ fn assert_classified(context: &Context, volume: &Volume, transfer: &TransferFunc
 
 #[test]
 fn classify_matches_its_twin_for_few_and_many_control_points() {
-    let context = Context::new(None).unwrap();
+    let context = context();
     let samples = Samples::F32((0..40 * 7 * 3).map(|i| (i * 37 % 1000) as f32 / 7.0 - 10.0).collect());
     let volume = Volume::new(Grid::axis_parallel([40, 7, 3], [1.0; 3]).unwrap(), samples).unwrap();
     for count in [1, 2, FEW - 1, FEW, FEW + 1, 3 * FEW] {
@@ -128,7 +136,7 @@ fn classify_matches_its_twin_for_few_and_many_control_points() {
 /// Bricks know the box around their splats, which rays and culling go by.
 #[test]
 fn bricks_are_bounded_by_their_splats() {
-    let context = Context::new(None).unwrap();
+    let context = context();
     let dims = [70_u32, 40, 33];
     let shown = [[3, 5, 7], [9, 5, 31], [31, 31, 32], [69, 39, 0]];
     let at = |[x, y, z]: [u32; 3]| (x + dims[0] * (y + dims[1] * z)) as usize;
@@ -145,7 +153,7 @@ fn bricks_are_bounded_by_their_splats() {
 
 #[test]
 fn wide_integers_keep_the_resolution_of_their_window() {
-    let context = Context::new(None).unwrap();
+    let context = context();
     let base = 4_000_000_000_u32;
     let volume = Volume::new(
         Grid::axis_parallel([64, 1, 1], [1.0; 3]).unwrap(),
@@ -167,7 +175,7 @@ fn wide_integers_keep_the_resolution_of_their_window() {
 #[test]
 fn chunks_continue_the_lattice() {
     // 216 bricks, which take two batches, those at the ends cut short.
-    let context = Context::new(None).unwrap();
+    let context = context();
     let dims = [163_u32, 167, 163];
     let count = dims.iter().product::<u32>();
     let samples = (0..count).map(|i| u8::from(i % 9973 == 0) * 60).collect();
@@ -179,7 +187,7 @@ fn chunks_continue_the_lattice() {
 
 #[test]
 fn scan_matches_its_twin() {
-    let context = Context::new(None).unwrap();
+    let context = context();
     let scan = Scan::new(&context);
     for count in [1, 2, 127, 128, 129, 16_384, 16_385, 2_100_000] {
         let values: Vec<u32> = (0..count).map(|i: u32| i.wrapping_mul(2_654_435_761) >> 29).collect();
@@ -224,7 +232,7 @@ const WHOLE: Region = Region { x: 0, y: 0, width: 24, height: 20 };
 #[test]
 fn sort_matches_its_twin() {
     let (volume, transfer, cameras, settings) = scene();
-    let context = Context::new(None).unwrap();
+    let context = context();
     let scan = Scan::new(&context);
     let stores = classified(&context, &volume, &transfer);
     let splats = downloaded(&context, &stores);
@@ -266,7 +274,7 @@ fn sort_matches_its_twin() {
 #[test]
 fn splat_composite_and_resolve_match_their_twins() {
     let (volume, transfer, cameras, settings) = scene();
-    let renderer = Renderer::new(&RendererOptions::default()).unwrap();
+    let renderer = Renderer::new(&RendererOptions { adapter: Some(adapter()) }).unwrap();
     let prepared = renderer.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
     let splats = twins::classify(&volume, &transfer);
     for (camera, perspective) in cameras.iter().zip([false, true]) {

@@ -7,8 +7,10 @@
     reason = "a failing helper fails its test; the lints' own exemption covers test functions only"
 )]
 
+mod adapter;
 mod algorithms;
 mod cli;
+mod demos;
 mod golden;
 mod presets;
 mod readers;

@@ -15,15 +15,10 @@ use voxsplat::settings::{Painter, Precision, Resolution, Settings};
 use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::Volume;
 
+use crate::adapter::adapter;
+
 /// One device for all tests of this binary.
 pub(crate) static RENDERER: LazyLock<Renderer> = LazyLock::new(new_renderer);
-
-/// Part of the name of the adapter that tests run on.
-///
-/// Bounds and goldens are those of a named driver, so the best adapter of the machine is not taken.
-pub(crate) fn adapter() -> String {
-    std::env::var("VOXSPLAT_TEST_ADAPTER").unwrap_or_else(|_| "llvmpipe".to_owned())
-}
 
 /// A device of its own, for tests that count what was made on it.
 pub(crate) fn new_renderer() -> Renderer {
