@@ -112,7 +112,8 @@ fn axis_aligned_sheets_have_the_alpha_of_image_aligned_ones() {
         let expected = truth(&volume, &transfer, &camera, &settings);
         let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings), &expected);
         assert!(alpha < 5e-5, "{projection:?}: alpha errs by {alpha:e}");
-        assert!(color < 0.1, "{projection:?}: colour errs by {color:e}");
+        // A footprint is in one sheet as a whole, two voxels too near or too far at most: 1.8e-2 was measured.
+        assert!(color < 0.03, "{projection:?}: colour errs by {color:e}");
     }
 }
 

@@ -3,6 +3,7 @@
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::kernel::{Kernel, Normalization};
+use voxsplat::renderer::Rendered;
 use voxsplat::settings::{Precision, Settings};
 use voxsplat::volume::{Grid, Samples, Volume};
 
@@ -50,11 +51,12 @@ fn anisotropic_and_sheared_grids_are_as_exact() {
         for projection in PROJECTIONS {
             let camera = camera(50.0, projection, &volume, 40);
             let expected = truth(&volume, &transfer, &camera, &exact_quads());
-            for thickness in [0.5, 1.0, 2.0] {
+            // Second order in the thickness: 2.9e-4, 1.1e-3 and 4.2e-3 were measured.
+            for (thickness, limit) in [(0.5, 5e-4), (1.0, 2e-3), (2.0, 7e-3)] {
                 let settings = thick(&exact_quads(), thickness);
                 let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings), &expected);
-                assert!(alpha < 5e-5, "grid {index} {projection:?} {thickness}: alpha errs by {alpha:e}");
-                assert!(color < 0.02, "grid {index} {projection:?} {thickness}: colour errs by {color:e}");
+                assert!(alpha < 5e-6, "grid {index} {projection:?} {thickness}: alpha errs by {alpha:e}");
+                assert!(color < limit, "grid {index} {projection:?} {thickness}: colour errs by {color:e}");
             }
         }
     }
@@ -151,7 +153,7 @@ fn the_same_scene_gives_the_same_bytes() {
 
 #[test]
 fn transparent_voxels_change_nothing() {
-    // The same ball with and without a margin of air: every bit of the picture is the same.
+    // The same ball with and without a margin of air.
     let ball = |size: u32| {
         let middle = f64::from(size - 1) / 2.0;
         let at = |i: u32| (f64::from(i) - middle).powi(2);
@@ -172,10 +174,9 @@ fn transparent_voxels_change_nothing() {
         (rendered.stats.splats_kept, rendered.image)
     });
     assert_eq!(small.0, large.0);
-    // Sheets begin where the volume does, so they cut the ball elsewhere: colours differ by the error of a sheet,
-    // alpha by rounding.
+    // Sheets cut the ball elsewhere, which does not tell in one of one colour; sums are rounded in another order.
     let (color, alpha) = errors(&small.1, &large.1);
-    assert!(alpha < 2e-6 && color < 1e-6 + 2e-6, "colour {color:e}, alpha {alpha:e}");
+    assert!(alpha < 2e-6 && color < 3e-6, "colour {color:e}, alpha {alpha:e}");
 }
 
 #[test]
@@ -232,6 +233,10 @@ fn a_picture_made_in_parts_is_the_whole_picture() {
     let view = View { view_height: Some(14.0), ..View::default() };
     let settings = with_quads(&exact_quads(), |q| q.sheets_per_pass = Some(8));
     let [large, small] = [2001, 667].map(|size| draw(&scene, &look(&view, &volume, [size; 2]), &settings));
+    // A pass per batch of sheets that splats reach, in each part.
+    let batches = |rendered: &Rendered| (rendered.stats.passes, u64::from(rendered.stats.batches));
+    let ((small_passes, few), (large_passes, most)) = (batches(&small), batches(&large));
+    assert!(small_passes <= few && large_passes > most, "{small_passes} of {few}, {large_passes} of {most}");
     // The middle of each small pixel is the middle of the middle one of nine large ones.
     let mut worst = 0.0_f32;
     for y in 0..667_usize {

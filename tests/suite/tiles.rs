@@ -9,7 +9,7 @@ use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
     Framed, RENDERER, demo, draw, draw_on, errors, headlight, look, new_renderer, picture, prepare, prepare_on,
-    rms_in_steps, rms_of_all, thick, transfer, two_lights, with_quads, with_tiles,
+    rms_in_steps, rms_of_all, transfer, two_lights, with_quads, with_tiles,
 };
 use crate::truth::truth;
 
@@ -29,12 +29,20 @@ fn from_eye([azimuth, elevation, fov]: [f64; 3], distance: Option<f64>, volume: 
     look(&View { azimuth, elevation, projection, distance, ..View::default() }, volume, [size; 2])
 }
 
+/// The largest errors of colour and alpha with a ray per pixel, 1.1 to 2 times those that were measured.
+///
+/// What is in a slab is merged: the error of colours is of second order in its thickness, 1 to 1.7 voxels. It is largest
+/// where one colour hides another within a slab, as thin vessels do, and least in ellipsoids of nearly one colour.
+/// Alpha errs by the fit of footprints by polynomials alone.
+const LIMITS: [(&str, f64, f64); 3] =
+    [("marschner-lobb", 2e-3, 1e-4), ("vessels", 4e-3, 1.5e-4), ("shepp-logan", 2e-4, 2e-4)];
+
 /// Views along an axis, between two and three of them, from behind and from below.
 const VIEWS: [(f64, f64); 6] = [(0.0, 0.0), (30.0, 20.0), (45.0, 35.264), (100.0, -50.0), (215.0, 10.0), (0.0, 45.0)];
 
 #[test]
 fn a_ray_per_pixel_is_the_reference() {
-    for (name, limit) in [("marschner-lobb", 2e-3), ("vessels", 4e-3), ("shepp-logan", 1e-3)] {
+    for (name, color_limit, alpha_limit) in LIMITS {
         let (volume, transfer) = demo(name, 32);
         for (azimuth, elevation) in VIEWS {
             let settings = full();
@@ -43,7 +51,7 @@ fn a_ray_per_pixel_is_the_reference() {
             let got = picture(&volume, &transfer, &camera, &settings);
             assert_eq!((got.stats.painter, got.stats.rays_per_voxel), (Painter::Tiles, None));
             let (color, alpha) = errors(&got.image, &expected);
-            assert!(alpha < 3e-4 && color < limit, "{name} {azimuth} {elevation}: {color:e} {alpha:e}");
+            assert!(alpha < alpha_limit && color < color_limit, "{name} {azimuth} {elevation}: {color:e} {alpha:e}");
         }
     }
 }
@@ -130,7 +138,7 @@ const EYES: [[f64; 3]; 5] =
 
 #[test]
 fn rays_through_one_eye_are_those_of_the_reference() {
-    for (name, limit) in [("marschner-lobb", 2.5e-3), ("vessels", 4e-3), ("shepp-logan", 1e-3)] {
+    for (name, color_limit, alpha_limit) in LIMITS {
         let (volume, transfer) = demo(name, 32);
         for eye in EYES {
             let settings = full();
@@ -139,7 +147,7 @@ fn rays_through_one_eye_are_those_of_the_reference() {
             let got = picture(&volume, &transfer, &camera, &settings);
             assert_eq!(got.stats.painter, Painter::Tiles);
             let (color, alpha) = errors(&got.image, &expected);
-            assert!(alpha < 3e-4 && color < limit, "{name} {eye:?}: {color:e} {alpha:e}");
+            assert!(alpha < alpha_limit && color < color_limit, "{name} {eye:?}: {color:e} {alpha:e}");
         }
     }
 }
@@ -147,16 +155,18 @@ fn rays_through_one_eye_are_those_of_the_reference() {
 #[test]
 fn scalars_are_classified_about_as_well_as_by_quads() {
     let post = Settings { shading: Shading::Post, ..full() };
-    // Slabs are thinner than sheets, their means less exact where kernels end in a jump; gradients are those of the lattice.
+    // A share of quads' error, and a limit of its own for each volume: one and a half times what was measured.
+    // Slabs are thinner than sheets, their means less exact where kernels end in a jump; gradients are those of the
+    // lattice. The largest value of a ray is that of a jump in many pixels of marschner-lobb.
     let cases = [
-        (post.clone(), 1.3),
-        (Settings { interslice: Interslice::Mean, ..post.clone() }, 1.2),
-        (Settings { lighting: headlight(), ..post.clone() }, 0.6),
-        (Settings { model: Model::Mip, ..post.clone() }, 1.2),
-        (Settings { kernel: Kernel::KAISER_BESSEL, ..post }, 0.5),
+        (post.clone(), 1.3, [2.7e-3, 1.6e-3]),
+        (Settings { interslice: Interslice::Mean, ..post.clone() }, 1.2, [2.8e-3, 2.6e-3]),
+        (Settings { lighting: headlight(), ..post.clone() }, 0.6, [7.7e-3, 2.8e-3]),
+        (Settings { model: Model::Mip, ..post.clone() }, 1.2, [0.1, 4.4e-3]),
+        (Settings { kernel: Kernel::KAISER_BESSEL, ..post }, 0.5, [5.4e-4, 2.3e-3]),
     ];
-    for (settings, limit) in cases {
-        for name in ["marschner-lobb", "vessels"] {
+    for (settings, of_quads, alone) in cases {
+        for (name, limit) in ["marschner-lobb", "vessels"].into_iter().zip(alone) {
             let (volume, transfer) = demo(name, 24);
             let cameras = [
                 camera(100.0, -50.0, 1.0, &volume, 36),
@@ -171,8 +181,8 @@ fn scalars_are_classified_about_as_well_as_by_quads() {
                 assert_eq!(got.stats.painter, Painter::Tiles);
                 [&got, &picture(&volume, &transfer, &camera, &quads)].map(|r| rms_of_all(&r.image, &expected).powi(2))
             });
-            let [tiles, quads] = [0, 1].map(|painter| squares.iter().map(|s| s[painter]).sum::<f64>().sqrt());
-            assert!(tiles < limit * quads, "{settings:?} {name}: {tiles:e}, quads {quads:e}");
+            let [tiles, quads] = [0, 1].map(|painter| (squares.iter().map(|s| s[painter]).sum::<f64>() / 3.0).sqrt());
+            assert!(tiles < of_quads * quads && tiles < limit, "{settings:?} {name}: {tiles:e}, quads {quads:e}");
         }
     }
 }
@@ -208,8 +218,7 @@ fn a_ray_per_voxel_errs_by_less_than_half_a_step() {
             let camera = camera(azimuth, elevation, 1.0, &volume, 240);
             let expected = picture(&volume, &transfer, &camera, &exact);
             let got = picture(&volume, &transfer, &camera, &settings);
-            // What is opaque asks for more rays than there are pixels from some sides.
-            assert!(got.stats.rays_per_voxel.is_some() || name == "vessels");
+            assert!(got.stats.rays_per_voxel.is_some(), "{name} {azimuth} {elevation}");
             let error = rms_in_steps(&got.image, &expected.image);
             assert!(error < 0.45, "{name} {azimuth} {elevation}: {error}");
         }
@@ -238,7 +247,7 @@ fn a_coarser_raster_errs_by_less_than_half_a_step() {
 }
 
 #[test]
-fn every_model_that_is_served_is_that_of_quads() {
+fn every_model_that_is_served_follows_the_reference() {
     let (volume, transfer) = demo("marschner-lobb", 32);
     let base = full();
     let cases = [
@@ -261,15 +270,15 @@ fn every_model_that_is_served_is_that_of_quads() {
     ];
     for settings in cases {
         for camera in cameras {
-            // Thin sheets, for what quads err by to be small.
-            let thickness = if settings.model == Model::Xray { 1.0 } else { 0.25 };
-            let quads = with_quads(&thick(&settings, thickness), |q| q.precision = Some(Precision::F32));
-            let expected = picture(&volume, &transfer, &camera, &quads);
+            let expected = truth(&volume, &transfer, &camera, &settings);
             let got = picture(&volume, &transfer, &camera, &settings);
-            let (color, alpha) = errors(&got.image, &expected.image);
-            // A slab is 1.2 voxels thick, which is much of a narrow kernel.
-            let limit = if settings.kernel.radius() < 2.0 { 5e-3 } else { 2e-3 };
-            assert!(alpha < 5e-4 && color < limit, "{settings:?} {camera:?}: {color:e} {alpha:e}");
+            assert_eq!(got.stats.painter, Painter::Tiles);
+            let (color, alpha) = errors(&got.image, &expected);
+            // A slab is 1.2 voxels thick, which is much of a narrow kernel: 4.7e-3 was measured of it, 9.2e-4 of others.
+            // One sum has no slabs. Alpha is that of footprints fitted by polynomials: 9.4e-5.
+            let narrow = settings.kernel.radius() < 2.0;
+            let limit = if settings.model == Model::Xray { 1.5e-4 } else { [1.5e-3, 6e-3][usize::from(narrow)] };
+            assert!(alpha < 1.5e-4 && color < limit, "{settings:?} {camera:?}: {color:e} {alpha:e}");
         }
     }
 }
@@ -372,6 +381,7 @@ fn turning_packs_the_volume_once_an_axis() {
     };
     // Without timestamps the stage does not show.
     if !packs(25.0, &settings) {
+        assert!(!renderer.adapter().name.contains("llvmpipe"), "llvmpipe has timestamps");
         return;
     }
     assert!(!packs(10.0, &settings) && !packs(35.0, &settings));
