@@ -308,61 +308,6 @@ fn stamp(samples: &mut [u8], size: u32, center: DVec3, radius: f64) {
 mod tests {
     use super::*;
 
-    /// The line integral of the phantom: the sum over ellipsoids of density times length of the ray inside.
-    fn projected(origin: DVec3, direction: DVec3) -> f64 {
-        let chord = |&(density, axes, center, turn): &(f64, [f64; 3], [f64; 3], f64)| {
-            let (sin, cos) = turn.to_radians().sin_cos();
-            // The map into the space in which the ellipsoid is the unit ball.
-            let into =
-                |v: DVec3| DVec3::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x, v.z) / DVec3::from_array(axes);
-            let (o, d) = (into(origin - DVec3::from_array(center)), into(direction));
-            let (a, b, c) = (d.length_squared(), o.dot(d), o.length_squared() - 1.0);
-            density * 2.0 * (b * b - a * c).max(0.0).sqrt() / a
-        };
-        ELLIPSOIDS.iter().map(chord).sum()
-    }
-
-    #[test]
-    fn xray_of_shepp_logan_approaches_its_analytic_projection() {
-        use crate::camera::{Camera, View};
-        use crate::renderer::{Renderer, RendererOptions};
-        use crate::settings::{Model, Precision, Settings};
-
-        // So thin that opacity is proportional to the line integral; the phantom's density is in 0..1.
-        let thin = 1e-6;
-        let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
-        let transfer = TransferFunction::new(vec![point(0.0, 0.0), point(1.0, thin)], Some(1.0)).unwrap();
-        let renderer = Renderer::new(&RendererOptions::default()).unwrap();
-        let view = View { azimuth: 33.0, elevation: 12.0, ..View::default() };
-        let error = |size: u32| {
-            let volume = volume("shepp-logan", size).unwrap();
-            let settings = Settings {
-                size: [64; 2],
-                model: Model::Xray,
-                precision: Some(Precision::F32),
-                antialiasing: false,
-                ..Settings::default()
-            };
-            let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
-            let scene = renderer.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
-            let image = renderer.render(&scene, &camera, &settings).unwrap().image;
-            let (mut squares, mut peak) = (0.0, 0.0_f64);
-            for (index, pixel) in (0_u32..).zip(image.pixels()) {
-                let (sx, sy) = Camera::image_coordinates([index % 64, index / 64], settings.size);
-                let (origin, direction) = camera.ray(sx, sy);
-                // The phantom spans -1..1, the volume `size` voxels.
-                let half = f64::from(size) / 2.0;
-                let expected = projected(origin / half, direction) * half;
-                squares += (f64::from(pixel[3]) / thin - expected).powi(2);
-                peak = peak.max(expected);
-            }
-            (squares / (64.0 * 64.0)).sqrt() / peak
-        };
-        // Footprints are exact, so the only error is that of the sampled and blurred edges. It falls with the spacing.
-        let [coarse, fine] = [error(36), error(144)];
-        assert!(fine < 0.4 * coarse && fine < 0.02, "{coarse:e} {fine:e}");
-    }
-
     #[test]
     fn every_demo_has_a_transfer_function_that_shows_it() {
         for d in demos() {

@@ -6,6 +6,7 @@ use crate::error::Result;
 use crate::gpu::context::{self, Context, PIXEL_BYTES};
 use crate::gpu::painter::{Begun, Choice, Job, Painted};
 use crate::gpu::pipeline::Pipelines;
+use crate::gpu::present;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::timing::on_host;
 use crate::gpu::view::{Region, ViewGeometry};
@@ -64,6 +65,29 @@ impl Renderer {
         })
     }
 
+    /// Renders on a device that the caller has opened, to share textures with it ([`Self::render_into`]).
+    ///
+    /// The device needs no features; of those in [`Self::FEATURES`] it should have what its adapter has. Without
+    /// `FLOAT32_BLENDABLE` sheets are f16, without `FLOAT32_FILTERABLE` the painter tiles refuses every picture. The
+    /// callbacks for errors and for a lost device stay the caller's. `options.adapter` has no effect.
+    #[must_use]
+    pub fn from_device(
+        device: wgpu::Device,
+        queue: wgpu::Queue,
+        adapter: &wgpu::Adapter,
+        options: &RendererOptions,
+    ) -> Self {
+        let info = AdapterInfo::from(&adapter.get_info());
+        Self {
+            context: Context::of_device(device, queue, info),
+            pipelines: Pipelines::default(),
+            progress: options.progress.clone(),
+        }
+    }
+
+    /// The device features that rendering uses if they are there.
+    pub const FEATURES: wgpu::Features = Context::FEATURES;
+
     /// The adapter in use.
     #[must_use]
     pub fn adapter(&self) -> &AdapterInfo {
@@ -110,6 +134,37 @@ impl Renderer {
             put(&mut image, recorder, region, painted)
         })?;
         Ok(Rendered { image, stats })
+    }
+
+    /// Renders a picture into a texture of this renderer's device, all of it: what the volume does not reach becomes
+    /// transparent. Returns what it took; nothing is read back.
+    ///
+    /// The texture has the size of the camera's picture, one sample, four float or normalised channels, and the usage
+    /// `RENDER_ATTACHMENT`. It gets display values with premultiplied alpha, stored as they are also if its format is an
+    /// sRGB one. Commands are submitted when this returns; what the caller submits next comes after them.
+    ///
+    /// # Errors
+    /// Those of [`Self::render`], and [`Error::Setting`](crate::error::Error::Setting) if the texture does not fit.
+    pub fn render_into(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        settings: &Settings,
+        texture: &wgpu::Texture,
+    ) -> Result<Stats> {
+        let context = &self.context;
+        present::check_target(texture, camera.size)?;
+        let (view, pipeline) = context.guarded("opening the target", || {
+            let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+            let pipeline = self.pipelines.present(context, texture.format())?;
+            present::clear(context, &view);
+            Ok((view, pipeline))
+        })?;
+        self.paint(scene, camera, settings, &mut |recorder, region, painted| {
+            pipeline.record(recorder, &view, region, painted)?;
+            recorder.submit();
+            Ok(())
+        })
     }
 
     /// Paints a picture region by region, each of which `take` gets.

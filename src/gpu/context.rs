@@ -89,6 +89,27 @@ pub(crate) struct Traffic {
 }
 
 impl Context {
+    /// Features that are used if the device has them.
+    pub(crate) const FEATURES: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY
+        .union(wgpu::Features::FLOAT32_BLENDABLE)
+        .union(wgpu::Features::FLOAT32_FILTERABLE);
+
+    /// A device that is open already. Its callbacks of errors stay the owner's.
+    pub(crate) fn of_device(device: wgpu::Device, queue: wgpu::Queue, info: AdapterInfo) -> Self {
+        let (limits, features) = (device.limits(), device.features() & Self::FEATURES);
+        Self {
+            device,
+            queue,
+            info,
+            limits,
+            features,
+            failure: Arc::default(),
+            traffic: Counters::default(),
+            id: OPENED.fetch_add(1, Ordering::Relaxed),
+            savings: Savings::default(),
+        }
+    }
+
     /// Opens the best adapter, or the first whose name contains `name` (letter case ignored).
     pub(crate) fn new(name: Option<&str>) -> Result<Self> {
         pollster::block_on(Self::open(name))
@@ -111,46 +132,37 @@ impl Context {
             .ok_or_else(|| {
                 Error::NoAdapter(format!("none is named {:?}; there are: {}", name.unwrap_or(""), names.join(", ")))
             })?;
-        let features = adapter.features()
-            & (wgpu::Features::TIMESTAMP_QUERY
-                | wgpu::Features::FLOAT32_BLENDABLE
-                | wgpu::Features::FLOAT32_FILTERABLE);
+        let features = adapter.features() & Self::FEATURES;
         let limits = adapter.limits();
         let (device, queue) = adapter
             .request_device(&wgpu::DeviceDescriptor {
                 label: Some("voxsplat"),
                 required_features: features,
-                required_limits: limits.clone(),
+                required_limits: limits,
                 ..Default::default()
             })
             .await
             .map_err(|e| Error::NoAdapter(format!("{} cannot be opened: {}", info.name, one_line(&e.to_string()))))?;
-        let failure = Arc::new(Mutex::new(None));
+        let context = Self::of_device(device, queue, info);
+        context.watch();
+        Ok(context)
+    }
+
+    /// Notes what the device says outside error scopes.
+    fn watch(&self) {
         let note = |failure: &Mutex<Option<String>>, what: String| {
             let mut failure = failure.lock().unwrap_or_else(PoisonError::into_inner);
             failure.get_or_insert(what);
         };
-        let lost = Arc::clone(&failure);
-        device.set_device_lost_callback(move |reason, message| {
+        let lost = Arc::clone(&self.failure);
+        self.device.set_device_lost_callback(move |reason, message| {
             // Dropping the device at the end of the program is no failure.
             if reason != wgpu::DeviceLostReason::Destroyed {
                 note(&lost, format!("device lost: {}", one_line(&message)));
             }
         });
-        let uncaptured = Arc::clone(&failure);
-        device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| note(&uncaptured, one_line(&e.to_string()))));
-        let id = OPENED.fetch_add(1, Ordering::Relaxed);
-        Ok(Self {
-            device,
-            queue,
-            info,
-            limits,
-            features,
-            failure,
-            traffic: Counters::default(),
-            id,
-            savings: Savings::default(),
-        })
+        let uncaptured = Arc::clone(&self.failure);
+        self.device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| note(&uncaptured, one_line(&e.to_string()))));
     }
 
     /// Runs `work` and turns whatever the device reports meanwhile into an error that names `stage`.

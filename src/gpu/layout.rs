@@ -166,6 +166,15 @@ pub(crate) struct Terminate {
     pub margin: f32,
 }
 
+/// Where a region goes in the caller's texture; shaders/present.wgsl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub(crate) struct Present {
+    pub corner: [u32; 2],
+    pub row: u32,
+    pub margin: u32,
+}
+
 /// How a batch of sheets of scalars is shaded; shaders/shade.wgsl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]

@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::classify::Classifier;
 use super::context::Context;
+use super::present::Present;
 use super::scan::Scan;
 use super::shaders::Shader;
 use super::{quads, tiles};
@@ -17,6 +18,7 @@ use crate::error::Result;
 pub(crate) struct Pipelines {
     scan: OnceLock<Scan>,
     classifier: OnceLock<Classifier>,
+    present: Cached<wgpu::TextureFormat, Present>,
     pub(super) quads: quads::Cache,
     pub(super) tiles: tiles::Cache,
 }
@@ -24,6 +26,10 @@ pub(crate) struct Pipelines {
 impl Pipelines {
     pub(crate) fn scan(&self, context: &Context) -> &Scan {
         self.scan.get_or_init(|| Scan::new(context))
+    }
+
+    pub(crate) fn present(&self, context: &Context, format: wgpu::TextureFormat) -> Result<Arc<Present>> {
+        self.present.get_or_make(format, || Ok(Present::new(context, format)))
     }
 
     pub(crate) fn classifier(&self, context: &Context) -> &Classifier {

@@ -123,10 +123,11 @@ pub(crate) const PREFILTER: Shader =
     Shader { name: "prefilter", parts: &[include_str!("../../shaders/prefilter.wgsl")] };
 pub(crate) const RESAMPLE: Shader =
     Shader { name: "resample", parts: &[include_str!("../../shaders/resample.wgsl"), RAYS] };
+pub(crate) const PRESENT: Shader = Shader { name: "present", parts: &[include_str!("../../shaders/present.wgsl")] };
 
 /// Every shader there is.
 #[cfg(test)]
-pub(crate) const ALL: [Shader; 16] = [
+pub(crate) const ALL: [Shader; 17] = [
     CLASSIFY,
     SCAN,
     SORT,
@@ -143,4 +144,5 @@ pub(crate) const ALL: [Shader; 16] = [
     GATHER_GRADIENTS,
     PREFILTER,
     RESAMPLE,
+    PRESENT,
 ];

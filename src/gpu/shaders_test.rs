@@ -2,7 +2,9 @@
 
 use std::mem::{offset_of, size_of};
 
-use super::layout::{Area, Batch, Classify, ControlPoint, Frame, Lighting, Pack, Rays, Shade, Sort, Terminate};
+use super::layout::{
+    Area, Batch, Classify, ControlPoint, Frame, Lighting, Pack, Present, Rays, Shade, Sort, Terminate,
+};
 use super::shaders::{ALL, Shader};
 
 fn parsed(shader: Shader) -> naga::Module {
@@ -71,6 +73,7 @@ fn structs_are_laid_out_alike() {
     same_layout!(Batch { depth, first_sheet });
     same_layout!(Shade { depth, previous, current, margin, invisible, lookup, low, high });
     same_layout!(Area { low, high });
+    same_layout!(Present { corner, row, margin });
     same_layout!(Terminate { first, count, margin });
     same_layout!(Pack {
         low,

@@ -101,6 +101,14 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
 }
 
 impl TransferFunction {
+    /// A preset fitted to the values of a volume, which are all read.
+    ///
+    /// # Errors
+    /// [`Error::Transfer`] as [`preset`]; [`Error::Read`] and [`Error::Memory`] if samples left in a file cannot be read.
+    pub fn preset(name: &str, volume: &Volume) -> Result<Self> {
+        preset(name, &Statistics::of(volume)?)
+    }
+
     /// The preset that [`suggest`] chooses for a volume, fitted to its values, and the reason for the choice.
     ///
     /// A built-in volume has a better one of its own: [`own_transfer`](crate::demos::own_transfer).

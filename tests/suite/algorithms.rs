@@ -1,38 +1,24 @@
 //! Each algorithm against the f64 reference of its model, and what theory says of it.
 
 use glam::DVec3;
-use voxsplat::camera::{Camera, ProjectionKind, View};
-use voxsplat::image::Image;
+use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Accumulation, Interslice, Model, Settings, Shading, Sheets};
-use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 
-use crate::rendering::{PERSPECTIVE, RENDERER, camera, demo, errors, f32_settings, render, truth};
-
-const PROJECTIONS: [ProjectionKind; 2] = [ProjectionKind::Orthographic, PERSPECTIVE];
-
-/// Root mean square over all channels of the pixels that either picture covers.
-fn rms(a: &Image, b: &Image) -> f64 {
-    let covered = |(p, q): &(&[f32; 4], &[f32; 4])| p[3] > 0.0 || q[3] > 0.0;
-    let pixels: Vec<_> = a.pixels().iter().zip(b.pixels()).filter(covered).collect();
-    let squares = pixels.iter().flat_map(|(p, q)| p.iter().zip(*q)).map(|(p, q)| f64::from(p - q).powi(2));
-    (squares.sum::<f64>() / (4 * pixels.len()) as f64).sqrt()
-}
-
-fn two_lights() -> Option<Lighting> {
-    let lights = vec![Light::Headlight, Light::Directional(DVec3::new(1.0, -0.3, 0.8))];
-    Some(Lighting { ambient: 0.2, diffuse: 0.5, specular: 0.3, shininess: 12.0, lights })
-}
+use crate::support::{
+    PERSPECTIVE, PROJECTIONS, RENDERER, by_quads, camera, coordinates, demo, draw, draw_on, errors, exact_quads, look,
+    prepare, render, rms_covered, thick, transfer, two_lights, with_quads,
+};
+use crate::truth::truth;
 
 #[test]
 fn xray_is_the_exact_line_integral() {
     for name in ["shepp-logan", "marschner-lobb"] {
         let (volume, transfer) = demo(name, 32);
         for projection in PROJECTIONS {
-            let settings = Settings { model: Model::Xray, ..f32_settings(40) };
-            let camera = camera(33.0, projection, &volume, settings.size);
+            let settings = Settings { model: Model::Xray, ..exact_quads() };
+            let camera = camera(33.0, projection, &volume, 40);
             let got = render(&volume, &transfer, &camera, &settings);
             let (color, alpha) = errors(&got, &truth(&volume, &transfer, &camera, &settings));
             assert!(alpha < 2e-5 && color < 2e-5, "{name} {projection:?}: alpha {alpha:e}, colour {color:e}");
@@ -58,16 +44,15 @@ fn xray_of_a_gaussian_mixture_is_its_analytic_projection() {
     let grid = Grid::new([size; 3], glam::DAffine3::from_translation(DVec3::splat(-middle))).unwrap();
     let volume = Volume::new(grid, Samples::F32(samples)).unwrap();
     let opacity = 1e-6;
-    let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
-    let transfer = TransferFunction::new(vec![point(0.0, 0.0), point(1.0, opacity)], Some(1.0)).unwrap();
+    let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], opacity)], Some(1.0));
     let kernel = Kernel::Gaussian { sigma: 1.0, radius: 5.0 };
-    let settings = Settings { model: Model::Xray, kernel, antialiasing: false, ..f32_settings(64) };
-    let camera = camera(33.0, ProjectionKind::Orthographic, &volume, settings.size);
+    let settings = Settings { model: Model::Xray, kernel, antialiasing: false, ..exact_quads() };
+    let camera = camera(33.0, ProjectionKind::Orthographic, &volume, 64);
     let got = render(&volume, &transfer, &camera, &settings);
     let peak = blobs.iter().map(|(_, s, w)| w * s * (2.0 * std::f64::consts::PI).sqrt()).sum::<f64>() * opacity;
     let mut worst = 0.0_f64;
-    for (index, pixel) in (0_u32..).zip(got.pixels()) {
-        let (sx, sy) = Camera::image_coordinates([index % 64, index / 64], settings.size);
+    for (index, pixel) in got.pixels().iter().enumerate() {
+        let (sx, sy) = coordinates(index, &camera);
         let (origin, direction) = camera.ray(sx, sy);
         let projected: f64 = blobs
             .iter()
@@ -88,8 +73,8 @@ fn xray_of_a_gaussian_mixture_is_its_analytic_projection() {
 fn lit_voxels_follow_the_reference() {
     let (volume, transfer) = demo("marschner-lobb", 32);
     for projection in PROJECTIONS {
-        let settings = Settings { lighting: two_lights(), sheet_thickness: 0.5, ..f32_settings(40) };
-        let camera = camera(33.0, projection, &volume, settings.size);
+        let settings = thick(&Settings { lighting: two_lights(), ..exact_quads() }, 0.5);
+        let camera = camera(33.0, projection, &volume, 40);
         let expected = truth(&volume, &transfer, &camera, &settings);
         let got = render(&volume, &transfer, &camera, &settings);
         let (color, alpha) = errors(&got, &expected);
@@ -107,10 +92,10 @@ fn lit_voxels_of_sheared_grids_follow_the_reference() {
     let grid = Grid::new([32; 3], glam::DAffine3::from_mat3(matrix)).unwrap();
     let volume = volume.with_grid(grid).unwrap();
     for shading in [Shading::Pre, Shading::Post] {
-        let settings = Settings { lighting: two_lights(), shading, sheet_thickness: 0.25, ..f32_settings(40) };
-        let camera = camera(33.0, ProjectionKind::Orthographic, &volume, settings.size);
+        let settings = thick(&Settings { lighting: two_lights(), shading, ..exact_quads() }, 0.25);
+        let camera = camera(33.0, ProjectionKind::Orthographic, &volume, 40);
         let expected = truth(&volume, &transfer, &camera, &settings);
-        let error = rms(&render(&volume, &transfer, &camera, &settings), &expected);
+        let error = rms_covered(&render(&volume, &transfer, &camera, &settings), &expected);
         // Sheets of scalars have the gradient over a voxel in the view, the reference along the axes of the lattice.
         let allowed = if shading == Shading::Pre { 1e-3 } else { 3e-2 };
         assert!(error < allowed, "{shading:?}: {error:e}");
@@ -122,22 +107,23 @@ fn axis_aligned_sheets_have_the_alpha_of_image_aligned_ones() {
     // Whole footprints add up to the same optical depth, whichever sheet they are in.
     let (volume, transfer) = demo("marschner-lobb", 32);
     for projection in PROJECTIONS {
-        let settings = Settings { sheets: Sheets::Axis, ..f32_settings(40) };
-        let camera = camera(33.0, projection, &volume, settings.size);
+        let settings = with_quads(&exact_quads(), |q| q.sheets = Sheets::Axis);
+        let camera = camera(33.0, projection, &volume, 40);
         let expected = truth(&volume, &transfer, &camera, &settings);
         let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings), &expected);
         assert!(alpha < 5e-5, "{projection:?}: alpha errs by {alpha:e}");
-        assert!(color < 0.1, "{projection:?}: colour errs by {color:e}");
+        // A footprint is in one sheet as a whole, two voxels too near or too far at most: 1.8e-2 was measured.
+        assert!(color < 0.03, "{projection:?}: colour errs by {color:e}");
     }
 }
 
 #[test]
 fn colour_converges_with_optical_depth_and_not_with_added_opacity() {
     let (volume, transfer) = demo("marschner-lobb", 32);
+    let camera = camera(33.0, ProjectionKind::Orthographic, &volume, 40);
+    let expected = truth(&volume, &transfer, &camera, &exact_quads());
     let error = |accumulation, sheet_thickness| {
-        let settings = Settings { accumulation, sheet_thickness, ..f32_settings(40) };
-        let camera = camera(33.0, ProjectionKind::Orthographic, &volume, settings.size);
-        let expected = truth(&volume, &transfer, &camera, &settings);
+        let settings = with_quads(&thick(&exact_quads(), sheet_thickness), |q| q.accumulation = accumulation);
         errors(&render(&volume, &transfer, &camera, &settings), &expected).0
     };
     let [thick, thin] = [1.0, 0.5].map(|d| error(Accumulation::OpticalDepth, d));
@@ -151,11 +137,11 @@ fn post_shading_follows_the_reference() {
     for (name, size) in [("marschner-lobb", 24), ("shell", 32), ("vessels", 32)] {
         let (volume, transfer) = demo(name, size);
         for projection in PROJECTIONS {
-            let settings = Settings { shading: Shading::Post, ..f32_settings(40) };
-            let camera = camera(33.0, projection, &volume, settings.size);
+            let settings = Settings { shading: Shading::Post, ..exact_quads() };
+            let camera = camera(33.0, projection, &volume, 40);
             let expected = truth(&volume, &transfer, &camera, &settings);
             let [thick, thin] = [1.0, 0.25].map(|sheet_thickness| {
-                rms(&render(&volume, &transfer, &camera, &Settings { sheet_thickness, ..settings.clone() }), &expected)
+                rms_covered(&render(&volume, &transfer, &camera, &thick(&settings, sheet_thickness)), &expected)
             });
             assert!(thick < 0.02 && thin < 0.004, "{name} {projection:?}: {thick:e}, {thin:e}");
         }
@@ -165,12 +151,12 @@ fn post_shading_follows_the_reference() {
 #[test]
 fn the_parabola_is_worth_more_than_half_the_thickness() {
     let (volume, transfer) = demo("shell", 40);
-    let settings = Settings { shading: Shading::Post, ..f32_settings(48) };
-    let camera = camera(30.0, ProjectionKind::Orthographic, &volume, settings.size);
+    let settings = Settings { shading: Shading::Post, ..exact_quads() };
+    let camera = camera(30.0, ProjectionKind::Orthographic, &volume, 48);
     let expected = truth(&volume, &transfer, &camera, &settings);
     let error = |interslice, sheet_thickness| {
-        let settings = Settings { interslice, sheet_thickness, ..settings.clone() };
-        rms(&render(&volume, &transfer, &camera, &settings), &expected)
+        let settings = Settings { interslice, ..thick(&settings, sheet_thickness) };
+        rms_covered(&render(&volume, &transfer, &camera, &settings), &expected)
     };
     let (parabola, half) = (error(Interslice::Parabola, 1.0), error(Interslice::Mean, 0.5));
     assert!(parabola <= half, "{parabola:e} > {half:e}");
@@ -181,14 +167,13 @@ fn the_parabola_is_worth_more_than_half_the_thickness() {
 fn post_shaded_light_follows_the_reference() {
     let (volume, transfer) = demo("shell", 32);
     for projection in PROJECTIONS {
-        let settings =
-            Settings { shading: Shading::Post, lighting: two_lights(), sheet_thickness: 0.5, ..f32_settings(48) };
-        let camera = camera(33.0, projection, &volume, settings.size);
+        let settings = thick(&Settings { shading: Shading::Post, lighting: two_lights(), ..exact_quads() }, 0.5);
+        let camera = camera(33.0, projection, &volume, 48);
         let expected = truth(&volume, &transfer, &camera, &settings);
         let got = render(&volume, &transfer, &camera, &settings);
-        let error = rms(&got, &expected);
+        let error = rms_covered(&got, &expected);
         assert!(error < 0.02, "{projection:?}: {error:e}");
-        let unlit = rms(&render(&volume, &transfer, &camera, &Settings { lighting: None, ..settings }), &got);
+        let unlit = rms_covered(&render(&volume, &transfer, &camera, &Settings { lighting: None, ..settings }), &got);
         assert!(unlit > 3.0 * error, "{projection:?}: {unlit:e} {error:e}");
     }
 }
@@ -200,10 +185,10 @@ fn maximum_intensity_follows_the_reference() {
         for projection in PROJECTIONS {
             // A kernel without jumps: means over a sheet do not see how high the field is on one side of a jump.
             let kernel = Kernel::KAISER_BESSEL;
-            let settings = Settings { model: Model::Mip, kernel, sheet_thickness: 0.25, ..f32_settings(40) };
-            let camera = camera(33.0, projection, &volume, settings.size);
+            let settings = thick(&Settings { model: Model::Mip, kernel, ..exact_quads() }, 0.25);
+            let camera = camera(33.0, projection, &volume, 40);
             let expected = truth(&volume, &transfer, &camera, &settings);
-            let error = rms(&render(&volume, &transfer, &camera, &settings), &expected);
+            let error = rms_covered(&render(&volume, &transfer, &camera, &settings), &expected);
             assert!(error < 0.012, "{name} {projection:?}: {error:e}");
         }
     }
@@ -214,10 +199,10 @@ fn a_camera_inside_sees_scalars_in_front_of_it() {
     let (volume, transfer) = demo("marschner-lobb", 24);
     for distance in [0.1, 9.0] {
         let view = View { azimuth: 20.0, projection: PERSPECTIVE, distance: Some(distance), ..View::default() };
-        let settings = Settings { shading: Shading::Post, sheet_thickness: 0.5, ..f32_settings(24) };
-        let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
+        let settings = thick(&Settings { shading: Shading::Post, ..exact_quads() }, 0.5);
+        let camera = look(&view, &volume, [24; 2]);
         let expected = truth(&volume, &transfer, &camera, &settings);
-        let error = rms(&render(&volume, &transfer, &camera, &settings), &expected);
+        let error = rms_covered(&render(&volume, &transfer, &camera, &settings), &expected);
         assert!(error < 5e-3, "{distance}: {error:e}");
     }
 }
@@ -227,23 +212,18 @@ fn a_uniform_box_has_no_rim() {
     // Post-shaded, a box of one value is uniform to its faces, and ends there.
     let grid = Grid::axis_parallel([20, 16, 12], [1.0; 3]).unwrap();
     let volume = Volume::new(grid, Samples::U8(vec![100; 20 * 16 * 12])).unwrap();
-    let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
-    let transfer =
-        TransferFunction::new(vec![point(90.0, 0.0), point(95.0, 0.05), point(110.0, 0.05)], Some(1.0)).unwrap();
+    let white = [1.0; 3];
+    let transfer = transfer(&[(90.0, white, 0.0), (95.0, white, 0.05), (110.0, white, 0.05)], Some(1.0));
     for thickness in [0.5, 1.0, 4.0] {
-        let settings = Settings {
-            shading: Shading::Post,
-            kernel: Kernel::KAISER_BESSEL,
-            sheet_thickness: thickness,
-            ..f32_settings(60)
-        };
+        let settings = Settings { shading: Shading::Post, kernel: Kernel::KAISER_BESSEL, ..exact_quads() };
+        let settings = thick(&settings, thickness);
         let view = View { view_height: Some(24.0), ..View::default() };
-        let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
+        let camera = look(&view, &volume, [60; 2]);
         let image = render(&volume, &transfer, &camera, &settings);
         // Straight through 16 voxels of depth.
         let expected = 1.0 - (1.0_f64 - 0.05).powi(16);
-        for (index, pixel) in (0_u32..).zip(image.pixels()) {
-            let (sx, sy) = Camera::image_coordinates([index % 60, index / 60], settings.size);
+        for (index, pixel) in image.pixels().iter().enumerate() {
+            let (sx, sy) = coordinates(index, &camera);
             let (x, z) = ((sx * 12.0).abs(), (sy * 12.0).abs());
             let inside = if x < 10.0 && z < 6.0 { expected } else { 0.0 };
             assert!((f64::from(pixel[3]) - inside).abs() < 1e-4, "{thickness}: {x} {z}: {}", pixel[3]);
@@ -254,21 +234,21 @@ fn a_uniform_box_has_no_rim() {
 #[test]
 fn termination_changes_no_channel_by_more_than_it_says() {
     let (volume, _) = demo("marschner-lobb", 48);
-    let point = |value, color, opacity| ControlPoint { value, color, opacity };
-    let points = vec![point(0.2, [0.1, 0.3, 1.0], 0.0), point(0.4, [1.0, 0.8, 0.1], 0.6), point(1.0, [1.0; 3], 0.9)];
-    let transfer = TransferFunction::new(points, Some(1.0)).unwrap();
+    let points = [(0.2, [0.1, 0.3, 1.0], 0.0), (0.4, [1.0, 0.8, 0.1], 0.6), (1.0, [1.0; 3], 0.9)];
+    let transfer = transfer(&points, Some(1.0));
     for shading in [Shading::Pre, Shading::Post] {
         for projection in PROJECTIONS {
-            let exact = Settings { shading, lighting: two_lights(), ..f32_settings(96) };
-            let camera = camera(33.0, projection, &volume, exact.size);
-            let scene = RENDERER.prepare(&volume, &transfer, &exact, &|_| ()).unwrap();
-            let whole = RENDERER.render(&scene, &camera, &exact).unwrap();
-            assert_eq!(whole.stats.quads_terminated, 0);
+            let exact = Settings { shading, lighting: two_lights(), ..exact_quads() };
+            let camera = camera(33.0, projection, &volume, 96);
+            let scene = prepare(&volume, &transfer, &exact);
+            let whole = draw(&scene, &camera, &exact);
+            assert_eq!(by_quads(&whole).quads_terminated, 0);
             for termination in [1e-4, 1e-2, 0.1] {
                 let settings = Settings { termination, ..exact.clone() };
-                let got = RENDERER.render(&scene, &camera, &settings).unwrap();
-                assert_eq!(got.stats.quads, whole.stats.quads);
-                assert!(10 * got.stats.quads_terminated > got.stats.quads, "{}", got.stats.quads_terminated);
+                let got = draw(&scene, &camera, &settings);
+                let stats = by_quads(&got);
+                assert_eq!(stats.quads, by_quads(&whole).quads);
+                assert!(10 * stats.quads_terminated > stats.quads, "{}", stats.quads_terminated);
                 let (color, alpha) = errors(&got.image, &whole.image);
                 let worst = color.max(alpha);
                 // The bound, and the rounding of sums in another order.
@@ -281,22 +261,16 @@ fn termination_changes_no_channel_by_more_than_it_says() {
 #[test]
 fn bricks_behind_opaque_pixels_are_hidden_as_a_whole() {
     let (volume, _) = demo("sphere", 192);
-    let point = |value, color, opacity| ControlPoint { value, color, opacity };
-    let transfer =
-        TransferFunction::new(vec![point(0.2, [0.1, 0.3, 1.0], 0.0), point(0.5, [1.0; 3], 0.99)], None).unwrap();
+    let transfer = transfer(&[(0.2, [0.1, 0.3, 1.0], 0.0), (0.5, [1.0; 3], 0.99)], None);
     for projection in PROJECTIONS {
-        let exact = Settings { sheet_thickness: 4.0, antialiasing: false, ..f32_settings(128) };
-        let camera = camera(33.0, projection, &volume, exact.size);
-        let scene = RENDERER.prepare(&volume, &transfer, &exact, &|_| ()).unwrap();
-        let whole = RENDERER.render(&scene, &camera, &exact).unwrap();
-        let got = RENDERER.render(&scene, &camera, &Settings { termination: 1e-2, ..exact }).unwrap();
-        let (whole, (color, alpha), stats) = (whole.stats, errors(&got.image, &whole.image), got.stats);
+        let exact = thick(&Settings { antialiasing: false, ..exact_quads() }, 4.0);
+        let camera = camera(33.0, projection, &volume, 128);
+        let scene = prepare(&volume, &transfer, &exact);
+        let whole = draw(&scene, &camera, &exact);
+        let got = draw(&scene, &camera, &Settings { termination: 1e-2, ..exact });
+        let ((color, alpha), stats) = (errors(&got.image, &whole.image), by_quads(&got));
         assert!(color.max(alpha) <= 1e-2 + 2e-6, "{projection:?}: {color:e} {alpha:e}");
-        assert!(
-            whole.bricks_terminated == 0 && stats.bricks_terminated >= 4,
-            "{projection:?}: {}",
-            stats.bricks_terminated
-        );
+        assert_eq!(by_quads(&whole).quads_terminated, 0);
         assert!(stats.quads_terminated * 2 > stats.quads, "{} of {}", stats.quads_terminated, stats.quads);
     }
 }
@@ -311,16 +285,15 @@ fn minification_keeps_energy() {
         .map(|p| (-p.length_squared() / 20.0).exp() as f32)
         .collect();
     let volume = Volume::new(Grid::axis_parallel([32; 3], [1.0; 3]).unwrap(), Samples::F32(samples)).unwrap();
-    let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
-    let transfer = TransferFunction::new(vec![point(0.0, 0.0), point(1.0, 1e-4)], Some(1.0)).unwrap();
+    let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], 1e-4)], Some(1.0));
     for shading in [Shading::Pre, Shading::Post] {
         // Perspective magnifies the near half of a large kernel more than it shrinks the far half: by 3 (s sigma / z)^2,
         // little for an eye as far away as this.
         for projection in [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 15.0 }] {
             let energy = |size: u32| {
-                let settings = Settings { shading, ..f32_settings(size) };
+                let settings = Settings { shading, ..exact_quads() };
                 let view = View { azimuth: 33.0, projection, ..View::default() };
-                let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
+                let camera = look(&view, &volume, [size; 2]);
                 let image = render(&volume, &transfer, &camera, &settings);
                 image.pixels().iter().map(|p| f64::from(p[3])).sum::<f64>() / f64::from(size * size)
             };
@@ -337,12 +310,12 @@ fn minification_keeps_energy() {
 fn axis_aligned_sheets_pop_and_image_aligned_ones_do_not() {
     let (volume, transfer) = demo("marschner-lobb", 24);
     // The change of the worst channel of any pixel over the angle at which the axis switches, against the true one.
+    let views = [44.99, 45.01].map(|azimuth| View { azimuth, ..View::default() });
+    let cameras = views.map(|view| look(&view, &volume, [48; 2]));
+    let expected = cameras.map(|camera| truth(&volume, &transfer, &camera, &exact_quads()));
     let excess = |sheets, accumulation| {
-        let settings = Settings { sheets, accumulation, ..f32_settings(48) };
-        let views = [44.99, 45.01].map(|azimuth| View { azimuth, ..View::default() });
-        let cameras = views.map(|view| Camera::new(&view, volume.grid(), settings.size).unwrap());
+        let settings = with_quads(&exact_quads(), |q| (q.sheets, q.accumulation) = (sheets, accumulation));
         let got = cameras.map(|camera| render(&volume, &transfer, &camera, &settings));
-        let expected = cameras.map(|camera| truth(&volume, &transfer, &camera, &settings));
         let changes = got[0].pixels().iter().zip(got[1].pixels()).flat_map(|(a, b)| (0..4).map(move |c| b[c] - a[c]));
         let true_changes =
             expected[0].pixels().iter().zip(expected[1].pixels()).flat_map(|(a, b)| (0..4).map(move |c| b[c] - a[c]));
@@ -359,8 +332,8 @@ fn axis_aligned_sheets_pop_and_image_aligned_ones_do_not() {
 #[test]
 fn a_scene_of_another_kind_is_refused() {
     let (volume, transfer) = demo("sphere", 8);
-    let pre = f32_settings(8);
-    let camera = camera(0.0, ProjectionKind::Orthographic, &volume, pre.size);
+    let pre = exact_quads();
+    let camera = camera(0.0, ProjectionKind::Orthographic, &volume, 8);
     let settings = [
         pre.clone(),
         Settings { shading: Shading::Post, ..pre.clone() },
@@ -368,9 +341,9 @@ fn a_scene_of_another_kind_is_refused() {
         Settings { lighting: two_lights(), ..pre },
     ];
     for (i, prepared) in settings.iter().enumerate() {
-        let scene = RENDERER.prepare(&volume, &transfer, prepared, &|_| ()).unwrap();
+        let scene = prepare(&volume, &transfer, prepared);
         for (j, rendered) in settings.iter().enumerate() {
-            let result = RENDERER.render(&scene, &camera, rendered);
+            let result = draw_on(&RENDERER, &scene, &camera, rendered);
             // A lit scene has all that an unlit picture needs.
             let fits = i == j || (i, j) == (3, 0);
             assert_eq!(result.is_ok(), fits, "{i} {j}");
@@ -384,11 +357,11 @@ fn a_scene_of_another_kind_is_refused() {
 #[test]
 fn footprint_tables_are_made_as_asked() {
     let (volume, transfer) = demo("vessels", 16);
-    let settings = Settings { footprint_table: Some([64, 12]), ..f32_settings(16) };
-    let camera = camera(0.0, ProjectionKind::Orthographic, &volume, settings.size);
-    let scene = RENDERER.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
-    let rendered = RENDERER.render(&scene, &camera, &settings).unwrap();
-    assert_eq!(rendered.stats.footprint_table, [64, 12]);
+    let settings = with_quads(&exact_quads(), |q| q.footprint_table = Some([64, 12]));
+    let camera = camera(0.0, ProjectionKind::Orthographic, &volume, 16);
+    let scene = prepare(&volume, &transfer, &settings);
+    let rendered = draw(&scene, &camera, &settings);
+    assert_eq!(by_quads(&rendered).footprint_table, [64, 12]);
     let error = errors(&rendered.image, &truth(&volume, &transfer, &camera, &settings)).1;
     assert!(error < 1e-3 && rendered.stats.footprint_error < 1e-3, "{error:e}");
 }
@@ -397,34 +370,30 @@ fn footprint_tables_are_made_as_asked() {
 fn peak_normalisation_scales_scalars() {
     // Twelve times denser sums, through the same transfer function.
     let (volume, transfer) = demo("sphere", 16);
-    let settings = Settings {
-        shading: Shading::Post,
-        normalization: Normalization::Peak,
-        sheet_thickness: 0.25,
-        ..f32_settings(24)
-    };
-    let camera = camera(20.0, ProjectionKind::Orthographic, &volume, settings.size);
+    let settings = Settings { shading: Shading::Post, normalization: Normalization::Peak, ..exact_quads() };
+    let settings = thick(&settings, 0.25);
+    let camera = camera(20.0, ProjectionKind::Orthographic, &volume, 24);
     let expected = truth(&volume, &transfer, &camera, &settings);
-    let error = rms(&render(&volume, &transfer, &camera, &settings), &expected);
+    let error = rms_covered(&render(&volume, &transfer, &camera, &settings), &expected);
     assert!(error < 0.01, "{error:e}");
 }
 
 #[test]
 fn kernels_that_outgrow_the_volume_are_refused_for_scalars() {
     let (volume, transfer) = demo("marschner-lobb", 64);
-    let settings = Settings { shading: Shading::Post, ..f32_settings(1) };
-    let camera = camera(20.0, ProjectionKind::Orthographic, &volume, settings.size);
-    let scene = RENDERER.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
-    let error = RENDERER.render(&scene, &camera, &settings).unwrap_err().to_string();
+    let settings = Settings { shading: Shading::Post, ..exact_quads() };
+    let camera = camera(20.0, ProjectionKind::Orthographic, &volume, 1);
+    let scene = prepare(&volume, &transfer, &settings);
+    let error = draw_on(&RENDERER, &scene, &camera, &settings).err().unwrap().to_string();
     assert!(error.contains("antialiasing") && error.contains("larger picture"), "{error}");
-    assert!(RENDERER.render(&scene, &camera, &Settings { antialiasing: false, ..settings }).is_ok());
+    assert!(draw_on(&RENDERER, &scene, &camera, &Settings { antialiasing: false, ..settings }).is_ok());
 }
 
 #[test]
 fn maximum_intensity_counts_as_post_shaded() {
     let (volume, transfer) = demo("sphere", 8);
-    let settings = Settings { model: Model::Mip, ..f32_settings(8) };
-    let camera = camera(20.0, ProjectionKind::Orthographic, &volume, settings.size);
-    let scene = RENDERER.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
-    assert_eq!(RENDERER.render(&scene, &camera, &settings).unwrap().stats.shading, Shading::Post);
+    let settings = Settings { model: Model::Mip, ..exact_quads() };
+    let camera = camera(20.0, ProjectionKind::Orthographic, &volume, 8);
+    let scene = prepare(&volume, &transfer, &settings);
+    assert_eq!(draw(&scene, &camera, &settings).stats.shading, Shading::Post);
 }

@@ -4,13 +4,29 @@ use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
+use glam::DVec3;
 use tempfile::TempDir;
+use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::image::{Background, Image};
+use voxsplat::lighting::{Light, Lighting};
+use voxsplat::settings::{Resolution, Settings, Shading};
+
+use crate::adapter::adapter;
+use crate::support::{demo, look, picture, with_quads, with_tiles};
 
 /// Runs the program in `dir`; arguments are parted by blanks.
 fn voxsplat(dir: &Path, arguments: &str) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
     command.current_dir(dir).args(arguments.split_whitespace()).output().unwrap()
+}
+
+/// Renders on the adapter of the tests; says what went wrong if anything did.
+fn rendered(dir: &Path, arguments: &str) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
+    let command = command.current_dir(dir).arg("render").args(arguments.split_whitespace());
+    let output = command.args(["--adapter", &adapter()]).output().unwrap();
+    assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
+    output
 }
 
 fn folder() -> TempDir {
@@ -268,4 +284,105 @@ fn negative_numbers_are_values() {
     let view = "--direction -1,-2,-.5 --roll -10 --target -1,0,1 --up -0.1,0,1";
     let output = voxsplat(dir.path(), &format!("render demo:sphere:16 -o s.png --reference --size 8 {view}"));
     assert!(output.status.success(), "{}", complaint(&output));
+}
+
+/// Asserts that the program wrote the picture that the library makes of a sphere, to the last bit.
+fn assert_sphere(dir: &Path, arguments: &str, view: &View, settings: &Settings, background: Background) {
+    let output = rendered(dir, &format!("demo:sphere:24 --size 40x32 {arguments} -o program.png"));
+    assert!(output.stdout.is_empty() && output.stderr.is_empty(), "{arguments}: {output:?}");
+    let (volume, transfer) = demo("sphere", 24);
+    let image = picture(&volume, &transfer, &look(view, &volume, [40, 32]), settings).image;
+    assert!(image.pixels().iter().any(|p| p[3] > 0.1));
+    image.save(&dir.join("library.png"), background).unwrap();
+    let [program, library] = ["program.png", "library.png"].map(|name| Image::load(&dir.join(name)).unwrap());
+    assert!(program == library, "{arguments}");
+}
+
+#[test]
+fn pictures_of_the_device_are_those_of_the_library() {
+    let dir = folder();
+    let black = Background::default();
+    let front = View::default();
+    let quads = with_quads(&Settings::default(), |_| ());
+    assert_sphere(dir.path(), "--painter quads", &front, &quads, black);
+    let tiles = with_tiles(&Settings::default(), Resolution::Capped);
+    assert_sphere(dir.path(), "--painter tiles", &front, &tiles, black);
+    let view = View {
+        azimuth: -30.0,
+        elevation: 20.0,
+        roll: 10.0,
+        zoom: 1.5,
+        projection: ProjectionKind::Perspective { fov: 40.0 },
+        ..View::default()
+    };
+    let arguments = "--painter quads --azimuth -30 --elevation 20 --roll 10 --zoom 1.5 --projection perspective --fov 40 \
+                     --background transparent";
+    assert_sphere(dir.path(), arguments, &view, &quads, Background::Transparent);
+}
+
+#[test]
+fn lights_and_material_reach_the_picture() {
+    let dir = folder();
+    // An eye at azimuth 90 is on the side of +x, and the front at azimuth 0 on that of -y.
+    let lights = vec![Light::Headlight, Light::Directional(DVec3::X)];
+    let lighting = Lighting { ambient: 0.1, diffuse: 0.6, specular: 0.3, shininess: 8.0, lights };
+    let settings = Settings { shading: Shading::Post, lighting: Some(lighting), ..Settings::default() };
+    let settings = with_quads(&settings, |_| ());
+    let arguments = "--painter quads --shading post --light headlight --light 90,0 --material 0.1,0.6,0.3,8";
+    let output = rendered(dir.path(), &format!("demo:sphere:24 --size 40x32 {arguments} -o program.exr"));
+    assert!(output.stdout.is_empty() && output.stderr.is_empty(), "{output:?}");
+    let (volume, transfer) = demo("sphere", 24);
+    let camera = look(&View::default(), &volume, [40, 32]);
+    let program = Image::load(&dir.path().join("program.exr")).unwrap();
+    let library = picture(&volume, &transfer, &camera, &settings).image;
+    // The direction of a light is made from degrees: an ulp of cos 90 is not nothing.
+    let (color, alpha) = crate::support::errors(&program, &library);
+    assert!(color < 1e-5 && alpha == 0.0, "{color:e} {alpha:e}");
+    let unlit = picture(&volume, &transfer, &camera, &Settings { lighting: None, ..settings }).image;
+    assert!(crate::support::errors(&unlit, &program).0 > 0.05);
+}
+
+#[test]
+fn stats_of_the_device_are_a_table_or_one_object() {
+    let dir = folder();
+    for painter in ["quads", "tiles"] {
+        let scene = format!("demo:vessels:24 -o v.png --size 40x32 --painter {painter}");
+        let output = rendered(dir.path(), &format!("{scene} --stats json"));
+        let value: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let name = value["adapter"]["name"].as_str().unwrap();
+        assert!(name.to_lowercase().contains(&adapter().to_lowercase()), "{name}");
+        assert_eq!((value["painter"].as_str(), value["voxels"].as_u64()), (Some(painter), Some(24 * 24 * 24)));
+        assert_eq!(value["size"], serde_json::json!([40, 32]));
+        let [kept, dropped] = ["splats_kept", "splats_dropped"].map(|key| value[key].as_u64().unwrap());
+        assert!(kept > 0 && kept + dropped == 24 * 24 * 24, "{kept} {dropped}");
+        // Stages in the order they ran: reading, device, picture, file.
+        let stages: Vec<_> = value["stages"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap()).collect();
+        assert_eq!((stages.first(), stages.last()), (Some(&"load"), Some(&"encode")), "{stages:?}");
+        assert!(value["stages"].as_array().unwrap().iter().all(|s| s["seconds"].as_f64().unwrap() >= 0.0));
+
+        let table = stdout(&rendered(dir.path(), &format!("{scene} --stats")));
+        let line = |label: &str| {
+            let found = table.lines().find_map(|line| line.strip_prefix(label)).map(str::trim);
+            found.unwrap_or_else(|| panic!("no {label}: {table}")).to_owned()
+        };
+        assert!(line("adapter").starts_with(name) && line("picture").starts_with("40 x 32 px"), "{table}");
+        assert!(line("painter").starts_with(&format!("{painter}: ")) && line("encode").contains(" ms "), "{table}");
+        // One row of those is for one painter only.
+        assert_eq!((table.contains("\nrays "), table.contains("\nquads ")), (painter == "tiles", painter == "quads"));
+        let grouped = |n: u64| if n < 1000 { n.to_string() } else { format!("{},{:03}", n / 1000, n % 1000) };
+        let voxels = line("voxels");
+        let mut columns = voxels.split_whitespace();
+        assert_eq!((columns.next(), columns.next()), (Some(grouped(kept).as_str()), Some(grouped(dropped).as_str())));
+    }
+}
+
+#[test]
+fn devices_names_the_adapter_that_tests_run_on() {
+    let dir = folder();
+    let output = voxsplat(dir.path(), "devices");
+    assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+    let table = stdout(&output);
+    let own = table.lines().find(|line| line.to_lowercase().contains(&adapter().to_lowercase()));
+    let columns = ["discrete", "integrated", "virtual", "other", "cpu"];
+    assert!(own.is_some_and(|line| columns.iter().any(|kind| line.contains(kind))), "{table}");
 }

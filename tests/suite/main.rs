@@ -7,8 +7,10 @@
     reason = "a failing helper fails its test; the lints' own exemption covers test functions only"
 )]
 
+mod adapter;
 mod algorithms;
 mod cli;
+mod demos;
 mod golden;
 mod presets;
 mod readers;
@@ -16,4 +18,6 @@ mod readers_errors;
 mod rendering;
 mod savings;
 mod streaming;
+mod support;
 mod tiles;
+mod truth;

@@ -3,17 +3,16 @@
 use std::path::Path;
 
 use glam::DVec3;
-use voxsplat::camera::{Camera, View};
+use voxsplat::camera::View;
 use voxsplat::error::Error;
 use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::Image;
-use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Model, Settings, Shading};
 use voxsplat::stats::Stats;
-use voxsplat::transfer::{ControlPoint, TransferFunction};
+use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Endian, SampleType, Statistics, Volume};
 
-use crate::rendering::{RENDERER, f32_settings};
+use crate::support::{self, RENDERER, exact_quads, headlight, look, prepare_on};
 
 /// Bricks are cut short at the far ends.
 const DIMS: [u32; 3] = [70, 45, 67];
@@ -32,8 +31,7 @@ fn values() -> impl Iterator<Item = i16> {
 }
 
 fn transfer(from: f64) -> TransferFunction {
-    let point = |value, opacity| ControlPoint { value, color: [0.9, 0.5, 0.2], opacity };
-    TransferFunction::new(vec![point(from, 0.0), point(from + 40.0, 0.3)], None).unwrap()
+    support::transfer(&[(from, [0.9, 0.5, 0.2], 0.0), (from + 40.0, [0.9, 0.5, 0.2], 0.3)], None)
 }
 
 fn open(path: &Path, sample_type: SampleType, endian: Endian, stream_over: u64) -> Result<Volume, Error> {
@@ -54,11 +52,9 @@ fn write(path: &Path, bytes: impl Fn(i16) -> Vec<u8>) {
     std::fs::write(path, [1, 2, 3, 4, 5].into_iter().chain(samples).collect::<Vec<u8>>()).unwrap();
 }
 
-fn picture(volume: &Volume, settings: &Settings) -> (Image, Stats) {
+fn picture(volume: &Volume, settings: &Settings, size: u32) -> (Image, Stats) {
     let view = View { azimuth: 30.0, elevation: 20.0, ..View::default() };
-    let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
-    let scene = RENDERER.prepare(volume, &transfer(20.0), settings, &|_| ()).unwrap();
-    let rendered = RENDERER.render(&scene, &camera, settings).unwrap();
+    let rendered = support::picture(volume, &transfer(20.0), &look(&view, volume, [size; 2]), settings);
     (rendered.image, rendered.stats)
 }
 
@@ -66,7 +62,6 @@ fn picture(volume: &Volume, settings: &Settings) -> (Image, Stats) {
 fn a_streamed_volume_gives_the_same_bytes() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("v.raw");
-    let lit = Some(Lighting { lights: vec![Light::Headlight], ..Lighting::default() });
     let cases: [Case; 4] = [
         (SampleType::U8, Endian::Little, |v| vec![v as u8]),
         (SampleType::I16, Endian::Big, |v| v.to_be_bytes().to_vec()),
@@ -80,12 +75,12 @@ fn a_streamed_volume_gives_the_same_bytes() {
         assert_eq!(whole.in_memory().unwrap().samples(), streamed.in_memory().unwrap().samples());
         assert_eq!(Statistics::of(&whole).unwrap(), Statistics::of(&streamed).unwrap());
         for settings in [
-            f32_settings(32),
-            Settings { lighting: lit.clone(), ..f32_settings(32) },
-            Settings { model: Model::Xray, ..f32_settings(32) },
-            Settings { shading: Shading::Post, ..f32_settings(32) },
+            exact_quads(),
+            Settings { lighting: headlight(), ..exact_quads() },
+            Settings { model: Model::Xray, ..exact_quads() },
+            Settings { shading: Shading::Post, ..exact_quads() },
         ] {
-            let (a, b) = (picture(&whole, &settings), picture(&streamed, &settings));
+            let (a, b) = (picture(&whole, &settings, 32), picture(&streamed, &settings, 32));
             assert!(a.0.pixels() == b.0.pixels(), "{sample_type} {endian:?}");
             assert!(a.0.pixels().iter().any(|p| p[3] > 0.3));
             assert_eq!((a.1.bricks, a.1.bricks_uploaded), (b.1.bricks, b.1.bricks_uploaded));
@@ -99,7 +94,7 @@ fn bricks_that_show_nothing_are_not_uploaded() {
     let path = directory.path().join("v.raw");
     write(&path, |v| vec![v as u8]);
     let volume = open(&path, SampleType::U8, Endian::Little, 0).unwrap();
-    let (_, stats) = picture(&volume, &f32_settings(16));
+    let (_, stats) = picture(&volume, &exact_quads(), 16);
     // 3 x 2 x 3 bricks of 32 KiB; each ball lies in a few of them.
     assert_eq!(stats.bricks, 18);
     assert!((2..=10).contains(&stats.bricks_uploaded), "{}", stats.bricks_uploaded);
@@ -116,7 +111,7 @@ fn another_transfer_function_reads_only_what_it_shows() {
     let path = directory.path().join("v.raw");
     write(&path, |v| vec![v as u8]);
     let volume = open(&path, SampleType::U8, Endian::Little, 0).unwrap();
-    let prepare = |from| RENDERER.prepare(&volume, &transfer(from), &f32_settings(16), &|_| ());
+    let prepare = |from| prepare_on(&RENDERER, &volume, &transfer(from), &exact_quads());
     prepare(20.0).unwrap();
     let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
     file.set_len(5).unwrap();

@@ -3,73 +3,56 @@
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::error::Error;
-use voxsplat::image::Image;
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::lighting::{Light, Lighting};
-use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
-use voxsplat::settings::{Interslice, Model, Painter, Precision, Resolution, Savings, Settings, Shading, Sheets};
-use voxsplat::transfer::TransferFunction;
+use voxsplat::settings::{Interslice, Model, Resolution, Settings, Shading};
+use voxsplat::stats::RaySpacing;
 use voxsplat::volume::{Grid, Samples, Volume};
 
-use crate::rendering::{RENDERER, demo, errors, truth};
+use crate::support::{
+    RENDERER, by_tiles, demo, draw, draw_on, errors, headlight, look, new_renderer, picture, prepare, prepare_on,
+    rms_in_steps, rms_of_all, transfer, two_lights, with_quads, with_tiles,
+};
+use crate::truth::truth;
 
 /// Tiles, with a ray for each pixel.
-fn full(size: u32) -> Settings {
-    Settings {
-        size: [size; 2],
-        painter: Painter::Tiles,
-        resolution: Resolution::Full,
-        termination: 0.0,
-        antialiasing: false,
-        ..Settings::default()
-    }
+fn full() -> Settings {
+    let exact = Settings { termination: 0.0, antialiasing: false, ..Settings::default() };
+    with_tiles(&exact, Resolution::Full)
 }
 
-fn camera(azimuth: f64, elevation: f64, zoom: f64, volume: &Volume, settings: &Settings) -> Camera {
-    let view = View { azimuth, elevation, zoom, ..View::default() };
-    Camera::new(&view, volume.grid(), settings.size).unwrap()
+fn camera(azimuth: f64, elevation: f64, zoom: f64, volume: &Volume, size: u32) -> Camera {
+    look(&View { azimuth, elevation, zoom, ..View::default() }, volume, [size; 2])
 }
 
 /// From one eye, so far from the middle of the volume where that is given.
-fn from_eye(
-    [azimuth, elevation, fov]: [f64; 3],
-    distance: Option<f64>,
-    volume: &Volume,
-    settings: &Settings,
-) -> Camera {
-    let view =
-        View { azimuth, elevation, projection: ProjectionKind::Perspective { fov }, distance, ..View::default() };
-    Camera::new(&view, volume.grid(), settings.size).unwrap()
+fn from_eye([azimuth, elevation, fov]: [f64; 3], distance: Option<f64>, volume: &Volume, size: u32) -> Camera {
+    let projection = ProjectionKind::Perspective { fov };
+    look(&View { azimuth, elevation, projection, distance, ..View::default() }, volume, [size; 2])
 }
 
-fn render(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Rendered {
-    let scene = RENDERER.prepare(volume, transfer, settings, &|_| ()).unwrap();
-    RENDERER.render(&scene, camera, settings).unwrap()
-}
-
-/// Root mean square over the colours of covered pixels, of 255.
-fn rms(a: &Image, b: &Image) -> f64 {
-    let shown = |p: &[f32; 4]| p[..3].iter().any(|&c| c > 1.0 / 255.0);
-    let pixels: Vec<_> = a.pixels().iter().zip(b.pixels()).filter(|(p, q)| shown(p) || shown(q)).collect();
-    let squares = pixels.iter().flat_map(|(p, q)| p[..3].iter().zip(&q[..3])).map(|(p, q)| f64::from(p - q).powi(2));
-    255.0 * (squares.sum::<f64>() / (3 * pixels.len()) as f64).sqrt()
-}
+/// The largest errors of colour and alpha with a ray per pixel, 1.1 to 2 times those that were measured.
+///
+/// What is in a slab is merged: the error of colours is of second order in its thickness, 1 to 1.7 voxels. It is largest
+/// where one colour hides another within a slab, as thin vessels do, and least in ellipsoids of nearly one colour.
+/// Alpha errs by the fit of footprints by polynomials alone.
+const LIMITS: [(&str, f64, f64); 3] =
+    [("marschner-lobb", 2e-3, 1e-4), ("vessels", 4e-3, 1.5e-4), ("shepp-logan", 2e-4, 2e-4)];
 
 /// Views along an axis, between two and three of them, from behind and from below.
 const VIEWS: [(f64, f64); 6] = [(0.0, 0.0), (30.0, 20.0), (45.0, 35.264), (100.0, -50.0), (215.0, 10.0), (0.0, 45.0)];
 
 #[test]
 fn a_ray_per_pixel_is_the_reference() {
-    for (name, limit) in [("marschner-lobb", 2e-3), ("vessels", 4e-3), ("shepp-logan", 1e-3)] {
+    for (name, color_limit, alpha_limit) in LIMITS {
         let (volume, transfer) = demo(name, 32);
         for (azimuth, elevation) in VIEWS {
-            let settings = full(48);
-            let camera = camera(azimuth, elevation, 1.0, &volume, &settings);
+            let settings = full();
+            let camera = camera(azimuth, elevation, 1.0, &volume, 48);
             let expected = truth(&volume, &transfer, &camera, &settings);
-            let got = render(&volume, &transfer, &camera, &settings);
-            assert_eq!((got.stats.painter, got.stats.rays_per_voxel), (Painter::Tiles, None));
+            let got = picture(&volume, &transfer, &camera, &settings);
+            assert_eq!(by_tiles(&got).spacing, Some(RaySpacing::Pixels(1.0)));
             let (color, alpha) = errors(&got.image, &expected);
-            assert!(alpha < 3e-4 && color < limit, "{name} {azimuth} {elevation}: {color:e} {alpha:e}");
+            assert!(alpha < alpha_limit && color < color_limit, "{name} {azimuth} {elevation}: {color:e} {alpha:e}");
         }
     }
 }
@@ -77,13 +60,13 @@ fn a_ray_per_pixel_is_the_reference() {
 #[test]
 fn kernels_reach_three_voxels_along_parallel_rays() {
     // Voxels smaller than pixels, and larger kernels.
-    let grown = Settings { antialiasing: true, ..full(24) };
-    let wide = |kernel| Settings { kernel, ..full(48) };
+    let grown = Settings { antialiasing: true, ..full() };
+    let wide = |kernel| Settings { kernel, ..full() };
     let cases = [
         (grown.clone(), 32.0),
         (Settings { model: Model::Xray, normalization: Normalization::Peak, ..grown.clone() }, 32.0),
         (Settings { kernel: Kernel::KAISER_BESSEL, ..grown.clone() }, 30.0),
-        (Settings { resolution: Resolution::Capped, ..grown }, 32.0),
+        (with_tiles(&grown, Resolution::Capped), 32.0),
         (wide(Kernel::Gaussian { sigma: 1.3, radius: 3.0 }), 30.0),
         (wide(Kernel::KaiserBessel { radius: 2.6, alpha: 10.4 }), 30.0),
     ];
@@ -93,9 +76,10 @@ fn kernels_reach_three_voxels_along_parallel_rays() {
         for (settings, height) in &cases {
             for &(azimuth, elevation) in &VIEWS[..4] {
                 let view = View { azimuth, elevation, view_height: Some(*height), ..View::default() };
-                let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
+                let size = if settings.antialiasing { 24 } else { 48 };
+                let camera = look(&view, &volume, [size; 2]);
                 let expected = truth(&volume, &transfer, &camera, settings);
-                let got = render(&volume, &transfer, &camera, settings);
+                let got = picture(&volume, &transfer, &camera, settings);
                 assert_eq!(got.stats.kernel_growth > 1.0, settings.antialiasing);
                 let (color, alpha) = errors(&got.image, &expected);
                 assert!(
@@ -110,14 +94,15 @@ fn kernels_reach_three_voxels_along_parallel_rays() {
 #[test]
 fn scalars_of_kernels_that_grew_err_less_than_by_quads() {
     let kernel = Kernel::Gaussian { sigma: 0.8, radius: 1.5 };
-    let settings = Settings { shading: Shading::Post, antialiasing: true, kernel, ..full(24) };
+    let settings = Settings { shading: Shading::Post, antialiasing: true, kernel, ..full() };
     let (volume, transfer) = demo("vessels", 24);
     let view = View { azimuth: 30.0, elevation: 20.0, view_height: Some(30.0), ..View::default() };
-    let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
+    let camera = look(&view, &volume, [24; 2]);
     let expected = truth(&volume, &transfer, &camera, &settings);
-    let [tiles, quads] = [Painter::Tiles, Painter::Quads].map(|painter| {
-        let got = render(&volume, &transfer, &camera, &Settings { painter, ..settings.clone() });
-        assert!(got.stats.painter == painter && got.stats.kernel_growth > 1.2);
+    let painters = [("tiles", settings.clone()), ("quads", with_quads(&settings, |_| ()))];
+    let [tiles, quads] = painters.map(|(name, settings)| {
+        let got = picture(&volume, &transfer, &camera, &settings);
+        assert!(got.stats.painter.name() == name && got.stats.kernel_growth > 1.2);
         rms_of_all(&got.image, &expected)
     });
     assert!(tiles < quads && tiles < 2e-3, "{tiles:e}, quads {quads:e}");
@@ -126,22 +111,21 @@ fn scalars_of_kernels_that_grew_err_less_than_by_quads() {
 #[test]
 fn straight_rays_are_those_that_lean_a_little() {
     // Straight ones find their footprints once, the others in every plane.
-    let headlight = Lighting { lights: vec![Light::Headlight], ..Lighting::default() };
-    let post = Settings { shading: Shading::Post, ..full(40) };
+    let post = Settings { shading: Shading::Post, ..full() };
     let cases = [
-        full(40),
-        Settings { kernel: Kernel::KAISER_BESSEL, ..full(40) },
-        Settings { model: Model::Xray, ..full(40) },
+        full(),
+        Settings { kernel: Kernel::KAISER_BESSEL, ..full() },
+        Settings { model: Model::Xray, ..full() },
         post.clone(),
-        Settings { lighting: Some(headlight), ..post.clone() },
+        Settings { lighting: headlight(), ..post.clone() },
         Settings { model: Model::Mip, ..post },
     ];
     let (volume, transfer) = demo("vessels", 24);
     for settings in cases {
         for (azimuth, elevation) in [(0.0, 0.0), (90.0, 0.0), (180.0, 0.0), (0.0, 90.0)] {
             let [straight, leaning] = [0.0, 1e-3].map(|degrees| {
-                let camera = camera(azimuth + degrees, elevation - degrees, 1.0, &volume, &settings);
-                render(&volume, &transfer, &camera, &settings).image
+                let camera = camera(azimuth + degrees, elevation - degrees, 1.0, &volume, 40);
+                picture(&volume, &transfer, &camera, &settings).image
             });
             let pairs = straight.pixels().as_flattened().iter().zip(leaning.pixels().as_flattened());
             let worst = pairs.fold(0.0_f32, |worst, (p, q)| worst.max((p - q).abs()));
@@ -156,57 +140,51 @@ const EYES: [[f64; 3]; 5] =
 
 #[test]
 fn rays_through_one_eye_are_those_of_the_reference() {
-    for (name, limit) in [("marschner-lobb", 2.5e-3), ("vessels", 4e-3), ("shepp-logan", 1e-3)] {
+    for (name, color_limit, alpha_limit) in LIMITS {
         let (volume, transfer) = demo(name, 32);
         for eye in EYES {
-            let settings = full(48);
-            let camera = from_eye(eye, None, &volume, &settings);
+            let settings = full();
+            let camera = from_eye(eye, None, &volume, 48);
             let expected = truth(&volume, &transfer, &camera, &settings);
-            let got = render(&volume, &transfer, &camera, &settings);
-            assert_eq!(got.stats.painter, Painter::Tiles);
+            let got = picture(&volume, &transfer, &camera, &settings);
+            assert_eq!(got.stats.painter.name(), "tiles");
             let (color, alpha) = errors(&got.image, &expected);
-            assert!(alpha < 3e-4 && color < limit, "{name} {eye:?}: {color:e} {alpha:e}");
+            assert!(alpha < alpha_limit && color < color_limit, "{name} {eye:?}: {color:e} {alpha:e}");
         }
     }
 }
 
-/// Root mean square over all channels of all pixels.
-fn rms_of_all(a: &Image, b: &Image) -> f64 {
-    let pairs = a.pixels().as_flattened().iter().zip(b.pixels().as_flattened());
-    let squares: f64 = pairs.map(|(p, q)| f64::from(p - q).powi(2)).sum();
-    (squares / (4 * a.pixels().len()) as f64).sqrt()
-}
-
 #[test]
 fn scalars_are_classified_about_as_well_as_by_quads() {
-    let headlight = Lighting { lights: vec![Light::Headlight], ..Lighting::default() };
-    let post = Settings { shading: Shading::Post, ..full(36) };
-    // Slabs are thinner than sheets, their means less exact where kernels end in a jump; gradients are those of the lattice.
+    let post = Settings { shading: Shading::Post, ..full() };
+    // A share of quads' error, and a limit of its own for each volume: one and a half times what was measured.
+    // Slabs are thinner than sheets, their means less exact where kernels end in a jump; gradients are those of the
+    // lattice. The largest value of a ray is that of a jump in many pixels of marschner-lobb.
     let cases = [
-        (post.clone(), 1.3),
-        (Settings { interslice: Interslice::Mean, ..post.clone() }, 1.2),
-        (Settings { lighting: Some(headlight), ..post.clone() }, 0.6),
-        (Settings { model: Model::Mip, ..post.clone() }, 1.2),
-        (Settings { kernel: Kernel::KAISER_BESSEL, ..post }, 0.5),
+        (post.clone(), 1.3, [2.7e-3, 1.6e-3]),
+        (Settings { interslice: Interslice::Mean, ..post.clone() }, 1.2, [2.8e-3, 2.6e-3]),
+        (Settings { lighting: headlight(), ..post.clone() }, 0.6, [7.7e-3, 2.8e-3]),
+        (Settings { model: Model::Mip, ..post.clone() }, 1.2, [0.1, 4.4e-3]),
+        (Settings { kernel: Kernel::KAISER_BESSEL, ..post }, 0.5, [5.4e-4, 2.3e-3]),
     ];
-    for (settings, limit) in cases {
-        for name in ["marschner-lobb", "vessels"] {
+    for (settings, of_quads, alone) in cases {
+        for (name, limit) in ["marschner-lobb", "vessels"].into_iter().zip(alone) {
             let (volume, transfer) = demo(name, 24);
             let cameras = [
-                camera(100.0, -50.0, 1.0, &volume, &settings),
-                from_eye([45.0, 35.0, 60.0], None, &volume, &settings),
+                camera(100.0, -50.0, 1.0, &volume, 36),
+                from_eye([45.0, 35.0, 60.0], None, &volume, 36),
                 // In the middle of it.
-                from_eye([10.0, 5.0, 100.0], Some(6.0), &volume, &settings),
+                from_eye([10.0, 5.0, 100.0], Some(6.0), &volume, 36),
             ];
             let squares = cameras.map(|camera| {
                 let expected = truth(&volume, &transfer, &camera, &settings);
-                let quads = Settings { painter: Painter::Quads, ..settings.clone() };
-                let got = render(&volume, &transfer, &camera, &settings);
-                assert_eq!(got.stats.painter, Painter::Tiles);
-                [&got, &render(&volume, &transfer, &camera, &quads)].map(|r| rms_of_all(&r.image, &expected).powi(2))
+                let quads = with_quads(&settings, |_| ());
+                let got = picture(&volume, &transfer, &camera, &settings);
+                assert_eq!(got.stats.painter.name(), "tiles");
+                [&got, &picture(&volume, &transfer, &camera, &quads)].map(|r| rms_of_all(&r.image, &expected).powi(2))
             });
-            let [tiles, quads] = [0, 1].map(|painter| squares.iter().map(|s| s[painter]).sum::<f64>().sqrt());
-            assert!(tiles < limit * quads, "{settings:?} {name}: {tiles:e}, quads {quads:e}");
+            let [tiles, quads] = [0, 1].map(|painter| (squares.iter().map(|s| s[painter]).sum::<f64>() / 3.0).sqrt());
+            assert!(tiles < of_quads * quads && tiles < limit, "{settings:?} {name}: {tiles:e}, quads {quads:e}");
         }
     }
 }
@@ -216,18 +194,15 @@ fn scalars_fill_their_box_and_what_shows_everywhere_shows() {
     // All opaque at the base too: a uniform box.
     let grid = Grid::axis_parallel([12, 10, 14], [1.0; 3]).unwrap();
     let volume = Volume::new(grid, Samples::F32(vec![0.25; 12 * 10 * 14])).unwrap();
-    let point = |value, opacity| voxsplat::transfer::ControlPoint { value, color: [0.2, 0.4, 0.8], opacity };
-    let transfer = TransferFunction::new(vec![point(0.0, 0.1), point(1.0, 0.1)], None).unwrap();
+    let transfer = transfer(&[(0.0, [0.2, 0.4, 0.8], 0.1), (1.0, [0.2, 0.4, 0.8], 0.1)], None);
     for model in [Model::Composite, Model::Mip] {
-        let settings = Settings { model, shading: Shading::Post, ..full(48) };
-        for camera in
-            [camera(30.0, 20.0, 1.0, &volume, &settings), from_eye([30.0, 20.0, 50.0], None, &volume, &settings)]
-        {
+        let settings = Settings { model, shading: Shading::Post, ..full() };
+        for camera in [camera(30.0, 20.0, 1.0, &volume, 48), from_eye([30.0, 20.0, 50.0], None, &volume, 48)] {
             let expected = truth(&volume, &transfer, &camera, &settings);
-            let got = render(&volume, &transfer, &camera, &settings);
+            let got = picture(&volume, &transfer, &camera, &settings);
             let (color, alpha) = errors(&got.image, &expected);
             assert!(
-                got.stats.painter == Painter::Tiles && alpha < 1e-4 && color < 1e-4,
+                got.stats.painter.name() == "tiles" && alpha < 1e-4 && color < 1e-4,
                 "{model:?} {color:e} {alpha:e}"
             );
             assert!(got.image.pixels()[48 * 24 + 24][3] > 0.5);
@@ -240,14 +215,13 @@ fn a_ray_per_voxel_errs_by_less_than_half_a_step() {
     for (name, size) in [("marschner-lobb", 48), ("shell", 64), ("vessels", 48), ("shepp-logan", 48)] {
         let (volume, transfer) = demo(name, size);
         for (azimuth, elevation) in [(30.0, 20.0), (100.0, -50.0), (215.0, 10.0), (30.0, 4.0)] {
-            let exact = full(240);
-            let settings = Settings { resolution: Resolution::Capped, ..exact.clone() };
-            let camera = camera(azimuth, elevation, 1.0, &volume, &settings);
-            let expected = render(&volume, &transfer, &camera, &exact);
-            let got = render(&volume, &transfer, &camera, &settings);
-            // What is opaque asks for more rays than there are pixels from some sides.
-            assert!(got.stats.rays_per_voxel.is_some() || name == "vessels");
-            let error = rms(&got.image, &expected.image);
+            let exact = full();
+            let settings = with_tiles(&exact, Resolution::Capped);
+            let camera = camera(azimuth, elevation, 1.0, &volume, 240);
+            let expected = picture(&volume, &transfer, &camera, &exact);
+            let got = picture(&volume, &transfer, &camera, &settings);
+            assert!(matches!(by_tiles(&got).spacing, Some(RaySpacing::PerVoxel(_))), "{name} {azimuth} {elevation}");
+            let error = rms_in_steps(&got.image, &expected.image);
             assert!(error < 0.45, "{name} {azimuth} {elevation}: {error}");
         }
     }
@@ -258,57 +232,56 @@ fn a_coarser_raster_errs_by_less_than_half_a_step() {
     for (name, size) in [("marschner-lobb", 48), ("shell", 48), ("vessels", 40), ("shepp-logan", 48)] {
         let (volume, transfer) = demo(name, size);
         for (eye, zoom) in [([0.0, 0.0, 30.0], 1.3), ([45.0, 35.0, 60.0], 3.0), ([215.0, -50.0, 30.0], 2.0)] {
-            let exact = full(240);
-            let settings = Settings { resolution: Resolution::Capped, ..exact.clone() };
+            let exact = full();
+            let settings = with_tiles(&exact, Resolution::Capped);
             let [azimuth, elevation, fov] = eye;
             let projection = ProjectionKind::Perspective { fov };
             let view = View { azimuth, elevation, projection, zoom, ..View::default() };
-            let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
-            let expected = render(&volume, &transfer, &camera, &exact);
-            let got = render(&volume, &transfer, &camera, &settings);
-            assert_eq!(expected.stats.pixels_per_ray, Some(1.0));
-            assert!(got.stats.pixels_per_ray > Some(1.2) && got.stats.rays < expected.stats.rays, "{name} {eye:?}");
-            let error = rms(&got.image, &expected.image);
+            let camera = look(&view, &volume, [240; 2]);
+            let expected = picture(&volume, &transfer, &camera, &exact);
+            let got = picture(&volume, &transfer, &camera, &settings);
+            assert_eq!(by_tiles(&expected).spacing, Some(RaySpacing::Pixels(1.0)));
+            assert!(matches!(by_tiles(&got).spacing, Some(RaySpacing::Pixels(pitch)) if pitch > 1.2), "{name} {eye:?}");
+            assert!(by_tiles(&got).rays < by_tiles(&expected).rays, "{name} {eye:?}");
+            let error = rms_in_steps(&got.image, &expected.image);
             assert!(error < 0.45, "{name} {eye:?}: {error}");
         }
     }
 }
 
 #[test]
-fn every_model_that_is_served_is_that_of_quads() {
+fn every_model_that_is_served_follows_the_reference() {
     let (volume, transfer) = demo("marschner-lobb", 32);
-    let lights = vec![Light::Headlight, Light::Directional(DVec3::new(1.0, -0.3, 0.8))];
-    let lit = Lighting { ambient: 0.2, diffuse: 0.5, specular: 0.3, shininess: 12.0, lights };
-    let base = full(48);
+    let base = full();
     let cases = [
         base.clone(),
         Settings { model: Model::Xray, ..base.clone() },
-        Settings { lighting: Some(lit), ..base.clone() },
+        Settings { lighting: two_lights(), ..base.clone() },
         Settings { kernel: Kernel::KAISER_BESSEL, ..base.clone() },
         Settings {
             kernel: Kernel::Gaussian { sigma: 0.7, radius: 1.6 },
             normalization: Normalization::Peak,
             ..base.clone()
         },
-        Settings { size: [70, 33], ..base.clone() },
+    ];
+    let oblong = View { azimuth: 30.0, elevation: 20.0, ..View::default() };
+    let cameras = [
+        camera(30.0, 20.0, 1.0, &volume, 48),
+        camera(30.0, 20.0, 3.0, &volume, 48),
+        from_eye([40.0, 30.0, 60.0], None, &volume, 48),
+        look(&oblong, &volume, [70, 33]),
     ];
     for settings in cases {
-        let cameras = [
-            camera(30.0, 20.0, 1.0, &volume, &settings),
-            camera(30.0, 20.0, 3.0, &volume, &settings),
-            from_eye([40.0, 30.0, 60.0], None, &volume, &settings),
-        ];
         for camera in cameras {
-            // Thin sheets, for what quads err by to be small.
-            let quads = Settings { painter: Painter::Quads, sheet_thickness: 0.25, ..settings.clone() };
-            let quads = Settings { precision: Some(Precision::F32), ..quads };
-            let quads = if quads.model == Model::Xray { Settings { sheet_thickness: 1.0, ..quads } } else { quads };
-            let expected = render(&volume, &transfer, &camera, &quads);
-            let got = render(&volume, &transfer, &camera, &settings);
-            let (color, alpha) = errors(&got.image, &expected.image);
-            // A slab is 1.2 voxels thick, which is much of a narrow kernel.
-            let limit = if settings.kernel.radius() < 2.0 { 5e-3 } else { 2e-3 };
-            assert!(alpha < 5e-4 && color < limit, "{settings:?} {camera:?}: {color:e} {alpha:e}");
+            let expected = truth(&volume, &transfer, &camera, &settings);
+            let got = picture(&volume, &transfer, &camera, &settings);
+            assert_eq!(got.stats.painter.name(), "tiles");
+            let (color, alpha) = errors(&got.image, &expected);
+            // A slab is 1.2 voxels thick, which is much of a narrow kernel: 4.7e-3 was measured of it, 9.2e-4 of others.
+            // One sum has no slabs. Alpha is that of footprints fitted by polynomials: 9.4e-5.
+            let narrow = settings.kernel.radius() < 2.0;
+            let limit = if settings.model == Model::Xray { 1.5e-4 } else { [1.5e-3, 6e-3][usize::from(narrow)] };
+            assert!(alpha < 1.5e-4 && color < limit, "{settings:?} {camera:?}: {color:e} {alpha:e}");
         }
     }
 }
@@ -321,15 +294,15 @@ fn grids_may_be_anisotropic_sheared_and_cropped() {
         let grid = Grid::new(volume.grid().dims(), DAffine3::from_mat3(matrix)).unwrap();
         let volume = volume.clone().with_grid(grid).unwrap();
         for (azimuth, elevation) in [(30.0, 20.0), (70.0, 40.0)] {
-            let settings = full(128);
-            let camera = camera(azimuth, elevation, 1.5, &volume, &settings);
+            let settings = full();
+            let camera = camera(azimuth, elevation, 1.5, &volume, 128);
             let expected = truth(&volume, &transfer, &camera, &settings);
-            let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings).image, &expected);
+            let (color, alpha) = errors(&picture(&volume, &transfer, &camera, &settings).image, &expected);
             assert!(alpha < 5e-4 && color < 4e-3, "{matrix} {azimuth}: {color:e} {alpha:e}");
-            let capped = Settings { resolution: Resolution::Capped, ..settings };
-            let got = render(&volume, &transfer, &camera, &capped);
-            assert!(got.stats.rays_per_voxel.is_some());
-            let error = rms(&got.image, &expected);
+            let capped = with_tiles(&settings, Resolution::Capped);
+            let got = picture(&volume, &transfer, &camera, &capped);
+            assert!(matches!(by_tiles(&got).spacing, Some(RaySpacing::PerVoxel(_))));
+            let error = rms_in_steps(&got.image, &expected);
             assert!(error < 0.6, "{matrix} {azimuth}: {error}");
         }
     }
@@ -338,49 +311,43 @@ fn grids_may_be_anisotropic_sheared_and_cropped() {
 #[test]
 fn termination_is_bounded_and_repeats_are_equal() {
     let (volume, _) = demo("sphere", 48);
-    let point = |value, color, opacity| voxsplat::transfer::ControlPoint { value, color, opacity };
-    let points = vec![point(0.2, [0.1, 0.3, 1.0], 0.0), point(0.5, [1.0; 3], 0.9)];
-    let transfer = TransferFunction::new(points, None).unwrap();
+    let transfer = transfer(&[(0.2, [0.1, 0.3, 1.0], 0.0), (0.5, [1.0; 3], 0.9)], None);
     for resolution in [Resolution::Full, Resolution::Capped] {
-        let exact = Settings { resolution, ..full(96) };
-        let camera = camera(30.0, 20.0, 1.0, &volume, &exact);
-        let scene = RENDERER.prepare(&volume, &transfer, &exact, &|_| ()).unwrap();
-        let whole = RENDERER.render(&scene, &camera, &exact).unwrap().image;
+        let exact = with_tiles(&full(), resolution);
+        let camera = camera(30.0, 20.0, 1.0, &volume, 96);
+        let scene = prepare(&volume, &transfer, &exact);
+        let whole = draw(&scene, &camera, &exact).image;
         let settings = Settings { termination: 1e-2, ..exact.clone() };
-        let got = RENDERER.render(&scene, &camera, &settings).unwrap().image;
+        let got = draw(&scene, &camera, &settings).image;
         let (color, alpha) = errors(&got, &whole);
         // Enlarged, an error of the raster can grow by what the spline's weights add up to.
         assert!(color.max(alpha) < 1.5e-2 && color > 0.0, "{color:e} {alpha:e}");
-        assert!(RENDERER.render(&scene, &camera, &exact).unwrap().image.pixels() == whole.pixels());
+        assert!(draw(&scene, &camera, &exact).image.pixels() == whole.pixels());
     }
 }
 
 #[test]
 fn auto_takes_tiles_where_they_serve_and_says_why_not() {
     let (volume, transfer) = demo("marschner-lobb", 24);
-    let auto = Settings { size: [64; 2], ..Settings::default() };
-    let scene = RENDERER.prepare(&volume, &transfer, &auto, &|_| ()).unwrap();
-    let near = camera(30.0, 20.0, 1.0, &volume, &auto);
-    let stats = |settings: &Settings, camera: &Camera| RENDERER.render(&scene, camera, settings).map(|r| r.stats);
+    let auto = Settings::default();
+    let scene = prepare(&volume, &transfer, &auto);
+    let near = camera(30.0, 20.0, 1.0, &volume, 64);
+    let stats = |settings: &Settings, camera| draw_on(&RENDERER, &scene, camera, settings).map(|r| r.stats);
     let software = RENDERER.adapter().is_software();
-    let expected = if software { Painter::Tiles } else { Painter::Quads };
-    assert_eq!(stats(&auto, &near).unwrap().painter, expected);
-    let inside = from_eye([0.0, 0.0, 60.0], Some(5.0), &volume, &auto);
-    let far = camera(30.0, 20.0, 0.2, &volume, &auto);
+    let expected = if software { "tiles" } else { "quads" };
+    assert_eq!(stats(&auto, &near).unwrap().painter.name(), expected);
+    let inside = from_eye([0.0, 0.0, 60.0], Some(5.0), &volume, 64);
+    let far = camera(30.0, 20.0, 0.2, &volume, 64);
     let cases = [
         (auto.clone(), &inside, "eye"),
         (auto.clone(), &far, "grow"),
-        (Settings { sheets: Sheets::Axis, ..auto.clone() }, &near, "sheets"),
-        (Settings { sheet_thickness: 0.5, ..auto.clone() }, &near, "voxel thick"),
         (Settings { kernel: Kernel::Gaussian { sigma: 1.0, radius: 3.2 }, ..auto.clone() }, &near, "at most 3"),
-        (Settings { precision: Some(Precision::F32), ..auto.clone() }, &near, "precision"),
-        (Settings { max_error: Some(1e-3), ..auto.clone() }, &near, "footprint table"),
     ];
     for (settings, camera, word) in cases {
         let got = stats(&settings, camera).unwrap();
-        assert_eq!(got.painter, Painter::Quads, "{word}");
-        assert!(got.painter_reason.contains(word), "{}", got.painter_reason);
-        match stats(&Settings { painter: Painter::Tiles, ..settings }, camera) {
+        assert_eq!(got.painter.name(), "quads", "{word}");
+        assert!(!software || got.painter_reason.contains(word), "{}", got.painter_reason);
+        match stats(&with_tiles(&settings, Resolution::Capped), camera) {
             Err(Error::Setting { name: "painter", reason }) => assert!(reason.contains(word), "{reason}"),
             other => panic!("{word}: {other:?}"),
         }
@@ -388,47 +355,42 @@ fn auto_takes_tiles_where_they_serve_and_says_why_not() {
     // A few voxels, seen along an axis: a ray for each of many pixels.
     let one = Volume::new(Grid::axis_parallel([3; 3], [1.0; 3]).unwrap(), Samples::F32(vec![1.0; 27])).unwrap();
     let xray = Settings { model: Model::Xray, ..auto.clone() };
-    let got = render(&one, &transfer, &camera(0.0, 0.0, 1.0, &one, &xray), &xray).stats;
-    assert_eq!(got.painter, Painter::Quads);
+    let got = picture(&one, &transfer, &camera(0.0, 0.0, 1.0, &one, 64), &xray).stats;
+    assert_eq!(got.painter.name(), "quads");
     assert!(!software || got.painter_reason.contains("few voxels"), "{}", got.painter_reason);
-    let quads = stats(&Settings { painter: Painter::Quads, ..auto.clone() }, &near).unwrap();
-    assert_eq!((quads.painter, quads.painter_reason.as_str()), (Painter::Quads, "asked for"));
+    let quads = stats(&with_quads(&auto, |_| ()), &near).unwrap();
+    assert_eq!((quads.painter.name(), quads.painter_reason.as_str()), ("quads", "asked for"));
     let post = Settings { shading: Shading::Post, ..auto };
-    let scene = RENDERER.prepare(&volume, &transfer, &post, &|_| ()).unwrap();
-    assert_eq!(RENDERER.render(&scene, &near, &post).unwrap().stats.painter, expected);
+    let scene = prepare(&volume, &transfer, &post);
+    assert_eq!(draw(&scene, &near, &post).stats.painter.name(), expected);
 }
 
 #[test]
 fn turning_packs_the_volume_once_an_axis() {
     let (volume, transfer) = demo("vessels", 64);
-    let settings = Settings { resolution: Resolution::Capped, ..full(96) };
+    let settings = with_tiles(&full(), Resolution::Capped);
     // Its own, for nobody else to be counted.
-    let renderer = Renderer::new(&RendererOptions::default()).unwrap();
-    let scene = renderer.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
+    let renderer = new_renderer();
+    let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
     let packs = |azimuth: f64, settings: &Settings| {
-        let camera = camera(azimuth, 20.0, 1.0, &volume, settings);
-        let stats = renderer.render(&scene, &camera, settings).unwrap().stats;
+        let camera = camera(azimuth, 20.0, 1.0, &volume, 96);
+        let stats = draw_on(&renderer, &scene, &camera, settings).unwrap().stats;
         assert!(stats.bytes_sent < 2000, "{}", stats.bytes_sent);
         stats.stages.iter().any(|s| s.name == "pack")
     };
     // Without timestamps the stage does not show.
     if !packs(25.0, &settings) {
+        assert!(!renderer.adapter().name.contains("llvmpipe"), "llvmpipe has timestamps");
         return;
     }
     assert!(!packs(10.0, &settings) && !packs(35.0, &settings));
     assert!(packs(120.0, &settings), "another axis");
-    let always = Settings { savings: Savings { reuse: false, ..Savings::default() }, ..settings };
-    assert!(packs(120.0, &always));
 }
 
 #[test]
 fn nothing_to_see_is_a_clear_picture() {
     let (volume, _) = demo("sphere", 16);
-    let point = |value, opacity| voxsplat::transfer::ControlPoint { value, color: [1.0; 3], opacity };
-    let transfer = TransferFunction::new(vec![point(500.0, 0.0), point(600.0, 0.5)], None).unwrap();
-    let settings = full(16);
-    let view = View { projection: ProjectionKind::Orthographic, ..View::default() };
-    let camera = Camera::new(&view, volume.grid(), settings.size).unwrap();
-    let got = render(&volume, &transfer, &camera, &settings);
-    assert!(got.image.pixels().iter().all(|p| *p == [0.0; 4]) && got.stats.rays == 0);
+    let transfer = transfer(&[(500.0, [1.0; 3], 0.0), (600.0, [1.0; 3], 0.5)], None);
+    let got = picture(&volume, &transfer, &camera(0.0, 0.0, 1.0, &volume, 16), &full());
+    assert!(got.image.pixels().iter().all(|p| *p == [0.0; 4]) && by_tiles(&got).rays == 0);
 }

@@ -1,0 +1,8 @@
+//! The adapter that tests run on, of this suite and of `src/gpu/stages_test.rs`.
+
+/// Part of its name: `VOXSPLAT_TEST_ADAPTER`, or Mesa's software rasteriser.
+///
+/// Bounds and goldens were taken with a named driver, so tests do not run on whatever adapter is the best.
+pub(crate) fn adapter() -> String {
+    std::env::var("VOXSPLAT_TEST_ADAPTER").unwrap_or_else(|_| "llvmpipe".to_owned())
+}

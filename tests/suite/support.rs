@@ -1,0 +1,158 @@
+//! What the tests share: one device, volumes, and the only calls of the library that make cameras and pictures.
+
+use std::sync::LazyLock;
+
+use glam::DVec3;
+use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::demos::demo_transfer;
+use voxsplat::error::Result;
+use voxsplat::formats::{LoadOptions, load};
+use voxsplat::image::Image;
+use voxsplat::lighting::{Light, Lighting};
+use voxsplat::renderer::{Rendered, Renderer, RendererOptions, Scene};
+use voxsplat::report::compare;
+use voxsplat::settings::{Painter, Precision, QuadsSettings, Resolution, Settings, TilesSettings};
+use voxsplat::stats::{QuadsStats, TilesStats};
+use voxsplat::transfer::{ControlPoint, TransferFunction};
+use voxsplat::volume::Volume;
+
+use crate::adapter::adapter;
+
+/// One device for all tests of this binary.
+pub(crate) static RENDERER: LazyLock<Renderer> = LazyLock::new(new_renderer);
+
+/// A device of its own, for tests that count what was made on it.
+pub(crate) fn new_renderer() -> Renderer {
+    Renderer::new(&RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() })
+        .unwrap_or_else(|e| panic!("{e}; VOXSPLAT_TEST_ADAPTER names another adapter"))
+}
+
+pub(crate) fn demo(name: &str, size: u32) -> (Volume, TransferFunction) {
+    let volume = load(&format!("demo:{name}:{size}"), &LoadOptions::default()).unwrap();
+    (volume, demo_transfer(name).unwrap())
+}
+
+pub(crate) fn transfer(points: &[(f64, [f64; 3], f64)], unit: Option<f64>) -> TransferFunction {
+    let points = points.iter().map(|&(value, color, opacity)| ControlPoint { value, color, opacity }).collect();
+    TransferFunction::new(points, unit).unwrap()
+}
+
+pub(crate) fn headlight() -> Option<Lighting> {
+    Some(Lighting { lights: vec![Light::Headlight], ..Lighting::default() })
+}
+
+pub(crate) fn two_lights() -> Option<Lighting> {
+    let lights = vec![Light::Headlight, Light::Directional(DVec3::new(1.0, -0.3, 0.8))];
+    Some(Lighting { ambient: 0.2, diffuse: 0.5, specular: 0.3, shininess: 12.0, lights })
+}
+
+/// Quads, and nothing that is allowed to change a picture.
+pub(crate) fn exact_quads() -> Settings {
+    with_quads(&Settings { termination: 0.0, ..Settings::default() }, |q| q.precision = Some(Precision::F32))
+}
+
+/// The painter quads, with some of its settings changed.
+pub(crate) fn with_quads(settings: &Settings, change: impl FnOnce(&mut QuadsSettings)) -> Settings {
+    let mut quads = if let Painter::Quads(quads) = settings.painter { quads } else { QuadsSettings::default() };
+    change(&mut quads);
+    Settings { painter: Painter::Quads(quads), ..settings.clone() }
+}
+
+/// The painter tiles, with rays as fine as `resolution`.
+pub(crate) fn with_tiles(settings: &Settings, resolution: Resolution) -> Settings {
+    Settings { painter: Painter::Tiles(TilesSettings { resolution }), ..settings.clone() }
+}
+
+/// Quads, with sheets of another thickness.
+pub(crate) fn thick(settings: &Settings, sheet_thickness: f64) -> Settings {
+    with_quads(settings, |q| q.sheet_thickness = sheet_thickness)
+}
+
+pub(crate) const PERSPECTIVE: ProjectionKind = ProjectionKind::Perspective { fov: 40.0 };
+pub(crate) const PROJECTIONS: [ProjectionKind; 2] = [ProjectionKind::Orthographic, PERSPECTIVE];
+
+/// A view of a volume.
+pub(crate) fn look(view: &View, volume: &Volume, size: [u32; 2]) -> Camera {
+    Camera::new(view, volume.grid(), size).unwrap()
+}
+
+/// A view of a volume from 25 degrees above.
+pub(crate) fn camera(azimuth: f64, projection: ProjectionKind, volume: &Volume, size: u32) -> Camera {
+    look(&View { azimuth, elevation: 25.0, projection, ..View::default() }, volume, [size; 2])
+}
+
+/// The place of a pixel in the image, by its number; see `Camera::image_coordinates`.
+pub(crate) fn coordinates(index: usize, camera: &Camera) -> (f64, f64) {
+    let (index, width) = (index as u32, camera.size[0]);
+    camera.image_coordinates([index % width, index / width])
+}
+
+pub(crate) fn prepare(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Scene {
+    prepare_on(&RENDERER, volume, transfer, settings).unwrap()
+}
+
+pub(crate) fn prepare_on(
+    renderer: &Renderer,
+    volume: &Volume,
+    transfer: &TransferFunction,
+    settings: &Settings,
+) -> Result<Scene> {
+    renderer.prepare(volume, transfer, settings)
+}
+
+pub(crate) fn draw(scene: &Scene, camera: &Camera, settings: &Settings) -> Rendered {
+    draw_on(&RENDERER, scene, camera, settings).unwrap()
+}
+
+pub(crate) fn draw_on(renderer: &Renderer, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
+    renderer.render(scene, camera, settings)
+}
+
+/// Prepares a volume and renders it.
+pub(crate) fn picture(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Rendered {
+    draw(&prepare(volume, transfer, settings), camera, settings)
+}
+
+pub(crate) fn render(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Image {
+    picture(volume, transfer, camera, settings).image
+}
+
+/// The largest error of any colour, and of alpha.
+pub(crate) fn errors(a: &Image, b: &Image) -> (f64, f64) {
+    let [r, g, b, alpha] = compare(a, b, 0.0).unwrap().max_channel;
+    (r.max(g).max(b), alpha)
+}
+
+/// Root mean square over all channels of the pixels that either picture covers.
+pub(crate) fn rms_covered(a: &Image, b: &Image) -> f64 {
+    compare(a, b, 0.0).unwrap().rms_covered
+}
+
+/// Root mean square over all channels of all pixels.
+pub(crate) fn rms_of_all(a: &Image, b: &Image) -> f64 {
+    compare(a, b, 0.0).unwrap().rms
+}
+
+/// Root mean square over the colours of the pixels that show in 8 bits, in steps of them.
+pub(crate) fn rms_in_steps(a: &Image, b: &Image) -> f64 {
+    let shown = |p: &[f32; 4]| p[..3].iter().any(|&c| c > 1.0 / 255.0);
+    let pixels: Vec<_> = a.pixels().iter().zip(b.pixels()).filter(|(p, q)| shown(p) || shown(q)).collect();
+    let squares = pixels.iter().flat_map(|(p, q)| p[..3].iter().zip(&q[..3])).map(|(p, q)| f64::from(p - q).powi(2));
+    255.0 * (squares.sum::<f64>() / (3 * pixels.len()) as f64).sqrt()
+}
+
+/// What quads did; fails if another painter drew.
+pub(crate) fn by_quads(rendered: &Rendered) -> QuadsStats {
+    *rendered
+        .stats
+        .quads()
+        .unwrap_or_else(|| panic!("{}: {}", rendered.stats.painter.name(), rendered.stats.painter_reason))
+}
+
+/// What tiles did; fails if another painter drew.
+pub(crate) fn by_tiles(rendered: &Rendered) -> TilesStats {
+    *rendered
+        .stats
+        .tiles()
+        .unwrap_or_else(|| panic!("{}: {}", rendered.stats.painter.name(), rendered.stats.painter_reason))
+}
