@@ -84,9 +84,8 @@ fn device_nothing_that_is_left_out_changes_a_pixel() {
 fn check(what: &str, saving: &str, got: &Rendered, all: &Rendered, settings: &Settings) {
     let in_view = |r: &Rendered| r.stats.quads().map_or(0, |q| q.splats_in_view);
     let quads = got.stats.quads().is_some();
-    // Tiles packs the box around the splats: other splats move the box, which rounds coordinates differently, and rays
-    // look for the base in fewer places.
-    let allowed = if quads { 0.0 } else { TILES_NOISE };
+    // Without a saving, tiles may keep other splats.
+    let allowed = if quads || saving != "voxels" { 0.0 } else { tiles_noise(settings) };
     let difference = got.image.pixels().as_flattened().iter().zip(all.image.pixels().as_flattened());
     let largest = difference.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(largest <= allowed, "{what}, without {saving}: {largest:e}");
@@ -104,5 +103,13 @@ fn check(what: &str, saving: &str, got: &Rendered, all: &Rendered, settings: &Se
     }
 }
 
-/// The largest difference of pictures by tiles that keep other splats.
-const TILES_NOISE: f32 = 1e-6;
+/// The largest difference of pictures by tiles that keep other splats. Tiles packs the box around the splats: another box
+/// rounds coordinates differently, by 1.0e-6 here. Parts of kernels in slabs are fitted, and fits fade later than their
+/// kernels: post-shaded, voxels farther than kernels reach change a place by 1.6e-3 here, a maximum by 9.6e-3.
+fn tiles_noise(settings: &Settings) -> f32 {
+    match (settings.model, settings.is_post_shaded()) {
+        (_, false) => 2e-6,
+        (Model::Mip, _) => 1.2e-2,
+        _ => 2e-3,
+    }
+}

@@ -11,6 +11,7 @@ mod adapter;
 mod algorithms;
 mod cli;
 mod demos;
+mod embed;
 mod golden;
 mod presets;
 mod readers;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::DVec3;
 use voxsplat::camera::View;
-use voxsplat::error::Error;
+use voxsplat::error::{Error, Hint};
 use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::Image;
 use voxsplat::settings::{Model, Settings, Shading};
@@ -128,8 +128,8 @@ fn streamed_samples_that_are_not_finite_are_refused_or_replaced() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("v.raw");
     write(&path, |v| (if v == 50 { f32::NAN } else { f32::from(v) }).to_le_bytes().to_vec());
-    let error = open(&path, SampleType::F32, Endian::Little, 0).unwrap_err().to_string();
-    assert!(error.contains("NaN or infinite") && error.contains("--replace-nan"), "{error}");
+    let error = open(&path, SampleType::F32, Endian::Little, 0).unwrap_err();
+    assert_eq!(error.hint(), Some(Hint::ReplaceNonFinite), "{error}");
     let options = LoadOptions {
         dims: Some(DIMS),
         sample_type: Some(SampleType::F32),
