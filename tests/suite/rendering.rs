@@ -226,6 +226,7 @@ fn feeding_several_sheets_at_once_changes_nothing_but_the_number_of_quads() {
 }
 
 #[test]
+#[ignore = "slow: a picture of 2001 x 2001 pixels"]
 fn a_picture_made_in_parts_is_the_whole_picture() {
     // 2001^2 pixels are over 256 MiB of sheets, so they are made in several regions; 667^2 pixels are not.
     let (volume, transfer) = demo("vessels", 12);

@@ -43,6 +43,7 @@ fn without() -> [(&'static str, Savings); 6] {
 }
 
 #[test]
+#[ignore = "slow: 98 pictures"]
 fn nothing_that_is_left_out_changes_a_pixel() {
     let (volume, transfer) = balls();
     let pre = Settings { termination: 1e-3, ..exact_quads() };

@@ -57,6 +57,7 @@ fn a_ray_per_pixel_is_the_reference() {
 }
 
 #[test]
+#[ignore = "slow: 48 truths of wide kernels"]
 fn kernels_reach_three_voxels_along_parallel_rays() {
     // Voxels smaller than pixels, and larger kernels.
     let grown = Settings { antialiasing: true, ..full() };
@@ -153,6 +154,7 @@ fn rays_through_one_eye_are_those_of_the_reference() {
 }
 
 #[test]
+#[ignore = "slow: 30 post-shaded truths"]
 fn scalars_are_classified_about_as_well_as_by_quads() {
     let post = Settings { shading: Shading::Post, ..full() };
     // A share of quads' error, and a limit of its own for each volume: one and a half times what was measured.
@@ -292,7 +294,7 @@ fn grids_may_be_anisotropic_sheared_and_cropped() {
         let volume = volume.clone().with_grid(grid).unwrap();
         for (azimuth, elevation) in [(30.0, 20.0), (70.0, 40.0)] {
             let settings = full();
-            let camera = camera(azimuth, elevation, 1.5, &volume, 128);
+            let camera = camera(azimuth, elevation, 1.5, &volume, 80);
             let expected = truth(&volume, &transfer, &camera, &settings);
             let (color, alpha) = errors(&picture(&volume, &transfer, &camera, &settings).image, &expected);
             assert!(alpha < 5e-4 && color < 4e-3, "{matrix} {azimuth}: {color:e} {alpha:e}");
