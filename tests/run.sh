@@ -1,5 +1,6 @@
 #!/bin/sh
-# Runs every test, the slow ones too, installing first what is missing besides Rust. Arguments go to `cargo test` instead.
+# Runs every test, the slow ones too, installing first what is missing besides Rust.
+# Arguments replace those that `cargo test` is given.
 set -eu
 cd "$(dirname "$0")/.."
 # shellcheck source=tests/setup.sh

@@ -28,9 +28,9 @@ fn xray_is_the_exact_line_integral() {
 
 #[test]
 fn xray_of_a_gaussian_mixture_is_its_analytic_projection() {
-    // A mixture of wide Gaussians, sampled, and splatted with a kernel that is a Gaussian as well: the reconstruction is
-    // the mixture convolved with the kernel, and so is its projection. Opacity per unit small enough for the transfer
-    // function, linear in opacity, to be linear in extinction.
+    // A mixture of wide Gaussians, sampled, and splatted with a kernel that is a Gaussian as well: the reconstruction
+    // is the mixture convolved with the kernel, and so is its projection. Opacity per unit is small enough for the
+    // transfer function, linear in opacity, to be linear in extinction.
     let size = 48_u32;
     let blobs = [(DVec3::new(-5.0, 2.0, 1.0), 4.0_f64, 0.7), (DVec3::new(4.0, -3.0, -4.0), 4.3, 0.3)];
     let middle = f64::from(size - 1) / 2.0;
@@ -284,8 +284,8 @@ fn bricks_behind_opaque_pixels_are_hidden_as_a_whole() {
 #[test]
 #[ignore = "slow: 12 pictures of grown kernels"]
 fn minification_keeps_energy() {
-    // Thin enough for alpha to be optical depth: its sum times the area of a pixel is the mass of the volume. Far enough
-    // from the faces for grown kernels to stay inside, where scalars end.
+    // Thin enough for alpha to be optical depth: its sum times the area of a pixel is the mass of the volume. Far
+    // enough from the faces for grown kernels to stay inside, where scalars end.
     let at = |i: u32| f64::from(i) - 15.5;
     let samples = (0..32)
         .flat_map(|z| (0..32).flat_map(move |y| (0..32).map(move |x| DVec3::new(at(x), at(y), at(z)))))
@@ -294,8 +294,8 @@ fn minification_keeps_energy() {
     let volume = Volume::new(Grid::axis_parallel([32; 3], [1.0; 3]).unwrap(), Samples::F32(samples)).unwrap();
     let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], 1e-4)], Some(1.0));
     for shading in [Shading::Pre, Shading::Post] {
-        // Perspective magnifies the near half of a large kernel more than it shrinks the far half: by 3 (s sigma / z)^2,
-        // little for an eye as far away as this.
+        // Perspective magnifies the near half of a large kernel more than it shrinks the far half: by
+        // 3 (s sigma / z)^2, little for an eye as far away as this.
         for projection in [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 15.0 }] {
             let energy = |size: u32| {
                 let settings = Settings { shading, ..exact_quads() };

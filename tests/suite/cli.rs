@@ -283,8 +283,8 @@ fn pictures_of_the_device_are_those_of_the_library() {
         projection: ProjectionKind::Perspective { fov: 40.0 },
         ..View::default()
     };
-    let arguments = "--painter quads --azimuth -30 --elevation 20 --roll 10 --zoom 1.5 --projection perspective --fov 40 \
-                     --background transparent";
+    let arguments = "--painter quads --azimuth -30 --elevation 20 --roll 10 --zoom 1.5 --projection perspective \
+                     --fov 40 --background transparent";
     assert_sphere(dir.path(), arguments, &view, &quads, Background::Transparent);
 }
 

@@ -31,8 +31,8 @@ fn from_eye([azimuth, elevation, fov]: [f64; 3], distance: Option<f64>, volume: 
 
 /// The largest errors of colour and alpha with a ray per pixel, 1.1 to 2 times those that were measured.
 ///
-/// What is in a slab is merged: the error of colours is of second order in its thickness, 1 to 1.7 voxels. It is largest
-/// where one colour hides another within a slab, as thin vessels do, and least in ellipsoids of nearly one colour.
+/// What is in a slab is merged: the error of colours is of second order in its thickness, 1 to 1.7 voxels. It is
+/// largest if one colour hides another within a slab, as in thin vessels, and least in ellipsoids of nearly one colour.
 /// Alpha errs by the fit of footprints by polynomials alone.
 const LIMITS: [(&str, f64, f64); 3] =
     [("marschner-lobb", 2e-3, 1e-4), ("vessels", 4e-3, 1.5e-4), ("shepp-logan", 2e-4, 2e-4)];
@@ -276,7 +276,7 @@ fn every_model_that_is_served_follows_the_reference() {
             let got = picture(&volume, &transfer, &camera, &settings);
             assert_eq!(got.stats.painter, Painter::Tiles);
             let (color, alpha) = errors(&got.image, &expected);
-            // A slab is 1.2 voxels thick, which is much of a narrow kernel: 4.7e-3 was measured of it, 9.2e-4 of others.
+            // A slab is 1.2 voxels thick, which is much of a narrow kernel: it errs by 4.7e-3, others by 9.2e-4.
             // One sum has no slabs. Alpha is that of footprints fitted by polynomials: 9.4e-5.
             let narrow = settings.kernel.radius() < 2.0;
             let limit = if settings.model == Model::Xray { 1.5e-4 } else { [1.5e-3, 6e-3][usize::from(narrow)] };
