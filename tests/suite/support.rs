@@ -23,7 +23,7 @@ pub(crate) static RENDERER: LazyLock<Renderer> = LazyLock::new(new_renderer);
 /// A device of its own, for tests that count what was made on it.
 pub(crate) fn new_renderer() -> Renderer {
     Renderer::new(&RendererOptions { adapter: Some(adapter()) })
-        .unwrap_or_else(|e| panic!("{e}; VOXSPLAT_TEST_ADAPTER names another adapter"))
+        .unwrap_or_else(|e| panic!("{e}; VOXSPLAT_TEST_ADAPTER can name another adapter"))
 }
 
 pub(crate) fn demo(name: &str, size: u32) -> (Volume, TransferFunction) {
