@@ -109,11 +109,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("| volume, {size}^3 | rays | sheets | alpha at 0.5 / 1 / 2 | colour at 0.5 / 1 / 2 |");
     println!("|---|---|---|---|---|");
     for demo in demos() {
-        let volume = load(&format!("demo:{}:{size}", demo.name), &LoadOptions::default())?;
+        let volume = load(format!("demo:{}:{size}", demo.name), &LoadOptions::default())?;
         let transfer = demo_transfer(demo.name).ok_or("no transfer function")?;
         row(&renderer, demo.name, &volume, &transfer, &settings)?;
     }
-    let volume = load(&format!("demo:marschner-lobb:{size}"), &LoadOptions::default())?;
+    let volume = load(format!("demo:marschner-lobb:{size}"), &LoadOptions::default())?;
     let transfer = demo_transfer("marschner-lobb").ok_or("no transfer function")?;
     let blob = Settings { kernel: Kernel::KAISER_BESSEL, ..settings.clone() };
     row(&renderer, "marschner-lobb, Kaiser-Bessel", &volume, &transfer, &blob)?;

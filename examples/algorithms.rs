@@ -33,7 +33,7 @@ fn exact(size: u32) -> Settings {
 }
 
 fn demo(name: &str, size: u32) -> Outcome<(Volume, TransferFunction)> {
-    let volume = load(&format!("demo:{name}:{size}"), &LoadOptions::default())?;
+    let volume = load(format!("demo:{name}:{size}"), &LoadOptions::default())?;
     Ok((volume, demo_transfer(name).ok_or("no transfer function")?))
 }
 

@@ -76,7 +76,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let image = renderer.render(&scene, camera, &settings)?.image;
             if tenths == 448 || tenths == 452 {
                 let name = format!("{sheets}-{accumulation}-{}.{}.png", tenths / 10, tenths % 10);
-                image.save(&folder.join(name), Background::default())?;
+                image.save(folder.join(name), Background::default())?;
             }
             frames.push(image);
         }

@@ -1,8 +1,8 @@
 //! The graphics adapter that pictures are made on, as its driver describes it.
 
-use std::fmt;
-
 use serde::Serialize;
+
+use crate::names::spelled;
 
 /// A graphics adapter as the driver describes it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -18,8 +18,7 @@ pub struct AdapterInfo {
 }
 
 /// What kind of device an adapter is, the fastest kind first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum AdapterKind {
     /// A GPU with memory of its own.
     Discrete,
@@ -33,15 +32,13 @@ pub enum AdapterKind {
     Cpu,
 }
 
-impl fmt::Display for AdapterKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
-            Self::Discrete => "discrete",
-            Self::Integrated => "integrated",
-            Self::Virtual => "virtual",
-            Self::Other => "other",
-            Self::Cpu => "cpu",
-        })
+spelled! {
+    AdapterKind {
+        Discrete: "discrete",
+        Integrated: "integrated",
+        Virtual: "virtual",
+        Other: "other",
+        Cpu: "cpu",
     }
 }
 

@@ -91,19 +91,26 @@ pub struct Camera {
     pub forward: DVec3,
     /// Parallel or perspective rays.
     pub projection: Projection,
+    /// Width and height of the picture, pixels.
+    pub size: [u32; 2],
 }
 
 /// Space left around a fitted volume, as a fraction of the picture.
 const FIT_MARGIN: f64 = 0.02;
 
 impl Camera {
+    /// The largest width or height of a picture, in pixels.
+    pub const MAX_SIZE: u32 = 32_768;
+
     /// The camera of a view of a volume in a picture of `size` (width, height) pixels.
     ///
     /// A view without height and distance is fitted: the box of the volume just fits into the picture.
     ///
     /// # Errors
-    /// [`Error::Camera`] where a number is not finite or out of its range, or `up` is parallel to the direction.
+    /// [`Error::Camera`] if a number is not finite or out of its range, or `up` is parallel to the direction;
+    /// [`Error::Setting`] if a side of the picture is 0 or over [`Camera::MAX_SIZE`] pixels.
     pub fn new(view: &View, grid: &Grid, size: [u32; 2]) -> Result<Self> {
+        check_size(size)?;
         view.validate()?;
         let frame = view.frame()?;
         let (right, up, forward) = (frame.x_axis, frame.y_axis, -frame.z_axis);
@@ -143,13 +150,53 @@ impl Camera {
                 Projection::Perspective { tan_half_fov: tan / view.zoom, distance }
             }
         };
-        Ok(Self { target, right, up, forward, projection })
+        Ok(Self { target, right, up, forward, projection, size })
+    }
+
+    /// Refuses a camera that sees nothing defined.
+    ///
+    /// # Errors
+    /// [`Error::Camera`] if a number is not finite, [`Error::Setting`] if a side of the picture is 0 or over
+    /// [`Camera::MAX_SIZE`] pixels.
+    pub fn validate(&self) -> Result<()> {
+        check_size(self.size)?;
+        let numbers = match self.projection {
+            Projection::Orthographic { half_height } => [half_height, 1.0],
+            Projection::Perspective { tan_half_fov, distance } => [tan_half_fov, distance],
+        };
+        if ![self.target, self.right, self.up, self.forward].iter().all(|v| v.is_finite())
+            || !numbers.iter().all(|n| n.is_finite())
+        {
+            return Err(Error::Camera("its position, axes and projection must be finite".to_owned()));
+        }
+        Ok(())
+    }
+
+    /// The world point that perspective rays start from; `None` for parallel rays.
+    #[must_use]
+    pub fn eye(&self) -> Option<DVec3> {
+        match self.projection {
+            Projection::Orthographic { .. } => None,
+            Projection::Perspective { distance, .. } => Some(self.target - self.forward * distance),
+        }
+    }
+
+    /// Plane coordinates (offsets along right and up, in world units at the target for parallel rays, at unit depth for
+    /// perspective ones) of one pixel across and down, and of the top left corner of the picture.
+    pub(crate) fn pixels(&self) -> ([f64; 2], [f64; 2]) {
+        let [w, h] = self.size.map(f64::from);
+        let half = match self.projection {
+            Projection::Orthographic { half_height } => half_height,
+            Projection::Perspective { tan_half_fov, .. } => tan_half_fov,
+        };
+        let scale = 2.0 * half / h;
+        ([scale, -scale], [-half * w / h, half])
     }
 
     /// Image coordinates (sx, sy) of a pixel's centre; see [`Projection`].
     #[must_use]
-    pub fn image_coordinates(pixel: [u32; 2], size: [u32; 2]) -> (f64, f64) {
-        let [w, h] = size.map(f64::from);
+    pub fn image_coordinates(&self, pixel: [u32; 2]) -> (f64, f64) {
+        let [w, h] = self.size.map(f64::from);
         let sx = (2.0 * (f64::from(pixel[0]) + 0.5) / w - 1.0) * w / h;
         let sy = 1.0 - 2.0 * (f64::from(pixel[1]) + 0.5) / h;
         (sx, sy)
@@ -197,21 +244,29 @@ impl Growth {
 }
 
 impl Camera {
-    /// How the kernels of a volume on `grid` grow in a picture `height` pixels high.
+    /// How the kernels of a volume on `grid` grow in the picture.
     #[must_use]
-    pub fn growth(&self, grid: &Grid, height: u32) -> Growth {
+    pub fn growth(&self, grid: &Grid) -> Growth {
         let to_world = grid.to_world().matrix3.transpose();
         let (x, y) = (to_world * self.right, to_world * self.up);
         // The smaller singular value of the 2 x 3 matrix of rows x and y.
         let (a, b, c) = (x.length_squared(), x.dot(y), y.length_squared());
         let larger2 = f64::midpoint(a, c) + (((a - c) / 2.0).powi(2) + b * b).sqrt();
         let voxel = (x.cross(y).length_squared() / larger2).sqrt();
-        let pixel = |half: f64| 2.0 * half / f64::from(height) / voxel;
+        let pixel = |half: f64| 2.0 * half / f64::from(self.size[1]) / voxel;
         match self.projection {
             Projection::Orthographic { half_height } => Growth { constant: pixel(half_height), slope: 0.0 },
             Projection::Perspective { tan_half_fov, .. } => Growth { constant: 0.0, slope: pixel(tan_half_fov) },
         }
     }
+}
+
+fn check_size([width, height]: [u32; 2]) -> Result<()> {
+    let most = Camera::MAX_SIZE;
+    if (1..=most).contains(&width) && (1..=most).contains(&height) {
+        return Ok(());
+    }
+    Err(Error::Setting { name: "size", reason: format!("{width}x{height} pixels, expected 1x1 to {most}x{most}") })
 }
 
 impl View {
@@ -233,7 +288,7 @@ impl View {
                 let right = forward.cross(world_up);
                 if right.length() < 1e-6 {
                     return Err(Error::Camera(format!(
-                        "direction {forward} is parallel to up {world_up}: give another --up"
+                        "direction {forward} is parallel to up {world_up}: choose another up"
                     )));
                 }
                 (forward, right.normalize())
@@ -299,7 +354,7 @@ mod tests {
         let grid = Grid::axis_parallel([10; 3], [0.5; 3]).unwrap();
         let at = |projection, distance| {
             let view = View { azimuth: 30.0, view_height: Some(40.0), projection, distance, ..View::default() };
-            Camera::new(&view, &grid, [16, 20]).unwrap().growth(&grid, 20)
+            Camera::new(&view, &grid, [16, 20]).unwrap().growth(&grid)
         };
         // 40 units over 20 pixels: 2 a pixel, 4 voxels.
         let parallel = at(ProjectionKind::Orthographic, None);
@@ -315,6 +370,6 @@ mod tests {
         let grid = Grid::new([4; 3], DAffine3::from_mat3(DMat3::from_diagonal(DVec3::new(1.0, 1.0, 4.0)))).unwrap();
         let view = View { view_height: Some(40.0), ..View::default() };
         let camera = Camera::new(&view, &grid, [20, 20]).unwrap();
-        assert!((camera.growth(&grid, 20).at(0.0) - 2.0).abs() < 1e-12);
+        assert!((camera.growth(&grid).at(0.0) - 2.0).abs() < 1e-12);
     }
 }

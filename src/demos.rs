@@ -1,6 +1,10 @@
-//! Built-in volumes with known shapes: `demo:NAME[:SIZE]`.
+//! Built-in volumes with known shapes, each with a transfer function that shows it.
+//!
+//! Wherever a file is expected, `demo:NAME` or `demo:NAME:SIZE` names one of them.
 
 use std::f64::consts::PI;
+use std::fmt;
+use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
@@ -14,14 +18,16 @@ use crate::volume::{Grid, Samples, Volume};
 pub struct Demo {
     /// Its name, as in `demo:NAME`.
     pub name: &'static str,
-    /// One line on what it is.
+    /// A description in one line.
     pub description: &'static str,
     make: fn(u32) -> Samples,
-    /// Control points as (value, [red, green, blue], opacity per voxel).
+    /// Control points: value, colour as red, green and blue in 0..1, opacity per voxel.
     transfer: &'static [(f64, [f64; 3], f64)],
 }
 
+/// Voxels along each axis of `demo:NAME`.
 const DEFAULT_SIZE: u32 = 128;
+/// Voxels along each axis: one has no extent, and 1024^3 samples of f32 are 4 GiB.
 const SIZES: std::ops::RangeInclusive<u32> = 2..=1024;
 
 static DEMOS: [Demo; 5] = [
@@ -93,7 +99,7 @@ pub fn demos() -> &'static [Demo] {
     &DEMOS
 }
 
-/// The transfer function that suits a built-in volume, `name` with or without its size.
+/// The transfer function of a built-in volume, by `NAME` or `NAME:SIZE`; `None` if there is no such volume.
 #[must_use]
 pub fn demo_transfer(name: &str) -> Option<TransferFunction> {
     let name = name.split(':').next().unwrap_or(name);
@@ -102,29 +108,62 @@ pub fn demo_transfer(name: &str) -> Option<TransferFunction> {
     TransferFunction::new(points, None).ok()
 }
 
-/// The built-in volume `NAME` or `NAME:SIZE`: SIZE^3 voxels, centred on the world's origin; the spacing is 1 where none
-/// is given.
-pub(super) fn demo(name_and_size: &str, spacing: Option<[f64; 3]>) -> Result<Volume> {
-    let (name, size) = match name_and_size.split_once(':') {
-        None => (name_and_size, DEFAULT_SIZE),
-        Some((name, size)) => {
-            let parsed = size.parse().ok().filter(|n| SIZES.contains(n)).ok_or_else(|| {
-                Error::Volume(format!("demo:{name}: size {size:?}, expected {} to {}", SIZES.start(), SIZES.end()))
-            })?;
-            (name, parsed)
-        }
+/// The built-in volume `name` of `size`^3 voxels, 1 world unit apart, centred on the world's origin.
+///
+/// ```
+/// let volume = voxsplat::demos::volume("sphere", 32)?;
+/// assert_eq!(volume.grid().dims(), [32; 3]);
+/// # Ok::<(), voxsplat::error::Error>(())
+/// ```
+///
+/// # Errors
+/// [`Error::Volume`] if no built-in volume has that name, or if `size` is not 2 to 1024.
+pub fn volume(name: &str, size: u32) -> Result<Volume> {
+    spaced(name, size, [1.0; 3])
+}
+
+/// The transfer function of the built-in volume that `source` names; `None` if `source` is a file.
+///
+/// `source` is what [`load`](crate::formats::load) takes: `demo:NAME`, `demo:NAME:SIZE` or the path of a file.
+#[must_use]
+pub fn own_transfer(source: impl AsRef<Path>) -> Option<TransferFunction> {
+    demo_transfer(name_in(source.as_ref())?)
+}
+
+/// What follows `demo:` in a source; `None` if the source is a file.
+pub(crate) fn name_in(source: &Path) -> Option<&str> {
+    source.to_str()?.strip_prefix("demo:")
+}
+
+/// The built-in volume `NAME` or `NAME:SIZE`, its voxels 1 world unit apart unless a spacing is given.
+pub(crate) fn parsed(name_and_size: &str, spacing: Option<[f64; 3]>) -> Result<Volume> {
+    let spacing = spacing.unwrap_or([1.0; 3]);
+    let Some((name, size)) = name_and_size.split_once(':') else {
+        return spaced(name_and_size, DEFAULT_SIZE, spacing);
     };
+    let size = size.parse().map_err(|_| wrong_size(name, format_args!("{size:?}")))?;
+    spaced(name, size, spacing)
+}
+
+fn wrong_size(name: &str, size: impl fmt::Display) -> Error {
+    Error::Volume(format!("demo:{name}: size {size}, expected {} to {}", SIZES.start(), SIZES.end()))
+}
+
+fn spaced(name: &str, size: u32, spacing: [f64; 3]) -> Result<Volume> {
     let demo = DEMOS.iter().find(|d| d.name == name).ok_or_else(|| {
         let known: Vec<_> = DEMOS.iter().map(|d| d.name).collect();
         Error::Volume(format!("there is no demo:{name}; there are: {}", known.join(", ")))
     })?;
-    let spacing = DVec3::from_array(spacing.unwrap_or([1.0; 3]));
+    if !SIZES.contains(&size) {
+        return Err(wrong_size(name, size));
+    }
+    let spacing = DVec3::from_array(spacing);
     let origin = -spacing * (f64::from(size - 1) / 2.0);
     let grid = Grid::new([size; 3], DAffine3::from_mat3_translation(DMat3::from_diagonal(spacing), origin))?;
     Volume::new(grid, (demo.make)(size))
 }
 
-/// A field over the cube [-1, 1]^3, sampled at the centres of size^3 cells, x fastest.
+/// Samples a field over the cube [-1, 1]^3 at the centres of size^3 cells, x fastest.
 fn sampled<T: Send>(size: u32, field: impl Fn(DVec3) -> T + Sync) -> Vec<T> {
     let at = |i: u32| (f64::from(i) + 0.5) / f64::from(size) * 2.0 - 1.0;
     (0..size)
@@ -185,7 +224,7 @@ fn shepp_logan(size: u32) -> Samples {
             let turned = DVec3::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x, d.z);
             if (turned / DVec3::from_array(axes)).length_squared() <= 1.0 { density } else { 0.0 }
         };
-        // Sums such as 1 - 0.8 - 0.2 leave 5e-17 behind, which is air.
+        // Densities such as 1 - 0.8 - 0.2 sum to 5e-17 instead of 0, the density of air.
         let sum: f64 = ELLIPSOIDS.iter().map(inside).sum();
         if sum < 1e-9 { 0.0 } else { sum as f32 }
     }))
@@ -213,11 +252,13 @@ impl Random {
 }
 
 /// A tree of tapering tubes with soft walls, grown upwards from the bottom and kept inside the volume.
+///
+/// Seed, lengths, radii and bends are chosen for a tree that fills the volume and stays sparse.
 fn vessels(size: u32) -> Samples {
     let n = f64::from(size);
     let mut samples = vec![0_u8; (size as usize).pow(3)];
     let mut random = Random(7);
-    // Tips still to grow: position, direction, radius in fractions of the size, generation.
+    // Branches still to grow: position and radius as fractions of the size, direction, generation.
     let mut tips = vec![(DVec3::new(0.5, 0.5, 0.06), DVec3::Z, 0.034, 0_u32)];
     while let Some((mut p, mut direction, radius, generation)) = tips.pop() {
         let length = 0.24 * 0.83_f64.powi(generation as i32);
@@ -242,9 +283,9 @@ fn vessels(size: u32) -> Samples {
     Samples::U8(samples)
 }
 
-/// The largest of what is there and a ball of soft wall, 255 in the middle and 128 at `radius` voxels.
+/// Draws a ball with a soft wall, 255 at its centre and 128 at `radius` voxels; larger samples stay.
 fn stamp(samples: &mut [u8], size: u32, center: DVec3, radius: f64) {
-    // Thinner than this a tube would fall between the lattice points.
+    // A thinner tube would pass between the lattice points.
     let radius = radius.max(0.7);
     let reach = radius * 2.0;
     let range = |c: f64| {
@@ -270,7 +311,7 @@ mod tests {
     #[test]
     fn every_demo_has_a_transfer_function_that_shows_it() {
         for d in demos() {
-            let volume = demo(&format!("{}:32", d.name), None).unwrap();
+            let volume = volume(d.name, 32).unwrap();
             let memory = volume.in_memory().unwrap();
             let transfer = demo_transfer(&format!("{}:32", d.name)).unwrap();
             assert_eq!(volume.grid().dims(), [32; 3]);
@@ -293,7 +334,7 @@ mod tests {
     fn bad_names_and_sizes_are_refused() {
         for (name, part) in [("cow", "there are: marschner-lobb"), ("sphere:1", "2 to 1024"), ("sphere:x", "2 to 1024")]
         {
-            let error = demo(name, None).unwrap_err().to_string();
+            let error = parsed(name, None).unwrap_err().to_string();
             assert!(error.contains(part), "{error}");
         }
     }

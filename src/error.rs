@@ -1,80 +1,212 @@
 //! The one error type of the library.
 
+use std::fmt;
+use std::io;
 use std::path::PathBuf;
 
-/// Everything that can go wrong, each with a message that says what, where and what to do about it.
+/// The library's result.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// Everything that can go wrong.
 ///
-/// Messages are one line, without a trailing full stop, fit to be printed after `voxsplat: `.
-#[derive(Debug, thiserror::Error)]
+/// `{}` gives the message alone: one line without a trailing full stop, in the words of the library. The cause, if
+/// there is one, is what [`source`](std::error::Error::source) returns; the message does not repeat it, so a report
+/// that walks the chain prints each fact once. `{:#}` gives the whole of it in one line: message, cause and way out.
+///
+/// ```
+/// use voxsplat::formats::{LoadOptions, load};
+///
+/// let error = load("missing.nrrd", &LoadOptions::default()).unwrap_err();
+/// assert_eq!(error.to_string(), "cannot read missing.nrrd");
+/// assert!(format!("{error:#}").starts_with("cannot read missing.nrrd: "));
+/// ```
+#[derive(Debug)]
 #[non_exhaustive]
 pub enum Error {
     /// A file could not be opened or read.
-    #[error("cannot read {}: {source}", path.display())]
     Read {
         /// The file.
         path: PathBuf,
         /// What the operating system said.
-        source: std::io::Error,
+        source: io::Error,
     },
     /// An output could not be created, written or renamed into place.
-    #[error("cannot write {}: {reason}", path.display())]
     Write {
         /// The file asked for (not the temporary one).
         path: PathBuf,
-        /// What went wrong, in words.
+        /// What the operating system or the encoder said.
+        source: io::Error,
+    },
+    /// A path that cannot be an output: a directory, a device, an unknown extension; or a picture that the format of
+    /// the output cannot hold.
+    Output {
+        /// The file asked for.
+        path: PathBuf,
+        /// Why it cannot be written.
         reason: String,
     },
-    /// A volume file is malformed, truncated, inconsistent or uses a feature that is not read.
-    #[error("{}: {reason}", path.display())]
+    /// A file is malformed, truncated, inconsistent or uses a feature that is not read.
     Format {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it and, where there is one, the way out.
+        /// What is wrong with it.
         reason: String,
+        /// What the caller can do about it, if anything.
+        hint: Option<Hint>,
     },
-    /// A volume that cannot be rendered: empty, too large, non-finite values, a singular grid.
-    #[error("volume: {0}")]
+    /// A volume that cannot be rendered: empty, too large, a singular grid.
     Volume(String),
+    /// A volume with samples that are NaN or infinite.
+    NonFinite {
+        /// How many samples are NaN or infinite.
+        count: u64,
+        /// Lattice point (x, y, z) of the first of them.
+        first: [u32; 3],
+    },
     /// A transfer function that cannot be used.
-    #[error("transfer function: {0}")]
     Transfer(String),
     /// A camera that sees nothing or is not defined.
-    #[error("camera: {0}")]
     Camera(String),
-    /// A setting out of its range.
-    #[error("{name}: {reason}")]
+    /// A setting or an option out of its range, or at odds with another one.
     Setting {
-        /// The setting as the command line spells it, without dashes.
+        /// The setting: the name of its field, with `_` or `-` between words.
         name: &'static str,
         /// What was given and what would be accepted.
         reason: String,
     },
     /// No usable graphics adapter.
-    #[error("no graphics adapter: {0}")]
     NoAdapter(String),
     /// The adapter lacks a feature or a limit that the request needs.
-    #[error("adapter {adapter} {reason}")]
     Unsupported {
         /// The adapter's name.
         adapter: String,
         /// What it lacks and what to do instead.
         reason: String,
     },
+    /// There is no host memory for a volume or a picture.
+    Memory {
+        /// What the memory is for.
+        what: String,
+        /// Bytes asked for.
+        bytes: u64,
+    },
     /// The GPU ran out of memory.
-    #[error("out of GPU memory while {0}")]
     OutOfMemory(String),
     /// The device reported an error or was lost; no picture was made.
-    #[error("graphics device failed while {stage}: {reason}")]
     Device {
         /// The stage that was running.
         stage: String,
         /// What the driver said.
         reason: String,
     },
-    /// Two images that cannot be compared.
-    #[error("cannot compare: {0}")]
+    /// Pixels that do not make a picture.
+    Image(String),
+    /// Two pictures that cannot be compared.
     Compare(String),
 }
 
-/// The library's result.
-pub type Result<T, E = Error> = std::result::Result<T, E>;
+/// What the caller can do about an [`Error`]: a way out that a program can offer in its own words.
+///
+/// `Display` says it in the words of the library.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Hint {
+    /// The file has no header: state the number of samples along each axis.
+    GiveDims,
+    /// The file has no header: state the type of its samples.
+    GiveSampleType,
+    /// The file may have no header: state the number of samples along each axis, and their type.
+    GiveDimsAndSampleType,
+    /// The header's spacing is no length: state the distance between samples.
+    GiveSpacing,
+    /// Some samples are NaN or infinite: choose a number that takes their place.
+    ReplaceNonFinite,
+}
+
+impl fmt::Display for Hint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::GiveDims => "set LoadOptions::dims",
+            Self::GiveSampleType => "set LoadOptions::sample_type",
+            Self::GiveDimsAndSampleType => "for bare samples set LoadOptions::dims and LoadOptions::sample_type",
+            Self::GiveSpacing => "set LoadOptions::spacing",
+            Self::ReplaceNonFinite => "set LoadOptions::replace_nan or call Volume::with_non_finite_replaced",
+        })
+    }
+}
+
+impl Error {
+    /// What the caller can do about it, if the library knows a way out that its message does not state.
+    #[must_use]
+    pub fn hint(&self) -> Option<Hint> {
+        match self {
+            Self::Format { hint, .. } => *hint,
+            Self::NonFinite { .. } => Some(Hint::ReplaceNonFinite),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Read { path, .. } => write!(f, "cannot read {}", path.display()),
+            Self::Write { path, .. } => write!(f, "cannot write {}", path.display()),
+            Self::Output { path, reason } => write!(f, "cannot write {}: {reason}", path.display()),
+            Self::Format { path, reason, .. } => write!(f, "{}: {reason}", path.display()),
+            Self::Volume(reason) => write!(f, "volume: {reason}"),
+            Self::NonFinite { count, first: [x, y, z] } => {
+                write!(f, "volume: {count} samples are NaN or infinite, the first at ({x}, {y}, {z})")
+            }
+            Self::Transfer(reason) => write!(f, "transfer function: {reason}"),
+            Self::Camera(reason) => write!(f, "camera: {reason}"),
+            Self::Setting { name, reason } => write!(f, "{name}: {reason}"),
+            Self::NoAdapter(reason) => write!(f, "no graphics adapter: {reason}"),
+            Self::Unsupported { adapter, reason } => write!(f, "adapter {adapter} {reason}"),
+            Self::Memory { what, bytes } => write!(f, "no memory for {what}: {bytes} bytes"),
+            Self::OutOfMemory(stage) => write!(f, "out of GPU memory while {stage}"),
+            Self::Device { stage, reason } => write!(f, "graphics device failed while {stage}: {reason}"),
+            Self::Image(reason) => write!(f, "picture: {reason}"),
+            Self::Compare(reason) => write!(f, "cannot compare: {reason}"),
+        }?;
+        if f.alternate() {
+            if let Some(source) = std::error::Error::source(self) {
+                write!(f, ": {source}")?;
+            }
+            if let Some(hint) = self.hint() {
+                write!(f, ": {hint}")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Error {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Read { source, .. } | Self::Write { source, .. } => Some(source),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cause_is_printed_once() {
+        let error = Error::Write { path: "a.png".into(), source: io::Error::other("disk full") };
+        assert_eq!(error.to_string(), "cannot write a.png");
+        assert_eq!(std::error::Error::source(&error).unwrap().to_string(), "disk full");
+        assert_eq!(format!("{error:#}"), "cannot write a.png: disk full");
+    }
+
+    #[test]
+    fn a_way_out_is_told_apart_from_the_message() {
+        let error = Error::NonFinite { count: 3, first: [1, 0, 2] };
+        assert_eq!(error.hint(), Some(Hint::ReplaceNonFinite));
+        assert!(error.to_string().ends_with("the first at (1, 0, 2)"));
+        assert!(format!("{error:#}").contains("LoadOptions::replace_nan"));
+    }
+}

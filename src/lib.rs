@@ -6,38 +6,35 @@
 //! of a ray is exact whatever the thickness of the sheets; colours converge as its square.
 //!
 //! ```no_run
-//! use std::path::Path;
+//! use voxsplat::{Background, Camera, Renderer, RendererOptions, Settings, TransferFunction, View, load};
 //!
-//! use voxsplat::camera::{Camera, View};
-//! use voxsplat::image::Background;
-//! use voxsplat::renderer::{Renderer, RendererOptions};
-//! use voxsplat::settings::Settings;
-//! use voxsplat::transfer::presets;
-//! use voxsplat::formats::{LoadOptions, load};
-//! use voxsplat::volume::Statistics;
-//!
-//! # fn main() -> voxsplat::error::Result<()> {
-//! let volume = load("scan.nii.gz", &LoadOptions::default())?;
-//! let transfer = presets::preset("ct-bone", &Statistics::of(&volume)?)?;
-//! let renderer = Renderer::new(&RendererOptions::default())?;
-//! let settings = Settings { size: [512, 512], ..Settings::default() };
-//! let scene = renderer.prepare(&volume, &transfer, &settings, &|_| ())?;
-//! let view = View { azimuth: 30.0, elevation: 15.0, ..View::default() };
-//! let camera = Camera::new(&view, volume.grid(), settings.size)?;
-//! let rendered = renderer.render(&scene, &camera, &settings)?;
-//! rendered.image.save(Path::new("scan.png"), Background::default())?;
-//! print!("{}", rendered.stats);
+//! # fn main() -> voxsplat::Result<()> {
+//! let volume = load("scan.nii.gz", &Default::default())?;
+//! let transfer = TransferFunction::preset("ct-bone", &volume)?;
+//! let settings = Settings::default();
+//! let renderer = Renderer::new(&RendererOptions::default())?; // a device
+//! let scene = renderer.prepare(&volume, &transfer, &settings)?; // the visible voxels on it
+//! for azimuth in [0.0, 90.0] {
+//!     let view = View { azimuth, ..View::default() };
+//!     let camera = Camera::new(&view, volume.grid(), [512, 512])?;
+//!     let rendered = renderer.render(&scene, &camera, &settings)?;
+//!     rendered.image.save(format!("scan_{azimuth}.png"), Background::default())?;
+//! }
 //! # Ok(())
 //! # }
 //! ```
 //!
-//! Where things are: [`volume`] (readers, phantoms, statistics), [`transfer`] (functions, presets, JSON), [`kernel`]
-//! (kernels and the footprint table), [`camera`], [`settings`], [`renderer`] (the GPU), [`mod@reference`] (the same
-//! model integrated in f64, to measure against), [`report`] (differences of pictures), [`image`] and [`output`]
-//! (files), [`stats`] and [`error`].
+//! Names that most programs use are at the root. The rest is in modules: [`volume`] (samples on a lattice), [`formats`]
+//! (readers), [`demos`] (built-in volumes), [`transfer`] (functions, presets, JSON), [`kernel`], [`camera`],
+//! [`lighting`], [`settings`], [`renderer`] (the GPU), [`mod@reference`] (the same model integrated in f64, to measure
+//! against), [`report`] (differences of pictures), [`image`] (pictures and their files), [`stats`], [`progress`],
+//! [`adapter`] and [`error`].
+//!
+//! The features: `cli`, on by default, builds the program `voxsplat`; a library needs `default-features = false`.
 
 pub mod adapter;
 pub mod camera;
+mod color;
 pub mod demos;
 pub mod error;
 pub mod formats;
@@ -45,7 +42,9 @@ mod gpu;
 pub mod image;
 pub mod kernel;
 pub mod lighting;
-pub mod output;
+mod names;
+mod output;
+pub mod progress;
 pub mod reference;
 pub mod renderer;
 pub mod report;
@@ -54,3 +53,21 @@ pub mod settings;
 pub mod stats;
 pub mod transfer;
 pub mod volume;
+
+pub use camera::{Camera, ProjectionKind, View};
+pub use error::{Error, Result};
+pub use formats::{LoadOptions, load};
+pub use glam;
+pub use image::{Background, Image};
+pub use renderer::{Rendered, Renderer, RendererOptions, Scene};
+pub use settings::Settings;
+pub use transfer::TransferFunction;
+pub use volume::{Grid, Volume};
+pub use wgpu;
+
+/// What can be shared between threads.
+const _: fn() = || {
+    fn shared<T: Send + Sync>() {}
+    shared::<(Renderer, Scene, Camera, View, Settings, Volume, TransferFunction, Image, Rendered, Error)>();
+    shared::<(reference::Reference, progress::Progress, RendererOptions, stats::Stats, LoadOptions)>();
+};

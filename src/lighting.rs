@@ -1,38 +1,38 @@
-//! Light on surfaces: Blinn-Phong, two-sided, on the gradient of the field.
+//! Light on surfaces: two-sided Blinn-Phong with the gradient of the field as normal.
 
 use glam::DVec3;
 
 use crate::error::{Error, Result};
 
-/// Where light comes from. Every light has intensity 1.
+/// A light. Every light is white and has intensity 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Light {
     /// From the eye.
     Headlight,
-    /// From infinitely far away, the world direction towards the light (any length over 0).
+    /// From infinitely far away: the world direction towards the light, of any length over 0.
     Directional(DVec3),
 }
 
 /// A material and the lights on it.
 ///
-/// With n the unit normal (the gradient, turned to face the viewer), v the direction to the eye, l that to a light and
-/// h = (v + l) / |v + l|, a point of colour c shows
+/// Let n be the unit normal (the direction of the gradient or its opposite, whichever faces the eye), v the direction
+/// to the eye, l the direction to a light and h = (v + l) / |v + l|. A point of colour c then shows
 ///
 /// ```text
 /// c (ambient + diffuse sum max(n.l, 0)) + specular sum max(n.h, 0)^shininess [n.l > 0]      clamped to 0..1
 /// ```
 ///
-/// (Blinn 1977, "Models of light reflection for computer synthesized pictures"). Where the gradient is 0 there is no
-/// surface: the colour is left as it is.
+/// (Blinn 1977, "Models of light reflection for computer synthesized pictures"). If the gradient is 0 there is no
+/// surface, and the colour stays as it is.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lighting {
-    /// Share of the colour that is seen without any light, 0 to 1.
+    /// Share of the colour that shows without any light, 0 to 1.
     pub ambient: f64,
-    /// Share of the colour that lights bring out, 0 to 1.
+    /// Share of the colour that a light adds if it falls straight on the surface, 0 to 1.
     pub diffuse: f64,
     /// Strength of the white highlight, 0 to 1.
     pub specular: f64,
-    /// Exponent of the highlight, 1 to 1000: larger is smaller and sharper.
+    /// Exponent of the highlight, 1 to 1000; a larger exponent makes it smaller and sharper.
     pub shininess: f64,
     /// The lights, 1 to [`Lighting::MAX_LIGHTS`].
     pub lights: Vec<Light>,
@@ -48,10 +48,10 @@ impl Lighting {
     /// The most lights accepted.
     pub const MAX_LIGHTS: usize = 4;
 
-    /// Refuses materials and lights that are none.
+    /// Refuses numbers out of range, no light or too many, and directions without length.
     ///
     /// # Errors
-    /// [`Error::Setting`] where a number is out of range or a direction has no length.
+    /// [`Error::Setting`] that says what was given and what is accepted.
     pub fn validate(&self) -> Result<()> {
         let error = |name, reason: String| Err(Error::Setting { name, reason });
         for (what, value, low, high) in [
@@ -77,8 +77,8 @@ impl Lighting {
         Ok(())
     }
 
-    /// What a point of colour `color` and gradient `gradient` (world, any length) shows to an eye in the world direction
-    /// `to_eye` (unit length).
+    /// The colour that a lit point shows. `color` is its own colour, `gradient` the gradient of the field in world
+    /// coordinates, of any length, and `to_eye` the unit world direction to the eye.
     #[must_use]
     pub fn shade(&self, color: [f64; 3], gradient: DVec3, to_eye: DVec3) -> [f64; 3] {
         let length = gradient.length();

@@ -1,4 +1,4 @@
-//! Outputs appear whole or not at all.
+//! Output files: they appear whole or not at all.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -13,52 +13,54 @@ fn directory_of(path: &Path) -> PathBuf {
     }
 }
 
-/// The file behind a path: links are followed, so that they are not replaced by what they point to.
+/// The file that a path leads to. Links are followed: a rename onto a link would replace the link.
 fn target(path: &Path) -> Result<PathBuf> {
-    let error = |reason: String| Err(Error::Write { path: path.to_owned(), reason });
+    let error = |reason: &str| Err(Error::Output { path: path.to_owned(), reason: reason.to_owned() });
     let file = if path.is_symlink() {
         match path.canonicalize() {
             Ok(file) => file,
-            Err(e) => return error(format!("it is a link that leads nowhere: {e}")),
+            Err(e) => return error(&format!("it is a link that leads nowhere: {e}")),
         }
     } else {
         path.to_owned()
     };
     if file.is_dir() {
-        return error("it is a directory, give a file name".to_owned());
+        return error("it is a directory, expected a file name");
     }
-    // A rename would replace a device or a pipe in the file system instead of writing to it.
+    // A rename would replace a device or a pipe instead of writing to it.
     if file.exists() && !file.is_file() {
-        return error("it is not a regular file".to_owned());
+        return error("it is not a regular file");
     }
     Ok(file)
 }
 
-/// Refuses a path that cannot be written, before the work that would be lost on it.
+/// Refuses a path that cannot be written. It is checked before the work whose result would be lost.
 ///
 /// # Errors
-/// [`Error::Write`] where the path is a directory, a device or a pipe, or its own directory does not exist or cannot be written to.
-pub fn check_writable(path: &Path) -> Result<()> {
-    let error = |reason: String| Err(Error::Write { path: path.to_owned(), reason });
+/// [`Error::Output`] if the path is a directory, a device or a pipe, or its own directory does not exist;
+/// [`Error::Write`] if that directory cannot be written to.
+pub(crate) fn check_writable(path: &Path) -> Result<()> {
     let directory = directory_of(&target(path)?);
     if !directory.is_dir() {
-        return error(format!("there is no directory {}", directory.display()));
+        let reason = format!("there is no directory {}", directory.display());
+        return Err(Error::Output { path: path.to_owned(), reason });
     }
     match tempfile::tempfile_in(&directory) {
         Ok(_) => Ok(()),
-        Err(e) => error(e.to_string()),
+        Err(source) => Err(Error::Write { path: path.to_owned(), source }),
     }
 }
 
 /// Writes a file under a temporary name in the directory of `path` and renames it when it is complete.
 ///
 /// # Errors
-/// [`Error::Write`] where any step fails; nothing is left behind then, and an older file stays as it was.
-pub fn write_atomically(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> Result<()> {
-    let failed = |e: io::Error| Error::Write { path: path.to_owned(), reason: e.to_string() };
+/// [`Error::Output`] if `path` is a directory, a device or a pipe, [`Error::Write`] if any step fails. Nothing is left
+/// behind then, and an older file stays as it was.
+pub(crate) fn write_atomically(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> Result<()> {
+    let failed = |source| Error::Write { path: path.to_owned(), source };
     let mut builder = tempfile::Builder::new();
     builder.prefix(".voxsplat-");
-    // Temporary files are private by default; an output has the permissions that the user's umask gives.
+    // Temporary files are private by default; an output gets the permissions of the user's umask.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let target = target(path)?;
@@ -83,7 +85,7 @@ mod tests {
             Err(io::Error::other("disk full"))
         })
         .unwrap_err();
-        assert!(error.to_string().ends_with("out.txt: disk full"), "{error}");
+        assert!(format!("{error:#}").ends_with("out.txt: disk full"), "{error:#}");
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
         assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
     }

@@ -1,16 +1,18 @@
 //! A volume prepared on a device.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::error::{Error, Result};
 use crate::gpu::classify::Classified;
 use crate::gpu::context::Context;
-use crate::gpu::quads::plan::{Plan, Subject};
 use crate::gpu::scalars::{self, Asked, Emitted, Shows};
 use crate::gpu::store::{Bricks, Store};
-use crate::gpu::tiles::{self, Packed};
+use crate::gpu::tiles::Packed;
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::TransferTable;
+use crate::gpu::view::{ScalarNeed, Weights};
+use crate::progress::Progress;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
@@ -19,11 +21,13 @@ use crate::volume::{Grid, Volume};
 pub struct Scene {
     content: Content,
     grid: Grid,
-    subject: Subject,
+    weights: Weights,
     /// What the painter `tiles` made of it for the picture before.
     packed: Mutex<Vec<Arc<Packed>>>,
-    /// Seconds that it took to prepare.
-    pub(crate) seconds: f64,
+    /// Seconds of preparation that no picture has reported yet, as the bits of an f64.
+    seconds: AtomicU64,
+    /// [`Context::id`] of the device that holds it.
+    device: u64,
 }
 
 /// What is on the device.
@@ -40,7 +44,7 @@ struct Scalars {
     transfer: TransferFunction,
     shows: Shows,
     table: TransferTable,
-    /// The splats of the picture before, drawn again where nothing asks for others.
+    /// The splats of the picture before, drawn again unless a picture needs others.
     emitted: Mutex<Option<(Asked, Arc<Emitted>)>>,
 }
 
@@ -55,25 +59,25 @@ fn shows(settings: &Settings) -> Shows {
 }
 
 impl Scene {
-    /// A scene of classified voxels.
+    fn new(context: &Context, content: Content, grid: Grid, weights: Weights, seconds: f64) -> Self {
+        let seconds = AtomicU64::new(seconds.to_bits());
+        Self { content, grid, weights, packed: Mutex::default(), seconds, device: context.id }
+    }
+
+    /// A scene of classified voxels, which took `seconds`.
     pub(crate) fn of_splats(
+        context: &Context,
         classified: Classified,
         lit: bool,
         volume: &Volume,
         transfer: &TransferFunction,
         seconds: f64,
     ) -> Self {
-        let subject = Subject {
-            max_weight: TransferFunction::extinction(transfer.max_opacity(), 1.0),
+        let weights = Weights {
+            max: TransferFunction::extinction(transfer.max_opacity(), 1.0),
             unit: transfer.unit_or(volume.grid().min_spacing()),
         };
-        Self {
-            content: Content::Splats { classified, lit },
-            grid: *volume.grid(),
-            subject,
-            packed: Mutex::default(),
-            seconds,
-        }
+        Self::new(context, Content::Splats { classified, lit }, *volume.grid(), weights, seconds)
     }
 
     /// A scene of scalars: all of post-shading that does not depend on the camera.
@@ -84,8 +88,8 @@ impl Scene {
         settings: &Settings,
     ) -> Result<Self> {
         let shows = shows(settings);
-        let (max_weight, seconds) = on_host(|| scalars::largest(volume, transfer.base()));
-        let max_weight = max_weight?;
+        let (max, seconds) = on_host(|| scalars::largest(volume, transfer.base()));
+        let weights = Weights { max: max?, unit: 1.0 };
         let scalars = Scalars {
             volume: volume.clone(),
             transfer: transfer.clone(),
@@ -93,21 +97,20 @@ impl Scene {
             table: TransferTable::new(context, transfer, shows, transfer.unit_or(volume.grid().min_spacing())),
             emitted: Mutex::new(None),
         };
-        Ok(Self {
-            content: Content::Scalars(Box::new(scalars)),
-            grid: *volume.grid(),
-            subject: Subject { max_weight, unit: 1.0 },
-            packed: Mutex::default(),
-            seconds,
-        })
+        Ok(Self::new(context, Content::Scalars(Box::new(scalars)), *volume.grid(), weights, seconds))
     }
 
     pub(crate) fn grid(&self) -> &Grid {
         &self.grid
     }
 
-    pub(crate) fn subject(&self) -> Subject {
-        self.subject
+    pub(crate) fn weights(&self) -> Weights {
+        self.weights
+    }
+
+    /// Seconds that preparing took, told once: pictures after the first did not take them.
+    pub(crate) fn take_seconds(&self) -> f64 {
+        f64::from_bits(self.seconds.swap(0, Ordering::Relaxed))
     }
 
     /// What scalars are classified by.
@@ -118,35 +121,20 @@ impl Scene {
         }
     }
 
-    /// The splats as the painter `tiles` reads them, for each of a view's looks: those of the picture before, where they
-    /// serve, or made anew.
-    pub(crate) fn packed(
-        &self,
-        view: &tiles::View<'_>,
-        mut make: impl FnMut(usize) -> Result<Arc<Packed>>,
-    ) -> Result<Vec<Arc<Packed>>> {
-        let mut held = self.packed.lock().unwrap_or_else(PoisonError::into_inner);
-        // Let go of the others before, so that there are not more than needed.
-        held.retain(|packed| (0..view.looks()).any(|look| view.is_served_by(look, packed)));
-        let mut packed: Vec<Arc<Packed>> = Vec::new();
-        for look in 0..view.looks() {
-            let mut found = packed.iter().chain(held.iter()).filter(|packed| view.serves(look, packed));
-            let next = found.next().map(Arc::clone);
-            packed.push(match next {
-                Some(packed) => packed,
-                None => make(look)?,
-            });
-        }
-        held.clone_from(&packed);
-        Ok(packed)
+    /// The splats as the painter `tiles` packed them for the picture before.
+    pub(crate) fn packed(&self) -> MutexGuard<'_, Vec<Arc<Packed>>> {
+        self.packed.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether the scene holds what pictures of these settings need.
-    pub(crate) fn check(&self, settings: &Settings) -> Result<()> {
+    /// Refuses a scene of another device, and settings that it was not prepared for.
+    pub(crate) fn check(&self, context: &Context, settings: &Settings) -> Result<()> {
         let error = |name, what: &str| {
             let reason = format!("the scene was prepared {what}: prepare it with the settings it is rendered with");
             Err(Error::Setting { name, reason })
         };
+        if self.device != context.id {
+            return error("scene", "by another renderer, on another device");
+        }
         match &self.content {
             Content::Splats { .. } if settings.is_post_shaded() => error("shading", "for pre-shading"),
             Content::Splats { lit: false, .. } if settings.lighting.is_some() => error("light", "without light"),
@@ -157,17 +145,18 @@ impl Scene {
     }
 
     /// The splats that a picture is made of, and the seconds it took to make those that the scene did not hold.
-    pub(crate) fn drawable(&self, context: &Context, plan: &Plan, settings: &Settings) -> Result<(Drawable<'_>, f64)> {
+    pub(crate) fn drawable(
+        &self,
+        context: &Context,
+        need: ScalarNeed,
+        settings: &Settings,
+        progress: &Progress,
+    ) -> Result<(Drawable<'_>, f64)> {
         let scalars = match &self.content {
             Content::Splats { classified, .. } => return Ok((Drawable::Splats(classified), 0.0)),
             Content::Scalars(scalars) => scalars,
         };
-        let asked = Asked {
-            kernel: settings.kernel,
-            normalization: settings.normalization,
-            reach: plan.scalar_reach(),
-            savings: settings.savings,
-        };
+        let asked = Asked { kernel: settings.kernel, normalization: settings.normalization, need };
         let lock = || scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((of, emitted)) = lock().as_ref()
             && of.serves(&asked)
@@ -178,11 +167,11 @@ impl Scene {
         let (emitted, seconds) = on_host(|| {
             context.guarded("emitting scalars", || {
                 let Scalars { volume, transfer, shows, .. } = scalars.as_ref();
-                scalars::emit(context, volume, transfer, *shows, &asked)
+                scalars::emit(context, volume, transfer, *shows, &asked, progress)
             })
         });
         let emitted = Arc::new(emitted?);
-        self.packed.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        self.packed().clear();
         *lock() = Some((asked, Arc::clone(&emitted)));
         Ok((Drawable::Scalars(emitted), seconds))
     }

@@ -3,10 +3,10 @@
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Normalization};
 use crate::lighting::Lighting;
+use crate::names::named;
 
 /// The format of the sheet buffers. The frame that they are composited into is always f32.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Precision {
     /// Half-precision sheets: half the memory traffic.
     F16,
@@ -15,8 +15,7 @@ pub enum Precision {
 }
 
 /// What a pixel is, given the fields along its ray.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Model {
     /// Emission and absorption: C = integral of c tau exp(-integral of tau), alpha = 1 - exp(-integral of tau).
     #[default]
@@ -29,8 +28,7 @@ pub enum Model {
 }
 
 /// When the transfer function is applied. X-ray is always pre-shaded, a maximum intensity projection post-shaded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Shading {
     /// Each voxel is classified and lit, then extinction and emission are reconstructed. Fast, and blurs surfaces.
     #[default]
@@ -41,8 +39,7 @@ pub enum Shading {
 }
 
 /// How splats are gathered into sheets.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Sheets {
     /// Slabs parallel to the image; each kernel is cut by their planes (Mueller and Crawfis 1998).
     #[default]
@@ -53,8 +50,7 @@ pub enum Sheets {
 }
 
 /// What a sheet adds up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Accumulation {
     /// Optical depth: alpha of a sheet is 1 - exp(-sum), exact for every thickness.
     #[default]
@@ -64,8 +60,7 @@ pub enum Accumulation {
 }
 
 /// What a post-shaded sheet is classified by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Interslice {
     /// The parabola through the means of the sheet and its two neighbours, at eight samples per voxel of thickness.
     #[default]
@@ -74,26 +69,74 @@ pub enum Interslice {
     Mean,
 }
 
-/// How splats are drawn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+/// What draws the splats, with the knobs of its own. To set a knob is to choose its painter.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Painter {
-    /// `Tiles` on software adapters for the pictures that it serves, but X-rays of few voxels; `Quads` for all others. Only
-    /// the adapter, what is asked for and the number of voxels decide, so the same input gives the same bytes;
-    /// `Stats::painter_reason` says why.
+    /// Tiles on software adapters, unless it refuses the picture or the picture is an X-ray of few voxels; quads
+    /// otherwise. Only the adapter, the settings and the number of voxels decide, so that the same input gives the same
+    /// bytes; [`Stats::painter_reason`](crate::stats::Stats::painter_reason) says why.
     #[default]
     Auto,
-    /// Instanced quads, added up in sheets by the rasteriser: every picture.
-    Quads,
-    /// Rays that gather the kernels they meet, plane by plane, in compute shaders: all models, shadings and projections, with
-    /// kernels that reach at most 3 voxels as they have grown (2 in perspective, where they must not grow, and post-shaded),
-    /// image-aligned sheets of optical depth a voxel thick or thicker, and pre-shaded an eye that no kernel reaches.
-    Tiles,
+    /// Instanced quads, added up in sheets by the rasteriser. Draws every picture.
+    Quads(QuadsSettings),
+    /// Rays that gather the kernels they meet, plane by plane, in compute shaders. Draws all models, shadings and
+    /// projections, but not:
+    ///
+    /// - kernels that reach over 3 voxels once they have grown; in perspective and post-shaded, over 2 voxels;
+    /// - in perspective, kernels that grow with the distance (see [`Settings::antialiasing`]);
+    /// - pre-shaded, an eye that a kernel reaches.
+    Tiles(TilesSettings),
+}
+
+/// Knobs of the painter quads.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct QuadsSettings {
+    /// How splats are gathered into sheets.
+    pub sheets: Sheets,
+    /// What a sheet adds up.
+    pub accumulation: Accumulation,
+    /// Thickness of a sheet in voxels, measured along the central ray; 0.05 to 64. If kernels grow (see
+    /// [`Settings::antialiasing`]), it is multiplied by the growth of the nearest kernel.
+    pub sheet_thickness: f64,
+    /// The format of the sheet buffers; `None` takes f16 on a GPU and f32 on a software adapter, and f32
+    /// for scalars, and if kernels grow by half or more, wherever the adapter blends it.
+    ///
+    /// Mesa's software rasteriser cuts each sum off when it stores half floats, GPUs round to the nearest: with
+    /// some fifty contributions to a pixel of a sheet, alpha comes out 2e-3 to 4e-3 too low there, and f32 is as fast.
+    pub precision: Option<Precision>,
+    /// Largest interpolation error of the footprint table, as a fraction of the footprint's peak, 1e-7 to 0.1; `None`
+    /// takes what the precision of the sheets deserves.
+    pub max_error: Option<f64>,
+    /// Rows and coefficients per row of the footprint table, in place of what `max_error` asks for: 2 to 4096 rows of
+    /// 4, 8, 12 or 16.
+    pub footprint_table: Option<[u32; 2]>,
+    /// How many sheets one pass feeds, 1 to 8; `None` takes what the adapter does best.
+    pub sheets_per_pass: Option<u32>,
+}
+
+impl Default for QuadsSettings {
+    fn default() -> Self {
+        Self {
+            sheets: Sheets::default(),
+            accumulation: Accumulation::default(),
+            sheet_thickness: 1.0,
+            precision: None,
+            max_error: None,
+            footprint_table: None,
+            sheets_per_pass: None,
+        }
+    }
+}
+
+/// Knobs of the painter tiles.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct TilesSettings {
+    /// How finely rays are spaced.
+    pub resolution: Resolution,
 }
 
 /// How finely the painter `Tiles` looks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Resolution {
     /// Pre-shaded, one to four rays per voxel and axis, as many as the direction of view and the opacity ask for, where that
     /// is fewer than pixels, and the picture enlarged from them. What is classified per pixel has a ray for each.
@@ -103,126 +146,53 @@ pub enum Resolution {
     Full,
 }
 
-/// What is left out because it cannot show, or kept because it was made before; early termination is
-/// [`Settings::termination`].
-///
-/// All of it is on by default, and none of it changes a picture: each can be turned off to be measured
-/// (`cargo run --release --example savings`) or suspected.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Savings {
-    /// Bricks whose range of values shows nothing are not looked at.
-    pub bricks: bool,
-    /// Voxels that cannot show get no splat: transparent ones; of scalars, those out of reach of anything visible.
-    pub voxels: bool,
-    /// Splats of bricks out of view are neither sorted nor drawn.
-    pub view: bool,
-    /// Sheets are composited and shaded only where bricks reach.
-    pub pixels: bool,
-    /// Stages are specialised for what the scene has: no normals without light, no growth of kernels that do not grow.
-    pub specialization: bool,
-    /// Splats of scalars are kept for the next picture that asks for the same.
-    pub reuse: bool,
-}
-
-impl Default for Savings {
-    fn default() -> Self {
-        Self { bricks: true, voxels: true, view: true, pixels: true, specialization: true, reuse: true }
-    }
-}
-
 /// The settings of a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// Width and height of the picture in pixels.
-    pub size: [u32; 2],
     /// What a pixel is.
     pub model: Model,
     /// When the transfer function is applied.
     pub shading: Shading,
     /// The light on surfaces; `None`: colours are those of the transfer function.
     pub lighting: Option<Lighting>,
-    /// How splats are gathered into sheets.
-    pub sheets: Sheets,
-    /// What a sheet adds up.
-    pub accumulation: Accumulation,
-    /// What a post-shaded sheet is classified by.
+    /// What a post-shaded slab is classified by.
     pub interslice: Interslice,
-    /// Early splat termination: a splat is not drawn where every pixel that it could touch lets through no more than
-    /// this fraction of light already. No channel of the picture changes by more than it; 0 turns it off.
+    /// Early termination: what lies behind a pixel that lets through no more than this fraction of light is not drawn.
+    /// No channel of the picture changes by more than it; 0 turns it off, under 1.
     pub termination: f64,
-    /// Whether kernels grow where voxels fall closer together than pixels; see [`Growth`](crate::camera::Growth).
+    /// Whether kernels grow if voxels fall closer together than pixels; see [`Growth`](crate::camera::Growth).
     pub antialiasing: bool,
     /// The reconstruction kernel.
     pub kernel: Kernel,
     /// What sums of kernels are divided by.
     pub normalization: Normalization,
-    /// Thickness of a sheet, in voxels along the central ray, as many times more as the nearest kernel has grown.
-    pub sheet_thickness: f64,
-    /// The format of the sheet buffers; `None` takes f16 on a GPU and f32 on a software adapter, and f32
-    /// for scalars, and where kernels grow by half or more, wherever the adapter blends it.
-    ///
-    /// Mesa's software rasteriser cuts each sum off when it stores half floats where GPUs round to the nearest: with
-    /// some fifty contributions to a pixel of a sheet, alpha comes out 2e-3 to 4e-3 too low there, and f32 is as fast.
-    pub precision: Option<Precision>,
-    /// Largest interpolation error of the footprint table, as a fraction of the footprint's peak; `None` takes what
-    /// the precision of the sheets deserves.
-    pub max_error: Option<f64>,
-    /// Rows and coefficients per row of the footprint table, in place of what `max_error` asks for.
-    pub footprint_table: Option<[u32; 2]>,
-    /// How many sheets one pass feeds; `None` takes what the adapter does best.
-    pub sheets_per_pass: Option<u32>,
-    /// How splats are drawn.
+    /// What draws the splats, with its own knobs.
     pub painter: Painter,
-    /// How finely the painter `Tiles` looks.
-    pub resolution: Resolution,
-    /// What is left out.
-    pub savings: Savings,
 }
 
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            size: [1024, 1024],
             model: Model::default(),
             shading: Shading::default(),
             lighting: None,
-            sheets: Sheets::default(),
-            accumulation: Accumulation::default(),
             interslice: Interslice::default(),
             termination: 1e-3,
             antialiasing: true,
             kernel: Kernel::default(),
             normalization: Normalization::default(),
-            sheet_thickness: 1.0,
-            precision: None,
-            max_error: None,
-            footprint_table: None,
-            sheets_per_pass: None,
             painter: Painter::default(),
-            resolution: Resolution::default(),
-            savings: Savings::default(),
         }
     }
 }
 
-/// Names as the command line spells them.
-macro_rules! named {
-    ($($t:ident { $($variant:ident: $name:literal),* })*) => { $(impl std::fmt::Display for $t {
-        fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-            f.write_str(match self {
-                $(Self::$variant => $name),*
-            })
-        }
-    })* };
-}
-named! {
-    Painter { Auto: "auto", Quads: "quads", Tiles: "tiles" }
-    Resolution { Capped: "capped", Full: "full" }
-    Precision { F16: "f16", F32: "f32" }
-    Model { Composite: "composite", Xray: "xray", Mip: "mip" }
-    Sheets { Image: "image", Axis: "axis" }
-    Accumulation { OpticalDepth: "optical-depth", Additive: "additive" }
-}
+named! { "precision", Precision { F16: "f16", F32: "f32" } }
+named! { "model", Model { Composite: "composite", Xray: "xray", Mip: "mip" } }
+named! { "shading", Shading { Pre: "pre", Post: "post" } }
+named! { "sheets", Sheets { Image: "image", Axis: "axis" } }
+named! { "accumulation", Accumulation { OpticalDepth: "optical-depth", Additive: "additive" } }
+named! { "interslice", Interslice { Parabola: "parabola", Mean: "mean" } }
+named! { "resolution", Resolution { Capped: "capped", Full: "full" } }
 
 impl Precision {
     /// The error of the footprint table that the rounding of such sheets makes worth while, of the footprint's peak.
@@ -235,87 +205,102 @@ impl Precision {
     }
 }
 
-impl Settings {
-    /// The largest width or height of a picture, in pixels.
-    pub const MAX_SIZE: u32 = 32_768;
+impl QuadsSettings {
+    /// Refuses knobs out of range.
+    fn validate(&self) -> Result<()> {
+        in_range("sheet_thickness", self.sheet_thickness, 0.05..=64.0, "voxels")?;
+        if let Some(e) = self.max_error {
+            in_range("max_error", e, 1e-7..=0.1, "of the footprint's peak")?;
+        }
+        if let Some(n) = self.sheets_per_pass {
+            in_range("sheets_per_pass", f64::from(n), 1.0..=8.0, "sheets")?;
+        }
+        match self.footprint_table {
+            Some([rows, terms]) if !((2..=4096).contains(&rows) && matches!(terms, 4 | 8 | 12 | 16)) => {
+                let reason = format!("{rows}x{terms}, expected 2 to 4096 rows of 4, 8, 12 or 16 terms");
+                Err(Error::Setting { name: "footprint_table", reason })
+            }
+            _ => Ok(()),
+        }
+    }
+}
 
-    /// Refuses settings out of range.
+/// Refuses a number out of range.
+fn in_range(name: &'static str, value: f64, range: std::ops::RangeInclusive<f64>, unit: &str) -> Result<()> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    let (low, high) = (range.start(), range.end());
+    Err(Error::Setting { name, reason: format!("{value}, expected {low} to {high} {unit}") })
+}
+
+impl Settings {
+    /// Refuses settings out of range, and settings that do not go together.
+    ///
+    /// What the adapter or a painter cannot do is refused by [`Renderer::render`](crate::renderer::Renderer::render).
     ///
     /// # Errors
     /// [`Error::Setting`] that names the setting, what was given and what is accepted.
     pub fn validate(&self) -> Result<()> {
-        let error = |name: &'static str, reason: String| Err(Error::Setting { name, reason });
-        let [w, h] = self.size;
-        if !(1..=Self::MAX_SIZE).contains(&w) || !(1..=Self::MAX_SIZE).contains(&h) {
-            return error("size", format!("{w}x{h} pixels, expected 1x1 to {0}x{0}", Self::MAX_SIZE));
-        }
         self.kernel.validate()?;
-        if !(0.05..=64.0).contains(&self.sheet_thickness) {
-            return error("sheet-thickness", format!("{} voxels, expected 0.05 to 64", self.sheet_thickness));
-        }
-        if let Some(e) = self.max_error
-            && !(1e-7..=0.1).contains(&e)
-        {
-            return error("max-error", format!("{e}, expected 1e-7 to 0.1 of the footprint's peak"));
-        }
-        if let Some([rows, terms]) = self.footprint_table
-            && !((2..=4096).contains(&rows) && matches!(terms, 4 | 8 | 12 | 16))
-        {
-            return error(
-                "footprint-table",
-                format!("{rows}x{terms}, expected 2 to 4096 rows of 4, 8, 12 or 16 terms"),
-            );
-        }
         if !(0.0..1.0).contains(&self.termination) {
-            return error("termination", format!("{}, expected 0 to under 1", self.termination));
+            let reason = format!("{}, expected 0 to under 1", self.termination);
+            return Err(Error::Setting { name: "termination", reason });
         }
         if let Some(lighting) = &self.lighting {
             lighting.validate()?;
         }
-        if self.is_post_shaded() {
-            let what = if self.model == Model::Mip { "a maximum intensity projection" } else { "post-shading" };
-            if self.sheets == Sheets::Axis {
-                return error(
-                    "sheets",
-                    format!("{what} cuts kernels by image-aligned sheets, axis does not go with it"),
-                );
-            }
-            if self.accumulation == Accumulation::Additive {
-                return error("accumulate", format!("{what} adds up scalars, additive does not go with it"));
-            }
-        }
-        if self.model != Model::Composite && self.lighting.is_some() {
-            return error("light", "only the composite model is lit".to_owned());
-        }
-        if self.model == Model::Xray {
-            if self.shading == Shading::Post {
-                return error("shading", "X-ray adds up the extinction of voxels, which is pre-shading".to_owned());
-            }
-            if self.sheets == Sheets::Axis || self.accumulation == Accumulation::Additive {
-                return error(
-                    "model",
-                    "X-ray has one sheet of optical depth: leave --sheets and --accumulate".to_owned(),
-                );
-            }
-        }
-        if let Some(n) = self.sheets_per_pass
-            && !(1..=8).contains(&n)
-        {
-            return error("sheets-per-pass", format!("{n}, expected 1 to 8"));
-        }
-        Ok(())
+        let quads = self.quads();
+        quads.validate()?;
+        self.check_combination(&quads)
     }
 
-    /// Whether classified voxels get normals.
-    pub(crate) fn has_normals(&self) -> bool {
-        self.lighting.is_some() || !self.savings.specialization
+    /// Refuses what does not go together: one row for each rule.
+    fn check_combination(&self, quads: &QuadsSettings) -> Result<()> {
+        let axis = quads.sheets == Sheets::Axis;
+        let additive = quads.accumulation == Accumulation::Additive;
+        let post = self.is_post_shaded();
+        let xray = self.model == Model::Xray;
+        let rules = [
+            (post && axis, "sheets", "post-shading and maximum intensity need image-aligned sheets, axis does not go"),
+            (
+                post && additive,
+                "accumulation",
+                "post-shading and maximum intensity add up scalars, additive does not go",
+            ),
+            (self.model != Model::Composite && self.lighting.is_some(), "lighting", "only the composite model is lit"),
+            (xray && self.shading == Shading::Post, "shading", "an X-ray adds up voxels' extinction: it is pre-shaded"),
+            (xray && axis, "sheets", "an X-ray has one sheet, axis does not go"),
+            (xray && additive, "accumulation", "an X-ray is a sheet of optical depth, additive does not go"),
+        ];
+        match rules.into_iter().find(|(broken, ..)| *broken) {
+            Some((_, name, reason)) => Err(Error::Setting { name, reason: reason.to_owned() }),
+            None => Ok(()),
+        }
     }
 
-    /// The places at which a post-shaded sheet is classified.
-    pub(crate) fn samples_per_sheet(&self) -> u32 {
+    /// The knobs of the painter quads, if that draws the picture.
+    pub(crate) fn quads(&self) -> QuadsSettings {
+        if let Painter::Quads(quads) = self.painter { quads } else { QuadsSettings::default() }
+    }
+
+    /// The knobs of the painter tiles, if that draws the picture.
+    pub(crate) fn tiles(&self) -> TilesSettings {
+        if let Painter::Tiles(tiles) = self.painter { tiles } else { TilesSettings::default() }
+    }
+
+    /// The number of lights; 0 without light.
+    pub(crate) fn light_count(&self) -> u32 {
+        self.lighting.as_ref().map_or(0, |lighting| lighting.lights.len() as u32)
+    }
+
+    /// The places at which a post-shaded slab is classified that is so many voxels thick: eight a voxel. On a shell of
+    /// 48^3 voxels four err by 2.34 of 255 (rms), eight by 1.95, sixteen by 1.93.
+    pub(crate) fn samples_per_slab(&self, voxels: f64) -> u32 {
+        const PER_VOXEL: f64 = 8.0;
         match self.interslice {
             Interslice::Mean => 1,
-            Interslice::Parabola => (8.0 * self.sheet_thickness).ceil().clamp(2.0, 64.0) as u32,
+            Interslice::Parabola => (PER_VOXEL * voxels).ceil().clamp(2.0, 64.0) as u32,
         }
     }
 

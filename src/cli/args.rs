@@ -1,17 +1,17 @@
-//! What may be typed.
+//! The arguments of the program, and its help.
 
 use std::path::PathBuf;
 
-use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser, TypedValueParser};
+use clap::builder::NonEmptyStringValueParser;
 use clap::{Parser, Subcommand, ValueEnum};
 use glam::DVec3;
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::Background;
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::settings::{Accumulation, Interslice, Model, Painter, Precision, Resolution, Shading, Sheets};
+use voxsplat::settings::{Accumulation, Interslice, Model, Precision, Resolution, Shading, Sheets};
 use voxsplat::volume::{Endian, SampleType};
 
-use super::parse::{self, LightArg};
+use super::parse::{self, LightArg, one_of};
 
 /// Renders voxel volumes by splatting on the GPU.
 #[derive(Debug, Parser)]
@@ -42,12 +42,12 @@ pub(super) enum Command {
     Devices,
 }
 
-/// The volume and what its file does not say.
+/// The volume, and what its file does not state.
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
     /// A volume file (NRRD, NIfTI, MetaImage, NumPy, raw) or a built-in volume, demo:NAME[:SIZE]
-    #[arg(value_name = "VOLUME", value_parser = NonEmptyStringValueParser::new())]
-    pub(super) source: String,
+    #[arg(value_name = "VOLUME")]
+    pub(super) source: PathBuf,
     /// Raw files: samples along x (fastest), y and z
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims, allow_hyphen_values = true, help_heading = "Input")]
     pub(super) dims: Option<[u32; 3]>,
@@ -60,13 +60,14 @@ pub(super) struct InputArgs {
     /// Raw files: bytes to skip before the samples
     #[arg(long, value_name = "BYTES", default_value_t = 0, help_heading = "Input")]
     pub(super) offset: u64,
-    /// World distance between samples; replaces what the file says
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing, allow_hyphen_values = true, help_heading = "Input")]
+    /// World distance between samples; replaces the spacing of the file
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing, allow_hyphen_values = true,
+        help_heading = "Input")]
     pub(super) spacing: Option<[f64; 3]>,
-    /// Put VALUE in the place of NaN and infinite samples, which are refused otherwise
+    /// Replace NaN and infinite samples by VALUE; without this option they are refused
     #[arg(long, value_name = "VALUE", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Input")]
     pub(super) replace_nan: Option<f64>,
-    /// Leave samples of over MIB MiB in their file, if it is uncompressed, and read them as they are needed
+    /// Read a volume of more than MIB MiB piece by piece from its file, if that is uncompressed
     #[arg(long, value_name = "MIB", default_value_t = 4, help_heading = "Input")]
     pub(super) stream_over: u64,
 }
@@ -91,14 +92,12 @@ pub(super) enum ProjectionArg {
     Perspective,
 }
 
-/// One of [`Savings`](voxsplat::settings::Savings) that tells in a single picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(super) enum SavingArg {
-    Bricks,
-    Voxels,
-    View,
-    Pixels,
-    Specialization,
+/// What draws the splats.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum PainterArg {
+    Auto,
+    Quads,
+    Tiles,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -111,54 +110,6 @@ pub(super) enum SwitchArg {
 pub(super) enum StatsFormat {
     Table,
     Json,
-}
-
-fn normalizations() -> impl TypedValueParser<Value = Normalization> {
-    PossibleValuesParser::new(["unit", "peak"])
-        .map(|text| if text == "peak" { Normalization::Peak } else { Normalization::Unit })
-}
-
-fn precisions() -> impl TypedValueParser<Value = Precision> {
-    PossibleValuesParser::new(["f16", "f32"]).map(|text| if text == "f32" { Precision::F32 } else { Precision::F16 })
-}
-
-fn models() -> impl TypedValueParser<Value = Model> {
-    PossibleValuesParser::new(["composite", "xray", "mip"]).map(|text| match text.as_str() {
-        "xray" => Model::Xray,
-        "mip" => Model::Mip,
-        _ => Model::Composite,
-    })
-}
-
-fn shadings() -> impl TypedValueParser<Value = Shading> {
-    PossibleValuesParser::new(["pre", "post"]).map(|text| if text == "post" { Shading::Post } else { Shading::Pre })
-}
-
-fn painters() -> impl TypedValueParser<Value = Painter> {
-    PossibleValuesParser::new(["auto", "quads", "tiles"]).map(|text| match text.as_str() {
-        "quads" => Painter::Quads,
-        "tiles" => Painter::Tiles,
-        _ => Painter::Auto,
-    })
-}
-
-fn resolutions() -> impl TypedValueParser<Value = Resolution> {
-    PossibleValuesParser::new(["capped", "full"])
-        .map(|text| if text == "full" { Resolution::Full } else { Resolution::Capped })
-}
-
-fn sheets() -> impl TypedValueParser<Value = Sheets> {
-    PossibleValuesParser::new(["image", "axis"]).map(|text| if text == "axis" { Sheets::Axis } else { Sheets::Image })
-}
-
-fn accumulations() -> impl TypedValueParser<Value = Accumulation> {
-    PossibleValuesParser::new(["optical-depth", "additive"])
-        .map(|text| if text == "additive" { Accumulation::Additive } else { Accumulation::OpticalDepth })
-}
-
-fn interslices() -> impl TypedValueParser<Value = Interslice> {
-    PossibleValuesParser::new(["parabola", "mean"])
-        .map(|text| if text == "mean" { Interslice::Mean } else { Interslice::Parabola })
 }
 
 const RENDER_EXAMPLES: &str = "\
@@ -186,34 +137,34 @@ pub(super) struct RenderArgs {
     /// Pixels across and down, or one number for both; 1 to 32768
     #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = parse::size, help_heading = "Output")]
     pub(super) size: [u32; 2],
-    /// What a PNG is laid over: #rrggbb, a name such as white, r,g,b in 0..1, or transparent
+    /// Background of a PNG: #rrggbb, a name such as white, r,g,b in 0..1, or transparent
     #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::library::<Background>,
         help_heading = "Output")]
     pub(super) background: Background,
-    /// Print what was modelled and how long it took, as a table or as one JSON object; put it after VOLUME
+    /// Print statistics and the time of each stage, as a table or as one JSON object; put it after VOLUME
     #[arg(long, value_name = "FORMAT", num_args = 0..=1, default_missing_value = "table", help_heading = "Output")]
     pub(super) stats: Option<StatsFormat>,
 
-    /// Turn the eye about `up` by DEG degrees, from the front of the volume
+    /// Rotate the eye about the up direction by DEG degrees, from the front of the volume
     #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) azimuth: f64,
-    /// Lift the eye towards `up` by DEG degrees
+    /// Raise the eye towards the up direction by DEG degrees
     #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) elevation: f64,
-    /// Turn the camera about its own axis by DEG degrees, counter-clockwise
+    /// Rotate the camera about its viewing direction by DEG degrees, counter-clockwise
     #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) roll: f64,
     /// World direction that is up in the picture [default: 0,0,1]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true, help_heading = "View")]
     pub(super) up: Option<DVec3>,
-    /// World direction from the eye to the target, in place of azimuth and elevation
+    /// World direction from the eye to the target; replaces azimuth and elevation
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true,
         conflicts_with_all = ["azimuth", "elevation"], help_heading = "View")]
     pub(super) direction: Option<DVec3>,
-    /// World point in the middle of the picture [default: the centre of the volume]
+    /// World point at the centre of the picture [default: the centre of the volume]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true, help_heading = "View")]
     pub(super) target: Option<DVec3>,
     /// Parallel rays, or rays through one eye
@@ -237,18 +188,19 @@ pub(super) struct RenderArgs {
 
     /// Transfer function: a FILE.json, or a preset that adapts to the data: ct-bone, ct-soft-tissue, angiography, mri,
     /// grayscale, gray, viridis or inferno [default: suggested by the data; see `voxsplat info`]
-    #[arg(long, value_name = "FILE.json|PRESET", value_parser = NonEmptyStringValueParser::new(),
-        help_heading = "Model")]
-    pub(super) transfer: Option<String>,
+    #[arg(long, value_name = "FILE.json|PRESET", help_heading = "Model")]
+    pub(super) transfer: Option<PathBuf>,
     /// What a pixel is: composite (emission and absorption), xray (absorption only, white) or mip (the largest value,
     /// coloured by the transfer function)
-    #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = models(), help_heading = "Model")]
+    #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = one_of(Model::ALL, Model::name),
+        help_heading = "Model")]
     pub(super) model: Model,
     /// Classify and light voxels before reconstruction (pre: fast) or pixels after it (post: sharp)
-    #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = shadings(), help_heading = "Model")]
+    #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = one_of(Shading::ALL, Shading::name),
+        help_heading = "Model")]
     pub(super) shading: Shading,
-    /// Light surfaces: off, headlight (from the eye), or AZ,EL (degrees, from where an eye at that azimuth and elevation
-    /// would be); up to 4 lights, given one by one [default: off]
+    /// Light surfaces: off, headlight (from the eye), or AZ,EL (from the position of an eye at that azimuth and
+    /// elevation, degrees); repeat the option for up to 4 lights [default: off]
     #[arg(long, value_name = "LIGHT", value_parser = parse::light, allow_hyphen_values = true, help_heading = "Model")]
     pub(super) light: Vec<LightArg>,
     /// Material of lit surfaces: ambient, diffuse and specular share, 0 to 1, and shininess, 1 to 1000
@@ -259,67 +211,70 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "KERNEL", default_value = "gaussian", value_parser = parse::kernel,
         help_heading = "Model")]
     pub(super) kernel: Kernel,
-    /// What sums of kernels are divided by: the kernel's integral, or its peak of 1 (the historical way, denser)
-    #[arg(long, value_name = "HOW", default_value = "unit", value_parser = normalizations(), help_heading = "Model")]
+    /// Divisor of sums of kernels: the kernel's integral (unit), or its peak of 1 (historical, denser)
+    #[arg(long, value_name = "HOW", default_value = "unit",
+        value_parser = one_of(Normalization::ALL, Normalization::name), help_heading = "Model")]
     pub(super) normalization: Normalization,
-    /// Thickness of a sheet in voxels (of grown kernels, in their size), 0.05 to 64: thinner is more exact and slower
-    #[arg(long, value_name = "VOXELS", default_value_t = 1.0, value_parser = parse::positive,
-        allow_hyphen_values = true, help_heading = "Model")]
-    pub(super) sheet_thickness: f64,
-
-    /// Sheets parallel to the image, or (historical, pops) the voxel planes most parallel to it
-    #[arg(long, value_name = "ALIGNMENT", default_value = "image", value_parser = sheets(), help_heading = "Model")]
-    pub(super) sheets: Sheets,
-    /// What a sheet adds up: optical depth, or (historical, inexact) opacities clamped at 1
-    #[arg(long, value_name = "WHAT", default_value = "optical-depth", value_parser = accumulations(),
-        help_heading = "Model")]
-    pub(super) accumulate: Accumulation,
     /// Post-shading: classify a sheet by the parabola through it and its neighbours, or (historical) by its mean
-    #[arg(long, value_name = "HOW", default_value = "parabola", value_parser = interslices(), help_heading = "Model")]
+    #[arg(long, value_name = "HOW", default_value = "parabola",
+        value_parser = one_of(Interslice::ALL, Interslice::name), help_heading = "Model")]
     pub(super) interslice: Interslice,
-    /// Early splat termination: leave out splats where no more than this fraction of light passes, 0 (off) to under 1;
-    /// no channel changes by more than it
+    /// Early termination: skip splats that at most this fraction of the light reaches, 0 (off) to under 1; no channel
+    /// changes by more than that fraction
     #[arg(long, value_name = "FRACTION", default_value_t = 1e-3, value_parser = parse::tolerance,
         allow_hyphen_values = true, help_heading = "Model")]
     pub(super) termination: f64,
-    /// Let kernels grow where voxels fall closer together than pixels
+    /// Enlarge the kernels of voxels that are closer together than pixels
     #[arg(long, value_name = "WHETHER", default_value = "on", help_heading = "Model")]
     pub(super) antialiasing: SwitchArg,
 
-    /// How splats are drawn: quads (any picture), tiles (rays that gather the kernels they meet: fast on software; kernels that
-    /// reach up to 3 voxels, in perspective and post-shaded 2, image-aligned sheets) or auto (tiles on software where it serves)
-    #[arg(long, value_name = "PAINTER", default_value = "auto", value_parser = painters(), help_heading = "Device")]
-    pub(super) painter: Painter,
-    /// How finely tiles looks: capped (pre-shaded, 1 to 4 rays per voxel and axis, enlarged to the picture) or full (a ray per pixel)
-    #[arg(long, value_name = "HOW", default_value = "capped", value_parser = resolutions(), help_heading = "Device")]
-    pub(super) resolution: Resolution,
-    /// Format of the sheet buffers, f16 or f32 [default: f32 on software adapters, for scalars and
-    /// where kernels grow by half or more, f16 elsewhere]
-    #[arg(long, value_name = "FORMAT", value_parser = precisions(), help_heading = "Device")]
-    pub(super) precision: Option<Precision>,
-    /// Largest error of the footprint table, 1e-7 to 0.1 of its peak [default: 1e-4 for f16, 1e-5 for f32]
-    #[arg(long, value_name = "E", value_parser = parse::positive, allow_hyphen_values = true, help_heading = "Device")]
-    pub(super) max_error: Option<f64>,
-    /// Rows and coefficients a row of the footprint table, 2 to 4096 and 4, 8, 12 or 16, in place of --max-error
-    #[arg(long, value_name = "ROWSxTERMS", value_parser = parse::table, conflicts_with = "max_error",
-        help_heading = "Device")]
-    pub(super) footprint_table: Option<[u32; 2]>,
-    /// Sheets that one pass feeds, 1 to 8 [default: what the adapter does best]
-    #[arg(long, value_name = "N", help_heading = "Device")]
-    pub(super) sheets_per_pass: Option<u32>,
-    /// Model what cannot show all the same, to see what leaving it out saves: bricks, voxels, view (splats out of it),
-    /// pixels (that no sheet covers), specialization; parted by commas. The picture is the same
-    #[arg(long, value_name = "SAVING", value_delimiter = ',', help_heading = "Device")]
-    pub(super) without: Vec<SavingArg>,
+    /// What draws the splats: quads draws every picture, tiles is fast on software and refuses some pictures, auto takes
+    /// tiles on software unless it refuses. An option of a painter (below) chooses that painter
+    #[arg(long, value_name = "PAINTER", default_value = "auto", help_heading = "Device")]
+    pub(super) painter: PainterArg,
     /// Part of the name of the adapter to use; see `voxsplat devices` [default: the best]
     #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new(), help_heading = "Device")]
     pub(super) adapter: Option<String>,
-    /// Integrate every ray in f64 on the CPU instead: slow and exact; the options of sheets and device have no effect
+    /// Integrate every ray in f64 on the CPU instead: slow and exact; options of painters and devices have no effect
     #[arg(long, help_heading = "Device")]
     pub(super) reference: bool,
+
+    /// Thickness of a sheet in voxels, 0.05 to 64: thinner is more exact and slower [default: 1]
+    #[arg(long, value_name = "VOXELS", value_parser = parse::positive, allow_hyphen_values = true,
+        help_heading = "Painter quads")]
+    pub(super) sheet_thickness: Option<f64>,
+    /// Sheets parallel to the image, or (historical, pops) the voxel planes most parallel to it [default: image]
+    #[arg(long, value_name = "ALIGNMENT", value_parser = one_of(Sheets::ALL, Sheets::name),
+        help_heading = "Painter quads")]
+    pub(super) sheets: Option<Sheets>,
+    /// What a sheet adds up: optical depth, or (historical, inexact) opacities clamped at 1 [default: optical-depth]
+    #[arg(long, value_name = "WHAT", value_parser = one_of(Accumulation::ALL, Accumulation::name),
+        help_heading = "Painter quads")]
+    pub(super) accumulate: Option<Accumulation>,
+    /// Format of the sheets [default: f32 on software, for scalars, and if kernels grow by half or more; otherwise f16]
+    #[arg(long, value_name = "FORMAT", value_parser = one_of(Precision::ALL, Precision::name),
+        help_heading = "Painter quads")]
+    pub(super) precision: Option<Precision>,
+    /// Largest error of the footprint table, 1e-7 to 0.1 of its peak [default: 1e-4 for f16, 1e-5 for f32]
+    #[arg(long, value_name = "E", value_parser = parse::positive, allow_hyphen_values = true,
+        help_heading = "Painter quads")]
+    pub(super) max_error: Option<f64>,
+    /// Rows and coefficients a row of the footprint table, 2 to 4096 and 4, 8, 12 or 16, in place of --max-error
+    #[arg(long, value_name = "ROWSxTERMS", value_parser = parse::table, conflicts_with = "max_error",
+        help_heading = "Painter quads")]
+    pub(super) footprint_table: Option<[u32; 2]>,
+    /// Sheets that one pass feeds, 1 to 8 [default: what the adapter does best]
+    #[arg(long, value_name = "N", help_heading = "Painter quads")]
+    pub(super) sheets_per_pass: Option<u32>,
+
+    /// How finely rays are spaced: capped (pre-shaded, 1 to 4 rays per voxel and axis, resampled to the picture) or full
+    /// (a ray per pixel) [default: capped]
+    #[arg(long, value_name = "HOW", value_parser = one_of(Resolution::ALL, Resolution::name),
+        help_heading = "Painter tiles")]
+    pub(super) resolution: Option<Resolution>,
 }
 
-/// Show what a volume file holds, its histogram, and the command line that renders it.
+/// Show the properties of a volume file, its histogram, and the command line that renders it.
 #[derive(Debug, clap::Args)]
 pub(super) struct InfoArgs {
     #[command(flatten)]
@@ -329,17 +284,17 @@ pub(super) struct InfoArgs {
     pub(super) json: bool,
 }
 
-/// Compare two pictures; the exit code is 1 where a pixel differs by more than the tolerance.
+/// Compare two pictures. The exit code is 1 if a pixel differs by more than the tolerance.
 #[derive(Debug, clap::Args)]
 pub(super) struct CompareArgs {
     /// A picture, .png or .exr
     pub(super) a: PathBuf,
     /// A picture of the same size
     pub(super) b: PathBuf,
-    /// Largest difference of any channel that passes; channels run from 0 to 1 (1/255 is 0.00392)
+    /// Largest tolerated difference of a channel; channels run from 0 to 1, so an 8-bit step is 0.00392
     #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = parse::tolerance, allow_hyphen_values = true)]
     pub(super) tolerance: f64,
-    /// Write the difference, ten times magnified, as a picture
+    /// Write the difference, multiplied by ten, as a picture
     #[arg(long, value_name = "FILE")]
     pub(super) difference: Option<PathBuf>,
     /// Print one JSON object

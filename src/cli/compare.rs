@@ -6,7 +6,7 @@ use voxsplat::report;
 use super::job::CompareJob;
 use super::{Failure, output};
 
-/// What the difference picture is multiplied by: one step of 8 bits becomes visible.
+/// The factor of the difference picture: it makes one step of 8 bits visible.
 const GAIN: f64 = 10.0;
 
 pub(super) fn run(job: &CompareJob) -> Result<(), Failure> {

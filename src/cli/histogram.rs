@@ -1,15 +1,15 @@
 //! A histogram in text.
 
-/// Characters across.
+/// Width, in characters.
 const COLUMNS: usize = 64;
-/// Characters high.
+/// Height, in characters.
 const ROWS: usize = 5;
-/// Eighths of a character, from none to all of it.
+/// Bars of 0 to 8 eighths of a character.
 const BLOCKS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
 
-/// Draws counts as bars, taller by the logarithm of the count: a background of millions would flatten all else.
+/// Draws counts as bars. Heights are logarithmic: a background of millions of voxels would flatten all other bars.
 pub(super) fn draw(counts: &[u64]) -> String {
-    // Fewer counts than columns are as many wider bars.
+    // Fewer counts than columns make wider bars.
     let columns: Vec<u64> = if counts.len() >= COLUMNS {
         (0..COLUMNS)
             .map(|c| counts[c * counts.len() / COLUMNS..(c + 1) * counts.len() / COLUMNS].iter().sum())
@@ -32,7 +32,7 @@ pub(super) fn draw(counts: &[u64]) -> String {
         .collect()
 }
 
-/// Two labels under the ends of the bars.
+/// Labels under the left and the right end of the bars.
 pub(super) fn axis(left: &str, right: &str) -> String {
     let width = COLUMNS.saturating_sub(left.chars().count());
     format!("  {left}{right:>width$}\n")

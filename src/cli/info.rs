@@ -1,6 +1,6 @@
 //! `voxsplat info`.
 
-use std::path::Path;
+use std::ffi::OsStr;
 
 use glam::DVec3;
 use serde::Serialize;
@@ -12,7 +12,7 @@ use super::args::{InfoArgs, InputArgs};
 use super::progress::Progress;
 use super::{Failure, histogram, output};
 
-/// What there is to know about a volume; the keys are those of the JSON.
+/// The properties of a volume. Field names are the keys of the JSON.
 #[derive(Serialize)]
 struct Info {
     source: String,
@@ -24,31 +24,31 @@ struct Info {
     slope: f64,
     intercept: f64,
     spacing: [f64; 3],
-    /// World length of the volume along each lattice axis, outer faces to outer faces.
+    /// World length of the volume along each lattice axis, between its outer faces.
     extent: [f64; 3],
     center: [f64; 3],
-    /// `None` where the file does not state one.
+    /// `None` if the file does not state it.
     orientation: Option<Orientation>,
     min: f64,
     max: f64,
     mean: f64,
     std_dev: f64,
-    /// Counts over min..max in equal bins.
+    /// Counts in equal bins over min..max.
     histogram: Vec<u64>,
-    /// Largest value of the background and its share of the voxels; `None` where all values are one.
+    /// Largest value of the background, and its share of the voxels; `None` if all values are the same.
     background: Option<[f64; 2]>,
-    /// `None` for a built-in volume, which brings its own transfer function.
+    /// The suggested preset; `None` for a built-in volume, which has a transfer function of its own.
     preset: Option<&'static str>,
     reason: String,
     command: String,
 }
 
-/// Where the lattice axes point in the patient.
+/// The directions of the lattice axes in the patient.
 #[derive(Serialize)]
 struct Orientation {
     /// One letter per lattice axis: Left, Right, Posterior, Anterior, Superior or Inferior.
     axes: String,
-    /// The largest angle between a lattice axis and the patient axis it is named after, degrees.
+    /// The largest angle between a lattice axis and the patient axis of its letter, degrees.
     oblique: f64,
 }
 
@@ -58,7 +58,7 @@ impl Orientation {
         let mut oblique = 0.0_f64;
         let letters = [m.x_axis, m.y_axis, m.z_axis].map(|axis: DVec3| {
             let axis = axis.normalize();
-            // World axes of patient space run to the left, to the back and to the head.
+            // The axes of patient space run to the left, to the back and to the head.
             let named = [(axis.x, "LR"), (axis.y, "PA"), (axis.z, "SI")];
             let (along, names) = named
                 .into_iter()
@@ -85,7 +85,7 @@ impl Info {
     fn new(input: &InputArgs, volume: &Volume, statistics: &Statistics) -> Self {
         let grid = volume.grid();
         let (slope, intercept) = volume.rescale();
-        let own = input.source.strip_prefix("demo:").and_then(demos::demo_transfer).is_some();
+        let own = demos::own_transfer(&input.source).is_some();
         let (preset, reason) = if own {
             (None, "a built-in volume has its own transfer function".to_owned())
         } else {
@@ -94,7 +94,7 @@ impl Info {
         };
         let spacing = grid.spacing();
         Self {
-            source: input.source.clone(),
+            source: input.source.to_string_lossy().into_owned(),
             dims: grid.dims(),
             voxels: grid.len(),
             sample_type: volume.sample_type().name(),
@@ -151,7 +151,7 @@ impl Info {
     }
 }
 
-/// Four digits after the point, or four significant ones where that would hide or drown them.
+/// Up to four digits after the point; scientific notation for very small and very large numbers.
 fn short(value: f64) -> String {
     let size = value.abs();
     if value == value.trunc() && size < 1e15 {
@@ -163,32 +163,43 @@ fn short(value: f64) -> String {
     }
 }
 
-/// The command line that renders what was described, options of the input repeated.
+/// The command line that renders the volume, with the same input options.
 fn command(input: &InputArgs, preset: Option<&str>) -> String {
-    let mut words = vec!["voxsplat".to_owned(), "render".to_owned(), quoted(&input.source)];
+    let mut words = vec!["voxsplat".to_owned(), "render".to_owned(), quoted(input.source.as_os_str())];
     let mut option = |name: &str, value: Option<String>| words.extend(value.map(|v| format!("--{name} {v}")));
     option("dims", input.dims.map(|d| d.map(|d| d.to_string()).join(",")));
-    option("type", input.sample_type.map(|t| format!("{t:?}").to_lowercase()));
-    option("endian", input.endian.map(|e| format!("{e:?}").to_lowercase()));
+    option("type", input.sample_type.map(|t| t.to_string()));
+    option("endian", input.endian.map(|e| e.to_string()));
     option("offset", (input.offset > 0).then(|| input.offset.to_string()));
     option("spacing", input.spacing.map(|s| s.map(|s| s.to_string()).join(",")));
     option("replace-nan", input.replace_nan.map(|v| v.to_string()));
     option("transfer", preset.map(str::to_owned));
-    let name = match input.source.strip_prefix("demo:") {
+    let name = match input.source.to_str().and_then(|source| source.strip_prefix("demo:")) {
         Some(name) => name.split(':').next().unwrap_or(name).to_owned(),
-        // All extensions go: scan.nii.gz makes scan.png.
-        None => Path::new(&input.source)
+        // All extensions are dropped: scan.nii.gz becomes scan.png.
+        None => input
+            .source
             .file_name()
             .and_then(|n| n.to_str()?.split('.').find(|part| !part.is_empty()))
             .unwrap_or("volume")
             .to_owned(),
     };
-    words.push(format!("-o {}", quoted(&format!("{name}.png"))));
+    words.push(format!("-o {}", quoted(format!("{name}.png").as_ref())));
     words.join(" ")
 }
 
-/// The text as one word of a POSIX shell.
-fn quoted(text: &str) -> String {
+/// The text as one word of a POSIX shell. Text that is not UTF-8 is written as `$'...'` (POSIX 2024).
+fn quoted(text: &OsStr) -> String {
     let plain = |c: char| c.is_alphanumeric() || "-_./:,+=@%".contains(c);
-    if text.chars().all(plain) { text.to_owned() } else { format!("'{}'", text.replace('\'', r"'\''")) }
+    match text.to_str() {
+        Some(text) if text.chars().all(plain) => text.to_owned(),
+        Some(text) => format!("'{}'", text.replace('\'', r"'\''")),
+        None => {
+            let byte = |&byte: &u8| match char::from(byte) {
+                c if c.is_ascii() && plain(c) => c.to_string(),
+                _ => format!("\\x{byte:02x}"),
+            };
+            format!("$'{}'", text.as_encoded_bytes().iter().map(byte).collect::<String>())
+        }
+    }
 }

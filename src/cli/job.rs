@@ -1,4 +1,4 @@
-//! Arguments checked against each other and against the library: what is left can only fail at the work itself.
+//! Jobs: arguments that have been checked against each other and by the library, before any file is read.
 
 use std::path::{Path, PathBuf};
 
@@ -7,44 +7,46 @@ use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image};
 use voxsplat::lighting::{Light, Lighting};
-use voxsplat::settings::{Savings, Settings};
+use voxsplat::settings::{Painter, QuadsSettings, Settings, TilesSettings};
 use voxsplat::transfer::{TransferFunction, presets};
 use voxsplat::volume::Grid;
 
 use super::Failure;
-use super::args::{CompareArgs, ProjectionArg, RenderArgs, SavingArg, StatsFormat, SwitchArg};
+use super::args::{CompareArgs, PainterArg, ProjectionArg, RenderArgs, StatsFormat, SwitchArg};
 use super::parse::LightArg;
 
-/// Vertical field of view where none is given, degrees.
+/// The default vertical field of view, degrees.
 const DEFAULT_FOV: f64 = 30.0;
 
-/// Where the transfer function comes from.
+/// The choice of a transfer function.
 #[derive(Debug)]
 pub(super) enum Transfer {
-    /// The volume's own, or one suggested by its values.
+    /// That of a built-in volume, otherwise the preset suggested by the values.
     Suggested,
-    /// A preset fitted to the values.
-    Preset(String),
-    /// As given.
+    /// A preset, by name.
+    Preset(&'static str),
+    /// From a file.
     Given(TransferFunction),
 }
 
-/// What makes the picture.
+/// The way to make the picture.
 #[derive(Debug)]
 pub(super) enum Engine {
-    /// Splats on a device.
+    /// Splatting on a graphics adapter.
     Device { adapter: Option<String> },
-    /// The f64 integral.
+    /// The f64 reference on the CPU.
     Reference,
 }
 
-/// A picture to make.
+/// A picture to render.
 #[derive(Debug)]
 pub(super) struct RenderJob {
-    pub(super) source: String,
+    pub(super) source: PathBuf,
     pub(super) load: LoadOptions,
     pub(super) transfer: Transfer,
     pub(super) view: View,
+    /// Width and height of the picture, pixels.
+    pub(super) size: [u32; 2],
     pub(super) settings: Settings,
     pub(super) engine: Engine,
     pub(super) output: PathBuf,
@@ -52,55 +54,42 @@ pub(super) struct RenderJob {
     pub(super) stats: Option<StatsFormat>,
 }
 
-/// Refuses an output that could not be written, before the work.
+/// Refuses an output that cannot be written, before the work.
 fn check_output(path: &Path) -> Result<(), Failure> {
-    Image::check_output(path).map_err(|e| Failure::Usage(e.to_string()))
+    Image::check_output(path).map_err(|e| Failure::Usage(format!("{e:#}")))
 }
 
 impl RenderJob {
     pub(super) fn new(args: RenderArgs) -> Result<Self, Failure> {
         let settings = Settings {
-            size: args.size,
             model: args.model,
             shading: args.shading,
             lighting: lighting(&args)?,
-            sheets: args.sheets,
-            accumulation: args.accumulate,
             interslice: args.interslice,
             termination: args.termination,
             antialiasing: args.antialiasing == SwitchArg::On,
-            footprint_table: args.footprint_table,
             kernel: args.kernel,
             normalization: args.normalization,
-            sheet_thickness: args.sheet_thickness,
-            precision: args.precision,
-            max_error: args.max_error,
-            sheets_per_pass: args.sheets_per_pass,
-            painter: args.painter,
-            resolution: args.resolution,
-            savings: Savings {
-                bricks: !args.without.contains(&SavingArg::Bricks),
-                voxels: !args.without.contains(&SavingArg::Voxels),
-                view: !args.without.contains(&SavingArg::View),
-                pixels: !args.without.contains(&SavingArg::Pixels),
-                specialization: !args.without.contains(&SavingArg::Specialization),
-                ..Savings::default()
-            },
+            painter: painter(&args)?,
         };
         settings.validate()?;
         let view = view(&args)?;
-        // A view is right or wrong whatever the volume: one voxel finds out before a long read.
-        Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, settings.size)?;
+        // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
+        Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         check_output(&args.output)?;
         let transfer = match args.transfer {
             None => Transfer::Suggested,
-            Some(name) if presets::PRESETS.iter().any(|p| p.name == name) => Transfer::Preset(name),
-            Some(name) if is_file_name(&name) => Transfer::Given(TransferFunction::load(Path::new(&name))?),
-            Some(name) => {
-                let known: Vec<&str> = presets::PRESETS.iter().map(|p| p.name).collect();
-                let known = known.join(", ");
-                return Err(Failure::Usage(format!("--transfer: {name:?}, expected a FILE.json or one of {known}")));
-            }
+            Some(given) => match presets::PRESETS.iter().find(|preset| given == Path::new(preset.name)) {
+                Some(preset) => Transfer::Preset(preset.name),
+                None if is_file_name(&given) => Transfer::Given(TransferFunction::load(&given)?),
+                None => {
+                    let known: Vec<&str> = presets::PRESETS.iter().map(|p| p.name).collect();
+                    let known = known.join(", ");
+                    return Err(Failure::Usage(format!(
+                        "--transfer: {given:?}, expected a FILE.json or one of {known}"
+                    )));
+                }
+            },
         };
         let engine = match args.reference {
             true => Engine::Reference,
@@ -111,6 +100,7 @@ impl RenderJob {
             source: args.input.source,
             transfer,
             view,
+            size: args.size,
             settings,
             engine,
             output: args.output,
@@ -120,12 +110,47 @@ impl RenderJob {
     }
 }
 
-/// Whether the text can only be meant as a file, so that a missing file is reported as such.
-fn is_file_name(text: &str) -> bool {
-    text.to_lowercase().ends_with(".json") || text.contains(['/', '\\']) || Path::new(text).is_file()
+/// Whether the text must mean a file. Then a missing file is reported, instead of an unknown preset.
+fn is_file_name(text: &Path) -> bool {
+    let lossy = text.to_string_lossy();
+    lossy.to_lowercase().ends_with(".json") || lossy.contains(['/', '\\']) || text.is_file()
 }
 
-/// The lights and the material asked for; `None` where there is no light.
+/// The painter asked for, with its options. An option of a painter chooses that painter.
+fn painter(args: &RenderArgs) -> Result<Painter, Failure> {
+    let given = |options: &[(&'static str, bool)]| options.iter().find(|(_, given)| *given).map(|(name, _)| *name);
+    let for_quads = given(&[
+        ("sheet-thickness", args.sheet_thickness.is_some()),
+        ("sheets", args.sheets.is_some()),
+        ("accumulate", args.accumulate.is_some()),
+        ("precision", args.precision.is_some()),
+        ("max-error", args.max_error.is_some()),
+        ("footprint-table", args.footprint_table.is_some()),
+        ("sheets-per-pass", args.sheets_per_pass.is_some()),
+    ]);
+    let for_tiles = given(&[("resolution", args.resolution.is_some())]);
+    let quads = QuadsSettings {
+        sheets: args.sheets.unwrap_or_default(),
+        accumulation: args.accumulate.unwrap_or_default(),
+        sheet_thickness: args.sheet_thickness.unwrap_or(QuadsSettings::default().sheet_thickness),
+        precision: args.precision,
+        max_error: args.max_error,
+        footprint_table: args.footprint_table,
+        sheets_per_pass: args.sheets_per_pass,
+    };
+    let tiles = TilesSettings { resolution: args.resolution.unwrap_or_default() };
+    let usage = |message: String| Err(Failure::Usage(message));
+    match (args.painter, for_quads, for_tiles) {
+        (_, Some(a), Some(b)) => usage(format!("--{a} is an option of quads and --{b} of tiles: choose one")),
+        (PainterArg::Tiles, Some(option), _) => usage(format!("--{option} is an option of quads, not of tiles")),
+        (PainterArg::Quads, _, Some(option)) => usage(format!("--{option} is an option of tiles, not of quads")),
+        (PainterArg::Quads, ..) | (PainterArg::Auto, Some(_), None) => Ok(Painter::Quads(quads)),
+        (PainterArg::Tiles, ..) | (PainterArg::Auto, None, Some(_)) => Ok(Painter::Tiles(tiles)),
+        (PainterArg::Auto, None, None) => Ok(Painter::Auto),
+    }
+}
+
+/// The lights and their material; `None` if there is no light.
 fn lighting(args: &RenderArgs) -> Result<Option<Lighting>, Failure> {
     let lit: Vec<LightArg> = args.light.iter().copied().filter(|l| *l != LightArg::Off).collect();
     if lit.is_empty() {

@@ -1,7 +1,7 @@
-//! The command line: typed arguments ([`args`]) become validated jobs ([`job`]), each run by the file of its command.
+//! The command line. Arguments ([`args`]) become validated jobs ([`job`]); each command has a file that runs its jobs.
 //!
-//! Results go to stdout, everything else to stderr; an error is one line. Exit codes: 0 done, 1 failed (for `compare`
-//! also: the pictures differ), 2 the command line asks for something that is not possible.
+//! Results go to stdout, everything else to stderr. An error is one line. Exit codes: 0 done, 1 failed or, for
+//! `compare`, the pictures differ, 2 wrong arguments.
 
 mod args;
 mod compare;
@@ -15,13 +15,15 @@ mod progress;
 mod render;
 mod stderr;
 
+use std::error::Error as _;
 use std::process::ExitCode;
 
 use clap::Parser;
 use clap::error::ErrorKind;
-use voxsplat::error::Error;
+use voxsplat::error::{Error, Hint};
+use voxsplat::volume::SampleType;
 
-/// Why a command did not do what it was asked.
+/// The failure of a command.
 #[derive(Debug)]
 enum Failure {
     /// The arguments are wrong.
@@ -32,16 +34,54 @@ enum Failure {
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
+        let message = in_flags(&error);
         match error {
-            // Both come from options; that a value is out of range may show only beside the volume or the adapter.
-            Error::Setting { name, reason } => Self::Usage(format!("--{name}: {reason}")),
-            Error::Camera(_) => Self::Usage(error.to_string()),
-            other => Self::Failed(other.to_string()),
+            // Both are about options, even if the volume or the adapter must be known to find the fault.
+            Error::Setting { .. } | Error::Camera(_) => Self::Usage(message),
+            _ => Self::Failed(message),
         }
     }
 }
 
-/// Parses, runs, reports.
+/// An error in one line: message, causes and way out, with the options of the command line for the fields of the
+/// library.
+fn in_flags(error: &Error) -> String {
+    let mut message = match error {
+        Error::Setting { name, reason } => format!("{}: {reason}", flag(name)),
+        other => other.to_string(),
+    };
+    let causes = std::iter::successors(error.source(), |&cause| cause.source());
+    causes.for_each(|cause| message += &format!(": {cause}"));
+    if let Some(hint) = error.hint() {
+        message += ": ";
+        message += &match hint {
+            Hint::GiveDims => "give --dims X,Y,Z too".to_owned(),
+            Hint::GiveSampleType => format!("give --type {} too", sample_types()),
+            Hint::GiveDimsAndSampleType => format!("for bare samples give --dims X,Y,Z and --type {}", sample_types()),
+            Hint::GiveSpacing => "give --spacing X,Y,Z".to_owned(),
+            Hint::ReplaceNonFinite => "replace them with --replace-nan VALUE".to_owned(),
+            other => other.to_string(),
+        };
+    }
+    message
+}
+
+/// The option that sets a setting of the library.
+fn flag(setting: &str) -> String {
+    match setting {
+        "sample_type" => "--type".to_owned(),
+        "accumulation" => "--accumulate".to_owned(),
+        "lighting" => "--light".to_owned(),
+        other => format!("--{}", other.replace('_', "-")),
+    }
+}
+
+/// The sample types, as `--type` takes them.
+fn sample_types() -> String {
+    SampleType::ALL.map(SampleType::name).join("|")
+}
+
+/// Parses the arguments, runs the command, reports its failure.
 pub(crate) fn main() -> ExitCode {
     let result = match args::Args::try_parse() {
         Ok(args) => run(args),
@@ -72,7 +112,7 @@ fn run(args: args::Args) -> Result<(), Failure> {
     }
 }
 
-/// The message of a command-line error: its first paragraph and the tips, without the usage text.
+/// The error of `clap` in one line: its first paragraph and its tips, without the usage text.
 fn in_one_line(text: &str) -> String {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
     let end = lines.iter().position(|l| l.starts_with("Usage:") || l.starts_with("For more information"));

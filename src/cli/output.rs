@@ -1,10 +1,10 @@
-//! The two streams.
+//! Standard output and standard error.
 
 use std::io::{self, Write};
 
 use super::Failure;
 
-/// Writes a result to stdout. A reader that has seen enough (`| head`) is no failure.
+/// Writes a result to stdout. A closed pipe, as from `| head`, is not a failure.
 pub(super) fn print(text: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
@@ -19,7 +19,7 @@ pub(super) fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
     print(&(text + "\n"))
 }
 
-/// Writes one line to stderr. Where even that fails there is nobody left to tell.
+/// Writes one line to stderr. A failure to do so is ignored: it cannot be reported.
 pub(super) fn say(message: &str) {
     let line: Vec<&str> = message.split_whitespace().collect();
     drop(writeln!(io::stderr().lock(), "voxsplat: {}", line.join(" ")));

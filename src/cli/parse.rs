@@ -1,29 +1,43 @@
-//! Values of options from their text. Errors say what is accepted.
+//! Parsers of option values. Their errors say what is accepted.
 
 use std::str::FromStr;
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use voxsplat::error::Error;
 use voxsplat::kernel::Kernel;
 
-/// A light as it is typed.
+/// The value of `--light`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum LightArg {
     Off,
     Headlight,
-    /// Azimuth and elevation in degrees, as an eye's.
+    /// Azimuth and elevation in degrees, as those of an eye.
     From(f64, f64),
 }
 
-/// A value that the library reads, without the option's name in its error: the parser of arguments puts it there.
+/// Parses a value of the library. The error is without the option's name, which `clap` adds.
 pub(super) fn library<T: FromStr<Err = Error>>(text: &str) -> Result<T, String> {
-    text.parse().map_err(|e| match e {
-        Error::Setting { reason, .. } => reason,
-        other => other.to_string(),
-    })
+    text.parse().map_err(reason)
 }
 
-/// Numbers parted by commas.
+/// The message of an error without the setting's name.
+fn reason(error: Error) -> String {
+    match error {
+        Error::Setting { reason, .. } => reason,
+        other => other.to_string(),
+    }
+}
+
+/// Parses an enum of the library by its names. Help lists them.
+pub(super) fn one_of<T, const N: usize>(all: [T; N], name: fn(T) -> &'static str) -> impl TypedValueParser<Value = T>
+where
+    T: FromStr<Err = Error> + Clone + Send + Sync + 'static,
+{
+    PossibleValuesParser::new(all.map(name)).try_map(|text| library(&text))
+}
+
+/// Comma-separated numbers.
 fn list<T: FromStr>(text: &str) -> Option<Vec<T>> {
     text.split(',').map(|part| part.trim().parse().ok()).collect()
 }
@@ -32,7 +46,7 @@ fn three<T: FromStr>(text: &str) -> Option<[T; 3]> {
     list(text)?.try_into().ok()
 }
 
-/// A point or a direction.
+/// A point or a direction, `X,Y,Z`.
 pub(super) fn vector(text: &str) -> Result<DVec3, String> {
     three(text)
         .map(DVec3::from_array)
@@ -40,14 +54,14 @@ pub(super) fn vector(text: &str) -> Result<DVec3, String> {
         .ok_or_else(|| "expected three numbers X,Y,Z".to_owned())
 }
 
-/// Distances between samples.
+/// Distances between samples, `X,Y,Z`.
 pub(super) fn spacing(text: &str) -> Result<[f64; 3], String> {
     three(text)
         .filter(|s: &[f64; 3]| s.iter().all(|s| s.is_finite() && *s > 0.0))
         .ok_or_else(|| "expected three lengths over 0, X,Y,Z".to_owned())
 }
 
-/// Numbers of samples.
+/// Numbers of samples, `X,Y,Z`.
 pub(super) fn dims(text: &str) -> Result<[u32; 3], String> {
     three(text)
         .filter(|d: &[u32; 3]| d.iter().all(|&d| d > 0))
@@ -124,10 +138,7 @@ pub(super) fn kernel(text: &str) -> Result<Kernel, String> {
         ("kaiser-bessel", Some([radius, alpha])) => Kernel::KaiserBessel { radius, alpha },
         _ => return Err("expected gaussian[:SIGMA,RADIUS] or kaiser-bessel[:RADIUS,ALPHA]".to_owned()),
     };
-    kernel.validate().map(|()| kernel).map_err(|e| match e {
-        Error::Setting { reason, .. } => reason,
-        other => other.to_string(),
-    })
+    kernel.validate().map(|()| kernel).map_err(reason)
 }
 
 #[cfg(test)]

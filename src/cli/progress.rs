@@ -1,14 +1,15 @@
-//! Progress on stderr, where that is a terminal.
+//! Progress on stderr, if stderr is a terminal.
 
 use std::io::{IsTerminal, stderr};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// Parts of the whole that the bar tells apart.
+/// Steps of the bar.
 const STEPS: u64 = 1000;
 
-/// A bar that goes when it is dropped.
+/// A bar or spinner that disappears when it is dropped.
 pub(super) struct Progress(ProgressBar);
 
 impl Progress {
@@ -20,24 +21,18 @@ impl Progress {
             bar.set_style(style);
         }
         bar.set_message(what);
+        bar.enable_steady_tick(Duration::from_millis(100));
         Self(bar)
     }
 
     /// For work of unknown length.
     pub(super) fn spinner(what: &'static str) -> Self {
-        let progress = Self::new(ProgressBar::new_spinner(), "{spinner} {msg} {elapsed}", what);
-        progress.0.enable_steady_tick(Duration::from_millis(100));
-        progress
+        Self::new(ProgressBar::new_spinner(), "{spinner} {msg} {elapsed}", what)
     }
 
     /// For work that tells how far it is.
-    pub(super) fn bar(what: &'static str) -> Self {
-        Self::new(ProgressBar::new(STEPS), "{msg:10} {wide_bar} {percent:>3} % {elapsed}", what)
-    }
-
-    /// Shows that a fraction (0..1) of the work is done.
-    pub(super) fn set(&self, fraction: f64) {
-        self.0.set_position((fraction.clamp(0.0, 1.0) * STEPS as f64) as u64);
+    fn bar(what: &'static str) -> Self {
+        Self::new(ProgressBar::new(STEPS), "{spinner} {msg:16} {wide_bar} {percent:>3} % {elapsed}", what)
     }
 }
 
@@ -45,4 +40,19 @@ impl Drop for Progress {
     fn drop(&mut self) {
         self.0.finish_and_clear();
     }
+}
+
+/// What the library tells its progress to: one bar at a time, for the work that is being done.
+pub(super) fn reporter() -> voxsplat::progress::Progress {
+    let shown: Mutex<Option<(&'static str, Progress)>> = Mutex::new(None);
+    voxsplat::progress::Progress::new(move |doing, fraction| {
+        let mut shown = shown.lock().unwrap_or_else(PoisonError::into_inner);
+        if fraction >= 1.0 {
+            *shown = None;
+            return;
+        }
+        let current = shown.take().filter(|(what, _)| *what == doing);
+        let (_, bar) = shown.insert(current.unwrap_or_else(|| (doing, Progress::bar(doing))));
+        bar.0.set_position((fraction.max(0.0) * STEPS as f64) as u64);
+    })
 }

@@ -1,24 +1,26 @@
 //! `voxsplat render`.
 
+use std::path::Path;
 use std::time::Instant;
 
 use serde::Serialize;
 use voxsplat::camera::Camera;
 use voxsplat::image::Image;
-use voxsplat::reference;
+use voxsplat::reference::Reference;
 use voxsplat::renderer::{Renderer, RendererOptions};
 use voxsplat::stats::{Clock, StageTime, Stats};
-use voxsplat::transfer::{TransferFunction, presets};
+use voxsplat::transfer::TransferFunction;
+use voxsplat::transfer::presets::{self, Suggestion};
 use voxsplat::volume::{Statistics, Volume};
 use voxsplat::{demos, formats};
 
 use super::args::StatsFormat;
 use super::job::{Engine, RenderJob, Transfer};
-use super::progress::Progress;
+use super::progress::{self, Progress};
 use super::stderr::silenced;
 use super::{Failure, output};
 
-/// Times of the stages on the host, in the order they ran.
+/// Host times of the stages, in the order in which they ran.
 #[derive(Default)]
 struct Stages(Vec<StageTime>);
 
@@ -31,7 +33,7 @@ impl Stages {
     }
 }
 
-/// What a picture by the reference took.
+/// Statistics of a picture by the reference.
 #[derive(Serialize)]
 struct ReferenceStats {
     painter: &'static str,
@@ -44,8 +46,8 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
     let mut stages = Stages::default();
     let mut opening = Stages::default();
     let progress = Progress::spinner("reading");
-    // The driver takes about as long to open as a small volume to read. It is silenced meanwhile, and this program with it:
-    // what there is to say comes after.
+    // Opening the driver takes about as long as reading a small volume, so both run at once. The driver is silenced
+    // meanwhile, and with it this process: notes are printed afterwards.
     let (read, opened) = std::thread::scope(|scope| {
         let adapter = match &job.engine {
             Engine::Device { adapter } => Some(adapter.clone()),
@@ -53,7 +55,7 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
         };
         let device = adapter.map(|adapter| {
             let opening = &mut opening;
-            let open = move || silenced(|| Renderer::new(&RendererOptions { adapter }));
+            let open = move || silenced(|| Renderer::new(&RendererOptions { adapter, progress: progress::reporter() }));
             scope.spawn(move || opening.time("device", open))
         });
         let read = || {
@@ -69,19 +71,13 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
         output::say(&note);
     }
     stages.0.append(&mut opening.0);
-    let camera = Camera::new(&job.view, volume.grid(), job.settings.size)?;
+    let camera = Camera::new(&job.view, volume.grid(), job.size)?;
     let save = |image: &Image, stages: &mut Stages| stages.time("encode", || image.save(&job.output, job.background));
     match opened {
         Some(opened) => {
             let renderer = opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
-            let scene = {
-                let progress = Progress::bar("preparing");
-                renderer.prepare(&volume, &transfer, &job.settings, &|f| progress.set(f))?
-            };
-            let mut rendered = {
-                let _progress = Progress::spinner("splatting");
-                renderer.render(&scene, &camera, &job.settings)?
-            };
+            let scene = renderer.prepare(&volume, &transfer, &job.settings)?;
+            let mut rendered = renderer.render(&scene, &camera, &job.settings)?;
             let before = stages.0.len();
             save(&rendered.image, &mut stages)?;
             let after = stages.0.split_off(before);
@@ -90,20 +86,12 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
             print_stats(job.stats, &rendered.stats, Stats::to_string)
         }
         None => {
-            let image = {
-                let progress = Progress::bar("integrating");
-                stages.time("integrate", || {
-                    reference::Scene::new(&volume, &transfer, &job.settings)?
-                        .render(&camera, job.settings.size, &|f| progress.set(f))
-                })?
-            };
+            let image = stages.time("integrate", || {
+                Reference::new(&volume, &transfer, &job.settings)?.with_progress(progress::reporter()).render(&camera)
+            })?;
             save(&image, &mut stages)?;
-            let stats = ReferenceStats {
-                painter: "reference",
-                size: job.settings.size,
-                voxels: volume.grid().len(),
-                stages: stages.0,
-            };
+            let stats =
+                ReferenceStats { painter: "reference", size: job.size, voxels: volume.grid().len(), stages: stages.0 };
             print_stats(job.stats, &stats, |stats| {
                 let times: String = stats
                     .stages
@@ -129,28 +117,23 @@ fn print_stats<S: Serialize>(
     }
 }
 
-/// The transfer function of a job, and what to say of what was chosen where the user left it open.
+/// The transfer function of a job, and a note for the user if a preset was suggested.
 fn transfer(
-    source: &str,
+    source: &Path,
     choice: Transfer,
     volume: &Volume,
     stages: &mut Stages,
 ) -> Result<(TransferFunction, Option<String>), Failure> {
-    let name = match choice {
-        Transfer::Given(transfer) => return Ok((transfer, None)),
-        Transfer::Preset(name) => Some(name),
-        Transfer::Suggested => None,
-    };
-    if name.is_none()
-        && let Some(own) = source.strip_prefix("demo:").and_then(demos::demo_transfer)
-    {
-        return Ok((own, None));
+    let mut statistics = || stages.time("statistics", || Statistics::of(volume));
+    match choice {
+        Transfer::Given(transfer) => Ok((transfer, None)),
+        Transfer::Preset(name) => Ok((presets::preset(name, &statistics()?)?, None)),
+        Transfer::Suggested => {
+            if let Some(own) = demos::own_transfer(source) {
+                return Ok((own, None));
+            }
+            let (transfer, Suggestion { name, reason }) = TransferFunction::for_volume(volume, &statistics()?)?;
+            Ok((transfer, Some(format!("note: --transfer {name} is taken, as {reason}"))))
+        }
     }
-    let statistics = stages.time("statistics", || Statistics::of(volume))?;
-    let Some(name) = name else {
-        let suggestion = presets::suggest(volume, &statistics);
-        let note = format!("note: --transfer {} is taken, as {}", suggestion.name, suggestion.reason);
-        return Ok((presets::preset(suggestion.name, &statistics)?, Some(note)));
-    };
-    Ok((presets::preset(&name, &statistics)?, None))
 }

@@ -1,10 +1,10 @@
-//! Keeps drivers from talking on the user's terminal.
+//! Keeps messages of drivers off the user's terminal.
 
-/// Runs `work` with the process's standard error closed to drivers.
+/// Runs `work` with the standard error of the process redirected to /dev/null.
 ///
 /// Mesa 22.3 prints "error: XDG_RUNTIME_DIR is invalid or not set in the environment." whenever a device is opened on a
-/// machine without a desktop session, which is where this program mostly runs, and nothing in its environment stops it.
-/// What really goes wrong is returned by the calls, and reported by this program.
+/// machine without a desktop session, and has no setting to prevent it. Real failures are returned by the calls, and
+/// this program reports them.
 #[cfg(unix)]
 pub(super) fn silenced<T>(work: impl FnOnce() -> T) -> T {
     use rustix::stdio;
@@ -18,12 +18,12 @@ pub(super) fn silenced<T>(work: impl FnOnce() -> T) -> T {
         return work();
     }
     let result = work();
-    // Should this fail the program goes on, silently; there is nowhere left to say so.
+    // A failure here is ignored: without standard error it cannot be reported.
     let _restored = stdio::dup2_stderr(kept);
     result
 }
 
-/// Elsewhere drivers keep quiet by themselves.
+/// On other systems drivers print nothing.
 #[cfg(not(unix))]
 pub(super) fn silenced<T>(work: impl FnOnce() -> T) -> T {
     work()

@@ -1,25 +1,25 @@
-//! From the bytes of one or more files to samples, at the width they have there.
+//! Samples from the bytes of one or more files, at the width they have there.
 
 use rayon::prelude::*;
 
 use super::input::{Input, format_error};
 use crate::error::{Error, Result};
-use crate::volume::{Endian, FileSamples, MAX_DIM, Sample, SampleType, Samples, Stored};
+use crate::volume::{Endian, FileSamples, MAX_DIM, Number, SampleType, Stored, with_type};
 
-/// How samples are written down.
+/// The encoding of samples in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Layout {
-    /// The samples' own bytes, in this order.
+    /// Binary, in this byte order.
     Binary(Endian),
-    /// Decimal numbers between blanks.
+    /// Decimal numbers separated by blanks.
     Text,
 }
 
-/// The files of a volume, opened one after the other, each at its first sample.
+/// The files of a volume, each opened at its first sample when its turn comes.
 pub(super) type Parts<'a> = &'a mut dyn Iterator<Item = Result<Input>>;
 
-/// `count` samples, an equal share from each of the `parts` (there are `n_parts`). Those that are the bytes of one plain
-/// file are left there.
+/// Reads `count` samples, an equal share from each of the `n_parts` files of `parts`. Uncompressed binary samples of a
+/// single file are not read: they stay there until they are needed.
 pub(super) fn read_samples(
     parts: Parts<'_>,
     n_parts: usize,
@@ -50,18 +50,8 @@ fn read_into_memory(
     sample_type: SampleType,
     layout: Layout,
 ) -> Result<Stored> {
-    Ok(Stored::Memory(match sample_type {
-        SampleType::U8 => Samples::U8(read(parts, n_parts, count, layout)?),
-        SampleType::I8 => Samples::I8(read(parts, n_parts, count, layout)?),
-        SampleType::U16 => Samples::U16(read(parts, n_parts, count, layout)?),
-        SampleType::I16 => Samples::I16(read(parts, n_parts, count, layout)?),
-        SampleType::U32 => Samples::U32(read(parts, n_parts, count, layout)?),
-        SampleType::I32 => Samples::I32(read(parts, n_parts, count, layout)?),
-        SampleType::U64 => Samples::U64(read(parts, n_parts, count, layout)?),
-        SampleType::I64 => Samples::I64(read(parts, n_parts, count, layout)?),
-        SampleType::F32 => Samples::F32(read(parts, n_parts, count, layout)?),
-        SampleType::F64 => Samples::F64(read(parts, n_parts, count, layout)?),
-    }))
+    let samples = with_type!(sample_type, T => T::collected(read(parts, n_parts, count, layout)?));
+    Ok(Stored::Memory(samples))
 }
 
 /// As [`read_samples`], from one file.
@@ -69,16 +59,16 @@ pub(super) fn read_all(input: Input, count: u64, sample_type: SampleType, layout
     read_samples(&mut std::iter::once(Ok(input)), 1, count, sample_type, layout)
 }
 
-/// Reads straight into the vector that becomes the volume: no second copy, whatever the size.
-pub(super) fn read<T: Sample>(parts: Parts<'_>, n_parts: usize, count: u64, layout: Layout) -> Result<Vec<T>> {
+/// Reads straight into the vector that becomes the volume, without a second copy.
+pub(super) fn read<T: Number>(parts: Parts<'_>, n_parts: usize, count: u64, layout: Layout) -> Result<Vec<T>> {
     let mut samples: Vec<T> = Vec::new();
     let share = count / n_parts.max(1) as u64;
     for part in parts {
         let mut input = part?;
         check_bytes(&input, share, size_of::<T>(), layout)?;
         if samples.capacity() == 0 {
-            // Once only, and after the first file has shown that it can hold its share. Memory that is never
-            // written to costs nothing, so a compressed file that ends early does no harm either.
+            // Reserved once, after the first file has shown that it can hold its share. Reserved pages that are never
+            // written to cost nothing, so a compressed file that ends early does no harm.
             let total = usize::try_from(count).ok().filter(|&n| samples.try_reserve_exact(n).is_ok());
             total.ok_or_else(|| out_of_memory(&input, count, size_of::<T>()))?;
         }
@@ -93,11 +83,11 @@ pub(super) fn read<T: Sample>(parts: Parts<'_>, n_parts: usize, count: u64, layo
     Ok(samples)
 }
 
-/// Refuses a file that cannot hold `count` samples, before any memory is asked for.
+/// Refuses a file that cannot hold `count` samples, before memory is reserved.
 fn check_bytes(input: &Input, count: u64, size: usize, layout: Layout) -> Result<()> {
     let needed = match layout {
         Layout::Binary(_) => u128::from(count) * size as u128,
-        // A digit each and a blank between.
+        // At least one digit per sample, and a blank between two samples.
         Layout::Text => (u128::from(count) * 2).saturating_sub(1),
     };
     match (input.exactly_left(), input.at_most()) {
@@ -117,9 +107,9 @@ fn out_of_memory(input: &Input, count: u64, size: usize) -> Error {
     input.error(format!("needs {gib:.1} GiB of memory, more than can be had: crop or downsample it first"))
 }
 
-fn read_binary<T: Sample>(input: &mut Input, count: u64, samples: &mut Vec<T>) -> Result<()> {
-    // Grown by a megabyte at a time: the zeros that `resize` must write are still in the cache when they are
-    // overwritten, and pages beyond the end of a short file are never touched.
+fn read_binary<T: Number>(input: &mut Input, count: u64, samples: &mut Vec<T>) -> Result<()> {
+    // The vector grows by 1 MiB at a time. The zeros that `resize` writes are still in the cache when samples overwrite
+    // them, and pages beyond the end of a short file are never touched.
     let chunk = (1 << 20) / size_of::<T>() as u64;
     let mut left = count;
     while left > 0 {
@@ -141,7 +131,7 @@ fn read_binary<T: Sample>(input: &mut Input, count: u64, samples: &mut Vec<T>) -
     input.verify_checksum()
 }
 
-fn read_text<T: Sample>(input: &mut Input, count: u64, samples: &mut Vec<T>) -> Result<()> {
+fn read_text<T: Number>(input: &mut Input, count: u64, samples: &mut Vec<T>) -> Result<()> {
     let mut token = String::new();
     for i in 0..count {
         if !input.token(&mut token)? {
@@ -156,7 +146,7 @@ fn read_text<T: Sample>(input: &mut Input, count: u64, samples: &mut Vec<T>) -> 
     Ok(())
 }
 
-/// The number of samples of a lattice as a header states it, each dimension in the range a grid accepts.
+/// The dimensions of a lattice from a header, each checked to be in the range that a grid accepts; missing ones are 1.
 pub(super) fn lattice(path: &std::path::Path, sizes: &[i64]) -> Result<[u32; 3]> {
     let dim = |axis: usize| {
         let size = sizes.get(axis).copied().unwrap_or(1);

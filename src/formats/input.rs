@@ -1,4 +1,4 @@
-//! Bytes of a file, plain or compressed, that know where they come from and how many may be left.
+//! A stream of bytes, plain or compressed, with the path of its file and a bound on the bytes left.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
@@ -6,39 +6,39 @@ use std::path::{Path, PathBuf};
 
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Hint, Result};
 
 /// The first bytes of every gzip stream (RFC 1952).
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
-/// Deflate cannot expand more than this (zlib's technical notes: 1032 to 1), so a file of b bytes holds at most about
-/// b times this many: the way to tell a lying header from a well compressed volume before memory is asked for.
+/// Deflate expands at most 1032 to 1 (zlib's technical notes, <https://zlib.net/zlib_tech.html>). It bounds what a
+/// compressed file can hold, so a header that claims more is refused before memory is reserved.
 const MAX_EXPANSION: u64 = 1032;
 
-/// The longest line of a header that is read; longer ones are not text.
+/// The longest header line that is read, in bytes: a longer line is not text.
 const MAX_LINE: u64 = 1 << 20;
 
-/// Characters of an error message that quotes a header.
+/// The longest reason of an error, in characters: it may quote a header.
 const MAX_REASON: usize = 400;
 
 /// A stream of bytes with the file it belongs to.
 pub(super) struct Input {
     path: PathBuf,
     reader: Box<dyn BufRead>,
-    /// Bytes that may be left at most; `None` for pipes.
+    /// Upper bound on the bytes left; `None` for pipes.
     left: Option<u64>,
     compressed: bool,
 }
 
 impl Input {
-    /// Opens a file, decompressing it where its content is gzip.
+    /// Opens a file and decompresses it if it begins as gzip does.
     pub(super) fn open(path: &Path) -> Result<Self> {
         let plain = Self::open_plain(path)?;
         plain.gunzip_if_gzip()
     }
 
-    /// Opens a data file that a header names, as it is. Headers may come from anywhere: an endless device that one
-    /// names is not read.
+    /// Opens a data file that a header names, as it is. Only regular files are read: a header from an untrusted source
+    /// could name an endless device.
     pub(super) fn open_data(path: &Path) -> Result<Self> {
         let input = Self::open_plain(path)?;
         if input.left.is_none() {
@@ -72,27 +72,27 @@ impl Input {
         format_error(&self.path, reason)
     }
 
-    /// Bytes left at most (an upper bound where compressed), `None` where unknown.
+    /// Upper bound on the bytes left; `None` if there is none.
     pub(super) fn at_most(&self) -> Option<u64> {
         self.left
     }
 
-    /// Bytes left exactly, `None` where unknown.
+    /// The number of bytes left; `None` if it is not known, as in a compressed file.
     pub(super) fn exactly_left(&self) -> Option<u64> {
         if self.compressed { None } else { self.left }
     }
 
-    /// The file that the bytes left are those of, and where they begin in it; `None` where they are not those of a file.
+    /// The file and the offset in it at which the remaining bytes begin; `None` if they are not stored as they are.
     pub(super) fn plain_file(&self) -> Result<Option<(File, u64)>> {
         let Some(left) = self.exactly_left() else { return Ok(None) };
         let read_error = |source| Error::Read { path: self.path.clone(), source };
         let file = File::open(&self.path).map_err(read_error)?;
         let length = file.metadata().map_err(read_error)?.len();
-        // A file that was changed meanwhile is read as a stream, which notices its end.
+        // A file that has shrunk meanwhile is read as a stream, which reports the missing bytes.
         Ok(length.checked_sub(left).map(|offset| (file, offset)))
     }
 
-    /// The next bytes, up to `n`, fewer only at the end; they stay to be read.
+    /// The next `n` bytes, or fewer at the end of the file, without consuming them.
     pub(super) fn peek(&mut self, n: usize) -> Result<Vec<u8>> {
         let mut head = Vec::new();
         (&mut self.reader).take(n as u64).read_to_end(&mut head).map_err(|e| self.io_error(e))?;
@@ -101,17 +101,17 @@ impl Input {
         Ok(head)
     }
 
-    /// The same bytes, decompressed where they begin as gzip does.
+    /// Decompresses the stream if it begins as gzip does.
     fn gunzip_if_gzip(mut self) -> Result<Self> {
         if self.peek(2)? == GZIP_MAGIC { Ok(self.gunzip()) } else { Ok(self) }
     }
 
-    /// The bytes of the gzip stream that begins here (several members count as one stream: bgzip writes such).
+    /// Decompresses the gzip stream that begins here. Several members count as one stream, as bgzip writes them.
     pub(super) fn gunzip(self) -> Self {
         self.decompressed(|reader| Box::new(BufReader::with_capacity(1 << 16, MultiGzDecoder::new(reader))))
     }
 
-    /// The bytes of the zlib (or gzip, as MetaIO accepts) stream that begins here.
+    /// Decompresses the zlib stream that begins here, or gzip, which MetaIO accepts as well.
     pub(super) fn inflate(mut self) -> Result<Self> {
         if self.peek(2)? == GZIP_MAGIC {
             return Ok(self.gunzip());
@@ -119,7 +119,7 @@ impl Input {
         Ok(self.decompressed(|reader| Box::new(BufReader::with_capacity(1 << 16, ZlibDecoder::new(reader)))))
     }
 
-    /// The bytes that hexadecimal digits (blanks between them skipped) stand for.
+    /// Decodes pairs of hexadecimal digits; blanks between digits are skipped.
     pub(super) fn unhex(mut self) -> Self {
         self.left = self.left.map(|n| n / 2);
         self.compressed = true;
@@ -134,7 +134,7 @@ impl Input {
         self
     }
 
-    /// Drops `n` bytes.
+    /// Skips `n` bytes.
     pub(super) fn skip(&mut self, n: u64) -> Result<()> {
         let passed = match self.left {
             Some(left) if n > left => 0,
@@ -147,7 +147,7 @@ impl Input {
         Ok(())
     }
 
-    /// The next line without its end (LF or CRLF); `None` at the end. Bytes that are not UTF-8 are replaced.
+    /// The next line without LF or CRLF; `None` at the end of the file. Bytes that are not UTF-8 become U+FFFD.
     pub(super) fn line(&mut self) -> Result<Option<String>> {
         let mut line = Vec::new();
         (&mut self.reader).take(MAX_LINE).read_until(b'\n', &mut line).map_err(|e| self.io_error(e))?;
@@ -162,7 +162,7 @@ impl Input {
         Ok(Some(String::from_utf8_lossy(&line).into_owned()))
     }
 
-    /// The next `n` bytes; an error where there are fewer.
+    /// The next `n` bytes; an error if there are fewer.
     pub(super) fn bytes(&mut self, n: usize) -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
         (&mut self.reader).take(n as u64).read_to_end(&mut bytes).map_err(|e| self.io_error(e))?;
@@ -173,7 +173,7 @@ impl Input {
         Ok(bytes)
     }
 
-    /// Fills `out`, or as much of it as there are bytes; returns how much.
+    /// Fills `out` as far as there are bytes, and returns their number.
     pub(super) fn fill(&mut self, out: &mut [u8]) -> Result<usize> {
         let mut done = 0;
         while done < out.len() {
@@ -181,7 +181,7 @@ impl Input {
                 Ok(0) => break,
                 Ok(n) => done += n,
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-                // A compressed stream that is cut off reports this instead of an end.
+                // Decompressors report a truncated stream this way; the caller reports the missing bytes.
                 Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => break,
                 Err(e) => return Err(self.io_error(e)),
             }
@@ -190,9 +190,10 @@ impl Input {
         Ok(done)
     }
 
-    /// Reads on to the checksum of a compressed stream, where the samples were its last bytes.
+    /// Verifies the checksum of a compressed stream if the samples were its last bytes.
     ///
-    /// Whatever else follows is not part of the volume and is left alone.
+    /// Reading one byte past the samples makes the decompressor check. If more data follows, it is not part of the
+    /// volume and is ignored.
     pub(super) fn verify_checksum(&mut self) -> Result<()> {
         match self.reader.read(&mut [0]) {
             Err(e) if e.to_string().contains("checksum") => Err(self.io_error(e)),
@@ -200,7 +201,8 @@ impl Input {
         }
     }
 
-    /// The next token between blanks and commas; `None` at the end. Tokens are cut at 64 bytes: no number needs more.
+    /// Reads the next token between blanks and commas; false at the end of the file. Tokens are cut at 64 bytes: no
+    /// number of a sample type needs more.
     pub(super) fn token(&mut self, token: &mut String) -> Result<bool> {
         token.clear();
         loop {
@@ -234,7 +236,7 @@ impl Input {
         }
     }
 
-    /// A failed read: the operating system's word, or ours where the content is to blame.
+    /// A failed read as [`Error::Format`] if the content is at fault, otherwise as [`Error::Read`].
     fn io_error(&self, source: io::Error) -> Error {
         match source.kind() {
             io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput | io::ErrorKind::UnexpectedEof => {
@@ -245,18 +247,26 @@ impl Input {
     }
 }
 
-/// An [`Error::Format`].
+/// The same error with a hint.
+pub(super) fn hinted(mut error: Error, way_out: Hint) -> Error {
+    if let Error::Format { hint, .. } = &mut error {
+        *hint = Some(way_out);
+    }
+    error
+}
+
+/// An [`Error::Format`] without a hint.
 pub(super) fn format_error(path: &Path, reason: impl Into<String>) -> Error {
-    // One line, of a length to be read, is the promise of the error type, and a reason may quote a header.
+    // Messages are one readable line, but a reason may quote a header of any length with any characters.
     let mut reason = reason.into().replace(|c: char| c.is_control(), " ");
     if let Some((end, _)) = reason.char_indices().nth(MAX_REASON) {
         reason.truncate(end);
         reason.push_str(" ...");
     }
-    Error::Format { path: path.to_owned(), reason }
+    Error::Format { path: path.to_owned(), reason, hint: None }
 }
 
-/// Bytes from pairs of hexadecimal digits.
+/// Reads bytes from pairs of hexadecimal digits.
 struct Unhex {
     digits: Box<dyn BufRead>,
 }

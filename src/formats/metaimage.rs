@@ -1,7 +1,7 @@
 //! MetaImage: .mha, and .mhd with its data files (<https://itk.org/Wiki/ITK/MetaIO/Documentation>).
 //!
-//! The world of MetaImage is ITK's, which is DICOM's patient space. Where the documentation leaves room, ITK's reading
-//! is followed: MET_LONG has 32 bits, a missing byte order means little-endian.
+//! The world of MetaImage is ITK's, which is DICOM's patient space. If the documentation is ambiguous, this reader does
+//! as ITK does: MET_LONG has 32 bits, and a missing byte order means little-endian.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ use super::placement::Placement;
 use crate::error::{Error, Result};
 use crate::volume::{Endian, SampleType, Volume};
 
-/// The fields that a header may begin with; other files are not taken for MetaImages unless their name says so.
+/// The fields that a header may begin with. A file that begins otherwise is a MetaImage only by its extension.
 const FIRST_FIELDS: [&str; 9] =
     ["objecttype", "ndims", "comment", "objectsubtype", "name", "id", "binarydata", "dimsize", "elementtype"];
 
@@ -74,7 +74,7 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
     };
     let samples = match files {
         None => {
-            // A header size counts from the start of the file, which a local one has been read past.
+            // HeaderSize counts from the start of the file, and the header has been read: the file is opened again.
             let local = if start.header_size == 0 { input } else { Input::open(&header.path)? };
             read_samples(&mut std::iter::once(start.apply(local)), 1, count, sample_type, layout)?
         }
@@ -83,13 +83,13 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
             read_samples(&mut parts, n, count, sample_type, layout)?
         }
     };
-    // ITK leaves this map to its user, who is us: it is how such files state Hounsfield units.
+    // ITK does not apply this map but leaves it to its caller. It is how such files state Hounsfield units.
     placement.volume(grid, samples)?.with_rescale(slope, intercept)
 }
 
-/// Where samples begin in a data file.
+/// How to find the first sample of a data file.
 struct Start {
-    /// Bytes before them, -1: all but the last `share`.
+    /// Bytes before the samples; -1: the samples are the last `share` bytes.
     header_size: i64,
     compressed: bool,
     share: u64,
@@ -110,19 +110,19 @@ impl Start {
                 return Err(input.error(format!("is cut short: its samples need {} bytes", self.share)));
             }
         }
-        // CompressedDataSize is not needed: a zlib stream knows its end.
+        // CompressedDataSize is not needed: a zlib stream marks its own end.
         if self.compressed { input.inflate() } else { Ok(input) }
     }
 }
 
-/// The fields of a header, names in lower case.
+/// The fields of a header; names are in lower case.
 struct Header {
     path: PathBuf,
     fields: HashMap<String, String>,
 }
 
 impl Header {
-    /// Reads up to the line ElementDataFile, which is the last.
+    /// Reads up to and including the line ElementDataFile, which is the last.
     fn read(input: &mut Input) -> Result<Self> {
         let mut fields = HashMap::new();
         while let Some(line) = input.line()? {
@@ -149,7 +149,7 @@ impl Header {
         format_error(&self.path, reason)
     }
 
-    /// The text of the first field of these that is there: the format has several names for some.
+    /// The text of the first of these fields that the header has: some fields have several names.
     fn get(&self, names: &[&str]) -> Option<&str> {
         names.iter().find_map(|name| self.fields.get(&name.to_ascii_lowercase())).map(String::as_str)
     }
@@ -204,7 +204,7 @@ impl Header {
         })
     }
 
-    /// The row of each axis of `n` numbers as a vector of space: a 2-D image lies in the plane z = 0.
+    /// The position of a lattice of `n` axes. A 2-D image lies in the plane z = 0.
     fn placement(&self, n: usize) -> Result<Placement> {
         let vector = |v: &[f64]| DVec3::new(v[0], v[1], v.get(2).copied().unwrap_or(0.0));
         let spacing = match self.get(&["ElementSpacing", "ElementSize"]) {
@@ -225,14 +225,14 @@ impl Header {
         Ok(placement)
     }
 
-    /// The files with the samples; `None` where they follow the header.
+    /// The data files; `None` if the samples follow the header.
     fn data_files(&self, input: &mut Input) -> Result<Option<Vec<PathBuf>>> {
         let text = self.required("ElementDataFile")?;
         let word = text.split_ascii_whitespace().next().unwrap_or_default();
         let names = match word.to_ascii_uppercase().as_str() {
             "LOCAL" => return Ok(None),
             "" => return Err(self.error("ElementDataFile is empty: expected a file name or LOCAL")),
-            // The number after LIST is the dimension of each file's share: the shares are equal whatever it says.
+            // The number after LIST is the dimension of each file. It does not matter: all files hold equal shares.
             "LIST" => multifile::listed(input)?,
             _ => multifile::expanded(&self.path, text, 3)?.unwrap_or_else(|| vec![text.to_owned()]),
         };

@@ -1,4 +1,4 @@
-//! From the name of a volume to the volume: which reader reads it, and what the user says about it.
+//! Readers: from the name of a volume to the volume.
 
 mod decode;
 mod input;
@@ -12,31 +12,31 @@ mod placement;
 use std::path::Path;
 
 use decode::{Layout, lattice, read_all};
-use input::{Input, format_error};
+use input::{Input, hinted};
 use placement::{Placement, check_spacing};
 
 use crate::demos;
-use crate::error::{Error, Result};
+use crate::error::{Error, Hint, Result};
 use crate::volume::{Endian, SampleType, Volume};
 
-/// What to assume about a file, or to do to it. The default is to believe its header.
+/// What the caller knows about a file, or wants done to its samples. The default is to believe its header.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LoadOptions {
     /// Samples along x, y and z of a file without a header; x is fastest.
     pub dims: Option<[u32; 3]>,
     /// The sample type of a file without a header.
     pub sample_type: Option<SampleType>,
-    /// World distance between samples along each axis. Takes the place of what a header says; its directions and its
-    /// origin stay.
+    /// World distance between samples along each axis. It replaces the spacing of a header, whose directions and origin
+    /// stay.
     pub spacing: Option<[f64; 3]>,
-    /// The byte order of a file without a header; little-endian where not given.
+    /// The byte order of a file without a header; `None` is little-endian.
     pub endian: Option<Endian>,
     /// Bytes before the first sample of a file without a header.
     pub offset: u64,
-    /// The value that takes the place of NaN and infinite ones; without it they are an error.
+    /// The finite number that replaces NaN and infinite samples; `None` makes such samples an error.
     pub replace_nan: Option<f64>,
-    /// Bytes of samples over which they are left in their file, if they are there uncompressed and in one piece, and read
-    /// brick by brick as they are needed; 4 MiB where not given.
+    /// The largest volume, in bytes of samples, that is always read into memory; 4 MiB by default. A larger one stays
+    /// in its file if its samples are uncompressed and in one piece there, and is read brick by brick.
     pub stream_over: u64,
 }
 
@@ -73,7 +73,7 @@ impl Format {
         }
     }
 
-    /// The format that the first bytes of a file show.
+    /// The format that the first bytes of a file belong to.
     fn of_content(head: &[u8]) -> Option<Self> {
         if head.starts_with(b"NRRD000") {
             Some(Self::Nrrd)
@@ -90,7 +90,8 @@ impl Format {
 
     /// The format that the name of a file promises.
     fn of_name(path: &Path) -> Option<Self> {
-        let name = path.file_name()?.to_str()?.to_ascii_lowercase();
+        // The extension decides: what is lost of a name that is not UTF-8 does not count.
+        let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         let name = name.strip_suffix(".gz").unwrap_or(&name);
         match name.rsplit_once('.')?.1 {
             "nrrd" | "nhdr" => Some(Self::Nrrd),
@@ -102,30 +103,39 @@ impl Format {
     }
 }
 
-/// Loads a volume: a file in NRRD, NIfTI, MetaImage or NumPy format, a file of bare samples, or `demo:NAME[:SIZE]`.
+/// Loads a volume: a file in NRRD, NIfTI, MetaImage or NumPy format, a file of bare samples, or the built-in volume
+/// `demo:NAME[:SIZE]` (see [`demos`]).
 ///
-/// The content of a file decides on its format, then its name. Any of them may be compressed with gzip. Files of bare
-/// samples need `dims` and `sample_type`; for others these are an error, as are `endian` and `offset`.
+/// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
+/// may be compressed with gzip. Files of bare samples need `dims` and `sample_type`. For all other files these two are
+/// an error, as are `endian` and `offset`.
 ///
 /// # Errors
-/// [`Error::Read`] where a file cannot be read, [`Error::Format`] where its content is malformed, cut short,
-/// inconsistent or not supported, [`Error::Volume`] where it has samples that are not finite or the phantom does not
-/// exist, [`Error::Setting`] where an option is out of range.
-pub fn load(source: &str, options: &LoadOptions) -> Result<Volume> {
+/// - [`Error::Read`] if a file cannot be read.
+/// - [`Error::Format`] if its content is malformed, cut short, inconsistent or not supported.
+/// - [`Error::NonFinite`] if it has NaN or infinite samples and no replacement is given.
+/// - [`Error::Volume`] if the built-in volume does not exist.
+/// - [`Error::Setting`] if an option is out of range or does not apply to the file.
+/// - [`Error::Memory`] if there is no memory for the samples.
+pub fn load(source: impl AsRef<Path>, options: &LoadOptions) -> Result<Volume> {
+    load_from(source.as_ref(), options)
+}
+
+fn load_from(source: &Path, options: &LoadOptions) -> Result<Volume> {
     if let Some(spacing) = options.spacing {
         check_spacing(spacing)?;
     }
     if let Some(value) = options.replace_nan
         && !value.is_finite()
     {
-        return Err(Error::Setting { name: "replace-nan", reason: format!("{value}, expected a finite number") });
+        return Err(Error::Setting { name: "replace_nan", reason: format!("{value}, expected a finite number") });
     }
-    let mut volume = match source.strip_prefix("demo:") {
+    let mut volume = match demos::name_in(source) {
         Some(demo) => {
-            refuse_raw_options(Path::new(source), options, "a built-in volume")?;
-            demos::demo(demo, options.spacing)?
+            refuse_raw_options(source, options, "a built-in volume")?;
+            demos::parsed(demo, options.spacing)?
         }
-        None => load_file(Path::new(source), options)?,
+        None => load_file(source, options)?,
     };
     volume = volume.loaded(options.stream_over)?;
     if let Some(value) = options.replace_nan {
@@ -143,10 +153,10 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
     }
     let content = Format::of_content(&head);
     let has_raw_options = options.dims.is_some() || options.sample_type.is_some();
-    // The image file of a NIfTI pair may be given in place of its header.
+    // Users may name the image file of a NIfTI pair instead of its header.
     if content.is_none()
         && !has_raw_options
-        && path.to_str().is_some_and(|p| [".img", ".img.gz"].iter().any(|e| p.to_ascii_lowercase().ends_with(e)))
+        && nifti::is_image_name(path)
         && let Some(header) = nifti::header_of_image(path)
     {
         return load_file(&header, options);
@@ -165,16 +175,19 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
     }
 }
 
-/// Options that describe bare samples say something false about any other source.
+/// Refuses options for bare samples on any other source: they would contradict its header.
 fn refuse_raw_options(path: &Path, options: &LoadOptions, what: &str) -> Result<()> {
     let given = [
-        ("--dims", options.dims.is_some()),
-        ("--type", options.sample_type.is_some()),
-        ("--endian", options.endian.is_some()),
-        ("--offset", options.offset != 0),
+        ("dims", options.dims.is_some()),
+        ("sample_type", options.sample_type.is_some()),
+        ("endian", options.endian.is_some()),
+        ("offset", options.offset != 0),
     ];
-    match given.iter().find(|(_, given)| *given) {
-        Some((name, _)) => Err(format_error(path, format!("{name} is for files of bare samples, and this is {what}"))),
+    match given.into_iter().find(|(_, given)| *given) {
+        Some((name, _)) => {
+            let reason = format!("it is for files of bare samples, and {} is {what}", path.display());
+            Err(Error::Setting { name, reason })
+        }
         None => Ok(()),
     }
 }
@@ -182,9 +195,9 @@ fn refuse_raw_options(path: &Path, options: &LoadOptions, what: &str) -> Result<
 fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volume> {
     let (dims, sample_type) = match (options.dims, options.sample_type) {
         (Some(dims), Some(sample_type)) => (dims, sample_type),
-        (None, Some(_)) => return Err(input.error("holds bare samples: give --dims X,Y,Z too")),
-        (Some(_), None) => return Err(input.error("holds bare samples: give --type u8|i16|... too")),
-        (None, None) => return Err(input.error(unknown(head))),
+        (None, Some(_)) => return Err(hinted(input.error("holds bare samples of unknown number"), Hint::GiveDims)),
+        (Some(_), None) => return Err(hinted(input.error("holds bare samples of unknown type"), Hint::GiveSampleType)),
+        (None, None) => return Err(unknown(&input, head)),
     };
     let path = input.path().to_owned();
     let dims = lattice(&path, &dims.map(i64::from))?;
@@ -197,8 +210,8 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
     placement.volume(grid, samples)
 }
 
-/// The way out for a file of no known format.
-fn unknown(head: &[u8]) -> String {
+/// The error about a file of no known format.
+fn unknown(input: &Input, head: &[u8]) -> Error {
     let formats: [(usize, &[u8], &str); 9] = [
         (128, b"DICM", "DICOM"),
         (0, b"II*\0", "TIFF"),
@@ -212,10 +225,12 @@ fn unknown(head: &[u8]) -> String {
     ];
     match formats.iter().find(|(at, magic, _)| head.get(*at..).is_some_and(|h| h.starts_with(magic))) {
         Some((_, _, name)) => {
-            format!("is a {name} file, which is not read: convert it to NRRD, NIfTI, MetaImage or NumPy (.npy)")
+            let reason = "which is not read: convert it to NRRD, NIfTI, MetaImage or NumPy (.npy)";
+            input.error(format!("is a {name} file, {reason}"))
         }
-        None => "is not a NRRD, NIfTI, MetaImage or NumPy file: for bare samples give --dims X,Y,Z and \
-                 --type u8|i8|u16|i16|u32|i32|u64|i64|f32|f64"
-            .to_owned(),
+        None => {
+            let error = input.error("is not a NRRD, NIfTI, MetaImage or NumPy file");
+            hinted(error, Hint::GiveDimsAndSampleType)
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! Volumes spread over several files: the ways in which NRRD and MetaImage headers name them.
+//! Volumes in several files: how NRRD and MetaImage headers name them.
 
 use std::path::{Path, PathBuf};
 
@@ -6,17 +6,17 @@ use super::input::{Input, format_error};
 use crate::error::Result;
 use crate::volume::MAX_DIM;
 
-/// More files than this are a mistake in the header: no axis has more samples.
+/// The most data files of a volume: files hold slices, and no axis has more samples.
 const MAX_FILES: usize = MAX_DIM as usize;
 
-/// The files that hold the samples, in order; names are relative to the header's folder.
+/// The paths of the data files, in order. Names are relative to the header's folder.
 pub(super) fn resolve(header: &Path, names: &[String]) -> Result<Vec<PathBuf>> {
     let folder = header.parent().unwrap_or(Path::new(""));
-    // Names end up in messages, and what is printed must not steer a terminal.
+    // Names are printed in messages, and control characters could steer the terminal.
     if let Some(name) = names.iter().find(|name| name.contains(|c: char| c.is_control())) {
         return Err(format_error(header, format!("names the data file {name:?}, which has control characters")));
     }
-    // `join` takes an absolute name as it is.
+    // `join` keeps an absolute name as it is.
     Ok(names.iter().map(|name| folder.join(name)).collect())
 }
 
@@ -38,11 +38,12 @@ pub(super) fn listed(input: &mut Input) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// The names that `PATTERN FIRST LAST STEP` stands for, as in `slice%03d.raw 1 60 1`, and what follows the numbers;
-/// `None` where the text is a plain file name.
+/// The file names of `PATTERN FIRST LAST STEP`, as in `slice%03d.raw 1 60 1`; `None` if the text is a plain file name.
+///
+/// Up to `max_numbers` numbers at the end of the text belong to the pattern; all after the third are ignored.
 pub(super) fn expanded(header: &Path, text: &str, max_numbers: usize) -> Result<Option<Vec<String>>> {
     let words: Vec<&str> = text.split_ascii_whitespace().collect();
-    // The pattern itself may have blanks, so the numbers are counted from the end.
+    // The pattern may contain blanks, so the numbers are taken from the end.
     let numbers: Vec<i64> = words
         .iter()
         .rev()
@@ -68,7 +69,7 @@ pub(super) fn expanded(header: &Path, text: &str, max_numbers: usize) -> Result<
     }
     let mut names = Vec::new();
     for n in 0..count {
-        // Cannot overflow: it lies between first and last.
+        // It lies between `first` and `last`, so it fits.
         let number = (i128::from(first) + n * i128::from(step)) as i64;
         match numbered(&pattern, number) {
             Some(name) => names.push(name),
@@ -78,7 +79,7 @@ pub(super) fn expanded(header: &Path, text: &str, max_numbers: usize) -> Result<
     Ok(Some(names))
 }
 
-/// `printf` with one integer: %d, %i and %u with an optional width, zero-padded or not.
+/// `printf` with one integer: %d, %i or %u with an optional width up to 32, zero-padded or not.
 fn numbered(pattern: &str, number: i64) -> Option<String> {
     let (before, rest) = pattern.split_once('%')?;
     let kind = rest.find(['d', 'i', 'u'])?;

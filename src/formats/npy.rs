@@ -1,10 +1,10 @@
 //! NumPy's .npy, versions 1 to 3
 //! (<https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>).
 //!
-//! An array is indexed (z, y, x), as NumPy users hold volumes; it has neither spacing nor orientation.
+//! An array of a volume is indexed (z, y, x). The format states neither spacing nor orientation.
 //!
-//! The header is parsed here and not with the crate `npyz` 0.9: that multiplies the shape out unchecked (an overflow
-//! panics in a debug build), asks for up to 4 GiB on the word of the header's length, and reads sample by sample.
+//! The crate `npyz` 0.9 is not used: it multiplies the shape unchecked (an overflow panics in a debug build), reserves
+//! up to 4 GiB because the header's length says so, and reads sample by sample.
 
 use rayon::prelude::*;
 
@@ -12,12 +12,12 @@ use super::decode::{self, Layout, lattice, read_all};
 use super::input::Input;
 use super::placement::Placement;
 use crate::error::Result;
-use crate::volume::{Endian, SampleType, Samples, Stored, Volume};
+use crate::volume::{Endian, Number, SampleType, Samples, Stored, Volume, with_samples};
 
 /// The first bytes of a .npy file.
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// A header with a plain type and three sizes has under 200 bytes; NumPy pads it to a multiple of 64.
+/// The longest header that is read, in bytes. One with a plain type and three sizes has under 200.
 const MAX_HEADER: usize = 1 << 16;
 
 /// What the header says.
@@ -71,7 +71,7 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
         }
     };
     let stored = if kind == "f2" {
-        // The one type without a variant of its own: f32 holds every half exactly.
+        // Halves have no sample type of their own: f32 holds each of them exactly.
         let halves: Vec<u16> = decode::read(&mut std::iter::once(Ok(input)), 1, count, layout)?;
         Stored::Memory(Samples::F32(halves.into_par_iter().map(|bits| half::f16::from_bits(bits).to_f32()).collect()))
     } else {
@@ -81,18 +81,13 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
     placement.volume(grid, stored)
 }
 
-/// Brings samples stored z fastest to x fastest.
+/// Reorders samples from z fastest to x fastest.
 fn x_fastest(samples: Samples, dims: [u32; 3]) -> Samples {
     fn turned<T: Copy + Send + Sync>(from: &[T], [nx, ny, nz]: [usize; 3]) -> Vec<T> {
         (0..nx * ny * nz).into_par_iter().map(|i| from[(i % nx * ny + i / nx % ny) * nz + i / (nx * ny)]).collect()
     }
     let dims = dims.map(|d| d as usize);
-    macro_rules! each {
-        ($($variant:ident),*) => {
-            match &samples { $(Samples::$variant(s) => Samples::$variant(turned(s, dims)),)* }
-        };
-    }
-    each!(U8, I8, U16, I16, U32, I32, U64, I64, F32, F64)
+    with_samples!(&samples, s => Number::collected(turned(s, dims)))
 }
 
 fn read_header(input: &mut Input) -> Result<Header> {
@@ -115,7 +110,7 @@ fn read_header(input: &mut Input) -> Result<Header> {
     parse(&text).ok_or_else(|| input.error(format!("has a header that is not read: {:?}", text.trim_end())))
 }
 
-/// Parses the dictionary literal of a header; `None` where it is not one of a plain array.
+/// Parses the dictionary literal of a header; `None` if it does not describe a plain array.
 fn parse(text: &str) -> Option<Header> {
     let (mut descr, mut fortran_order, mut shape) = (None, None, None);
     let mut rest = text.trim().strip_prefix('{')?.trim_start();
@@ -148,7 +143,7 @@ fn parse(text: &str) -> Option<Header> {
     Some(Header { descr: descr?, fortran_order: fortran_order?, shape: shape? })
 }
 
-/// A string literal and what follows it.
+/// The content of a string literal, and the text after it.
 fn quoted(text: &str) -> Option<(&str, &str)> {
     let quote = text.chars().next().filter(|c| matches!(c, '\'' | '"'))?;
     text.get(1..)?.split_once(quote)

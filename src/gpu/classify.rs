@@ -3,12 +3,14 @@
 use bytemuck::Zeroable;
 
 use super::context::Context;
-use super::layout::{Classify, ControlPoint, FEW, MAX_BRICKS};
-use super::pipeline::{Slot, bind, compute, flag, layout, module};
+use super::layout::{Classify, ControlPoint, FEW, Splat};
+use super::pipeline::{Binding, bind, compute, flag, layout, module};
+use super::recorder::Recorder;
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
-use super::store::{BrickSplats, Bricks, Store};
+use super::store::{BrickSplats, Bricks, Part, Store, StoreBuilder};
 use crate::error::Result;
+use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, RowCoding, SampleType, ToF64, Volume};
@@ -94,7 +96,15 @@ pub(crate) struct Classifier {
 
 impl Classifier {
     pub(crate) fn new(context: &Context) -> Self {
-        let slots = [Slot::Uniform, Slot::Read, Slot::Read, Slot::Write, Slot::Write, Slot::Read, Slot::Write];
+        let slots = [
+            Binding::Uniform,
+            Binding::Read,
+            Binding::Read,
+            Binding::Write,
+            Binding::Write,
+            Binding::Read,
+            Binding::Write,
+        ];
         Self {
             module: module(context, shaders::CLASSIFY),
             layout: layout(context, "classify", wgpu::ShaderStages::COMPUTE, &slots),
@@ -109,9 +119,9 @@ impl Classifier {
         volume: &Volume,
         transfer: &TransferFunction,
         settings: &Settings,
-        progress: &(dyn Fn(f64) + Sync),
+        progress: &Progress,
     ) -> Result<Classified> {
-        let (lit, savings) = (settings.has_normals(), settings.savings);
+        let (lit, savings) = (settings.lighting.is_some(), context.savings);
         let coding = SampleCoding::new(volume, transfer);
         let points: Vec<ControlPoint> = transfer
             .points()
@@ -159,7 +169,7 @@ impl Classifier {
             },
         };
         let mut batch = Batch::default();
-        let mut gathering = Gathering::new(context);
+        let mut stores = StoreBuilder::new(context, JOINED);
         let mut classified = Classified::default();
         let (slope, intercept) = volume.rescale();
         let shows = |[low, high]: [f64; 2]| {
@@ -176,16 +186,16 @@ impl Classifier {
                 batch.origins.push([origin[0], origin[1], origin[2], 0]);
                 batch.bytes.extend_from_slice(&bytes);
                 if batch.origins.len() == BATCH {
-                    job.run(&std::mem::take(&mut batch), &mut gathering)?;
+                    job.run(&std::mem::take(&mut batch), &mut stores)?;
                 }
             }
-            progress(f64::from(classified.bricks.all) / f64::from(total));
+            progress.report("classifying", f64::from(classified.bricks.all) / f64::from(total));
             Ok(())
         })?;
         if !batch.origins.is_empty() {
-            job.run(&batch, &mut gathering)?;
+            job.run(&batch, &mut stores)?;
         }
-        classified.stores = gathering.finish()?;
+        classified.stores = stores.finish()?;
         Ok(classified)
     }
 }
@@ -210,7 +220,7 @@ struct Job<'a> {
 
 impl Job<'_> {
     /// Adds the visible voxels of a batch.
-    fn run(&self, batch: &Batch, gathering: &mut Gathering<'_>) -> Result<()> {
+    fn run(&self, batch: &Batch, stores: &mut StoreBuilder<'_, ClassifiedPart>) -> Result<()> {
         let context = self.context;
         let storage = wgpu::BufferUsages::STORAGE;
         let rows = EDGE * EDGE;
@@ -230,130 +240,66 @@ impl Job<'_> {
             let resources = [parameters, &samples, &self.points, &places, splats, &origins, &seen];
             bind(context, "classify", self.layout, &resources.map(wgpu::Buffer::as_entire_binding))
         };
-        let staging = context.buffer(
-            "classify.places_staging",
-            places_bytes + seen_bytes,
-            wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-        )?;
         let (x, y) = context.workgroups(runs, WORKGROUP);
-        let mut encoder = context.device.create_command_encoder(&Default::default());
+        let mut recorder = Recorder::untimed(context);
         {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                label: Some("classify.count"),
-                timestamp_writes: None,
-            });
+            let mut pass = recorder.compute_pass("classify");
             pass.set_pipeline(&self.count);
             pass.set_bind_group(0, &bindings(&uniform(&parameters)?, &none), &[]);
             pass.dispatch_workgroups(x, y, 1);
             self.scan.record(context, &mut pass, &places, runs + 1)?;
         }
-        encoder.copy_buffer_to_buffer(&places, 0, &staging, 0, places_bytes);
-        encoder.copy_buffer_to_buffer(&seen, 0, &staging, places_bytes, seen_bytes);
-        context.queue.submit([encoder.finish()]);
-        let bytes = context.read("classifying the volume", &staging)?;
-        let words: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
-        let (places, seen) = words.split_at(runs as usize + 1);
+        let places = recorder.read_back("classify.places_staging", &places, places_bytes)?;
+        let seen = recorder.read_back("classify.seen_staging", &seen, seen_bytes)?;
+        recorder.submit();
+        let places: Vec<u32> = places.values(context, "classifying the volume")?;
+        let seen: Vec<u32> = seen.values(context, "classifying the volume")?;
         let visible = places[runs as usize];
         if visible == 0 {
             return Ok(());
         }
-        let (first_brick, first_splat) = gathering.make_room(visible, batch.origins.len())?;
-        let splats =
-            context.buffer("classify.splats", u64::from(visible) * STRIDE, storage | wgpu::BufferUsages::COPY_SRC)?;
-        let mut encoder = context.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                label: Some("classify.emit"),
-                timestamp_writes: None,
-            });
-            pass.set_pipeline(&self.emit);
-            let parameters = uniform(&Classify { first_brick, ..parameters })?;
-            pass.set_bind_group(0, &bindings(&parameters, &splats), &[]);
-            pass.dispatch_workgroups(x, y, 1);
-        }
-        context.queue.submit([encoder.finish()]);
+        let (first_brick, first_splat) = stores.make_room(visible, batch.origins.len())?;
+        let bytes = u64::from(visible) * ClassifiedPart::STRIDE;
+        let splats = context.buffer("classify.splats", bytes, storage | wgpu::BufferUsages::COPY_SRC)?;
+        let parameters = uniform(&Classify { first_brick, ..parameters })?;
+        recorder.dispatch("classify", &self.emit, &bindings(&parameters, &splats), &[], [x, y, 1]);
+        recorder.submit();
         // Waiting here keeps one batch of samples on the device, not all of them.
         context.wait("classifying the volume")?;
         let bricks = batch.origins.iter().zip(places.iter().step_by(rows).zip(seen.chunks_exact(rows)));
         let bricks = bricks.map(|(&[x, y, z, _], (place, seen))| {
             BrickSplats::new([x, y, z], first_splat + place, seen.iter().copied())
         });
-        gathering.add(splats, visible, bricks);
+        stores.add(ClassifiedPart { splats, count: visible }, visible, bricks);
         Ok(())
     }
 }
 
-/// Bytes of a classified splat.
-const STRIDE: u64 = 16;
-
-/// Joins the splats of many batches into few buffers.
-struct Gathering<'a> {
-    context: &'a Context,
-    /// The most splats of a store.
-    most: u32,
-    stores: Vec<Store>,
-    /// What goes into the next store.
-    parts: Vec<(wgpu::Buffer, u32)>,
-    bricks: Vec<BrickSplats>,
-    held: u32,
+/// Classified splats on the device.
+struct ClassifiedPart {
+    splats: wgpu::Buffer,
+    count: u32,
 }
 
-impl<'a> Gathering<'a> {
-    fn new(context: &'a Context) -> Self {
-        let most = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / STRIDE;
-        let most = u32::try_from(most).unwrap_or(u32::MAX).min(JOINED);
-        Self { context, most, stores: Vec::new(), parts: Vec::new(), bricks: Vec::new(), held: 0 }
-    }
+impl Part for ClassifiedPart {
+    const STRIDE: u64 = size_of::<Splat>() as u64;
 
-    /// Numbers of the first brick and the first splat of a part that will be added.
-    fn make_room(&mut self, splats: u32, bricks: usize) -> Result<(u32, u32)> {
-        let full = self.held.checked_add(splats).is_none_or(|sum| sum > self.most);
-        if full || self.bricks.len() + bricks > MAX_BRICKS {
-            self.close()?;
+    fn join(context: &Context, parts: Vec<Self>, count: u64) -> Result<wgpu::Buffer> {
+        if let [part] = parts.as_slice() {
+            return Ok(part.splats.clone());
         }
-        Ok((self.bricks.len() as u32, self.held))
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
+        let joined = context.buffer("classify.store", count * Self::STRIDE, usage)?;
+        let mut recorder = Recorder::untimed(context);
+        let mut at = 0;
+        for part in &parts {
+            let bytes = u64::from(part.count) * Self::STRIDE;
+            recorder.copy(&part.splats, &joined, at, bytes);
+            at += bytes;
+        }
+        recorder.submit();
+        // Waiting here frees the parts before others are made.
+        context.wait("classifying the volume")?;
+        Ok(joined)
     }
-
-    fn add(&mut self, splats: wgpu::Buffer, count: u32, bricks: impl Iterator<Item = BrickSplats>) {
-        self.parts.push((splats, count));
-        self.bricks.extend(bricks);
-        self.held += count;
-    }
-
-    fn close(&mut self) -> Result<()> {
-        let (parts, bricks, held) =
-            (std::mem::take(&mut self.parts), std::mem::take(&mut self.bricks), std::mem::take(&mut self.held));
-        let splats = match parts.as_slice() {
-            [] => return Ok(()),
-            [(splats, _)] => splats.clone(),
-            parts => {
-                let splats = concatenated(self.context, parts)?;
-                self.context.wait("classifying the volume")?;
-                splats
-            }
-        };
-        self.stores.push(Store::new(self.context, splats, STRIDE, held, bricks)?);
-        Ok(())
-    }
-
-    fn finish(mut self) -> Result<Vec<Store>> {
-        self.close()?;
-        Ok(self.stores)
-    }
-}
-
-/// A buffer of the splats of others, as many of each as stated.
-fn concatenated(context: &Context, parts: &[(wgpu::Buffer, u32)]) -> Result<wgpu::Buffer> {
-    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
-    let count: u64 = parts.iter().map(|&(_, count)| u64::from(count)).sum();
-    let whole = context.buffer("classify.store", count * STRIDE, usage)?;
-    let mut encoder = context.device.create_command_encoder(&Default::default());
-    let mut at = 0;
-    for (part, count) in parts {
-        let bytes = u64::from(*count) * STRIDE;
-        encoder.copy_buffer_to_buffer(part, 0, &whole, at, bytes);
-        at += bytes;
-    }
-    context.queue.submit([encoder.finish()]);
-    Ok(whole)
 }

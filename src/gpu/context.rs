@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::savings::Savings;
 use crate::adapter::{AdapterInfo, AdapterKind};
 use crate::error::{Error, Result};
 
@@ -45,6 +46,12 @@ pub(crate) fn adapters() -> Vec<AdapterInfo> {
     pollster::block_on(enumerate()).into_iter().map(|(info, _)| info).collect()
 }
 
+/// Devices opened so far.
+static OPENED: AtomicU64 = AtomicU64::new(0);
+
+/// Bytes of a pixel: premultiplied RGBA, f32.
+pub(crate) const PIXEL_BYTES: u64 = 16;
+
 /// How long another thread may take to pass on that a buffer is mapped.
 const MAP_TIMEOUT: std::time::Duration = std::time::Duration::from_secs(60);
 
@@ -58,6 +65,10 @@ pub(crate) struct Context {
     /// What the device said outside error scopes: the reason it was lost, or an error nobody waited for.
     failure: Arc<Mutex<Option<String>>>,
     traffic: Counters,
+    /// Tells this device from others of the program.
+    pub(crate) id: u64,
+    /// What is left out; all of it but in tests.
+    pub(crate) savings: Savings,
 }
 
 #[derive(Default)]
@@ -78,6 +89,27 @@ pub(crate) struct Traffic {
 }
 
 impl Context {
+    /// Features that are used if the device has them.
+    pub(crate) const FEATURES: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY
+        .union(wgpu::Features::FLOAT32_BLENDABLE)
+        .union(wgpu::Features::FLOAT32_FILTERABLE);
+
+    /// A device that is open already. Its callbacks of errors stay the owner's.
+    pub(crate) fn of_device(device: wgpu::Device, queue: wgpu::Queue, info: AdapterInfo) -> Self {
+        let (limits, features) = (device.limits(), device.features() & Self::FEATURES);
+        Self {
+            device,
+            queue,
+            info,
+            limits,
+            features,
+            failure: Arc::default(),
+            traffic: Counters::default(),
+            id: OPENED.fetch_add(1, Ordering::Relaxed),
+            savings: Savings::default(),
+        }
+    }
+
     /// Opens the best adapter, or the first whose name contains `name` (letter case ignored).
     pub(crate) fn new(name: Option<&str>) -> Result<Self> {
         pollster::block_on(Self::open(name))
@@ -100,35 +132,37 @@ impl Context {
             .ok_or_else(|| {
                 Error::NoAdapter(format!("none is named {:?}; there are: {}", name.unwrap_or(""), names.join(", ")))
             })?;
-        let features = adapter.features()
-            & (wgpu::Features::TIMESTAMP_QUERY
-                | wgpu::Features::FLOAT32_BLENDABLE
-                | wgpu::Features::FLOAT32_FILTERABLE);
+        let features = adapter.features() & Self::FEATURES;
         let limits = adapter.limits();
         let (device, queue) = adapter
             .request_device(&wgpu::DeviceDescriptor {
                 label: Some("voxsplat"),
                 required_features: features,
-                required_limits: limits.clone(),
+                required_limits: limits,
                 ..Default::default()
             })
             .await
             .map_err(|e| Error::NoAdapter(format!("{} cannot be opened: {}", info.name, one_line(&e.to_string()))))?;
-        let failure = Arc::new(Mutex::new(None));
+        let context = Self::of_device(device, queue, info);
+        context.watch();
+        Ok(context)
+    }
+
+    /// Notes what the device says outside error scopes.
+    fn watch(&self) {
         let note = |failure: &Mutex<Option<String>>, what: String| {
             let mut failure = failure.lock().unwrap_or_else(PoisonError::into_inner);
             failure.get_or_insert(what);
         };
-        let lost = Arc::clone(&failure);
-        device.set_device_lost_callback(move |reason, message| {
+        let lost = Arc::clone(&self.failure);
+        self.device.set_device_lost_callback(move |reason, message| {
             // Dropping the device at the end of the program is no failure.
             if reason != wgpu::DeviceLostReason::Destroyed {
                 note(&lost, format!("device lost: {}", one_line(&message)));
             }
         });
-        let uncaptured = Arc::clone(&failure);
-        device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| note(&uncaptured, one_line(&e.to_string()))));
-        Ok(Self { device, queue, info, limits, features, failure, traffic: Counters::default() })
+        let uncaptured = Arc::clone(&self.failure);
+        self.device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| note(&uncaptured, one_line(&e.to_string()))));
     }
 
     /// Runs `work` and turns whatever the device reports meanwhile into an error that names `stage`.
@@ -181,16 +215,27 @@ impl Context {
     /// A buffer that holds `data`.
     pub(crate) fn upload(&self, label: &str, data: &[u8], usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
         let buffer = self.buffer(label, data.len() as u64, usage | wgpu::BufferUsages::COPY_DST)?;
+        self.write(&buffer, 0, data);
+        Ok(buffer)
+    }
+
+    /// Sends `data` into a buffer, from byte `at` on, a multiple of 4.
+    pub(crate) fn write(&self, buffer: &wgpu::Buffer, at: u64, data: &[u8]) {
         self.traffic.sent.fetch_add(data.len() as u64, Ordering::Relaxed);
         // Copies are made of whole words: the bytes past the last word go in one of their own.
         let (words, rest) = data.split_at(data.len() / 4 * 4);
-        self.queue.write_buffer(&buffer, 0, words);
+        self.queue.write_buffer(buffer, at, words);
         if !rest.is_empty() {
             let mut last = [0; 4];
             last[..rest.len()].copy_from_slice(rest);
-            self.queue.write_buffer(&buffer, words.len() as u64, &last);
+            self.queue.write_buffer(buffer, at + words.len() as u64, &last);
         }
-        Ok(buffer)
+    }
+
+    /// A buffer of the pixels of a picture, four f32 each, that shaders write.
+    pub(crate) fn pixels(&self, label: &str, [width, height]: [u32; 2]) -> Result<wgpu::Buffer> {
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+        self.buffer(label, u64::from(width) * u64::from(height) * PIXEL_BYTES, usage)
     }
 
     /// A texture of one level, whose bytes are counted.

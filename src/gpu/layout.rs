@@ -20,13 +20,16 @@ pub(crate) struct ScalarSplat {
     pub scalar: f32,
 }
 
+/// The bit of a place at which the number of its brick begins: 5 bits of each of x, y and z are below.
+pub(crate) const BRICK_SHIFT: u32 = 15;
+
 /// The place of a voxel in a brick, and the brick's number in the store.
 pub(crate) fn place([x, y, z]: [u32; 3], brick: u32) -> u32 {
-    x | y << 5 | z << 10 | brick << 15
+    x | y << 5 | z << 10 | brick << BRICK_SHIFT
 }
 
 /// The most bricks that a place can tell apart.
-pub(crate) const MAX_BRICKS: usize = 1 << 17;
+pub(crate) const MAX_BRICKS: usize = 1 << (u32::BITS - BRICK_SHIFT);
 
 /// Parameters of `classify`; shaders/classify.wgsl.
 #[repr(C)]
@@ -161,6 +164,15 @@ pub(crate) struct Terminate {
     pub first: u32,
     pub count: u32,
     pub margin: f32,
+}
+
+/// Where a region goes in the caller's texture; shaders/present.wgsl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub(crate) struct Present {
+    pub corner: [u32; 2],
+    pub row: u32,
+    pub margin: u32,
 }
 
 /// How a batch of sheets of scalars is shaded; shaders/shade.wgsl.

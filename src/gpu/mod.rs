@@ -1,10 +1,19 @@
 //! The stages on the GPU. This folder and `renderer.rs` are the only places that name wgpu.
 
+#[cfg(test)]
+#[path = "../../tests/suite/adapter.rs"]
+mod adapter_test;
 pub(crate) mod classify;
 pub(crate) mod context;
 pub(crate) mod layout;
-mod pipeline;
+pub(crate) mod painter;
+pub(crate) mod pipeline;
+pub(crate) mod present;
 pub(crate) mod quads;
+pub(crate) mod recorder;
+pub(crate) mod savings;
+#[cfg(test)]
+mod savings_test;
 pub(crate) mod scalars;
 pub(crate) mod scan;
 mod shaders;
@@ -18,3 +27,4 @@ pub(crate) mod timing;
 pub(crate) mod transfer;
 #[cfg(test)]
 mod twins;
+pub(crate) mod view;

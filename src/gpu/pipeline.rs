@@ -1,13 +1,64 @@
 //! Short forms of wgpu's descriptors for what the stages need.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::hash::Hash;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use super::classify::Classifier;
 use super::context::Context;
+use super::present::Present;
+use super::scan::Scan;
 use super::shaders::Shader;
-use super::timing::Timing;
+use super::{quads, tiles};
 use crate::error::Result;
+
+/// The pipelines that a renderer has made so far.
+#[derive(Default)]
+pub(crate) struct Pipelines {
+    scan: OnceLock<Scan>,
+    classifier: OnceLock<Classifier>,
+    present: Cached<wgpu::TextureFormat, Present>,
+    pub(super) quads: quads::Cache,
+    pub(super) tiles: tiles::Cache,
+}
+
+impl Pipelines {
+    pub(crate) fn scan(&self, context: &Context) -> &Scan {
+        self.scan.get_or_init(|| Scan::new(context))
+    }
+
+    pub(crate) fn present(&self, context: &Context, format: wgpu::TextureFormat) -> Result<Arc<Present>> {
+        self.present.get_or_make(format, || Ok(Present::new(context, format)))
+    }
+
+    pub(crate) fn classifier(&self, context: &Context) -> &Classifier {
+        self.classifier.get_or_init(|| Classifier::new(context))
+    }
+}
+
+/// What was made for each key, to be made once.
+pub(super) struct Cached<K, V>(Mutex<HashMap<K, Arc<V>>>);
+
+impl<K, V> Default for Cached<K, V> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<K: Eq + Hash, V> Cached<K, V> {
+    pub(super) fn get_or_make(&self, key: K, make: impl FnOnce() -> Result<V>) -> Result<Arc<V>> {
+        let mut held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        Ok(match held.entry(key) {
+            Entry::Occupied(held) => Arc::clone(held.get()),
+            Entry::Vacant(place) => Arc::clone(place.insert(Arc::new(make()?))),
+        })
+    }
+}
 
 /// What a binding of a stage holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Slot {
+pub(super) enum Binding {
     /// A uniform buffer.
     Uniform,
     /// A uniform buffer bound at an offset given with each draw.
@@ -30,7 +81,7 @@ pub(super) enum Slot {
     StorageTexture(wgpu::TextureFormat, wgpu::TextureViewDimension),
 }
 
-impl Slot {
+impl Binding {
     fn binding_type(self) -> wgpu::BindingType {
         let buffer =
             |ty, has_dynamic_offset| wgpu::BindingType::Buffer { ty, has_dynamic_offset, min_binding_size: None };
@@ -71,7 +122,7 @@ pub(super) fn layout(
     context: &Context,
     stage: &str,
     visibility: wgpu::ShaderStages,
-    slots: &[Slot],
+    slots: &[Binding],
 ) -> wgpu::BindGroupLayout {
     let entries: Vec<_> = (0..)
         .zip(slots)
@@ -101,13 +152,13 @@ pub(super) fn bind(
     })
 }
 
-/// A texture.
-pub(super) fn whole(view: &wgpu::TextureView) -> wgpu::BindingResource<'_> {
+/// A texture as a binding.
+pub(super) fn texture_view(view: &wgpu::TextureView) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::TextureView(view)
 }
 
-/// The part of a buffer from byte `offset`, `size` bytes long.
-pub(super) fn part(buffer: &wgpu::Buffer, offset: u64, size: u64) -> wgpu::BindingResource<'_> {
+/// The range of a buffer from byte `offset`, `size` bytes long, as a binding.
+pub(super) fn buffer_range(buffer: &wgpu::Buffer, offset: u64, size: u64) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size: std::num::NonZeroU64::new(size) })
 }
 
@@ -144,32 +195,6 @@ pub(super) fn compute(
         compilation_options: specialised(constants),
         cache: None,
     })
-}
-
-/// Workgroups in a plane.
-pub(super) fn flat([x, y]: [u32; 2]) -> [u32; 3] {
-    [x, y, 1]
-}
-
-/// One compute pass of one dispatch.
-#[expect(clippy::too_many_arguments, reason = "what a dispatch takes")]
-pub(super) fn dispatch(
-    context: &Context,
-    encoder: &mut wgpu::CommandEncoder,
-    timing: &mut Timing,
-    stage: &'static str,
-    pipeline: &wgpu::ComputePipeline,
-    group: &wgpu::BindGroup,
-    offsets: &[u32],
-    [x, y, z]: [u32; 3],
-) {
-    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-        label: Some(stage),
-        timestamp_writes: timing.compute(context, stage),
-    });
-    pass.set_pipeline(pipeline);
-    pass.set_bind_group(0, group, offsets);
-    pass.dispatch_workgroups(x, y, z);
 }
 
 /// Makes two sets of pipelines at the same time.

@@ -2,11 +2,13 @@
 //! their surroundings.
 
 use super::context::Context;
-use super::layout::{MAX_BRICKS, ScalarSplat, place};
-use super::store::{BrickSplats, Bricks, Store};
+use super::layout::{BRICK_SHIFT, ScalarSplat, place};
+use super::savings::Savings;
+use super::store::{BrickSplats, Bricks, Part, Store, StoreBuilder};
+use super::view::ScalarNeed;
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Normalization};
-use crate::settings::Savings;
+use crate::progress::Progress;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, RowCoding, ToF64, Volume};
 
@@ -17,31 +19,21 @@ const MAX_HALO: usize = 16;
 /// picture gets smaller, and the copies beyond the faces with them.
 const MAX_PLACES: u64 = 1 << 28;
 
-/// How far splats reach, as far as it decides which are needed; see [`Plan`](super::quads::plan::Plan).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Reach {
-    /// Layers by which the lattice is extended on every side, each a copy of the outermost one: the field is complete to
-    /// the faces of the volume and does not fade there.
-    pub(crate) padding: u32,
-    /// Distance in voxels within which two voxels can take part in the classification of the same place.
-    pub(crate) influence: f64,
-}
-
 /// What splats of scalars depend on besides volume and transfer function.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Asked {
     pub(crate) kernel: Kernel,
     pub(crate) normalization: Normalization,
-    pub(crate) reach: Reach,
-    pub(crate) savings: Savings,
+    pub(crate) need: ScalarNeed,
 }
 
 impl Asked {
-    /// Whether splats made for this are as good for `other`: more than needed change nothing, but should not be many.
+    /// Whether splats made for `self` can be reused for `other`. They must reach at least as far; reaching up to 1.5 times
+    /// as far changes no pixel and costs only time.
     pub(crate) fn serves(&self, other: &Self) -> bool {
-        let influence = other.reach.influence..=1.5 * other.reach.influence;
-        let reach = Reach { influence: self.reach.influence, ..other.reach };
-        other.savings.reuse && influence.contains(&self.reach.influence) && *self == Self { reach, ..*other }
+        let influence = other.need.influence..=1.5 * other.need.influence;
+        let need = ScalarNeed { influence: self.need.influence, ..other.need };
+        influence.contains(&self.need.influence) && *self == Self { need, ..*other }
     }
 }
 
@@ -186,173 +178,210 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<bool> {
 
 /// The splats of a volume: those of voxels that can take part in something visible, and copies beyond its faces.
 ///
-/// A place shows only where a voxel that [`Clear`] does not hold reaches it. So a voxel is kept where such a one is
-/// within the influence of the two, and the others change nothing, neither what shows nor that the rest does not.
+/// A place shows only if a voxel outside [`Clear`] reaches it. So a voxel is kept if such a voxel is within the influence
+/// of the two. The others change nothing: neither what shows, nor what does not show.
 pub(crate) fn emit(
     context: &Context,
     volume: &Volume,
     transfer: &TransferFunction,
     shows: Shows,
     asked: &Asked,
+    progress: &Progress,
 ) -> Result<Emitted> {
-    let reach = asked.reach;
-    let dims = volume.grid().dims();
-    let places: u64 = dims
-        .map(|d| u64::from(d.saturating_add(reach.padding.saturating_mul(2))))
-        .iter()
-        .fold(1, |p, &d| p.saturating_mul(d));
-    if places > MAX_PLACES.max(2 * volume.grid().len()) {
-        return Err(Error::Setting {
-            name: "antialiasing",
-            reason: format!(
-                "kernels that have grown so far need {} layers of voxels beyond the faces: take a larger picture, thinner \
-                 sheets, or turn it off",
-                reach.padding
-            ),
-        });
+    let emission = Emission::new(context, volume, transfer, shows, asked)?;
+    let [_, down, deep] = emission.counts;
+    let mut stores = StoreBuilder::new(context, u32::MAX);
+    let mut emitted = Emitted::default();
+    let mut rows = 0;
+    volume.for_each_row([down, deep], emission.halo, &|j, k| emission.row(j, k), &mut |row| {
+        row.into_iter().try_for_each(|brick| emitted.add(&mut stores, brick))?;
+        rows += 1;
+        progress.report("emitting scalars", f64::from(rows) / (down * deep) as f64);
+        Ok(())
+    })?;
+    emitted.stores = stores.finish()?;
+    emitted.bricks.all = emission.counts.iter().product::<usize>() as u32;
+    context.wait("emitting scalars")?;
+    Ok(emitted)
+}
+
+impl Emitted {
+    fn add(&mut self, stores: &mut StoreBuilder<'_, Vec<ScalarSplat>>, found: BrickScalars) -> Result<()> {
+        let BrickScalars { brick, mut splats, voxels } = found;
+        self.bricks.uploaded += 1;
+        self.voxels += voxels;
+        if splats.is_empty() {
+            return Ok(());
+        }
+        let count = splats.len() as u32;
+        let (number, first) = stores.make_room(count, 1)?;
+        self.bricks.bytes += u64::from(count) * <Vec<ScalarSplat>>::STRIDE;
+        splats.iter_mut().for_each(|splat| splat.place |= number << BRICK_SHIFT);
+        stores.add(splats, count, [BrickSplats { first, ..brick }]);
+        Ok(())
     }
-    let (slope, intercept) = volume.rescale();
-    let relative = Relative { slope, intercept, base: transfer.base() };
-    let clear = Clear::new(transfer, shows, magnification(&asked.kernel, asked.normalization));
-    let Savings { bricks, voxels, .. } = asked.savings;
-    let is_active = |scalar: f32| !voxels || !clear.holds(f64::from(scalar));
-    let active: Vec<bool> =
-        volume.ranges()?.iter().map(|range| range.iter().any(|&raw| is_active(relative.to(raw)))).collect();
-    let [across, down, deep] = volume.bricks().map(|n| n as usize);
-    let padding = reach.padding as usize;
-    let extended = dims.map(|d| d as usize + 2 * padding);
-    let counts = extended.map(|n| n.div_ceil(EDGE));
-    let halo = reach.influence.floor() as usize;
-    // Whether any brick of the volume is active that has voxels within the halo around this one.
-    let is_near = |brick: [usize; 3]| {
-        let bricks = |axis: usize, n: usize| {
-            let first = (brick[axis] * EDGE) as i64 - padding as i64;
-            let at = |place: i64| place.div_euclid(EDGE as i64).clamp(0, n as i64 - 1) as usize;
-            at(first - halo as i64)..=at(first + (EDGE - 1 + halo) as i64)
+}
+
+/// What decides which scalars of a volume become splats.
+struct Emission<'a> {
+    volume: &'a Volume,
+    relative: Relative,
+    clear: Clear,
+    savings: Savings,
+    need: ScalarNeed,
+    /// Of each brick of the volume, x fastest, whether a voxel of it can show.
+    active: Vec<bool>,
+    /// Lattice points along each axis, with those of the copies, and bricks of them.
+    extended: [usize; 3],
+    counts: [usize; 3],
+    /// Voxels around a brick in which those that can show are looked for one by one.
+    halo: usize,
+    /// Whether they are; otherwise bricks are kept whole.
+    singly: bool,
+}
+
+impl<'a> Emission<'a> {
+    fn new(
+        context: &Context,
+        volume: &'a Volume,
+        transfer: &TransferFunction,
+        shows: Shows,
+        asked: &Asked,
+    ) -> Result<Self> {
+        let need = asked.need;
+        let dims = volume.grid().dims();
+        let places = dims
+            .map(|d| u64::from(d.saturating_add(need.padding.saturating_mul(2))))
+            .iter()
+            .fold(1_u64, |p, &d| p.saturating_mul(d));
+        if places > MAX_PLACES.max(2 * volume.grid().len()) {
+            return Err(Error::Setting {
+                name: "antialiasing",
+                reason: format!(
+                    "kernels that have grown so far need {} layers of voxels beyond the faces: take a larger picture, \
+                     thinner sheets, or turn it off",
+                    need.padding
+                ),
+            });
+        }
+        let (slope, intercept) = volume.rescale();
+        let mut emission = Self {
+            volume,
+            relative: Relative { slope, intercept, base: transfer.base() },
+            clear: Clear::new(transfer, shows, magnification(&asked.kernel, asked.normalization)),
+            savings: context.savings,
+            need,
+            active: Vec::new(),
+            extended: dims.map(|d| d as usize + 2 * need.padding as usize),
+            counts: [0; 3],
+            halo: 0,
+            singly: false,
         };
-        bricks(2, deep).any(|z| bricks(1, down).any(|y| bricks(0, across).any(|x| active[x + across * (y + down * z)])))
-    };
-    let singly = voxels && halo <= MAX_HALO;
-    let halo = if singly { halo } else { 0 };
-    let row = |j: usize, k: usize| -> Result<Vec<Found>> {
-        let near: Vec<usize> = (0..counts[0]).filter(|&i| !bricks || is_near([i, j, k])).collect();
+        emission.counts = emission.extended.map(|n| n.div_ceil(EDGE));
+        let halo = need.influence.floor() as usize;
+        emission.singly = emission.savings.voxels && halo <= MAX_HALO;
+        emission.halo = if emission.singly { halo } else { 0 };
+        let ranges = volume.ranges()?.iter();
+        emission.active =
+            ranges.map(|range| range.iter().any(|&raw| emission.is_active(emission.relative.to(raw)))).collect();
+        Ok(emission)
+    }
+
+    /// Whether a scalar can show.
+    fn is_active(&self, scalar: f32) -> bool {
+        !self.savings.voxels || !self.clear.holds(f64::from(scalar))
+    }
+
+    /// The lattice point of the volume at which a brick begins along an axis; negative among the copies.
+    fn origin(&self, brick: usize) -> i64 {
+        (brick * EDGE) as i64 - i64::from(self.need.padding)
+    }
+
+    /// Whether any brick of the volume is active that has voxels within the influence of this one.
+    fn is_near(&self, brick: [usize; 3]) -> bool {
+        let [across, down, deep] = self.volume.bricks().map(|n| n as usize);
+        let reach = self.need.influence.floor() as i64;
+        let bricks = |axis: usize, n: usize| {
+            let first = self.origin(brick[axis]);
+            let at = |place: i64| place.div_euclid(EDGE as i64).clamp(0, n as i64 - 1) as usize;
+            at(first - reach)..=at(first + EDGE as i64 - 1 + reach)
+        };
+        let active = |[x, y, z]: [usize; 3]| self.active[x + across * (y + down * z)];
+        bricks(2, deep).any(|z| bricks(1, down).any(|y| bricks(0, across).any(|x| active([x, y, z]))))
+    }
+
+    /// The bricks along x with these numbers in y and z that can hold splats.
+    fn row(&self, j: usize, k: usize) -> Result<Vec<BrickScalars>> {
+        let near: Vec<usize> =
+            (0..self.counts[0]).filter(|&i| !self.savings.bricks || self.is_near([i, j, k])).collect();
         if near.is_empty() {
             return Ok(Vec::new());
         }
-        let at = |brick: usize| (brick * EDGE) as i64 - padding as i64;
-        let strip = volume.strip([at(j), at(k)], halo)?;
-        let found = |&i: &usize| {
-            let bytes = strip.brick([at(i), at(j), at(k)], &relative);
-            let scalars: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);
-            let kept = singly.then(|| {
-                let active: Vec<bool> = scalars.iter().map(|&s| is_active(s)).collect();
-                within_reach(&active, halo, reach.influence)
-            });
-            found([i, j, k].map(|b| b * EDGE), extended, padding, (&scalars, halo), kept.as_deref())
-        };
-        Ok(near.iter().map(found).collect())
-    };
-    let mut gathering = Gathering::new(context);
-    volume.for_each_row([counts[1], counts[2]], halo, &row, &mut |row| {
-        row.iter().try_for_each(|found| gathering.add(found))
-    })?;
-    gathering.finish(counts.iter().product::<usize>() as u32)
-}
+        let strip = self.volume.strip([j, k].map(|brick| self.origin(brick)), self.halo)?;
+        Ok(near
+            .into_iter()
+            .map(|i| {
+                let bytes = strip.brick([i, j, k].map(|brick| self.origin(brick)), &self.relative);
+                self.brick([i, j, k], &bytemuck::pod_collect_to_vec::<u8, f32>(&bytes))
+            })
+            .collect())
+    }
 
-/// The splats of the brick that begins at `origin` in the lattice with the copies, `extended`, given its scalars with
-/// `halo` around them, and which of its places are kept where not all are.
-fn found(
-    origin: [usize; 3],
-    extended: [usize; 3],
-    padding: usize,
-    (scalars, halo): (&[f32], usize),
-    kept: Option<&[bool]>,
-) -> Found {
-    let mut found = Found::default();
-    let mut rows = vec![0; EDGE * EDGE];
-    let edge = EDGE + 2 * halo;
-    let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(extended[axis] - origin[axis]));
-    // The places of a row along an axis that are those of voxels, not of copies.
-    let voxels = [0, 1, 2].map(|axis| {
-        let place = |lattice: usize| lattice.saturating_sub(origin[axis]);
-        place(padding)..place(extended[axis] - padding)
-    });
-    for z in 0..nz {
-        for y in 0..ny {
-            let row = &scalars[halo + edge * (y + halo + edge * (z + halo))..][..nx];
-            let kept = kept.map(|kept| &kept[EDGE * (y + EDGE * z)..][..nx]);
-            let inside = voxels[1].contains(&y) && voxels[2].contains(&z);
-            for (x, &scalar) in row.iter().enumerate() {
-                if scalar != 0.0 && kept.is_none_or(|kept| kept[x]) {
-                    rows[y + EDGE * z] |= 1 << x;
-                    found.splats.push(ScalarSplat { place: place([x, y, z].map(|c| c as u32), 0), scalar });
-                    found.voxels += u64::from(inside && voxels[0].contains(&x));
+    /// The splats of a brick, given its scalars with the halo around them.
+    fn brick(&self, brick: [usize; 3], scalars: &[f32]) -> BrickScalars {
+        let halo = self.halo;
+        let kept = self.singly.then(|| {
+            let active: Vec<bool> = scalars.iter().map(|&s| self.is_active(s)).collect();
+            within_reach(&active, halo, self.need.influence)
+        });
+        let padding = self.need.padding as usize;
+        let origin = brick.map(|b| b * EDGE);
+        let edge = EDGE + 2 * halo;
+        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(self.extended[axis] - origin[axis]));
+        // The places of a row along an axis that are those of voxels, not of copies.
+        let voxels = [0, 1, 2].map(|axis| {
+            let place = |lattice: usize| lattice.saturating_sub(origin[axis]);
+            place(padding)..place(self.extended[axis] - padding)
+        });
+        let mut found = BrickScalars::default();
+        let mut rows = vec![0; EDGE * EDGE];
+        for z in 0..nz {
+            for y in 0..ny {
+                let row = &scalars[halo + edge * (y + halo + edge * (z + halo))..][..nx];
+                let kept = kept.as_ref().map(|kept| &kept[EDGE * (y + EDGE * z)..][..nx]);
+                let inside = voxels[1].contains(&y) && voxels[2].contains(&z);
+                for (x, &scalar) in row.iter().enumerate() {
+                    if scalar != 0.0 && kept.is_none_or(|kept| kept[x]) {
+                        rows[y + EDGE * z] |= 1 << x;
+                        found.splats.push(ScalarSplat { place: place([x, y, z].map(|c| c as u32), 0), scalar });
+                        found.voxels += u64::from(inside && voxels[0].contains(&x));
+                    }
                 }
             }
         }
-    }
-    found.brick = BrickSplats::new(origin.map(|o| o as u32), 0, rows.into_iter());
-    found
-}
-
-/// Joins the splats of bricks into few buffers.
-struct Gathering<'a> {
-    context: &'a Context,
-    /// The most splats of a store.
-    most: usize,
-    splats: Vec<ScalarSplat>,
-    bricks: Vec<BrickSplats>,
-    emitted: Emitted,
-}
-
-impl<'a> Gathering<'a> {
-    fn new(context: &'a Context) -> Self {
-        let most = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / STRIDE;
-        let most = usize::try_from(most.min(u64::from(u32::MAX))).unwrap_or(usize::MAX);
-        Self { context, most, splats: Vec::new(), bricks: Vec::new(), emitted: Emitted::default() }
-    }
-
-    fn add(&mut self, found: &Found) -> Result<()> {
-        self.emitted.bricks.uploaded += 1;
-        self.emitted.voxels += found.voxels;
-        if found.splats.is_empty() {
-            return Ok(());
-        }
-        if self.splats.len() + found.splats.len() > self.most || self.bricks.len() == MAX_BRICKS {
-            self.close()?;
-        }
-        let number = self.bricks.len() as u32;
-        self.bricks.push(BrickSplats { first: self.splats.len() as u32, ..found.brick });
-        self.emitted.bricks.bytes += size_of_val(found.splats.as_slice()) as u64;
-        self.splats.extend(found.splats.iter().map(|s| ScalarSplat { place: s.place | number << 15, ..*s }));
-        Ok(())
-    }
-
-    fn close(&mut self) -> Result<()> {
-        if !self.splats.is_empty() {
-            let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
-            let buffer = self.context.upload("scalars.splats", bytemuck::cast_slice(&self.splats), usage)?;
-            let (count, bricks) = (self.splats.len() as u32, std::mem::take(&mut self.bricks));
-            self.emitted.stores.push(Store::new(self.context, buffer, STRIDE, count, bricks)?);
-            self.splats.clear();
-        }
-        Ok(())
-    }
-
-    fn finish(mut self, bricks: u32) -> Result<Emitted> {
-        self.close()?;
-        self.context.wait("emitting scalars")?;
-        self.emitted.bricks.all = bricks;
-        Ok(self.emitted)
+        found.brick = BrickSplats::new(origin.map(|o| o as u32), 0, rows.into_iter());
+        found
     }
 }
 
-/// Bytes of a splat.
-const STRIDE: u64 = 8;
+impl Part for Vec<ScalarSplat> {
+    const STRIDE: u64 = size_of::<ScalarSplat>() as u64;
+
+    fn join(context: &Context, parts: Vec<Self>, count: u64) -> Result<wgpu::Buffer> {
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
+        let buffer = context.buffer("scalars.splats", count * Self::STRIDE, usage)?;
+        let mut at = 0;
+        for part in parts {
+            context.write(&buffer, at, bytemuck::cast_slice(&part));
+            at += part.len() as u64 * Self::STRIDE;
+        }
+        Ok(buffer)
+    }
+}
 
 /// The splats of one brick, their places without its number.
 #[derive(Default)]
-struct Found {
+struct BrickScalars {
     /// As if it were the first of its store.
     brick: BrickSplats,
     splats: Vec<ScalarSplat>,

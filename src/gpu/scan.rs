@@ -1,7 +1,7 @@
 //! scan: exclusive prefix sums of u32, in as many levels as the length needs.
 
 use super::context::Context;
-use super::pipeline::{Slot, bind, compute, layout, module};
+use super::pipeline::{Binding, bind, buffer_range, compute, layout, module};
 use super::shaders;
 use crate::error::Result;
 
@@ -20,7 +20,7 @@ pub(crate) struct Scan {
 impl Scan {
     pub(crate) fn new(context: &Context) -> Self {
         let module = module(context, shaders::SCAN);
-        let layout = layout(context, "scan", wgpu::ShaderStages::COMPUTE, &[Slot::Write, Slot::Write]);
+        let layout = layout(context, "scan", wgpu::ShaderStages::COMPUTE, &[Binding::Write, Binding::Write]);
         let pipeline = |entry| compute(context, &module, "scan", entry, &layout, &[]);
         Self { reduce: pipeline("reduce"), spread: pipeline("spread"), layout }
     }
@@ -39,10 +39,10 @@ impl Scan {
             context,
             "scan",
             &self.layout,
-            &[super::pipeline::part(values, 0, count * 4), super::pipeline::part(&sums, 0, runs * 4)],
+            &[buffer_range(values, 0, count * 4), buffer_range(&sums, 0, runs * 4)],
         );
         let (x, y) = context.workgroups(runs, WORKGROUP);
-        // One run: its sum starts from the zero that a fresh buffer holds, and nothing is above it.
+        // With a single run there is no higher level: its offset is the zero that a new buffer holds.
         if runs > 1 {
             pass.set_pipeline(&self.reduce);
             pass.set_bind_group(0, &group, &[]);

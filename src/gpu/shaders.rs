@@ -78,10 +78,11 @@ pub(crate) const PREFILTER: Shader =
     Shader { name: "prefilter", parts: &[include_str!("../../shaders/prefilter.wgsl")] };
 pub(crate) const ENLARGE: Shader =
     Shader { name: "enlarge", parts: &[include_str!("../../shaders/enlarge.wgsl"), RASTER] };
+pub(crate) const PRESENT: Shader = Shader { name: "present", parts: &[include_str!("../../shaders/present.wgsl")] };
 
 /// Every shader there is.
 #[cfg(test)]
-pub(crate) const ALL: [Shader; 16] = [
+pub(crate) const ALL: [Shader; 17] = [
     CLASSIFY,
     SCAN,
     SORT,
@@ -98,4 +99,5 @@ pub(crate) const ALL: [Shader; 16] = [
     GATHER_GRADIENTS,
     PREFILTER,
     ENLARGE,
+    PRESENT,
 ];

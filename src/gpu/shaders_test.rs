@@ -2,7 +2,9 @@
 
 use std::mem::{offset_of, size_of};
 
-use super::layout::{Area, Batch, Classify, ControlPoint, Frame, Lighting, Pack, Raster, Shade, Sort, Terminate};
+use super::layout::{
+    Area, Batch, Classify, ControlPoint, Frame, Lighting, Pack, Present, Raster, Shade, Sort, Terminate,
+};
 use super::shaders::{ALL, Shader};
 
 fn parsed(shader: Shader) -> naga::Module {
@@ -71,6 +73,7 @@ fn structs_are_laid_out_alike() {
     same_layout!(Batch { depth, first_sheet });
     same_layout!(Shade { depth, previous, current, margin, clear, lookup, low, high });
     same_layout!(Area { low, high });
+    same_layout!(Present { corner, row, margin });
     same_layout!(Terminate { first, count, margin });
     same_layout!(Pack {
         low,
@@ -178,8 +181,6 @@ fn constants_are_those_of_the_host() {
         ("classify", "MOST_FEW", super::layout::FEW as u64),
         ("scan", "RUN", super::scan::RUN),
         ("terminate", "RUN", super::quads::terminate::RUN),
-        ("terminate", "LEVELS", super::quads::terminate::LEVELS),
-        ("terminate", "STEP", super::quads::terminate::STEP),
         ("skip", "RUN_ROW", u64::from(super::layout::RUN_ROW)),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),
     ];

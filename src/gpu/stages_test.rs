@@ -2,26 +2,26 @@
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
+use super::adapter_test::adapter;
 use super::classify::Classifier;
 use super::context::Context;
 use super::layout::{FEW, Splat};
-use super::quads::plan::{Plan, Region, Subject, Target};
+use super::quads::plan::{Plan, Target};
 use super::quads::sort::{SortKey, Sorter};
+use super::recorder::Recorder;
+use super::savings::Savings;
 use super::scan::Scan;
 use super::store::Store;
-use super::timing::Timing;
 use super::twins::{self, Voxel};
+use super::view::{Region, ViewGeometry, Weights};
 use crate::camera::{Camera, ProjectionKind, View};
 use crate::formats::{LoadOptions, load};
 use crate::kernel::FootprintTable;
+use crate::progress::Progress;
 use crate::renderer::{Renderer, RendererOptions};
-use crate::settings::{Accumulation, Precision, Settings, Sheets};
+use crate::settings::{Accumulation, Painter, Precision, QuadsSettings, Settings, Sheets};
 use crate::transfer::{ControlPoint, TransferFunction};
 use crate::volume::{Grid, Samples, Volume};
-
-#[path = "../../tests/suite/adapter.rs"]
-mod adapter;
-use adapter::adapter;
 
 fn context() -> Context {
     Context::new(Some(&adapter())).unwrap()
@@ -42,7 +42,7 @@ fn words(bytes: &[u8]) -> Vec<u32> {
 
 fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Vec<Store> {
     Classifier::new(context)
-        .run(context, &Scan::new(context), volume, transfer, &Settings::default(), &|_| ())
+        .run(context, &Scan::new(context), volume, transfer, &Settings::default(), &Progress::default())
         .unwrap()
         .stores
 }
@@ -203,26 +203,34 @@ fn scan_matches_its_twin() {
     }
 }
 
+/// The painter quads, with some of its settings changed.
+fn with_quads(settings: &Settings, change: impl FnOnce(&mut QuadsSettings)) -> Settings {
+    let mut quads = settings.quads();
+    change(&mut quads);
+    Settings { painter: Painter::Quads(quads), ..settings.clone() }
+}
+
 /// A small volume on a sheared, anisotropic grid, and two cameras on it.
 fn scene() -> (Volume, TransferFunction, [Camera; 2], Settings) {
     let demo = load("demo:marschner-lobb:12", &LoadOptions::default()).unwrap();
     let matrix = DMat3::from_cols(DVec3::X, DVec3::new(0.2, 1.1, 0.0), DVec3::new(-0.3, 0.1, 2.0));
     let grid = Grid::new(demo.grid().dims(), DAffine3::from_mat3_translation(matrix, DVec3::splat(40.0))).unwrap();
     let volume = demo.with_grid(grid).unwrap();
-    let settings =
-        Settings { size: [24, 20], precision: Some(Precision::F32), termination: 0.0, ..Settings::default() };
+    let settings = with_quads(&Settings { termination: 0.0, ..Settings::default() }, |q| {
+        q.precision = Some(Precision::F32);
+    });
     let cameras = [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 50.0 }].map(|projection| {
         let view = View { azimuth: 40.0, elevation: 25.0, roll: 10.0, projection, ..View::default() };
-        Camera::new(&view, volume.grid(), settings.size).unwrap()
+        Camera::new(&view, volume.grid(), [24, 20]).unwrap()
     });
     let transfer = crate::demos::demo_transfer("marschner-lobb").unwrap();
     (volume, transfer, cameras, settings)
 }
 
 /// Extinction per unit distance, as pictures of pre-shaded scenes have it.
-fn subject(volume: &Volume, transfer: &TransferFunction) -> Subject {
-    Subject {
-        max_weight: TransferFunction::extinction(transfer.max_opacity(), 1.0),
+fn weights(volume: &Volume, transfer: &TransferFunction) -> Weights {
+    Weights {
+        max: TransferFunction::extinction(transfer.max_opacity(), 1.0),
         unit: transfer.unit_or(volume.grid().min_spacing()),
     }
 }
@@ -244,9 +252,11 @@ fn sort_matches_its_twin() {
             (1.0, Sheets::Image, [6, 5]),
             (1.0, Sheets::Axis, [24, 20]),
         ] {
-            let settings = Settings { sheet_thickness: thickness, sheets: sheets_kind, size, ..settings.clone() };
-            let plan = Plan::new(camera, volume.grid(), &settings, Subject { max_weight: 1.0, unit: 1.0 });
-            let key = SortKey { axis: plan.is_axis_aligned(), grown: plan.is_grown(), scalars: false };
+            let settings = with_quads(&settings, |q| (q.sheet_thickness, q.sheets) = (thickness, sheets_kind));
+            let camera = Camera { size, ..*camera };
+            let view = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default());
+            let plan = Plan::new(&view, &settings, Weights { max: 1.0, unit: 1.0 });
+            let key = SortKey { axis: plan.is_axis_aligned(), grown: view.max_growth() > 1.0, scalars: false };
             let sorter = Sorter::new(&context, key);
             let frame = plan.frame(WHOLE);
             let uniform = wgpu::BufferUsages::UNIFORM;
@@ -254,8 +264,8 @@ fn sort_matches_its_twin() {
             let target = Target { plan: &plan, region: WHOLE, frame: &buffer };
             let mode = twins::Mode { perspective, axis: key.axis, additive: false };
             for sheets in [1, 4] {
-                let mut timing = Timing::new(&context);
-                let spans = sorter.run(&context, &scan, &mut timing, target, sheets, &stores).unwrap();
+                let mut recorder = Recorder::untimed(&context);
+                let spans = sorter.run(&mut recorder, &scan, target, sheets, &stores).unwrap();
                 let [span] = spans.as_slice() else { panic!("{} spans", spans.len()) };
                 let total = u64::from(*span.starts.last().unwrap());
                 let entries = words(&download(&context, &span.entries, total * 4));
@@ -274,13 +284,12 @@ fn sort_matches_its_twin() {
 #[test]
 fn splat_composite_and_resolve_match_their_twins() {
     let (volume, transfer, cameras, settings) = scene();
-    let renderer = Renderer::new(&RendererOptions { adapter: Some(adapter()) }).unwrap();
-    let prepared = renderer.prepare(&volume, &transfer, &settings, &|_| ()).unwrap();
+    let renderer = Renderer::new(&RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() }).unwrap();
+    let prepared = renderer.prepare(&volume, &transfer, &settings).unwrap();
     let splats = twins::classify(&volume, &transfer);
     for (camera, perspective) in cameras.iter().zip([false, true]) {
         for (sheets, accumulation, sheets_per_pass) in [
             (Sheets::Image, Accumulation::OpticalDepth, 1),
-            (Sheets::Image, Accumulation::OpticalDepth, 2),
             (Sheets::Image, Accumulation::OpticalDepth, 4),
             (Sheets::Image, Accumulation::Additive, 4),
             (Sheets::Axis, Accumulation::OpticalDepth, 1),
@@ -288,15 +297,18 @@ fn splat_composite_and_resolve_match_their_twins() {
         ] {
             // Pixels as wide as two voxels, and as a fifth.
             for size in [[24, 20], [6, 5]] {
-                let settings =
-                    Settings { size, sheets, accumulation, sheets_per_pass: Some(sheets_per_pass), ..settings.clone() };
-                let plan = Plan::new(camera, volume.grid(), &settings, subject(&volume, &transfer));
+                let settings = with_quads(&settings, |q| {
+                    (q.sheets, q.accumulation, q.sheets_per_pass) = (sheets, accumulation, Some(sheets_per_pass));
+                });
+                let camera = Camera { size, ..*camera };
+                let view = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default());
+                let plan = Plan::new(&view, &settings, weights(&volume, &transfer));
                 let [width, height] = size;
                 let frame = plan.frame(Region { x: 0, y: 0, width, height });
                 let table = FootprintTable::new(&settings.kernel, Precision::F32.footprint_error()).unwrap();
                 let additive = accumulation == Accumulation::Additive;
                 let mode = twins::Mode { perspective, axis: sheets == Sheets::Axis, additive };
-                let image = renderer.render(&prepared, camera, &settings).unwrap().image;
+                let image = renderer.render(&prepared, &camera, &settings).unwrap().image;
                 for (index, pixel) in (0..).zip(image.pixels()) {
                     let center = DVec2::new(f64::from(index % width) + 0.5, f64::from(index / width) + 0.5);
                     let sheets = twins::splat(&frame, &table, &splats, center, mode, |v| v);
@@ -319,8 +331,9 @@ fn f16_sheets_rounded_to_the_nearest_keep_alpha() {
     let table = FootprintTable::new(&settings.kernel, Precision::F16.footprint_error()).unwrap();
     let mut worst = 0.0_f64;
     for camera in cameras {
-        let plan = Plan::new(&camera, volume.grid(), &settings, subject(&volume, &transfer));
-        let mode = twins::Mode { perspective: plan.is_perspective(), ..twins::Mode::default() };
+        let view = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default());
+        let plan = Plan::new(&view, &settings, weights(&volume, &transfer));
+        let mode = twins::Mode { perspective: view.is_perspective(), ..twins::Mode::default() };
         let frame = plan.frame(WHOLE);
         for y in 0..20 {
             for x in 0..24 {

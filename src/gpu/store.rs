@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::context::Context;
+use super::layout::MAX_BRICKS;
 use crate::error::Result;
 use crate::volume::BRICK_EDGE as EDGE;
 
@@ -78,5 +79,65 @@ impl Store {
     /// Bytes on the device.
     pub(crate) fn bytes(&self) -> u64 {
         self.splats.size() + self.origins.size()
+    }
+}
+
+/// Splats that will be part of a store.
+pub(super) trait Part: Sized {
+    /// Bytes of a splat.
+    const STRIDE: u64;
+
+    /// A buffer of the splats of parts, `count` in all, one after the other.
+    fn join(context: &Context, parts: Vec<Self>, count: u64) -> Result<wgpu::Buffer>;
+}
+
+/// Joins the splats of bricks into few stores, each within a storage binding and within the bricks that a place can name.
+pub(super) struct StoreBuilder<'a, P> {
+    context: &'a Context,
+    /// The most splats of a store.
+    most: u32,
+    /// What goes into the next store.
+    parts: Vec<P>,
+    bricks: Vec<BrickSplats>,
+    held: u32,
+    stores: Vec<Store>,
+}
+
+impl<'a, P: Part> StoreBuilder<'a, P> {
+    /// Stores of at most `most` splats, or as many as the adapter binds.
+    pub(super) fn new(context: &'a Context, most: u32) -> Self {
+        let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / P::STRIDE;
+        let most = u32::try_from(bindable).unwrap_or(u32::MAX).min(most);
+        Self { context, most, parts: Vec::new(), bricks: Vec::new(), held: 0, stores: Vec::new() }
+    }
+
+    /// The numbers that the first brick and the first splat of a part will have in their store. The part is added next.
+    pub(super) fn make_room(&mut self, splats: u32, bricks: usize) -> Result<(u32, u32)> {
+        let full = self.held.checked_add(splats).is_none_or(|sum| sum > self.most);
+        if full || self.bricks.len() + bricks > MAX_BRICKS {
+            self.close()?;
+        }
+        Ok((self.bricks.len() as u32, self.held))
+    }
+
+    pub(super) fn add(&mut self, part: P, count: u32, bricks: impl IntoIterator<Item = BrickSplats>) {
+        self.parts.push(part);
+        self.bricks.extend(bricks);
+        self.held += count;
+    }
+
+    fn close(&mut self) -> Result<()> {
+        let (parts, bricks) = (std::mem::take(&mut self.parts), std::mem::take(&mut self.bricks));
+        let held = std::mem::take(&mut self.held);
+        if !parts.is_empty() {
+            let splats = P::join(self.context, parts, held.into())?;
+            self.stores.push(Store::new(self.context, splats, P::STRIDE, held, bricks)?);
+        }
+        Ok(())
+    }
+
+    pub(super) fn finish(mut self) -> Result<Vec<Store>> {
+        self.close()?;
+        Ok(self.stores)
     }
 }

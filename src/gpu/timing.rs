@@ -22,6 +22,11 @@ impl Timing {
         Self { sets: Vec::new(), stages: Vec::new(), enabled }
     }
 
+    /// Records nothing.
+    pub(crate) fn off() -> Self {
+        Self { sets: Vec::new(), stages: Vec::new(), enabled: false }
+    }
+
     fn next(&mut self, context: &Context, stage: &'static str) -> Option<(usize, u32)> {
         if !self.enabled {
             return None;

@@ -1,15 +1,15 @@
 //! Pictures as files: PNG to look at, EXR to measure.
 
 use std::borrow::Cow;
-use std::io::{BufWriter, Cursor, Write};
+use std::io::{self, BufWriter, Cursor, Write};
 use std::path::Path;
 
 use image::{DynamicImage, ExtendedColorType, ImageFormat, ImageReader, Rgba32FImage};
 
 use super::{Background, Image};
+use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::output::{check_writable, write_atomically};
-use crate::settings::Settings;
 
 fn format_of(path: &Path) -> Option<ImageFormat> {
     let extension = path.extension()?.to_str()?.to_lowercase();
@@ -21,47 +21,53 @@ fn format_of(path: &Path) -> Option<ImageFormat> {
 }
 
 fn unknown(path: &Path) -> Error {
-    Error::Write { path: path.to_owned(), reason: "pictures are written as .png or .exr".to_owned() }
+    Error::Output { path: path.to_owned(), reason: "pictures are written as .png or .exr".to_owned() }
 }
 
 impl Image {
     /// Refuses a path that [`Image::save`] could not write.
     ///
     /// # Errors
-    /// [`Error::Write`] where the extension is neither .png nor .exr, or as [`check_writable`].
-    pub fn check_output(path: &Path) -> Result<()> {
+    /// [`Error::Output`] if the extension is neither .png nor .exr, or if the path is a directory, a device or a pipe;
+    /// [`Error::Write`] if the directory cannot be written to.
+    pub fn check_output(path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
         if format_of(path).is_none() {
             return Err(unknown(path));
         }
         check_writable(path)
     }
 
-    /// Writes the picture by the extension of `path`.
+    /// Writes the picture in the format of the extension of `path`. The file appears whole or not at all.
     ///
-    /// `.png`: 8 bits per channel, rounded to the nearest, values as composited (they are in display space already);
-    /// over a colour, or with straight alpha where the background is transparent. `.exr`: RGBA in 32-bit float,
-    /// premultiplied, exactly as composited; the background is left out.
+    /// - `.png`: 8 bits per channel as from [`Image::to_rgba8`]. Over a colour the file has no alpha channel.
+    /// - `.exr`: RGBA in 32-bit float, premultiplied, exactly as composited. The background is not used.
     ///
     /// # Errors
-    /// [`Error::Write`], also where a PNG would have to hold a value that is not finite; there is no partial file then.
-    pub fn save(&self, path: &Path, background: Background) -> Result<()> {
+    /// [`Error::Output`] as [`Image::check_output`], and if a PNG would have to hold a value that is not finite;
+    /// [`Error::Write`] if encoding or writing fails. No partial file is left behind.
+    pub fn save(&self, path: impl AsRef<Path>, background: Background) -> Result<()> {
+        self.save_to(path.as_ref(), background)
+    }
+
+    fn save_to(&self, path: &Path, background: Background) -> Result<()> {
         let format = format_of(path).ok_or_else(|| unknown(path))?;
         if format == ImageFormat::Png
             && let Some(bad) = self.pixels.iter().position(|p| p.iter().any(|v| !v.is_finite()))
         {
             let (x, y) = (bad % self.width as usize, bad / self.width as usize);
             let reason = format!("pixel ({x}, {y}) is {:?}: only .exr holds such values", self.pixels[bad]);
-            return Err(Error::Write { path: path.to_owned(), reason });
+            return Err(Error::Output { path: path.to_owned(), reason });
         }
         let (bytes, color): (Cow<'_, [u8]>, _) = match (format, background) {
             (ImageFormat::OpenExr, _) => (bytemuck::cast_slice(&self.pixels).into(), ExtendedColorType::Rgba32F),
-            (_, Background::Transparent) => (self.straight_bytes().into(), ExtendedColorType::Rgba8),
-            (_, Background::Color(color)) => (self.bytes_over(color).into(), ExtendedColorType::Rgb8),
+            (_, Background::Transparent) => (self.to_rgba8(background).into(), ExtendedColorType::Rgba8),
+            (_, Background::Color(_)) => (without_alpha(&self.to_rgba8(background)).into(), ExtendedColorType::Rgb8),
         };
-        // Encoded in memory: encoders seek, and a failed encoding never touches the disk.
+        // Encoders seek, so they need a buffer; a failed encoding never touches the disk.
         let mut encoded = Cursor::new(Vec::new());
         image::write_buffer_with_format(&mut encoded, &bytes, self.width, self.height, color, format)
-            .map_err(|e| Error::Write { path: path.to_owned(), reason: e.to_string() })?;
+            .map_err(|e| Error::Write { path: path.to_owned(), source: io::Error::other(e) })?;
         write_atomically(path, |file| {
             let mut file = BufWriter::new(file);
             file.write_all(encoded.get_ref())?;
@@ -69,34 +75,13 @@ impl Image {
         })
     }
 
-    /// RGB bytes over an opaque colour.
-    fn bytes_over(&self, color: [f64; 3]) -> Vec<u8> {
-        self.pixels
-            .iter()
-            .flat_map(|p| {
-                std::array::from_fn::<u8, 3, _>(|c| byte(f64::from(p[c]) + color[c] * (1.0 - f64::from(p[3]))))
-            })
-            .collect()
-    }
-
-    /// RGBA bytes with the colour divided by alpha.
-    fn straight_bytes(&self) -> Vec<u8> {
-        self.pixels
-            .iter()
-            .flat_map(|p| {
-                let alpha = f64::from(p[3]);
-                let straight = |c: usize| if alpha > 0.0 { byte(f64::from(p[c]) / alpha) } else { 0 };
-                [straight(0), straight(1), straight(2), byte(alpha)]
-            })
-            .collect()
-    }
-
-    /// Reads a picture: PNG of any kind as display values with straight alpha, EXR as premultiplied values.
+    /// Reads a PNG or EXR picture. The alpha of a PNG is straight, that of an EXR premultiplied.
     ///
     /// # Errors
-    /// [`Error::Read`] where the file cannot be read, [`Error::Format`] where it is neither or is damaged.
-    pub fn load(path: &Path) -> Result<Self> {
-        let damaged = |reason: String| Error::Format { path: path.to_owned(), reason };
+    /// [`Error::Read`] if the file cannot be read, [`Error::Format`] if it is neither PNG nor EXR or is damaged.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let damaged = |reason: String| Error::Format { path: path.to_owned(), reason, hint: None };
         let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
         let reader = ImageReader::new(Cursor::new(&bytes))
             .with_guessed_format()
@@ -120,10 +105,12 @@ impl Image {
     }
 }
 
-/// Refuses an EXR whose header claims more pixels than a picture may have: its decoder takes the header's word and aborts
-/// the process where there is no memory for it. (PNG decoding is bounded by `image` itself.)
+/// Refuses an EXR whose header claims more than [`Settings::MAX_SIZE`] pixels along a side or 2^28 pixels, 4 GiB, in
+/// all.
+///
+/// The decoder reserves the memory that the header claims, and aborts the process if there is none. `image` bounds PNG.
 fn check_exr_size(bytes: &[u8], format: Option<ImageFormat>) -> std::result::Result<(), String> {
-    const MOST: usize = Settings::MAX_SIZE as usize;
+    const MOST: usize = Camera::MAX_SIZE as usize;
     if format != Some(ImageFormat::OpenExr) {
         return Ok(());
     }
@@ -136,9 +123,9 @@ fn check_exr_size(bytes: &[u8], format: Option<ImageFormat>) -> std::result::Res
     }
 }
 
-/// Display value to 8 bits, to the nearest.
-fn byte(value: f64) -> u8 {
-    (value.clamp(0.0, 1.0) * 255.0).round() as u8
+/// The bytes of red, green and blue of opaque pixels.
+fn without_alpha(rgba: &[u8]) -> Vec<u8> {
+    rgba.chunks_exact(4).flat_map(|pixel| &pixel[..3]).copied().collect()
 }
 
 #[cfg(test)]
@@ -187,7 +174,7 @@ mod tests {
         image.pixels_mut()[3][1] = f32::NAN;
         let error = image.save(&path, Background::default()).unwrap_err().to_string();
         assert!(error.contains("pixel (1, 1)"), "{error}");
-        let error = sample().save(&directory.path().join("a.jpg"), Background::default()).unwrap_err();
+        let error = sample().save(directory.path().join("a.jpg"), Background::default()).unwrap_err();
         assert!(error.to_string().contains(".png or .exr"), "{error}");
     }
 

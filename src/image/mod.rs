@@ -1,4 +1,4 @@
-//! Pictures: composited values in f32.
+//! Pictures: composited values in f32, their files and their 8-bit pixels.
 
 mod background;
 mod file;
@@ -7,9 +7,9 @@ pub use background::Background;
 
 use crate::error::{Error, Result};
 
-/// A picture as composited: premultiplied RGBA in f32, rows from the top.
+/// A picture as composited: premultiplied RGBA in f32, rows from the top, pixels of a row from the left.
 ///
-/// Colours are in the transfer function's own (display) space; alpha is 1 - transmittance. Values are not clamped.
+/// Colours are in display space, as in the transfer function. Alpha is 1 - transmittance. Values are not clamped.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image {
     width: u32,
@@ -18,33 +18,60 @@ pub struct Image {
 }
 
 impl Image {
-    /// A picture of the given pixels, row by row from the top.
+    /// A picture of the given premultiplied pixels, row by row from the top.
     ///
     /// # Errors
-    /// [`Error::Compare`] where their number is not `width * height`.
+    /// [`Error::Image`] if there are not `width * height` pixels.
     pub fn new(width: u32, height: u32, pixels: Vec<[f32; 4]>) -> Result<Self> {
         if pixels.len() as u64 != u64::from(width) * u64::from(height) {
-            return Err(Error::Compare(format!("{} pixels do not make {width} x {height}", pixels.len())));
+            return Err(Error::Image(format!("{} pixels do not make {width} x {height}", pixels.len())));
         }
         Ok(Self { width, height, pixels })
     }
 
-    /// A transparent picture.
+    /// A picture of transparent pixels.
     ///
     /// # Errors
-    /// [`Error::Setting`] where there is no memory for it: 16 bytes a pixel.
+    /// [`Error::Memory`] if there is no memory for it: 16 bytes a pixel.
     pub fn transparent(width: u32, height: u32) -> Result<Self> {
         let count = u64::from(width) * u64::from(height);
         let mut pixels = Vec::new();
         let reserved = usize::try_from(count).ok().and_then(|n| pixels.try_reserve_exact(n).ok().map(|()| n));
         let Some(count) = reserved else {
-            return Err(Error::Setting {
-                name: "size",
-                reason: format!("no memory for {width}x{height} pixels, {} bytes", count.saturating_mul(16)),
-            });
+            let what = format!("a picture of {width} x {height} pixels");
+            return Err(Error::Memory { what, bytes: count.saturating_mul(16) });
         };
         pixels.resize(count, [0.0; 4]);
         Ok(Self { width, height, pixels })
+    }
+
+    /// The picture as 8-bit RGBA, 4 bytes a pixel, rows from the top, each from the left: `4 * width * height` bytes.
+    ///
+    /// Over a colour, every alpha is 255. Over [`Background::Transparent`], alpha is straight: colours are divided by
+    /// it, and a pixel of alpha 0 is four zeros. Values are clamped to 0..1 and rounded to the nearest of 256 steps;
+    /// they are in display space already, so no gamma is applied. NaN becomes 0.
+    ///
+    /// ```
+    /// use voxsplat::image::{Background, Image};
+    ///
+    /// // One pixel of half transparent red, premultiplied.
+    /// let image = Image::new(1, 1, vec![[0.5, 0.0, 0.0, 0.5]])?;
+    /// assert_eq!(image.to_rgba8(Background::Transparent), [255, 0, 0, 128]);
+    /// assert_eq!(image.to_rgba8("white".parse()?), [255, 128, 128, 255]);
+    /// # Ok::<(), voxsplat::error::Error>(())
+    /// ```
+    #[must_use]
+    pub fn to_rgba8(&self, background: Background) -> Vec<u8> {
+        let bytes = |&[r, g, b, a]: &[f32; 4]| {
+            let (color, alpha) = ([r, g, b].map(f64::from), f64::from(a));
+            let [r, g, b] = std::array::from_fn(|c| match background {
+                Background::Color(behind) => byte(color[c] + behind[c] * (1.0 - alpha)),
+                Background::Transparent if alpha > 0.0 => byte(color[c] / alpha),
+                Background::Transparent => 0,
+            });
+            [r, g, b, if background == Background::Transparent { byte(alpha) } else { 255 }]
+        };
+        self.pixels.iter().flat_map(bytes).collect()
     }
 
     /// Width in pixels.
@@ -59,14 +86,50 @@ impl Image {
         self.height
     }
 
-    /// The pixels, row by row from the top.
+    /// The premultiplied pixels, row by row from the top.
     #[must_use]
     pub fn pixels(&self) -> &[[f32; 4]] {
         &self.pixels
     }
 
-    /// The pixels, to be changed.
+    /// The premultiplied pixels, mutable, row by row from the top.
     pub fn pixels_mut(&mut self) -> &mut [[f32; 4]] {
         &mut self.pixels
+    }
+}
+
+/// A display value in 0..1 to the nearest of 256 steps; NaN to 0.
+fn byte(value: f64) -> u8 {
+    (value.clamp(0.0, 1.0) * 255.0).round() as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_are_straight_or_over_the_background() {
+        let pixels = vec![[0.25, 0.125, 0.5, 0.5], [0.0; 4], [2.0, -1.0, f32::NAN, 1.0]];
+        let image = Image::new(3, 1, pixels).unwrap();
+        let straight = image.to_rgba8(Background::Transparent);
+        assert_eq!(straight, [128, 64, 255, 128, 0, 0, 0, 0, 255, 0, 0, 255]);
+        let over = image.to_rgba8(Background::Color([1.0; 3]));
+        assert_eq!(over, [191, 159, 255, 255, 255, 255, 255, 255, 255, 0, 0, 255]);
+    }
+
+    #[test]
+    fn rows_run_from_the_top_left() {
+        let pixel = |v| [v, 0.0, 0.0, 1.0];
+        let image = Image::new(2, 2, [0.0, 0.2, 0.4, 0.6].map(pixel).to_vec()).unwrap();
+        let reds: Vec<u8> = image.to_rgba8(Background::default()).chunks_exact(4).map(|p| p[0]).collect();
+        assert_eq!(reds, [0, 51, 102, 153]);
+    }
+
+    #[test]
+    fn pixels_must_fill_the_picture() {
+        let error = Image::new(2, 2, vec![[0.0; 4]; 3]).unwrap_err().to_string();
+        assert_eq!(error, "picture: 3 pixels do not make 2 x 2");
+        let error = Image::transparent(u32::MAX, u32::MAX).unwrap_err();
+        assert!(matches!(error, Error::Memory { bytes, .. } if bytes > 1 << 60), "{error}");
     }
 }

@@ -1,10 +1,11 @@
-//! The cumulative footprint as a table that a shader can evaluate.
+//! The cumulative footprint as a table for shaders, and the footprint as a polynomial.
 
 use super::Kernel;
 use super::quadrature::integrate;
 use crate::error::{Error, Result};
 
-/// The running line integral F(r, t) of a kernel: sampled across the ray, a polynomial along it.
+/// The cumulative footprint F(r, t) of a kernel: tabulated over the distance r of the ray, a polynomial in the position
+/// t along it.
 ///
 /// Let c = sqrt(R^2 - r^2), the half chord of the ray in the support ball, and measure t from the chord's middle.
 /// Row i of the table belongs to s = c^2 / R^2 = i / (rows - 1) and holds the coefficients a_k of
@@ -16,14 +17,16 @@ use crate::error::{Error, Result};
 /// for |t| <= c; G is odd and constant beyond. Rows are interpolated linearly in s. The section of the kernel between
 /// t0 and t1 is G(t1) - G(t0), and Westover's footprint 2 G(c) = 2 c a_0.
 ///
-/// Why these coordinates: a kernel is an analytic function g of y = R^2 - rho^2 in its ball, and on the chord
-/// y = c^2 q, so G / t = integral from 0 to 1 of g(c^2 (1 - w^2 t^2/c^2)) dw is analytic in c^2 and q. The square-root
-/// edge that a truncated kernel has at r = R is exactly the factor t <= c, and its kink at t = c is the clamp; neither
-/// is left in the table. For a Gaussian, and for any g with positive Taylor coefficients, the a_k are positive too:
-/// Horner's rule on q in 0..1 loses nothing to cancellation. The sections of one splat in consecutive sheets share one
-/// row, so they cost one table access and a few multiply-adds each.
+/// These coordinates make the table smooth. In its ball a kernel is an analytic function g of y = R^2 - rho^2. On the
+/// chord y = c^2 q, so G / t = integral from 0 to 1 of g(c^2 (1 - w^2 t^2/c^2)) dw is analytic in c^2 and q. A
+/// truncated kernel has a square-root edge at r = R, which is the factor t <= c, and a kink at t = c, which is the
+/// clamp of t. Neither is in the table.
+///
+/// For every g with positive Taylor coefficients, such as a Gaussian, the a_k are positive, so Horner's rule for q in
+/// 0..1 suffers no cancellation. The sections of a splat in consecutive sheets share one row: they cost one table
+/// access together, and a few multiply-adds each.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FootprintTable {
+pub(crate) struct FootprintTable {
     rows: u32,
     terms: u32,
     coefficients: Vec<f32>,
@@ -31,7 +34,7 @@ pub struct FootprintTable {
 }
 
 impl FootprintTable {
-    /// Numbers of polynomial terms tried: a texel holds four.
+    /// The numbers of polynomial terms tried: multiples of the four that a texel holds.
     const TERMS: [u32; 4] = [4, 8, 12, 16];
     const MIN_ROWS: u32 = 32;
     const MAX_ROWS: u32 = 4096;
@@ -39,12 +42,12 @@ impl FootprintTable {
     /// The smallest table whose sections err by at most `max_error`, as a fraction of the peak of the footprint.
     ///
     /// # Errors
-    /// [`Error::Setting`] where no table of up to 16 terms and 4096 rows is that accurate: below about 2e-7, or for a
-    /// kernel very narrow in its support.
-    pub fn new(kernel: &Kernel, max_error: f64) -> Result<Self> {
+    /// [`Error::Setting`] if no table of up to 16 terms and 4096 rows is that accurate. This happens below about 2e-7,
+    /// and with a kernel that is very narrow in its support.
+    pub(crate) fn new(kernel: &Kernel, max_error: f64) -> Result<Self> {
         let mut best = f64::INFINITY;
         for terms in Self::TERMS {
-            // More rows do not mend a polynomial of too low a degree, so the degree is found first, on few rows.
+            // More rows cannot improve a polynomial of too low a degree, so the degree is chosen first, on a few rows.
             let degree = degree_error(kernel, terms);
             if degree > max_error {
                 best = best.min(degree);
@@ -61,17 +64,17 @@ impl FootprintTable {
             }
         }
         Err(Error::Setting {
-            name: "max-error",
+            name: "max_error",
             reason: format!(
-                "no footprint table of {kernel:?} is accurate to {max_error:e}, the best errs by {best:.1e} of the peak: \
-                 ask for less, or for a kernel with a smaller radius"
+                "no footprint table of {kernel:?} is accurate to {max_error:e}, the best errs by {best:.1e} of the \
+                 peak: allow a larger error, or choose a kernel with a smaller radius"
             ),
         })
     }
 
     /// A table of `rows` rows (at least 2) of `terms` coefficients (1 to 16).
     #[must_use]
-    pub fn with_size(kernel: &Kernel, rows: u32, terms: u32) -> Self {
+    pub(crate) fn with_size(kernel: &Kernel, rows: u32, terms: u32) -> Self {
         let row = |s: f64| fit(terms as usize, |q| mean_to(kernel, s, q));
         let coefficients: Vec<f32> =
             (0..rows).flat_map(|i| row(f64::from(i) / f64::from(rows - 1))).map(|a| a as f32).collect();
@@ -80,14 +83,15 @@ impl FootprintTable {
         table
     }
 
-    /// The largest error of 2 G found between rows, where linear interpolation errs most, over the footprint's peak.
-    /// 2 G bounds both the whole footprint and the difference of two values of opposite error.
+    /// The largest error of 2 G, as a fraction of the footprint's peak. It is measured half way between rows, where
+    /// linear interpolation errs most. An error of 2 G bounds that of the footprint, and of a section whose two ends
+    /// err oppositely.
     fn measure(&self, kernel: &Kernel) -> f64 {
         const PROBES: u32 = 64;
         let radius = kernel.radius();
         let peak = 2.0 * radius * mean_to(kernel, 1.0, 0.0);
         let worst = (0..PROBES).map(|i| {
-            // Half way between two rows, spread over the table, the rim and the centre included.
+            // Half way between two rows, spread over the whole table from the rim to the centre.
             let row = (f64::from(i) / f64::from(PROBES - 1) * f64::from(self.rows - 2)).floor() + 0.5;
             let s = row / f64::from(self.rows - 1);
             let c = radius * s.sqrt();
@@ -101,7 +105,7 @@ impl FootprintTable {
         worst.fold(0.0, f64::max) / peak
     }
 
-    /// The tabulated G / t at s and q, in f64 from the f32 coefficients.
+    /// G / t at s and q from the table, in f64 from the f32 coefficients.
     fn mean(&self, s: f64, q: f64) -> f64 {
         let at = s * f64::from(self.rows - 1);
         let low = at.floor().min(f64::from(self.rows - 2)) as usize;
@@ -114,34 +118,34 @@ impl FootprintTable {
         })
     }
 
-    /// The number of rows, over s from 0 (the rim, r = R) to 1 (the centre, r = 0).
+    /// The number of rows; s runs from 0 (the rim, r = R) to 1 (the centre, r = 0).
     #[must_use]
-    pub fn rows(&self) -> u32 {
+    pub(crate) fn rows(&self) -> u32 {
         self.rows
     }
 
     /// The number of coefficients of a row.
     #[must_use]
-    pub fn terms(&self) -> u32 {
+    pub(crate) fn terms(&self) -> u32 {
         self.terms
     }
 
     /// The coefficients, row by row, a_0 first.
     #[must_use]
-    pub fn coefficients(&self) -> &[f32] {
+    pub(crate) fn coefficients(&self) -> &[f32] {
         &self.coefficients
     }
 
-    /// The largest error of a section found, as a fraction of the footprint's peak.
+    /// The largest measured error of a section, as a fraction of the footprint's peak.
     #[must_use]
-    pub fn max_error(&self) -> f64 {
+    pub(crate) fn max_error(&self) -> f64 {
         self.max_error
     }
 
     /// The section of the kernel between t0 and t1 (voxels along the ray from its closest point) of a ray at squared
     /// distance r2 from the centre, as the shaders evaluate it but in f64.
-    #[must_use]
-    pub fn section(&self, radius: f64, r2: f64, t0: f64, t1: f64) -> f64 {
+    #[cfg(test)]
+    pub(crate) fn section(&self, radius: f64, r2: f64, t0: f64, t1: f64) -> f64 {
         let c2 = radius * radius - r2;
         if c2 <= 0.0 {
             return 0.0;
@@ -155,10 +159,10 @@ impl FootprintTable {
     }
 }
 
-/// Coefficients, lowest first, of the polynomial p of `terms` terms for which c p(c^2) is the footprint at half chord c, and
-/// its largest error as a fraction of the footprint's peak.
+/// The polynomial p with `terms` terms that makes c p(c^2) the footprint of a ray with half chord c (voxels):
+/// coefficients, lowest first, and the largest error as a fraction of the footprint's peak.
 ///
-/// The footprint is 2 c times the mean of the kernel over half the chord, which is analytic in c^2.
+/// The footprint is 2 c times the mean of the kernel over half the chord, and this mean is analytic in c^2.
 pub(crate) fn footprint_polynomial(kernel: &Kernel, terms: usize) -> (Vec<f64>, f64) {
     let radius2 = kernel.radius() * kernel.radius();
     let mean = |s: f64| 2.0 * mean_to(kernel, s, 0.0);
@@ -177,7 +181,7 @@ pub(crate) fn section(kernel: &Kernel, r2: f64, t0: f64, t1: f64) -> f64 {
     integrate(t0.clamp(-c, c), t1.clamp(-c, c), 2, |t| kernel.value(r2 + t * t))
 }
 
-/// The largest error of 2 G that `terms` coefficients leave on rows that are exact, over the footprint's peak.
+/// The largest error of 2 G with `terms` coefficients on exact rows, as a fraction of the footprint's peak.
 fn degree_error(kernel: &Kernel, terms: u32) -> f64 {
     let radius = kernel.radius();
     let worst = (1..=8).map(|i| {
@@ -213,7 +217,7 @@ fn fit(terms: usize, f: impl Fn(f64) -> f64) -> Vec<f64> {
             differences[i] = (differences[i] - differences[i - 1]) / (nodes[i] - nodes[i - order]);
         }
     }
-    // Newton's form to powers of q, from the innermost bracket out.
+    // From Newton's form to powers of q, innermost bracket first.
     let mut powers = vec![0.0; terms];
     for i in (0..terms).rev() {
         for k in (1..terms).rev() {
@@ -258,7 +262,7 @@ mod tests {
     #[test]
     fn impossible_accuracy_is_refused() {
         let error = FootprintTable::new(&Kernel::default(), 1e-9).unwrap_err();
-        assert!(error.to_string().starts_with("max-error: no footprint table"), "{error}");
+        assert!(error.to_string().starts_with("max_error: no footprint table"), "{error}");
     }
 
     #[test]

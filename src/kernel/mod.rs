@@ -1,23 +1,23 @@
-//! Reconstruction kernels: the fuzzy ball that a voxel is.
+//! Reconstruction kernels: the density that a voxel spreads around its lattice point.
 
 mod footprint;
 mod quadrature;
 
-pub use footprint::FootprintTable;
-pub(crate) use footprint::{footprint_polynomial, section};
+pub(crate) use footprint::{FootprintTable, footprint_polynomial, section};
 
 use std::f64::consts::PI;
 
 use crate::error::{Error, Result};
+use crate::names::named;
 use quadrature::integrate;
 
 /// A radially symmetric reconstruction kernel of compact support, peak 1, in lattice coordinates (unit: voxels).
 ///
-/// Every kernel here is an analytic function of y = R^2 - rho^2 inside its support ball of radius R; that is what
-/// makes the [`FootprintTable`] smooth.
+/// Inside its support ball of radius R, every kernel is an analytic function of y = R^2 - rho^2. This makes its table
+/// of footprints smooth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kernel {
-    /// exp(-rho^2 / (2 sigma^2)) for rho <= radius, 0 outside (Westover 1990; the course notes' sigma 1, radius 2).
+    /// exp(-rho^2 / (2 sigma^2)) for rho <= radius, 0 outside (Westover 1990). The default is sigma 1, radius 2.
     Gaussian {
         /// Standard deviation in voxels, over 0.
         sigma: f64,
@@ -26,11 +26,11 @@ pub enum Kernel {
     },
     /// The generalised Kaiser-Bessel blob of order 2, y I_2(alpha sqrt y) / I_2(alpha) with y = 1 - (rho/radius)^2
     /// (Lewitt 1990, "Multidimensional digital image representations using generalized Kaiser-Bessel window functions",
-    /// equation 6 with m = 2): continuous with its first derivative at the rim.
+    /// equation 6 with m = 2). It and its first derivative are continuous at the rim.
     KaiserBessel {
         /// Support radius in voxels, over 0.
         radius: f64,
-        /// Taper; 10.4 at radius 2 puts a zero of the spectrum at the lattice frequency (Matej and Lewitt 1996).
+        /// Taper. At radius 2, 10.4 puts a zero of the spectrum at the lattice frequency (Matej and Lewitt 1996).
         alpha: f64,
     },
 }
@@ -45,13 +45,13 @@ impl Kernel {
     /// The blob with the parameters of Matej and Lewitt: radius 2, alpha 10.4.
     pub const KAISER_BESSEL: Self = Self::KaiserBessel { radius: 2.0, alpha: 10.4 };
 
-    /// The largest support radius accepted, in voxels: a splat of this kernel covers 32^3 voxels.
+    /// The largest support radius, in voxels: a splat of this kernel covers 32^3 voxels.
     pub const MAX_RADIUS: f64 = 16.0;
 
-    /// Refuses parameters that describe no kernel.
+    /// Refuses parameters out of range: sigma 0.05 to 16, alpha 0 to 50, radius 0.5 to [`Self::MAX_RADIUS`].
     ///
     /// # Errors
-    /// [`Error::Setting`] where sigma, alpha or radius is out of range.
+    /// [`Error::Setting`] that names the parameter.
     pub fn validate(&self) -> Result<()> {
         let shape = match *self {
             Self::Gaussian { sigma, .. } => ("sigma", sigma, 0.05, 16.0),
@@ -76,7 +76,7 @@ impl Kernel {
         }
     }
 
-    /// The same kernel so many times as large.
+    /// The same kernel, scaled by `growth` in all directions.
     pub(crate) fn grown(&self, growth: f64) -> Self {
         match *self {
             Self::Gaussian { sigma, radius } => Self::Gaussian { sigma: growth * sigma, radius: growth * radius },
@@ -86,7 +86,7 @@ impl Kernel {
 
     /// The kernel at squared distance `rho2` (voxels^2) from its centre: 1 at 0, 0 outside the support.
     #[must_use]
-    pub fn value(&self, rho2: f64) -> f64 {
+    pub(crate) fn value(&self, rho2: f64) -> f64 {
         let radius2 = self.radius() * self.radius();
         if rho2 > radius2 {
             return 0.0;
@@ -102,36 +102,38 @@ impl Kernel {
 
     /// The integral over the support ball, in voxels^3: 11.6317 for the default Gaussian.
     #[must_use]
-    pub fn integral(&self) -> f64 {
+    pub(crate) fn integral(&self) -> f64 {
         4.0 * PI * integrate(0.0, self.radius(), 64, |r| self.value(r * r) * r * r)
     }
 
-    /// The integral along the line at distance `r` from the centre, cut `t` from its closest point (voxels):
-    /// the cumulative footprint F(r, t) = integral from -inf to t of h(sqrt(r^2 + u^2)) du.
+    /// The integral along the line at distance `r` from the centre, up to `t` past its closest point (voxels): the
+    /// cumulative footprint F(r, t) = integral from -inf to t of h(sqrt(r^2 + u^2)) du.
     ///
-    /// Integrated numerically to about 1e-13; the renderer samples it once into a [`FootprintTable`].
-    #[must_use]
-    pub fn cumulative_footprint(&self, r: f64, t: f64) -> f64 {
+    /// Integrated numerically to about 1e-13: what the sections of a [`FootprintTable`] are tested against.
+    #[cfg(test)]
+    pub(crate) fn cumulative_footprint(&self, r: f64, t: f64) -> f64 {
         let half_chord = (self.radius() * self.radius() - r * r).max(0.0).sqrt();
         let end = t.clamp(-half_chord, half_chord);
         integrate(-half_chord, end, 64, |u| self.value(r * r + u * u))
     }
 }
 
-/// What the sum of kernels is divided by (N in f(x) = sum f_j h / N).
+/// The divisor N of the sum of kernels in f(x) = sum f_j h / N.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Normalization {
-    /// By the kernel's integral: a constant field of 1 reconstructs to 1 on average and integrates to path length.
+    /// The kernel's integral: a constant field of 1 reconstructs to 1 on average, and integrates to path length.
     #[default]
     Unit,
-    /// By 1, the kernel's peak: the historical way, which thickens by the kernel's integral.
+    /// 1, the kernel's peak. Historical: the volume is denser by the kernel's integral.
     Peak,
 }
+
+named! { "normalization", Normalization { Unit: "unit", Peak: "peak" } }
 
 impl Normalization {
     /// N for a kernel.
     #[must_use]
-    pub fn divisor(self, kernel: &Kernel) -> f64 {
+    pub(crate) fn divisor(self, kernel: &Kernel) -> f64 {
         match self {
             Self::Unit => kernel.integral(),
             Self::Peak => 1.0,
@@ -139,7 +141,8 @@ impl Normalization {
     }
 }
 
-/// I_2(z) / z^2 from z^2: the series sum_k (z^2/4)^k / (4 k! (k+2)!) (Abramowitz and Stegun 9.6.10), all terms positive.
+/// I_2(z) / z^2 from z^2: the series sum_k (z^2/4)^k / (4 k! (k+2)!) (Abramowitz and Stegun 9.6.10), all terms
+/// positive.
 fn bessel_i2_over_z2(z2: f64) -> f64 {
     let q = z2 / 4.0;
     let mut term = 1.0 / 8.0;

@@ -59,10 +59,11 @@ use rayon::prelude::*;
 #[cfg(doc)]
 use crate::camera::Growth;
 use crate::camera::{Camera, Projection};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::image::Image;
 use crate::kernel::Kernel;
 use crate::lighting::Lighting;
+use crate::progress::Progress;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
@@ -79,7 +80,7 @@ const LONGEST_STEP: f64 = 0.2;
 /// Holds a quarter of a byte per voxel and 32 bytes more per voxel that counts, 56 where voxels are lit: those not
 /// clear, in post-shading and maximum intensity those whose value is not the base. Pictures of any size need no more.
 #[derive(Debug)]
-pub struct Scene {
+pub struct Reference {
     grid: Grid,
     splats: Splats,
     profile: Profile,
@@ -88,6 +89,7 @@ pub struct Scene {
     longest_step: f64,
     antialiasing: bool,
     method: Method,
+    progress: Progress,
 }
 
 /// What is made of the sums over splats along a ray.
@@ -103,12 +105,12 @@ enum Method {
     Maximum(TransferFunction),
 }
 
-impl Scene {
+impl Reference {
     /// Classifies a volume once, for the model, shading, light, kernel and normalization of `settings`.
     ///
     /// # Errors
-    /// [`Error::Setting`] where a setting is out of range, [`Error::Volume`] where samples are NaN, infinite or too far
-    /// apart, [`Error::Transfer`] where an extinction overflows.
+    /// [`Error::Setting`](crate::error::Error::Setting) where a setting is out of range, [`Error::Volume`] where samples are NaN, infinite or too far
+    /// apart, [`Error::Transfer`](crate::error::Error::Transfer) where an extinction overflows.
     pub fn new(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Self> {
         settings.validate()?;
         volume.check_finite()?;
@@ -134,39 +136,42 @@ impl Scene {
             longest_step: LONGEST_STEP * scale(kernel),
             antialiasing: settings.antialiasing,
             method,
+            progress: Progress::default(),
         })
     }
 
-    /// The picture that a camera sees, `size` = width and height in pixels, one ray through the centre of each pixel.
+    /// The same, telling how far each picture is: "integrating", rising to 1.
+    #[must_use]
+    pub fn with_progress(mut self, progress: Progress) -> Self {
+        self.progress = progress;
+        self
+    }
+
+    /// The picture that a camera sees, one ray through the centre of each pixel.
     ///
-    /// With antialiasing, kernels are as large as this camera and height make them. Runs on all cores of the current
-    /// rayon pool. `progress` is told the fraction done, rising to 1, from one thread at a time.
+    /// With antialiasing, kernels are as large as this camera makes them. Runs on all cores of the current rayon pool.
     ///
     /// # Errors
-    /// [`Error::Setting`] where a side of the picture is 0 or over [`Settings::MAX_SIZE`], [`Error::Camera`] where the
-    /// camera is not finite.
-    pub fn render(&self, camera: &Camera, size: [u32; 2], progress: &(dyn Fn(f64) + Sync)) -> Result<Image> {
-        Settings { size, ..Settings::default() }.validate()?;
-        let (origin, direction) = camera.ray(0.0, 0.0);
-        if ![origin, direction, camera.right, camera.up].iter().all(|v| v.is_finite()) {
-            return Err(Error::Camera("its position and axes must be finite".to_owned()));
-        }
+    /// [`Error::Camera`](crate::error::Error::Camera) if the camera is not finite; [`Error::Setting`] if a side of the picture is 0 or over
+    /// [`Camera::MAX_SIZE`] pixels.
+    pub fn render(&self, camera: &Camera) -> Result<Image> {
+        camera.validate()?;
         thread_local! {
             static SCRATCH: RefCell<Scratch> = RefCell::default();
         }
         let two_sided = matches!(camera.projection, Projection::Orthographic { .. });
         let sizes = if self.antialiasing {
-            Sizes::seen(self.radius, &self.grid, camera, camera.growth(&self.grid, size[1]))
+            Sizes::seen(self.radius, &self.grid, camera, camera.growth(&self.grid))
         } else {
             Sizes::fixed(self.radius)
         };
-        let [width, height] = size;
+        let [width, height] = camera.size;
         let done = Mutex::new(0_u32);
         let mut image = Image::transparent(width, height)?;
         image.pixels_mut().par_chunks_mut(width as usize).enumerate().for_each(|(y, row)| {
             SCRATCH.with_borrow_mut(|scratch| {
                 for (x, pixel) in (0..width).zip(row) {
-                    let (sx, sy) = Camera::image_coordinates([x, y as u32], size);
+                    let (sx, sy) = camera.image_coordinates([x, y as u32]);
                     let (origin, direction) = camera.ray(sx, sy);
                     *pixel = self.trace(origin, direction, two_sided, sizes, scratch).rgba().map(|v| v as f32);
                 }
@@ -174,7 +179,7 @@ impl Scene {
             // Held while reporting: a fraction never follows a larger one.
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
             *done += 1;
-            progress(f64::from(*done) / f64::from(height));
+            self.progress.report("integrating", f64::from(*done) / f64::from(height));
         });
         Ok(image)
     }

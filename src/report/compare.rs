@@ -1,7 +1,7 @@
 //! Differences of pictures, on premultiplied RGBA as composited; alpha counts like the colours.
 //!
-//! What a difference means: 1/255 = 3.9e-3 is one step of an 8-bit channel, which nobody sees; 1e-3 and less cannot
-//! change an 8-bit picture by more than one step; 1e-6 is the rounding of f32.
+//! Scale of differences: 1/255 = 3.9e-3 is one step of an 8-bit channel, which is invisible. A difference up to 1e-3
+//! cannot change an 8-bit picture by more than one step. 1e-6 is the rounding of f32.
 
 use std::fmt;
 
@@ -10,56 +10,83 @@ use serde::{Serialize, Serializer};
 use crate::error::{Error, Result};
 use crate::image::Image;
 
-/// What a comparison found. With d the differences of all channels of all pixels:
+/// The result of a comparison. d stands for the differences of all channels of all pixels.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
     /// Width and height of both pictures, pixels.
     pub size: [u32; 2],
-    /// max |d|; infinite where either picture has a value that is not finite.
+    /// max |d|; infinite if either picture has a value that is not finite.
     #[serde(serialize_with = "finite_or_text")]
     pub max: f64,
     /// max |d| of red, green, blue and alpha.
     pub max_channel: [f64; 4],
     /// mean |d|.
     pub mean: f64,
-    /// sqrt(mean d^2).
+    /// sqrt(mean d^2) over all pixels.
     pub rms: f64,
-    /// -20 log10(rms) dB, relative to a signal of 1; infinite where the pictures are equal.
+    /// Pixels that either picture covers: alpha is over 0, or NaN. An opaque picture covers all of its pixels.
+    pub covered: u64,
+    /// sqrt(mean d^2) over all four channels of the covered pixels only; 0 if there are none.
+    ///
+    /// Unlike `rms` it does not fall when the same volume is drawn with more empty space around it.
+    #[serde(serialize_with = "finite_or_text")]
+    pub rms_covered: f64,
+    /// -20 log10(rms) dB, relative to a signal of 1; infinite if the pictures are equal.
     #[serde(serialize_with = "finite_or_text")]
     pub psnr: f64,
-    /// What the pixels were held to.
+    /// The largest difference of a channel that is tolerated.
     pub tolerance: f64,
-    /// Pixels of which some channel differs by more than the tolerance.
+    /// Pixels with a channel that differs by more than the tolerance.
     pub outliers: u64,
-    /// Those, of all pixels.
+    /// `outliers` as a fraction of all pixels, 0 to 1.
     pub outlier_fraction: f64,
     /// Column and row, from the top left, of the pixel that differs most.
     pub worst: [u32; 2],
 }
 
-/// JSON has no infinity: it is written as the text "inf" or "-inf". Pictures with NaN have a PSNR of -inf.
+/// Writes an infinite number as the text "inf" or "-inf", as JSON has no infinity. A PSNR is -inf if a picture has NaN.
 fn finite_or_text<S: Serializer>(value: &f64, serializer: S) -> std::result::Result<S::Ok, S::Error> {
     if value.is_finite() { serializer.serialize_f64(*value) } else { serializer.serialize_str(&value.to_string()) }
 }
 
-/// Compares two pictures of the same size.
+/// Compares two pictures of the same size. A pixel is an outlier if a channel differs by more than `tolerance`.
 ///
-/// A value that is not finite on either side differs infinitely, even from itself: NaN is never a match.
+/// A value that is not finite in either picture differs infinitely, even from itself: NaN never matches.
+///
+/// ```
+/// use voxsplat::image::Image;
+/// use voxsplat::report::compare;
+///
+/// let a = Image::new(2, 1, vec![[0.0; 4], [0.5, 0.5, 0.5, 1.0]])?;
+/// let b = Image::new(2, 1, vec![[0.0; 4], [0.5, 0.5, 0.25, 1.0]])?;
+/// let comparison = compare(&a, &b, 0.01)?;
+/// assert_eq!((comparison.max, comparison.outliers, comparison.worst), (0.25, 1, [1, 0]));
+/// // One pixel is covered: sqrt(0.25^2 / 4).
+/// assert_eq!((comparison.covered, comparison.rms_covered), (1, 0.125));
+/// # Ok::<(), voxsplat::error::Error>(())
+/// ```
 ///
 /// # Errors
-/// [`Error::Compare`] where the sizes differ.
+/// [`Error::Compare`] if the sizes differ or the pictures have no pixels.
 pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
     check_sizes(a, b)?;
     let (mut max_channel, mut sum, mut squares) = ([0.0_f64; 4], 0.0, 0.0);
     let (mut outliers, mut max, mut worst) = (0, 0.0, 0);
+    let (mut covered, mut squares_covered) = (0_u64, 0.0);
     for (index, (p, q)) in a.pixels().iter().zip(b.pixels()).enumerate() {
         let mut pixel = 0.0_f64;
+        let mut pixel_squares = 0.0;
         for c in 0..4 {
             let d = difference(p[c], q[c]);
             max_channel[c] = max_channel[c].max(d);
             sum += d;
-            squares += d * d;
+            pixel_squares += d * d;
             pixel = pixel.max(d);
+        }
+        squares += pixel_squares;
+        if [p[3], q[3]].iter().any(|alpha| *alpha > 0.0 || alpha.is_nan()) {
+            covered += 1;
+            squares_covered += pixel_squares;
         }
         outliers += u64::from(pixel > tolerance);
         if pixel > max {
@@ -75,6 +102,8 @@ pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
         max_channel,
         mean: sum / count,
         rms,
+        covered,
+        rms_covered: (squares_covered / (4 * covered.max(1)) as f64).sqrt(),
         psnr: -20.0 * rms.log10(),
         tolerance,
         outliers,
@@ -83,11 +112,11 @@ pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
     })
 }
 
-/// An opaque picture of |a - b| * gain: red, green and blue of the colours, to each of which the difference of alpha is
-/// added, so that a difference of alpha alone shows as gray.
+/// An opaque picture of the differences of red, green and blue, times `gain`. The difference of alpha is added to each
+/// of them, so a difference of alpha alone shows as gray.
 ///
 /// # Errors
-/// [`Error::Compare`] where the sizes differ.
+/// [`Error::Compare`] if the sizes differ or the pictures have no pixels.
 pub fn difference_picture(a: &Image, b: &Image, gain: f64) -> Result<Image> {
     check_sizes(a, b)?;
     let pixels = a.pixels().iter().zip(b.pixels()).map(|(p, q)| {
@@ -123,6 +152,7 @@ impl fmt::Display for Comparison {
         writeln!(f, "  r g b a {r:.3e} {g:.3e} {b:.3e} {a:.3e}")?;
         writeln!(f, "mean      {:.3e}", self.mean)?;
         writeln!(f, "rms       {:.3e}", self.rms)?;
+        writeln!(f, "covered   {} pixels, rms {:.3e}", self.covered, self.rms_covered)?;
         writeln!(f, "psnr      {:.1} dB", self.psnr)?;
         writeln!(
             f,
@@ -155,6 +185,21 @@ mod tests {
     }
 
     #[test]
+    fn pixels_that_neither_picture_covers_do_not_dilute_the_rms() {
+        let (clear, half) = ([0.0; 4], [0.25, 0.25, 0.25, 0.5]);
+        let a = image(&[clear, clear, clear, half]);
+        let b = image(&[clear, clear, half, half]);
+        let c = compare(&a, &b, 0.0).unwrap();
+        let square: f64 = 3.0 * 0.0625 + 0.25;
+        assert_eq!(c.covered, 2);
+        assert!((c.rms_covered - (square / 8.0).sqrt()).abs() < 1e-12);
+        assert!((c.rms - (square / 16.0).sqrt()).abs() < 1e-12);
+        assert!(c.to_string().contains("covered   2 pixels, rms 2.339e-1"), "{c}");
+        let nothing = compare(&image(&[clear]), &image(&[clear]), 0.0).unwrap();
+        assert_eq!((nothing.covered, nothing.rms_covered), (0, 0.0));
+    }
+
+    #[test]
     fn equal_pictures_have_no_difference() {
         let a = image(&[[0.1, 0.2, 0.3, 0.4]]);
         let c = compare(&a, &a, 0.0).unwrap();
@@ -167,7 +212,7 @@ mod tests {
         let a = image(&[[f32::NAN, 0.0, 0.0, 0.0]]);
         let c = compare(&a, &a, 1e9).unwrap();
         assert!(c.max.is_infinite() && c.outliers == 1);
-        // The worst there is, not the best: "inf" is what equal pictures have.
+        // "-inf" is the worst PSNR; "inf" is that of equal pictures.
         assert!(serde_json::to_string(&c).unwrap().contains("\"psnr\":\"-inf\""));
     }
 

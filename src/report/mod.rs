@@ -1,4 +1,4 @@
-//! How far two pictures are apart.
+//! The difference of two pictures.
 
 mod compare;
 

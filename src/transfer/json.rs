@@ -12,9 +12,10 @@ use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
 use serde_json::value::RawValue;
 
 use super::{ControlPoint, TransferFunction};
+use crate::color;
 use crate::error::{Error, Result};
 
-/// The file; its points stay text until each is read by itself, so that an error can name the point and its line.
+/// The file. Points stay text until each is parsed by itself, so an error can name the point and its line.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields, expecting = "an object with the keys `points` and `unit_distance`")]
 struct Document<'a> {
@@ -45,7 +46,7 @@ impl<'de> Deserialize<'de> for Color {
             }
 
             fn visit_str<E: de::Error>(self, text: &str) -> Result<Color, E> {
-                hex(text).map(Color).ok_or_else(|| E::invalid_value(de::Unexpected::Str(text), &self))
+                color::hex(text).map(Color).ok_or_else(|| E::invalid_value(de::Unexpected::Str(text), &self))
             }
 
             fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Color, A::Error> {
@@ -63,14 +64,7 @@ impl<'de> Deserialize<'de> for Color {
     }
 }
 
-/// The colour of `#rrggbb`.
-fn hex(text: &str) -> Option<[f64; 3]> {
-    let digits = text.strip_prefix('#').filter(|d| d.len() == 6 && d.bytes().all(|b| b.is_ascii_hexdigit()))?;
-    let number = u32::from_str_radix(digits, 16).ok()?;
-    Some([16, 8, 0].map(|shift| f64::from(number >> shift & 0xff) / 255.0))
-}
-
-/// The message of a JSON error without the position that it ends in.
+/// The message of a JSON error without the position at its end.
 fn bare(error: &serde_json::Error) -> String {
     let text = error.to_string();
     text.split_once(" at line ").map_or(text.clone(), |(message, _)| message.to_owned())
@@ -80,15 +74,15 @@ impl TransferFunction {
     /// Reads a transfer function from JSON text.
     ///
     /// # Errors
-    /// [`Error::Transfer`] that names the line and, inside of one, the point: malformed JSON, missing or unknown keys,
-    /// colours that are none, and whatever [`TransferFunction::new`] refuses.
+    /// [`Error::Transfer`] for malformed JSON, missing or unknown keys, wrong colours, and all that
+    /// [`TransferFunction::new`] refuses. It names the line and, inside a point, the point.
     pub fn from_json(text: &str) -> Result<Self> {
         let document: Document<'_> = serde_json::from_str(text)
             .map_err(|e| Error::Transfer(format!("line {} column {}: {}", e.line(), e.column(), bare(&e))))?;
         let mut points: Vec<ControlPoint> = Vec::with_capacity(document.points.len());
         for raw in document.points {
             let number = points.len() + 1;
-            // The raw text is a slice of `text`: how far into it tells the line.
+            // The raw text is a slice of `text`: its offset gives the line.
             let start = raw.get().as_ptr().addr() - text.as_ptr().addr();
             let line = 1 + text[..start].bytes().filter(|&b| b == b'\n').count();
             let error = |line: usize, reason: &str| Error::Transfer(format!("point {number} (line {line}): {reason}"));
@@ -101,22 +95,24 @@ impl TransferFunction {
         Self::new(points, document.unit_distance)
     }
 
-    /// Reads a JSON file.
+    /// Reads a transfer function from a JSON file.
     ///
     /// # Errors
-    /// [`Error::Read`], or [`Error::Format`] for what [`TransferFunction::from_json`] refuses.
-    pub fn load(path: &Path) -> Result<Self> {
+    /// [`Error::Read`] if the file cannot be read, [`Error::Format`] if [`TransferFunction::from_json`] refuses its
+    /// text.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
         let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
         Self::from_json(&text).map_err(|e| {
             let reason = match e {
                 Error::Transfer(reason) => reason,
                 other => other.to_string(),
             };
-            Error::Format { path: path.to_owned(), reason }
+            Error::Format { path: path.to_owned(), reason, hint: None }
         })
     }
 
-    /// The function as JSON text, one point per line; [`TransferFunction::from_json`] gives it back exactly.
+    /// The function as JSON text, one point per line. [`TransferFunction::from_json`] reads back the same function.
     #[must_use]
     pub fn to_json(&self) -> String {
         let points: Vec<String> = self
@@ -133,7 +129,7 @@ impl TransferFunction {
     }
 }
 
-/// The shortest decimal that reads back as the same number; always finite here.
+/// The shortest decimal that reads back as the same number. Numbers of a transfer function are finite.
 fn number(value: f64) -> String {
     format!("{value:?}")
 }

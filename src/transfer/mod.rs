@@ -10,14 +10,14 @@ use crate::error::{Error, Result};
 pub struct ControlPoint {
     /// The scalar value.
     pub value: f64,
-    /// Red, green and blue in 0..1, in display space (composited and written as they are).
+    /// Red, green and blue in 0..1, in display space: they are composited and written without conversion.
     pub color: [f64; 3],
     /// Opacity in 0..1 of a slab one unit distance thick.
     pub opacity: f64,
 }
 
 impl ControlPoint {
-    /// What is wrong with the point where it follows `before`.
+    /// Checks the point, and that it may follow `before`.
     fn check(&self, before: Option<&Self>) -> Result<(), String> {
         if !self.value.is_finite() {
             return Err(format!("value {} is not finite", self.value));
@@ -36,7 +36,7 @@ impl ControlPoint {
 
 /// A piecewise linear map from scalar values to colour and opacity, constant beyond its ends.
 ///
-/// Two points at the same value make a step: at the value itself the later one holds.
+/// Two points at the same value make a step; at the value itself the later point holds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TransferFunction {
     points: Vec<ControlPoint>,
@@ -44,19 +44,34 @@ pub struct TransferFunction {
 }
 
 impl TransferFunction {
-    /// Opacities are clamped here: fully opaque would be infinite extinction. One unit distance of it still leaves
-    /// less than 1/65000, which no 8 or 16 bit picture shows.
+    /// Larger opacities are clamped to this one: an opacity of 1 would be infinite extinction. Through one unit
+    /// distance of it less than 1/65000 of the light passes, which no 8 or 16 bit picture shows.
     pub const MAX_OPACITY: f64 = 1.0 - 1.0 / 65_536.0;
 
     /// The most control points accepted.
     pub const MAX_POINTS: usize = 4096;
 
-    /// A transfer function through `points`, whose opacities are meant per `unit_distance` (world units; `None`: the
-    /// smallest spacing of the volume it is applied to).
+    /// A transfer function through `points`. Their opacities are those of a slab `unit_distance` thick, in world units;
+    /// `None` is the smallest spacing of the volume that the function is applied to.
+    ///
+    /// ```
+    /// use voxsplat::transfer::{ControlPoint, TransferFunction};
+    ///
+    /// // Bone in Hounsfield units: invisible up to 150, then an ivory that grows denser.
+    /// let bone = [1.0, 0.95, 0.85];
+    /// let points = vec![
+    ///     ControlPoint { value: 150.0, color: bone, opacity: 0.0 },
+    ///     ControlPoint { value: 1200.0, color: bone, opacity: 0.4 },
+    /// ];
+    /// let transfer = TransferFunction::new(points, None)?;
+    /// let (color, opacity) = transfer.sample(675.0);
+    /// assert_eq!((color, opacity), (bone, 0.2));
+    /// # Ok::<(), voxsplat::error::Error>(())
+    /// ```
     ///
     /// # Errors
-    /// [`Error::Transfer`] where there are no points or over [`Self::MAX_POINTS`], values are not finite or not in
-    /// ascending order, colours or opacities leave 0..1, or the unit distance is not positive.
+    /// [`Error::Transfer`] if there is no point or more than [`Self::MAX_POINTS`], if values are not finite or not in
+    /// ascending order, if a colour or an opacity is outside 0..1, or if the unit distance is not positive.
     pub fn new(points: Vec<ControlPoint>, unit_distance: Option<f64>) -> Result<Self> {
         let error = |reason: String| Err(Error::Transfer(reason));
         if points.is_empty() || points.len() > Self::MAX_POINTS {
@@ -86,16 +101,16 @@ impl TransferFunction {
         [self.points[0].value, self.points[self.points.len() - 1].value]
     }
 
-    /// The distance that opacities are meant for, where the function states one.
+    /// The thickness of slab, in world units, that opacities belong to; `None` is the smallest spacing of the volume.
     #[must_use]
     pub fn unit_distance(&self) -> Option<f64> {
         self.unit_distance
     }
 
-    /// Colour and opacity (not clamped) at a value.
+    /// Colour and opacity at a value. The opacity is not clamped to [`Self::MAX_OPACITY`].
     #[must_use]
     pub fn sample(&self, value: f64) -> ([f64; 3], f64) {
-        // `above` is the first point past the value: the segment is (above - 1, above).
+        // `above` is the first point over the value, so the segment is from above - 1 to above.
         let above = self.points.partition_point(|p| p.value <= value);
         let (a, b) = match (above.checked_sub(1), self.points.get(above)) {
             (Some(a), Some(b)) => (&self.points[a], b),
@@ -107,25 +122,32 @@ impl TransferFunction {
         (std::array::from_fn(|c| mix(a.color[c], b.color[c])), mix(a.opacity, b.opacity))
     }
 
-    /// Extinction per world unit for an opacity per `unit` of distance: -ln(1 - opacity) / unit.
+    /// Extinction per world unit of a slab with the given opacity, `unit` world units thick: -ln(1 - opacity) / unit.
     #[must_use]
     pub fn extinction(opacity: f64, unit: f64) -> f64 {
         -(-opacity.min(Self::MAX_OPACITY)).ln_1p() / unit
     }
 
-    /// The unit distance that holds for a volume of smallest spacing `min_spacing`.
+    /// The unit distance for a volume whose smallest spacing is `min_spacing`, in world units.
     #[must_use]
-    pub fn unit_or(&self, min_spacing: f64) -> f64 {
+    pub(crate) fn unit_or(&self, min_spacing: f64) -> f64 {
         self.unit_distance.unwrap_or(min_spacing)
     }
 
-    /// The value that stands for nothing: what a scalar field is beyond the voxels that are modelled.
+    /// The base value: the value of a scalar field outside the voxels that have splats.
     ///
-    /// Post-shading reconstructs the difference of the scalar from this value, so that voxels which show nothing need no
-    /// splats. It is a value of no opacity, as near to the visible ones as the transfer function allows (a kernel's sums
-    /// err in proportion to the difference): the upper end of the clear values below all visible ones; else the lower
-    /// end of those above; else a clear value between; where no value is clear, that of the first point. An end where
-    /// opacity jumps is avoided by half the distance to the next point.
+    /// Post-shading reconstructs the difference of the scalar from the base value, so voxels that show nothing need no
+    /// splats. The base value has no opacity, if any value has none, and is as near to the visible values as the
+    /// transfer function allows: the error of a sum of kernels is proportional to the difference. It is the first of
+    /// these:
+    ///
+    /// 1. the upper end of the values without opacity below all visible values;
+    /// 2. the lower end of the values without opacity above all visible values;
+    /// 3. a value without opacity between visible values;
+    /// 4. the value of the first point.
+    ///
+    /// If opacity jumps at such an end, the base value is half way from there to the neighbouring clear point. If there is
+    /// none, it is half the range of the points away, and at least 0.5.
     #[must_use]
     pub fn base(&self) -> f64 {
         let p = &self.points;
@@ -150,7 +172,8 @@ impl TransferFunction {
                 None => beyond(start, 1.0),
             };
         }
-        // Between two clear points all is clear; one alone, unless a step runs through it, is at its value.
+        // Between two clear points every value is clear. A single clear point is clear at its value, unless it is part
+        // of a step.
         let between = p.windows(2).find(|w| w.iter().all(|q| q.opacity <= 0.0) && w[0].value < w[1].value);
         if let Some([a, b]) = between {
             return f64::midpoint(a.value, b.value);
@@ -158,22 +181,22 @@ impl TransferFunction {
         p.iter().find(|q| self.sample(q.value).1 <= 0.0).unwrap_or(&p[0]).value
     }
 
-    /// Whether no value of a range (both ends included, either may be infinite) has opacity.
+    /// Whether no value of a range has opacity. Both ends are included, and either may be infinite.
     #[must_use]
-    pub fn is_clear(&self, [low, high]: [f64; 2]) -> bool {
+    pub(crate) fn is_clear(&self, [low, high]: [f64; 2]) -> bool {
         let ends = [low, high].map(|v| self.sample(v.clamp(f64::MIN, f64::MAX)).1);
         let inside = self.points.iter().filter(|p| (low..=high).contains(&p.value)).map(|p| p.opacity);
         ends.into_iter().chain(inside).all(|opacity| opacity <= 0.0)
     }
 
-    /// The range of values without opacity that `value` lies in, both ends included; infinite where there is no end,
-    /// `None` where the value has opacity. Where opacity jumps the range ends half way to the jump.
+    /// The largest range of values without opacity around `value`, both ends included; an end may be infinite. `None`
+    /// if the value has opacity. If opacity jumps at an end, the range ends half way to the jump.
     #[must_use]
-    pub fn clear_around(&self, value: f64) -> Option<[f64; 2]> {
+    pub(crate) fn clear_around(&self, value: f64) -> Option<[f64; 2]> {
         if !self.is_clear([value; 2]) {
             return None;
         }
-        // A segment is clear where both its ends are: the range ends with the last point before one that is not.
+        // A segment is clear if both its ends are, so the range ends with the last clear point.
         let end = |visible: Option<&ControlPoint>, last: Option<&ControlPoint>, infinite: f64| match (visible, last) {
             (None, _) => infinite,
             (Some(visible), Some(last)) if last.value != visible.value => last.value,
@@ -191,7 +214,7 @@ impl TransferFunction {
 
     /// The largest opacity of any point.
     #[must_use]
-    pub fn max_opacity(&self) -> f64 {
+    pub(crate) fn max_opacity(&self) -> f64 {
         self.points.iter().map(|p| p.opacity).fold(0.0, f64::max)
     }
 }

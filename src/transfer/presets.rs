@@ -1,9 +1,10 @@
 //! Transfer functions by name, fitted to the values of a volume.
 //!
-//! All opacities are per voxel (the smallest spacing). The background keeps opacity 0 exactly: what has none is never
-//! modelled. There is no lighting, so colour darkens with falling value to tell depth and edges.
+//! All opacities are per voxel (the smallest spacing). The background has opacity 0 exactly, so it needs no splats.
+//! Colours darken with falling value, which shows depth and edges without lighting.
 
 use super::{ControlPoint, TransferFunction};
+use crate::color;
 use crate::error::{Error, Result};
 use crate::volume::{Statistics, Volume};
 
@@ -37,29 +38,26 @@ pub const PRESETS: &[Preset] = &[
     Preset { name: "inferno", description: "the colour map inferno with a gentle ramp of opacity", build: inferno },
 ];
 
-/// The preset `name` for values distributed as `statistics` tells.
+/// The preset `name`, fitted to a distribution of values.
 ///
 /// # Errors
-/// [`Error::Transfer`] for a name that is none, with those that are; for a volume of one value only.
+/// [`Error::Transfer`] if there is no such preset (the message lists them), or if all values are the same.
 pub fn preset(name: &str, statistics: &Statistics) -> Result<TransferFunction> {
     let preset = find(name)?;
     let levels = Levels::of(statistics).ok_or_else(|| {
         Error::Transfer(format!(
-            "preset {name} adapts to the range of the values, but they are all {}: give points with --transfer FILE.json",
+            "preset {name} adapts to the range of the values, but they are all {}: give control points instead",
             statistics.min
         ))
     })?;
     TransferFunction::new((preset.build)(&levels), None)
 }
 
-/// The preset of a name.
-///
-/// # Errors
-/// [`Error::Transfer`] for a name that is none, with those that are.
-pub fn find(name: &str) -> Result<&'static Preset> {
+/// The preset with a name.
+fn find(name: &str) -> Result<&'static Preset> {
     PRESETS.iter().find(|p| p.name == name).ok_or_else(|| {
         let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
-        Error::Transfer(format!("no preset is called {name:?}: there are {}, or give a FILE.json", names.join(", ")))
+        Error::Transfer(format!("no preset is called {name:?}: there are {}", names.join(", ")))
     })
 }
 
@@ -68,11 +66,11 @@ pub fn find(name: &str) -> Result<&'static Preset> {
 pub struct Suggestion {
     /// The preset's name.
     pub name: &'static str,
-    /// What in the volume speaks for it.
+    /// The property of the volume that speaks for it.
     pub reason: String,
 }
 
-/// Chooses a preset by the values alone; a guess that says what it saw.
+/// Guesses a preset from the values; the reason says which property decided.
 #[must_use]
 pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
     let say = |name, reason: String| Suggestion { name, reason };
@@ -87,10 +85,11 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
     let Some(levels) = Levels::of(statistics) else {
         return say("grayscale", format!("all values are {}", statistics.min));
     };
-    // Otsu's threshold within the brighter class parts bone or contrast agent from flesh in CT: a minority of what
-    // is not background. In MRI no tissue stands out so: about half of it lies on either side.
+    // Otsu's threshold within the brighter class separates bone or contrast agent from flesh in CT: a minority of the
+    // foreground. In MRI no tissue stands out like that, and about half of the foreground lies on either side.
     let (over, foreground) = (statistics.fraction_above(levels.bright), statistics.fraction_above(levels.background));
     let share = 100.0 * over / foreground.max(f64::MIN_POSITIVE);
+    // The two bounds are rules of thumb.
     let saw = format!("{share:.1} % of the foreground is over {}", (levels.bright * 1e4).round() / 1e4);
     if share < 3.0 {
         say("angiography", format!("{saw}: thin and far brighter than the rest, as vessels with contrast agent are"))
@@ -101,12 +100,34 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
     }
 }
 
-/// Whether values look like Hounsfield units: air far below 0 and bone or contrast agent well above.
+impl TransferFunction {
+    /// A preset fitted to the values of a volume, which are all read.
+    ///
+    /// # Errors
+    /// [`Error::Transfer`] as [`preset`]; [`Error::Read`] and [`Error::Memory`] if samples left in a file cannot be read.
+    pub fn preset(name: &str, volume: &Volume) -> Result<Self> {
+        preset(name, &Statistics::of(volume)?)
+    }
+
+    /// The preset that [`suggest`] chooses for a volume, fitted to its values, and the reason for the choice.
+    ///
+    /// A built-in volume has a better one of its own: [`own_transfer`](crate::demos::own_transfer).
+    ///
+    /// # Errors
+    /// [`Error::Transfer`] if all values are the same: then there is no range to fit to.
+    pub fn for_volume(volume: &Volume, statistics: &Statistics) -> Result<(Self, Suggestion)> {
+        let suggestion = suggest(volume, statistics);
+        Ok((preset(suggestion.name, statistics)?, suggestion))
+    }
+}
+
+/// Whether values look like Hounsfield units: air (-1000) is far below 0, and bone or contrast agent far above it. Values
+/// far outside the range of scanners are another quantity.
 fn is_hounsfield(s: &Statistics) -> bool {
     s.min < -200.0 && s.max > 300.0 && s.min >= -10_000.0 && s.max <= 100_000.0
 }
 
-/// The values that presets hang their points on, ascending but for ties.
+/// The values at which presets place their points, ascending; neighbours may be equal.
 struct Levels {
     hounsfield: bool,
     /// The end of the background.
@@ -117,9 +138,9 @@ struct Levels {
     vessel: f64,
     /// Otsu's threshold of the values over `object`.
     bright: f64,
-    /// The 99.9th percentile of the values over `bright`: where the hardest tissue ends.
+    /// The 99.9th percentile of the values over `bright`: the end of the hardest tissue.
     top: f64,
-    /// The 99.5th percentile of the foreground: where ramps over all of it end.
+    /// The 99.5th percentile of the foreground: the end of ramps over all of it.
     high: f64,
 }
 
@@ -135,17 +156,14 @@ impl Levels {
     }
 }
 
-/// The value a part `f` of the way from `a` to `b`.
+/// Linear interpolation from `a` (f = 0) to `b` (f = 1).
 fn between(a: f64, b: f64, f: f64) -> f64 {
     a + (b - a) * f
 }
 
 /// Points from (value, `0xrrggbb`, opacity).
 fn points(rows: &[(f64, u32, f64)]) -> Vec<ControlPoint> {
-    let channel = |rgb: u32, shift: u32| f64::from(rgb >> shift & 0xff) / 255.0;
-    rows.iter()
-        .map(|&(value, rgb, opacity)| ControlPoint { value, color: [16, 8, 0].map(|s| channel(rgb, s)), opacity })
-        .collect()
+    rows.iter().map(|&(value, rgb, opacity)| ControlPoint { value, color: color::packed(rgb), opacity }).collect()
 }
 
 fn ct_bone(l: &Levels) -> Vec<ControlPoint> {
@@ -203,7 +221,7 @@ fn grayscale(l: &Levels) -> Vec<ControlPoint> {
     points(&[(l.background, 0x00_0000, 0.0), (l.high, 0xff_ffff, 0.2)])
 }
 
-/// A colour map over the values past the background, its opacity rising with the square of the way along it.
+/// A colour map over the foreground. Opacity rises with the square of the position in the map, to 0.1.
 fn map(l: &Levels, color: impl Fn(f64) -> colorous::Color) -> Vec<ControlPoint> {
     const STEPS: u32 = 16;
     (0..=STEPS)
@@ -220,7 +238,7 @@ fn map(l: &Levels, color: impl Fn(f64) -> colorous::Color) -> Vec<ControlPoint> 
 }
 
 fn gray(l: &Levels) -> Vec<ControlPoint> {
-    // The colour map runs from white to black.
+    // The map of `colorous` runs from white to black.
     map(l, |f| colorous::GREYS.eval_continuous(1.0 - f))
 }
 

@@ -1,51 +1,52 @@
-//! A volume brick by brick: what each holds is known from its range, and only bricks that matter are read again.
+//! A volume brick by brick. The range of a brick tells whether it shows anything; only visible bricks are read again.
 
 use std::ops::Range;
 
-use bytemuck::Pod;
 use rayon::prelude::*;
 
-use super::{Samples, ToF64, Volume, with_samples};
+use super::{Number, Samples, ToF64, Volume, with_samples};
 use crate::error::Result;
 
-/// Voxels along the side of a brick.
+/// Voxels along the edge of a brick.
 pub(crate) const EDGE: usize = 32;
 
-/// Bytes of samples that are read at a time, as far as one row of bricks allows.
+/// Bytes of samples read at a time; more if one row of bricks per thread takes more.
 const READ: usize = 8 << 20;
 
-/// How samples are written down for whoever wants bricks.
+/// The encoding in which a consumer of bricks wants their samples.
 pub(crate) trait RowCoding: Sync {
-    /// Appends samples to what is there.
-    fn append<T: ToF64 + Pod>(&self, samples: &[T], bytes: &mut Vec<u8>);
+    /// Appends encoded samples.
+    fn append<T: Number>(&self, samples: &[T], bytes: &mut Vec<u8>);
 }
 
-/// The lattice point of a brick's first voxel, and its samples with the halo around them, coded, x fastest.
+/// The lattice point of a brick's first voxel, and its encoded samples with the halo around them, x fastest.
 pub(crate) type Brick = ([u32; 3], Vec<u8>);
 
-/// Ranges of a row of bricks along x, as far as they were looked for, and those of the bricks that show something.
+/// A row of bricks along x: their ranges (empty if they were known before), and each brick that shows something.
 type Row = (Vec<[f64; 2]>, Vec<Option<Brick>>);
 
-/// The planes of a row of bricks along x, with the halo in y and z; copies of the edge where the volume ends.
+/// The samples of a row of bricks along x, with the halo in y and z as far as the volume reaches.
 pub(crate) struct Strip {
     dims: [usize; 3],
     halo: usize,
-    /// Of each plane, the rows `rows`.
+    /// Per z, the samples of the rows `rows`.
     planes: Vec<Samples>,
     planes_from: usize,
     rows: Range<usize>,
 }
 
 impl Volume {
-    /// The number of bricks along each axis; those at the far ends may be cut short.
+    /// The number of bricks along each axis. The last brick of an axis may be cut short.
     pub(crate) fn bricks(&self) -> [u32; 3] {
         self.grid().dims().map(|d| d.div_ceil(EDGE as u32))
     }
 
-    /// Hands over the bricks, x fastest, whose range of stored samples `shows` something, coded and with `halo` voxels
-    /// around them that repeat the outermost ones of the volume; `None` for each of the others.
+    /// Calls `take` for each brick, x fastest: with its encoded samples if `shows` is true of its range of stored
+    /// samples, otherwise with `None`. `halo` voxels around a brick are included; outside the volume they repeat its
+    /// outermost voxels.
     ///
-    /// The first time every sample is read, and the ranges are kept; from then on only what shows is.
+    /// The first call reads every sample and keeps the ranges. Later calls read only rows of bricks that show
+    /// something.
     pub(crate) fn for_each_brick(
         &self,
         shows: &(dyn Fn([f64; 2]) -> bool + Sync),
@@ -82,7 +83,7 @@ impl Volume {
         Ok(())
     }
 
-    /// The least and the largest stored sample of each brick, x fastest; the first time every sample is read.
+    /// The least and the largest stored sample of each brick, x fastest. The first call reads every sample.
     pub(crate) fn ranges(&self) -> Result<&[[f64; 2]]> {
         if self.known_ranges().is_none() {
             let [_, down, deep] = self.bricks().map(|n| n as usize);
@@ -100,8 +101,9 @@ impl Volume {
         Ok(self.known_ranges().unwrap_or_default())
     }
 
-    /// Makes something of each row of bricks along x, given its number in y and in z, many at a time, and hands the results
-    /// over in order, y fastest. At most [`READ`] bytes of samples are in use, as far as one row with its halo allows.
+    /// Calls `make` for each row of bricks along x with the row's number in y and in z, in parallel, and `take` with
+    /// the results in order, y fastest. Rows in flight hold about [`READ`] bytes of samples, or one row per thread if
+    /// that is more.
     pub(crate) fn for_each_row<R: Send>(
         &self,
         [down, deep]: [usize; 2],
@@ -119,7 +121,7 @@ impl Volume {
         Ok(())
     }
 
-    /// Reads the row of bricks whose first voxels have these y and z, be they in the volume or beyond its faces.
+    /// Reads the row of bricks whose first voxels have these y and z, which may lie outside the volume.
     pub(crate) fn strip(&self, [y, z]: [i64; 2], halo: usize) -> Result<Strip> {
         let [nx, ny, nz] = self.grid().dims().map(|d| d as usize);
         let within =
@@ -134,13 +136,13 @@ impl Volume {
     }
 }
 
-/// The place nearest to `place` along an axis of `n`.
+/// The voxel of an axis of `n` voxels that is nearest to `place`.
 fn clamped(place: i64, n: usize) -> usize {
     place.clamp(0, n as i64 - 1) as usize
 }
 
 impl Strip {
-    /// The least and the largest stored sample of each brick, the halo left out.
+    /// The least and the largest stored sample of each brick, without the halo.
     fn ranges(&self, y: usize, z: usize) -> Vec<[f64; 2]> {
         let [nx, _, _] = self.dims;
         let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; nx.div_ceil(EDGE)];
@@ -150,7 +152,7 @@ impl Strip {
             with_samples!(plane, samples => {
                 for row in samples[rows.start * nx..rows.end * nx].chunks_exact(nx) {
                     for (range, run) in ranges.iter_mut().zip(row.chunks(EDGE)) {
-                        // Compared at their own width, which vectorises.
+                        // Samples are compared in their own type, which vectorises.
                         let (low, high) = run.iter().fold((run[0], run[0]), |(low, high), &v| {
                             (if v < low { v } else { low }, if v > high { v } else { high })
                         });
@@ -162,8 +164,8 @@ impl Strip {
         ranges
     }
 
-    /// The samples of the brick whose first voxel is at `at`, with the halo, coded; beyond its faces the volume repeats its
-    /// outermost voxels.
+    /// The encoded samples, with the halo, of the brick whose first voxel is at `at`. Outside the volume its outermost
+    /// voxels are repeated.
     pub(crate) fn brick(&self, at: [i64; 3], coding: &impl RowCoding) -> Vec<u8> {
         let [nx, ny, nz] = self.dims;
         let edge = EDGE + 2 * self.halo;
@@ -171,7 +173,7 @@ impl Strip {
         let [x, y, z] = at.map(|first| first - self.halo as i64);
         let end = x + edge as i64;
         let run = clamped(x, nx)..clamped(end - 1, nx) + 1;
-        // Copies of the first voxel, of the last.
+        // Copies of the first and of the last voxel of a row, outside the volume.
         let before = (-x).clamp(0, edge as i64 - run.len() as i64) as usize;
         let behind = edge - before - run.len();
         for k in 0..edge as i64 {

@@ -1,4 +1,4 @@
-//! Where the lattice points of a volume lie in the world.
+//! The position of a volume's lattice points in the world.
 
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -6,10 +6,10 @@ use crate::error::{Error, Result};
 
 /// A lattice of samples placed in the world by an affine map.
 ///
-/// Lattice coordinates are voxel indices: sample (i, j, k) lies at lattice point (i, j, k), i fastest in memory.
-/// World coordinates are in the file's unit of length (millimetres for most scans). Oriented medical files are brought
-/// to the patient space of DICOM: +x to the patient's left, +y to the back, +z to the head. Files without
-/// orientation have world axes along their lattice axes and the origin that they state.
+/// Lattice coordinates are voxel indices: sample (i, j, k) lies at lattice point (i, j, k), i fastest in memory. World
+/// coordinates are in the file's unit of length (millimetres for most scans). The world of an oriented medical file is
+/// the patient space of DICOM: +x to the patient's left, +y to the back, +z to the head. In a file without orientation
+/// the lattice axes are the world axes, and the origin is the file's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Grid {
     dims: [u32; 3],
@@ -17,14 +17,18 @@ pub struct Grid {
     to_lattice: DAffine3,
 }
 
-/// The largest extent of one axis: f32 lattice coordinates still tell 1/256 of a voxel apart.
+/// The volume of the box spanned by unit vectors along the axes, below which they count as coplanar. NIfTI states axes
+/// in f32, whose rounding of 6e-8 leaves about 1e-7 of coplanar axes.
+const COPLANAR: f64 = 1e-6;
+
+/// The most samples along an axis. Up to here, f32 lattice coordinates resolve 1/256 of a voxel.
 pub const MAX_DIM: u32 = 65_535;
 
 impl Grid {
-    /// A grid of `dims` samples whose lattice point p lies at `to_world * p`.
+    /// A grid of `dims` samples along x, y and z. Lattice point p lies at `to_world * p`.
     ///
     /// # Errors
-    /// [`Error::Volume`] where a dimension is 0 or over [`MAX_DIM`], or the map is singular or not finite.
+    /// [`Error::Volume`] if a dimension is 0 or over [`MAX_DIM`], or the map is singular or not finite.
     pub fn new(dims: [u32; 3], to_world: DAffine3) -> Result<Self> {
         if let Some(axis) = (0..3).find(|&a| dims[a] == 0 || dims[a] > MAX_DIM) {
             return Err(Error::Volume(format!(
@@ -38,10 +42,10 @@ impl Grid {
         }
         let m = to_world.matrix3;
         let lengths = [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()];
-        // The determinant relative to the axis lengths is the volume of the unit parallelepiped: it does not
-        // depend on the unit of length, so nanometre and kilometre grids pass the same test.
+        // The determinant over the axis lengths is the volume spanned by the unit axes. It does not depend on the unit
+        // of length, so grids in nanometres and in kilometres pass the same test.
         let unit_volume = m.determinant() / (lengths[0] * lengths[1] * lengths[2]);
-        if !to_world.is_finite() || !unit_volume.is_finite() || unit_volume.abs() < 1e-6 {
+        if !to_world.is_finite() || !unit_volume.is_finite() || unit_volume.abs() < COPLANAR {
             return Err(Error::Volume(format!(
                 "the grid's axes do not span space (spacing {} x {} x {}): check spacing and directions in the header",
                 lengths[0], lengths[1], lengths[2]
@@ -50,7 +54,7 @@ impl Grid {
         Ok(Self { dims, to_world, to_lattice: to_world.inverse() })
     }
 
-    /// An axis-parallel grid with the given spacing (world length per voxel), its first sample at the world's origin.
+    /// A grid along the world axes with the given spacing (world length per voxel); its first sample is at the origin.
     ///
     /// # Errors
     /// As [`Grid::new`].
@@ -70,7 +74,7 @@ impl Grid {
         self.dims.iter().map(|&d| u64::from(d)).product()
     }
 
-    /// Whether there are no samples: never, a grid has at least one.
+    /// Always false: a grid has at least one sample.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         false
@@ -109,7 +113,8 @@ impl Grid {
         self.to_world.transform_point3(last / 2.0)
     }
 
-    /// The eight world corners of the volume, whose boundary lies `margin` voxels outside the outermost samples.
+    /// The eight world corners of the box that lies `margin` voxels outside the outermost samples. Bit a of a corner's
+    /// index says whether it lies at the far end of lattice axis a.
     #[must_use]
     pub fn corners(&self, margin: f64) -> [DVec3; 8] {
         std::array::from_fn(|c| {

@@ -1,4 +1,4 @@
-//! Scans: a lattice of scalar samples, where it lies in the world, and what its numbers mean.
+//! Volumes: scalar samples on a lattice, its position in the world, and the map from samples to values.
 
 mod bricks;
 mod grid;
@@ -8,8 +8,8 @@ mod stored;
 
 pub(crate) use bricks::{EDGE as BRICK_EDGE, RowCoding};
 pub use grid::{Grid, MAX_DIM};
-pub(crate) use sample_type::Sample;
-pub use sample_type::{Endian, SampleType};
+pub use sample_type::{Endian, Sample, SampleType};
+pub(crate) use sample_type::{Number, ToF64, with_type};
 pub use statistics::{BackgroundEstimate, Statistics};
 pub(crate) use stored::{FileSamples, Stored};
 
@@ -35,7 +35,7 @@ pub enum Samples {
     F64(Vec<f64>),
 }
 
-/// Runs one expression over the samples whatever their type: `$s` is the `Vec`.
+/// Runs one expression over samples of any type: `$s` is their `Vec`.
 macro_rules! with_samples {
     ($samples:expr, $s:ident => $body:expr) => {
         match $samples {
@@ -68,22 +68,10 @@ impl Samples {
     }
 }
 
-/// Conversion to f64 of every sample type; `as` for 64-bit integers, exact otherwise.
-pub(crate) trait ToF64: Copy + Send + Sync {
-    fn to_f64(self) -> f64;
-}
-
-macro_rules! to_f64 {
-    ($($t:ty),*) => { $(impl ToF64 for $t {
-        fn to_f64(self) -> f64 { self as f64 }
-    })* };
-}
-to_f64!(u8, i8, u16, i16, u32, i32, u64, i64, f32, f64);
-
-/// A scan: samples on a grid, with the linear map from stored numbers to values.
+/// A volume: samples on a grid, and the linear map from samples to values.
 ///
-/// Samples are in memory, or stay in their file and are read as they are needed: see [`LoadOptions::stream_over`](crate::formats::LoadOptions::stream_over). A clone
-/// shares them.
+/// Samples are in memory, or stay in their file and are read as they are needed: see
+/// [`LoadOptions::stream_over`](crate::formats::LoadOptions::stream_over). Clones share them.
 #[derive(Debug, Clone)]
 pub struct Volume {
     grid: Grid,
@@ -93,13 +81,13 @@ pub struct Volume {
     oriented: bool,
 }
 
-/// What clones of a volume share.
+/// The part of a volume that clones share.
 #[derive(Debug)]
 struct Data {
     stored: Stored,
-    /// Whether every sample is finite, once looked for.
+    /// Whether every sample is finite; empty until it is asked for.
     finite: OnceLock<bool>,
-    /// The least and the largest stored sample of each brick, once looked for.
+    /// The least and the largest stored sample of each brick, x fastest; empty until they are asked for.
     ranges: OnceLock<Vec<[f64; 2]>>,
 }
 
@@ -124,34 +112,73 @@ impl InMemory<'_> {
         &self.samples
     }
 
-    /// The value of sample `index` (x fastest), in f64. Panics past the end.
+    /// The value of sample `index` (x fastest), in f64.
+    ///
+    /// # Panics
+    /// If `index` is not under the number of samples.
     #[must_use]
     pub fn value(&self, index: usize) -> f64 {
         self.slope * self.samples.raw(index) + self.intercept
     }
 }
 
-/// Samples read at a time where all of a volume are looked at.
+/// Refuses samples that do not fill the lattice.
+fn check_count(grid: &Grid, count: usize) -> Result<()> {
+    if count as u64 == grid.len() {
+        return Ok(());
+    }
+    let [x, y, z] = grid.dims();
+    Err(Error::Volume(format!("{count} samples for a lattice of {x} x {y} x {z} = {}", grid.len())))
+}
+
+/// Samples read at a time by a pass over a whole volume: 4 Mi, at most 32 MiB.
 const PASS: usize = 1 << 22;
 
 impl Volume {
-    /// A volume of `samples` on `grid`, whose values are the samples themselves.
+    /// A volume of a copy of `samples`, x fastest, then y, then z, on a lattice whose axes are the world's.
+    ///
+    /// `dims` are the numbers of samples along x, y and z. `spacing` is the world distance between neighbouring samples
+    /// along each of them, in any unit of length. The first sample lies at the world's origin; [`Volume::with_grid`]
+    /// places the lattice elsewhere. Values are the samples themselves; [`Volume::with_rescale`] maps them.
+    ///
+    /// ```
+    /// use voxsplat::volume::{SampleType, Volume};
+    ///
+    /// // 4 x 3 x 2 samples of 16 bits, slices twice as far apart as pixels.
+    /// let samples: Vec<i16> = (0..24).collect();
+    /// let volume = Volume::from_slice([4, 3, 2], [0.5, 0.5, 1.0], &samples)?;
+    /// assert_eq!(volume.sample_type(), SampleType::I16);
+    /// assert_eq!(volume.grid().spacing(), [0.5, 0.5, 1.0]);
+    /// # Ok::<(), voxsplat::error::Error>(())
+    /// ```
     ///
     /// # Errors
-    /// [`Error::Volume`] where the number of samples is not that of the grid.
+    /// [`Error::Volume`] if the number of samples is not the product of `dims`, if a dimension is 0 or over
+    /// [`MAX_DIM`], or if a spacing is 0 or not finite; [`Error::Memory`] if there is no memory for the copy.
+    pub fn from_slice<T: Sample>(dims: [u32; 3], spacing: [f64; 3], samples: &[T]) -> Result<Self> {
+        let grid = Grid::axis_parallel(dims, spacing)?;
+        check_count(&grid, samples.len())?;
+        let mut copy = Vec::new();
+        if copy.try_reserve_exact(samples.len()).is_err() {
+            return Err(Error::Memory {
+                what: "the samples of a volume".to_owned(),
+                bytes: size_of_val(samples) as u64,
+            });
+        }
+        copy.extend_from_slice(samples);
+        Self::new(grid, T::collected(copy))
+    }
+
+    /// A volume of `samples` on `grid`, x fastest, then y, then z. Values are the samples themselves.
+    ///
+    /// # Errors
+    /// [`Error::Volume`] if the grid has another number of samples.
     pub fn new(grid: Grid, samples: Samples) -> Result<Self> {
         Self::of(grid, Stored::Memory(samples))
     }
 
     pub(crate) fn of(grid: Grid, stored: Stored) -> Result<Self> {
-        if stored.len() as u64 != grid.len() {
-            let [x, y, z] = grid.dims();
-            return Err(Error::Volume(format!(
-                "{} samples for a lattice of {x} x {y} x {z} = {}",
-                stored.len(),
-                grid.len()
-            )));
-        }
+        check_count(&grid, stored.len())?;
         let data = Arc::new(Data::new(stored));
         Ok(Self { grid, data, slope: 1.0, intercept: 0.0, oriented: false })
     }
@@ -159,7 +186,7 @@ impl Volume {
     /// The same samples read as `slope * sample + intercept` (NIfTI's scl_slope and scl_inter, DICOM's rescale).
     ///
     /// # Errors
-    /// [`Error::Volume`] where either is not finite or the slope is 0.
+    /// [`Error::Volume`] if either number is not finite or the slope is 0.
     pub fn with_rescale(mut self, slope: f64, intercept: f64) -> Result<Self> {
         if !slope.is_finite() || slope == 0.0 || !intercept.is_finite() {
             return Err(Error::Volume(format!("slope {slope} and intercept {intercept} do not rescale")));
@@ -168,7 +195,7 @@ impl Volume {
         Ok(self)
     }
 
-    /// The same volume, its world declared to be patient space (see [`Grid`]).
+    /// The same volume, with its world declared to be patient space (see [`Grid`]).
     #[must_use]
     pub fn with_orientation_known(mut self) -> Self {
         self.oriented = true;
@@ -178,7 +205,7 @@ impl Volume {
     /// The same volume on another grid of the same dimensions.
     ///
     /// # Errors
-    /// [`Error::Volume`] where the dimensions differ.
+    /// [`Error::Volume`] if the dimensions differ.
     pub fn with_grid(mut self, grid: Grid) -> Result<Self> {
         if grid.dims() != self.grid.dims() {
             return Err(Error::Volume(format!(
@@ -191,10 +218,10 @@ impl Volume {
         Ok(self)
     }
 
-    /// The same volume with `value` in the place of every NaN or infinite one.
+    /// The same volume with `value` in place of every value that is NaN or infinite.
     ///
     /// # Errors
-    /// [`Error::Read`] and [`Error::OutOfMemory`] where samples left in a file, and shared with a clone, cannot be read.
+    /// [`Error::Read`] and [`Error::Memory`] if samples in a file, shared with a clone, cannot be read.
     pub fn with_non_finite_replaced(mut self, value: f64) -> Result<Self> {
         let raw = (value - self.intercept) / self.slope;
         let mut stored = match Arc::try_unwrap(self.data) {
@@ -206,7 +233,7 @@ impl Volume {
         Ok(self)
     }
 
-    /// The lattice and its place in the world.
+    /// The lattice and its position in the world.
     #[must_use]
     pub fn grid(&self) -> &Grid {
         &self.grid
@@ -218,21 +245,21 @@ impl Volume {
         self.data.stored.sample_type()
     }
 
-    /// Whether the samples are left in their file.
+    /// Whether the samples are still in their file.
     #[must_use]
     pub fn is_streamed(&self) -> bool {
         matches!(self.data.stored, Stored::File(_))
     }
 
-    /// A copy of a range of the samples (x fastest), as stored.
+    /// A copy of a range of the samples, x fastest, as stored.
     pub(crate) fn read(&self, range: Range<usize>) -> Result<Samples> {
         self.data.stored.read(range)
     }
 
-    /// The volume with all its samples in memory; those left in a file are read.
+    /// All samples in memory. Samples in a file are read, at every call.
     ///
     /// # Errors
-    /// [`Error::Read`] and [`Error::OutOfMemory`] where they cannot be.
+    /// [`Error::Read`] and [`Error::Memory`] if samples in a file cannot be read.
     pub fn in_memory(&self) -> Result<InMemory<'_>> {
         let samples = match &self.data.stored {
             Stored::Memory(samples) => Cow::Borrowed(samples),
@@ -241,7 +268,7 @@ impl Volume {
         Ok(InMemory { samples, slope: self.slope, intercept: self.intercept })
     }
 
-    /// The same volume, its samples in memory unless they take more than `bytes`.
+    /// The same volume with its samples in memory, unless they take more than `bytes`.
     pub(crate) fn loaded(mut self, bytes: u64) -> Result<Self> {
         if self.grid.len().saturating_mul(self.sample_type().size() as u64) <= bytes
             && let Stored::File(_) = &self.data.stored
@@ -252,7 +279,7 @@ impl Volume {
         Ok(self)
     }
 
-    /// The ranges of the bricks, x fastest, where they are known.
+    /// The ranges of the bricks, x fastest; `None` before the first pass over the samples.
     fn known_ranges(&self) -> Option<&[[f64; 2]]> {
         self.data.ranges.get().map(Vec::as_slice)
     }
@@ -267,18 +294,18 @@ impl Volume {
         (self.slope, self.intercept)
     }
 
-    /// Whether the file stated where its axes point in patient space.
+    /// Whether the file stated the directions of its axes in patient space.
     #[must_use]
     pub fn is_oriented(&self) -> bool {
         self.oriented
     }
 
-    /// Refuses NaN and infinite samples: a kernel sum over one would spoil every pixel that it touches.
+    /// Refuses NaN and infinite samples: one of them would spoil every pixel that its kernel reaches.
     ///
     /// # Errors
-    /// [`Error::Volume`] with the number of such samples and the place of the first; [`Error::Read`] and
-    /// [`Error::OutOfMemory`] where samples left in a file cannot be read.
-    pub fn check_finite(&self) -> Result<()> {
+    /// [`Error::NonFinite`] if there are such samples; [`Error::Read`] and [`Error::Memory`] if samples left in a file
+    /// cannot be read.
+    pub(crate) fn check_finite(&self) -> Result<()> {
         if !self.sample_type().is_float() || self.data.finite.get() == Some(&true) {
             return Ok(());
         }
@@ -300,12 +327,8 @@ impl Volume {
             }
             Some(index) => {
                 let [nx, ny, _] = self.grid.dims().map(|d| d as usize);
-                Err(Error::Volume(format!(
-                    "{count} samples are NaN or infinite, the first at ({}, {}, {}): replace them with --replace-nan VALUE",
-                    index % nx,
-                    index / nx % ny,
-                    index / (nx * ny)
-                )))
+                let first = [index % nx, index / nx % ny, index / (nx * ny)].map(|at| at as u32);
+                Err(Error::NonFinite { count: count as u64, first })
             }
         }
     }

@@ -1,11 +1,10 @@
-//! The types a sample can have in a file, and the order of their bytes.
+//! The types of samples, and their byte order.
 
-use std::fmt;
 use std::str::FromStr;
 
-use bytemuck::Pod;
-
+use super::Samples;
 use crate::error::Error;
+use crate::names::{listed, spelled};
 
 /// The type of a volume's samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -24,10 +23,6 @@ pub enum SampleType {
 }
 
 impl SampleType {
-    /// Every type, narrow to wide.
-    pub const ALL: [Self; 10] =
-        [Self::U8, Self::I8, Self::U16, Self::I16, Self::U32, Self::I32, Self::U64, Self::I64, Self::F32, Self::F64];
-
     /// Bytes per sample.
     #[must_use]
     pub fn size(self) -> usize {
@@ -39,35 +34,18 @@ impl SampleType {
         }
     }
 
-    /// Whether numbers of this type have NaN and infinities.
+    /// Whether numbers of this type can be NaN or infinite.
     #[must_use]
     pub fn is_float(self) -> bool {
         matches!(self, Self::F32 | Self::F64)
     }
 
-    /// The name the command line spells: u8, i8, ... f64.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::U8 => "u8",
-            Self::I8 => "i8",
-            Self::U16 => "u16",
-            Self::I16 => "i16",
-            Self::U32 => "u32",
-            Self::I32 => "i32",
-            Self::U64 => "u64",
-            Self::I64 => "i64",
-            Self::F32 => "f32",
-            Self::F64 => "f64",
-        }
-    }
-
-    /// The type that a common name stands for, case and runs of blanks aside.
+    /// The type with a common name, in any case; runs of blanks count as one.
     ///
-    /// These are the spellings of C, NumPy and the NRRD format ("unsigned short int", "uint16_t", "ushort"). Plain
-    /// "long" is left out: it has 32 or 64 bits depending on who wrote it.
+    /// Names are those of C, NumPy and the NRRD format ("unsigned short int", "uint16_t", "ushort"). Plain "long" is
+    /// not accepted: depending on the writer it has 32 or 64 bits.
     #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
+    pub(crate) fn from_name(name: &str) -> Option<Self> {
         let name = name.to_ascii_lowercase().split_ascii_whitespace().collect::<Vec<_>>().join(" ");
         Some(match name.as_str() {
             "u8" | "uint8" | "uint8_t" | "uchar" | "unsigned char" | "byte" => Self::U8,
@@ -92,9 +70,18 @@ impl SampleType {
     }
 }
 
-impl fmt::Display for SampleType {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
+spelled! {
+    SampleType {
+        U8: "u8",
+        I8: "i8",
+        U16: "u16",
+        I16: "i16",
+        U32: "u32",
+        I32: "i32",
+        U64: "u64",
+        I64: "i64",
+        F32: "f32",
+        F64: "f64",
     }
 }
 
@@ -103,16 +90,16 @@ impl FromStr for SampleType {
 
     fn from_str(s: &str) -> Result<Self, Error> {
         Self::from_name(s).ok_or_else(|| Error::Setting {
-            name: "type",
-            reason: format!("{s:?} is not a sample type: expected u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64"),
+            name: "sample_type",
+            reason: format!("{s:?} is not a sample type: expected {}", listed(&Self::ALL.map(Self::name))),
         })
     }
 }
 
-/// The order of the bytes of a sample.
+/// The byte order of samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Endian {
-    /// Least significant byte first: what nearly every file has.
+    /// Least significant byte first, as in nearly every file.
     #[default]
     Little,
     /// Most significant byte first.
@@ -120,18 +107,11 @@ pub enum Endian {
 }
 
 impl Endian {
-    /// The order of this machine.
+    /// The byte order of this machine.
     pub const NATIVE: Self = if cfg!(target_endian = "big") { Self::Big } else { Self::Little };
 }
 
-impl fmt::Display for Endian {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
-            Self::Little => "little",
-            Self::Big => "big",
-        })
-    }
-}
+spelled! { Endian { Little: "little", Big: "big" } }
 
 impl FromStr for Endian {
     type Err = Error;
@@ -145,33 +125,84 @@ impl FromStr for Endian {
     }
 }
 
-/// What a sample type must know to be read.
-pub(crate) trait Sample: Pod + Send + Sync {
-    /// The same number from the other byte order.
-    fn swap(self) -> Self;
-    /// The number that a text spells; `None` where it is none of this type.
-    fn parse(text: &str) -> Option<Self>;
+/// A number type that the samples of a volume can have: `u8`, `i8`, `u16`, `i16`, `u32`, `i32`, `u64`, `i64`, `f32` or
+/// `f64`.
+///
+/// Sealed: files hold these ten types, and the device classifies them.
+pub trait Sample: Number {
+    /// The type as a value.
+    const TYPE: SampleType;
 }
 
-macro_rules! integer_sample {
-    ($($t:ty),*) => { $(impl Sample for $t {
-        fn swap(self) -> Self { self.swap_bytes() }
-        fn parse(text: &str) -> Option<Self> {
-            // Some writers put integers down as floats: 3.0 or 1e3.
-            text.parse().ok().or_else(|| {
-                let number: f64 = text.parse().ok()?;
-                let integer = number as Self;
-                (integer as f64 == number && number.abs() < 9e15).then_some(integer)
-            })
+mod number {
+    use super::Samples;
+
+    /// Conversion to f64: 64-bit integers beyond 2^53 are rounded, all other numbers are exact.
+    pub trait ToF64: Copy + Send + Sync {
+        /// The number in f64.
+        fn to_f64(self) -> f64;
+    }
+
+    /// What the library needs of a sample type; it is not part of the interface.
+    pub trait Number: bytemuck::Pod + ToF64 {
+        /// The same number from the other byte order.
+        #[must_use]
+        fn swap(self) -> Self;
+        /// Parses a decimal number; `None` if the text is not a number of this type.
+        fn parse(text: &str) -> Option<Self>;
+        /// The samples as [`Samples`].
+        fn collected(samples: Vec<Self>) -> Samples;
+    }
+}
+pub(crate) use number::{Number, ToF64};
+
+macro_rules! samples {
+    ($swap:expr, $parse:expr; $($variant:ident $t:ty),+) => { $(
+        impl Number for $t {
+            fn swap(self) -> Self { $swap(self) }
+            fn parse(text: &str) -> Option<Self> { $parse(text) }
+            fn collected(samples: Vec<Self>) -> Samples { Samples::$variant(samples) }
         }
-    })* };
-}
-integer_sample!(u8, i8, u16, i16, u32, i32, u64, i64);
 
-macro_rules! float_sample {
-    ($($t:ty),*) => { $(impl Sample for $t {
-        fn swap(self) -> Self { Self::from_bits(self.to_bits().swap_bytes()) }
-        fn parse(text: &str) -> Option<Self> { text.parse().ok() }
-    })* };
+        impl ToF64 for $t {
+            fn to_f64(self) -> f64 { self as f64 }
+        }
+
+        impl Sample for $t {
+            const TYPE: SampleType = SampleType::$variant;
+        }
+    )+ };
 }
-float_sample!(f32, f64);
+samples! {
+    Self::swap_bytes,
+    // Some writers spell integers as floats: 3.0 or 1e3.
+    |text: &str| text.parse().ok().or_else(|| {
+        let number: f64 = text.parse().ok()?;
+        let integer = number as Self;
+        // Below 9e15, a little under 2^53, f64 holds every integer exactly.
+        (integer as f64 == number && number.abs() < 9e15).then_some(integer)
+    });
+    U8 u8, I8 i8, U16 u16, I16 i16, U32 u32, I32 i32, U64 u64, I64 i64
+}
+samples! {
+    |number: Self| Self::from_bits(number.to_bits().swap_bytes()),
+    |text: &str| text.parse().ok();
+    F32 f32, F64 f64
+}
+
+/// Runs one expression with the Rust type `$t` of a [`SampleType`].
+macro_rules! with_type {
+    ($type:expr, $t:ident => $body:expr) => {
+        $crate::volume::with_type!(@ $type, $t, $body;
+            U8 u8, I8 i8, U16 u16, I16 i16, U32 u32, I32 i32, U64 u64, I64 i64, F32 f32, F64 f64)
+    };
+    (@ $type:expr, $t:ident, $body:expr; $($variant:ident $rust:ty),+) => {
+        match $type {
+            $($crate::volume::SampleType::$variant => {
+                type $t = $rust;
+                $body
+            })+
+        }
+    };
+}
+pub(crate) use with_type;

@@ -1,4 +1,4 @@
-//! What the values of a volume are: range, mean, histogram, and where its background ends.
+//! Statistics of a volume's values: range, mean, histogram, and the end of the background.
 
 use std::ops::Range;
 
@@ -7,19 +7,19 @@ use rayon::prelude::*;
 use super::{ToF64, Volume, with_samples};
 use crate::error::Result;
 
-/// The most bins counted: one per value for 8 and 16 bit samples.
+/// The most bins counted: one per value of 8 and 16 bit samples.
 const MAX_BINS: usize = 65_536;
-/// The most bins handed out: what a page or a terminal can show.
+/// The most bins of [`Statistics::histogram`]: as many as a page or a terminal can show.
 const SHOWN_BINS: usize = 256;
-/// The fewest samples a task counts: a task owns up to 512 KiB of bins.
+/// The fewest samples per task. A task owns up to 512 KiB of bins, so small tasks would mostly clear and add bins.
 const MIN_CHUNK: usize = 1 << 20;
-/// Thresholds look at the values up to this quantile: a few hot voxels must not stretch the classes.
+/// Thresholds ignore values over this quantile: a few very bright voxels would stretch the classes.
 const NOT_OUTLIERS: f64 = 0.9995;
 
-/// The distribution of a volume's values (after rescaling). NaN and infinite samples are counted apart.
+/// The distribution of a volume's values, after rescaling. NaN and infinite samples are only counted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Statistics {
-    /// The smallest value; NaN where no sample is finite, like the other figures.
+    /// The smallest value. If no sample is finite, this and all other figures are NaN.
     pub min: f64,
     /// The largest value.
     pub max: f64,
@@ -31,13 +31,13 @@ pub struct Statistics {
     pub count: u64,
     /// The number of NaN and infinite samples.
     pub non_finite: u64,
-    /// Bin i counts the values that lie around `first + i * step`.
+    /// Bin i counts the values nearest to `first + i * step`.
     bins: Vec<u64>,
     first: f64,
     step: f64,
 }
 
-/// The darker class of values where it is taken to be the air or void around an object.
+/// The background: the darker class of values, taken to be the air or void around an object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BackgroundEstimate {
     /// The largest value that is still background.
@@ -58,7 +58,7 @@ impl Moments {
     }
 }
 
-/// Folds the finite samples of a range, a piece in memory at a time.
+/// Folds the finite samples of a range, with one piece in memory at a time.
 fn folded<T>(volume: &Volume, range: Range<usize>, first: T, add: impl Fn(T, f64) -> T) -> Result<T> {
     range.clone().step_by(MIN_CHUNK).try_fold(first, |so_far, start| {
         let samples = volume.read(start..range.end.min(start + MIN_CHUNK))?;
@@ -67,18 +67,19 @@ fn folded<T>(volume: &Volume, range: Range<usize>, first: T, add: impl Fn(T, f64
 }
 
 impl Statistics {
-    /// Counts the samples on all cores. The result does not depend on their number.
+    /// Counts the samples on all cores. The result does not depend on the number of cores.
     ///
     /// # Errors
-    /// [`Error::Read`](crate::error::Error::Read) and [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) where samples
-    /// left in a file cannot be read.
+    /// [`Error::Read`](crate::error::Error::Read) and [`Error::Memory`](crate::error::Error::Memory) if samples left in
+    /// a file cannot be read.
     pub fn of(volume: &Volume) -> Result<Self> {
         Ok(Self::of_raw(volume)?.rescaled(volume.rescale()))
     }
 
     fn of_raw(volume: &Volume) -> Result<Self> {
         let (len, integers) = (volume.grid().len() as usize, !volume.sample_type().is_float());
-        // Chunks follow from the length alone and their sums are added in order: the same figures on any machine.
+        // Chunks depend on the length alone and their sums are added in order, so all machines compute the same
+        // figures.
         let chunk = MIN_CHUNK.max(len.div_ceil(64));
         let chunks: Vec<usize> = (0..len).step_by(chunk).collect();
         let moments: Vec<Moments> = chunks
@@ -154,7 +155,7 @@ impl Statistics {
         bin.min(self.bins.len().saturating_sub(1))
     }
 
-    /// Counts over min..max in equal bins: 256 of them, or one per value where there are fewer.
+    /// Counts in equal bins over min..max: 256 bins, or one per value if there are fewer values.
     #[must_use]
     pub fn histogram(&self) -> Vec<u64> {
         let len = self.bins.len().min(SHOWN_BINS);
@@ -165,14 +166,14 @@ impl Statistics {
         shown
     }
 
-    /// The value below which a share `q` (0..1) of the samples lies, to the width of a bin: exact for 8 and 16 bit
-    /// samples, 1/65536 of the range for others.
+    /// The value below which a share `q` (0..1) of the samples lies. It is exact for 8 and 16 bit samples, and to
+    /// 1/65536 of the range for others.
     #[must_use]
     pub fn quantile(&self, q: f64) -> f64 {
         self.quantile_above(f64::NEG_INFINITY, q)
     }
 
-    /// As [`Self::quantile`], of the samples over `limit` only.
+    /// As [`Self::quantile`], but of the samples over `limit` only.
     #[must_use]
     pub fn quantile_above(&self, limit: f64, q: f64) -> f64 {
         let start = self.first_above(limit);
@@ -194,7 +195,7 @@ impl Statistics {
         self.bins[self.first_above(limit)..].iter().sum::<u64>() as f64 / self.count.max(1) as f64
     }
 
-    /// The first bin whose value lies over `limit`.
+    /// The first bin with a value over `limit`.
     fn first_above(&self, limit: f64) -> usize {
         if self.bins.is_empty() || limit < self.min {
             return 0;
@@ -203,10 +204,10 @@ impl Statistics {
         if self.value_of(bin) > limit { bin } else { (bin + 1).min(self.bins.len()) }
     }
 
-    /// The threshold that best parts the values over `above` into two classes: the largest variance between them
-    /// (Otsu 1979, "A threshold selection method from gray-level histograms"). `f64::NEG_INFINITY` takes all values.
+    /// The threshold that splits the values over `above` into two classes with the largest variance between them (Otsu
+    /// 1979, "A threshold selection method from gray-level histograms"). `f64::NEG_INFINITY` takes all values.
     ///
-    /// `None` where there is nothing to part. Applied to the values over its own result it parts the brighter class.
+    /// `None` if there are no two classes. With its own result as `above` it splits the brighter class.
     #[must_use]
     pub fn otsu(&self, above: f64) -> Option<f64> {
         let start = self.first_above(above);
@@ -223,17 +224,18 @@ impl Statistics {
             if variance > best {
                 (best, from, to) = (variance, i, i);
             } else if variance == best && n == 0 {
-                // Nothing between two classes: every threshold in the gap is as good, the middle is the safest.
+                // In an empty gap between the classes every threshold is equally good; the middle is the safest.
                 to = i;
             }
         }
         (best > 0.0).then(|| self.value_of(start + (from + to) / 2))
     }
 
-    /// The background: the foot of the highest peak of the darker of Otsu's two classes, found as the bin farthest
-    /// below the line from the peak to the threshold (Zack, Rogers and Latt 1977, the triangle method).
+    /// The background: all values below the foot of the highest peak in the darker of Otsu's two classes. The foot is
+    /// the bin farthest below the line from the peak to the threshold (Zack, Rogers and Latt 1977, the triangle
+    /// method).
     ///
-    /// `None` where all values are one. A bright background is not recognised.
+    /// `None` if all values are the same. A bright background is not recognised.
     #[must_use]
     pub fn background(&self) -> Option<BackgroundEstimate> {
         let threshold = self.otsu(f64::NEG_INFINITY)?;
@@ -247,7 +249,7 @@ impl Statistics {
             line - shown[i] as f64
         };
         let foot = (peak + 1..=end).rev().max_by(|&a, &b| depth(a).total_cmp(&depth(b))).unwrap_or(peak + 1);
-        // The foot itself is no longer background: the limit is the last value before it.
+        // The foot is not background: the limit is the last value before it.
         let first_of_foot = (foot as f64 * width).ceil() as usize;
         let limit = self.value_of(first_of_foot.saturating_sub(1));
         Some(BackgroundEstimate { limit, fraction: 1.0 - self.fraction_above(limit) })

@@ -1,4 +1,4 @@
-//! Where the samples of a volume are: in memory, or left in their file and read a range at a time.
+//! Samples in memory, or in their file and read a range at a time.
 
 use std::fs::File;
 use std::ops::Range;
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use rayon::prelude::*;
 
-use super::{Endian, Sample, SampleType, Samples, with_samples};
+use super::{Endian, Number, Sample, SampleType, Samples, ToF64, with_samples, with_type};
 use crate::error::{Error, Result};
 
 /// The samples of a volume.
@@ -16,7 +16,7 @@ pub(crate) enum Stored {
     File(FileSamples),
 }
 
-/// Samples in a file, as they are written there: binary, in one piece.
+/// Binary samples in one piece of a file.
 #[derive(Debug)]
 pub(crate) struct FileSamples {
     pub(crate) file: File,
@@ -26,11 +26,11 @@ pub(crate) struct FileSamples {
     pub(crate) count: usize,
     pub(crate) sample_type: SampleType,
     pub(crate) endian: Endian,
-    /// What stands in for NaN and infinite samples.
+    /// The number that replaces NaN and infinite samples.
     pub(crate) replacement: Option<f64>,
 }
 
-/// Bytes that one thread reads at a time.
+/// Bytes that one thread reads or checks at a time.
 const PIECE: usize = 1 << 20;
 
 impl Stored {
@@ -64,7 +64,7 @@ impl Stored {
         }
     }
 
-    /// Puts `raw` in the place of every NaN or infinite sample.
+    /// Replaces every NaN or infinite sample by `raw`.
     pub(crate) fn replace_non_finite(&mut self, raw: f64) {
         match self {
             Self::Memory(samples) => samples.replace_non_finite(raw),
@@ -75,29 +75,18 @@ impl Stored {
 
 impl FileSamples {
     fn read(&self, range: Range<usize>) -> Result<Samples> {
-        let mut samples = match self.sample_type {
-            SampleType::U8 => Samples::U8(self.numbers(range)?),
-            SampleType::I8 => Samples::I8(self.numbers(range)?),
-            SampleType::U16 => Samples::U16(self.numbers(range)?),
-            SampleType::I16 => Samples::I16(self.numbers(range)?),
-            SampleType::U32 => Samples::U32(self.numbers(range)?),
-            SampleType::I32 => Samples::I32(self.numbers(range)?),
-            SampleType::U64 => Samples::U64(self.numbers(range)?),
-            SampleType::I64 => Samples::I64(self.numbers(range)?),
-            SampleType::F32 => Samples::F32(self.numbers(range)?),
-            SampleType::F64 => Samples::F64(self.numbers(range)?),
-        };
+        let mut samples = with_type!(self.sample_type, T => T::collected(self.numbers(range)?));
         if let Some(raw) = self.replacement {
             samples.replace_non_finite(raw);
         }
         Ok(samples)
     }
 
-    fn numbers<T: Sample>(&self, range: Range<usize>) -> Result<Vec<T>> {
+    fn numbers<T: Number>(&self, range: Range<usize>) -> Result<Vec<T>> {
         let mut numbers = Vec::new();
         if numbers.try_reserve_exact(range.len()).is_err() {
-            let gib = range.len() as f64 * size_of::<T>() as f64 / f64::from(1 << 30);
-            return Err(Error::OutOfMemory(format!("reading {gib:.1} GiB of {}", self.path.display())));
+            let what = format!("samples of {}", self.path.display());
+            return Err(Error::Memory { what, bytes: range.len() as u64 * size_of::<T>() as u64 });
         }
         numbers.resize(range.len(), T::zeroed());
         let first = self.offset + (range.start * size_of::<T>()) as u64;
@@ -139,40 +128,21 @@ impl Samples {
     /// The type of the samples.
     #[must_use]
     pub fn sample_type(&self) -> SampleType {
-        match self {
-            Self::U8(_) => SampleType::U8,
-            Self::I8(_) => SampleType::I8,
-            Self::U16(_) => SampleType::U16,
-            Self::I16(_) => SampleType::I16,
-            Self::U32(_) => SampleType::U32,
-            Self::I32(_) => SampleType::I32,
-            Self::U64(_) => SampleType::U64,
-            Self::I64(_) => SampleType::I64,
-            Self::F32(_) => SampleType::F32,
-            Self::F64(_) => SampleType::F64,
+        fn type_of<T: Sample>(_: &[T]) -> SampleType {
+            T::TYPE
         }
+        with_samples!(self, s => type_of(s))
     }
 
     /// A copy of a range.
     fn slice(&self, range: Range<usize>) -> Self {
-        match self {
-            Self::U8(s) => Self::U8(s[range].to_vec()),
-            Self::I8(s) => Self::I8(s[range].to_vec()),
-            Self::U16(s) => Self::U16(s[range].to_vec()),
-            Self::I16(s) => Self::I16(s[range].to_vec()),
-            Self::U32(s) => Self::U32(s[range].to_vec()),
-            Self::I32(s) => Self::I32(s[range].to_vec()),
-            Self::U64(s) => Self::U64(s[range].to_vec()),
-            Self::I64(s) => Self::I64(s[range].to_vec()),
-            Self::F32(s) => Self::F32(s[range].to_vec()),
-            Self::F64(s) => Self::F64(s[range].to_vec()),
-        }
+        with_samples!(self, s => Number::collected(s[range].to_vec()))
     }
 
-    /// How many are NaN or infinite, and the first of them.
+    /// The number of NaN and infinite samples, and the index of the first.
     pub(crate) fn non_finite(&self) -> (usize, Option<usize>) {
         fn count<T: Copy + Sync>(s: &[T], is_finite: impl Fn(T) -> bool + Sync) -> (usize, Option<usize>) {
-            // Whole pieces at a time, which vectorises; where one is spoilt, sample by sample.
+            // A fold over whole pieces vectorises. Samples are counted one by one only if a piece fails.
             let piece = |piece: &[T]| !piece.iter().fold(true, |all, &v| all & is_finite(v));
             if !s.par_chunks(PIECE / size_of::<T>()).any(piece) {
                 return (0, None);
@@ -195,9 +165,12 @@ impl Samples {
         }
     }
 
-    /// Sample `index` as stored, in f64 (64-bit integers beyond 2^53 are rounded). Panics past the end.
+    /// Sample `index` as stored, in f64; 64-bit integers beyond 2^53 are rounded.
+    ///
+    /// # Panics
+    /// If `index` is not under the number of samples.
     #[must_use]
     pub fn raw(&self, index: usize) -> f64 {
-        with_samples!(self, s => super::ToF64::to_f64(s[index]))
+        with_samples!(self, s => s[index].to_f64())
     }
 }

@@ -4,7 +4,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, Projection, ProjectionKind, View};
 use voxsplat::volume::{Grid, Samples, Volume};
 
-use crate::support::{Framed, PERSPECTIVE, PROJECTIONS, coordinates, look};
+use crate::support::{PERSPECTIVE, PROJECTIONS, coordinates, look};
 
 /// A box of 10 x 20 x 30 world units around a point that is not the origin.
 fn volume() -> Volume {
@@ -15,13 +15,13 @@ fn volume() -> Volume {
     Volume::new(Grid::new([5; 3], map).unwrap(), Samples::U8(vec![0; 125])).unwrap()
 }
 
-fn seen(view: &View) -> Framed {
+fn seen(view: &View) -> Camera {
     look(view, &volume(), [40, 20])
 }
 
 /// Asserts the axes of a camera: right, up and forward.
 fn assert_axes(view: &View, expected: [DVec3; 3]) {
-    let camera = seen(view).camera;
+    let camera = seen(view);
     for (got, expected) in [camera.right, camera.up, camera.forward].into_iter().zip(expected) {
         assert!(got.distance(expected) < 1e-12, "{view:?}: {got} is not {expected}");
     }
@@ -30,9 +30,9 @@ fn assert_axes(view: &View, expected: [DVec3; 3]) {
 #[test]
 fn the_front_looks_along_y_with_z_up() {
     assert_axes(&View::default(), [DVec3::X, DVec3::Z, DVec3::Y]);
-    assert!(seen(&View::default()).camera.target.distance(DVec3::new(3.0, -4.0, 5.0)) < 1e-12);
+    assert!(seen(&View::default()).target.distance(DVec3::new(3.0, -4.0, 5.0)) < 1e-12);
     let target = Some(DVec3::new(1.0, 2.0, 3.0));
-    assert_eq!(seen(&View { target, ..View::default() }).camera.target, DVec3::new(1.0, 2.0, 3.0));
+    assert_eq!(seen(&View { target, ..View::default() }).target, DVec3::new(1.0, 2.0, 3.0));
 }
 
 #[test]
@@ -49,7 +49,7 @@ fn azimuth_takes_the_eye_to_the_right_and_elevation_up() {
     let both = View { azimuth: 90.0, elevation: 30.0, ..View::default() };
     assert_axes(&both, [DVec3::Y, DVec3::new(-sin, 0.0, cos), DVec3::new(-cos, 0.0, -sin)]);
     let eye = |view: &View| {
-        let camera = seen(&View { projection: PERSPECTIVE, distance: Some(100.0), ..view.clone() }).camera;
+        let camera = seen(&View { projection: PERSPECTIVE, distance: Some(100.0), ..view.clone() });
         camera.ray(0.0, 0.0).0 - camera.target
     };
     assert!(eye(&View { azimuth: 30.0, ..View::default() }).x > 49.0);
@@ -61,7 +61,7 @@ fn roll_turns_the_camera_counter_clockwise() {
     // Its top leans to the left, its right side rises.
     assert_axes(&View { roll: 90.0, ..View::default() }, [DVec3::Z, DVec3::NEG_X, DVec3::Y]);
     // So the picture turns clockwise: what was at the top is at the right.
-    let camera = seen(&View { roll: 90.0, ..View::default() }).camera;
+    let camera = seen(&View { roll: 90.0, ..View::default() });
     assert!(DVec3::Z.dot(camera.right) > 0.99);
 }
 
@@ -79,7 +79,7 @@ fn up_may_be_any_direction() {
         View { up: oblique, azimuth: 70.0, elevation: -20.0, ..View::default() },
         View { up: oblique, direction: Some(DVec3::new(-1.0, 2.0, 0.3)), ..View::default() },
     ] {
-        let Camera { right, up, forward, .. } = seen(&view).camera;
+        let Camera { right, up, forward, .. } = seen(&view);
         assert!(oblique.dot(right).abs() < 1e-12 && oblique.dot(up) > 0.0, "{view:?}");
         assert!(right.cross(up).distance(-forward) < 1e-12 && (up.length() - 1.0).abs() < 1e-12, "{view:?}");
     }
@@ -103,7 +103,7 @@ fn a_fitted_volume_just_fits() {
         for size in [[40, 20], [20, 40], [30, 30]] {
             for (azimuth, elevation) in [(0.0, 0.0), (30.0, 20.0), (130.0, -70.0)] {
                 let view = View { azimuth, elevation, roll: 10.0, projection, ..View::default() };
-                let Framed { camera, .. } = look(&view, &volume, size);
+                let camera = look(&view, &volume, size);
                 let aspect = f64::from(size[0]) / f64::from(size[1]);
                 let places = volume.grid().corners(0.5).map(|corner| projected(&camera, corner));
                 let most = places.iter().fold(0.0_f64, |most, (x, y)| most.max(y.abs()).max(x.abs() / aspect));
@@ -116,7 +116,7 @@ fn a_fitted_volume_just_fits() {
 
 #[test]
 fn height_distance_and_zoom_are_what_they_say() {
-    let half_height = |view: &View| match seen(view).camera.projection {
+    let half_height = |view: &View| match seen(view).projection {
         Projection::Orthographic { half_height } => half_height,
         Projection::Perspective { .. } => panic!("{view:?}"),
     };
@@ -124,7 +124,7 @@ fn height_distance_and_zoom_are_what_they_say() {
     assert!((half_height(&stated) - 12.0).abs() < 1e-12);
     assert!((half_height(&View { zoom: 3.0, ..stated }) - 4.0).abs() < 1e-12);
 
-    let eye = |view: View| match seen(&view).camera.projection {
+    let eye = |view: View| match seen(&view).projection {
         Projection::Perspective { tan_half_fov, distance } => (tan_half_fov, distance),
         Projection::Orthographic { .. } => panic!("{view:?}"),
     };
@@ -141,18 +141,18 @@ fn height_distance_and_zoom_are_what_they_say() {
 
 #[test]
 fn rays_go_through_the_middles_of_pixels_from_the_top_left() {
-    let (sx, sy) = coordinates(0, [40, 20]);
+    let camera = seen(&View { view_height: Some(24.0), ..View::default() });
+    let (sx, sy) = coordinates(0, &camera);
     assert!((sx + 1.95).abs() < 1e-12 && (sy - 0.95).abs() < 1e-12, "{sx} {sy}");
-    let (sx, sy) = coordinates(40 * 19 + 39, [40, 20]);
+    let (sx, sy) = coordinates(40 * 19 + 39, &camera);
     assert!((sx - 1.95).abs() < 1e-12 && (sy + 0.95).abs() < 1e-12, "{sx} {sy}");
 
-    let camera = seen(&View { view_height: Some(24.0), ..View::default() }).camera;
     let (origin, direction) = camera.ray(0.5, -1.0);
     assert!(origin.distance(camera.target + DVec3::new(6.0, 0.0, -12.0)) < 1e-12);
     assert!(direction.distance(DVec3::Y) < 1e-12);
 
     let projection = ProjectionKind::Perspective { fov: 60.0 };
-    let camera = seen(&View { projection, distance: Some(50.0), ..View::default() }).camera;
+    let camera = seen(&View { projection, distance: Some(50.0), ..View::default() });
     let (origin, direction) = camera.ray(0.0, 1.0);
     assert!(origin.distance(camera.target - 50.0 * DVec3::Y) < 1e-12);
     // The field of view is that of the height.

@@ -109,6 +109,7 @@ fn failures_are_one_line_and_exit_1() {
     refused("render demo:sphere -o a.png --transfer missing.json", 1, "cannot read missing.json");
     refused("info missing.nrrd", 1, "cannot read missing.nrrd");
     refused("info .", 1, "directory");
+    refused("render demo:sphere:8 -o a.png --type u8", 2, "--type: it is for files of bare samples");
     refused("compare missing.png missing.png", 1, "cannot read missing.png");
     refused("render demo:sphere:16 -o a.png --adapter no-such-adapter", 1, "no-such-adapter");
 }
@@ -182,6 +183,36 @@ fn the_command_that_info_gives_is_quoted_for_a_shell() {
     assert!(text.contains(r"voxsplat render 'my scan'\''s.raw' --dims 2,2,2 --type u8"), "{text}");
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn a_volume_file_may_have_any_name() {
+    use std::os::unix::ffi::OsStrExt;
+    let dir = folder();
+    let name = std::ffi::OsStr::from_bytes(b"sc\xffan.raw");
+    std::fs::write(dir.path().join(name), [0, 1, 2, 3, 4, 5, 6, 7]).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
+    command.current_dir(dir.path()).arg("info").arg(name).args(["--dims", "2,2,2", "--type", "u8"]);
+    let text = stdout(&command.output().unwrap());
+    assert!(text.contains(r"voxsplat render $'sc\xffan.raw' --dims 2,2,2 --type u8"), "{text}");
+}
+
+#[test]
+fn ways_out_are_told_in_flags() {
+    let dir = folder();
+    std::fs::write(dir.path().join("a.raw"), f32::NAN.to_le_bytes()).unwrap();
+    for (options, way_out) in [
+        ("", "for bare samples give --dims X,Y,Z and --type u8|i8|"),
+        (" --type f32", "give --dims X,Y,Z too"),
+        (" --dims 1,1,1", "give --type u8|i8|"),
+        (" --dims 1,1,1 --type f32", "the first at (0, 0, 0): replace them with --replace-nan VALUE"),
+    ] {
+        let said = complaint(&voxsplat(dir.path(), &format!("info a.raw{options}")));
+        assert!(said.contains(way_out), "{said}");
+    }
+    let said = complaint(&voxsplat(dir.path(), "info none.raw"));
+    assert_eq!(said.matches("No such file").count(), if cfg!(unix) { 1 } else { 0 }, "{said}");
+}
+
 #[test]
 fn a_closed_pipe_is_no_failure() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
@@ -202,9 +233,9 @@ fn compare_passes_within_the_tolerance_and_fails_past_it() {
     let dir = folder();
     let pixels = vec![[0.25, 0.5, 0.75, 1.0]; 12];
     let mut other = Image::new(4, 3, pixels).unwrap();
-    other.save(&dir.path().join("a.exr"), Background::Transparent).unwrap();
+    other.save(dir.path().join("a.exr"), Background::Transparent).unwrap();
     other.pixels_mut()[7][1] += 0.1;
-    other.save(&dir.path().join("b.exr"), Background::Transparent).unwrap();
+    other.save(dir.path().join("b.exr"), Background::Transparent).unwrap();
 
     let equal = voxsplat(dir.path(), "compare a.exr a.exr");
     assert!(equal.status.success() && equal.stderr.is_empty());
@@ -213,11 +244,12 @@ fn compare_passes_within_the_tolerance_and_fails_past_it() {
     let apart = voxsplat(dir.path(), "compare a.exr b.exr --tolerance 0.05 --json --difference d.png");
     assert_eq!(apart.status.code(), Some(1));
     let value: serde_json::Value = serde_json::from_slice(&apart.stdout).unwrap();
-    assert_eq!(value["outliers"], 1);
+    assert_eq!((&value["outliers"], &value["covered"]), (&1.into(), &12.into()));
+    assert!((value["rms_covered"].as_f64().unwrap() - (0.1_f64.powi(2) / 48.0).sqrt()).abs() < 1e-6);
     let said = String::from_utf8(apart.stderr).unwrap();
     assert_eq!(said.lines().count(), 1);
     assert!(said.contains("differ by more than 0.05 in 1 pixels"), "{said}");
-    let difference = Image::load(&dir.path().join("d.png")).unwrap();
+    let difference = Image::load(dir.path().join("d.png")).unwrap();
     assert!(difference.pixels()[7][1] > 0.99 && difference.pixels()[6][1] == 0.0);
 }
 
@@ -230,7 +262,7 @@ fn the_reference_renders_without_a_device() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let value: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(value["painter"], "reference");
-    let image = Image::load(&dir.path().join("r.exr")).unwrap();
+    let image = Image::load(dir.path().join("r.exr")).unwrap();
     assert_eq!((image.width(), image.height()), (8, 8));
     assert!(image.pixels().iter().any(|p| p[3] > 0.0));
 }
@@ -261,8 +293,8 @@ fn assert_sphere(dir: &Path, arguments: &str, view: &View, settings: &Settings, 
     let (volume, transfer) = demo("sphere", 24);
     let image = picture(&volume, &transfer, &look(view, &volume, [40, 32]), settings).image;
     assert!(image.pixels().iter().any(|p| p[3] > 0.1));
-    image.save(&dir.join("library.png"), background).unwrap();
-    let [program, library] = ["program.png", "library.png"].map(|name| Image::load(&dir.join(name)).unwrap());
+    image.save(dir.join("library.png"), background).unwrap();
+    let [program, library] = ["program.png", "library.png"].map(|name| Image::load(dir.join(name)).unwrap());
     assert!(program == library, "{arguments}");
 }
 
@@ -301,7 +333,7 @@ fn lights_and_material_reach_the_picture() {
     assert!(output.stdout.is_empty() && output.stderr.is_empty(), "{output:?}");
     let (volume, transfer) = demo("sphere", 24);
     let camera = look(&View::default(), &volume, [40, 32]);
-    let program = Image::load(&dir.path().join("program.exr")).unwrap();
+    let program = Image::load(dir.path().join("program.exr")).unwrap();
     let library = picture(&volume, &transfer, &camera, &settings).image;
     // The direction of a light is made from degrees: an ulp of cos 90 is not nothing.
     let (color, alpha) = crate::support::errors(&program, &library);
@@ -319,7 +351,7 @@ fn stats_of_the_device_are_a_table_or_one_object() {
         let value: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         let name = value["adapter"]["name"].as_str().unwrap();
         assert!(name.to_lowercase().contains(&adapter().to_lowercase()), "{name}");
-        assert_eq!((value["painter"].as_str(), value["voxels"].as_u64()), (Some(painter), Some(24 * 24 * 24)));
+        assert_eq!((value["painter"]["name"].as_str(), value["voxels"].as_u64()), (Some(painter), Some(24 * 24 * 24)));
         assert_eq!(value["size"], serde_json::json!([40, 32]));
         let [kept, dropped] = ["splats_kept", "splats_dropped"].map(|key| value[key].as_u64().unwrap());
         assert!(kept > 0 && kept + dropped == 24 * 24 * 24, "{kept} {dropped}");

@@ -46,8 +46,8 @@ fn xray_of_shepp_logan_approaches_its_analytic_projection() {
         let image = render(&volume, &transfer, &camera, &settings);
         let (mut squares, mut peak) = (0.0, 0.0_f64);
         for (index, pixel) in image.pixels().iter().enumerate() {
-            let (sx, sy) = coordinates(index, camera.size);
-            let (origin, direction) = camera.camera.ray(sx, sy);
+            let (sx, sy) = coordinates(index, &camera);
+            let (origin, direction) = camera.ray(sx, sy);
             // The phantom spans -1..1, the volume `size` voxels.
             let half = f64::from(size) / 2.0;
             let expected = projected(origin / half, direction) * half;

@@ -52,7 +52,7 @@ fn samples(sample_type: &str) -> Samples {
 }
 
 fn read(file: &str) -> Volume {
-    load(&path(file), &LoadOptions::default()).unwrap()
+    load(path(file), &LoadOptions::default()).unwrap()
 }
 
 /// The affine of a volume, row by row.
@@ -136,7 +136,7 @@ fn bare_samples_are_read_as_the_options_say() {
 fn a_given_spacing_replaces_the_headers_and_keeps_its_directions() {
     let options = LoadOptions { spacing: Some([1.0, 10.0, 100.0]), ..LoadOptions::default() };
     for file in ["raw-u8.mha", "raw-u8.nii", "qform.nii", "gzip-i8.nrrd", "raw-u8.nrrd", "raw-u8.npy"] {
-        let (before, after) = (read(file), load(&path(file), &options).unwrap());
+        let (before, after) = (read(file), load(path(file), &options).unwrap());
         let spacing = after.grid().spacing();
         for (found, expected) in spacing.iter().zip([1.0, 10.0, 100.0]) {
             assert!((found / expected - 1.0).abs() < 1e-14, "{file}: {spacing:?}");
@@ -149,7 +149,7 @@ fn a_given_spacing_replaces_the_headers_and_keeps_its_directions() {
         }
     }
     // Without a form, nibabel centres the lattice: it stays centred.
-    let volume = load(&path("no-form.nii"), &options).unwrap();
+    let volume = load(path("no-form.nii"), &options).unwrap();
     assert!(volume.grid().center().length() < 1e-12);
 }
 
@@ -163,6 +163,36 @@ fn content_decides_before_the_name_does() {
         std::fs::copy(path(file), &copy).unwrap();
         let volume = load(copy.to_str().unwrap(), &LoadOptions::default()).unwrap();
         assert_eq!(volume.in_memory().unwrap().samples(), &samples("i16"), "{file} as {name}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_file_name_need_not_be_utf_8() {
+    use std::os::unix::ffi::OsStrExt;
+    let folder = tempfile::tempdir().unwrap();
+    let copy = folder.path().join(std::ffi::OsStr::from_bytes(b"scan-\xff.nii.gz"));
+    std::fs::copy(path("raw-i16.nii"), &copy).unwrap();
+    let volume = load(&copy, &LoadOptions::default()).unwrap();
+    assert_eq!(volume.in_memory().unwrap().samples(), &samples("i16"));
+}
+
+#[test]
+fn a_volume_is_made_of_a_slice_of_every_type() {
+    macro_rules! each {
+        ($($variant:ident $t:ty),+) => { $({
+            let values: Vec<$t> = (0..24).map(|n| n as $t).collect();
+            let volume = Volume::from_slice([4, 3, 2], [1.0, 2.0, 3.0], &values).unwrap();
+            assert_eq!(volume.sample_type(), SampleType::$variant);
+            assert_eq!(volume.in_memory().unwrap().samples(), &Samples::$variant(values));
+            assert_eq!(volume.grid().spacing(), [1.0, 2.0, 3.0]);
+        })+ };
+    }
+    each!(U8 u8, I8 i8, U16 u16, I16 i16, U32 u32, I32 i32, U64 u64, I64 i64, F32 f32, F64 f64);
+    let error = Volume::from_slice([4, 3, 2], [1.0; 3], &[0_u8; 23]).unwrap_err().to_string();
+    assert_eq!(error, "volume: 23 samples for a lattice of 4 x 3 x 2 = 24");
+    for (dims, spacing) in [([0, 1, 1], [1.0; 3]), ([1, 1, 65_536], [1.0; 3]), ([1, 1, 1], [1.0, 0.0, 1.0])] {
+        assert!(Volume::from_slice(dims, spacing, &[0_u8]).is_err(), "{dims:?} {spacing:?}");
     }
 }
 

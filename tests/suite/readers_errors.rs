@@ -18,17 +18,26 @@ fn refused(name: &str, bytes: &[u8]) -> String {
 }
 
 fn message(file: &Path, options: &LoadOptions) -> String {
-    let error = load(file.to_str().unwrap(), options).expect_err("a file that should be refused was read");
-    one_line(&error)
+    let error = load(file, options).expect_err("a file that should be refused was read");
+    let text = one_line(&error);
+    assert!(!text.contains(" --"), "flags are the command line's: {text:?}");
+    text
 }
 
 /// The message of an error, which names a cause that loading may have and is one line of bearable length.
 fn one_line(error: &Error) -> String {
     assert!(
-        matches!(error, Error::Format { .. } | Error::Read { .. } | Error::Volume(_) | Error::Setting { .. }),
+        matches!(
+            error,
+            Error::Format { .. }
+                | Error::Read { .. }
+                | Error::Volume(_)
+                | Error::NonFinite { .. }
+                | Error::Setting { .. }
+        ),
         "{error:?}"
     );
-    let text = error.to_string();
+    let text = format!("{error:#}");
     assert!(!text.contains('\n') && text.len() < 2000, "{text:?}");
     text
 }
@@ -48,7 +57,7 @@ const NRRD: &str = "type: uchar\ndimension: 3\nsizes: 2 2 2\nencoding: raw";
 #[test]
 fn files_that_are_no_volume_are_named() {
     assert_refused("empty.nrrd", b"", "is empty");
-    assert_refused("a.dat", b"some bytes", "--dims X,Y,Z and --type");
+    assert_refused("a.dat", b"some bytes", "set LoadOptions::dims and LoadOptions::sample_type");
     assert_refused("a.nrrd", b"some bytes", "expected NRRD0001");
     assert_refused("a.nii", &[0; 400], "not a NIfTI file");
     assert_refused("a.npy", b"some bytes", "not a NumPy file");
@@ -69,10 +78,10 @@ fn files_that_are_no_volume_are_named() {
 fn options_for_bare_samples_are_refused_elsewhere() {
     let file = path("raw-i16.nrrd");
     let options = [
-        ("--dims", LoadOptions { dims: Some([3, 4, 5]), ..LoadOptions::default() }),
-        ("--type", LoadOptions { sample_type: Some(SampleType::I16), ..LoadOptions::default() }),
-        ("--endian", LoadOptions { endian: Some("big".parse().unwrap()), ..LoadOptions::default() }),
-        ("--offset", LoadOptions { offset: 1, ..LoadOptions::default() }),
+        ("dims", LoadOptions { dims: Some([3, 4, 5]), ..LoadOptions::default() }),
+        ("sample_type", LoadOptions { sample_type: Some(SampleType::I16), ..LoadOptions::default() }),
+        ("endian", LoadOptions { endian: Some("big".parse().unwrap()), ..LoadOptions::default() }),
+        ("offset", LoadOptions { offset: 1, ..LoadOptions::default() }),
     ];
     for (name, options) in options {
         for source in [file.as_str(), "demo:sphere:8"] {
@@ -97,8 +106,8 @@ fn bare_samples_need_both_options_and_enough_bytes() {
         let message = message(&file, &options);
         assert!(message.contains(words), "{message:?} does not say {words:?}");
     };
-    says(LoadOptions { dims: None, ..full }, "--dims");
-    says(LoadOptions { sample_type: None, ..full }, "--type");
+    says(LoadOptions { dims: None, ..full }, "set LoadOptions::dims");
+    says(LoadOptions { sample_type: None, ..full }, "set LoadOptions::sample_type");
     says(LoadOptions { offset: 1, ..full }, "16 bytes, 15 are there");
     says(LoadOptions { offset: u64::MAX, ..full }, "ends before byte");
     says(LoadOptions { dims: Some([65_535; 3]), sample_type: Some(SampleType::F64), ..full }, "need 2251696");

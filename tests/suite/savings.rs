@@ -1,17 +1,16 @@
-//! What is left out changes no picture, and is left out.
+//! What is left out, counted. `src/gpu/savings_test.rs` has the pictures with and without.
 
-use voxsplat::camera::{ProjectionKind, View};
+use voxsplat::camera::View;
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::renderer::{Renderer, Scene};
-use voxsplat::settings::{Model, Savings, Settings, Shading};
+use voxsplat::settings::{Model, Settings, Shading};
 use voxsplat::stats::Stats;
 use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    PERSPECTIVE, RENDERER, draw_on, exact_quads, headlight, look, new_renderer, picture, prepare, prepare_on, thick,
-    transfer, with_quads,
+    draw_on, exact_quads, headlight, look, new_renderer, picture, prepare_on, thick, transfer, with_quads,
 };
 
 /// Two balls that fade outwards, one in the middle, over a background that falls away from them: what is dropped is
@@ -29,93 +28,6 @@ fn balls() -> (Volume, TransferFunction) {
     let grid = Grid::axis_parallel(dims, [1.0; 3]).unwrap();
     let volume = Volume::new(grid, Samples::F32(points.map(value).collect())).unwrap();
     (volume, transfer(&[(20.0, [1.0, 0.2, 0.1], 0.0), (40.0, [0.2, 0.9, 1.0], 0.4)], None))
-}
-
-fn without() -> [(&'static str, Savings); 6] {
-    let all = Savings::default();
-    [
-        ("bricks", Savings { bricks: false, ..all }),
-        ("voxels", Savings { voxels: false, ..all }),
-        ("view", Savings { view: false, ..all }),
-        ("pixels", Savings { pixels: false, ..all }),
-        ("specialization", Savings { specialization: false, ..all }),
-        ("reuse", Savings { reuse: false, ..all }),
-    ]
-}
-
-#[test]
-#[ignore = "slow: 98 pictures"]
-fn nothing_that_is_left_out_changes_a_pixel() {
-    let (volume, transfer) = balls();
-    let pre = Settings { termination: 1e-3, ..exact_quads() };
-    let post = Settings { shading: Shading::Post, ..pre.clone() };
-    let scenes = [
-        ("pre-shaded", pre.clone()),
-        ("lit", Settings { lighting: headlight(), ..pre.clone() }),
-        ("X-ray", Settings { model: Model::Xray, ..pre.clone() }),
-        ("post-shaded", post.clone()),
-        ("post-shaded and lit", Settings { lighting: headlight(), ..post.clone() }),
-        ("thick sheets", thick(&post, 1.5)),
-        ("maximum", Settings { model: Model::Mip, ..pre }),
-    ];
-    for (name, settings) in scenes {
-        for (projection, zoom) in [(ProjectionKind::Orthographic, 3.0), (PERSPECTIVE, 1.6)] {
-            let view = View { azimuth: 25.0, elevation: 15.0, zoom, projection, ..View::default() };
-            let camera = look(&view, &volume, [56; 2]);
-            let render = |settings: &Settings| picture(&volume, &transfer, &camera, settings);
-            let expected = render(&settings);
-            assert!(expected.image.pixels().iter().any(|p| p[3] > 0.1), "{name}: nothing to see");
-            for (saving, savings) in without() {
-                let got = render(&Settings { savings, ..settings.clone() });
-                let same = got.image.pixels() == expected.image.pixels();
-                assert!(same, "{name}, zoom {zoom}, {projection:?}, without {saving}");
-                let (got, all) = (got.stats, &expected.stats);
-                match saving {
-                    "bricks" => {
-                        // Post-shading asks for the neighbours of what shows too: all bricks of these volumes.
-                        assert_eq!(all.bricks_uploaded < got.bricks_uploaded, !settings.is_post_shaded());
-                        assert_eq!(got.bricks_uploaded, got.bricks);
-                    }
-                    "voxels" => assert!(got.splats_kept > 2 * all.splats_kept, "{}", got.splats_kept),
-                    // Zoomed less, everything is in view.
-                    "view" => assert!(got.splats_in_view >= all.splats_in_view + u64::from(zoom == 3.0)),
-                    // What these do shows in no count of a single picture; see the tests below.
-                    "pixels" | "specialization" | "reuse" => assert_eq!(got.splats_in_view, all.splats_in_view),
-                    other => panic!("{other}"),
-                }
-            }
-        }
-    }
-}
-
-#[test]
-fn specialization_off_keeps_what_no_setting_asks_for() {
-    let (volume, transfer) = balls();
-    let camera = look(&View::default(), &volume, [8; 2]);
-    let lit = Settings { lighting: headlight(), ..exact_quads() };
-    let draws_lit = |specialization| {
-        let savings = Savings { specialization, ..Savings::default() };
-        let scene = prepare(&volume, &transfer, &Settings { savings, ..exact_quads() });
-        draw_on(&RENDERER, &scene, &camera, &lit).is_ok()
-    };
-    // Prepared without light, a scene has no normals, unless they are kept all the same.
-    assert!(!draws_lit(true) && draws_lit(false));
-}
-
-#[test]
-fn reuse_off_sends_everything_again() {
-    let (volume, transfer) = balls();
-    let renderer = new_renderer();
-    let post = Settings { shading: Shading::Post, ..exact_quads() };
-    let sent_again = |reuse| {
-        let settings = Settings { savings: Savings { reuse, ..Savings::default() }, ..post.clone() };
-        let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
-        turn(&renderer, &scene, &volume, &settings, 0.0);
-        turn(&renderer, &scene, &volume, &settings, 0.0)
-    };
-    let (kept, made) = (sent_again(true), sent_again(false));
-    assert!(kept.bytes_sent < 40_000, "{}", kept.bytes_sent);
-    assert!(made.bytes_sent > kept.bytes_sent + 8 * made.splats_kept, "{} {}", kept.bytes_sent, made.bytes_sent);
 }
 
 /// The lattice points whose scalars are above 20, and those within `reach` of one.
@@ -165,10 +77,10 @@ fn only_what_a_scene_needs_is_made_and_sent() {
     let pre = exact_quads();
     let post = Settings { shading: Shading::Post, ..pre.clone() };
     // Pipelines: two of classification, two of the scan, three of the sort; one of splats and one that wipes sheets,
-    // one that composites or shades, one that resolves, and four of termination.
+    // one that composites or shades, one that resolves, and two of termination.
     let scenes = [
         (pre.clone(), 11),
-        (Settings { termination: 0.01, ..pre.clone() }, 15),
+        (Settings { termination: 0.01, ..pre.clone() }, 13),
         (Settings { model: Model::Xray, ..pre.clone() }, 11),
         (Settings { lighting: headlight(), ..pre.clone() }, 11),
         (post.clone(), 8),
@@ -179,14 +91,15 @@ fn only_what_a_scene_needs_is_made_and_sent() {
         let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
         let first = turn(&renderer, &scene, &volume, &settings, 0.0);
         assert_eq!(first.pipelines, pipelines, "{settings:?}");
+        let quads = *first.quads().unwrap();
         let splats = first.splats_kept + first.splats_padding;
         let bytes = if settings.is_post_shaded() { 8 } else { 16 };
         // And the places of bricks.
         let places = first.scene_bytes - bytes * splats;
         assert!((16..=16 * u64::from(first.bricks_uploaded)).contains(&places), "{settings:?}: {places}");
-        assert!(first.passes <= u64::from(first.batches));
+        assert!(quads.passes <= u64::from(quads.batches));
         if settings.model == Model::Xray {
-            assert_eq!((first.sheets, first.passes, first.quads), (1, 1, splats));
+            assert_eq!((quads.sheets, quads.passes, quads.quads), (1, 1, splats));
         }
         // Turned, the camera sends what a picture of no splats does, and the list of the bricks' places in the sort.
         for azimuth in [40.0, 200.0] {

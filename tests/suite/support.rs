@@ -11,7 +11,8 @@ use voxsplat::image::Image;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::renderer::{Rendered, Renderer, RendererOptions, Scene};
 use voxsplat::report::compare;
-use voxsplat::settings::{Painter, Precision, Resolution, Settings};
+use voxsplat::settings::{Painter, Precision, QuadsSettings, Resolution, Settings, TilesSettings};
+use voxsplat::stats::{QuadsStats, TilesStats};
 use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::Volume;
 
@@ -22,12 +23,12 @@ pub(crate) static RENDERER: LazyLock<Renderer> = LazyLock::new(new_renderer);
 
 /// A device of its own, for tests that count what was made on it.
 pub(crate) fn new_renderer() -> Renderer {
-    Renderer::new(&RendererOptions { adapter: Some(adapter()) })
+    Renderer::new(&RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() })
         .unwrap_or_else(|e| panic!("{e}; VOXSPLAT_TEST_ADAPTER can name another adapter"))
 }
 
 pub(crate) fn demo(name: &str, size: u32) -> (Volume, TransferFunction) {
-    let volume = load(&format!("demo:{name}:{size}"), &LoadOptions::default()).unwrap();
+    let volume = load(format!("demo:{name}:{size}"), &LoadOptions::default()).unwrap();
     (volume, demo_transfer(name).unwrap())
 }
 
@@ -51,15 +52,15 @@ pub(crate) fn exact_quads() -> Settings {
 }
 
 /// The painter quads, with some of its settings changed.
-pub(crate) fn with_quads(settings: &Settings, change: impl FnOnce(&mut Settings)) -> Settings {
-    let mut settings = Settings { painter: Painter::Quads, ..settings.clone() };
-    change(&mut settings);
-    settings
+pub(crate) fn with_quads(settings: &Settings, change: impl FnOnce(&mut QuadsSettings)) -> Settings {
+    let mut quads = if let Painter::Quads(quads) = settings.painter { quads } else { QuadsSettings::default() };
+    change(&mut quads);
+    Settings { painter: Painter::Quads(quads), ..settings.clone() }
 }
 
 /// The painter tiles, with rays as fine as `resolution`.
 pub(crate) fn with_tiles(settings: &Settings, resolution: Resolution) -> Settings {
-    Settings { painter: Painter::Tiles, resolution, ..settings.clone() }
+    Settings { painter: Painter::Tiles(TilesSettings { resolution }), ..settings.clone() }
 }
 
 /// Quads, with sheets of another thickness.
@@ -67,30 +68,23 @@ pub(crate) fn thick(settings: &Settings, sheet_thickness: f64) -> Settings {
     with_quads(settings, |q| q.sheet_thickness = sheet_thickness)
 }
 
-/// A camera, and width and height of its picture in pixels.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Framed {
-    pub(crate) camera: Camera,
-    pub(crate) size: [u32; 2],
-}
-
 pub(crate) const PERSPECTIVE: ProjectionKind = ProjectionKind::Perspective { fov: 40.0 };
 pub(crate) const PROJECTIONS: [ProjectionKind; 2] = [ProjectionKind::Orthographic, PERSPECTIVE];
 
 /// A view of a volume.
-pub(crate) fn look(view: &View, volume: &Volume, size: [u32; 2]) -> Framed {
-    Framed { camera: Camera::new(view, volume.grid(), size).unwrap(), size }
+pub(crate) fn look(view: &View, volume: &Volume, size: [u32; 2]) -> Camera {
+    Camera::new(view, volume.grid(), size).unwrap()
 }
 
 /// A view of a volume from 25 degrees above.
-pub(crate) fn camera(azimuth: f64, projection: ProjectionKind, volume: &Volume, size: u32) -> Framed {
+pub(crate) fn camera(azimuth: f64, projection: ProjectionKind, volume: &Volume, size: u32) -> Camera {
     look(&View { azimuth, elevation: 25.0, projection, ..View::default() }, volume, [size; 2])
 }
 
 /// The place of a pixel in the image, by its number; see `Camera::image_coordinates`.
-pub(crate) fn coordinates(index: usize, size: [u32; 2]) -> (f64, f64) {
-    let index = index as u32;
-    Camera::image_coordinates([index % size[0], index / size[0]], size)
+pub(crate) fn coordinates(index: usize, camera: &Camera) -> (f64, f64) {
+    let (index, width) = (index as u32, camera.size[0]);
+    camera.image_coordinates([index % width, index / width])
 }
 
 pub(crate) fn prepare(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Scene {
@@ -103,24 +97,23 @@ pub(crate) fn prepare_on(
     transfer: &TransferFunction,
     settings: &Settings,
 ) -> Result<Scene> {
-    renderer.prepare(volume, transfer, settings, &|_| ())
+    renderer.prepare(volume, transfer, settings)
 }
 
-pub(crate) fn draw(scene: &Scene, camera: &Framed, settings: &Settings) -> Rendered {
+pub(crate) fn draw(scene: &Scene, camera: &Camera, settings: &Settings) -> Rendered {
     draw_on(&RENDERER, scene, camera, settings).unwrap()
 }
 
-pub(crate) fn draw_on(renderer: &Renderer, scene: &Scene, camera: &Framed, settings: &Settings) -> Result<Rendered> {
-    let settings = Settings { size: camera.size, ..settings.clone() };
-    renderer.render(scene, &camera.camera, &settings)
+pub(crate) fn draw_on(renderer: &Renderer, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
+    renderer.render(scene, camera, settings)
 }
 
 /// Prepares a volume and renders it.
-pub(crate) fn picture(volume: &Volume, transfer: &TransferFunction, camera: &Framed, settings: &Settings) -> Rendered {
+pub(crate) fn picture(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Rendered {
     draw(&prepare(volume, transfer, settings), camera, settings)
 }
 
-pub(crate) fn render(volume: &Volume, transfer: &TransferFunction, camera: &Framed, settings: &Settings) -> Image {
+pub(crate) fn render(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Image {
     picture(volume, transfer, camera, settings).image
 }
 
@@ -132,10 +125,7 @@ pub(crate) fn errors(a: &Image, b: &Image) -> (f64, f64) {
 
 /// Root mean square over all channels of the pixels that either picture covers.
 pub(crate) fn rms_covered(a: &Image, b: &Image) -> f64 {
-    let covered = |(p, q): &(&[f32; 4], &[f32; 4])| p[3] > 0.0 || q[3] > 0.0;
-    let pixels: Vec<_> = a.pixels().iter().zip(b.pixels()).filter(covered).collect();
-    let squares = pixels.iter().flat_map(|(p, q)| p.iter().zip(*q)).map(|(p, q)| f64::from(p - q).powi(2));
-    (squares.sum::<f64>() / (4 * pixels.len()) as f64).sqrt()
+    compare(a, b, 0.0).unwrap().rms_covered
 }
 
 /// Root mean square over all channels of all pixels.
@@ -149,4 +139,20 @@ pub(crate) fn rms_in_steps(a: &Image, b: &Image) -> f64 {
     let pixels: Vec<_> = a.pixels().iter().zip(b.pixels()).filter(|(p, q)| shown(p) || shown(q)).collect();
     let squares = pixels.iter().flat_map(|(p, q)| p[..3].iter().zip(&q[..3])).map(|(p, q)| f64::from(p - q).powi(2));
     255.0 * (squares.sum::<f64>() / (3 * pixels.len()) as f64).sqrt()
+}
+
+/// What quads did; fails if another painter drew.
+pub(crate) fn by_quads(rendered: &Rendered) -> QuadsStats {
+    *rendered
+        .stats
+        .quads()
+        .unwrap_or_else(|| panic!("{}: {}", rendered.stats.painter.name(), rendered.stats.painter_reason))
+}
+
+/// What tiles did; fails if another painter drew.
+pub(crate) fn by_tiles(rendered: &Rendered) -> TilesStats {
+    *rendered
+        .stats
+        .tiles()
+        .unwrap_or_else(|| panic!("{}: {}", rendered.stats.painter.name(), rendered.stats.painter_reason))
 }

@@ -1,14 +1,15 @@
 //! The painter `tiles` against the f64 reference and against `quads`.
 
 use glam::{DAffine3, DMat3, DVec3};
-use voxsplat::camera::{ProjectionKind, View};
+use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::error::Error;
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::settings::{Interslice, Model, Painter, Precision, Resolution, Savings, Settings, Shading, Sheets};
+use voxsplat::settings::{Interslice, Model, Resolution, Settings, Shading};
+use voxsplat::stats::RaySpacing;
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    Framed, RENDERER, demo, draw, draw_on, errors, headlight, look, new_renderer, picture, prepare, prepare_on,
+    RENDERER, by_tiles, demo, draw, draw_on, errors, headlight, look, new_renderer, picture, prepare, prepare_on,
     rms_in_steps, rms_of_all, transfer, two_lights, with_quads, with_tiles,
 };
 use crate::truth::truth;
@@ -19,12 +20,12 @@ fn full() -> Settings {
     with_tiles(&exact, Resolution::Full)
 }
 
-fn camera(azimuth: f64, elevation: f64, zoom: f64, volume: &Volume, size: u32) -> Framed {
+fn camera(azimuth: f64, elevation: f64, zoom: f64, volume: &Volume, size: u32) -> Camera {
     look(&View { azimuth, elevation, zoom, ..View::default() }, volume, [size; 2])
 }
 
 /// From one eye, so far from the middle of the volume where that is given.
-fn from_eye([azimuth, elevation, fov]: [f64; 3], distance: Option<f64>, volume: &Volume, size: u32) -> Framed {
+fn from_eye([azimuth, elevation, fov]: [f64; 3], distance: Option<f64>, volume: &Volume, size: u32) -> Camera {
     let projection = ProjectionKind::Perspective { fov };
     look(&View { azimuth, elevation, projection, distance, ..View::default() }, volume, [size; 2])
 }
@@ -49,7 +50,7 @@ fn a_ray_per_pixel_is_the_reference() {
             let camera = camera(azimuth, elevation, 1.0, &volume, 48);
             let expected = truth(&volume, &transfer, &camera, &settings);
             let got = picture(&volume, &transfer, &camera, &settings);
-            assert_eq!((got.stats.painter, got.stats.rays_per_voxel), (Painter::Tiles, None));
+            assert_eq!(by_tiles(&got).spacing, Some(RaySpacing::Pixels(1.0)));
             let (color, alpha) = errors(&got.image, &expected);
             assert!(alpha < alpha_limit && color < color_limit, "{name} {azimuth} {elevation}: {color:e} {alpha:e}");
         }
@@ -99,9 +100,10 @@ fn scalars_of_kernels_that_grew_err_less_than_by_quads() {
     let view = View { azimuth: 30.0, elevation: 20.0, view_height: Some(30.0), ..View::default() };
     let camera = look(&view, &volume, [24; 2]);
     let expected = truth(&volume, &transfer, &camera, &settings);
-    let [tiles, quads] = [settings.clone(), with_quads(&settings, |_| ())].map(|settings| {
+    let painters = [("tiles", settings.clone()), ("quads", with_quads(&settings, |_| ()))];
+    let [tiles, quads] = painters.map(|(name, settings)| {
         let got = picture(&volume, &transfer, &camera, &settings);
-        assert!(got.stats.painter == settings.painter && got.stats.kernel_growth > 1.2);
+        assert!(got.stats.painter.name() == name && got.stats.kernel_growth > 1.2);
         rms_of_all(&got.image, &expected)
     });
     assert!(tiles < quads && tiles < 2e-3, "{tiles:e}, quads {quads:e}");
@@ -146,7 +148,7 @@ fn rays_through_one_eye_are_those_of_the_reference() {
             let camera = from_eye(eye, None, &volume, 48);
             let expected = truth(&volume, &transfer, &camera, &settings);
             let got = picture(&volume, &transfer, &camera, &settings);
-            assert_eq!(got.stats.painter, Painter::Tiles);
+            assert_eq!(got.stats.painter.name(), "tiles");
             let (color, alpha) = errors(&got.image, &expected);
             assert!(alpha < alpha_limit && color < color_limit, "{name} {eye:?}: {color:e} {alpha:e}");
         }
@@ -180,7 +182,7 @@ fn scalars_are_classified_about_as_well_as_by_quads() {
                 let expected = truth(&volume, &transfer, &camera, &settings);
                 let quads = with_quads(&settings, |_| ());
                 let got = picture(&volume, &transfer, &camera, &settings);
-                assert_eq!(got.stats.painter, Painter::Tiles);
+                assert_eq!(got.stats.painter.name(), "tiles");
                 [&got, &picture(&volume, &transfer, &camera, &quads)].map(|r| rms_of_all(&r.image, &expected).powi(2))
             });
             let [tiles, quads] = [0, 1].map(|painter| (squares.iter().map(|s| s[painter]).sum::<f64>() / 3.0).sqrt());
@@ -202,7 +204,7 @@ fn scalars_fill_their_box_and_what_shows_everywhere_shows() {
             let got = picture(&volume, &transfer, &camera, &settings);
             let (color, alpha) = errors(&got.image, &expected);
             assert!(
-                got.stats.painter == Painter::Tiles && alpha < 1e-4 && color < 1e-4,
+                got.stats.painter.name() == "tiles" && alpha < 1e-4 && color < 1e-4,
                 "{model:?} {color:e} {alpha:e}"
             );
             assert!(got.image.pixels()[48 * 24 + 24][3] > 0.5);
@@ -220,7 +222,7 @@ fn a_ray_per_voxel_errs_by_less_than_half_a_step() {
             let camera = camera(azimuth, elevation, 1.0, &volume, 240);
             let expected = picture(&volume, &transfer, &camera, &exact);
             let got = picture(&volume, &transfer, &camera, &settings);
-            assert!(got.stats.rays_per_voxel.is_some(), "{name} {azimuth} {elevation}");
+            assert!(matches!(by_tiles(&got).spacing, Some(RaySpacing::PerVoxel(_))), "{name} {azimuth} {elevation}");
             let error = rms_in_steps(&got.image, &expected.image);
             assert!(error < 0.45, "{name} {azimuth} {elevation}: {error}");
         }
@@ -240,8 +242,9 @@ fn a_coarser_raster_errs_by_less_than_half_a_step() {
             let camera = look(&view, &volume, [240; 2]);
             let expected = picture(&volume, &transfer, &camera, &exact);
             let got = picture(&volume, &transfer, &camera, &settings);
-            assert_eq!(expected.stats.pixels_per_ray, Some(1.0));
-            assert!(got.stats.pixels_per_ray > Some(1.2) && got.stats.rays < expected.stats.rays, "{name} {eye:?}");
+            assert_eq!(by_tiles(&expected).spacing, Some(RaySpacing::Pixels(1.0)));
+            assert!(matches!(by_tiles(&got).spacing, Some(RaySpacing::Pixels(pitch)) if pitch > 1.2), "{name} {eye:?}");
+            assert!(by_tiles(&got).rays < by_tiles(&expected).rays, "{name} {eye:?}");
             let error = rms_in_steps(&got.image, &expected.image);
             assert!(error < 0.45, "{name} {eye:?}: {error}");
         }
@@ -274,7 +277,7 @@ fn every_model_that_is_served_follows_the_reference() {
         for camera in cameras {
             let expected = truth(&volume, &transfer, &camera, &settings);
             let got = picture(&volume, &transfer, &camera, &settings);
-            assert_eq!(got.stats.painter, Painter::Tiles);
+            assert_eq!(got.stats.painter.name(), "tiles");
             let (color, alpha) = errors(&got.image, &expected);
             // A slab is 1.2 voxels thick, which is much of a narrow kernel: it errs by 4.7e-3, others by 9.2e-4.
             // One sum has no slabs. Alpha is that of footprints fitted by polynomials: 9.4e-5.
@@ -300,7 +303,7 @@ fn grids_may_be_anisotropic_sheared_and_cropped() {
             assert!(alpha < 5e-4 && color < 4e-3, "{matrix} {azimuth}: {color:e} {alpha:e}");
             let capped = with_tiles(&settings, Resolution::Capped);
             let got = picture(&volume, &transfer, &camera, &capped);
-            assert!(got.stats.rays_per_voxel.is_some());
+            assert!(matches!(by_tiles(&got).spacing, Some(RaySpacing::PerVoxel(_))));
             let error = rms_in_steps(&got.image, &expected);
             assert!(error < 0.6, "{matrix} {azimuth}: {error}");
         }
@@ -333,23 +336,19 @@ fn auto_takes_tiles_where_they_serve_and_says_why_not() {
     let near = camera(30.0, 20.0, 1.0, &volume, 64);
     let stats = |settings: &Settings, camera| draw_on(&RENDERER, &scene, camera, settings).map(|r| r.stats);
     let software = RENDERER.adapter().is_software();
-    let expected = if software { Painter::Tiles } else { Painter::Quads };
-    assert_eq!(stats(&auto, &near).unwrap().painter, expected);
+    let expected = if software { "tiles" } else { "quads" };
+    assert_eq!(stats(&auto, &near).unwrap().painter.name(), expected);
     let inside = from_eye([0.0, 0.0, 60.0], Some(5.0), &volume, 64);
     let far = camera(30.0, 20.0, 0.2, &volume, 64);
     let cases = [
         (auto.clone(), &inside, "eye"),
         (auto.clone(), &far, "grow"),
-        (Settings { sheets: Sheets::Axis, ..auto.clone() }, &near, "sheets"),
-        (Settings { sheet_thickness: 0.5, ..auto.clone() }, &near, "voxel thick"),
         (Settings { kernel: Kernel::Gaussian { sigma: 1.0, radius: 3.2 }, ..auto.clone() }, &near, "at most 3"),
-        (Settings { precision: Some(Precision::F32), ..auto.clone() }, &near, "precision"),
-        (Settings { max_error: Some(1e-3), ..auto.clone() }, &near, "footprint table"),
     ];
     for (settings, camera, word) in cases {
         let got = stats(&settings, camera).unwrap();
-        assert_eq!(got.painter, Painter::Quads, "{word}");
-        assert!(got.painter_reason.contains(word), "{}", got.painter_reason);
+        assert_eq!(got.painter.name(), "quads", "{word}");
+        assert!(!software || got.painter_reason.contains(word), "{}", got.painter_reason);
         match stats(&with_tiles(&settings, Resolution::Capped), camera) {
             Err(Error::Setting { name: "painter", reason }) => assert!(reason.contains(word), "{reason}"),
             other => panic!("{word}: {other:?}"),
@@ -359,13 +358,13 @@ fn auto_takes_tiles_where_they_serve_and_says_why_not() {
     let one = Volume::new(Grid::axis_parallel([3; 3], [1.0; 3]).unwrap(), Samples::F32(vec![1.0; 27])).unwrap();
     let xray = Settings { model: Model::Xray, ..auto.clone() };
     let got = picture(&one, &transfer, &camera(0.0, 0.0, 1.0, &one, 64), &xray).stats;
-    assert_eq!(got.painter, Painter::Quads);
+    assert_eq!(got.painter.name(), "quads");
     assert!(!software || got.painter_reason.contains("few voxels"), "{}", got.painter_reason);
     let quads = stats(&with_quads(&auto, |_| ()), &near).unwrap();
-    assert_eq!((quads.painter, quads.painter_reason.as_str()), (Painter::Quads, "asked for"));
+    assert_eq!((quads.painter.name(), quads.painter_reason.as_str()), ("quads", "asked for"));
     let post = Settings { shading: Shading::Post, ..auto };
     let scene = prepare(&volume, &transfer, &post);
-    assert_eq!(draw(&scene, &near, &post).stats.painter, expected);
+    assert_eq!(draw(&scene, &near, &post).stats.painter.name(), expected);
 }
 
 #[test]
@@ -388,8 +387,6 @@ fn turning_packs_the_volume_once_an_axis() {
     }
     assert!(!packs(10.0, &settings) && !packs(35.0, &settings));
     assert!(packs(120.0, &settings), "another axis");
-    let always = Settings { savings: Savings { reuse: false, ..Savings::default() }, ..settings };
-    assert!(packs(120.0, &always));
 }
 
 #[test]
@@ -397,5 +394,5 @@ fn nothing_to_see_is_a_clear_picture() {
     let (volume, _) = demo("sphere", 16);
     let transfer = transfer(&[(500.0, [1.0; 3], 0.0), (600.0, [1.0; 3], 0.5)], None);
     let got = picture(&volume, &transfer, &camera(0.0, 0.0, 1.0, &volume, 16), &full());
-    assert!(got.image.pixels().iter().all(|p| *p == [0.0; 4]) && got.stats.rays == 0);
+    assert!(got.image.pixels().iter().all(|p| *p == [0.0; 4]) && by_tiles(&got).rays == 0);
 }

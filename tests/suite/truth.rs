@@ -8,23 +8,20 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
+use voxsplat::camera::Camera;
 use voxsplat::image::Image;
-use voxsplat::reference;
+use voxsplat::reference::Reference;
 use voxsplat::settings::Settings;
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::Volume;
-
-use crate::support::Framed;
 
 /// Files or folders of `src/` on which the reference's pictures depend, without their endings.
 const SOURCES: [&str; 6] = ["camera", "kernel", "lighting", "reference", "transfer/mod", "volume"];
 
 /// The picture that the reference integrates.
-pub(crate) fn truth(volume: &Volume, transfer: &TransferFunction, camera: &Framed, settings: &Settings) -> Image {
+pub(crate) fn truth(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Image {
     kept(&folder(), key(volume, transfer, camera, settings), camera.size, || {
-        reference::Scene::new(volume, transfer, settings)
-            .and_then(|scene| scene.render(&camera.camera, camera.size, &|_| ()))
-            .unwrap()
+        Reference::new(volume, transfer, settings).and_then(|reference| reference.render(camera)).unwrap()
     })
 }
 
@@ -71,7 +68,7 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
         .collect()
 }
 
-fn key(volume: &Volume, transfer: &TransferFunction, camera: &Framed, settings: &Settings) -> u128 {
+fn key(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> u128 {
     let mut hash = *SOURCES_HASH;
     let memory = volume.in_memory().unwrap();
     for index in 0..volume.grid().len() as usize {
@@ -167,7 +164,7 @@ mod tests {
             key(&other, &transfer, &seen, &settings),
             key(&volume, &other_transfer, &seen, &settings),
             key(&volume, &transfer, &turned, &settings),
-            key(&volume, &transfer, &Framed { size: [8, 9], ..seen }, &settings),
+            key(&volume, &transfer, &Camera { size: [8, 9], ..seen }, &settings),
             key(&volume, &transfer, &seen, &Settings { model: Model::Xray, ..settings.clone() }),
             key(&volume, &transfer, &seen, &Settings { kernel: Kernel::KAISER_BESSEL, ..settings.clone() }),
             key(&volume, &transfer, &seen, &Settings { antialiasing: false, ..settings }),

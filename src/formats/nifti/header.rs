@@ -4,22 +4,22 @@ use crate::error::Result;
 use crate::formats::input::Input;
 use crate::volume::Endian;
 
-/// Bytes of the longer header, NIfTI-2's: what a file must be looked at to be recognised.
+/// Bytes of a file that [`is_nifti`] and [`is_analyze`] need: the longer header, NIfTI-2's.
 pub(in crate::formats) const HEADER_SIZE: usize = NIFTI2_SIZE;
 
 const NIFTI1_SIZE: usize = 348;
 const NIFTI2_SIZE: usize = 540;
 
-/// NIfTI-2 carries the line ends that a transfer in text mode would spoil.
+/// Bytes 7 to 11 of NIfTI-2: line ends, which a transfer in text mode changes.
 const NIFTI2_TAIL: &[u8] = b"\0\r\n\x1a\n";
 
-/// The fields that a scalar volume needs, under their names in `nifti1.h`.
+/// The fields that a scalar volume needs; names are those of `nifti1.h`.
 pub(super) struct Header {
     pub(super) is_nifti2: bool,
     pub(super) endian: Endian,
     /// Bytes of the header itself.
     pub(super) size: usize,
-    /// Samples in the same file ("n+1"), not in a second one ("ni1").
+    /// Whether the samples are in the same file ("n+1") or in a second one ("ni1").
     pub(super) single_file: bool,
     pub(super) dim: [i64; 8],
     pub(super) datatype: i16,
@@ -94,7 +94,7 @@ impl Header {
                 dim: std::array::from_fn(|i| f.i64(16 + 8 * i)),
                 datatype: f.i16(12),
                 pixdim: std::array::from_fn(|i| f.f64(104 + 8 * i)),
-                // Beyond 2^53 it is no offset into any file.
+                // f64 holds every offset below 2^53, and no file is larger.
                 vox_offset: f.i64(168) as f64,
                 scl_slope: f.f64(176),
                 scl_inter: f.f64(184),
@@ -125,13 +125,13 @@ impl Header {
         })
     }
 
-    /// World distance between samples, for a placement that is not the sform.
+    /// World distance between samples. The sform has its own, all other placements use this.
     pub(super) fn spacing(&self) -> [f64; 3] {
         [self.pixdim[1], self.pixdim[2], self.pixdim[3]]
     }
 }
 
-/// Numbers at byte offsets of a header. All offsets are constants within it; past its end there would be zeros.
+/// Numbers at byte offsets of a header. All offsets are constants inside it; bytes past the end would read as 0.
 struct Fields<'a> {
     bytes: &'a [u8],
     endian: Endian,

@@ -1,9 +1,9 @@
 //! NIfTI-1 and NIfTI-2, single files and pairs, of either byte order
 //! (<https://nifti.nimh.nih.gov/pub/dist/src/niftilib/nifti1.h>, `nifti2.h` beside it).
 //!
-//! Written here because the crate `nifti` 0.18 does not do for us: it knows no NIfTI-2 (dimensions are u16), goes by
-//! the file's name to tell gzip, reserves what a header claims before it has seen the data, and builds affines with
-//! nalgebra only. Where a header leaves room, nibabel's reading of it is followed.
+//! The crate `nifti` 0.18 is not used: it does not read NIfTI-2 (its dimensions are u16), recognises gzip by the file's
+//! name, reserves the memory that a header claims before it has seen the data, and needs nalgebra for affines. If a
+//! header is ambiguous, this reader does as nibabel does.
 //!
 //! Lengths stay in the unit of the file: `xyzt_units` is not applied, so a file in metres is not scaled to millimetres.
 
@@ -21,7 +21,7 @@ use super::placement::Placement;
 use crate::error::Result;
 use crate::volume::{SampleType, Volume};
 
-/// Takes RAS, the world of NIfTI, to LPS.
+/// Factors from RAS, the world of NIfTI, to LPS, that of DICOM.
 const RAS_TO_LPS: DVec3 = DVec3::new(-1.0, -1.0, 1.0);
 
 /// Reads the volume of a header that begins here.
@@ -34,7 +34,7 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
     let placement = placement(&header, &input, dims, spacing)?;
     let grid = placement.grid(&path, dims, spacing)?;
 
-    // The offset is a float in NIfTI-1.
+    // The offset is a float in NIfTI-1; under 9e15, a little under 2^53, it is exact.
     let offset = header.vox_offset;
     if !(offset >= 0.0 && offset.fract() == 0.0 && offset < 9e15) {
         return Err(input.error(format!("vox_offset is {offset}, expected a whole number of bytes")));
@@ -42,7 +42,7 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
     let offset = offset as u64;
     let input = if header.single_file {
         let read = header.size as u64;
-        // Four bytes say whether extensions follow the header: data cannot begin before them. 0 means "right after".
+        // Four bytes after the header say whether extensions follow, so data begin behind them. 0 means right there.
         let first = if offset == 0 { read + 4 } else { offset };
         if first < read + 4 {
             return Err(input.error(format!("vox_offset is {offset}, inside the header")));
@@ -85,7 +85,7 @@ fn dims(header: &Header, input: &Input) -> Result<[u32; 3]> {
     let n = usize::try_from(header.dim[0]).ok().filter(|n| (1..=7).contains(n));
     let n = n.ok_or_else(|| input.error(format!("dim[0] is {}, expected 1 to 7 axes", header.dim[0])))?;
     for axis in 4..=n {
-        // Unused axes are 1, or 0 in files by careless writers.
+        // Unused axes are 1; some writers leave them 0.
         if !(0..=1).contains(&header.dim[axis]) {
             return Err(input.error(format!(
                 "dim[{axis}] is {}: it holds several volumes, save the one to be rendered alone",
@@ -96,7 +96,7 @@ fn dims(header: &Header, input: &Input) -> Result<[u32; 3]> {
     lattice(input.path(), &header.dim[1..=n.min(3)])
 }
 
-/// The map from stored numbers to values: a slope of 0 (or none that is finite) means there is none.
+/// The map from stored numbers to values. A slope that is 0 or not finite means that there is none.
 fn rescale(header: &Header, input: &Input) -> Result<(f64, f64)> {
     let (slope, intercept) = (header.scl_slope, header.scl_inter);
     if slope == 0.0 || !slope.is_finite() {
@@ -108,8 +108,8 @@ fn rescale(header: &Header, input: &Input) -> Result<(f64, f64)> {
     Ok((slope, intercept))
 }
 
-/// The sform if it has a code, else the qform if it has one, else the lattice centred on the origin, its first axis
-/// running from right to left: nibabel's order and its fallback.
+/// The position of the lattice: the sform if it has a code, else the qform if it has one. Otherwise the lattice is
+/// centred on the origin and its first axis runs from right to left. This is nibabel's order and its fallback.
 fn placement(header: &Header, input: &Input, dims: [u32; 3], spacing: Option<[f64; 3]>) -> Result<Placement> {
     let ras = if header.sform_code != 0 {
         let [x, y, z] = header.srow;
@@ -122,7 +122,7 @@ fn placement(header: &Header, input: &Input, dims: [u32; 3], spacing: Option<[f6
         }
     } else if header.qform_code != 0 {
         let rotation = rotation(header, input)?;
-        // Only -1 mirrors: other values, 0 above all, stand for 1.
+        // Only -1 mirrors. All other values, most often 0, mean 1.
         let qfac = if header.pixdim[0] == -1.0 { -1.0 } else { 1.0 };
         Placement {
             directions: [rotation.x_axis, rotation.y_axis, rotation.z_axis * qfac],
@@ -134,17 +134,17 @@ fn placement(header: &Header, input: &Input, dims: [u32; 3], spacing: Option<[f6
         let used = spacing.unwrap_or(header.spacing());
         let directions = [-DVec3::X, DVec3::Y, DVec3::Z];
         let half = |a: usize| directions[a] * used[a] * (f64::from(dims[a]) - 1.0) / 2.0;
-        // The header did not say where the axes point: the conventional guess is not passed off as knowledge.
+        // The header does not orient the axes, so the volume does not count as oriented.
         Placement { directions, spacing: header.spacing(), origin: -(half(0) + half(1) + half(2)), oriented: false }
     };
     Ok(ras.flipped(RAS_TO_LPS))
 }
 
-/// The rotation of the quaternion (a, b, c, d), a >= 0 not stored because its length is 1.
+/// The rotation of the unit quaternion (a, b, c, d). The file does not store a, which is not negative.
 fn rotation(header: &Header, input: &Input) -> Result<DMat3> {
     let [b, c, d] = header.quatern;
     let a2 = 1.0 - (b * b + c * c + d * d);
-    // Rounding of the stored numbers can take a half turn's a2 a little below 0; nibabel allows three units.
+    // In a half turn a is 0, and rounding of b, c and d can make a^2 negative. nibabel allows three units of rounding.
     let rounding = 3.0 * if header.is_nifti2 { f64::EPSILON } else { f64::from(f32::EPSILON) };
     if a2.is_nan() || a2 <= -rounding {
         return Err(input.error(format!("quaternion ({b}, {c}, {d}) is no rotation: its length is over 1")));
@@ -153,37 +153,49 @@ fn rotation(header: &Header, input: &Input) -> Result<DMat3> {
     Ok(DMat3::from_quat(DQuat::from_xyzw(b, c, d, a).normalize()))
 }
 
-/// The file with the samples of a pair.
+/// The file with the samples of a pair, from the name of its header.
 fn image_file(header: &Path, input: &Input) -> Result<PathBuf> {
-    let (stem, upper) = stem(header);
-    let with = |extension: &str| {
-        let mut name = stem.clone().into_os_string();
-        name.push(extension);
-        PathBuf::from(name)
+    let extensions = match in_capitals(header) {
+        true => [".IMG", ".IMG.GZ", ".img", ".img.gz"],
+        false => [".img", ".img.gz", ".IMG", ".IMG.GZ"],
     };
-    let candidates =
-        if upper { [".IMG", ".IMG.GZ", ".img", ".img.gz"] } else { [".img", ".img.gz", ".IMG", ".IMG.GZ"] }.map(with);
-    candidates
-        .iter()
-        .find(|c| c.is_file())
-        .cloned()
-        .ok_or_else(|| input.error(format!("its samples belong in {}, which is not there", candidates[0].display())))
+    let missing = || {
+        let expected = with_extension(header, extensions[0]);
+        input.error(format!("its samples belong in {}, which is not there", expected.display()))
+    };
+    existing(header, &extensions).ok_or_else(missing)
 }
 
-/// The header of the pair that an image file belongs to, where there is one.
+/// Whether a file has the extension .img or .img.gz: then it holds the samples of a pair.
+pub(super) fn is_image_name(path: &Path) -> bool {
+    uncompressed(path).extension().is_some_and(|e| e.eq_ignore_ascii_case("img"))
+}
+
+/// The header of the pair that an image file belongs to, if there is one.
 pub(super) fn header_of_image(image: &Path) -> Option<PathBuf> {
-    let (stem, _) = stem(image);
-    [".hdr", ".hdr.gz", ".HDR"].into_iter().find_map(|extension| {
-        let mut name = stem.clone().into_os_string();
-        name.push(extension);
-        Some(PathBuf::from(name)).filter(|path| path.is_file())
-    })
+    existing(image, &[".hdr", ".hdr.gz", ".HDR"])
 }
 
-/// The path without its extension (and the .gz after it), and whether that was in capitals.
-fn stem(path: &Path) -> (PathBuf, bool) {
+/// The first existing file with the name of `path` and one of the extensions.
+fn existing(path: &Path, extensions: &[&str]) -> Option<PathBuf> {
+    extensions.iter().map(|extension| with_extension(path, extension)).find(|file| file.is_file())
+}
+
+/// The path with its extension, and .gz after it, replaced.
+fn with_extension(path: &Path, extension: &str) -> PathBuf {
+    let mut name = uncompressed(path).with_extension("").into_os_string();
+    name.push(extension);
+    name.into()
+}
+
+/// The path without the extension .gz.
+fn uncompressed(path: &Path) -> PathBuf {
     let is_gz = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
-    let path = if is_gz { path.with_extension("") } else { path.to_owned() };
-    let upper = path.extension().and_then(|e| e.to_str()).is_some_and(|e| e.chars().all(|c| c.is_ascii_uppercase()));
-    (path.with_extension(""), upper)
+    if is_gz { path.with_extension("") } else { path.to_owned() }
+}
+
+/// Whether the extension before .gz is in capitals.
+fn in_capitals(path: &Path) -> bool {
+    let path = uncompressed(path);
+    path.extension().and_then(|e| e.to_str()).is_some_and(|e| e.chars().all(|c| c.is_ascii_uppercase()))
 }

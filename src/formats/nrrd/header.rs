@@ -1,4 +1,4 @@
-//! The text of a NRRD header and the meaning of its per-axis fields.
+//! NRRD headers: their fields, and the meaning of the fields that have a value per axis.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -8,22 +8,22 @@ use glam::DVec3;
 use crate::error::{Error, Result};
 use crate::formats::input::{Input, format_error};
 
-/// Teem's own limit (NRRD_DIM_MAX).
+/// The most axes: Teem's limit, NRRD_DIM_MAX.
 const MAX_AXES: usize = 16;
 
-/// The fields of a header. Names are lower case, blanks between their words kept.
+/// The fields of a header. Names are in lower case and keep the blanks between their words.
 pub(super) struct Header {
     path: PathBuf,
     fields: HashMap<String, String>,
-    /// Samples along each axis, fastest first, as stated (not yet checked to be positive).
+    /// Samples along each axis, fastest first, as stated; not yet checked to be positive.
     pub(super) sizes: Vec<i64>,
     /// World distance between samples, one per axis.
     pub(super) spacings: Option<Vec<f64>>,
-    /// World vectors between samples, one per axis, `None` for an axis that is not spatial.
+    /// World vectors between samples, one per axis; `None` for an axis that is not spatial.
     pub(super) directions: Option<Vec<Option<DVec3>>>,
     /// World position of the first sample.
     pub(super) origin: Option<DVec3>,
-    /// What brings the header's space to DICOM's patient space, where it is one of the patient.
+    /// Factors from the header's space to DICOM's patient space; `None` if the header's is not a patient space.
     pub(super) patient_flip: Option<DVec3>,
 }
 
@@ -48,7 +48,7 @@ impl Header {
             let Some((name, value)) = line.split_once(':') else {
                 return Err(input.error(format!("header line {line:?} is not \"field: value\"")));
             };
-            // "key:=value" is the application's own.
+            // "key:=value" is metadata of an application.
             if value.starts_with('=') {
                 continue;
             }
@@ -91,7 +91,7 @@ impl Header {
             Some("left-posterior-superior" | "lps") => Some(DVec3::ONE),
             Some("right-anterior-superior" | "ras") => Some(DVec3::new(-1.0, -1.0, 1.0)),
             Some("left-anterior-superior" | "las") => Some(DVec3::new(1.0, -1.0, 1.0)),
-            // Spaces of the scanner or of none in particular: a world, but not the patient's.
+            // These spaces are not oriented in the patient.
             Some("scanner-xyz" | "3d-right-handed" | "3d-left-handed") | None => None,
             Some(other) if other.ends_with("-time") || matches!(other, "last" | "rast" | "lpst") => {
                 return Err(self.error(format!("space {other:?} has time: save one point in time alone")));
@@ -99,7 +99,7 @@ impl Header {
             Some(other) => return Err(self.error(format!("space {other:?} is unknown"))),
         };
         if self.patient_flip.is_some() && self.directions.is_none() {
-            // A named space without directions orients nothing.
+            // A named space without directions does not orient the lattice.
             self.patient_flip = None;
         }
         if let Some(text) = self.get("space dimension") {
@@ -125,12 +125,12 @@ impl Header {
         self.fields.get(name).map(String::as_str)
     }
 
-    /// The text of a field without which there is no volume.
+    /// The text of a mandatory field.
     pub(super) fn required(&self, name: &str) -> Result<&str> {
         self.get(name).ok_or_else(|| self.error(format!("the NRRD header has no field {name:?}")))
     }
 
-    /// Whether an axis is one of space, as far as the header says: its direction, and failing that its kind.
+    /// Whether an axis is spatial: it has a direction or, in a header without directions, a spatial kind.
     pub(super) fn is_spatial(&self, axis: usize) -> bool {
         if let Some(directions) = &self.directions {
             return directions.get(axis).is_some_and(Option::is_some);
@@ -151,7 +151,7 @@ impl Header {
         Ok(list)
     }
 
-    /// `(x,y,z) none (x,y,z) ...`: `n` vectors, blanks allowed anywhere.
+    /// Parses `n` vectors, `(x,y,z) none (x,y,z) ...`; blanks may stand anywhere.
     fn vectors(&self, text: &str, n: usize) -> Result<Vec<Option<DVec3>>> {
         let bad = || self.error(format!("vectors {text:?}: expected {n} of the form (x,y,z) or none"));
         let mut vectors = Vec::new();
@@ -166,7 +166,7 @@ impl Header {
             let numbers: Vec<f64> =
                 inside.split(',').map(|word| word.trim().parse().map_err(|_| bad())).collect::<Result<_>>()?;
             let [x, y, z] = numbers[..] else { return Err(bad()) };
-            // Some writers put "none" down as NaN.
+            // Some writers put NaN for "none".
             let vector = DVec3::new(x, y, z);
             vectors.push(if vector.is_nan() { None } else { Some(vector) });
             rest = after.trim_start();
@@ -178,7 +178,7 @@ impl Header {
     }
 }
 
-/// A field's name in lower case, its old spelling without a blank brought to the new one.
+/// A field's name in lower case. Old spellings without a blank become the new ones.
 fn canonical(name: &str) -> String {
     let name = name.trim().to_ascii_lowercase();
     match name.as_str() {

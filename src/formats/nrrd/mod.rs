@@ -1,7 +1,7 @@
 //! Nearly raw raster data, NRRD0001 to NRRD0005 (<http://teem.sourceforge.net/nrrd/format.html>).
 //!
-//! Attached and detached headers, the encodings raw, gzip, text and hex, samples in one file or in many. Axes that are
-//! not spatial must have one sample: colours, vectors and time series are refused, not guessed at.
+//! Read are attached and detached headers, the encodings raw, gzip, text and hex, and samples in one file or in
+//! several. An axis that is not spatial must have one sample: colours, vectors and time series are refused.
 
 mod header;
 
@@ -90,12 +90,12 @@ fn layout(header: &Header, sample_type: SampleType, encoding: Encoding) -> Resul
     }
 }
 
-/// The three axes that span the volume, fastest first: all others have one sample.
+/// The three spatial axes, fastest first. All other axes must have one sample.
 fn spatial_axes(header: &Header) -> Result<[usize; 3]> {
     let mut axes: Vec<usize> = (0..header.sizes.len()).collect();
     while axes.len() > 3 {
         let single = |&&a: &&usize| header.sizes[a] == 1;
-        // Of several axes with one sample, one that is said not to be spatial goes first, then the slowest.
+        // Among several axes with one sample, drop first an axis that the header calls non-spatial, then the slowest.
         let dropped = axes.iter().filter(single).find(|a| !header.is_spatial(**a));
         let Some(&dropped) = dropped.or_else(|| axes.iter().rev().find(single)) else { break };
         axes.retain(|&a| a != dropped);
@@ -113,7 +113,7 @@ fn spatial_axes(header: &Header) -> Result<[usize; 3]> {
     }
 }
 
-/// Where the lattice lies. Without directions the world axes are the lattice's.
+/// The position of the lattice. Without directions its axes are the world axes.
 fn placement(header: &Header, axes: [usize; 3]) -> Result<Placement> {
     let Some(directions) = &header.directions else {
         let spacing = match &header.spacings {
@@ -137,11 +137,11 @@ fn placement(header: &Header, axes: [usize; 3]) -> Result<Placement> {
     Ok(placement.flipped(header.patient_flip.unwrap_or(DVec3::ONE)))
 }
 
-/// What lies before the samples in each data file.
+/// What precedes the samples in each data file.
 #[derive(Clone, Copy)]
 struct Skip {
     lines: u64,
-    /// `None`: the samples are the last `total` bytes.
+    /// Bytes to skip; `None`: the samples are the last `total` bytes.
     bytes: Option<u64>,
     total: u64,
 }
@@ -162,7 +162,7 @@ impl Skip {
         Ok(Self { lines, bytes, total })
     }
 
-    /// The input at its first sample. Lines are skipped in the file, bytes in what it decompresses to.
+    /// Moves the input to its first sample. Lines are skipped before decompression, bytes after it.
     fn apply(&self, mut input: Input, encoding: Encoding) -> Result<Input> {
         for _ in 0..self.lines {
             if input.line()?.is_none() {
@@ -182,10 +182,10 @@ impl Skip {
     }
 }
 
-/// The files with the samples; `None` where they follow the header.
+/// The data files; `None` if the samples follow the header.
 fn data_files(header: &Header, input: &mut Input) -> Result<Option<Vec<PathBuf>>> {
     let Some(text) = header.get("data file") else { return Ok(None) };
-    // "LIST" may be followed by the dimension of each file's share: the shares are equal whatever it says.
+    // The number after LIST is the dimension of each file. It does not matter: all files hold equal shares.
     let list = text.split_ascii_whitespace().next() == Some("LIST");
     let names = if list {
         multifile::listed(input)?

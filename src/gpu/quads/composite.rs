@@ -2,12 +2,12 @@
 
 use super::super::context::Context;
 use super::super::layout::Area;
-use super::super::pipeline::{Slot, bind, compute, dispatch, flag, flat, layout, module, whole};
+use super::super::pipeline::{Binding, bind, compute, flag, layout, module, texture_view};
+use super::super::recorder::{Recorder, flat};
 use super::super::shaders;
-use super::super::timing::Timing;
 use super::plan::Target;
 use super::splat::Sheets;
-use super::{Feed, IntoFrame, QuadsKey, Slots};
+use super::{DynamicUniforms, Feed, QuadsKey};
 use crate::error::Result;
 
 /// The pipelines.
@@ -19,11 +19,11 @@ pub(super) struct Composite {
 }
 
 /// What one region is composited with.
-struct Compositing<'a> {
+pub(super) struct Compositing<'a> {
     stage: &'a Composite,
-    /// The pixels of each batch; none where it has no splats.
+    /// The pixels of each batch; none if it has no splats.
     reached: Vec<Area>,
-    areas: Slots,
+    areas: DynamicUniforms,
     sheets: wgpu::BindGroup,
     pixels: wgpu::BindGroup,
     workgroups: [u32; 2],
@@ -32,10 +32,10 @@ struct Compositing<'a> {
 impl Composite {
     pub(super) fn new(context: &Context, key: QuadsKey) -> Self {
         let compute_stage = wgpu::ShaderStages::COMPUTE;
-        let sheets = Slot::Texture(wgpu::TextureViewDimension::D2Array);
-        let slots = [Slot::Uniform, sheets, Slot::Write, Slot::DynamicUniform];
+        let sheets = Binding::Texture(wgpu::TextureViewDimension::D2Array);
+        let slots = [Binding::Uniform, sheets, Binding::Write, Binding::DynamicUniform];
         let composite_layout = layout(context, "composite", compute_stage, &slots);
-        let resolve_layout = layout(context, "resolve", compute_stage, &[Slot::Uniform, Slot::Write]);
+        let resolve_layout = layout(context, "resolve", compute_stage, &[Binding::Uniform, Binding::Write]);
         let constants = [("SHEETS", f64::from(key.sheets_per_pass)), ("ADDITIVE", flag(key.additive))];
         let (entry, constants) = match key.feed {
             Feed::Colors => ("composite", constants.as_slice()),
@@ -56,34 +56,34 @@ impl Composite {
         sheets: &Sheets,
         pixels: &wgpu::Buffer,
         reached: &[Area],
-    ) -> Result<Box<dyn IntoFrame + 'a>> {
-        let areas = Slots::new(context, "composite.areas", reached)?;
+    ) -> Result<Compositing<'a>> {
+        let areas = DynamicUniforms::new(context, "composite.areas", reached)?;
         let frame = target.frame.as_entire_binding();
-        let sheets = whole(&sheets.all);
+        let sheets = texture_view(&sheets.all);
         let resources = [frame.clone(), sheets, pixels.as_entire_binding(), areas.binding()];
-        Ok(Box::new(Compositing {
+        Ok(Compositing {
             stage: self,
             reached: reached.to_vec(),
             sheets: bind(context, "composite", &self.composite_layout, &resources),
             pixels: bind(context, "resolve", &self.resolve_layout, &[frame, pixels.as_entire_binding()]),
             workgroups: target.extent().map(|side| side.div_ceil(8)),
             areas,
-        }))
+        })
     }
 }
 
-impl IntoFrame for Compositing<'_> {
-    fn batch(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing, batch: u32) {
+impl Compositing<'_> {
+    /// Brings the sheets of the batch that was splatted last into the frame.
+    pub(super) fn batch(&self, recorder: &mut Recorder<'_>, batch: u32) {
         let workgroups = self.reached[batch as usize].size().map(|side| side.div_ceil(8));
         if workgroups[0] > 0 && workgroups[1] > 0 {
             let offsets = [self.areas.offset(batch)];
-            let pipeline = &self.stage.composite;
-            dispatch(context, encoder, timing, "composite", pipeline, &self.sheets, &offsets, flat(workgroups));
+            recorder.dispatch("composite", &self.stage.composite, &self.sheets, &offsets, flat(workgroups));
         }
     }
 
-    fn resolve(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing) {
-        let pipeline = &self.stage.resolve;
-        dispatch(context, encoder, timing, "resolve", pipeline, &self.pixels, &[], flat(self.workgroups));
+    /// Makes the frame a picture.
+    pub(super) fn resolve(&self, recorder: &mut Recorder<'_>) {
+        recorder.dispatch("resolve", &self.stage.resolve, &self.pixels, &[], flat(self.workgroups));
     }
 }

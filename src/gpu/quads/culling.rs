@@ -6,9 +6,10 @@ use glam::DVec3;
 
 use super::super::layout::Area;
 use super::super::store::{BrickSplats, Store};
-use super::plan::{Plan, Region};
+use super::super::view::Region;
+use super::plan::Plan;
 
-impl Plan {
+impl Plan<'_> {
     /// The splats of a store whose bricks reach into a region, as runs of consecutive ones.
     pub(crate) fn in_view(&self, store: &Store, region: Region) -> Vec<Range<u32>> {
         let sides = self.sides(region);
@@ -27,30 +28,30 @@ impl Plan {
         let extent = [region.width, region.height].map(|side| side + 2 * self.margin);
         let whole = Area { low: [0, 0], high: extent };
         let batches = self.sheets.div_ceil(sheets_per_batch) as usize;
-        if self.axis.is_some() || !self.savings.pixels {
+        if self.axis.is_some() || !self.view.savings.pixels {
             return vec![whole; batches];
         }
         let sides = self.sides(region);
-        let (scale, origin) = self.pixels();
+        let (scale, origin) = self.view.camera.pixels();
         let first_pixel = [region.x, region.y].map(|first| f64::from(first) - f64::from(self.margin));
         let mut areas = vec![Area::default(); batches];
         for store in stores {
             for (brick, _) in store.runs().filter(|(brick, _)| self.reaches(brick, &sides)) {
                 let center = self.center(brick);
-                let reach = |axis: usize| self.extent(brick, self.view[axis]);
-                let z = self.view[2].dot(center);
+                let reach = |axis: usize| self.half_range(brick, self.view.gradients[axis]);
+                let z = self.view.gradients[2].dot(center);
                 let sheet = |z: f64| (z - self.sheet_origin) / self.sheet_step / f64::from(sheets_per_batch);
                 // A float to integer cast saturates. One more on either side absorbs rounding.
                 let first = (sheet(z - reach(2)) - 1e-3).floor() as usize;
                 let last = (sheet(z + reach(2)) + 1e-3).floor() as usize;
-                let (near, far) = (z - reach(2) + self.eye_depth, z + reach(2) + self.eye_depth);
+                let (near, far) = (z - reach(2) + self.view.eye_depth, z + reach(2) + self.view.eye_depth);
                 let mut area = whole;
-                if !self.is_perspective() || near > 1e-3 * far {
+                if !self.view.is_perspective() || near > 1e-3 * far {
                     for axis in 0..2 {
-                        let middle = self.view[axis].dot(center) + self.offset[axis];
+                        let middle = self.view.gradients[axis].dot(center) + self.view.offset[axis];
                         let ends = [middle - reach(axis), middle + reach(axis)];
                         let planes =
-                            ends.map(|end| if self.is_perspective() { [end / near, end / far] } else { [end; 2] });
+                            ends.map(|end| if self.view.is_perspective() { [end / near, end / far] } else { [end; 2] });
                         let pixels =
                             planes.as_flattened().iter().map(|p| (p - origin[axis]) / scale[axis] - first_pixel[axis]);
                         let (low, high) =
@@ -70,10 +71,10 @@ impl Plan {
     /// The planes that bound what a region shows, as (gradient in the lattice, value in the middle of the lattice): points
     /// inside have values of 0 and more.
     fn sides(&self, region: Region) -> Vec<(DVec3, f64)> {
-        if !self.savings.view {
+        if !self.view.savings.view {
             return Vec::new();
         }
-        let (scale, origin) = self.pixels();
+        let (scale, origin) = self.view.camera.pixels();
         // A pixel more than the margin: quads are padded.
         let margin = f64::from(self.margin) + 1.0;
         let plane = |axis: usize, pixel: f64| origin[axis] + pixel * scale[axis];
@@ -84,12 +85,16 @@ impl Plan {
         let (x, y) = (ends(0, region.x, region.width), ends(1, region.y, region.height));
         // In view coordinates: coordinate - slope z >= end, and the other way round.
         let side = |axis: usize, end: f64, sign: f64| {
-            let (slope, constant) = if self.is_perspective() { (end, end * self.eye_depth) } else { (0.0, end) };
-            ((self.view[axis] - slope * self.view[2]) * sign, (self.offset[axis] - constant) * sign)
+            let (slope, constant) =
+                if self.view.is_perspective() { (end, end * self.view.eye_depth) } else { (0.0, end) };
+            (
+                (self.view.gradients[axis] - slope * self.view.gradients[2]) * sign,
+                (self.view.offset[axis] - constant) * sign,
+            )
         };
         let mut sides = vec![side(0, x[0], 1.0), side(0, x[1], -1.0), side(1, y[0], 1.0), side(1, y[1], -1.0)];
-        if self.is_perspective() {
-            sides.push((self.view[2], self.eye_depth));
+        if self.view.is_perspective() {
+            sides.push((self.view.gradients[2], self.view.eye_depth));
         }
         sides
     }
@@ -97,20 +102,19 @@ impl Plan {
     /// Whether the kernels of a brick's splats reach over all planes.
     fn reaches(&self, brick: &BrickSplats, sides: &[(DVec3, f64)]) -> bool {
         let center = self.center(brick);
-        sides.iter().all(|(gradient, value)| gradient.dot(center) + value + self.extent(brick, *gradient) >= 0.0)
+        sides.iter().all(|(gradient, value)| gradient.dot(center) + value + self.half_range(brick, *gradient) >= 0.0)
     }
 
     /// The middle of the box around a brick's splats, from that of the lattice.
     fn center(&self, brick: &BrickSplats) -> DVec3 {
         let [low, high] = brick.bounds.map(|point| DVec3::from_array(point.map(f64::from)));
-        let lattice = DVec3::from_array(self.grid.dims().map(f64::from)) + f64::from(2 * self.padding);
+        let lattice = DVec3::from_array(self.view.grid.dims().map(f64::from)) + f64::from(2 * self.padding);
         (low + high - lattice) / 2.0
     }
 
-    /// By how much a linear function of that gradient in the lattice can differ, anywhere in the kernels of a brick's
-    /// splats, from its value in the middle.
-    fn extent(&self, brick: &BrickSplats, gradient: DVec3) -> f64 {
+    /// Half the range of the linear function `gradient . x` over the kernels of a brick's splats.
+    fn half_range(&self, brick: &BrickSplats, gradient: DVec3) -> f64 {
         let [low, high] = brick.bounds.map(|point| DVec3::from_array(point.map(f64::from)));
-        gradient.abs().dot((high - low - 1.0) / 2.0) + self.radius * self.growths[1] * gradient.length()
+        gradient.abs().dot((high - low - 1.0) / 2.0) + self.view.max_radius() * gradient.length()
     }
 }

@@ -3,28 +3,36 @@
 
 mod composite;
 mod culling;
+mod paint;
 pub(crate) mod plan;
 mod shade;
 pub(crate) mod sort;
 mod splat;
 pub(crate) mod terminate;
 
-pub(crate) use splat::footprint_texture;
+pub(crate) use paint::ROOM;
 
-use composite::Composite;
+use composite::{Composite, Compositing};
 use plan::Target;
-use shade::Shading;
-use sort::Span;
+use shade::{Shaded, Shading};
+use sort::{SortKey, Sorter, Span};
 use splat::{Sheets, Splatting};
 use terminate::Terminator;
 
 use super::context::Context;
 use super::layout::{Area, Lighting};
-use super::pipeline::both;
-use super::timing::Timing;
+use super::pipeline::{Cached, both, buffer_range};
+use super::recorder::{Readback, Recorder};
 use super::transfer::TransferTable;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::settings::Precision;
+
+/// The pipelines made so far.
+#[derive(Default)]
+pub(crate) struct Cache {
+    sorters: Cached<SortKey, Sorter>,
+    quads: Cached<QuadsKey, Quads>,
+}
 
 /// What sheets hold, and what becomes of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -64,7 +72,7 @@ pub(crate) struct QuadsKey {
 
 impl QuadsKey {
     /// Bytes of a pixel in all sheets that are held.
-    pub(crate) fn sheet_bytes(&self) -> u32 {
+    fn sheet_bytes(&self) -> u32 {
         self.sheets_per_pass * self.feed.sheet_bytes(self.precision) * self.batches_held()
     }
 
@@ -81,7 +89,7 @@ impl QuadsKey {
 
 impl Feed {
     /// Bytes of a pixel of one sheet.
-    pub(crate) fn sheet_bytes(self, precision: Precision) -> u32 {
+    fn sheet_bytes(self, precision: Precision) -> u32 {
         let channel = match precision {
             Precision::F16 => 2,
             Precision::F32 => 4,
@@ -93,32 +101,47 @@ impl Feed {
     }
 
     /// Whether sheets hold scalars.
-    pub(crate) fn is_scalar(self) -> bool {
+    fn is_scalar(self) -> bool {
         matches!(self, Self::Scalars | Self::Maximum)
     }
 }
 
-/// What all pictures of a scene with the same settings share on the device.
-pub(crate) struct Inputs<'a> {
-    pub(crate) footprint: &'a wgpu::TextureView,
-    pub(crate) lighting: Lighting,
+/// What all regions of a picture share on the device.
+struct Inputs<'a> {
+    footprint: &'a wgpu::TextureView,
+    lighting: Lighting,
     /// What scalars are classified by.
-    pub(crate) transfer: Option<&'a TransferTable>,
+    transfer: Option<&'a TransferTable>,
 }
 
-/// Brings batches of sheets into the frame, front to back.
-trait IntoFrame {
-    /// The batch that was splatted last, if it has splats.
-    fn batch(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing, batch: u32);
-
-    /// What is left after the last batch; then makes the frame a picture.
-    fn resolve(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing);
-}
-
-/// Which stage brings sheets into the frame.
+/// The stage that brings sheets into the frame.
 enum Consumer {
     Composite(Composite),
     Shading(Shading),
+}
+
+/// That stage bound to what a region is made of.
+enum Bound<'a> {
+    Composite(Compositing<'a>),
+    Shading(Shaded<'a>),
+}
+
+impl Bound<'_> {
+    /// Takes the batch that was splatted last, if it has splats.
+    fn batch(&self, recorder: &mut Recorder<'_>, batch: u32) {
+        match self {
+            Self::Composite(stage) => stage.batch(recorder, batch),
+            Self::Shading(stage) => stage.batch(recorder, batch),
+        }
+    }
+
+    /// Takes what is left after the last batch, then makes the frame a picture.
+    fn resolve(&self, recorder: &mut Recorder<'_>) {
+        match self {
+            Self::Composite(stage) => stage.resolve(recorder),
+            Self::Shading(stage) => stage.resolve(recorder),
+        }
+    }
 }
 
 /// The pipelines of the painter.
@@ -131,32 +154,28 @@ pub(crate) struct Quads {
 
 /// What was drawn.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Drawn {
+struct Drawn {
     /// Splats in bricks in view.
-    pub(crate) sorted: u64,
+    sorted: u64,
     /// Render passes, one per batch that is not empty.
-    pub(crate) passes: u64,
+    passes: u64,
     /// Quads, one per splat and batch.
-    pub(crate) quads: u64,
-    /// Of these, terminated early: hidden by what is before them.
-    pub(crate) terminated: u64,
-    /// Bricks found hidden as a whole on the way.
-    pub(crate) hidden_bricks: u64,
+    quads: u64,
+    /// Quads that were not drawn: hidden by what is before them.
+    terminated: u64,
 }
 
-impl Drawn {
-    /// Adds what was drawn of another part of the picture.
-    pub(crate) fn add(&mut self, other: Self) {
-        self.sorted += other.sorted;
-        self.passes += other.passes;
-        self.quads += other.quads;
-        self.terminated += other.terminated;
-        self.hidden_bricks += other.hidden_bricks;
-    }
+/// A region drawn, with the margin around it.
+struct DrawnRegion {
+    /// Premultiplied RGBA, f32.
+    pixels: wgpu::Buffer,
+    drawn: Drawn,
+    /// What tells the number of terminated quads.
+    tally: Option<Readback>,
 }
 
 impl Quads {
-    pub(crate) fn new(context: &Context, key: QuadsKey) -> Result<Self> {
+    fn new(context: &Context, key: QuadsKey) -> Result<Self> {
         let consumer = || match key.feed.is_scalar() {
             true => Consumer::Shading(Shading::new(context, key)),
             false => Consumer::Composite(Composite::new(context, key)),
@@ -166,27 +185,20 @@ impl Quads {
         Ok(Self { key, splatting, terminator, consumer })
     }
 
-    pub(crate) fn sheets_per_pass(&self) -> u32 {
-        self.key.sheets_per_pass
-    }
-
-    /// Draws the spans' splats, those of each batch within its area of `covered`. Returns the region, with the margin around
-    /// it, as premultiplied RGBA.
-    pub(crate) fn run(
+    /// Records the drawing of the spans' splats, those of each batch within its area of `covered`.
+    fn draw(
         &self,
-        context: &Context,
-        timing: &mut Timing,
+        recorder: &mut Recorder<'_>,
         target: Target<'_>,
         inputs: &Inputs<'_>,
         spans: &[Span<'_>],
         covered: &[Area],
-    ) -> Result<(Vec<[f32; 4]>, Drawn)> {
+    ) -> Result<DrawnRegion> {
+        let context = recorder.context;
         let mut drawn = Drawn { sorted: spans.iter().map(|s| u64::from(s.sorted)).sum(), ..Drawn::default() };
         let [width, height] = target.extent();
         let batches = target.plan.sheets().div_ceil(self.key.sheets_per_pass);
-        let bytes = u64::from(width) * u64::from(height) * 16;
-        let pixels =
-            context.buffer("composite.pixels", bytes, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC)?;
+        let pixels = context.pixels("composite.pixels", [width, height])?;
         let sheets: Vec<_> =
             (0..self.key.batches_held()).map(|_| Sheets::new(context, self.key, [width, height])).collect();
         let quads_of = |batch: u32| spans.iter().map(|s| s.batch(batch).len() as u64).sum::<u64>();
@@ -197,50 +209,59 @@ impl Quads {
             .zip(covered)
             .map(|(batch, area)| if quads_of(batch) > 0 { *area } else { Area::default() })
             .collect();
-        let into_frame = match &self.consumer {
-            Consumer::Composite(stage) => stage.bind(context, target, &sheets[0], &pixels, &reached)?,
-            Consumer::Shading(stage) => stage.bind(context, target, inputs, &sheets, &pixels, &reached)?,
-        };
-        let mut encoder = context.device.create_command_encoder(&Default::default());
+        let consumer = self.bind(context, target, inputs, &sheets, &pixels, &reached)?;
         for batch in 0..batches {
             let quads = quads_of(batch);
             if quads > 0 {
                 if let Some(termination) = &termination
                     && drawn.passes > 0
                 {
-                    termination.record(context, &mut encoder, timing, spans, batch);
+                    termination.record(recorder, spans, batch);
                 }
                 drawn.passes += 1;
                 drawn.quads += quads;
                 let sheets = &sheets[(batch % self.key.batches_held()) as usize];
-                let area = reached[batch as usize];
-                splats.record(context, &mut encoder, timing, sheets, spans, (batch, area));
+                splats.record(recorder, sheets, spans, batch, reached[batch as usize]);
             }
-            into_frame.batch(context, &mut encoder, timing, batch);
+            consumer.batch(recorder, batch);
         }
-        into_frame.resolve(context, &mut encoder, timing);
-        let staging =
-            context.buffer("resolve.staging", bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST)?;
-        encoder.copy_buffer_to_buffer(&pixels, 0, &staging, 0, bytes);
-        let tally = termination.as_ref().map(|t| t.tally(context, &mut encoder)).transpose()?;
-        context.queue.submit([encoder.finish()]);
-        let data = context.read("splatting", &staging)?;
-        if let Some(tally) = tally {
-            [drawn.terminated, drawn.hidden_bricks] = Terminator::terminated(context, &tally)?;
+        consumer.resolve(recorder);
+        let tally = termination.as_ref().map(|t| t.tally(recorder)).transpose()?;
+        Ok(DrawnRegion { pixels, drawn, tally })
+    }
+
+    fn bind(
+        &self,
+        context: &Context,
+        target: Target<'_>,
+        inputs: &Inputs<'_>,
+        sheets: &[Sheets],
+        pixels: &wgpu::Buffer,
+        reached: &[Area],
+    ) -> Result<Bound<'_>> {
+        match (&self.consumer, inputs.transfer) {
+            (Consumer::Composite(stage), _) => {
+                Ok(Bound::Composite(stage.bind(context, target, &sheets[0], pixels, reached)?))
+            }
+            (Consumer::Shading(stage), Some(table)) => {
+                Ok(Bound::Shading(stage.bind(context, target, inputs, table, sheets, pixels, reached)?))
+            }
+            (Consumer::Shading(_), None) => Err(Error::Device {
+                stage: "shade".to_owned(),
+                reason: "the scene has no transfer function to classify scalars by".to_owned(),
+            }),
         }
-        let rgba = data[..bytes as usize].chunks_exact(16).map(bytemuck::pod_read_unaligned).collect();
-        Ok((rgba, drawn))
     }
 }
 
 /// Parameters of many draws or dispatches in one uniform buffer, each at an offset that can be bound.
-struct Slots {
+struct DynamicUniforms {
     buffer: wgpu::Buffer,
     stride: u32,
     size: u64,
 }
 
-impl Slots {
+impl DynamicUniforms {
     fn new<T: bytemuck::Pod>(context: &Context, label: &str, parameters: &[T]) -> Result<Self> {
         let size = size_of::<T>().next_multiple_of(16);
         let stride = size.next_multiple_of(context.limits.min_uniform_buffer_offset_alignment.max(16) as usize);
@@ -253,7 +274,7 @@ impl Slots {
     }
 
     fn binding(&self) -> wgpu::BindingResource<'_> {
-        super::pipeline::part(&self.buffer, 0, self.size)
+        buffer_range(&self.buffer, 0, self.size)
     }
 
     fn offset(&self, index: u32) -> u32 {

@@ -2,13 +2,14 @@
 
 use super::super::context::Context;
 use super::super::layout::{Area, Shade};
-use super::super::pipeline::{Slot, bind, compute, dispatch, flag, flat, layout, module, whole};
+use super::super::pipeline::{Binding, bind, compute, flag, layout, module, texture_view};
+use super::super::recorder::{Recorder, flat};
 use super::super::shaders;
-use super::super::timing::Timing;
+use super::super::transfer::TransferTable;
 use super::plan::Target;
 use super::splat::Sheets;
-use super::{Feed, Inputs, IntoFrame, QuadsKey, Slots};
-use crate::error::{Error, Result};
+use super::{DynamicUniforms, Feed, Inputs, QuadsKey};
+use crate::error::Result;
 
 /// The pipelines.
 pub(super) struct Shading {
@@ -20,9 +21,9 @@ pub(super) struct Shading {
 }
 
 /// What one region is shaded with.
-struct Shaded<'a> {
+pub(super) struct Shaded<'a> {
     stage: &'a Shading,
-    batches: Slots,
+    batches: DynamicUniforms,
     /// Whether a batch has splats; one more ends the list.
     drawn: Vec<bool>,
     /// The pixels that each step looks at.
@@ -38,15 +39,15 @@ struct Shaded<'a> {
 impl Shading {
     pub(super) fn new(context: &Context, key: QuadsKey) -> Self {
         let stages = wgpu::ShaderStages::COMPUTE;
-        let sheets = Slot::Texture(wgpu::TextureViewDimension::D2Array);
+        let sheets = Binding::Texture(wgpu::TextureViewDimension::D2Array);
         let slots = [
-            Slot::Uniform,
-            Slot::DynamicUniform,
-            Slot::Uniform,
+            Binding::Uniform,
+            Binding::DynamicUniform,
+            Binding::Uniform,
             sheets,
             sheets,
-            Slot::ReadTexture(wgpu::TextureFormat::Rgba32Float),
-            Slot::Write,
+            Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float),
+            Binding::Write,
         ];
         let shade_layout = layout(context, "shade", stages, &slots);
         let shader = module(context, shaders::SHADE);
@@ -61,7 +62,7 @@ impl Shading {
             let pipeline = compute(context, &shader, "shade", "resolve_maximum", &shade_layout, &[]);
             (shade_layout.clone(), pipeline)
         } else {
-            let resolve_layout = layout(context, "resolve", stages, &[Slot::Uniform, Slot::Write]);
+            let resolve_layout = layout(context, "resolve", stages, &[Binding::Uniform, Binding::Write]);
             let shader = module(context, shaders::RESOLVE);
             let pipeline = compute(context, &shader, "resolve", "resolve", &resolve_layout, &[]);
             (resolve_layout, pipeline)
@@ -74,14 +75,11 @@ impl Shading {
         context: &Context,
         target: Target<'_>,
         inputs: &Inputs<'_>,
+        table: &TransferTable,
         sheets: &[Sheets],
         pixels: &wgpu::Buffer,
         reached: &[Area],
-    ) -> Result<Box<dyn IntoFrame + 'a>> {
-        let Some(table) = inputs.transfer else {
-            let reason = "there is no transfer function to classify by".to_owned();
-            return Err(Error::Device { stage: "shade".to_owned(), reason });
-        };
+    ) -> Result<Shaded<'a>> {
         let drawn: Vec<bool> = reached.iter().map(|area| *area != Area::default()).chain([false]).collect();
         let base_is_clear = table.clear[0] <= table.clear[1];
         let extent = target.extent();
@@ -112,7 +110,7 @@ impl Shading {
                 high: areas[batch as usize].high,
             })
             .collect();
-        let batches = Slots::new(context, "shade.batches", &parameters)?;
+        let batches = DynamicUniforms::new(context, "shade.batches", &parameters)?;
         let lighting =
             context.upload("shade.lighting", bytemuck::bytes_of(&inputs.lighting), wgpu::BufferUsages::UNIFORM)?;
         let frame = target.frame.as_entire_binding();
@@ -121,9 +119,9 @@ impl Shading {
                 frame.clone(),
                 batches.binding(),
                 lighting.as_entire_binding(),
-                whole(&sheets[1 - parity].all),
-                whole(&sheets[parity].all),
-                whole(&table.texture),
+                texture_view(&sheets[1 - parity].all),
+                texture_view(&sheets[parity].all),
+                texture_view(&table.texture),
                 pixels.as_entire_binding(),
             ];
             bind(context, "shade", &self.layout, &resources)
@@ -133,7 +131,7 @@ impl Shading {
             Feed::Maximum => group(0),
             _ => bind(context, "resolve", &self.resolve_layout, &[frame.clone(), pixels.as_entire_binding()]),
         };
-        Ok(Box::new(Shaded {
+        Ok(Shaded {
             stage: self,
             batches,
             drawn,
@@ -142,37 +140,31 @@ impl Shading {
             groups,
             resolve,
             workgroups: target.extent().map(|side| side.div_ceil(8)),
-        }))
+        })
     }
 }
 
 impl Shaded<'_> {
-    fn sheets(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing, batch: u32) {
+    /// Shades what can be shaded once a batch of sheets is splatted: all sheets but the last, which waits for its
+    /// neighbour.
+    pub(super) fn batch(&self, recorder: &mut Recorder<'_>, batch: u32) {
         let index = batch as usize;
         let before = index.checked_sub(1).is_some_and(|before| self.drawn[before]);
-        // Where no splat reaches, there is the base: it may show, and be the largest value of a ray.
+        // Places that no splat reaches hold the base: it may show, and be the largest value of a ray.
         if !before && !self.drawn[index] && self.base_is_clear && self.stage.key.feed != Feed::Maximum {
             return;
         }
         let offsets = [self.batches.offset(batch)];
-        let group = &self.groups[index % 2];
         let workgroups = self.areas[index].size().map(|side| side.div_ceil(8));
         if workgroups[0] > 0 && workgroups[1] > 0 {
-            dispatch(context, encoder, timing, "shade", &self.stage.shade, group, &offsets, flat(workgroups));
+            recorder.dispatch("shade", &self.stage.shade, &self.groups[index % 2], &offsets, flat(workgroups));
         }
     }
-}
 
-impl IntoFrame for Shaded<'_> {
-    fn batch(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing, batch: u32) {
-        self.sheets(context, encoder, timing, batch);
-    }
-
-    fn resolve(&self, context: &Context, encoder: &mut wgpu::CommandEncoder, timing: &mut Timing) {
-        // The last sheet, after which there is none.
-        self.sheets(context, encoder, timing, self.drawn.len() as u32 - 1);
+    /// Shades the last sheet, after which there is none, and makes the frame a picture.
+    pub(super) fn resolve(&self, recorder: &mut Recorder<'_>) {
+        self.batch(recorder, self.drawn.len() as u32 - 1);
         let offsets: &[u32] = if self.stage.key.feed == Feed::Maximum { &[0] } else { &[] };
-        let (pipeline, workgroups) = (&self.stage.resolve, flat(self.workgroups));
-        dispatch(context, encoder, timing, "resolve", pipeline, &self.resolve, offsets, workgroups);
+        recorder.dispatch("resolve", &self.stage.resolve, &self.resolve, offsets, flat(self.workgroups));
     }
 }

@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use super::super::context::Context;
 use super::super::layout::Sort;
-use super::super::pipeline::{Slot, bind, compute, flag, layout, module, part};
+use super::super::pipeline::{Binding, bind, buffer_range, compute, flag, layout, module};
+use super::super::recorder::Recorder;
 use super::super::scan::{Scan, WORKGROUP};
 use super::super::shaders;
 use super::super::store::Store;
-use super::super::timing::Timing;
 use super::plan::Target;
 use crate::error::Result;
 
@@ -49,18 +49,13 @@ impl<'a> Piece<'a> {
     /// The splats as a binding.
     pub(crate) fn splats(&self) -> wgpu::BindingResource<'a> {
         let stride = self.store.stride;
-        part(&self.store.splats, u64::from(self.first) * stride, u64::from(self.count) * stride)
+        buffer_range(&self.store.splats, u64::from(self.first) * stride, u64::from(self.count) * stride)
     }
 
     /// What of a run of the store's splats is in the piece, counted from its first.
     fn part(&self, run: &Range<u32>) -> Option<Range<u32>> {
         let (start, end) = (run.start.max(self.first), run.end.min(self.first + self.count));
         (start < end).then(|| start - self.first..end - self.first)
-    }
-
-    /// The number of bricks that they can name.
-    pub(crate) fn bricks(&self) -> usize {
-        self.store.bricks.len()
     }
 
     /// Where the bricks that they name begin.
@@ -92,8 +87,16 @@ impl Sorter {
     pub(crate) fn new(context: &Context, key: SortKey) -> Self {
         let constants = [("AXIS", flag(key.axis)), ("GROWN", flag(key.grown)), ("SCALARS", flag(key.scalars))];
         let module = module(context, shaders::SORT);
-        let slots =
-            [Slot::Uniform, Slot::Uniform, Slot::Read, Slot::Write, Slot::Write, Slot::Write, Slot::Read, Slot::Read];
+        let slots = [
+            Binding::Uniform,
+            Binding::Uniform,
+            Binding::Read,
+            Binding::Write,
+            Binding::Write,
+            Binding::Write,
+            Binding::Read,
+            Binding::Read,
+        ];
         let layout = layout(context, "sort", wgpu::ShaderStages::COMPUTE, &slots);
         let pipeline = |entry| compute(context, &module, "sort", entry, &layout, &constants);
         Self { count: pipeline("count"), mark: pipeline("mark"), emit: pipeline("emit"), layout }
@@ -102,13 +105,13 @@ impl Sorter {
     /// Sorts the splats of all stores into batches of `sheets` sheets.
     pub(crate) fn run<'a>(
         &self,
-        context: &Context,
+        recorder: &mut Recorder<'_>,
         scan: &Scan,
-        timing: &mut Timing,
         target: Target<'_>,
         sheets: u32,
         stores: &'a [Store],
     ) -> Result<Vec<Span<'a>>> {
+        let context = recorder.context;
         let binding = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size);
         // Offsets of storage bindings are multiples of at most 256 bytes: 32 scalars.
         let most = (binding / 4 / target.plan.batches_per_splat(sheets) / 32 * 32).max(32);
@@ -120,33 +123,28 @@ impl Sorter {
                 let piece = Piece { store, first: first as u32, count: count as u32 };
                 let runs: Vec<_> = runs.iter().filter_map(|run| piece.part(run)).collect();
                 if !runs.is_empty() {
-                    spans.push(self.span(context, scan, timing, target, sheets, piece, &runs)?);
+                    spans.push(self.span(recorder, scan, target, sheets, piece, &runs)?);
                 }
             }
         }
         Ok(spans)
     }
 
-    #[expect(clippy::too_many_arguments, reason = "what `run` was given, and a part of it")]
+    /// Sorts the runs of a piece.
     fn span<'a>(
         &self,
-        context: &Context,
+        recorder: &mut Recorder<'_>,
         scan: &Scan,
-        timing: &mut Timing,
         Target { plan, frame, .. }: Target<'_>,
         sheets_per_batch: u32,
         piece: Piece<'a>,
         runs: &[Range<u32>],
     ) -> Result<Span<'a>> {
-        let sorted: u32 = runs.iter().map(|run| run.len() as u32).sum();
+        let context = recorder.context;
         let batches = plan.sheets().div_ceil(sheets_per_batch);
-        let per_block = u64::from(batches.max(1));
-        let block = u64::from(sorted).div_ceil((MAX_COUNTERS / per_block).max(1)).max(MIN_BLOCK) as u32;
-        let mut blocks: Vec<[u32; 2]> = Vec::new();
-        for run in runs {
-            blocks.extend(run.clone().step_by(block as usize).map(|first| [first, run.end.min(first + block)]));
-        }
-        let counters = blocks.len() as u64 * per_block + 1;
+        let blocks = blocks(runs, batches);
+        let block_count = blocks.len() as u64;
+        let counters = block_count * u64::from(batches.max(1)) + 1;
         let parameters = Sort { blocks: blocks.len() as u32, batches, sheets_per_batch };
         let parameters =
             context.upload("sort.parameters", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
@@ -154,38 +152,24 @@ impl Sorter {
         let places = context.buffer("sort.places", counters * 4, storage)?;
         let starts_bytes = u64::from(batches + 1) * 4;
         let starts = context.buffer("sort.starts", starts_bytes, storage | wgpu::BufferUsages::COPY_SRC)?;
-        let staging = context.buffer(
-            "sort.starts_staging",
-            starts_bytes,
-            wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-        )?;
         let none = context.buffer("sort.no_entries", 16, storage)?;
-        let block_count = blocks.len() as u64;
         let blocks = context.upload("sort.blocks", bytemuck::cast_slice(&blocks), storage)?;
         let bindings = |entries: &wgpu::Buffer| {
-            bind(
-                context,
-                "sort",
-                &self.layout,
-                &[
-                    frame.as_entire_binding(),
-                    parameters.as_entire_binding(),
-                    piece.splats(),
-                    places.as_entire_binding(),
-                    starts.as_entire_binding(),
-                    entries.as_entire_binding(),
-                    piece.origins(),
-                    blocks.as_entire_binding(),
-                ],
-            )
+            let resources = [
+                frame.as_entire_binding(),
+                parameters.as_entire_binding(),
+                piece.splats(),
+                places.as_entire_binding(),
+                starts.as_entire_binding(),
+                entries.as_entire_binding(),
+                piece.origins(),
+                blocks.as_entire_binding(),
+            ];
+            bind(context, "sort", &self.layout, &resources)
         };
         let (x, y) = context.workgroups(block_count, WORKGROUP);
-        let mut encoder = context.device.create_command_encoder(&Default::default());
         {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                label: Some("sort.count"),
-                timestamp_writes: timing.compute(context, "sort"),
-            });
+            let mut pass = recorder.compute_pass("sort");
             let group = bindings(&none);
             pass.set_pipeline(&self.count);
             pass.set_bind_group(0, &group, &[]);
@@ -196,26 +180,27 @@ impl Sorter {
             let (x, y) = context.workgroups(u64::from(batches) + 1, WORKGROUP);
             pass.dispatch_workgroups(x, y, 1);
         }
-        encoder.copy_buffer_to_buffer(&starts, 0, &staging, 0, starts_bytes);
-        context.queue.submit([encoder.finish()]);
-        let bytes = context.read("sorting", &staging)?;
-        let starts: Vec<u32> =
-            bytes[..starts_bytes as usize].chunks_exact(4).map(bytemuck::pod_read_unaligned).collect();
+        let starts = recorder.read_back("sort.starts_staging", &starts, starts_bytes)?;
+        recorder.submit();
+        let starts: Vec<u32> = starts.values(context, "sorting")?;
         let total = starts.last().copied().unwrap_or(0);
         // Written by the termination of splats too.
         let usage = storage | wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::COPY_SRC;
         let entries = context.buffer("sort.entries", u64::from(total) * 4, usage)?;
-        let mut encoder = context.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                label: Some("sort.emit"),
-                timestamp_writes: timing.compute(context, "sort"),
-            });
-            pass.set_pipeline(&self.emit);
-            pass.set_bind_group(0, &bindings(&entries), &[]);
-            pass.dispatch_workgroups(x, y, 1);
-        }
-        context.queue.submit([encoder.finish()]);
+        recorder.dispatch("sort", &self.emit, &bindings(&entries), &[], [x, y, 1]);
+        recorder.submit();
+        let sorted = runs.iter().map(|run| run.len() as u32).sum();
         Ok(Span { piece, sorted, entries, starts })
     }
+}
+
+/// Runs of splats in the blocks that one invocation sorts each, given by their first splat and the one after the last.
+fn blocks(runs: &[Range<u32>], batches: u32) -> Vec<[u32; 2]> {
+    let sorted: u64 = runs.iter().map(|run| run.len() as u64).sum();
+    let block = sorted.div_ceil((MAX_COUNTERS / u64::from(batches.max(1))).max(1)).max(MIN_BLOCK) as u32;
+    let of = |run: &Range<u32>| {
+        let end = run.end;
+        run.clone().step_by(block as usize).map(move |first| [first, end.min(first + block)])
+    };
+    runs.iter().flat_map(of).collect()
 }

@@ -4,12 +4,12 @@ use std::ops::Range;
 
 use super::super::context::Context;
 use super::super::layout::Area;
-use super::super::pipeline::{Slot, bind, flag, layout, module, pipeline_layout, specialised, whole};
+use super::super::pipeline::{Binding, bind, flag, layout, module, pipeline_layout, specialised, texture_view};
+use super::super::recorder::Recorder;
 use super::super::shaders;
-use super::super::timing::Timing;
 use super::plan::Target;
 use super::sort::Span;
-use super::{Feed, Inputs, QuadsKey, Slots};
+use super::{DynamicUniforms, Feed, Inputs, QuadsKey};
 use crate::error::Result;
 use crate::kernel::FootprintTable;
 use crate::settings::Precision;
@@ -35,7 +35,7 @@ pub(super) struct Splats<'a> {
     pipeline: &'a wgpu::RenderPipeline,
     wipe: Option<&'a wgpu::RenderPipeline>,
     extent: [u32; 2],
-    batches: Slots,
+    batches: DynamicUniforms,
     groups: Vec<wgpu::BindGroup>,
 }
 
@@ -101,12 +101,12 @@ impl Sheets {
 impl Splatting {
     pub(super) fn new(context: &Context, key: QuadsKey) -> Self {
         let slots = [
-            Slot::Uniform,
-            Slot::DynamicUniform,
-            Slot::Read,
-            Slot::ReadTexture(wgpu::TextureFormat::Rgba32Float),
-            Slot::Read,
-            Slot::Uniform,
+            Binding::Uniform,
+            Binding::DynamicUniform,
+            Binding::Read,
+            Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float),
+            Binding::Read,
+            Binding::Uniform,
         ];
         let layout = layout(context, "splat", wgpu::ShaderStages::VERTEX_FRAGMENT, &slots);
         let module = module(context, shaders::SPLATTING);
@@ -123,7 +123,7 @@ impl Splatting {
         batches: u32,
     ) -> Result<Splats<'_>> {
         let parameters: Vec<_> = (0..batches).map(|b| target.plan.batch(b * self.key.sheets_per_pass)).collect();
-        let batches = Slots::new(context, "splat.batches", &parameters)?;
+        let batches = DynamicUniforms::new(context, "splat.batches", &parameters)?;
         let lighting =
             context.upload("splat.lighting", bytemuck::bytes_of(&inputs.lighting), wgpu::BufferUsages::UNIFORM)?;
         let groups = spans
@@ -133,7 +133,7 @@ impl Splatting {
                     target.frame.as_entire_binding(),
                     batches.binding(),
                     span.piece.splats(),
-                    whole(inputs.footprint),
+                    texture_view(inputs.footprint),
                     span.piece.origins(),
                     lighting.as_entire_binding(),
                 ];
@@ -148,36 +148,19 @@ impl Splats<'_> {
     /// Draws the entries of a batch into its sheets, of which the area that they reach is cleared before.
     pub(super) fn record(
         &self,
-        context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
-        timing: &mut Timing,
+        recorder: &mut Recorder<'_>,
         sheets: &Sheets,
         spans: &[Span<'_>],
-        (batch, area): (u32, Area),
+        batch: u32,
+        area: Area,
     ) {
         // Where that is much of them, drivers clear faster.
         let [width, height] = area.size();
         let part = u64::from(width) * u64::from(height);
         let all = u64::from(self.extent[0]) * u64::from(self.extent[1]);
         let wipe = self.wipe.filter(|_| 2 * part < all && part > 0);
-        // The entries in pieces of one pass each.
-        let most = if context.info.is_software() { SOFTWARE_PASS } else { u32::MAX };
-        let mut passes: Vec<Vec<(usize, Range<u32>)>> = vec![Vec::new()];
-        let mut held = 0;
-        for (index, span) in spans.iter().enumerate() {
-            let range = span.batch(batch);
-            for first in range.clone().step_by(most as usize) {
-                let piece = first..range.end.min(first.saturating_add(most));
-                held += piece.len();
-                if held > most as usize {
-                    held = piece.len();
-                    passes.push(Vec::new());
-                }
-                if let Some(pass) = passes.last_mut() {
-                    pass.push((index, piece));
-                }
-            }
-        }
+        let most = if recorder.context.info.is_software() { SOFTWARE_PASS } else { u32::MAX };
+        let passes = passes(spans, batch, most);
         for (number, pieces) in passes.into_iter().enumerate() {
             let load = match (number, wipe) {
                 (0, None) => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
@@ -191,12 +174,7 @@ impl Splats<'_> {
                     Some(wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops })
                 })
                 .collect();
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("splat"),
-                color_attachments: &attachments,
-                timestamp_writes: timing.render(context, "splat"),
-                ..Default::default()
-            });
+            let mut pass = recorder.render_pass("splat", &attachments);
             if let (0, Some(wipe)) = (number, wipe) {
                 pass.set_pipeline(wipe);
                 pass.set_scissor_rect(area.low[0], area.low[1], width, height);
@@ -211,6 +189,27 @@ impl Splats<'_> {
             }
         }
     }
+}
+
+/// The entries of a batch as runs of a span, given by its index, in passes of at most `most` quads each.
+fn passes(spans: &[Span<'_>], batch: u32, most: u32) -> Vec<Vec<(usize, Range<u32>)>> {
+    let mut passes: Vec<Vec<(usize, Range<u32>)>> = vec![Vec::new()];
+    let mut held = 0;
+    for (index, span) in spans.iter().enumerate() {
+        let range = span.batch(batch);
+        for first in range.clone().step_by(most as usize) {
+            let piece = first..range.end.min(first.saturating_add(most));
+            held += piece.len();
+            if held > most as usize {
+                held = piece.len();
+                passes.push(Vec::new());
+            }
+            if let Some(pass) = passes.last_mut() {
+                pass.push((index, piece));
+            }
+        }
+    }
+    passes
 }
 
 /// The pipeline that writes nothing but zeros.

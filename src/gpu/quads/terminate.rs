@@ -1,56 +1,48 @@
-//! terminate: marks the entries of a batch that opaque pixels hide, bricks first.
+//! terminate: marks the entries of a batch that opaque pixels hide.
 
 use super::super::context::Context;
 use super::super::layout::Terminate;
-use super::super::pipeline::{Slot, bind, compute, flag, layout, module};
+use super::super::pipeline::{Binding, bind, compute, flag, layout, module};
+use super::super::recorder::{Readback, Recorder};
 use super::super::scan::WORKGROUP;
 use super::super::shaders;
-use super::super::timing::Timing;
 use super::plan::Target;
 use super::sort::Span;
-use super::{QuadsKey, Slots};
+use super::{DynamicUniforms, QuadsKey};
 use crate::error::Result;
 
 /// Entries that one invocation looks at; RUN in shaders/terminate.wgsl.
 pub(crate) const RUN: u64 = 16;
 /// Bytes of `Tally` in shaders/terminate.wgsl.
-const TALLY: u64 = 12;
-/// LEVELS and STEP in shaders/terminate.wgsl.
-pub(crate) const LEVELS: u64 = 2;
-pub(crate) const STEP: u64 = 4;
+const TALLY: u64 = 8;
 
 /// The pipelines.
 pub(super) struct Terminator {
     layout: wgpu::BindGroupLayout,
     tile: wgpu::ComputePipeline,
-    raise: wgpu::ComputePipeline,
-    group: wgpu::ComputePipeline,
     mark: wgpu::ComputePipeline,
 }
 
 /// What the batches of one region are looked at with.
 pub(super) struct Termination<'a> {
     stage: &'a Terminator,
-    batches: Slots,
+    batches: DynamicUniforms,
     groups: Vec<wgpu::BindGroup>,
-    /// Tiles, and blocks of them in the levels above.
     tiles: u64,
-    blocks: u64,
     tally: wgpu::Buffer,
 }
 
 impl Terminator {
     pub(super) fn new(context: &Context, key: QuadsKey) -> Self {
         let slots = [
-            Slot::Uniform,
-            Slot::DynamicUniform,
-            Slot::Read,
-            Slot::Write,
-            Slot::Read,
-            Slot::Write,
-            Slot::Write,
-            Slot::Read,
-            Slot::Write,
+            Binding::Uniform,
+            Binding::DynamicUniform,
+            Binding::Read,
+            Binding::Write,
+            Binding::Read,
+            Binding::Write,
+            Binding::Write,
+            Binding::Read,
         ];
         let layout = layout(context, "terminate", wgpu::ShaderStages::COMPUTE, &slots);
         let module = module(context, shaders::TERMINATE);
@@ -60,13 +52,7 @@ impl Terminator {
             ("SCALARS", flag(key.feed.is_scalar())),
         ];
         let pipeline = |entry, constants: &[_]| compute(context, &module, "terminate", entry, &layout, constants);
-        Self {
-            tile: pipeline("tile", &[]),
-            raise: pipeline("raise", &[]),
-            group: pipeline("group", &constants[..2]),
-            mark: pipeline("mark", &constants),
-            layout,
-        }
+        Self { tile: pipeline("tile", &[]), mark: pipeline("mark", &constants), layout }
     }
 
     pub(super) fn bind(
@@ -82,18 +68,14 @@ impl Terminator {
             .flat_map(|batch| spans.iter().map(move |span| span.batch(batch)))
             .map(|range| Terminate { first: range.start, count: range.len() as u32, margin })
             .collect();
-        let batches = Slots::new(context, "terminate.batches", &parameters)?;
-        let [across, down] = target.plan.tiles(target.region).map(u64::from);
-        let level = |side: u64| across.div_ceil(side) * down.div_ceil(side);
-        let blocks = (1..=LEVELS as u32).map(|n| level(STEP.pow(n))).sum();
-        let tiles = context.buffer("terminate.tiles", (level(1) + blocks) * 4, wgpu::BufferUsages::STORAGE)?;
+        let batches = DynamicUniforms::new(context, "terminate.batches", &parameters)?;
+        let count: u64 = target.plan.tiles(target.region).map(u64::from).iter().product();
+        let tiles = context.buffer("terminate.tiles", count * 4, wgpu::BufferUsages::STORAGE)?;
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
         let tally = context.buffer("terminate.tally", TALLY, usage)?;
         let groups = spans
             .iter()
             .map(|span| {
-                let bricks = span.piece.bricks() as u64;
-                let hidden = context.buffer("terminate.hidden", bricks * 4, wgpu::BufferUsages::STORAGE)?;
                 let resources = [
                     target.frame.as_entire_binding(),
                     batches.binding(),
@@ -103,50 +85,24 @@ impl Terminator {
                     span.entries.as_entire_binding(),
                     tally.as_entire_binding(),
                     span.piece.origins(),
-                    hidden.as_entire_binding(),
                 ];
-                Ok(bind(context, "terminate", &self.layout, &resources))
+                bind(context, "terminate", &self.layout, &resources)
             })
-            .collect::<Result<_>>()?;
-        Ok(Termination { stage: self, batches, groups, tiles: level(1), blocks, tally })
-    }
-
-    /// The number of entries marked and of bricks found hidden, from the copy of a tally.
-    pub(super) fn terminated(context: &Context, tally: &wgpu::Buffer) -> Result<[u64; 2]> {
-        let bytes = context.read("splatting", tally)?;
-        let word = |first: usize| u64::from(bytemuck::pod_read_unaligned::<u32>(&bytes[first..first + 4]));
-        Ok([word(4), word(8)])
+            .collect();
+        Ok(Termination { stage: self, batches, groups, tiles: count, tally })
     }
 }
 
 impl Termination<'_> {
     /// Marks the hidden entries of a batch.
-    pub(super) fn record(
-        &self,
-        context: &Context,
-        encoder: &mut wgpu::CommandEncoder,
-        timing: &mut Timing,
-        spans: &[Span<'_>],
-        batch: u32,
-    ) {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some("terminate"),
-            timestamp_writes: timing.compute(context, "terminate"),
-        });
+    pub(super) fn record(&self, recorder: &mut Recorder<'_>, spans: &[Span<'_>], batch: u32) {
         let Some(first) = self.groups.first() else { return };
+        let context = recorder.context;
+        let mut pass = recorder.compute_pass("terminate");
         pass.set_pipeline(&self.stage.tile);
         pass.set_bind_group(0, first, &[0]);
         let (x, y) = context.workgroups(self.tiles, WORKGROUP);
         pass.dispatch_workgroups(x, y, 1);
-        pass.set_pipeline(&self.stage.raise);
-        let (x, y) = context.workgroups(self.blocks, WORKGROUP);
-        pass.dispatch_workgroups(x, y, 1);
-        pass.set_pipeline(&self.stage.group);
-        for (span, group) in spans.iter().zip(&self.groups) {
-            pass.set_bind_group(0, group, &[0]);
-            let (x, y) = context.workgroups(span.piece.bricks() as u64, WORKGROUP);
-            pass.dispatch_workgroups(x, y, 1);
-        }
         pass.set_pipeline(&self.stage.mark);
         for ((index, span), group) in (0..).zip(spans).zip(&self.groups) {
             let count = span.batch(batch).len() as u64;
@@ -158,11 +114,15 @@ impl Termination<'_> {
         }
     }
 
-    /// A copy of the tally that can be read when the commands are done.
-    pub(super) fn tally(&self, context: &Context, encoder: &mut wgpu::CommandEncoder) -> Result<wgpu::Buffer> {
-        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        let staging = context.buffer("terminate.staging", TALLY, usage)?;
-        encoder.copy_buffer_to_buffer(&self.tally, 0, &staging, 0, TALLY);
-        Ok(staging)
+    /// Asks for the number of entries marked, which [`Terminator::marked`] reads.
+    pub(super) fn tally(&self, recorder: &mut Recorder<'_>) -> Result<Readback> {
+        recorder.read_back("terminate.staging", &self.tally, TALLY)
+    }
+}
+
+impl Terminator {
+    /// The number of entries marked, once the commands are done.
+    pub(super) fn marked(context: &Context, tally: &Readback) -> Result<u64> {
+        Ok(tally.values::<u32>(context, "splatting")?.get(1).copied().map_or(0, u64::from))
     }
 }

@@ -6,11 +6,11 @@ use bytemuck::Zeroable;
 
 use super::super::context::Context;
 use super::super::layout::{CELL, Lighting, MARGIN, Pack};
-use super::super::pipeline::{Slot, bind, compute, dispatch, flag, layout, module, whole};
+use super::super::pipeline::{Binding, bind, compute, flag, layout, module, texture_view};
+use super::super::recorder::Recorder;
 use super::super::scan::WORKGROUP;
 use super::super::shaders;
 use super::super::store::Store;
-use super::super::timing::Timing;
 use super::look::unordered;
 use crate::error::Result;
 
@@ -31,6 +31,11 @@ impl Voxel {
         matches!(self, Self::Scalar | Self::Gradient)
     }
 
+    /// What is packed first: gradients are differences of packed scalars.
+    fn packed(self) -> Self {
+        if self.is_scalar() { Self::Scalar } else { self }
+    }
+
     /// Bytes of a texel, of two voxels.
     fn texel(self) -> u64 {
         if self == Self::Scalar { 8 } else { 16 }
@@ -48,6 +53,8 @@ const BAND: u64 = 16 << 20;
 const MAX_BYTES: u64 = 1 << 30;
 /// Densities are scaled to stay below this, the largest power of two that f16 holds but one.
 const FULL: f64 = 16_384.0;
+/// The largest factor that densities are scaled by: products with it stay in the range of f32.
+const MAX_SCALE: f64 = 1e30;
 
 /// Where the voxels of a volume are in the texture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -148,7 +155,13 @@ impl Packed {
 pub(super) struct Packer {
     layout: wgpu::BindGroupLayout,
     voxels: wgpu::ComputePipeline,
-    gradients: Option<(wgpu::BindGroupLayout, wgpu::ComputePipeline)>,
+    gradients: Option<Gradients>,
+}
+
+/// The pipeline that takes differences of scalars.
+struct Gradients {
+    layout: wgpu::BindGroupLayout,
+    pipeline: wgpu::ComputePipeline,
 }
 
 /// The light on what is packed.
@@ -161,14 +174,13 @@ pub(super) struct Lit<'a> {
 
 impl Packer {
     pub(super) fn new(context: &Context, voxel: Voxel, perspective: bool) -> Self {
-        let d2 = wgpu::TextureViewDimension::D2;
         let slots = [
-            Slot::Uniform,
-            Slot::Uniform,
-            Slot::Read,
-            Slot::Read,
-            Slot::Write,
-            Slot::StorageTexture(wgpu::TextureFormat::R32Uint, wgpu::TextureViewDimension::D3),
+            Binding::Uniform,
+            Binding::Uniform,
+            Binding::Read,
+            Binding::Read,
+            Binding::Write,
+            Binding::StorageTexture(wgpu::TextureFormat::R32Uint, wgpu::TextureViewDimension::D3),
         ];
         let stage = wgpu::ShaderStages::COMPUTE;
         let pack = layout(context, "pack", stage, &slots);
@@ -180,25 +192,14 @@ impl Packer {
             ("PERSPECTIVE", flag(perspective && lights > 0)),
         ];
         let voxels = compute(context, &module(context, shaders::PACK), "pack", "voxels", &pack, &constants);
-        let gradients = (voxel == Voxel::Gradient).then(|| {
-            let target = Slot::StorageTexture(wgpu::TextureFormat::Rgba32Uint, d2);
-            let layout = layout(
-                context,
-                "gradients",
-                stage,
-                &[Slot::Uniform, Slot::ReadTexture(Voxel::Scalar.format()), target],
-            );
-            let module = module(context, shaders::GRADIENTS);
-            let pipeline = compute(context, &module, "gradients", "gradients", &layout, &[]);
-            (layout, pipeline)
-        });
+        let gradients = (voxel == Voxel::Gradient).then(|| Gradients::new(context));
         Self { layout: pack, voxels, gradients }
     }
 
+    /// Packs the splats of stores, whose largest weight is `max_weight`.
     pub(super) fn run(
         &self,
-        context: &Context,
-        timing: &mut Timing,
+        recorder: &mut Recorder<'_>,
         stores: &[Store],
         packing: Packing,
         lit: &Lit<'_>,
@@ -206,34 +207,16 @@ impl Packer {
     ) -> Result<Packed> {
         let scale = match packing.voxel {
             Voxel::Scalar => 1.0,
-            _ => (FULL / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(1e30),
+            _ => (FULL / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(MAX_SCALE),
         };
-        let [width, height] = packing.size;
-        let (flat, storage) = (wgpu::TextureDimension::D2, wgpu::TextureUsages::STORAGE_BINDING);
-        let size = [width, height, 1];
-        let format =
-            if packing.voxel.is_scalar() { wgpu::TextureFormat::Rg32Uint } else { wgpu::TextureFormat::Rgba32Uint };
-        let volume = context.texture("pack.volume", format, size, flat, storage | wgpu::TextureUsages::COPY_DST);
-        let occupied = context.texture(
-            "pack.occupied",
-            wgpu::TextureFormat::R32Uint,
-            packing.dims.map(|n| n.div_ceil(CELL)),
-            wgpu::TextureDimension::D3,
-            storage | wgpu::TextureUsages::TEXTURE_BINDING,
-        );
-        let view = |texture: &wgpu::Texture| texture.create_view(&wgpu::TextureViewDescriptor::default());
-        let [volume_view, occupied_view] = [&volume, &occupied].map(view);
-        let lighting =
-            context.upload("pack.lighting", bytemuck::bytes_of(lit.lighting), wgpu::BufferUsages::UNIFORM)?;
-        let row_bytes = u64::from(width) * if packing.voxel.is_scalar() { 8 } else { 16 };
         let [view_x, view_y, view_z] = lit.view;
-        let common = Pack {
+        let parameters = Pack {
             low: unordered(packing.axes, packing.low),
             axes: packing.axes.map(|axis| axis as u32),
             rows: packing.dims[1],
             columns: packing.columns,
             row_texels: packing.row_texels,
-            width,
+            width: packing.size[0],
             scale: scale as f32,
             planes: packing.dims[2],
             eye: lit.eye,
@@ -242,12 +225,52 @@ impl Packer {
             view_z,
             ..Pack::zeroed()
         };
+        let (volume, occupied) = self.voxels(recorder, stores, &packing, lit.lighting, parameters)?;
+        let volume = match &self.gradients {
+            Some(stage) => stage.run(recorder, &packing, parameters, &volume)?,
+            None => volume,
+        };
+        let [width, height] = packing.size.map(u64::from);
+        let cells: u64 = packing.dims.iter().map(|&n| u64::from(n.div_ceil(CELL))).product();
+        Ok(Packed {
+            packing,
+            source: stores.first().map(|store| store.splats.clone()),
+            volume,
+            occupied,
+            scale,
+            bytes: width * height * packing.voxel.texel() + cells * 4,
+        })
+    }
+
+    /// The splats, and which cells have any.
+    fn voxels(
+        &self,
+        recorder: &mut Recorder<'_>,
+        stores: &[Store],
+        packing: &Packing,
+        lighting: &Lighting,
+        common: Pack,
+    ) -> Result<(wgpu::TextureView, wgpu::TextureView)> {
+        let context = recorder.context;
+        let uniform = wgpu::BufferUsages::UNIFORM;
+        let [width, height] = packing.size;
+        let voxel = packing.voxel.packed();
+        let volume = storage_texture(context, "pack.volume", voxel.format(), packing.size);
+        let occupied = context.texture(
+            "pack.occupied",
+            wgpu::TextureFormat::R32Uint,
+            packing.dims.map(|n| n.div_ceil(CELL)),
+            wgpu::TextureDimension::D3,
+            wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
+        );
+        let occupied = occupied.create_view(&wgpu::TextureViewDescriptor::default());
+        let lighting = context.upload("pack.lighting", bytemuck::bytes_of(lighting), uniform)?;
+        let row_bytes = u64::from(width) * voxel.texel();
         let band = (BAND / row_bytes).clamp(1, u64::from(height)) as u32;
         for first_row in (0..height).step_by(band as usize) {
             let row_count = band.min(height - first_row);
             let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
             let texels = context.buffer("pack.texels", u64::from(row_count) * row_bytes, usage)?;
-            let mut encoder = context.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
             let planes = packing.planes(first_row..first_row + row_count);
             for store in stores {
                 let splats = packing.splats(store, &planes);
@@ -256,61 +279,68 @@ impl Packer {
                 }
                 let parameters =
                     Pack { first_splat: splats.start, end_splat: splats.end, first_row, row_count, ..common };
-                let parameters =
-                    context.upload("pack.parameters", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
+                let parameters = context.upload("pack.parameters", bytemuck::bytes_of(&parameters), uniform)?;
                 let resources = [
                     parameters.as_entire_binding(),
                     lighting.as_entire_binding(),
                     store.splats.as_entire_binding(),
                     store.origins.as_entire_binding(),
                     texels.as_entire_binding(),
-                    whole(&occupied_view),
+                    texture_view(&occupied),
                 ];
                 let group = bind(context, "pack", &self.layout, &resources);
                 let (x, y) = context.workgroups(splats.len() as u64, WORKGROUP);
-                dispatch(context, &mut encoder, timing, "pack", &self.voxels, &group, &[], [x, y, 1]);
+                recorder.dispatch("pack", &self.voxels, &group, &[], [x, y, 1]);
             }
-            encoder.copy_buffer_to_texture(
-                wgpu::TexelCopyBufferInfo {
-                    buffer: &texels,
-                    layout: wgpu::TexelCopyBufferLayout {
-                        offset: 0,
-                        bytes_per_row: Some(row_bytes as u32),
-                        rows_per_image: None,
-                    },
-                },
-                wgpu::TexelCopyTextureInfo {
-                    origin: wgpu::Origin3d { x: 0, y: first_row, z: 0 },
-                    ..volume.as_image_copy()
-                },
-                wgpu::Extent3d { width, height: row_count, depth_or_array_layers: 1 },
-            );
-            context.queue.submit([encoder.finish()]);
+            recorder.copy_rows(&texels, row_bytes, &volume, first_row, [width, row_count]);
+            recorder.submit();
             // One band at a time in memory.
             context.wait("packing the volume")?;
         }
-        let mut volume_view = volume_view;
-        if let Some((layout, pipeline)) = &self.gradients {
-            let vectors = view(&context.texture("gradients.volume", packing.voxel.format(), size, flat, storage));
-            let parameters =
-                context.upload("gradients.parameters", bytemuck::bytes_of(&common), wgpu::BufferUsages::UNIFORM)?;
-            let resources = [parameters.as_entire_binding(), whole(&volume_view), whole(&vectors)];
-            let group = bind(context, "gradients", layout, &resources);
-            let mut encoder = context.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-            let workgroups = [width.div_ceil(64), height, 1];
-            dispatch(context, &mut encoder, timing, "gradients", pipeline, &group, &[], workgroups);
-            context.queue.submit([encoder.finish()]);
-            context.wait("differences of scalars")?;
-            volume_view = vectors;
-        }
-        let cells: u64 = packing.dims.iter().map(|&n| u64::from(n.div_ceil(CELL))).product();
-        Ok(Packed {
-            packing,
-            source: stores.first().map(|store| store.splats.clone()),
-            volume: volume_view,
-            occupied: occupied_view,
-            scale,
-            bytes: u64::from(height) * u64::from(width) * packing.voxel.texel() + cells * 4,
-        })
+        Ok((volume.create_view(&wgpu::TextureViewDescriptor::default()), occupied))
     }
+}
+
+impl Gradients {
+    fn new(context: &Context) -> Self {
+        let target = Binding::StorageTexture(Voxel::Gradient.format(), wgpu::TextureViewDimension::D2);
+        let slots = [Binding::Uniform, Binding::ReadTexture(Voxel::Scalar.format()), target];
+        let layout = layout(context, "gradients", wgpu::ShaderStages::COMPUTE, &slots);
+        let module = module(context, shaders::GRADIENTS);
+        let pipeline = compute(context, &module, "gradients", "gradients", &layout, &[]);
+        Self { layout, pipeline }
+    }
+
+    /// The scalars with their central differences.
+    fn run(
+        &self,
+        recorder: &mut Recorder<'_>,
+        packing: &Packing,
+        parameters: Pack,
+        scalars: &wgpu::TextureView,
+    ) -> Result<wgpu::TextureView> {
+        let context = recorder.context;
+        let [width, height] = packing.size;
+        let vectors = storage_texture(context, "gradients.volume", packing.voxel.format(), packing.size);
+        let vectors = vectors.create_view(&wgpu::TextureViewDescriptor::default());
+        let parameters = bytemuck::bytes_of(&parameters);
+        let parameters = context.upload("gradients.parameters", parameters, wgpu::BufferUsages::UNIFORM)?;
+        let resources = [parameters.as_entire_binding(), texture_view(scalars), texture_view(&vectors)];
+        let group = bind(context, "gradients", &self.layout, &resources);
+        recorder.dispatch("gradients", &self.pipeline, &group, &[], [width.div_ceil(64), height, 1]);
+        recorder.submit();
+        context.wait("differences of scalars")?;
+        Ok(vectors)
+    }
+}
+
+/// A texture that shaders read as storage and that buffers are copied to.
+fn storage_texture(
+    context: &Context,
+    label: &str,
+    format: wgpu::TextureFormat,
+    [width, height]: [u32; 2],
+) -> wgpu::Texture {
+    let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST;
+    context.texture(label, format, [width, height, 1], wgpu::TextureDimension::D2, usage)
 }

@@ -4,7 +4,7 @@ use bytemuck::Zeroable;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
 use super::super::layout::{self, CELL, TILE};
-use super::super::quads::plan::Region;
+use super::super::view::Region;
 use super::look::{BEYOND, Look, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};

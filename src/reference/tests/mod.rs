@@ -34,8 +34,8 @@ fn volume(dims: [u32; 3], matrix: DMat3, voxels: &[([u32; 3], u8)]) -> Volume {
     Volume::new(Grid::new(dims, DAffine3::from_mat3(matrix)).unwrap(), Samples::U8(samples)).unwrap()
 }
 
-fn prepared(volume: &Volume, kernel: &Kernel) -> Scene {
-    Scene::new(volume, &tones(), &Settings { kernel: *kernel, ..Settings::default() }).unwrap()
+fn prepared(volume: &Volume, kernel: &Kernel) -> Reference {
+    Reference::new(volume, &tones(), &Settings { kernel: *kernel, ..Settings::default() }).unwrap()
 }
 
 /// erf by its Maclaurin series (Abramowitz and Stegun 7.1.5), for |x| up to about 3.
@@ -169,8 +169,8 @@ fn rigid_motion_of_scene_and_camera_leaves_the_picture() {
         ..camera
     };
     let kernel = Kernel::default();
-    let a = prepared(&still, &kernel).render(&camera, [16, 12], &|_| ()).unwrap();
-    let b = prepared(&moved, &kernel).render(&turned, [16, 12], &|_| ()).unwrap();
+    let a = prepared(&still, &kernel).render(&camera).unwrap();
+    let b = prepared(&moved, &kernel).render(&turned).unwrap();
     for (p, q) in a.pixels().iter().flatten().zip(b.pixels().iter().flatten()) {
         // Pictures are f32: equal to its rounding.
         assert!((p - q).abs() < 1e-7, "{p} {q}");
@@ -233,10 +233,10 @@ fn a_grown_voxel_is_wider_and_as_much() {
         // 3 voxels to a pixel, at the target, which is the voxel's place.
         let view = View { view_height: Some(33.0), projection, ..View::default() };
         let camera = Camera::new(&view, volume.grid(), [11, 11]).unwrap();
-        let picture = scene.render(&camera, [11, 11], &|_| ()).unwrap();
+        let picture = scene.render(&camera).unwrap();
         let mut seen = 0;
         for (i, got) in (0_u32..).zip(picture.pixels()) {
-            let (sx, sy) = Camera::image_coordinates([i % 11, i / 11], [11, 11]);
+            let (sx, sy) = camera.image_coordinates([i % 11, i / 11]);
             let (origin, direction) = camera.ray(sx, sy);
             let r = (DVec3::splat(2.0) - origin).cross(direction).length();
             // The chord and its amplitude: 3 / 27 of the footprint at a third of the distance.
@@ -256,7 +256,7 @@ fn growth_is_off_without_antialiasing_and_for_single_rays() {
     let camera = Camera::new(&View { view_height: Some(33.0), ..View::default() }, volume.grid(), [11, 11]).unwrap();
     let tau = TransferFunction::extinction(0.4, 1.0) / kernel.integral();
     let expected = 1.0 - (-tau * footprint(0.0)).exp();
-    let picture = Scene::new(&volume, &tones(), &still).unwrap().render(&camera, [11, 11], &|_| ()).unwrap();
+    let picture = Reference::new(&volume, &tones(), &still).unwrap().render(&camera).unwrap();
     assert!((f64::from(picture.pixels()[60][3]) - expected).abs() < 1e-7);
     let (origin, direction) = camera.ray(0.0, 0.0);
     assert!((prepared(&volume, &kernel).ray(origin, direction, true).alpha() - expected).abs() < 1e-9);
@@ -264,7 +264,7 @@ fn growth_is_off_without_antialiasing_and_for_single_rays() {
 
 #[test]
 fn xray_adds_optical_depth() {
-    let scene = Scene::new(
+    let scene = Reference::new(
         &volume([5, 9, 5], DMat3::IDENTITY, &[([2, 2, 2], 1), ([2, 5, 2], 2)]),
         &tones(),
         &settings(Kernel::default(), Model::Xray, Shading::Pre),
@@ -294,7 +294,7 @@ fn a_lit_voxel_shows_its_shade() {
         ..Lighting::default()
     };
     let lit = Settings { lighting: Some(lighting.clone()), ..Settings::default() };
-    let scene = Scene::new(&volume, &transfer, &lit).unwrap();
+    let scene = Reference::new(&volume, &transfer, &lit).unwrap();
     let center = matrix * DVec3::ONE;
     let direction = DVec3::new(0.3, -0.5, 0.7).normalize();
     let origin = center - direction * 3.0 + DVec3::new(0.2, 0.1, -0.3);
@@ -323,7 +323,7 @@ fn gradients_at_the_edge_take_the_edge_for_its_neighbour() {
 fn wrong_settings_are_refused() {
     let volume = bumps();
     let wrong = Settings { lighting: Some(Lighting::default()), model: Model::Mip, ..Settings::default() };
-    assert!(matches!(Scene::new(&volume, &tones(), &wrong), Err(Error::Setting { .. })));
+    assert!(matches!(Reference::new(&volume, &tones(), &wrong), Err(crate::error::Error::Setting { .. })));
 }
 
 #[test]
@@ -339,8 +339,8 @@ fn finer_steps_change_nothing() {
         (Model::Mip, Shading::Post, None),
     ] {
         let how = Settings { lighting, ..settings(Kernel::default(), model, shading) };
-        let scene = Scene::new(&volume, &transfer, &how).unwrap();
-        let mut finer = Scene::new(&volume, &transfer, &how).unwrap();
+        let scene = Reference::new(&volume, &transfer, &how).unwrap();
+        let mut finer = Reference::new(&volume, &transfer, &how).unwrap();
         finer.longest_step *= 0.21;
         let mut worst = 0.0_f64;
         for i in 0..40 {

@@ -114,7 +114,7 @@ fn post_shading_is_its_definition() {
     ] {
         let how =
             Settings { lighting: lighting.clone(), normalization, ..settings(kernel, Model::Composite, Shading::Post) };
-        let scene = Scene::new(&volume, &transfer, &how).unwrap();
+        let scene = Reference::new(&volume, &transfer, &how).unwrap();
         let plain = Plain { divisor: normalization.divisor(&kernel), ..plain(&volume, kernel, transfer.base()) };
         let center = volume.grid().center();
         for (i, two_sided) in [true, false, true].into_iter().enumerate() {
@@ -138,7 +138,7 @@ fn what_shows_everywhere_ends_with_the_box() {
     let transfer = ramp(&[(0.0, 0.1), (1.0, 0.1)], 1.0);
     let direction = DVec3::new(0.3, 0.9, -0.2).normalize();
     for (shading, model) in [(Shading::Post, Model::Composite), (Shading::Post, Model::Mip)] {
-        let scene = Scene::new(&volume, &transfer, &settings(WIDE, model, shading)).unwrap();
+        let scene = Reference::new(&volume, &transfer, &settings(WIDE, model, shading)).unwrap();
         let got = scene.ray(volume.grid().center(), direction, true).alpha();
         let chord = 10.0 / direction.y;
         let expected = if model == Model::Mip { 1.0 } else { 1.0 - 0.9_f64.powf(chord) };
@@ -151,7 +151,7 @@ fn post_shading_of_a_linear_ramp_is_the_ramp() {
     // So wide a kernel reconstructs linear functions where it does not reach the edge.
     let volume = floats(Grid::axis_parallel([24, 24, 24], [1.0; 3]).unwrap(), |p| p.x);
     let transfer = ramp(&[(9.0, 0.0), (11.0, 0.8), (13.0, 0.0)], 1.0);
-    let scene = Scene::new(&volume, &transfer, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
+    let scene = Reference::new(&volume, &transfer, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
     let got = scene.ray(DVec3::new(-5.0, 11.3, 11.6), DVec3::X, true);
     // The extinction of opacities 0 to 0.8 and back: 2 integral_0^0.8 -ln(1 - o) do / 0.4.
     let expected = 2.0 / 0.4 * (0.2 * 0.2_f64.ln() + 0.8);
@@ -163,7 +163,7 @@ fn post_shading_of_a_linear_ramp_is_the_ramp() {
 fn a_constant_volume_has_no_rim() {
     let volume = floats(Grid::axis_parallel([6, 7, 8], [1.0; 3]).unwrap(), |_| 2.0);
     let transfer = ramp(&[(0.0, 0.0), (1.0, 0.0), (3.0, 0.5)], 1.0);
-    let scene = Scene::new(&volume, &transfer, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
+    let scene = Reference::new(&volume, &transfer, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
     let tau = TransferFunction::extinction(0.25, 1.0);
     for (origin, length) in
         [(DVec3::new(2.3, 0.0, 4.1), 7.0), (DVec3::new(-0.499, 0.0, 7.499), 7.0), (DVec3::new(-0.501, 0.0, 4.0), 0.0)]
@@ -179,7 +179,7 @@ fn a_visible_base_fills_the_box() {
     // No value is clear: the base is the first, which all voxels have.
     let volume = floats(Grid::axis_parallel([3, 4, 3], [1.0; 3]).unwrap(), |_| 0.0);
     let transfer = ramp(&[(0.0, 0.4), (1.0, 0.9)], 1.0);
-    let scene = Scene::new(&volume, &transfer, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
+    let scene = Reference::new(&volume, &transfer, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
     let got = scene.ray(DVec3::ONE, DVec3::Y, true).rgba();
     let alpha = 1.0 - 0.6_f64.powi(4);
     assert_close(got, [0.0, 0.5 * alpha, 0.25 * alpha, alpha], 1e-12, "base");
@@ -191,14 +191,14 @@ fn a_narrow_peak_is_found() {
     // 1e-5 wide: its optical depth is that of the ramp, but for ripple.
     let width = 1e-5;
     let transfer = ramp(&[(11.0, 0.0), (11.0 + width, 0.5), (11.0 + 2.0 * width, 0.0)], width);
-    let scene = Scene::new(&volume, &transfer, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
+    let scene = Reference::new(&volume, &transfer, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
     // 2 integral_0^0.5 -ln(1 - o) do / 0.5.
     let expected = 2.0 / 0.5 * (0.5 * 0.5_f64.ln() + 0.5);
     let got = scene.ray(DVec3::new(-5.0, 11.3, 11.6), DVec3::X, true).optical_depth;
     assert!((got / expected - 1.0).abs() < 1e-3, "{got} is not {expected}");
     // Jumps instead of slopes: an optical depth of 2 ln 2.
     let jumps = ramp(&[(11.0, 0.0), (11.0, 0.5), (11.0 + 2.0 * width, 0.5), (11.0 + 2.0 * width, 0.0)], width);
-    let scene = Scene::new(&volume, &jumps, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
+    let scene = Reference::new(&volume, &jumps, &settings(WIDE, Model::Composite, Shading::Post)).unwrap();
     let got = scene.ray(DVec3::new(-5.0, 11.3, 11.6), DVec3::X, true).optical_depth;
     assert!((got / (2.0 * 2.0_f64.ln()) - 1.0).abs() < 1e-3, "{got}");
 }
@@ -244,7 +244,7 @@ fn maximum_intensity_is_its_definition() {
     // The base is 0, above some of the values.
     let transfer = ramp(&[(-2.0, 0.3), (0.0, 0.0), (0.2, 0.4), (1.0, 0.8)], 1.0);
     for kernel in [Kernel::default(), Kernel::KAISER_BESSEL] {
-        let scene = Scene::new(&volume, &transfer, &settings(kernel, Model::Mip, Shading::Pre)).unwrap();
+        let scene = Reference::new(&volume, &transfer, &settings(kernel, Model::Mip, Shading::Pre)).unwrap();
         let plain = plain(&volume, kernel, transfer.base());
         for i in 0..6 {
             let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 1.2, -0.7) * (f64::from(i) + 0.4));
@@ -267,10 +267,10 @@ fn maximum_intensity_is_its_definition() {
 fn the_largest_value_is_fully_opaque() {
     let volume = floats(Grid::axis_parallel([3, 3, 3], [1.0; 3]).unwrap(), |_| 5.0);
     let transfer = ramp(&[(0.0, 0.0), (1.0, 0.25)], 1.0);
-    let scene = Scene::new(&volume, &transfer, &settings(WIDE, Model::Mip, Shading::Pre)).unwrap();
+    let scene = Reference::new(&volume, &transfer, &settings(WIDE, Model::Mip, Shading::Pre)).unwrap();
     assert_eq!(scene.ray(DVec3::ONE, DVec3::Y, true).rgba(), [1.0, 0.5, 0.25, 1.0]);
     let clear = ramp(&[(0.0, 0.0), (1.0, 0.0)], 1.0);
-    let scene = Scene::new(&volume, &clear, &settings(WIDE, Model::Mip, Shading::Pre)).unwrap();
+    let scene = Reference::new(&volume, &clear, &settings(WIDE, Model::Mip, Shading::Pre)).unwrap();
     assert_eq!(scene.ray(DVec3::ONE, DVec3::Y, true).rgba(), [0.0; 4]);
 }
 
@@ -286,19 +286,19 @@ fn grown_kernels_of_post_shading_are_their_definition() {
     ] {
         let view = View { azimuth: 30.0, elevation: 20.0, projection, ..View::default() };
         let camera = Camera::new(&view, volume.grid(), [4, 4]).unwrap();
-        let growth = camera.growth(volume.grid(), 4);
+        let growth = camera.growth(volume.grid());
         let (eye, _) = camera.ray(0.0, 0.0);
         let scale = |p: DVec3| growth.at((p - eye).dot(camera.forward));
         assert!(scale(volume.grid().center()) > 1.5, "{growth:?}");
         let kernel = Kernel::default();
-        let scene = Scene::new(&volume, &transfer, &settings(kernel, model, Shading::Post)).unwrap();
+        let scene = Reference::new(&volume, &transfer, &settings(kernel, model, Shading::Post)).unwrap();
         let largest = volume.grid().corners(0.0).map(scale).into_iter().fold(1.0, f64::max);
         let layers = (2.0 * largest).ceil() as i64;
         let plain = Plain { scale: &scale, layers, ..plain(&volume, kernel, transfer.base()) };
-        let picture = scene.render(&camera, [4, 4], &|_| ()).unwrap();
+        let picture = scene.render(&camera).unwrap();
         let parallel = projection == ProjectionKind::Orthographic;
         for pixel in [[1, 1], [2, 3], [3, 2]] {
-            let (sx, sy) = Camera::image_coordinates(pixel, [4, 4]);
+            let (sx, sy) = camera.image_coordinates(pixel);
             let (origin, direction) = camera.ray(sx, sy);
             let ray = (origin, direction, if parallel { f64::NEG_INFINITY } else { 0.0 });
             let expected = if model == Model::Mip {

@@ -1,0 +1,66 @@
+//! Colours as users write them: red, green and blue in 0..1, in display space.
+
+/// The sixteen colours of HTML 4 (<https://www.w3.org/TR/html401/types.html#h-6.5>), "gray" in both spellings.
+const NAMED: [(&str, u32); 17] = [
+    ("black", 0x00_0000),
+    ("silver", 0xc0_c0c0),
+    ("gray", 0x80_8080),
+    ("grey", 0x80_8080),
+    ("white", 0xff_ffff),
+    ("maroon", 0x80_0000),
+    ("red", 0xff_0000),
+    ("purple", 0x80_0080),
+    ("fuchsia", 0xff_00ff),
+    ("green", 0x00_8000),
+    ("lime", 0x00_ff00),
+    ("olive", 0x80_8000),
+    ("yellow", 0xff_ff00),
+    ("navy", 0x00_0080),
+    ("blue", 0x00_00ff),
+    ("teal", 0x00_8080),
+    ("aqua", 0x00_ffff),
+];
+
+/// The colour of `0xrrggbb`.
+pub(crate) fn packed(rgb: u32) -> [f64; 3] {
+    [16, 8, 0].map(|shift| f64::from(rgb >> shift & 0xff) / 255.0)
+}
+
+/// The colour of `#rrggbb`, digits in either case.
+pub(crate) fn hex(text: &str) -> Option<[f64; 3]> {
+    digits(text, 6).map(packed)
+}
+
+/// The colour of `#rgb`, which stands for `#rrggbb` with each digit doubled.
+pub(crate) fn short_hex(text: &str) -> Option<[f64; 3]> {
+    digits(text, 3).map(|rgb| [8, 4, 0].map(|shift| f64::from(rgb >> shift & 0xf) / 15.0))
+}
+
+/// A colour of HTML 4 by its name in lower case.
+pub(crate) fn named(name: &str) -> Option<[f64; 3]> {
+    NAMED.iter().find(|(known, _)| *known == name).map(|(_, rgb)| packed(*rgb))
+}
+
+/// The number of exactly `count` hexadecimal digits after `#`.
+fn digits(text: &str, count: usize) -> Option<u32> {
+    let digits = text.strip_prefix('#').filter(|d| d.len() == count && d.bytes().all(|b| b.is_ascii_hexdigit()))?;
+    u32::from_str_radix(digits, 16).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_are_channels() {
+        assert_eq!(hex("#ff8000"), Some([1.0, 128.0 / 255.0, 0.0]));
+        assert_eq!(hex("#FF8000"), hex("#ff8000"));
+        assert_eq!(short_hex("#f80"), hex("#ff8800"));
+        assert_eq!(named("teal"), hex("#008080"));
+        for bad in ["", "#", "ff8000", "#ff800", "#ff80000", "#+f8000", "#gg0000", "#\u{e4}\u{e4}\u{e4}"] {
+            assert_eq!(hex(bad), None, "{bad}");
+        }
+        assert_eq!(short_hex("#ff8000"), None);
+        assert_eq!(named("blurple"), None);
+    }
+}

@@ -1,0 +1,199 @@
+//! A picture by quads: what it needs, its precision and its sheets a pass, and its regions.
+
+use std::sync::Arc;
+
+use super::super::context::Context;
+use super::super::painter::{Begun, Job, Painted, Painting, Room};
+use super::super::recorder::Recorder;
+use super::super::view::{Region, ViewGeometry};
+use super::plan::{Plan, Target};
+use super::sort::{SortKey, Sorter};
+use super::splat::footprint_texture;
+use super::terminate::Terminator;
+use super::{Drawn, Feed, Inputs, Quads, QuadsKey};
+use crate::error::{Error, Result};
+use crate::kernel::FootprintTable;
+use crate::settings::{Accumulation, Model, Precision, Settings};
+use crate::stats::{PainterStats, QuadsStats};
+
+/// The painter draws every picture.
+pub(crate) const ROOM: Room = Room {
+    refusal: |_, _, _| None,
+    need: |view, settings, weights| Plan::new(view, settings, weights).scalar_need(),
+    begin: |job| Ok(Begun::Ready(Box::new(Picture::new(job)?))),
+};
+
+/// A picture under way.
+struct Picture<'a> {
+    job: Job<'a>,
+    plan: Plan<'a>,
+    key: QuadsKey,
+    table: FootprintTable,
+    footprint: Option<wgpu::TextureView>,
+    drawn: Drawn,
+    /// Parts of the picture that were painted.
+    parts: u32,
+}
+
+impl<'a> Picture<'a> {
+    fn new(job: Job<'a>) -> Result<Self> {
+        let Job { context, view, settings, .. } = job;
+        let plan = Plan::new(view, settings, job.weights);
+        let knobs = settings.quads();
+        let precision = precision(context, settings, view)?;
+        let table = match knobs.footprint_table {
+            Some([rows, terms]) => FootprintTable::with_size(&settings.kernel, rows, terms),
+            None => {
+                let error = knobs.max_error.unwrap_or_else(|| precision.footprint_error());
+                FootprintTable::new(&settings.kernel, error)?
+            }
+        };
+        let feed = match settings.model {
+            Model::Xray => Feed::Depth,
+            Model::Mip => Feed::Maximum,
+            Model::Composite if settings.is_post_shaded() => Feed::Scalars,
+            Model::Composite => Feed::Colors,
+        };
+        let key = QuadsKey {
+            feed,
+            perspective: view.is_perspective(),
+            grown: view.max_growth() > 1.0,
+            axis: plan.is_axis_aligned(),
+            additive: knobs.accumulation == Accumulation::Additive,
+            lights: settings.light_count(),
+            samples: if feed.is_scalar() { settings.samples_per_slab(knobs.sheet_thickness) } else { 1 },
+            terminates: view.terminates(),
+            precision,
+            sheets_per_pass: sheets_per_pass(context, knobs.sheets_per_pass, feed, precision)?,
+            footprint_rows: table.rows(),
+            footprint_terms: table.terms(),
+        };
+        Ok(Self { job, plan, key, table, footprint: None, drawn: Drawn::default(), parts: 0 })
+    }
+
+    fn pipelines(&self) -> Result<(Arc<Sorter>, Arc<Quads>)> {
+        let context = self.job.context;
+        let cache = &self.job.pipelines.quads;
+        let sort = SortKey { axis: self.key.axis, grown: self.key.grown, scalars: self.key.feed.is_scalar() };
+        let sorter = cache.sorters.get_or_make(sort, || Ok(Sorter::new(context, sort)))?;
+        Ok((sorter, cache.quads.get_or_make(self.key, || Quads::new(context, self.key))?))
+    }
+}
+
+impl Painting for Picture<'_> {
+    fn is_empty(&self) -> bool {
+        // Post-shading draws even without splats: the base value itself may be visible.
+        (self.job.splats() == 0 && !self.key.feed.is_scalar()) || self.plan.sheets() == 0
+    }
+
+    fn pixel_bytes(&self) -> u32 {
+        self.key.sheet_bytes()
+    }
+
+    fn make_pipelines(&self) -> Result<()> {
+        self.pipelines().map(|_| ())
+    }
+
+    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<Painted> {
+        let (sorter, quads) = self.pipelines()?;
+        let Job { context, pipelines, view, settings, stores, .. } = self.job;
+        let inputs = Inputs {
+            footprint: self.footprint.get_or_insert_with(|| footprint_texture(context, &self.table)),
+            lighting: view.lighting(settings.lighting.as_ref()),
+            transfer: self.job.transfer,
+        };
+        let plan = &self.plan;
+        let frame = context.upload("frame", bytemuck::bytes_of(&plan.frame(region)), wgpu::BufferUsages::UNIFORM)?;
+        let target = Target { plan, region, frame: &frame };
+        let spans = sorter.run(recorder, pipelines.scan(context), target, self.key.sheets_per_pass, stores)?;
+        let covered = plan.covered(stores, region, self.key.sheets_per_pass);
+        let drawn = quads.draw(recorder, target, &inputs, &spans, &covered)?;
+        let mut counts = drawn.drawn;
+        if let Some(tally) = &drawn.tally {
+            recorder.submit();
+            counts.terminated = Terminator::marked(context, tally)?;
+        }
+        self.drawn.add(counts);
+        self.parts += 1;
+        Ok(Painted { pixels: drawn.pixels, margin: plan.margin() })
+    }
+
+    fn footprint_error(&self) -> f64 {
+        self.table.max_error()
+    }
+
+    fn stats(&self) -> PainterStats {
+        let knobs = self.job.settings.quads();
+        let Drawn { sorted, passes, quads, terminated } = self.drawn;
+        let (sheets, per_pass) = (self.plan.sheets(), self.key.sheets_per_pass);
+        PainterStats::Quads(QuadsStats {
+            alignment: knobs.sheets,
+            accumulation: knobs.accumulation,
+            precision: self.key.precision,
+            sheets,
+            sheet_thickness: self.plan.sheet_step(),
+            sheets_per_pass: per_pass,
+            batches: if self.parts > 0 { sheets.div_ceil(per_pass) } else { 0 },
+            passes,
+            splats_in_view: sorted,
+            quads,
+            quads_terminated: terminated,
+            footprint_table: [self.table.rows(), self.table.terms()],
+        })
+    }
+}
+
+impl Drawn {
+    /// Adds what was drawn of another part of the picture.
+    fn add(&mut self, other: Self) {
+        self.sorted += other.sorted;
+        self.passes += other.passes;
+        self.quads += other.quads;
+        self.terminated += other.terminated;
+    }
+}
+
+/// The precision asked for, or the adapter's own: see [`QuadsSettings::precision`](crate::settings::QuadsSettings).
+fn precision(context: &Context, settings: &Settings, view: &ViewGeometry) -> Result<Precision> {
+    /// A kernel s times as large meets s^2 times as many others in a pixel, each as much fainter: half floats lose them.
+    const MAX_F16_GROWTH: f64 = 1.5;
+    let blendable = context.features.contains(wgpu::Features::FLOAT32_BLENDABLE);
+    match settings.quads().precision {
+        Some(Precision::F32) if !blendable => {
+            Err(context.unsupported("cannot blend f32 sheets: take the precision f16".to_owned()))
+        }
+        Some(precision) => Ok(precision),
+        None if blendable && (context.info.is_software() || settings.is_post_shaded()) => Ok(Precision::F32),
+        None if blendable && view.max_growth() > MAX_F16_GROWTH => Ok(Precision::F32),
+        None => Ok(Precision::F16),
+    }
+}
+
+/// How many sheets one pass feeds: as many as asked for, or the most that the adapter's attachments hold up to 8 on
+/// software, which is bound by the number of quads, and up to 4 on a GPU, which is bound by blending.
+fn sheets_per_pass(context: &Context, asked: Option<u32>, feed: Feed, precision: Precision) -> Result<u32> {
+    if feed == Feed::Depth {
+        return Ok(1);
+    }
+    let attachment = if feed.is_scalar() { 4 } else { 1 } * feed.sheet_bytes(precision);
+    let bytes = context.limits.max_color_attachment_bytes_per_sample;
+    let most = context.limits.max_color_attachments.min(bytes / attachment);
+    // Scalars go four to an attachment.
+    let (most, least) = if feed.is_scalar() { (4 * most, 4) } else { (most, 1) };
+    let possible = [8, 4, 1].into_iter().filter(|&n| (least..=most).contains(&n));
+    match asked {
+        None => {
+            let preferred = if context.info.is_software() || feed.is_scalar() { 8 } else { 4 };
+            Ok(possible.filter(|&n| n <= preferred).max().unwrap_or(1))
+        }
+        Some(asked) if possible.clone().any(|n| n == asked) => Ok(asked),
+        Some(asked) => Err(Error::Setting {
+            name: "sheets_per_pass",
+            reason: format!(
+                "{asked}, but {} takes {} with these sheets",
+                context.info.name,
+                possible.map(|n| n.to_string()).collect::<Vec<_>>().join(", ")
+            ),
+        }),
+    }
+}

@@ -1,0 +1,141 @@
+//! Commands for the device: recorded in order, timed stage by stage, submitted together, and results read back.
+
+use super::context::Context;
+use super::timing::Timing;
+use crate::error::Result;
+
+/// Commands under way, with the device they are for and the times of their stages.
+pub(crate) struct Recorder<'a> {
+    pub(crate) context: &'a Context,
+    encoder: wgpu::CommandEncoder,
+    timing: Timing,
+}
+
+/// A copy of a buffer that the host can read once the commands before it are done.
+pub(crate) struct Readback {
+    staging: wgpu::Buffer,
+    bytes: u64,
+}
+
+/// Workgroups in two dimensions.
+pub(super) fn flat([x, y]: [u32; 2]) -> [u32; 3] {
+    [x, y, 1]
+}
+
+impl<'a> Recorder<'a> {
+    /// Records with the time of each stage.
+    pub(crate) fn timed(context: &'a Context) -> Self {
+        Self::new(context, Timing::new(context))
+    }
+
+    /// Records without taking times.
+    pub(crate) fn untimed(context: &'a Context) -> Self {
+        Self::new(context, Timing::off())
+    }
+
+    fn new(context: &'a Context, timing: Timing) -> Self {
+        Self { context, encoder: encoder(context), timing }
+    }
+
+    /// A compute pass of a stage, for several dispatches.
+    pub(super) fn compute_pass(&mut self, stage: &'static str) -> wgpu::ComputePass<'_> {
+        self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some(stage),
+            timestamp_writes: self.timing.compute(self.context, stage),
+        })
+    }
+
+    /// A compute pass of one dispatch.
+    pub(super) fn dispatch(
+        &mut self,
+        stage: &'static str,
+        pipeline: &wgpu::ComputePipeline,
+        group: &wgpu::BindGroup,
+        offsets: &[u32],
+        [x, y, z]: [u32; 3],
+    ) {
+        let mut pass = self.compute_pass(stage);
+        pass.set_pipeline(pipeline);
+        pass.set_bind_group(0, group, offsets);
+        pass.dispatch_workgroups(x, y, z);
+    }
+
+    /// A render pass of a stage.
+    pub(super) fn render_pass(
+        &mut self,
+        stage: &'static str,
+        attachments: &[Option<wgpu::RenderPassColorAttachment<'_>>],
+    ) -> wgpu::RenderPass<'_> {
+        self.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some(stage),
+            color_attachments: attachments,
+            timestamp_writes: self.timing.render(self.context, stage),
+            ..Default::default()
+        })
+    }
+
+    /// Copies the first `bytes` of a buffer to another, from byte `at` on.
+    pub(super) fn copy(&mut self, from: &wgpu::Buffer, to: &wgpu::Buffer, at: u64, bytes: u64) {
+        self.encoder.copy_buffer_to_buffer(from, 0, to, at, bytes);
+    }
+
+    /// Copies a buffer of rows of `row_bytes` bytes into a texture, from row `first_row` on.
+    pub(super) fn copy_rows(
+        &mut self,
+        from: &wgpu::Buffer,
+        row_bytes: u64,
+        to: &wgpu::Texture,
+        first_row: u32,
+        [width, rows]: [u32; 2],
+    ) {
+        let layout =
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row_bytes as u32), rows_per_image: None };
+        let origin = wgpu::Origin3d { x: 0, y: first_row, z: 0 };
+        self.encoder.copy_buffer_to_texture(
+            wgpu::TexelCopyBufferInfo { buffer: from, layout },
+            wgpu::TexelCopyTextureInfo { origin, ..to.as_image_copy() },
+            wgpu::Extent3d { width, height: rows, depth_or_array_layers: 1 },
+        );
+    }
+
+    /// Copies the first `bytes` of a buffer to where the host can read them after [`Self::submit`].
+    pub(crate) fn read_back(&mut self, label: &str, buffer: &wgpu::Buffer, bytes: u64) -> Result<Readback> {
+        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+        let staging = self.context.buffer(label, bytes, usage)?;
+        self.copy(buffer, &staging, 0, bytes);
+        Ok(Readback { staging, bytes })
+    }
+
+    /// Hands what was recorded to the device, which starts on it.
+    pub(crate) fn submit(&mut self) {
+        let recorded = std::mem::replace(&mut self.encoder, encoder(self.context));
+        self.context.queue.submit([recorded.finish()]);
+    }
+
+    /// Seconds per stage, in the order in which the stages first ran; `None` without timestamps.
+    pub(crate) fn times(self) -> Result<Option<Vec<(&'static str, f64)>>> {
+        self.timing.finish(self.context)
+    }
+}
+
+impl Readback {
+    /// The bytes, once all that was submitted is done. `doing` completes an error: "while ...".
+    pub(crate) fn bytes(&self, context: &Context, doing: &str) -> Result<Vec<u8>> {
+        let mut bytes = context.read(doing, &self.staging)?;
+        bytes.truncate(self.bytes as usize);
+        Ok(bytes)
+    }
+
+    /// The same as values of a type.
+    pub(crate) fn values<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
+        &self,
+        context: &Context,
+        doing: &str,
+    ) -> Result<Vec<T>> {
+        Ok(bytemuck::pod_collect_to_vec(&self.bytes(context, doing)?))
+    }
+}
+
+fn encoder(context: &Context) -> wgpu::CommandEncoder {
+    context.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
+}

@@ -1,0 +1,108 @@
+//! What is left out changes no picture, bit by bit.
+
+use super::adapter_test::adapter;
+use super::savings::Savings;
+use crate::camera::{Camera, ProjectionKind, View};
+use crate::lighting::{Light, Lighting};
+use crate::renderer::{Rendered, Renderer, RendererOptions};
+use crate::settings::{Model, Painter, Precision, QuadsSettings, Settings, Shading};
+use crate::transfer::{ControlPoint, TransferFunction};
+use crate::volume::Volume;
+
+/// Two balls that fade outwards, over a background that falls away from them: what is dropped is not 0.
+fn balls() -> (Volume, TransferFunction) {
+    let dims = [110, 26, 26];
+    let value = |[x, y, z]: [u32; 3]| {
+        let distance = |cx: f64| {
+            let d = [f64::from(x) - cx, f64::from(y) - 13.0, f64::from(z) - 12.0];
+            d.iter().map(|c| c * c).sum::<f64>().sqrt()
+        };
+        let noise = f64::from((x * 7 + y * 13 + z * 29) % 5);
+        (40.0 - 4.0 * distance(50.0).min(distance(103.0)) + noise) as f32
+    };
+    let points = (0..dims.iter().product()).map(|i| [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])]);
+    let volume = Volume::from_slice(dims, [1.0; 3], &points.map(value).collect::<Vec<f32>>()).unwrap();
+    let point = |value, opacity, color| ControlPoint { value, color, opacity };
+    let points = vec![point(20.0, 0.0, [1.0, 0.2, 0.1]), point(40.0, 0.4, [0.2, 0.9, 1.0])];
+    (volume, TransferFunction::new(points, None).unwrap())
+}
+
+/// Quads with sheets so thick, or the painter that software takes.
+fn painters(sheet_thickness: f64) -> [Painter; 2] {
+    let quads = QuadsSettings { sheet_thickness, precision: Some(Precision::F32), ..QuadsSettings::default() };
+    [Painter::Quads(quads), Painter::Auto]
+}
+
+#[test]
+fn device_nothing_that_is_left_out_changes_a_pixel() {
+    let (volume, transfer) = balls();
+    let renderer = |savings| {
+        let options = RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() };
+        let mut renderer = Renderer::new(&options).unwrap();
+        renderer.context.savings = savings;
+        renderer
+    };
+    let all = Savings::default();
+    let whole = renderer(all);
+    let without = [
+        ("bricks", renderer(Savings { bricks: false, ..all })),
+        ("voxels", renderer(Savings { voxels: false, ..all })),
+        ("view", renderer(Savings { view: false, ..all })),
+        ("pixels", renderer(Savings { pixels: false, ..all })),
+    ];
+    let lighting = Some(Lighting { lights: vec![Light::Headlight], ..Lighting::default() });
+    let scenes = [
+        ("pre-shaded", Model::Composite, Shading::Pre, None, 1.0),
+        ("lit", Model::Composite, Shading::Pre, lighting.clone(), 1.0),
+        ("X-ray", Model::Xray, Shading::Pre, None, 1.0),
+        ("post-shaded", Model::Composite, Shading::Post, None, 1.0),
+        ("post-shaded and lit", Model::Composite, Shading::Post, lighting, 1.0),
+        ("thick sheets", Model::Composite, Shading::Post, None, 1.5),
+        ("maximum", Model::Mip, Shading::Pre, None, 1.0),
+    ];
+    let projections = [(ProjectionKind::Orthographic, 3.0), (ProjectionKind::Perspective { fov: 40.0 }, 1.6)];
+    for (name, model, shading, lighting, thickness) in scenes {
+        for ((projection, zoom), painter) in projections.into_iter().flat_map(|p| painters(thickness).map(|q| (p, q))) {
+            let settings = Settings { model, shading, lighting: lighting.clone(), painter, ..Settings::default() };
+            let view = View { azimuth: 25.0, elevation: 15.0, zoom, projection, ..View::default() };
+            let camera = Camera::new(&view, volume.grid(), [56; 2]).unwrap();
+            let render = |renderer: &Renderer| {
+                let scene = renderer.prepare(&volume, &transfer, &settings).unwrap();
+                renderer.render(&scene, &camera, &settings).unwrap()
+            };
+            let expected = render(&whole);
+            assert!(expected.image.pixels().iter().any(|p| p[3] > 0.1), "{name}: nothing to see");
+            for (saving, renderer) in &without {
+                let got = render(renderer);
+                check(&format!("{name}, zoom {zoom}, {projection:?}, {painter:?}"), saving, &got, &expected, &settings);
+            }
+        }
+    }
+}
+
+/// Compares a picture without a saving with one that has them all.
+fn check(what: &str, saving: &str, got: &Rendered, all: &Rendered, settings: &Settings) {
+    let in_view = |r: &Rendered| r.stats.quads().map_or(0, |q| q.splats_in_view);
+    let quads = got.stats.quads().is_some();
+    // Tiles packs the box around the splats: other splats move the box, which rounds coordinates differently, and rays
+    // look for the base in fewer places.
+    let allowed = if quads { 0.0 } else { TILES_NOISE };
+    let difference = got.image.pixels().as_flattened().iter().zip(all.image.pixels().as_flattened());
+    let largest = difference.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(largest <= allowed, "{what}, without {saving}: {largest:e}");
+    match saving {
+        "bricks" => {
+            // Post-shading asks for the neighbours of what shows too: all bricks of this volume.
+            assert_eq!(all.stats.bricks_uploaded < got.stats.bricks_uploaded, !settings.is_post_shaded(), "{what}");
+            assert_eq!(got.stats.bricks_uploaded, got.stats.bricks);
+        }
+        "voxels" => assert!(got.stats.splats_kept > 2 * all.stats.splats_kept, "{}", got.stats.splats_kept),
+        // Zoomed less, everything is in view.
+        "view" => assert!(in_view(got) >= in_view(all) + u64::from(quads && what.contains("zoom 3"))),
+        "pixels" => assert_eq!(in_view(got), in_view(all)),
+        other => panic!("{other}"),
+    }
+}
+
+/// The largest difference of pictures by tiles that keep other splats.
+const TILES_NOISE: f32 = 1e-6;

@@ -1,0 +1,290 @@
+//! A picture by rays: what is refused, what the picture needs, and its regions.
+
+use std::sync::Arc;
+
+use super::super::context::Context;
+use super::super::layout;
+use super::super::painter::{Begun, Job, Painted, Painting, Room};
+use super::super::recorder::Recorder;
+use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights};
+use super::look::Look;
+use super::pack::{Lit, Packed, Packing, Voxel};
+use super::parts::{Footprint, Sections};
+use super::raster::{self, Classification, Raster, Spacing};
+use super::{MAX_PARALLEL_RADIUS, MAX_RADIUS, Rays, STRAIGHT, Tiles, TilesKey};
+use crate::error::Result;
+use crate::kernel::Kernel;
+use crate::settings::{Model, Painter, Resolution, Settings};
+use crate::stats::{PainterStats, RaySpacing, TilesStats};
+
+/// The painter: fast, and not for every picture.
+pub(crate) const ROOM: Room = Room { refusal, need, begin };
+
+/// Pixels for which a splat of an X-ray is worth a quad: a quad takes as long as about 40 rays for pixels, and most of
+/// them meet nothing. Measured on software; see `docs/measurements`.
+const PIXELS_PER_QUAD: u64 = 8;
+
+fn refusal(context: &Context, view: &ViewGeometry, settings: &Settings) -> Option<String> {
+    let growth = view.max_growth();
+    if view.is_perspective() && growth > 1.0 {
+        return Some("tiles draws kernels of one size, and in this perspective they grow with distance".to_owned());
+    }
+    let wide = !view.is_perspective() && !settings.is_post_shaded();
+    let most = if wide { MAX_PARALLEL_RADIUS } else { MAX_RADIUS };
+    if settings.kernel.radius() * growth > most {
+        let grown = if growth > 1.0 { ", and they have grown to the size of pixels" } else { "" };
+        return Some(format!("tiles draws kernels that reach at most {most} voxels here{grown}"));
+    }
+    if !settings.is_post_shaded() && view.is_among_voxels() {
+        return Some("tiles does not cut kernels at the eye, and the eye is among the voxels".to_owned());
+    }
+    if !context.features.contains(wgpu::Features::FLOAT32_FILTERABLE) {
+        return Some(format!("tiles needs filtered 32-bit floats, which {} has not", context.info.name));
+    }
+    None
+}
+
+/// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a ray
+/// at most sqrt(3) / 2 voxels, so three are at most 2.6 voxels. They count as 3: the parts of kernels in slabs are fitted,
+/// and a fit fades a little later than its kernel. Light takes central differences, a voxel farther. None of it depends on
+/// the direction, so that turning asks for no other splats.
+fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
+    if !settings.is_post_shaded() {
+        return ScalarNeed { padding: 0, influence: 0.0 };
+    }
+    const SLABS: f64 = 3.0;
+    let differences = if settings.lighting.is_some() { 1.0 } else { 0.0 };
+    let radius = view.max_radius();
+    ScalarNeed::new(radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS + differences)
+}
+
+fn begin(job: Job<'_>) -> Result<Begun<'_>> {
+    Ok(match Picture::new(job) {
+        Err(reason) => Begun::Refused(reason),
+        Ok(picture) if job.settings.painter == Painter::Auto && picture.is_better_by_quads() => {
+            Begun::Refused("an X-ray of few voxels is faster by quads".to_owned())
+        }
+        Ok(picture) => Begun::Ready(Box::new(picture)),
+    })
+}
+
+/// A picture under way.
+pub(super) struct Picture<'a> {
+    pub(super) job: Job<'a>,
+    /// The kernel as it has grown.
+    kernel: Kernel,
+    footprint: Footprint,
+    sections: Sections,
+    pub(super) lighting: layout::Lighting,
+    /// The ways in which rays follow the lattice, and the volume as each reads it.
+    pub(super) looks: Vec<(Look, Packing)>,
+    packed: Option<Vec<Arc<Packed>>>,
+    rays: u64,
+    spacing: Option<Spacing>,
+}
+
+impl<'a> Picture<'a> {
+    /// Says why if it cannot be: the volume does not fit into a texture, or the kernel's footprint is no polynomial.
+    fn new(job: Job<'a>) -> std::result::Result<Self, String> {
+        let Job { context, view, settings, stores, transfer, .. } = job;
+        let kernel = settings.kernel.grown(view.max_growth());
+        let footprint = Footprint::new(&kernel)
+            .ok_or("tiles draws footprints that are polynomials of 8 terms to 5e-5, and this kernel's is none")?;
+        let lights = settings.light_count();
+        let voxel = match (settings.is_post_shaded(), lights) {
+            (false, lights) => Voxel::Color { lights },
+            (true, 0) => Voxel::Scalar,
+            (true, _) => Voxel::Gradient,
+        };
+        let dims = view.grid.dims().map(|n| n + 2 * job.padding);
+        let whole = !shows_nothing_else(&job);
+        let looks = Look::all(&view.camera, &view.grid, view.camera.size);
+        let packings = looks.iter().map(|look| Packing::new(context, stores, dims, whole, look.axes, voxel));
+        let packings: Option<Vec<Packing>> = packings.collect();
+        let packings = packings.ok_or("tiles packs the volume into a texture, which this volume outgrows")?;
+        let sections = Sections::new(&kernel, &view.camera, &looks, transfer.is_some());
+        let looks = looks.into_iter().zip(packings).collect();
+        let lighting = view.lighting(settings.lighting.as_ref());
+        Ok(Self { job, kernel, footprint, sections, lighting, looks, packed: None, rays: 0, spacing: None })
+    }
+
+    fn key(&self) -> TilesKey {
+        let [look, ..] = self.looks.as_slice() else { return TilesKey::default() };
+        let (_, packing) = look;
+        let Job { view, settings, .. } = self.job;
+        let [width, height] = view.camera.size;
+        let raster = self.raster(look, Region { x: 0, y: 0, width, height });
+        TilesKey {
+            model: settings.model,
+            voxel: packing.voxel,
+            lights: settings.light_count(),
+            perspective: view.is_perspective(),
+            terms: self.footprint.terms(),
+            texels: match raster.map_or(0.0, |r| r.uniforms.row_half) {
+                // Rays through one eye that lean along a as much as along m reach over seven voxels.
+                _ if view.is_perspective() => 4,
+                half if half < 2.5 => 3,
+                half if half < 3.5 => 4,
+                _ => 5,
+            },
+            rays: match raster.map(|r| r.spacing) {
+                Some(Spacing::Voxel(_)) => Rays::Shared,
+                Some(Spacing::Pixels(1.0)) if self.is_straight(look) => Rays::Straight,
+                Some(Spacing::Pixels(1.0)) | None => Rays::Pixels,
+                Some(Spacing::Pixels(_)) => Rays::Coarser,
+            },
+        }
+    }
+
+    /// Whether rays run along m so closely that they meet all planes at the same place.
+    fn is_straight(&self, (look, packing): &(Look, Packing)) -> bool {
+        !self.job.view.is_perspective()
+            && self.kernel.radius() <= MAX_RADIUS
+            && look.shear().abs().max_element() * f64::from(packing.dims[2]) < STRAIGHT
+    }
+
+    /// Whether software draws the picture faster by quads.
+    fn is_better_by_quads(&self) -> bool {
+        let [width, height] = self.job.view.camera.size.map(u64::from);
+        self.job.settings.model == Model::Xray
+            && matches!(self.key().rays, Rays::Pixels | Rays::Straight)
+            && PIXELS_PER_QUAD * self.job.splats() < width * height
+    }
+
+    /// Whether `packed` holds the splats of this picture in the layout of a look.
+    fn serves(&self, look: usize, packed: &Packed) -> bool {
+        let source = self.job.stores.first().map(|store| &store.splats);
+        self.looks[look].1 == packed.packing && source == packed.source.as_ref()
+    }
+
+    /// Whether `packed`, made for an earlier picture, can be reused by a look: as [`Self::serves`], and no light is baked
+    /// into its colours, which may come from the eye.
+    fn is_reusable(&self, packed: &Packed) -> bool {
+        let lit = matches!(packed.packing.voxel, Voxel::Color { lights: 1.. });
+        !lit && (0..self.looks.len()).any(|look| self.serves(look, packed))
+    }
+
+    /// The splats as each look reads them: those that the scene holds from a picture before, or packed now.
+    fn pack(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles) -> Result<Vec<Arc<Packed>>> {
+        let mut held = self.job.scene.packed();
+        // Drop unusable packings first, so that old and new are never in memory together.
+        held.retain(|packed| self.is_reusable(packed));
+        let mut packed: Vec<Arc<Packed>> = Vec::new();
+        for look in 0..self.looks.len() {
+            let served = packed.iter().chain(held.iter()).find(|packed| self.serves(look, packed)).map(Arc::clone);
+            packed.push(match served {
+                Some(packed) => packed,
+                None => self.pack_for(recorder, pipelines, look)?,
+            });
+        }
+        held.clone_from(&packed);
+        Ok(packed)
+    }
+
+    fn pack_for(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles, look: usize) -> Result<Arc<Packed>> {
+        let Job { view, stores, weights, .. } = self.job;
+        let camera = &view.camera;
+        let eye = camera.eye().unwrap_or(camera.target);
+        let to_world = view.grid.to_world().matrix3;
+        let axes = [camera.right, camera.up, camera.forward];
+        let lit = Lit {
+            lighting: &self.lighting,
+            eye: view.grid.to_lattice().transform_point3(eye).as_vec3().to_array(),
+            view: [0, 1, 2].map(|i| axes.map(|axis| axis.dot(to_world.col(i)) as f32)),
+        };
+        let (_, packing) = self.looks[look];
+        Ok(Arc::new(pipelines.packer.run(recorder, stores, packing, &lit, weights.max)?))
+    }
+
+    pub(super) fn raster(&self, (look, packing): &(Look, Packing), region: Region) -> Option<Raster> {
+        let Job { view, settings, weights, transfer, padding, .. } = self.job;
+        let scalars = transfer.map(|table| Classification {
+            clear: table.clear,
+            lookup: table.lookup,
+            // Slabs of scalars are half a plane thick.
+            samples: settings.samples_per_slab(look.slab_voxels() / 2.0),
+            everything: !shows_nothing_else(&self.job),
+        });
+        let divisor = settings.normalization.divisor(&settings.kernel) * view.max_growth().powi(3);
+        let subject = raster::Subject {
+            camera: &view.camera,
+            grid: &view.grid,
+            size: view.camera.size,
+            kernel: self.kernel,
+            footprint: &self.footprint,
+            packing: *packing,
+            padding,
+            density_scale: 1.0 / (divisor * weights.unit),
+            opaque_depth: view.opaque_depth,
+            scalars,
+            sections: &self.sections,
+            max_depth: weights.max * look.voxel() / weights.unit,
+            // What is classified has edges that no raster but the picture's own keeps; rays that are shared reach two
+            // voxels.
+            full: settings.tiles().resolution == Resolution::Full
+                || scalars.is_some()
+                || self.kernel.radius() > MAX_RADIUS,
+        };
+        Raster::new(&subject, look, region)
+    }
+
+    fn pipelines(&self) -> Result<Arc<Tiles>> {
+        let key = self.key();
+        self.job.pipelines.tiles.0.get_or_make(key, || Tiles::new(self.job.context, key))
+    }
+}
+
+/// Whether places without splats, at the transfer function's base, show nothing.
+fn shows_nothing_else(job: &Job<'_>) -> bool {
+    job.transfer.is_none_or(|table| table.clear[0] <= table.clear[1])
+}
+
+impl Painting for Picture<'_> {
+    fn is_empty(&self) -> bool {
+        self.looks.is_empty() || self.job.stores.is_empty() && shows_nothing_else(&self.job)
+    }
+
+    fn pixel_bytes(&self) -> u32 {
+        // The intermediate image, which is no larger than the picture: RGBA, f32.
+        16
+    }
+
+    fn make_pipelines(&self) -> Result<()> {
+        self.pipelines().map(|_| ())
+    }
+
+    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<Painted> {
+        let pipelines = self.pipelines()?;
+        let packed = match self.packed.take() {
+            Some(packed) => packed,
+            None => self.pack(recorder, &pipelines)?,
+        };
+        let followed = pipelines.draw(recorder, self, &packed, region)?;
+        self.packed = Some(packed);
+        self.rays += followed.rays;
+        self.spacing = followed.spacing.or(self.spacing);
+        Ok(Painted { pixels: followed.pixels, margin: 0 })
+    }
+
+    fn footprint_error(&self) -> f64 {
+        self.footprint.error
+    }
+
+    fn stats(&self) -> PainterStats {
+        let per_plane = if self.job.transfer.is_some() { 2 } else { 1 };
+        let (slabs, slab_thickness) = self
+            .looks
+            .first()
+            .map_or((0, 0.0), |(look, packing)| (packing.dims[2] * per_plane, look.slab() / f64::from(per_plane)));
+        PainterStats::Tiles(TilesStats {
+            slabs,
+            slab_thickness,
+            rays: self.rays,
+            spacing: self.spacing.map(|spacing| match spacing {
+                Spacing::Voxel(rays) => RaySpacing::PerVoxel(rays),
+                Spacing::Pixels(pitch) => RaySpacing::Pixels(pitch),
+            }),
+            packed_bytes: self.packed.iter().flatten().map(|packed| packed.bytes()).sum(),
+        })
+    }
+}

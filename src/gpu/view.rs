@@ -1,0 +1,252 @@
+//! The geometry of one picture that every painter needs, in f64: camera, lattice, pixels, growth of kernels, light.
+
+use glam::DVec3;
+
+use super::layout;
+use super::savings::Savings;
+use crate::camera::{Camera, Growth, Projection};
+use crate::lighting::{Light, Lighting};
+use crate::settings::{Model, Settings};
+use crate::volume::Grid;
+
+/// A rectangle of the picture, in pixels from its top left.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Region {
+    pub(crate) x: u32,
+    pub(crate) y: u32,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+}
+
+impl Region {
+    /// Pixels.
+    pub(crate) fn area(self) -> u64 {
+        u64::from(self.width) * u64::from(self.height)
+    }
+
+    /// The region in rectangles of at most `side` pixels a side, row by row.
+    pub(crate) fn parts(self, side: u32) -> Vec<Self> {
+        let steps = |start: u32, length: u32| {
+            (0..length).step_by(side as usize).map(move |at| (start + at, side.min(length - at)))
+        };
+        let columns = move || steps(self.x, self.width);
+        steps(self.y, self.height)
+            .flat_map(|(y, height)| columns().map(move |(x, width)| Self { x, y, width, height }))
+            .collect()
+    }
+}
+
+/// What the splats of a scene weigh.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Weights {
+    /// The largest weight of a splat: extinction times unit distance, or the distance of a scalar from the base.
+    pub(crate) max: f64,
+    /// World distance that weights are per; 1 for scalars.
+    pub(crate) unit: f64,
+}
+
+/// How far splats of scalars must reach, for post-shading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct ScalarNeed {
+    /// Layers by which the lattice is extended on every side, each a copy of the outermost one: the field is then
+    /// complete up to the faces of the volume and does not fade there.
+    pub(crate) padding: u32,
+    /// Distance in voxels within which two voxels can take part in the classification of the same place.
+    pub(crate) influence: f64,
+}
+
+impl ScalarNeed {
+    /// The need for kernels that reach `reach` voxels from any place whose field is asked for, and for an `influence` in
+    /// voxels.
+    ///
+    /// The influence is rounded up to sixteenths: rounding errors ask for no other splats when the camera turns.
+    pub(crate) fn new(reach: f64, influence: f64) -> Self {
+        Self { padding: (reach * (1.0 - 1e-9)).ceil() as u32, influence: (16.0 * influence + 1e-3).ceil() / 16.0 }
+    }
+}
+
+/// A camera on a lattice.
+#[derive(Debug, Clone)]
+pub(crate) struct ViewGeometry {
+    pub(super) camera: Camera,
+    pub(super) grid: Grid,
+    /// Radius of the kernel as asked for, in voxels.
+    pub(super) radius: f64,
+    pub(super) growth: Growth,
+    /// The smallest and the largest growth of a kernel in the volume.
+    pub(super) growths: [f64; 2],
+    /// Gradients in the lattice of the view coordinates x (right), y (up) and z (forward), in world units.
+    pub(super) gradients: [DVec3; 3],
+    /// View coordinates of the middle of the lattice, from the target.
+    pub(super) offset: DVec3,
+    /// Depth of the middle of the lattice in front of the eye (perspective); 0 for parallel rays.
+    pub(super) eye_depth: f64,
+    /// View depth of the farthest voxel from the middle of the lattice.
+    pub(super) farthest: f64,
+    pub(super) post_shaded: bool,
+    /// Optical depth from which on a pixel counts as opaque; infinite if nothing ends there.
+    pub(super) opaque_depth: f64,
+    pub(super) savings: Savings,
+}
+
+impl ViewGeometry {
+    pub(crate) fn new(camera: &Camera, grid: &Grid, settings: &Settings, savings: Savings) -> Self {
+        let to_world = grid.to_world().matrix3;
+        let gradients = [camera.right, camera.up, camera.forward].map(|axis| to_world.transpose() * axis);
+        let from_target = grid.center() - camera.target;
+        let offset =
+            DVec3::new(from_target.dot(camera.right), from_target.dot(camera.up), from_target.dot(camera.forward));
+        let farthest = gradients[2].abs().dot(half(grid));
+        let eye_depth = match camera.projection {
+            Projection::Orthographic { .. } => 0.0,
+            Projection::Perspective { distance, .. } => distance + offset.z,
+        };
+        let growth = if settings.antialiasing { camera.growth(grid) } else { Growth::NONE };
+        Self {
+            camera: *camera,
+            grid: *grid,
+            radius: settings.kernel.radius(),
+            growth,
+            // At the nearest voxel, or at the eye if the voxel is behind it, and at the farthest.
+            growths: [-farthest, farthest].map(|z| growth.at(z + eye_depth)),
+            gradients,
+            offset,
+            eye_depth,
+            farthest,
+            post_shaded: settings.is_post_shaded(),
+            opaque_depth: if settings.model == Model::Composite && settings.termination > 0.0 {
+                -settings.termination.ln()
+            } else {
+                f64::INFINITY
+            },
+            savings,
+        }
+    }
+
+    /// The largest growth of a kernel in the volume.
+    pub(crate) fn max_growth(&self) -> f64 {
+        self.growths[1]
+    }
+
+    /// Radius of the largest kernel in the volume, in voxels.
+    pub(super) fn max_radius(&self) -> f64 {
+        self.radius * self.growths[1]
+    }
+
+    pub(crate) fn is_perspective(&self) -> bool {
+        matches!(self.camera.projection, Projection::Perspective { .. })
+    }
+
+    /// Whether opaque pixels end anything.
+    pub(super) fn terminates(&self) -> bool {
+        self.opaque_depth.is_finite()
+    }
+
+    /// Whether kernels can reach the eye.
+    pub(super) fn is_among_voxels(&self) -> bool {
+        let Some(eye) = self.camera.eye() else { return false };
+        let from_center = self.grid.to_lattice().transform_vector3(eye - self.grid.center());
+        from_center.abs().cmple(half(&self.grid) + self.max_radius()).all()
+    }
+
+    /// The smallest rectangle of pixels that holds every point which the volume's kernels project to; `None`: none does.
+    pub(crate) fn projected_bounds(&self) -> Option<Region> {
+        let camera = &self.camera;
+        let [w, h] = camera.size;
+        let whole = Region { x: 0, y: 0, width: w, height: h };
+        let (scale, origin) = camera.pixels();
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        // A field that is reconstructed from scalars ends with the box of the volume.
+        let beyond = if self.post_shaded { 0.5 } else { self.max_radius() };
+        for corner in self.grid.corners(beyond) {
+            let d = corner - camera.target;
+            let mut plane = [d.dot(camera.right), d.dot(camera.up)];
+            if let Projection::Perspective { distance, .. } = camera.projection {
+                let z = d.dot(camera.forward) + distance;
+                // A corner beside or behind the eye projects to no pixel that bounds anything.
+                if z <= 1e-6 * distance {
+                    return Some(whole);
+                }
+                plane = plane.map(|p| p / z);
+            }
+            for axis in 0..2 {
+                let pixel = (plane[axis] - origin[axis]) / scale[axis];
+                low[axis] = low[axis].min(pixel);
+                high[axis] = high[axis].max(pixel);
+            }
+        }
+        // One pixel more on either side absorbs rounding.
+        let clamped = |v: f64, most: u32| v.clamp(0.0, f64::from(most)) as u32;
+        let (x, y) = (clamped((low[0] - 1.0).floor(), w), clamped((low[1] - 1.0).floor(), h));
+        let (right, bottom) = (clamped((high[0] + 1.0).ceil(), w), clamped((high[1] + 1.0).ceil(), h));
+        (right > x && bottom > y).then(|| Region { x, y, width: right - x, height: bottom - y })
+    }
+
+    /// Material and lights in view coordinates; all zero if there is no light.
+    pub(super) fn lighting(&self, lighting: Option<&Lighting>) -> layout::Lighting {
+        let Some(lighting) = lighting else { return layout::Lighting::default() };
+        let camera = &self.camera;
+        let f3 = |v: DVec3| v.as_vec3().to_array();
+        let mut lights = [[0.0; 4]; Lighting::MAX_LIGHTS];
+        for (slot, light) in lights.iter_mut().zip(&lighting.lights) {
+            if let Light::Directional(towards) = light {
+                let d = towards.normalize();
+                *slot = [d.dot(camera.right), d.dot(camera.up), d.dot(camera.forward), 0.0].map(|c| c as f32);
+            }
+        }
+        layout::Lighting {
+            right: f3(camera.right),
+            ambient: lighting.ambient as f32,
+            up: f3(camera.up),
+            diffuse: lighting.diffuse as f32,
+            forward: f3(camera.forward),
+            specular: lighting.specular as f32,
+            lights,
+            shininess: lighting.shininess as f32,
+            _pad: [0; 3],
+        }
+    }
+}
+
+/// From the middle of a lattice to its last point.
+pub(super) fn half(grid: &Grid) -> DVec3 {
+    DVec3::from_array(grid.dims().map(|d| f64::from(d - 1) / 2.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_cover_a_region_once() {
+        let region = Region { x: 3, y: 5, width: 10, height: 7 };
+        for side in [1, 3, 4, 7, 10, 64] {
+            let parts = region.parts(side);
+            assert_eq!(parts.iter().map(|part| part.area()).sum::<u64>(), region.area(), "{side}");
+            for (i, a) in parts.iter().enumerate() {
+                assert!(a.width <= side && a.height <= side);
+                assert!(a.x >= 3 && a.y >= 5 && a.x + a.width <= 13 && a.y + a.height <= 12);
+                let apart = |b: &Region| {
+                    a.x + a.width <= b.x || b.x + b.width <= a.x || a.y + a.height <= b.y || b.y + b.height <= a.y
+                };
+                assert!(parts[i + 1..].iter().all(apart), "{side}");
+            }
+        }
+    }
+
+    #[test]
+    fn bounds_are_those_of_the_box_and_its_kernels() {
+        let grid = Grid::axis_parallel([11; 3], [1.0; 3]).unwrap();
+        let view = crate::camera::View { view_height: Some(100.0), ..crate::camera::View::default() };
+        let camera = Camera::new(&view, &grid, [200, 100]).unwrap();
+        let bounds = |settings: &Settings| {
+            ViewGeometry::new(&camera, &grid, settings, Savings::default()).projected_bounds().unwrap()
+        };
+        // One world unit a pixel: lattice points span 10 pixels, kernels reach 2 more, and 1 is for rounding.
+        let region = bounds(&Settings::default());
+        assert_eq!([region.x, region.width, region.y, region.height], [92, 16, 42, 16]);
+        let post = Settings { shading: crate::settings::Shading::Post, ..Settings::default() };
+        let region = bounds(&post);
+        assert_eq!([region.x, region.width, region.y, region.height], [93, 14, 43, 14]);
+    }
+}

@@ -1,0 +1,90 @@
+//! One spelling per enum: messages, JSON and the command line all use it.
+
+/// Names the variants of a field-less enum.
+///
+/// `spelled!` gives `ALL`, `name`, `Display` (which honours width and alignment) and `Serialize`. The `match` in `name`
+/// has no wildcard, so a variant left out of the list does not compile.
+macro_rules! spelled {
+    ($type:ident { $($variant:ident: $name:literal),+ $(,)? }) => {
+        impl $type {
+            /// Every variant, in the order in which help and messages list them.
+            pub const ALL: [Self; [$($name),+].len()] = [$(Self::$variant),+];
+
+            /// The spelling of the variant in messages, in JSON and on the command line.
+            #[must_use]
+            pub fn name(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $name,)+
+                }
+            }
+        }
+
+        impl std::fmt::Display for $type {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.pad(self.name())
+            }
+        }
+
+        impl serde::Serialize for $type {
+            fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.serialize_str(self.name())
+            }
+        }
+    };
+}
+
+/// As `spelled!`, and `FromStr`: it accepts exactly the names, and its error is about the given setting.
+macro_rules! named {
+    ($setting:literal, $type:ident { $($variant:ident: $name:literal),+ $(,)? }) => {
+        $crate::names::spelled! { $type { $($variant: $name),+ } }
+
+        impl std::str::FromStr for $type {
+            type Err = $crate::error::Error;
+
+            fn from_str(text: &str) -> Result<Self, Self::Err> {
+                Self::ALL.into_iter().find(|variant| variant.name() == text).ok_or_else(|| {
+                    let reason = format!("{text:?}, expected {}", $crate::names::listed(&[$($name),+]));
+                    Self::Err::Setting { name: $setting, reason }
+                })
+            }
+        }
+    };
+}
+
+pub(crate) use {named, spelled};
+
+/// Names in a sentence: "a", "a or b", "a, b or c".
+pub(crate) fn listed(names: &[&str]) -> String {
+    match names {
+        [] => String::new(),
+        [one] => (*one).to_owned(),
+        [first @ .., last] => format!("{} or {last}", first.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::settings::{Accumulation, Model};
+
+    #[test]
+    fn every_name_reads_back() {
+        for model in Model::ALL {
+            assert_eq!(model.name().parse::<Model>().unwrap(), model);
+            assert_eq!(serde_json::to_string(&model).unwrap(), format!("\"{model}\""));
+        }
+        assert_eq!(Model::ALL.len(), 3);
+    }
+
+    #[test]
+    fn a_wrong_name_is_told_the_right_ones() {
+        let error = "rays".parse::<Model>().unwrap_err().to_string();
+        assert_eq!(error, "model: \"rays\", expected composite, xray or mip");
+        let error = "Additive".parse::<Accumulation>().unwrap_err().to_string();
+        assert!(error.ends_with("expected optical-depth or additive"), "{error}");
+    }
+
+    #[test]
+    fn names_are_padded() {
+        assert_eq!(format!("{:>6}|{:<6}|", Model::Mip, Model::Mip), "   mip|mip   |");
+    }
+}
