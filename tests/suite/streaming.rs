@@ -129,8 +129,8 @@ fn streamed_samples_that_are_not_finite_are_refused_or_replaced() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("v.raw");
     write(&path, |v| (if v == 50 { f32::NAN } else { f32::from(v) }).to_le_bytes().to_vec());
-    let error = open(&path, SampleType::F32, Endian::Little, 0).unwrap_err().to_string();
-    assert!(error.contains("NaN or infinite") && error.contains("--replace-nan"), "{error}");
+    let error = format!("{:#}", open(&path, SampleType::F32, Endian::Little, 0).unwrap_err());
+    assert!(error.contains("NaN or infinite") && error.contains("LoadOptions::replace_nan"), "{error}");
     let options = LoadOptions {
         dims: Some(DIMS),
         sample_type: Some(SampleType::F32),
