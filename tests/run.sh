@@ -1,7 +1,9 @@
 #!/bin/sh
-# Runs every test, installing first what is missing besides Rust. Arguments go to `cargo test`.
+# Runs every test, the slow ones too, installing first what is missing besides Rust.
+# Arguments replace those that `cargo test` is given.
 set -eu
 cd "$(dirname "$0")/.."
 # shellcheck source=tests/setup.sh
 . ./tests/setup.sh
+[ $# -gt 0 ] || set -- -- --include-ignored
 cargo test --locked "$@"

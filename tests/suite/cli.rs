@@ -293,8 +293,8 @@ fn assert_sphere(dir: &Path, arguments: &str, view: &View, settings: &Settings, 
     let (volume, transfer) = demo("sphere", 24);
     let image = picture(&volume, &transfer, &look(view, &volume, [40, 32]), settings).image;
     assert!(image.pixels().iter().any(|p| p[3] > 0.1));
-    image.save(&dir.join("library.png"), background).unwrap();
-    let [program, library] = ["program.png", "library.png"].map(|name| Image::load(&dir.join(name)).unwrap());
+    image.save(dir.join("library.png"), background).unwrap();
+    let [program, library] = ["program.png", "library.png"].map(|name| Image::load(dir.join(name)).unwrap());
     assert!(program == library, "{arguments}");
 }
 
@@ -315,8 +315,8 @@ fn pictures_of_the_device_are_those_of_the_library() {
         projection: ProjectionKind::Perspective { fov: 40.0 },
         ..View::default()
     };
-    let arguments = "--painter quads --azimuth -30 --elevation 20 --roll 10 --zoom 1.5 --projection perspective --fov 40 \
-                     --background transparent";
+    let arguments = "--painter quads --azimuth -30 --elevation 20 --roll 10 --zoom 1.5 --projection perspective \
+                     --fov 40 --background transparent";
     assert_sphere(dir.path(), arguments, &view, &quads, Background::Transparent);
 }
 
@@ -333,7 +333,7 @@ fn lights_and_material_reach_the_picture() {
     assert!(output.stdout.is_empty() && output.stderr.is_empty(), "{output:?}");
     let (volume, transfer) = demo("sphere", 24);
     let camera = look(&View::default(), &volume, [40, 32]);
-    let program = Image::load(&dir.path().join("program.exr")).unwrap();
+    let program = Image::load(dir.path().join("program.exr")).unwrap();
     let library = picture(&volume, &transfer, &camera, &settings).image;
     // The direction of a light is made from degrees: an ulp of cos 90 is not nothing.
     let (color, alpha) = crate::support::errors(&program, &library);

@@ -141,15 +141,15 @@ impl Golden {
             }
             std::fs::create_dir_all(results()).unwrap();
             let result = |what: &str| results().join(format!("{}.{what}.png", self.name));
-            image.save(&result("actual"), Background::Transparent).unwrap();
+            image.save(result("actual"), Background::Transparent).unwrap();
             // Compared as 8-bit pictures; straight alpha spreads the step of a nearly transparent pixel, hence
             // premultiplied values.
-            let actual = Image::load(&result("actual")).unwrap();
+            let actual = Image::load(result("actual")).unwrap();
             let expected = Image::load(&path).unwrap_or_else(|e| panic!("{e}: VOXSPLAT_BLESS={} writes it", self.name));
             let comparison = compare(&actual, &expected, STEP).unwrap();
-            expected.save(&result("expected"), Background::Transparent).unwrap();
+            expected.save(result("expected"), Background::Transparent).unwrap();
             let difference = difference_picture(&actual, &expected, 20.0).unwrap();
-            difference.save(&result("difference"), Background::default()).unwrap();
+            difference.save(result("difference"), Background::default()).unwrap();
             Outcome { actual, expected, comparison }
         })
     }

@@ -9,6 +9,7 @@
 
 mod adapter;
 mod algorithms;
+mod camera;
 mod cli;
 mod demos;
 mod embed;

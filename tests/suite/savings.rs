@@ -13,7 +13,8 @@ use crate::support::{
     draw_on, exact_quads, headlight, look, new_renderer, picture, prepare_on, thick, transfer, with_quads,
 };
 
-/// Two balls that fade outwards, one in the middle, over a background that falls away from them: what is dropped is not 0.
+/// Two balls that fade outwards, one in the middle, over a background that falls away from them: what is dropped is
+/// not 0.
 fn balls() -> (Volume, TransferFunction) {
     let dims = [110, 26, 26];
     let value = |[x, y, z]: [u32; 3]| {
@@ -75,8 +76,8 @@ fn only_what_a_scene_needs_is_made_and_sent() {
     let (volume, transfer) = balls();
     let pre = exact_quads();
     let post = Settings { shading: Shading::Post, ..pre.clone() };
-    // Pipelines: two of classification, two of the scan, three of the sort; one of splats and one that wipes sheets, one
-    // that composites or shades, one that resolves, and two of termination.
+    // Pipelines: two of classification, two of the scan, three of the sort; one of splats and one that wipes sheets,
+    // one that composites or shades, one that resolves, and two of termination.
     let scenes = [
         (pre.clone(), 11),
         (Settings { termination: 0.01, ..pre.clone() }, 13),

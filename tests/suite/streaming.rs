@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::DVec3;
 use voxsplat::camera::View;
-use voxsplat::error::{Error, Hint};
+use voxsplat::error::Error;
 use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::Image;
 use voxsplat::settings::{Model, Settings, Shading};
@@ -68,19 +68,20 @@ fn a_streamed_volume_gives_the_same_bytes() {
         (SampleType::F32, Endian::Little, |v| f32::from(v).to_le_bytes().to_vec()),
         (SampleType::U64, Endian::Big, |v| (v as u64).to_be_bytes().to_vec()),
     ];
-    for (sample_type, endian, bytes) in cases {
+    let lit = Settings { lighting: headlight(), ..exact_quads() };
+    let xray = Settings { model: Model::Xray, ..exact_quads() };
+    // Kernels that grew reach many more scalars.
+    let post = Settings { shading: Shading::Post, antialiasing: false, ..exact_quads() };
+    for (number, (sample_type, endian, bytes)) in cases.into_iter().enumerate() {
         write(&path, bytes);
         let [whole, streamed] = [u64::MAX, 0].map(|over| open(&path, sample_type, endian, over).unwrap());
         assert_eq!((whole.is_streamed(), streamed.is_streamed()), (false, true));
         assert_eq!(whole.in_memory().unwrap().samples(), streamed.in_memory().unwrap().samples());
         assert_eq!(Statistics::of(&whole).unwrap(), Statistics::of(&streamed).unwrap());
-        for settings in [
-            exact_quads(),
-            Settings { lighting: headlight(), ..exact_quads() },
-            Settings { model: Model::Xray, ..exact_quads() },
-            Settings { shading: Shading::Post, ..exact_quads() },
-        ] {
-            let (a, b) = (picture(&whole, &settings, 32), picture(&streamed, &settings, 32));
+        // Light and X-rays do not depend on the type of the samples.
+        let count = if number == 0 { 4 } else { 2 };
+        for settings in &[exact_quads(), post.clone(), lit.clone(), xray.clone()][..count] {
+            let (a, b) = (picture(&whole, settings, 32), picture(&streamed, settings, 32));
             assert!(a.0.pixels() == b.0.pixels(), "{sample_type} {endian:?}");
             assert!(a.0.pixels().iter().any(|p| p[3] > 0.3));
             assert_eq!((a.1.bricks, a.1.bricks_uploaded), (b.1.bricks, b.1.bricks_uploaded));
@@ -128,8 +129,8 @@ fn streamed_samples_that_are_not_finite_are_refused_or_replaced() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("v.raw");
     write(&path, |v| (if v == 50 { f32::NAN } else { f32::from(v) }).to_le_bytes().to_vec());
-    let error = open(&path, SampleType::F32, Endian::Little, 0).unwrap_err();
-    assert_eq!(error.hint(), Some(Hint::ReplaceNonFinite), "{error}");
+    let error = format!("{:#}", open(&path, SampleType::F32, Endian::Little, 0).unwrap_err());
+    assert!(error.contains("NaN or infinite") && error.contains("LoadOptions::replace_nan"), "{error}");
     let options = LoadOptions {
         dims: Some(DIMS),
         sample_type: Some(SampleType::F32),

@@ -24,11 +24,11 @@ pub(crate) static RENDERER: LazyLock<Renderer> = LazyLock::new(new_renderer);
 /// A device of its own, for tests that count what was made on it.
 pub(crate) fn new_renderer() -> Renderer {
     Renderer::new(&RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() })
-        .unwrap_or_else(|e| panic!("{e}; VOXSPLAT_TEST_ADAPTER names another adapter"))
+        .unwrap_or_else(|e| panic!("{e}; VOXSPLAT_TEST_ADAPTER can name another adapter"))
 }
 
 pub(crate) fn demo(name: &str, size: u32) -> (Volume, TransferFunction) {
-    let volume = load(&format!("demo:{name}:{size}"), &LoadOptions::default()).unwrap();
+    let volume = load(format!("demo:{name}:{size}"), &LoadOptions::default()).unwrap();
     (volume, demo_transfer(name).unwrap())
 }
 

@@ -89,6 +89,7 @@ fn one_voxel_of_a_sheared_anisotropic_grid() {
 }
 
 #[test]
+#[ignore = "slow: a ray in a million steps"]
 fn two_tones_match_brute_force() {
     let kernel = Kernel::default();
     let scene = prepared(&volume([5, 6, 5], DMat3::IDENTITY, &[([2, 2, 2], 1), ([2, 3, 2], 2)]), &kernel);

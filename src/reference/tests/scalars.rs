@@ -102,6 +102,7 @@ fn plain(volume: &Volume, kernel: Kernel, base: f64) -> Plain<'_> {
 const WIDE: Kernel = Kernel::Gaussian { sigma: 1.0, radius: 5.0 };
 
 #[test]
+#[ignore = "slow: sums over all kernels at every step"]
 fn post_shading_is_its_definition() {
     let volume = bumps();
     let transfer = ramp(&[(-0.6, 0.5), (-0.3, 0.0), (0.1, 0.0), (0.4, 0.8), (0.5, 0.1), (0.9, 0.9)], 0.5);
@@ -237,6 +238,7 @@ fn gradients_are_central_differences_of_the_field() {
 }
 
 #[test]
+#[ignore = "slow: sums over all kernels at every step"]
 fn maximum_intensity_is_its_definition() {
     let volume = bumps();
     // The base is 0, above some of the values.
@@ -273,6 +275,7 @@ fn the_largest_value_is_fully_opaque() {
 }
 
 #[test]
+#[ignore = "slow: sums over all kernels at every step"]
 fn grown_kernels_of_post_shading_are_their_definition() {
     let volume = bumps();
     let transfer = ramp(&[(-0.3, 0.0), (0.0, 0.5), (0.4, 0.9)], 0.5);
