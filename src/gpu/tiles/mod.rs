@@ -9,6 +9,8 @@ mod paint;
 mod parts;
 mod rays;
 mod resample;
+#[cfg(test)]
+mod stages_test;
 
 pub(crate) use pack::Packed;
 pub(crate) use paint::ROOM;
