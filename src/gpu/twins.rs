@@ -116,8 +116,8 @@ pub(crate) fn sort(frame: &Frame, splats: &[Voxel], mode: Mode, sheets_per_batch
     sorted
 }
 
-/// splat: what each sheet of a pixel accumulates, as (colour, 1) times optical depth or opacity. `round` is what storing
-/// a sum in the sheet's format makes of it.
+/// splat: what each sheet of a pixel accumulates, as (colour, 1) times optical depth or opacity. `round` is what
+/// storing a sum in the sheet's format makes of it.
 pub(crate) fn splat(
     frame: &Frame,
     table: &FootprintTable,
@@ -185,8 +185,8 @@ pub(crate) fn composite(sheets: &[[f64; 4]], additive: bool) -> [f64; 4] {
     [color.x, color.y, color.z, -(-depth).exp_m1()]
 }
 
-/// prefilter: the tap, so many points away, of the filter that finds the coefficients of cubic B-splines through points:
-/// the inverse of (1, 4, 1) / 6, cut after five points, where the last tap makes up for the rest.
+/// prefilter: the tap, so many points away, of the filter that finds the coefficients of cubic B-splines through
+/// points: the inverse of (1, 4, 1) / 6, cut after five points, where the last tap makes up for the rest.
 pub(crate) fn spline_tap(points: i32) -> f64 {
     let tap = |n: i32| 3.0_f64.sqrt() * (3.0_f64.sqrt() - 2.0).powi(n);
     match points.abs() {

@@ -30,7 +30,8 @@ fn context() -> Context {
     Context::new(Some(&adapter())).unwrap()
 }
 
-/// The texels of a texture, x fastest, as four words each. `ty` is its type in WGSL, `load` the expression that reads `p`.
+/// The texels of a texture, x fastest, as four words each. `ty` is its type in WGSL, `load` the expression that reads
+/// `p`.
 fn texels(context: &Context, view: &wgpu::TextureView, binding: Binding, ty: &str, load: &str) -> Vec<[u32; 4]> {
     let source = format!(
         "@group(0) @binding(0) var texels: {ty};
@@ -255,8 +256,8 @@ const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 0, 1], [1,
 fn words_of(point: [u32; 3]) -> [u32; 3] {
     let [x, y, z] = point;
     let density = 0.01 + 0.03 * f64::from(x) + 0.001 * f64::from(y * z);
-    let color = x * 91 & 0x1fff | (y * 211 & 0x3fff) << 13 | (z & 31) << 27;
-    [((density as f32).to_bits() >> 7) << 8 | (x + y) & 0xff, color, 0]
+    let color = ((x * 91) & 0x1fff) | (((y * 211) & 0x3fff) << 13) | ((z & 31) << 27);
+    [((density as f32).to_bits() >> 7) << 8 | ((x + y) & 0xff), color, 0]
 }
 
 #[test]
