@@ -61,8 +61,8 @@ fn geometry_of(point: vec2u) -> RayGeometry {
         let square = 1.0 - d.x * d.x;
         geometry.row_half = sqrt(rays.radius2 / square);
         geometry.row_slope = d.x * d.y / square;
-        // A ray along m has lean 0 and meets every kernel at s = 0. 1e-4 is less than the lean changes from one pixel to the
-        // next, and keeps the quotients finite.
+        // A ray along m has lean 0 and meets every kernel at s = 0. 1e-4 keeps the quotients finite; if the lean is
+        // less, s is below 2e-4 and its terms hardly matter.
         let lean = max(length(line.shear), 1e-4);
         // The last step ends just before the last entry, so that step + 1 is an entry.
         let place = clamp(lean * SECTION_STEPS, 0.0, f32(SECTIONS) - 1.001);

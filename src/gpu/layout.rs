@@ -113,7 +113,7 @@ pub(crate) struct Batch {
     pub first_sheet: u32,
 }
 
-/// A rectangle of pixels in the buffers of a region, from its first to the one after its last; empty where it has none;
+/// A rectangle of pixels in the buffers of a region, from its first pixel to the one after its last; empty by default;
 /// `Area` in shaders/composite.wgsl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]

@@ -1,4 +1,5 @@
-//! The WGSL of each stage: the stage's own file first, so that error lines are those of the file, then what it shares.
+//! The WGSL of each stage: the stage's own file, then the files that it uses. The stage's file is first so that the
+//! line numbers of errors are those of the file.
 
 /// A stage's shader.
 #[derive(Debug, Clone, Copy)]

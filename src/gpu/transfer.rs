@@ -11,14 +11,14 @@ const TABLE_STEPS: u32 = 4096;
 pub(crate) struct TransferTable {
     /// Colour, and extinction or alpha, at equal steps from the first point of the transfer function to the last.
     pub(crate) texture: wgpu::TextureView,
-    /// The scalars around 0, ends included, at which nothing shows; none where the first is larger.
+    /// The scalars around 0, ends included, at which nothing shows; there are none if the first is larger.
     pub(crate) invisible: [f32; 2],
     /// Place of a scalar in the table: scalar times the first, plus the second.
     pub(crate) lookup: [f32; 2],
 }
 
 impl TransferTable {
-    /// Extinction is per world length, `unit` that of the opacities.
+    /// Extinction becomes per world length: opacities are per `unit` world lengths.
     pub(crate) fn new(context: &Context, transfer: &TransferFunction, shows: Shows, unit: f64) -> Self {
         let base = transfer.base();
         let [first, last] = transfer.range();

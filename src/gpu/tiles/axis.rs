@@ -1,29 +1,29 @@
-//! The principal viewing axes of a picture: the lattice axes that its rays run along most closely (Lacroute and Levoy 1994,
-//! "Fast volume rendering using a shear-warp factorization of the viewing transformation").
+//! The principal viewing axes of a picture: the lattice axes that its rays run along most closely (Lacroute and Levoy
+//! 1994, "Fast volume rendering using a shear-warp factorization of the viewing transformation").
 
 use glam::{DVec2, DVec3};
 
 use crate::camera::{Camera, Projection};
 use crate::volume::Grid;
 
-/// The margin around the picture, as a fraction of half its size, for whose rays axes are found too: coarse intermediate
-/// images reach beyond the picture.
+/// The margin around the picture, as a fraction of half its size, for whose rays axes are found too: coarse
+/// intermediate images reach beyond the picture.
 pub(super) const RAY_MARGIN: f64 = 0.25;
-/// The largest component along a of a ray's unit vector. The shaders read six voxels of a row, and the first of them may
-/// lie one voxel too early. So kernels, with a radius of 2 voxels, may reach 2.5 voxels along a row at most: 2 / sqrt(1 -
-/// a^2) < 2.5 if a < 0.6.
+/// The largest component along a of a ray's unit vector. The shaders read six voxels of a row, and the first of them
+/// may lie one voxel too early. So kernels, with a radius of 2 voxels, may reach 2.5 voxels along a row at most: 2 /
+/// sqrt(1 - a^2) < 2.5 if a < 0.6.
 const MAX_LEAN: f64 = 0.599;
 
 /// A principal viewing axis, called m: the lattice axis that rays run along most closely.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PrincipalAxis {
-    /// Numbers of the lattice axes a, b and m. a is the first of the two across along which rays lean little enough (see
-    /// `MAX_LEAN`). It is the same in most pictures of a turning volume, so few of them pack the volume anew.
+    /// Numbers of the lattice axes a, b and m. a is the first of the two across along which rays lean little enough
+    /// (see `MAX_LEAN`). It is the same in most pictures of a turning volume, so few of them pack the volume anew.
     pub(super) axes: [usize; 3],
     /// Whether rays run against m.
     pub(super) flipped: bool,
-    /// Unit vector of a ray in (a, b, m), its component along m positive. Of rays through one eye it is that of a ray in the
-    /// middle of those that run along m.
+    /// Unit vector of a ray in (a, b, m), its component along m positive. Of rays through one eye it is that of a ray
+    /// in the middle of those that run along m.
     pub(super) direction: DVec3,
     /// World length per lattice length along that ray.
     stretch: f64,
@@ -114,8 +114,8 @@ pub(super) fn unordered(axes: [usize; 3], values: [u32; 3]) -> [u32; 3] {
     result
 }
 
-/// The part of a convex polygon in which a linear function is not negative (Sutherland and Hodgman 1974, "Reentrant polygon
-/// clipping").
+/// The part of a convex polygon in which a linear function is not negative (Sutherland and Hodgman 1974, "Reentrant
+/// polygon clipping").
 fn clipped(polygon: &[(f64, f64)], value: impl Fn((f64, f64)) -> f64) -> Vec<(f64, f64)> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (i, &p) in polygon.iter().enumerate() {

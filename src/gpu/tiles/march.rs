@@ -95,24 +95,40 @@ pub(super) fn march(
     uniforms: &layout::Rays,
     targets: &Targets<'_>,
 ) {
-    let context = recorder.context;
-    let [across, down] = uniforms.tiles;
-    let phases = uniforms.phases.into_iter().product::<u32>();
-    let tiles = across * down * phases;
-    let rows = tiles.div_ceil(RUN_ROW) * uniforms.run_slots;
-    let runs = texture(context, "skip.runs", wgpu::TextureFormat::Rg32Uint, [tiles.min(RUN_ROW), rows]);
+    let runs = find_runs(recorder, skip, packed, uniforms, targets.rays);
     let rays = targets.rays.as_entire_binding();
-    let resources = [rays.clone(), texture_view(&packed.occupied), texture_view(&runs)];
-    let group = bind(context, "skip", &skip.layout, &resources);
-    let workgroups = [across.div_ceil(TILE), down.div_ceil(TILE), phases];
-    recorder.dispatch("skip", &skip.pipeline, &group, &[], workgroups);
     let mut resources = vec![rays, texture_view(&packed.volume), texture_view(&runs)];
     let pixels = targets.pixels.as_entire_binding();
     match targets.transfer {
         Some(table) => resources.extend([pixels, targets.lighting.as_entire_binding(), texture_view(&table.texture)]),
         None => resources.extend([texture_view(targets.intermediate), pixels]),
     }
-    let group = bind(context, "gather", &gather.layout, &resources);
-    let workgroups = [across, down, phases];
-    recorder.dispatch("gather", &gather.pipeline, &group, &[], workgroups);
+    let group = bind(recorder.context, "gather", &gather.layout, &resources);
+    let [across, down] = uniforms.tiles;
+    recorder.dispatch("gather", &gather.pipeline, &group, &[], [across, down, phases(uniforms)]);
+}
+
+/// For each tile of rays, the runs of planes in which they can meet a voxel.
+pub(super) fn find_runs(
+    recorder: &mut Recorder<'_>,
+    skip: &Stage,
+    packed: &Packed,
+    uniforms: &layout::Rays,
+    rays: &wgpu::Buffer,
+) -> wgpu::TextureView {
+    let context = recorder.context;
+    let [across, down] = uniforms.tiles;
+    let tiles = across * down * phases(uniforms);
+    let rows = tiles.div_ceil(RUN_ROW) * uniforms.run_slots;
+    let runs = texture(context, "skip.runs", wgpu::TextureFormat::Rg32Uint, [tiles.min(RUN_ROW), rows]);
+    let resources = [rays.as_entire_binding(), texture_view(&packed.occupied), texture_view(&runs)];
+    let group = bind(context, "skip", &skip.layout, &resources);
+    let workgroups = [across.div_ceil(TILE), down.div_ceil(TILE), phases(uniforms)];
+    recorder.dispatch("skip", &skip.pipeline, &group, &[], workgroups);
+    runs
+}
+
+/// Interleaved tiles that cover the same area.
+fn phases(uniforms: &layout::Rays) -> u32 {
+    uniforms.phases.into_iter().product()
 }

@@ -1,6 +1,6 @@
-//! The painter `tiles`: compute shaders that march rays from voxel plane to voxel plane. Rays go through the points of an
-//! intermediate image that is aligned with the lattice, so that they can share the footprints of kernels; the image is
-//! resampled to the picture. Rays skip empty macrocells and end when they are opaque.
+//! The painter `tiles`: compute shaders that march rays from voxel plane to voxel plane. Rays go through the points of
+//! an intermediate image that is aligned with the lattice, so that they can share the footprints of kernels; the image
+//! is resampled to the picture. Rays skip empty macrocells and end when they are opaque.
 
 mod axis;
 mod march;
@@ -9,6 +9,8 @@ mod paint;
 mod parts;
 mod rays;
 mod resample;
+#[cfg(test)]
+mod stages_test;
 
 pub(crate) use pack::Packed;
 pub(crate) use paint::ROOM;
@@ -37,8 +39,8 @@ const MAX_RADIUS: f64 = 2.0;
 /// The largest radius of kernels of classified voxels along parallel rays: their shader reads more planes and texels.
 const MAX_PARALLEL_RADIUS: f64 = 3.0;
 
-/// How far rays may move across the volume, in voxels, and still count as straight: 1e-4 of a voxel changes a footprint by
-/// about 1e-4 of its peak.
+/// How far rays may move across the volume, in voxels, and still count as straight: 1e-4 of a voxel changes a footprint
+/// by about 1e-4 of its peak.
 const STRAIGHT: f64 = 1e-4;
 
 /// Which rays are marched.

@@ -1,4 +1,5 @@
-//! pack: the splats of a scene in a texture that rays read: see shaders/pack.wgsl.
+//! pack and gradients: from the splats of a scene to the texture that rays read. See shaders/common/packing.wgsl,
+//! shaders/pack.wgsl and shaders/gradients.wgsl.
 
 use std::ops::Range;
 
@@ -17,7 +18,7 @@ use crate::error::Result;
 /// What is packed of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(super) enum Voxel {
-    /// Colour and density of classified voxels, lit in this picture's light by so many lights.
+    /// Colour and density of classified voxels. The colours are lit already, by this number of lights.
     Color { lights: u32 },
     /// The scalar.
     #[default]
@@ -31,12 +32,12 @@ impl Voxel {
         matches!(self, Self::Scalar | Self::Gradient)
     }
 
-    /// What is packed first: gradients are differences of packed scalars.
+    /// What `pack` writes: gradients are taken of packed scalars, by `gradients`.
     fn packed(self) -> Self {
         if self.is_scalar() { Self::Scalar } else { self }
     }
 
-    /// Bytes of a texel, of two voxels.
+    /// Bytes of a texel, which holds two voxels.
     fn texel(self) -> u64 {
         if self == Self::Scalar { 8 } else { 16 }
     }
@@ -47,32 +48,36 @@ impl Voxel {
     }
 }
 
-/// Bytes that are packed at a time.
+/// Bytes of the buffer that is packed and copied to the texture at a time: small beside the volume.
 const BAND: u64 = 16 << 20;
-/// The most bytes of a packed volume: it holds what is between visible voxels too.
+/// The most bytes of a packed volume. The box around visible voxels is packed whole, so that much may be empty.
 const MAX_BYTES: u64 = 1 << 30;
-/// Densities are scaled to stay below this, the largest power of two that f16 holds but one.
-const FULL: f64 = 16_384.0;
+/// The largest density after scaling: a power of two with room below 65504, the largest f16.
+const F16_HEADROOM: f64 = 16_384.0;
 /// The largest factor that densities are scaled by: products with it stay in the range of f32.
 const MAX_SCALE: f64 = 1e30;
 
-/// Where the voxels of a volume are in the texture.
+/// Where the voxels of a volume are in the texture: the rows of shaders/common/packing.wgsl.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Packing {
     pub(super) voxel: Voxel,
     /// Numbers of the lattice axes a, b and m.
     pub(super) axes: [usize; 3],
-    /// First lattice point, and points, along a, b and m.
+    /// First lattice point of the box along a, b and m.
     pub(super) low: [u32; 3],
+    /// Lattice points of the box along a, b and m.
     pub(super) dims: [u32; 3],
+    /// Planes side by side.
     pub(super) columns: u32,
+    /// Texels of a row of voxels, without its margin.
     pub(super) row_texels: u32,
+    /// Width and height of the texture.
     size: [u32; 2],
 }
 
 impl Packing {
-    /// The packing of the box around the splats, or of the whole lattice of `dims` points; `None` where it does not fit
-    /// into a texture.
+    /// The packing of the box around the splats, or if `whole`, of the lattice of `dims` points; `None` if it does not
+    /// fit into a texture.
     pub(super) fn new(
         context: &Context,
         stores: &[Store],
@@ -94,16 +99,17 @@ impl Packing {
         let most = u64::from(context.limits.max_texture_dimension_2d);
         let row_texels = a.div_ceil(2);
         let rows = u64::from(b) + 1;
-        // As square as planes allow.
+        // As many planes side by side as make the texture about square.
         let column = u64::from(row_texels + MARGIN);
         let columns = ((f64::from(m) * rows as f64 / column as f64).sqrt().ceil() as u64).clamp(1, u64::from(m.max(1)));
-        // Rows of buffers that are copied to textures are aligned.
+        // A row of a buffer that is copied to a texture begins at a multiple of so many bytes; texels have 8 at least.
         let align = u64::from(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT) / 8;
         let width = (columns * column + u64::from(MARGIN)).next_multiple_of(align);
         let height = u64::from(m).div_ceil(columns) * rows + 1;
         let fits = width <= most && height <= most && width * height * voxel.texel() <= MAX_BYTES;
-        let cells = dims.map(|n| n.div_ceil(MACROCELL)).iter().all(|&n| n <= context.limits.max_texture_dimension_3d);
-        (fits && cells).then_some(Self {
+        let macrocells =
+            dims.map(|n| n.div_ceil(MACROCELL)).iter().all(|&n| n <= context.limits.max_texture_dimension_3d);
+        (fits && macrocells).then_some(Self {
             voxel,
             axes,
             low,
@@ -114,14 +120,14 @@ impl Packing {
         })
     }
 
-    /// The planes that have voxels in rows of the texture.
+    /// The planes that have voxels in these rows of the texture.
     fn planes(&self, rows: Range<u32>) -> Range<u32> {
         let shelf = self.dims[1] + 1;
         let at = |row: u32| (row / shelf * self.columns).min(self.dims[2]);
         at(rows.start.saturating_sub(1))..at(rows.end.saturating_sub(1) + shelf)
     }
 
-    /// From the first splat of a store to the last of those that can be in planes.
+    /// The splats of a store from the first to the last that can be in these planes.
     fn splats(&self, store: &Store, planes: &Range<u32>) -> Range<u32> {
         let (low, axis) = (self.low[2], self.axes[2]);
         let inside = |[first, end]: [u32; 2]| first < low + planes.end && end > low + planes.start;
@@ -135,11 +141,11 @@ impl Packing {
 #[derive(Debug)]
 pub(crate) struct Packed {
     pub(super) packing: Packing,
-    /// The first of the buffers that it was made from.
+    /// The first buffer of the splats that it was made from, which tells scenes apart.
     pub(super) source: Option<wgpu::Buffer>,
     pub(super) volume: wgpu::TextureView,
     pub(super) occupied: wgpu::TextureView,
-    /// What densities were multiplied by.
+    /// The factor that densities, or scalars with gradients, were multiplied by: a power of two.
     pub(super) scale: f64,
     bytes: u64,
 }
@@ -167,8 +173,9 @@ struct Gradients {
 /// The light on what is packed.
 pub(super) struct Lit<'a> {
     pub(super) lighting: &'a Lighting,
-    /// Lattice point of the eye, and view coordinates of steps along the axes of the lattice.
+    /// Lattice point of the eye.
     pub(super) eye: [f32; 3],
+    /// View coordinates of a step along each axis of the lattice.
     pub(super) view: [[f32; 3]; 3],
 }
 
@@ -188,7 +195,7 @@ impl Packer {
         let constants = [
             ("LIGHTS", f64::from(lights)),
             ("SCALARS", flag(voxel.is_scalar())),
-            // Where light comes to is all that rays through one eye change.
+            // The direction to the eye is all that a perspective changes here.
             ("PERSPECTIVE", flag(perspective && lights > 0)),
         ];
         let voxels = compute(context, &module(context, shaders::PACK), "pack", "voxels", &pack, &constants);
@@ -207,7 +214,7 @@ impl Packer {
     ) -> Result<Packed> {
         let scale = match packing.voxel {
             Voxel::Scalar => 1.0,
-            _ => (FULL / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(MAX_SCALE),
+            _ => (F16_HEADROOM / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(MAX_SCALE),
         };
         let [view_x, view_y, view_z] = lit.view;
         let parameters = Pack {
@@ -231,18 +238,18 @@ impl Packer {
             None => volume,
         };
         let [width, height] = packing.size.map(u64::from);
-        let cells: u64 = packing.dims.iter().map(|&n| u64::from(n.div_ceil(MACROCELL))).product();
+        let macrocells: u64 = packing.dims.iter().map(|&n| u64::from(n.div_ceil(MACROCELL))).product();
         Ok(Packed {
             packing,
             source: stores.first().map(|store| store.splats.clone()),
             volume,
             occupied,
             scale,
-            bytes: width * height * packing.voxel.texel() + cells * 4,
+            bytes: width * height * packing.voxel.texel() + macrocells * 4,
         })
     }
 
-    /// The splats, and which cells have any.
+    /// The texture of splats, and that of the macrocells which have any.
     fn voxels(
         &self,
         recorder: &mut Recorder<'_>,

@@ -44,10 +44,10 @@ fn refusal(context: &Context, view: &ViewGeometry, settings: &Settings) -> Optio
     None
 }
 
-/// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a ray
-/// at most sqrt(3) / 2 voxels, so three are at most 2.6 voxels. They count as 3: the parts of kernels in slabs are fitted,
-/// and a fit fades a little later than its kernel. Light takes central differences, a voxel farther. None of it depends on
-/// the direction, so that turning asks for no other splats.
+/// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a
+/// ray at most sqrt(3) / 2 voxels, so three are at most 2.6 voxels. They count as 3: the parts of kernels in slabs are
+/// fitted, and a fit fades a little later than its kernel. Light takes central differences, a voxel farther. None of it
+/// depends on the direction, so that turning asks for no other splats.
 fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
     if !settings.is_post_shaded() {
         return ScalarNeed { padding: 0, influence: 0.0 };
@@ -157,8 +157,8 @@ impl<'a> Picture<'a> {
         self.axes[axis].1 == packed.packing && source == packed.source.as_ref()
     }
 
-    /// Whether `packed`, made for an earlier picture, can be reused by a axis: as [`Self::serves`], and no light is baked
-    /// into its colours, which may come from the eye.
+    /// Whether `packed`, made for an earlier picture, can be reused by a axis: as [`Self::serves`], and no light is
+    /// baked into its colours, which may come from the eye.
     fn is_reusable(&self, packed: &Packed) -> bool {
         let lit = matches!(packed.packing.voxel, Voxel::Color { lights: 1.. });
         !lit && (0..self.axes.len()).any(|axis| self.serves(axis, packed))

@@ -1,5 +1,5 @@
-//! Kernels as rays evaluate them: the footprint as a polynomial, and its parts in the slabs around a kernel as linear or
-//! quadratic functions.
+//! Kernels as rays evaluate them: the footprint as a polynomial, and its parts in the slabs around a kernel as linear
+//! or quadratic functions.
 
 use glam::{DMat3, DVec3};
 
@@ -49,20 +49,21 @@ impl Sections {
     }
 }
 
-/// An entry of the table of sections: those of every ray whose shear has this length, its lean, with s in units of the lean.
-/// In this unit the coefficients change smoothly towards rays along m, which meet all kernels of a plane at s = 0.
+/// An entry of the table of sections: those of every ray whose shear has this length, its lean, with s in units of the
+/// lean. In this unit the coefficients change smoothly towards rays along m, which meet all kernels of a plane at s =
+/// 0.
 fn section_step(step: usize, kernel: &Kernel, scalars: bool) -> [[f32; 4]; 3] {
-    // Rays along m have no fit over s. The entry for them is that of a lean of 1e-3: in units of the lean, which s is twice
-    // at most, its linear terms are below 4e-4 of the footprint, and 0 is their limit.
+    // Rays along m have no fit over s. The entry for them is that of a lean of 1e-3: in units of the lean, which s is
+    // twice at most, its linear terms are below 4e-4 of the footprint, and 0 is their limit.
     let lean = (std::f64::consts::SQRT_2 * step as f64 / (layout::SECTIONS - 1) as f64).max(1e-3);
     let [x, y, z] = sections(kernel, DVec3::new(0.0, lean, 1.0).normalize(), scalars);
     let lean = lean as f32;
     [x, y.map(|c| c * lean), z.map(|c| c * lean * lean)]
 }
 
-/// The parts of a kernel in the slabs before its centre, as fractions of its footprint: x + y s for colours, x + y s + z s^2
-/// for scalars. s is the place of its centre along the ray, from where the ray meets its plane; lengths are in voxels. The
-/// fit is that of least squares over all places of the plane in which a ray meets the kernel.
+/// The parts of a kernel in the slabs before its centre, as fractions of its footprint: x + y s for colours, x + y s +
+/// z s^2 for scalars. s is the place of its centre along the ray, from where the ray meets its plane; lengths are in
+/// voxels. The fit is that of least squares over all places of the plane in which a ray meets the kernel.
 ///
 /// A slab of colours is a plane thick and has its plane in the middle. A slab of scalars is half a plane thick and lies
 /// between two planes or half planes.
@@ -73,8 +74,8 @@ fn sections(kernel: &Kernel, direction: DVec3, scalars: bool) -> [[f32; 4]; 3] {
     const SIDE: i32 = 25;
     let radius = kernel.radius();
     let reach = radius / direction.z;
-    // Where slabs begin and end along m, from the kernel's plane. Of scalars the foremost slab is first, of colours the one next
-    // to the kernel's own: shaders/common/rays.wgsl expects them so.
+    // Where slabs begin and end along m, from the kernel's plane. Of scalars the foremost slab is first, of colours the
+    // one next to the kernel's own: shaders/common/rays.wgsl expects them so.
     let slabs: &[[f64; 2]] = if scalars {
         &[[-2.0, -1.5], [-1.5, -1.0], [-1.0, -0.5], [-0.5, 0.0]]
     } else {

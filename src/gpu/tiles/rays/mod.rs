@@ -1,5 +1,5 @@
-//! The rays of a picture: where they meet the voxel planes, how far apart they are, and which points of the intermediate
-//! image they go through. See shaders/common/rays.wgsl.
+//! The rays of a picture: where they meet the voxel planes, how far apart they are, and which points of the
+//! intermediate image they go through. See shaders/common/rays.wgsl.
 
 mod parallel;
 mod perspective;
@@ -109,7 +109,8 @@ impl PackedBox<'_> {
 }
 
 impl RaySetup<'_> {
-    /// Plane coordinates (see shaders/common/frame.wgsl) of a point of the image, given in pixels from its top left corner.
+    /// Plane coordinates (see shaders/common/frame.wgsl) of a point of the image, given in pixels from its top left
+    /// corner.
     fn plane(&self, p: DVec2) -> DVec2 {
         let [width, height] = self.size.map(f64::from);
         DVec2::new(p.x - width / 2.0, height / 2.0 - p.y) * self.pixel()
@@ -124,7 +125,8 @@ impl RaySetup<'_> {
         2.0 * half_height / f64::from(self.size[1])
     }
 
-    /// The world vector from the middle of the image to a point of it, in a plane at unit distance or through the target.
+    /// The world vector from the middle of the image to a point of it, in a plane at unit distance or through the
+    /// target.
     fn raised(&self, p: DVec2) -> DVec3 {
         let plane = self.plane(p);
         self.camera.right * plane.x + self.camera.up * plane.y
@@ -186,8 +188,8 @@ impl Rays {
     }
 }
 
-/// Rays per voxel and axis if the densest voxel has this optical depth. Opacity saturates, so the edges of what is opaque
-/// are sharper than kernels are.
+/// Rays per voxel and axis if the densest voxel has this optical depth. Opacity saturates, so the edges of what is
+/// opaque are sharper than kernels are.
 ///
 /// Measured; ARCHITECTURE.md has the table ("How many rays a voxel needs").
 fn rays_for_depth(depth: f64) -> u32 {

@@ -1,5 +1,5 @@
-//! Parallel rays: their intermediate image lies in plane 0 of the volume, with whole numbers of rays per voxel along a and
-//! b, so that rays meet every plane alike and can share footprints.
+//! Parallel rays: their intermediate image lies in plane 0 of the volume, with whole numbers of rays per voxel along a
+//! and b, so that rays meet every plane alike and can share footprints.
 
 use glam::{DMat2, DVec2};
 
@@ -8,9 +8,9 @@ use super::super::super::view::Region;
 use super::super::axis::PrincipalAxis;
 use super::{RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, rays_for_depth};
 
-/// Rays per voxel along an axis, if rays move by `shear` voxels along it from plane to plane. If that is close to a whole
-/// number, the ripple and the rims of kernels in plane after plane fall on one another, and one ray per voxel misses what
-/// is between.
+/// Rays per voxel along an axis, if rays move by `shear` voxels along it from plane to plane. If that is close to a
+/// whole number, the ripple and the rims of kernels in plane after plane fall on one another, and one ray per voxel
+/// misses what is between.
 ///
 /// Measured; ARCHITECTURE.md has the table ("How many rays a voxel needs").
 fn rays_for(shear: f64) -> u32 {
@@ -115,8 +115,8 @@ impl ImagePoints {
         if low.cmpgt(high).any() {
             return None;
         }
-        // Whole steps from the ray through the first voxel of the volume: the same rays whatever part of it is packed, and
-        // whatever the region.
+        // Whole steps from the ray through the first voxel of the volume: the same rays whatever part of it is packed,
+        // and whatever the region.
         let anchor = volume.placed(axis, volume.grid.to_world().translation);
         let anchor = DVec2::new(anchor.x, anchor.y) - shear * anchor.z;
         let origin = anchor + steps * (((low - anchor) / steps).floor() - SPLINE_MARGIN);
