@@ -4,8 +4,8 @@
 //! cargo bench --bench accuracy -- [SIZE [PIXELS]] [--write]
 //! ```
 //!
-//! Draws the built-in volumes at SIZE^3 voxels (64) in pictures of PIXELS^2 (128), from three oblique views each, parallel
-//! and perspective. Errors are the largest of any pixel. `--write` keeps the tables in docs/measurements.
+//! Draws the built-in volumes at SIZE^3 voxels (64) in pictures of PIXELS^2 (128), from three oblique views each,
+//! parallel and perspective. Errors are the largest of any pixel. `--write` keeps the tables in docs/measurements.
 
 #![allow(clippy::print_stdout, reason = "printing its tables is what this program is for")]
 

@@ -4,9 +4,9 @@
 //! cargo bench --bench algorithms -- [SECTION [FILE...]] [--write]
 //! ```
 //!
-//! Sections: thickness, post, peak, gradients, minification, rim, and termination, which takes the files of the scans to
-//! measure. Without a section, all that need no file are measured. `--write` keeps the tables in docs/measurements; section
-//! thickness then also writes docs/thickness.svg.
+//! Sections: thickness, post, peak, gradients, minification, rim, and termination, which takes the files of the scans
+//! to measure. Without a section, all that need no file are measured. `--write` keeps the tables in docs/measurements;
+//! section thickness then also writes docs/thickness.svg.
 
 #![allow(clippy::print_stdout, reason = "printing its tables is what this program is for")]
 
@@ -166,8 +166,8 @@ fn peak(renderer: &Renderer, report: &mut Report) -> Outcome {
     Ok(())
 }
 
-/// Mean angle in degrees between the normals that light shows and the true ones, over the pixels of the isosurface at 0.5,
-/// in a picture of `size`^2 pixels; and the number of these pixels.
+/// Mean angle in degrees between the normals that light shows and the true ones, over the pixels of the isosurface at
+/// 0.5, in a picture of `size`^2 pixels; and the number of these pixels.
 fn angle(
     renderer: &Renderer,
     volume: &Volume,

@@ -7,8 +7,8 @@
 //! For each kind of picture and volume a row of a table: median milliseconds of a frame by `tiles` and by `quads`, in
 //! alternation after one frame each, and their ratio; how far `tiles` is from a ray through every pixel; and the errors
 //! of both against the f64 reference in a picture of the smaller size, in which each pixel has its ray. Differences and
-//! errors are rms over the four channels of covered pixels, of 255. VOLUME is a file or demo:NAME:SIZE; if none is given,
-//! four built-in volumes are measured. `--write` keeps the table in docs/measurements.
+//! errors are rms over the four channels of covered pixels, of 255. VOLUME is a file or demo:NAME:SIZE; if none is
+//! given, four built-in volumes are measured. `--write` keeps the table in docs/measurements.
 
 #![allow(clippy::print_stdout, reason = "printing its table is what this program is for")]
 

@@ -1,14 +1,16 @@
 //! The popping experiment (Mueller and Crawfis 1998, "Eliminating popping artifacts in sheet buffer-based splatting").
 //!
-//! A turn from 44 to 46 degrees in small steps: half way the axis of axis-aligned sheets switches, and the picture with it.
+//! A turn from 44 to 46 degrees in small steps: half way the axis of axis-aligned sheets switches, and the picture with
+//! it.
 //!
 //! ```text
 //! cargo bench --bench popping -- [VOLUME [PIXELS [FOLDER]]] [--write]
 //! ```
 //!
 //! Prints, for each way of splatting, how much of the change from frame to frame the f64 reference does not have: the
-//! largest over all pixels and channels, at the switch and elsewhere. Writes the pictures at 44.8 and 45.2 degrees to FOLDER
-//! (target/popping). VOLUME is demo:marschner-lobb:48, PIXELS 128. `--write` keeps the table in docs/measurements.
+//! largest over all pixels and channels, at the switch and elsewhere. Writes the pictures at 44.8 and 45.2 degrees to
+//! FOLDER (target/popping). VOLUME is demo:marschner-lobb:48, PIXELS 128. `--write` keeps the table in
+//! docs/measurements.
 
 #![allow(clippy::print_stdout, reason = "printing its table is what this program is for")]
 

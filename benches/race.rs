@@ -12,11 +12,11 @@
 //! In each of N runs every entry makes one picture from a cold start and then a turntable of 10-degree steps, each in a
 //! process of its own, one after the other. An entry that takes over 1.5 s a frame takes part in the first run only.
 //!
-//! Prints per scene and entry, as medians: wall time of the command that makes one picture, time of a frame, peak resident
-//! memory of that command, the error against the entry's own truth (rms over the colours of covered pixels, in steps of 8
-//! bits), and the ratios to the best rival. voxsplat's truth is its f64 reference, made once and kept in WORK/truth, which
-//! takes minutes. The truth of a rival is what `reference.py` of the scripts makes. `--write` keeps the table in
-//! docs/measurements.
+//! Prints per scene and entry, as medians: wall time of the command that makes one picture, time of a frame, peak
+//! resident memory of that command, the error against the entry's own truth (rms over the colours of covered pixels, in
+//! steps of 8 bits), and the ratios to the best rival. voxsplat's truth is its f64 reference, made once and kept in
+//! WORK/truth, which takes minutes. The truth of a rival is what `reference.py` of the scripts makes. `--write` keeps
+//! the table in docs/measurements.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "printing its table is what this program is for")]
 

@@ -4,8 +4,8 @@
 //! cargo bench --bench sparse -- FILE.raw SIZE FRACTION
 //! ```
 //!
-//! SIZE^3 voxels, of which about FRACTION are over 0 (0.01 is 1 %). The radius of the balls is 1/25 of SIZE, so files of
-//! one FRACTION show the same scene at every SIZE. Prints the command that renders the file.
+//! SIZE^3 voxels, of which about FRACTION are over 0 (0.01 is 1 %). The radius of the balls is 1/25 of SIZE, so files
+//! of one FRACTION show the same scene at every SIZE. Prints the command that renders the file.
 
 #![allow(clippy::print_stdout, reason = "printing how to render the file is what this program is for")]
 

@@ -29,8 +29,8 @@ pub(crate) struct Arguments {
 impl Arguments {
     /// The arguments of this process.
     ///
-    /// `cargo bench` adds `--bench`. Without it the process ends at once: `cargo test --all-targets` runs harnesses too,
-    /// and must not wait for measurements.
+    /// `cargo bench` adds `--bench`. Without it the process ends at once: `cargo test --all-targets` runs harnesses
+    /// too, and must not wait for measurements.
     pub(crate) fn of_process() -> Self {
         let mut left: Vec<String> = std::env::args().skip(1).collect();
         if !take_flag(&mut left, "--bench") {
