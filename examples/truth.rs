@@ -23,6 +23,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("painter {}: {}", rendered.stats.painter.name(), rendered.stats.painter_reason);
     println!("rms over the {} covered pixels: {:.3} of 255", comparison.covered, 255.0 * comparison.rms_covered);
     println!("largest difference: {:.3} of 255", 255.0 * comparison.max);
-    difference_picture(&rendered.image, &truth, 50.0)?.save("truth-difference.png", Background::default())?;
+    difference_picture(&rendered.image, &truth, 500.0)?.save("truth-difference.png", Background::default())?;
     Ok(())
 }
