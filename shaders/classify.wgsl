@@ -1,18 +1,17 @@
-// classify: voxels to splats, brick by brick. Each invocation owns a row of a brick: `count` notes its visible voxels, a
-// scan turns their counts into places, `emit` writes the splats there. Without atomics the order of the splats is that of the
-// bricks and of the lattice in them, so the result does not depend on scheduling.
+// classify: voxels to splats, brick by brick. Each invocation owns a row of a brick. `count` notes the visible voxels
+// of the row, a scan turns the counts into places, `emit` writes the splats there. There are no atomics: the order of
+// the splats is that of the bricks, and in a brick that of the lattice, whatever the scheduling.
 
 // How a sample is stored: 0 u8, 1 i8, 2 u16, 3 i16, 4 f32.
 override SAMPLE_TYPE: u32 = 0u;
-// Whether splats get normals. Bricks come with a layer of their neighbours' voxels around them then.
+// Whether splats get normals. If so, bricks come with a layer of their neighbours' voxels around them.
 override LIT: bool = false;
-// Whether transparent voxels stay.
-override KEEP: bool = false;
-// Control points, if they are so few that comparing with one after the other is fastest: all invocations read the same of
-// them then. 0: they are many.
-override FEW: u32 = 0u;
-// The most that are few.
-const MOST_FEW: u32 = 32u;
+// Whether voxels that show nothing become splats too.
+override KEEP_INVISIBLE: bool = false;
+// Number of control points, if there are at most MAX_INLINE_POINTS. A sample is then compared with one after the other,
+// in the uniform buffer, where all invocations read the same one at a time. 0: binary search in the storage buffer.
+override INLINE_POINTS: u32 = 0u;
+const MAX_INLINE_POINTS: u32 = 32u;
 // Voxels along the side of a brick.
 const EDGE: u32 = 32u;
 
@@ -29,29 +28,31 @@ struct Classify {
     // Subtracted from a sample before it is compared with the control points.
     sample_origin: f32,
     gradient_z: vec3f,
-    // Number of the first of them among the bricks of the store.
+    // Number of the first brick of this batch among the bricks of the store.
     first_brick: u32,
-    few: array<ControlPoint, MOST_FEW>,
+    inline_points: array<ControlPoint, MAX_INLINE_POINTS>,
 }
 
 struct ControlPoint {
     color: vec3f,
-    // In the units of the samples, less sample_origin.
+    // Value in the units of the samples, minus sample_origin.
     sample: f32,
     opacity: f32,
 }
 
 @group(0) @binding(0) var<uniform> classify: Classify;
-// Brick after brick, x fastest.
+// Samples of the bricks, brick after brick, x fastest; several to a word, see SAMPLE_TYPE.
 @group(0) @binding(1) var<storage, read> samples: array<u32>;
 @group(0) @binding(2) var<storage, read> control_points: array<ControlPoint>;
+// By row of a brick: its number of visible voxels; after the scan, the place of its first splat.
 @group(0) @binding(3) var<storage, read_write> places: array<u32>;
 @group(0) @binding(4) var<storage, read_write> splats: array<vec2u>;
 // Lattice points of the first voxels of bricks.
 @group(0) @binding(5) var<storage, read> origins: array<vec4u>;
-// Row after row, a bit for each visible voxel, the first of a row the lowest.
+// By row of a brick: a bit for each voxel, set if it is visible; the lowest bit is the first voxel.
 @group(0) @binding(6) var<storage, read_write> seen: array<u32>;
 
+// Sample number `i` of the batch.
 fn sample_at(i: u32) -> f32 {
     if SAMPLE_TYPE == 4u {
         return bitcast<f32>(samples[i]);
@@ -70,21 +71,23 @@ fn sample_at(i: u32) -> f32 {
     return f32(bitcast<i32>(bits) >> 24u);
 }
 
+// `a` if `first`, otherwise `b`: select() takes no structs.
 fn chosen(first: bool, a: ControlPoint, b: ControlPoint) -> ControlPoint {
     let color = select(b.color, a.color, first);
     return ControlPoint(color, select(b.sample, a.sample, first), select(b.opacity, a.opacity, first));
 }
 
-// Colour and opacity: piecewise linear, constant beyond the ends; at a step the later point holds.
+// Colour and opacity of a sample: linear between control points, constant beyond the first and the last. If several
+// points have the same value, the last of them holds from there on.
 fn transfer(sample: f32) -> vec4f {
-    // The last point that is not above the sample, or the first, and the one after it.
-    var a = classify.few[0];
+    // a: the last point that is not above the sample, or the first point. b: the point after it.
+    var a = classify.inline_points[0];
     var b = a;
-    if FEW > 0u {
-        for (var i = 0u; i < FEW; i++) {
-            let next = classify.few[min(i + 1u, FEW - 1u)];
-            let reached = classify.few[i].sample <= sample;
-            a = chosen(reached, classify.few[i], a);
+    if INLINE_POINTS > 0u {
+        for (var i = 0u; i < INLINE_POINTS; i++) {
+            let next = classify.inline_points[min(i + 1u, INLINE_POINTS - 1u)];
+            let reached = classify.inline_points[i].sample <= sample;
+            a = chosen(reached, classify.inline_points[i], a);
             b = chosen(reached, next, b);
         }
     } else {
@@ -109,7 +112,8 @@ fn transfer(sample: f32) -> vec4f {
     return vec4f(a.color + (b.color - a.color) * f, a.opacity + (b.opacity - a.opacity) * f);
 }
 
-// -ln(1 - opacity), by its series where the subtraction would cancel. Keep in step with TransferFunction::MAX_OPACITY.
+// -ln(1 - opacity). Below 0.1, where the subtraction would cancel, by its series to opacity^6: the next term is 1.4e-7
+// of it there. The largest opacity is TransferFunction::MAX_OPACITY, 1 - 2^-16.
 fn density(opacity: f32) -> f32 {
     let a = min(opacity, 0.9999847412109375);
     if a < 0.1 {
@@ -123,29 +127,33 @@ fn stored_edge() -> u32 {
     return select(EDGE, EDGE + 2u, LIT);
 }
 
-// Where a row begins: its brick, its lattice point, the index of its first sample, and how many voxels of it are in the lattice.
-struct Row {
+// A row of a brick, along x.
+struct BrickRow {
+    // Number of its brick in this batch.
     brick: u32,
+    // Lattice point of its first voxel.
     point: vec3u,
+    // Index of its first sample.
     first: u32,
+    // How many of its voxels are in the lattice.
     count: u32,
 }
 
-fn row_of(run: u32) -> Row {
-    let brick = run / (EDGE * EDGE);
-    let y = run % EDGE;
-    let z = run / EDGE % EDGE;
+fn brick_row(index: u32) -> BrickRow {
+    let brick = index / (EDGE * EDGE);
+    let y = index % EDGE;
+    let z = index / EDGE % EDGE;
     let point = origins[brick].xyz + vec3u(0u, y, z);
     let edge = stored_edge();
     let halo = u32(LIT);
     let first = ((brick * edge + z + halo) * edge + y + halo) * edge + halo;
     if any(point >= classify.dims) {
-        return Row(brick, point, first, 0u);
+        return BrickRow(brick, point, first, 0u);
     }
-    return Row(brick, point, first, min(EDGE, classify.dims.x - point.x));
+    return BrickRow(brick, point, first, min(EDGE, classify.dims.x - point.x));
 }
 
-// World gradient at a sample, in units of half a sample: central differences.
+// Twice the world gradient at a sample, by central differences; only its direction is kept.
 fn gradient(i: u32) -> vec3f {
     let row = stored_edge();
     let plane = row * row;
@@ -157,36 +165,36 @@ fn gradient(i: u32) -> vec3f {
 
 @compute @workgroup_size(WORKGROUP)
 fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let run = invocation_index(id, groups);
-    if run >= classify.bricks * EDGE * EDGE {
+    let index = invocation_index(id, groups);
+    if index >= classify.bricks * EDGE * EDGE {
         return;
     }
-    let row = row_of(run);
+    let row = brick_row(index);
     var visible = 0u;
     for (var i = 0u; i < row.count; i++) {
-        let shows = KEEP || transfer(sample_at(row.first + i) - classify.sample_origin).a > 0.0;
+        let shows = KEEP_INVISIBLE || transfer(sample_at(row.first + i) - classify.sample_origin).a > 0.0;
         visible |= u32(shows) << i;
     }
-    seen[run] = visible;
-    places[run] = countOneBits(visible);
+    seen[index] = visible;
+    places[index] = countOneBits(visible);
 }
 
 @compute @workgroup_size(WORKGROUP)
 fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let run = invocation_index(id, groups);
-    if run >= classify.bricks * EDGE * EDGE {
+    let index = invocation_index(id, groups);
+    if index >= classify.bricks * EDGE * EDGE {
         return;
     }
-    let row = row_of(run);
-    var place = places[run];
-    // From visible voxel to visible voxel.
-    for (var rest = seen[run]; rest != 0u; rest &= rest - 1u) {
+    let row = brick_row(index);
+    var place = places[index];
+    // The lowest bit that is set is the next visible voxel; `rest & (rest - 1)` clears it.
+    for (var rest = seen[index]; rest != 0u; rest &= rest - 1u) {
         let i = firstTrailingBit(rest);
         let classified = transfer(sample_at(row.first + i) - classify.sample_origin);
         let at = splat_place(i, row.point.y % EDGE, row.point.z % EDGE, classify.first_brick + row.brick);
-        let looks = packed_looks(classified.rgb, density(classified.a));
-        splats[2u * place] = vec2u(at, looks.x);
-        splats[2u * place + 1u].x = looks.y;
+        let appearance = packed_appearance(classified.rgb, density(classified.a));
+        splats[2u * place] = vec2u(at, appearance.x);
+        splats[2u * place + 1u].x = appearance.y;
         if LIT {
             splats[2u * place + 1u].y = pack_normal(gradient(row.first + i));
         }

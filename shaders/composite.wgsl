@@ -1,14 +1,17 @@
-// composite: the sheets of a batch, front to back, into the frame. The frame keeps colour and the optical depth so far:
-// transmittance is its exponential, so alpha does not gather the rounding of one exponential per sheet.
+// composite: the sheets of a batch into the frame, front to back. The frame keeps premultiplied colour and optical
+// depth. Transmittance is exp of minus the depth, so alpha does not gather the rounding of one exponential for each
+// sheet.
 
 // Sheets of a batch: 1, 2, 4 or 8.
 override SHEETS: u32 = 4u;
-// Sheets hold sums of opacity instead of optical depth.
+// Sheets hold sums of opacity, not of optical depth.
 override ADDITIVE: bool = false;
 
+// A rectangle of pixels of the region.
 struct Area {
-    // First pixel that the batch reaches, and the one after its last.
+    // The first pixel that the batch reaches.
     low: vec2u,
+    // The pixel after the last.
     high: vec2u,
 }
 
@@ -17,18 +20,22 @@ struct Area {
 @group(0) @binding(2) var<storage, read_write> pixels: array<vec4f>;
 @group(0) @binding(3) var<uniform> area: Area;
 
+// A texel of a sheet, as colour times optical depth (or opacity) and optical depth (or opacity).
 fn load(at: vec2u, layer: u32) -> vec4f {
     return textureLoad(sheets, at, layer, 0) * frame.inverse_sheet_scale;
 }
 
-fn behind(pixel: vec4f, sheet: vec4f) -> vec4f {
+// The frame's pixel with one more sheet behind it.
+fn with_sheet(pixel: vec4f, sheet: vec4f) -> vec4f {
     if sheet.a <= 0.0 {
         return pixel;
     }
     if ADDITIVE {
-        // Clamped at 1, colour with it. A full sheet is opaque to f32: ln 1e-30.
+        // The sum of opacities is clamped at 1, and the colour scaled with it. A sheet that is full adds an optical
+        // depth of -ln(1e-30) = 69, opaque to f32.
         let opacity = min(sheet.a, 1.0);
-        return vec4f(pixel.rgb + sheet.rgb * (exp(-pixel.a) * opacity / sheet.a), pixel.a - log(max(1.0 - opacity, 1e-30)));
+        let color = pixel.rgb + sheet.rgb * (exp(-pixel.a) * opacity / sheet.a);
+        return vec4f(color, pixel.a - log(max(1.0 - opacity, 1e-30)));
     }
     let weight = exp(-pixel.a) * absorbed(sheet.a) / sheet.a;
     return vec4f(pixel.rgb + sheet.rgb * weight, pixel.a + sheet.a);
@@ -40,8 +47,8 @@ fn composite(@builtin(global_invocation_id) id: vec3u) {
     if any(at >= area.high) {
         return;
     }
-    // Written out: a loop over the sheets is not unrolled by software drivers. Most pixels of most batches are empty,
-    // and those neither read nor write the frame.
+    // Written out because software drivers do not unroll a loop over the sheets. Most pixels of most batches are empty:
+    // these neither read nor write the frame.
     var s = array<vec4f, 8>();
     s[0] = load(at, 0u);
     var reached = s[0].a;
@@ -65,20 +72,20 @@ fn composite(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let index = at.y * frame.region.x + at.x;
-    var pixel = behind(pixels[index], s[0]);
+    var pixel = with_sheet(pixels[index], s[0]);
     if SHEETS >= 2u {
-        pixel = behind(pixel, s[1]);
+        pixel = with_sheet(pixel, s[1]);
     }
     if SHEETS >= 4u {
-        pixel = behind(behind(pixel, s[2]), s[3]);
+        pixel = with_sheet(with_sheet(pixel, s[2]), s[3]);
     }
     if SHEETS >= 8u {
-        pixel = behind(behind(behind(behind(pixel, s[4]), s[5]), s[6]), s[7]);
+        pixel = with_sheet(with_sheet(with_sheet(with_sheet(pixel, s[4]), s[5]), s[6]), s[7]);
     }
     pixels[index] = pixel;
 }
 
-// X-ray: the one sheet is the optical depth.
+// X-ray: there is one sheet, of optical depth.
 @compute @workgroup_size(8, 8)
 fn depth(@builtin(global_invocation_id) id: vec3u) {
     let at = area.low + id.xy;

@@ -1,136 +1,126 @@
-// gather-scalars: rays of the painter `tiles`, one for each pixel, through voxels that are scalars. As in shaders/gather.wgsl
-// they gather the kernels of a plane, into slabs that are classified and lit as they are complete.
+// gather-scalars: rays of the painter `tiles` through voxels that are scalars, one ray for each pixel. They gather the
+// kernels of voxel planes as in gather.wgsl, into slabs of scalar that are classified and lit when they are complete.
 //
-// Of scalars small differences may show: they are summed in slabs half as thick as a plane. A kernel has eight parts there,
-// close to parabolas in the place of its centre, from three sums.
+// Classification magnifies small differences of a scalar, so slabs are finer here: half a plane thick. A kernel has
+// parts in eight of them, nearly its footprint times parabolas in s: a plane needs three moments.
 
-@group(0) @binding(0) var<uniform> raster: Raster;
+@group(0) @binding(0) var<uniform> rays: Rays;
 @group(0) @binding(2) var runs: texture_2d<u32>;
 @group(0) @binding(3) var<storage, read_write> pixels: array<vec4f>;
 @group(0) @binding(4) var<uniform> lighting: Lighting;
-// Colour and extinction per world length, or for maxima colour and alpha, at equal steps.
+// Colour, and extinction per world length or for maxima alpha, at equal steps of the scalar.
 @group(0) @binding(5) var transfer: texture_storage_2d<rgba32float, read>;
 
-// The largest scalar is kept.
+// The largest scalar of a ray is classified, instead of every slab.
 override MAXIMUM: bool = false;
 
-// Composites the slab that waits, half a plane thick and with its middle at `middle`, now that the one behind it is known.
-fn advance(ray: ptr<function, Ray>, behind: vec4f, course: Course, middle: f32) {
-    // The part of it that counts, from -1/2 to 1/2.
-    let part = clamp(2.0 * (course.inside - middle), vec2f(-0.5), vec2f(0.5));
+// Composites the slab that waits in `ray`, now that the slab behind it is known. Its middle is `middle` planes from
+// plane 0.
+fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, middle: f32) {
+    // The part of the slab that counts, its ends from -1/2 to 1/2.
+    let part = clamp(2.0 * (geometry.inside - middle), vec2f(-0.5), vec2f(0.5));
     if part.x < part.y {
         if MAXIMUM {
-            enlarge_maximum(ray, behind, course, part);
+            update_maximum(ray, behind, geometry, part);
         } else {
-            classify_slab(ray, behind, course, part);
+            classify_slab(ray, behind, geometry, part);
         }
     }
     (*ray).before = (*ray).slab;
     (*ray).slab = behind;
 }
 
-// Means of the scalar in the slab that waits and its neighbours.
-fn means_of(ray: Ray, behind: vec4f, course: Course) -> vec3f {
-    return vec3f(ray.before.w, ray.slab.w, behind.w) * (2.0 * raster.density_scale * course.direction.z);
+// Means of the scalar in the slab that waits, in the slab before it and in the slab behind it.
+fn means_of(ray: RayState, behind: vec4f, geometry: RayGeometry) -> vec3f {
+    return vec3f(ray.before.w, ray.slab.w, behind.w) * (2.0 * rays.density_scale * geometry.direction.z);
 }
 
-fn classify_slab(ray: ptr<function, Ray>, behind: vec4f, course: Course, part: vec2f) {
-    let means = means_of(*ray, behind, course);
-    if is_clear(means, raster.clear) {
+fn classify_slab(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, part: vec2f) {
+    let means = means_of(*ray, behind, geometry);
+    if is_invisible(means, rays.invisible) {
         return;
     }
     var light = vec2f(1.0, 0.0);
     if LIGHTS > 0u {
         let g = (*ray).slab.xyz;
-        light = light_on(raster.gradient_x * g.x + raster.gradient_y * g.y + raster.gradient_z * g.z, course.to_eye);
+        light = light_on(rays.gradient_x * g.x + rays.gradient_y * g.y + rays.gradient_z * g.z, geometry.to_eye);
     }
-    let p = parabola(means);
-    let step = (part.y - part.x) / f32(raster.samples);
-    let length = 0.5 * step * course.stretch / course.direction.z;
-    for (var i = 0u; i < raster.samples; i++) {
-        let u = part.x + (f32(i) + 0.5) * step;
-        let c = classified(select(p.x + (p.y + p.z * u) * u, means.y, raster.samples == 1u), raster.lookup);
-        if c.a > 0.0 {
-            let depth = c.a * length;
-            var color = c.rgb;
-            if LIGHTS > 0u {
-                color = lit(color, light);
-            }
-            (*ray).color += color * ((*ray).transmitted * absorbed(depth));
-            (*ray).depth += depth;
-            (*ray).transmitted *= exp(-depth);
-        }
-    }
+    let step = (part.y - part.x) / f32(rays.samples);
+    let length = 0.5 * step * geometry.stretch / geometry.direction.z;
+    march_parabola(ray, means, part, rays.samples, length, rays.lookup, light);
 }
 
-fn enlarge_maximum(ray: ptr<function, Ray>, behind: vec4f, course: Course, part: vec2f) {
-    let means = means_of(*ray, behind, course);
-    let largest = shown(largest_in(means, part), means, raster.clear);
+alias Marched = RayState;
+
+fn add_sample(ray: ptr<function, Marched>, color: vec3f, depth: f32) {
+    (*ray).color += color * ((*ray).transmittance * absorbed(depth));
+    (*ray).depth += depth;
+    (*ray).transmittance *= exp(-depth);
+}
+
+fn update_maximum(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, part: vec2f) {
+    let means = means_of(*ray, behind, geometry);
+    let largest = shown(largest_in(means, part), means, rays.invisible);
     (*ray).color.x = select(largest, max(largest, (*ray).color.x), (*ray).color.y > 0.0);
     (*ray).color.y = 1.0;
 }
 
-// Planes after the last of a run until all that it feeds has been composited.
+// Planes after the last of a run: kernels reach 2 planes beyond it, and slabs are composited 2 planes late.
 const FLUSH: i32 = 4;
+
+// The slabs that planes may still add to, the foremost first: two for each plane.
+struct Slabs {
+    s0: vec4f,
+    s1: vec4f,
+    s2: vec4f,
+    s3: vec4f,
+    s4: vec4f,
+    s5: vec4f,
+}
+
+// Adds a plane to the slabs that its kernels reach, from two planes before it to two behind it, and composites the two
+// slabs before these. Of a kernel's part, the terms that are even in s are the same on both sides; odd terms change
+// sign.
+fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments, geometry: RayGeometry, plane: i32) {
+    let x = geometry.section.by_m0;
+    let y = geometry.section.by_m1;
+    let z = geometry.section.by_m2;
+    let m2 = vec4f(0.0, 0.0, 0.0, sums.m2);
+    let even0 = x.x * sums.m0 + z.x * m2;
+    let even1 = x.y * sums.m0 + z.y * m2;
+    let even2 = x.z * sums.m0 + z.z * m2;
+    let even3 = x.w * sums.m0 + z.w * m2;
+    let odd0 = y.x * sums.m1;
+    let odd1 = y.y * sums.m1;
+    let odd2 = y.z * sums.m1;
+    let odd3 = y.w * sums.m1;
+    let pending = *slabs;
+    advance(ray, pending.s0 + even0 + odd0, geometry, f32(plane) - 2.25);
+    advance(ray, pending.s1 + even1 + odd1, geometry, f32(plane) - 1.75);
+    *slabs = Slabs(
+        pending.s2 + even2 + odd2,
+        pending.s3 + even3 + odd3,
+        pending.s4 + even3 - odd3,
+        pending.s5 + even2 - odd2,
+        even1 - odd1,
+        even0 - odd0,
+    );
+}
 
 @compute @workgroup_size(64)
 fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
-    let at = ray_of(tile, lane);
-    if !is_followed(at) {
+    let at = point_of(tile, lane);
+    if !is_marched(at) {
         return;
     }
-    let course = course_of(at);
-    let x = course.section.x;
-    let y = course.section.y;
-    let z = course.section.z;
-    let footprints = footprints_of(course);
-    var ray = clear_ray();
-    for (var slot = 0u; slot < raster.run_slots; slot++) {
-        let run = run_of(tile, slot, ray.depth);
-        if run.y == 0 {
-            break;
-        }
-        let planes = planes_of(run, course);
-        var s0 = vec4f(0.0);
-        var s1 = vec4f(0.0);
-        var s2 = vec4f(0.0);
-        var s3 = vec4f(0.0);
-        var s4 = vec4f(0.0);
-        var s5 = vec4f(0.0);
-        ray.before = vec4f(0.0);
-        ray.slab = vec4f(0.0);
-        for (var plane = planes.x; plane < planes.y + FLUSH; plane++) {
-            let sums = gathered(course, footprints, plane, planes.y);
-            // Kernels feed the slabs from two planes before theirs to two behind. What is even in s is the same on both
-            // sides, what is odd the opposite.
-            let o = vec4f(0.0, 0.0, 0.0, sums.o);
-            let e0 = x.x * sums.m + z.x * o;
-            let e1 = x.y * sums.m + z.y * o;
-            let e2 = x.z * sums.m + z.z * o;
-            let e3 = x.w * sums.m + z.w * o;
-            let o0 = y.x * sums.n;
-            let o1 = y.y * sums.n;
-            let o2 = y.z * sums.n;
-            let o3 = y.w * sums.n;
-            advance(&ray, s0 + e0 + o0, course, f32(plane) - 2.25);
-            advance(&ray, s1 + e1 + o1, course, f32(plane) - 1.75);
-            s0 = s2 + e2 + o2;
-            s1 = s3 + e3 + o3;
-            s2 = s4 + e3 - o3;
-            s3 = s5 + e2 - o2;
-            s4 = e1 - o1;
-            s5 = e0 - o0;
-            if ray.depth > raster.opaque_depth {
-                break;
-            }
-        }
-    }
+    let geometry = geometry_of(at);
+    let ray = march_planes(tile, geometry);
     var value = premultiplied(ray);
     if MAXIMUM {
-        // Empty space that was skipped is at the base, 0, and shows nothing.
-        let c = classified(ray.color.x, raster.lookup);
-        let inside = course.inside.x < course.inside.y;
+        // A ray that met nothing but skipped space has 0, the base, as its largest scalar, and shows nothing.
+        let c = classified(ray.color.x, rays.lookup);
+        let inside = geometry.inside.x < geometry.inside.y;
         value = select(vec4f(0.0), vec4f(c.rgb * c.a, c.a), inside);
     }
-    keep_pixel(at, value);
+    store_pixel(at, value);
 }

@@ -1,15 +1,16 @@
-// gradients: the packed scalars of a volume to f16 of gradient, by central differences, and scalar.
+// gradients: from the packed scalars of a volume, a second texture of f16: the gradient by central differences, and the
+// scalar. Gradients are per lattice step, along the axes of the lattice.
 
 @group(0) @binding(0) var<uniform> pack: Pack;
 @group(0) @binding(1) var scalars: texture_storage_2d<rg32uint, read>;
 @group(0) @binding(2) var volume: texture_storage_2d<rgba32uint, write>;
 
-// The scalars of a texel; beyond the ends of a row, before the first row and behind the last there is nothing.
+// The two scalars of a texel; the margins around rows and shelves hold zeros.
 fn scalars_at(texel: vec2i) -> vec2f {
     return bitcast<vec2f>(textureLoad(scalars, texel).xy);
 }
 
-// Scalar and central differences of a voxel, as f16.
+// The two words of a voxel, from its scalar and its differences along a, b and m.
 fn packed_gradient(scalar: f32, a: f32, b: f32, m: f32) -> vec2u {
     var gradient: vec3f;
     gradient[pack.axes.x] = a;
@@ -19,7 +20,7 @@ fn packed_gradient(scalar: f32, a: f32, b: f32, m: f32) -> vec2u {
     return vec2u(pack2x16float(v.xy), pack2x16float(v.zw));
 }
 
-// A texel of the texture of scalars to one of the other.
+// One invocation for each texel.
 @compute @workgroup_size(64)
 fn gradients(@builtin(global_invocation_id) id: vec3u) {
     let at = vec2i(id.xy);
@@ -28,7 +29,7 @@ fn gradients(@builtin(global_invocation_id) id: vec3u) {
     let column = (at.x - MARGIN) / column_texels;
     let shelf = (at.y - 1) / shelf_rows;
     let plane = shelf * i32(pack.columns) + column;
-    // Margins stay as they are, clear.
+    // Margins stay as they are: zeros.
     let in_row = (at.x - MARGIN) % column_texels < i32(pack.row_texels) && (at.y - 1) % shelf_rows < i32(pack.rows);
     if at.x < MARGIN || at.y < 1 || column >= i32(pack.columns) || plane >= i32(pack.planes) || !in_row {
         return;

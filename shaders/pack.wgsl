@@ -1,5 +1,6 @@
-// pack: splats into the texture that the painter `tiles` reads: rows of voxels along a, two to a texel, plane after plane
-// along m; and which cells of 4^3 voxels are not empty. Classified voxels are f16 of (colour, 1) times density, scalars f32.
+// pack: splats into the texture that the painter `tiles` marches through (see common/packing.wgsl), and a mark for each
+// macrocell of 4^3 voxels that has a splat. Classified voxels become f16 of (colour, 1) times density, scalars stay
+// f32.
 
 override PERSPECTIVE: bool = false;
 
@@ -7,14 +8,17 @@ override PERSPECTIVE: bool = false;
 @group(0) @binding(1) var<uniform> lighting: Lighting;
 @group(0) @binding(2) var<storage, read> splats: array<vec2u>;
 @group(0) @binding(3) var<storage, read> origins: array<vec4u>;
-// Voxel by voxel: two words each, of scalars one.
+// Rows of the texture: two words for each classified voxel, one for each scalar.
 @group(0) @binding(4) var<storage, read_write> texels: array<u32>;
 @group(0) @binding(5) var occupied: texture_storage_3d<r32uint, write>;
 
-// Whether the splat before one is its neighbour in its cell, which has been marked then: storing is slow. `x` counts from the
-// first voxel that is packed.
-fn follows_in_cell(index: u32, at: u32, x: u32) -> bool {
-    return index > pack.first_splat && (at & 31u) != 0u && x % u32(CELL) != 0u && splat_words(index - 1u).x + 1u == at;
+// Whether the splat before splat `index` is its neighbour along x in the same macrocell, which is marked by that one
+// then: storing to the texture is slow. `place` is the splat's first word; `x` counts from the first voxel that is
+// packed.
+fn follows_in_macrocell(index: u32, place: u32, x: u32) -> bool {
+    // In the first word the place along x in the brick is the lowest 5 bits.
+    return index > pack.first_splat && (place & 31u) != 0u && x % u32(MACROCELL) != 0u
+        && splat_words(index - 1u).x + 1u == place;
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -26,11 +30,11 @@ fn voxels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) gro
     let words = splat_words(index);
     let point = splat_point(words) - pack.low;
     let place = vec3u(point[pack.axes.x], point[pack.axes.y], point[pack.axes.z]);
-    if !follows_in_cell(index, words.x, point.x) {
-        textureStore(occupied, place / u32(CELL), vec4u(1u));
+    if !follows_in_macrocell(index, words.x, point.x) {
+        textureStore(occupied, place / u32(MACROCELL), vec4u(1u));
     }
     let row = place.z / pack.columns * (pack.rows + 1u) + 1u + place.y;
-    // Rows before the first wrap around to large numbers.
+    // The difference of rows before the first wraps around to a large number.
     let at = row - pack.first_row;
     if at >= pack.row_count {
         return;
@@ -41,17 +45,15 @@ fn voxels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) gro
         texels[voxel] = words.y;
         return;
     }
-    let looks = splats[2u * index + 1u];
-    var color = splat_color(words.y, looks.x);
+    let appearance = splats[2u * index + 1u];
+    var color = splat_color(words.y, appearance.x);
     if LIGHTS > 0u {
-        let n = unpack_normal(looks.y);
-        let gradient = vec3f(dot(lighting.right, n), dot(lighting.up, n), dot(lighting.forward, n));
         var to_eye = vec3f(0.0, 0.0, -1.0);
         if PERSPECTIVE {
             let offset = splat_lattice(words) - pack.eye;
             to_eye = -normalize(pack.view_x * offset.x + pack.view_y * offset.y + pack.view_z * offset.z);
         }
-        color = lit(color, light_on(gradient, to_eye));
+        color = lit_splat(color, appearance.y, to_eye);
     }
     let density = splat_weight(words) * pack.scale;
     let v = rounded(vec4f(color * density, density));

@@ -1,19 +1,21 @@
-// prefilter: the coefficients of cubic B-splines that go through the points of the raster (Unser, Aldroubi and Eden 1991, "Fast
-// B-spline transforms for continuous image representation and interpolation"), one axis at a time.
+// prefilter: from the intermediate image to the coefficients of the cubic B-splines that go through its points (Unser,
+// Aldroubi and Eden 1991, "Fast B-spline transforms for continuous image representation and interpolation"), one axis
+// at a time.
 
 @group(0) @binding(0) var source: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(1) var coefficients: texture_storage_2d<rgba32float, write>;
 
-// The axis along which coefficients are sought.
+// Along y instead of x.
 override DOWN: bool = false;
 
-// A source texel some steps away; beyond the ends there is nothing.
+// The texel some steps along the axis from `at`; 0 beyond the ends of the image.
 fn source_at(at: vec2i, steps: i32) -> vec4f {
     return textureLoad(source, at + select(vec2i(steps, 0), vec2i(0, steps), DOWN));
 }
 
-// Coefficients along one axis: the inverse of (1, 4, 1) / 6, whose taps fall by z = sqrt(3) - 2, cut after five of them; the
-// last makes up for the rest, so that a flat picture stays as it is.
+// A cubic B-spline is (1, 4, 1) / 6 at the points. The inverse of that filter has the taps sqrt(3) z^|n|, z = sqrt(3) -
+// 2. It is cut after n = 5; the tap at 5 makes up for the rest, so that all taps add up to 1 and a constant stays a
+// constant.
 @compute @workgroup_size(64)
 fn prefilter(@builtin(global_invocation_id) id: vec3u) {
     let p = vec2i(id.xy);

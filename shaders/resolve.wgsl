@@ -1,4 +1,4 @@
-// resolve: the frame's colour and optical depth to premultiplied RGBA.
+// resolve: from the frame's colour and optical depth to premultiplied RGBA.
 
 // X-ray: white.
 override WHITE: bool = false;

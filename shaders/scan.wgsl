@@ -1,6 +1,7 @@
-// scan: exclusive prefix sums, one level at a time. `reduce` sums each run of RUN values; after the sums have been
-// scanned the same way, `spread` replaces each value by the sum of all before it.
+// scan: exclusive prefix sums, one level at a time. `reduce` sums each block of RUN values. When these sums have been
+// scanned the same way, `spread` replaces each value by the sum of all values before it.
 
+// Values that one invocation sums; see RUN in src/gpu/scan.rs.
 const RUN: u32 = 128u;
 
 @group(0) @binding(0) var<storage, read_write> values: array<u32>;
@@ -8,25 +9,25 @@ const RUN: u32 = 128u;
 
 @compute @workgroup_size(WORKGROUP)
 fn reduce(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let run = invocation_index(id, groups);
-    if run >= arrayLength(&sums) {
+    let block = invocation_index(id, groups);
+    if block >= arrayLength(&sums) {
         return;
     }
     var sum = 0u;
-    for (var i = run * RUN; i < min((run + 1u) * RUN, arrayLength(&values)); i++) {
+    for (var i = block * RUN; i < min((block + 1u) * RUN, arrayLength(&values)); i++) {
         sum += values[i];
     }
-    sums[run] = sum;
+    sums[block] = sum;
 }
 
 @compute @workgroup_size(WORKGROUP)
 fn spread(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let run = invocation_index(id, groups);
-    if run >= arrayLength(&sums) {
+    let block = invocation_index(id, groups);
+    if block >= arrayLength(&sums) {
         return;
     }
-    var sum = sums[run];
-    for (var i = run * RUN; i < min((run + 1u) * RUN, arrayLength(&values)); i++) {
+    var sum = sums[block];
+    for (var i = block * RUN; i < min((block + 1u) * RUN, arrayLength(&values)); i++) {
         let value = values[i];
         values[i] = sum;
         sum += value;

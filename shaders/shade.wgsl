@@ -1,28 +1,30 @@
-// shade: post-shading (Mueller, Moeller and Crawfis 1999, "Splatting without the blur"). The sheets of a batch and the
-// last two of the batch before hold means of the scalar; each sheet between its two neighbours is classified and lit per
-// pixel and composited, one sheet behind what was splatted last. `maximum` keeps the largest value instead. Scalars are
-// relative to the transfer function's base, so that nothing is 0.
+// shade: post-shading (Mueller, Moeller and Crawfis 1999, "Splatting without the blur"). Sheets hold means of the
+// scalar: those of a batch, and the last two of the batch before. Each sheet is classified and lit for each pixel,
+// between its two neighbours, and composited; so shading is one sheet behind splatting. `maximum` keeps the largest
+// scalar instead. Scalars are relative to the transfer function's base, so that the space between splats is 0.
 
 // Sheets of a batch: 4 or 8, four to a layer.
 override SHEETS: u32 = 8u;
-// Samples of a whole sheet along the ray: on the parabola through the means of the sheet and its neighbours; with one,
-// the mean itself.
+// Places along the ray at which a whole sheet is classified, on the parabola through the means of the sheet and its
+// neighbours. With one, the mean of the sheet is classified.
 override SAMPLES: u32 = 4u;
 
 struct Shade {
-    // View depth of the first plane of the first sheet that is shaded: the last of the batch before.
+    // View depth of the first plane of the first sheet that is shaded, which is the last sheet of the batch before.
     depth: f32,
-    // Whether the batch before has splats, and this one: 1 or 0.
+    // 1 if the batch before has splats, otherwise 0.
     previous: f32,
+    // The same of this batch.
     current: f32,
-    // Pixels that gradients reach sideways.
+    // Pixels to either side whose difference is the gradient.
     margin: i32,
-    // The scalars around 0, ends included, at which nothing shows; none where x > y.
-    clear: vec2f,
+    // The scalars around 0 at which nothing shows, from x to y, ends included; none if x > y.
+    invisible: vec2f,
     // Place of a scalar in the table of the transfer function: scalar * x + y.
     lookup: vec2f,
-    // First pixel where the batches show, and the one after the last.
+    // The first pixel where the batches can show.
     low: vec2u,
+    // The pixel after the last.
     high: vec2u,
 }
 
@@ -31,11 +33,12 @@ struct Shade {
 @group(0) @binding(2) var<uniform> lighting: Lighting;
 @group(0) @binding(3) var previous: texture_2d_array<f32>;
 @group(0) @binding(4) var current: texture_2d_array<f32>;
-// Colour and extinction per world length, or for maxima colour and alpha, at equal steps of the scalar.
+// Colour, and extinction per world length or for maxima alpha, at equal steps of the scalar.
 @group(0) @binding(5) var transfer: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(6) var<storage, read_write> pixels: array<vec4f>;
 
-// Means of consecutive sheets of a pixel: two of the batch before, then those of the batch.
+// Means of consecutive sheets at a pixel: the last two of the batch before, then the four (a) or eight (a, b) of the
+// batch.
 struct Means {
     before: vec2f,
     a: vec4f,
@@ -57,22 +60,24 @@ fn difference(m: Means, n: Means) -> Means {
     return Means(m.before - n.before, m.a - n.a, m.b - n.b);
 }
 
-fn is_clear_batch(m: Means) -> bool {
+fn is_invisible_batch(m: Means) -> bool {
     var low = min(vec4f(m.before, m.before), m.a);
     var high = max(vec4f(m.before, m.before), m.a);
     if SHEETS > 4u {
         low = min(low, m.b);
         high = max(high, m.b);
     }
-    return between_clear(min(min(low.x, low.y), min(low.z, low.w)), max(max(high.x, high.y), max(high.z, high.w)), shading.clear);
+    let least = min(min(low.x, low.y), min(low.z, low.w));
+    let largest = max(max(high.x, high.y), max(high.z, high.w));
+    return is_invisible_range(least, largest, shading.invisible);
 }
 
-// The part of the sheet that begins at view depth `z` inside the box, from -1/2 to 1/2; none where x >= y.
-fn part_of_sheet(ray: Ray, z: f32) -> vec2f {
+// The part inside the box of the sheet that begins at view depth `z`, its ends from -1/2 to 1/2; nothing is if x >= y.
+fn part_of_sheet(ray: PixelRay, z: f32) -> vec2f {
     return clamp((ray.inside - z) * frame.inverse_sheet_step, vec2f(0.0), vec2f(1.0)) - 0.5;
 }
 
-// Means around a sheet at the eye, before which there are no sheets: extrapolated.
+// The means `m` around a sheet. There is no sheet before the one at the eye: its mean is extrapolated.
 fn from_eye(m: vec3f, z: f32) -> vec3f {
     if PERSPECTIVE && z - 0.5 * frame.sheet_step < -frame.eye_depth {
         return vec3f(2.0 * m.y - m.z, m.yz);
@@ -80,23 +85,23 @@ fn from_eye(m: vec3f, z: f32) -> vec3f {
     return m;
 }
 
-// The light on a sheet, from its means and the differences of means sideways.
-fn light_of(m: vec3f, sideways: vec2f, ray: Ray, z: f32) -> vec2f {
+// The light on a sheet, from the means around it and the differences of its mean along x and y.
+fn light_of(m: vec3f, sideways: vec2f, ray: PixelRay, z: f32) -> vec2f {
     let slope = sideways / (2.0 * f32(shading.margin) * frame.pixel_scale);
     let along = (m.z - m.x) * 0.5 * frame.inverse_sheet_step;
     if !PERSPECTIVE {
         return light_on(vec3f(slope, along), vec3f(0.0, 0.0, -1.0));
     }
-    // x = plane.x Z and y = plane.y Z: derivatives in the plane and along the ray to those in x, y and Z.
+    // With x = plane.x Z, y = plane.y Z: from derivatives in the plane and along the ray to derivatives in x, y and Z.
     let inverse_depth = 1.0 / (z + 0.5 * frame.sheet_step + frame.eye_depth);
     let across = slope * inverse_depth;
     return light_on(vec3f(across, along - dot(across, ray.plane)), -vec3f(ray.plane, 1.0) / ray.stretch);
 }
 
-// Composites one sheet: colour and optical depth so far, and the sheet's.
-fn behind(pixel: vec4f, means: vec3f, sideways: vec2f, ray: Ray, z: f32) -> vec4f {
+// The pixel (colour and optical depth) with one more sheet behind it.
+fn with_sheet(pixel: vec4f, means: vec3f, sideways: vec2f, ray: PixelRay, z: f32) -> vec4f {
     let part = part_of_sheet(ray, z);
-    if part.x >= part.y || is_clear(means, shading.clear) {
+    if part.x >= part.y || is_invisible(means, shading.invisible) {
         return pixel;
     }
     let m = from_eye(means, z);
@@ -104,23 +109,19 @@ fn behind(pixel: vec4f, means: vec3f, sideways: vec2f, ray: Ray, z: f32) -> vec4
     if LIGHTS > 0u {
         light = light_of(m, sideways, ray, z);
     }
-    let p = parabola(m);
     let step = (part.y - part.x) / f32(SAMPLES);
     let length = step * frame.sheet_step * ray.stretch;
     var result = pixel;
-    for (var i = 0u; i < SAMPLES; i++) {
-        let u = part.x + (f32(i) + 0.5) * step;
-        let c = classified(select(p.x + (p.y + p.z * u) * u, m.y, SAMPLES == 1u), shading.lookup);
-        if c.a > 0.0 {
-            let depth = c.a * length;
-            var color = c.rgb;
-            if LIGHTS > 0u {
-                color = lit(color, light);
-            }
-            result = vec4f(result.rgb + color * (exp(-result.a) * absorbed(depth)), result.a + depth);
-        }
-    }
+    march_parabola(&result, m, part, SAMPLES, length, shading.lookup, light);
     return result;
+}
+
+// Colour (rgb) and optical depth (a) so far.
+alias Marched = vec4f;
+
+fn add_sample(so_far: ptr<function, Marched>, color: vec3f, depth: f32) {
+    let pixel = *so_far;
+    *so_far = vec4f(pixel.rgb + color * (exp(-pixel.a) * absorbed(depth)), pixel.a + depth);
 }
 
 @compute @workgroup_size(8, 8)
@@ -132,14 +133,14 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     let index = pixel_at.y * frame.region.x + pixel_at.x;
     let at = vec2i(pixel_at);
     let m = means_at(at);
-    if is_clear_batch(m) {
+    if is_invisible_batch(m) {
         return;
     }
     var pixel = pixels[index];
     if pixel.a >= frame.opaque_depth {
         return;
     }
-    let ray = ray_of(pixel_at);
+    let ray = pixel_ray(pixel_at);
     var x: Means;
     var y: Means;
     if LIGHTS > 0u {
@@ -150,33 +151,33 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     }
     let step = frame.sheet_step;
     var z = shading.depth;
-    pixel = behind(pixel, vec3f(m.before, m.a.x), vec2f(x.before.y, y.before.y), ray, z);
+    pixel = with_sheet(pixel, vec3f(m.before, m.a.x), vec2f(x.before.y, y.before.y), ray, z);
     z += step;
-    pixel = behind(pixel, vec3f(m.before.y, m.a.xy), vec2f(x.a.x, y.a.x), ray, z);
+    pixel = with_sheet(pixel, vec3f(m.before.y, m.a.xy), vec2f(x.a.x, y.a.x), ray, z);
     z += step;
-    pixel = behind(pixel, m.a.xyz, vec2f(x.a.y, y.a.y), ray, z);
+    pixel = with_sheet(pixel, m.a.xyz, vec2f(x.a.y, y.a.y), ray, z);
     z += step;
-    pixel = behind(pixel, m.a.yzw, vec2f(x.a.z, y.a.z), ray, z);
+    pixel = with_sheet(pixel, m.a.yzw, vec2f(x.a.z, y.a.z), ray, z);
     if SHEETS > 4u {
         z += step;
-        pixel = behind(pixel, vec3f(m.a.zw, m.b.x), vec2f(x.a.w, y.a.w), ray, z);
+        pixel = with_sheet(pixel, vec3f(m.a.zw, m.b.x), vec2f(x.a.w, y.a.w), ray, z);
         z += step;
-        pixel = behind(pixel, vec3f(m.a.w, m.b.xy), vec2f(x.b.x, y.b.x), ray, z);
+        pixel = with_sheet(pixel, vec3f(m.a.w, m.b.xy), vec2f(x.b.x, y.b.x), ray, z);
         z += step;
-        pixel = behind(pixel, m.b.xyz, vec2f(x.b.y, y.b.y), ray, z);
+        pixel = with_sheet(pixel, m.b.xyz, vec2f(x.b.y, y.b.y), ray, z);
         z += step;
-        pixel = behind(pixel, m.b.yzw, vec2f(x.b.z, y.b.z), ray, z);
+        pixel = with_sheet(pixel, m.b.yzw, vec2f(x.b.z, y.b.z), ray, z);
     }
     pixels[index] = pixel;
 }
 
-// The largest scalar so far (x), once there is one (y = 1), and that of one sheet.
-fn larger(so_far: vec2f, means: vec3f, ray: Ray, z: f32) -> vec2f {
+// The largest scalar so far (x; y is 1 once there is one), updated with one more sheet.
+fn updated_maximum(so_far: vec2f, means: vec3f, ray: PixelRay, z: f32) -> vec2f {
     let part = part_of_sheet(ray, z);
     if part.x >= part.y {
         return so_far;
     }
-    let largest = shown(largest_in(from_eye(means, z), part), means, shading.clear);
+    let largest = shown(largest_in(from_eye(means, z), part), means, shading.invisible);
     return vec2f(select(largest, max(largest, so_far.x), so_far.y > 0.0), 1.0);
 }
 
@@ -186,7 +187,7 @@ fn maximum(@builtin(global_invocation_id) id: vec3u) {
     if any(pixel_at >= shading.high) {
         return;
     }
-    let ray = ray_of(pixel_at);
+    let ray = pixel_ray(pixel_at);
     if ray.inside.x >= ray.inside.y {
         return;
     }
@@ -194,27 +195,27 @@ fn maximum(@builtin(global_invocation_id) id: vec3u) {
     let m = means_at(vec2i(pixel_at));
     let step = frame.sheet_step;
     var z = shading.depth;
-    var so_far = larger(pixels[index].xy, vec3f(m.before, m.a.x), ray, z);
+    var so_far = updated_maximum(pixels[index].xy, vec3f(m.before, m.a.x), ray, z);
     z += step;
-    so_far = larger(so_far, vec3f(m.before.y, m.a.xy), ray, z);
+    so_far = updated_maximum(so_far, vec3f(m.before.y, m.a.xy), ray, z);
     z += step;
-    so_far = larger(so_far, m.a.xyz, ray, z);
+    so_far = updated_maximum(so_far, m.a.xyz, ray, z);
     z += step;
-    so_far = larger(so_far, m.a.yzw, ray, z);
+    so_far = updated_maximum(so_far, m.a.yzw, ray, z);
     if SHEETS > 4u {
         z += step;
-        so_far = larger(so_far, vec3f(m.a.zw, m.b.x), ray, z);
+        so_far = updated_maximum(so_far, vec3f(m.a.zw, m.b.x), ray, z);
         z += step;
-        so_far = larger(so_far, vec3f(m.a.w, m.b.xy), ray, z);
+        so_far = updated_maximum(so_far, vec3f(m.a.w, m.b.xy), ray, z);
         z += step;
-        so_far = larger(so_far, m.b.xyz, ray, z);
+        so_far = updated_maximum(so_far, m.b.xyz, ray, z);
         z += step;
-        so_far = larger(so_far, m.b.yzw, ray, z);
+        so_far = updated_maximum(so_far, m.b.yzw, ray, z);
     }
     pixels[index] = vec4f(so_far, 0.0, 0.0);
 }
 
-// The colour of the largest scalar.
+// From the largest scalar to its colour.
 @compute @workgroup_size(8, 8)
 fn resolve_maximum(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= frame.region) {

@@ -1,25 +1,29 @@
-// skip: for each tile of the painter `tiles` the runs of planes in which voxels are that its rays can reach.
+// skip: for each tile of 8 x 8 rays of the painter `tiles`, the runs of voxel planes in which its rays can meet a voxel
+// that is not empty. Planes are tested four at a time, against macrocells of 4^3 voxels.
 
-@group(0) @binding(0) var<uniform> raster: Raster;
+@group(0) @binding(0) var<uniform> rays: Rays;
+// A texel for each macrocell: 1 if it has a voxel that is not empty, otherwise 0.
 @group(0) @binding(1) var occupied: texture_3d<u32>;
+// Runs as (first plane, plane after the last), at run_texel(tile, slot); (0, 0) ends the list of a tile.
 @group(0) @binding(2) var runs: texture_storage_2d<rg32uint, write>;
 
-// The rays at the corners of a tile.
+// The rays at the corners of a tile, as lines through the planes.
 struct Corners {
     bases: array<vec2f, 4>,
     shears: array<vec2f, 4>,
-    // How far kernels reach.
-    half: vec2f,
-    // Whether all of them follow the axis well enough to bound those between.
+    // The largest distance along a and b at which a kernel reaches one of them.
+    footprint_half: vec2f,
+    // Whether the rays between the corners stay between them.
     bounded: bool,
 }
 
-// Whether a cell of any of the planes from `first` to `last` that rays between the corners meet, with the kernels' reach,
-// is occupied.
+// Whether an occupied macrocell lies where a ray of the tile can meet kernels of the planes from `first` to `last`.
 fn is_occupied(corners: ptr<function, Corners>, first: i32, last: i32) -> bool {
-    if raster.everything == 1u || !(*corners).bounded {
+    if rays.skip_nothing == 1u || !(*corners).bounded {
         return true;
     }
+    // The rectangle around the corners in all of these planes: rays are straight, so the first and the last plane do.
+    // The initial values are beyond every other f32, but not infinite.
     var low = vec2f(3e38);
     var high = vec2f(-3e38);
     for (var i = 0u; i < 4u; i++) {
@@ -28,15 +32,16 @@ fn is_occupied(corners: ptr<function, Corners>, first: i32, last: i32) -> bool {
         low = min(low, min(at_first, at_last));
         high = max(high, max(at_first, at_last));
     }
-    let a = max(vec2i(ceil(low - (*corners).half)), vec2i(0));
-    let b = min(vec2i(floor(high + (*corners).half)), raster.voxels.xy - 1);
+    let a = max(vec2i(ceil(low - (*corners).footprint_half)), vec2i(0));
+    let b = min(vec2i(floor(high + (*corners).footprint_half)), rays.voxels.xy - 1);
     if any(a > b) {
         return false;
     }
-    let planes = select(vec2i(first, last), raster.voxels.z - 1 - vec2i(last, first), raster.flipped == 1) / CELL;
+    let ends = select(vec2i(first, last), rays.voxels.z - 1 - vec2i(last, first), rays.flipped == 1);
+    let planes = ends / MACROCELL;
     for (var z = planes.x; z <= planes.y; z++) {
-        for (var y = a.y / CELL; y <= b.y / CELL; y++) {
-            for (var x = a.x / CELL; x <= b.x / CELL; x++) {
+        for (var y = a.y / MACROCELL; y <= b.y / MACROCELL; y++) {
+            for (var x = a.x / MACROCELL; x <= b.x / MACROCELL; x++) {
                 if textureLoad(occupied, vec3i(x, y, z), 0).r != 0u {
                     return true;
                 }
@@ -48,36 +53,38 @@ fn is_occupied(corners: ptr<function, Corners>, first: i32, last: i32) -> bool {
 
 @compute @workgroup_size(8, 8)
 fn skip(@builtin(global_invocation_id) tile: vec3u) {
-    if any(tile.xy >= raster.tiles) {
+    if any(tile.xy >= rays.tiles) {
         return;
     }
-    let from_ray = first_ray(tile);
-    let to_ray = from_ray + 7u * raster.phases;
-    let rays = array<vec2u, 4>(from_ray, to_ray, vec2u(to_ray.x, from_ray.y), vec2u(from_ray.x, to_ray.y));
+    let low = first_ray(tile);
+    let high = low + 7u * rays.phases;
+    let points = array<vec2u, 4>(low, high, vec2u(high.x, low.y), vec2u(low.x, high.y));
     var corners: Corners;
-    corners.half = raster.half;
+    corners.footprint_half = rays.footprint_half;
     corners.bounded = true;
     for (var i = 0u; i < 4u; i++) {
-        let line = line_of(rays[i]);
+        let line = line_of(points[i]);
         corners.bases[i] = line.base;
         corners.shears[i] = line.shear;
         if PERSPECTIVE {
-            corners.half = max(corners.half, half_of(line.shear));
+            corners.footprint_half = max(corners.footprint_half, footprint_half_of(line.shear));
+            // Corners bound what is between them if all four run along m, so that no shear between them is infinite. A
+            // ray that is marched has a cosine to m of at least 1 / sqrt(3) = 0.58; at 0.2 shears are below 5.
             corners.bounded = corners.bounded && line.heading.z > 0.2 * length(line.heading);
         }
     }
     var slot = 0u;
-    // Planes from start to end are occupied; none yet where there is no end. A gap of one cell is not skipped: slabs look
-    // at those on either side.
+    // The run so far, from plane `start` to before plane `end`; none yet if `end` is 0. A gap of one macrocell does not
+    // end a run: the slab next to a run shapes the curve in its last slab.
     var start = 0;
     var end = 0;
-    for (var first = 0; first < raster.voxels.z; first += CELL) {
-        let last = min(first + CELL, raster.voxels.z) - 1;
+    for (var first = 0; first < rays.voxels.z; first += MACROCELL) {
+        let last = min(first + MACROCELL, rays.voxels.z) - 1;
         if is_occupied(&corners, first, last) {
             if end == 0 {
                 start = first;
-            } else if first > end + CELL {
-                textureStore(runs, runs_of(tile, slot), vec4u(u32(start), u32(end), 0u, 0u));
+            } else if first > end + MACROCELL {
+                textureStore(runs, run_texel(tile, slot), vec4u(u32(start), u32(end), 0u, 0u));
                 slot++;
                 start = first;
             }
@@ -85,9 +92,8 @@ fn skip(@builtin(global_invocation_id) tile: vec3u) {
         }
     }
     if end > 0 {
-        textureStore(runs, runs_of(tile, slot), vec4u(u32(start), u32(end), 0u, 0u));
+        textureStore(runs, run_texel(tile, slot), vec4u(u32(start), u32(end), 0u, 0u));
         slot++;
     }
-    // An empty run ends them.
-    textureStore(runs, runs_of(tile, slot), vec4u(0u));
+    textureStore(runs, run_texel(tile, slot), vec4u(0u));
 }

@@ -1,30 +1,34 @@
-// sort: a stable counting sort of splats by batch, a batch being the consecutive sheets that one pass feeds. A splat
-// goes into every batch that its kernel reaches into. Each invocation owns a block of consecutive splats in view and one column
-// of counters per batch, so no atomics are needed and the order within a batch is that of the splats.
+// sort: a stable counting sort of splats by batch. A batch is the consecutive sheets that one pass feeds; a splat goes
+// into every batch that its kernel reaches. Each invocation owns a block of consecutive splats and one counter for each
+// batch. So no atomics are needed, and the order within a batch is that of the splats.
 
-// Sheets are voxel planes.
+// Sheets are voxel planes (axis-aligned), not slabs.
 override AXIS: bool = false;
 
 struct Sort {
     // Number of blocks.
     blocks: u32,
-    // Number of batches, and sheets in each.
+    // Number of batches.
     batches: u32,
+    // Sheets of a batch.
     sheets_per_batch: u32,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> sort: Sort;
 @group(0) @binding(2) var<storage, read> splats: array<vec2u>;
-// places[batch * blocks + block]: counts, then places after the scan; one more entry ends it with the total.
+// places[batch * blocks + block]: how many splats of the block go into the batch; after the scan, the place of the
+// first of them. One more element at the end becomes the total.
 @group(0) @binding(3) var<storage, read_write> places: array<u32>;
+// By batch: the place of its first entry; then the total.
 @group(0) @binding(4) var<storage, read_write> starts: array<u32>;
+// Indices of splats, batch after batch.
 @group(0) @binding(5) var<storage, read_write> entries: array<u32>;
 @group(0) @binding(6) var<storage, read> origins: array<vec4u>;
 // First splat of each block, and the one after its last.
 @group(0) @binding(7) var<storage, read> blocks: array<vec2u>;
 
-// First and last batch that a splat reaches into; first > last where it reaches into none.
+// The first and the last batch that a splat reaches; first > last if it reaches none.
 fn batches_of(index: u32) -> vec2i {
     let lattice = splat_lattice(splat_words(index));
     let z = dot(frame.view_z, lattice - frame.lattice_center);
@@ -33,7 +37,8 @@ fn batches_of(index: u32) -> vec2i {
     let last = floor((z + extent - frame.sheet_origin) * frame.inverse_sheet_step);
     let n = i32(sort.sheets_per_batch);
     if AXIS {
-        // Nothing is left of a splat that ends before the first plane, which is the eye's where rays have one.
+        // A splat that ends before the first sheet plane adds nothing; through one eye that plane may be the plane of
+        // the eye.
         let batch = i32(round(dot(frame.plane_axis, lattice) + frame.plane_offset)) / n;
         return vec2i(batch, select(-1, batch, last >= 0.0));
     }
@@ -57,7 +62,7 @@ fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) grou
     }
 }
 
-// Where each batch starts, and the total: read before `emit` advances the places.
+// Copies the places where batches start, and the total, before `emit` advances the places.
 @compute @workgroup_size(WORKGROUP)
 fn mark(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let batch = invocation_index(id, groups);

@@ -1,17 +1,19 @@
-// splat: one instanced quad per splat and batch. A fragment evaluates the sections of its splat's kernel between the
-// sheet planes of the batch and adds density times section, and colour times that, to each sheet of the batch. Sheets of
-// scalars get value times the mean of the kernel in the sheet instead, four sheets to a target.
+// splat: one instanced quad for each splat and batch. A fragment evaluates the sections of its splat's kernel between
+// the sheet planes of the batch. It adds (colour, 1) times density times section to each sheet of the batch. If splats
+// are scalars, it adds the scalar times the mean of the kernel over the sheet instead, four sheets to a target.
 
-// Texels of a row of the footprint table: four coefficients each.
+// Texels of a row of the footprint table, four coefficients each: 1 to 4.
 override TEXELS: u32 = 2u;
+// Rows of the footprint table, at equal steps of the squared half chord.
 override ROWS: u32 = 256u;
-// Sheets are voxel planes and take whole footprints, instead of slabs that take sections.
+// Sheets are voxel planes, which take whole footprints, not slabs, which take sections.
 override AXIS: bool = false;
-// Opacity is added instead of optical depth.
+// Sheets add up opacity, not optical depth.
 override ADDITIVE: bool = false;
 
 struct Batch {
-    // View depth of the first plane of the batch; of the first plane of all where sheets are voxel planes.
+    // View depth of the first sheet plane of the batch. If sheets are voxel planes, of the first sheet plane of the
+    // frame.
     depth: f32,
     // Number of the first sheet of the batch.
     first_sheet: u32,
@@ -20,7 +22,7 @@ struct Batch {
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> batch: Batch;
 @group(0) @binding(2) var<storage, read> splats: array<vec2u>;
-// Row s of the cumulative footprint at texels (0 .. TEXELS, row).
+// The cumulative footprint: the coefficients of a row are the texels (0 .. TEXELS, row).
 @group(0) @binding(3) var footprint: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(4) var<storage, read> origins: array<vec4u>;
 @group(0) @binding(5) var<uniform> lighting: Lighting;
@@ -29,29 +31,26 @@ struct Varyings {
     @builtin(position) position: vec4f,
     // View coordinates of the splat's centre.
     @location(0) @interpolate(flat) center: vec3f,
-    // What a section of length 1 adds to a sheet: (colour, 1) * density * section_scale.
+    // What a section with a world length of 1 adds to a sheet: (colour, 1) * density * section_scale.
     @location(1) @interpolate(flat) emission: vec4f,
-    // 1 / growth of the kernel.
+    // 1 / growth of the kernel, see common/bounds.wgsl.
     @location(2) @interpolate(flat) shrink: f32,
-    // Number of the splat's sheet in the batch, where sheets are voxel planes.
+    // If sheets are voxel planes: number of the splat's sheet in the batch.
     @location(3) @interpolate(flat) sheet: u32,
 }
 
-// The colour of a splat with a packed world normal under the lights.
-fn lit_splat(color: vec3f, bits: u32, center: vec3f) -> vec3f {
-    let n = unpack_normal(bits);
-    let gradient = vec3f(dot(lighting.right, n), dot(lighting.up, n), dot(lighting.forward, n));
-    var to_eye = vec3f(0.0, 0.0, -1.0);
+// Unit vector from a splat's centre to the eye, view coordinates.
+fn to_eye_from(center: vec3f) -> vec3f {
     if PERSPECTIVE {
-        to_eye = -normalize(vec3f(center.xy, center.z + frame.eye_depth));
+        return -normalize(vec3f(center.xy, center.z + frame.eye_depth));
     }
-    return lit(color, light_on(gradient, to_eye));
+    return vec3f(0.0, 0.0, -1.0);
 }
 
 @vertex
 fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyings {
     if is_terminated(entry) {
-        // All corners in one place: no fragments.
+        // All corners are in one place, so there are no fragments.
         return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
     }
     let words = splat_words(entry);
@@ -60,8 +59,8 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     let growth = growth_at(center.z);
     let side = vec2f(f32(corner & 1u), f32(corner >> 1u)) * 2.0 - 1.0;
     var clip = side;
-    // A support that the plane of the eye cuts has no bounds in the image: its quad covers the region, unless it is in no
-    // pixel's way.
+    // A support that the plane of the eye cuts has no bounds in the image: its quad covers the region, unless the
+    // support is beside all of the region's rays.
     if bounded(center, growth) {
         let box = bounds(center, growth);
         clip = (box.xy + side * box.zw) * frame.clip_scale + frame.clip_offset;
@@ -75,10 +74,10 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     density *= frame.section_scale / (growth * growth * growth);
     var color = vec3f(0.0);
     if !SCALARS {
-        let looks = splats[2u * entry + 1u];
-        color = splat_color(words.y, looks.x);
+        let appearance = splats[2u * entry + 1u];
+        color = splat_color(words.y, appearance.x);
         if LIGHTS > 0u {
-            color = lit_splat(color, looks.y, center);
+            color = lit_splat(color, appearance.y, to_eye_from(center));
         }
     }
     var sheet = 0u;
@@ -88,25 +87,31 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     return Varyings(vec4f(clip, 0.0, 1.0), center, vec4f(color * density, density), 1.0 / growth, sheet);
 }
 
-// The chord of a fragment's ray in a splat's support, and the row of the footprint table that belongs to it. Written
-// out, without loops and arrays: a compiler that does not unroll them keeps both in memory, at five times the time.
+// The chord of a fragment's ray in a splat's support, and the row of the footprint table for its length. Written out,
+// without loops and arrays: a compiler that does not unroll loops keeps arrays in memory, which took five times as long
+// on lavapipe.
 struct Chord {
-    // Lattice length along the ray, from the middle of the chord, of the batch's first plane; and between planes.
+    // Places are lattice lengths along the ray from the middle of the chord. Place of the batch's first sheet plane.
     first: f32,
+    // Distance between sheet planes.
     step: f32,
-    // Half the chord's length, and 1 / its square.
+    // Half the chord's length.
     half: f32,
+    // 1 / half^2.
     inverse_half2: f32,
-    // World length per lattice length along the ray; for scalars, 1 / the lattice length of a sheet.
+    // World length per lattice length along the ray; if splats are scalars, 1 / the lattice length of the ray in a
+    // sheet.
     scale: f32,
-    // Number of the splat's sheet in the batch, where sheets are voxel planes.
+    // If sheets are voxel planes: number of the splat's sheet in the batch.
     sheet: u32,
+    // Coefficients 0 to 3, 4 to 7, 8 to 11, 12 to 15 of the row.
     a0: vec4f,
     a1: vec4f,
     a2: vec4f,
     a3: vec4f,
 }
 
+// Coefficients at a fraction `f` of the way from row `row` to the next.
 fn coefficients(texel: u32, row: u32, f: f32) -> vec4f {
     let a = textureLoad(footprint, vec2u(texel, row));
     let b = textureLoad(footprint, vec2u(texel, row + 1u));
@@ -115,7 +120,8 @@ fn coefficients(texel: u32, row: u32, f: f32) -> vec4f {
 
 fn chord(in: Varyings) -> Chord {
     let plane = in.position.xy * frame.pixel_scale + frame.pixel_offset;
-    // The ray in lattice coordinates per unit of view depth, and its offset from the centre at the centre's depth.
+    // The ray in lattice coordinates per unit of view depth, and its offset from the splat's centre at the depth of the
+    // centre.
     var ray = frame.grid_forward;
     var offset = plane - in.center.xy;
     var world_per_depth = 1.0;
@@ -124,7 +130,7 @@ fn chord(in: Varyings) -> Chord {
         offset = plane * (in.center.z + frame.eye_depth) - in.center.xy;
         world_per_depth = sqrt(1.0 + dot(plane, plane));
     }
-    // A kernel that is s times as large is the kernel in a lattice s times as wide.
+    // A kernel that is s times as large is the same kernel in a lattice s times as wide.
     if GROWN {
         ray *= in.shrink;
         offset *= in.shrink;
@@ -166,7 +172,7 @@ fn horner(sum: f32, q: f32, a: vec4f) -> f32 {
     return (((sum * q + a.w) * q + a.z) * q + a.y) * q + a.x;
 }
 
-// World length times kernel from the middle of the chord to t: G(t) of the footprint table.
+// The integral of the kernel along the ray, in world length, from the middle of the chord to place `t`.
 fn cumulative_to(c: Chord, t: f32) -> f32 {
     let q = max(1.0 - t * t * c.inverse_half2, 0.0);
     var sum = 0.0;
@@ -182,12 +188,12 @@ fn cumulative_to(c: Chord, t: f32) -> f32 {
     return horner(sum, q, c.a0) * t * c.scale;
 }
 
-// The same to plane `k` of the batch.
+// The same to sheet plane `k` of the batch.
 fn cumulative(c: Chord, k: f32) -> f32 {
     return cumulative_to(c, clamp(c.first + k * c.step, -c.half, c.half));
 }
 
-// The whole footprint, from the first plane of all on.
+// The footprint behind the first sheet plane of the frame.
 fn whole(c: Chord) -> f32 {
     return cumulative_to(c, c.half) - cumulative(c, 0.0);
 }
@@ -200,7 +206,7 @@ fn section(c: Chord, k: u32) -> f32 {
     return cumulative(c, f32(k) + 1.0) - cumulative(c, f32(k));
 }
 
-// Sections of four consecutive sheets from the five planes around them.
+// The sections of four consecutive sheets, from the five planes around them.
 fn sections(c: Chord, first: u32) -> vec4f {
     if AXIS {
         return select(vec4f(0.0), vec4f(whole(c)), vec4u(0u, 1u, 2u, 3u) + first == vec4u(c.sheet));

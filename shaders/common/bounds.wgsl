@@ -1,10 +1,10 @@
-// What of the image a splat can touch.
+// The part of the image that a splat can touch.
 
 override PERSPECTIVE: bool = false;
-// Whether kernels grow in this frame.
+// Whether kernels may be larger than asked for in this frame, where voxels fall closer together than pixels.
 override GROWN: bool = false;
 
-// View coordinates of the centre of a splat.
+// View coordinates of a lattice point.
 fn view_center(lattice: vec3f) -> vec3f {
     let p = lattice - frame.lattice_center;
     return vec3f(
@@ -14,7 +14,7 @@ fn view_center(lattice: vec3f) -> vec3f {
     );
 }
 
-// How many times larger than the kernel the splat at view depth `z` is.
+// How many times as large as asked for the kernel of a splat at view depth `z` is.
 fn growth_at(z: f32) -> f32 {
     if !GROWN {
         return 1.0;
@@ -22,15 +22,14 @@ fn growth_at(z: f32) -> f32 {
     return max(1.0, frame.growth.x + frame.growth.y * z);
 }
 
-// Bounds of the splat in one plane coordinate, as (middle, half extent).
-//
-// `axis` and `depth` are the gradients of the view coordinate and of depth in the lattice; the support is the lattice
-// ball of radius `radius` around the centre at view coordinate `center` and distance `z` in front of the eye.
+// Bounds of a splat in one plane coordinate, as (middle, half extent). Its support is a ball in the lattice, of
+// `radius` voxels around a centre at view coordinate `center` and at distance `z` in front of the eye. `axis` and
+// `depth` are the gradients in the lattice of the view coordinate and of depth.
 fn bounds_along(axis: vec3f, center: f32, depth: vec3f, z: f32, radius: f32) -> vec2f {
     if !PERSPECTIVE {
         return vec2f(center, radius * length(axis));
     }
-    // The planes through the eye of slope k = x / z that touch the support: (center - k z)^2 = R^2 |axis - k depth|^2.
+    // Planes through the eye, of slope k = x / z, touch the support if (center - k z)^2 = R^2 |axis - k depth|^2.
     let r2 = radius * radius;
     let a = z * z - r2 * dot(depth, depth);
     let b = center * z - r2 * dot(axis, depth);
@@ -38,12 +37,13 @@ fn bounds_along(axis: vec3f, center: f32, depth: vec3f, z: f32, radius: f32) -> 
     return vec2f(b / a, sqrt(max(b * b - a * c, 0.0)) / a);
 }
 
-// Middle (xy) and half extent (zw) of a splat in plane coordinates, for a centre at view coordinates `center` and kernels
-// `growth` times as large. A support that the plane of the eye cuts has no bounds: `bounded` tells.
+// Whether a splat has bounds: it has none if the plane of the eye cuts its support. 1.001 keeps the division in
+// bounds_along() away from 0. `center` is in view coordinates, `growth` as growth_at() gives it.
 fn bounded(center: vec3f, growth: f32) -> bool {
     return !PERSPECTIVE || center.z + frame.eye_depth > frame.depth_extent * growth * 1.001;
 }
 
+// Bounds of such a splat in plane coordinates: their middle (xy) and half extent (zw).
 fn bounds(center: vec3f, growth: f32) -> vec4f {
     let z = center.z + frame.eye_depth;
     let x = bounds_along(frame.view_x, center.x, frame.view_z, z, frame.radius * growth);
@@ -51,8 +51,8 @@ fn bounds(center: vec3f, growth: f32) -> vec4f {
     return vec4f(x.x, y.x, vec2f(x.y, y.y) + frame.quad_pad);
 }
 
-// Whether a support may reach into the pyramid of rays: false where it lies beyond one of its four sides, which are planes
-// through the eye.
+// Whether the support of a splat may reach into the pyramid of the region's rays: false if it lies beyond one of the
+// four sides, which are planes through the eye.
 fn in_view(center: vec3f, growth: f32) -> bool {
     let a = frame.pixel_offset;
     let b = vec2f(frame.region) * frame.pixel_scale + frame.pixel_offset;

@@ -1,4 +1,5 @@
-// The invocation's place in a dispatch that is folded into rows of workgroups where one row would be too long.
+// The number of an invocation in a one-dimensional dispatch. A dispatch with more workgroups than fit along x is folded
+// into rows of `groups.x` workgroups.
 const WORKGROUP: u32 = 64u;
 
 fn invocation_index(id: vec3u, groups: vec3u) -> u32 {

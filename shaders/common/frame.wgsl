@@ -1,14 +1,15 @@
-// What all stages of one frame share. Lengths are world units unless a name says otherwise.
+// What all stages of one frame of the painter `quads` share. Lengths are in world units unless a name says otherwise.
 //
-// View coordinates (x right, y up, z forward) have their axis through the camera's target and z = 0 at the middle of
-// the lattice, so that depths stay small numbers however far the eye is. Plane coordinates are those of a ray: world
-// offsets from the axis for a parallel projection, slopes dx/dz and dy/dz for a perspective one.
+// View coordinates are x right, y up and z forward. Their z axis goes through the camera's target; z = 0 is the depth
+// of the middle of the lattice, so that depths stay small numbers however far the eye is. Plane coordinates belong to a
+// ray: in a parallel projection its world offset from the z axis, in a perspective one its slopes dx/dz and dy/dz.
 struct Frame {
     // Lattice coordinates of the middle of the lattice.
     lattice_center: vec3f,
     // Support radius of the kernel, voxels.
     radius: f32,
-    // View coordinates of lattice point p: dot(view_x, p - lattice_center) + offset_x, and so on.
+    // View coordinates of lattice point p: x = dot(view_x, p - lattice_center) + offset_x, y likewise, z without an
+    // offset.
     view_x: vec3f,
     offset_x: f32,
     view_y: vec3f,
@@ -18,7 +19,7 @@ struct Frame {
     eye_depth: f32,
     // Lattice coordinates of the world vectors right, up and forward.
     grid_right: vec3f,
-    // Half the depth that a kernel extends over, radius * |view_z|.
+    // Half the view depth that a kernel extends over, radius * |view_z|.
     depth_extent: f32,
     grid_up: vec3f,
     // View depth at which the first sheet begins.
@@ -34,7 +35,8 @@ struct Frame {
     clip_offset: vec2f,
     // Half extent by which a quad is grown, in plane coordinates: absorbs the rounding of its corners.
     quad_pad: vec2f,
-    // What a sheet accumulates per density and world length of a section: sheet_scale / (N unit_distance).
+    // What a sheet accumulates per density and world length of a section: sheet_scale / (N unit_distance), N the
+    // integral of the kernel.
     section_scale: f32,
     // Optical depth per accumulated value, 1 / sheet_scale.
     inverse_sheet_scale: f32,
@@ -47,9 +49,9 @@ struct Frame {
     // Axis-aligned sheets: number of the sheet, front to back, of lattice point p: dot(plane_axis, p) + plane_offset.
     plane_axis: vec3f,
     plane_offset: f32,
-    // Half the size of the lattice box, voxels: what is reconstructed from scalars ends there.
+    // Half the size of the box that the field of scalars is reconstructed in, voxels.
     box_half: vec3f,
-    // Optical depth at which a pixel counts as opaque.
+    // Optical depth at which a pixel counts as opaque: minus the logarithm of the light that it may let through.
     opaque_depth: f32,
     // Growth of a kernel centred at view depth z: max(1, growth.x + growth.y z).
     growth: vec2f,

@@ -1,6 +1,7 @@
-// Blinn-Phong on gradients, two-sided: `Lighting::shade` of the host in f32. View coordinates throughout.
+// Blinn-Phong shading (Blinn 1977) of two-sided surfaces across gradients: `Lighting::shade` of the host in f32. All
+// vectors are in view coordinates.
 
-// Lights: 0 leaves colours alone.
+// Number of lights; with 0 colours stay as they are.
 override LIGHTS: u32 = 0u;
 
 struct Lighting {
@@ -11,12 +12,12 @@ struct Lighting {
     diffuse: f32,
     forward: vec3f,
     specular: f32,
-    // Unit vectors towards the lights; 0 for a headlight.
+    // Unit vectors towards the lights. 0: the light is at the eye.
     lights: array<vec4f, 4>,
     shininess: f32,
 }
 
-// Diffuse and specular share of one light.
+// Diffuse (x) and specular (y) share of one light on a surface with a unit normal.
 fn light_from(light: vec3f, normal: vec3f, to_eye: vec3f) -> vec2f {
     let towards = select(light, to_eye, all(light == vec3f(0.0)));
     let cosine = dot(normal, towards);
@@ -24,11 +25,13 @@ fn light_from(light: vec3f, normal: vec3f, to_eye: vec3f) -> vec2f {
         return vec2f(0.0);
     }
     let between = to_eye + towards;
+    // 1e-20: the two directions may be opposite.
     let highlight = dot(normal, between) * inverseSqrt(max(dot(between, between), 1e-20));
     return vec2f(cosine, pow(max(highlight, 0.0), lighting.shininess));
 }
 
-// Shares of the colour and of white that a surface of the given gradient (any length) shows.
+// Of a surface across a gradient of any length: x, the factor of its colour, and y, the white that is added. Without a
+// gradient the colour stays as it is.
 fn light_on(gradient: vec3f, to_eye: vec3f) -> vec2f {
     let length2 = dot(gradient, gradient);
     if length2 <= 0.0 {
@@ -48,6 +51,7 @@ fn light_on(gradient: vec3f, to_eye: vec3f) -> vec2f {
     return vec2f(lighting.ambient + lighting.diffuse * sum.x, lighting.specular * sum.y);
 }
 
+// A colour under a light that light_on() gave.
 fn lit(color: vec3f, light: vec2f) -> vec3f {
     return clamp(color * light.x + light.y, vec3f(0.0), vec3f(1.0));
 }

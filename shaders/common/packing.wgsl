@@ -1,39 +1,46 @@
-// How a volume is packed for the painter `tiles`.
+// The texture in which the painter `tiles` keeps a volume. A texel holds two voxels of a row along a. The rows of a
+// plane, one for each voxel along b, stand below one another; `columns` planes stand side by side and make a shelf;
+// shelves stand below one another. MARGIN texels of zeros precede each row, one row of zeros precedes each shelf.
 
-// Texels of zeros before each row of voxels.
+// Texels of zeros before each row. `blocked` in gather.wgsl reads 7 texels from a place of which `texel_at` clamps the
+// start: if a ray misses the row, all of them are zeros, before it or after it.
 const MARGIN: i32 = 7;
-// Voxels along the side of the cells that are skipped where they are empty.
-const CELL: i32 = 4;
+// Voxels along the side of a macrocell: what `skip` tests and rays skip as a whole.
+const MACROCELL: i32 = 4;
 
 struct Pack {
     // First lattice point of the box that is packed.
     low: vec3u,
-    // The splats that are looked at, and the one after the last.
+    // The splats that this dispatch looks at: the first one, and the one after the last (end_splat).
     first_splat: u32,
-    // Numbers of the lattice axes that a, b and m run along.
+    // Numbers of the lattice axes that a, b and m run along: 0 x, 1 y, 2 z.
     axes: vec3u,
     // Voxels along b.
     rows: u32,
+    // Planes side by side.
     columns: u32,
+    // Texels of a row of voxels, without the margin.
     row_texels: u32,
     // Texels of a row of the texture.
     width: u32,
-    // Rows of the texture in the buffer: the first, and how many.
+    // The rows of the texture that the buffer holds: the first, and how many.
     first_row: u32,
     row_count: u32,
-    // What is f16 is multiplied by to stay in its range.
+    // What is stored as f16 is multiplied by this, to stay in the range of f16.
     scale: f32,
     end_splat: u32,
     // Voxel planes.
     planes: u32,
-    // Lattice point of the eye, and view coordinates of a step along each axis of the lattice.
+    // Lattice point of the eye.
     eye: vec3f,
+    // View coordinates of a step along each axis of the lattice.
     view_x: vec3f,
     view_y: vec3f,
     view_z: vec3f,
 }
 
-// Rounded to 11 bits, which f16 holds exactly: some drivers cut off when they pack.
+// Rounded to the nearest number of 11 significant bits, which f16 holds exactly: some drivers cut off when they pack.
+// An f32 has 24 significant bits: half of the lowest bit that stays is added, and the 13 bits below it are cleared.
 fn rounded(v: vec4f) -> vec4f {
     return bitcast<vec4f>((bitcast<vec4u>(v) + 0x1000u) & vec4u(0xffffe000u));
 }

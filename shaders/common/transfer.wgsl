@@ -1,23 +1,26 @@
-// Scalars that are classified as they are met: three means of consecutive slabs, a curve through them, and `transfer`, the
-// table of the transfer function. Scalars are relative to the transfer function's base, so that nothing is 0.
+// Classification of scalars along a ray: a parabola through the means of three consecutive slabs, and `transfer`, the
+// table of the transfer function. Scalars are relative to the transfer function's base, so that the space between
+// splats is 0.
 
-// The parabola whose means over three slabs are given, the middle one from -1/2 to 1/2: x + y u + z u^2.
+// The parabola x + y u + z u^2 whose means over three slabs are `m`; the middle slab is from u = -1/2 to 1/2.
 fn parabola(m: vec3f) -> vec3f {
     let second = (m.x + m.z - 2.0 * m.y) * 0.5;
     return vec3f(m.y - second / 12.0, (m.z - m.x) * 0.5, second);
 }
 
-// Whether all means are among the scalars around 0, ends included, at which nothing shows; there are none where clear.x >
-// clear.y.
+// Whether all scalars from `low` to `high` are among those around 0 at which nothing shows, from invisible.x to
+// invisible.y, ends included. There are none if invisible.x > invisible.y.
 //
-// Nothing shows between clear means. The parabola may leave their range, by a sixth of it; but where it does so alone,
-// as beside voxels that were left out for showing nothing, there is nothing to show either.
-fn between_clear(low: f32, high: f32, clear: vec2f) -> bool {
-    return low >= clear.x && high <= clear.y;
+// If three means are invisible, so is the slab. The parabola may leave the range of its means, by a sixth of it; but
+// beside voxels that were left out because they show nothing, only the parabola leaves it, and nothing is there to
+// show.
+fn is_invisible_range(low: f32, high: f32, invisible: vec2f) -> bool {
+    return low >= invisible.x && high <= invisible.y;
 }
 
-fn is_clear(m: vec3f, clear: vec2f) -> bool {
-    return between_clear(min(m.x, min(m.y, m.z)), max(m.x, max(m.y, m.z)), clear);
+// The same of three means.
+fn is_invisible(m: vec3f, invisible: vec2f) -> bool {
+    return is_invisible_range(min(m.x, min(m.y, m.z)), max(m.x, max(m.y, m.z)), invisible);
 }
 
 // The largest value of the parabola in a part of the slab.
@@ -31,12 +34,14 @@ fn largest_in(m: vec3f, part: vec2f) -> f32 {
     return largest;
 }
 
-// That value, of means that were these, where the curve alone may have left what shows nothing.
-fn shown(largest: f32, m: vec3f, clear: vec2f) -> f32 {
-    return select(largest, min(largest, clear.y), between_clear(clear.x, max(m.x, max(m.y, m.z)), clear));
+// The largest value of a slab with means `m`, clamped to what is invisible if no mean is larger: then only the parabola
+// is.
+fn shown(largest: f32, m: vec3f, invisible: vec2f) -> f32 {
+    let only_parabola = is_invisible_range(invisible.x, max(m.x, max(m.y, m.z)), invisible);
+    return select(largest, min(largest, invisible.y), only_parabola);
 }
 
-// What the table has at a scalar: place scalar * lookup.x + lookup.y.
+// The table at a scalar, linear between its entries; scalar * lookup.x + lookup.y is the place in it.
 fn classified(scalar: f32, lookup: vec2f) -> vec4f {
     let size = textureDimensions(transfer).x;
     let at = clamp(scalar * lookup.x + lookup.y, 0.0, f32(size - 1u));

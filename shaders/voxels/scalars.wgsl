@@ -1,4 +1,5 @@
-// The volume of the painter `tiles`: two voxels to a texel, as f32 of the scalar. See vectors.wgsl.
+// The volume of the painter `tiles`: each texel holds two voxels, the scalar of each as f32. The scalar is returned as
+// w. vectors.wgsl says why it is a storage texture.
 
 @group(0) @binding(1) var volume: texture_storage_2d<rg32uint, read>;
 

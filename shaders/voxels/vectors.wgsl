@@ -1,6 +1,7 @@
-// The volume of the painter `tiles`: two voxels to a texel, as f16 of (colour, 1) times density or of (gradient, scalar).
+// The volume of the painter `tiles`: each texel holds two voxels, as four f16: (colour, 1) times density, or (gradient,
+// scalar).
 //
-// A storage texture, for a load from a sampled one looks up its level for each invocation on software Vulkan.
+// It is a storage texture because software Vulkan looks up the level of a sampled texture in every invocation.
 
 @group(0) @binding(1) var volume: texture_storage_2d<rgba32uint, read>;
 

@@ -3,7 +3,7 @@
 use bytemuck::Zeroable;
 
 use super::context::Context;
-use super::layout::{Classify, ControlPoint, FEW, Splat};
+use super::layout::{Classify, ControlPoint, MAX_INLINE_POINTS, Splat};
 use super::pipeline::{Binding, bind, compute, flag, layout, module};
 use super::recorder::Recorder;
 use super::scan::{Scan, WORKGROUP};
@@ -134,16 +134,16 @@ impl Classifier {
             })
             .collect();
         // So few points are part of the pipeline, which is made for their number.
-        let mut few = [ControlPoint::zeroed(); FEW];
-        let is_few = points.len() <= FEW;
+        let mut few = [ControlPoint::zeroed(); MAX_INLINE_POINTS];
+        let is_few = points.len() <= MAX_INLINE_POINTS;
         if is_few {
             few[..points.len()].copy_from_slice(&points);
         }
         let constants = [
             ("SAMPLE_TYPE", f64::from(coding.sample_type)),
             ("LIT", flag(lit)),
-            ("KEEP", flag(!savings.voxels)),
-            ("FEW", if is_few { points.len() as f64 } else { 0.0 }),
+            ("KEEP_INVISIBLE", flag(!savings.voxels)),
+            ("INLINE_POINTS", if is_few { points.len() as f64 } else { 0.0 }),
         ];
         let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
         let gradients = volume.grid().to_lattice().matrix3.transpose();
@@ -165,7 +165,7 @@ impl Classifier {
                 sample_origin: if coding.convert { 0.0 } else { coding.origin as f32 },
                 gradient_z: gradient(2),
                 first_brick: 0,
-                few,
+                inline_points: few,
             },
         };
         let mut batch = Batch::default();

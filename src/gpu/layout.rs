@@ -43,11 +43,11 @@ pub(crate) struct Classify {
     pub sample_origin: f32,
     pub gradient_z: [f32; 3],
     pub first_brick: u32,
-    pub few: [ControlPoint; FEW],
+    pub inline_points: [ControlPoint; MAX_INLINE_POINTS],
 }
 
-/// The most control points that are compared with one after the other; MOST_FEW in shaders/classify.wgsl.
-pub(crate) const FEW: usize = 32;
+/// The most control points that a sample is compared with one after the other; shaders/classify.wgsl.
+pub(crate) const MAX_INLINE_POINTS: usize = 32;
 
 /// A control point of the transfer function in the units of the samples; shaders/classify.wgsl.
 #[repr(C)]
@@ -183,28 +183,28 @@ pub(crate) struct Shade {
     pub previous: f32,
     pub current: f32,
     pub margin: i32,
-    pub clear: [f32; 2],
+    pub invisible: [f32; 2],
     pub lookup: [f32; 2],
     pub low: [u32; 2],
     pub high: [u32; 2],
 }
 
-/// Steps of the table of sections; SECTIONS in shaders/common/raster.wgsl.
+/// Entries of the table of sections; SECTIONS in shaders/common/rays.wgsl.
 pub(crate) const SECTIONS: usize = 9;
 
-/// Side in voxels of the cells that rays skip as a whole; CELL in shaders/common/packing.wgsl.
-pub(crate) const CELL: u32 = 4;
+/// Side in voxels of a macrocell, which rays skip as a whole; MACROCELL in shaders/common/packing.wgsl.
+pub(crate) const MACROCELL: u32 = 4;
 /// Texels of zeros before each row of packed voxels; MARGIN in shaders/common/packing.wgsl.
 pub(crate) const MARGIN: u32 = 7;
-/// Side of a tile in rays; the workgroup of `gather`.
+/// Side of a tile, in rays; a workgroup of `single` is 8 x 8 rays, one of `blocked` 8 rows of 8.
 pub(crate) const TILE: u32 = 8;
-/// Tiles in a row of the texture of runs; RUN_ROW in shaders/common/raster.wgsl.
+/// Tiles in a row of the texture of runs; RUN_ROW in shaders/common/rays.wgsl.
 pub(crate) const RUN_ROW: u32 = 4096;
 
-/// The raster of the painter `tiles`; each field is explained in shaders/common/raster.wgsl.
+/// The rays of the painter `tiles` and the volume that they cross; each field is explained in shaders/common/rays.wgsl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-pub(crate) struct Raster {
+pub(crate) struct Rays {
     pub origin: [f32; 2],
     pub step_x: [f32; 2],
     pub step_y: [f32; 2],
@@ -224,20 +224,20 @@ pub(crate) struct Raster {
     pub box_high: [f32; 3],
     pub samples: u32,
     pub gradient_x: [f32; 3],
-    pub everything: u32,
+    pub skip_nothing: u32,
     pub gradient_y: [f32; 3],
     pub run_slots: u32,
     pub gradient_z: [f32; 3],
     pub flipped: i32,
     pub voxels: [i32; 3],
     pub columns: i32,
-    pub half: [f32; 2],
+    pub footprint_half: [f32; 2],
     pub phases: [u32; 2],
     pub footprint: [f32; 4],
     pub footprint_high: [f32; 4],
-    pub plane_origin: [f32; 2],
-    pub plane_step: [f32; 2],
-    pub clear: [f32; 2],
+    pub slope_origin: [f32; 2],
+    pub slope_step: [f32; 2],
+    pub invisible: [f32; 2],
     pub lookup: [f32; 2],
     pub size: [u32; 2],
     pub tiles: [u32; 2],

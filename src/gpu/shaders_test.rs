@@ -3,7 +3,7 @@
 use std::mem::{offset_of, size_of};
 
 use super::layout::{
-    Area, Batch, Classify, ControlPoint, Frame, Lighting, Pack, Present, Raster, Shade, Sort, Terminate,
+    Area, Batch, Classify, ControlPoint, Frame, Lighting, Pack, Present, Rays, Shade, Sort, Terminate,
 };
 use super::shaders::{ALL, Shader};
 
@@ -66,12 +66,12 @@ fn structs_are_laid_out_alike() {
         sample_origin,
         gradient_z,
         first_brick,
-        few
+        inline_points
     });
     same_layout!(ControlPoint { color, sample, opacity });
     same_layout!(Sort { blocks, batches, sheets_per_batch });
     same_layout!(Batch { depth, first_sheet });
-    same_layout!(Shade { depth, previous, current, margin, clear, lookup, low, high });
+    same_layout!(Shade { depth, previous, current, margin, invisible, lookup, low, high });
     same_layout!(Area { low, high });
     same_layout!(Present { corner, row, margin });
     same_layout!(Terminate { first, count, margin });
@@ -93,7 +93,7 @@ fn structs_are_laid_out_alike() {
         view_y,
         view_z
     });
-    same_layout!(Raster {
+    same_layout!(Rays {
         origin,
         step_x,
         step_y,
@@ -113,20 +113,20 @@ fn structs_are_laid_out_alike() {
         box_high,
         samples,
         gradient_x,
-        everything,
+        skip_nothing,
         gradient_y,
         run_slots,
         gradient_z,
         flipped,
         voxels,
         columns,
-        half,
+        footprint_half,
         phases,
         footprint,
         footprint_high,
-        plane_origin,
-        plane_step,
-        clear,
+        slope_origin,
+        slope_step,
+        invisible,
         lookup,
         size,
         tiles,
@@ -178,7 +178,7 @@ fn constants_are_those_of_the_host() {
     // (shader, constant, the host's value)
     let expected = [
         ("classify", "EDGE", crate::volume::BRICK_EDGE as u64),
-        ("classify", "MOST_FEW", super::layout::FEW as u64),
+        ("classify", "MAX_INLINE_POINTS", super::layout::MAX_INLINE_POINTS as u64),
         ("scan", "RUN", super::scan::RUN),
         ("terminate", "RUN", super::quads::terminate::RUN),
         ("skip", "RUN_ROW", u64::from(super::layout::RUN_ROW)),
@@ -191,7 +191,7 @@ fn constants_are_those_of_the_host() {
             "{name}: {constant} is not {value}"
         );
     }
-    for (constant, value) in [("MARGIN", super::layout::MARGIN), ("CELL", super::layout::CELL)] {
+    for (constant, value) in [("MARGIN", super::layout::MARGIN), ("MACROCELL", super::layout::MACROCELL)] {
         assert!(super::shaders::SKIP.source().contains(&format!("const {constant}: i32 = {value};")), "{constant}");
     }
     let max_opacity = crate::transfer::TransferFunction::MAX_OPACITY.to_string();

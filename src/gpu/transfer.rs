@@ -12,7 +12,7 @@ pub(crate) struct TransferTable {
     /// Colour, and extinction or alpha, at equal steps from the first point of the transfer function to the last.
     pub(crate) texture: wgpu::TextureView,
     /// The scalars around 0, ends included, at which nothing shows; none where the first is larger.
-    pub(crate) clear: [f32; 2],
+    pub(crate) invisible: [f32; 2],
     /// Place of a scalar in the table: scalar times the first, plus the second.
     pub(crate) lookup: [f32; 2],
 }
@@ -36,7 +36,7 @@ impl TransferTable {
         let scale = if last > first { steps / (last - first) } else { 0.0 };
         Self {
             texture: context.float_texture("shade.transfer", [TABLE_STEPS, 1], &values),
-            clear: transfer.clear_around(base).map_or([1.0, -1.0], |ends| ends.map(|v| (v - base) as f32)),
+            invisible: transfer.clear_around(base).map_or([1.0, -1.0], |ends| ends.map(|v| (v - base) as f32)),
             lookup: [scale as f32, ((base - first) * scale) as f32],
         }
     }

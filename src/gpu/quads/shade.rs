@@ -29,7 +29,7 @@ pub(super) struct Shaded<'a> {
     /// The pixels that each step looks at.
     areas: Vec<Area>,
     /// Whether a field of nothing but the base shows nothing.
-    base_is_clear: bool,
+    base_is_invisible: bool,
     /// For even and odd batches.
     groups: [wgpu::BindGroup; 2],
     resolve: wgpu::BindGroup,
@@ -81,13 +81,13 @@ impl Shading {
         reached: &[Area],
     ) -> Result<Shaded<'a>> {
         let drawn: Vec<bool> = reached.iter().map(|area| *area != Area::default()).chain([false]).collect();
-        let base_is_clear = table.clear[0] <= table.clear[1];
+        let base_is_invisible = table.invisible[0] <= table.invisible[1];
         let extent = target.extent();
         let margin = target.plan.margin();
         // Where neither batch reaches there is the base: only where that shows, or may be the largest, is it looked at.
         let areas: Vec<Area> = (0..drawn.len())
             .map(|batch| {
-                if !base_is_clear || self.key.feed == Feed::Maximum {
+                if !base_is_invisible || self.key.feed == Feed::Maximum {
                     return Area { low: [0, 0], high: extent };
                 }
                 let of = |batch: Option<usize>| batch.and_then(|b| reached.get(b)).copied().unwrap_or_default();
@@ -104,7 +104,7 @@ impl Shading {
                 previous: f32::from(u8::from(batch > 0 && drawn[batch as usize - 1])),
                 current: f32::from(u8::from(drawn[batch as usize])),
                 margin: target.plan.margin() as i32,
-                clear: table.clear,
+                invisible: table.invisible,
                 lookup: table.lookup,
                 low: areas[batch as usize].low,
                 high: areas[batch as usize].high,
@@ -136,7 +136,7 @@ impl Shading {
             batches,
             drawn,
             areas,
-            base_is_clear,
+            base_is_invisible,
             groups,
             resolve,
             workgroups: target.extent().map(|side| side.div_ceil(8)),
@@ -151,7 +151,7 @@ impl Shaded<'_> {
         let index = batch as usize;
         let before = index.checked_sub(1).is_some_and(|before| self.drawn[before]);
         // Places that no splat reaches hold the base: it may show, and be the largest value of a ray.
-        if !before && !self.drawn[index] && self.base_is_clear && self.stage.key.feed != Feed::Maximum {
+        if !before && !self.drawn[index] && self.base_is_invisible && self.stage.key.feed != Feed::Maximum {
             return;
         }
         let offsets = [self.batches.offset(batch)];

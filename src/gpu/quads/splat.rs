@@ -109,7 +109,7 @@ impl Splatting {
             Binding::Uniform,
         ];
         let layout = layout(context, "splat", wgpu::ShaderStages::VERTEX_FRAGMENT, &slots);
-        let module = module(context, shaders::SPLATTING);
+        let module = module(context, shaders::SPLAT);
         let wipe = (!key.feed.is_scalar()).then(|| wiping(context, key, &module));
         Self { key, pipeline: pipeline(context, key, &module, &layout), wipe, layout }
     }

@@ -1,24 +1,25 @@
-//! The painter `tiles`: compute shaders that follow rays over a raster of the lattice's own, so that rays share what they
-//! know of the kernels, and enlarge it to the picture. Rays skip what is empty and end where they are opaque.
+//! The painter `tiles`: compute shaders that march rays from voxel plane to voxel plane. Rays go through the points of an
+//! intermediate image that is aligned with the lattice, so that they can share the footprints of kernels; the image is
+//! resampled to the picture. Rays skip empty macrocells and end when they are opaque.
 
-mod enlarge;
-mod follow;
-mod look;
+mod axis;
+mod march;
 mod pack;
 mod paint;
 mod parts;
-mod raster;
+mod rays;
+mod resample;
 
 pub(crate) use pack::Packed;
 pub(crate) use paint::ROOM;
 
 use std::sync::Arc;
 
-use enlarge::{Enlarge, IntermediateImage, PICTURE};
-use follow::{Stage, Targets, follow};
+use march::{Stage, Targets, march};
 use pack::{Packer, Voxel};
 use paint::Picture;
-use raster::Spacing;
+use rays::Spacing;
+use resample::{FORMAT, IntermediateImage, Resampler};
 
 use super::context::Context;
 use super::pipeline::{Cached, both};
@@ -31,25 +32,26 @@ use crate::settings::Model;
 #[derive(Default)]
 pub(crate) struct Cache(Cached<TilesKey, Tiles>);
 
-/// The radius of kernels, in voxels, that reach two planes and three texels of a row.
+/// The largest radius of kernels, in voxels, that reach at most two planes and three texels of a row.
 const MAX_RADIUS: f64 = 2.0;
-/// That of kernels of classified voxels along parallel rays, which may reach farther.
+/// The largest radius of kernels of classified voxels along parallel rays: their shader reads more planes and texels.
 const MAX_PARALLEL_RADIUS: f64 = 3.0;
 
-/// How far straight rays may move across the volume, in voxels.
+/// How far rays may move across the volume, in voxels, and still count as straight: 1e-4 of a voxel changes a footprint by
+/// about 1e-4 of its peak.
 const STRAIGHT: f64 = 1e-4;
 
-/// Which rays are followed.
+/// Which rays are marched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-enum Rays {
+enum RayKind {
     /// Those of the pixels.
     #[default]
     Pixels,
-    /// Those of the pixels, which run along m.
+    /// Those of the pixels, which run along the principal axis.
     Straight,
-    /// Each on its own through a coarser raster, that is enlarged.
+    /// Through an intermediate image that is coarser than the picture, each on its own.
     Coarser,
-    /// Eight at a time through the lattice's raster, that is enlarged.
+    /// Through an intermediate image that is aligned with the lattice, eight at a time.
     Shared,
 }
 
@@ -60,7 +62,7 @@ pub(crate) struct TilesKey {
     voxel: Voxel,
     lights: u32,
     perspective: bool,
-    rays: Rays,
+    rays: RayKind,
     /// Terms of the footprint's polynomial.
     terms: u32,
     /// Texels of a row of voxels that kernels reach.
@@ -72,7 +74,8 @@ pub(crate) struct Tiles {
     packer: Packer,
     skip: Stage,
     gather: Stage,
-    enlarge: Option<Enlarge>,
+    /// If rays do not go through pixels.
+    resample: Option<Resampler>,
 }
 
 impl Tiles {
@@ -82,11 +85,11 @@ impl Tiles {
             (
                 packer,
                 Stage::skip(context, key),
-                matches!(key.rays, Rays::Coarser | Rays::Shared).then(|| Enlarge::new(context)),
+                matches!(key.rays, RayKind::Coarser | RayKind::Shared).then(|| Resampler::new(context)),
             )
         };
-        let (gather, (packer, skip, enlarge)) = both(context, || Stage::gather(context, key), rest)?;
-        Ok(Self { packer, skip, gather, enlarge })
+        let (gather, (packer, skip, resample)) = both(context, || Stage::gather(context, key), rest)?;
+        Ok(Self { packer, skip, gather, resample })
     }
 
     /// Records the rays of a picture in a region.
@@ -96,44 +99,44 @@ impl Tiles {
         picture: &Picture<'_>,
         packed: &[Arc<Packed>],
         region: Region,
-    ) -> Result<Followed> {
+    ) -> Result<Marched> {
         let context = recorder.context;
         let pixels = context.pixels("tiles.pixels", [region.width, region.height])?;
         let uniform = wgpu::BufferUsages::UNIFORM;
         let lighting = context.upload("gather.lighting", bytemuck::bytes_of(&picture.lighting), uniform)?;
-        let (mut rays, mut spacing) = (0, None);
+        let (mut count, mut spacing) = (0, None);
         let mut image: Option<IntermediateImage> = None;
-        for (look, packed) in picture.looks.iter().zip(packed) {
-            let Some(mut raster) = picture.raster(look, region) else { continue };
-            raster.uniforms.density_scale /= packed.scale as f32;
-            let [width, height] = raster.uniforms.size;
-            // Of several looks each follows its own of the same rays.
-            (rays, spacing) = (u64::from(width) * u64::from(height), Some(raster.spacing));
-            let frame = context.upload("raster", bytemuck::bytes_of(&raster.uniforms), uniform)?;
-            // All looks share one intermediate image.
+        for (axis, packed) in picture.axes.iter().zip(packed) {
+            let Some(mut rays) = picture.rays(axis, region) else { continue };
+            rays.uniforms.density_scale /= packed.scale as f32;
+            let [width, height] = rays.uniforms.size;
+            // Several axes share one set of rays, and each ray is marched along one of them.
+            (count, spacing) = (u64::from(width) * u64::from(height), Some(rays.spacing));
+            let buffer = context.upload("rays", bytemuck::bytes_of(&rays.uniforms), uniform)?;
+            // All axes share one intermediate image.
             let image = image.get_or_insert_with(|| {
-                let size = if self.enlarge.is_some() { [width, height] } else { [1, 1] };
-                let pictures = [0, 1].map(|_| texture(context, "gather.picture", PICTURE, size));
-                IntermediateImage { frame: frame.clone(), size, pictures }
+                let size = if self.resample.is_some() { [width, height] } else { [1, 1] };
+                let textures = [0, 1].map(|_| texture(context, "gather.intermediate", FORMAT, size));
+                IntermediateImage { rays: buffer.clone(), size, textures }
             });
             let targets = Targets {
-                frame: &frame,
-                picture: &image.pictures[0],
+                rays: &buffer,
+                intermediate: &image.textures[0],
                 pixels: &pixels,
                 lighting: &lighting,
                 transfer: picture.job.transfer,
             };
-            follow(recorder, &self.skip, &self.gather, packed, &raster.uniforms, &targets);
+            march(recorder, &self.skip, &self.gather, packed, &rays.uniforms, &targets);
         }
-        if let (Some(stage), Some(image)) = (&self.enlarge, &image) {
+        if let (Some(stage), Some(image)) = (&self.resample, &image) {
             stage.run(recorder, image, &pixels, [region.width, region.height]);
         }
-        Ok(Followed { pixels, rays, spacing })
+        Ok(Marched { pixels, rays: count, spacing })
     }
 }
 
-/// A region whose rays were followed.
-struct Followed {
+/// A region whose rays have been marched.
+struct Marched {
     /// Premultiplied RGBA, f32.
     pixels: wgpu::Buffer,
     rays: u64,

@@ -5,13 +5,13 @@ use std::ops::Range;
 use bytemuck::Zeroable;
 
 use super::super::context::Context;
-use super::super::layout::{CELL, Lighting, MARGIN, Pack};
+use super::super::layout::{Lighting, MACROCELL, MARGIN, Pack};
 use super::super::pipeline::{Binding, bind, compute, flag, layout, module, texture_view};
 use super::super::recorder::Recorder;
 use super::super::scan::WORKGROUP;
 use super::super::shaders;
 use super::super::store::Store;
-use super::look::unordered;
+use super::axis::unordered;
 use crate::error::Result;
 
 /// What is packed of a voxel.
@@ -102,7 +102,7 @@ impl Packing {
         let width = (columns * column + u64::from(MARGIN)).next_multiple_of(align);
         let height = u64::from(m).div_ceil(columns) * rows + 1;
         let fits = width <= most && height <= most && width * height * voxel.texel() <= MAX_BYTES;
-        let cells = dims.map(|n| n.div_ceil(CELL)).iter().all(|&n| n <= context.limits.max_texture_dimension_3d);
+        let cells = dims.map(|n| n.div_ceil(MACROCELL)).iter().all(|&n| n <= context.limits.max_texture_dimension_3d);
         (fits && cells).then_some(Self {
             voxel,
             axes,
@@ -231,7 +231,7 @@ impl Packer {
             None => volume,
         };
         let [width, height] = packing.size.map(u64::from);
-        let cells: u64 = packing.dims.iter().map(|&n| u64::from(n.div_ceil(CELL))).product();
+        let cells: u64 = packing.dims.iter().map(|&n| u64::from(n.div_ceil(MACROCELL))).product();
         Ok(Packed {
             packing,
             source: stores.first().map(|store| store.splats.clone()),
@@ -259,7 +259,7 @@ impl Packer {
         let occupied = context.texture(
             "pack.occupied",
             wgpu::TextureFormat::R32Uint,
-            packing.dims.map(|n| n.div_ceil(CELL)),
+            packing.dims.map(|n| n.div_ceil(MACROCELL)),
             wgpu::TextureDimension::D3,
             wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
         );

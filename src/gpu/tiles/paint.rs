@@ -7,11 +7,11 @@ use super::super::layout;
 use super::super::painter::{Begun, Job, Painted, Painting, Room};
 use super::super::recorder::Recorder;
 use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights};
-use super::look::Look;
+use super::axis::PrincipalAxis;
 use super::pack::{Lit, Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections};
-use super::raster::{self, Classification, Raster, Spacing};
-use super::{MAX_PARALLEL_RADIUS, MAX_RADIUS, Rays, STRAIGHT, Tiles, TilesKey};
+use super::rays::{Classification, FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
+use super::{MAX_PARALLEL_RADIUS, MAX_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
 use crate::kernel::Kernel;
 use crate::settings::{Model, Painter, Resolution, Settings};
@@ -76,8 +76,8 @@ pub(super) struct Picture<'a> {
     footprint: Footprint,
     sections: Sections,
     pub(super) lighting: layout::Lighting,
-    /// The ways in which rays follow the lattice, and the volume as each reads it.
-    pub(super) looks: Vec<(Look, Packing)>,
+    /// The principal axes that rays are marched along, and the volume as each of them reads it.
+    pub(super) axes: Vec<(PrincipalAxis, Packing)>,
     packed: Option<Vec<Arc<Packed>>>,
     rays: u64,
     spacing: Option<Spacing>,
@@ -98,90 +98,90 @@ impl<'a> Picture<'a> {
         };
         let dims = view.grid.dims().map(|n| n + 2 * job.padding);
         let whole = !shows_nothing_else(&job);
-        let looks = Look::all(&view.camera, &view.grid, view.camera.size);
-        let packings = looks.iter().map(|look| Packing::new(context, stores, dims, whole, look.axes, voxel));
+        let axes = PrincipalAxis::all(&view.camera, &view.grid, view.camera.size);
+        let packings = axes.iter().map(|axis| Packing::new(context, stores, dims, whole, axis.axes, voxel));
         let packings: Option<Vec<Packing>> = packings.collect();
         let packings = packings.ok_or("tiles packs the volume into a texture, which this volume outgrows")?;
-        let sections = Sections::new(&kernel, &view.camera, &looks, transfer.is_some());
-        let looks = looks.into_iter().zip(packings).collect();
+        let sections = Sections::new(&kernel, &view.camera, &axes, transfer.is_some());
+        let axes = axes.into_iter().zip(packings).collect();
         let lighting = view.lighting(settings.lighting.as_ref());
-        Ok(Self { job, kernel, footprint, sections, lighting, looks, packed: None, rays: 0, spacing: None })
+        Ok(Self { job, kernel, footprint, sections, lighting, axes, packed: None, rays: 0, spacing: None })
     }
 
     fn key(&self) -> TilesKey {
-        let [look, ..] = self.looks.as_slice() else { return TilesKey::default() };
-        let (_, packing) = look;
+        let [axis, ..] = self.axes.as_slice() else { return TilesKey::default() };
+        let (_, packing) = axis;
         let Job { view, settings, .. } = self.job;
         let [width, height] = view.camera.size;
-        let raster = self.raster(look, Region { x: 0, y: 0, width, height });
+        let rays = self.rays(axis, Region { x: 0, y: 0, width, height });
         TilesKey {
             model: settings.model,
             voxel: packing.voxel,
             lights: settings.light_count(),
             perspective: view.is_perspective(),
             terms: self.footprint.terms(),
-            texels: match raster.map_or(0.0, |r| r.uniforms.row_half) {
+            texels: match rays.map_or(0.0, |r| r.uniforms.row_half) {
                 // Rays through one eye that lean along a as much as along m reach over seven voxels.
                 _ if view.is_perspective() => 4,
                 half if half < 2.5 => 3,
                 half if half < 3.5 => 4,
                 _ => 5,
             },
-            rays: match raster.map(|r| r.spacing) {
-                Some(Spacing::Voxel(_)) => Rays::Shared,
-                Some(Spacing::Pixels(1.0)) if self.is_straight(look) => Rays::Straight,
-                Some(Spacing::Pixels(1.0)) | None => Rays::Pixels,
-                Some(Spacing::Pixels(_)) => Rays::Coarser,
+            rays: match rays.map(|r| r.spacing) {
+                Some(Spacing::Voxel(_)) => RayKind::Shared,
+                Some(Spacing::Pixels(1.0)) if self.is_straight(axis) => RayKind::Straight,
+                Some(Spacing::Pixels(1.0)) | None => RayKind::Pixels,
+                Some(Spacing::Pixels(_)) => RayKind::Coarser,
             },
         }
     }
 
     /// Whether rays run along m so closely that they meet all planes at the same place.
-    fn is_straight(&self, (look, packing): &(Look, Packing)) -> bool {
+    fn is_straight(&self, (axis, packing): &(PrincipalAxis, Packing)) -> bool {
         !self.job.view.is_perspective()
             && self.kernel.radius() <= MAX_RADIUS
-            && look.shear().abs().max_element() * f64::from(packing.dims[2]) < STRAIGHT
+            && axis.shear().abs().max_element() * f64::from(packing.dims[2]) < STRAIGHT
     }
 
     /// Whether software draws the picture faster by quads.
     fn is_better_by_quads(&self) -> bool {
         let [width, height] = self.job.view.camera.size.map(u64::from);
         self.job.settings.model == Model::Xray
-            && matches!(self.key().rays, Rays::Pixels | Rays::Straight)
+            && matches!(self.key().rays, RayKind::Pixels | RayKind::Straight)
             && PIXELS_PER_QUAD * self.job.splats() < width * height
     }
 
-    /// Whether `packed` holds the splats of this picture in the layout of a look.
-    fn serves(&self, look: usize, packed: &Packed) -> bool {
+    /// Whether `packed` holds the splats of this picture in the layout of a axis.
+    fn serves(&self, axis: usize, packed: &Packed) -> bool {
         let source = self.job.stores.first().map(|store| &store.splats);
-        self.looks[look].1 == packed.packing && source == packed.source.as_ref()
+        self.axes[axis].1 == packed.packing && source == packed.source.as_ref()
     }
 
-    /// Whether `packed`, made for an earlier picture, can be reused by a look: as [`Self::serves`], and no light is baked
+    /// Whether `packed`, made for an earlier picture, can be reused by a axis: as [`Self::serves`], and no light is baked
     /// into its colours, which may come from the eye.
     fn is_reusable(&self, packed: &Packed) -> bool {
         let lit = matches!(packed.packing.voxel, Voxel::Color { lights: 1.. });
-        !lit && (0..self.looks.len()).any(|look| self.serves(look, packed))
+        !lit && (0..self.axes.len()).any(|axis| self.serves(axis, packed))
     }
 
-    /// The splats as each look reads them: those that the scene holds from a picture before, or packed now.
+    /// The splats as each axis reads them: those that the scene holds from a picture before, or packed now.
     fn pack(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles) -> Result<Vec<Arc<Packed>>> {
         let mut held = self.job.scene.packed();
         // Drop unusable packings first, so that old and new are never in memory together.
         held.retain(|packed| self.is_reusable(packed));
         let mut packed: Vec<Arc<Packed>> = Vec::new();
-        for look in 0..self.looks.len() {
-            let served = packed.iter().chain(held.iter()).find(|packed| self.serves(look, packed)).map(Arc::clone);
+        for axis in 0..self.axes.len() {
+            let served = packed.iter().chain(held.iter()).find(|packed| self.serves(axis, packed)).map(Arc::clone);
             packed.push(match served {
                 Some(packed) => packed,
-                None => self.pack_for(recorder, pipelines, look)?,
+                None => self.pack_for(recorder, pipelines, axis)?,
             });
         }
         held.clone_from(&packed);
         Ok(packed)
     }
 
-    fn pack_for(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles, look: usize) -> Result<Arc<Packed>> {
+    fn pack_for(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles, axis: usize) -> Result<Arc<Packed>> {
         let Job { view, stores, weights, .. } = self.job;
         let camera = &view.camera;
         let eye = camera.eye().unwrap_or(camera.target);
@@ -192,40 +192,37 @@ impl<'a> Picture<'a> {
             eye: view.grid.to_lattice().transform_point3(eye).as_vec3().to_array(),
             view: [0, 1, 2].map(|i| axes.map(|axis| axis.dot(to_world.col(i)) as f32)),
         };
-        let (_, packing) = self.looks[look];
+        let (_, packing) = self.axes[axis];
         Ok(Arc::new(pipelines.packer.run(recorder, stores, packing, &lit, weights.max)?))
     }
 
-    pub(super) fn raster(&self, (look, packing): &(Look, Packing), region: Region) -> Option<Raster> {
+    pub(super) fn rays(&self, (axis, packing): &(PrincipalAxis, Packing), region: Region) -> Option<Rays> {
         let Job { view, settings, weights, transfer, padding, .. } = self.job;
         let scalars = transfer.map(|table| Classification {
-            clear: table.clear,
+            invisible: table.invisible,
             lookup: table.lookup,
             // Slabs of scalars are half a plane thick.
-            samples: settings.samples_per_slab(look.slab_voxels() / 2.0),
-            everything: !shows_nothing_else(&self.job),
+            samples: settings.samples_per_slab(axis.slab_voxels() / 2.0),
+            skip_nothing: !shows_nothing_else(&self.job),
         });
         let divisor = settings.normalization.divisor(&settings.kernel) * view.max_growth().powi(3);
-        let subject = raster::Subject {
+        let setup = RaySetup {
             camera: &view.camera,
-            grid: &view.grid,
             size: view.camera.size,
-            kernel: self.kernel,
-            footprint: &self.footprint,
-            packing: *packing,
-            padding,
-            density_scale: 1.0 / (divisor * weights.unit),
-            opaque_depth: view.opaque_depth,
+            volume: PackedBox { grid: &view.grid, packing: *packing, padding },
+            kernel: FittedKernel { kernel: self.kernel, footprint: &self.footprint, sections: &self.sections },
+            optics: Optics {
+                density_scale: 1.0 / (divisor * weights.unit),
+                opaque_depth: view.opaque_depth,
+                max_depth: weights.max * axis.voxel() / weights.unit,
+            },
             scalars,
-            sections: &self.sections,
-            max_depth: weights.max * look.voxel() / weights.unit,
-            // What is classified has edges that no raster but the picture's own keeps; rays that are shared reach two
-            // voxels.
-            full: settings.tiles().resolution == Resolution::Full
+            // What is classified has edges that only the rays of pixels keep; rays that are shared reach two voxels.
+            ray_per_pixel: settings.tiles().resolution == Resolution::Full
                 || scalars.is_some()
                 || self.kernel.radius() > MAX_RADIUS,
         };
-        Raster::new(&subject, look, region)
+        Rays::new(&setup, axis, region)
     }
 
     fn pipelines(&self) -> Result<Arc<Tiles>> {
@@ -236,12 +233,12 @@ impl<'a> Picture<'a> {
 
 /// Whether places without splats, at the transfer function's base, show nothing.
 fn shows_nothing_else(job: &Job<'_>) -> bool {
-    job.transfer.is_none_or(|table| table.clear[0] <= table.clear[1])
+    job.transfer.is_none_or(|table| table.invisible[0] <= table.invisible[1])
 }
 
 impl Painting for Picture<'_> {
     fn is_empty(&self) -> bool {
-        self.looks.is_empty() || self.job.stores.is_empty() && shows_nothing_else(&self.job)
+        self.axes.is_empty() || self.job.stores.is_empty() && shows_nothing_else(&self.job)
     }
 
     fn pixel_bytes(&self) -> u32 {
@@ -259,11 +256,11 @@ impl Painting for Picture<'_> {
             Some(packed) => packed,
             None => self.pack(recorder, &pipelines)?,
         };
-        let followed = pipelines.draw(recorder, self, &packed, region)?;
+        let marched = pipelines.draw(recorder, self, &packed, region)?;
         self.packed = Some(packed);
-        self.rays += followed.rays;
-        self.spacing = followed.spacing.or(self.spacing);
-        Ok(Painted { pixels: followed.pixels, margin: 0 })
+        self.rays += marched.rays;
+        self.spacing = marched.spacing.or(self.spacing);
+        Ok(Painted { pixels: marched.pixels, margin: 0 })
     }
 
     fn footprint_error(&self) -> f64 {
@@ -273,9 +270,9 @@ impl Painting for Picture<'_> {
     fn stats(&self) -> PainterStats {
         let per_plane = if self.job.transfer.is_some() { 2 } else { 1 };
         let (slabs, slab_thickness) = self
-            .looks
+            .axes
             .first()
-            .map_or((0, 0.0), |(look, packing)| (packing.dims[2] * per_plane, look.slab() / f64::from(per_plane)));
+            .map_or((0, 0.0), |(axis, packing)| (packing.dims[2] * per_plane, axis.slab() / f64::from(per_plane)));
         PainterStats::Tiles(TilesStats {
             slabs,
             slab_thickness,

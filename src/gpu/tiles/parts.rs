@@ -1,15 +1,16 @@
-//! Kernels as rays see them: their footprints, and the parts of these in slabs.
+//! Kernels as rays evaluate them: the footprint as a polynomial, and its parts in the slabs around a kernel as linear or
+//! quadratic functions.
 
 use glam::{DMat3, DVec3};
 
 use super::super::layout;
-use super::look::Look;
+use super::axis::PrincipalAxis;
 use crate::camera::{Camera, Projection};
 use crate::kernel::{Kernel, footprint_polynomial, section};
 
-/// Terms of the footprint's polynomial: the fewer where they do.
+/// Terms of the footprint's polynomial: the first of these that is accurate enough.
 const TERMS: [usize; 2] = [6, 8];
-/// The most that it may err by, as a fraction of the footprint's peak.
+/// The largest error of the polynomial, as a fraction of the footprint's peak: 1/80 of a step of 8-bit colour.
 const FOOTPRINT_ERROR: f64 = 5e-5;
 
 /// The footprint of a kernel as a polynomial.
@@ -21,7 +22,7 @@ pub(super) struct Footprint {
 }
 
 impl Footprint {
-    /// `None` where the terms there are do not do.
+    /// `None` if the largest number of terms is not accurate enough.
     pub(super) fn new(kernel: &Kernel) -> Option<Self> {
         let fits = TERMS.map(|terms| footprint_polynomial(kernel, terms));
         let (coefficients, error) = fits.into_iter().find(|(_, error)| *error <= FOOTPRINT_ERROR)?;
@@ -33,46 +34,53 @@ impl Footprint {
     }
 }
 
-/// The parts of kernels in slabs, as all rays of a picture need them: the same for every look and region of it.
+/// The parts of kernels in slabs for every ray of a picture: `Rays::sections` of the shaders.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sections(pub(super) [[[f32; 4]; 3]; layout::SECTIONS]);
 
 impl Sections {
-    pub(super) fn new(kernel: &Kernel, camera: &Camera, looks: &[Look], scalars: bool) -> Self {
-        Self(match (camera.projection, looks) {
-            (Projection::Orthographic { .. }, [look, ..]) => {
-                [sections(kernel, look.direction, scalars); layout::SECTIONS]
+    pub(super) fn new(kernel: &Kernel, camera: &Camera, axes: &[PrincipalAxis], scalars: bool) -> Self {
+        Self(match (camera.projection, axes) {
+            (Projection::Orthographic { .. }, [axis, ..]) => {
+                [sections(kernel, axis.direction, scalars); layout::SECTIONS]
             }
             _ => std::array::from_fn(|step| section_step(step, kernel, scalars)),
         })
     }
 }
 
-/// A step of the table of sections: those of any direction that leans so far, with s in units of that. So they are smooth
-/// towards rays along m, which meet all kernels of a plane at s = 0.
+/// An entry of the table of sections: those of every ray whose shear has this length, its lean, with s in units of the lean.
+/// In this unit the coefficients change smoothly towards rays along m, which meet all kernels of a plane at s = 0.
 fn section_step(step: usize, kernel: &Kernel, scalars: bool) -> [[f32; 4]; 3] {
+    // Rays along m have no fit over s. The entry for them is that of a lean of 1e-3: in units of the lean, which s is twice
+    // at most, its linear terms are below 4e-4 of the footprint, and 0 is their limit.
     let lean = (std::f64::consts::SQRT_2 * step as f64 / (layout::SECTIONS - 1) as f64).max(1e-3);
     let [x, y, z] = sections(kernel, DVec3::new(0.0, lean, 1.0).normalize(), scalars);
     let lean = lean as f32;
     [x, y.map(|c| c * lean), z.map(|c| c * lean * lean)]
 }
 
-/// The parts of a kernel in the slabs before its middle, as the least squares fit over where rays can meet its plane: for
-/// each slab, by its number, footprint times x + y s, with scalars + z s^2; s is the place of its centre along the ray.
+/// The parts of a kernel in the slabs before its centre, as fractions of its footprint: x + y s for colours, x + y s + z s^2
+/// for scalars. s is the place of its centre along the ray, from where the ray meets its plane; lengths are in voxels. The
+/// fit is that of least squares over all places of the plane in which a ray meets the kernel.
 ///
-/// Slabs are a plane thick, with a plane in their middle, those of scalars half as thick between planes.
+/// A slab of colours is a plane thick and has its plane in the middle. A slab of scalars is half a plane thick and lies
+/// between two planes or half planes.
+///
+/// Returned are x, y and z, each for up to four slabs.
 fn sections(kernel: &Kernel, direction: DVec3, scalars: bool) -> [[f32; 4]; 3] {
-    /// Places along a side of the square that is looked at.
+    /// Places along each side of the square around the ray: more change the fractions by less than 1e-3.
     const SIDE: i32 = 25;
     let radius = kernel.radius();
     let reach = radius / direction.z;
-    // Planes where slabs begin and end: of scalars the first one first, of colours the nearest.
+    // Where slabs begin and end along m, from the kernel's plane. Of scalars the foremost slab is first, of colours the one next
+    // to the kernel's own: shaders/common/rays.wgsl expects them so.
     let slabs: &[[f64; 2]] = if scalars {
         &[[-2.0, -1.5], [-1.5, -1.0], [-1.0, -0.5], [-0.5, 0.0]]
     } else {
         &[[-1.5, -0.5], [-2.5, -1.5], [-3.5, -2.5]]
     };
-    // Powers of s that are told apart: rays along m meet all kernels of a plane at s = 0.
+    // Powers of s that are fitted: only s^0 for rays along m, which meet all kernels of a plane at s = 0.
     let terms = if direction.z > 1.0 - 1e-9 {
         1
     } else if scalars {
@@ -80,7 +88,7 @@ fn sections(kernel: &Kernel, direction: DVec3, scalars: bool) -> [[f32; 4]; 3] {
     } else {
         2
     };
-    // Sums of squares of the footprint times powers of s, and of these times each part.
+    // The normal equations: sums of products of the footprint times powers of s, and of these times each part.
     let mut normal = DMat3::ZERO;
     let mut parts = [DVec3::ZERO; 4];
     for i in 0..SIDE {
@@ -99,7 +107,7 @@ fn sections(kernel: &Kernel, direction: DVec3, scalars: bool) -> [[f32; 4]; 3] {
             }
         }
     }
-    // Powers that are not fitted are left out of the equations.
+    // A power that is not fitted gets the equation `coefficient = 0`.
     for unused in terms..3 {
         let axis = DVec3::AXES[unused];
         let keep = DVec3::ONE - axis;

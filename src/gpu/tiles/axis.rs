@@ -1,32 +1,37 @@
-//! The ways in which rays follow a lattice.
+//! The principal viewing axes of a picture: the lattice axes that its rays run along most closely (Lacroute and Levoy 1994,
+//! "Fast volume rendering using a shear-warp factorization of the viewing transformation").
 
 use glam::{DVec2, DVec3};
 
 use crate::camera::{Camera, Projection};
 use crate::volume::Grid;
 
-/// How far beyond the picture, in halves of its width and height, looks are those of rays.
-pub(super) const BEYOND: f64 = 0.25;
-/// Component along a of unit vectors of rays that the shaders' rows of six voxels, of which the first may begin one too
-/// early, hold: kernels reach less than 2.5 voxels along a row, 2 / sqrt(1 - a^2), up to 0.6.
+/// The margin around the picture, as a fraction of half its size, for whose rays axes are found too: coarse intermediate
+/// images reach beyond the picture.
+pub(super) const RAY_MARGIN: f64 = 0.25;
+/// The largest component along a of a ray's unit vector. The shaders read six voxels of a row, and the first of them may
+/// lie one voxel too early. So kernels, with a radius of 2 voxels, may reach 2.5 voxels along a row at most: 2 / sqrt(1 -
+/// a^2) < 2.5 if a < 0.6.
 const MAX_LEAN: f64 = 0.599;
 
-/// How rays look at a lattice: along the axis m that they follow most.
+/// A principal viewing axis, called m: the lattice axis that rays run along most closely.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Look {
-    /// Numbers of the lattice axes a, b and m. Of the two across, a is the first that rays do not lean to too much: the
-    /// same in most pictures of a turning volume, so that few pack it anew.
+pub(super) struct PrincipalAxis {
+    /// Numbers of the lattice axes a, b and m. a is the first of the two across along which rays lean little enough (see
+    /// `MAX_LEAN`). It is the same in most pictures of a turning volume, so few of them pack the volume anew.
     pub(super) axes: [usize; 3],
-    /// Whether they run against m.
+    /// Whether rays run against m.
     pub(super) flipped: bool,
-    /// Unit vector in (a, b, m), m as they run along it; of rays through one eye that of a ray in their middle.
+    /// Unit vector of a ray in (a, b, m), its component along m positive. Of rays through one eye it is that of a ray in the
+    /// middle of those that run along m.
     pub(super) direction: DVec3,
-    /// World length per lattice length along it.
+    /// World length per lattice length along that ray.
     stretch: f64,
 }
 
-impl Look {
-    /// The looks of a picture: one of parallel rays; of rays through one eye those that any pixel's ray has.
+impl PrincipalAxis {
+    /// The axes of a picture: one of parallel rays; of rays through one eye every axis and direction that some ray runs
+    /// along most closely.
     pub(super) fn all(camera: &Camera, grid: &Grid, size: [u32; 2]) -> Vec<Self> {
         let to_lattice = grid.to_lattice().matrix3;
         let Projection::Perspective { tan_half_fov, .. } = camera.projection else {
@@ -39,17 +44,19 @@ impl Look {
         let forward = to_lattice * camera.forward;
         let ways = (0..3).flat_map(|m| [(m, false), (m, true)]);
         ways.filter_map(|(m, flipped)| {
-            // The part of the picture whose rays follow m that way most: where m's component is larger than any other.
+            // The part of the picture, in halves of its width and height, whose rays run along m most closely in this
+            // direction: their component along m is larger than any other.
             let sign = if flipped { -1.0 } else { 1.0 };
-            let edge = 1.0 + BEYOND;
+            let edge = 1.0 + RAY_MARGIN;
             let mut part = vec![(-edge, -edge), (edge, -edge), (edge, edge), (-edge, edge)];
             for other in (0..3).filter(|&other| other != m) {
                 for against in [1.0, -1.0] {
-                    // Ties are followed along both, whatever rounding makes of them.
+                    // Rays that run along two axes alike are marched along both, whatever rounding makes of the tie.
                     let lead = |d: DVec3| sign * d[m] - against * d[other] + 1e-5 * d.length();
                     part = clipped(&part, |(x, y)| lead(forward + right * x + up * y));
                 }
             }
+            // The ray in the middle of that part stands for all of them.
             let count = part.len() as f64;
             let (x, y) = part.iter().fold((0.0, 0.0), |(x, y), p| (x + p.0 / count, y + p.1 / count));
             let world = (1.0 + (tan_half_fov * tan_half_fov) * (x * x * aspect * aspect + y * y)).sqrt();
@@ -58,7 +65,7 @@ impl Look {
         .collect()
     }
 
-    /// Along m, of rays around one of that lattice direction and world length.
+    /// The axis m for rays around one, given as a lattice vector and its world length.
     fn along(m: usize, flipped: bool, ray: DVec3, world: f64) -> Self {
         let unit = ray.normalize();
         let (i, j) = [(1, 2), (0, 2), (0, 1)][m];
@@ -71,7 +78,7 @@ impl Look {
         }
     }
 
-    /// How far rays move along a and b from plane to plane.
+    /// How many voxels rays move along a and b from plane to plane.
     pub(super) fn shear(&self) -> DVec2 {
         DVec2::new(self.direction.x, self.direction.y) / self.direction.z
     }
@@ -81,24 +88,24 @@ impl Look {
         self.stretch
     }
 
-    /// World distance of two voxel planes along a ray: the thickness of a slab.
+    /// World distance between two voxel planes along a ray.
     pub(super) fn slab(&self) -> f64 {
         self.stretch / self.direction.z
     }
 
-    /// That distance in voxels.
+    /// The same in voxels.
     pub(super) fn slab_voxels(&self) -> f64 {
         1.0 / self.direction.z
     }
 
-    /// What is given along the axes of the lattice, along a, b and m as rays run along it.
+    /// A vector along the axes of the lattice as one along a, b and m, m in the direction of rays.
     pub(super) fn ordered(&self, v: DVec3) -> DVec3 {
         let [a, b, m] = self.axes;
         DVec3::new(v[a], v[b], if self.flipped { -v[m] } else { v[m] })
     }
 }
 
-/// What is given along a, b and m, along the axes of the lattice.
+/// Values along a, b and m as values along the axes of the lattice.
 pub(super) fn unordered(axes: [usize; 3], values: [u32; 3]) -> [u32; 3] {
     let mut result = [0; 3];
     for (axis, value) in axes.into_iter().zip(values) {
@@ -107,7 +114,8 @@ pub(super) fn unordered(axes: [usize; 3], values: [u32; 3]) -> [u32; 3] {
     result
 }
 
-/// The part of a convex polygon where a linear function is not negative (Sutherland and Hodgman 1974).
+/// The part of a convex polygon in which a linear function is not negative (Sutherland and Hodgman 1974, "Reentrant polygon
+/// clipping").
 fn clipped(polygon: &[(f64, f64)], value: impl Fn((f64, f64)) -> f64) -> Vec<(f64, f64)> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (i, &p) in polygon.iter().enumerate() {
@@ -129,17 +137,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn looks_are_those_of_pixels() {
+    fn axes_are_those_of_the_rays_of_pixels() {
         let grid = Grid::new([8, 8, 8], glam::DAffine3::IDENTITY).unwrap();
         let count = |fov, azimuth, elevation| {
             let projection = crate::camera::ProjectionKind::Perspective { fov };
             let view = crate::camera::View { projection, azimuth, elevation, ..crate::camera::View::default() };
-            Look::all(&Camera::new(&view, &grid, [64, 48]).unwrap(), &grid, [64, 48]).len()
+            PrincipalAxis::all(&Camera::new(&view, &grid, [64, 48]).unwrap(), &grid, [64, 48]).len()
         };
         assert_eq!(count(30.0, 0.0, 0.0), 1);
         assert_eq!(count(30.0, 45.0, 0.0), 2);
         assert_eq!(count(30.0, 45.0, 35.26), 3);
-        // Around the front all sides, but not the back.
+        // In a wide picture from the front rays run along every axis in both directions, but not backwards.
         assert_eq!(count(120.0, 0.0, 0.0), 5);
     }
 }

@@ -1,21 +1,22 @@
-// The ray of a pixel, and where it is inside the box of the volume.
+// The ray of a pixel of the painter `quads`, and the part of it that is inside the box of the volume.
 
 override PERSPECTIVE: bool = false;
 
-struct Ray {
-    // Plane coordinates.
+struct PixelRay {
+    // Plane coordinates: see common/frame.wgsl.
     plane: vec2f,
-    // View depths between which the ray is in front of the eye and inside the box; none where x >= y.
+    // View depths between which the ray is in front of the eye and inside the box; nothing is if x >= y.
     inside: vec2f,
     // World length along the ray per unit of view depth.
     stretch: f32,
 }
 
-fn ray_of(pixel: vec2u) -> Ray {
+fn pixel_ray(pixel: vec2u) -> PixelRay {
     let plane = (vec2f(pixel) + 0.5) * frame.pixel_scale + frame.pixel_offset;
     // Lattice coordinates from the middle of the box: start + direction * view depth.
     var direction = frame.grid_forward;
     var at = plane;
+    // Before every view depth, but not infinite.
     var nearest = -3e38;
     var stretch = 1.0;
     if PERSPECTIVE {
@@ -25,11 +26,13 @@ fn ray_of(pixel: vec2u) -> Ray {
         stretch = sqrt(1.0 + dot(plane, plane));
     }
     let start = frame.grid_right * (at.x - frame.offset_x) + frame.grid_up * (at.y - frame.offset_y);
-    // Slabs (Kay and Kajiya 1986); a component of 0 is replaced by one that leaves the ends far outside.
+    // The ray against the sides of the box (Kay and Kajiya 1986, "Ray tracing complex scenes"). A component of 0 is
+    // replaced by one so small that the ends it gives are far outside.
     let inverse = 1.0 / select(direction, vec3f(1e-20), abs(direction) < vec3f(1e-20));
     let a = (-frame.box_half - start) * inverse;
     let b = (frame.box_half - start) * inverse;
     let near = min(a, b);
     let far = max(a, b);
-    return Ray(plane, vec2f(max(max(near.x, near.y), max(near.z, nearest)), min(far.x, min(far.y, far.z))), stretch);
+    let inside = vec2f(max(max(near.x, near.y), max(near.z, nearest)), min(far.x, min(far.y, far.z)));
+    return PixelRay(plane, inside, stretch);
 }

@@ -1,0 +1,25 @@
+// The march of one ray from voxel plane to voxel plane, run after run. Each stage of rays says what a plane adds to the
+// slabs that are not complete: the struct `Slabs`, the function `feed`, and FLUSH, the planes that are marched after
+// the last of a run until every slab that the run feeds has been composited.
+
+fn march_planes(tile: vec3u, geometry: RayGeometry) -> RayState {
+    let footprints = footprints_of(geometry);
+    var ray = new_ray();
+    for (var slot = 0u; slot < rays.run_slots; slot++) {
+        let run = run_at(tile, slot, ray.depth);
+        if run.y == 0 {
+            break;
+        }
+        let planes = planes_of(run, geometry);
+        var slabs = Slabs();
+        ray.before = vec4f(0.0);
+        ray.slab = vec4f(0.0);
+        for (var plane = planes.x; plane < planes.y + FLUSH; plane++) {
+            feed(&ray, &slabs, gathered(geometry, footprints, plane, planes.y), geometry, plane);
+            if ray.depth > rays.opaque_depth {
+                break;
+            }
+        }
+    }
+    return ray;
+}

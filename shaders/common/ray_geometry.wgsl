@@ -1,0 +1,128 @@
+// What a ray of the painter `tiles` is like, and what it has gathered so far: shared by gather.wgsl and
+// gather_scalars.wgsl.
+
+// Voxels are scalars.
+override SCALARS: bool = false;
+// X-ray: white.
+override WHITE: bool = false;
+
+// What is constant along a ray. Lengths are in voxels unless a name says otherwise; axes (a, b, m) as in
+// common/rays.wgsl.
+struct RayGeometry {
+    // The ray meets plane k at base + k shear.
+    base: vec2f,
+    shear: vec2f,
+    // Unit vector in (a, b, m).
+    direction: vec3f,
+    // World length per lattice length.
+    stretch: f32,
+    // See Rays.
+    footprint_half: vec2f,
+    row_half: f32,
+    row_slope: f32,
+    section: Section,
+    // The planes, as real numbers, between which the ray counts: in front of the eye, and for scalars inside the box.
+    inside: vec2f,
+    // Unit vector to the eye, view coordinates.
+    to_eye: vec3f,
+}
+
+// What a ray has gathered.
+struct RayState {
+    // Premultiplied colour. Of the largest scalar: color.x is the scalar, and color.y is 1 once there is one.
+    color: vec3f,
+    // Optical depth, and exp of minus it.
+    depth: f32,
+    transmittance: f32,
+    // Sums of the last two slabs that are complete: `slab` is composited when the one behind it is complete too.
+    before: vec4f,
+    slab: vec4f,
+}
+
+fn new_ray() -> RayState {
+    return RayState(vec3f(0.0), 0.0, 1.0, vec4f(0.0), vec4f(0.0));
+}
+
+// A distance in planes that is larger than any in a volume and still fits into an i32.
+const FAR: f32 = 1e8;
+
+fn geometry_of(point: vec2u) -> RayGeometry {
+    let line = line_of(point);
+    var geometry = RayGeometry(line.base, line.shear, rays.direction, rays.stretch, rays.footprint_half, rays.row_half,
+        rays.row_slope, rays.sections[0], vec2f(-FAR, FAR), vec3f(0.0, 0.0, -1.0));
+    if PERSPECTIVE {
+        let per_length = inverseSqrt(dot(line.heading, line.heading));
+        let d = line.heading * per_length;
+        let slope = rays.slope_origin + vec2f(point) * rays.slope_step;
+        let slant = sqrt(1.0 + dot(slope, slope));
+        geometry.direction = d;
+        geometry.stretch = slant * per_length;
+        geometry.footprint_half = footprint_half_of(line.shear);
+        let square = 1.0 - d.x * d.x;
+        geometry.row_half = sqrt(rays.radius2 / square);
+        geometry.row_slope = d.x * d.y / square;
+        // A ray along m has lean 0 and meets every kernel at s = 0. 1e-4 is less than the lean changes from one pixel to the
+        // next, and keeps the quotients finite.
+        let lean = max(length(line.shear), 1e-4);
+        // The last step ends just before the last entry, so that step + 1 is an entry.
+        let place = clamp(lean * SECTION_STEPS, 0.0, f32(SECTIONS) - 1.001);
+        let step = u32(place);
+        let low = rays.sections[step];
+        let high = rays.sections[step + 1u];
+        geometry.section.by_m0 = mix(low.by_m0, high.by_m0, place - f32(step));
+        geometry.section.by_m1 = mix(low.by_m1, high.by_m1, place - f32(step)) / lean;
+        geometry.section.by_m2 = mix(low.by_m2, high.by_m2, place - f32(step)) / (lean * lean);
+        geometry.inside.x = rays.eye.z;
+        geometry.to_eye = -vec3f(slope, 1.0) / slant;
+    }
+    if SCALARS {
+        // The ray against the sides of the box (Kay and Kajiya 1986, "Ray tracing complex scenes"). A component of 0 is
+        // replaced by one so small that the ends it gives are far outside.
+        let shear = select(line.shear, vec2f(1e-20), abs(line.shear) < vec2f(1e-20));
+        let a = (rays.box_low.xy - line.base) / shear;
+        let b = (rays.box_high.xy - line.base) / shear;
+        let near = min(a, b);
+        let far = max(a, b);
+        geometry.inside = vec2f(
+            max(max(near.x, near.y), max(rays.box_low.z, geometry.inside.x)),
+            min(min(far.x, far.y), rays.box_high.z),
+        );
+    }
+    return geometry;
+}
+
+// The premultiplied colour of a ray that has ended.
+fn premultiplied(ray: RayState) -> vec4f {
+    let alpha = absorbed(max(ray.depth, 0.0));
+    return vec4f(select(ray.color, vec3f(alpha), WHITE), alpha);
+}
+
+// The point of an invocation's ray, in a tile of 8 x 8 neighbours.
+fn point_of(tile: vec3u, lane: u32) -> vec2u {
+    return tile.xy * 8u + vec2u(lane & 7u, lane >> 3u);
+}
+
+// Run number `slot` of a tile: its first plane, and the one after its last. (0, 0) if there are no more runs, or if the
+// optical depth of the ray makes it opaque.
+fn run_at(tile: vec3u, slot: u32, depth: f32) -> vec2i {
+    let run = vec2i(textureLoad(runs, run_texel(tile, slot), 0).xy);
+    return select(run, vec2i(0), depth > rays.opaque_depth);
+}
+
+fn store_pixel(at: vec2u, value: vec4f) {
+    if all(at < rays.picture) {
+        pixels[at.y * rays.picture.x + at.x] = value;
+    }
+}
+
+// The planes of a run that can matter to a ray: the first, and the one after the last.
+fn planes_of(run: vec2i, geometry: RayGeometry) -> vec2i {
+    let last = min(run.y, rays.voxels.z);
+    if PERSPECTIVE || SCALARS {
+        // 4 planes beyond what counts: kernels reach over 2, the slab next to the last one shapes the curve in it, and
+        // the conversion to i32 cuts off a fraction. One more because the second plane is the one after the last.
+        let near = i32(max(geometry.inside.x, -FAR)) - 4;
+        return vec2i(max(run.x, near), min(last, i32(min(geometry.inside.y, FAR)) + 5));
+    }
+    return vec2i(run.x, last);
+}

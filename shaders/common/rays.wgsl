@@ -1,0 +1,153 @@
+// The rays of the painter `tiles`, and the packed volume that they cross.
+//
+// Lattice axes: m is the principal viewing axis, the one that rays run along most closely; a and b are the other two. a
+// is the first of the two along which rays lean so little that six voxels of a row hold every kernel that reaches a
+// ray. Lengths are in voxels unless a name says otherwise. Voxel planes are numbered front to back along m.
+//
+// A ray meets plane k at base + k shear, in (a, b). Base coordinates are the (a, b) of plane 0. Parallel rays share one
+// shear. Rays through one eye are marched along up to three axes, in either direction, each ray along its own axis.
+//
+// Rays go through the points of the intermediate image (Lacroute and Levoy 1994, "Fast volume rendering using a
+// shear-warp factorization of the viewing transformation"). Its points are the pixels of the picture, or `resample`
+// turns it into the picture.
+
+override PERSPECTIVE: bool = false;
+
+// Entries of the table of sections, at equal steps of the length of a ray's shear. It is 0 for a ray along m and
+// sqrt(2) for a ray that runs along all three axes alike; no marched ray has more.
+const SECTIONS: u32 = 9u;
+const SECTION_STEPS: f32 = 8.0 / 1.4142136;
+
+struct Rays {
+    // Parallel rays: base coordinates of point (0, 0) of the intermediate image, and the steps to its neighbours.
+    origin: vec2f,
+    step_x: vec2f,
+    step_y: vec2f,
+    shear: vec2f,
+    // Parallel rays: unit vector in (a, b, m).
+    direction: vec3f,
+    // Parallel rays: world length per lattice length along the ray.
+    stretch: f32,
+    // Rays through one eye: lattice direction in (a, b, m) of point (0, 0), and the steps to its neighbours.
+    heading: vec3f,
+    // Optical depth per world length and stored density, or scalar per lattice length and stored scalar.
+    density_scale: f32,
+    heading_x: vec3f,
+    // Optical depth at which a ray counts as opaque.
+    opaque_depth: f32,
+    heading_y: vec3f,
+    // Square of the kernel's radius.
+    radius2: f32,
+    // Rays through one eye: the eye, in (a, b) and planes.
+    eye: vec3f,
+    // Parallel rays: in the row of voxels at distance v along b from a ray, the kernels that reach the ray are centred
+    // within row_half of row_slope v along a.
+    row_half: f32,
+    // The box that scalars fill, in (a, b) and planes.
+    box_low: vec3f,
+    row_slope: f32,
+    box_high: vec3f,
+    // Places at which a slab of scalars is classified.
+    samples: u32,
+    // View coordinates of a gradient of 1 along each axis of the lattice.
+    gradient_x: vec3f,
+    // 1 if empty macrocells may not be skipped, otherwise 0.
+    skip_nothing: u32,
+    gradient_y: vec3f,
+    // Runs that a tile has room for.
+    run_slots: u32,
+    gradient_z: vec3f,
+    // 1 if rays run against m, so that plane 0 is the last of the volume, otherwise 0.
+    flipped: i32,
+    // Voxels along a, b and m.
+    voxels: vec3i,
+    // Planes side by side in the volume's texture.
+    columns: i32,
+    // Parallel rays: the kernels of a plane that reach a ray are centred within this distance along a and b.
+    footprint_half: vec2f,
+    // Points of the intermediate image between neighbouring rays of a tile, along x and y. With n rays a voxel these
+    // are n: the rays of a tile are a whole voxel apart, and n interleaved tiles, the phases, cover the same area.
+    phases: vec2u,
+    // The footprint at squared half chord c2 is sqrt(c2) times the polynomial in c2 of these eight coefficients.
+    footprint: vec4f,
+    footprint_high: vec4f,
+    // Rays through one eye: slopes dx/dz and dy/dz of point (0, 0) in view coordinates, and the step to the next point.
+    slope_origin: vec2f,
+    slope_step: vec2f,
+    // The scalars around 0 at which nothing shows, and the place of a scalar in the table: see common/transfer.wgsl.
+    invisible: vec2f,
+    lookup: vec2f,
+    // Width and height of the intermediate image, points.
+    size: vec2u,
+    // Tiles of 8 x 8 rays across and down, of each phase.
+    tiles: vec2u,
+    // Where the picture's first pixel is in the intermediate image, and the steps to the next pixels in x and y.
+    pixel_origin: vec2f,
+    pixel_x: vec2f,
+    pixel_y: vec2f,
+    // Width and height of the picture, pixels.
+    picture: vec2u,
+    // Texels of a row of voxels in the volume's texture: two voxels each.
+    row_texels: i32,
+    // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.
+    sections: array<Section, SECTIONS>,
+}
+
+// The parts of a kernel that lie in the four slabs before its centre: its footprint times (by_m0 + by_m1 s + by_m2
+// s^2), s the place of its centre along the ray, from where the ray meets its plane. Summed over a plane these are
+// by_m0 m0 + by_m1 m1 + by_m2 m2 of the plane's moments. Behind the centre the sign of s changes.
+//
+// Slabs of scalars are half a plane thick; the first component is the foremost slab. Slabs of colours are a plane
+// thick; the components are the slabs one, two and three before the kernel's own, which has the rest, and by_m2 is not
+// used.
+struct Section {
+    by_m0: vec4f,
+    by_m1: vec4f,
+    by_m2: vec4f,
+}
+
+// Tiles in a row of the texture of runs. Every device of WebGPU allows textures 8192 wide.
+const RUN_ROW: u32 = 4096u;
+
+// Where run number `slot` of a tile is kept in the texture of runs.
+fn run_texel(tile: vec3u, slot: u32) -> vec2u {
+    let index = (tile.z * rays.tiles.y + tile.y) * rays.tiles.x + tile.x;
+    return vec2u(index % RUN_ROW, index / RUN_ROW * rays.run_slots + slot);
+}
+
+// The first ray of a tile, as a point of the intermediate image; tile.z is the number of its phase.
+fn first_ray(tile: vec3u) -> vec2u {
+    return tile.xy * 8u * rays.phases + vec2u(tile.z % rays.phases.x, tile.z / rays.phases.x);
+}
+
+// A ray as a line through the planes.
+struct Line {
+    base: vec2f,
+    shear: vec2f,
+    // Lattice direction in (a, b, m), of any length.
+    heading: vec3f,
+}
+
+// The line of the ray through a point of the intermediate image.
+fn line_of(point: vec2u) -> Line {
+    let x = f32(point.x);
+    let y = f32(point.y);
+    if PERSPECTIVE {
+        let heading = rays.heading + x * rays.heading_x + y * rays.heading_y;
+        let shear = heading.xy / heading.z;
+        return Line(rays.eye.xy - shear * rays.eye.z, shear, heading);
+    }
+    return Line(rays.origin + x * rays.step_x + y * rays.step_y, rays.shear, rays.direction);
+}
+
+// The kernels of a plane that reach a ray of this shear are centred within this distance of it along a and b.
+fn footprint_half_of(shear: vec2f) -> vec2f {
+    return sqrt(rays.radius2 * (1.0 + shear * shear));
+}
+
+// Whether the ray through a point is marched along this axis in this direction. A ray that runs along two axes alike is
+// marched along both, with the same result.
+fn is_marched(point: vec2u) -> bool {
+    let heading = line_of(point).heading;
+    return !PERSPECTIVE || heading.z >= max(abs(heading.x), abs(heading.y));
+}

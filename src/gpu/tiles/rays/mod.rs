@@ -1,0 +1,222 @@
+//! The rays of a picture: where they meet the voxel planes, how far apart they are, and which points of the intermediate
+//! image they go through. See shaders/common/rays.wgsl.
+
+mod parallel;
+mod perspective;
+
+use bytemuck::Zeroable;
+use glam::{DMat3, DVec2, DVec3};
+
+use super::super::layout::{self, MACROCELL, TILE};
+use super::super::view::Region;
+use super::axis::{PrincipalAxis, unordered};
+use super::pack::Packing;
+use super::parts::{Footprint, Sections};
+use crate::camera::{Camera, Projection};
+use crate::kernel::Kernel;
+use crate::volume::Grid;
+
+/// Points of the intermediate image beyond those that pixels lie between, on every side: a cubic B-spline reads 2 of
+/// them, and its coefficients read 5 more along each axis (shaders/prefilter.wgsl).
+const SPLINE_MARGIN: f64 = 8.0;
+
+/// The rays of a region of a picture, along one principal axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Rays {
+    pub(super) uniforms: layout::Rays,
+    pub(super) spacing: Spacing,
+}
+
+/// How far apart rays are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Spacing {
+    /// Rays per voxel along a and along b.
+    Voxel([u32; 2]),
+    /// Pixels between neighbouring rays; 1: each pixel has its own ray.
+    Pixels(f64),
+}
+
+/// What the rays of a picture depend on.
+pub(super) struct RaySetup<'a> {
+    pub(super) camera: &'a Camera,
+    /// Width and height of the whole picture, pixels.
+    pub(super) size: [u32; 2],
+    pub(super) volume: PackedBox<'a>,
+    pub(super) kernel: FittedKernel<'a>,
+    pub(super) optics: Optics,
+    /// How scalars are classified; `None`: voxels are classified already.
+    pub(super) scalars: Option<Classification>,
+    /// Whether each pixel has its own ray, whatever the rules for their spacing say.
+    pub(super) ray_per_pixel: bool,
+}
+
+/// The box of voxels that rays cross, as it is packed.
+#[derive(Clone, Copy)]
+pub(super) struct PackedBox<'a> {
+    pub(super) grid: &'a Grid,
+    pub(super) packing: Packing,
+    /// Layers of the packed lattice beyond the faces of the volume.
+    pub(super) padding: u32,
+}
+
+/// A kernel as rays evaluate it.
+#[derive(Clone, Copy)]
+pub(super) struct FittedKernel<'a> {
+    pub(super) kernel: Kernel,
+    pub(super) footprint: &'a Footprint,
+    pub(super) sections: &'a Sections,
+}
+
+/// What the field of the volume means to light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Optics {
+    /// Optical depth per world length, of a stored density times a kernel; or scalar per lattice length.
+    pub(super) density_scale: f64,
+    /// Optical depth at which a ray ends.
+    pub(super) opaque_depth: f64,
+    /// Optical depth of the densest voxel over one voxel length along a ray.
+    pub(super) max_depth: f64,
+}
+
+/// How scalars are classified.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Classification {
+    /// See [`TransferTable`](super::super::transfer::TransferTable).
+    pub(super) invisible: [f32; 2],
+    pub(super) lookup: [f32; 2],
+    /// Places in a slab at which it is classified.
+    pub(super) samples: u32,
+    /// Whether empty space may show, so that nothing is skipped.
+    pub(super) skip_nothing: bool,
+}
+
+impl PackedBox<'_> {
+    /// A world point as (a, b, plane) of the packed box.
+    fn placed(&self, axis: &PrincipalAxis, world: DVec3) -> DVec3 {
+        let p = self.grid.to_lattice().transform_point3(world) + f64::from(self.padding);
+        let low = DVec3::from_array(unordered(axis.axes, self.packing.low).map(f64::from));
+        // Planes are numbered front to back: if rays run against m, from the last one of the box.
+        let last_plane = f64::from(self.packing.dims[2]) - 1.0;
+        axis.ordered(p - low) + if axis.flipped { DVec3::Z * last_plane } else { DVec3::ZERO }
+    }
+
+    /// The box half a voxel beyond the outermost voxels of the volume, as its least and largest (a, b, plane).
+    fn faces(&self, axis: &PrincipalAxis) -> [DVec3; 2] {
+        let ends = [DVec3::splat(-0.5), DVec3::from_array(self.grid.dims().map(f64::from)) - 0.5];
+        let [a, b] = ends.map(|end| self.placed(axis, self.grid.to_world().transform_point3(end)));
+        [a.min(b), a.max(b)]
+    }
+}
+
+impl RaySetup<'_> {
+    /// Plane coordinates (see shaders/common/frame.wgsl) of a point of the image, given in pixels from its top left corner.
+    fn plane(&self, p: DVec2) -> DVec2 {
+        let [width, height] = self.size.map(f64::from);
+        DVec2::new(p.x - width / 2.0, height / 2.0 - p.y) * self.pixel()
+    }
+
+    /// The size of a pixel in plane coordinates.
+    fn pixel(&self) -> f64 {
+        let half_height = match self.camera.projection {
+            Projection::Orthographic { half_height } => half_height,
+            Projection::Perspective { tan_half_fov, .. } => tan_half_fov,
+        };
+        2.0 * half_height / f64::from(self.size[1])
+    }
+
+    /// The world vector from the middle of the image to a point of it, in a plane at unit distance or through the target.
+    fn raised(&self, p: DVec2) -> DVec3 {
+        let plane = self.plane(p);
+        self.camera.right * plane.x + self.camera.up * plane.y
+    }
+
+    /// The uniforms that do not depend on the projection; 0 where they do.
+    fn uniforms(&self, axis: &PrincipalAxis, region: Region) -> layout::Rays {
+        let PackedBox { grid, packing, .. } = self.volume;
+        let FittedKernel { kernel, footprint, sections } = self.kernel;
+        let radius = kernel.radius();
+        let coefficient = |n: usize| footprint.coefficients.get(n).map_or(0.0, |&c| c as f32);
+        // View coordinates of a gradient along each axis of the lattice: the transpose of what maps view to lattice.
+        let view = DMat3::from_cols(self.camera.right, self.camera.up, self.camera.forward);
+        let gradients = (grid.to_lattice().matrix3 * view).transpose();
+        let [box_low, box_high] = self.volume.faces(axis);
+        let uniforms = layout::Rays {
+            density_scale: self.optics.density_scale as f32,
+            opaque_depth: self.optics.opaque_depth as f32,
+            radius2: (radius * radius) as f32,
+            box_low: f3(box_low),
+            box_high: f3(box_high),
+            gradient_x: f3(gradients.x_axis),
+            gradient_y: f3(gradients.y_axis),
+            gradient_z: f3(gradients.z_axis),
+            // Runs are at least two macrocells apart, and an empty run ends them.
+            run_slots: packing.dims[2].div_ceil(MACROCELL).div_ceil(2) + 1,
+            voxels: packing.dims.map(|n| n as i32),
+            flipped: i32::from(axis.flipped),
+            columns: packing.columns as i32,
+            row_texels: packing.row_texels as i32,
+            footprint: [0, 1, 2, 3].map(coefficient),
+            footprint_high: [4, 5, 6, 7].map(coefficient),
+            picture: [region.width, region.height],
+            phases: [1, 1],
+            sections: sections.0,
+            ..layout::Rays::zeroed()
+        };
+        match self.scalars {
+            Some(Classification { invisible, lookup, samples, skip_nothing }) => {
+                layout::Rays { invisible, lookup, samples, skip_nothing: u32::from(skip_nothing), ..uniforms }
+            }
+            None => uniforms,
+        }
+    }
+}
+
+impl Rays {
+    /// The rays of a region; `None` if no ray reaches the volume.
+    pub(super) fn new(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region) -> Option<Self> {
+        let common = setup.uniforms(axis, region);
+        let mut rays = match setup.camera.projection {
+            Projection::Orthographic { .. } => parallel::rays(setup, axis, region, common)?,
+            Projection::Perspective { distance, .. } => perspective::rays(setup, axis, region, distance, common),
+        };
+        let [across, down] = rays.uniforms.size;
+        let [along_a, along_b] = rays.uniforms.phases;
+        rays.uniforms.tiles = [across.div_ceil(TILE * along_a), down.div_ceil(TILE * along_b)];
+        Some(rays)
+    }
+}
+
+/// Rays per voxel and axis if the densest voxel has this optical depth. Opacity saturates, so the edges of what is opaque
+/// are sharper than kernels are.
+///
+/// Measured; ARCHITECTURE.md has the table ("How many rays a voxel needs").
+fn rays_for_depth(depth: f64) -> u32 {
+    match depth {
+        d if d <= 0.4 => 1,
+        d if d <= 1.6 => 2,
+        _ => 3,
+    }
+}
+
+/// The middle of the first pixel of a region, in pixels of the picture.
+fn first_pixel(region: Region) -> DVec2 {
+    DVec2::new(f64::from(region.x), f64::from(region.y)) + 0.5
+}
+
+fn f2(v: DVec2) -> [f32; 2] {
+    v.as_vec2().to_array()
+}
+
+fn f3(v: DVec3) -> [f32; 3] {
+    v.as_vec3().to_array()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn denser_voxels_get_more_rays() {
+        assert_eq!([0.0, 0.4, 0.41, 1.6, 1.61, 50.0].map(rays_for_depth), [1, 1, 2, 2, 3, 3]);
+    }
+}
