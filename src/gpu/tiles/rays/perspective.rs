@@ -13,7 +13,7 @@ use super::{RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, rays_fo
 const MIN_PITCH: f64 = 1.25;
 
 /// Rays per voxel by the number that parallel rays would have. These rays do not move in step with the lattice, so 1.5 do
-/// where parallel rays need 2. Measured like those; ARCHITECTURE.md has "Coarser rays".
+/// where parallel rays need 2. The error is in docs/measurements/2026-11-21-painters.md.
 const RAYS_PER_VOXEL: [f64; 3] = [1.5, 2.0, 3.0];
 
 /// The rays of a region; the eye is at a distance from the camera's target.
