@@ -344,11 +344,13 @@ fn print(report: &mut Report, scene: &Scene, entries: &[Entry], times: Vec<Times
             Entry::Own(painter) => (*painter).to_owned(),
             Entry::Rival(rival) => rival.name.clone(),
         };
+        // Without rivals there is no ratio.
+        let ratio = |own: f64, best: f64| if best.is_finite() { format!("{:.2}", own / best) } else { String::new() };
+        let [cold_ratio, frame_ratio] = [ratio(*cold, best[0]), ratio(*frame, best[1])];
+        let memory_ratio = ratio(*memory, best[2]);
         report.line(format_args!(
-            "| {name:<12} | {cold:>8.2} | {:>6.2} | {frame:>9.1} | {:>6.2} | {memory:>9.0} | {:>6.2} | {error:>7.3} |",
-            cold / best[0],
-            frame / best[1],
-            memory / best[2]
+            "| {name:<12} | {cold:>8.2} | {cold_ratio:>6} | {frame:>9.1} | {frame_ratio:>6} | {memory:>9.0} \
+             | {memory_ratio:>6} | {error:>7.3} |"
         ));
     }
 }
