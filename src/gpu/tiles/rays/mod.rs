@@ -191,7 +191,7 @@ impl Rays {
 /// Rays per voxel and axis if the densest voxel has this optical depth. Opacity saturates, so the edges of what is
 /// opaque are sharper than kernels are.
 ///
-/// Measured; ARCHITECTURE.md has the table ("How many rays a voxel needs").
+/// Measured; docs/measurements/2026-11-21-rays.md has the table.
 fn rays_for_depth(depth: f64) -> u32 {
     match depth {
         d if d <= 0.4 => 1,

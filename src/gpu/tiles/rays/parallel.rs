@@ -12,7 +12,7 @@ use super::{RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, rays_fo
 /// whole number, the ripple and the rims of kernels in plane after plane fall on one another, and one ray per voxel
 /// misses what is between.
 ///
-/// Measured; ARCHITECTURE.md has the table ("How many rays a voxel needs").
+/// Measured; docs/measurements/2026-11-21-rays.md has the table.
 fn rays_for(shear: f64) -> u32 {
     let whole = shear.round();
     match (shear - whole).abs() {

@@ -1,40 +1,49 @@
-//! What docs/algorithms.md states, measured: `cargo run --release --example algorithms [SECTION [FILE...]]`.
+//! Measures what docs/algorithms.md states.
 //!
-//! Sections: thickness (also writes docs/thickness.svg), post, peak, gradients, minification, rim; termination, which needs
-//! the scans to measure on. Without a section, all that need no file.
+//! ```text
+//! cargo bench --bench algorithms -- [SECTION [FILE...]] [--write]
+//! ```
+//!
+//! Sections: thickness, post, peak, gradients, minification, rim, and termination, which takes the files of the scans
+//! to measure. Without a section, all that need no file are measured. `--write` keeps the tables in docs/measurements;
+//! section thickness then also writes docs/thickness.svg.
 
 #![allow(clippy::print_stdout, reason = "printing its tables is what this program is for")]
 
-use std::error::Error;
+mod common;
+
 use std::fmt::Write as _;
 use std::time::Instant;
 
+use common::{Arguments, Outcome, Report, median, rms_of_255};
 use glam::DVec3;
-use voxsplat::camera::{Camera, ProjectionKind, View};
-use voxsplat::demos::demo_transfer;
-use voxsplat::formats::{LoadOptions, load};
-use voxsplat::image::Image;
+use voxsplat::demos::{self, demo_transfer};
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
-use voxsplat::reference;
-use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
+use voxsplat::reference::Reference;
 use voxsplat::report::compare;
-use voxsplat::settings::{Accumulation, Interslice, Painter, Settings, Shading};
-use voxsplat::transfer::{ControlPoint, TransferFunction, presets};
-use voxsplat::volume::{Grid, Samples, Statistics, Volume};
+use voxsplat::settings::{Accumulation, Interslice, Painter, QuadsSettings, Shading};
+use voxsplat::transfer::ControlPoint;
+use voxsplat::volume::{Samples, Statistics};
+use voxsplat::{
+    Camera, Grid, Image, LoadOptions, ProjectionKind, Rendered, Renderer, RendererOptions, Settings, TransferFunction,
+    View, Volume, load,
+};
 
-type Outcome<T = ()> = Result<T, Box<dyn Error>>;
 /// A section and its name.
-type Section = (&'static str, fn(&Renderer) -> Outcome);
+type Section = (&'static str, fn(&Renderer, &mut Report) -> Outcome);
 
-/// Nothing that is allowed to change a picture.
-fn exact(size: u32) -> Settings {
-    Settings { size: [size; 2], painter: Painter::Quads, termination: 0.0, ..Settings::default() }
+/// A picture by quads in which nothing is left out for speed.
+fn exact(quads: QuadsSettings) -> Settings {
+    Settings { painter: Painter::Quads(quads), termination: 0.0, ..Settings::default() }
+}
+
+fn exact_of_thickness(sheet_thickness: f64) -> Settings {
+    exact(QuadsSettings { sheet_thickness, ..QuadsSettings::default() })
 }
 
 fn demo(name: &str, size: u32) -> Outcome<(Volume, TransferFunction)> {
-    let volume = load(format!("demo:{name}:{size}"), &LoadOptions::default())?;
-    Ok((volume, demo_transfer(name).ok_or("no transfer function")?))
+    Ok((demos::volume(name, size)?, demo_transfer(name).ok_or("no transfer function")?))
 }
 
 fn render(
@@ -44,50 +53,38 @@ fn render(
     camera: &Camera,
     settings: &Settings,
 ) -> Outcome<Rendered> {
-    let scene = renderer.prepare(volume, transfer, settings, &|_| ())?;
+    let scene = renderer.prepare(volume, transfer, settings)?;
     Ok(renderer.render(&scene, camera, settings)?)
 }
 
 fn truth(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Outcome<Image> {
-    Ok(reference::Scene::new(volume, transfer, settings)?.render(camera, settings.size, &|_| ())?)
-}
-
-/// Root mean square of the colour channels over the pixels that either picture covers, of 255, and the number of pixels.
-fn rms(a: &Image, b: &Image) -> (f64, usize) {
-    let covered = |(p, q): &(&[f32; 4], &[f32; 4])| p[3] > 0.0 || q[3] > 0.0;
-    let pixels: Vec<_> = a.pixels().iter().zip(b.pixels()).filter(covered).collect();
-    let squares = pixels.iter().flat_map(|(p, q)| (0..3).map(|c| f64::from(p[c] - q[c]).powi(2)));
-    (255.0 * (squares.sum::<f64>() / (3 * pixels.len()).max(1) as f64).sqrt(), pixels.len())
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
+    Ok(Reference::new(volume, transfer, settings)?.render(camera)?)
 }
 
 /// Colour error against thickness for both accumulations.
-fn thickness(renderer: &Renderer) -> Outcome {
+fn thickness(renderer: &Renderer, report: &mut Report) -> Outcome {
     const THICKNESSES: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
     let (volume, transfer) = demo("marschner-lobb", 64)?;
-    let settings = exact(128);
     let view = View { azimuth: 33.0, elevation: 21.0, ..View::default() };
-    let camera = Camera::new(&view, volume.grid(), settings.size)?;
-    let expected = truth(&volume, &transfer, &camera, &settings)?;
-    println!("| accumulation | 0.25 | 0.5 | 1 | 2 | 4 |\n|---|---|---|---|---|---|");
+    let camera = Camera::new(&view, volume.grid(), [128; 2])?;
+    let expected = truth(&volume, &transfer, &camera, &exact(QuadsSettings::default()))?;
+    report.line("| accumulation | 0.25 | 0.5 | 1 | 2 | 4 |\n|---|---|---|---|---|---|");
     let mut curves = Vec::new();
     for accumulation in [Accumulation::OpticalDepth, Accumulation::Additive] {
         let mut errors = Vec::new();
         for sheet_thickness in THICKNESSES {
-            let settings = Settings { accumulation, sheet_thickness, ..settings.clone() };
+            let settings = exact(QuadsSettings { accumulation, sheet_thickness, ..QuadsSettings::default() });
             let image = render(renderer, &volume, &transfer, &camera, &settings)?.image;
             let [r, g, b, _] = compare(&image, &expected, 0.0)?.max_channel;
             errors.push(r.max(g).max(b));
         }
         let row: Vec<String> = errors.iter().map(|e| format!("{e:.1e}")).collect();
-        println!("| {accumulation} | {} |", row.join(" | "));
+        report.line(format_args!("| {accumulation} | {} |", row.join(" | ")));
         curves.push((accumulation.to_string(), THICKNESSES.into_iter().zip(errors).collect::<Vec<_>>()));
     }
-    std::fs::write("docs/thickness.svg", plot(&curves)?)?;
+    if report.write {
+        std::fs::write(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/thickness.svg"), plot(&curves)?)?;
+    }
     Ok(())
 }
 
@@ -124,34 +121,35 @@ fn plot(curves: &[(String, Vec<(f64, f64)>)]) -> Result<String, std::fmt::Error>
 }
 
 /// Post-shading against its reference, by the parabola and by means.
-fn post(renderer: &Renderer) -> Outcome {
-    println!("| volume | interslice | rms at 0.25 | 0.5 | 1 | 2 (of 255) |\n|---|---|---|---|---|---|");
+fn post(renderer: &Renderer, report: &mut Report) -> Outcome {
+    report.line("| volume | interslice | rms at 0.25 | 0.5 | 1 | 2 (of 255) |\n|---|---|---|---|---|---|");
     for (name, size) in [("shell", 64), ("marschner-lobb", 64), ("vessels", 64)] {
         let (volume, transfer) = demo(name, size)?;
-        let settings = Settings { shading: Shading::Post, ..exact(128) };
+        let settings = Settings { shading: Shading::Post, ..exact_of_thickness(1.0) };
         let view = View { azimuth: 33.0, elevation: 21.0, ..View::default() };
-        let camera = Camera::new(&view, volume.grid(), settings.size)?;
+        let camera = Camera::new(&view, volume.grid(), [128; 2])?;
         let expected = truth(&volume, &transfer, &camera, &settings)?;
         for interslice in [Interslice::Parabola, Interslice::Mean] {
-            let mut row = format!("| {name} | {interslice:?} |");
+            let mut row = format!("| {name} | {interslice} |");
             for sheet_thickness in [0.25, 0.5, 1.0, 2.0] {
-                let settings = Settings { interslice, sheet_thickness, ..settings.clone() };
+                let settings = Settings { interslice, shading: Shading::Post, ..exact_of_thickness(sheet_thickness) };
                 let image = render(renderer, &volume, &transfer, &camera, &settings)?.image;
-                write!(row, " {:.2} |", rms(&image, &expected).0)?;
+                write!(row, " {:.2} |", rms_of_255(&image, &expected)?)?;
             }
-            println!("{row}");
+            report.line(row);
         }
     }
     Ok(())
 }
 
 /// The narrow peak of demo:shell:128 at one sheet per voxel, from the view that ray casters were measured at.
-fn peak(renderer: &Renderer) -> Outcome {
+fn peak(renderer: &Renderer, report: &mut Report) -> Outcome {
     let (volume, transfer) = demo("shell", 128)?;
     let view = View { azimuth: 30.0, elevation: 20.0, up: DVec3::Y, view_height: Some(1.5 * 128.0), ..View::default() };
-    let settings = Settings { shading: Shading::Post, ..exact(256) };
-    let camera = Camera::new(&view, volume.grid(), settings.size)?;
+    let settings = Settings { shading: Shading::Post, ..exact_of_thickness(1.0) };
+    let camera = Camera::new(&view, volume.grid(), [256; 2])?;
     let expected = truth(&volume, &transfer, &camera, &settings)?;
+    report.line("| shading | interslice | thickness | error, of 255 | covered pixels |\n|---|---|---|---|---|");
     for (shading, interslice, sheet_thickness) in [
         (Shading::Post, Interslice::Parabola, 1.0),
         (Shading::Post, Interslice::Parabola, 0.5),
@@ -159,28 +157,31 @@ fn peak(renderer: &Renderer) -> Outcome {
         (Shading::Post, Interslice::Mean, 0.5),
         (Shading::Pre, Interslice::Mean, 1.0),
     ] {
-        let settings = Settings { shading, interslice, sheet_thickness, ..settings.clone() };
+        let settings = Settings { shading, interslice, ..exact_of_thickness(sheet_thickness) };
         let image = render(renderer, &volume, &transfer, &camera, &settings)?.image;
-        let (error, pixels) = rms(&image, &expected);
-        println!("| {shading:?} | {interslice:?} | {sheet_thickness} | {error:.2} | over {pixels} pixels");
+        let error = rms_of_255(&image, &expected)?;
+        let pixels = compare(&image, &expected, 0.0)?.covered;
+        report.line(format_args!("| {shading} | {interslice} | {sheet_thickness} | {error:.2} | {pixels} |"));
     }
     Ok(())
 }
 
-/// Mean angle in degrees between the normals that light shows and the true ones, over the pixels of an isosurface.
+/// Mean angle in degrees between the normals that light shows and the true ones, over the pixels of the isosurface at
+/// 0.5, in a picture of `size`^2 pixels; and the number of these pixels.
 fn angle(
     renderer: &Renderer,
     volume: &Volume,
     field: &dyn Fn(DVec3) -> f64,
-    threshold: f64,
+    size: u32,
     settings: &Settings,
 ) -> Outcome<(f64, usize)> {
+    let threshold = 0.5;
     let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
     // As sharp a surface as the field is smooth.
     let points = vec![point(threshold - 0.01, 0.0), point(threshold + 0.01, 1.0)];
     let transfer = TransferFunction::new(points, Some(0.25))?;
     let view = View { azimuth: 33.0, elevation: 40.0, ..View::default() };
-    let camera = Camera::new(&view, volume.grid(), settings.size)?;
+    let camera = Camera::new(&view, volume.grid(), [size; 2])?;
     // Diffuse light from five sides shows the components of the normal.
     let shown = |towards: DVec3| -> Outcome<Image> {
         let lights = vec![Light::Directional(towards)];
@@ -199,14 +200,13 @@ fn angle(
     };
     let (mut sum, mut count) = (0.0, 0);
     for index in 0..sides[0].pixels().len() {
-        let pixel = [index as u32 % settings.size[0], index as u32 / settings.size[0]];
-        let (sx, sy) = Camera::image_coordinates(pixel, settings.size);
+        let (sx, sy) = camera.image_coordinates([index as u32 % size, index as u32 / size]);
         let (origin, direction) = camera.ray(sx, sy);
         // The first place inside the volume, some voxels off its faces, where the field passes the threshold.
         let inside = |t: &f64| (origin + direction * *t).abs().cmple(half).all();
         let steps = (-2000..2000).map(|i| f64::from(i) * 0.05).filter(inside);
         let Some(hit) = steps.clone().find(|t| field(origin + direction * *t) > threshold) else { continue };
-        // Where the ray enters inside the surface, the surface is not what is seen.
+        // If the ray enters inside the surface, the surface is not what is seen.
         if steps.clone().next() == Some(hit) || sides[0].pixels()[index][3] < 0.98 {
             continue;
         }
@@ -223,15 +223,16 @@ fn angle(
     Ok((sum / f64::from(count.max(1)), count as usize))
 }
 
-fn gradients(renderer: &Renderer) -> Outcome {
-    println!("| surface | voxels | kernel | pre-shaded | post-shaded |\n|---|---|---|---|---|");
+fn gradients(renderer: &Renderer, report: &mut Report) -> Outcome {
+    report
+        .line("| surface | voxels | kernel | pre-shaded, degrees | post-shaded | pixels |\n|---|---|---|---|---|---|");
     for size in [64, 128] {
-        gradients_at(renderer, size)?;
+        gradients_at(renderer, report, size)?;
     }
     Ok(())
 }
 
-fn gradients_at(renderer: &Renderer, size: u32) -> Outcome {
+fn gradients_at(renderer: &Renderer, report: &mut Report, size: u32) -> Outcome {
     let middle = f64::from(size - 1) / 2.0;
     let scale = 2.0 / f64::from(size);
     // Marschner and Lobb's signal, as the built-in volume samples it, in voxels from the middle.
@@ -249,31 +250,30 @@ fn gradients_at(renderer: &Renderer, size: u32) -> Outcome {
         let grid = Grid::new([size; 3], glam::DAffine3::from_translation(DVec3::splat(-middle)))?;
         let volume = Volume::new(grid, Samples::F32(samples))?;
         for (kernel_name, kernel) in [("Gaussian", Kernel::default()), ("Kaiser-Bessel", Kernel::KAISER_BESSEL)] {
-            let settings = Settings { kernel, ..exact(5 * size / 2) };
-            let (pre, _) = angle(renderer, &volume, field, 0.5, &settings)?;
-            let (post, pixels) =
-                angle(renderer, &volume, field, 0.5, &Settings { shading: Shading::Post, ..settings })?;
-            println!("| {name} | {size}^3 | {kernel_name} | {pre:.2} | {post:.2} | degrees over {pixels} pixels");
+            let settings = Settings { kernel, ..exact_of_thickness(1.0) };
+            let (pre, _) = angle(renderer, &volume, field, 5 * size / 2, &settings)?;
+            let settings = Settings { shading: Shading::Post, ..settings };
+            let (post, pixels) = angle(renderer, &volume, field, 5 * size / 2, &settings)?;
+            report.line(format_args!("| {name} | {size}^3 | {kernel_name} | {pre:.2} | {post:.2} | {pixels} |"));
         }
     }
     Ok(())
 }
 
 /// Early splat termination on scans: what it leaves out, what it changes, what it saves.
-fn termination(renderer: &Renderer, files: &[String]) -> Outcome {
-    println!("| scan | extinction | termination | hidden | largest change | time of a frame over that without |");
-    println!("|---|---|---|---|---|---|");
+fn termination(renderer: &Renderer, report: &mut Report, files: &[String]) -> Outcome {
+    report.line("| scan | extinction | termination | hidden | largest change | time of a frame over that without |");
+    report.line("|---|---|---|---|---|---|");
     for file in files {
         let volume = load(file, &LoadOptions::default())?;
-        let statistics = Statistics::of(&volume)?;
-        let suggested = presets::preset(presets::suggest(&volume, &statistics).name, &statistics)?;
+        let (suggested, _) = TransferFunction::for_volume(&volume, &Statistics::of(&volume)?)?;
         for denser in [1, 16] {
             let point = |p: &ControlPoint| ControlPoint { opacity: 1.0 - (1.0 - p.opacity).powi(denser), ..*p };
             let points = suggested.points().iter().map(point).collect();
             let transfer = TransferFunction::new(points, suggested.unit_distance())?;
-            let without = exact(384);
-            let camera = Camera::new(&View::default(), volume.grid(), without.size)?;
-            let scene = renderer.prepare(&volume, &transfer, &without, &|_| ())?;
+            let without = exact_of_thickness(1.0);
+            let camera = Camera::new(&View::default(), volume.grid(), [384; 2])?;
+            let scene = renderer.prepare(&volume, &transfer, &without)?;
             let cases = [0.0, 1e-3, 1e-2];
             let mut times = cases.map(|_| Vec::new());
             let mut pictures = Vec::new();
@@ -290,15 +290,16 @@ fn termination(renderer: &Renderer, files: &[String]) -> Outcome {
             }
             let medians = times.map(median);
             for ((case, rendered), time) in cases.iter().zip(&pictures).zip(medians).skip(1) {
-                let hidden = rendered.stats.quads_terminated as f64 / rendered.stats.quads as f64;
+                let quads = rendered.stats.quads().ok_or("another painter")?;
+                let hidden = quads.quads_terminated as f64 / quads.quads as f64;
                 let channels = compare(&rendered.image, &pictures[0].image, 0.0)?.max_channel;
-                println!(
+                report.line(format_args!(
                     "| {} | x {denser} | {case} | {:.0} % | {:.1e} | {:.2} |",
                     file.rsplit('/').next().unwrap_or(file),
                     100.0 * hidden,
                     channels.into_iter().fold(0.0, f64::max),
                     time / medians[0]
-                );
+                ));
             }
         }
     }
@@ -306,67 +307,66 @@ fn termination(renderer: &Renderer, files: &[String]) -> Outcome {
 }
 
 /// Energy of a zoom series, and the flicker of a small picture.
-fn minification(renderer: &Renderer) -> Outcome {
+fn minification(renderer: &Renderer, report: &mut Report) -> Outcome {
     let (volume, _) = demo("shell", 64)?;
     let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
     // Thin: alpha is optical depth, and its integral over the picture the mass of the volume.
     let transfer = TransferFunction::new(vec![point(0.1, 0.0), point(1.0, 1e-4)], Some(1.0))?;
-    println!(
-        "| projection | antialiasing | 1024 | 512 | 256 | 128 | 64 | 32 | 16 |\n|---|---|---|---|---|---|---|---|---|"
+    report.line(
+        "| projection | antialiasing | 1024 | 512 | 256 | 128 | 64 | 32 | 16 |\n|---|---|---|---|---|---|---|---|---|",
     );
     for projection in [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 30.0 }] {
         for antialiasing in [true, false] {
             let mut row = String::new();
             let mut first = None;
             for size in [1024, 512, 256, 128, 64, 32, 16] {
-                let settings = Settings { antialiasing, ..exact(size) };
+                let settings = Settings { antialiasing, ..exact_of_thickness(1.0) };
                 let view = View { azimuth: 33.0, elevation: 21.0, projection, ..View::default() };
-                let camera = Camera::new(&view, volume.grid(), settings.size)?;
+                let camera = Camera::new(&view, volume.grid(), [size; 2])?;
                 let image = render(renderer, &volume, &transfer, &camera, &settings)?.image;
                 let energy = image.pixels().iter().map(|p| f64::from(p[3])).sum::<f64>() / f64::from(size).powi(2);
                 write!(row, " {:.4} |", energy / *first.get_or_insert(energy))?;
             }
             let kind = if projection == ProjectionKind::Orthographic { "parallel" } else { "perspective" };
-            println!("| {kind} | {} |{row}", if antialiasing { "on" } else { "off" });
+            report.line(format_args!("| {kind} | {} |{row}", if antialiasing { "on" } else { "off" }));
         }
     }
     let (volume, transfer) = demo("vessels", 256)?;
-    println!(
-        "\n| antialiasing | change of a picture of 32 x 32 pixels from one frame to the next, moved by 1/8 pixel |\n|---|---|"
-    );
+    report.line("\n32 x 32 pixels, moved by 1/8 pixel from one frame to the next:\n");
+    report.line("| antialiasing | largest change of the sum of alpha |\n|---|---|");
     for antialiasing in [true, false] {
-        let settings = Settings { antialiasing, ..exact(32) };
-        let scene = renderer.prepare(&volume, &transfer, &settings, &|_| ())?;
+        let settings = Settings { antialiasing, ..exact_of_thickness(1.0) };
+        let scene = renderer.prepare(&volume, &transfer, &settings)?;
         let mut sums = Vec::new();
         for step in 0..9 {
             let pixel = 256.0 * 1.04 / 32.0;
             let target = Some(volume.grid().center() + DVec3::new(f64::from(step) / 8.0 * pixel, 0.0, 0.0));
             let view = View { target, view_height: Some(256.0 * 1.04), ..View::default() };
-            let camera = Camera::new(&view, volume.grid(), settings.size)?;
+            let camera = Camera::new(&view, volume.grid(), [32; 2])?;
             let image = renderer.render(&scene, &camera, &settings)?.image;
             sums.push(image.pixels().iter().map(|p| f64::from(p[3])).sum::<f64>());
         }
         let worst = sums.windows(2).map(|w| (w[1] / w[0] - 1.0).abs()).fold(0.0, f64::max);
-        println!("| {} | {:.2} % of all alpha |", if antialiasing { "on" } else { "off" }, 100.0 * worst);
+        report.line(format_args!("| {} | {:.2} % |", if antialiasing { "on" } else { "off" }, 100.0 * worst));
     }
     Ok(())
 }
 
 /// Alpha of a uniform box near its faces, over that in the middle.
-fn rim(renderer: &Renderer) -> Outcome {
+fn rim(renderer: &Renderer, report: &mut Report) -> Outcome {
     let grid = Grid::axis_parallel([32; 3], [1.0; 3])?;
     let volume = Volume::new(grid, Samples::U8(vec![100; 32 * 32 * 32]))?;
     let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
     let points = vec![point(60.0, 0.0), point(100.0, 0.02), point(140.0, 0.04)];
     let transfer = TransferFunction::new(points, Some(1.0))?;
-    println!(
-        "| shading | kernel | alpha at 0.25 | 0.75 | 1.5 | 2.5 voxels from the face, over that in the middle |\n|---|---|---|---|---|---|"
-    );
+    report
+        .line("| shading | kernel | alpha at 0.25 | 0.75 | 1.5 | 2.5 voxels from the face, over that in the middle |");
+    report.line("|---|---|---|---|---|---|");
     for shading in [Shading::Pre, Shading::Post] {
         for (name, kernel) in [("Gaussian", Kernel::default()), ("Kaiser-Bessel", Kernel::KAISER_BESSEL)] {
-            let settings = Settings { shading, kernel, ..exact(144) };
+            let settings = Settings { shading, kernel, ..exact_of_thickness(1.0) };
             let view = View { view_height: Some(36.0), ..View::default() };
-            let camera = Camera::new(&view, volume.grid(), settings.size)?;
+            let camera = Camera::new(&view, volume.grid(), [144; 2])?;
             let image = render(renderer, &volume, &transfer, &camera, &settings)?.image;
             // Four pixels to a voxel; the box begins 2 voxels, 8 pixels, from the edge of the picture.
             let row = |voxels: f64| {
@@ -374,16 +374,18 @@ fn rim(renderer: &Renderer) -> Outcome {
                 (64..80).map(|y| f64::from(image.pixels()[y * 144 + x][3])).sum::<f64>()
             };
             let values = [0.25, 0.75, 1.5, 2.5].map(|v| format!("{:.3}", row(v) / row(16.0)));
-            println!("| {shading:?} | {name} | {} |", values.join(" | "));
+            report.line(format_args!("| {shading} | {name} | {} |", values.join(" | ")));
         }
     }
     Ok(())
 }
 
 fn main() -> Outcome {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let arguments = Arguments::of_process();
+    let mut report = Report::new("algorithms", &arguments);
     let renderer = Renderer::new(&RendererOptions::default())?;
-    let section = arguments.first().map(String::as_str);
+    let positional = arguments.positional()?;
+    let section = positional.first().map(String::as_str);
     let sections: [Section; 6] = [
         ("thickness", thickness),
         ("post", post),
@@ -393,15 +395,16 @@ fn main() -> Outcome {
         ("rim", rim),
     ];
     if section == Some("termination") {
-        return termination(&renderer, &arguments[1..]);
+        termination(&renderer, &mut report, &positional[1..])?;
+        return report.finish(renderer.adapter());
     }
     let wanted: Vec<_> = sections.iter().filter(|(name, _)| section.is_none_or(|s| s == *name)).collect();
     if wanted.is_empty() {
         return Err(format!("no section {}", section.unwrap_or_default()).into());
     }
     for (name, run) in wanted {
-        println!("\n## {name}\n");
-        run(&renderer)?;
+        report.line(format_args!("\n## {name}\n"));
+        run(&renderer, &mut report)?;
     }
-    Ok(())
+    report.finish(renderer.adapter())
 }

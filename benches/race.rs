@@ -1,39 +1,40 @@
 //! voxsplat beside other renderers, on the same scenes and in one run.
 //!
 //! ```text
-//! cargo build --release && cargo run --release --example race -- --work DIR [--scripts DIR --python PYTHON]
-//!     [--scene NAME] [--runs N] [--frames N]
+//! cargo bench --bench race -- --work DIR [--scripts DIR --python PYTHON] [--scene NAME] [--runs N] [--frames N]
+//!     [--write]
 //! ```
 //!
-//! `examples/race.json` names the scenes, the transfer function and the rivals: scripts in --scripts that --python runs, which
-//! take `--frames N --out PNG` and print one JSON object with `median_s`, the median seconds of the frames of a turntable but
-//! the first. WORK holds the volumes; without --scripts voxsplat runs alone. In each of N runs every entry makes one
-//! picture from a cold start and then a turntable of 10-degree steps, each in a process of its own, one after the other; what takes
-//! over 1.5 s a frame takes part in the first run only.
+//! `benches/race.json` names the scenes, the transfer function and the rivals. A rival is a script in --scripts that
+//! --python runs. It takes `--frames N --out PNG` and prints one JSON object with `median_s`: the median seconds of the
+//! frames of a turntable, the first frame left out. --work holds the volumes. Without --scripts voxsplat runs alone.
 //!
-//! Prints per scene and entry, as medians: wall time of the command that makes one picture, time of a frame, peak resident memory
-//! of the first, the error against its own truth (rms over covered pixels and colours in steps of 8 bits), and the ratios to the
-//! best rival. voxsplat's truth is its f64 reference, made once and kept in WORK/truth, which takes minutes; that of a rival
-//! is what `reference.py` of the scripts makes.
+//! In each of N runs every entry makes one picture from a cold start and then a turntable of 10-degree steps, each in a
+//! process of its own, one after the other. An entry that takes over 1.5 s a frame takes part in the first run only.
+//!
+//! Prints per scene and entry, as medians: wall time of the command that makes one picture, time of a frame, peak
+//! resident memory of that command, the error against the entry's own truth (rms over the colours of covered pixels, in
+//! steps of 8 bits), and the ratios to the best rival. voxsplat's truth is its f64 reference, made once and kept in
+//! WORK/truth, which takes minutes. The truth of a rival is what `reference.py` of the scripts makes. `--write` keeps
+//! the table in docs/measurements.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "printing its table is what this program is for")]
 
-use std::error::Error;
+mod common;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
+use common::{Arguments, Outcome, Report, median};
 use serde::Deserialize;
-use voxsplat::camera::{Camera, View};
-use voxsplat::formats::{LoadOptions, load};
-use voxsplat::image::{Background, Image};
-use voxsplat::reference;
-use voxsplat::renderer::{Renderer, RendererOptions};
-use voxsplat::settings::{Painter, Settings};
-use voxsplat::transfer::{ControlPoint, TransferFunction};
-use voxsplat::volume::Volume;
-
-type Result<T> = std::result::Result<T, Box<dyn Error>>;
+use voxsplat::reference::Reference;
+use voxsplat::renderer::adapters;
+use voxsplat::settings::{Painter, QuadsSettings, TilesSettings};
+use voxsplat::transfer::ControlPoint;
+use voxsplat::{
+    Background, Camera, Image, LoadOptions, Renderer, RendererOptions, Settings, TransferFunction, View, Volume, load,
+};
 
 #[derive(Deserialize)]
 struct Config {
@@ -52,7 +53,7 @@ struct SceneConfig {
 #[derive(Deserialize, Clone)]
 struct Rival {
     name: String,
-    /// Where its field ends: at the outermost `centers` of voxels, or at their `cells`.
+    /// What its field ends at: the outermost `centers` of voxels, or the faces of their `cells`.
     r#box: String,
     command: Vec<String>,
 }
@@ -64,37 +65,26 @@ struct Options {
     scene: Option<String>,
     runs: usize,
     frames: usize,
-    /// Painter and scene of a child process.
-    child: Option<(String, String)>,
+    /// In a child process: the painter of its scene.
+    child: Option<String>,
 }
 
 const SIZE: u32 = 512;
 
-fn options() -> Result<Options> {
-    let mut options = Options {
-        work: PathBuf::from("target/race"),
-        scripts: None,
-        python: "python3".to_owned(),
-        scene: None,
-        runs: 5,
-        frames: 8,
-        child: None,
+fn options(arguments: &mut Arguments) -> Outcome<Options> {
+    let options = Options {
+        work: arguments.option("--work")?.unwrap_or_else(|| PathBuf::from("target/race")),
+        scripts: arguments.option("--scripts")?,
+        python: arguments.option("--python")?.unwrap_or_else(|| "python3".to_owned()),
+        scene: arguments.option("--scene")?,
+        runs: arguments.option("--runs")?.unwrap_or(5),
+        frames: arguments.option("--frames")?.unwrap_or(8),
+        child: arguments.option("--child")?,
     };
-    let mut arguments = std::env::args().skip(1);
-    while let Some(argument) = arguments.next() {
-        let mut value = || arguments.next().ok_or(format!("{argument} takes a value"));
-        match argument.as_str() {
-            "--work" => options.work = PathBuf::from(value()?),
-            "--scripts" => options.scripts = Some(PathBuf::from(value()?)),
-            "--python" => options.python = value()?,
-            "--scene" => options.scene = Some(value()?),
-            "--runs" => options.runs = value()?.parse()?,
-            "--frames" => options.frames = value()?.parse()?,
-            "--child" => options.child = Some((value()?, value()?)),
-            other => return Err(format!("unknown argument {other}").into()),
-        }
+    match arguments.positional()? {
+        [] => Ok(options),
+        [unknown, ..] => Err(format!("unknown argument {unknown}").into()),
     }
-    Ok(options)
 }
 
 /// A scene of the race.
@@ -105,7 +95,7 @@ struct Scene {
 }
 
 impl Scene {
-    fn camera(&self, volume: &Volume, azimuth: f64) -> Result<Camera> {
+    fn camera(&self, volume: &Volume, azimuth: f64) -> Outcome<Camera> {
         let view = View { azimuth, elevation: 20.0, view_height: Some(self.view_height), ..View::default() };
         Ok(Camera::new(&View { up: glam::DVec3::Y, ..view }, volume.grid(), [SIZE; 2])?)
     }
@@ -121,7 +111,7 @@ impl Scene {
     }
 }
 
-fn transfer(config: &Config) -> Result<TransferFunction> {
+fn transfer(config: &Config) -> Outcome<TransferFunction> {
     let point = |p: &[f64; 5]| ControlPoint { value: p[0], color: [p[1], p[2], p[3]], opacity: p[4] };
     Ok(TransferFunction::new(config.transfer.iter().map(point).collect(), Some(1.0))?)
 }
@@ -142,13 +132,16 @@ fn error(picture: &[[f64; 3]], truth: &[[f64; 3]]) -> f64 {
 }
 
 /// voxsplat's part: a turntable in this process, and the error of its first picture.
-fn child(options: &Options, config: &Config, scene: &Scene, painter: &str) -> Result<()> {
-    let painter = if painter == "tiles" { Painter::Tiles } else { Painter::Quads };
-    let settings = Settings { size: [SIZE; 2], painter, ..Settings::default() };
+fn child(options: &Options, config: &Config, scene: &Scene, painter: &str) -> Outcome {
+    let painter = match painter {
+        "tiles" => Painter::Tiles(TilesSettings::default()),
+        _ => Painter::Quads(QuadsSettings::default()),
+    };
+    let settings = Settings { painter, ..Settings::default() };
     let volume = load(&scene.path, &LoadOptions::default())?;
     let transfer = transfer(config)?;
     let renderer = Renderer::new(&RendererOptions::default())?;
-    let prepared = renderer.prepare(&volume, &transfer, &settings, &|_| ())?;
+    let prepared = renderer.prepare(&volume, &transfer, &settings)?;
     let mut times = Vec::new();
     let mut first = None;
     for frame in 0..options.frames {
@@ -163,8 +156,7 @@ fn child(options: &Options, config: &Config, scene: &Scene, painter: &str) -> Re
         Image::load(&kept)?
     } else {
         eprintln!("{}: the reference is made", scene.name);
-        let truth = reference::Scene::new(&volume, &transfer, &settings)?;
-        let truth = truth.render(&scene.camera(&volume, 30.0)?, settings.size, &|_| ())?;
+        let truth = Reference::new(&volume, &transfer, &settings)?.render(&scene.camera(&volume, 30.0)?)?;
         std::fs::create_dir_all(options.work.join("truth"))?;
         truth.save(&kept, Background::Transparent)?;
         truth
@@ -175,13 +167,8 @@ fn child(options: &Options, config: &Config, scene: &Scene, painter: &str) -> Re
     Ok(())
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
 /// Wall seconds and peak MiB of a command, and the JSON object of its last line.
-fn measured(command: &mut Command) -> Result<(f64, f64, serde_json::Value)> {
+fn measured(command: &mut Command) -> Outcome<(f64, f64, serde_json::Value)> {
     let start = Instant::now();
     let mut child = command
         .stdout(std::process::Stdio::piped())
@@ -213,7 +200,7 @@ fn measured(command: &mut Command) -> Result<(f64, f64, serde_json::Value)> {
 }
 
 /// The colours of a NumPy array of height x width x 4 doubles.
-fn numpy(path: &Path) -> Result<Vec<[f64; 3]>> {
+fn numpy(path: &Path) -> Outcome<Vec<[f64; 3]>> {
     let bytes = std::fs::read(path)?;
     let header = bytes.get(8..10).ok_or("no NumPy file")?;
     let start = 10 + usize::from(u16::from_le_bytes([header[0], header[1]]));
@@ -221,7 +208,7 @@ fn numpy(path: &Path) -> Result<Vec<[f64; 3]>> {
     Ok(numbers.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect())
 }
 
-/// What takes part.
+/// A participant: a painter of voxsplat, or a script.
 enum Entry {
     Own(&'static str),
     Rival(Rival),
@@ -244,17 +231,17 @@ struct Race<'a> {
 
 impl Race<'_> {
     /// One picture from a cold start, and a turntable.
-    fn run(&self, entry: &Entry, times: &mut Times) -> Result<()> {
+    fn run(&self, entry: &Entry, times: &mut Times) -> Outcome {
         let Options { work, scripts, python, frames, .. } = self.options;
         let frames = frames.to_string();
         match entry {
             Entry::Own(painter) => {
-                let this = std::env::current_exe()?;
-                let binary = this.parent().and_then(Path::parent).ok_or("no folder of the binary")?.join("voxsplat");
                 let arguments = self.scene.command_line(self.transfer, &self.out);
-                let (wall, memory, _) = measured(Command::new(binary).args(arguments).args(["--painter", painter]))?;
-                let mut turn = Command::new(this);
-                turn.args(["--child", painter, &self.scene.name, "--frames", &frames, "--work"]).arg(work);
+                let mut once = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
+                let (wall, memory, _) = measured(once.args(arguments).args(["--painter", painter]))?;
+                let mut turn = Command::new(std::env::current_exe()?);
+                turn.args(["--bench", "--child", painter, "--scene", &self.scene.name, "--frames", &frames, "--work"]);
+                turn.arg(work);
                 let (_, _, json) = measured(&mut turn)?;
                 times.cold.push(wall);
                 times.memory.push(memory);
@@ -296,8 +283,10 @@ impl Race<'_> {
     }
 }
 
-fn main() -> Result<()> {
-    let options = options()?;
+fn main() -> Outcome {
+    let mut arguments = Arguments::of_process();
+    let options = options(&mut arguments)?;
+    let mut report = Report::new("race", &arguments);
     let config: Config = serde_json::from_str(include_str!("race.json"))?;
     let volume = config.volume.replace("{work}", &options.work.to_string_lossy());
     let scenes = config.scenes.iter().map(|scene| Scene {
@@ -306,8 +295,8 @@ fn main() -> Result<()> {
         view_height: scene.view_height,
     });
     let scenes: Vec<Scene> = scenes.collect();
-    if let Some((painter, name)) = &options.child {
-        let scene = scenes.iter().find(|s| s.name == *name).ok_or("no such scene")?;
+    if let Some(painter) = &options.child {
+        let scene = scenes.iter().find(|s| Some(&s.name) == options.scene.as_ref()).ok_or("no such scene")?;
         return child(&options, &config, scene, painter);
     }
     let file = options.work.join("race-transfer.json");
@@ -335,12 +324,12 @@ fn main() -> Result<()> {
                 }
             }
         }
-        print(scene, &entries, times);
+        print(&mut report, scene, &entries, times);
     }
-    Ok(())
+    report.finish(adapters().first().ok_or("no adapter")?)
 }
 
-fn print(scene: &Scene, entries: &[Entry], times: Vec<Times>) {
+fn print(report: &mut Report, scene: &Scene, entries: &[Entry], times: Vec<Times>) {
     let rows: Vec<[f64; 4]> =
         times.into_iter().map(|t| [median(t.cold), median(t.frame) * 1e3, median(t.memory), t.error]).collect();
     let rival = |entry: &Entry| matches!(entry, Entry::Rival(_));
@@ -348,21 +337,20 @@ fn print(scene: &Scene, entries: &[Entry], times: Vec<Times>) {
         let rivals = entries.iter().zip(&rows).filter(|(entry, _)| rival(entry));
         rivals.map(|(_, row)| row[column]).fold(f64::INFINITY, f64::min)
     });
-    println!(
-        "{:<12} {:<12} {:>8} {:>6} {:>9} {:>6} {:>9} {:>6} {:>7}",
-        scene.name, "", "cold, s", "x", "frame, ms", "x", "peak, MiB", "x", "error"
-    );
+    report.line(format_args!("\n| {:<12} | cold, s | x | frame, ms | x | peak, MiB | x | error |", scene.name));
+    report.line("|---|---|---|---|---|---|---|---|");
     for (entry, [cold, frame, memory, error]) in entries.iter().zip(&rows) {
         let name = match entry {
             Entry::Own(painter) => (*painter).to_owned(),
             Entry::Rival(rival) => rival.name.clone(),
         };
-        println!(
-            "{:<12} {name:<12} {cold:>8.2} {:>6.2} {frame:>9.1} {:>6.2} {memory:>9.0} {:>6.2} {error:>7.3}",
-            "",
-            cold / best[0],
-            frame / best[1],
-            memory / best[2]
-        );
+        // Without rivals there is no ratio.
+        let ratio = |own: f64, best: f64| if best.is_finite() { format!("{:.2}", own / best) } else { String::new() };
+        let [cold_ratio, frame_ratio] = [ratio(*cold, best[0]), ratio(*frame, best[1])];
+        let memory_ratio = ratio(*memory, best[2]);
+        report.line(format_args!(
+            "| {name:<12} | {cold:>8.2} | {cold_ratio:>6} | {frame:>9.1} | {frame_ratio:>6} | {memory:>9.0} \
+             | {memory_ratio:>6} | {error:>7.3} |"
+        ));
     }
 }

@@ -1,17 +1,19 @@
 //! Writes a sparse u8 volume as bare samples: balls in empty space, a plane at a time.
 //!
 //! ```text
-//! cargo run --release --example sparse FILE.raw SIZE FRACTION
+//! cargo bench --bench sparse -- FILE.raw SIZE FRACTION
 //! ```
 //!
-//! SIZE^3 voxels of which about FRACTION are over 0 (0.01 is 1 %). The balls are a 1/25 of the size in radius and stay the same
-//! for every SIZE if FRACTION does. Prints the command that renders the file.
+//! SIZE^3 voxels, of which about FRACTION are over 0 (0.01 is 1 %). The radius of the balls is 1/25 of SIZE, so files
+//! of one FRACTION show the same scene at every SIZE. Prints the command that renders the file.
 
 #![allow(clippy::print_stdout, reason = "printing how to render the file is what this program is for")]
 
-use std::error::Error;
+mod common;
+
 use std::io::Write as _;
 
+use common::{Arguments, Outcome};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -23,9 +25,11 @@ fn random(state: &mut u64) -> f64 {
     ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [file, size, fraction] = arguments.as_slice() else { return Err("FILE.raw SIZE FRACTION".into()) };
+fn main() -> Outcome {
+    let arguments = Arguments::of_process();
+    let [file, size, fraction] = arguments.positional()? else {
+        return Err("arguments: FILE.raw SIZE FRACTION".into());
+    };
     let (size, fraction): (usize, f64) = (size.parse()?, fraction.parse()?);
     let n = size as f64;
     let radius = n / 25.0;
@@ -57,7 +61,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     out.flush()?;
     println!(
-        "voxsplat render {file} -o sparse.png --dims {size},{size},{size} --type u8 --transfer examples/sparse.json"
+        "voxsplat render {file} -o sparse.png --dims {size},{size},{size} --type u8 --transfer benches/sparse.json"
     );
     Ok(())
 }

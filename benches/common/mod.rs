@@ -1,0 +1,165 @@
+//! What the measuring harnesses share: arguments, medians, the transfer function of a volume, and a report.
+
+#![allow(dead_code, reason = "each harness is a program of its own and takes what it needs")]
+
+use std::error::Error;
+use std::fmt::Display;
+use std::path::Path;
+use std::process::Command;
+use std::str::FromStr;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use voxsplat::adapter::AdapterInfo;
+use voxsplat::demos::own_transfer;
+use voxsplat::report::compare;
+use voxsplat::volume::Statistics;
+use voxsplat::{Image, TransferFunction, Volume};
+
+/// The result of a harness or a part of one.
+pub(crate) type Outcome<T = ()> = Result<T, Box<dyn Error>>;
+
+/// The arguments of a harness. Options are `--name VALUE` and may stand anywhere.
+pub(crate) struct Arguments {
+    left: Vec<String>,
+    /// As given, for the report.
+    given: Vec<String>,
+    write: bool,
+}
+
+impl Arguments {
+    /// The arguments of this process.
+    ///
+    /// `cargo bench` adds `--bench`. Without it the process ends at once: `cargo test --all-targets` runs harnesses
+    /// too, and must not wait for measurements.
+    pub(crate) fn of_process() -> Self {
+        let mut left: Vec<String> = std::env::args().skip(1).collect();
+        if !take_flag(&mut left, "--bench") {
+            std::process::exit(0);
+        }
+        let given = left.clone();
+        let write = take_flag(&mut left, "--write");
+        Self { left, given, write }
+    }
+
+    /// The value of an option, if it is given.
+    pub(crate) fn option<T: FromStr<Err: Error + 'static>>(&mut self, name: &str) -> Outcome<Option<T>> {
+        let Some(at) = self.left.iter().position(|a| a == name) else { return Ok(None) };
+        self.left.remove(at);
+        if at == self.left.len() {
+            return Err(format!("{name} takes a value").into());
+        }
+        Ok(Some(self.left.remove(at).parse()?))
+    }
+
+    /// What is no option, once all options are taken.
+    pub(crate) fn positional(&self) -> Outcome<&[String]> {
+        match self.left.iter().find(|a| a.starts_with("--")) {
+            Some(unknown) => Err(format!("unknown option {unknown}").into()),
+            None => Ok(&self.left),
+        }
+    }
+}
+
+fn take_flag(arguments: &mut Vec<String>, name: &str) -> bool {
+    let before = arguments.len();
+    arguments.retain(|a| a != name);
+    arguments.len() < before
+}
+
+/// What a harness found: printed as it comes, and kept in `docs/measurements` if `--write` is given.
+pub(crate) struct Report {
+    name: &'static str,
+    arguments: Vec<String>,
+    text: String,
+    /// Whether the report becomes a file.
+    pub(crate) write: bool,
+}
+
+impl Report {
+    pub(crate) fn new(name: &'static str, arguments: &Arguments) -> Self {
+        Self { name, arguments: arguments.given.clone(), text: String::new(), write: arguments.write }
+    }
+
+    /// Prints a line and keeps it.
+    pub(crate) fn line(&mut self, line: impl Display) {
+        println!("{line}");
+        self.text.push_str(&format!("{line}\n"));
+    }
+
+    /// Writes `docs/measurements/DATE-NAME.md` if that was asked for: what was run, on what, and all lines.
+    pub(crate) fn finish(self, adapter: &AdapterInfo) -> Outcome {
+        if !self.write {
+            return Ok(());
+        }
+        let date = today()?;
+        let Self { name, arguments, text, .. } = self;
+        let arguments: String = arguments.iter().map(|a| format!(" {a}")).collect();
+        let cores = std::thread::available_parallelism()?;
+        let AdapterInfo { name: device, driver, kind, backend, .. } = adapter;
+        let page = format!(
+            "# {name}, {date}\n\n\
+             - command: `cargo bench --bench {name} --{arguments}`\n\
+             - version: {}\n\
+             - adapter: {device} ({kind}, {backend})\n\
+             - driver: {driver}\n\
+             - processor cores: {cores}\n\n\
+             {}\n",
+            version(),
+            text.trim()
+        );
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/measurements");
+        std::fs::create_dir_all(&folder)?;
+        let file = folder.join(format!("{date}-{name}.md"));
+        std::fs::write(&file, page)?;
+        println!("\nwritten: {}", file.display());
+        Ok(())
+    }
+}
+
+/// The version of the crate and, in a checkout, the commit.
+fn version() -> String {
+    let described = Command::new("git").args(["describe", "--always", "--dirty"]).output();
+    let commit = described.ok().filter(|o| o.status.success()).and_then(|o| String::from_utf8(o.stdout).ok());
+    let commit = commit.map(|c| format!(", commit {}", c.trim())).unwrap_or_default();
+    format!("{}{commit}", env!("CARGO_PKG_VERSION"))
+}
+
+/// The day by the system clock in UTC, as YYYY-MM-DD.
+fn today() -> Outcome<String> {
+    let seconds = SystemTime::now().duration_since(UNIX_EPOCH)?.as_secs();
+    let (year, month, day) = civil_from_days((seconds / 86_400) as i64);
+    Ok(format!("{year:04}-{month:02}-{day:02}"))
+}
+
+/// Year, month and day of the Gregorian calendar, from days since 1970-01-01: Howard Hinnant, "chrono-Compatible
+/// Low-Level Date Algorithms" (2013), `civil_from_days`, for days on and after 0000-03-01.
+fn civil_from_days(days: i64) -> (i64, i64, i64) {
+    // From 0000-03-01: leap days are the last days of their years then, and eras of 400 years are alike.
+    let days = days + 719_468;
+    let (era, day_of_era) = (days / 146_097, days % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
+    (400 * era + year_of_era + i64::from(month <= 2), month, day)
+}
+
+/// The middle value; NaN if there are none.
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+/// Root mean square of the difference over all four channels of the pixels that either picture covers, of 255.
+pub(crate) fn rms_of_255(a: &Image, b: &Image) -> voxsplat::Result<f64> {
+    Ok(255.0 * compare(a, b, 0.0)?.rms_covered)
+}
+
+/// The transfer function of a built-in volume, or the preset that the data of a file suggests.
+pub(crate) fn own_or_suggested(source: &str, volume: &Volume) -> voxsplat::Result<TransferFunction> {
+    match own_transfer(source) {
+        Some(transfer) => Ok(transfer),
+        None => Ok(TransferFunction::for_volume(volume, &Statistics::of(volume)?)?.0),
+    }
+}
