@@ -1,7 +1,7 @@
 // terminate: early splat termination (Mueller, Shareef, Huang and Crawfis 1999, "High-quality splatting on rectilinear
-// grids with efficient culling of occluded voxels"). `tile` finds the opaque tiles of the frame, `mark` marks the entries of
-// a batch whose bounds lie in opaque tiles alone. A pixel that lets through the fraction e of light can change by no more
-// than e, whatever comes behind.
+// grids with efficient culling of occluded voxels"). `tile` finds the opaque tiles of the frame, `mark` marks the
+// entries of a batch whose bounds lie in opaque tiles alone. A pixel that lets through the fraction e of light can
+// change by no more than e, whatever comes behind.
 
 // Entries of one invocation.
 const RUN: u32 = 16u;

@@ -221,8 +221,8 @@ impl Camera {
 /// How kernels grow where voxels fall closer together than pixels.
 ///
 /// A kernel at depth z in front of the eye (any, for parallel rays) is h(x / s) / s^3 in lattice coordinates, with
-/// s = max(1, constant + slope z): as wide as if there were one voxel per pixel, with its integral kept (Swan, Mueller et
-/// al. 1997, "An anti-aliasing technique for splatting"). What counts as the distance of two voxels is the smallest
+/// s = max(1, constant + slope z): as wide as if there were one voxel per pixel, with its integral kept (Swan, Mueller
+/// et al. 1997, "An anti-aliasing technique for splatting"). What counts as the distance of two voxels is the smallest
 /// extent of a unit lattice ball in the image, so that anisotropic grids have no holes either.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Growth {

@@ -56,7 +56,8 @@ impl Renderer {
     /// Opens a device.
     ///
     /// # Errors
-    /// [`Error::NoAdapter`](crate::error::Error::NoAdapter) if there is none, none of that name, or it cannot be opened.
+    /// [`Error::NoAdapter`](crate::error::Error::NoAdapter) if there is none, none of that name, or it cannot be
+    /// opened.
     pub fn new(options: &RendererOptions) -> Result<Self> {
         Ok(Self {
             context: Context::new(options.adapter.as_deref())?,
@@ -94,8 +95,8 @@ impl Renderer {
         &self.context.info
     }
 
-    /// Prepares a volume for pictures of these settings: of them, what counts is the model, the shading and whether there
-    /// is light. Voxels that cannot show are dropped.
+    /// Prepares a volume for pictures of these settings: of them, what counts is the model, the shading and whether
+    /// there is light. Voxels that cannot show are dropped.
     ///
     /// # Errors
     /// [`Error::Setting`](crate::error::Error::Setting) if a setting is out of range,
@@ -121,11 +122,11 @@ impl Renderer {
     /// Renders a picture of a scene that this renderer prepared.
     ///
     /// # Errors
-    /// [`Error::Setting`](crate::error::Error::Setting) if a setting is out of range or the scene was prepared for others,
-    /// [`Error::Camera`](crate::error::Error::Camera) if the camera is not finite,
+    /// [`Error::Setting`](crate::error::Error::Setting) if a setting is out of range or the scene was prepared for
+    /// others, [`Error::Camera`](crate::error::Error::Camera) if the camera is not finite,
     /// [`Error::Unsupported`](crate::error::Error::Unsupported) if the adapter cannot do what is asked, and
-    /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) or [`Error::Device`](crate::error::Error::Device) if the
-    /// device fails. There is no picture then.
+    /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) or [`Error::Device`](crate::error::Error::Device) if
+    /// the device fails. There is no picture then.
     pub fn render(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
         camera.validate()?;
         let [width, height] = camera.size;
@@ -140,8 +141,8 @@ impl Renderer {
     /// transparent. Returns what it took; nothing is read back.
     ///
     /// The texture has the size of the camera's picture, one sample, four float or normalised channels, and the usage
-    /// `RENDER_ATTACHMENT`. It gets display values with premultiplied alpha, stored as they are also if its format is an
-    /// sRGB one. Commands are submitted when this returns; what the caller submits next comes after them.
+    /// `RENDER_ATTACHMENT`. It gets display values with premultiplied alpha, stored as they are also if its format is
+    /// an sRGB one. Commands are submitted when this returns; what the caller submits next comes after them.
     ///
     /// # Errors
     /// Those of [`Self::render`], and [`Error::Setting`](crate::error::Error::Setting) if the texture does not fit.

@@ -44,8 +44,8 @@ pub enum Sheets {
     /// Slabs parallel to the image; each kernel is cut by their planes (Mueller and Crawfis 1998).
     #[default]
     Image,
-    /// The voxel planes most parallel to the image, a whole footprint per voxel (Westover 1990). Historical: the picture
-    /// pops where the planes switch.
+    /// The voxel planes most parallel to the image, a whole footprint per voxel (Westover 1990). Historical: the
+    /// picture pops where the planes switch.
     Axis,
 }
 
@@ -138,8 +138,8 @@ pub struct TilesSettings {
 /// How finely the painter `Tiles` looks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Resolution {
-    /// Pre-shaded, one to four rays per voxel and axis, as many as the direction of view and the opacity ask for, where that
-    /// is fewer than pixels, and the picture enlarged from them. What is classified per pixel has a ray for each.
+    /// Pre-shaded, one to four rays per voxel and axis, as many as the direction of view and the opacity ask for, where
+    /// that is fewer than pixels, and the picture enlarged from them. What is classified per pixel has a ray for each.
     #[default]
     Capped,
     /// A ray for each pixel.

@@ -72,8 +72,8 @@ pub struct Stats {
     pub splats_padding: u64,
     /// Bricks of 32^3 voxels that splats are looked for in, with those of the copies.
     pub bricks: u32,
-    /// Bricks that may hold something that shows, by their ranges of values: only they are uploaded to be classified, or
-    /// for post-shading looked at voxel by voxel.
+    /// Bricks that may hold something that shows, by their ranges of values: only they are uploaded to be classified,
+    /// or for post-shading looked at voxel by voxel.
     pub bricks_uploaded: u32,
     /// Bytes sent to the device for them: samples, or for post-shading the scalars that are kept.
     pub bytes_uploaded: u64,
@@ -85,8 +85,8 @@ pub struct Stats {
     pub scene_bytes: u64,
     /// Bytes made on the device for this picture besides.
     pub frame_bytes: u64,
-    /// Bytes sent to the device for this picture: parameters and lists of bricks, and splats of scalars if the device does
-    /// not hold them from the picture before.
+    /// Bytes sent to the device for this picture: parameters and lists of bricks, and splats of scalars if the device
+    /// does not hold them from the picture before.
     pub bytes_sent: u64,
     /// Pipelines that this renderer has made so far, for this picture, its scene, and those before.
     pub pipelines: u32,
@@ -152,7 +152,8 @@ pub struct TilesStats {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RaySpacing {
-    /// Rays per voxel along the two lattice axes across the principal viewing axis, the axis that rays lean to less first.
+    /// Rays per voxel along the two lattice axes across the principal viewing axis, the axis that rays lean to less
+    /// first.
     PerVoxel([u32; 2]),
     /// Pixels from ray to ray; 1: each pixel has its own.
     Pixels(f64),
@@ -234,11 +235,8 @@ impl Stats {
             PainterStats::Quads(q) => {
                 let QuadsStats { sheets, sheet_thickness, alignment, accumulation, precision, .. } = q;
                 let per_pass = q.sheets_per_pass;
-                writeln!(
-                    f,
-                    "sheets       {sheets} of {sheet_thickness:.4} world units, {alignment}, {accumulation}, {precision}, \
-                     {per_pass} a pass"
-                )?;
+                writeln!(f, "sheets       {sheets} of {sheet_thickness:.4} world units, {alignment}, {accumulation}")?;
+                writeln!(f, "             {precision}, {per_pass} a pass")?;
                 let [rows, terms] = q.footprint_table;
                 writeln!(f, "footprint    {rows} x {terms} table, error {error:.1e} of its peak")
             }

@@ -228,8 +228,8 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "WHETHER", default_value = "on", help_heading = "Model")]
     pub(super) antialiasing: SwitchArg,
 
-    /// What draws the splats: quads draws every picture, tiles is fast on software and refuses some pictures, auto takes
-    /// tiles on software unless it refuses. An option of a painter (below) chooses that painter
+    /// What draws the splats: quads draws every picture, tiles is fast on software and refuses some pictures, auto
+    /// takes tiles on software unless it refuses. An option of a painter (below) chooses that painter
     #[arg(long, value_name = "PAINTER", default_value = "auto", help_heading = "Device")]
     pub(super) painter: PainterArg,
     /// Part of the name of the adapter to use; see `voxsplat devices` [default: the best]
@@ -267,8 +267,8 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "N", help_heading = "Painter quads")]
     pub(super) sheets_per_pass: Option<u32>,
 
-    /// How finely rays are spaced: capped (pre-shaded, 1 to 4 rays per voxel and axis, resampled to the picture) or full
-    /// (a ray per pixel) [default: capped]
+    /// How finely rays are spaced: capped (pre-shaded, 1 to 4 rays per voxel and axis, resampled to the picture) or
+    /// full (a ray per pixel) [default: capped]
     #[arg(long, value_name = "HOW", value_parser = one_of(Resolution::ALL, Resolution::name),
         help_heading = "Painter tiles")]
     pub(super) resolution: Option<Resolution>,

@@ -15,8 +15,8 @@ use crate::settings::Settings;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, RowCoding, SampleType, ToF64, Volume};
 
-/// Bricks of one batch, a million voxels: the memory that preparing a scene takes besides its splats, and far within every
-/// limit.
+/// Bricks of one batch, a million voxels: the memory that preparing a scene takes besides its splats, and far within
+/// every limit.
 const BATCH: usize = 32;
 
 /// The most splats that are joined: while they are, they are in memory twice.
@@ -31,8 +31,8 @@ pub(crate) struct Classified {
 
 /// How the shader reads samples: SAMPLE_TYPE in shaders/classify.wgsl.
 ///
-/// Types whose every value is exact in f32 are uploaded as they are. Wider ones are reduced on the host, chunk by chunk,
-/// to f32 relative to the first control point: a window of 10 at 4e9 keeps its resolution.
+/// Types whose every value is exact in f32 are uploaded as they are. Wider ones are reduced on the host, chunk by
+/// chunk, to f32 relative to the first control point: a window of 10 at 4e9 keeps its resolution.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct SampleCoding {
     sample_type: u32,

@@ -1,7 +1,7 @@
 //! What painters have in common, and the choice between them.
 //!
-//! A painter is a folder beside this file with the functions of a [`Room`]: it says what it refuses and what it needs of a
-//! scene before any work, and begins a [`Painting`] when the splats are there.
+//! A painter is a folder beside this file with the functions of a [`Room`]: it says what it refuses and what it needs
+//! of a scene before any work, and begins a [`Painting`] when the splats are there.
 
 use super::context::Context;
 use super::pipeline::Pipelines;

@@ -203,8 +203,8 @@ pub(super) fn both<A: Send, B: Send>(
     first: impl FnOnce() -> A + Send,
     second: impl FnOnce() -> B + Send,
 ) -> Result<(A, B)> {
-    // What catches a device's errors is a thread's own. A thread, not a pool's: callers hold locks, and who waits in a pool
-    // may be handed work that asks for them.
+    // What catches a device's errors is a thread's own. A thread, not a pool's: callers hold locks, and who waits in a
+    // pool may be handed work that asks for them.
     const STAGE: &str = "making pipelines";
     std::thread::scope(|scope| {
         let first = scope.spawn(|| context.guarded(STAGE, || Ok(first())));

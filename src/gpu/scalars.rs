@@ -1,5 +1,5 @@
-//! scalars: a volume to splats of scalars, for post-shading. On the host, brick by brick: which voxels can show depends on
-//! their surroundings.
+//! scalars: a volume to splats of scalars, for post-shading. On the host, brick by brick: which voxels can show depends
+//! on their surroundings.
 
 use super::context::Context;
 use super::layout::{BRICK_SHIFT, ScalarSplat, place};
@@ -28,8 +28,8 @@ pub(crate) struct Asked {
 }
 
 impl Asked {
-    /// Whether splats made for `self` can be reused for `other`. They must reach at least as far; reaching up to 1.5 times
-    /// as far changes no pixel and costs only time.
+    /// Whether splats made for `self` can be reused for `other`. They must reach at least as far; reaching up to 1.5
+    /// times as far changes no pixel and costs only time.
     pub(crate) fn serves(&self, other: &Self) -> bool {
         let influence = other.need.influence..=1.5 * other.need.influence;
         let need = ScalarNeed { influence: self.need.influence, ..other.need };
@@ -140,8 +140,8 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<bool> {
     const FAR: u16 = 1 << 14;
     let edge = EDGE + 2 * halo;
     let inner = halo..halo + EDGE;
-    // Squares of distances, axis by axis (Saito and Toriwaki 1994): along x by a sweep each way, then the least over the
-    // neighbours along y and z.
+    // Squares of distances, axis by axis (Saito and Toriwaki 1994): along x by a sweep each way, then the least over
+    // the neighbours along y and z.
     let mut squares = Vec::with_capacity(EDGE * edge * edge);
     let mut distances = vec![0_u16; edge];
     for row in active.chunks_exact(edge) {
@@ -178,8 +178,8 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<bool> {
 
 /// The splats of a volume: those of voxels that can take part in something visible, and copies beyond its faces.
 ///
-/// A place shows only if a voxel outside [`Clear`] reaches it. So a voxel is kept if such a voxel is within the influence
-/// of the two. The others change nothing: neither what shows, nor what does not show.
+/// A place shows only if a voxel outside [`Clear`] reaches it. So a voxel is kept if such a voxel is within the
+/// influence of the two. The others change nothing: neither what shows, nor what does not show.
 pub(crate) fn emit(
     context: &Context,
     volume: &Volume,

@@ -42,8 +42,8 @@ pub(crate) struct BrickSplats {
 }
 
 impl BrickSplats {
-    /// The splats from `first` on of the brick at `origin`, given for each row along x, y before z, the bits of the places
-    /// where there are any, the first of a row the lowest.
+    /// The splats from `first` on of the brick at `origin`, given for each row along x, y before z, the bits of the
+    /// places where there are any, the first of a row the lowest.
     pub(crate) fn new(origin: [u32; 3], first: u32, rows: impl Iterator<Item = u32>) -> Self {
         let mut places = [0_u32; 3];
         for (row, bits) in rows.enumerate().filter(|&(_, bits)| bits != 0) {
@@ -91,7 +91,8 @@ pub(super) trait Part: Sized {
     fn join(context: &Context, parts: Vec<Self>, count: u64) -> Result<wgpu::Buffer>;
 }
 
-/// Joins the splats of bricks into few stores, each within a storage binding and within the bricks that a place can name.
+/// Joins the splats of bricks into few stores, each within a storage binding and within the bricks that a place can
+/// name.
 pub(super) struct StoreBuilder<'a, P> {
     context: &'a Context,
     /// The most splats of a store.

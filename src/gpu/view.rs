@@ -56,8 +56,8 @@ pub(crate) struct ScalarNeed {
 }
 
 impl ScalarNeed {
-    /// The need for kernels that reach `reach` voxels from any place whose field is asked for, and for an `influence` in
-    /// voxels.
+    /// The need for kernels that reach `reach` voxels from any place whose field is asked for, and for an `influence`
+    /// in voxels.
     ///
     /// The influence is rounded up to sixteenths: rounding errors ask for no other splats when the camera turns.
     pub(crate) fn new(reach: f64, influence: f64) -> Self {
@@ -149,7 +149,8 @@ impl ViewGeometry {
         from_center.abs().cmple(half(&self.grid) + self.max_radius()).all()
     }
 
-    /// The smallest rectangle of pixels that holds every point which the volume's kernels project to; `None`: none does.
+    /// The smallest rectangle of pixels that holds every point which the volume's kernels project to; `None`: none
+    /// does.
     pub(crate) fn projected_bounds(&self) -> Option<Region> {
         let camera = &self.camera;
         let [w, h] = camera.size;

@@ -109,8 +109,9 @@ impl Reference {
     /// Classifies a volume once, for the model, shading, light, kernel and normalization of `settings`.
     ///
     /// # Errors
-    /// [`Error::Setting`](crate::error::Error::Setting) where a setting is out of range, [`Error::Volume`] where samples are NaN, infinite or too far
-    /// apart, [`Error::Transfer`](crate::error::Error::Transfer) where an extinction overflows.
+    /// [`Error::Setting`](crate::error::Error::Setting) where a setting is out of range, [`Error::Volume`] where
+    /// samples are NaN, infinite or too far apart, [`Error::Transfer`](crate::error::Error::Transfer) where an
+    /// extinction overflows.
     pub fn new(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Self> {
         settings.validate()?;
         volume.check_finite()?;
@@ -152,8 +153,8 @@ impl Reference {
     /// With antialiasing, kernels are as large as this camera makes them. Runs on all cores of the current rayon pool.
     ///
     /// # Errors
-    /// [`Error::Camera`](crate::error::Error::Camera) if the camera is not finite; [`Error::Setting`] if a side of the picture is 0 or over
-    /// [`Camera::MAX_SIZE`] pixels.
+    /// [`Error::Camera`](crate::error::Error::Camera) if the camera is not finite; [`Error::Setting`] if a side of the
+    /// picture is 0 or over [`Camera::MAX_SIZE`] pixels.
     pub fn render(&self, camera: &Camera) -> Result<Image> {
         camera.validate()?;
         thread_local! {

@@ -146,8 +146,8 @@ impl TransferFunction {
     /// 3. a value without opacity between visible values;
     /// 4. the value of the first point.
     ///
-    /// If opacity jumps at such an end, the base value is half way from there to the neighbouring clear point. If there is
-    /// none, it is half the range of the points away, and at least 0.5.
+    /// If opacity jumps at such an end, the base value is half way from there to the neighbouring clear point. If there
+    /// is none, it is half the range of the points away, and at least 0.5.
     #[must_use]
     pub fn base(&self) -> f64 {
         let p = &self.points;

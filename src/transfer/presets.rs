@@ -104,7 +104,8 @@ impl TransferFunction {
     /// A preset fitted to the values of a volume, which are all read.
     ///
     /// # Errors
-    /// [`Error::Transfer`] as [`preset`]; [`Error::Read`] and [`Error::Memory`] if samples left in a file cannot be read.
+    /// [`Error::Transfer`] as [`preset`]; [`Error::Read`] and [`Error::Memory`] if samples left in a file cannot be
+    /// read.
     pub fn preset(name: &str, volume: &Volume) -> Result<Self> {
         preset(name, &Statistics::of(volume)?)
     }
@@ -121,8 +122,8 @@ impl TransferFunction {
     }
 }
 
-/// Whether values look like Hounsfield units: air (-1000) is far below 0, and bone or contrast agent far above it. Values
-/// far outside the range of scanners are another quantity.
+/// Whether values look like Hounsfield units: air (-1000) is far below 0, and bone or contrast agent far above it.
+/// Values far outside the range of scanners are another quantity.
 fn is_hounsfield(s: &Statistics) -> bool {
     s.min < -200.0 && s.max > 300.0 && s.min >= -10_000.0 && s.max <= 100_000.0
 }

@@ -7,7 +7,7 @@ use super::super::recorder::{Recorder, flat};
 use super::super::shaders;
 use super::plan::Target;
 use super::splat::Sheets;
-use super::{DynamicUniforms, Feed, QuadsKey};
+use super::{DynamicUniforms, Feed, Frame, QuadsKey};
 use crate::error::Result;
 
 /// The pipelines.
@@ -54,8 +54,7 @@ impl Composite {
         context: &Context,
         target: Target<'_>,
         sheets: &Sheets,
-        pixels: &wgpu::Buffer,
-        reached: &[Area],
+        Frame { pixels, reached }: Frame<'_>,
     ) -> Result<Compositing<'a>> {
         let areas = DynamicUniforms::new(context, "composite.areas", reached)?;
         let frame = target.frame.as_entire_binding();

@@ -68,8 +68,8 @@ impl Plan<'_> {
         areas
     }
 
-    /// The planes that bound what a region shows, as (gradient in the lattice, value in the middle of the lattice): points
-    /// inside have values of 0 and more.
+    /// The planes that bound what a region shows, as (gradient in the lattice, value in the middle of the lattice):
+    /// points inside have values of 0 and more.
     fn sides(&self, region: Region) -> Vec<(DVec3, f64)> {
         if !self.view.savings.view {
             return Vec::new();

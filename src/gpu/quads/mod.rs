@@ -114,6 +114,15 @@ struct Inputs<'a> {
     transfer: Option<&'a TransferTable>,
 }
 
+/// What sheets are brought into.
+#[derive(Clone, Copy)]
+struct Frame<'a> {
+    /// Colour and optical depth of each pixel.
+    pixels: &'a wgpu::Buffer,
+    /// The pixels of each batch; none if it has no splats.
+    reached: &'a [Area],
+}
+
 /// The stage that brings sheets into the frame.
 enum Consumer {
     Composite(Composite),
@@ -209,7 +218,7 @@ impl Quads {
             .zip(covered)
             .map(|(batch, area)| if quads_of(batch) > 0 { *area } else { Area::default() })
             .collect();
-        let consumer = self.bind(context, target, inputs, &sheets, &pixels, &reached)?;
+        let consumer = self.bind(context, target, inputs, &sheets, Frame { pixels: &pixels, reached: &reached })?;
         for batch in 0..batches {
             let quads = quads_of(batch);
             if quads > 0 {
@@ -236,15 +245,12 @@ impl Quads {
         target: Target<'_>,
         inputs: &Inputs<'_>,
         sheets: &[Sheets],
-        pixels: &wgpu::Buffer,
-        reached: &[Area],
+        frame: Frame<'_>,
     ) -> Result<Bound<'_>> {
         match (&self.consumer, inputs.transfer) {
-            (Consumer::Composite(stage), _) => {
-                Ok(Bound::Composite(stage.bind(context, target, &sheets[0], pixels, reached)?))
-            }
+            (Consumer::Composite(stage), _) => Ok(Bound::Composite(stage.bind(context, target, &sheets[0], frame)?)),
             (Consumer::Shading(stage), Some(table)) => {
-                Ok(Bound::Shading(stage.bind(context, target, inputs, table, sheets, pixels, reached)?))
+                Ok(Bound::Shading(stage.bind(context, target, inputs, table, sheets, frame)?))
             }
             (Consumer::Shading(_), None) => Err(Error::Device {
                 stage: "shade".to_owned(),

@@ -155,7 +155,8 @@ impl Drawn {
 
 /// The precision asked for, or the adapter's own: see [`QuadsSettings::precision`](crate::settings::QuadsSettings).
 fn precision(context: &Context, settings: &Settings, view: &ViewGeometry) -> Result<Precision> {
-    /// A kernel s times as large meets s^2 times as many others in a pixel, each as much fainter: half floats lose them.
+    /// A kernel s times as large meets s^2 times as many others in a pixel, each as much fainter: half floats lose
+    /// them.
     const MAX_F16_GROWTH: f64 = 1.5;
     let blendable = context.features.contains(wgpu::Features::FLOAT32_BLENDABLE);
     match settings.quads().precision {

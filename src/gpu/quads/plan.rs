@@ -23,8 +23,8 @@ impl Target<'_> {
     }
 }
 
-/// The sheets of one picture, in f64. Depths are measured along the view from the middle of the lattice, so that a distant
-/// eye cancels nothing.
+/// The sheets of one picture, in f64. Depths are measured along the view from the middle of the lattice, so that a
+/// distant eye cancels nothing.
 #[derive(Debug, Clone)]
 pub(crate) struct Plan<'a> {
     pub(super) view: &'a ViewGeometry,
@@ -78,8 +78,8 @@ impl Sheets {
             view.farthest + view.max_radius() * depth_per_voxel.length()
         };
         let grid_forward = view.grid.to_lattice().matrix3 * view.camera.forward;
-        // One voxel of thickness is the world length in which the central ray advances by one lattice unit. Grown kernels
-        // resolve so much less.
+        // One voxel of thickness is the world length in which the central ray advances by one lattice unit. Grown
+        // kernels resolve so much less.
         let mut step = settings.quads().sheet_thickness * view.growths[0] / grid_forward.length();
         // Shading takes in a sheet before the first and one after the last.
         let beside = if view.post_shaded { step } else { 0.0 };

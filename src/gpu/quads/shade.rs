@@ -8,7 +8,7 @@ use super::super::shaders;
 use super::super::transfer::TransferTable;
 use super::plan::Target;
 use super::splat::Sheets;
-use super::{DynamicUniforms, Feed, Inputs, QuadsKey};
+use super::{DynamicUniforms, Feed, Frame, Inputs, QuadsKey};
 use crate::error::Result;
 
 /// The pipelines.
@@ -77,8 +77,7 @@ impl Shading {
         inputs: &Inputs<'_>,
         table: &TransferTable,
         sheets: &[Sheets],
-        pixels: &wgpu::Buffer,
-        reached: &[Area],
+        Frame { pixels, reached }: Frame<'_>,
     ) -> Result<Shaded<'a>> {
         let drawn: Vec<bool> = reached.iter().map(|area| *area != Area::default()).chain([false]).collect();
         let base_is_invisible = table.invisible[0] <= table.invisible[1];

@@ -8,12 +8,12 @@ use super::super::super::view::Region;
 use super::super::axis::{PrincipalAxis, RAY_MARGIN};
 use super::{RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, rays_for_depth};
 
-/// The fewest pixels between rays of which not each is the ray of a pixel: resampling costs about as much as the rays that
-/// a smaller distance would save.
+/// The fewest pixels between rays of which not each is the ray of a pixel: resampling costs about as much as the rays
+/// that a smaller distance would save.
 const MIN_PITCH: f64 = 1.25;
 
-/// Rays per voxel by the number that parallel rays would have. These rays do not move in step with the lattice, so 1.5 do
-/// where parallel rays need 2. The error is in docs/measurements/2026-11-21-painters.md.
+/// Rays per voxel by the number that parallel rays would have. These rays do not move in step with the lattice, so 1.5
+/// do where parallel rays need 2. The error is in docs/measurements/2026-11-21-painters.md.
 const RAYS_PER_VOXEL: [f64; 3] = [1.5, 2.0, 3.0];
 
 /// The rays of a region; the eye is at a distance from the camera's target.
@@ -67,8 +67,8 @@ impl ImagePoints {
     fn new(setup: &RaySetup<'_>, magnification: f64, region: Region) -> Self {
         let corner = first_pixel(region);
         let rays = RAYS_PER_VOXEL[rays_for_depth(setup.optics.max_depth) as usize - 1];
-        // The points around the picture are rays of one of the axes too, if they are not farther out than half the margin
-        // for which axes are found.
+        // The points around the picture are rays of one of the axes too, if they are not farther out than half the
+        // margin for which axes are found.
         let [width, height] = setup.size;
         let pitch = (magnification / rays).min(RAY_MARGIN / 2.0 * f64::from(width.min(height)) / SPLINE_MARGIN);
         let sides = [region.width, region.height];
