@@ -168,13 +168,13 @@ impl Classifier {
                 inline_points: few,
             },
         };
-        let mut batch = Batch::default();
+        let mut batch = BrickBatch::default();
         let mut stores = StoreBuilder::new(context, JOINED);
         let mut classified = Classified::default();
         let (slope, intercept) = volume.rescale();
         let shows = |[low, high]: [f64; 2]| {
             let [a, b] = [low, high].map(|raw| slope * raw + intercept);
-            !savings.bricks || !savings.voxels || !transfer.is_clear([a.min(b), a.max(b)])
+            !savings.bricks || !savings.voxels || !transfer.is_invisible([a.min(b), a.max(b)])
         };
         let total = volume.bricks().into_iter().product::<u32>();
         volume.for_each_brick(&shows, usize::from(lit), &coding, &mut |brick| {
@@ -202,7 +202,7 @@ impl Classifier {
 
 /// Bricks that are classified together.
 #[derive(Default)]
-struct Batch {
+struct BrickBatch {
     origins: Vec<[u32; 4]>,
     bytes: Vec<u8>,
 }
@@ -220,7 +220,7 @@ struct Job<'a> {
 
 impl Job<'_> {
     /// Adds the visible voxels of a batch.
-    fn run(&self, batch: &Batch, stores: &mut StoreBuilder<'_, ClassifiedPart>) -> Result<()> {
+    fn run(&self, batch: &BrickBatch, stores: &mut StoreBuilder<'_, ClassifiedPart>) -> Result<()> {
         let context = self.context;
         let storage = wgpu::BufferUsages::STORAGE;
         let rows = EDGE * EDGE;

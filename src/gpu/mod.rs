@@ -1,7 +1,6 @@
 //! The stages on the GPU. This folder and `renderer.rs` are the only places that name wgpu.
 
 #[cfg(test)]
-#[path = "../../tests/suite/adapter.rs"]
 mod adapter_test;
 pub(crate) mod classify;
 pub(crate) mod context;

@@ -86,19 +86,19 @@ fn magnification(kernel: &Kernel, normalization: Normalization) -> f64 {
 ///
 /// The interval holds 0, so sums of some of its scalars, be the others left out or not, do not show either.
 #[derive(Debug, Clone, Copy)]
-struct Clear([f64; 2]);
+struct Invisible([f64; 2]);
 
-impl Clear {
+impl Invisible {
     fn new(transfer: &TransferFunction, shows: Shows, magnification: f64) -> Self {
         let base = transfer.base();
-        let around = transfer.clear_around(base);
+        let around = transfer.invisible_around(base);
         let ends = match shows {
             Shows::Opaque => around,
             Shows::Largest => around
-                .filter(|_| transfer.is_clear([f64::NEG_INFINITY, base]))
+                .filter(|_| transfer.is_invisible([f64::NEG_INFINITY, base]))
                 .map(|[_, high]| [f64::NEG_INFINITY, high]),
         };
-        // Empty where no value is clear.
+        // Empty where no value is invisible.
         let ends = ends.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
         Self(ends.map(|end| (end - base) / magnification))
     }
@@ -178,7 +178,7 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<bool> {
 
 /// The splats of a volume: those of voxels that can take part in something visible, and copies beyond its faces.
 ///
-/// A place shows only if a voxel outside [`Clear`] reaches it. So a voxel is kept if such a voxel is within the
+/// A place shows only if a voxel outside [`Invisible`] reaches it. So a voxel is kept if such a voxel is within the
 /// influence of the two. The others change nothing: neither what shows, nor what does not show.
 pub(crate) fn emit(
     context: &Context,
@@ -226,7 +226,7 @@ impl Emitted {
 struct Emission<'a> {
     volume: &'a Volume,
     relative: Relative,
-    clear: Clear,
+    invisible: Invisible,
     savings: Savings,
     need: ScalarNeed,
     /// Of each brick of the volume, x fastest, whether a voxel of it can show.
@@ -268,7 +268,7 @@ impl<'a> Emission<'a> {
         let mut emission = Self {
             volume,
             relative: Relative { slope, intercept, base: transfer.base() },
-            clear: Clear::new(transfer, shows, magnification(&asked.kernel, asked.normalization)),
+            invisible: Invisible::new(transfer, shows, magnification(&asked.kernel, asked.normalization)),
             savings: context.savings,
             need,
             active: Vec::new(),
@@ -289,7 +289,7 @@ impl<'a> Emission<'a> {
 
     /// Whether a scalar can show.
     fn is_active(&self, scalar: f32) -> bool {
-        !self.savings.voxels || !self.clear.holds(f64::from(scalar))
+        !self.savings.voxels || !self.invisible.holds(f64::from(scalar))
     }
 
     /// The lattice point of the volume at which a brick begins along an axis; negative among the copies.

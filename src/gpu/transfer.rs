@@ -36,7 +36,7 @@ impl TransferTable {
         let scale = if last > first { steps / (last - first) } else { 0.0 };
         Self {
             texture: context.float_texture("shade.transfer", [TABLE_STEPS, 1], &values),
-            invisible: transfer.clear_around(base).map_or([1.0, -1.0], |ends| ends.map(|v| (v - base) as f32)),
+            invisible: transfer.invisible_around(base).map_or([1.0, -1.0], |ends| ends.map(|v| (v - base) as f32)),
             lookup: [scale as f32, ((base - first) * scale) as f32],
         }
     }

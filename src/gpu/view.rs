@@ -190,10 +190,14 @@ impl ViewGeometry {
         let f3 = |v: DVec3| v.as_vec3().to_array();
         let mut lights = [[0.0; 4]; Lighting::MAX_LIGHTS];
         for (slot, light) in lights.iter_mut().zip(&lighting.lights) {
-            if let Light::Directional(towards) = light {
-                let d = towards.normalize();
-                *slot = [d.dot(camera.right), d.dot(camera.up), d.dot(camera.forward), 0.0].map(|c| c as f32);
-            }
+            *slot = match light {
+                // Zeros: the shader takes the direction to the eye.
+                Light::Headlight => [0.0; 4],
+                Light::Directional(towards) => {
+                    let d = towards.normalize();
+                    [d.dot(camera.right), d.dot(camera.up), d.dot(camera.forward), 0.0].map(|c| c as f32)
+                }
+            };
         }
         layout::Lighting {
             right: f3(camera.right),

@@ -259,7 +259,7 @@ impl Classified<'_> {
     /// changes sides: so no peak is missed, however narrow, and what is left is smooth.
     fn split(&mut self, stretch: &Stretch, a: f64, b: f64) -> bool {
         let range = stretch.scalar.range(a, b);
-        if self.is_clear(range) {
+        if self.is_invisible(range) {
             return true;
         }
         let mut cuts = Vec::new();
@@ -287,7 +287,7 @@ impl Classified<'_> {
     }
 
     /// Whether nothing is seen of scalars in a range.
-    fn is_clear(&self, Range { middle, spread, .. }: Range) -> bool {
+    fn is_invisible(&self, Range { middle, spread, .. }: Range) -> bool {
         let [low, high] = [-spread, spread].map(|s| self.value(middle + s));
         // Between kinks opacity is linear and not negative: clear at one place inside, clear everywhere.
         self.classifier.between(low, high).is_empty() && self.opacity(middle) <= 0.0

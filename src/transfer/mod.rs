@@ -146,16 +146,16 @@ impl TransferFunction {
     /// 3. a value without opacity between visible values;
     /// 4. the value of the first point.
     ///
-    /// If opacity jumps at such an end, the base value is half way from there to the neighbouring clear point. If there
-    /// is none, it is half the range of the points away, and at least 0.5.
+    /// If opacity jumps at such an end, the base value is half way from there to the neighbouring invisible point. If
+    /// there is none, it is half the range of the points away, and at least 0.5.
     #[must_use]
     pub fn base(&self) -> f64 {
         let p = &self.points;
-        let clear = |i: usize| p[i].opacity <= 0.0;
+        let invisible = |i: usize| p[i].opacity <= 0.0;
         let last = p.len() - 1;
         let beyond = |i: usize, sign: f64| p[i].value + sign * (p[last].value - p[0].value).max(1.0) / 2.0;
-        if clear(0) {
-            let end = (0..=last).take_while(|&i| clear(i)).last().unwrap_or(0);
+        if invisible(0) {
+            let end = (0..=last).take_while(|&i| invisible(i)).last().unwrap_or(0);
             let steps = p.get(end + 1).is_some_and(|next| next.value <= p[end].value);
             return match end.checked_sub(1).filter(|&before| p[before].value < p[end].value) {
                 _ if !steps => p[end].value,
@@ -163,8 +163,8 @@ impl TransferFunction {
                 None => beyond(end, -1.0),
             };
         }
-        if clear(last) {
-            let start = (0..=last).rev().take_while(|&i| clear(i)).last().unwrap_or(last);
+        if invisible(last) {
+            let start = (0..=last).rev().take_while(|&i| invisible(i)).last().unwrap_or(last);
             let steps = start > 0 && p[start - 1].value >= p[start].value;
             return match p.get(start + 1).filter(|after| after.value > p[start].value) {
                 _ if !steps => p[start].value,
@@ -172,8 +172,8 @@ impl TransferFunction {
                 None => beyond(start, 1.0),
             };
         }
-        // Between two clear points every value is clear. A single clear point is clear at its value, unless it is part
-        // of a step.
+        // Between two invisible points every value is invisible. A single invisible point is invisible at its value,
+        // unless it is part of a step.
         let between = p.windows(2).find(|w| w.iter().all(|q| q.opacity <= 0.0) && w[0].value < w[1].value);
         if let Some([a, b]) = between {
             return f64::midpoint(a.value, b.value);
@@ -183,7 +183,7 @@ impl TransferFunction {
 
     /// Whether no value of a range has opacity. Both ends are included, and either may be infinite.
     #[must_use]
-    pub(crate) fn is_clear(&self, [low, high]: [f64; 2]) -> bool {
+    pub(crate) fn is_invisible(&self, [low, high]: [f64; 2]) -> bool {
         let ends = [low, high].map(|v| self.sample(v.clamp(f64::MIN, f64::MAX)).1);
         let inside = self.points.iter().filter(|p| (low..=high).contains(&p.value)).map(|p| p.opacity);
         ends.into_iter().chain(inside).all(|opacity| opacity <= 0.0)
@@ -192,11 +192,11 @@ impl TransferFunction {
     /// The largest range of values without opacity around `value`, both ends included; an end may be infinite. `None`
     /// if the value has opacity. If opacity jumps at an end, the range ends half way to the jump.
     #[must_use]
-    pub(crate) fn clear_around(&self, value: f64) -> Option<[f64; 2]> {
-        if !self.is_clear([value; 2]) {
+    pub(crate) fn invisible_around(&self, value: f64) -> Option<[f64; 2]> {
+        if !self.is_invisible([value; 2]) {
             return None;
         }
-        // A segment is clear if both its ends are, so the range ends with the last clear point.
+        // A segment is invisible if both its ends are, so the range ends with the last invisible point.
         let end = |visible: Option<&ControlPoint>, last: Option<&ControlPoint>, infinite: f64| match (visible, last) {
             (None, _) => infinite,
             (Some(visible), Some(last)) if last.value != visible.value => last.value,
@@ -227,14 +227,14 @@ mod tests {
         let points = points.iter().map(|&(value, opacity)| ControlPoint { value, color: [1.0; 3], opacity }).collect();
         let transfer = TransferFunction::new(points, None).unwrap();
         let base = transfer.base();
-        let clear = |v: f64| transfer.sample(v).1 <= 0.0;
-        let some = transfer.points().iter().any(|p| clear(p.value)) || clear(f64::MIN) || clear(f64::MAX);
-        assert!(clear(base) || !some, "{base} is not clear");
+        let invisible = |v: f64| transfer.sample(v).1 <= 0.0;
+        let some = transfer.points().iter().any(|p| invisible(p.value)) || invisible(f64::MIN) || invisible(f64::MAX);
+        assert!(invisible(base) || !some, "{base} is not invisible");
         base
     }
 
     #[test]
-    fn base_is_the_clear_value_next_to_the_visible_ones() {
+    fn base_is_the_invisible_value_next_to_the_visible_ones() {
         assert_eq!(base(&[(0.0, 0.0), (2.0, 0.0), (3.0, 0.5), (4.0, 0.0)]), 2.0);
         assert_eq!(base(&[(0.0, 0.5), (2.0, 0.0), (3.0, 0.0)]), 2.0);
         assert_eq!(base(&[(0.0, 0.5), (2.0, 0.0), (4.0, 0.0), (5.0, 1.0)]), 3.0);
@@ -244,18 +244,22 @@ mod tests {
     }
 
     #[test]
-    fn clear_ranges_end_where_opacity_begins() {
+    fn invisible_ranges_end_where_opacity_begins() {
         let points = [(0.0, 0.0), (2.0, 0.0), (3.0, 0.5), (4.0, 0.0), (6.0, 0.0), (6.0, 0.3)];
         let point = |&(value, opacity): &(f64, f64)| ControlPoint { value, color: [1.0; 3], opacity };
         let transfer = TransferFunction::new(points.iter().map(point).collect(), None).unwrap();
-        assert_eq!(transfer.clear_around(1.0), Some([f64::NEG_INFINITY, 2.0]));
-        assert_eq!(transfer.clear_around(2.0), Some([f64::NEG_INFINITY, 2.0]));
-        assert_eq!(transfer.clear_around(2.5), None);
-        assert_eq!(transfer.clear_around(5.0), Some([4.0, 5.5]));
-        assert_eq!(transfer.clear_around(7.0), None);
-        assert!(transfer.is_clear([f64::NEG_INFINITY, 2.0]) && transfer.is_clear([4.0, 5.9]));
-        assert!(!transfer.is_clear([1.0, 5.0]) && !transfer.is_clear([5.0, 6.0]) && !transfer.is_clear([2.5, 2.6]));
-        assert!(!transfer.is_clear([5.0, f64::INFINITY]));
+        assert_eq!(transfer.invisible_around(1.0), Some([f64::NEG_INFINITY, 2.0]));
+        assert_eq!(transfer.invisible_around(2.0), Some([f64::NEG_INFINITY, 2.0]));
+        assert_eq!(transfer.invisible_around(2.5), None);
+        assert_eq!(transfer.invisible_around(5.0), Some([4.0, 5.5]));
+        assert_eq!(transfer.invisible_around(7.0), None);
+        assert!(transfer.is_invisible([f64::NEG_INFINITY, 2.0]) && transfer.is_invisible([4.0, 5.9]));
+        assert!(
+            !transfer.is_invisible([1.0, 5.0])
+                && !transfer.is_invisible([5.0, 6.0])
+                && !transfer.is_invisible([2.5, 2.6])
+        );
+        assert!(!transfer.is_invisible([5.0, f64::INFINITY]));
     }
 
     #[test]

@@ -7,6 +7,7 @@
     reason = "a failing helper fails its test; the lints' own exemption covers test functions only"
 )]
 
+#[path = "../../src/gpu/adapter_test.rs"]
 mod adapter;
 mod algorithms;
 mod camera;

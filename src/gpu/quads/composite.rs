@@ -6,12 +6,12 @@ use super::super::pipeline::{Binding, bind, compute, flag, layout, module, textu
 use super::super::recorder::{Recorder, flat};
 use super::super::shaders;
 use super::plan::Target;
-use super::splat::Sheets;
+use super::splat::SheetTextures;
 use super::{DynamicUniforms, Feed, Frame, QuadsKey};
 use crate::error::Result;
 
 /// The pipelines.
-pub(super) struct Composite {
+pub(super) struct CompositeStage {
     composite_layout: wgpu::BindGroupLayout,
     composite: wgpu::ComputePipeline,
     resolve_layout: wgpu::BindGroupLayout,
@@ -20,7 +20,7 @@ pub(super) struct Composite {
 
 /// What one region is composited with.
 pub(super) struct Compositing<'a> {
-    stage: &'a Composite,
+    stage: &'a CompositeStage,
     /// The pixels of each batch; none if it has no splats.
     reached: Vec<Area>,
     areas: DynamicUniforms,
@@ -29,7 +29,7 @@ pub(super) struct Compositing<'a> {
     workgroups: [u32; 2],
 }
 
-impl Composite {
+impl CompositeStage {
     pub(super) fn new(context: &Context, key: QuadsKey) -> Self {
         let compute_stage = wgpu::ShaderStages::COMPUTE;
         let sheets = Binding::Texture(wgpu::TextureViewDimension::D2Array);
@@ -53,7 +53,7 @@ impl Composite {
         &'a self,
         context: &Context,
         target: Target<'_>,
-        sheets: &Sheets,
+        sheets: &SheetTextures,
         Frame { pixels, reached }: Frame<'_>,
     ) -> Result<Compositing<'a>> {
         let areas = DynamicUniforms::new(context, "composite.areas", reached)?;

@@ -12,11 +12,11 @@ pub(crate) mod terminate;
 
 pub(crate) use paint::ROOM;
 
-use composite::{Composite, Compositing};
+use composite::{CompositeStage, Compositing};
 use plan::Target;
-use shade::{Shaded, Shading};
+use shade::{ShadeStage, Shaded};
 use sort::{SortKey, Sorter, Span};
-use splat::{Sheets, Splatting};
+use splat::{SheetTextures, Splatting};
 use terminate::Terminator;
 
 use super::context::Context;
@@ -54,7 +54,7 @@ pub(crate) struct QuadsKey {
     pub(crate) perspective: bool,
     /// Kernels grow.
     pub(crate) grown: bool,
-    /// Sheets are voxel planes.
+    /// SheetTextures are voxel planes.
     pub(crate) axis: bool,
     /// Opacities are added.
     pub(crate) additive: bool,
@@ -125,8 +125,8 @@ struct Frame<'a> {
 
 /// The stage that brings sheets into the frame.
 enum Consumer {
-    Composite(Composite),
-    Shading(Shading),
+    Composite(CompositeStage),
+    Shading(ShadeStage),
 }
 
 /// That stage bound to what a region is made of.
@@ -186,8 +186,8 @@ struct DrawnRegion {
 impl Quads {
     fn new(context: &Context, key: QuadsKey) -> Result<Self> {
         let consumer = || match key.feed.is_scalar() {
-            true => Consumer::Shading(Shading::new(context, key)),
-            false => Consumer::Composite(Composite::new(context, key)),
+            true => Consumer::Shading(ShadeStage::new(context, key)),
+            false => Consumer::Composite(CompositeStage::new(context, key)),
         };
         let rest = || (key.terminates.then(|| Terminator::new(context, key)), consumer());
         let (splatting, (terminator, consumer)) = both(context, || Splatting::new(context, key), rest)?;
@@ -209,7 +209,7 @@ impl Quads {
         let batches = target.plan.sheets().div_ceil(self.key.sheets_per_pass);
         let pixels = context.pixels("composite.pixels", [width, height])?;
         let sheets: Vec<_> =
-            (0..self.key.batches_held()).map(|_| Sheets::new(context, self.key, [width, height])).collect();
+            (0..self.key.batches_held()).map(|_| SheetTextures::new(context, self.key, [width, height])).collect();
         let quads_of = |batch: u32| spans.iter().map(|s| s.batch(batch).len() as u64).sum::<u64>();
         let splats = self.splatting.bind(context, target, inputs, spans, batches)?;
         let termination =
@@ -244,7 +244,7 @@ impl Quads {
         context: &Context,
         target: Target<'_>,
         inputs: &Inputs<'_>,
-        sheets: &[Sheets],
+        sheets: &[SheetTextures],
         frame: Frame<'_>,
     ) -> Result<Bound<'_>> {
         match (&self.consumer, inputs.transfer) {

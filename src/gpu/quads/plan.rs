@@ -5,7 +5,7 @@ use glam::{DVec3, DVec4};
 use super::super::layout::{Batch, Frame};
 use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights, half};
 use crate::camera::Camera;
-use crate::settings::{Model, Settings, Sheets as Alignment};
+use crate::settings::{Model, Settings, Sheets};
 
 /// A region of a picture and the uniforms to render it with, on the device.
 #[derive(Debug, Clone, Copy)]
@@ -60,14 +60,14 @@ fn gradient_margin(view: &ViewGeometry, sheet_step: f64) -> u32 {
 }
 
 /// The sheets across a volume.
-struct Sheets {
+struct SheetStack {
     /// See [`Plan`].
     origin: f64,
     step: f64,
     count: u32,
 }
 
-impl Sheets {
+impl SheetStack {
     /// Image-aligned sheets.
     fn along(view: &ViewGeometry, settings: &Settings) -> Self {
         let depth_per_voxel = view.gradients[2];
@@ -108,8 +108,9 @@ fn sheet_axis(view: &ViewGeometry) -> usize {
 
 impl<'a> Plan<'a> {
     pub(crate) fn new(view: &'a ViewGeometry, settings: &Settings, weights: Weights) -> Self {
-        let Sheets { origin: sheet_origin, step: sheet_step, count: mut sheets } = Sheets::along(view, settings);
-        let axis = (settings.quads().sheets == Alignment::Axis).then(|| sheet_axis(view));
+        let SheetStack { origin: sheet_origin, step: sheet_step, count: mut sheets } =
+            SheetStack::along(view, settings);
+        let axis = (settings.quads().sheets == Sheets::Axis).then(|| sheet_axis(view));
         if let Some(axis) = axis
             && sheets > 0
         {

@@ -7,12 +7,12 @@ use super::super::recorder::{Recorder, flat};
 use super::super::shaders;
 use super::super::transfer::TransferTable;
 use super::plan::Target;
-use super::splat::Sheets;
+use super::splat::SheetTextures;
 use super::{DynamicUniforms, Feed, Frame, Inputs, QuadsKey};
 use crate::error::Result;
 
 /// The pipelines.
-pub(super) struct Shading {
+pub(super) struct ShadeStage {
     key: QuadsKey,
     layout: wgpu::BindGroupLayout,
     shade: wgpu::ComputePipeline,
@@ -22,7 +22,7 @@ pub(super) struct Shading {
 
 /// What one region is shaded with.
 pub(super) struct Shaded<'a> {
-    stage: &'a Shading,
+    stage: &'a ShadeStage,
     batches: DynamicUniforms,
     /// Whether a batch has splats; one more ends the list.
     drawn: Vec<bool>,
@@ -36,7 +36,7 @@ pub(super) struct Shaded<'a> {
     workgroups: [u32; 2],
 }
 
-impl Shading {
+impl ShadeStage {
     pub(super) fn new(context: &Context, key: QuadsKey) -> Self {
         let stages = wgpu::ShaderStages::COMPUTE;
         let sheets = Binding::Texture(wgpu::TextureViewDimension::D2Array);
@@ -76,7 +76,7 @@ impl Shading {
         target: Target<'_>,
         inputs: &Inputs<'_>,
         table: &TransferTable,
-        sheets: &[Sheets],
+        sheets: &[SheetTextures],
         Frame { pixels, reached }: Frame<'_>,
     ) -> Result<Shaded<'a>> {
         let drawn: Vec<bool> = reached.iter().map(|area| *area != Area::default()).chain([false]).collect();

@@ -24,7 +24,7 @@ pub(super) struct Splatting {
 }
 
 /// The sheets of a batch: a layer each.
-pub(super) struct Sheets {
+pub(super) struct SheetTextures {
     targets: Vec<wgpu::TextureView>,
     /// All layers.
     pub(super) all: wgpu::TextureView,
@@ -73,7 +73,7 @@ impl QuadsKey {
     }
 }
 
-impl Sheets {
+impl SheetTextures {
     pub(super) fn new(context: &Context, key: QuadsKey, [width, height]: [u32; 2]) -> Self {
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
         let (size, layered) = ([width, height, key.layers()], wgpu::TextureDimension::D2);
@@ -149,7 +149,7 @@ impl Splats<'_> {
     pub(super) fn record(
         &self,
         recorder: &mut Recorder<'_>,
-        sheets: &Sheets,
+        sheets: &SheetTextures,
         spans: &[Span<'_>],
         batch: u32,
         area: Area,

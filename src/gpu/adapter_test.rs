@@ -1,4 +1,4 @@
-//! The adapter that tests run on, of this suite and of `src/gpu/stages_test.rs`.
+//! The adapter that tests on a device run on, here and in `tests/suite`.
 
 /// Part of its name: `VOXSPLAT_TEST_ADAPTER`, or Mesa's software rasteriser.
 ///
