@@ -2,6 +2,8 @@
 
 use crate::adapter::AdapterInfo;
 use crate::camera::Camera;
+#[cfg(doc)]
+use crate::error::Error;
 use crate::error::Result;
 use crate::gpu::context::{self, Context, PIXEL_BYTES};
 use crate::gpu::painter::{Begun, Choice, Job, Painted};
@@ -56,7 +58,7 @@ impl Renderer {
     /// Opens a device.
     ///
     /// # Errors
-    /// [`Error::NoAdapter`](crate::error::Error::NoAdapter) if there is none, none of that name, or it cannot be
+    /// [`Error::NoAdapter`] if there is none, none of that name, or it cannot be
     /// opened.
     pub fn new(options: &RendererOptions) -> Result<Self> {
         Ok(Self {
@@ -99,8 +101,8 @@ impl Renderer {
     /// there is light. Voxels that cannot show are dropped.
     ///
     /// # Errors
-    /// [`Error::Setting`](crate::error::Error::Setting) if a setting is out of range,
-    /// [`Error::Volume`](crate::error::Error::Volume) if a sample is NaN or infinite, and the errors of
+    /// [`Error::Setting`] if a setting is out of range,
+    /// [`Error::Volume`] if a sample is NaN or infinite, and the errors of
     /// [`Self::render`] if the device fails or is too small.
     pub fn prepare(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Scene> {
         settings.validate()?;
@@ -122,10 +124,10 @@ impl Renderer {
     /// Renders a picture of a scene that this renderer prepared.
     ///
     /// # Errors
-    /// [`Error::Setting`](crate::error::Error::Setting) if a setting is out of range or the scene was prepared for
-    /// others, [`Error::Camera`](crate::error::Error::Camera) if the camera is not finite,
-    /// [`Error::Unsupported`](crate::error::Error::Unsupported) if the adapter cannot do what is asked, and
-    /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) or [`Error::Device`](crate::error::Error::Device) if
+    /// [`Error::Setting`] if a setting is out of range or the scene was prepared for
+    /// others, [`Error::Camera`] if the camera is not finite,
+    /// [`Error::Unsupported`] if the adapter cannot do what is asked, and
+    /// [`Error::OutOfMemory`] or [`Error::Device`] if
     /// the device fails. There is no picture then.
     pub fn render(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
         camera.validate()?;
@@ -145,7 +147,7 @@ impl Renderer {
     /// an sRGB one. Commands are submitted when this returns; what the caller submits next comes after them.
     ///
     /// # Errors
-    /// Those of [`Self::render`], and [`Error::Setting`](crate::error::Error::Setting) if the texture does not fit.
+    /// Those of [`Self::render`], and [`Error::Setting`] if the texture does not fit.
     pub fn render_into(
         &self,
         scene: &Scene,

@@ -59,6 +59,8 @@ use rayon::prelude::*;
 #[cfg(doc)]
 use crate::camera::Growth;
 use crate::camera::{Camera, Projection};
+#[cfg(doc)]
+use crate::error::Error;
 use crate::error::Result;
 use crate::image::Image;
 use crate::kernel::Kernel;
@@ -109,8 +111,8 @@ impl Reference {
     /// Classifies a volume once, for the model, shading, light, kernel and normalization of `settings`.
     ///
     /// # Errors
-    /// [`Error::Setting`](crate::error::Error::Setting) where a setting is out of range, [`Error::Volume`] where
-    /// samples are NaN, infinite or too far apart, [`Error::Transfer`](crate::error::Error::Transfer) where an
+    /// [`Error::Setting`] where a setting is out of range, [`Error::Volume`] where
+    /// samples are NaN, infinite or too far apart, [`Error::Transfer`] where an
     /// extinction overflows.
     pub fn new(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Self> {
         settings.validate()?;
@@ -153,7 +155,7 @@ impl Reference {
     /// With antialiasing, kernels are as large as this camera makes them. Runs on all cores of the current rayon pool.
     ///
     /// # Errors
-    /// [`Error::Camera`](crate::error::Error::Camera) if the camera is not finite; [`Error::Setting`] if a side of the
+    /// [`Error::Camera`] if the camera is not finite; [`Error::Setting`] if a side of the
     /// picture is 0 or over [`Camera::MAX_SIZE`] pixels.
     pub fn render(&self, camera: &Camera) -> Result<Image> {
         camera.validate()?;
