@@ -5,11 +5,14 @@ use crate::camera::Camera;
 #[cfg(doc)]
 use crate::error::Error;
 use crate::error::Result;
+use crate::gpu::cache::Cache;
+use crate::gpu::choice::Choice;
+use crate::gpu::classify::Classifier;
 use crate::gpu::context::{self, Context, PIXEL_BYTES};
-use crate::gpu::painter::{Begun, Choice, Job, Painted};
-use crate::gpu::pipeline::Pipelines;
-use crate::gpu::present;
+use crate::gpu::painter::{Begun, Job, Painted};
+use crate::gpu::present::{self, Present};
 use crate::gpu::recorder::Recorder;
+use crate::gpu::scan::Scan;
 use crate::gpu::timing::on_host;
 use crate::gpu::view::{Region, ViewGeometry};
 use crate::image::Image;
@@ -38,7 +41,7 @@ pub fn adapters() -> Vec<AdapterInfo> {
 /// An open graphics device with the pipelines made on it so far.
 pub struct Renderer {
     pub(crate) context: Context,
-    pipelines: Pipelines,
+    pipelines: Cache,
     progress: Progress,
 }
 
@@ -63,7 +66,7 @@ impl Renderer {
     pub fn new(options: &RendererOptions) -> Result<Self> {
         Ok(Self {
             context: Context::new(options.adapter.as_deref())?,
-            pipelines: Pipelines::default(),
+            pipelines: Cache::default(),
             progress: options.progress.clone(),
         })
     }
@@ -83,7 +86,7 @@ impl Renderer {
         let info = AdapterInfo::from(&adapter.get_info());
         Self {
             context: Context::of_device(device, queue, info),
-            pipelines: Pipelines::default(),
+            pipelines: Cache::default(),
             progress: options.progress.clone(),
         }
     }
@@ -114,8 +117,9 @@ impl Renderer {
         }
         let (classified, seconds) = on_host(|| {
             context.guarded("classifying the volume", || {
-                let (scan, classifier) = (self.pipelines.scan(context), self.pipelines.classifier(context));
-                classifier.run(context, scan, volume, transfer, settings, &self.progress)
+                let scan = Scan::of(&self.pipelines, context)?;
+                let classifier = self.pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
+                classifier.run(context, &scan, volume, transfer, settings, &self.progress)
             })
         });
         Ok(Scene::of_splats(context, classified?, settings.lighting.is_some(), volume, transfer, seconds))
@@ -159,7 +163,8 @@ impl Renderer {
         present::check_target(texture, camera.size)?;
         let (view, pipeline) = context.guarded("opening the target", || {
             let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-            let pipeline = self.pipelines.present(context, texture.format())?;
+            let format = texture.format();
+            let pipeline = self.pipelines.get_or_make(format, || Ok(Present::new(context, format)))?;
             present::clear(context, &view);
             Ok((view, pipeline))
         })?;
@@ -191,7 +196,7 @@ impl Renderer {
                 pipelines: &self.pipelines,
                 view: &view,
                 settings,
-                scene,
+                kept: scene.kept(),
                 stores: drawable.stores(),
                 weights: scene.weights(),
                 transfer: scene.table(),

@@ -1,14 +1,14 @@
 //! A volume prepared on a device.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::{Error, Result};
+use crate::gpu::cache::Cache;
 use crate::gpu::classify::Classified;
 use crate::gpu::context::Context;
 use crate::gpu::scalars::{self, Asked, Emitted, Shows};
 use crate::gpu::store::{Bricks, Store};
-use crate::gpu::tiles::Packed;
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::TransferTable;
 use crate::gpu::view::{ScalarNeed, Weights};
@@ -22,8 +22,8 @@ pub struct Scene {
     content: Content,
     grid: Grid,
     weights: Weights,
-    /// What the painter `tiles` made of it for the picture before.
-    packed: Mutex<Vec<Arc<Packed>>>,
+    /// What painters made of it for the pictures before.
+    kept: Cache,
     /// Seconds of preparation that no picture has reported yet, as the bits of an f64.
     seconds: AtomicU64,
     /// [`Context::id`] of the device that holds it.
@@ -61,7 +61,7 @@ fn shows(settings: &Settings) -> Shows {
 impl Scene {
     fn new(context: &Context, content: Content, grid: Grid, weights: Weights, seconds: f64) -> Self {
         let seconds = AtomicU64::new(seconds.to_bits());
-        Self { content, grid, weights, packed: Mutex::default(), seconds, device: context.id }
+        Self { content, grid, weights, kept: Cache::default(), seconds, device: context.id }
     }
 
     /// A scene of classified voxels, which took `seconds`.
@@ -121,9 +121,9 @@ impl Scene {
         }
     }
 
-    /// The splats as the painter `tiles` packed them for the picture before.
-    pub(crate) fn packed(&self) -> MutexGuard<'_, Vec<Arc<Packed>>> {
-        self.packed.lock().unwrap_or_else(PoisonError::into_inner)
+    /// What painters made of it for the pictures before.
+    pub(crate) fn kept(&self) -> &Cache {
+        &self.kept
     }
 
     /// Refuses a scene of another device, and settings that it was not prepared for.
@@ -171,7 +171,7 @@ impl Scene {
             })
         });
         let emitted = Arc::new(emitted?);
-        self.packed().clear();
+        self.kept.clear();
         *lock() = Some((asked, Arc::clone(&emitted)));
         Ok((Drawable::Scalars(emitted), seconds))
     }

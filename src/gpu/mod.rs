@@ -2,6 +2,8 @@
 
 #[cfg(test)]
 mod adapter_test;
+pub(crate) mod cache;
+pub(crate) mod choice;
 pub(crate) mod classify;
 pub(crate) mod context;
 pub(crate) mod layout;

@@ -1,35 +1,17 @@
-//! What painters have in common, and the choice between them.
+//! What painters have in common. The choice between them is in `choice.rs`.
 //!
 //! A painter is a folder beside this file with the functions of a [`Room`]: it says what it refuses and what it needs
 //! of a scene before any work, and begins a [`Painting`] when the splats are there.
 
+use super::cache::Cache;
 use super::context::Context;
-use super::pipeline::Pipelines;
 use super::recorder::Recorder;
 use super::store::Store;
 use super::transfer::TransferTable;
 use super::view::{Region, ScalarNeed, ViewGeometry, Weights};
-use super::{quads, tiles};
-use crate::error::{Error, Result};
-use crate::scene::Scene;
-use crate::settings::{Painter, Settings};
+use crate::error::Result;
+use crate::settings::Settings;
 use crate::stats::PainterStats;
-
-/// The painters.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum PainterKind {
-    Quads,
-    Tiles,
-}
-
-impl PainterKind {
-    pub(crate) fn room(self) -> Room {
-        match self {
-            Self::Quads => quads::ROOM,
-            Self::Tiles => tiles::ROOM,
-        }
-    }
-}
 
 /// What a painter is asked, in this order.
 pub(crate) struct Room {
@@ -45,10 +27,12 @@ pub(crate) struct Room {
 #[derive(Clone, Copy)]
 pub(crate) struct Job<'a> {
     pub(crate) context: &'a Context,
-    pub(crate) pipelines: &'a Pipelines,
+    /// Pipelines of the renderer.
+    pub(crate) pipelines: &'a Cache,
+    /// What painters made of the scene for pictures before.
+    pub(crate) kept: &'a Cache,
     pub(crate) view: &'a ViewGeometry,
     pub(crate) settings: &'a Settings,
-    pub(crate) scene: &'a Scene,
     /// The splats.
     pub(crate) stores: &'a [Store],
     pub(crate) weights: Weights,
@@ -98,38 +82,4 @@ pub(crate) struct Painted {
     pub(crate) pixels: wgpu::Buffer,
     /// Pixels around the region that the buffer holds besides.
     pub(crate) margin: u32,
-}
-
-/// A painter and the reason for it.
-pub(crate) struct Choice {
-    pub(crate) kind: PainterKind,
-    pub(crate) reason: String,
-}
-
-impl Choice {
-    /// The painter of a picture, before any work.
-    pub(crate) fn new(context: &Context, view: &ViewGeometry, settings: &Settings) -> Result<Self> {
-        let asked = |kind| Ok(Self { kind, reason: "asked for".to_owned() });
-        let kind = match settings.painter {
-            Painter::Quads(_) => return asked(PainterKind::Quads),
-            Painter::Tiles(_) => PainterKind::Tiles,
-            Painter::Auto if context.info.is_software() => PainterKind::Tiles,
-            Painter::Auto => {
-                return Ok(Self { kind: PainterKind::Quads, reason: "the adapter has a rasteriser".to_owned() });
-            }
-        };
-        match ((kind.room().refusal)(context, view, settings), settings.painter) {
-            (Some(reason), _) => Self::instead(settings, reason),
-            (None, Painter::Auto) => Ok(Self { kind, reason: "the adapter is software".to_owned() }),
-            (None, _) => asked(kind),
-        }
-    }
-
-    /// The painter in place of one that refused: the one that draws every picture, unless the other was asked for.
-    pub(crate) fn instead(settings: &Settings, reason: String) -> Result<Self> {
-        match settings.painter {
-            Painter::Auto => Ok(Self { kind: PainterKind::Quads, reason }),
-            _ => Err(Error::Setting { name: "painter", reason }),
-        }
-    }
 }

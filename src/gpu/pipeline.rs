@@ -1,60 +1,8 @@
 //! Short forms of wgpu's descriptors for what the stages need.
 
-use std::collections::HashMap;
-use std::collections::hash_map::Entry;
-use std::hash::Hash;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-
-use super::classify::Classifier;
 use super::context::Context;
-use super::present::Present;
-use super::scan::Scan;
 use super::shaders::Shader;
-use super::{quads, tiles};
 use crate::error::Result;
-
-/// The pipelines that a renderer has made so far.
-#[derive(Default)]
-pub(crate) struct Pipelines {
-    scan: OnceLock<Scan>,
-    classifier: OnceLock<Classifier>,
-    present: Cached<wgpu::TextureFormat, Present>,
-    pub(super) quads: quads::Cache,
-    pub(super) tiles: tiles::Cache,
-}
-
-impl Pipelines {
-    pub(crate) fn scan(&self, context: &Context) -> &Scan {
-        self.scan.get_or_init(|| Scan::new(context))
-    }
-
-    pub(crate) fn present(&self, context: &Context, format: wgpu::TextureFormat) -> Result<Arc<Present>> {
-        self.present.get_or_make(format, || Ok(Present::new(context, format)))
-    }
-
-    pub(crate) fn classifier(&self, context: &Context) -> &Classifier {
-        self.classifier.get_or_init(|| Classifier::new(context))
-    }
-}
-
-/// What was made for each key, to be made once.
-pub(super) struct Cached<K, V>(Mutex<HashMap<K, Arc<V>>>);
-
-impl<K, V> Default for Cached<K, V> {
-    fn default() -> Self {
-        Self(Mutex::default())
-    }
-}
-
-impl<K: Eq + Hash, V> Cached<K, V> {
-    pub(super) fn get_or_make(&self, key: K, make: impl FnOnce() -> Result<V>) -> Result<Arc<V>> {
-        let mut held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        Ok(match held.entry(key) {
-            Entry::Occupied(held) => Arc::clone(held.get()),
-            Entry::Vacant(place) => Arc::clone(place.insert(Arc::new(make()?))),
-        })
-    }
-}
 
 /// What a binding of a stage holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

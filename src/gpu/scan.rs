@@ -1,5 +1,8 @@
 //! scan: exclusive prefix sums of u32, in as many levels as the length needs.
 
+use std::sync::Arc;
+
+use super::cache::Cache;
 use super::context::Context;
 use super::pipeline::{Binding, bind, buffer_range, compute, layout, module};
 use super::shaders;
@@ -18,6 +21,11 @@ pub(crate) struct Scan {
 }
 
 impl Scan {
+    /// The pipelines made before, or now.
+    pub(crate) fn of(pipelines: &Cache, context: &Context) -> Result<Arc<Self>> {
+        pipelines.get_or_make((), || Ok(Self::new(context)))
+    }
+
     pub(crate) fn new(context: &Context) -> Self {
         let module = module(context, shaders::SCAN);
         let layout = layout(context, "scan", wgpu::ShaderStages::COMPUTE, &[Binding::Write, Binding::Write]);

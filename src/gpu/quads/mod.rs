@@ -15,24 +15,17 @@ pub(crate) use paint::ROOM;
 use composite::{CompositeStage, Compositing};
 use plan::Target;
 use shade::{ShadeStage, Shaded};
-use sort::{SortKey, Sorter, Span};
+use sort::Span;
 use splat::{SheetTextures, Splatting};
 use terminate::Terminator;
 
 use super::context::Context;
 use super::layout::{Area, Lighting};
-use super::pipeline::{Cached, both, buffer_range};
+use super::pipeline::{both, buffer_range};
 use super::recorder::{Readback, Recorder};
 use super::transfer::TransferTable;
 use crate::error::{Error, Result};
 use crate::settings::Precision;
-
-/// The pipelines made so far.
-#[derive(Default)]
-pub(crate) struct Cache {
-    sorters: Cached<SortKey, Sorter>,
-    quads: Cached<QuadsKey, Quads>,
-}
 
 /// What sheets hold, and what becomes of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

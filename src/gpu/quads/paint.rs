@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::super::context::Context;
 use super::super::painter::{Begun, Job, Painted, Painting, Room};
 use super::super::recorder::Recorder;
+use super::super::scan::Scan;
 use super::super::view::{Region, ViewGeometry};
 use super::plan::{Plan, Target};
 use super::sort::{SortKey, Sorter};
@@ -73,10 +74,10 @@ impl<'a> Picture<'a> {
 
     fn pipelines(&self) -> Result<(Arc<Sorter>, Arc<Quads>)> {
         let context = self.job.context;
-        let cache = &self.job.pipelines.quads;
+        let pipelines = self.job.pipelines;
         let sort = SortKey { axis: self.key.axis, grown: self.key.grown, scalars: self.key.feed.is_scalar() };
-        let sorter = cache.sorters.get_or_make(sort, || Ok(Sorter::new(context, sort)))?;
-        Ok((sorter, cache.quads.get_or_make(self.key, || Quads::new(context, self.key))?))
+        let sorter = pipelines.get_or_make(sort, || Ok(Sorter::new(context, sort)))?;
+        Ok((sorter, pipelines.get_or_make(self.key, || Quads::new(context, self.key))?))
     }
 }
 
@@ -105,7 +106,7 @@ impl Painting for Picture<'_> {
         let plan = &self.plan;
         let frame = context.upload("frame", bytemuck::bytes_of(&plan.frame(region)), wgpu::BufferUsages::UNIFORM)?;
         let target = Target { plan, region, frame: &frame };
-        let spans = sorter.run(recorder, pipelines.scan(context), target, self.key.sheets_per_pass, stores)?;
+        let spans = sorter.run(recorder, &*Scan::of(pipelines, context)?, target, self.key.sheets_per_pass, stores)?;
         let covered = plan.covered(stores, region, self.key.sheets_per_pass);
         let drawn = quads.draw(recorder, target, &inputs, &spans, &covered)?;
         let mut counts = drawn.drawn;

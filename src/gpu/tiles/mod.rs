@@ -12,27 +12,22 @@ mod resample;
 #[cfg(test)]
 mod stages_test;
 
-pub(crate) use pack::Packed;
 pub(crate) use paint::ROOM;
 
 use std::sync::Arc;
 
 use march::{Stage, Targets, march};
-use pack::{Packer, Voxel};
+use pack::{Packed, Packer, Voxel};
 use paint::Picture;
 use rays::Spacing;
 use resample::{FORMAT, IntermediateImage, Resampler};
 
 use super::context::Context;
-use super::pipeline::{Cached, both};
+use super::pipeline::both;
 use super::recorder::Recorder;
 use super::view::Region;
 use crate::error::Result;
 use crate::settings::Model;
-
-/// The pipelines made so far.
-#[derive(Default)]
-pub(crate) struct Cache(Cached<TilesKey, Tiles>);
 
 /// The largest radius of kernels, in voxels, that reach at most two planes and three texels of a row.
 const MAX_RADIUS: f64 = 2.0;

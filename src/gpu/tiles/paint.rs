@@ -1,6 +1,6 @@
 //! A picture by rays: what is refused, what the picture needs, and its regions.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::super::context::Context;
 use super::super::layout;
@@ -166,7 +166,8 @@ impl<'a> Picture<'a> {
 
     /// The splats as each axis reads them: those that the scene holds from a picture before, or packed now.
     fn pack(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles) -> Result<Vec<Arc<Packed>>> {
-        let mut held = self.job.scene.packed();
+        let held = self.job.kept.get_or_make((), || Ok(Mutex::<Vec<Arc<Packed>>>::default()))?;
+        let mut held = held.lock().unwrap_or_else(PoisonError::into_inner);
         // Drop unusable packings first, so that old and new are never in memory together.
         held.retain(|packed| self.is_reusable(packed));
         let mut packed: Vec<Arc<Packed>> = Vec::new();
@@ -227,7 +228,7 @@ impl<'a> Picture<'a> {
 
     fn pipelines(&self) -> Result<Arc<Tiles>> {
         let key = self.key();
-        self.job.pipelines.tiles.0.get_or_make(key, || Tiles::new(self.job.context, key))
+        self.job.pipelines.get_or_make(key, || Tiles::new(self.job.context, key))
     }
 }
 
