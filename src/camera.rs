@@ -26,17 +26,17 @@ pub struct View {
     pub elevation: f64,
     /// Degrees by which the camera is turned about its own axis, counter-clockwise; the picture turns clockwise.
     pub roll: f64,
-    /// The world direction that is up in the picture; z where none is given.
+    /// The world direction that is up in the picture; z by default.
     pub up: DVec3,
     /// The direction from eye to target, in place of azimuth and elevation.
     pub direction: Option<DVec3>,
-    /// The world point in the middle of the picture; the volume's centre where none is given.
+    /// The world point in the middle of the picture; by default the volume's centre.
     pub target: Option<DVec3>,
     /// Parallel or perspective rays.
     pub projection: ProjectionKind,
     /// Magnification of the fitted or stated size.
     pub zoom: f64,
-    /// World height that the picture spans at the target; fitted to the volume where none is given.
+    /// World height that the picture spans at the target; fitted to the volume by default.
     pub view_height: Option<f64>,
     /// World distance from eye to target; only perspective pictures depend on it.
     pub distance: Option<f64>,
@@ -134,7 +134,7 @@ impl Camera {
             ProjectionKind::Perspective { fov } => {
                 let tan = (fov.to_radians() / 2.0).tan();
                 let fitted = || {
-                    // Corner (x, y, z) is inside where |y| <= fill tan (distance + z), and likewise across.
+                    // Corner (x, y, z) is inside if |y| <= fill tan (distance + z), and likewise across.
                     corners.iter().fold(0.0_f64, |m, c| m.max(c.y.abs().max(c.x.abs() / aspect) / (tan * fill) - c.z))
                 };
                 let distance = match (view.distance, view.view_height) {
@@ -218,7 +218,7 @@ impl Camera {
     }
 }
 
-/// How kernels grow where voxels fall closer together than pixels.
+/// How kernels grow if voxels fall closer together than pixels.
 ///
 /// A kernel at depth z in front of the eye (any, for parallel rays) is h(x / s) / s^3 in lattice coordinates, with
 /// s = max(1, constant + slope z): as wide as if there were one voxel per pixel, with its integral kept (Swan, Mueller
@@ -273,7 +273,7 @@ impl View {
     /// The world direction from eye to target, unit length.
     ///
     /// # Errors
-    /// [`Error::Camera`] where a number is not finite or out of its range, or `up` is parallel to the direction.
+    /// [`Error::Camera`] if a number is not finite or out of its range, or `up` is parallel to the direction.
     pub fn forward(&self) -> Result<DVec3> {
         self.validate()?;
         Ok(-self.frame()?.z_axis)
@@ -294,7 +294,7 @@ impl View {
                 (forward, right.normalize())
             }
             None => {
-                // The front looks along +y; where `up` is y itself, along -z, as y-up worlds have it.
+                // The front looks along +y, or if `up` is y itself along -z, as y-up worlds have it.
                 let seed = if world_up.dot(DVec3::Y).abs() < 0.999 { DVec3::Y } else { DVec3::NEG_Z };
                 let front = seed.reject_from_normalized(world_up).normalize();
                 let turned = DQuat::from_axis_angle(world_up, self.azimuth.to_radians()) * front;

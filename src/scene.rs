@@ -144,7 +144,7 @@ impl Scene {
         }
     }
 
-    /// The splats that a picture is made of, and the seconds it took to make those that the scene did not hold.
+    /// The splats that a picture is made of, and the seconds it took to make them, 0 if the scene held them.
     pub(crate) fn drawable(
         &self,
         context: &Context,

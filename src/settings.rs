@@ -45,7 +45,7 @@ pub enum Sheets {
     #[default]
     Image,
     /// The voxel planes most parallel to the image, a whole footprint per voxel (Westover 1990). Historical: the
-    /// picture pops where the planes switch.
+    /// picture pops when the planes switch.
     Axis,
 }
 
@@ -135,11 +135,11 @@ pub struct TilesSettings {
     pub resolution: Resolution,
 }
 
-/// How finely the painter `Tiles` looks.
+/// How densely the painter tiles spaces its rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Resolution {
-    /// Pre-shaded, one to four rays per voxel and axis, as many as the direction of view and the opacity ask for, where
-    /// that is fewer than pixels, and the picture enlarged from them. What is classified per pixel has a ray for each.
+    /// Pre-shaded: one to four rays per voxel and axis, by the direction of view and the opacity, resampled to the
+    /// picture. If pixels are fewer, each pixel has its own ray. Post-shaded: a ray for each pixel.
     #[default]
     Capped,
     /// A ray for each pixel.

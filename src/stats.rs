@@ -63,14 +63,14 @@ pub struct Stats {
     pub parts: u32,
     /// Voxels of the volume.
     pub voxels: u64,
-    /// Voxels that were kept as splats: those of some opacity; for post-shading, those that can take part in something
+    /// Voxels that were kept as splats: voxels of some opacity; post-shaded, voxels that can take part in something
     /// visible.
     pub splats_kept: u64,
     /// Voxels that were dropped before drawing.
     pub splats_dropped: u64,
     /// Copies of voxels beyond the faces of the volume, for the scalar field to be complete up to them.
     pub splats_padding: u64,
-    /// Bricks of 32^3 voxels that splats are looked for in, with those of the copies.
+    /// Bricks of 32^3 voxels that are searched for splats, bricks of copies included.
     pub bricks: u32,
     /// Bricks that may hold something that shows, by their ranges of values: only they are uploaded to be classified,
     /// or for post-shading looked at voxel by voxel.
@@ -88,7 +88,7 @@ pub struct Stats {
     /// Bytes sent to the device for this picture: parameters and lists of bricks, and splats of scalars if the device
     /// does not hold them from the picture before.
     pub bytes_sent: u64,
-    /// Pipelines that this renderer has made so far, for this picture, its scene, and those before.
+    /// Pipelines that this renderer has made so far, for this picture, its scene, and all before.
     pub pipelines: u32,
     /// The time of each stage.
     pub stages: Vec<StageTime>,

@@ -111,7 +111,7 @@ impl Classifier {
         }
     }
 
-    /// The visible voxels of a volume as splats, brick by brick, with normals where they are to be lit.
+    /// The visible voxels of a volume as splats, brick by brick, with normals if there is light.
     pub(crate) fn run(
         &self,
         context: &Context,

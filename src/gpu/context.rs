@@ -299,7 +299,7 @@ impl Context {
         };
         let (done, outcome) = std::sync::mpsc::channel();
         buffer.map_async(wgpu::MapMode::Read, .., move |result| {
-            // Nobody listens any more where the wait has failed.
+            // If the wait has failed, nobody listens any more.
             let _ = done.send(result);
         });
         self.wait(stage)?;
@@ -322,7 +322,7 @@ impl Context {
         Error::Unsupported { adapter: self.info.name.clone(), reason }
     }
 
-    /// Workgroups of `size` invocations for `count` of them, folded into rows where the adapter's limit asks for it.
+    /// Workgroups of `size` invocations for `count` of them, folded into rows if they exceed the adapter's limit.
     pub(crate) fn workgroups(&self, count: u64, size: u64) -> (u32, u32) {
         let groups = count.div_ceil(size);
         let row = u64::from(self.limits.max_compute_workgroups_per_dimension);

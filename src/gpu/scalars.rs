@@ -12,7 +12,7 @@ use crate::progress::Progress;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, RowCoding, ToF64, Volume};
 
-/// The farthest, in voxels, that single voxels are looked for; where kernels reach farther, bricks are kept whole.
+/// The largest influence, in voxels, within which single voxels are looked for. If it is larger, bricks are kept whole.
 const MAX_HALO: usize = 16;
 
 /// The most places of an extended lattice, unless the volume itself has half as many: kernels grow without end as the
@@ -42,7 +42,7 @@ impl Asked {
 pub(crate) enum Shows {
     /// Whatever the transfer function gives opacity.
     Opaque,
-    /// The largest value, where it has opacity: smaller ones only matter for not being larger.
+    /// The largest value, if it has opacity. Smaller values only matter for not being larger.
     Largest,
 }
 
@@ -98,7 +98,7 @@ impl Invisible {
                 .filter(|_| transfer.is_invisible([f64::NEG_INFINITY, base]))
                 .map(|[_, high]| [f64::NEG_INFINITY, high]),
         };
-        // Empty where no value is invisible.
+        // Empty if every value is visible.
         let ends = ends.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
         Self(ends.map(|end| (end - base) / magnification))
     }
@@ -176,7 +176,7 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<bool> {
     squares.into_iter().map(|square| square <= reach).collect()
 }
 
-/// The splats of a volume: those of voxels that can take part in something visible, and copies beyond its faces.
+/// The splats of a volume: the voxels that can take part in something visible, and copies beyond its faces.
 ///
 /// A place shows only if a voxel outside [`Invisible`] reaches it. So a voxel is kept if such a voxel is within the
 /// influence of the two. The others change nothing: neither what shows, nor what does not show.
@@ -231,10 +231,10 @@ struct Emission<'a> {
     need: ScalarNeed,
     /// Of each brick of the volume, x fastest, whether a voxel of it can show.
     active: Vec<bool>,
-    /// Lattice points along each axis, with those of the copies, and bricks of them.
+    /// Lattice points along each axis, copies included; below, bricks of them.
     extended: [usize; 3],
     counts: [usize; 3],
-    /// Voxels around a brick in which those that can show are looked for one by one.
+    /// Layers of voxels around a brick that are searched for voxels that can show; 0 if bricks are kept whole.
     halo: usize,
     /// Whether they are; otherwise bricks are kept whole.
     singly: bool,
@@ -338,7 +338,7 @@ impl<'a> Emission<'a> {
         let origin = brick.map(|b| b * EDGE);
         let edge = EDGE + 2 * halo;
         let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(self.extended[axis] - origin[axis]));
-        // The places of a row along an axis that are those of voxels, not of copies.
+        // The places along each axis that hold voxels of the volume, not copies.
         let voxels = [0, 1, 2].map(|axis| {
             let place = |lattice: usize| lattice.saturating_sub(origin[axis]);
             place(padding)..place(self.extended[axis] - padding)

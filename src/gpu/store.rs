@@ -37,7 +37,8 @@ pub(crate) struct BrickSplats {
     pub(crate) origin: [u32; 3],
     /// Its first splat in the store.
     pub(crate) first: u32,
-    /// Lattice points of the box around its splats: the first, and the one after the last; alike where there are none.
+    /// Lattice points of the box around its splats: the first, and the one after the last. Both are equal if
+    /// there are none.
     pub(crate) bounds: [[u32; 3]; 2],
 }
 

@@ -1,4 +1,4 @@
-//! Time per stage: timestamps on the device where it has them, the host's clock otherwise.
+//! Time per stage: timestamps of the device, or the host's clock if the device has none.
 
 use std::time::Instant;
 

@@ -34,7 +34,7 @@
 //! an eye back along the ray.
 //!
 //! **Maximum intensity.** With m the largest f on the ray's part in the box, alpha is the opacity of m over the largest
-//! of the transfer function and the pixel's colour that of m times alpha; no pixel where the ray misses the box.
+//! of the transfer function and the pixel's colour that of m times alpha; no pixel if the ray misses the box.
 //!
 //! This is what splatting approximates by footprints and sheets; here there are neither: every ray is cut wherever it
 //! enters or leaves a kernel's support, and where f meets a control point; the pieces are integrated by Gauss's rule.
@@ -79,8 +79,9 @@ const LONGEST_STEP: f64 = 0.2;
 
 /// A classified volume, ready to be integrated from any camera.
 ///
-/// Holds a quarter of a byte per voxel and 32 bytes more per voxel that counts, 56 where voxels are lit: those not
-/// clear, in post-shading and maximum intensity those whose value is not the base. Pictures of any size need no more.
+/// Holds a quarter of a byte per voxel and 32 bytes more per voxel that counts, 56 if voxels are lit. Those count that
+/// are visible, in post-shading and maximum intensity those whose value is not the base. Pictures of any size need no
+/// more.
 #[derive(Debug)]
 pub struct Reference {
     grid: Grid,
@@ -111,8 +112,8 @@ impl Reference {
     /// Classifies a volume once, for the model, shading, light, kernel and normalization of `settings`.
     ///
     /// # Errors
-    /// [`Error::Setting`] where a setting is out of range, [`Error::Volume`] where
-    /// samples are NaN, infinite or too far apart, [`Error::Transfer`] where an
+    /// [`Error::Setting`] if a setting is out of range, [`Error::Volume`] if
+    /// samples are NaN, infinite or too far apart, [`Error::Transfer`] if an
     /// extinction overflows.
     pub fn new(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Self> {
         settings.validate()?;

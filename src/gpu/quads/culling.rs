@@ -1,4 +1,4 @@
-//! Which bricks a picture can show, and where.
+//! Which bricks a picture can show, and in which pixels.
 
 use std::ops::Range;
 

@@ -83,7 +83,8 @@ impl ShadeStage {
         let base_is_invisible = table.invisible[0] <= table.invisible[1];
         let extent = target.extent();
         let margin = target.plan.margin();
-        // Where neither batch reaches there is the base: only where that shows, or may be the largest, is it looked at.
+        // Pixels that neither batch reaches hold the base. They are shaded only if the base shows or may be the
+        // maximum.
         let areas: Vec<Area> = (0..drawn.len())
             .map(|batch| {
                 if !base_is_invisible || self.key.feed == Feed::Maximum {
