@@ -61,8 +61,7 @@ impl Renderer {
     /// Opens a device.
     ///
     /// # Errors
-    /// [`Error::NoAdapter`] if there is none, none of that name, or it cannot be
-    /// opened.
+    /// [`Error::NoAdapter`] if there is none, none of that name, or it cannot be opened.
     pub fn new(options: &RendererOptions) -> Result<Self> {
         Ok(Self {
             context: Context::new(options.adapter.as_deref())?,
@@ -104,9 +103,8 @@ impl Renderer {
     /// there is light. Voxels that cannot show are dropped.
     ///
     /// # Errors
-    /// [`Error::Setting`] if a setting is out of range,
-    /// [`Error::Volume`] if a sample is NaN or infinite, and the errors of
-    /// [`Self::render`] if the device fails or is too small.
+    /// [`Error::Setting`] if a setting is out of range, [`Error::NonFinite`] if a sample is NaN or infinite, and the
+    /// errors of [`Self::render`] if the device fails or is too small.
     pub fn prepare(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Scene> {
         settings.validate()?;
         volume.check_finite()?;
@@ -128,11 +126,9 @@ impl Renderer {
     /// Renders a picture of a scene that this renderer prepared.
     ///
     /// # Errors
-    /// [`Error::Setting`] if a setting is out of range or the scene was prepared for
-    /// others, [`Error::Camera`] if the camera is not finite,
-    /// [`Error::Unsupported`] if the adapter cannot do what is asked, and
-    /// [`Error::OutOfMemory`] or [`Error::Device`] if
-    /// the device fails. There is no picture then.
+    /// [`Error::Setting`] if a setting is out of range or the scene was prepared for others, [`Error::Camera`] if the
+    /// camera is not finite, [`Error::Unsupported`] if the adapter cannot do what is asked, and [`Error::OutOfMemory`]
+    /// or [`Error::Device`] if the device fails. There is no picture then.
     pub fn render(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
         camera.validate()?;
         let [width, height] = camera.size;
@@ -151,7 +147,8 @@ impl Renderer {
     /// an sRGB one. Commands are submitted when this returns; what the caller submits next comes after them.
     ///
     /// # Errors
-    /// Those of [`Self::render`], and [`Error::Setting`] if the texture does not fit.
+    /// Those of [`Self::render`], and [`Error::Setting`] if the texture does not fit. The texture may be transparent
+    /// then.
     pub fn render_into(
         &self,
         scene: &Scene,

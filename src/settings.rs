@@ -110,7 +110,7 @@ pub struct QuadsSettings {
     /// Rows and coefficients per row of the footprint table, in place of what `max_error` asks for: 2 to 4096 rows of
     /// 4, 8, 12 or 16.
     pub footprint_table: Option<[u32; 2]>,
-    /// How many sheets one pass feeds, 1 to 8; `None` takes what the adapter does best.
+    /// How many sheets one pass feeds: 1, 4 or 8; `None` takes what the adapter does best.
     pub sheets_per_pass: Option<u32>,
 }
 

@@ -263,7 +263,7 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "ROWSxTERMS", value_parser = parse::table, conflicts_with = "max_error",
         help_heading = "Painter quads")]
     pub(super) footprint_table: Option<[u32; 2]>,
-    /// Sheets that one pass feeds, 1 to 8 [default: what the adapter does best]
+    /// Sheets that one pass feeds: 1, 4 or 8 [default: what the adapter does best]
     #[arg(long, value_name = "N", help_heading = "Painter quads")]
     pub(super) sheets_per_pass: Option<u32>,
 
