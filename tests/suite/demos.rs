@@ -6,8 +6,8 @@ use voxsplat::settings::{Model, Settings};
 
 use crate::support::{coordinates, demo, exact_quads, look, render, transfer};
 
-/// The ellipsoids of the 3-D Shepp-Logan phantom: density, half axes, centre, turn about z in degrees. Written down again,
-/// so that a wrong number in the library's table shows.
+/// The ellipsoids of the 3-D Shepp-Logan phantom: density, half axes, centre, turn about z in degrees. Written down
+/// again, so that a wrong number in the library's table shows.
 const ELLIPSOIDS: [(f64, [f64; 3], [f64; 3], f64); 10] = [
     (1.0, [0.69, 0.92, 0.81], [0.0, 0.0, 0.0], 0.0),
     (-0.8, [0.6624, 0.874, 0.78], [0.0, -0.0184, 0.0], 0.0),
