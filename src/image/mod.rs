@@ -5,6 +5,8 @@ mod file;
 
 pub use background::Background;
 
+pub use crate::output::abandon_unfinished;
+
 use crate::error::{Error, Result};
 use crate::memory::reserved;
 

@@ -217,8 +217,12 @@ impl Volume {
     /// [`Error::Memory`] if samples shared with a clone cannot be copied.
     pub fn with_non_finite_replaced(mut self, value: f64) -> Result<Self> {
         let raw = (value - self.intercept) / self.slope;
-        let stored_as = if self.sample_type() == SampleType::F32 { f64::from(raw as f32) } else { raw };
-        if !stored_as.is_finite() {
+        let held = match self.sample_type() {
+            SampleType::F32 => (raw as f32).is_finite(),
+            SampleType::F64 => raw.is_finite(),
+            _ => true,
+        };
+        if !held {
             let reason = format!("{value}, expected a number that samples of type {} hold", self.sample_type());
             return Err(Error::Setting { name: "replace_nan", reason });
         }
