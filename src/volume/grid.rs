@@ -3,6 +3,7 @@
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::error::{Error, Result};
+use crate::vector::{length, unit};
 
 /// A lattice of samples placed in the world by an affine map.
 ///
@@ -21,6 +22,9 @@ pub struct Grid {
 /// in f32, whose rounding of 6e-8 leaves about 1e-7 of coplanar axes.
 const COPLANAR: f64 = 1e-6;
 
+/// The distances of samples whose cubes, and thus the inverse of the grid, f64 holds.
+const LENGTHS: std::ops::RangeInclusive<f64> = 1e-100..=1e100;
+
 /// The most samples along an axis. Up to here, f32 lattice coordinates resolve 1/256 of a voxel.
 pub const MAX_DIM: u32 = 65_535;
 
@@ -28,7 +32,8 @@ impl Grid {
     /// A grid of `dims` samples along x, y and z. Lattice point p lies at `to_world * p`.
     ///
     /// # Errors
-    /// [`Error::Volume`] if a dimension is 0 or over [`MAX_DIM`], or the map is singular or not finite.
+    /// [`Error::Volume`] if a dimension is 0 or over [`MAX_DIM`], a distance of samples is outside 1e-100 to 1e100, or
+    /// the map is singular or not finite.
     pub fn new(dims: [u32; 3], to_world: DAffine3) -> Result<Self> {
         if let Some(axis) = (0..3).find(|&a| dims[a] == 0 || dims[a] > MAX_DIM) {
             return Err(Error::Volume(format!(
@@ -41,10 +46,17 @@ impl Grid {
             )));
         }
         let m = to_world.matrix3;
-        let lengths = [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()];
-        // The determinant over the axis lengths is the volume spanned by the unit axes. It does not depend on the unit
-        // of length, so grids in nanometres and in kilometres pass the same test.
-        let unit_volume = m.determinant() / (lengths[0] * lengths[1] * lengths[2]);
+        let axes = [m.x_axis, m.y_axis, m.z_axis];
+        let lengths = axes.map(length);
+        if let Some(bad) = lengths.into_iter().find(|l| l.is_finite() && *l > 0.0 && !LENGTHS.contains(l)) {
+            let (least, most) = (LENGTHS.start(), LENGTHS.end());
+            let reason = "choose another unit of length";
+            return Err(Error::Volume(format!("a spacing of {bad:e} is outside {least:e} to {most:e}: {reason}")));
+        }
+        // The volume spanned by the unit axes does not depend on the unit of length, so grids in nanometres and in
+        // kilometres pass the same test.
+        let [x, y, z] = axes.map(unit);
+        let unit_volume = DMat3::from_cols(x, y, z).determinant();
         if !to_world.is_finite() || !unit_volume.is_finite() || unit_volume.abs() < COPLANAR {
             return Err(Error::Volume(format!(
                 "the grid's axes do not span space (spacing {} x {} x {}): check spacing and directions in the header",
@@ -96,7 +108,7 @@ impl Grid {
     #[must_use]
     pub fn spacing(&self) -> [f64; 3] {
         let m = self.to_world.matrix3;
-        [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()]
+        [m.x_axis, m.y_axis, m.z_axis].map(length)
     }
 
     /// The smallest of the three spacings: the default unit distance of opacities.
@@ -123,5 +135,23 @@ impl Grid {
             };
             self.to_world.transform_point3(DVec3::new(side(0), side(1), side(2)))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spacings_are_named_as_they_are() {
+        let refused = |spacing| Grid::axis_parallel([2; 3], spacing).unwrap_err().to_string();
+        assert!(refused([1e-200, 1.0, 1.0]).contains("a spacing of 1e-200 is outside 1e-100 to 1e100"));
+        assert!(refused([1.0, 1e200, 1.0]).contains("a spacing of 1e200 is"));
+        assert!(refused([1.0, 0.0, 1.0]).contains("spacing 1 x 0 x 1"));
+        for size in [1e-100, 1e-9, 1e9, 1e100] {
+            let grid = Grid::axis_parallel([2; 3], [size; 3]).unwrap();
+            assert_eq!(grid.spacing(), [size; 3]);
+            assert!(grid.to_lattice().is_finite(), "{size}");
+        }
     }
 }
