@@ -1,6 +1,8 @@
 //! What is fuzzed, for cargo-fuzz (`fuzz/fuzz_targets`) and for the suite (`tests/suite/fuzz.rs`): bytes go in, and a
 //! value or an error of one line comes out.
 
+use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use voxsplat::error::{Error, Result};
@@ -55,7 +57,13 @@ impl Place {
 
     fn written(&self, name: &str, bytes: &[u8]) -> PathBuf {
         let path = self.0.join(name);
-        std::fs::write(&path, bytes).expect("the folder of the fuzzed files can be written to");
+        // Truncating the last file first would flush it to the disk, which takes milliseconds.
+        let file = File::options().write(true).create(true).truncate(false).open(&path);
+        file.and_then(|mut file| {
+            file.write_all(bytes)?;
+            file.set_len(bytes.len() as u64)
+        })
+        .expect("the folder of the fuzzed files can be written to");
         path
     }
 

@@ -113,7 +113,7 @@ impl Format {
 ///
 /// # Errors
 /// - [`Error::Read`] if a file cannot be read.
-/// - [`Error::Format`] if it is not a regular file (standard input excepted), or if its content is malformed, cut short,
+/// - [`Error::Format`] if it is not a regular file (standard input excepted), or its content is malformed, cut short,
 ///   inconsistent or not supported.
 /// - [`Error::NonFinite`] if it has NaN or infinite samples and no replacement is given.
 /// - [`Error::Volume`] if the built-in volume does not exist.
