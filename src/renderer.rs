@@ -179,6 +179,7 @@ impl Renderer {
         let context = &self.context;
         scene.check(context, settings)?;
         let before = context.traffic();
+        camera.check_scale(scene.grid())?;
         let view = ViewGeometry::new(camera, scene.grid(), settings, context.savings);
         let mut choice = Choice::new(context, &view, settings)?;
         let mut seconds = scene.take_seconds();
@@ -201,7 +202,7 @@ impl Renderer {
             };
             match (choice.kind.room().begin)(job)? {
                 Begun::Ready(painting) => break painting,
-                Begun::Refused(reason) => choice = Choice::instead(settings, reason)?,
+                Begun::Refused(reason) => choice = Choice::instead(context, settings, reason)?,
             }
         };
         let mut stages = Vec::new();
