@@ -94,6 +94,8 @@ pub(crate) struct Frame {
     pub growth: [f32; 2],
     pub tiles: u32,
     pub tile_size: u32,
+    pub level_spread: f32,
+    pub _pad: [u32; 3],
 }
 
 /// Parameters of `sort`; shaders/sort.wgsl.

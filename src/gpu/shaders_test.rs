@@ -170,6 +170,7 @@ fn structs_are_laid_out_alike() {
         growth,
         tiles,
         tile_size,
+        level_spread,
     });
 }
 
