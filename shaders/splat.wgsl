@@ -62,7 +62,7 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     let words = splat_words(entry);
     let lattice = splat_lattice(words);
     let center = view_center(lattice);
-    let growth = growth_at(center.z);
+    let growth = growth_at(center.z, splat_level(words));
     let side = vec2f(f32(corner & 1u), f32(corner >> 1u)) * 2.0 - 1.0;
     var clip = side;
     // A support that the plane of the eye cuts has no bounds in the image: its quad covers the region, unless the

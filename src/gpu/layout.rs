@@ -95,7 +95,8 @@ pub(crate) struct Frame {
     pub home_slope: [f32; 2],
     pub tiles: u32,
     pub tile_size: u32,
-    pub _pad: [u32; 2],
+    pub level_spread: f32,
+    pub _pad: u32,
 }
 
 /// Parameters of `sort`; shaders/sort.wgsl.

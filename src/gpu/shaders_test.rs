@@ -171,6 +171,7 @@ fn structs_are_laid_out_alike() {
         home_slope,
         tiles,
         tile_size,
+        level_spread,
     });
 }
 

@@ -3,9 +3,12 @@
 use glam::{DVec2, DVec3, DVec4};
 
 use super::super::layout::{Batch, Frame};
+use super::super::levels::Cut;
 use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights, half};
 use crate::camera::{Camera, Projection};
+use crate::kernel::Kernel;
 use crate::settings::{Model, Precision, Settings, Sheets};
+use crate::volume::spread;
 
 /// A region of a picture and the uniforms to render it with, on the device.
 #[derive(Debug, Clone, Copy)]
@@ -41,6 +44,7 @@ pub(crate) struct Plan<'a> {
     pub(super) sheets: u32,
     section_scale: f64,
     sheet_scale: f64,
+    kernel: Kernel,
 }
 
 /// What a sheet accumulates is scaled so that a sheet filled with the densest material accumulates about this: an f16
@@ -176,6 +180,7 @@ impl<'a> Plan<'a> {
             sheets,
             section_scale: sheet_scale / (divisor * weights.unit),
             sheet_scale,
+            kernel: settings.kernel,
         };
         plan.padding = plan.scalar_need().padding;
         plan
@@ -185,7 +190,7 @@ impl<'a> Plan<'a> {
     pub(crate) fn scalar_need(&self) -> ScalarNeed {
         let view = self.view;
         if !view.post_shaded {
-            return ScalarNeed { padding: 0, influence: 0.0 };
+            return ScalarNeed::NONE;
         }
         let (scale, origin) = view.camera.pixels();
         let rotation = view.grid.to_lattice().matrix3;
@@ -208,7 +213,11 @@ impl<'a> Plan<'a> {
         // A sheet is classified by its mean and the means of its neighbours, any of which may lie beyond the faces. Two
         // voxels may take part at opposite ends of the three.
         let radius = view.max_radius();
-        ScalarNeed::new(radius + 2.0 * sheet, 2.0 * radius + 3.0 * sheet + sideways)
+        let need = ScalarNeed::new(radius + 2.0 * sheet, 2.0 * radius + 3.0 * sheet + sideways);
+        match Cut::new(view, &self.kernel, 2.0 * sheet) {
+            Some(cut) => need.with_cells(cut),
+            None => need,
+        }
     }
 
     /// View depth of the first plane of a sheet.
@@ -343,7 +352,8 @@ impl<'a> Plan<'a> {
             home_slope: f2(home_slope.to_array()),
             tiles: self.tiles(region)[0],
             tile_size: self.tile_size(),
-            _pad: [0; 2],
+            level_spread: (spread(1) / (3.0 * self.kernel.variance())) as f32,
+            _pad: 0,
         }
     }
 }
