@@ -2,12 +2,14 @@
 
 mod bricks;
 mod grid;
+mod pyramid;
 mod sample_type;
 mod statistics;
 mod stored;
 
 pub(crate) use bricks::{EDGE as BRICK_EDGE, RowCoding};
 pub use grid::{Grid, MAX_DIM};
+pub(crate) use pyramid::{Level, Pyramid, spread};
 pub use sample_type::{Endian, Sample, SampleType};
 pub(crate) use sample_type::{Number, ToF64, with_type};
 pub use statistics::{BackgroundEstimate, Statistics};
