@@ -17,6 +17,7 @@ mod embed;
 mod fuzz;
 mod golden;
 mod hostile;
+mod hard_quads;
 mod presets;
 mod readers;
 mod readers_errors;
