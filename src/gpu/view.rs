@@ -1,6 +1,6 @@
 //! The geometry of one picture that every painter needs, in f64: camera, lattice, pixels, growth of kernels, light.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use super::layout;
 use super::savings::Savings;
@@ -211,6 +211,12 @@ impl ViewGeometry {
             _pad: [0; 3],
         }
     }
+}
+
+/// A map of gradients without the unit of the world: its largest entry is 1 or -1. Only the direction of a gradient
+/// matters, and in any unit its square would leave the range of f32.
+pub(super) fn without_unit(map: DMat3) -> DMat3 {
+    map * (1.0 / map.to_cols_array().iter().fold(0.0_f64, |largest, c| largest.max(c.abs())))
 }
 
 /// From the middle of a lattice to its last point.
