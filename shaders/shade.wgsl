@@ -111,7 +111,7 @@ fn light_of(at: vec2u, sheet: i32, ray: PixelRay) -> vec2f {
         vec3f(dot(frame.grid_right, gradient), dot(frame.grid_up, gradient), dot(frame.grid_forward, gradient));
     var to_eye = vec3f(0.0, 0.0, -1.0);
     if PERSPECTIVE {
-        to_eye = -vec3f(ray.plane, 1.0) / ray.stretch;
+        to_eye = -vec3f(ray.slope, 1.0) / ray.stretch;
     }
     return light_on(in_view, to_eye);
 }

@@ -9,7 +9,6 @@ use super::recorder::Recorder;
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
 use super::store::{BrickSplats, Bricks, Part, Store, StoreBuilder};
-use super::view::without_unit;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::settings::Settings;
@@ -147,7 +146,7 @@ impl Classifier {
             ("INLINE_POINTS", if is_few { points.len() as f64 } else { 0.0 }),
         ];
         let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
-        let gradients = without_unit(volume.grid().to_lattice().matrix3.transpose());
+        let gradients = volume.grid().local().to_lattice().matrix3.transpose();
         let gradient = |axis: usize| gradients.col(axis).as_vec3().to_array();
         let storage = wgpu::BufferUsages::STORAGE;
         let job = Job {

@@ -50,7 +50,7 @@ fn refusal(context: &Context, view: &ViewGeometry, settings: &Settings) -> Optio
 /// no other splats.
 fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
     if !settings.is_post_shaded() {
-        return ScalarNeed { padding: 0, influence: 0.0 };
+        return ScalarNeed::NONE;
     }
     const SLABS: f64 = 3.0;
     let radius = view.max_radius();

@@ -8,7 +8,7 @@ use bytemuck::Zeroable;
 use glam::{DMat3, DVec2, DVec3};
 
 use super::super::layout::{self, MACROCELL, TILE};
-use super::super::view::{Region, without_unit};
+use super::super::view::Region;
 use super::axis::{PrincipalAxis, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};
@@ -140,7 +140,7 @@ impl RaySetup<'_> {
         let coefficient = |n: usize| footprint.coefficients.get(n).map_or(0.0, |&c| c as f32);
         // View coordinates of a gradient along each axis of the lattice: the transpose of what maps view to lattice.
         let view = DMat3::from_cols(self.camera.right, self.camera.up, self.camera.forward);
-        let gradients = without_unit((grid.to_lattice().matrix3 * view).transpose());
+        let gradients = (grid.to_lattice().matrix3 * view).transpose();
         let [box_low, box_high] = self.volume.faces(axis);
         let uniforms = layout::Rays {
             density_scale: self.optics.density_scale as f32,
