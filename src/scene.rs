@@ -15,7 +15,7 @@ use crate::gpu::view::{ScalarNeed, Weights};
 use crate::progress::Progress;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
-use crate::volume::{Grid, Volume};
+use crate::volume::{Grid, Pyramid, Volume};
 
 /// A volume prepared on the device of the [`Renderer`](crate::renderer::Renderer) that prepared it.
 pub struct Scene {
@@ -41,6 +41,8 @@ enum Content {
 /// A volume as post-shading draws it.
 struct Scalars {
     volume: Volume,
+    /// The volume at lower resolutions, for kernels that have grown.
+    pyramid: Pyramid,
     transfer: TransferFunction,
     shows: Shows,
     table: TransferTable,
@@ -97,6 +99,7 @@ impl Scene {
         let weights = Weights { max: max?, unit: 1.0 };
         let scalars = Scalars {
             volume: volume.clone(),
+            pyramid: Pyramid::default(),
             transfer: transfer.clone(),
             shows,
             table: TransferTable::new(context, transfer, shows, local_unit(transfer, volume.grid())),
@@ -161,7 +164,8 @@ impl Scene {
             Content::Splats { classified, .. } => return Ok((Drawable::Splats(classified), 0.0)),
             Content::Scalars(scalars) => scalars,
         };
-        let asked = Asked { kernel: settings.kernel, normalization: settings.normalization, need };
+        let Settings { kernel, normalization, ref lighting, .. } = *settings;
+        let asked = Asked { kernel, normalization, need, lit: lighting.is_some() };
         let lock = || scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((of, emitted)) = lock().as_ref()
             && of.serves(&asked)
@@ -171,8 +175,8 @@ impl Scene {
         // Not under the lock: who emits waits for a pool of threads, which may hand it work that asks for the lock.
         let (emitted, seconds) = on_host(|| {
             context.guarded("emitting scalars", || {
-                let Scalars { volume, transfer, shows, .. } = scalars.as_ref();
-                scalars::emit(context, volume, transfer, *shows, &asked, progress)
+                let Scalars { volume, pyramid, transfer, shows, .. } = scalars.as_ref();
+                scalars::emit(context, volume, pyramid, transfer, *shows, &asked, progress)
             })
         });
         let emitted = Arc::new(emitted?);

@@ -63,4 +63,6 @@ struct Frame {
     // Tiles of early splat termination across and down the region, and pixels along the side of one.
     tiles: u32,
     tile_size: u32,
+    // By how much growth^2 shrinks at level n, over 4^n - 1.
+    level_spread: f32,
 }

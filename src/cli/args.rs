@@ -64,7 +64,8 @@ pub(super) struct InputArgs {
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing, allow_hyphen_values = true,
         help_heading = "Input")]
     pub(super) spacing: Option<[f64; 3]>,
-    /// Replace NaN and infinite samples by VALUE; without this option they are refused
+    /// Replace NaN and infinite samples by VALUE; without this option they are refused. They are transparent if the
+    /// transfer function gives VALUE no opacity
     #[arg(long, value_name = "VALUE", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Input")]
     pub(super) replace_nan: Option<f64>,
     /// Read a volume of more than MIB MiB piece by piece from its file, if that is uncompressed

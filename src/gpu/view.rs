@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::layout;
+use super::levels::Cut;
 use super::savings::Savings;
 use crate::camera::{Camera, Growth, Projection};
 use crate::lighting::{Light, Lighting};
@@ -53,15 +54,34 @@ pub(crate) struct ScalarNeed {
     pub(crate) padding: u32,
     /// Distance in voxels within which two voxels can take part in the classification of the same place.
     pub(crate) influence: f64,
+    /// Which cells stand for voxels; `None`: voxels do.
+    pub(crate) cut: Option<Cut>,
 }
 
 impl ScalarNeed {
+    /// The need of classified voxels.
+    pub(crate) const NONE: Self = Self { padding: 0, influence: 0.0, cut: None };
+
     /// The need for kernels that reach `reach` voxels from any place whose field is asked for, and for an `influence`
     /// in voxels.
     ///
     /// The influence is rounded up to sixteenths: rounding errors ask for no other splats when the camera turns.
     pub(crate) fn new(reach: f64, influence: f64) -> Self {
-        Self { padding: (reach * (1.0 - 1e-9)).ceil() as u32, influence: (16.0 * influence + 1e-3).ceil() / 16.0 }
+        Self {
+            padding: (reach * (1.0 - 1e-9)).ceil() as u32,
+            influence: (16.0 * influence + 1e-3).ceil() / 16.0,
+            cut: None,
+        }
+    }
+
+    /// The same need with cells for voxels.
+    pub(crate) fn with_cells(self, cut: Cut) -> Self {
+        Self {
+            padding: cut.layers(),
+            // What shows in a cell shows in voxels no farther than that from its middle.
+            influence: self.influence + f64::from(cut.levels[1] + 1).exp2(),
+            cut: Some(cut),
+        }
     }
 }
 

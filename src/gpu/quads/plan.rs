@@ -3,9 +3,12 @@
 use glam::{DVec2, DVec3, DVec4};
 
 use super::super::layout::{Batch, Frame};
+use super::super::levels::Cut;
 use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights, half};
 use crate::camera::{Camera, Projection};
+use crate::kernel::Kernel;
 use crate::settings::{Model, Precision, Settings, Sheets};
+use crate::volume::spread;
 
 /// A region of a picture and the uniforms to render it with, on the device.
 #[derive(Debug, Clone, Copy)]
@@ -17,9 +20,9 @@ pub(crate) struct Target<'a> {
 }
 
 impl Target<'_> {
-    /// Width and height of the buffers that the region is rendered in: with the margin around it.
+    /// Width and height of the buffers that the region is rendered in.
     pub(crate) fn extent(&self) -> [u32; 2] {
-        [self.region.width, self.region.height].map(|side| side + 2 * self.plan.margin)
+        [self.region.width, self.region.height]
     }
 }
 
@@ -30,8 +33,6 @@ pub(crate) struct Plan<'a> {
     pub(super) view: &'a ViewGeometry,
     /// Lattice axis of axis-aligned sheets.
     pub(super) axis: Option<usize>,
-    /// Pixels around a region that its shading looks at.
-    pub(super) margin: u32,
     /// Layers of the lattice beyond the faces of the volume.
     pub(super) padding: u32,
     /// View depth at which the first sheet begins.
@@ -41,6 +42,7 @@ pub(crate) struct Plan<'a> {
     pub(super) sheets: u32,
     section_scale: f64,
     sheet_scale: f64,
+    kernel: Kernel,
 }
 
 /// What a sheet accumulates is scaled so that a sheet filled with the densest material accumulates about this: an f16
@@ -51,9 +53,6 @@ const SHEET_FULL: f64 = 256.0;
 /// Pixels by which a quad is grown on every side. Rasterisers snap corners to 1/16 pixel at the coarsest (Vulkan's
 /// least `subPixelPrecisionBits` is 4), so by up to 1/32; the rest covers the rounding before it.
 const QUAD_PAD: f64 = 3.0 / 64.0;
-
-/// The most pixels that gradients reach sideways: the margin is shaded with the region and thrown away.
-const MAX_MARGIN: f64 = 64.0;
 
 /// The largest thickness of a sheet of half floats, in voxels. Kernels beyond it would be lost beside the sum: a voxel
 /// of path adds 12.6 kernels, and of the 810 of 64 voxels rounding to the nearest loses 0.3 %, cutting off 12 %.
@@ -93,14 +92,6 @@ fn largest_stretch(camera: &Camera) -> f64 {
             (1.0 + x * x + y * y).sqrt()
         }
     }
-}
-
-/// Pixels that gradients reach sideways: as far as the sheets before and behind are away, so that they err alike in all
-/// directions.
-fn gradient_margin(view: &ViewGeometry, sheet_step: f64) -> u32 {
-    let depth = if view.is_perspective() { view.eye_depth.max(sheet_step) } else { 1.0 };
-    let pixel = view.camera.pixels().0[0] * depth;
-    (sheet_step / pixel).round().clamp(1.0, MAX_MARGIN) as u32
 }
 
 /// The sheets across a volume.
@@ -164,18 +155,16 @@ impl<'a> Plan<'a> {
         let length = if view.post_shaded { 1.0 } else { sheet_step };
         let full = weights.max / weights.unit * length * settings.kernel.integral() / divisor;
         let sheet_scale = if full > 0.0 { (SHEET_FULL / full).log2().floor().exp2() } else { 1.0 };
-        let margin =
-            if settings.lighting.is_some() && view.post_shaded { gradient_margin(view, sheet_step) } else { 0 };
         let mut plan = Self {
             view,
             axis,
-            margin,
             padding: 0,
             sheet_origin,
             sheet_step,
             sheets,
             section_scale: sheet_scale / (divisor * weights.unit),
             sheet_scale,
+            kernel: settings.kernel,
         };
         plan.padding = plan.scalar_need().padding;
         plan
@@ -185,7 +174,7 @@ impl<'a> Plan<'a> {
     pub(crate) fn scalar_need(&self) -> ScalarNeed {
         let view = self.view;
         if !view.post_shaded {
-            return ScalarNeed { padding: 0, influence: 0.0 };
+            return ScalarNeed::NONE;
         }
         let (scale, origin) = view.camera.pixels();
         let rotation = view.grid.to_lattice().matrix3;
@@ -200,15 +189,14 @@ impl<'a> Plan<'a> {
             }
         }
         let sheet = self.sheet_step * longest;
-        // What gradients reach sideways, at the far end of the volume.
-        let depth = if view.is_perspective() { view.eye_depth + view.farthest } else { 1.0 };
-        let pixel =
-            scale[0] * depth * (rotation * view.camera.right).length().max((rotation * view.camera.up).length());
-        let sideways = f64::from(self.margin) * pixel;
         // A sheet is classified by its mean and the means of its neighbours, any of which may lie beyond the faces. Two
         // voxels may take part at opposite ends of the three.
         let radius = view.max_radius();
-        ScalarNeed::new(radius + 2.0 * sheet, 2.0 * radius + 3.0 * sheet + sideways)
+        let need = ScalarNeed::new(radius + 2.0 * sheet, 2.0 * radius + 3.0 * sheet);
+        match Cut::new(view, &self.kernel, 2.0 * sheet) {
+            Some(cut) => need.with_cells(cut),
+            None => need,
+        }
     }
 
     /// View depth of the first plane of a sheet.
@@ -218,10 +206,6 @@ impl<'a> Plan<'a> {
 
     pub(crate) fn is_axis_aligned(&self) -> bool {
         self.axis.is_some()
-    }
-
-    pub(crate) fn margin(&self) -> u32 {
-        self.margin
     }
 
     /// The parameters of the batch that begins with sheet `first`.
@@ -240,9 +224,9 @@ impl<'a> Plan<'a> {
         (half / 2.0).log2().floor().exp2().clamp(4.0, f64::from(Camera::MAX_SIZE)) as u32
     }
 
-    /// Tiles across and down a region with its margin.
+    /// Tiles across and down a region.
     pub(crate) fn tiles(&self, region: Region) -> [u32; 2] {
-        [region.width, region.height].map(|side| (side + 2 * self.margin).div_ceil(self.tile_size()))
+        [region.width, region.height].map(|side| side.div_ceil(self.tile_size()))
     }
 
     pub(crate) fn sheets(&self) -> u32 {
@@ -287,13 +271,10 @@ impl<'a> Plan<'a> {
         let f3 = |v: DVec3| v.as_vec3().to_array();
         let f2 = |v: [f64; 2]| v.map(|c| c as f32);
         let (scale, origin) = view.camera.pixels();
-        let margin = f64::from(self.margin);
-        let [width, height] = [region.width, region.height].map(|side| side + 2 * self.margin);
+        let [width, height] = [region.width, region.height];
         // Pixels of the region to clip coordinates: x right, y up, both in -1..1.
-        let corner = [
-            origin[0] + (f64::from(region.x) - margin) * scale[0] - home.x,
-            origin[1] + (f64::from(region.y) - margin) * scale[1] - home.y,
-        ];
+        let corner =
+            [origin[0] + f64::from(region.x) * scale[0] - home.x, origin[1] + f64::from(region.y) * scale[1] - home.y];
         let span = [f64::from(width) * scale[0], f64::from(height) * scale[1]];
         let (plane_axis, plane_offset) = self.axis.map_or((DVec3::ZERO, 0.0), |axis| {
             // Numbered front to back.
@@ -343,7 +324,8 @@ impl<'a> Plan<'a> {
             home_slope: f2(home_slope.to_array()),
             tiles: self.tiles(region)[0],
             tile_size: self.tile_size(),
-            _pad: [0; 2],
+            level_spread: (spread(1) / (3.0 * self.kernel.variance())) as f32,
+            _pad: 0,
         }
     }
 }
