@@ -68,6 +68,31 @@ impl Plan<'_> {
         areas
     }
 
+    /// About how many pixels quads cover in a region, over all batches of sheets.
+    pub(crate) fn fragments(&self, stores: &[Store], region: Region, sheets_per_batch: u32) -> f64 {
+        let sides = self.sides(region);
+        let (scale, _) = self.view.camera.pixels();
+        let extent = [region.width, region.height].map(|side| f64::from(side + 2 * self.margin));
+        let batches = f64::from(self.sheets.div_ceil(sheets_per_batch));
+        let bricks = stores.iter().flat_map(Store::runs).filter(|(brick, _)| self.reaches(brick, &sides));
+        bricks
+            .map(|(brick, run)| {
+                let z = self.view.gradients[2].dot(self.center(brick));
+                let radius = self.view.radius * self.view.growth.at(z + self.view.eye_depth);
+                let depth = if self.view.is_perspective() { z + self.view.eye_depth } else { 1.0 };
+                let along = radius * self.view.gradients[2].length();
+                let across = |axis: usize| {
+                    // What the plane of the eye cuts may be anywhere.
+                    let bounded = !self.view.is_perspective() || depth > along;
+                    let pixels = 2.0 * radius * self.view.gradients[axis].length() / (scale[axis].abs() * depth) + 1.0;
+                    if bounded { pixels.min(extent[axis]) } else { extent[axis] }
+                };
+                let passes = (2.0 * along / self.sheet_step / f64::from(sheets_per_batch) + 1.0).min(batches);
+                run.len() as f64 * across(0) * across(1) * passes
+            })
+            .sum()
+    }
+
     /// The planes that bound what a region shows, as (gradient in the lattice, value in the middle of the lattice):
     /// points inside have values of 0 and more.
     fn sides(&self, region: Region) -> Vec<(DVec3, f64)> {

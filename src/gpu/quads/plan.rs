@@ -170,7 +170,7 @@ impl<'a> Plan<'a> {
         // A sheet is classified by its mean and the means of its neighbours, any of which may lie beyond the faces. Two
         // voxels may take part at opposite ends of the three.
         let radius = view.max_radius();
-        let need = ScalarNeed::new(radius + 2.0 * sheet, 2.0 * radius + 3.0 * sheet + sideways);
+        let need = ScalarNeed::new(view, radius + 2.0 * sheet, 2.0 * radius + 3.0 * sheet + sideways);
         match Cut::new(view, &self.kernel, 2.0 * sheet) {
             Some(cut) => need.with_cells(cut),
             None => need,

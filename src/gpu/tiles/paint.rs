@@ -55,7 +55,7 @@ fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNe
     const SLABS: f64 = 3.0;
     let differences = if settings.lighting.is_some() { 1.0 } else { 0.0 };
     let radius = view.max_radius();
-    ScalarNeed::new(radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS + differences)
+    ScalarNeed::new(view, radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS + differences)
 }
 
 fn begin(job: Job<'_>) -> Result<Begun<'_>> {
