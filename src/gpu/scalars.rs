@@ -9,7 +9,7 @@ use super::levels::Cut;
 use super::savings::Savings;
 use super::store::{BrickSplats, Bricks, Part, Store, StoreBuilder};
 use super::view::ScalarNeed;
-use crate::budget::{MAX_PLACES, too_much};
+use crate::budget::{MAX_GROWTH, MAX_PLACES, too_much};
 use crate::error::Result;
 use crate::kernel::{Kernel, Normalization};
 use crate::progress::Progress;
@@ -305,7 +305,7 @@ impl<'a> Emission<'a> {
         let need = asked.need;
         let dims = volume.grid().dims();
         let places = places(dims, need);
-        if places > MAX_PLACES.max(2 * volume.grid().len()) {
+        if need.growth > MAX_GROWTH || places > MAX_PLACES.max(2 * volume.grid().len()) {
             let what = format!("post-shading would copy {} layers of voxels beyond the faces", need.padding);
             return Err(too_much(&what, need.growth));
         }

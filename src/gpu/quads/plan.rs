@@ -5,6 +5,7 @@ use glam::{DVec3, DVec4};
 use super::super::layout::{Batch, Frame};
 use super::super::levels::Cut;
 use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights, half};
+use super::culling::visible_depths;
 use crate::camera::Camera;
 use crate::kernel::Kernel;
 use crate::settings::{Model, Settings, Sheets};
@@ -52,6 +53,10 @@ pub(crate) struct Plan<'a> {
 /// perspective rays, `Normalization::Peak`) before it overflows, whatever the units of the scene.
 const SHEET_FULL: f64 = 256.0;
 
+/// Sheets from which on it is worth while to find out which of them the picture shows: the kernels of stretched
+/// lattices may reach far beyond it, before and behind.
+const MANY_SHEETS: u32 = 4096;
+
 /// The most pixels that gradients reach sideways: the margin is shaded with the region and thrown away.
 const MAX_MARGIN: f64 = 64.0;
 
@@ -72,6 +77,17 @@ struct SheetStack {
 }
 
 impl SheetStack {
+    /// Leaves out the sheets before and behind all that the picture shows of the volume.
+    fn keep_visible(&mut self, view: &ViewGeometry) {
+        let beyond = if view.post_shaded { 0.5 } else { view.max_radius() };
+        let Some(range) = visible_depths(view, beyond, MAX_MARGIN as u32) else { return };
+        let [first, last] = range.map(|depth| ((depth - self.origin) / self.step).floor().max(0.0));
+        // One more on either side is what shading looks at, and one absorbs rounding.
+        let first = (first - 2.0).max(0.0);
+        self.origin += first * self.step;
+        self.count = (f64::from(self.count) - first).min(last + 3.0 - first).max(0.0) as u32;
+    }
+
     /// Image-aligned sheets.
     fn along(view: &ViewGeometry, settings: &Settings) -> Self {
         let depth_per_voxel = view.gradients[2];
@@ -96,7 +112,11 @@ impl SheetStack {
         if settings.model == Model::Xray {
             step = step.max(whole);
         }
-        Self { origin, step, count: (whole / step).ceil().clamp(0.0, f64::from(u32::MAX / 2)) as u32 }
+        let mut stack = Self { origin, step, count: (whole / step).ceil().clamp(0.0, f64::from(u32::MAX / 2)) as u32 };
+        if stack.count > MANY_SHEETS {
+            stack.keep_visible(view);
+        }
+        stack
     }
 }
 
