@@ -43,6 +43,7 @@ mod gpu;
 pub mod image;
 pub mod kernel;
 pub mod lighting;
+mod memory;
 mod names;
 mod output;
 pub mod progress;
@@ -51,8 +52,10 @@ pub mod renderer;
 pub mod report;
 mod scene;
 pub mod settings;
+mod source;
 pub mod stats;
 pub mod transfer;
+mod vector;
 pub mod volume;
 
 pub use camera::{Camera, ProjectionKind, View};

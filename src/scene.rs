@@ -60,6 +60,11 @@ fn shows(settings: &Settings) -> Shows {
     if settings.model == Model::Mip { Shows::Largest } else { Shows::Opaque }
 }
 
+/// The distance that opacities are per, in units of [`Grid::local`].
+fn local_unit(transfer: &TransferFunction, grid: &Grid) -> f64 {
+    transfer.unit_or(grid.min_spacing()) / grid.unit()
+}
+
 impl Scene {
     fn new(context: &Context, content: Content, grid: Grid, weights: Weights, seconds: f64) -> Self {
         let seconds = AtomicU64::new(seconds.to_bits());
@@ -77,7 +82,7 @@ impl Scene {
     ) -> Self {
         let weights = Weights {
             max: TransferFunction::extinction(transfer.max_opacity(), 1.0),
-            unit: transfer.unit_or(volume.grid().min_spacing()),
+            unit: local_unit(transfer, volume.grid()),
         };
         Self::new(context, Content::Splats { classified, lit }, *volume.grid(), weights, seconds)
     }
@@ -97,7 +102,7 @@ impl Scene {
             pyramid: Pyramid::default(),
             transfer: transfer.clone(),
             shows,
-            table: TransferTable::new(context, transfer, shows, transfer.unit_or(volume.grid().min_spacing())),
+            table: TransferTable::new(context, transfer, shows, local_unit(transfer, volume.grid())),
             emitted: Mutex::new(None),
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), *volume.grid(), weights, seconds))
@@ -159,7 +164,8 @@ impl Scene {
             Content::Splats { classified, .. } => return Ok((Drawable::Splats(classified), 0.0)),
             Content::Scalars(scalars) => scalars,
         };
-        let asked = Asked { kernel: settings.kernel, normalization: settings.normalization, need };
+        let Settings { kernel, normalization, ref lighting, .. } = *settings;
+        let asked = Asked { kernel, normalization, need, lit: lighting.is_some() };
         let lock = || scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((of, emitted)) = lock().as_ref()
             && of.serves(&asked)

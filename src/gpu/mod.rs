@@ -28,5 +28,7 @@ pub(crate) mod tiles;
 pub(crate) mod timing;
 pub(crate) mod transfer;
 #[cfg(test)]
+mod translations_test;
+#[cfg(test)]
 mod twins;
 pub(crate) mod view;

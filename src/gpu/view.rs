@@ -42,7 +42,7 @@ impl Region {
 pub(crate) struct Weights {
     /// The largest weight of a splat: extinction times unit distance, or the distance of a scalar from the base.
     pub(crate) max: f64,
-    /// World distance that weights are per; 1 for scalars.
+    /// Local distance (see [`Grid::local`]) that weights are per; 1 for scalars.
     pub(crate) unit: f64,
 }
 
@@ -89,9 +89,11 @@ impl ScalarNeed {
     }
 }
 
-/// A camera on a lattice.
+/// A camera on a lattice, in local coordinates: see [`Grid::local`]. What is called world here is local.
 #[derive(Debug, Clone)]
 pub(crate) struct ViewGeometry {
+    /// World length of a local one.
+    pub(super) unit: f64,
     pub(super) camera: Camera,
     pub(super) grid: Grid,
     /// Radius of the kernel as asked for, in voxels.
@@ -114,10 +116,13 @@ pub(crate) struct ViewGeometry {
 }
 
 impl ViewGeometry {
+    /// The view of a camera on a grid of the world.
     pub(crate) fn new(camera: &Camera, grid: &Grid, settings: &Settings, savings: Savings) -> Self {
+        let unit = grid.unit();
+        let (camera, grid) = (&camera.local(grid), &grid.local());
         let to_world = grid.to_world().matrix3;
         let gradients = [camera.right, camera.up, camera.forward].map(|axis| to_world.transpose() * axis);
-        let from_target = grid.center() - camera.target;
+        let from_target = -camera.target;
         let offset =
             DVec3::new(from_target.dot(camera.right), from_target.dot(camera.up), from_target.dot(camera.forward));
         let farthest = gradients[2].abs().dot(half(grid));
@@ -127,6 +132,7 @@ impl ViewGeometry {
         };
         let growth = if settings.antialiasing { camera.growth(grid) } else { Growth::NONE };
         Self {
+            unit,
             camera: *camera,
             grid: *grid,
             radius: settings.kernel.radius(),
@@ -169,7 +175,7 @@ impl ViewGeometry {
     /// Whether kernels can reach the eye.
     pub(super) fn is_among_voxels(&self) -> bool {
         let Some(eye) = self.camera.eye() else { return false };
-        let from_center = self.grid.to_lattice().transform_vector3(eye - self.grid.center());
+        let from_center = self.grid.to_lattice().transform_vector3(eye);
         from_center.abs().cmple(half(&self.grid) + self.max_radius()).all()
     }
 
@@ -183,7 +189,7 @@ impl ViewGeometry {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         // A field that is reconstructed from scalars ends with the box of the volume.
         let beyond = if self.post_shaded { 0.5 } else { self.max_radius() };
-        for corner in self.grid.corners(beyond) {
+        for corner in self.grid.corners_from_center(beyond) {
             let d = corner - camera.target;
             let mut plane = [d.dot(camera.right), d.dot(camera.up)];
             if let Projection::Perspective { distance, .. } = camera.projection {

@@ -25,7 +25,7 @@ impl Plan<'_> {
 
     /// For each batch of sheets, the pixels of a region that splats of it can touch: what lies outside is empty.
     pub(crate) fn covered(&self, stores: &[Store], region: Region, sheets_per_batch: u32) -> Vec<Area> {
-        let extent = [region.width, region.height].map(|side| side + 2 * self.margin);
+        let extent = [region.width, region.height];
         let whole = Area { low: [0, 0], high: extent };
         let batches = self.sheets.div_ceil(sheets_per_batch) as usize;
         if self.axis.is_some() || !self.view.savings.pixels {
@@ -33,7 +33,7 @@ impl Plan<'_> {
         }
         let sides = self.sides(region);
         let (scale, origin) = self.view.camera.pixels();
-        let first_pixel = [region.x, region.y].map(|first| f64::from(first) - f64::from(self.margin));
+        let first_pixel = [region.x, region.y].map(f64::from);
         let mut areas = vec![Area::default(); batches];
         for store in stores {
             for (brick, _) in store.runs().filter(|(brick, _)| self.reaches(brick, &sides)) {
@@ -72,7 +72,7 @@ impl Plan<'_> {
     pub(crate) fn fragments(&self, stores: &[Store], region: Region, sheets_per_batch: u32) -> f64 {
         let sides = self.sides(region);
         let (scale, _) = self.view.camera.pixels();
-        let extent = [region.width, region.height].map(|side| f64::from(side + 2 * self.margin));
+        let extent = [region.width, region.height].map(f64::from);
         let batches = f64::from(self.sheets.div_ceil(sheets_per_batch));
         let bricks = stores.iter().flat_map(Store::runs).filter(|(brick, _)| self.reaches(brick, &sides));
         bricks
@@ -99,7 +99,7 @@ impl Plan<'_> {
         if !self.view.savings.view {
             return Vec::new();
         }
-        sides(self.view, region, self.margin)
+        sides(self.view, region)
     }
 
     /// Whether the kernels of a brick's splats reach over all planes.
@@ -122,14 +122,13 @@ impl Plan<'_> {
     }
 }
 
-/// The planes that bound what a region with a margin of pixels around it shows, as [`Plan::sides`] has them.
-fn sides(view: &ViewGeometry, region: Region, margin: u32) -> Vec<(DVec3, f64)> {
+/// The planes that bound what a region shows, as [`Plan::sides`] has them.
+fn sides(view: &ViewGeometry, region: Region) -> Vec<(DVec3, f64)> {
     let (scale, origin) = view.camera.pixels();
-    // A pixel more than the margin: quads are padded.
-    let margin = f64::from(margin) + 1.0;
     let plane = |axis: usize, pixel: f64| origin[axis] + pixel * scale[axis];
     let ends = |axis: usize, first: u32, length: u32| {
-        let (a, b) = (plane(axis, f64::from(first) - margin), plane(axis, f64::from(first + length) + margin));
+        // A pixel more: quads are padded.
+        let (a, b) = (plane(axis, f64::from(first) - 1.0), plane(axis, f64::from(first + length) + 1.0));
         [a.min(b), a.max(b)]
     };
     let (x, y) = (ends(0, region.x, region.width), ends(1, region.y, region.height));
@@ -145,11 +144,11 @@ fn sides(view: &ViewGeometry, region: Region, margin: u32) -> Vec<(DVec3, f64)> 
     sides
 }
 
-/// The least and the largest view depth of what the picture shows of the box `beyond` voxels around a volume, with a
-/// margin of pixels around the picture; `None` if that is nothing.
-pub(super) fn visible_depths(view: &ViewGeometry, beyond: f64, margin: u32) -> Option<[f64; 2]> {
+/// The least and the largest view depth of what the picture shows of the box `beyond` voxels around a volume;
+/// `None` if that is nothing.
+pub(super) fn visible_depths(view: &ViewGeometry, beyond: f64) -> Option<[f64; 2]> {
     let [width, height] = view.camera.size;
-    let mut planes = sides(view, Region { x: 0, y: 0, width, height }, margin);
+    let mut planes = sides(view, Region { x: 0, y: 0, width, height });
     let extent = half(&view.grid) + beyond;
     planes.extend((0..3).flat_map(|a| [1.0, -1.0].map(|sign| (DVec3::AXES[a] * sign, extent[a]))));
     // The corners of that polytope: three planes meet in one, and it lies on the inner side of the others.
