@@ -56,21 +56,24 @@ pub(crate) struct ScalarNeed {
     pub(crate) influence: f64,
     /// Which cells stand for voxels; `None`: voxels do.
     pub(crate) cut: Option<Cut>,
+    /// The largest growth of a kernel, for messages.
+    pub(crate) growth: f64,
 }
 
 impl ScalarNeed {
     /// The need of classified voxels.
-    pub(crate) const NONE: Self = Self { padding: 0, influence: 0.0, cut: None };
+    pub(crate) const NONE: Self = Self { padding: 0, influence: 0.0, cut: None, growth: 1.0 };
 
     /// The need for kernels that reach `reach` voxels from any place whose field is asked for, and for an `influence`
     /// in voxels.
     ///
     /// The influence is rounded up to sixteenths: rounding errors ask for no other splats when the camera turns.
-    pub(crate) fn new(reach: f64, influence: f64) -> Self {
+    pub(crate) fn new(view: &ViewGeometry, reach: f64, influence: f64) -> Self {
         Self {
             padding: (reach * (1.0 - 1e-9)).ceil() as u32,
             influence: (16.0 * influence + 1e-3).ceil() / 16.0,
             cut: None,
+            growth: view.max_growth(),
         }
     }
 
@@ -81,6 +84,7 @@ impl ScalarNeed {
             // What shows in a cell shows in voxels no farther than that from its middle.
             influence: self.influence + f64::from(cut.levels[1] + 1).exp2(),
             cut: Some(cut),
+            ..self
         }
     }
 }

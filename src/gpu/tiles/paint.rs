@@ -54,7 +54,7 @@ fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNe
     }
     const SLABS: f64 = 3.0;
     let radius = view.max_radius();
-    ScalarNeed::new(radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS)
+    ScalarNeed::new(view, radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS)
 }
 
 fn begin(job: Job<'_>) -> Result<Begun<'_>> {
