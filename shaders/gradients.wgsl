@@ -2,12 +2,12 @@
 // scalar. Gradients are per lattice step, along the axes of the lattice.
 
 @group(0) @binding(0) var<uniform> pack: Pack;
-@group(0) @binding(1) var scalars: texture_storage_2d<rg32uint, read>;
+@group(0) @binding(1) var scalars: texture_2d<u32>;
 @group(0) @binding(2) var volume: texture_storage_2d<rgba32uint, write>;
 
 // The two scalars of a texel; the margins around rows and shelves hold zeros.
 fn scalars_at(texel: vec2i) -> vec2f {
-    return bitcast<vec2f>(textureLoad(scalars, texel).xy);
+    return bitcast<vec2f>(textureLoad(scalars, texel, 0).xy);
 }
 
 // The two words of a voxel, from its scalar and its differences along a, b and m.

@@ -76,6 +76,8 @@ impl Scene {
         let weights = Weights {
             max: TransferFunction::extinction(transfer.max_opacity(), 1.0),
             unit: transfer.unit_or(volume.grid().min_spacing()),
+            // Light may turn any colour white.
+            brightest: if lit { [1.0; 3] } else { transfer.brightest() },
         };
         Self::new(context, Content::Splats { classified, lit }, *volume.grid(), weights, seconds)
     }
@@ -89,7 +91,7 @@ impl Scene {
     ) -> Result<Self> {
         let shows = shows(settings);
         let (max, seconds) = on_host(|| scalars::largest(volume, transfer.base()));
-        let weights = Weights { max: max?, unit: 1.0 };
+        let weights = Weights { max: max?, unit: 1.0, brightest: [1.0; 3] };
         let scalars = Scalars {
             volume: volume.clone(),
             transfer: transfer.clone(),

@@ -41,7 +41,7 @@ impl Choice {
                 return Ok(Self { kind: PainterKind::Quads, reason: "the adapter has a rasteriser".to_owned() });
             }
         };
-        match ((kind.room().refusal)(context, view, settings), settings.painter) {
+        match ((kind.room().refusal)(view, settings), settings.painter) {
             (Some(reason), _) => Self::instead(settings, reason),
             (None, Painter::Auto) => Ok(Self { kind, reason: "the adapter is software".to_owned() }),
             (None, _) => asked(kind),

@@ -23,4 +23,5 @@ mod savings;
 mod streaming;
 mod support;
 mod tiles;
+mod tiles_hard;
 mod truth;

@@ -19,7 +19,7 @@ use crate::stats::{PainterStats, QuadsStats};
 
 /// The painter draws every picture.
 pub(crate) const ROOM: Room = Room {
-    refusal: |_, _, _| None,
+    refusal: |_, _| None,
     need: |view, settings, weights| Plan::new(view, settings, weights).scalar_need(),
     begin: |job| Ok(Begun::Ready(Box::new(Picture::new(job)?))),
 };

@@ -42,7 +42,16 @@ impl Voxel {
         if self == Self::Scalar { 8 } else { 16 }
     }
 
-    /// The format of the texture that rays read.
+    /// The binding of the texture that rays read.
+    pub(super) fn binding(self) -> Binding {
+        if self == Self::Scalar {
+            Binding::IntegerTexture(wgpu::TextureViewDimension::D2)
+        } else {
+            Binding::ReadTexture(self.format())
+        }
+    }
+
+    /// Its format.
     pub(super) fn format(self) -> wgpu::TextureFormat {
         if self == Self::Scalar { wgpu::TextureFormat::Rg32Uint } else { wgpu::TextureFormat::Rgba32Uint }
     }
@@ -311,7 +320,7 @@ impl Packer {
 impl Gradients {
     fn new(context: &Context) -> Self {
         let target = Binding::StorageTexture(Voxel::Gradient.format(), wgpu::TextureViewDimension::D2);
-        let slots = [Binding::Uniform, Binding::ReadTexture(Voxel::Scalar.format()), target];
+        let slots = [Binding::Uniform, Voxel::Scalar.binding(), target];
         let layout = layout(context, "gradients", wgpu::ShaderStages::COMPUTE, &slots);
         let module = module(context, shaders::GRADIENTS);
         let pipeline = compute(context, &module, "gradients", "gradients", &layout, &[]);
@@ -348,6 +357,7 @@ fn storage_texture(
     format: wgpu::TextureFormat,
     [width, height]: [u32; 2],
 ) -> wgpu::Texture {
-    let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST;
+    let usage =
+        wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
     context.texture(label, format, [width, height, 1], wgpu::TextureDimension::D2, usage)
 }

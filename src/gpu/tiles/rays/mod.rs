@@ -8,7 +8,7 @@ use bytemuck::Zeroable;
 use glam::{DMat3, DVec2, DVec3};
 
 use super::super::layout::{self, MACROCELL, TILE};
-use super::super::view::Region;
+use super::super::view::{Region, half};
 use super::axis::{PrincipalAxis, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};
@@ -19,6 +19,10 @@ use crate::volume::Grid;
 /// Points of the intermediate image beyond those that pixels lie between, on every side: a cubic B-spline reads 2 of
 /// them, and its coefficients read 5 more along each axis (shaders/prefilter.wgsl).
 const SPLINE_MARGIN: f64 = 8.0;
+
+/// The largest factor of stored densities: one of the smallest in a voxel plane makes it opaque, and the product with
+/// the largest stays in the range of f32.
+const MAX_DENSITY_SCALE: f64 = 1e30;
 
 /// The rays of a region of a picture, along one principal axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,6 +80,8 @@ pub(super) struct Optics {
     pub(super) opaque_depth: f64,
     /// Optical depth of the densest voxel over one voxel length along a ray.
     pub(super) max_depth: f64,
+    /// The largest of each channel of colours.
+    pub(super) brightest: [f64; 3],
 }
 
 /// How scalars are classified.
@@ -91,9 +97,15 @@ pub(super) struct Classification {
 }
 
 impl PackedBox<'_> {
-    /// A world point as (a, b, plane) of the packed box.
-    fn placed(&self, axis: &PrincipalAxis, world: DVec3) -> DVec3 {
-        let p = self.grid.to_lattice().transform_point3(world) + f64::from(self.padding);
+    /// The point of the lattice at a world vector from its middle: coordinates far from the origin of the world lose
+    /// nothing.
+    fn lattice_point(&self, from_middle: DVec3) -> DVec3 {
+        self.grid.to_lattice().matrix3 * from_middle + half(self.grid)
+    }
+
+    /// A point of the lattice as (a, b, plane) of the packed box.
+    fn placed(&self, axis: &PrincipalAxis, point: DVec3) -> DVec3 {
+        let p = point + f64::from(self.padding);
         let low = DVec3::from_array(unordered(axis.axes, self.packing.low).map(f64::from));
         // Planes are numbered front to back: if rays run against m, from the last one of the box.
         let last_plane = f64::from(self.packing.dims[2]) - 1.0;
@@ -103,7 +115,7 @@ impl PackedBox<'_> {
     /// The box half a voxel beyond the outermost voxels of the volume, as its least and largest (a, b, plane).
     fn faces(&self, axis: &PrincipalAxis) -> [DVec3; 2] {
         let ends = [DVec3::splat(-0.5), DVec3::from_array(self.grid.dims().map(f64::from)) - 0.5];
-        let [a, b] = ends.map(|end| self.placed(axis, self.grid.to_world().transform_point3(end)));
+        let [a, b] = ends.map(|end| self.placed(axis, end));
         [a.min(b), a.max(b)]
     }
 }
@@ -132,6 +144,16 @@ impl RaySetup<'_> {
         self.camera.right * plane.x + self.camera.up * plane.y
     }
 
+    /// The world vector from the middle of the lattice to the camera's target.
+    fn target(&self) -> DVec3 {
+        self.camera.target - self.volume.grid.center()
+    }
+
+    /// The world length that is the unit of others in shaders: a power of two.
+    fn unit(&self) -> f64 {
+        unit(self.volume.grid)
+    }
+
     /// The uniforms that do not depend on the projection; 0 where they do.
     fn uniforms(&self, axis: &PrincipalAxis, region: Region) -> layout::Rays {
         let PackedBox { grid, packing, .. } = self.volume;
@@ -143,8 +165,13 @@ impl RaySetup<'_> {
         let gradients = (grid.to_lattice().matrix3 * view).transpose();
         let [box_low, box_high] = self.volume.faces(axis);
         let uniforms = layout::Rays {
-            density_scale: self.optics.density_scale as f32,
-            opaque_depth: self.optics.opaque_depth as f32,
+            density_scale: match self.scalars {
+                Some(_) => self.optics.density_scale as f32,
+                None => (self.optics.density_scale * self.unit()).min(MAX_DENSITY_SCALE) as f32,
+            },
+            unit: self.unit() as f32,
+            opaque_depth: self.optics.opaque_depth.min(f64::from(f32::MAX)) as f32,
+            brightest: self.optics.brightest.map(|c| c as f32),
             radius2: (radius * radius) as f32,
             box_low: f3(box_low),
             box_high: f3(box_high),
@@ -198,6 +225,11 @@ fn rays_for_depth(depth: f64) -> u32 {
         d if d <= 1.6 => 2,
         _ => 3,
     }
+}
+
+/// About the world length of a voxel, a power of two.
+pub(super) fn unit(grid: &Grid) -> f64 {
+    grid.min_spacing().log2().round().exp2()
 }
 
 /// The middle of the first pixel of a region, in pixels of the picture.
