@@ -3,13 +3,13 @@
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::image::Image;
-use voxsplat::settings::{Model, Resolution, Settings, Shading};
+use voxsplat::settings::{Model, Painter, Resolution, Settings, Shading};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    PERSPECTIVE, PROJECTIONS, by_tiles, demo, errors, exact_quads, headlight, look, picture, render, rms_covered,
-    transfer, with_tiles,
+    PERSPECTIVE, PROJECTIONS, RENDERER, by_tiles, demo, errors, exact_quads, headlight, look, picture, render,
+    rms_covered, transfer, with_tiles,
 };
 use crate::truth::truth;
 
@@ -44,8 +44,9 @@ fn assert_in_range(image: &Image, brightest: [f32; 3], what: &str) {
 
 #[test]
 fn dense_material_is_as_right_as_by_quads() {
-    // Optical depth of a voxel, and the largest error (rms of covered pixels) as a multiple of that of quads.
-    let depths = [(0.7, 1.5), (2.3, 1.0), (6.9, 1.2), (11.0, 1.2), (23.0, 1.3), (69.0, 1.5), (700.0, 2.5), (7e3, 3.0)];
+    // Optical depth of a voxel, and the largest error (rms of covered pixels) as a multiple of that of quads. From 69 on
+    // the fit of parts shows, which errs by a hundredth of a kernel; by 700 that hides what is behind it.
+    let depths = [(0.7, 1.6), (2.3, 0.8), (6.9, 1.0), (11.0, 1.1), (23.0, 1.4), (69.0, 1.5), (700.0, 2.2), (7e3, 3.5)];
     for (name, values, zoom) in [
         ("sphere", [50.0, 100.0, 255.0], 1.0),
         ("vessels", [50.0, 100.0, 255.0], 1.5),
@@ -64,7 +65,6 @@ fn dense_material_is_as_right_as_by_quads() {
                 let (_, alpha) = errors(&got.image, &expected);
                 let quads = render(&volume, &transfer, &camera, &Settings { antialiasing: false, ..exact_quads() });
                 let [got, quads] = [&got.image, &quads].map(|image| 255.0 * rms_covered(image, &expected));
-                println!("{what}: {got:.2} quads {quads:.2} alpha {alpha:.1e}");
                 assert!(alpha < 1e-3, "{what}: alpha errs by {alpha:e}");
                 assert!(got < of_quads * quads, "{what}: {got} of 255, quads {quads}");
             }
@@ -90,7 +90,7 @@ fn no_extinction_is_too_much() {
                 let what = format!("{depth:e} {projection:?} {settings:?}");
                 assert_in_range(&got.image, [1.0; 3], &what);
                 let middle = got.image.pixels()[24 * 48 + 24][3];
-                assert_eq!(middle, if depth > 1.0 { 1.0 } else { 0.0 }, "{what}");
+                assert!(if depth > 1.0 { middle == 1.0 } else { middle < 1e-27 }, "{what}: {middle}");
             }
         }
     }
@@ -108,10 +108,7 @@ fn one_dense_voxel_is_its_footprint() {
             let expected = truth(&volume, &transfer, &camera, &full());
             let got = render(&volume, &transfer, &camera, &full());
             let (color, alpha) = errors(&got, &expected);
-            println!("{depth:e} {projection:?}: {color:e} {alpha:e}");
-            // At its rim a footprint falls to 0 like a square root; extinction magnifies what the polynomial errs there.
-            let limit = if depth > 1e3 { 5e-2 } else { 1e-3 };
-            assert!(color < limit && alpha < limit, "{depth:e} {projection:?}: {color:e} {alpha:e}");
+            assert!(color < 1e-3 && alpha < 2e-4, "{depth:e} {projection:?}: {color:e} {alpha:e}");
         }
     }
 }
@@ -121,7 +118,7 @@ fn a_distant_eye_sees_the_parallel_picture() {
     let (volume, transfer) = demo("vessels", 24);
     let (scalars, lit) = (Settings { shading: Shading::Post, ..full() }, Settings { lighting: headlight(), ..full() });
     for settings in [full(), scalars, lit] {
-        for (azimuth, elevation) in [(33.0, 20.0), (45.0, 35.0), (200.0, -70.0)] {
+        for (azimuth, elevation) in [(33.0, 20.0), (62.0, 25.0), (200.0, -70.0)] {
             let parallel = View { azimuth, elevation, view_height: Some(30.0), ..View::default() };
             let near = render(&volume, &transfer, &look(&parallel, &volume, [48; 2]), &settings);
             for distance in [1e5, 1e6, 1e7, 1e9, 1e12] {
@@ -129,9 +126,8 @@ fn a_distant_eye_sees_the_parallel_picture() {
                 let got = picture(&volume, &transfer, &look(&view, &volume, [48; 2]), &settings);
                 by_tiles(&got);
                 let (color, alpha) = errors(&got.image, &near);
-                println!("{azimuth} {distance:e}: {color:e} {alpha:e}");
-                // At 1e5 sizes the picture itself differs by 1e-4.
-                let limit = if settings.shading == Shading::Post { 2e-3 } else { 5e-4 };
+                // At 1e5 sizes the picture itself differs by 2e-5; parts of kernels are interpolated: 4e-5.
+                let limit = if settings.shading == Shading::Post { 2e-3 } else { 2e-4 };
                 assert!(color < limit && alpha < limit, "{azimuth} {distance:e}: colour {color:e}, alpha {alpha:e}");
             }
         }
@@ -176,9 +172,9 @@ fn neither_origin_nor_unit_of_the_lattice_matters() {
             for (spacing, origin) in [(1e-6, 1e7), (1e-3, 1e9), (1e-9, 0.0), (1e9, 0.0), (1e-30, 0.0), (1e30, 0.0)] {
                 let (color, alpha) = errors(&drawn(spacing, origin), &expected);
                 let what = format!("{settings:?} {projection:?} {spacing:e} {origin:e}");
-                println!("{spacing:e} {origin:e}: {color:e} {alpha:e}");
                 // The middle of the lattice is rounded to 1e-16 of the origin: to 2e-3 of a voxel at worst.
-                assert!(color < 2e-3 && alpha < 1e-3, "{what}: colour {color:e}, alpha {alpha:e}");
+                let limit = if origin == 0.0 { 1e-5 } else { 5e-4 };
+                assert!(color < limit && alpha < limit, "{what}: colour {color:e}, alpha {alpha:e}");
             }
         }
     }
@@ -207,13 +203,48 @@ fn runs_of_many_planes_are_kept_for_a_part_of_the_picture_at_a_time() {
 #[test]
 fn what_outgrows_a_texture_is_drawn_by_quads() {
     let transfer = transfer(&[(0.0, [1.0, 0.5, 0.2], 0.0), (255.0, [1.0, 0.5, 0.2], 0.5)], None);
-    // A row of more texels than a texture has; more rays than a texture has points, at one a voxel.
-    for (dims, antialiasing) in [([65_000, 2, 2], true), ([17_000, 17_000, 1], false)].into_iter().take(1) {
-        let volume = sparse(dims, 10_007);
-        let camera = oblique(ProjectionKind::Orthographic, 1.0, &volume, 64);
-        let settings = Settings { antialiasing, ..Settings::default() };
-        let got = picture(&volume, &transfer, &camera, &settings);
-        assert_eq!(got.stats.painter.name(), "quads");
-        println!("{}", got.stats.painter_reason);
+    // A row of more texels than a texture has.
+    let volume = sparse([65_000, 2, 2], 10_007);
+    let settings = Settings { antialiasing: false, ..Settings::default() };
+    let got = picture(&volume, &transfer, &oblique(ProjectionKind::Orthographic, 1.0, &volume, 64), &settings);
+    assert_eq!(got.stats.painter.name(), "quads");
+    assert!(
+        !RENDERER.adapter().is_software() || got.stats.painter_reason.contains("outgrows"),
+        "{}",
+        got.stats.painter_reason
+    );
+}
+
+#[test]
+fn more_rays_than_a_texture_has_points_are_those_of_pixels() {
+    // One ray a voxel would be more rays than pixels, and than a texture has room for.
+    let volume = sparse([16_500, 8, 8], 10_007);
+    let transfer = transfer(&[(0.0, [1.0, 0.5, 0.2], 0.0), (255.0, [1.0, 0.5, 0.2], 0.5)], None);
+    let camera = oblique(ProjectionKind::Orthographic, 1.0, &volume, 64);
+    let settings = Settings { antialiasing: false, ..Settings::default() };
+    let got = picture(&volume, &transfer, &camera, &settings);
+    let expected = render(&volume, &transfer, &camera, &Settings { antialiasing: false, ..exact_quads() });
+    let (color, alpha) = errors(&got.image, &expected);
+    assert!(color < 5e-3 && alpha < 5e-3, "{}: colour {color:e}, alpha {alpha:e}", got.stats.painter_reason);
+}
+
+#[test]
+fn an_eye_on_a_voxel_or_a_face_is_that_of_the_reference_or_refused() {
+    let (volume, transfer) = demo("marschner-lobb", 24);
+    // The lattice goes from 0 to 23; eyes on a voxel, between voxels, on the face of the volume, and beside it.
+    for [x, y, z] in [[11.0, 5.0, 12.0], [11.5, 5.5, 12.25], [11.0, -0.5, 12.0], [11.0, -2.6, 12.0], [-2.6, 4.0, 30.0]]
+    {
+        let target = DVec3::new(x, y + 10.0, z);
+        let view = View { projection: PERSPECTIVE, target: Some(target), distance: Some(10.0), ..View::default() };
+        let camera = look(&view, &volume, [40; 2]);
+        let post = Settings { shading: Shading::Post, ..full() };
+        let got = picture(&volume, &transfer, &camera, &post);
+        by_tiles(&got);
+        let rms = 255.0 * rms_covered(&got.image, &truth(&volume, &transfer, &camera, &post));
+        assert!(rms < 2.5, "{x} {y} {z}, post-shaded: {rms} of 255");
+        let auto = Settings { painter: Painter::Auto, ..full() };
+        let got = picture(&volume, &transfer, &camera, &auto);
+        let (color, alpha) = errors(&got.image, &truth(&volume, &transfer, &camera, &auto));
+        assert!(color < 8e-3 && alpha < 5e-4, "{x} {y} {z}, {}: {color:e} {alpha:e}", got.stats.painter_reason);
     }
 }

@@ -50,7 +50,8 @@ impl Stage {
     }
 
     pub(super) fn gather(context: &Context, key: TilesKey) -> Self {
-        let volume = key.voxel.binding();
+        let software = context.info.is_software();
+        let volume = key.voxel.binding(software);
         let runs = Binding::IntegerTexture(wgpu::TextureViewDimension::D2);
         let perspective = ("PERSPECTIVE", flag(key.perspective));
         let terms = ("TERMS", f64::from(key.terms));
@@ -70,7 +71,11 @@ impl Stage {
                 &[perspective, terms, texels, straight, white, resampled, ("CURVED", flag(key.curved))],
             );
         }
-        let shader = if key.voxel == Voxel::Scalar { shaders::GATHER_SCALARS } else { shaders::GATHER_GRADIENTS };
+        let shader = match (key.voxel, software) {
+            (Voxel::Scalar, true) => shaders::GATHER_SCALARS_SOFTWARE,
+            (Voxel::Scalar, false) => shaders::GATHER_SCALARS,
+            _ => shaders::GATHER_GRADIENTS,
+        };
         let maximum = ("MAXIMUM", flag(key.model == Model::Mip));
         let lights = ("LIGHTS", f64::from(key.lights));
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);

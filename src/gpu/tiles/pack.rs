@@ -43,8 +43,8 @@ impl Voxel {
     }
 
     /// The binding of the texture that rays read.
-    pub(super) fn binding(self) -> Binding {
-        if self == Self::Scalar {
+    pub(super) fn binding(self, software: bool) -> Binding {
+        if self == Self::Scalar && !software {
             Binding::IntegerTexture(wgpu::TextureViewDimension::D2)
         } else {
             Binding::ReadTexture(self.format())
@@ -320,7 +320,7 @@ impl Packer {
 impl Gradients {
     fn new(context: &Context) -> Self {
         let target = Binding::StorageTexture(Voxel::Gradient.format(), wgpu::TextureViewDimension::D2);
-        let slots = [Binding::Uniform, Voxel::Scalar.binding(), target];
+        let slots = [Binding::Uniform, Voxel::Scalar.binding(false), target];
         let layout = layout(context, "gradients", wgpu::ShaderStages::COMPUTE, &slots);
         let module = module(context, shaders::GRADIENTS);
         let pipeline = compute(context, &module, "gradients", "gradients", &layout, &[]);

@@ -162,7 +162,7 @@ impl RaySetup<'_> {
         let coefficient = |n: usize| footprint.coefficients.get(n).map_or(0.0, |&c| c as f32);
         // View coordinates of a gradient along each axis of the lattice: the transpose of what maps view to lattice.
         let view = DMat3::from_cols(self.camera.right, self.camera.up, self.camera.forward);
-        let gradients = (grid.to_lattice().matrix3 * view).transpose();
+        let gradients = (grid.to_lattice().matrix3 * view * self.unit()).transpose();
         let [box_low, box_high] = self.volume.faces(axis);
         let uniforms = layout::Rays {
             density_scale: match self.scalars {
