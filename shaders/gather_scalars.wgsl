@@ -46,7 +46,7 @@ fn classify_slab(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeome
         light = light_on(rays.gradient_x * g.x + rays.gradient_y * g.y + rays.gradient_z * g.z, geometry.to_eye);
     }
     let step = (part.y - part.x) / f32(rays.samples);
-    let length = 0.5 * step * geometry.stretch / geometry.direction.z * rays.unit;
+    let length = 0.5 * step * geometry.stretch / geometry.direction.z;
     march_parabola(ray, means, part, rays.samples, length, rays.lookup, light);
 }
 

@@ -12,7 +12,7 @@ struct RayGeometry {
     shear: vec2f,
     // Unit vector in (a, b, m).
     direction: vec3f,
-    // World length per lattice length, in units of `Rays::unit`.
+    // World length per lattice length.
     stretch: f32,
     // See Rays.
     footprint_half: vec2f,

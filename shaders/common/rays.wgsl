@@ -4,8 +4,6 @@
 // is the first of the two along which rays lean so little that six voxels of a row hold every kernel that reaches a
 // ray. Lengths are in voxels unless a name says otherwise. Voxel planes are numbered front to back along m.
 //
-// World lengths are in units of about a voxel, so that no spacing leaves the range of f32.
-//
 // A ray meets plane k at base + k shear, in (a, b). Base coordinates are the (a, b) of plane 0. Parallel rays share one
 // shear. Rays through one eye are marched along up to three axes, in either direction, each ray along its own axis.
 //
@@ -95,8 +93,6 @@ struct Rays {
     brightest: vec3f,
     // Texels of a row of voxels in the volume's texture: two voxels each.
     row_texels: i32,
-    // The world length that is the unit of others.
-    unit: f32,
     // Rays through one eye: the eye, in planes.
     eye_plane: f32,
     // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.

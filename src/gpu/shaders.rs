@@ -72,8 +72,6 @@ pub(crate) const PACK: Shader = Shader {
     name: "pack",
     parts: &[include_str!("../../shaders/pack.wgsl"), PACKING, STORED_SPLAT, LIT_SPLAT, LIGHTING, NORMAL, DISPATCH],
 };
-pub(crate) const GRADIENTS: Shader =
-    Shader { name: "gradients", parts: &[include_str!("../../shaders/gradients.wgsl"), PACKING] };
 pub(crate) const SKIP: Shader =
     Shader { name: "skip", parts: &[include_str!("../../shaders/skip.wgsl"), RAYS, PACKING] };
 pub(crate) const GATHER: Shader = Shader {
@@ -148,7 +146,7 @@ pub(crate) const PRESENT: Shader = Shader { name: "present", parts: &[include_st
 
 /// Every shader there is.
 #[cfg(test)]
-pub(crate) const ALL: [Shader; 18] = [
+pub(crate) const ALL: [Shader; 17] = [
     CLASSIFY,
     SCAN,
     SORT,
@@ -158,7 +156,6 @@ pub(crate) const ALL: [Shader; 18] = [
     SHADE,
     RESOLVE,
     PACK,
-    GRADIENTS,
     SKIP,
     GATHER,
     GATHER_SCALARS,

@@ -3,13 +3,13 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::super::layout::{self, TILE};
-use super::super::painter::{Begun, Job, Painted, Painting, Room};
+use super::super::painter::{Begun, Job, Painting, Room};
 use super::super::recorder::{MAX_WORK, Recorder};
-use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights, half};
+use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights};
 use super::axis::PrincipalAxis;
 use super::pack::{Lit, Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
-use super::rays::{Classification, FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing, unit};
+use super::rays::{Classification, FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
 use super::{MAX_PARALLEL_RADIUS, MAX_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
 use crate::kernel::Kernel;
@@ -49,16 +49,15 @@ fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
 
 /// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a
 /// ray at most sqrt(3) / 2 voxels, so three are at most 2.6 voxels. They count as 3: the parts of kernels in slabs are
-/// fitted, and a fit fades a little later than its kernel. Light takes central differences, a voxel farther. None of it
-/// depends on the direction, so that turning asks for no other splats.
+/// fitted, and a fit fades a little later than its kernel. None of it depends on the direction, so that turning asks for
+/// no other splats.
 fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
     if !settings.is_post_shaded() {
-        return ScalarNeed { padding: 0, influence: 0.0 };
+        return ScalarNeed::NONE;
     }
     const SLABS: f64 = 3.0;
-    let differences = if settings.lighting.is_some() { 1.0 } else { 0.0 };
     let radius = view.max_radius();
-    ScalarNeed::new(radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS + differences)
+    ScalarNeed::new(view, radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS)
 }
 
 fn begin(job: Job<'_>) -> Result<Begun<'_>> {
@@ -214,13 +213,12 @@ impl<'a> Picture<'a> {
     fn pack_for(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles, axis: usize) -> Result<Arc<Packed>> {
         let Job { view, stores, weights, .. } = self.job;
         let camera = &view.camera;
-        let eye = camera.eye().unwrap_or(camera.target) - view.grid.center();
-        // Light depends on directions alone: in units of a voxel, steps stay in the range of f32.
-        let to_world = view.grid.to_world().matrix3 * unit(&view.grid).recip();
+        let eye = camera.eye().unwrap_or(camera.target);
+        let to_world = view.grid.to_world().matrix3;
         let axes = [camera.right, camera.up, camera.forward];
         let lit = Lit {
             lighting: &self.lighting,
-            eye: (view.grid.to_lattice().matrix3 * eye + half(&view.grid)).as_vec3().to_array(),
+            eye: view.grid.to_lattice().transform_point3(eye).as_vec3().to_array(),
             view: [0, 1, 2].map(|i| axes.map(|axis| axis.dot(to_world.col(i)) as f32)),
         };
         let (_, packing) = self.axes[axis];
@@ -306,7 +304,7 @@ impl Painting for Picture<'_> {
         self.pipelines().map(|_| ())
     }
 
-    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<Painted> {
+    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<wgpu::Buffer> {
         let pipelines = self.pipelines()?;
         let packed = match self.packed.take() {
             Some(packed) => packed,
@@ -316,7 +314,7 @@ impl Painting for Picture<'_> {
         self.packed = Some(packed);
         self.rays += marched.rays;
         self.spacing = marched.spacing.or(self.spacing);
-        Ok(Painted { pixels: marched.pixels, margin: 0 })
+        Ok(marched.pixels)
     }
 
     fn footprint_error(&self) -> f64 {

@@ -8,7 +8,7 @@ use half::f16;
 
 use super::super::adapter_test::adapter;
 use super::super::context::Context;
-use super::super::layout::{self, Lighting, MACROCELL, MARGIN, ScalarSplat, Splat, TILE};
+use super::super::layout::{self, Lighting, MACROCELL, MARGIN, Splat, TILE};
 use super::super::pipeline::{Binding, bind, compute, layout as group_layout, texture_view};
 use super::super::recorder::Recorder;
 use super::super::store::{BrickSplats, Store};
@@ -322,7 +322,7 @@ fn scalars_keep_their_bits_and_gradients_are_central_differences() {
         if shown.contains(&inside) { f64::from(scalar_of(inside)) } else { 0.0 }
     };
     for axes in ORDERS {
-        let stored = || store(&context, |p| [ScalarSplat { place: 0, scalar: scalar_of(p) }.scalar.to_bits()]);
+        let stored = || store(&context, |p| [scalar_of(p).to_bits()]);
         let scalars = packed(&context, stored(), axes, Voxel::Scalar, 30.0);
         let volume = read_volume(&context, &scalars.volume);
         for (place, point) in places(scalars.packing) {

@@ -8,7 +8,7 @@ use bytemuck::Zeroable;
 use glam::{DMat3, DVec2, DVec3};
 
 use super::super::layout::{self, MACROCELL, TILE};
-use super::super::view::{Region, half};
+use super::super::view::Region;
 use super::axis::{PrincipalAxis, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};
@@ -97,15 +97,9 @@ pub(super) struct Classification {
 }
 
 impl PackedBox<'_> {
-    /// The point of the lattice at a world vector from its middle: coordinates far from the origin of the world lose
-    /// nothing.
-    fn lattice_point(&self, from_middle: DVec3) -> DVec3 {
-        self.grid.to_lattice().matrix3 * from_middle + half(self.grid)
-    }
-
-    /// A point of the lattice as (a, b, plane) of the packed box.
-    fn placed(&self, axis: &PrincipalAxis, point: DVec3) -> DVec3 {
-        let p = point + f64::from(self.padding);
+    /// A world point as (a, b, plane) of the packed box.
+    fn placed(&self, axis: &PrincipalAxis, world: DVec3) -> DVec3 {
+        let p = self.grid.to_lattice().transform_point3(world) + f64::from(self.padding);
         let low = DVec3::from_array(unordered(axis.axes, self.packing.low).map(f64::from));
         // Planes are numbered front to back: if rays run against m, from the last one of the box.
         let last_plane = f64::from(self.packing.dims[2]) - 1.0;
@@ -115,7 +109,7 @@ impl PackedBox<'_> {
     /// The box half a voxel beyond the outermost voxels of the volume, as its least and largest (a, b, plane).
     fn faces(&self, axis: &PrincipalAxis) -> [DVec3; 2] {
         let ends = [DVec3::splat(-0.5), DVec3::from_array(self.grid.dims().map(f64::from)) - 0.5];
-        let [a, b] = ends.map(|end| self.placed(axis, end));
+        let [a, b] = ends.map(|end| self.placed(axis, self.grid.to_world().transform_point3(end)));
         [a.min(b), a.max(b)]
     }
 }
@@ -144,16 +138,6 @@ impl RaySetup<'_> {
         self.camera.right * plane.x + self.camera.up * plane.y
     }
 
-    /// The world vector from the middle of the lattice to the camera's target.
-    fn target(&self) -> DVec3 {
-        self.camera.target - self.volume.grid.center()
-    }
-
-    /// The world length that is the unit of others in shaders: a power of two.
-    fn unit(&self) -> f64 {
-        unit(self.volume.grid)
-    }
-
     /// The uniforms that do not depend on the projection; 0 where they do.
     fn uniforms(&self, axis: &PrincipalAxis, region: Region) -> layout::Rays {
         let PackedBox { grid, packing, .. } = self.volume;
@@ -162,14 +146,10 @@ impl RaySetup<'_> {
         let coefficient = |n: usize| footprint.coefficients.get(n).map_or(0.0, |&c| c as f32);
         // View coordinates of a gradient along each axis of the lattice: the transpose of what maps view to lattice.
         let view = DMat3::from_cols(self.camera.right, self.camera.up, self.camera.forward);
-        let gradients = (grid.to_lattice().matrix3 * view * self.unit()).transpose();
+        let gradients = (grid.to_lattice().matrix3 * view).transpose();
         let [box_low, box_high] = self.volume.faces(axis);
         let uniforms = layout::Rays {
-            density_scale: match self.scalars {
-                Some(_) => self.optics.density_scale as f32,
-                None => (self.optics.density_scale * self.unit()).min(MAX_DENSITY_SCALE) as f32,
-            },
-            unit: self.unit() as f32,
+            density_scale: self.optics.density_scale.min(MAX_DENSITY_SCALE) as f32,
             opaque_depth: self.optics.opaque_depth.min(f64::from(f32::MAX)) as f32,
             brightest: self.optics.brightest.map(|c| c as f32),
             radius2: (radius * radius) as f32,
@@ -225,11 +205,6 @@ fn rays_for_depth(depth: f64) -> u32 {
         d if d <= 1.6 => 2,
         _ => 3,
     }
-}
-
-/// About the world length of a voxel, a power of two.
-pub(super) fn unit(grid: &Grid) -> f64 {
-    grid.min_spacing().log2().round().exp2()
 }
 
 /// The middle of the first pixel of a region, in pixels of the picture.

@@ -1,7 +1,7 @@
 //! Parallel rays: their intermediate image lies in plane 0 of the volume, with whole numbers of rays per voxel along a
 //! and b, so that rays meet every plane alike and can share footprints.
 
-use glam::{DMat2, DVec2, DVec3};
+use glam::{DMat2, DVec2};
 
 use super::super::super::layout;
 use super::super::super::view::Region;
@@ -36,7 +36,7 @@ pub(super) fn rays(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region, c
         step_y: f2(step_y),
         shear: f2(shear),
         direction: f3(direction),
-        stretch: (axis.voxel() / setup.unit()) as f32,
+        stretch: axis.voxel() as f32,
         row_half: (radius / square.sqrt()) as f32,
         row_slope: (direction.x * direction.y / square) as f32,
         phases,
@@ -77,7 +77,7 @@ impl ImagePoints {
         let volume = &setup.volume;
         // Where the ray of a pixel meets plane 0.
         let base = |p: DVec2| {
-            let p = volume.placed(axis, volume.lattice_point(setup.target() + setup.raised(p)));
+            let p = volume.placed(axis, setup.camera.target + setup.raised(p));
             DVec2::new(p.x, p.y) - shear * p.z
         };
         let corner = first_pixel(region);
@@ -117,7 +117,7 @@ impl ImagePoints {
         }
         // Whole steps from the ray through the first voxel of the volume: the same rays whatever part of it is packed,
         // and whatever the region.
-        let anchor = volume.placed(axis, DVec3::ZERO);
+        let anchor = volume.placed(axis, volume.grid.to_world().translation);
         let anchor = DVec2::new(anchor.x, anchor.y) - shear * anchor.z;
         let origin = anchor + steps * (((low - anchor) / steps).floor() - SPLINE_MARGIN);
         let count = ((high - origin) / steps + SPLINE_MARGIN).ceil() + 1.0;

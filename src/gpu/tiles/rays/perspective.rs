@@ -25,7 +25,7 @@ pub(super) fn rays(
     common: layout::Rays,
 ) -> Rays {
     let (camera, grid) = (setup.camera, setup.volume.grid);
-    let to_lattice = grid.to_lattice().matrix3 * setup.unit();
+    let to_lattice = grid.to_lattice().matrix3;
     let heading = |plane: DVec2| axis.ordered(to_lattice * (camera.right * plane.x + camera.up * plane.y));
     let forward = axis.ordered(to_lattice * camera.forward);
     // Pixels that a voxel takes at the far end of the volume, where it takes the fewest.
@@ -42,7 +42,7 @@ pub(super) fn rays(
     // h.m. The numerator is linear in h, and 0 for h = c: it is that of the difference.
     let volume = &setup.volume;
     let central = forward + heading(axis.middle);
-    let placed = |from_target: DVec3| volume.placed(axis, volume.lattice_point(setup.target() + from_target));
+    let placed = |from_target: DVec3| volume.placed(axis, camera.target + from_target);
     let eye = placed(-camera.forward * distance);
     // The point of that ray at the depth of the target, and the middle plane.
     let near = placed((camera.right * axis.middle.x + camera.up * axis.middle.y) * distance);
