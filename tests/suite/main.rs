@@ -27,4 +27,5 @@ mod savings;
 mod streaming;
 mod support;
 mod tiles;
+mod tiles_hard;
 mod truth;
