@@ -256,7 +256,12 @@ fn sort_matches_its_twin() {
             let camera = Camera { size, ..*camera };
             let view = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default());
             let plan = Plan::new(&view, &settings, Weights { max: 1.0, unit: 1.0 }, Precision::F32);
-            let key = SortKey { axis: plan.is_axis_aligned(), grown: view.max_growth() > 1.0, scalars: false };
+            let key = SortKey {
+                axis: plan.is_axis_aligned(),
+                grown: view.max_growth() > 1.0,
+                scalars: false,
+                gradients: false,
+            };
             let sorter = Sorter::new(&context, key);
             let frame = plan.frame(WHOLE);
             let uniform = wgpu::BufferUsages::UNIFORM;

@@ -15,6 +15,7 @@ mod cli;
 mod demos;
 mod embed;
 mod golden;
+mod post_light;
 mod presets;
 mod readers;
 mod readers_errors;
