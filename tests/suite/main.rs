@@ -19,6 +19,7 @@ mod fuzz;
 mod golden;
 mod hard_quads;
 mod hostile;
+mod post_light;
 mod presets;
 mod readers;
 mod readers_errors;
