@@ -10,16 +10,20 @@
 #[path = "../../src/gpu/adapter_test.rs"]
 mod adapter;
 mod algorithms;
+mod bounds;
 mod camera;
 mod cli;
 mod demos;
 mod embed;
 mod golden;
+mod hard;
 mod presets;
+mod random;
 mod readers;
 mod readers_errors;
 mod rendering;
 mod savings;
+mod soak;
 mod streaming;
 mod support;
 mod tiles;
