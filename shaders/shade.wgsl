@@ -95,7 +95,7 @@ fn light_of(m: vec3f, sideways: vec2f, ray: PixelRay, z: f32) -> vec2f {
     // With x = plane.x Z, y = plane.y Z: from derivatives in the plane and along the ray to derivatives in x, y and Z.
     let inverse_depth = 1.0 / (z + 0.5 * frame.sheet_step + frame.eye_depth);
     let across = slope * inverse_depth;
-    return light_on(vec3f(across, along - dot(across, ray.plane)), -vec3f(ray.plane, 1.0) / ray.stretch);
+    return light_on(vec3f(across, along - dot(across, ray.slope)), -vec3f(ray.slope, 1.0) / ray.stretch);
 }
 
 // The pixel (colour and optical depth) with one more sheet behind it.

@@ -42,7 +42,13 @@ struct Varyings {
 // Unit vector from a splat's centre to the eye, view coordinates.
 fn to_eye_from(center: vec3f) -> vec3f {
     if PERSPECTIVE {
-        return -normalize(vec3f(center.xy, center.z + frame.eye_depth));
+        let z = center.z + frame.eye_depth;
+        let v = vec3f(center.xy + frame.home_slope * z, z);
+        // Made about 1 before it is squared: the eye may be 1e30 away, or on the splat.
+        let size = max(abs(v.x), max(abs(v.y), abs(v.z)));
+        if size > 0.0 {
+            return -normalize(v / size);
+        }
     }
     return vec3f(0.0, 0.0, -1.0);
 }
@@ -56,14 +62,15 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     let words = splat_words(entry);
     let lattice = splat_lattice(words);
     let center = view_center(lattice);
-    let growth = growth_at(center.z);
+    let growth = growth_at(center.z, splat_level(words));
     let side = vec2f(f32(corner & 1u), f32(corner >> 1u)) * 2.0 - 1.0;
     var clip = side;
     // A support that the plane of the eye cuts has no bounds in the image: its quad covers the region, unless the
     // support is beside all of the region's rays.
     if bounded(center, growth) {
         let box = bounds(center, growth);
-        clip = (box.xy + side * box.zw) * frame.clip_scale + frame.clip_offset;
+        // Within reach of the image: a rasteriser that clips a quad of 1e9 pixels moves its edges.
+        clip = clamp((box.xy + side * box.zw) * frame.clip_scale + frame.clip_offset, vec2f(-2.0), vec2f(2.0));
     } else if !in_view(center, growth) {
         return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
     }
@@ -128,7 +135,8 @@ fn chord(in: Varyings) -> Chord {
     if PERSPECTIVE {
         ray += frame.grid_right * plane.x + frame.grid_up * plane.y;
         offset = plane * (in.center.z + frame.eye_depth) - in.center.xy;
-        world_per_depth = sqrt(1.0 + dot(plane, plane));
+        let slope = plane + frame.home_slope;
+        world_per_depth = sqrt(1.0 + dot(slope, slope));
     }
     // A kernel that is s times as large is the same kernel in a lattice s times as wide.
     if GROWN {
@@ -138,7 +146,10 @@ fn chord(in: Varyings) -> Chord {
     let q = frame.grid_right * offset.x + frame.grid_up * offset.y;
     let grid_per_depth = length(ray);
     let along = dot(q, ray) / grid_per_depth;
-    let half2 = frame.radius * frame.radius - (dot(q, q) - along * along);
+    // The distance of the ray from the centre. On an anisotropic lattice q may be long and nearly parallel to the ray:
+    // |q|^2 - along^2 would cancel.
+    let across = cross(q, ray) / grid_per_depth;
+    let half2 = frame.radius * frame.radius - dot(across, across);
     if half2 <= 0.0 {
         discard;
     }

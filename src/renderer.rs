@@ -179,15 +179,18 @@ impl Renderer {
         let context = &self.context;
         scene.check(context, settings)?;
         let before = context.traffic();
+        camera.check_scale(scene.grid())?;
         let view = ViewGeometry::new(camera, scene.grid(), settings, context.savings);
         let mut choice = Choice::new(context, &view, settings)?;
         let mut seconds = scene.take_seconds();
         let mut drawable;
+        let mut levels;
         let mut painting = loop {
             let need = (choice.kind.room().need)(&view, settings, scene.weights());
             let (splats, took) = scene.drawable(context, need, settings, &self.progress)?;
             seconds += took;
             drawable = splats;
+            levels = need.cut.map_or([0, 0], |cut| cut.levels);
             let job = Job {
                 context,
                 pipelines: &self.pipelines,
@@ -201,7 +204,7 @@ impl Renderer {
             };
             match (choice.kind.room().begin)(job)? {
                 Begun::Ready(painting) => break painting,
-                Begun::Refused(reason) => choice = Choice::instead(settings, reason)?,
+                Begun::Refused(reason) => choice = Choice::instead(context, settings, reason)?,
             }
         };
         let mut stages = Vec::new();
@@ -240,12 +243,13 @@ impl Renderer {
             parts: regions.len() as u32,
             voxels: scene.grid().len(),
             splats_kept,
-            splats_dropped: scene.grid().len() - splats_kept,
+            splats_dropped: scene.grid().len().saturating_sub(splats_kept),
             splats_padding: splats - splats_kept,
             bricks: bricks.all,
             bricks_uploaded: bricks.uploaded,
             bytes_uploaded: bricks.bytes,
             kernel_growth: view.max_growth(),
+            levels,
             footprint_error: painting.footprint_error(),
             scene_bytes: drawable.bytes(),
             frame_bytes: traffic.allocated - before.allocated,

@@ -12,7 +12,8 @@
 //     color               13 bits of red, then 14 of green, then the 5 low bits of blue
 //     normal              the direction of the world gradient, see common/normal.wgsl
 //
-// `origins` are the lattice points at which the bricks of the store begin, 32^3 voxels each.
+// `origins` are the lattice points at which the bricks of the store begin (xyz), 32^3 places each, and their level (w):
+// a place is a cell of 2^level voxels a side, which stands for them with one kernel in its middle.
 
 // Splats are scalars, not classified voxels.
 override SCALARS: bool = false;
@@ -32,14 +33,23 @@ fn splat_brick(words: vec2u) -> u32 {
     return words.x >> 15u;
 }
 
-// Its lattice point.
+// The level of its brick.
+fn splat_level(words: vec2u) -> u32 {
+    return origins[splat_brick(words)].w;
+}
+
+// Its lattice point, at level 0.
 fn splat_point(words: vec2u) -> vec3u {
     let p = words.x;
     return origins[splat_brick(words)].xyz + vec3u(p & 31u, (p >> 5u) & 31u, (p >> 10u) & 31u);
 }
 
+// The middle of its kernel in lattice coordinates.
 fn splat_lattice(words: vec2u) -> vec3f {
-    return vec3f(splat_point(words));
+    let p = words.x;
+    let brick = origins[splat_brick(words)];
+    let point = brick.xyz + (vec3u(p & 31u, (p >> 5u) & 31u, (p >> 10u) & 31u) << vec3u(brick.w));
+    return vec3f(point) + 0.5 * f32((1u << brick.w) - 1u);
 }
 
 // Its density, or its scalar.

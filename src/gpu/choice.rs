@@ -37,21 +37,29 @@ impl Choice {
             Painter::Quads(_) => return asked(PainterKind::Quads),
             Painter::Tiles(_) => PainterKind::Tiles,
             Painter::Auto if context.info.is_software() => PainterKind::Tiles,
+            Painter::Auto if !context.blends_f32() => PainterKind::Tiles,
             Painter::Auto => {
                 return Ok(Self { kind: PainterKind::Quads, reason: "the adapter has a rasteriser".to_owned() });
             }
         };
         match ((kind.room().refusal)(context, view, settings), settings.painter) {
-            (Some(reason), _) => Self::instead(settings, reason),
-            (None, Painter::Auto) => Ok(Self { kind, reason: "the adapter is software".to_owned() }),
+            (Some(reason), _) => Self::instead(context, settings, reason),
+            (None, Painter::Auto) if context.info.is_software() => {
+                Ok(Self { kind, reason: "the adapter is software".to_owned() })
+            }
+            (None, Painter::Auto) => Ok(Self { kind, reason: "the adapter does not blend 32-bit floats".to_owned() }),
             (None, _) => asked(kind),
         }
     }
 
     /// The painter in place of one that refused: the one that draws every picture, unless the other was asked for.
-    pub(crate) fn instead(settings: &Settings, reason: String) -> Result<Self> {
+    pub(crate) fn instead(context: &Context, settings: &Settings, reason: String) -> Result<Self> {
         match settings.painter {
-            Painter::Auto => Ok(Self { kind: PainterKind::Quads, reason }),
+            Painter::Auto if context.blends_f32() => Ok(Self { kind: PainterKind::Quads, reason }),
+            Painter::Auto => {
+                let reason = format!("{reason}; the adapter does not blend 32-bit floats: sheets are half floats");
+                Ok(Self { kind: PainterKind::Quads, reason })
+            }
             _ => Err(Error::Setting { name: "painter", reason }),
         }
     }

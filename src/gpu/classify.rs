@@ -146,7 +146,7 @@ impl Classifier {
             ("INLINE_POINTS", if is_few { points.len() as f64 } else { 0.0 }),
         ];
         let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
-        let gradients = volume.grid().to_lattice().matrix3.transpose();
+        let gradients = volume.grid().local().to_lattice().matrix3.transpose();
         let gradient = |axis: usize| gradients.col(axis).as_vec3().to_array();
         let storage = wgpu::BufferUsages::STORAGE;
         let job = Job {

@@ -92,8 +92,11 @@ pub(crate) struct Frame {
     pub box_half: [f32; 3],
     pub opaque_depth: f32,
     pub growth: [f32; 2],
+    pub home_slope: [f32; 2],
     pub tiles: u32,
     pub tile_size: u32,
+    pub level_spread: f32,
+    pub _pad: u32,
 }
 
 /// Parameters of `sort`; shaders/sort.wgsl.

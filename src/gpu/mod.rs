@@ -7,6 +7,7 @@ pub(crate) mod choice;
 pub(crate) mod classify;
 pub(crate) mod context;
 pub(crate) mod layout;
+mod levels;
 pub(crate) mod painter;
 pub(crate) mod pipeline;
 pub(crate) mod present;

@@ -1,8 +1,11 @@
 //! scalars: a volume to splats of scalars, for post-shading. On the host, brick by brick: which voxels can show depends
-//! on their surroundings.
+//! on their surroundings. If kernels have grown, cells of a pyramid stand for voxels (see levels.rs).
+
+use std::sync::Arc;
 
 use super::context::Context;
 use super::layout::{BRICK_SHIFT, ScalarSplat, place};
+use super::levels::Cut;
 use super::savings::Savings;
 use super::store::{BrickSplats, Bricks, Part, Store, StoreBuilder};
 use super::view::ScalarNeed;
@@ -10,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Normalization};
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
-use crate::volume::{BRICK_EDGE as EDGE, RowCoding, ToF64, Volume};
+use crate::volume::{BRICK_EDGE as EDGE, Level, Pyramid, RowCoding, ToF64, Volume};
 
 /// The largest influence, in voxels, within which single voxels are looked for. If it is larger, bricks are kept whole.
 const MAX_HALO: usize = 16;
@@ -115,6 +118,17 @@ pub(crate) fn largest(volume: &Volume, base: f64) -> Result<f64> {
     Ok(volume.ranges()?.iter().flatten().map(|raw| (slope * raw + intercept - base).abs()).fold(0.0, f64::max))
 }
 
+/// Places of the lattices that splats are looked for in, copies beyond the faces of the volume included.
+fn places(dims: [u32; 3], need: ScalarNeed) -> u64 {
+    let of = |level: u32, padding: u32| {
+        let along = |d: u32| u64::from(d.div_ceil(1 << level)).saturating_add(2 * u64::from(padding));
+        dims.into_iter().map(along).fold(1, u64::saturating_mul)
+    };
+    let Some(cut) = need.cut else { return of(0, need.padding) };
+    let [finest, coarsest] = cut.levels;
+    (finest..=coarsest).map(|level| of(level, cut.padding(level))).fold(0, u64::saturating_add)
+}
+
 /// Scalars relative to the base.
 struct Relative {
     slope: f64,
@@ -183,24 +197,31 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<bool> {
 pub(crate) fn emit(
     context: &Context,
     volume: &Volume,
+    pyramid: &Pyramid,
     transfer: &TransferFunction,
     shows: Shows,
     asked: &Asked,
     progress: &Progress,
 ) -> Result<Emitted> {
     let emission = Emission::new(context, volume, transfer, shows, asked)?;
-    let [_, down, deep] = emission.counts;
+    let [finest, coarsest] = emission.levels();
+    let cells = pyramid.levels(volume, &emission.relative, coarsest as usize)?;
     let mut stores = StoreBuilder::new(context, u32::MAX);
     let mut emitted = Emitted::default();
-    let mut rows = 0;
-    volume.for_each_row([down, deep], emission.halo, &|j, k| emission.row(j, k), &mut |row| {
-        row.into_iter().try_for_each(|brick| emitted.add(&mut stores, brick))?;
-        rows += 1;
-        progress.report("emitting scalars", f64::from(rows) / (down * deep) as f64);
-        Ok(())
-    })?;
+    for level in finest..=coarsest {
+        let cells = level.checked_sub(1).and_then(|index| cells.get(index as usize).cloned());
+        let lattice = Lattice::new(volume.grid().dims(), level, emission.need, cells);
+        let [_, down, deep] = lattice.counts;
+        let mut rows = 0;
+        volume.for_each_row([down, deep], emission.halo, &|j, k| emission.row(&lattice, j, k), &mut |row| {
+            row.into_iter().try_for_each(|brick| emitted.add(&mut stores, brick))?;
+            rows += 1;
+            progress.report("emitting scalars", f64::from(rows) / (down * deep) as f64);
+            Ok(())
+        })?;
+        emitted.bricks.all += lattice.counts.iter().product::<usize>() as u32;
+    }
     emitted.stores = stores.finish()?;
-    emitted.bricks.all = emission.counts.iter().product::<usize>() as u32;
     context.wait("emitting scalars")?;
     Ok(emitted)
 }
@@ -231,13 +252,48 @@ struct Emission<'a> {
     need: ScalarNeed,
     /// Of each brick of the volume, x fastest, whether a voxel of it can show.
     active: Vec<bool>,
-    /// Lattice points along each axis, copies included; below, bricks of them.
-    extended: [usize; 3],
-    counts: [usize; 3],
     /// Layers of voxels around a brick that are searched for voxels that can show; 0 if bricks are kept whole.
     halo: usize,
     /// Whether they are; otherwise bricks are kept whole.
     singly: bool,
+}
+
+/// The cells of a level, or the voxels as level 0, with the copies beyond the faces.
+struct Lattice {
+    level: u32,
+    /// What the cells hold; `None`: the volume is read.
+    cells: Option<Arc<Level>>,
+    /// Cells that cover the volume along each axis.
+    dims: [usize; 3],
+    /// Cells of copies beyond each face.
+    padding: usize,
+    /// The lattice point at which the first of them begins, in the lattice extended by [`ScalarNeed::padding`].
+    origin: u32,
+    /// Cells along each axis, copies included; below, bricks of them.
+    extended: [usize; 3],
+    counts: [usize; 3],
+}
+
+impl Lattice {
+    fn new(dims: [u32; 3], level: u32, need: ScalarNeed, cells: Option<Arc<Level>>) -> Self {
+        let padding = need.cut.map_or(need.padding, |cut| cut.padding(level).min(need.padding >> level));
+        let dims = dims.map(|d| d.div_ceil(1 << level) as usize);
+        let extended = dims.map(|d| d + 2 * padding as usize);
+        Self {
+            level,
+            cells,
+            dims,
+            padding: padding as usize,
+            origin: need.padding - (padding << level),
+            extended,
+            counts: extended.map(|n| n.div_ceil(EDGE)),
+        }
+    }
+
+    /// The first cell of a brick; negative among the copies.
+    fn first(&self, brick: [usize; 3]) -> [i64; 3] {
+        brick.map(|b| (b * EDGE) as i64 - self.padding as i64)
+    }
 }
 
 impl<'a> Emission<'a> {
@@ -250,10 +306,7 @@ impl<'a> Emission<'a> {
     ) -> Result<Self> {
         let need = asked.need;
         let dims = volume.grid().dims();
-        let places = dims
-            .map(|d| u64::from(d.saturating_add(need.padding.saturating_mul(2))))
-            .iter()
-            .fold(1_u64, |p, &d| p.saturating_mul(d));
+        let places = places(dims, need);
         if places > MAX_PLACES.max(2 * volume.grid().len()) {
             return Err(Error::Setting {
                 name: "antialiasing",
@@ -272,14 +325,11 @@ impl<'a> Emission<'a> {
             savings: context.savings,
             need,
             active: Vec::new(),
-            extended: dims.map(|d| d as usize + 2 * need.padding as usize),
-            counts: [0; 3],
             halo: 0,
             singly: false,
         };
-        emission.counts = emission.extended.map(|n| n.div_ceil(EDGE));
         let halo = need.influence.floor() as usize;
-        emission.singly = emission.savings.voxels && halo <= MAX_HALO;
+        emission.singly = emission.savings.voxels && halo <= MAX_HALO && need.cut.is_none();
         emission.halo = if emission.singly { halo } else { 0 };
         let ranges = volume.ranges()?.iter();
         emission.active =
@@ -292,56 +342,77 @@ impl<'a> Emission<'a> {
         !self.savings.voxels || !self.invisible.holds(f64::from(scalar))
     }
 
-    /// The lattice point of the volume at which a brick begins along an axis; negative among the copies.
-    fn origin(&self, brick: usize) -> i64 {
-        (brick * EDGE) as i64 - i64::from(self.need.padding)
+    /// The finest and the coarsest level that splats are cells of.
+    fn levels(&self) -> [u32; 2] {
+        self.need.cut.map_or([0, 0], |cut| cut.levels)
     }
 
     /// Whether any brick of the volume is active that has voxels within the influence of this one.
-    fn is_near(&self, brick: [usize; 3]) -> bool {
+    fn is_near(&self, lattice: &Lattice, brick: [usize; 3]) -> bool {
         let [across, down, deep] = self.volume.bricks().map(|n| n as usize);
         let reach = self.need.influence.floor() as i64;
+        let start = lattice.first(brick);
         let bricks = |axis: usize, n: usize| {
-            let first = self.origin(brick[axis]);
+            let first = start[axis] << lattice.level;
             let at = |place: i64| place.div_euclid(EDGE as i64).clamp(0, n as i64 - 1) as usize;
-            at(first - reach)..=at(first + EDGE as i64 - 1 + reach)
+            at(first - reach)..=at(first + ((EDGE as i64) << lattice.level) - 1 + reach)
         };
         let active = |[x, y, z]: [usize; 3]| self.active[x + across * (y + down * z)];
         bricks(2, deep).any(|z| bricks(1, down).any(|y| bricks(0, across).any(|x| active([x, y, z]))))
     }
 
     /// The bricks along x with these numbers in y and z that can hold splats.
-    fn row(&self, j: usize, k: usize) -> Result<Vec<BrickScalars>> {
-        let near: Vec<usize> =
-            (0..self.counts[0]).filter(|&i| !self.savings.bricks || self.is_near([i, j, k])).collect();
-        if near.is_empty() {
+    fn row(&self, lattice: &Lattice, j: usize, k: usize) -> Result<Vec<BrickScalars>> {
+        let takes_part = |i| {
+            (self.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
+                && (!self.savings.bricks || self.is_near(lattice, [i, j, k]))
+        };
+        let bricks: Vec<usize> = (0..lattice.counts[0]).filter(|&i| takes_part(i)).collect();
+        if bricks.is_empty() {
             return Ok(Vec::new());
         }
-        let strip = self.volume.strip([j, k].map(|brick| self.origin(brick)), self.halo)?;
-        Ok(near
-            .into_iter()
-            .map(|i| {
-                let bytes = strip.brick([i, j, k].map(|brick| self.origin(brick)), &self.relative);
-                self.brick([i, j, k], &bytemuck::pod_collect_to_vec::<u8, f32>(&bytes))
+        let bricks = bricks.into_iter().map(|i| [i, j, k]);
+        if let Some(cells) = &lattice.cells {
+            return Ok(bricks
+                .map(|brick| self.brick(lattice, brick, &cells.brick(lattice.first(brick), self.halo)))
+                .collect());
+        }
+        let [_, y, z] = lattice.first([0, j, k]);
+        let strip = self.volume.strip([y, z], self.halo)?;
+        Ok(bricks
+            .map(|brick| {
+                let bytes = strip.brick(lattice.first(brick), &self.relative);
+                self.brick(lattice, brick, &bytemuck::pod_collect_to_vec::<u8, f32>(&bytes))
             })
             .collect())
     }
 
+    /// How many voxels the scalar of a cell counts for; 0: it takes no part in the picture.
+    fn count(&self, lattice: &Lattice, cell: [i64; 3]) -> f64 {
+        match self.need.cut {
+            None => 1.0,
+            Some(cut) if cut.reaches(lattice.level, cell, self.volume.grid().dims()) => {
+                f64::from(3 * lattice.level).exp2() * cut.part(lattice.level, cell)
+            }
+            Some(_) => 0.0,
+        }
+    }
+
     /// The splats of a brick, given its scalars with the halo around them.
-    fn brick(&self, brick: [usize; 3], scalars: &[f32]) -> BrickScalars {
+    fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32]) -> BrickScalars {
         let halo = self.halo;
         let kept = self.singly.then(|| {
             let active: Vec<bool> = scalars.iter().map(|&s| self.is_active(s)).collect();
             within_reach(&active, halo, self.need.influence)
         });
-        let padding = self.need.padding as usize;
         let origin = brick.map(|b| b * EDGE);
+        let first = lattice.first(brick);
         let edge = EDGE + 2 * halo;
-        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(self.extended[axis] - origin[axis]));
-        // The places along each axis that hold voxels of the volume, not copies.
+        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(lattice.extended[axis] - origin[axis]));
+        // The places along each axis that hold cells of the volume, not copies.
         let voxels = [0, 1, 2].map(|axis| {
-            let place = |lattice: usize| lattice.saturating_sub(origin[axis]);
-            place(padding)..place(self.extended[axis] - padding)
+            let place = |cell: usize| (cell + lattice.padding).saturating_sub(origin[axis]);
+            place(0)..place(lattice.dims[axis])
         });
         let mut found = BrickScalars::default();
         let mut rows = vec![0; EDGE * EDGE];
@@ -352,6 +423,11 @@ impl<'a> Emission<'a> {
                 let inside = voxels[1].contains(&y) && voxels[2].contains(&z);
                 for (x, &scalar) in row.iter().enumerate() {
                     if scalar != 0.0 && kept.is_none_or(|kept| kept[x]) {
+                        let cell = [0, 1, 2].map(|axis| first[axis] + [x, y, z][axis] as i64);
+                        let scalar = (f64::from(scalar) * self.count(lattice, cell)) as f32;
+                        if scalar == 0.0 {
+                            continue;
+                        }
                         rows[y + EDGE * z] |= 1 << x;
                         found.splats.push(ScalarSplat { place: place([x, y, z].map(|c| c as u32), 0), scalar });
                         found.voxels += u64::from(inside && voxels[0].contains(&x));
@@ -359,7 +435,8 @@ impl<'a> Emission<'a> {
                 }
             }
         }
-        found.brick = BrickSplats::new(origin.map(|o| o as u32), 0, rows.into_iter());
+        let origin = origin.map(|o| lattice.origin + ((o as u32) << lattice.level));
+        found.brick = BrickSplats::new(origin, 0, rows.into_iter()).of_level(lattice.level);
         found
     }
 }

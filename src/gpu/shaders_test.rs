@@ -168,8 +168,10 @@ fn structs_are_laid_out_alike() {
         box_half,
         opaque_depth,
         growth,
+        home_slope,
         tiles,
         tile_size,
+        level_spread,
     });
 }
 

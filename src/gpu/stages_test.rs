@@ -231,7 +231,7 @@ fn scene() -> (Volume, TransferFunction, [Camera; 2], Settings) {
 fn weights(volume: &Volume, transfer: &TransferFunction) -> Weights {
     Weights {
         max: TransferFunction::extinction(transfer.max_opacity(), 1.0),
-        unit: transfer.unit_or(volume.grid().min_spacing()),
+        unit: transfer.unit_or(volume.grid().min_spacing()) / volume.grid().unit(),
     }
 }
 
@@ -255,7 +255,7 @@ fn sort_matches_its_twin() {
             let settings = with_quads(&settings, |q| (q.sheet_thickness, q.sheets) = (thickness, sheets_kind));
             let camera = Camera { size, ..*camera };
             let view = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default());
-            let plan = Plan::new(&view, &settings, Weights { max: 1.0, unit: 1.0 });
+            let plan = Plan::new(&view, &settings, Weights { max: 1.0, unit: 1.0 }, Precision::F32);
             let key = SortKey { axis: plan.is_axis_aligned(), grown: view.max_growth() > 1.0, scalars: false };
             let sorter = Sorter::new(&context, key);
             let frame = plan.frame(WHOLE);
@@ -302,7 +302,7 @@ fn splat_composite_and_resolve_match_their_twins() {
                 });
                 let camera = Camera { size, ..*camera };
                 let view = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default());
-                let plan = Plan::new(&view, &settings, weights(&volume, &transfer));
+                let plan = Plan::new(&view, &settings, weights(&volume, &transfer), Precision::F32);
                 let [width, height] = size;
                 let frame = plan.frame(Region { x: 0, y: 0, width, height });
                 let table = FootprintTable::new(&settings.kernel, Precision::F32.footprint_error()).unwrap();
@@ -332,7 +332,7 @@ fn f16_sheets_rounded_to_the_nearest_keep_alpha() {
     let mut worst = 0.0_f64;
     for camera in cameras {
         let view = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default());
-        let plan = Plan::new(&view, &settings, weights(&volume, &transfer));
+        let plan = Plan::new(&view, &settings, weights(&volume, &transfer), Precision::F32);
         let mode = twins::Mode { perspective: view.is_perspective(), ..twins::Mode::default() };
         let frame = plan.frame(WHOLE);
         for y in 0..20 {

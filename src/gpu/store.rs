@@ -35,6 +35,8 @@ pub(crate) struct Store {
 pub(crate) struct BrickSplats {
     /// Lattice point of the brick's first voxel.
     pub(crate) origin: [u32; 3],
+    /// Its places are cells of 2^level voxels a side.
+    pub(crate) level: u32,
     /// Its first splat in the store.
     pub(crate) first: u32,
     /// Lattice points of the box around its splats: the first, and the one after the last. Both are equal if
@@ -43,7 +45,7 @@ pub(crate) struct BrickSplats {
 }
 
 impl BrickSplats {
-    /// The splats from `first` on of the brick at `origin`, given for each row along x, y before z, the bits of the
+    /// The splats from `first` on of the brick of level 0 at `origin`, given for each row along x, y before z, the bits of the
     /// places where there are any, the first of a row the lowest.
     pub(crate) fn new(origin: [u32; 3], first: u32, rows: impl Iterator<Item = u32>) -> Self {
         let mut places = [0_u32; 3];
@@ -53,7 +55,13 @@ impl BrickSplats {
         }
         let low: [u32; 3] = std::array::from_fn(|axis| origin[axis] + places[axis].trailing_zeros() % u32::BITS);
         let high = std::array::from_fn(|axis| origin[axis] + u32::BITS - places[axis].leading_zeros());
-        Self { origin, first, bounds: [low, high] }
+        Self { origin, level: 0, first, bounds: [low, high] }
+    }
+
+    /// The same brick with cells of a level for voxels.
+    pub(crate) fn of_level(self, level: u32) -> Self {
+        let scaled = |point: [u32; 3]| [0, 1, 2].map(|axis| self.origin[axis] + ((point[axis] - self.origin[axis]) << level));
+        Self { level, bounds: self.bounds.map(scaled), ..self }
     }
 }
 
@@ -65,7 +73,7 @@ impl Store {
         count: u32,
         bricks: Vec<BrickSplats>,
     ) -> Result<Self> {
-        let origins: Vec<[u32; 4]> = bricks.iter().map(|b| [b.origin[0], b.origin[1], b.origin[2], 0]).collect();
+        let origins: Vec<[u32; 4]> = bricks.iter().map(|b| [b.origin[0], b.origin[1], b.origin[2], b.level]).collect();
         let origins = context.upload("splats.origins", bytemuck::cast_slice(&origins), wgpu::BufferUsages::STORAGE)?;
         Ok(Self { splats, stride, count, origins, bricks })
     }

@@ -84,7 +84,10 @@ const LONGEST_STEP: f64 = 0.2;
 /// more.
 #[derive(Debug)]
 pub struct Reference {
+    /// In a world that begins in the middle of the lattice.
     grid: Grid,
+    /// Where that is in the world.
+    center: DVec3,
     splats: Splats,
     profile: Profile,
     radius: f64,
@@ -119,6 +122,7 @@ impl Reference {
         settings.validate()?;
         volume.check_finite()?;
         let grid = *volume.grid();
+        let center = grid.center();
         let Settings { kernel, lighting, .. } = settings;
         let method = match settings.model {
             Model::Xray => Method::Xray,
@@ -132,7 +136,8 @@ impl Reference {
             Model::Composite => Method::PreShaded(lighting.clone()),
         };
         Ok(Self {
-            grid,
+            grid: grid.centered(),
+            center,
             splats: Splats::new(volume, transfer, settings)?,
             profile: Profile::new(kernel),
             radius: kernel.radius(),
@@ -160,6 +165,8 @@ impl Reference {
     /// picture is 0 or over [`Camera::MAX_SIZE`] pixels.
     pub fn render(&self, camera: &Camera) -> Result<Image> {
         camera.validate()?;
+        let camera = &Camera { target: camera.target - self.center, ..*camera };
+        camera.check_scale(&self.grid)?;
         thread_local! {
             static SCRATCH: RefCell<Scratch> = RefCell::default();
         }
@@ -193,6 +200,7 @@ impl Reference {
     /// their own size: a ray alone has no pixels.
     #[must_use]
     pub fn ray(&self, origin: DVec3, direction: DVec3, two_sided: bool) -> RayIntegral {
+        let origin = origin - self.center;
         self.trace(origin, direction, two_sided, Sizes::fixed(self.radius), &mut Scratch::default())
     }
 

@@ -121,19 +121,53 @@ impl Grid {
     /// The world position of the centre of the lattice.
     #[must_use]
     pub fn center(&self) -> DVec3 {
-        let last = DVec3::from_array(self.dims.map(|d| f64::from(d - 1)));
-        self.to_world.transform_point3(last / 2.0)
+        self.to_world.transform_point3(self.middle())
+    }
+
+    /// The world length that painters take as 1: a power of two, and of the three spacings the middle one to within a
+    /// factor of two.
+    pub(crate) fn unit(&self) -> f64 {
+        let [x, y, z] = self.spacing();
+        let middle = x.max(y).min(x.min(y).max(z));
+        // Without the bits of the fraction.
+        f64::from_bits(middle.to_bits() & 0x7ff0_0000_0000_0000)
+    }
+
+    /// The same lattice in a world that begins in its middle and is measured in [`Self::unit`]. Neither the file's unit
+    /// of length nor its origin then reaches a number of f32; as the unit is a power of two, nothing is rounded.
+    pub(crate) fn local(&self) -> Self {
+        Self::around_origin(self.dims, self.to_world.matrix3 * (1.0 / self.unit()))
+    }
+
+    /// The same lattice in a world that begins in its middle.
+    pub(crate) fn centered(&self) -> Self {
+        Self::around_origin(self.dims, self.to_world.matrix3)
+    }
+
+    fn around_origin(dims: [u32; 3], matrix3: DMat3) -> Self {
+        let middle = DVec3::from_array(dims.map(|d| f64::from(d - 1))) / 2.0;
+        let to_world = DAffine3::from_mat3_translation(matrix3, -(matrix3 * middle));
+        Self { dims, to_world, to_lattice: to_world.inverse() }
+    }
+
+    /// The lattice point in the middle.
+    fn middle(&self) -> DVec3 {
+        DVec3::from_array(self.dims.map(|d| f64::from(d - 1))) / 2.0
     }
 
     /// The eight world corners of the box that lies `margin` voxels outside the outermost samples. Bit a of a corner's
     /// index says whether it lies at the far end of lattice axis a.
     #[must_use]
     pub fn corners(&self, margin: f64) -> [DVec3; 8] {
+        self.corners_from_center(margin).map(|corner| self.center() + corner)
+    }
+
+    /// The same, from the world position of the centre of the lattice: a distant origin rounds nothing away.
+    pub(crate) fn corners_from_center(&self, margin: f64) -> [DVec3; 8] {
+        let half = self.middle() + margin;
         std::array::from_fn(|c| {
-            let side = |axis: usize| {
-                if c >> axis & 1 == 0 { -margin } else { f64::from(self.dims[axis] - 1) + margin }
-            };
-            self.to_world.transform_point3(DVec3::new(side(0), side(1), side(2)))
+            let side = |axis: usize| if c >> axis & 1 == 0 { -half[axis] } else { half[axis] };
+            self.to_world.matrix3 * DVec3::new(side(0), side(1), side(2))
         })
     }
 }

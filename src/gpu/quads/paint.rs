@@ -6,7 +6,7 @@ use super::super::context::Context;
 use super::super::painter::{Begun, Job, Painted, Painting, Room};
 use super::super::recorder::Recorder;
 use super::super::scan::Scan;
-use super::super::view::{Region, ViewGeometry};
+use super::super::view::Region;
 use super::plan::{Plan, Target};
 use super::sort::{SortKey, Sorter};
 use super::splat::footprint_texture;
@@ -14,13 +14,14 @@ use super::terminate::Terminator;
 use super::{Drawn, Feed, Inputs, Quads, QuadsKey};
 use crate::error::{Error, Result};
 use crate::kernel::FootprintTable;
-use crate::settings::{Accumulation, Model, Precision, Settings};
+use crate::settings::{Accumulation, Model, Precision};
 use crate::stats::{PainterStats, QuadsStats};
 
 /// The painter draws every picture.
 pub(crate) const ROOM: Room = Room {
     refusal: |_, _, _| None,
-    need: |view, settings, weights| Plan::new(view, settings, weights).scalar_need(),
+    // Scalars are asked for alike in both precisions.
+    need: |view, settings, weights| Plan::new(view, settings, weights, Precision::F32).scalar_need(),
     begin: |job| Ok(Begun::Ready(Box::new(Picture::new(job)?))),
 };
 
@@ -39,9 +40,9 @@ struct Picture<'a> {
 impl<'a> Picture<'a> {
     fn new(job: Job<'a>) -> Result<Self> {
         let Job { context, view, settings, .. } = job;
-        let plan = Plan::new(view, settings, job.weights);
         let knobs = settings.quads();
-        let precision = precision(context, settings, view)?;
+        let precision = precision(context, knobs.precision)?;
+        let plan = Plan::new(view, settings, job.weights, precision);
         let table = match knobs.footprint_table {
             Some([rows, terms]) => FootprintTable::with_size(&settings.kernel, rows, terms),
             None => {
@@ -132,7 +133,7 @@ impl Painting for Picture<'_> {
             accumulation: knobs.accumulation,
             precision: self.key.precision,
             sheets,
-            sheet_thickness: self.plan.sheet_step(),
+            sheet_thickness: self.plan.sheet_step() * self.job.view.unit,
             sheets_per_pass: per_pass,
             batches: if self.parts > 0 { sheets.div_ceil(per_pass) } else { 0 },
             passes,
@@ -154,20 +155,16 @@ impl Drawn {
     }
 }
 
-/// The precision asked for, or the adapter's own: see [`QuadsSettings::precision`](crate::settings::QuadsSettings).
-fn precision(context: &Context, settings: &Settings, view: &ViewGeometry) -> Result<Precision> {
-    /// A kernel s times as large meets s^2 times as many others in a pixel, each as much fainter: half floats lose
-    /// them.
-    const MAX_F16_GROWTH: f64 = 1.5;
-    let blendable = context.features.contains(wgpu::Features::FLOAT32_BLENDABLE);
-    match settings.quads().precision {
-        Some(Precision::F32) if !blendable => {
+/// The precision asked for, or f32 wherever the adapter blends it: half floats lose what is small beside a sum, and some
+/// hardware cuts them off.
+fn precision(context: &Context, asked: Option<Precision>) -> Result<Precision> {
+    match (asked, context.blends_f32()) {
+        (Some(Precision::F32), false) => {
             Err(context.unsupported("cannot blend f32 sheets: take the precision f16".to_owned()))
         }
-        Some(precision) => Ok(precision),
-        None if blendable && (context.info.is_software() || settings.is_post_shaded()) => Ok(Precision::F32),
-        None if blendable && view.max_growth() > MAX_F16_GROWTH => Ok(Precision::F32),
-        None => Ok(Precision::F16),
+        (Some(precision), _) => Ok(precision),
+        (None, true) => Ok(Precision::F32),
+        (None, false) => Ok(Precision::F16),
     }
 }
 

@@ -1,11 +1,14 @@
 //! The sheets of one picture, and the uniforms of its frames.
 
-use glam::{DVec3, DVec4};
+use glam::{DVec2, DVec3, DVec4};
 
 use super::super::layout::{Batch, Frame};
+use super::super::levels::Cut;
 use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights, half};
-use crate::camera::Camera;
-use crate::settings::{Model, Settings, Sheets};
+use crate::camera::{Camera, Projection};
+use crate::kernel::Kernel;
+use crate::settings::{Model, Precision, Settings, Sheets};
+use crate::volume::spread;
 
 /// A region of a picture and the uniforms to render it with, on the device.
 #[derive(Debug, Clone, Copy)]
@@ -41,6 +44,7 @@ pub(crate) struct Plan<'a> {
     pub(super) sheets: u32,
     section_scale: f64,
     sheet_scale: f64,
+    kernel: Kernel,
 }
 
 /// What a sheet accumulates is scaled so that a sheet filled with the densest material accumulates about this: an f16
@@ -48,8 +52,52 @@ pub(crate) struct Plan<'a> {
 /// perspective rays, `Normalization::Peak`) before it overflows, whatever the units of the scene.
 const SHEET_FULL: f64 = 256.0;
 
+/// Pixels by which a quad is grown on every side. Rasterisers snap corners to 1/16 pixel at the coarsest (Vulkan's least
+/// `subPixelPrecisionBits` is 4), so by up to 1/32; the rest covers the rounding before it.
+const QUAD_PAD: f64 = 3.0 / 64.0;
+
 /// The most pixels that gradients reach sideways: the margin is shaded with the region and thrown away.
 const MAX_MARGIN: f64 = 64.0;
+
+/// The largest thickness of a sheet of half floats, in voxels. Kernels beyond it would be lost beside the sum: a voxel of
+/// path adds 12.6 kernels, and of the 810 of 64 voxels rounding to the nearest loses 0.3 %, cutting off 12 %.
+const F16_THICKNESS: f64 = 4.0;
+
+/// How many times as long as the central ray an oblique ray may be in a sheet before sheets become thinner: pre-shaded
+/// and post-shaded. Classification magnifies what differs within a sheet.
+const MAX_STRETCH: [f64; 2] = [2.0, 1.25];
+
+/// The radius in voxels of kernels that a sheet of scalars a voxel thick resolves. Narrower ones take thinner sheets.
+const RESOLVED_RADIUS: f64 = 2.0;
+
+/// The thickness of the sheets of a picture in voxels, in the middle of it and before kernels grow: what was asked for,
+/// unless the picture would suffer. The one sheet of an X-ray in f32 is infinite.
+fn thickness(camera: &Camera, settings: &Settings, precision: Precision) -> f64 {
+    let post = settings.is_post_shaded();
+    let thickness = match settings.model {
+        Model::Xray => f64::INFINITY,
+        _ => {
+            let stretch = largest_stretch(camera) / MAX_STRETCH[usize::from(post)];
+            let resolved = if post { (settings.kernel.radius() / RESOLVED_RADIUS).min(1.0) } else { 1.0 };
+            settings.quads().sheet_thickness * resolved / stretch.max(1.0)
+        }
+    };
+    match precision {
+        Precision::F16 => thickness.min(F16_THICKNESS),
+        Precision::F32 => thickness,
+    }
+}
+
+/// The length of the longest ray of the picture per unit of view depth.
+fn largest_stretch(camera: &Camera) -> f64 {
+    match camera.projection {
+        Projection::Orthographic { .. } => 1.0,
+        Projection::Perspective { .. } => {
+            let [x, y] = camera.pixels().1;
+            (1.0 + x * x + y * y).sqrt()
+        }
+    }
+}
 
 /// Pixels that gradients reach sideways: as far as the sheets before and behind are away, so that they err alike in all
 /// directions.
@@ -69,7 +117,7 @@ struct SheetStack {
 
 impl SheetStack {
     /// Image-aligned sheets.
-    fn along(view: &ViewGeometry, settings: &Settings) -> Self {
+    fn along(view: &ViewGeometry, settings: &Settings, precision: Precision) -> Self {
         let depth_per_voxel = view.gradients[2];
         let reach = if view.post_shaded {
             // A field that is reconstructed from scalars ends with the box of the volume.
@@ -80,7 +128,8 @@ impl SheetStack {
         let grid_forward = view.grid.to_lattice().matrix3 * view.camera.forward;
         // One voxel of thickness is the world length in which the central ray advances by one lattice unit. Grown
         // kernels resolve so much less.
-        let mut step = settings.quads().sheet_thickness * view.growths[0] / grid_forward.length();
+        let voxel = view.growths[0] / grid_forward.length();
+        let step = thickness(&view.camera, settings, precision) * voxel;
         // Shading takes in a sheet before the first and one after the last.
         let beside = if view.post_shaded { step } else { 0.0 };
         let mut origin = -reach - beside;
@@ -89,9 +138,7 @@ impl SheetStack {
             origin = origin.max(-view.eye_depth);
         }
         let whole = if reach > origin { reach + beside - origin } else { 0.0 };
-        if settings.model == Model::Xray {
-            step = step.max(whole);
-        }
+        let step = if step.is_finite() { step } else { whole.max(voxel) };
         Self { origin, step, count: (whole / step).ceil().clamp(0.0, f64::from(u32::MAX / 2)) as u32 }
     }
 }
@@ -107,9 +154,9 @@ fn sheet_axis(view: &ViewGeometry) -> usize {
 }
 
 impl<'a> Plan<'a> {
-    pub(crate) fn new(view: &'a ViewGeometry, settings: &Settings, weights: Weights) -> Self {
+    pub(crate) fn new(view: &'a ViewGeometry, settings: &Settings, weights: Weights, precision: Precision) -> Self {
         let SheetStack { origin: sheet_origin, step: sheet_step, count: mut sheets } =
-            SheetStack::along(view, settings);
+            SheetStack::along(view, settings, precision);
         let axis = (settings.quads().sheets == Sheets::Axis).then(|| sheet_axis(view));
         if let Some(axis) = axis
             && sheets > 0
@@ -133,6 +180,7 @@ impl<'a> Plan<'a> {
             sheets,
             section_scale: sheet_scale / (divisor * weights.unit),
             sheet_scale,
+            kernel: settings.kernel,
         };
         plan.padding = plan.scalar_need().padding;
         plan
@@ -142,7 +190,7 @@ impl<'a> Plan<'a> {
     pub(crate) fn scalar_need(&self) -> ScalarNeed {
         let view = self.view;
         if !view.post_shaded {
-            return ScalarNeed { padding: 0, influence: 0.0 };
+            return ScalarNeed::NONE;
         }
         let (scale, origin) = view.camera.pixels();
         let rotation = view.grid.to_lattice().matrix3;
@@ -165,7 +213,11 @@ impl<'a> Plan<'a> {
         // A sheet is classified by its mean and the means of its neighbours, any of which may lie beyond the faces. Two
         // voxels may take part at opposite ends of the three.
         let radius = view.max_radius();
-        ScalarNeed::new(radius + 2.0 * sheet, 2.0 * radius + 3.0 * sheet + sideways)
+        let need = ScalarNeed::new(radius + 2.0 * sheet, 2.0 * radius + 3.0 * sheet + sideways);
+        match Cut::new(view, &self.kernel, 2.0 * sheet) {
+            Some(cut) => need.with_cells(cut),
+            None => need,
+        }
     }
 
     /// View depth of the first plane of a sheet.
@@ -218,9 +270,28 @@ impl<'a> Plan<'a> {
         (extent / f64::from(sheets)).ceil() as u64 + 2
     }
 
+    /// The home ray in plane coordinates: of the rays of the picture, the one nearest to the middle of the lattice.
+    fn home(&self) -> DVec2 {
+        let view = self.view;
+        let (scale, origin) = view.camera.pixels();
+        let middle = match view.is_perspective() {
+            false => view.offset.truncate(),
+            true if view.eye_depth > 0.0 => view.offset.truncate() / view.eye_depth,
+            true => DVec2::ZERO,
+        };
+        let corner = DVec2::from_array(origin);
+        let opposite = corner + DVec2::from_array(scale) * DVec2::from_array(view.camera.size.map(f64::from));
+        middle.clamp(corner.min(opposite), corner.max(opposite))
+    }
+
     /// The uniforms of a frame that renders `region`.
     pub(crate) fn frame(&self, region: Region) -> Frame {
         let view = self.view;
+        let home = self.home();
+        let (home_slope, home_offset) =
+            if view.is_perspective() { (home, home * view.eye_depth) } else { (DVec2::ZERO, home) };
+        let offset = view.offset.truncate() - home_offset;
+        let along_home = view.camera.forward + view.camera.right * home_slope.x + view.camera.up * home_slope.y;
         let to_lattice = view.grid.to_lattice().matrix3;
         let f3 = |v: DVec3| v.as_vec3().to_array();
         let f2 = |v: [f64; 2]| v.map(|c| c as f32);
@@ -229,8 +300,8 @@ impl<'a> Plan<'a> {
         let [width, height] = [region.width, region.height].map(|side| side + 2 * self.margin);
         // Pixels of the region to clip coordinates: x right, y up, both in -1..1.
         let corner = [
-            origin[0] + (f64::from(region.x) - margin) * scale[0],
-            origin[1] + (f64::from(region.y) - margin) * scale[1],
+            origin[0] + (f64::from(region.x) - margin) * scale[0] - home.x,
+            origin[1] + (f64::from(region.y) - margin) * scale[1] - home.y,
         ];
         let span = [f64::from(width) * scale[0], f64::from(height) * scale[1]];
         let (plane_axis, plane_offset) = self.axis.map_or((DVec3::ZERO, 0.0), |axis| {
@@ -251,24 +322,23 @@ impl<'a> Plan<'a> {
         Frame {
             lattice_center: view.grid.dims().map(|d| (d - 1) as f32 / 2.0 + self.padding as f32),
             radius: view.radius as f32,
-            view_x: f3(view.gradients[0]),
-            offset_x: view.offset.x as f32,
-            view_y: f3(view.gradients[1]),
-            offset_y: view.offset.y as f32,
+            view_x: f3(view.gradients[0] - view.gradients[2] * home_slope.x),
+            offset_x: offset.x as f32,
+            view_y: f3(view.gradients[1] - view.gradients[2] * home_slope.y),
+            offset_y: offset.y as f32,
             view_z: f3(view.gradients[2]),
             eye_depth: view.eye_depth as f32,
             grid_right: f3(to_lattice * view.camera.right),
             depth_extent: (view.radius * view.gradients[2].length()) as f32,
             grid_up: f3(to_lattice * view.camera.up),
             sheet_origin: self.sheet_origin as f32,
-            grid_forward: f3(to_lattice * view.camera.forward),
+            grid_forward: f3(to_lattice * along_home),
             sheet_step: self.sheet_step as f32,
             pixel_scale: f2(scale),
             pixel_offset: f2(corner),
             clip_scale: [clip.x as f32, clip.y as f32],
             clip_offset: [clip.z as f32, clip.w as f32],
-            // Corners snap to 1/256 pixel; 1/64 covers that and the rounding before it.
-            quad_pad: [(scale[0].abs() / 64.0) as f32, (scale[1].abs() / 64.0) as f32],
+            quad_pad: scale.map(|pixel| (QUAD_PAD * pixel.abs()) as f32),
             section_scale: self.section_scale as f32,
             inverse_sheet_scale: (1.0 / self.sheet_scale) as f32,
             region: [width, height],
@@ -279,8 +349,11 @@ impl<'a> Plan<'a> {
             box_half: view.grid.dims().map(|d| d as f32 / 2.0),
             opaque_depth: view.opaque_depth as f32,
             growth: [(view.growth.constant + view.growth.slope * view.eye_depth) as f32, view.growth.slope as f32],
+            home_slope: f2(home_slope.to_array()),
             tiles: self.tiles(region)[0],
             tile_size: self.tile_size(),
+            level_spread: (spread(1) / (3.0 * self.kernel.variance())) as f32,
+            _pad: 0,
         }
     }
 }

@@ -50,7 +50,7 @@ fn refusal(context: &Context, view: &ViewGeometry, settings: &Settings) -> Optio
 /// depends on the direction, so that turning asks for no other splats.
 fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
     if !settings.is_post_shaded() {
-        return ScalarNeed { padding: 0, influence: 0.0 };
+        return ScalarNeed::NONE;
     }
     const SLABS: f64 = 3.0;
     let differences = if settings.lighting.is_some() { 1.0 } else { 0.0 };
