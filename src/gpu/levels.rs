@@ -106,7 +106,8 @@ impl Cut {
         let spread = 0.5 * size * edge as f64 * self.slope.abs().element_sum();
         let growth = self.growth(center);
         // The next level may be looked at half a cell aside.
-        let next = level < self.levels[1] && growth - spread - 0.5 * size * self.slope.abs().element_sum() >= self.full(level + 1);
+        let next = level < self.levels[1]
+            && growth - spread - 0.5 * size * self.slope.abs().element_sum() >= self.full(level + 1);
         !next && (level == 0 || self.share(level, growth + spread) > 0.0)
     }
 

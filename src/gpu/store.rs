@@ -60,7 +60,8 @@ impl BrickSplats {
 
     /// The same brick with cells of a level for voxels.
     pub(crate) fn of_level(self, level: u32) -> Self {
-        let scaled = |point: [u32; 3]| [0, 1, 2].map(|axis| self.origin[axis] + ((point[axis] - self.origin[axis]) << level));
+        let scaled =
+            |point: [u32; 3]| [0, 1, 2].map(|axis| self.origin[axis] + ((point[axis] - self.origin[axis]) << level));
         Self { level, bounds: self.bounds.map(scaled), ..self }
     }
 }

@@ -10,7 +10,7 @@
 //!
 //! *Order* is [`order`]: a slab knows how much matter of which colour it holds, not which lies in front. Lit voxels add
 //! [`LIGHT`], termination adds itself. Root mean squares (of all channels, over covered pixels) of post-shading are
-//! held to [`CLASSIFIED`], if the transfer function steps to [`STEPPED`].
+//! held to [`CLASSIFIED`] times the slope of the transfer function, and to [`STEPPED`] if it is steep.
 
 use std::fmt;
 
@@ -36,7 +36,9 @@ pub(crate) const PACKED: f64 = 1.5e-3;
 pub(crate) const RESAMPLED: f64 = 1.2e-2;
 /// Voxels are lit with normals of 2 x 16 bits and colours of 8 to 11 bits.
 pub(crate) const LIGHT: f64 = 4e-3;
-/// Scalars are means of slabs: with the truncated Gaussian, whose rims jump by 14 %, they err most.
+/// Scalars are means of slabs. The truncated Gaussian's rims jump by 14 % of its peak, of which a mean may be wrong by
+/// half, 7 % of the range of values; half of it counts as the root of its mean square. The transfer function multiplies
+/// it by its slope.
 pub(crate) const CLASSIFIED: f64 = 4e-2;
 /// A step turns an error of the scalar into pixels that are wholly wrong, along the outline of a surface.
 pub(crate) const STEPPED: f64 = 0.2;
@@ -81,13 +83,36 @@ fn overshoot(kernel: Kernel, normalization: Normalization) -> f64 {
     if normalization == Normalization::Peak { unit * integral } else { unit }
 }
 
-/// Whether opacity or colour of a transfer function jumps, or changes over less than a tenth of `range`.
-fn steps(transfer: &TransferFunction, range: f64) -> bool {
-    transfer.points().windows(2).any(|w| {
-        let change = (0..3).map(|c| (w[1].color[c] - w[0].color[c]).abs()).fold(0.0, f64::max);
-        let change = change.max((w[1].opacity - w[0].opacity).abs());
-        change > 10.0 * (w[1].value - w[0].value) / range
-    })
+/// The largest change of a channel of what is classified, opacity of a voxel's depth or over the largest opacity, from
+/// value to value, over the change of the value as a fraction of `range`. Infinite if there is a step.
+fn slope(transfer: &TransferFunction, range: f64, voxel: f64, model: Model) -> f64 {
+    let unit = transfer.unit_distance().unwrap_or(voxel);
+    let most = transfer.points().iter().map(|p| p.opacity).fold(f64::MIN_POSITIVE, f64::max);
+    let channels = |value: f64, point: Option<(&[f64; 3], f64)>| {
+        let ([r, g, b], opacity) = point.map_or_else(|| transfer.sample(value), |(color, opacity)| (*color, opacity));
+        let alpha = match model {
+            Model::Mip => opacity / most,
+            _ => -(-TransferFunction::extinction(opacity, unit) * voxel).exp_m1(),
+        };
+        // Colours show as far as there is opacity.
+        [r, g, b, 1.0].map(|c| c * alpha)
+    };
+    const PIECES: u32 = 64;
+    let mut slope = 0.0_f64;
+    for w in transfer.points().windows(2) {
+        let [a, b] = [0, 1].map(|i| (w[i].value, channels(w[i].value, Some((&w[i].color, w[i].opacity)))));
+        let inside =
+            (1..PIECES).map(|k| a.0 + (b.0 - a.0) * f64::from(k) / f64::from(PIECES)).map(|v| (v, channels(v, None)));
+        let mut before = a;
+        for after in inside.filter(|_| b.0 > a.0).chain([b]) {
+            let change = before.1.iter().zip(after.1).map(|(p, q)| (p - q).abs()).fold(0.0, f64::max);
+            if change > 0.0 {
+                slope = slope.max(change * range / (after.0 - before.0));
+            }
+            before = after;
+        }
+    }
+    slope
 }
 
 /// Least and largest finite value of a volume.
@@ -109,7 +134,8 @@ pub(crate) fn bound(
         let [low, high] = data_range(volume);
         // One value alone is reconstructed to ripples around the base.
         let range = if high > low { high - low } else { high.abs().max(1.0) };
-        let rms = if steps(transfer, range) { STEPPED } else { CLASSIFIED };
+        let slope = slope(transfer, range, volume.grid().min_spacing(), settings.model);
+        let rms = (CLASSIFIED * slope.max(1.0)).min(STEPPED);
         return Bound { alpha: 1.0, color: 1.0, rms: rms + settings.termination };
     }
     let (alpha, slab, mixed) = match &rendered.stats.painter {
@@ -157,6 +183,8 @@ pub(crate) struct Measured {
     pub(crate) alpha: f64,
     pub(crate) color: f64,
     pub(crate) rms: f64,
+    /// The pixel of the largest error of alpha or colour: its number, what was drawn and what should have been.
+    pub(crate) pixel: (usize, [f32; 4], [f32; 4]),
     pub(crate) bound: Bound,
     /// Seconds that the picture took, its scene and its pipelines included.
     pub(crate) seconds: f64,
@@ -172,7 +200,7 @@ impl Measured {
 
 impl fmt::Display for Measured {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { painter, alpha, color, rms, bound, seconds } = self;
+        let Self { painter, alpha, color, rms, bound, seconds, .. } = self;
         write!(
             f,
             "{painter:<5} alpha {alpha:.1e} of {:.1e}, colour {color:.1e} of {:.1e}, rms {rms:.1e} of {:.1e}, {seconds:.2} s",
@@ -221,7 +249,14 @@ pub(crate) fn measured(
     let expected = truth(volume, transfer, camera, settings);
     let (color, alpha) = errors(&image, &expected);
     let rms = rms_covered(&image, &expected);
-    Ok(Outcome::Drawn(Measured { painter, alpha, color, rms, bound, seconds }, image))
+    let pairs = image.pixels().iter().zip(expected.pixels()).enumerate();
+    let error = |p: &[f32; 4], q: &[f32; 4], channel: usize| f64::from((p[channel] - q[channel]).abs());
+    let by = |p: &[f32; 4], q: &[f32; 4]| {
+        (0..3).map(|c| error(p, q, c) / bound.color).fold(error(p, q, 3) / bound.alpha, f64::max)
+    };
+    let worst = pairs.max_by(|a, b| by(a.1.0, a.1.1).total_cmp(&by(b.1.0, b.1.1)));
+    let pixel = worst.map_or((0, [0.0; 4], [0.0; 4]), |(index, (p, q))| (index, *p, *q));
+    Ok(Outcome::Drawn(Measured { painter, alpha, color, rms, pixel, bound, seconds }, image))
 }
 
 #[test]

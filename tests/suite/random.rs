@@ -328,7 +328,7 @@ impl Scene {
         }
         for (m, _) in &drawn {
             if m.worst() > 1.0 {
-                return Err(m.to_string());
+                return Err(format!("{m}, worst at {:?}", m.pixel));
             }
         }
         if let [(a, first), (b, second)] = drawn.as_slice() {
