@@ -1,6 +1,7 @@
 // splat: one instanced quad for each splat and batch. A fragment evaluates the sections of its splat's kernel between
 // the sheet planes of the batch. It adds (colour, 1) times density times section to each sheet of the batch. If splats
-// are scalars, it adds the scalar times the mean of the kernel over the sheet instead, four sheets to a target.
+// are scalars, it adds the scalar times the mean of the kernel over the sheet instead, four sheets to a target. If they
+// are lit, it adds (gradient, scalar) times that mean, a sheet to a target.
 
 // Texels of a row of the footprint table, four coefficients each: 1 to 4.
 override TEXELS: u32 = 2u;
@@ -31,7 +32,8 @@ struct Varyings {
     @builtin(position) position: vec4f,
     // View coordinates of the splat's centre.
     @location(0) @interpolate(flat) center: vec3f,
-    // What a section with a world length of 1 adds to a sheet: (colour, 1) * density * section_scale.
+    // What a section with a world length of 1 adds to a sheet: (colour, 1) * density * section_scale. Of scalars, what
+    // a mean of 1 adds: (gradient, scalar) * section_scale.
     @location(1) @interpolate(flat) emission: vec4f,
     // 1 / growth of the kernel, see common/bounds.wgsl.
     @location(2) @interpolate(flat) shrink: f32,
@@ -78,20 +80,26 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     if ADDITIVE {
         density = absorbed(density);
     }
-    density *= frame.section_scale / (growth * growth * growth);
-    var color = vec3f(0.0);
-    if !SCALARS {
+    let scale = frame.section_scale / (growth * growth * growth);
+    density *= scale;
+    var emission = vec4f(0.0, 0.0, 0.0, density);
+    if SCALARS {
+        if GRADIENTS {
+            emission = vec4f(splat_gradient(entry) * scale, density);
+        }
+    } else {
         let appearance = splats[2u * entry + 1u];
-        color = splat_color(words.y, appearance.x);
+        var color = splat_color(words.y, appearance.x);
         if LIGHTS > 0u {
             color = lit_splat(color, appearance.y, to_eye_from(center));
         }
+        emission = vec4f(color * density, density);
     }
     var sheet = 0u;
     if AXIS {
         sheet = u32(round(dot(frame.plane_axis, lattice) + frame.plane_offset)) - batch.first_sheet;
     }
-    return Varyings(vec4f(clip, 0.0, 1.0), center, vec4f(color * density, density), 1.0 / growth, sheet);
+    return Varyings(vec4f(clip, 0.0, 1.0), center, emission, 1.0 / growth, sheet);
 }
 
 // The chord of a fragment's ray in a splat's support, and the row of the footprint table for its length. Written out,

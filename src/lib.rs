@@ -54,6 +54,7 @@ pub mod settings;
 mod source;
 pub mod stats;
 pub mod transfer;
+mod vector;
 pub mod volume;
 
 pub use camera::{Camera, ProjectionKind, View};

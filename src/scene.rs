@@ -164,7 +164,8 @@ impl Scene {
             Content::Splats { classified, .. } => return Ok((Drawable::Splats(classified), 0.0)),
             Content::Scalars(scalars) => scalars,
         };
-        let asked = Asked { kernel: settings.kernel, normalization: settings.normalization, need };
+        let Settings { kernel, normalization, ref lighting, .. } = *settings;
+        let asked = Asked { kernel, normalization, need, lit: lighting.is_some() };
         let lock = || scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((of, emitted)) = lock().as_ref()
             && of.serves(&asked)

@@ -21,6 +21,7 @@ for driver in $drivers; do
     [ -f "$icd" ] || { echo "drivers: there is no file $icd" >&2; exit 2; }
     echo "drivers: $name by $icd"
     # The loader of before 1.3.207 knows the second name only.
-    VK_DRIVER_FILES=$icd VK_ICD_FILENAMES=$icd VOXSPLAT_TEST_ADAPTER=$name sh tests/run.sh "$@" || failed="$failed $name"
+    env "VK_DRIVER_FILES=$icd" "VK_ICD_FILENAMES=$icd" "VOXSPLAT_TEST_ADAPTER=$name" sh tests/run.sh "$@" ||
+        failed="$failed $name"
 done
 [ -z "$failed" ] || { echo "drivers: tests fail with$failed" >&2; exit 1; }

@@ -35,9 +35,9 @@ fn bounds_along(axis: vec3f, center: f32, depth: vec3f, z: f32, radius: f32) -> 
         return vec2f(center, radius * length(axis));
     }
     // Planes through the eye, of slope k = x / z, touch the support if (center - k z)^2 = R^2 |axis - k depth|^2. With
-    // s = center / z, e = R depth / z and g = R axis: (s - k)^2 = |g / z - k e|^2. The middle and the half extent of the
-    // roots are formed without the square of s, beside which that of a small support would be rounded away, and without
-    // that of z, which may be 1e30.
+    // s = center / z, e = R depth / z and g = R axis: (s - k)^2 = |g / z - k e|^2. The middle and the half extent of
+    // the roots are formed without the square of s, beside which that of a small support would be rounded away, and
+    // without that of z, which may be 1e30.
     let e = depth * (radius / z);
     let g = axis * radius;
     let s = center / z;

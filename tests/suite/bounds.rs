@@ -3,8 +3,8 @@
 //!
 //! | picture | alpha | colour | reason |
 //! |---|---|---|---|
-//! | X-ray, pre-shaded, `quads` | [`FOOTPRINT`] | `FOOTPRINT` + order | the sections of a kernel add up to its footprint |
-//! | the same, `tiles` | [`PACKED`] | `PACKED` + order | voxels and colours are packed in half floats |
+//! | X-ray, pre-shaded, `quads` | [`FOOTPRINT`] | the same + order | sections of a kernel add up to its footprint |
+//! | the same, `tiles` | [`PACKED`] | the same + order | voxels and colours are packed in half floats |
 //! | the same, rays not one a pixel | [`PACKED`] + [`RESAMPLED`] | the same + order | the promise of `capped` |
 //! | post-shaded, maximum | 1 | 1 | a surface may fall on either side of a pixel; hence root mean squares |
 //!
@@ -27,10 +27,11 @@ use voxsplat::volume::Volume;
 use crate::support::{RENDERER, draw_on, errors, prepare_on, rms_covered};
 use crate::truth::truth;
 
-/// The footprint table errs by 1e-5 of a kernel's peak; some ten kernels lie on each other, and alpha changes by at most
-/// 1/e of a relative change of optical depth. The rest is rounding of f32 sums.
+/// The footprint table errs by 1e-5 of a kernel's peak; some ten kernels lie on each other, and alpha changes by at
+/// most 1/e of a relative change of optical depth. The rest is rounding of f32 sums.
 pub(crate) const FOOTPRINT: f64 = 1e-4;
-/// Half floats round by 2^-11, of which alpha shows 1/e, colours all; polynomials of footprints err by 5e-5 of the peak.
+/// Half floats round by 2^-11, of which alpha shows 1/e, colours all; polynomials of footprints err by 5e-5 of the
+/// peak.
 pub(crate) const PACKED: f64 = 1.5e-3;
 /// What `Resolution::Capped` promises of any pixel.
 pub(crate) const RESAMPLED: f64 = 1.2e-2;
@@ -203,7 +204,8 @@ impl fmt::Display for Measured {
         let Self { painter, alpha, color, rms, bound, seconds, .. } = self;
         write!(
             f,
-            "{painter:<5} alpha {alpha:.1e} of {:.1e}, colour {color:.1e} of {:.1e}, rms {rms:.1e} of {:.1e}, {seconds:.2} s",
+            "{painter:<5} alpha {alpha:.1e} of {:.1e}, colour {color:.1e} of {:.1e}, rms {rms:.1e} of {:.1e}, \
+             {seconds:.2} s",
             bound.alpha, bound.color, bound.rms
         )
     }

@@ -20,7 +20,8 @@ use voxsplat::volume::{Grid, Samples, Volume};
 use crate::bounds::{Measured, Outcome, measured};
 use crate::support::{errors, headlight, two_lights, with_quads, with_tiles};
 
-/// Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators": a seed gives the same scene everywhere.
+/// Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators": a seed gives the same scene on every
+/// machine.
 struct Random(u64);
 
 impl Random {

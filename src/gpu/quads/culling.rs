@@ -25,7 +25,7 @@ impl Plan<'_> {
 
     /// For each batch of sheets, the pixels of a region that splats of it can touch: what lies outside is empty.
     pub(crate) fn covered(&self, stores: &[Store], region: Region, sheets_per_batch: u32) -> Vec<Area> {
-        let extent = [region.width, region.height].map(|side| side + 2 * self.margin);
+        let extent = [region.width, region.height];
         let whole = Area { low: [0, 0], high: extent };
         let batches = self.sheets.div_ceil(sheets_per_batch) as usize;
         if self.axis.is_some() || !self.view.savings.pixels {
@@ -33,7 +33,7 @@ impl Plan<'_> {
         }
         let sides = self.sides(region);
         let (scale, origin) = self.view.camera.pixels();
-        let first_pixel = [region.x, region.y].map(|first| f64::from(first) - f64::from(self.margin));
+        let first_pixel = [region.x, region.y].map(f64::from);
         let mut areas = vec![Area::default(); batches];
         for store in stores {
             for (brick, _) in store.runs().filter(|(brick, _)| self.reaches(brick, &sides)) {
@@ -75,11 +75,10 @@ impl Plan<'_> {
             return Vec::new();
         }
         let (scale, origin) = self.view.camera.pixels();
-        // A pixel more than the margin: quads are padded.
-        let margin = f64::from(self.margin) + 1.0;
         let plane = |axis: usize, pixel: f64| origin[axis] + pixel * scale[axis];
         let ends = |axis: usize, first: u32, length: u32| {
-            let (a, b) = (plane(axis, f64::from(first) - margin), plane(axis, f64::from(first + length) + margin));
+            // A pixel more: quads are padded.
+            let (a, b) = (plane(axis, f64::from(first) - 1.0), plane(axis, f64::from(first + length) + 1.0));
             [a.min(b), a.max(b)]
         };
         let (x, y) = (ends(0, region.x, region.width), ends(1, region.y, region.height));
