@@ -5,8 +5,8 @@
 
 // Sheets of a batch: 4 or 8, four to a layer.
 override SHEETS: u32 = 8u;
-// Places along the ray at which a whole sheet is classified, on the parabola through the means of the sheet and its
-// neighbours. With one, the mean of the sheet is classified.
+// Pieces in which a whole sheet is classified, along the parabola through the means of the sheet and its neighbours.
+// With one, the mean of the sheet is classified.
 override SAMPLES: u32 = 4u;
 
 struct Shade {
@@ -33,14 +33,14 @@ struct Shade {
 @group(0) @binding(2) var<uniform> lighting: Lighting;
 @group(0) @binding(3) var previous: texture_2d_array<f32>;
 @group(0) @binding(4) var current: texture_2d_array<f32>;
-// Colour, and extinction per world length or for maxima alpha, at equal steps of the scalar.
+// The transfer function: see common/transfer.wgsl.
 @group(0) @binding(5) var transfer: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(6) var<storage, read_write> pixels: array<vec4f>;
 
-// Means of consecutive sheets at a pixel: the last two of the batch before, then the four (a) or eight (a, b) of the
+// Means of consecutive sheets at a pixel: the last three of the batch before, then the four (a) or eight (a, b) of the
 // batch.
 struct Means {
-    before: vec2f,
+    before: vec3f,
     a: vec4f,
     b: vec4f,
 }
@@ -48,7 +48,7 @@ struct Means {
 fn means_at(at: vec2i) -> Means {
     let p = clamp(at, vec2i(0), vec2i(frame.region) - 1);
     var m: Means;
-    m.before = textureLoad(previous, p, i32(SHEETS / 4u) - 1, 0).zw * (frame.inverse_sheet_scale * shading.previous);
+    m.before = textureLoad(previous, p, i32(SHEETS / 4u) - 1, 0).yzw * (frame.inverse_sheet_scale * shading.previous);
     m.a = textureLoad(current, p, 0, 0) * (frame.inverse_sheet_scale * shading.current);
     if SHEETS > 4u {
         m.b = textureLoad(current, p, 1, 0) * (frame.inverse_sheet_scale * shading.current);
@@ -61,8 +61,8 @@ fn difference(m: Means, n: Means) -> Means {
 }
 
 fn is_invisible_batch(m: Means) -> bool {
-    var low = min(vec4f(m.before, m.before), m.a);
-    var high = max(vec4f(m.before, m.before), m.a);
+    var low = min(m.before.yzyz, m.a);
+    var high = max(m.before.yzyz, m.a);
     if SHEETS > 4u {
         low = min(low, m.b);
         high = max(high, m.b);
@@ -98,8 +98,25 @@ fn light_of(m: vec3f, sideways: vec2f, ray: PixelRay, z: f32) -> vec2f {
     return light_on(vec3f(across, along - dot(across, ray.plane)), -vec3f(ray.plane, 1.0) / ray.stretch);
 }
 
-// The pixel (colour and optical depth) with one more sheet behind it.
-fn with_sheet(pixel: vec4f, means: vec3f, sideways: vec2f, ray: PixelRay, z: f32) -> vec4f {
+// What the sheet that begins at view depth `z` is to the one behind it; `means` are those around it.
+fn before_of(means: vec3f, ray: PixelRay, z: f32) -> Before {
+    var before = Before(AT_THE_FACE, Classified());
+    if ray.inside.x >= z + frame.sheet_step {
+        return before;
+    }
+    if is_invisible(means, shading.invisible) {
+        before.kind = INVISIBLE;
+        return before;
+    }
+    let part = part_of_sheet(ray, z);
+    let p = marched_parabola(from_eye(means, z), (part.y - part.x) / f32(SAMPLES));
+    before.kind = SCALAR;
+    before.end.scalar = p.x + 0.5 * p.y + 0.25 * p.z;
+    return before;
+}
+
+// The pixel (colour and optical depth) with one more sheet behind it. `before` is the mean of the last sheet but one.
+fn with_sheet(pixel: vec4f, before: f32, means: vec3f, sideways: vec2f, ray: PixelRay, z: f32) -> vec4f {
     let part = part_of_sheet(ray, z);
     if part.x >= part.y || is_invisible(means, shading.invisible) {
         return pixel;
@@ -111,8 +128,9 @@ fn with_sheet(pixel: vec4f, means: vec3f, sideways: vec2f, ray: PixelRay, z: f32
     }
     let step = (part.y - part.x) / f32(SAMPLES);
     let length = step * frame.sheet_step * ray.stretch;
+    let last = before_of(vec3f(before, means.xy), ray, z - frame.sheet_step);
     var result = pixel;
-    march_parabola(&result, m, part, SAMPLES, length, shading.lookup, light);
+    march_parabola(&result, m, part, last, SAMPLES, length, shading.lookup, shading.invisible, light);
     return result;
 }
 
@@ -151,22 +169,22 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     }
     let step = frame.sheet_step;
     var z = shading.depth;
-    pixel = with_sheet(pixel, vec3f(m.before, m.a.x), vec2f(x.before.y, y.before.y), ray, z);
+    pixel = with_sheet(pixel, m.before.x, vec3f(m.before.yz, m.a.x), vec2f(x.before.z, y.before.z), ray, z);
     z += step;
-    pixel = with_sheet(pixel, vec3f(m.before.y, m.a.xy), vec2f(x.a.x, y.a.x), ray, z);
+    pixel = with_sheet(pixel, m.before.y, vec3f(m.before.z, m.a.xy), vec2f(x.a.x, y.a.x), ray, z);
     z += step;
-    pixel = with_sheet(pixel, m.a.xyz, vec2f(x.a.y, y.a.y), ray, z);
+    pixel = with_sheet(pixel, m.before.z, m.a.xyz, vec2f(x.a.y, y.a.y), ray, z);
     z += step;
-    pixel = with_sheet(pixel, m.a.yzw, vec2f(x.a.z, y.a.z), ray, z);
+    pixel = with_sheet(pixel, m.a.x, m.a.yzw, vec2f(x.a.z, y.a.z), ray, z);
     if SHEETS > 4u {
         z += step;
-        pixel = with_sheet(pixel, vec3f(m.a.zw, m.b.x), vec2f(x.a.w, y.a.w), ray, z);
+        pixel = with_sheet(pixel, m.a.y, vec3f(m.a.zw, m.b.x), vec2f(x.a.w, y.a.w), ray, z);
         z += step;
-        pixel = with_sheet(pixel, vec3f(m.a.w, m.b.xy), vec2f(x.b.x, y.b.x), ray, z);
+        pixel = with_sheet(pixel, m.a.z, vec3f(m.a.w, m.b.xy), vec2f(x.b.x, y.b.x), ray, z);
         z += step;
-        pixel = with_sheet(pixel, m.b.xyz, vec2f(x.b.y, y.b.y), ray, z);
+        pixel = with_sheet(pixel, m.a.w, m.b.xyz, vec2f(x.b.y, y.b.y), ray, z);
         z += step;
-        pixel = with_sheet(pixel, m.b.yzw, vec2f(x.b.z, y.b.z), ray, z);
+        pixel = with_sheet(pixel, m.b.x, m.b.yzw, vec2f(x.b.z, y.b.z), ray, z);
     }
     pixels[index] = pixel;
 }
@@ -195,9 +213,9 @@ fn maximum(@builtin(global_invocation_id) id: vec3u) {
     let m = means_at(vec2i(pixel_at));
     let step = frame.sheet_step;
     var z = shading.depth;
-    var so_far = updated_maximum(pixels[index].xy, vec3f(m.before, m.a.x), ray, z);
+    var so_far = updated_maximum(pixels[index].xy, vec3f(m.before.yz, m.a.x), ray, z);
     z += step;
-    so_far = updated_maximum(so_far, vec3f(m.before.y, m.a.xy), ray, z);
+    so_far = updated_maximum(so_far, vec3f(m.before.z, m.a.xy), ray, z);
     z += step;
     so_far = updated_maximum(so_far, m.a.xyz, ray, z);
     z += step;
@@ -225,7 +243,7 @@ fn resolve_maximum(@builtin(global_invocation_id) id: vec3u) {
     let largest = pixels[index];
     var color = vec4f(0.0);
     if largest.y > 0.0 {
-        color = classified(largest.x, shading.lookup);
+        color = classified(largest.x, shading.lookup).value;
     }
     pixels[index] = vec4f(color.rgb * color.a, color.a);
 }

@@ -10,7 +10,7 @@ use crate::gpu::context::Context;
 use crate::gpu::scalars::{self, Asked, Emitted, Shows};
 use crate::gpu::store::{Bricks, Store};
 use crate::gpu::timing::on_host;
-use crate::gpu::transfer::TransferTable;
+use crate::gpu::transfer::{Reduction, TransferTable};
 use crate::gpu::view::{ScalarNeed, Weights};
 use crate::progress::Progress;
 use crate::settings::{Model, Settings};
@@ -42,6 +42,7 @@ enum Content {
 struct Scalars {
     volume: Volume,
     transfer: TransferFunction,
+    reduction: Reduction,
     shows: Shows,
     table: TransferTable,
     /// The splats of the picture before, drawn again unless a picture needs others.
@@ -88,13 +89,17 @@ impl Scene {
         settings: &Settings,
     ) -> Result<Self> {
         let shows = shows(settings);
-        let (max, seconds) = on_host(|| scalars::largest(volume, transfer.base()));
-        let weights = Weights { max: max?, unit: 1.0 };
+        let (largest, seconds) = on_host(|| scalars::largest(volume, transfer.base()));
+        let largest = largest?;
+        let reduction = Reduction::new(transfer, largest);
+        let weights = Weights { max: reduction.length(largest), unit: 1.0 };
+        let unit = transfer.unit_or(volume.grid().min_spacing());
         let scalars = Scalars {
             volume: volume.clone(),
             transfer: transfer.clone(),
+            reduction,
             shows,
-            table: TransferTable::new(context, transfer, shows, transfer.unit_or(volume.grid().min_spacing())),
+            table: TransferTable::new(context, transfer, &reduction, shows, unit),
             emitted: Mutex::new(None),
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), *volume.grid(), weights, seconds))
@@ -166,8 +171,8 @@ impl Scene {
         // Not under the lock: who emits waits for a pool of threads, which may hand it work that asks for the lock.
         let (emitted, seconds) = on_host(|| {
             context.guarded("emitting scalars", || {
-                let Scalars { volume, transfer, shows, .. } = scalars.as_ref();
-                scalars::emit(context, volume, transfer, *shows, &asked, progress)
+                let Scalars { volume, transfer, reduction, shows, .. } = scalars.as_ref();
+                scalars::emit(context, volume, transfer, reduction, *shows, &asked, progress)
             })
         });
         let emitted = Arc::new(emitted?);
