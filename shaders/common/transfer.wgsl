@@ -2,10 +2,22 @@
 // transfer function as segments. Scalars are relative to the transfer function's base, so that the space between splats
 // is 0, and multiplied by a power of two.
 
+// A difference of means that is beyond all that shows: control points are at most 2 from the base.
+const JUMP: f32 = 64.0;
+
 // The parabola x + y u + z u^2 whose means over three slabs are `m`; the middle slab is from u = -1/2 to 1/2.
+//
+// If one neighbour is far away and the other is not, as beside a voxel without data, the scalar jumps there, and the far
+// one tells nothing of the slab: its difference is taken to be that of the other.
 fn parabola(m: vec3f) -> vec3f {
-    let second = (m.x + m.z - 2.0 * m.y) * 0.5;
-    return vec3f(m.y - second / 12.0, (m.z - m.x) * 0.5, second);
+    let before = m.y - m.x;
+    let behind = m.z - m.y;
+    let sizes = abs(vec2f(before, behind));
+    let jumps = max(sizes.x, sizes.y) > max(JUMP, 16.0 * min(sizes.x, sizes.y));
+    let first = select(before, behind, jumps && sizes.x > sizes.y);
+    let last = select(behind, before, jumps && sizes.y > sizes.x);
+    let second = (last - first) * 0.5;
+    return vec3f(m.y - second / 12.0, (first + last) * 0.5, second);
 }
 
 // Whether all scalars from `low` to `high` are among those around 0 at which nothing shows, from invisible.x to

@@ -11,6 +11,7 @@
 mod adapter;
 mod algorithms;
 mod camera;
+mod classification;
 mod cli;
 mod demos;
 mod embed;

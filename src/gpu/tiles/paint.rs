@@ -24,6 +24,11 @@ pub(crate) const ROOM: Room = Room { refusal, need, begin };
 /// them meet nothing. Measured on software; see `docs/measurements`.
 const PIXELS_PER_QUAD: u64 = 8;
 
+/// The largest scalar that post-shading draws; what shows is within 2. The parts of a single kernel err by some
+/// hundredths of it where a ray touches its rim; those of many kernels cancel unless a value stands alone, like one for
+/// voxels without data.
+const MAX_SCALAR: f64 = 4096.0;
+
 /// Pieces per voxel in which slabs of scalars are classified. Slabs are thin: on the demos of 32^3 voxels, three err as
 /// eight do, to 1 % (rms; vessels 7 %).
 const PIECES: f64 = 3.0;
@@ -91,6 +96,13 @@ impl<'a> Picture<'a> {
     /// Says why if it cannot be: the volume does not fit into a texture, or the kernel's footprint is no polynomial.
     fn new(job: Job<'a>) -> std::result::Result<Self, String> {
         let Job { context, view, settings, stores, transfer, .. } = job;
+        if settings.is_post_shaded() && job.weights.max > MAX_SCALAR {
+            return Err(
+                "tiles draws values of which none is far beyond all that shows: parts of kernels are fitted, and \
+                        what is a small part of such a value would show"
+                    .to_owned(),
+            );
+        }
         let kernel = settings.kernel.grown(view.max_growth());
         let footprint = Footprint::new(&kernel)
             .ok_or("tiles draws footprints that are polynomials of 8 terms to 5e-5, and this kernel's is none")?;
