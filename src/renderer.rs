@@ -9,7 +9,7 @@ use crate::gpu::cache::Cache;
 use crate::gpu::choice::Choice;
 use crate::gpu::classify::Classifier;
 use crate::gpu::context::{self, Context, PIXEL_BYTES};
-use crate::gpu::painter::{Begun, Job, Painted};
+use crate::gpu::painter::{Begun, Job};
 use crate::gpu::present::{self, Present};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::scan::Scan;
@@ -133,8 +133,8 @@ impl Renderer {
         camera.validate()?;
         let [width, height] = camera.size;
         let mut image = Image::transparent(width, height)?;
-        let stats = self.paint(scene, camera, settings, &mut |recorder, region, painted| {
-            put(&mut image, recorder, region, painted)
+        let stats = self.paint(scene, camera, settings, &mut |recorder, region, pixels| {
+            put(&mut image, recorder, region, pixels)
         })?;
         Ok(Rendered { image, stats })
     }
@@ -165,8 +165,8 @@ impl Renderer {
             present::clear(context, &view);
             Ok((view, pipeline))
         })?;
-        self.paint(scene, camera, settings, &mut |recorder, region, painted| {
-            pipeline.record(recorder, &view, region, painted)?;
+        self.paint(scene, camera, settings, &mut |recorder, region, pixels| {
+            pipeline.record(recorder, &view, region, pixels)?;
             recorder.submit();
             Ok(())
         })
@@ -179,15 +179,18 @@ impl Renderer {
         let context = &self.context;
         scene.check(context, settings)?;
         let before = context.traffic();
+        camera.check_scale(scene.grid())?;
         let view = ViewGeometry::new(camera, scene.grid(), settings, context.savings);
         let mut choice = Choice::new(context, &view, settings)?;
         let mut seconds = scene.take_seconds();
         let mut drawable;
+        let mut levels;
         let mut painting = loop {
             let need = (choice.kind.room().need)(&view, settings, scene.weights());
             let (splats, took) = scene.drawable(context, need, settings, &self.progress)?;
             seconds += took;
             drawable = splats;
+            levels = need.cut.map_or([0, 0], |cut| cut.levels);
             let job = Job {
                 context,
                 pipelines: &self.pipelines,
@@ -201,7 +204,7 @@ impl Renderer {
             };
             match (choice.kind.room().begin)(job)? {
                 Begun::Ready(painting) => break painting,
-                Begun::Refused(reason) => choice = Choice::instead(settings, reason)?,
+                Begun::Refused(reason) => choice = Choice::instead(context, settings, reason)?,
             }
         };
         let mut stages = Vec::new();
@@ -217,8 +220,8 @@ impl Renderer {
             let rendered = self.timed(&mut stages, |recorder| {
                 (0_u32..).zip(&regions).try_for_each(|(done, &region)| {
                     self.progress.report("rendering", f64::from(done) / regions.len() as f64);
-                    let painted = painting.paint(recorder, region)?;
-                    take(recorder, region, &painted)
+                    let pixels = painting.paint(recorder, region)?;
+                    take(recorder, region, &pixels)
                 })
             });
             self.progress.report("rendering", 1.0);
@@ -240,12 +243,13 @@ impl Renderer {
             parts: regions.len() as u32,
             voxels: scene.grid().len(),
             splats_kept,
-            splats_dropped: scene.grid().len() - splats_kept,
+            splats_dropped: scene.grid().len().saturating_sub(splats_kept),
             splats_padding: splats - splats_kept,
             bricks: bricks.all,
             bricks_uploaded: bricks.uploaded,
             bytes_uploaded: bricks.bytes,
             kernel_growth: view.max_growth(),
+            levels,
             footprint_error: painting.footprint_error(),
             scene_bytes: drawable.bytes(),
             frame_bytes: traffic.allocated - before.allocated,
@@ -279,21 +283,17 @@ impl Renderer {
 }
 
 /// What takes the regions of a picture.
-type Take<'a> = dyn FnMut(&mut Recorder<'_>, Region, &Painted) -> Result<()> + 'a;
+type Take<'a> = dyn FnMut(&mut Recorder<'_>, Region, &wgpu::Buffer) -> Result<()> + 'a;
 
 /// Reads a region back and puts it in its place.
-fn put(image: &mut Image, recorder: &mut Recorder<'_>, region: Region, painted: &Painted) -> Result<()> {
-    let margin = painted.margin as usize;
+fn put(image: &mut Image, recorder: &mut Recorder<'_>, region: Region, pixels: &wgpu::Buffer) -> Result<()> {
     let (x, length, width) = (region.x as usize, region.width as usize, image.width() as usize);
-    let row = length + 2 * margin;
-    let bytes = (row * (region.height as usize + 2 * margin)) as u64 * PIXEL_BYTES;
-    let pixels = recorder.read_back("picture.staging", &painted.pixels, bytes)?;
+    let pixels = recorder.read_back("picture.staging", pixels, region.area() * PIXEL_BYTES)?;
     recorder.submit();
     let pixels: Vec<[f32; 4]> = pixels.values(recorder.context, "rendering")?;
     let rows = image.pixels_mut().chunks_exact_mut(width).skip(region.y as usize);
-    let sources = pixels.chunks_exact(row).skip(margin);
-    for (row, source) in rows.take(region.height as usize).zip(sources) {
-        row[x..x + length].copy_from_slice(&source[margin..margin + length]);
+    for (row, source) in rows.take(region.height as usize).zip(pixels.chunks_exact(length)) {
+        row[x..x + length].copy_from_slice(source);
     }
     Ok(())
 }

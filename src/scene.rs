@@ -15,7 +15,7 @@ use crate::gpu::view::{ScalarNeed, Weights};
 use crate::progress::Progress;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
-use crate::volume::{Grid, Volume};
+use crate::volume::{Grid, Pyramid, Volume};
 
 /// A volume prepared on the device of the [`Renderer`](crate::renderer::Renderer) that prepared it.
 pub struct Scene {
@@ -41,6 +41,8 @@ enum Content {
 /// A volume as post-shading draws it.
 struct Scalars {
     volume: Volume,
+    /// The volume at lower resolutions, for kernels that have grown.
+    pyramid: Pyramid,
     transfer: TransferFunction,
     reduction: Reduction,
     shows: Shows,
@@ -57,6 +59,11 @@ pub(crate) enum Drawable<'a> {
 
 fn shows(settings: &Settings) -> Shows {
     if settings.model == Model::Mip { Shows::Largest } else { Shows::Opaque }
+}
+
+/// The distance that opacities are per, in units of [`Grid::local`].
+fn local_unit(transfer: &TransferFunction, grid: &Grid) -> f64 {
+    transfer.unit_or(grid.min_spacing()) / grid.unit()
 }
 
 impl Scene {
@@ -76,7 +83,7 @@ impl Scene {
     ) -> Self {
         let weights = Weights {
             max: TransferFunction::extinction(transfer.max_opacity(), 1.0),
-            unit: transfer.unit_or(volume.grid().min_spacing()),
+            unit: local_unit(transfer, volume.grid()),
         };
         Self::new(context, Content::Splats { classified, lit }, *volume.grid(), weights, seconds)
     }
@@ -93,13 +100,13 @@ impl Scene {
         let largest = largest?;
         let reduction = Reduction::new(transfer, largest);
         let weights = Weights { max: reduction.length(largest), unit: 1.0 };
-        let unit = transfer.unit_or(volume.grid().min_spacing());
         let scalars = Scalars {
             volume: volume.clone(),
+            pyramid: Pyramid::default(),
             transfer: transfer.clone(),
             reduction,
             shows,
-            table: TransferTable::new(context, transfer, &reduction, shows, unit),
+            table: TransferTable::new(context, transfer, &reduction, shows, local_unit(transfer, volume.grid())),
             emitted: Mutex::new(None),
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), *volume.grid(), weights, seconds))
@@ -161,7 +168,8 @@ impl Scene {
             Content::Splats { classified, .. } => return Ok((Drawable::Splats(classified), 0.0)),
             Content::Scalars(scalars) => scalars,
         };
-        let asked = Asked { kernel: settings.kernel, normalization: settings.normalization, need };
+        let Settings { kernel, normalization, ref lighting, .. } = *settings;
+        let asked = Asked { kernel, normalization, need, lit: lighting.is_some() };
         let lock = || scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((of, emitted)) = lock().as_ref()
             && of.serves(&asked)
@@ -171,8 +179,8 @@ impl Scene {
         // Not under the lock: who emits waits for a pool of threads, which may hand it work that asks for the lock.
         let (emitted, seconds) = on_host(|| {
             context.guarded("emitting scalars", || {
-                let Scalars { volume, transfer, reduction, shows, .. } = scalars.as_ref();
-                scalars::emit(context, volume, transfer, reduction, *shows, &asked, progress)
+                let Scalars { volume, pyramid, transfer, reduction, shows, .. } = scalars.as_ref();
+                scalars::emit(context, volume, pyramid, transfer, reduction, *shows, &asked, progress)
             })
         });
         let emitted = Arc::new(emitted?);

@@ -186,6 +186,11 @@ impl Context {
         result
     }
 
+    /// Whether sheets can be f32.
+    pub(crate) fn blends_f32(&self) -> bool {
+        self.features.contains(wgpu::Features::FLOAT32_BLENDABLE)
+    }
+
     /// Waits until the device has done all that was submitted.
     pub(crate) fn wait(&self, stage: &str) -> Result<()> {
         self.device

@@ -66,20 +66,13 @@ pub(crate) trait Painting {
     /// Makes the pipelines that the picture takes, or finds those of a picture before.
     fn make_pipelines(&self) -> Result<()>;
 
-    /// Paints a region. The last commands may be recorded and not submitted.
-    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<Painted>;
+    /// Paints a region: its pixels, premultiplied RGBA, four f32 each, row by row. The last commands may be recorded and
+    /// not submitted.
+    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<wgpu::Buffer>;
 
     /// Largest error of the footprints, as a fraction of their peak.
     fn footprint_error(&self) -> f64;
 
     /// What it took.
     fn stats(&self) -> PainterStats;
-}
-
-/// The pixels of a region on the device.
-pub(crate) struct Painted {
-    /// Premultiplied RGBA, four f32 a pixel, row by row.
-    pub(crate) pixels: wgpu::Buffer,
-    /// Pixels around the region that the buffer holds besides.
-    pub(crate) margin: u32,
 }

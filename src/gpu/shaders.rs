@@ -70,8 +70,6 @@ pub(crate) const PACK: Shader = Shader {
     name: "pack",
     parts: &[include_str!("../../shaders/pack.wgsl"), PACKING, STORED_SPLAT, LIT_SPLAT, LIGHTING, NORMAL, DISPATCH],
 };
-pub(crate) const GRADIENTS: Shader =
-    Shader { name: "gradients", parts: &[include_str!("../../shaders/gradients.wgsl"), PACKING] };
 pub(crate) const SKIP: Shader =
     Shader { name: "skip", parts: &[include_str!("../../shaders/skip.wgsl"), RAYS, PACKING] };
 pub(crate) const GATHER: Shader = Shader {
@@ -128,7 +126,7 @@ pub(crate) const PRESENT: Shader = Shader { name: "present", parts: &[include_st
 
 /// Every shader there is.
 #[cfg(test)]
-pub(crate) const ALL: [Shader; 17] = [
+pub(crate) const ALL: [Shader; 16] = [
     CLASSIFY,
     SCAN,
     SORT,
@@ -138,7 +136,6 @@ pub(crate) const ALL: [Shader; 17] = [
     SHADE,
     RESOLVE,
     PACK,
-    GRADIENTS,
     SKIP,
     GATHER,
     GATHER_SCALARS,

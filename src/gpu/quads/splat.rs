@@ -46,27 +46,22 @@ impl QuadsKey {
     /// The format of a layer.
     fn format(&self) -> wgpu::TextureFormat {
         match (self.feed, self.precision) {
-            (Feed::Colors | Feed::Scalars | Feed::Maximum, Precision::F16) => wgpu::TextureFormat::Rgba16Float,
-            (Feed::Colors | Feed::Scalars | Feed::Maximum, Precision::F32) => wgpu::TextureFormat::Rgba32Float,
             (Feed::Depth, Precision::F16) => wgpu::TextureFormat::R16Float,
             (Feed::Depth, Precision::F32) => wgpu::TextureFormat::R32Float,
+            (_, Precision::F16) => wgpu::TextureFormat::Rgba16Float,
+            (_, Precision::F32) => wgpu::TextureFormat::Rgba32Float,
         }
     }
 
     /// Layers of a batch.
     fn layers(&self) -> u32 {
-        match self.feed {
-            Feed::Colors => self.sheets_per_pass,
-            Feed::Depth => 1,
-            // Four sheets to a layer.
-            Feed::Scalars | Feed::Maximum => self.sheets_per_pass / 4,
-        }
+        self.sheets_per_pass / self.feed.sheets_per_attachment()
     }
 
     /// The fragment stage.
     fn entry(&self) -> String {
         match self.feed {
-            Feed::Colors => format!("feed_{}", self.sheets_per_pass),
+            Feed::Colors | Feed::LitScalars => format!("feed_{}", self.sheets_per_pass),
             Feed::Depth => "feed_depth".to_owned(),
             Feed::Scalars | Feed::Maximum => format!("scalars_{}", self.sheets_per_pass),
         }
@@ -253,7 +248,11 @@ fn pipeline(
         ("AXIS", flag(key.axis)),
         ("SCALARS", flag(key.feed.is_scalar())),
     ];
-    let vertex = [("ADDITIVE", flag(key.additive)), ("LIGHTS", f64::from(key.splat_lights()))];
+    let vertex = [
+        ("ADDITIVE", flag(key.additive)),
+        ("LIGHTS", f64::from(key.splat_lights())),
+        ("GRADIENTS", flag(key.feed == Feed::LitScalars)),
+    ];
     let fragment = [("TEXELS", f64::from(key.footprint_terms / 4)), ("ROWS", f64::from(key.footprint_rows))];
     let vertex_constants = [common.as_slice(), &vertex].concat();
     let fragment_constants = [common.as_slice(), &fragment].concat();

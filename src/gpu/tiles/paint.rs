@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::super::context::Context;
 use super::super::layout;
-use super::super::painter::{Begun, Job, Painted, Painting, Room};
+use super::super::painter::{Begun, Job, Painting, Room};
 use super::super::recorder::Recorder;
 use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights};
 use super::axis::PrincipalAxis;
@@ -55,16 +55,15 @@ fn refusal(context: &Context, view: &ViewGeometry, settings: &Settings) -> Optio
 
 /// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a
 /// ray at most sqrt(3) / 2 voxels, so three are at most 2.6 voxels. They count as 3: the parts of kernels in slabs are
-/// fitted, and a fit fades a little later than its kernel. Light takes central differences, a voxel farther. None of it
-/// depends on the direction, so that turning asks for no other splats.
+/// fitted, and a fit fades a little later than its kernel. None of it depends on the direction, so that turning asks for
+/// no other splats.
 fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
     if !settings.is_post_shaded() {
-        return ScalarNeed { padding: 0, influence: 0.0 };
+        return ScalarNeed::NONE;
     }
     const SLABS: f64 = 3.0;
-    let differences = if settings.lighting.is_some() { 1.0 } else { 0.0 };
     let radius = view.max_radius();
-    ScalarNeed::new(radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS + differences)
+    ScalarNeed::new(view, radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS)
 }
 
 fn begin(job: Job<'_>) -> Result<Begun<'_>> {
@@ -268,7 +267,7 @@ impl Painting for Picture<'_> {
         self.pipelines().map(|_| ())
     }
 
-    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<Painted> {
+    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<wgpu::Buffer> {
         let pipelines = self.pipelines()?;
         let packed = match self.packed.take() {
             Some(packed) => packed,
@@ -278,7 +277,7 @@ impl Painting for Picture<'_> {
         self.packed = Some(packed);
         self.rays += marched.rays;
         self.spacing = marched.spacing.or(self.spacing);
-        Ok(Painted { pixels: marched.pixels, margin: 0 })
+        Ok(marched.pixels)
     }
 
     fn footprint_error(&self) -> f64 {
