@@ -137,8 +137,8 @@ fn before_of(means: vec3f, ray: PixelRay, z: f32) -> Before {
     return before;
 }
 
-// The pixel `at` (colour and optical depth) with sheet `sheet` behind it, which begins at view depth `z`. `before` is the
-// mean of the last sheet but one.
+// The pixel `at` (colour and optical depth) with sheet `sheet` behind it, which begins at view depth `z`. `before` is
+// the mean of the last sheet but one.
 fn with_sheet(
     pixel: vec4f,
     before: f32,

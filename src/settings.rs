@@ -85,7 +85,8 @@ pub enum Painter {
     ///
     /// - kernels that reach over 3 voxels once they have grown; in perspective and post-shaded, over 2 voxels;
     /// - in perspective, kernels that grow with the distance (see [`Settings::antialiasing`]);
-    /// - pre-shaded, an eye that a kernel reaches.
+    /// - pre-shaded, an eye that a kernel reaches;
+    /// - post-shaded, values over 4096 times as far from the transfer function's base as its control points.
     Tiles(TilesSettings),
 }
 

@@ -26,7 +26,7 @@ fn marched_parabola(means: vec3f, step: f32) -> vec3f {
 }
 
 // `means` are those of the slab before, of the slab and of the slab behind. `part` is the part of the slab that counts,
-// its ends from -1/2 to 1/2; `length` is the world length along the ray of a piece. The parabola of the slab before ends
+// its ends from -1/2 to 1/2; `length` is the length along the ray of a piece. The parabola of the slab before ends
 // nearly where this one begins; the scalar is made continuous, so that what shows between the two is not lost. The
 // result is what this slab is to the one behind it.
 fn march_parabola(

@@ -7,8 +7,8 @@ const JUMP: f32 = 64.0;
 
 // The parabola x + y u + z u^2 whose means over three slabs are `m`; the middle slab is from u = -1/2 to 1/2.
 //
-// If one neighbour is far away and the other is not, as beside a voxel without data, the scalar jumps there, and the far
-// one tells nothing of the slab: its difference is taken to be that of the other.
+// If one neighbour is far away and the other is not, as beside a voxel without data, the scalar jumps there, and the
+// far one tells nothing of the slab: its difference is taken to be that of the other.
 fn parabola(m: vec3f) -> vec3f {
     let before = m.y - m.x;
     let behind = m.z - m.y;

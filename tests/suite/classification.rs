@@ -25,8 +25,8 @@ fn painters(settings: &Settings) -> [Settings; 2] {
         .map(|painter| Settings { painter: painter.painter, ..settings.clone() })
 }
 
-/// Pre-shaded, post-shaded and the maximum, of a kernel without jumps: what a mean over a slab does not see of a jump is
-/// not the point here.
+/// Pre-shaded, post-shaded and the maximum, of a kernel without jumps: what a mean over a slab does not see of a jump
+/// is not the point here.
 fn models() -> [Settings; 3] {
     let common = Settings { kernel: Kernel::KAISER_BESSEL, antialiasing: false, ..exact_quads() };
     [common.clone(), Settings { shading: Shading::Post, ..common.clone() }, Settings { model: Model::Mip, ..common }]
