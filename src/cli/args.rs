@@ -252,8 +252,8 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "WHAT", value_parser = one_of(Accumulation::ALL, Accumulation::name),
         help_heading = "Painter quads")]
     pub(super) accumulate: Option<Accumulation>,
-    /// Format of the sheets [default: f32 where the adapter blends it, otherwise f16]; f16 errs in alpha by 3e-4 to 4e-3,
-    /// by up to 3e-2 if kernels grow, and in scalars by 5e-4 of their range
+    /// Format of the sheets [default: f32 where the adapter blends it, otherwise f16]. With f16 alpha errs by 3e-4 to
+    /// 4e-3, by up to 6e-2 if kernels grow, and scalars by 5e-4 of their range
     #[arg(long, value_name = "FORMAT", value_parser = one_of(Precision::ALL, Precision::name),
         help_heading = "Painter quads")]
     pub(super) precision: Option<Precision>,

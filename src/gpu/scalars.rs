@@ -4,12 +4,13 @@
 use std::sync::Arc;
 
 use super::context::Context;
-use super::layout::{BRICK_SHIFT, ScalarSplat, place};
+use super::layout::{BRICK_SHIFT, LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient, place};
 use super::levels::Cut;
 use super::savings::Savings;
 use super::store::{BrickSplats, Bricks, Part, Store, StoreBuilder};
 use super::view::ScalarNeed;
-use crate::error::{Error, Result};
+use crate::budget::{MAX_GROWTH, MAX_PLACES, too_much};
+use crate::error::Result;
 use crate::kernel::{Kernel, Normalization};
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
@@ -18,25 +19,29 @@ use crate::volume::{BRICK_EDGE as EDGE, Level, Pyramid, RowCoding, ToF64, Volume
 /// The largest influence, in voxels, within which single voxels are looked for. If it is larger, bricks are kept whole.
 const MAX_HALO: usize = 16;
 
-/// The most places of an extended lattice, unless the volume itself has half as many: kernels grow without end as the
-/// picture gets smaller, and the copies beyond the faces with them.
-const MAX_PLACES: u64 = 1 << 28;
-
 /// What splats of scalars depend on besides volume and transfer function.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Asked {
     pub(crate) kernel: Kernel,
     pub(crate) normalization: Normalization,
     pub(crate) need: ScalarNeed,
+    /// Whether splats have gradients.
+    pub(crate) lit: bool,
 }
 
 impl Asked {
+    /// Words of a splat.
+    fn words(&self) -> usize {
+        if self.lit { LIT_SCALAR_WORDS } else { SCALAR_WORDS }
+    }
+
     /// Whether splats made for `self` can be reused for `other`. They must reach at least as far; reaching up to 1.5
     /// times as far changes no pixel and costs only time.
     pub(crate) fn serves(&self, other: &Self) -> bool {
         let influence = other.need.influence..=1.5 * other.need.influence;
-        let need = ScalarNeed { influence: self.need.influence, ..other.need };
-        influence.contains(&self.need.influence) && *self == Self { need, ..*other }
+        let ScalarNeed { influence: held, growth, .. } = self.need;
+        influence.contains(&held)
+            && *self == Self { need: ScalarNeed { influence: held, growth, ..other.need }, ..*other }
     }
 }
 
@@ -206,7 +211,7 @@ pub(crate) fn emit(
     let emission = Emission::new(context, volume, transfer, shows, asked)?;
     let [finest, coarsest] = emission.levels();
     let cells = pyramid.levels(volume, &emission.relative, coarsest as usize)?;
-    let mut stores = StoreBuilder::new(context, u32::MAX);
+    let mut stores = StoreBuilder::new(context, 4 * emission.words as u64, u32::MAX);
     let mut emitted = Emitted::default();
     for level in finest..=coarsest {
         let cells = level.checked_sub(1).and_then(|index| cells.get(index as usize).cloned());
@@ -214,7 +219,7 @@ pub(crate) fn emit(
         let [_, down, deep] = lattice.counts;
         let mut rows = 0;
         volume.for_each_row([down, deep], emission.halo, &|j, k| emission.row(&lattice, j, k), &mut |row| {
-            row.into_iter().try_for_each(|brick| emitted.add(&mut stores, brick))?;
+            row.into_iter().try_for_each(|brick| emitted.add(&mut stores, brick, emission.words))?;
             rows += 1;
             progress.report("emitting scalars", f64::from(rows) / (down * deep) as f64);
             Ok(())
@@ -227,17 +232,18 @@ pub(crate) fn emit(
 }
 
 impl Emitted {
-    fn add(&mut self, stores: &mut StoreBuilder<'_, Vec<ScalarSplat>>, found: BrickScalars) -> Result<()> {
+    /// Adds the splats of a brick, of so many words each.
+    fn add(&mut self, stores: &mut StoreBuilder<'_, Vec<u32>>, found: BrickScalars, words: usize) -> Result<()> {
         let BrickScalars { brick, mut splats, voxels } = found;
         self.bricks.uploaded += 1;
         self.voxels += voxels;
         if splats.is_empty() {
             return Ok(());
         }
-        let count = splats.len() as u32;
+        let count = (splats.len() / words) as u32;
         let (number, first) = stores.make_room(count, 1)?;
-        self.bricks.bytes += u64::from(count) * <Vec<ScalarSplat>>::STRIDE;
-        splats.iter_mut().for_each(|splat| splat.place |= number << BRICK_SHIFT);
+        self.bricks.bytes += size_of_val(splats.as_slice()) as u64;
+        splats.iter_mut().step_by(words).for_each(|place| *place |= number << BRICK_SHIFT);
         stores.add(splats, count, [BrickSplats { first, ..brick }]);
         Ok(())
     }
@@ -250,9 +256,12 @@ struct Emission<'a> {
     invisible: Invisible,
     savings: Savings,
     need: ScalarNeed,
+    /// Words of a splat.
+    words: usize,
     /// Of each brick of the volume, x fastest, whether a voxel of it can show.
     active: Vec<bool>,
-    /// Layers of voxels around a brick that are searched for voxels that can show; 0 if bricks are kept whole.
+    /// Layers of voxels around a brick that are searched for voxels that can show, or that gradients take differences
+    /// with.
     halo: usize,
     /// Whether they are; otherwise bricks are kept whole.
     singly: bool,
@@ -307,15 +316,9 @@ impl<'a> Emission<'a> {
         let need = asked.need;
         let dims = volume.grid().dims();
         let places = places(dims, need);
-        if places > MAX_PLACES.max(2 * volume.grid().len()) {
-            return Err(Error::Setting {
-                name: "antialiasing",
-                reason: format!(
-                    "kernels that have grown so far need {} layers of voxels beyond the faces: take a larger picture, \
-                     thinner sheets, or turn it off",
-                    need.padding
-                ),
-            });
+        if need.growth > MAX_GROWTH || places > MAX_PLACES.max(2 * volume.grid().len()) {
+            let what = format!("post-shading would copy {} layers of voxels beyond the faces", need.padding);
+            return Err(too_much(&what, need.growth));
         }
         let (slope, intercept) = volume.rescale();
         let mut emission = Self {
@@ -324,13 +327,14 @@ impl<'a> Emission<'a> {
             invisible: Invisible::new(transfer, shows, magnification(&asked.kernel, asked.normalization)),
             savings: context.savings,
             need,
+            words: asked.words(),
             active: Vec::new(),
             halo: 0,
             singly: false,
         };
         let halo = need.influence.floor() as usize;
         emission.singly = emission.savings.voxels && halo <= MAX_HALO && need.cut.is_none();
-        emission.halo = if emission.singly { halo } else { 0 };
+        emission.halo = if emission.singly { halo } else { 0 }.max(usize::from(asked.lit));
         let ranges = volume.ranges()?.iter();
         emission.active =
             ranges.map(|range| range.iter().any(|&raw| emission.is_active(emission.relative.to(raw)))).collect();
@@ -400,7 +404,7 @@ impl<'a> Emission<'a> {
 
     /// The splats of a brick, given its scalars with the halo around them.
     fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32]) -> BrickScalars {
-        let halo = self.halo;
+        let (halo, lit) = (self.halo, self.words == LIT_SCALAR_WORDS);
         let kept = self.singly.then(|| {
             let active: Vec<bool> = scalars.iter().map(|&s| self.is_active(s)).collect();
             within_reach(&active, halo, self.need.influence)
@@ -414,22 +418,32 @@ impl<'a> Emission<'a> {
             let place = |cell: usize| (cell + lattice.padding).saturating_sub(origin[axis]);
             place(0)..place(lattice.dims[axis])
         });
+        // Cells are 2^level voxels apart, and gradients are per voxel.
+        let steepness = (-f64::from(lattice.level)).exp2();
         let mut found = BrickScalars::default();
         let mut rows = vec![0; EDGE * EDGE];
         for z in 0..nz {
             for y in 0..ny {
-                let row = &scalars[halo + edge * (y + halo + edge * (z + halo))..][..nx];
+                let start = halo + edge * (y + halo + edge * (z + halo));
+                let row = &scalars[start..][..nx];
                 let kept = kept.as_ref().map(|kept| &kept[EDGE * (y + EDGE * z)..][..nx]);
                 let inside = voxels[1].contains(&y) && voxels[2].contains(&z);
                 for (x, &scalar) in row.iter().enumerate() {
-                    if scalar != 0.0 && kept.is_none_or(|kept| kept[x]) {
-                        let cell = [0, 1, 2].map(|axis| first[axis] + [x, y, z][axis] as i64);
-                        let scalar = (f64::from(scalar) * self.count(lattice, cell)) as f32;
-                        if scalar == 0.0 {
-                            continue;
-                        }
+                    if kept.is_some_and(|kept| !kept[x]) {
+                        continue;
+                    }
+                    let gradient = if lit { central_differences(scalars, start + x, edge) } else { [0.0; 3] };
+                    let cell = [0, 1, 2].map(|axis| first[axis] + [x, y, z][axis] as i64);
+                    let count = self.count(lattice, cell);
+                    if count > 0.0 && (scalar != 0.0 || gradient != [0.0; 3]) {
+                        let scalar = (f64::from(scalar) * count) as f32;
                         rows[y + EDGE * z] |= 1 << x;
-                        found.splats.push(ScalarSplat { place: place([x, y, z].map(|c| c as u32), 0), scalar });
+                        found.splats.extend([place([x, y, z].map(|c| c as u32), 0), scalar.to_bits()]);
+                        if lit {
+                            found
+                                .splats
+                                .extend(packed_gradient(gradient.map(|c| (f64::from(c) * steepness * count) as f32)));
+                        }
                         found.voxels += u64::from(inside && voxels[0].contains(&x));
                     }
                 }
@@ -441,16 +455,21 @@ impl<'a> Emission<'a> {
     }
 }
 
-impl Part for Vec<ScalarSplat> {
-    const STRIDE: u64 = size_of::<ScalarSplat>() as u64;
+/// Half the differences of the neighbours along x, y and z of a place of a brick of `edge` places a side. They are zeros
+/// where all are equal, so that no light falls there.
+fn central_differences(scalars: &[f32], at: usize, edge: usize) -> [f32; 3] {
+    // Halved first: no difference of numbers overflows.
+    [1, edge, edge * edge].map(|step| 0.5 * scalars[at + step] - 0.5 * scalars[at - step])
+}
 
-    fn join(context: &Context, parts: Vec<Self>, count: u64) -> Result<wgpu::Buffer> {
+impl Part for Vec<u32> {
+    fn join(context: &Context, parts: Vec<Self>, bytes: u64) -> Result<wgpu::Buffer> {
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
-        let buffer = context.buffer("scalars.splats", count * Self::STRIDE, usage)?;
+        let buffer = context.buffer("scalars.splats", bytes, usage)?;
         let mut at = 0;
         for part in parts {
             context.write(&buffer, at, bytemuck::cast_slice(&part));
-            at += part.len() as u64 * Self::STRIDE;
+            at += size_of_val(part.as_slice()) as u64;
         }
         Ok(buffer)
     }
@@ -461,6 +480,7 @@ impl Part for Vec<ScalarSplat> {
 struct BrickScalars {
     /// As if it were the first of its store.
     brick: BrickSplats,
-    splats: Vec<ScalarSplat>,
+    /// Their words.
+    splats: Vec<u32>,
     voxels: u64,
 }

@@ -60,7 +60,8 @@ impl BrickSplats {
 
     /// The same brick with cells of a level for voxels.
     pub(crate) fn of_level(self, level: u32) -> Self {
-        let scaled = |point: [u32; 3]| [0, 1, 2].map(|axis| self.origin[axis] + ((point[axis] - self.origin[axis]) << level));
+        let scaled =
+            |point: [u32; 3]| [0, 1, 2].map(|axis| self.origin[axis] + ((point[axis] - self.origin[axis]) << level));
         Self { level, bounds: self.bounds.map(scaled), ..self }
     }
 }
@@ -93,17 +94,16 @@ impl Store {
 
 /// Splats that will be part of a store.
 pub(super) trait Part: Sized {
-    /// Bytes of a splat.
-    const STRIDE: u64;
-
-    /// A buffer of the splats of parts, `count` in all, one after the other.
-    fn join(context: &Context, parts: Vec<Self>, count: u64) -> Result<wgpu::Buffer>;
+    /// A buffer of the splats of parts, of `bytes` in all, one after the other.
+    fn join(context: &Context, parts: Vec<Self>, bytes: u64) -> Result<wgpu::Buffer>;
 }
 
 /// Joins the splats of bricks into few stores, each within a storage binding and within the bricks that a place can
 /// name.
 pub(super) struct StoreBuilder<'a, P> {
     context: &'a Context,
+    /// Bytes of a splat.
+    stride: u64,
     /// The most splats of a store.
     most: u32,
     /// What goes into the next store.
@@ -114,11 +114,11 @@ pub(super) struct StoreBuilder<'a, P> {
 }
 
 impl<'a, P: Part> StoreBuilder<'a, P> {
-    /// Stores of at most `most` splats, or as many as the adapter binds.
-    pub(super) fn new(context: &'a Context, most: u32) -> Self {
-        let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / P::STRIDE;
+    /// Stores of at most `most` splats of `stride` bytes, or as many as the adapter binds.
+    pub(super) fn new(context: &'a Context, stride: u64, most: u32) -> Self {
+        let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / stride;
         let most = u32::try_from(bindable).unwrap_or(u32::MAX).min(most);
-        Self { context, most, parts: Vec::new(), bricks: Vec::new(), held: 0, stores: Vec::new() }
+        Self { context, stride, most, parts: Vec::new(), bricks: Vec::new(), held: 0, stores: Vec::new() }
     }
 
     /// The numbers that the first brick and the first splat of a part will have in their store. The part is added next.
@@ -140,8 +140,8 @@ impl<'a, P: Part> StoreBuilder<'a, P> {
         let (parts, bricks) = (std::mem::take(&mut self.parts), std::mem::take(&mut self.bricks));
         let held = std::mem::take(&mut self.held);
         if !parts.is_empty() {
-            let splats = P::join(self.context, parts, held.into())?;
-            self.stores.push(Store::new(self.context, splats, P::STRIDE, held, bricks)?);
+            let splats = P::join(self.context, parts, u64::from(held) * self.stride)?;
+            self.stores.push(Store::new(self.context, splats, self.stride, held, bricks)?);
         }
         Ok(())
     }
