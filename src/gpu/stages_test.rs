@@ -232,6 +232,7 @@ fn weights(volume: &Volume, transfer: &TransferFunction) -> Weights {
     Weights {
         max: TransferFunction::extinction(transfer.max_opacity(), 1.0),
         unit: transfer.unit_or(volume.grid().min_spacing()) / volume.grid().unit(),
+        brightest: transfer.brightest(),
     }
 }
 
@@ -255,8 +256,14 @@ fn sort_matches_its_twin() {
             let settings = with_quads(&settings, |q| (q.sheet_thickness, q.sheets) = (thickness, sheets_kind));
             let camera = Camera { size, ..*camera };
             let view = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default());
-            let plan = Plan::new(&view, &settings, Weights { max: 1.0, unit: 1.0 }, Precision::F32);
-            let key = SortKey { axis: plan.is_axis_aligned(), grown: view.max_growth() > 1.0, scalars: false };
+            let plan =
+                Plan::new(&view, &settings, Weights { max: 1.0, unit: 1.0, brightest: [1.0; 3] }, Precision::F32);
+            let key = SortKey {
+                axis: plan.is_axis_aligned(),
+                grown: view.max_growth() > 1.0,
+                scalars: false,
+                gradients: false,
+            };
             let sorter = Sorter::new(&context, key);
             let frame = plan.frame(WHOLE);
             let uniform = wgpu::BufferUsages::UNIFORM;
