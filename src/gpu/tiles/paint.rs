@@ -346,7 +346,7 @@ impl Painting for Picture<'_> {
             .map_or((0, 0.0), |(axis, packing)| (packing.dims[2] * per_plane, axis.slab() / f64::from(per_plane)));
         PainterStats::Tiles(TilesStats {
             slabs,
-            slab_thickness,
+            slab_thickness: slab_thickness * self.job.view.unit,
             rays: self.rays,
             spacing: self.spacing.map(|spacing| match spacing {
                 Spacing::Voxel(rays) => RaySpacing::PerVoxel(rays),
