@@ -23,8 +23,8 @@ pub(crate) const ROOM: Room = Room { refusal, need, begin };
 /// them meet nothing. Measured on software; see `docs/measurements`.
 const PIXELS_PER_QUAD: u64 = 8;
 
-/// Optical depth of a voxel from which on parts of kernels are parabolas: the fit by lines shows by more than half a step
-/// of 8-bit colour (rms).
+/// Optical depth of a voxel from which on parts of kernels are parabolas. Fitted by lines they err by 0.13 of 255 (rms)
+/// there, and by 0.9 at 2.3.
 const DENSE: f64 = 0.7;
 
 /// The fewest bytes of a pixel, which limit the regions of a picture and with them what is marched at a time.
