@@ -307,7 +307,16 @@ fn cover(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4f {
 }
 
 @fragment
-fn wipe() -> Sheets8 {
-    let none = vec4f(0.0);
-    return Sheets8(none, none, none, none, none, none, none, none);
+fn wipe_1() -> Sheets1 {
+    return Sheets1();
+}
+
+@fragment
+fn wipe_4() -> Sheets4 {
+    return Sheets4();
+}
+
+@fragment
+fn wipe_8() -> Sheets8 {
+    return Sheets8();
 }

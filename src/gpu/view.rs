@@ -44,6 +44,8 @@ pub(crate) struct Weights {
     pub(crate) max: f64,
     /// Local distance (see [`Grid::local`]) that weights are per; 1 for scalars.
     pub(crate) unit: f64,
+    /// The largest of each channel of the splats' colours; 1 for scalars.
+    pub(crate) brightest: [f64; 3],
 }
 
 /// How far splats of scalars must reach, for post-shading.
@@ -161,6 +163,18 @@ impl ViewGeometry {
     /// Radius of the largest kernel in the volume, in voxels.
     pub(super) fn max_radius(&self) -> f64 {
         self.radius * self.growths[1]
+    }
+
+    /// About the pixels of the largest quad of a splat; infinite if a kernel may reach the eye.
+    pub(super) fn splat_pixels(&self) -> f64 {
+        let axes = self.grid.to_world().matrix3;
+        let longest = [axes.x_axis, axes.y_axis, axes.z_axis].map(DVec3::length).into_iter().fold(0.0, f64::max);
+        let reach = self.max_radius() * longest;
+        let depth = if self.is_perspective() { self.eye_depth - self.farthest - reach } else { 1.0 };
+        if depth <= 0.0 {
+            return f64::INFINITY;
+        }
+        (2.0 * reach / (self.camera.pixels().0[0] * depth) + 2.0).powi(2)
     }
 
     pub(crate) fn is_perspective(&self) -> bool {

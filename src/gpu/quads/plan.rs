@@ -346,7 +346,7 @@ impl<'a> Plan<'a> {
             plane_axis: f3(plane_axis),
             plane_offset: plane_offset as f32,
             box_half: view.grid.dims().map(|d| d as f32 / 2.0),
-            opaque_depth: view.opaque_depth as f32,
+            opaque_depth: view.opaque_depth.min(f64::from(f32::MAX)) as f32,
             growth: [(view.growth.constant + view.growth.slope * view.eye_depth) as f32, view.growth.slope as f32],
             home_slope: f2(home_slope.to_array()),
             tiles: self.tiles(region)[0],
@@ -379,7 +379,7 @@ mod tests {
         let grid = Grid::new([17, 24, 9], to_world).unwrap();
         let settings = Settings::default();
         let view = ViewGeometry::new(&camera(projection, &grid), &grid, &settings, Savings::default());
-        let weights = Weights { max: 2.0, unit: 0.9 };
+        let weights = Weights { max: 2.0, unit: 0.9, brightest: [1.0; 3] };
         Plan::new(&view, &settings, weights, Precision::F32).frame(REGION)
     }
 
