@@ -222,7 +222,8 @@ impl Camera {
             )));
         }
         let across = 2.0 * half_diagonal / (pixel * depth);
-        if depth > half_diagonal && across < LEAST_PIXELS {
+        let is_before_the_eye = camera.eye().is_none() || depth > half_diagonal;
+        if is_before_the_eye && across < LEAST_PIXELS {
             return Err(Error::Camera(format!(
                 "the whole volume would be {across:.1e} pixels wide, which does not show: come closer, or zoom in"
             )));

@@ -33,6 +33,7 @@
 //! The features: `cli`, on by default, builds the program `voxsplat`; a library needs `default-features = false`.
 
 pub mod adapter;
+mod budget;
 pub mod camera;
 mod color;
 pub mod demos;

@@ -37,7 +37,7 @@ impl Choice {
             Painter::Tiles(_) => (PainterKind::Tiles, ASKED_FOR),
             Painter::Auto => preferred(context.info.is_software(), context.blends_f32()),
         };
-        match (kind.room().refusal)(context, view, settings) {
+        match (kind.room().refusal)(view, settings) {
             Some(reason) => Self::instead(context, settings, reason),
             None => Ok(Self::of(context, kind, reason.to_owned())),
         }

@@ -211,8 +211,8 @@ pub(crate) const MACROCELL: u32 = 4;
 pub(crate) const MARGIN: u32 = 7;
 /// Side of a tile, in rays; a workgroup of `single` is 8 x 8 rays, one of `blocked` 8 rows of 8.
 pub(crate) const TILE: u32 = 8;
-/// Tiles in a row of the texture of runs; RUN_ROW in shaders/common/rays.wgsl.
-pub(crate) const RUN_ROW: u32 = 4096;
+/// Runs in a row of the texture of runs; RUN_ROW in shaders/common/rays.wgsl.
+pub(crate) const RUN_ROW: u32 = 8192;
 
 /// The rays of the painter `tiles` and the volume that they cross; each field is explained in shaders/common/rays.wgsl.
 #[repr(C)]
@@ -230,7 +230,7 @@ pub(crate) struct Rays {
     pub opaque_depth: f32,
     pub heading_y: [f32; 3],
     pub radius2: f32,
-    pub eye: [f32; 3],
+    pub middle: [f32; 3],
     pub row_half: f32,
     pub box_low: [f32; 3],
     pub row_slope: f32,
@@ -258,7 +258,9 @@ pub(crate) struct Rays {
     pub pixel_x: [f32; 2],
     pub pixel_y: [f32; 2],
     pub picture: [u32; 2],
+    pub brightest: [f32; 3],
     pub row_texels: i32,
+    pub eye_plane: f32,
     pub _pad: [u32; 3],
     pub sections: [[[f32; 4]; 3]; SECTIONS],
 }
@@ -287,4 +289,31 @@ pub(crate) struct Pack {
     pub _pad_y: u32,
     pub view_z: [f32; 3],
     pub _pad_z: u32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What `splat_gradient` makes of the words.
+    fn unpacked([low, high]: [u32; 2]) -> [f64; 3] {
+        let signed = |bits: u32| f64::from((bits << 14) as i32 >> 14);
+        let steps = [low, low >> 18 | (high & 15) << 14, high >> 4].map(|bits| signed(bits & 0x3ffff));
+        steps.map(|c| c * f64::from(f32::from_bits(high >> 22 << 23)) / 65536.0)
+    }
+
+    #[test]
+    fn gradients_keep_their_directions_at_any_size() {
+        for size in [1e-37_f32, 1e-20, 1e-3, 1.0, 1.999_999_9, 777.0, 1e38] {
+            for direction in
+                [[1.0, -1.0, 1.0], [-1.0, 1e-4, 0.0], [0.3, -0.7, 0.999], [0.0, 0.0, -1.0], [2e-6, 1.0, -0.5]]
+            {
+                let gradient = direction.map(|c| c * size);
+                for (got, expected) in unpacked(packed_gradient(gradient)).into_iter().zip(gradient) {
+                    assert!((got - f64::from(expected)).abs() <= 8e-6 * f64::from(size), "{gradient:?}: {got}");
+                }
+            }
+        }
+        assert_eq!(packed_gradient([0.0, -0.0, 0.0]), [0; 2]);
+    }
 }

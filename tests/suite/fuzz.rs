@@ -262,6 +262,7 @@ fn changed_files_end_in_a_value_or_in_one_line() {
     rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(execute);
 }
 
+#[expect(clippy::print_stdout, reason = "the long run is read by who started it")]
 fn execute() {
     let runs = number("VOXSPLAT_FUZZ_RUNS").unwrap_or(RUNS).div_ceil(TARGETS.len());
     let first = number("VOXSPLAT_FUZZ_FIRST").unwrap_or(0);

@@ -12,6 +12,7 @@ use super::sort::{SortKey, Sorter};
 use super::splat::footprint_texture;
 use super::terminate::Terminator;
 use super::{Drawn, Feed, Inputs, Quads, QuadsKey};
+use crate::budget::{MAX_FRAGMENTS, too_much};
 use crate::error::{Error, Result};
 use crate::kernel::FootprintTable;
 use crate::settings::{Accumulation, Model, Precision};
@@ -19,7 +20,7 @@ use crate::stats::{PainterStats, QuadsStats};
 
 /// The painter draws every picture.
 pub(crate) const ROOM: Room = Room {
-    refusal: |_, _, _| None,
+    refusal: |_, _| None,
     // Scalars are asked for alike in both precisions.
     need: |view, settings, weights| Plan::new(view, settings, weights, Precision::F32).scalar_need(),
     begin: |job| Ok(Begun::Ready(Box::new(Picture::new(job)?))),
@@ -72,6 +73,13 @@ impl<'a> Picture<'a> {
             footprint_rows: table.rows(),
             footprint_terms: table.terms(),
         };
+        if let Some(region) = view.projected_bounds() {
+            let fragments = plan.fragments(job.stores, region, key.sheets_per_pass);
+            if fragments > MAX_FRAGMENTS {
+                let what = format!("quads would cover {fragments:.0e} pixels, at most {MAX_FRAGMENTS:.0e} are drawn");
+                return Err(too_much(&what, view.max_growth()));
+            }
+        }
         Ok(Self { job, plan, key, table, footprint: None, drawn: Drawn::default(), parts: 0 })
     }
 

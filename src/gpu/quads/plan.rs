@@ -5,6 +5,7 @@ use glam::{DVec2, DVec3, DVec4};
 use super::super::layout::{Batch, Frame};
 use super::super::levels::Cut;
 use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights, half};
+use super::culling::visible_depths;
 use crate::camera::{Camera, Projection};
 use crate::kernel::Kernel;
 use crate::settings::{Model, Precision, Settings, Sheets};
@@ -49,6 +50,10 @@ pub(crate) struct Plan<'a> {
 /// sheet then resolves contributions 2e6 times smaller before they turn subnormal, and holds 250 times more (oblique
 /// perspective rays, `Normalization::Peak`) before it overflows, whatever the units of the scene.
 const SHEET_FULL: f64 = 256.0;
+
+/// Sheets from which on it is worth while to find out which of them the picture shows: the kernels of stretched
+/// lattices may reach far beyond it, before and behind.
+const MANY_SHEETS: u32 = 4096;
 
 /// Pixels by which a quad is grown on every side. Rasterisers snap corners to 1/16 pixel at the coarsest (Vulkan's
 /// least `subPixelPrecisionBits` is 4), so by up to 1/32; the rest covers the rounding before it.
@@ -103,6 +108,17 @@ struct SheetStack {
 }
 
 impl SheetStack {
+    /// Leaves out the sheets before and behind all that the picture shows of the volume.
+    fn keep_visible(&mut self, view: &ViewGeometry) {
+        let beyond = if view.post_shaded { 0.5 } else { view.max_radius() };
+        let Some(range) = visible_depths(view, beyond) else { return };
+        let [first, last] = range.map(|depth| ((depth - self.origin) / self.step).floor().max(0.0));
+        // One more on either side is what shading looks at, and one absorbs rounding.
+        let first = (first - 2.0).max(0.0);
+        self.origin += first * self.step;
+        self.count = (f64::from(self.count) - first).min(last + 3.0 - first).max(0.0) as u32;
+    }
+
     /// Image-aligned sheets.
     fn along(view: &ViewGeometry, settings: &Settings, precision: Precision) -> Self {
         let depth_per_voxel = view.gradients[2];
@@ -126,7 +142,11 @@ impl SheetStack {
         }
         let whole = if reach > origin { reach + beside - origin } else { 0.0 };
         let step = if step.is_finite() { step } else { whole.max(voxel) };
-        Self { origin, step, count: (whole / step).ceil().clamp(0.0, f64::from(u32::MAX / 2)) as u32 }
+        let mut stack = Self { origin, step, count: (whole / step).ceil().clamp(0.0, f64::from(u32::MAX / 2)) as u32 };
+        if stack.count > MANY_SHEETS {
+            stack.keep_visible(view);
+        }
+        stack
     }
 }
 
@@ -192,7 +212,7 @@ impl<'a> Plan<'a> {
         // A sheet is classified by its mean and the means of its neighbours, any of which may lie beyond the faces. Two
         // voxels may take part at opposite ends of the three.
         let radius = view.max_radius();
-        let need = ScalarNeed::new(radius + 2.0 * sheet, 2.0 * radius + 3.0 * sheet);
+        let need = ScalarNeed::new(view, radius + 2.0 * sheet, 2.0 * radius + 3.0 * sheet);
         match Cut::new(view, &self.kernel, 2.0 * sheet) {
             Some(cut) => need.with_cells(cut),
             None => need,
@@ -319,7 +339,7 @@ impl<'a> Plan<'a> {
             plane_axis: f3(plane_axis),
             plane_offset: plane_offset as f32,
             box_half: view.grid.dims().map(|d| d as f32 / 2.0),
-            opaque_depth: view.opaque_depth as f32,
+            opaque_depth: view.opaque_depth.min(f64::from(f32::MAX)) as f32,
             growth: [(view.growth.constant + view.growth.slope * view.eye_depth) as f32, view.growth.slope as f32],
             home_slope: f2(home_slope.to_array()),
             tiles: self.tiles(region)[0],
@@ -352,7 +372,7 @@ mod tests {
         let grid = Grid::new([17, 24, 9], to_world).unwrap();
         let settings = Settings::default();
         let view = ViewGeometry::new(&camera(projection, &grid), &grid, &settings, Savings::default());
-        let weights = Weights { max: 2.0, unit: 0.9 };
+        let weights = Weights { max: 2.0, unit: 0.9, brightest: [1.0; 3] };
         Plan::new(&view, &settings, weights, Precision::F32).frame(REGION)
     }
 
