@@ -66,16 +66,16 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     let center = view_center(lattice);
     let growth = growth_at(center.z, splat_level(words));
     let side = vec2f(f32(corner & 1u), f32(corner >> 1u)) * 2.0 - 1.0;
-    var clip = side;
-    // A support that the plane of the eye cuts has no bounds in the image: its quad covers the region, unless the
-    // support is beside all of the region's rays.
+    var box: vec4f;
     if bounded(center, growth) {
-        let box = bounds(center, growth);
-        // Within reach of the image: a rasteriser that clips a quad of 1e9 pixels moves its edges.
-        clip = clamp((box.xy + side * box.zw) * frame.clip_scale + frame.clip_offset, vec2f(-2.0), vec2f(2.0));
-    } else if !in_view(center, growth) {
+        box = bounds(center, growth);
+    } else if in_view(center, growth) {
+        box = cut_bounds(center, growth);
+    } else {
         return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
     }
+    // Within reach of the image: a rasteriser that clips a quad of 1e9 pixels moves its edges.
+    let clip = clamp((box.xy + side * box.zw) * frame.clip_scale + frame.clip_offset, vec2f(-2.0), vec2f(2.0));
     var density = splat_weight(words);
     if ADDITIVE {
         density = absorbed(density);
@@ -307,7 +307,16 @@ fn cover(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4f {
 }
 
 @fragment
-fn wipe() -> Sheets8 {
-    let none = vec4f(0.0);
-    return Sheets8(none, none, none, none, none, none, none, none);
+fn wipe_1() -> Sheets1 {
+    return Sheets1();
+}
+
+@fragment
+fn wipe_4() -> Sheets4 {
+    return Sheets4();
+}
+
+@fragment
+fn wipe_8() -> Sheets8 {
+    return Sheets8();
 }

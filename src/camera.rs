@@ -3,6 +3,7 @@
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::error::{Error, Result};
+use crate::vector::unit;
 use crate::volume::Grid;
 
 /// How a picture is projected.
@@ -221,7 +222,8 @@ impl Camera {
             )));
         }
         let across = 2.0 * half_diagonal / (pixel * depth);
-        if depth > half_diagonal && across < LEAST_PIXELS {
+        let is_before_the_eye = camera.eye().is_none() || depth > half_diagonal;
+        if is_before_the_eye && across < LEAST_PIXELS {
             return Err(Error::Camera(format!(
                 "the whole volume would be {across:.1e} pixels wide, which does not show: come closer, or zoom in"
             )));
@@ -338,10 +340,10 @@ impl View {
 
     /// The camera's axes as columns: right, up, backward.
     fn frame(&self) -> Result<DMat3> {
-        let world_up = self.up.normalize();
+        let world_up = unit(self.up);
         let (forward, right) = match self.direction {
             Some(direction) => {
-                let forward = direction.normalize();
+                let forward = unit(direction);
                 let right = forward.cross(world_up);
                 if right.length() < 1e-6 {
                     return Err(Error::Camera(format!(
@@ -381,7 +383,7 @@ impl View {
         }
         for (name, value) in [("up", Some(self.up)), ("direction", self.direction)] {
             if let Some(value) = value
-                && !(value.is_finite() && value.length() > 0.0)
+                && !(value.is_finite() && value != DVec3::ZERO)
             {
                 return error(format!("{name} is {value}, expected a direction"));
             }

@@ -33,6 +33,7 @@
 //! The features: `cli`, on by default, builds the program `voxsplat`; a library needs `default-features = false`.
 
 pub mod adapter;
+mod budget;
 pub mod camera;
 mod color;
 pub mod demos;
@@ -54,6 +55,7 @@ pub mod settings;
 mod source;
 pub mod stats;
 pub mod transfer;
+mod vector;
 pub mod volume;
 
 pub use camera::{Camera, ProjectionKind, View};

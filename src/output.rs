@@ -110,11 +110,7 @@ impl Unfinished {
     /// Writes a file under a temporary name and renames it when it is complete.
     fn write_named(&self, target: &Path, write: &impl Fn(&mut File) -> io::Result<()>) -> io::Result<()> {
         let mut file = self.with(|names| {
-            let mut builder = temporary();
-            // Temporary files are private by default; an output gets the permissions of the user's umask.
-            #[cfg(unix)]
-            builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-            let file = builder.tempfile_in(directory_of(target))?;
+            let file = temporary().tempfile_in(directory_of(target))?;
             names.push(file.path().to_owned());
             Ok(file)
         })?;
@@ -148,6 +144,9 @@ impl Unfinished {
 fn temporary() -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(".voxsplat-");
+    // Temporary files are private by default; an output gets the permissions of the user's umask.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     builder
 }
 

@@ -73,8 +73,7 @@ impl Renderer {
     /// Renders on a device that the caller has opened, to share textures with it ([`Self::render_into`]).
     ///
     /// The device needs no features; of those in [`Self::FEATURES`] it should have what its adapter has. Without
-    /// `FLOAT32_BLENDABLE` sheets are f16, without `FLOAT32_FILTERABLE` the painter tiles refuses every picture. The
-    /// callbacks for errors and for a lost device stay the caller's. `options.adapter` has no effect.
+    /// `FLOAT32_BLENDABLE` sheets are f16. The callbacks for errors and for a lost device stay the caller's. `options.adapter` has no effect.
     #[must_use]
     pub fn from_device(
         device: wgpu::Device,
@@ -212,7 +211,9 @@ impl Renderer {
             stages.push(StageTime::host("classify", seconds));
         }
         let bounds = view.projected_bounds().filter(|_| !painting.is_empty());
-        let regions = bounds.map_or_else(Vec::new, |bounds| bounds.parts(self.part_side(painting.pixel_bytes())));
+        let regions = bounds.map_or_else(Vec::new, |bounds| {
+            bounds.parts(self.part_side(painting.pixel_bytes(), painting.most_pixels()))
+        });
         if !regions.is_empty() {
             let (made, seconds) = on_host(|| painting.make_pipelines());
             made?;
@@ -273,11 +274,11 @@ impl Renderer {
     }
 
     /// Side in pixels of the largest part that a picture is made in: within the adapter's textures and bindings, and
-    /// [`MAX_SHEET_BYTES`] of sheets, given their bytes a pixel.
-    fn part_side(&self, sheet_bytes: u32) -> u32 {
+    /// [`MAX_SHEET_BYTES`] of sheets, given their bytes a pixel, and of at most so many pixels.
+    fn part_side(&self, sheet_bytes: u32, most: u64) -> u32 {
         let limits = &self.context.limits;
         let bindable = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / PIXEL_BYTES;
-        let pixels = bindable.min(MAX_SHEET_BYTES / u64::from(sheet_bytes.max(1)));
+        let pixels = bindable.min(MAX_SHEET_BYTES / u64::from(sheet_bytes.max(1))).min(most);
         limits.max_texture_dimension_2d.min(pixels.isqrt() as u32).max(1)
     }
 }

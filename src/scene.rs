@@ -83,6 +83,8 @@ impl Scene {
         let weights = Weights {
             max: TransferFunction::extinction(transfer.max_opacity(), 1.0),
             unit: local_unit(transfer, volume.grid()),
+            // Light may turn any colour white.
+            brightest: if lit { [1.0; 3] } else { transfer.brightest() },
         };
         Self::new(context, Content::Splats { classified, lit }, *volume.grid(), weights, seconds)
     }
@@ -96,7 +98,7 @@ impl Scene {
     ) -> Result<Self> {
         let shows = shows(settings);
         let (max, seconds) = on_host(|| scalars::largest(volume, transfer.base()));
-        let weights = Weights { max: max?, unit: 1.0 };
+        let weights = Weights { max: max?, unit: 1.0, brightest: [1.0; 3] };
         let scalars = Scalars {
             volume: volume.clone(),
             pyramid: Pyramid::default(),

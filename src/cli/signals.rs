@@ -15,8 +15,10 @@ pub(super) fn watch() {
         // To handle SIGHUP could undo `nohup`.
         None => *signal != SIGHUP,
     });
-    let watching = move || {
+    let (watching, started) = std::sync::mpsc::channel::<()>();
+    let watch = move || {
         let Ok(mut signals) = Signals::new(watched) else { return };
+        drop(watching);
         for signal in signals.forever().filter(|signal| *signal != SIGXFSZ) {
             voxsplat::image::abandon_unfinished();
             // It does not return for these signals.
@@ -24,7 +26,9 @@ pub(super) fn watch() {
         }
     };
     // Without a thread, signals end the process at once, as they do by default.
-    drop(std::thread::Builder::new().name("signals".to_owned()).spawn(watching));
+    drop(std::thread::Builder::new().name("signals".to_owned()).spawn(watch));
+    // Its end of the channel closes when it watches, or cannot.
+    let _closed = started.recv();
 }
 
 /// The signals that this process ignores, bit n - 1 for signal n; `None` if the system does not tell.

@@ -234,8 +234,8 @@ impl Header {
         let text = self.required("ElementDataFile")?;
         let word = text.split_ascii_whitespace().next().unwrap_or_default();
         match word.to_ascii_uppercase().as_str() {
-            "LOCAL" => return Ok(None),
-            "" => return Err(self.error("ElementDataFile is empty: expected a file name or LOCAL")),
+            "LOCAL" => Ok(None),
+            "" => Err(self.error("ElementDataFile is empty: expected a file name or LOCAL")),
             // The number after LIST is the dimension of each file. It does not matter: all files hold equal shares.
             "LIST" => DataFiles::listed(input).map(Some),
             _ => DataFiles::named(&self.path, text, 3).map(Some),

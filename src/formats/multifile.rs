@@ -9,8 +9,8 @@ use crate::volume::MAX_DIM;
 /// The most data files of a volume: files hold slices, and no axis has more samples.
 const MAX_FILES: usize = MAX_DIM as usize;
 
-/// The longest name of a data file, in bytes: no path is longer on Linux.
-const MAX_NAME: usize = 4096;
+/// The longest name of a data file, in bytes: no path is longer on macOS, and a message can show it.
+const MAX_NAME: usize = 1024;
 
 /// The data files of a volume, in order.
 #[derive(Debug)]

@@ -211,8 +211,8 @@ pub(crate) const MACROCELL: u32 = 4;
 pub(crate) const MARGIN: u32 = 7;
 /// Side of a tile, in rays; a workgroup of `single` is 8 x 8 rays, one of `blocked` 8 rows of 8.
 pub(crate) const TILE: u32 = 8;
-/// Tiles in a row of the texture of runs; RUN_ROW in shaders/common/rays.wgsl.
-pub(crate) const RUN_ROW: u32 = 4096;
+/// Runs in a row of the texture of runs; RUN_ROW in shaders/common/rays.wgsl.
+pub(crate) const RUN_ROW: u32 = 8192;
 
 /// The rays of the painter `tiles` and the volume that they cross; each field is explained in shaders/common/rays.wgsl.
 #[repr(C)]
@@ -230,7 +230,7 @@ pub(crate) struct Rays {
     pub opaque_depth: f32,
     pub heading_y: [f32; 3],
     pub radius2: f32,
-    pub eye: [f32; 3],
+    pub middle: [f32; 3],
     pub row_half: f32,
     pub box_low: [f32; 3],
     pub row_slope: f32,
@@ -258,7 +258,9 @@ pub(crate) struct Rays {
     pub pixel_x: [f32; 2],
     pub pixel_y: [f32; 2],
     pub picture: [u32; 2],
+    pub brightest: [f32; 3],
     pub row_texels: i32,
+    pub eye_plane: f32,
     pub _pad: [u32; 3],
     pub sections: [[[f32; 4]; 3]; SECTIONS],
 }

@@ -16,7 +16,7 @@ use crate::stats::PainterStats;
 /// What a painter is asked, in this order.
 pub(crate) struct Room {
     /// Why it does not draw a picture, as a sentence; `None`: it does, unless it finds out late.
-    pub(crate) refusal: fn(&Context, &ViewGeometry, &Settings) -> Option<String>,
+    pub(crate) refusal: fn(&ViewGeometry, &Settings) -> Option<String>,
     /// How far the scalars of a post-shaded scene must reach.
     pub(crate) need: fn(&ViewGeometry, &Settings, Weights) -> ScalarNeed,
     /// Begins a picture.
@@ -62,6 +62,11 @@ pub(crate) trait Painting {
 
     /// Bytes on the device for each pixel of a region, besides the pixel itself.
     fn pixel_bytes(&self) -> u32;
+
+    /// The most pixels of a region that is submitted at a time, for no watchdog to end it.
+    fn most_pixels(&self) -> u64 {
+        u64::MAX
+    }
 
     /// Makes the pipelines that the picture takes, or finds those of a picture before.
     fn make_pipelines(&self) -> Result<()>;

@@ -9,7 +9,8 @@ use super::levels::Cut;
 use super::savings::Savings;
 use super::store::{BrickSplats, Bricks, Part, Store, StoreBuilder};
 use super::view::ScalarNeed;
-use crate::error::{Error, Result};
+use crate::budget::{MAX_GROWTH, MAX_PLACES, too_much};
+use crate::error::Result;
 use crate::kernel::{Kernel, Normalization};
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
@@ -17,10 +18,6 @@ use crate::volume::{BRICK_EDGE as EDGE, Level, Pyramid, RowCoding, ToF64, Volume
 
 /// The largest influence, in voxels, within which single voxels are looked for. If it is larger, bricks are kept whole.
 const MAX_HALO: usize = 16;
-
-/// The most places of an extended lattice, unless the volume itself has half as many: kernels grow without end as the
-/// picture gets smaller, and the copies beyond the faces with them.
-const MAX_PLACES: u64 = 1 << 28;
 
 /// What splats of scalars depend on besides volume and transfer function.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,8 +39,9 @@ impl Asked {
     /// times as far changes no pixel and costs only time.
     pub(crate) fn serves(&self, other: &Self) -> bool {
         let influence = other.need.influence..=1.5 * other.need.influence;
-        let need = ScalarNeed { influence: self.need.influence, ..other.need };
-        influence.contains(&self.need.influence) && *self == Self { need, ..*other }
+        let ScalarNeed { influence: held, growth, .. } = self.need;
+        influence.contains(&held)
+            && *self == Self { need: ScalarNeed { influence: held, growth, ..other.need }, ..*other }
     }
 }
 
@@ -318,15 +316,9 @@ impl<'a> Emission<'a> {
         let need = asked.need;
         let dims = volume.grid().dims();
         let places = places(dims, need);
-        if places > MAX_PLACES.max(2 * volume.grid().len()) {
-            return Err(Error::Setting {
-                name: "antialiasing",
-                reason: format!(
-                    "kernels that have grown so far need {} layers of voxels beyond the faces: take a larger picture, \
-                     thinner sheets, or turn it off",
-                    need.padding
-                ),
-            });
+        if need.growth > MAX_GROWTH || places > MAX_PLACES.max(2 * volume.grid().len()) {
+            let what = format!("post-shading would copy {} layers of voxels beyond the faces", need.padding);
+            return Err(too_much(&what, need.growth));
         }
         let (slope, intercept) = volume.rescale();
         let mut emission = Self {

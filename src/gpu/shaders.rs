@@ -33,6 +33,8 @@ const LIT_SPLAT: &str = include_str!("../../shaders/common/lit_splat.wgsl");
 const PLANE: &str = include_str!("../../shaders/common/plane.wgsl");
 const VECTORS: &str = include_str!("../../shaders/voxels/vectors.wgsl");
 const SCALARS: &str = include_str!("../../shaders/voxels/scalars.wgsl");
+const SCALARS_SOFTWARE: &str = include_str!("../../shaders/voxels/scalars_software.wgsl");
+const SCALAR_PAIRS: &str = include_str!("../../shaders/voxels/scalar_pairs.wgsl");
 const TRANSFER: &str = include_str!("../../shaders/common/transfer.wgsl");
 const STORED_SPLAT: &str = include_str!("../../shaders/common/splat.wgsl");
 
@@ -94,6 +96,24 @@ pub(crate) const GATHER_SCALARS: Shader = Shader {
         RAY_GEOMETRY,
         PLANE,
         SCALARS,
+        SCALAR_PAIRS,
+        RAYS,
+        PACKING,
+        MARCH_PARABOLA,
+        TRANSFER,
+        LIGHTING,
+        ABSORBED,
+    ],
+};
+pub(crate) const GATHER_SCALARS_SOFTWARE: Shader = Shader {
+    name: "gather-scalars-software",
+    parts: &[
+        GATHER_SCALARS_FILE,
+        MARCH_PLANES,
+        RAY_GEOMETRY,
+        PLANE,
+        SCALARS_SOFTWARE,
+        SCALAR_PAIRS,
         RAYS,
         PACKING,
         MARCH_PARABOLA,
@@ -126,7 +146,7 @@ pub(crate) const PRESENT: Shader = Shader { name: "present", parts: &[include_st
 
 /// Every shader there is.
 #[cfg(test)]
-pub(crate) const ALL: [Shader; 16] = [
+pub(crate) const ALL: [Shader; 17] = [
     CLASSIFY,
     SCAN,
     SORT,
@@ -139,6 +159,7 @@ pub(crate) const ALL: [Shader; 16] = [
     SKIP,
     GATHER,
     GATHER_SCALARS,
+    GATHER_SCALARS_SOFTWARE,
     GATHER_GRADIENTS,
     PREFILTER,
     RESAMPLE,

@@ -106,7 +106,7 @@ fn structs_are_laid_out_alike() {
         opaque_depth,
         heading_y,
         radius2,
-        eye,
+        middle,
         row_half,
         box_low,
         row_slope,
@@ -134,7 +134,9 @@ fn structs_are_laid_out_alike() {
         pixel_x,
         pixel_y,
         picture,
+        brightest,
         row_texels,
+        eye_plane,
         sections
     });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, shininess });

@@ -44,6 +44,8 @@ pub(crate) struct Weights {
     pub(crate) max: f64,
     /// Local distance (see [`Grid::local`]) that weights are per; 1 for scalars.
     pub(crate) unit: f64,
+    /// The largest of each channel of the splats' colours; 1 for scalars.
+    pub(crate) brightest: [f64; 3],
 }
 
 /// How far splats of scalars must reach, for post-shading.
@@ -56,21 +58,24 @@ pub(crate) struct ScalarNeed {
     pub(crate) influence: f64,
     /// Which cells stand for voxels; `None`: voxels do.
     pub(crate) cut: Option<Cut>,
+    /// The largest growth of a kernel, for messages.
+    pub(crate) growth: f64,
 }
 
 impl ScalarNeed {
     /// The need of classified voxels.
-    pub(crate) const NONE: Self = Self { padding: 0, influence: 0.0, cut: None };
+    pub(crate) const NONE: Self = Self { padding: 0, influence: 0.0, cut: None, growth: 1.0 };
 
     /// The need for kernels that reach `reach` voxels from any place whose field is asked for, and for an `influence`
     /// in voxels.
     ///
     /// The influence is rounded up to sixteenths: rounding errors ask for no other splats when the camera turns.
-    pub(crate) fn new(reach: f64, influence: f64) -> Self {
+    pub(crate) fn new(view: &ViewGeometry, reach: f64, influence: f64) -> Self {
         Self {
             padding: (reach * (1.0 - 1e-9)).ceil() as u32,
             influence: (16.0 * influence + 1e-3).ceil() / 16.0,
             cut: None,
+            growth: view.max_growth(),
         }
     }
 
@@ -81,6 +86,7 @@ impl ScalarNeed {
             // What shows in a cell shows in voxels no farther than that from its middle.
             influence: self.influence + f64::from(cut.levels[1] + 1).exp2(),
             cut: Some(cut),
+            ..self
         }
     }
 }
@@ -157,6 +163,18 @@ impl ViewGeometry {
     /// Radius of the largest kernel in the volume, in voxels.
     pub(super) fn max_radius(&self) -> f64 {
         self.radius * self.growths[1]
+    }
+
+    /// About the pixels of the largest quad of a splat; infinite if a kernel may reach the eye.
+    pub(super) fn splat_pixels(&self) -> f64 {
+        let axes = self.grid.to_world().matrix3;
+        let longest = [axes.x_axis, axes.y_axis, axes.z_axis].map(DVec3::length).into_iter().fold(0.0, f64::max);
+        let reach = self.max_radius() * longest;
+        let depth = if self.is_perspective() { self.eye_depth - self.farthest - reach } else { 1.0 };
+        if depth <= 0.0 {
+            return f64::INFINITY;
+        }
+        (2.0 * reach / (self.camera.pixels().0[0] * depth) + 2.0).powi(2)
     }
 
     pub(crate) fn is_perspective(&self) -> bool {

@@ -221,6 +221,11 @@ impl TransferFunction {
     pub(crate) fn max_opacity(&self) -> f64 {
         self.points.iter().map(|p| p.opacity).fold(0.0, f64::max)
     }
+
+    /// The largest of each channel of the colours.
+    pub(crate) fn brightest(&self) -> [f64; 3] {
+        std::array::from_fn(|channel| self.points.iter().map(|p| p.color[channel]).fold(0.0, f64::max))
+    }
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::error::{Error, Result};
+use crate::vector::{length, unit};
 
 /// A lattice of samples placed in the world by an affine map.
 ///
@@ -22,6 +23,9 @@ pub struct Grid {
 /// Tilted gantries and oblique sections lie over 30 degrees.
 const FLATTEST: f64 = 0.1;
 
+/// The distances of samples whose cubes, and thus the inverse of the grid, f64 holds.
+const LENGTHS: std::ops::RangeInclusive<f64> = 1e-100..=1e100;
+
 /// The most samples along an axis. Up to here, f32 lattice coordinates resolve 1/256 of a voxel.
 pub const MAX_DIM: u32 = 65_535;
 
@@ -29,8 +33,9 @@ impl Grid {
     /// A grid of `dims` samples along x, y and z. Lattice point p lies at `to_world * p`.
     ///
     /// # Errors
-    /// [`Error::Volume`] if a dimension is 0 or over [`MAX_DIM`], or the map is not finite, singular or nearly so: if a
-    /// lattice axis is less than 0.1 degrees from the plane of the two others.
+    /// [`Error::Volume`] if a dimension is 0 or over [`MAX_DIM`], a distance of samples is outside 1e-100 to 1e100, or
+    /// the map is not finite, singular or nearly so: if a lattice axis is less than 0.1 degrees from the plane of the
+    /// two others.
     pub fn new(dims: [u32; 3], to_world: DAffine3) -> Result<Self> {
         if let Some(axis) = (0..3).find(|&a| dims[a] == 0 || dims[a] > MAX_DIM) {
             return Err(Error::Volume(format!(
@@ -43,9 +48,15 @@ impl Grid {
             )));
         }
         let m = to_world.matrix3;
-        let lengths = [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()];
+        let axes = [m.x_axis, m.y_axis, m.z_axis];
+        let lengths = axes.map(length);
+        if let Some(bad) = lengths.into_iter().find(|l| l.is_finite() && *l > 0.0 && !LENGTHS.contains(l)) {
+            let (least, most) = (LENGTHS.start(), LENGTHS.end());
+            let reason = "choose another unit of length";
+            return Err(Error::Volume(format!("a spacing of {bad:e} is outside {least:e} to {most:e}: {reason}")));
+        }
         // Of unit axes: the test does not depend on the unit of length.
-        let [x, y, z] = [m.x_axis / lengths[0], m.y_axis / lengths[1], m.z_axis / lengths[2]];
+        let [x, y, z] = axes.map(unit);
         // The sine of the angle between an axis and the plane of the two others is the volume that the three span over
         // the area that the two span.
         let area = [x.cross(y), y.cross(z), z.cross(x)].map(DVec3::length).into_iter().fold(0.0, f64::max);
@@ -108,7 +119,7 @@ impl Grid {
     #[must_use]
     pub fn spacing(&self) -> [f64; 3] {
         let m = self.to_world.matrix3;
-        [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()]
+        [m.x_axis, m.y_axis, m.z_axis].map(length)
     }
 
     /// The smallest of the three spacings: the default unit distance of opacities.
@@ -169,5 +180,23 @@ impl Grid {
             let side = |axis: usize| if c >> axis & 1 == 0 { -half[axis] } else { half[axis] };
             self.to_world.matrix3 * DVec3::new(side(0), side(1), side(2))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spacings_are_named_as_they_are() {
+        let refused = |spacing| Grid::axis_parallel([2; 3], spacing).unwrap_err().to_string();
+        assert!(refused([1e-200, 1.0, 1.0]).contains("a spacing of 1e-200 is outside 1e-100 to 1e100"));
+        assert!(refused([1.0, 1e200, 1.0]).contains("a spacing of 1e200 is"));
+        assert!(refused([1.0, 0.0, 1.0]).contains("spacing 1 x 0 x 1"));
+        for size in [1e-100, 1e-9, 1e9, 1e100] {
+            let grid = Grid::axis_parallel([2; 3], [size; 3]).unwrap();
+            assert_eq!(grid.spacing(), [size; 3]);
+            assert!(grid.to_lattice().is_finite(), "{size}");
+        }
     }
 }

@@ -225,7 +225,7 @@ impl Volume {
             _ => true,
         };
         if !held {
-            let reason = format!("{value}, expected a number that samples of type {} hold", self.sample_type());
+            let reason = format!("{value:?}, expected a number that samples of type {} hold", self.sample_type());
             return Err(Error::Setting { name: "replace_nan", reason });
         }
         let mut stored = match Arc::try_unwrap(self.data) {

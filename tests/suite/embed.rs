@@ -117,6 +117,8 @@ fn a_device_without_features_draws_all_the_same() {
     let scene = host.renderer.prepare(&volume, &transfer, &settings).unwrap();
     let rendered = host.renderer.render(&scene, &camera, &settings).unwrap();
     assert!(rendered.image.pixels().iter().any(|p| p[3] > 0.5));
+    let quads = host.renderer.render(&scene, &camera, &with_quads(&settings, |_| ())).unwrap().stats;
+    assert!(quads.painter_reason.contains("half floats"), "{}", quads.painter_reason);
     let f32_sheets = with_quads(&settings, |q| q.precision = Some(voxsplat::settings::Precision::F32));
     assert!(matches!(host.renderer.render(&scene, &camera, &f32_sheets), Err(Error::Unsupported { .. })));
 }

@@ -12,6 +12,7 @@ use super::sort::{SortKey, Sorter};
 use super::splat::footprint_texture;
 use super::terminate::Terminator;
 use super::{Drawn, Feed, Inputs, Quads, QuadsKey};
+use crate::budget::{MAX_FRAGMENTS, too_much};
 use crate::error::{Error, Result};
 use crate::kernel::FootprintTable;
 use crate::settings::{Accumulation, Model, Precision};
@@ -19,7 +20,7 @@ use crate::stats::{PainterStats, QuadsStats};
 
 /// The painter draws every picture.
 pub(crate) const ROOM: Room = Room {
-    refusal: |_, _, _| None,
+    refusal: |_, _| None,
     // Scalars are asked for alike in both precisions.
     need: |view, settings, weights| Plan::new(view, settings, weights, Precision::F32).scalar_need(),
     begin: |job| Ok(Begun::Ready(Box::new(Picture::new(job)?))),
@@ -41,7 +42,8 @@ impl<'a> Picture<'a> {
     fn new(job: Job<'a>) -> Result<Self> {
         let Job { context, view, settings, .. } = job;
         let knobs = settings.quads();
-        let precision = precision(context, knobs.precision)?;
+        let precision = precision(knobs.precision, context.blends_f32())
+            .ok_or_else(|| context.unsupported("cannot blend f32 sheets: take the precision f16".to_owned()))?;
         let plan = Plan::new(view, settings, job.weights, precision);
         let table = match knobs.footprint_table {
             Some([rows, terms]) => FootprintTable::with_size(&settings.kernel, rows, terms),
@@ -71,6 +73,13 @@ impl<'a> Picture<'a> {
             footprint_rows: table.rows(),
             footprint_terms: table.terms(),
         };
+        if let Some(region) = view.projected_bounds() {
+            let fragments = plan.fragments(job.stores, region, key.sheets_per_pass);
+            if fragments > MAX_FRAGMENTS {
+                let what = format!("quads would cover {fragments:.0e} pixels, at most {MAX_FRAGMENTS:.0e} are drawn");
+                return Err(too_much(&what, view.max_growth()));
+            }
+        }
         Ok(Self { job, plan, key, table, footprint: None, drawn: Drawn::default(), parts: 0 })
     }
 
@@ -161,16 +170,15 @@ impl Drawn {
     }
 }
 
-/// The precision asked for, or f32 wherever the adapter blends it: half floats lose what is small beside a sum, and some
-/// hardware cuts them off.
-fn precision(context: &Context, asked: Option<Precision>) -> Result<Precision> {
-    match (asked, context.blends_f32()) {
-        (Some(Precision::F32), false) => {
-            Err(context.unsupported("cannot blend f32 sheets: take the precision f16".to_owned()))
-        }
-        (Some(precision), _) => Ok(precision),
-        (None, true) => Ok(Precision::F32),
-        (None, false) => Ok(Precision::F16),
+/// The precision asked for, or f32 wherever the adapter blends it, whatever the model, the thickness and the growth:
+/// half floats lose what is small beside a sum, and some hardware cuts them off. `None` if f32 is asked for and not
+/// blended.
+fn precision(asked: Option<Precision>, blends_f32: bool) -> Option<Precision> {
+    match (asked, blends_f32) {
+        (Some(Precision::F32), false) => None,
+        (Some(precision), _) => Some(precision),
+        (None, true) => Some(Precision::F32),
+        (None, false) => Some(Precision::F16),
     }
 }
 
@@ -199,5 +207,26 @@ fn sheets_per_pass(context: &Context, asked: Option<u32>, feed: Feed, precision:
                 possible.map(|n| n.to_string()).collect::<Vec<_>>().join(", ")
             ),
         }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sheets_are_f32_wherever_they_can_be() {
+        use Precision::{F16, F32};
+        let rows = [
+            (None, true, Some(F32)),
+            (None, false, Some(F16)),
+            (Some(F16), true, Some(F16)),
+            (Some(F16), false, Some(F16)),
+            (Some(F32), true, Some(F32)),
+            (Some(F32), false, None),
+        ];
+        for (asked, blends_f32, expected) in rows {
+            assert_eq!(precision(asked, blends_f32), expected, "{asked:?} {blends_f32}");
+        }
     }
 }

@@ -5,6 +5,7 @@ use glam::{DVec2, DVec3, DVec4};
 use super::super::layout::{Batch, Frame};
 use super::super::levels::Cut;
 use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights, half};
+use super::culling::visible_depths;
 use crate::camera::{Camera, Projection};
 use crate::kernel::Kernel;
 use crate::settings::{Model, Precision, Settings, Sheets};
@@ -50,12 +51,16 @@ pub(crate) struct Plan<'a> {
 /// perspective rays, `Normalization::Peak`) before it overflows, whatever the units of the scene.
 const SHEET_FULL: f64 = 256.0;
 
-/// Pixels by which a quad is grown on every side. Rasterisers snap corners to 1/16 pixel at the coarsest (Vulkan's least
-/// `subPixelPrecisionBits` is 4), so by up to 1/32; the rest covers the rounding before it.
+/// Sheets from which on it is worth while to find out which of them the picture shows: the kernels of stretched
+/// lattices may reach far beyond it, before and behind.
+const MANY_SHEETS: u32 = 4096;
+
+/// Pixels by which a quad is grown on every side. Rasterisers snap corners to 1/16 pixel at the coarsest (Vulkan's
+/// least `subPixelPrecisionBits` is 4), so by up to 1/32; the rest covers the rounding before it.
 const QUAD_PAD: f64 = 3.0 / 64.0;
 
-/// The largest thickness of a sheet of half floats, in voxels. Kernels beyond it would be lost beside the sum: a voxel of
-/// path adds 12.6 kernels, and of the 810 of 64 voxels rounding to the nearest loses 0.3 %, cutting off 12 %.
+/// The largest thickness of a sheet of half floats, in voxels. Kernels beyond it would be lost beside the sum: a voxel
+/// of path adds 12.6 kernels, and of the 810 of 64 voxels rounding to the nearest loses 0.3 %, cutting off 12 %.
 const F16_THICKNESS: f64 = 4.0;
 
 /// How many times as long as the central ray an oblique ray may be in a sheet before sheets become thinner: pre-shaded
@@ -103,6 +108,17 @@ struct SheetStack {
 }
 
 impl SheetStack {
+    /// Leaves out the sheets before and behind all that the picture shows of the volume.
+    fn keep_visible(&mut self, view: &ViewGeometry) {
+        let beyond = if view.post_shaded { 0.5 } else { view.max_radius() };
+        let Some(range) = visible_depths(view, beyond) else { return };
+        let [first, last] = range.map(|depth| ((depth - self.origin) / self.step).floor().max(0.0));
+        // One more on either side is what shading looks at, and one absorbs rounding.
+        let first = (first - 2.0).max(0.0);
+        self.origin += first * self.step;
+        self.count = (f64::from(self.count) - first).min(last + 3.0 - first).max(0.0) as u32;
+    }
+
     /// Image-aligned sheets.
     fn along(view: &ViewGeometry, settings: &Settings, precision: Precision) -> Self {
         let depth_per_voxel = view.gradients[2];
@@ -126,7 +142,11 @@ impl SheetStack {
         }
         let whole = if reach > origin { reach + beside - origin } else { 0.0 };
         let step = if step.is_finite() { step } else { whole.max(voxel) };
-        Self { origin, step, count: (whole / step).ceil().clamp(0.0, f64::from(u32::MAX / 2)) as u32 }
+        let mut stack = Self { origin, step, count: (whole / step).ceil().clamp(0.0, f64::from(u32::MAX / 2)) as u32 };
+        if stack.count > MANY_SHEETS {
+            stack.keep_visible(view);
+        }
+        stack
     }
 }
 
@@ -192,7 +212,7 @@ impl<'a> Plan<'a> {
         // A sheet is classified by its mean and the means of its neighbours, any of which may lie beyond the faces. Two
         // voxels may take part at opposite ends of the three.
         let radius = view.max_radius();
-        let need = ScalarNeed::new(radius + 2.0 * sheet, 2.0 * radius + 3.0 * sheet);
+        let need = ScalarNeed::new(view, radius + 2.0 * sheet, 2.0 * radius + 3.0 * sheet);
         match Cut::new(view, &self.kernel, 2.0 * sheet) {
             Some(cut) => need.with_cells(cut),
             None => need,
@@ -319,13 +339,96 @@ impl<'a> Plan<'a> {
             plane_axis: f3(plane_axis),
             plane_offset: plane_offset as f32,
             box_half: view.grid.dims().map(|d| d as f32 / 2.0),
-            opaque_depth: view.opaque_depth as f32,
+            opaque_depth: view.opaque_depth.min(f64::from(f32::MAX)) as f32,
             growth: [(view.growth.constant + view.growth.slope * view.eye_depth) as f32, view.growth.slope as f32],
             home_slope: f2(home_slope.to_array()),
             tiles: self.tiles(region)[0],
             tile_size: self.tile_size(),
             level_spread: (spread(1) / (3.0 * self.kernel.variance())) as f32,
             _pad: 0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::savings::Savings;
+    use super::*;
+    use crate::camera::{ProjectionKind, View};
+    use crate::kernel::Kernel;
+    use crate::settings::{Painter, QuadsSettings, Shading};
+    use crate::volume::Grid;
+
+    fn camera(projection: ProjectionKind, grid: &Grid) -> Camera {
+        Camera::new(&View { projection, azimuth: 33.0, elevation: 20.0, ..View::default() }, grid, [40, 30]).unwrap()
+    }
+
+    const REGION: Region = Region { x: 3, y: 5, width: 24, height: 20 };
+
+    /// The frame of a lattice in some unit and around some origin.
+    fn frame(projection: ProjectionKind, unit: f64, origin: f64) -> Frame {
+        let matrix = glam::DMat3::from_diagonal(DVec3::new(1.1, 0.9, 2.3)) * unit;
+        let to_world = glam::DAffine3::from_mat3_translation(matrix, DVec3::splat(origin));
+        let grid = Grid::new([17, 24, 9], to_world).unwrap();
+        let settings = Settings::default();
+        let view = ViewGeometry::new(&camera(projection, &grid), &grid, &settings, Savings::default());
+        let weights = Weights { max: 2.0, unit: 0.9, brightest: [1.0; 3] };
+        Plan::new(&view, &settings, weights, Precision::F32).frame(REGION)
+    }
+
+    #[test]
+    fn neither_unit_nor_origin_reaches_the_uniforms() {
+        for projection in [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 50.0 }] {
+            let expected = frame(projection, 1.0, 0.0);
+            for exponent in [-300, -100, -30, -1, 1, 30, 100, 300] {
+                let unit = 2_f64.powi(exponent);
+                assert_eq!(frame(projection, unit, 0.0), expected, "unit 2^{exponent}");
+                assert_eq!(frame(projection, unit, 1e12 * unit), expected, "unit 2^{exponent}, far from its origin");
+            }
+        }
+    }
+
+    #[test]
+    fn quads_are_padded_beyond_the_coarsest_rasteriser() {
+        let frame = frame(ProjectionKind::Orthographic, 1.0, 0.0);
+        for (pad, pixel) in frame.quad_pad.into_iter().zip(frame.pixel_scale) {
+            assert!(pad / pixel.abs() > 1.4 / 32.0, "{pad}");
+        }
+    }
+
+    #[test]
+    fn sheets_are_as_thin_as_the_picture_needs() {
+        let grid = Grid::axis_parallel([400; 3], [1.0; 3]).unwrap();
+        let of = |fov, precision, settings: Settings| {
+            let view = View { projection: ProjectionKind::Perspective { fov }, ..View::default() };
+            thickness(&Camera::new(&view, &grid, [64; 2]).unwrap(), &settings, precision)
+        };
+        let quads = |sheet_thickness| Settings {
+            painter: Painter::Quads(QuadsSettings { sheet_thickness, ..QuadsSettings::default() }),
+            ..Settings::default()
+        };
+        let post = |radius| Settings {
+            shading: Shading::Post,
+            kernel: Kernel::Gaussian { sigma: radius / 2.0, radius },
+            ..Settings::default()
+        };
+        let xray = Settings { model: Model::Xray, ..Settings::default() };
+        let corner = |fov: f64| (1.0 + 2.0 * (fov.to_radians() / 2.0).tan().powi(2)).sqrt();
+        for (fov, precision, settings, expected) in [
+            (30.0, Precision::F32, quads(1.0), 1.0),
+            (100.0, Precision::F32, quads(64.0), 64.0),
+            (30.0, Precision::F16, quads(64.0), 4.0),
+            (170.0, Precision::F32, quads(1.0), 2.0 / corner(170.0)),
+            (30.0, Precision::F32, post(2.0), 1.0),
+            (30.0, Precision::F32, post(3.0), 1.0),
+            (30.0, Precision::F32, post(0.5), 0.25),
+            (140.0, Precision::F32, post(2.0), 1.25 / corner(140.0)),
+            (30.0, Precision::F32, xray.clone(), f64::INFINITY),
+            (30.0, Precision::F16, xray.clone(), 4.0),
+            (170.0, Precision::F16, xray, 4.0),
+        ] {
+            let got = of(fov, precision, settings);
+            assert!(got == expected || (got - expected).abs() < 1e-12, "{fov} {precision}: {got} {expected}");
         }
     }
 }

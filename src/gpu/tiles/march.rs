@@ -50,7 +50,8 @@ impl Stage {
     }
 
     pub(super) fn gather(context: &Context, key: TilesKey) -> Self {
-        let volume = Binding::ReadTexture(key.voxel.format());
+        let software = context.info.is_software();
+        let volume = key.voxel.binding(software);
         let runs = Binding::IntegerTexture(wgpu::TextureViewDimension::D2);
         let perspective = ("PERSPECTIVE", flag(key.perspective));
         let terms = ("TERMS", f64::from(key.terms));
@@ -67,10 +68,14 @@ impl Stage {
                 shaders::GATHER,
                 entry,
                 &bindings,
-                &[perspective, terms, texels, straight, white, resampled],
+                &[perspective, terms, texels, straight, white, resampled, ("CURVED", flag(key.curved))],
             );
         }
-        let shader = if key.voxel == Voxel::Scalar { shaders::GATHER_SCALARS } else { shaders::GATHER_GRADIENTS };
+        let shader = match (key.voxel, software) {
+            (Voxel::Scalar, true) => shaders::GATHER_SCALARS_SOFTWARE,
+            (Voxel::Scalar, false) => shaders::GATHER_SCALARS,
+            _ => shaders::GATHER_GRADIENTS,
+        };
         let maximum = ("MAXIMUM", flag(key.model == Model::Mip));
         let lights = ("LIGHTS", f64::from(key.lights));
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
@@ -118,9 +123,8 @@ pub(super) fn find_runs(
 ) -> wgpu::TextureView {
     let context = recorder.context;
     let [across, down] = uniforms.tiles;
-    let tiles = across * down * phases(uniforms);
-    let rows = tiles.div_ceil(RUN_ROW) * uniforms.run_slots;
-    let runs = texture(context, "skip.runs", wgpu::TextureFormat::Rg32Uint, [tiles.min(RUN_ROW), rows]);
+    let rows = (across * down * phases(uniforms) * uniforms.run_slots).div_ceil(RUN_ROW);
+    let runs = texture(context, "skip.runs", wgpu::TextureFormat::Rg32Uint, [RUN_ROW, rows]);
     let resources = [rays.as_entire_binding(), texture_view(&packed.occupied), texture_view(&runs)];
     let group = bind(context, "skip", &skip.layout, &resources);
     let workgroups = [across.div_ceil(TILE), down.div_ceil(TILE), phases(uniforms)];

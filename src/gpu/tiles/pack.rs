@@ -37,7 +37,16 @@ impl Voxel {
         if self == Self::Scalar { 8 } else { 16 }
     }
 
-    /// The format of the texture that rays read.
+    /// The binding of the texture that rays read.
+    pub(super) fn binding(self, software: bool) -> Binding {
+        if self == Self::Scalar && !software {
+            Binding::IntegerTexture(wgpu::TextureViewDimension::D2)
+        } else {
+            Binding::ReadTexture(self.format())
+        }
+    }
+
+    /// Its format.
     pub(super) fn format(self) -> wgpu::TextureFormat {
         if self == Self::Scalar { wgpu::TextureFormat::Rg32Uint } else { wgpu::TextureFormat::Rgba32Uint }
     }
@@ -299,6 +308,7 @@ fn storage_texture(
     format: wgpu::TextureFormat,
     [width, height]: [u32; 2],
 ) -> wgpu::Texture {
-    let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST;
+    let usage =
+        wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
     context.texture(label, format, [width, height, 1], wgpu::TextureDimension::D2, usage)
 }

@@ -2,14 +2,13 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::super::context::Context;
-use super::super::layout;
+use super::super::layout::{self, TILE};
 use super::super::painter::{Begun, Job, Painting, Room};
-use super::super::recorder::Recorder;
+use super::super::recorder::{MAX_WORK, Recorder};
 use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights};
 use super::axis::PrincipalAxis;
 use super::pack::{Lit, Packed, Packing, Voxel};
-use super::parts::{Footprint, Sections};
+use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{Classification, FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
 use super::{MAX_PARALLEL_RADIUS, MAX_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
@@ -24,7 +23,14 @@ pub(crate) const ROOM: Room = Room { refusal, need, begin };
 /// them meet nothing. Measured on software; see `docs/measurements`.
 const PIXELS_PER_QUAD: u64 = 8;
 
-fn refusal(context: &Context, view: &ViewGeometry, settings: &Settings) -> Option<String> {
+/// Optical depth of a voxel from which on parts of kernels are parabolas: the fit by lines shows by more than half a step
+/// of 8-bit colour (rms).
+const DENSE: f64 = 0.7;
+
+/// The fewest bytes of a pixel, which limit the regions of a picture and with them what is marched at a time.
+const MIN_PIXEL_BYTES: u32 = 16;
+
+fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
     let growth = view.max_growth();
     if view.is_perspective() && growth > 1.0 {
         return Some("tiles draws kernels of one size, and in this perspective they grow with distance".to_owned());
@@ -37,9 +43,6 @@ fn refusal(context: &Context, view: &ViewGeometry, settings: &Settings) -> Optio
     }
     if !settings.is_post_shaded() && view.is_among_voxels() {
         return Some("tiles does not cut kernels at the eye, and the eye is among the voxels".to_owned());
-    }
-    if !context.features.contains(wgpu::Features::FLOAT32_FILTERABLE) {
-        return Some(format!("tiles needs filtered 32-bit floats, which {} has not", context.info.name));
     }
     None
 }
@@ -54,7 +57,7 @@ fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNe
     }
     const SLABS: f64 = 3.0;
     let radius = view.max_radius();
-    ScalarNeed::new(radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS)
+    ScalarNeed::new(view, radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS)
 }
 
 fn begin(job: Job<'_>) -> Result<Begun<'_>> {
@@ -73,6 +76,7 @@ pub(super) struct Picture<'a> {
     /// The kernel as it has grown.
     kernel: Kernel,
     footprint: Footprint,
+    kind: SlabKind,
     sections: Sections,
     pub(super) lighting: layout::Lighting,
     /// The principal axes that rays are marched along, and the volume as each of them reads it.
@@ -101,23 +105,34 @@ impl<'a> Picture<'a> {
         let packings = axes.iter().map(|axis| Packing::new(context, stores, dims, whole, axis.axes, voxel));
         let packings: Option<Vec<Packing>> = packings.collect();
         let packings = packings.ok_or("tiles packs the volume into a texture, which this volume outgrows")?;
-        let sections = Sections::new(&kernel, &view.camera, &axes, transfer.is_some());
+        let dense = axes.first().is_some_and(|axis| max_depth(&job, axis) > DENSE);
+        let kind = match transfer {
+            Some(_) => SlabKind::Scalars,
+            None if dense => SlabKind::DenseColors,
+            None => SlabKind::Colors,
+        };
+        let sections = Sections::new(&kernel, &view.camera, &axes, kind);
         let axes = axes.into_iter().zip(packings).collect();
         let lighting = view.lighting(settings.lighting.as_ref());
-        Ok(Self { job, kernel, footprint, sections, lighting, axes, packed: None, rays: 0, spacing: None })
+        let picture =
+            Self { job, kernel, footprint, kind, sections, lighting, axes, packed: None, rays: 0, spacing: None };
+        if picture.outgrows_textures() {
+            return Err("tiles has rays at least a voxel apart, and here they outgrow a texture".to_owned());
+        }
+        Ok(picture)
     }
 
     fn key(&self) -> TilesKey {
         let [axis, ..] = self.axes.as_slice() else { return TilesKey::default() };
         let (_, packing) = axis;
         let Job { view, settings, .. } = self.job;
-        let [width, height] = view.camera.size;
-        let rays = self.rays(axis, Region { x: 0, y: 0, width, height });
+        let rays = self.rays(axis, self.whole());
         TilesKey {
             model: settings.model,
             voxel: packing.voxel,
             lights: settings.light_count(),
             perspective: view.is_perspective(),
+            curved: self.kind == SlabKind::DenseColors,
             terms: self.footprint.terms(),
             texels: match rays.map_or(0.0, |r| r.uniforms.row_half) {
                 // Rays through one eye that lean along a as much as along m reach over seven voxels.
@@ -133,6 +148,20 @@ impl<'a> Picture<'a> {
                 Some(Spacing::Pixels(_)) => RayKind::Coarser,
             },
         }
+    }
+
+    /// The whole picture as one region.
+    fn whole(&self) -> Region {
+        let [width, height] = self.job.view.camera.size;
+        Region { x: 0, y: 0, width, height }
+    }
+
+    /// Whether the rays of a picture are more than its pixels, and more than a texture has room for.
+    fn outgrows_textures(&self) -> bool {
+        let Job { context, view, .. } = self.job;
+        let most = context.limits.max_texture_dimension_2d;
+        let sizes = self.axes.iter().filter_map(|axis| Some(self.rays(axis, self.whole())?.uniforms.size));
+        sizes.flat_map(|size| size.into_iter().zip(view.camera.size)).any(|(rays, pixels)| rays > most.max(pixels))
     }
 
     /// Whether rays run along m so closely that they meet all planes at the same place.
@@ -214,7 +243,8 @@ impl<'a> Picture<'a> {
             optics: Optics {
                 density_scale: 1.0 / (divisor * weights.unit),
                 opaque_depth: view.opaque_depth,
-                max_depth: weights.max * axis.voxel() / weights.unit,
+                max_depth: max_depth(&self.job, axis),
+                brightest: weights.brightest,
             },
             scalars,
             // What is classified has edges that only the rays of pixels keep; rays that are shared reach two voxels.
@@ -231,6 +261,11 @@ impl<'a> Picture<'a> {
     }
 }
 
+/// Optical depth of the densest voxel over one voxel length along a ray.
+fn max_depth(job: &Job<'_>, axis: &PrincipalAxis) -> f64 {
+    job.weights.max * axis.voxel() / job.weights.unit
+}
+
 /// Whether places without splats, at the transfer function's base, show nothing.
 fn shows_nothing_else(job: &Job<'_>) -> bool {
     job.transfer.is_none_or(|table| table.invisible[0] <= table.invisible[1])
@@ -242,8 +277,27 @@ impl Painting for Picture<'_> {
     }
 
     fn pixel_bytes(&self) -> u32 {
-        // The intermediate image, which is no larger than the picture: RGBA, f32.
-        16
+        // The two intermediate images, RGBA, f32, if there are any, and the runs of a tile, two words each.
+        let images = if matches!(self.key().rays, RayKind::Coarser | RayKind::Shared) { 32 } else { 0 };
+        let bytes = |way: &(PrincipalAxis, Packing)| {
+            let uniforms = self.rays(way, self.whole())?.uniforms;
+            let per_ray = images + u64::from(uniforms.run_slots * 8).div_ceil(u64::from(TILE * TILE));
+            let rays: u64 = uniforms.size.into_iter().map(u64::from).product();
+            Some((rays * per_ray).div_ceil(self.whole().area()) as u32)
+        };
+        self.axes.iter().filter_map(bytes).fold(MIN_PIXEL_BYTES, u32::max)
+    }
+
+    fn most_pixels(&self) -> u64 {
+        if self.job.context.info.is_software() {
+            return u64::MAX;
+        }
+        let planes = |way: &(PrincipalAxis, Packing)| {
+            let size = self.rays(way, self.whole())?.uniforms.size.map(u64::from);
+            Some(size[0] * size[1] * u64::from(way.1.dims[2]))
+        };
+        let planes: u64 = self.axes.iter().filter_map(planes).sum();
+        (u128::from(MAX_WORK) * u128::from(self.whole().area()) / u128::from(planes.max(1))) as u64
     }
 
     fn make_pipelines(&self) -> Result<()> {

@@ -29,7 +29,6 @@ pub(super) struct Resampler {
     down: wgpu::ComputePipeline,
     resample: wgpu::BindGroupLayout,
     pixels: wgpu::ComputePipeline,
-    sampler: wgpu::Sampler,
 }
 
 impl Resampler {
@@ -40,17 +39,11 @@ impl Resampler {
         let filter = module(context, shaders::PREFILTER);
         let filtering = |down| compute(context, &filter, "prefilter", "prefilter", &prefilter, &[("DOWN", flag(down))]);
         let (across, down) = (filtering(false), filtering(true));
-        let bindings = [Binding::Uniform, Binding::FilteredTexture, Binding::Sampler, Binding::Write];
+        let bindings = [Binding::Uniform, Binding::ReadTexture(FORMAT), Binding::Write];
         let resample = layout(context, "resample", stage, &bindings);
         let shader = module(context, shaders::RESAMPLE);
-        let sampler = context.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("resample.filtered"),
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            ..wgpu::SamplerDescriptor::default()
-        });
         let pixels = compute(context, &shader, "resample", "resample", &resample, &[]);
-        Self { prefilter, across, down, resample, pixels, sampler }
+        Self { prefilter, across, down, resample, pixels }
     }
 
     /// Resamples an intermediate image to the pixels of a region, given the size of the region.
@@ -84,9 +77,8 @@ impl Resampler {
         pixels: &wgpu::Buffer,
         [across, down]: [u32; 2],
     ) {
-        let sampler = wgpu::BindingResource::Sampler(&self.sampler);
         let rays = image.rays.as_entire_binding();
-        let resources = [rays, texture_view(&image.textures[0]), sampler, pixels.as_entire_binding()];
+        let resources = [rays, texture_view(&image.textures[0]), pixels.as_entire_binding()];
         let group = bind(recorder.context, "resample", &self.resample, &resources);
         recorder.dispatch("resample", &self.pixels, &group, &[], [across.div_ceil(WORKGROUP), down, 1]);
     }
