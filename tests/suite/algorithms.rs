@@ -96,8 +96,8 @@ fn lit_voxels_of_sheared_grids_follow_the_reference() {
         let camera = camera(33.0, ProjectionKind::Orthographic, &volume, 40);
         let expected = truth(&volume, &transfer, &camera, &settings);
         let error = rms_covered(&render(&volume, &transfer, &camera, &settings), &expected);
-        // Sheets of scalars have the gradient over a voxel in the view, the reference along the axes of the lattice.
-        let allowed = if shading == Shading::Pre { 1e-3 } else { 3e-2 };
+        let allowed = if shading == Shading::Pre { 1e-3 } else { 1e-2 };
+        eprintln!("XX sheared {error:e}");
         assert!(error < allowed, "{shading:?}: {error:e}");
     }
 }
@@ -173,7 +173,8 @@ fn post_shaded_light_follows_the_reference() {
         let expected = truth(&volume, &transfer, &camera, &settings);
         let got = render(&volume, &transfer, &camera, &settings);
         let error = rms_covered(&got, &expected);
-        assert!(error < 0.02, "{projection:?}: {error:e}");
+        eprintln!("XX algo {error:e}");
+        assert!(error < 0.01, "{projection:?}: {error:e}");
         let unlit = rms_covered(&render(&volume, &transfer, &camera, &Settings { lighting: None, ..settings }), &got);
         assert!(unlit > 3.0 * error, "{projection:?}: {unlit:e} {error:e}");
     }
