@@ -6,8 +6,8 @@
 // Sheets of a batch: 4 or 8. They are four to a layer; if they are lit, each is a layer of (gradient, scalar), and the
 // gradient is along the axes of the lattice.
 override SHEETS: u32 = 8u;
-// Places along the ray at which a whole sheet is classified, on the parabola through the means of the sheet and its
-// neighbours. With one, the mean of the sheet is classified.
+// Pieces in which a whole sheet is classified, along the parabola through the means of the sheet and its neighbours.
+// With one, the mean of the sheet is classified.
 override SAMPLES: u32 = 4u;
 
 struct Shade {
@@ -32,14 +32,14 @@ struct Shade {
 @group(0) @binding(2) var<uniform> lighting: Lighting;
 @group(0) @binding(3) var previous: texture_2d_array<f32>;
 @group(0) @binding(4) var current: texture_2d_array<f32>;
-// Colour, and extinction per world length or for maxima alpha, at equal steps of the scalar.
+// The transfer function: see common/transfer.wgsl.
 @group(0) @binding(5) var transfer: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(6) var<storage, read_write> pixels: array<vec4f>;
 
-// Means of consecutive sheets at a pixel: the last two of the batch before, then the four (a) or eight (a, b) of the
+// Means of consecutive sheets at a pixel: the last three of the batch before, then the four (a) or eight (a, b) of the
 // batch.
 struct Means {
-    before: vec2f,
+    before: vec3f,
     a: vec4f,
     b: vec4f,
 }
@@ -60,10 +60,14 @@ fn scalars_at(at: vec2u, first: i32) -> vec4f {
 fn means_at(at: vec2u) -> Means {
     var m: Means;
     if LIGHTS == 0u {
-        m.before = textureLoad(previous, at, i32(SHEETS / 4u) - 1, 0).zw;
+        m.before = textureLoad(previous, at, i32(SHEETS / 4u) - 1, 0).yzw;
     } else {
         let last = i32(SHEETS) - 1;
-        m.before = vec2f(textureLoad(previous, at, last - 1, 0).a, textureLoad(previous, at, last, 0).a);
+        m.before = vec3f(
+            textureLoad(previous, at, last - 2, 0).a,
+            textureLoad(previous, at, last - 1, 0).a,
+            textureLoad(previous, at, last, 0).a,
+        );
     }
     m.before *= frame.inverse_sheet_scale * shading.previous;
     m.a = scalars_at(at, 0) * (frame.inverse_sheet_scale * shading.current);
@@ -74,8 +78,8 @@ fn means_at(at: vec2u) -> Means {
 }
 
 fn is_invisible_batch(m: Means) -> bool {
-    var low = min(vec4f(m.before, m.before), m.a);
-    var high = max(vec4f(m.before, m.before), m.a);
+    var low = min(m.before.yzyz, m.a);
+    var high = max(m.before.yzyz, m.a);
     if SHEETS > 4u {
         low = min(low, m.b);
         high = max(high, m.b);
@@ -98,14 +102,16 @@ fn from_eye(m: vec3f, z: f32) -> vec3f {
     return m;
 }
 
-// The light on sheet `sheet` of the batch; -1 is the last of the batch before.
-fn light_of(at: vec2u, sheet: i32, ray: PixelRay) -> vec2f {
-    var gradient: vec3f;
+// The mean of the gradient in sheet `sheet` of the batch; -1 and -2 are the last ones of the batch before.
+fn gradient_of(at: vec2u, sheet: i32) -> vec3f {
     if sheet < 0 {
-        gradient = textureLoad(previous, at, i32(SHEETS) - 1, 0).rgb * shading.previous;
-    } else {
-        gradient = textureLoad(current, at, sheet, 0).rgb * shading.current;
+        return textureLoad(previous, at, i32(SHEETS) + sheet, 0).rgb * shading.previous;
     }
+    return textureLoad(current, at, sheet, 0).rgb * shading.current;
+}
+
+// The light on a surface across a gradient of the lattice.
+fn light_of(gradient: vec3f, ray: PixelRay) -> vec2f {
     // The transpose of the map from the view to the lattice takes gradients from the lattice to the view.
     let in_view =
         vec3f(dot(frame.grid_right, gradient), dot(frame.grid_up, gradient), dot(frame.grid_forward, gradient));
@@ -116,22 +122,86 @@ fn light_of(at: vec2u, sheet: i32, ray: PixelRay) -> vec2f {
     return light_on(in_view, to_eye);
 }
 
-// The pixel `at` (colour and optical depth) with sheet `sheet` behind it, which begins at view depth `z`.
-fn with_sheet(pixel: vec4f, means: vec3f, at: vec2u, sheet: i32, ray: PixelRay, z: f32) -> vec4f {
+// Pieces of half a sheet, which are lit alike; 1 if the mean of the sheet is classified.
+fn half_samples() -> u32 {
+    return select(max((SAMPLES + 1u) / 2u, 2u), 1u, SAMPLES == 1u);
+}
+
+// Pieces of a whole sheet.
+fn whole_samples() -> u32 {
+    return select(2u * half_samples(), SAMPLES, LIGHTS == 0u || SAMPLES == 1u);
+}
+
+// What the sheet that begins at view depth `z` is to the one behind it; `means` are those around it.
+fn before_of(means: vec3f, ray: PixelRay, z: f32) -> Before {
+    var before = Before(AT_THE_FACE, Classified());
+    if ray.inside.x >= z + frame.sheet_step {
+        return before;
+    }
+    if is_invisible(means, shading.invisible) {
+        before.kind = INVISIBLE;
+        return before;
+    }
+    let part = part_of_sheet(ray, z);
+    let p = marched_parabola(from_eye(means, z), (part.y - part.x) / f32(whole_samples()));
+    before.kind = SCALAR;
+    before.end.scalar = p.x + 0.5 * p.y + 0.25 * p.z;
+    return before;
+}
+
+// The pixel `at` (colour and optical depth) with sheet `sheet` behind it, which begins at view depth `z`. `before` is
+// the mean of the last sheet but one.
+fn with_sheet(
+    pixel: vec4f,
+    before: f32,
+    means: vec3f,
+    at: vec2u,
+    sheet: i32,
+    ray: PixelRay,
+    z: f32,
+) -> vec4f {
     let part = part_of_sheet(ray, z);
     if part.x >= part.y || is_invisible(means, shading.invisible) {
         return pixel;
     }
     let m = from_eye(means, z);
-    var light = vec2f(1.0, 0.0);
-    if LIGHTS > 0u {
-        light = light_of(at, sheet, ray);
-    }
-    let step = (part.y - part.x) / f32(SAMPLES);
-    let length = step * frame.sheet_step * ray.stretch;
+    let last = before_of(vec3f(before, means.xy), ray, z - frame.sheet_step);
     var result = pixel;
-    march_parabola(&result, m, part, SAMPLES, length, shading.lookup, light);
+    if LIGHTS == 0u {
+        march_part(&result, m, part, last, SAMPLES, ray, vec2f(1.0, 0.0));
+        return result;
+    }
+    // Half by half, each lit by the gradient in its middle, on the line through the means beside the sheet. A sheet
+    // that no gradient reaches is not lit, whatever is beside it.
+    let gradient = gradient_of(at, sheet);
+    var quarter = vec3f(0.0);
+    if any(gradient != vec3f(0.0)) {
+        quarter = (gradient_of(at, sheet + 1) - gradient_of(at, sheet - 1)) * 0.125;
+    }
+    var middle = last;
+    let front = vec2f(part.x, min(part.y, 0.0));
+    if front.x < front.y {
+        middle = march_part(&result, m, front, last, half_samples(), ray, light_of(gradient - quarter, ray));
+    }
+    let rear = vec2f(max(part.x, 0.0), part.y);
+    if rear.x < rear.y {
+        march_part(&result, m, rear, middle, half_samples(), ray, light_of(gradient + quarter, ray));
+    }
     return result;
+}
+
+// Composites a part of a sheet with the means `m` around it, behind what is before it.
+fn march_part(
+    pixel: ptr<function, vec4f>,
+    m: vec3f,
+    part: vec2f,
+    before: Before,
+    samples: u32,
+    ray: PixelRay,
+    light: vec2f,
+) -> Before {
+    let length = (part.y - part.x) / f32(samples) * frame.sheet_step * ray.stretch;
+    return march_parabola(pixel, m, part, before, samples, length, shading.lookup, shading.invisible, light);
 }
 
 // Colour (rgb) and optical depth (a) so far.
@@ -160,22 +230,22 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     let ray = pixel_ray(pixel_at);
     let step = frame.sheet_step;
     var z = shading.depth;
-    pixel = with_sheet(pixel, vec3f(m.before, m.a.x), pixel_at, -1, ray, z);
+    pixel = with_sheet(pixel, m.before.x, vec3f(m.before.yz, m.a.x), pixel_at, -1, ray, z);
     z += step;
-    pixel = with_sheet(pixel, vec3f(m.before.y, m.a.xy), pixel_at, 0, ray, z);
+    pixel = with_sheet(pixel, m.before.y, vec3f(m.before.z, m.a.xy), pixel_at, 0, ray, z);
     z += step;
-    pixel = with_sheet(pixel, m.a.xyz, pixel_at, 1, ray, z);
+    pixel = with_sheet(pixel, m.before.z, m.a.xyz, pixel_at, 1, ray, z);
     z += step;
-    pixel = with_sheet(pixel, m.a.yzw, pixel_at, 2, ray, z);
+    pixel = with_sheet(pixel, m.a.x, m.a.yzw, pixel_at, 2, ray, z);
     if SHEETS > 4u {
         z += step;
-        pixel = with_sheet(pixel, vec3f(m.a.zw, m.b.x), pixel_at, 3, ray, z);
+        pixel = with_sheet(pixel, m.a.y, vec3f(m.a.zw, m.b.x), pixel_at, 3, ray, z);
         z += step;
-        pixel = with_sheet(pixel, vec3f(m.a.w, m.b.xy), pixel_at, 4, ray, z);
+        pixel = with_sheet(pixel, m.a.z, vec3f(m.a.w, m.b.xy), pixel_at, 4, ray, z);
         z += step;
-        pixel = with_sheet(pixel, m.b.xyz, pixel_at, 5, ray, z);
+        pixel = with_sheet(pixel, m.a.w, m.b.xyz, pixel_at, 5, ray, z);
         z += step;
-        pixel = with_sheet(pixel, m.b.yzw, pixel_at, 6, ray, z);
+        pixel = with_sheet(pixel, m.b.x, m.b.yzw, pixel_at, 6, ray, z);
     }
     pixels[index] = pixel;
 }
@@ -204,9 +274,9 @@ fn maximum(@builtin(global_invocation_id) id: vec3u) {
     let m = means_at(pixel_at);
     let step = frame.sheet_step;
     var z = shading.depth;
-    var so_far = updated_maximum(pixels[index].xy, vec3f(m.before, m.a.x), ray, z);
+    var so_far = updated_maximum(pixels[index].xy, vec3f(m.before.yz, m.a.x), ray, z);
     z += step;
-    so_far = updated_maximum(so_far, vec3f(m.before.y, m.a.xy), ray, z);
+    so_far = updated_maximum(so_far, vec3f(m.before.z, m.a.xy), ray, z);
     z += step;
     so_far = updated_maximum(so_far, m.a.xyz, ray, z);
     z += step;
@@ -234,7 +304,7 @@ fn resolve_maximum(@builtin(global_invocation_id) id: vec3u) {
     let largest = pixels[index];
     var color = vec4f(0.0);
     if largest.y > 0.0 {
-        color = classified(largest.x, shading.lookup);
+        color = classified(largest.x, shading.lookup).value;
     }
     pixels[index] = vec4f(color.rgb * color.a, color.a);
 }

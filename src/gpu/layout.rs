@@ -290,3 +290,30 @@ pub(crate) struct Pack {
     pub view_z: [f32; 3],
     pub _pad_z: u32,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What `splat_gradient` makes of the words.
+    fn unpacked([low, high]: [u32; 2]) -> [f64; 3] {
+        let signed = |bits: u32| f64::from((bits << 14) as i32 >> 14);
+        let steps = [low, low >> 18 | (high & 15) << 14, high >> 4].map(|bits| signed(bits & 0x3ffff));
+        steps.map(|c| c * f64::from(f32::from_bits(high >> 22 << 23)) / 65536.0)
+    }
+
+    #[test]
+    fn gradients_keep_their_directions_at_any_size() {
+        for size in [1e-37_f32, 1e-20, 1e-3, 1.0, 1.999_999_9, 777.0, 1e38] {
+            for direction in
+                [[1.0, -1.0, 1.0], [-1.0, 1e-4, 0.0], [0.3, -0.7, 0.999], [0.0, 0.0, -1.0], [2e-6, 1.0, -0.5]]
+            {
+                let gradient = direction.map(|c| c * size);
+                for (got, expected) in unpacked(packed_gradient(gradient)).into_iter().zip(gradient) {
+                    assert!((got - f64::from(expected)).abs() <= 8e-6 * f64::from(size), "{gradient:?}: {got}");
+                }
+            }
+        }
+        assert_eq!(packed_gradient([0.0, -0.0, 0.0]), [0; 2]);
+    }
+}

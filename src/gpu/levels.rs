@@ -141,3 +141,36 @@ fn middle(level: u32, cell: [i64; 3]) -> DVec3 {
     let size = f64::from(level).exp2();
     DVec3::from_array(cell.map(|c| size * (c as f64 + 0.5) - 0.5))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Camera, ProjectionKind, View};
+    use crate::gpu::savings::Savings;
+    use crate::settings::Settings;
+    use crate::volume::Grid;
+
+    #[test]
+    fn cells_and_voxels_share_each_place_whole() {
+        let grid = Grid::axis_parallel([40, 30, 20], [1.0; 3]).unwrap();
+        let settings = Settings::default();
+        for projection in [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 150.0 }] {
+            for zoom in [1.0, 0.7, 0.5, 0.35, 0.2, 0.01] {
+                let view = View { azimuth: 33.0, projection, zoom, ..View::default() };
+                let camera = Camera::new(&view, &grid, [8; 2]).unwrap();
+                let view = ViewGeometry::new(&camera, &grid, &settings, Savings::default());
+                let Some(cut) = Cut::new(&view, &settings.kernel, 3.0) else { continue };
+                let [finest, coarsest] = cut.levels;
+                for voxel in [[0, 0, 0], [39, 29, 19], [-30, 5, 50], [17, 3, 11]] {
+                    let parts = (finest..=coarsest).map(|level| cut.part(level, voxel.map(|v: i64| v >> level)));
+                    let sum: f64 = parts.sum();
+                    assert!((sum - 1.0).abs() < 1e-12, "{projection:?} {zoom} {voxel:?}: {sum} {cut:?}");
+                    for level in finest..=coarsest {
+                        let cell = voxel.map(|v| v >> level);
+                        assert!(cut.part(level, cell) == 0.0 || cut.takes_part(level, cell, 1), "{level} {cell:?}");
+                    }
+                }
+            }
+        }
+    }
+}

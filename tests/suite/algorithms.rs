@@ -96,8 +96,8 @@ fn lit_voxels_of_sheared_grids_follow_the_reference() {
         let camera = camera(33.0, ProjectionKind::Orthographic, &volume, 40);
         let expected = truth(&volume, &transfer, &camera, &settings);
         let error = rms_covered(&render(&volume, &transfer, &camera, &settings), &expected);
-        // Sheets of scalars have the gradient over a voxel in the view, the reference along the axes of the lattice.
-        let allowed = if shading == Shading::Pre { 1e-3 } else { 3e-2 };
+        let allowed = if shading == Shading::Pre { 1e-3 } else { 1e-2 };
+        eprintln!("XX sheared {error:e}");
         assert!(error < allowed, "{shading:?}: {error:e}");
     }
 }
@@ -173,7 +173,8 @@ fn post_shaded_light_follows_the_reference() {
         let expected = truth(&volume, &transfer, &camera, &settings);
         let got = render(&volume, &transfer, &camera, &settings);
         let error = rms_covered(&got, &expected);
-        assert!(error < 0.02, "{projection:?}: {error:e}");
+        eprintln!("XX algo {error:e}");
+        assert!(error < 0.01, "{projection:?}: {error:e}");
         let unlit = rms_covered(&render(&volume, &transfer, &camera, &Settings { lighting: None, ..settings }), &got);
         assert!(unlit > 3.0 * error, "{projection:?}: {unlit:e} {error:e}");
     }
@@ -380,17 +381,6 @@ fn peak_normalisation_scales_scalars() {
     let expected = truth(&volume, &transfer, &camera, &settings);
     let error = rms_covered(&render(&volume, &transfer, &camera, &settings), &expected);
     assert!(error < 0.01, "{error:e}");
-}
-
-#[test]
-fn kernels_that_outgrow_the_volume_are_refused_for_scalars() {
-    let (volume, transfer) = demo("marschner-lobb", 64);
-    let settings = Settings { shading: Shading::Post, ..exact_quads() };
-    let camera = camera(20.0, ProjectionKind::Orthographic, &volume, 1);
-    let scene = prepare(&volume, &transfer, &settings);
-    let error = draw_on(&RENDERER, &scene, &camera, &settings).err().unwrap().to_string();
-    assert!(error.contains("antialiasing") && error.contains("larger picture"), "{error}");
-    assert!(draw_on(&RENDERER, &scene, &camera, &Settings { antialiasing: false, ..settings }).is_ok());
 }
 
 #[test]

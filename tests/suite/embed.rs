@@ -77,7 +77,7 @@ fn a_texture_of_the_caller_gets_the_picture() {
     let Host { renderer, .. } = &host(Renderer::FEATURES);
     let host = host(Renderer::FEATURES);
     let (volume, transfer) = demo("vessels", 24);
-    // Post-shaded and lit, quads shade a margin around each part of the picture.
+    // Post-shaded and lit, sheets hold gradients beside the scalars.
     let lit = Settings { shading: Shading::Post, lighting: headlight(), ..exact_quads() };
     for settings in [Settings::default(), exact_quads(), lit] {
         let view = View { azimuth: 30.0, projection: ProjectionKind::Perspective { fov: 40.0 }, ..View::default() };

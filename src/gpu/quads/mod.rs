@@ -55,8 +55,10 @@ pub(crate) struct QuadsKey {
     pub(crate) additive: bool,
     /// The number of lights, on splats or on sheets of scalars.
     pub(crate) lights: u32,
-    /// Samples that a sheet of scalars is classified at.
+    /// Pieces in which a sheet of scalars is classified.
     pub(crate) samples: u32,
+    /// See [`TransferTable`].
+    pub(crate) crowded: bool,
     /// Opaque pixels hide splats.
     pub(crate) terminates: bool,
     pub(crate) precision: Precision,

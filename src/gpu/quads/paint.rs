@@ -38,6 +38,10 @@ struct Picture<'a> {
     parts: u32,
 }
 
+/// Pieces per voxel in which sheets of scalars are classified. On the demos of 32^3 voxels, eight err by 0 to 3 % less
+/// (rms), four by 1 to 10 % more.
+const PIECES: f64 = 6.0;
+
 impl<'a> Picture<'a> {
     fn new(job: Job<'a>) -> Result<Self> {
         let Job { context, view, settings, .. } = job;
@@ -66,7 +70,8 @@ impl<'a> Picture<'a> {
             axis: plan.is_axis_aligned(),
             additive: knobs.accumulation == Accumulation::Additive,
             lights: settings.light_count(),
-            samples: if feed.is_scalar() { settings.samples_per_slab(knobs.sheet_thickness) } else { 1 },
+            samples: if feed.is_scalar() { settings.samples_per_slab(knobs.sheet_thickness, PIECES) } else { 1 },
+            crowded: job.transfer.is_some_and(|table| table.crowded),
             terminates: view.terminates(),
             precision,
             sheets_per_pass: sheets_per_pass(context, knobs.sheets_per_pass, feed, precision)?,

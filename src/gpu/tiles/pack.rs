@@ -58,8 +58,8 @@ const BAND: u64 = 16 << 20;
 const MAX_BYTES: u64 = 1 << 30;
 /// The largest density after scaling: a power of two with room below 65504, the largest f16.
 const F16_HEADROOM: f64 = 16_384.0;
-/// The largest factor that densities are scaled by: products with it stay in the range of f32.
-const MAX_SCALE: f64 = 1e30;
+/// The largest factor that densities are scaled by, a power of two: products with it stay in the range of f32.
+const MAX_SCALE: f64 = (1_u128 << 100) as f64;
 
 /// Where the voxels of a volume are in the texture: the rows of shaders/common/packing.wgsl.
 #[derive(Debug, Clone, Copy, PartialEq)]
