@@ -65,7 +65,8 @@ fn dense_material_is_as_right_as_by_quads() {
                 let (_, alpha) = errors(&got.image, &expected);
                 let quads = render(&volume, &transfer, &camera, &Settings { antialiasing: false, ..exact_quads() });
                 let [got, quads] = [&got.image, &quads].map(|image| 255.0 * rms_covered(image, &expected));
-                assert!(alpha < 1e-3, "{what}: alpha errs by {alpha:e}");
+                // The polynomial of a footprint errs by 1e-5 of its peak, times the depth.
+                assert!(alpha < 2e-4 + 1e-5 * depth, "{what}: alpha errs by {alpha:e}");
                 assert!(got < of_quads * quads, "{what}: {got} of 255, quads {quads}");
             }
         }
@@ -173,7 +174,9 @@ fn neither_origin_nor_unit_of_the_lattice_matters() {
                 let (color, alpha) = errors(&drawn(spacing, origin), &expected);
                 let what = format!("{settings:?} {projection:?} {spacing:e} {origin:e}");
                 // The middle of the lattice is rounded to 1e-16 of the origin: to 2e-3 of a voxel at worst.
-                let limit = if origin == 0.0 { 1e-5 } else { 5e-4 };
+                // Packed normals are rounded elsewhere in another unit: 2.6e-5 of a lit colour.
+                let rounded = if settings.lighting.is_some() { 1e-4 } else { 1e-5 };
+                let limit = if origin == 0.0 { rounded } else { 5e-4 };
                 assert!(color < limit && alpha < limit, "{what}: colour {color:e}, alpha {alpha:e}");
             }
         }
