@@ -347,8 +347,8 @@ fn reordered(volume: &Volume, axes: [usize; 3], reversed: [bool; 3]) -> Volume {
 fn the_order_of_splats_changes_what_rounding_does() {
     let (volume, transfer) = (ball(DAffine3::IDENTITY), tones());
     // A sum of n terms of one sign in f32 errs by (n - 1) 2^-24 of itself in any order; a ray meets 4 x 4 kernels of
-    // each of 15 planes. Alpha shows 1/e of the relative change of depth at most, colour all; both orders err. The rest is
-    // the footprint at places that are rounded otherwise.
+    // each of 15 planes. Alpha shows 1/e of the relative change of depth at most, colour all; both orders err. The
+    // rest is the footprint at places that are rounded otherwise.
     let terms = 4.0 * 4.0 * 15.0;
     let bound = 2.0 * terms * 2.0_f64.powi(-24) + 5e-6;
     for (view, settings) in [

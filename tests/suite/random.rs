@@ -342,8 +342,8 @@ impl Scene {
     }
 }
 
-/// Scenes of the default seeds that are still wrong, left out of them: post-shaded steps of the transfer function at its
-/// first point (15, 17, 20, 25, 30), and `tiles` at the rims of truncated kernels (7, 13, 24, 41).
+/// Scenes of the default seeds that are still wrong, left out of them: post-shaded steps of the transfer function at
+/// its first point (15, 17, 20, 25, 30), and `tiles` at the rims of truncated kernels (7, 13, 24, 41).
 const WRONG: [u64; 9] = [7, 13, 15, 17, 20, 24, 25, 30, 41];
 
 #[test]
