@@ -246,7 +246,9 @@ pub(crate) struct Rays {
     pub pixel_y: [f32; 2],
     pub picture: [u32; 2],
     pub row_texels: i32,
-    pub _pad: [u32; 3],
+    pub share: f32,
+    pub least_refined: f32,
+    pub fineness: f32,
     pub sections: [[[f32; 4]; 3]; SECTIONS],
 }
 

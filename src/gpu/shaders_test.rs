@@ -135,6 +135,9 @@ fn structs_are_laid_out_alike() {
         pixel_y,
         picture,
         row_texels,
+        share,
+        least_refined,
+        fineness,
         sections
     });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, shininess });

@@ -74,13 +74,20 @@ pub(super) struct Picture<'a> {
     /// The kernel as it has grown.
     kernel: Kernel,
     footprint: Footprint,
-    sections: Sections,
     pub(super) lighting: layout::Lighting,
-    /// The principal axes that rays are marched along, and the volume as each of them reads it.
-    pub(super) axes: Vec<(PrincipalAxis, Packing)>,
+    /// Those of the largest share first.
+    pub(super) ways: Vec<Way>,
     packed: Option<Vec<Arc<Packed>>>,
     rays: u64,
     spacing: Option<Spacing>,
+    marches: u32,
+}
+
+/// A principal axis that rays are marched along, and the volume as these rays read it.
+pub(super) struct Way {
+    axis: PrincipalAxis,
+    packing: Packing,
+    sections: Sections,
 }
 
 impl<'a> Picture<'a> {
@@ -102,42 +109,53 @@ impl<'a> Picture<'a> {
         let packings = axes.iter().map(|axis| Packing::new(context, stores, dims, whole, axis.axes, voxel));
         let packings: Option<Vec<Packing>> = packings.collect();
         let packings = packings.ok_or("tiles packs the volume into a texture, which this volume outgrows")?;
-        let sections = Sections::new(&kernel, &view.camera, &axes, transfer.is_some());
-        let axes = axes.into_iter().zip(packings).collect();
+        let ways = axes.into_iter().zip(packings).map(|(axis, packing)| {
+            let sections = Sections::new(&kernel, &view.camera, &axis, transfer.is_some());
+            Way { axis, packing, sections }
+        });
+        let ways = ways.collect();
         let lighting = view.lighting(settings.lighting.as_ref());
-        Ok(Self { job, kernel, footprint, sections, lighting, axes, packed: None, rays: 0, spacing: None })
+        Ok(Self { job, kernel, footprint, lighting, ways, packed: None, rays: 0, spacing: None, marches: 0 })
     }
 
     fn key(&self) -> TilesKey {
-        let [axis, ..] = self.axes.as_slice() else { return TilesKey::default() };
-        let (_, packing) = axis;
+        let [way, ..] = self.ways.as_slice() else { return TilesKey::default() };
         let Job { view, settings, .. } = self.job;
-        let [width, height] = view.camera.size;
-        let rays = self.rays(axis, Region { x: 0, y: 0, width, height });
+        // A ball of the lattice reaches as far along a row.
+        let reach = |way: &Way| self.kernel.radius() / (1.0 - way.axis.direction.x.powi(2)).sqrt();
         TilesKey {
             model: settings.model,
-            voxel: packing.voxel,
+            voxel: way.packing.voxel,
             lights: settings.light_count(),
             perspective: view.is_perspective(),
             terms: self.footprint.terms(),
-            texels: match rays.map_or(0.0, |r| r.uniforms.row_half) {
+            texels: match self.ways.iter().map(reach).fold(0.0, f64::max) {
                 // Rays through one eye that lean along a as much as along m reach over seven voxels.
                 _ if view.is_perspective() => 4,
                 half if half < 2.5 => 3,
                 half if half < 3.5 => 4,
                 _ => 5,
             },
-            rays: match rays.map(|r| r.spacing) {
-                Some(Spacing::Voxel(_)) => RayKind::Shared,
-                Some(Spacing::Pixels(1.0)) if self.is_straight(axis) => RayKind::Straight,
-                Some(Spacing::Pixels(1.0)) | None => RayKind::Pixels,
-                Some(Spacing::Pixels(_)) => RayKind::Coarser,
+            rays: match self.is_resampled() {
+                true if view.is_perspective() => RayKind::Coarser,
+                true => RayKind::Shared,
+                false if self.is_straight(way) => RayKind::Straight,
+                false => RayKind::Pixels,
             },
         }
     }
 
+    /// Whether some pixels do without rays of their own.
+    fn is_resampled(&self) -> bool {
+        let Job { settings, transfer, .. } = self.job;
+        // What is classified has edges that only the rays of pixels keep; rays that are shared reach two voxels.
+        let per_pixel =
+            settings.tiles().resolution == Resolution::Full || transfer.is_some() || self.kernel.radius() > MAX_RADIUS;
+        !per_pixel && self.ways.iter().any(|way| self.setup(way).pixel_share(&way.axis) < 1.0)
+    }
+
     /// Whether rays run along m so closely that they meet all planes at the same place.
-    fn is_straight(&self, (axis, packing): &(PrincipalAxis, Packing)) -> bool {
+    fn is_straight(&self, Way { axis, packing, .. }: &Way) -> bool {
         !self.job.view.is_perspective()
             && self.kernel.radius() <= MAX_RADIUS
             && axis.shear().abs().max_element() * f64::from(packing.dims[2]) < STRAIGHT
@@ -152,16 +170,16 @@ impl<'a> Picture<'a> {
     }
 
     /// Whether `packed` holds the splats of this picture in the layout of a axis.
-    fn serves(&self, axis: usize, packed: &Packed) -> bool {
+    fn serves(&self, way: usize, packed: &Packed) -> bool {
         let source = self.job.stores.first().map(|store| &store.splats);
-        self.axes[axis].1 == packed.packing && source == packed.source.as_ref()
+        self.ways[way].packing == packed.packing && source == packed.source.as_ref()
     }
 
     /// Whether `packed`, made for an earlier picture, can be reused by a axis: as [`Self::serves`], and no light is
     /// baked into its colours, which may come from the eye.
     fn is_reusable(&self, packed: &Packed) -> bool {
         let lit = matches!(packed.packing.voxel, Voxel::Color { lights: 1.. });
-        !lit && (0..self.axes.len()).any(|axis| self.serves(axis, packed))
+        !lit && (0..self.ways.len()).any(|way| self.serves(way, packed))
     }
 
     /// The splats as each axis reads them: those that the scene holds from a picture before, or packed now.
@@ -171,18 +189,18 @@ impl<'a> Picture<'a> {
         // Drop unusable packings first, so that old and new are never in memory together.
         held.retain(|packed| self.is_reusable(packed));
         let mut packed: Vec<Arc<Packed>> = Vec::new();
-        for axis in 0..self.axes.len() {
-            let served = packed.iter().chain(held.iter()).find(|packed| self.serves(axis, packed)).map(Arc::clone);
+        for way in 0..self.ways.len() {
+            let served = packed.iter().chain(held.iter()).find(|packed| self.serves(way, packed)).map(Arc::clone);
             packed.push(match served {
                 Some(packed) => packed,
-                None => self.pack_for(recorder, pipelines, axis)?,
+                None => self.pack_for(recorder, pipelines, way)?,
             });
         }
         held.clone_from(&packed);
         Ok(packed)
     }
 
-    fn pack_for(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles, axis: usize) -> Result<Arc<Packed>> {
+    fn pack_for(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles, way: usize) -> Result<Arc<Packed>> {
         let Job { view, stores, weights, .. } = self.job;
         let camera = &view.camera;
         let eye = camera.eye().unwrap_or(camera.target);
@@ -193,11 +211,11 @@ impl<'a> Picture<'a> {
             eye: view.grid.to_lattice().transform_point3(eye).as_vec3().to_array(),
             view: [0, 1, 2].map(|i| axes.map(|axis| axis.dot(to_world.col(i)) as f32)),
         };
-        let (_, packing) = self.axes[axis];
+        let packing = self.ways[way].packing;
         Ok(Arc::new(pipelines.packer.run(recorder, stores, packing, &lit, weights.max)?))
     }
 
-    pub(super) fn rays(&self, (axis, packing): &(PrincipalAxis, Packing), region: Region) -> Option<Rays> {
+    fn setup<'s>(&'s self, Way { axis, packing, sections }: &'s Way) -> RaySetup<'s> {
         let Job { view, settings, weights, transfer, padding, .. } = self.job;
         let scalars = transfer.map(|table| Classification {
             invisible: table.invisible,
@@ -207,23 +225,28 @@ impl<'a> Picture<'a> {
             skip_nothing: !shows_nothing_else(&self.job),
         });
         let divisor = settings.normalization.divisor(&settings.kernel) * view.max_growth().powi(3);
-        let setup = RaySetup {
+        RaySetup {
             camera: &view.camera,
             size: view.camera.size,
             volume: PackedBox { grid: &view.grid, packing: *packing, padding },
-            kernel: FittedKernel { kernel: self.kernel, footprint: &self.footprint, sections: &self.sections },
+            kernel: FittedKernel { kernel: self.kernel, footprint: &self.footprint, sections },
             optics: Optics {
                 density_scale: 1.0 / (divisor * weights.unit),
                 opaque_depth: view.opaque_depth,
                 max_depth: weights.max * axis.voxel() / weights.unit,
             },
             scalars,
-            // What is classified has edges that only the rays of pixels keep; rays that are shared reach two voxels.
-            ray_per_pixel: settings.tiles().resolution == Resolution::Full
-                || scalars.is_some()
-                || self.kernel.radius() > MAX_RADIUS,
-        };
-        Rays::new(&setup, axis, region)
+        }
+    }
+
+    /// The rays of the pixels of a region.
+    pub(super) fn pixel_rays(&self, way: &Way, region: Region) -> Rays {
+        Rays::of_pixels(&self.setup(way), &way.axis, region)
+    }
+
+    /// Those of the intermediate images of a region.
+    pub(super) fn image_rays(&self, way: &Way, region: Region) -> Vec<Rays> {
+        Rays::of_images(&self.setup(way), &way.axis, region)
     }
 
     fn pipelines(&self) -> Result<Arc<Tiles>> {
@@ -239,7 +262,7 @@ fn shows_nothing_else(job: &Job<'_>) -> bool {
 
 impl Painting for Picture<'_> {
     fn is_empty(&self) -> bool {
-        self.axes.is_empty() || self.job.stores.is_empty() && shows_nothing_else(&self.job)
+        self.ways.is_empty() || self.job.stores.is_empty() && shows_nothing_else(&self.job)
     }
 
     fn pixel_bytes(&self) -> u32 {
@@ -261,6 +284,7 @@ impl Painting for Picture<'_> {
         self.packed = Some(packed);
         self.rays += marched.rays;
         self.spacing = marched.spacing.or(self.spacing);
+        self.marches = self.marches.max(marched.marches);
         Ok(Painted { pixels: marched.pixels, margin: 0 })
     }
 
@@ -270,10 +294,9 @@ impl Painting for Picture<'_> {
 
     fn stats(&self) -> PainterStats {
         let per_plane = if self.job.transfer.is_some() { 2 } else { 1 };
-        let (slabs, slab_thickness) = self
-            .axes
-            .first()
-            .map_or((0, 0.0), |(axis, packing)| (packing.dims[2] * per_plane, axis.slab() / f64::from(per_plane)));
+        let (slabs, slab_thickness) = self.ways.first().map_or((0, 0.0), |Way { axis, packing, .. }| {
+            (packing.dims[2] * per_plane, axis.slab() / f64::from(per_plane))
+        });
         PainterStats::Tiles(TilesStats {
             slabs,
             slab_thickness,
@@ -282,6 +305,7 @@ impl Painting for Picture<'_> {
                 Spacing::Voxel(rays) => RaySpacing::PerVoxel(rays),
                 Spacing::Pixels(pitch) => RaySpacing::Pixels(pitch),
             }),
+            marches: self.marches,
             packed_bytes: self.packed.iter().flatten().map(|packed| packed.bytes()).sum(),
         })
     }
