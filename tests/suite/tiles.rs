@@ -271,7 +271,7 @@ fn capped_rays_serve_every_kernel_lattice_and_volume() {
     for (number, (volume, transfer, settings, [azimuth, elevation], size)) in cases.into_iter().enumerate() {
         let exact = with_tiles(&settings, Resolution::Full);
         let parallel = View { azimuth, elevation, ..View::default() };
-        let through_eye = View { projection: ProjectionKind::Perspective { fov: 30.0 }, ..parallel };
+        let through_eye = View { projection: ProjectionKind::Perspective { fov: 30.0 }, ..parallel.clone() };
         for view in [parallel, through_eye] {
             let camera = look(&view, volume, [size; 2]);
             let got = picture(volume, &transfer, &camera, &settings).image;
@@ -286,12 +286,12 @@ fn capped_rays_serve_every_kernel_lattice_and_volume() {
 fn pop(source: (&str, u32), settings: &Settings, view: &View, size: u32) -> (f32, f32) {
     let (volume, transfer) = demo(source.0, source.1);
     let cameras = [-0.0005, 0.0005].map(|degrees| {
-        let view = View { azimuth: view.azimuth + degrees, ..*view };
+        let view = View { azimuth: view.azimuth + degrees, ..view.clone() };
         look(&view, &volume, [size; 2])
     });
     let scene = prepare(&volume, &transfer, settings);
-    let [a, b] = cameras.map(|camera| draw(&scene, &camera, settings).image);
-    let [c, d] = cameras.map(|camera| truth(&volume, &transfer, &camera, settings));
+    let [a, b] = cameras.each_ref().map(|camera| draw(&scene, camera, settings).image);
+    let [c, d] = cameras.each_ref().map(|camera| truth(&volume, &transfer, camera, settings));
     (change(&a, &b), change(&c, &d))
 }
 
@@ -302,16 +302,16 @@ fn turning_over_a_tie_of_axes_changes_pictures_as_the_reference() {
     let perspective = ProjectionKind::Perspective { fov: 30.0 };
     let parallel = View { azimuth: 45.0, elevation: 20.0, ..View::default() };
     let diagonal = View { azimuth: 45.0, elevation: 35.264, ..View::default() };
-    let through_eye = View { projection: perspective, ..parallel };
+    let through_eye = View { projection: perspective, ..parallel.clone() };
     let cases = [
-        (full(), parallel),
-        (capped.clone(), parallel),
-        (capped.clone(), diagonal),
-        (capped.clone(), through_eye),
-        (Settings { model: Model::Xray, ..capped }, parallel),
-        (Settings { model: Model::Mip, ..full() }, parallel),
-        (post.clone(), parallel),
-        (post, through_eye),
+        (full(), parallel.clone()),
+        (capped.clone(), parallel.clone()),
+        (capped.clone(), diagonal.clone()),
+        (capped.clone(), through_eye.clone()),
+        (Settings { model: Model::Xray, ..capped }, parallel.clone()),
+        (Settings { model: Model::Mip, ..full() }, parallel.clone()),
+        (post.clone(), parallel.clone()),
+        (post, through_eye.clone()),
     ];
     for (settings, view) in cases {
         let (got, expected) = pop(("shell", 24), &settings, &view, 48);
