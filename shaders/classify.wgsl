@@ -153,14 +153,20 @@ fn brick_row(index: u32) -> BrickRow {
     return BrickRow(brick, point, first, min(EDGE, classify.dims.x - point.x));
 }
 
-// Twice the world gradient at a sample, by central differences; only its direction is kept.
+// The direction of the world gradient at a sample, by central differences, of any length; 0 if there is none.
 fn gradient(i: u32) -> vec3f {
     let row = stored_edge();
     let plane = row * row;
     let x = sample_at(i + 1u) - sample_at(i - 1u);
     let y = sample_at(i + row) - sample_at(i - row);
     let z = sample_at(i + plane) - sample_at(i - plane);
-    return x * classify.gradient_x + y * classify.gradient_y + z * classify.gradient_z;
+    let largest = max(abs(x), max(abs(y), abs(z)));
+    if largest <= 0.0 {
+        return vec3f(0.0);
+    }
+    // Neither the unit of the samples nor that of the world takes it out of the range of f32.
+    let d = vec3f(x, y, z) / largest;
+    return classify.gradient_x * d.x + classify.gradient_y * d.y + classify.gradient_z * d.z;
 }
 
 @compute @workgroup_size(WORKGROUP)

@@ -85,12 +85,12 @@ fn composite(@builtin(global_invocation_id) id: vec3u) {
     pixels[index] = pixel;
 }
 
-// X-ray: there is one sheet, of optical depth.
+// X-ray: a batch is one sheet, of optical depth.
 @compute @workgroup_size(8, 8)
 fn depth(@builtin(global_invocation_id) id: vec3u) {
     let at = area.low + id.xy;
     if any(at >= area.high) {
         return;
     }
-    pixels[at.y * frame.region.x + at.x] = vec4f(0.0, 0.0, 0.0, load(at, 0u).r);
+    pixels[at.y * frame.region.x + at.x].a += load(at, 0u).r;
 }

@@ -65,6 +65,12 @@ fn update_maximum(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeom
     (*ray).color.y = 1.0;
 }
 
+// A run of planes begins: nothing before it is pending.
+fn begin_run(ray: ptr<function, RayState>) {
+    (*ray).before = vec4f(0.0);
+    (*ray).slab = vec4f(0.0);
+}
+
 // Planes after the last of a run: kernels reach 2 planes beyond it, and slabs are composited 2 planes late.
 const FLUSH: i32 = 4;
 
@@ -85,7 +91,7 @@ fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments
     let x = geometry.section.by_m0;
     let y = geometry.section.by_m1;
     let z = geometry.section.by_m2;
-    let m2 = vec4f(0.0, 0.0, 0.0, sums.m2);
+    let m2 = vec4f(0.0, 0.0, 0.0, sums.m2.w);
     let even0 = x.x * sums.m0 + z.x * m2;
     let even1 = x.y * sums.m0 + z.y * m2;
     let even2 = x.z * sums.m0 + z.z * m2;
@@ -116,7 +122,7 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     }
     let geometry = geometry_of(at);
     let ray = march_planes(tile, geometry);
-    var value = premultiplied(ray);
+    var value = vec4f(ray.color, absorbed(ray.depth));
     if MAXIMUM {
         // A ray that met nothing but skipped space has 0, the base, as its largest scalar, and shows nothing.
         let c = classified(ray.color.x, rays.lookup);

@@ -1,6 +1,6 @@
 // pack: splats into the texture that the painter `tiles` marches through (see common/packing.wgsl), and a mark for each
-// macrocell of 4^3 voxels that has a splat. Classified voxels become f16 of (colour, 1) times density, scalars stay
-// f32.
+// macrocell of 4^3 voxels that has a splat. Classified voxels become f16 of (colour, 1) times density, lit scalars f16 of
+// (gradient, scalar), other scalars stay f32.
 
 override PERSPECTIVE: bool = false;
 
@@ -8,7 +8,7 @@ override PERSPECTIVE: bool = false;
 @group(0) @binding(1) var<uniform> lighting: Lighting;
 @group(0) @binding(2) var<storage, read> splats: array<vec2u>;
 @group(0) @binding(3) var<storage, read> origins: array<vec4u>;
-// Rows of the texture: two words for each classified voxel, one for each scalar.
+// Rows of the texture: two words for each classified voxel and each lit scalar, one for each other scalar.
 @group(0) @binding(4) var<storage, read_write> texels: array<u32>;
 @group(0) @binding(5) var occupied: texture_storage_3d<r32uint, write>;
 
@@ -19,6 +19,21 @@ fn follows_in_macrocell(index: u32, place: u32, x: u32) -> bool {
     // In the first word the place along x in the brick is the lowest 5 bits.
     return index > pack.first_splat && (place & 31u) != 0u && x % u32(MACROCELL) != 0u
         && splat_words(index - 1u).x + 1u == place;
+}
+
+// The colour of a classified voxel under the lights.
+fn shaded_color(index: u32, words: vec2u) -> vec3f {
+    let appearance = splats[2u * index + 1u];
+    let color = splat_color(words.y, appearance.x);
+    if LIGHTS == 0u {
+        return color;
+    }
+    var to_eye = vec3f(0.0, 0.0, -1.0);
+    if PERSPECTIVE {
+        let offset = splat_lattice(words) - pack.eye;
+        to_eye = -normalize(pack.view_x * offset.x + pack.view_y * offset.y + pack.view_z * offset.z);
+    }
+    return lit_splat(color, appearance.y, to_eye);
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -41,22 +56,17 @@ fn voxels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) gro
     }
     let texel = place.z % pack.columns * (pack.row_texels + u32(MARGIN)) + u32(MARGIN) + place.x / 2u;
     let voxel = 2u * (at * pack.width + texel) + place.x % 2u;
-    if SCALARS {
+    if SCALARS && !GRADIENTS {
         texels[voxel] = words.y;
         return;
     }
-    let appearance = splats[2u * index + 1u];
-    var color = splat_color(words.y, appearance.x);
-    if LIGHTS > 0u {
-        var to_eye = vec3f(0.0, 0.0, -1.0);
-        if PERSPECTIVE {
-            let offset = splat_lattice(words) - pack.eye;
-            to_eye = -normalize(pack.view_x * offset.x + pack.view_y * offset.y + pack.view_z * offset.z);
-        }
-        color = lit_splat(color, appearance.y, to_eye);
+    var v = vec4f(0.0, 0.0, 0.0, splat_weight(words) * pack.scale);
+    if SCALARS {
+        v = vec4f(splat_gradient(index) * pack.scale, v.w);
+    } else {
+        v = vec4f(shaded_color(index, words) * v.w, v.w);
     }
-    let density = splat_weight(words) * pack.scale;
-    let v = rounded(vec4f(color * density, density));
+    v = rounded(v);
     texels[2u * voxel] = pack2x16float(v.xy);
     texels[2u * voxel + 1u] = pack2x16float(v.zw);
 }

@@ -8,9 +8,11 @@
 // Along y instead of x.
 override DOWN: bool = false;
 
-// The texel some steps along the axis from `at`; 0 beyond the ends of the image.
+// The texel some steps along the axis from `at`; beyond the ends of the image, the one at the end. No pixel depends on
+// these.
 fn source_at(at: vec2i, steps: i32) -> vec4f {
-    return textureLoad(source, at + select(vec2i(steps, 0), vec2i(0, steps), DOWN));
+    let last = vec2i(textureDimensions(source)) - 1;
+    return textureLoad(source, clamp(at + select(vec2i(steps, 0), vec2i(0, steps), DOWN), vec2i(0), last));
 }
 
 // A cubic B-spline is (1, 4, 1) / 6 at the points. The inverse of that filter has the taps sqrt(3) z^|n|, z = sqrt(3) -

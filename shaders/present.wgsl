@@ -7,10 +7,8 @@ override SRGB: bool = false;
 struct Present {
     // First pixel of the region in the texture.
     corner: vec2u,
-    // Pixels of a row of the buffer, with the margins.
+    // Pixels of a row of the buffer.
     row: u32,
-    // Pixels around the region in the buffer.
-    margin: u32,
 }
 
 @group(0) @binding(0) var<uniform> present: Present;
@@ -30,7 +28,7 @@ fn linear(display: vec3f) -> vec3f {
 
 @fragment
 fn present_pixel(@builtin(position) place: vec4f) -> @location(0) vec4f {
-    let at = vec2u(place.xy) - present.corner + present.margin;
+    let at = vec2u(place.xy) - present.corner;
     let color = pixels[at.y * present.row + at.x];
     if SRGB {
         return vec4f(linear(clamp(color.rgb, vec3f(0.0), vec3f(1.0))), color.a);

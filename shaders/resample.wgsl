@@ -2,12 +2,12 @@
 // the splines may err too much, a pixel gets a share of its own ray instead, which `refine` adds.
 
 @group(0) @binding(0) var<uniform> rays: Rays;
-@group(0) @binding(1) var coefficients: texture_2d<f32>;
-@group(0) @binding(2) var filtered: sampler;
-@group(0) @binding(3) var<storage, read_write> pixels: array<vec4f>;
+// Storage textures are read faster than others on software Vulkan.
+@group(0) @binding(1) var coefficients: texture_storage_2d<rgba32float, read>;
+@group(0) @binding(2) var<storage, read_write> pixels: array<vec4f>;
 // How much the splines may err around each point, and the share of its own ray that each pixel gets for that.
-@group(0) @binding(4) var estimates: texture_2d<f32>;
-@group(0) @binding(5) var<storage, read_write> refinement: array<f32>;
+@group(0) @binding(3) var estimates: texture_2d<f32>;
+@group(0) @binding(4) var<storage, read_write> refinement: array<f32>;
 
 // Estimates up to which a pixel is that of the splines, and from which on it is that of its own ray. At the first the
 // largest error measured is 1.2e-2: docs/measurements/2026-11-22-rays.md.
@@ -31,32 +31,34 @@ fn cubic(t: f32) -> vec4f {
     return vec4f(u * u * u, 4.0 + t * t * (3.0 * t - 6.0), 4.0 + u * u * (3.0 * u - 6.0), t * t * t) * (1.0 / 6.0);
 }
 
-// One invocation for each pixel. The texture unit adds two neighbours at a time, with their weights as the place
-// between them (Sigg and Hadwiger 2005, "Fast third-order texture filtering").
+// The sum over four coefficients of a row.
+fn row_sum(x: vec4i, y: i32, weights: vec4f) -> vec4f {
+    return weights.x * textureLoad(coefficients, vec2i(x.x, y)) + weights.y * textureLoad(coefficients, vec2i(x.y, y))
+        + weights.z * textureLoad(coefficients, vec2i(x.z, y)) + weights.w * textureLoad(coefficients, vec2i(x.w, y));
+}
+
+// One invocation for each pixel. Texture units would add neighbours too, but with weights of 8 bits.
 @compute @workgroup_size(64)
 fn resample(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= rays.picture) {
         return;
     }
     let at = rays.pixel_origin + f32(id.x) * rays.pixel_x + f32(id.y) * rays.pixel_y;
-    let whole = floor(at);
-    let x = cubic(at.x - whole.x);
-    let y = cubic(at.y - whole.y);
-    let first = vec2f(x.x + x.y, y.x + y.y);
-    let second = 1.0 - first;
-    let texel = 1.0 / vec2f(rays.size);
-    // The middle of texel n is at n + 1/2: the first two coefficients are texels whole - 1 and whole.
-    let a = (whole - 0.5 + vec2f(x.y, y.y) / first) * texel;
-    let b = (whole + 1.5 + vec2f(x.w, y.w) / second) * texel;
-    let top = first.x * textureSampleLevel(coefficients, filtered, a, 0.0)
-        + second.x * textureSampleLevel(coefficients, filtered, vec2f(b.x, a.y), 0.0);
-    let bottom = first.x * textureSampleLevel(coefficients, filtered, vec2f(a.x, b.y), 0.0)
-        + second.x * textureSampleLevel(coefficients, filtered, b, 0.0);
-    let sum = first.y * top + second.y * bottom;
-    // Splines overshoot at edges: a premultiplied colour is never above its alpha.
+    // Pixels beyond the image have the points at its ends, where nothing shows.
+    let most = vec2f(rays.size);
+    let whole = clamp(floor(at), vec2f(-2.0), most);
+    let fraction = clamp(at - whole, vec2f(0.0), vec2f(1.0));
+    let last = vec2i(rays.size) - 1;
+    let x = clamp(i32(whole.x) + vec4i(-1, 0, 1, 2), vec4i(0), vec4i(last.x));
+    let y = clamp(i32(whole.y) + vec4i(-1, 0, 1, 2), vec4i(0), vec4i(last.y));
+    let a = cubic(fraction.x);
+    let b = cubic(fraction.y);
+    let sum = b.x * row_sum(x, y.x, a) + b.y * row_sum(x, y.y, a) + b.z * row_sum(x, y.z, a)
+        + b.w * row_sum(x, y.w, a);
+    // Splines overshoot at edges: a premultiplied colour is never above its alpha times the brightest there is.
     let alpha = clamp(sum.a, 0.0, 1.0);
-    let spline = vec4f(clamp(sum.rgb, vec3f(0.0), vec3f(alpha)), alpha);
-    let estimate = estimate_at(whole, at - whole);
+    let spline = vec4f(clamp(sum.rgb, vec3f(0.0), alpha * rays.brightest), alpha);
+    let estimate = estimate_at(whole, fraction);
     let own = max(smoothstep(SPLINES, OWN_RAY, estimate), rays.least_refined);
     let index = id.y * rays.picture.x + id.x;
     pixels[index] += rays.share * (1.0 - own) * spline;

@@ -3,7 +3,8 @@
 // between its two neighbours, and composited; so shading is one sheet behind splatting. `maximum` keeps the largest
 // scalar instead. Scalars are relative to the transfer function's base, so that the space between splats is 0.
 
-// Sheets of a batch: 4 or 8, four to a layer.
+// Sheets of a batch: 4 or 8. They are four to a layer; if they are lit, each is a layer of (gradient, scalar), and the
+// gradient is along the axes of the lattice.
 override SHEETS: u32 = 8u;
 // Places along the ray at which a whole sheet is classified, on the parabola through the means of the sheet and its
 // neighbours. With one, the mean of the sheet is classified.
@@ -16,8 +17,6 @@ struct Shade {
     previous: f32,
     // The same of this batch.
     current: f32,
-    // Pixels to either side whose difference is the gradient.
-    margin: i32,
     // The scalars around 0 at which nothing shows, from x to y, ends included; none if x > y.
     invisible: vec2f,
     // Place of a scalar in the table of the transfer function: scalar * x + y.
@@ -45,19 +44,33 @@ struct Means {
     b: vec4f,
 }
 
-fn means_at(at: vec2i) -> Means {
-    let p = clamp(at, vec2i(0), vec2i(frame.region) - 1);
-    var m: Means;
-    m.before = textureLoad(previous, p, i32(SHEETS / 4u) - 1, 0).zw * (frame.inverse_sheet_scale * shading.previous);
-    m.a = textureLoad(current, p, 0, 0) * (frame.inverse_sheet_scale * shading.current);
-    if SHEETS > 4u {
-        m.b = textureLoad(current, p, 1, 0) * (frame.inverse_sheet_scale * shading.current);
+// The scalars of sheets `first` to `first` + 3 of the batch, in the units of sheets.
+fn scalars_at(at: vec2u, first: i32) -> vec4f {
+    if LIGHTS == 0u {
+        return textureLoad(current, at, first / 4, 0);
     }
-    return m;
+    return vec4f(
+        textureLoad(current, at, first, 0).a,
+        textureLoad(current, at, first + 1, 0).a,
+        textureLoad(current, at, first + 2, 0).a,
+        textureLoad(current, at, first + 3, 0).a,
+    );
 }
 
-fn difference(m: Means, n: Means) -> Means {
-    return Means(m.before - n.before, m.a - n.a, m.b - n.b);
+fn means_at(at: vec2u) -> Means {
+    var m: Means;
+    if LIGHTS == 0u {
+        m.before = textureLoad(previous, at, i32(SHEETS / 4u) - 1, 0).zw;
+    } else {
+        let last = i32(SHEETS) - 1;
+        m.before = vec2f(textureLoad(previous, at, last - 1, 0).a, textureLoad(previous, at, last, 0).a);
+    }
+    m.before *= frame.inverse_sheet_scale * shading.previous;
+    m.a = scalars_at(at, 0) * (frame.inverse_sheet_scale * shading.current);
+    if SHEETS > 4u {
+        m.b = scalars_at(at, 4) * (frame.inverse_sheet_scale * shading.current);
+    }
+    return m;
 }
 
 fn is_invisible_batch(m: Means) -> bool {
@@ -85,35 +98,62 @@ fn from_eye(m: vec3f, z: f32) -> vec3f {
     return m;
 }
 
-// The light on a sheet, from the means around it and the differences of its mean along x and y.
-fn light_of(m: vec3f, sideways: vec2f, ray: PixelRay, z: f32) -> vec2f {
-    let slope = sideways / (2.0 * f32(shading.margin) * frame.pixel_scale);
-    let along = (m.z - m.x) * 0.5 * frame.inverse_sheet_step;
-    if !PERSPECTIVE {
-        return light_on(vec3f(slope, along), vec3f(0.0, 0.0, -1.0));
+// The mean of the gradient in sheet `sheet` of the batch; -1 and -2 are the last ones of the batch before.
+fn gradient_of(at: vec2u, sheet: i32) -> vec3f {
+    if sheet < 0 {
+        return textureLoad(previous, at, i32(SHEETS) + sheet, 0).rgb * shading.previous;
     }
-    // With x = plane.x Z, y = plane.y Z: from derivatives in the plane and along the ray to derivatives in x, y and Z.
-    let inverse_depth = 1.0 / (z + 0.5 * frame.sheet_step + frame.eye_depth);
-    let across = slope * inverse_depth;
-    return light_on(vec3f(across, along - dot(across, ray.plane)), -vec3f(ray.plane, 1.0) / ray.stretch);
+    return textureLoad(current, at, sheet, 0).rgb * shading.current;
 }
 
-// The pixel (colour and optical depth) with one more sheet behind it.
-fn with_sheet(pixel: vec4f, means: vec3f, sideways: vec2f, ray: PixelRay, z: f32) -> vec4f {
+// The light on a surface across a gradient of the lattice.
+fn light_of(gradient: vec3f, ray: PixelRay) -> vec2f {
+    // The transpose of the map from the view to the lattice takes gradients from the lattice to the view.
+    let in_view =
+        vec3f(dot(frame.grid_right, gradient), dot(frame.grid_up, gradient), dot(frame.grid_forward, gradient));
+    var to_eye = vec3f(0.0, 0.0, -1.0);
+    if PERSPECTIVE {
+        to_eye = -vec3f(ray.slope, 1.0) / ray.stretch;
+    }
+    return light_on(in_view, to_eye);
+}
+
+// The pixel `at` (colour and optical depth) with sheet `sheet` behind it, which begins at view depth `z`.
+fn with_sheet(pixel: vec4f, means: vec3f, at: vec2u, sheet: i32, ray: PixelRay, z: f32) -> vec4f {
     let part = part_of_sheet(ray, z);
     if part.x >= part.y || is_invisible(means, shading.invisible) {
         return pixel;
     }
     let m = from_eye(means, z);
-    var light = vec2f(1.0, 0.0);
-    if LIGHTS > 0u {
-        light = light_of(m, sideways, ray, z);
-    }
-    let step = (part.y - part.x) / f32(SAMPLES);
-    let length = step * frame.sheet_step * ray.stretch;
     var result = pixel;
-    march_parabola(&result, m, part, SAMPLES, length, shading.lookup, light);
+    if LIGHTS == 0u {
+        march_part(&result, m, part, SAMPLES, ray, vec2f(1.0, 0.0));
+        return result;
+    }
+    // Half by half, each lit by the gradient in its middle, on the line through the means beside the sheet. A sheet
+    // that no gradient reaches is not lit, whatever is beside it.
+    let gradient = gradient_of(at, sheet);
+    var quarter = vec3f(0.0);
+    if any(gradient != vec3f(0.0)) {
+        quarter = (gradient_of(at, sheet + 1) - gradient_of(at, sheet - 1)) * 0.125;
+    }
+    // With one, the mean is classified.
+    let half_samples = select(max(SAMPLES / 2u, 2u), 1u, SAMPLES == 1u);
+    let front = vec2f(part.x, min(part.y, 0.0));
+    if front.x < front.y {
+        march_part(&result, m, front, half_samples, ray, light_of(gradient - quarter, ray));
+    }
+    let rear = vec2f(max(part.x, 0.0), part.y);
+    if rear.x < rear.y {
+        march_part(&result, m, rear, half_samples, ray, light_of(gradient + quarter, ray));
+    }
     return result;
+}
+
+// Composites a part of a sheet with the means `m` around it.
+fn march_part(pixel: ptr<function, vec4f>, m: vec3f, part: vec2f, samples: u32, ray: PixelRay, light: vec2f) {
+    let length = (part.y - part.x) / f32(samples) * frame.sheet_step * ray.stretch;
+    march_parabola(pixel, m, part, samples, length, shading.lookup, light);
 }
 
 // Colour (rgb) and optical depth (a) so far.
@@ -131,8 +171,7 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let index = pixel_at.y * frame.region.x + pixel_at.x;
-    let at = vec2i(pixel_at);
-    let m = means_at(at);
+    let m = means_at(pixel_at);
     if is_invisible_batch(m) {
         return;
     }
@@ -141,32 +180,24 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let ray = pixel_ray(pixel_at);
-    var x: Means;
-    var y: Means;
-    if LIGHTS > 0u {
-        let right = vec2i(shading.margin, 0);
-        let down = vec2i(0, shading.margin);
-        x = difference(means_at(at + right), means_at(at - right));
-        y = difference(means_at(at + down), means_at(at - down));
-    }
     let step = frame.sheet_step;
     var z = shading.depth;
-    pixel = with_sheet(pixel, vec3f(m.before, m.a.x), vec2f(x.before.y, y.before.y), ray, z);
+    pixel = with_sheet(pixel, vec3f(m.before, m.a.x), pixel_at, -1, ray, z);
     z += step;
-    pixel = with_sheet(pixel, vec3f(m.before.y, m.a.xy), vec2f(x.a.x, y.a.x), ray, z);
+    pixel = with_sheet(pixel, vec3f(m.before.y, m.a.xy), pixel_at, 0, ray, z);
     z += step;
-    pixel = with_sheet(pixel, m.a.xyz, vec2f(x.a.y, y.a.y), ray, z);
+    pixel = with_sheet(pixel, m.a.xyz, pixel_at, 1, ray, z);
     z += step;
-    pixel = with_sheet(pixel, m.a.yzw, vec2f(x.a.z, y.a.z), ray, z);
+    pixel = with_sheet(pixel, m.a.yzw, pixel_at, 2, ray, z);
     if SHEETS > 4u {
         z += step;
-        pixel = with_sheet(pixel, vec3f(m.a.zw, m.b.x), vec2f(x.a.w, y.a.w), ray, z);
+        pixel = with_sheet(pixel, vec3f(m.a.zw, m.b.x), pixel_at, 3, ray, z);
         z += step;
-        pixel = with_sheet(pixel, vec3f(m.a.w, m.b.xy), vec2f(x.b.x, y.b.x), ray, z);
+        pixel = with_sheet(pixel, vec3f(m.a.w, m.b.xy), pixel_at, 4, ray, z);
         z += step;
-        pixel = with_sheet(pixel, m.b.xyz, vec2f(x.b.y, y.b.y), ray, z);
+        pixel = with_sheet(pixel, m.b.xyz, pixel_at, 5, ray, z);
         z += step;
-        pixel = with_sheet(pixel, m.b.yzw, vec2f(x.b.z, y.b.z), ray, z);
+        pixel = with_sheet(pixel, m.b.yzw, pixel_at, 6, ray, z);
     }
     pixels[index] = pixel;
 }
@@ -192,7 +223,7 @@ fn maximum(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let index = pixel_at.y * frame.region.x + pixel_at.x;
-    let m = means_at(vec2i(pixel_at));
+    let m = means_at(pixel_at);
     let step = frame.sheet_step;
     var z = shading.depth;
     var so_far = updated_maximum(pixels[index].xy, vec3f(m.before, m.a.x), ray, z);

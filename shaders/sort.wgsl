@@ -30,9 +30,10 @@ struct Sort {
 
 // The first and the last batch that a splat reaches; first > last if it reaches none.
 fn batches_of(index: u32) -> vec2i {
-    let lattice = splat_lattice(splat_words(index));
+    let words = splat_words(index);
+    let lattice = splat_lattice(words);
     let z = dot(frame.view_z, lattice - frame.lattice_center);
-    let extent = frame.depth_extent * growth_at(z);
+    let extent = frame.depth_extent * growth_at(z, splat_level(words));
     let first = floor((z - extent - frame.sheet_origin) * frame.inverse_sheet_step);
     let last = floor((z + extent - frame.sheet_origin) * frame.inverse_sheet_step);
     let n = i32(sort.sheets_per_batch);

@@ -1,6 +1,7 @@
 // splat: one instanced quad for each splat and batch. A fragment evaluates the sections of its splat's kernel between
 // the sheet planes of the batch. It adds (colour, 1) times density times section to each sheet of the batch. If splats
-// are scalars, it adds the scalar times the mean of the kernel over the sheet instead, four sheets to a target.
+// are scalars, it adds the scalar times the mean of the kernel over the sheet instead, four sheets to a target. If they
+// are lit, it adds (gradient, scalar) times that mean, a sheet to a target.
 
 // Texels of a row of the footprint table, four coefficients each: 1 to 4.
 override TEXELS: u32 = 2u;
@@ -31,7 +32,8 @@ struct Varyings {
     @builtin(position) position: vec4f,
     // View coordinates of the splat's centre.
     @location(0) @interpolate(flat) center: vec3f,
-    // What a section with a world length of 1 adds to a sheet: (colour, 1) * density * section_scale.
+    // What a section with a world length of 1 adds to a sheet: (colour, 1) * density * section_scale. Of scalars, what
+    // a mean of 1 adds: (gradient, scalar) * section_scale.
     @location(1) @interpolate(flat) emission: vec4f,
     // 1 / growth of the kernel, see common/bounds.wgsl.
     @location(2) @interpolate(flat) shrink: f32,
@@ -42,7 +44,13 @@ struct Varyings {
 // Unit vector from a splat's centre to the eye, view coordinates.
 fn to_eye_from(center: vec3f) -> vec3f {
     if PERSPECTIVE {
-        return -normalize(vec3f(center.xy, center.z + frame.eye_depth));
+        let z = center.z + frame.eye_depth;
+        let v = vec3f(center.xy + frame.home_slope * z, z);
+        // Made about 1 before it is squared: the eye may be 1e30 away, or on the splat.
+        let size = max(abs(v.x), max(abs(v.y), abs(v.z)));
+        if size > 0.0 {
+            return -normalize(v / size);
+        }
     }
     return vec3f(0.0, 0.0, -1.0);
 }
@@ -56,35 +64,42 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     let words = splat_words(entry);
     let lattice = splat_lattice(words);
     let center = view_center(lattice);
-    let growth = growth_at(center.z);
+    let growth = growth_at(center.z, splat_level(words));
     let side = vec2f(f32(corner & 1u), f32(corner >> 1u)) * 2.0 - 1.0;
-    var clip = side;
-    // A support that the plane of the eye cuts has no bounds in the image: its quad covers the region, unless the
-    // support is beside all of the region's rays.
+    var box: vec4f;
     if bounded(center, growth) {
-        let box = bounds(center, growth);
-        clip = (box.xy + side * box.zw) * frame.clip_scale + frame.clip_offset;
-    } else if !in_view(center, growth) {
+        box = bounds(center, growth);
+    } else if in_view(center, growth) {
+        box = cut_bounds(center, growth);
+    } else {
         return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
     }
+    // Within reach of the image: a rasteriser that clips a quad of 1e9 pixels moves its edges.
+    let clip = clamp((box.xy + side * box.zw) * frame.clip_scale + frame.clip_offset, vec2f(-2.0), vec2f(2.0));
     var density = splat_weight(words);
     if ADDITIVE {
         density = absorbed(density);
     }
-    density *= frame.section_scale / (growth * growth * growth);
-    var color = vec3f(0.0);
-    if !SCALARS {
+    let scale = frame.section_scale / (growth * growth * growth);
+    density *= scale;
+    var emission = vec4f(0.0, 0.0, 0.0, density);
+    if SCALARS {
+        if GRADIENTS {
+            emission = vec4f(splat_gradient(entry) * scale, density);
+        }
+    } else {
         let appearance = splats[2u * entry + 1u];
-        color = splat_color(words.y, appearance.x);
+        var color = splat_color(words.y, appearance.x);
         if LIGHTS > 0u {
             color = lit_splat(color, appearance.y, to_eye_from(center));
         }
+        emission = vec4f(color * density, density);
     }
     var sheet = 0u;
     if AXIS {
         sheet = u32(round(dot(frame.plane_axis, lattice) + frame.plane_offset)) - batch.first_sheet;
     }
-    return Varyings(vec4f(clip, 0.0, 1.0), center, vec4f(color * density, density), 1.0 / growth, sheet);
+    return Varyings(vec4f(clip, 0.0, 1.0), center, emission, 1.0 / growth, sheet);
 }
 
 // The chord of a fragment's ray in a splat's support, and the row of the footprint table for its length. Written out,
@@ -128,7 +143,8 @@ fn chord(in: Varyings) -> Chord {
     if PERSPECTIVE {
         ray += frame.grid_right * plane.x + frame.grid_up * plane.y;
         offset = plane * (in.center.z + frame.eye_depth) - in.center.xy;
-        world_per_depth = sqrt(1.0 + dot(plane, plane));
+        let slope = plane + frame.home_slope;
+        world_per_depth = sqrt(1.0 + dot(slope, slope));
     }
     // A kernel that is s times as large is the same kernel in a lattice s times as wide.
     if GROWN {
@@ -138,7 +154,10 @@ fn chord(in: Varyings) -> Chord {
     let q = frame.grid_right * offset.x + frame.grid_up * offset.y;
     let grid_per_depth = length(ray);
     let along = dot(q, ray) / grid_per_depth;
-    let half2 = frame.radius * frame.radius - (dot(q, q) - along * along);
+    // The distance of the ray from the centre. On an anisotropic lattice q may be long and nearly parallel to the ray:
+    // |q|^2 - along^2 would cancel.
+    let across = cross(q, ray) / grid_per_depth;
+    let half2 = frame.radius * frame.radius - dot(across, across);
     if half2 <= 0.0 {
         discard;
     }
@@ -288,7 +307,16 @@ fn cover(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4f {
 }
 
 @fragment
-fn wipe() -> Sheets8 {
-    let none = vec4f(0.0);
-    return Sheets8(none, none, none, none, none, none, none, none);
+fn wipe_1() -> Sheets1 {
+    return Sheets1();
+}
+
+@fragment
+fn wipe_4() -> Sheets4 {
+    return Sheets4();
+}
+
+@fragment
+fn wipe_8() -> Sheets8 {
+    return Sheets8();
 }

@@ -13,8 +13,6 @@ struct Terminate {
     // The batch's entries.
     first: u32,
     count: u32,
-    // Pixels beside a splat whose shading its scalars take part in.
-    margin: f32,
 }
 
 struct Tally {
@@ -68,7 +66,7 @@ fn tile(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
 // Whether all pixels within bounds, as (middle, half extent) in plane coordinates, and those beside them, are opaque.
 fn is_hidden(box: vec4f) -> bool {
     let middle = (box.xy - frame.pixel_offset) / frame.pixel_scale;
-    let half = box.zw / abs(frame.pixel_scale) + 1.5 + terminate.margin;
+    let half = box.zw / abs(frame.pixel_scale) + 1.5;
     // Clamped as floats: bounds may lie far outside the region.
     let last = vec2f(frame.region - 1u);
     let from_pixel = vec2u(clamp(middle - half, vec2f(0.0), last));
@@ -92,7 +90,7 @@ fn is_hidden(box: vec4f) -> bool {
 fn is_behind_opaque_tiles(index: u32) -> bool {
     let words = splat_words(index);
     let center = view_center(splat_lattice(words));
-    let growth = growth_at(center.z);
+    let growth = growth_at(center.z, splat_level(words));
     return bounded(center, growth) && is_hidden(bounds(center, growth));
 }
 

@@ -3,6 +3,7 @@
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::error::{Error, Result};
+use crate::vector::unit;
 use crate::volume::Grid;
 
 /// How a picture is projected.
@@ -98,6 +99,13 @@ pub struct Camera {
 /// Space left around a fitted volume, as a fraction of the picture.
 const FIT_MARGIN: f64 = 0.02;
 
+/// The farthest that eye and target may be, in voxels: f32 holds it and its inverse.
+const MOST_VOXELS: f64 = 1e30;
+
+/// The least pixels that a volume may be wide: the light of smaller ones, the square of this, is below what any format
+/// of pictures holds beside 1.
+const LEAST_PIXELS: f64 = 1e-5;
+
 impl Camera {
     /// The largest width or height of a picture, in pixels.
     pub const MAX_SIZE: u32 = 32_768;
@@ -117,8 +125,9 @@ impl Camera {
         let target = view.target.unwrap_or_else(|| grid.center());
         let aspect = f64::from(size[0]) / f64::from(size[1]);
         // Offsets of the corners from the target, in (right, up, forward).
-        let corners = grid.corners(0.5).map(|c| {
-            let d = c - target;
+        let from_target = grid.center() - target;
+        let corners = grid.corners_from_center(0.5).map(|c| {
+            let d = c + from_target;
             DVec3::new(d.dot(right), d.dot(up), d.dot(forward))
         });
         let fill = 1.0 - 2.0 * FIT_MARGIN;
@@ -168,6 +177,56 @@ impl Camera {
             || !numbers.iter().all(|n| n.is_finite())
         {
             return Err(Error::Camera("its position, axes and projection must be finite".to_owned()));
+        }
+        Ok(())
+    }
+
+    /// The camera in the coordinates of [`Grid::local`].
+    pub(crate) fn local(&self, grid: &Grid) -> Self {
+        let per_unit = 1.0 / grid.unit();
+        let projection = match self.projection {
+            Projection::Orthographic { half_height } => {
+                Projection::Orthographic { half_height: half_height * per_unit }
+            }
+            Projection::Perspective { tan_half_fov, distance } => {
+                Projection::Perspective { tan_half_fov, distance: distance * per_unit }
+            }
+        };
+        Self { target: (self.target - grid.center()) * per_unit, projection, ..*self }
+    }
+
+    /// Refuses a camera whose picture of a volume on `grid` would show nothing of it for want of pixels, or whose
+    /// lengths in voxels leave the range of f32.
+    ///
+    /// # Errors
+    /// [`Error::Camera`].
+    pub(crate) fn check_scale(&self, grid: &Grid) -> Result<()> {
+        let (camera, grid) = (self.local(grid), grid.local());
+        let half_diagonal = grid.corners_from_center(0.5).map(DVec3::length).into_iter().fold(0.0, f64::max);
+        let (distance, depth) = match camera.projection {
+            Projection::Orthographic { .. } => (0.0, 1.0),
+            Projection::Perspective { distance, .. } => (distance.abs(), distance - camera.target.dot(camera.forward)),
+        };
+        let pixel = camera.pixels().0[0].abs();
+        let farthest = camera.target.length().max(distance);
+        if farthest > MOST_VOXELS {
+            return Err(Error::Camera(format!(
+                "the {} is {farthest:.1e} voxels away from the volume, expected at most {MOST_VOXELS:e}",
+                if distance > camera.target.length() { "eye" } else { "target" }
+            )));
+        }
+        if !(1.0 / MOST_VOXELS..=MOST_VOXELS).contains(&pixel) {
+            return Err(Error::Camera(format!(
+                "a pixel is {pixel:.1e} voxels wide, expected {:e} to {MOST_VOXELS:e}",
+                1.0 / MOST_VOXELS
+            )));
+        }
+        let across = 2.0 * half_diagonal / (pixel * depth);
+        let is_before_the_eye = camera.eye().is_none() || depth > half_diagonal;
+        if is_before_the_eye && across < LEAST_PIXELS {
+            return Err(Error::Camera(format!(
+                "the whole volume would be {across:.1e} pixels wide, which does not show: come closer, or zoom in"
+            )));
         }
         Ok(())
     }
@@ -281,10 +340,10 @@ impl View {
 
     /// The camera's axes as columns: right, up, backward.
     fn frame(&self) -> Result<DMat3> {
-        let world_up = self.up.normalize();
+        let world_up = unit(self.up);
         let (forward, right) = match self.direction {
             Some(direction) => {
-                let forward = direction.normalize();
+                let forward = unit(direction);
                 let right = forward.cross(world_up);
                 if right.length() < 1e-6 {
                     return Err(Error::Camera(format!(
@@ -324,7 +383,7 @@ impl View {
         }
         for (name, value) in [("up", Some(self.up)), ("direction", self.direction)] {
             if let Some(value) = value
-                && !(value.is_finite() && value.length() > 0.0)
+                && !(value.is_finite() && value != DVec3::ZERO)
             {
                 return error(format!("{name} is {value}, expected a direction"));
             }

@@ -1,8 +1,8 @@
 //! The one error type of the library.
 
-use std::fmt;
+use std::fmt::{self, Write as _};
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The library's result.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
@@ -136,6 +136,11 @@ impl fmt::Display for Hint {
 }
 
 impl Error {
+    /// An [`Error::Format`] without a hint.
+    pub(crate) fn format(path: &Path, reason: impl Into<String>) -> Self {
+        Self::Format { path: path.to_owned(), reason: reason.into(), hint: None }
+    }
+
     /// What the caller can do about it, if the library knows a way out that its message does not state.
     #[must_use]
     pub fn hint(&self) -> Option<Hint> {
@@ -152,15 +157,15 @@ impl fmt::Display for Error {
         match self {
             Self::Read { path, .. } => write!(f, "cannot read {}", path.display()),
             Self::Write { path, .. } => write!(f, "cannot write {}", path.display()),
-            Self::Output { path, reason } => write!(f, "cannot write {}: {reason}", path.display()),
-            Self::Format { path, reason, .. } => write!(f, "{}: {reason}", path.display()),
-            Self::Volume(reason) => write!(f, "volume: {reason}"),
+            Self::Output { path, reason } => write!(f, "cannot write {}: {}", path.display(), Line(reason)),
+            Self::Format { path, reason, .. } => write!(f, "{}: {}", path.display(), Line(reason)),
+            Self::Volume(reason) => write!(f, "volume: {}", Line(reason)),
             Self::NonFinite { count, first: [x, y, z] } => {
                 write!(f, "volume: {count} samples are NaN or infinite, the first at ({x}, {y}, {z})")
             }
-            Self::Transfer(reason) => write!(f, "transfer function: {reason}"),
+            Self::Transfer(reason) => write!(f, "transfer function: {}", Line(reason)),
             Self::Camera(reason) => write!(f, "camera: {reason}"),
-            Self::Setting { name, reason } => write!(f, "{name}: {reason}"),
+            Self::Setting { name, reason } => write!(f, "{name}: {}", Line(reason)),
             Self::NoAdapter(reason) => write!(f, "no graphics adapter: {reason}"),
             Self::Unsupported { adapter, reason } => write!(f, "adapter {adapter} {reason}"),
             Self::Memory { what, bytes } => write!(f, "no memory for {what}: {bytes} bytes"),
@@ -178,6 +183,30 @@ impl fmt::Display for Error {
             }
         }
         Ok(())
+    }
+}
+
+/// The most characters of a reason that are shown.
+const MAX_REASON: usize = 400;
+
+/// A reason in one line of bearable length. It may quote what a user wrote or a file holds, of any length and with any
+/// characters: control characters, which could steer a terminal, become blanks, and the middle of a long one is left
+/// out.
+struct Line<'a>(&'a str);
+
+impl fmt::Display for Line<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let plain = |c: char| if c.is_control() { ' ' } else { c };
+        // The end states what is expected, so it is kept as well.
+        let half = MAX_REASON / 2;
+        match (self.0.char_indices().nth(half), self.0.char_indices().rev().nth(half - 1)) {
+            (Some((head, _)), Some((tail, _))) if head < tail => {
+                self.0[..head].chars().map(plain).try_for_each(|c| f.write_char(c))?;
+                f.write_str(" ... ")?;
+                self.0[tail..].chars().map(plain).try_for_each(|c| f.write_char(c))
+            }
+            _ => self.0.chars().map(plain).try_for_each(|c| f.write_char(c)),
+        }
     }
 }
 
@@ -200,6 +229,16 @@ mod tests {
         assert_eq!(error.to_string(), "cannot write a.png");
         assert_eq!(std::error::Error::source(&error).unwrap().to_string(), "disk full");
         assert_eq!(format!("{error:#}"), "cannot write a.png: disk full");
+    }
+
+    #[test]
+    fn long_reasons_keep_their_ends() {
+        let reason = format!("colour \"{}\n\u{1b}[2J\", expected #rrggbb", "ä".repeat(100_000));
+        let said = Error::Transfer(reason).to_string();
+        assert!(said.starts_with("transfer function: colour \"ä") && said.ends_with("expected #rrggbb"), "{said}");
+        assert!(said.chars().count() < 450 && !said.contains(char::is_control), "{said}");
+        let exact = "x".repeat(MAX_REASON);
+        assert_eq!(Line(&exact).to_string(), exact);
     }
 
     #[test]

@@ -33,6 +33,7 @@
 //! The features: `cli`, on by default, builds the program `voxsplat`; a library needs `default-features = false`.
 
 pub mod adapter;
+mod budget;
 pub mod camera;
 mod color;
 pub mod demos;
@@ -42,6 +43,7 @@ mod gpu;
 pub mod image;
 pub mod kernel;
 pub mod lighting;
+mod memory;
 mod names;
 mod output;
 pub mod progress;
@@ -50,8 +52,10 @@ pub mod renderer;
 pub mod report;
 mod scene;
 pub mod settings;
+mod source;
 pub mod stats;
 pub mod transfer;
+mod vector;
 pub mod volume;
 
 pub use camera::{Camera, ProjectionKind, View};

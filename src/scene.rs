@@ -15,7 +15,7 @@ use crate::gpu::view::{ScalarNeed, Weights};
 use crate::progress::Progress;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
-use crate::volume::{Grid, Volume};
+use crate::volume::{Grid, Pyramid, Volume};
 
 /// A volume prepared on the device of the [`Renderer`](crate::renderer::Renderer) that prepared it.
 pub struct Scene {
@@ -41,6 +41,8 @@ enum Content {
 /// A volume as post-shading draws it.
 struct Scalars {
     volume: Volume,
+    /// The volume at lower resolutions, for kernels that have grown.
+    pyramid: Pyramid,
     transfer: TransferFunction,
     shows: Shows,
     table: TransferTable,
@@ -56,6 +58,11 @@ pub(crate) enum Drawable<'a> {
 
 fn shows(settings: &Settings) -> Shows {
     if settings.model == Model::Mip { Shows::Largest } else { Shows::Opaque }
+}
+
+/// The distance that opacities are per, in units of [`Grid::local`].
+fn local_unit(transfer: &TransferFunction, grid: &Grid) -> f64 {
+    transfer.unit_or(grid.min_spacing()) / grid.unit()
 }
 
 impl Scene {
@@ -75,7 +82,9 @@ impl Scene {
     ) -> Self {
         let weights = Weights {
             max: TransferFunction::extinction(transfer.max_opacity(), 1.0),
-            unit: transfer.unit_or(volume.grid().min_spacing()),
+            unit: local_unit(transfer, volume.grid()),
+            // Light may turn any colour white.
+            brightest: if lit { [1.0; 3] } else { transfer.brightest() },
         };
         Self::new(context, Content::Splats { classified, lit }, *volume.grid(), weights, seconds)
     }
@@ -89,12 +98,13 @@ impl Scene {
     ) -> Result<Self> {
         let shows = shows(settings);
         let (max, seconds) = on_host(|| scalars::largest(volume, transfer.base()));
-        let weights = Weights { max: max?, unit: 1.0 };
+        let weights = Weights { max: max?, unit: 1.0, brightest: [1.0; 3] };
         let scalars = Scalars {
             volume: volume.clone(),
+            pyramid: Pyramid::default(),
             transfer: transfer.clone(),
             shows,
-            table: TransferTable::new(context, transfer, shows, transfer.unit_or(volume.grid().min_spacing())),
+            table: TransferTable::new(context, transfer, shows, local_unit(transfer, volume.grid())),
             emitted: Mutex::new(None),
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), *volume.grid(), weights, seconds))
@@ -156,7 +166,8 @@ impl Scene {
             Content::Splats { classified, .. } => return Ok((Drawable::Splats(classified), 0.0)),
             Content::Scalars(scalars) => scalars,
         };
-        let asked = Asked { kernel: settings.kernel, normalization: settings.normalization, need };
+        let Settings { kernel, normalization, ref lighting, .. } = *settings;
+        let asked = Asked { kernel, normalization, need, lit: lighting.is_some() };
         let lock = || scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((of, emitted)) = lock().as_ref()
             && of.serves(&asked)
@@ -166,8 +177,8 @@ impl Scene {
         // Not under the lock: who emits waits for a pool of threads, which may hand it work that asks for the lock.
         let (emitted, seconds) = on_host(|| {
             context.guarded("emitting scalars", || {
-                let Scalars { volume, transfer, shows, .. } = scalars.as_ref();
-                scalars::emit(context, volume, transfer, *shows, &asked, progress)
+                let Scalars { volume, pyramid, transfer, shows, .. } = scalars.as_ref();
+                scalars::emit(context, volume, pyramid, transfer, *shows, &asked, progress)
             })
         });
         let emitted = Arc::new(emitted?);

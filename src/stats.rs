@@ -64,9 +64,9 @@ pub struct Stats {
     /// Voxels of the volume.
     pub voxels: u64,
     /// Voxels that were kept as splats: voxels of some opacity; post-shaded, voxels that can take part in something
-    /// visible.
+    /// visible. A cell of a coarser level counts as one; see `levels`.
     pub splats_kept: u64,
-    /// Voxels that were dropped before drawing.
+    /// Voxels that were dropped before drawing, or that cells of a coarser level stand for.
     pub splats_dropped: u64,
     /// Copies of voxels beyond the faces of the volume, for the scalar field to be complete up to them.
     pub splats_padding: u64,
@@ -79,6 +79,10 @@ pub struct Stats {
     pub bytes_uploaded: u64,
     /// The size of the largest kernel over the size asked for: kernels grow so that no voxel falls between pixels.
     pub kernel_growth: f64,
+    /// The finest and the coarsest level of the volume that splats were taken from. A cell of level n stands for 2^n
+    /// voxels along each axis, where kernels have grown so far that they resolve no single voxels. Level 0 is the
+    /// volume itself. Only post-shading and maximum intensity by the painter quads take coarser ones.
+    pub levels: [u32; 2],
     /// Largest error of the footprints, as a fraction of their peak.
     pub footprint_error: f64,
     /// Bytes of the prepared volume on the device.
@@ -233,6 +237,16 @@ impl Stats {
         };
         let rays = if self.perspective { "perspective" } else { "orthographic" };
         writeln!(f, "model        {}, {shading}, {light}, {rays}", self.model)?;
+        match self.levels {
+            [_, 0] => {}
+            [finest, coarsest] if finest == coarsest => {
+                writeln!(f, "level        {finest}: cells of {}^3 voxels", 1_u64 << finest)?;
+            }
+            [finest, coarsest] => {
+                let [small, large] = [finest, coarsest].map(|level| 1_u64 << level);
+                writeln!(f, "levels       {finest} to {coarsest}: cells of {small}^3 to {large}^3 voxels")?;
+            }
+        }
         let error = self.footprint_error;
         match &self.painter {
             PainterStats::Quads(q) => {
@@ -268,7 +282,8 @@ impl Stats {
             "out of reach of the volume",
         )?;
         row(f, "bricks", self.bricks_uploaded.into(), (self.bricks - self.bricks_uploaded).into(), "show nothing")?;
-        row(f, "voxels", self.splats_kept, self.splats_dropped, "show nothing")?;
+        let dropped = if self.levels[1] > 0 { "show nothing, or are part of a cell" } else { "show nothing" };
+        row(f, "voxels", self.splats_kept, self.splats_dropped, dropped)?;
         if self.splats_padding > 0 {
             row(f, "copies", self.splats_padding, 0, "beyond the faces, for the field to be complete there")?;
         }

@@ -1,8 +1,11 @@
-// What all stages of one frame of the painter `quads` share. Lengths are in world units unless a name says otherwise.
+// What all stages of one frame of the painter `quads` share. World lengths are in a unit of about a voxel (Grid::local
+// in src/volume/grid.rs).
 //
-// View coordinates are x right, y up and z forward. Their z axis goes through the camera's target; z = 0 is the depth
-// of the middle of the lattice, so that depths stay small numbers however far the eye is. Plane coordinates belong to a
-// ray: in a parallel projection its world offset from the z axis, in a perspective one its slopes dx/dz and dy/dz.
+// View coordinates are x right, y up and z forward. Everything is measured from the home ray, the ray of the picture
+// that goes nearest to the middle of the lattice, so that numbers stay small however far off the axis the volume is: x
+// and y are offsets from the home ray at the same depth. z = 0 is the depth of the middle of the lattice, so that
+// depths stay small numbers however far the eye is. Plane coordinates belong to a ray: in a parallel projection its
+// offset from the home ray, in a perspective one its slopes dx/dz and dy/dz less those of the home ray.
 struct Frame {
     // Lattice coordinates of the middle of the lattice.
     lattice_center: vec3f,
@@ -17,7 +20,7 @@ struct Frame {
     view_z: vec3f,
     // Depth of the middle of the lattice in front of the eye; 0 and unused for a parallel projection.
     eye_depth: f32,
-    // Lattice coordinates of the world vectors right, up and forward.
+    // Lattice coordinates of the world vectors right, up and along the home ray (per unit of depth).
     grid_right: vec3f,
     // Half the view depth that a kernel extends over, radius * |view_z|.
     depth_extent: f32,
@@ -55,7 +58,11 @@ struct Frame {
     opaque_depth: f32,
     // Growth of a kernel centred at view depth z: max(1, growth.x + growth.y z).
     growth: vec2f,
+    // Slopes dx/dz and dy/dz of the home ray; 0 in a parallel projection.
+    home_slope: vec2f,
     // Tiles of early splat termination across and down the region, and pixels along the side of one.
     tiles: u32,
     tile_size: u32,
+    // By how much growth^2 shrinks at level n, over 4^n - 1.
+    level_spread: f32,
 }

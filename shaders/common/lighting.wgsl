@@ -33,11 +33,14 @@ fn light_from(light: vec3f, normal: vec3f, to_eye: vec3f) -> vec2f {
 // Of a surface across a gradient of any length: x, the factor of its colour, and y, the white that is added. Without a
 // gradient the colour stays as it is.
 fn light_on(gradient: vec3f, to_eye: vec3f) -> vec2f {
-    let length2 = dot(gradient, gradient);
-    if length2 <= 0.0 {
+    let largest = max(abs(gradient.x), max(abs(gradient.y), abs(gradient.z)));
+    if largest <= 0.0 {
         return vec2f(1.0, 0.0);
     }
-    let normal = gradient * (inverseSqrt(length2) * select(1.0, -1.0, dot(gradient, to_eye) < 0.0));
+    // By its largest component first: squares of large and of small numbers leave the range of f32.
+    let direction = gradient / largest;
+    let facing = select(1.0, -1.0, dot(direction, to_eye) < 0.0);
+    let normal = direction * (inverseSqrt(dot(direction, direction)) * facing);
     var sum = light_from(lighting.lights[0].xyz, normal, to_eye);
     if LIGHTS > 1u {
         sum += light_from(lighting.lights[1].xyz, normal, to_eye);

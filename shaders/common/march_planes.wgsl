@@ -1,5 +1,5 @@
 // The march of one ray from voxel plane to voxel plane, run after run. Each stage of rays says what a plane adds to the
-// slabs that are not complete: the struct `Slabs`, the function `feed`, and FLUSH, the planes that are marched after
+// slabs that are not complete: the struct `Slabs`, the functions `feed` and `begin_run`, and FLUSH, the planes that are marched after
 // the last of a run until every slab that the run feeds has been composited.
 
 fn march_planes(tile: vec3u, geometry: RayGeometry) -> RayState {
@@ -12,8 +12,7 @@ fn march_planes(tile: vec3u, geometry: RayGeometry) -> RayState {
         }
         let planes = planes_of(run, geometry);
         var slabs = Slabs();
-        ray.before = vec4f(0.0);
-        ray.slab = vec4f(0.0);
+        begin_run(&ray);
         for (var plane = planes.x; plane < planes.y + FLUSH; plane++) {
             feed(&ray, &slabs, gathered(geometry, footprints, plane, planes.y), geometry, plane);
             if ray.depth > rays.opaque_depth {

@@ -3,8 +3,8 @@
 override PERSPECTIVE: bool = false;
 
 struct PixelRay {
-    // Plane coordinates: see common/frame.wgsl.
-    plane: vec2f,
+    // Slopes dx/dz and dy/dz; 0 in a parallel projection.
+    slope: vec2f,
     // View depths between which the ray is in front of the eye and inside the box; nothing is if x >= y.
     inside: vec2f,
     // World length along the ray per unit of view depth.
@@ -19,11 +19,13 @@ fn pixel_ray(pixel: vec2u) -> PixelRay {
     // Before every view depth, but not infinite.
     var nearest = -3e38;
     var stretch = 1.0;
+    var slope = vec2f(0.0);
     if PERSPECTIVE {
         direction += frame.grid_right * plane.x + frame.grid_up * plane.y;
         at = plane * frame.eye_depth;
         nearest = -frame.eye_depth;
-        stretch = sqrt(1.0 + dot(plane, plane));
+        slope = plane + frame.home_slope;
+        stretch = sqrt(1.0 + dot(slope, slope));
     }
     let start = frame.grid_right * (at.x - frame.offset_x) + frame.grid_up * (at.y - frame.offset_y);
     // The ray against the sides of the box (Kay and Kajiya 1986, "Ray tracing complex scenes"). A component of 0 is
@@ -34,5 +36,5 @@ fn pixel_ray(pixel: vec2u) -> PixelRay {
     let near = min(a, b);
     let far = max(a, b);
     let inside = vec2f(max(max(near.x, near.y), max(near.z, nearest)), min(far.x, min(far.y, far.z)));
-    return PixelRay(plane, inside, stretch);
+    return PixelRay(slope, inside, stretch);
 }

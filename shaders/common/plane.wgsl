@@ -50,11 +50,11 @@ fn rows_of(plane: i32, end: i32, b: f32, half: f32) -> vec2i {
     return vec2i(first, select(first - 1, i32(floor(b + half)), plane < end));
 }
 
-// Sums over the voxels of a plane: of footprint times voxel, of that times s, and for scalars of that times s^2.
+// Sums over the voxels of a plane: of footprint times voxel, of that times s, and of that times s^2.
 struct Moments {
     m0: vec4f,
     m1: vec4f,
-    m2: f32,
+    m2: vec4f,
 }
 
 // The footprints that a straight ray meets in every plane: of 6 voxels in each of 4 rows, all that kernels with a
@@ -90,9 +90,9 @@ fn footprints_of(geometry: RayGeometry) -> Footprints {
 // The sum over six voxels of a row, with weights `a` and `b`.
 fn row_sum(texel: vec2i, origin: vec2i, a: vec4f, b: vec2f) -> vec4f {
     let at = texel_at(texel, origin);
-    let t0 = textureLoad(volume, at);
-    let t1 = textureLoad(volume, at + vec2i(1, 0));
-    let t2 = textureLoad(volume, at + vec2i(2, 0));
+    let t0 = voxels_at(at);
+    let t1 = voxels_at(at + vec2i(1, 0));
+    let t2 = voxels_at(at + vec2i(2, 0));
     return a.x * first_of(t0) + a.y * second_of(t0) + a.z * first_of(t1) + a.w * second_of(t1) + b.x * first_of(t2)
         + b.y * second_of(t2);
 }
@@ -148,12 +148,12 @@ fn row_weights(row: VoxelRow, direction: vec2f) -> RowWeights {
 fn add_row(sums: ptr<function, Moments>, w: RowWeights, a: vec4f, b: vec4f, c: vec4f, d: vec4f, e: vec4f, f: vec4f) {
     (*sums).m0 += w.w0.x * a + w.w1.x * b + w.w2.x * c + w.w3.x * d + w.w4.x * e + w.w5.x * f;
     (*sums).m1 += w.w0.y * a + w.w1.y * b + w.w2.y * c + w.w3.y * d + w.w4.y * e + w.w5.y * f;
-    (*sums).m2 += w.w0.z * a.w + w.w1.z * b.w + w.w2.z * c.w + w.w3.z * d.w + w.w4.z * e.w + w.w5.z * f.w;
+    (*sums).m2 += w.w0.z * a + w.w1.z * b + w.w2.z * c + w.w3.z * d + w.w4.z * e + w.w5.z * f;
 }
 
 // Adds the two voxels of texel number `texel` of a row.
 fn add_pair(sums: ptr<function, Moments>, row: VoxelRow, texel: i32, direction: vec2f) {
-    let t = textureLoad(volume, row.texel + vec2i(texel, 0));
+    let t = voxels_at(row.texel + vec2i(texel, 0));
     let v = first_of(t);
     let u = second_of(t);
     let du = row.du + f32(2 * texel);
@@ -161,24 +161,24 @@ fn add_pair(sums: ptr<function, Moments>, row: VoxelRow, texel: i32, direction: 
     let x = weights(du + 1.0, row.dv, direction);
     (*sums).m0 += w.x * v + x.x * u;
     (*sums).m1 += w.y * v + x.y * u;
-    (*sums).m2 += w.z * v.w + x.z * u.w;
+    (*sums).m2 += w.z * v + x.z * u;
 }
 
 // The moments of a plane for one ray; 0 if the plane is not before `end`.
 fn gathered(geometry: RayGeometry, footprints: Footprints, plane: i32, end: i32) -> Moments {
     if STRAIGHT {
-        return Moments(gathered_straight(footprints, plane, end), vec4f(0.0), 0.0);
+        return Moments(gathered_straight(footprints, plane, end), vec4f(0.0), vec4f(0.0));
     }
     let direction = geometry.direction.xy;
     let center = geometry.base + geometry.shear * f32(plane);
     let rows = rows_of(plane, end, center.y, geometry.footprint_half.y);
     let origin = plane_texel(plane);
-    var sums = Moments(vec4f(0.0), vec4f(0.0), 0.0);
+    var sums = Moments();
     for (var row = rows.x; row <= rows.y; row++) {
         let at = voxel_row(geometry, center, row, origin);
-        let t0 = textureLoad(volume, at.texel);
-        let t1 = textureLoad(volume, at.texel + vec2i(1, 0));
-        let t2 = textureLoad(volume, at.texel + vec2i(2, 0));
+        let t0 = voxels_at(at.texel);
+        let t1 = voxels_at(at.texel + vec2i(1, 0));
+        let t2 = voxels_at(at.texel + vec2i(2, 0));
         let w = row_weights(at, direction);
         add_row(&sums, w, first_of(t0), second_of(t0), first_of(t1), second_of(t1), first_of(t2), second_of(t2));
         if TEXELS > 3u {

@@ -3,8 +3,6 @@
 
 // Voxels are scalars.
 override SCALARS: bool = false;
-// X-ray: white.
-override WHITE: bool = false;
 
 // What is constant along a ray. Lengths are in voxels unless a name says otherwise; axes (a, b, m) as in
 // common/rays.wgsl.
@@ -72,7 +70,7 @@ fn geometry_of(point: vec2u) -> RayGeometry {
         geometry.section.by_m0 = mix(low.by_m0, high.by_m0, place - f32(step));
         geometry.section.by_m1 = mix(low.by_m1, high.by_m1, place - f32(step)) / lean;
         geometry.section.by_m2 = mix(low.by_m2, high.by_m2, place - f32(step)) / (lean * lean);
-        geometry.inside.x = rays.eye.z;
+        geometry.inside.x = rays.eye_plane;
         geometry.to_eye = -vec3f(slope, 1.0) / slant;
     }
     if SCALARS {
@@ -89,12 +87,6 @@ fn geometry_of(point: vec2u) -> RayGeometry {
         );
     }
     return geometry;
-}
-
-// The premultiplied colour of a ray that has ended.
-fn premultiplied(ray: RayState) -> vec4f {
-    let alpha = absorbed(max(ray.depth, 0.0));
-    return vec4f(select(ray.color, vec3f(alpha), WHITE), alpha);
 }
 
 // The point of an invocation's ray, in a tile of 8 x 8 neighbours.

@@ -21,7 +21,8 @@ const SECTIONS: u32 = 9u;
 const SECTION_STEPS: f32 = 8.0 / 1.55;
 
 struct Rays {
-    // Parallel rays: base coordinates of point (0, 0) of the intermediate image, and the steps to its neighbours.
+    // Parallel rays: base coordinates of point (0, 0) of the intermediate image, and the steps to its neighbours. Rays
+    // through one eye: the same in plane `middle.z`, from `middle` and times the component of `heading` along m.
     origin: vec2f,
     step_x: vec2f,
     step_y: vec2f,
@@ -40,8 +41,9 @@ struct Rays {
     heading_y: vec3f,
     // Square of the kernel's radius.
     radius2: f32,
-    // Rays through one eye: the eye, in (a, b) and planes.
-    eye: vec3f,
+    // Rays through one eye: a point (a, b, plane) in the middle of the volume that a ray in the middle of all of them
+    // goes through. Places are measured from it, as the eye may be too far away for f32.
+    middle: vec3f,
     // Parallel rays: in the row of voxels at distance v along b from a ray, the kernels that reach the ray are centred
     // within row_half of row_slope v along a.
     row_half: f32,
@@ -89,6 +91,8 @@ struct Rays {
     pixel_y: vec2f,
     // Width and height of the picture, pixels.
     picture: vec2u,
+    // The largest of each channel of colours.
+    brightest: vec3f,
     // Texels of a row of voxels in the volume's texture: two voxels each.
     row_texels: i32,
     // The share of these rays in the picture; rays through one eye have shares of their own beside it.
@@ -97,6 +101,8 @@ struct Rays {
     least_refined: f32,
     // Points of an intermediate image per voxel, over `phases`.
     fineness: f32,
+    // Rays through one eye: the eye, in planes.
+    eye_plane: f32,
     // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.
     sections: array<Section, SECTIONS>,
 }
@@ -114,13 +120,14 @@ struct Section {
     by_m2: vec4f,
 }
 
-// Tiles in a row of the texture of runs. Every device of WebGPU allows textures 8192 wide.
-const RUN_ROW: u32 = 4096u;
+// Runs in a row of the texture of runs. Every device of WebGPU allows textures 8192 wide.
+const RUN_ROW: u32 = 8192u;
 
-// Where run number `slot` of a tile is kept in the texture of runs.
+// Where run number `slot` of a tile is kept in the texture of runs: the runs of a tile are one after the other, row
+// after row.
 fn run_texel(tile: vec3u, slot: u32) -> vec2u {
-    let index = (tile.z * rays.tiles.y + tile.y) * rays.tiles.x + tile.x;
-    return vec2u(index % RUN_ROW, index / RUN_ROW * rays.run_slots + slot);
+    let index = ((tile.z * rays.tiles.y + tile.y) * rays.tiles.x + tile.x) * rays.run_slots + slot;
+    return vec2u(index % RUN_ROW, index / RUN_ROW);
 }
 
 // The first ray of a tile, as a point of the intermediate image; tile.z is the number of its phase.
@@ -140,12 +147,13 @@ struct Line {
 fn line_of(point: vec2u) -> Line {
     let x = f32(point.x);
     let y = f32(point.y);
+    let place = rays.origin + x * rays.step_x + y * rays.step_y;
     if PERSPECTIVE {
         let heading = rays.heading + x * rays.heading_x + y * rays.heading_y;
         let shear = heading.xy / heading.z;
-        return Line(rays.eye.xy - shear * rays.eye.z, shear, heading);
+        return Line(rays.middle.xy + place / heading.z - shear * rays.middle.z, shear, heading);
     }
-    return Line(rays.origin + x * rays.step_x + y * rays.step_y, rays.shear, rays.direction);
+    return Line(place, rays.shear, rays.direction);
 }
 
 // The kernels of a plane that reach a ray of this shear are centred within this distance of it along a and b.

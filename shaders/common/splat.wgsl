@@ -3,6 +3,13 @@
 //     place               5 bits each of x, y and z in the brick, then 17 bits of the brick's number in the store
 //     scalar              f32
 //
+// A scalar that is lit takes four:
+//
+//     place, scalar       the same
+//     gradient            half the differences of its neighbours along the axes of the lattice, x lowest: 18 bits each
+//                         with their sign; then the exponent of the largest as f32 has it, 2^16 steps. Exact to 8e-6
+//                         of the largest. Where all neighbours are equal it is 0
+//
 // A classified voxel takes four:
 //
 //     place               the same
@@ -12,10 +19,13 @@
 //     color               13 bits of red, then 14 of green, then the 5 low bits of blue
 //     normal              the direction of the world gradient, see common/normal.wgsl
 //
-// `origins` are the lattice points at which the bricks of the store begin, 32^3 voxels each.
+// `origins` are the lattice points at which the bricks of the store begin (xyz), 32^3 places each, and their level (w):
+// a place is a cell of 2^level voxels a side, which stands for them with one kernel in its middle.
 
 // Splats are scalars, not classified voxels.
 override SCALARS: bool = false;
+// Splats of scalars have gradients.
+override GRADIENTS: bool = false;
 
 // The first word of a splat.
 fn splat_place(x: u32, y: u32, z: u32, brick: u32) -> u32 {
@@ -24,7 +34,18 @@ fn splat_place(x: u32, y: u32, z: u32, brick: u32) -> u32 {
 
 // The first two words of a splat.
 fn splat_words(index: u32) -> vec2u {
-    return splats[select(2u * index, index, SCALARS)];
+    return splats[select(2u * index, index, SCALARS && !GRADIENTS)];
+}
+
+// The gradient of a scalar that is lit.
+fn splat_gradient(index: u32) -> vec3f {
+    let words = splats[2u * index + 1u];
+    let low = bitcast<i32>(words.x);
+    let high = bitcast<i32>(words.y);
+    let y = (extractBits(high, 0u, 4u) << 14u) | i32(words.x >> 18u);
+    let steps = vec3f(vec3i(extractBits(low, 0u, 18u), y, extractBits(high, 4u, 18u)));
+    // The exponent alone, without a fraction, is the power of two.
+    return steps * (bitcast<f32>((words.y >> 22u) << 23u) / 65536.0);
 }
 
 // The number of its brick in the store.
@@ -32,14 +53,23 @@ fn splat_brick(words: vec2u) -> u32 {
     return words.x >> 15u;
 }
 
-// Its lattice point.
+// The level of its brick.
+fn splat_level(words: vec2u) -> u32 {
+    return origins[splat_brick(words)].w;
+}
+
+// Its lattice point, at level 0.
 fn splat_point(words: vec2u) -> vec3u {
     let p = words.x;
     return origins[splat_brick(words)].xyz + vec3u(p & 31u, (p >> 5u) & 31u, (p >> 10u) & 31u);
 }
 
+// The middle of its kernel in lattice coordinates.
 fn splat_lattice(words: vec2u) -> vec3f {
-    return vec3f(splat_point(words));
+    let p = words.x;
+    let brick = origins[splat_brick(words)];
+    let point = brick.xyz + (vec3u(p & 31u, (p >> 5u) & 31u, (p >> 10u) & 31u) << vec3u(brick.w));
+    return vec3f(point) + 0.5 * f32((1u << brick.w) - 1u);
 }
 
 // Its density, or its scalar.

@@ -5,6 +5,10 @@
 
 @group(0) @binding(1) var volume: texture_storage_2d<rgba32uint, read>;
 
+fn voxels_at(texel: vec2i) -> vec4u {
+    return textureLoad(volume, texel);
+}
+
 fn first_of(texel: vec4u) -> vec4f {
     return vec4f(unpack2x16float(texel.x), unpack2x16float(texel.y));
 }

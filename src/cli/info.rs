@@ -37,10 +37,12 @@ struct Info {
     histogram: Vec<u64>,
     /// Largest value of the background, and its share of the voxels; `None` if all values are the same.
     background: Option<[f64; 2]>,
-    /// The suggested preset; `None` for a built-in volume, which has a transfer function of its own.
+    /// The suggested preset; `None` for a built-in volume, which has a transfer function of its own, and if no preset
+    /// fits.
     preset: Option<&'static str>,
     reason: String,
-    command: String,
+    /// `None` if the volume needs a transfer function that the user must write.
+    command: Option<String>,
 }
 
 /// The directions of the lattice axes in the patient.
@@ -90,7 +92,10 @@ impl Info {
             (None, "a built-in volume has its own transfer function".to_owned())
         } else {
             let Suggestion { name, reason } = presets::suggest(volume, statistics);
-            (Some(name), reason)
+            match presets::preset(name, statistics) {
+                Ok(_) => (Some(name), reason),
+                Err(_) => (None, format!("no preset fits: {reason}; write one, and give --transfer FILE.json")),
+            }
         };
         let spacing = grid.spacing();
         Self {
@@ -113,7 +118,7 @@ impl Info {
             background: statistics.background().map(|b| [b.limit, b.fraction]),
             preset,
             reason,
-            command: command(input, preset),
+            command: (own || preset.is_some()).then(|| command(input, preset)),
         }
     }
 
@@ -147,7 +152,8 @@ impl Info {
         text += &histogram::draw(&self.histogram);
         text += &histogram::axis(&short(self.min), &short(self.max));
         let preset = self.preset.map(|p| format!("{p}: ")).unwrap_or_default();
-        text + &format!("{:<12} {preset}{}\n{:<12} {}\n", "transfer", self.reason, "render", self.command)
+        text += &format!("{:<12} {preset}{}\n", "transfer", self.reason);
+        text + &self.command.as_ref().map(|command| format!("{:<12} {command}\n", "render")).unwrap_or_default()
     }
 }
 

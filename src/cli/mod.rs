@@ -1,7 +1,7 @@
 //! The command line. Arguments ([`args`]) become validated jobs ([`job`]); each command has a file that runs its jobs.
 //!
 //! Results go to stdout, everything else to stderr. An error is one line. Exit codes: 0 done, 1 failed or, for
-//! `compare`, the pictures differ, 2 wrong arguments.
+//! `compare`, the pictures differ, 2 wrong arguments. A signal ends the program as it ends others.
 
 mod args;
 mod compare;
@@ -13,6 +13,7 @@ mod output;
 mod parse;
 mod progress;
 mod render;
+mod signals;
 mod stderr;
 
 use std::error::Error as _;
@@ -104,6 +105,7 @@ pub(crate) fn main() -> ExitCode {
 }
 
 fn run(args: args::Args) -> Result<(), Failure> {
+    signals::watch();
     match args.command {
         args::Command::Render(args) => render::run(job::RenderJob::new(*args)?),
         args::Command::Info(args) => info::run(&args),

@@ -19,8 +19,19 @@ pub(super) fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
     print(&(text + "\n"))
 }
 
+/// The most characters of a message: two paths of the longest names, and what is said of them.
+const MAX_MESSAGE: usize = 10_000;
+
 /// Writes one line to stderr. A failure to do so is ignored: it cannot be reported.
 pub(super) fn say(message: &str) {
-    let line: Vec<&str> = message.split_whitespace().collect();
-    drop(writeln!(io::stderr().lock(), "voxsplat: {}", line.join(" ")));
+    let words: Vec<&str> = message.split_whitespace().collect();
+    let mut line = words.join(" ");
+    // It may quote an argument of any length. The end states what is expected.
+    let half = MAX_MESSAGE / 2;
+    if let (Some((head, _)), Some((tail, _))) = (line.char_indices().nth(half), line.char_indices().rev().nth(half - 1))
+        && head < tail
+    {
+        line.replace_range(head..tail, " ... ");
+    }
+    drop(writeln!(io::stderr().lock(), "voxsplat: {line}"));
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::input::{Input, format_error};
+use super::input::Input;
 use crate::error::{Error, Result};
 use crate::volume::{Endian, FileSamples, MAX_DIM, Number, SampleType, Stored, with_type};
 
@@ -152,7 +152,7 @@ pub(super) fn lattice(path: &std::path::Path, sizes: &[i64]) -> Result<[u32; 3]>
         let size = sizes.get(axis).copied().unwrap_or(1);
         match u32::try_from(size) {
             Ok(n) if (1..=MAX_DIM).contains(&n) => Ok(n),
-            _ => Err(format_error(path, format!("dimension {} is {size}, expected 1 to {}", axis + 1, MAX_DIM))),
+            _ => Err(Error::format(path, format!("dimension {} is {size}, expected 1 to {}", axis + 1, MAX_DIM))),
         }
     };
     Ok([dim(0)?, dim(1)?, dim(2)?])

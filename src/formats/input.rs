@@ -1,12 +1,14 @@
 //! A stream of bytes, plain or compressed, with the path of its file and a bound on the bytes left.
 
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, Read};
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
 use crate::error::{Error, Hint, Result};
+use crate::source;
 
 /// The first bytes of every gzip stream (RFC 1952).
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
@@ -18,16 +20,22 @@ const MAX_EXPANSION: u64 = 1032;
 /// The longest header line that is read, in bytes: a longer line is not text.
 const MAX_LINE: u64 = 1 << 20;
 
-/// The longest reason of an error, in characters: it may quote a header.
-const MAX_REASON: usize = 400;
+/// What all lines of a header and the names after it may take together, in bytes: 65 535 names of 400 characters.
+const MAX_HEADER: u64 = 32 << 20;
+
+/// What a line takes besides its characters, in bytes: lines are kept in strings, and strings in tables.
+const LINE_OVERHEAD: u64 = 64;
 
 /// A stream of bytes with the file it belongs to.
 pub(super) struct Input {
     path: PathBuf,
     reader: Box<dyn BufRead>,
-    /// Upper bound on the bytes left; `None` for pipes.
+    /// The file, if the bytes left are its last ones as they are stored.
+    plain: Option<Arc<File>>,
+    /// Upper bound on the bytes left; `None` for streams.
     left: Option<u64>,
-    compressed: bool,
+    /// What the lines to come may take, in bytes.
+    header_left: u64,
 }
 
 impl Input {
@@ -37,8 +45,7 @@ impl Input {
         plain.gunzip_if_gzip()
     }
 
-    /// Opens a data file that a header names, as it is. Only regular files are read: a header from an untrusted source
-    /// could name an endless device.
+    /// Opens a data file that a header names, as it is. Not even standard input is read unless it is a regular file.
     pub(super) fn open_data(path: &Path) -> Result<Self> {
         let input = Self::open_plain(path)?;
         if input.left.is_none() {
@@ -49,17 +56,14 @@ impl Input {
 
     /// Opens a file as it is.
     fn open_plain(path: &Path) -> Result<Self> {
-        let read_error = |source| Error::Read { path: path.to_owned(), source };
-        let file = File::open(path).map_err(read_error)?;
-        let meta = file.metadata().map_err(read_error)?;
-        if meta.is_dir() {
-            return Err(format_error(path, "is a directory, expected a volume file"));
-        }
+        let (file, left) = source::open(path)?;
+        let file = Arc::new(file);
         Ok(Self {
             path: path.to_owned(),
-            reader: Box::new(BufReader::with_capacity(1 << 16, file)),
-            left: meta.is_file().then_some(meta.len()),
-            compressed: false,
+            reader: buffered(Arc::clone(&file)),
+            plain: left.is_some().then_some(file),
+            left,
+            header_left: MAX_HEADER,
         })
     }
 
@@ -69,7 +73,7 @@ impl Input {
 
     /// An [`Error::Format`] about this file.
     pub(super) fn error(&self, reason: impl Into<String>) -> Error {
-        format_error(&self.path, reason)
+        Error::format(&self.path, reason)
     }
 
     /// Upper bound on the bytes left; `None` if there is none.
@@ -79,17 +83,16 @@ impl Input {
 
     /// The number of bytes left; `None` if it is not known, as in a compressed file.
     pub(super) fn exactly_left(&self) -> Option<u64> {
-        if self.compressed { None } else { self.left }
+        self.left.filter(|_| self.plain.is_some())
     }
 
     /// The file and the offset in it at which the remaining bytes begin; `None` if they are not stored as they are.
     pub(super) fn plain_file(&self) -> Result<Option<(File, u64)>> {
-        let Some(left) = self.exactly_left() else { return Ok(None) };
+        let (Some(file), Some(left)) = (&self.plain, self.left) else { return Ok(None) };
         let read_error = |source| Error::Read { path: self.path.clone(), source };
-        let file = File::open(&self.path).map_err(read_error)?;
         let length = file.metadata().map_err(read_error)?.len();
         // A file that has shrunk meanwhile is read as a stream, which reports the missing bytes.
-        Ok(length.checked_sub(left).map(|offset| (file, offset)))
+        length.checked_sub(left).map(|offset| Ok((file.try_clone().map_err(read_error)?, offset))).transpose()
     }
 
     /// The next `n` bytes, or fewer at the end of the file, without consuming them.
@@ -108,7 +111,7 @@ impl Input {
 
     /// Decompresses the gzip stream that begins here. Several members count as one stream, as bgzip writes them.
     pub(super) fn gunzip(self) -> Self {
-        self.decompressed(|reader| Box::new(BufReader::with_capacity(1 << 16, MultiGzDecoder::new(reader))))
+        self.decompressed(|reader| buffered(MultiGzDecoder::new(reader)))
     }
 
     /// Decompresses the zlib stream that begins here, or gzip, which MetaIO accepts as well.
@@ -116,34 +119,52 @@ impl Input {
         if self.peek(2)? == GZIP_MAGIC {
             return Ok(self.gunzip());
         }
-        Ok(self.decompressed(|reader| Box::new(BufReader::with_capacity(1 << 16, ZlibDecoder::new(reader)))))
+        Ok(self.decompressed(|reader| buffered(ZlibDecoder::new(reader))))
     }
 
     /// Decodes pairs of hexadecimal digits; blanks between digits are skipped.
     pub(super) fn unhex(mut self) -> Self {
         self.left = self.left.map(|n| n / 2);
-        self.compressed = true;
+        self.plain = None;
         self.reader = Box::new(BufReader::new(Unhex { digits: self.reader }));
         self
     }
 
     fn decompressed(mut self, f: impl FnOnce(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
         self.left = self.left.map(|n| n.saturating_mul(MAX_EXPANSION).saturating_add(1 << 16));
-        self.compressed = true;
+        self.plain = None;
         self.reader = f(self.reader);
         self
     }
 
     /// Skips `n` bytes.
     pub(super) fn skip(&mut self, n: u64) -> Result<()> {
-        let passed = match self.left {
-            Some(left) if n > left => 0,
+        let passed = match (self.left, self.plain_file()?) {
+            (Some(left), _) if n > left => 0,
+            // A header can name an offset of terabytes in a file of holes.
+            (_, Some((mut file, offset))) => {
+                file.seek(SeekFrom::Start(offset + n)).map_err(|e| self.io_error(e))?;
+                self.reader = buffered(file);
+                n
+            }
             _ => io::copy(&mut (&mut self.reader).take(n), &mut io::sink()).map_err(|e| self.io_error(e))?,
         };
         if passed < n {
             return Err(self.error(format!("ends before byte {n}, where its samples should begin")));
         }
         self.left = self.left.map(|left| left - n);
+        Ok(())
+    }
+
+    /// Skips `n` lines of any length.
+    pub(super) fn skip_lines(&mut self, n: u64) -> Result<()> {
+        for _ in 0..n {
+            let passed = self.reader.skip_until(b'\n').map_err(|e| self.io_error(e))?;
+            if passed == 0 {
+                return Err(self.error(format!("ends before line {n}, where its samples should begin")));
+            }
+            self.left = self.left.map(|left| left.saturating_sub(passed as u64));
+        }
         Ok(())
     }
 
@@ -154,8 +175,13 @@ impl Input {
         if line.is_empty() {
             return Ok(None);
         }
-        self.left = self.left.map(|left| left.saturating_sub(line.len() as u64));
-        if line.pop_if(|c| *c == b'\n').is_none() && line.len() as u64 == MAX_LINE {
+        let length = line.len() as u64;
+        self.left = self.left.map(|left| left.saturating_sub(length));
+        match self.header_left.checked_sub(length + LINE_OVERHEAD) {
+            Some(left) => self.header_left = left,
+            None => return Err(self.error(format!("has a header of over {} MiB", MAX_HEADER >> 20))),
+        }
+        if line.pop_if(|c| *c == b'\n').is_none() && length == MAX_LINE {
             return Err(self.error(format!("has a header line of over {MAX_LINE} bytes")));
         }
         line.pop_if(|c| *c == b'\r');
@@ -255,15 +281,9 @@ pub(super) fn hinted(mut error: Error, way_out: Hint) -> Error {
     error
 }
 
-/// An [`Error::Format`] without a hint.
-pub(super) fn format_error(path: &Path, reason: impl Into<String>) -> Error {
-    // Messages are one readable line, but a reason may quote a header of any length with any characters.
-    let mut reason = reason.into().replace(|c: char| c.is_control(), " ");
-    if let Some((end, _)) = reason.char_indices().nth(MAX_REASON) {
-        reason.truncate(end);
-        reason.push_str(" ...");
-    }
-    Error::Format { path: path.to_owned(), reason, hint: None }
+/// A reader with a buffer of 64 KiB.
+fn buffered(reader: impl Read + 'static) -> Box<dyn BufRead> {
+    Box::new(BufReader::with_capacity(1 << 16, reader))
 }
 
 /// Reads bytes from pairs of hexadecimal digits.

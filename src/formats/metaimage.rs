@@ -9,8 +9,8 @@ use std::path::PathBuf;
 use glam::DVec3;
 
 use super::decode::{Layout, lattice, read_samples};
-use super::input::{Input, format_error};
-use super::multifile;
+use super::input::Input;
+use super::multifile::DataFiles;
 use super::placement::Placement;
 use crate::error::{Error, Result};
 use crate::volume::{Endian, SampleType, Volume};
@@ -58,7 +58,7 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
 
     let count = grid.len();
     let files = header.data_files(&mut input)?;
-    let n = files.as_ref().map_or(1, Vec::len);
+    let n = files.as_ref().map_or(1, DataFiles::len);
     if !count.is_multiple_of(n as u64) {
         return Err(header.error(format!("{n} data files cannot share {count} samples equally")));
     }
@@ -75,11 +75,15 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
     let samples = match files {
         None => {
             // HeaderSize counts from the start of the file, and the header has been read: the file is opened again.
-            let local = if start.header_size == 0 { input } else { Input::open(&header.path)? };
+            let local = match (start.header_size, input.at_most()) {
+                (0, _) => input,
+                (_, Some(_)) => Input::open(&header.path)?,
+                (_, None) => return Err(header.error("HeaderSize needs a regular file: a stream is read once")),
+            };
             read_samples(&mut std::iter::once(start.apply(local)), 1, count, sample_type, layout)?
         }
         Some(files) => {
-            let mut parts = files.iter().map(|file| start.apply(Input::open_data(file)?));
+            let mut parts = files.paths().map(|file| start.apply(Input::open_data(&file)?));
             read_samples(&mut parts, n, count, sample_type, layout)?
         }
     };
@@ -146,7 +150,7 @@ impl Header {
     }
 
     fn error(&self, reason: impl Into<String>) -> Error {
-        format_error(&self.path, reason)
+        Error::format(&self.path, reason)
     }
 
     /// The text of the first of these fields that the header has: some fields have several names.
@@ -226,16 +230,15 @@ impl Header {
     }
 
     /// The data files; `None` if the samples follow the header.
-    fn data_files(&self, input: &mut Input) -> Result<Option<Vec<PathBuf>>> {
+    fn data_files(&self, input: &mut Input) -> Result<Option<DataFiles>> {
         let text = self.required("ElementDataFile")?;
         let word = text.split_ascii_whitespace().next().unwrap_or_default();
-        let names = match word.to_ascii_uppercase().as_str() {
-            "LOCAL" => return Ok(None),
-            "" => return Err(self.error("ElementDataFile is empty: expected a file name or LOCAL")),
+        match word.to_ascii_uppercase().as_str() {
+            "LOCAL" => Ok(None),
+            "" => Err(self.error("ElementDataFile is empty: expected a file name or LOCAL")),
             // The number after LIST is the dimension of each file. It does not matter: all files hold equal shares.
-            "LIST" => multifile::listed(input)?,
-            _ => multifile::expanded(&self.path, text, 3)?.unwrap_or_else(|| vec![text.to_owned()]),
-        };
-        multifile::resolve(&self.path, &names).map(Some)
+            "LIST" => DataFiles::listed(input).map(Some),
+            _ => DataFiles::named(&self.path, text, 3).map(Some),
+        }
     }
 }

@@ -33,7 +33,8 @@ pub struct LoadOptions {
     pub endian: Option<Endian>,
     /// Bytes before the first sample of a file without a header.
     pub offset: u64,
-    /// The finite number that replaces NaN and infinite samples; `None` makes such samples an error.
+    /// The finite number that replaces NaN and infinite samples; `None` makes such samples an error. They are
+    /// transparent if the transfer function gives this number no opacity.
     pub replace_nan: Option<f64>,
     /// The largest volume, in bytes of samples, that is always read into memory; 4 MiB by default. A larger one stays
     /// in its file if its samples are uncompressed and in one piece there, and is read brick by brick.
@@ -112,7 +113,8 @@ impl Format {
 ///
 /// # Errors
 /// - [`Error::Read`] if a file cannot be read.
-/// - [`Error::Format`] if its content is malformed, cut short, inconsistent or not supported.
+/// - [`Error::Format`] if it is not a regular file (standard input excepted), or its content is malformed, cut short,
+///   inconsistent or not supported.
 /// - [`Error::NonFinite`] if it has NaN or infinite samples and no replacement is given.
 /// - [`Error::Volume`] if the built-in volume does not exist.
 /// - [`Error::Setting`] if an option is out of range or does not apply to the file.

@@ -6,12 +6,15 @@
 //! The crate `npyz` 0.9 is not used: it multiplies the shape unchecked (an overflow panics in a debug build), reserves
 //! up to 4 GiB because the header's length says so, and reads sample by sample.
 
+use std::path::Path;
+
 use rayon::prelude::*;
 
 use super::decode::{self, Layout, lattice, read_all};
 use super::input::Input;
 use super::placement::Placement;
 use crate::error::Result;
+use crate::memory::reserved;
 use crate::volume::{Endian, Number, SampleType, Samples, Stored, Volume, with_samples};
 
 /// The first bytes of a .npy file.
@@ -73,21 +76,33 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
     let stored = if kind == "f2" {
         // Halves have no sample type of their own: f32 holds each of them exactly.
         let halves: Vec<u16> = decode::read(&mut std::iter::once(Ok(input)), 1, count, layout)?;
-        Stored::Memory(Samples::F32(halves.into_par_iter().map(|bits| half::f16::from_bits(bits).to_f32()).collect()))
+        let mut floats = reserved(count, samples_in(&path))?;
+        halves.into_par_iter().map(|bits| half::f16::from_bits(bits).to_f32()).collect_into_vec(&mut floats);
+        Stored::Memory(Samples::F32(floats))
     } else {
         read_all(input, count, sample_type, layout)?
     };
-    let stored = if header.fortran_order { Stored::Memory(x_fastest(stored.into_samples()?, dims)) } else { stored };
+    let stored = match header.fortran_order {
+        true => Stored::Memory(x_fastest(&stored.into_samples()?, dims, samples_in(&path))?),
+        false => stored,
+    };
     placement.volume(grid, stored)
 }
 
+/// What memory for samples of a file is for.
+fn samples_in(path: &Path) -> impl Fn() -> String {
+    move || format!("the samples of {}", path.display())
+}
+
 /// Reorders samples from z fastest to x fastest.
-fn x_fastest(samples: Samples, dims: [u32; 3]) -> Samples {
-    fn turned<T: Copy + Send + Sync>(from: &[T], [nx, ny, nz]: [usize; 3]) -> Vec<T> {
-        (0..nx * ny * nz).into_par_iter().map(|i| from[(i % nx * ny + i / nx % ny) * nz + i / (nx * ny)]).collect()
-    }
-    let dims = dims.map(|d| d as usize);
-    with_samples!(&samples, s => Number::collected(turned(s, dims)))
+fn x_fastest(samples: &Samples, dims: [u32; 3], what: impl Fn() -> String) -> Result<Samples> {
+    let [nx, ny, nz] = dims.map(|d| d as usize);
+    with_samples!(samples, from => {
+        let mut turned = reserved(from.len() as u64, what)?;
+        let at = |i: usize| from[(i % nx * ny + i / nx % ny) * nz + i / (nx * ny)];
+        (0..from.len()).into_par_iter().map(at).collect_into_vec(&mut turned);
+        Ok(Number::collected(turned))
+    })
 }
 
 fn read_header(input: &mut Input) -> Result<Header> {

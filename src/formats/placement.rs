@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::input::{format_error, hinted};
+use super::input::hinted;
 use crate::error::{Error, Hint, Result};
 use crate::volume::{Grid, Stored, Volume};
 
@@ -55,13 +55,13 @@ impl Placement {
                 None if self.spacing[a].is_finite() && self.spacing[a] > 0.0 => *axis *= self.spacing[a],
                 None => {
                     let reason = format!("the spacing of axis {} is {}, not a positive length", a + 1, self.spacing[a]);
-                    return Err(hinted(format_error(path, reason), Hint::GiveSpacing));
+                    return Err(hinted(Error::format(path, reason), Hint::GiveSpacing));
                 }
             }
         }
         let [x, y, z] = axes;
         Grid::new(dims, DAffine3::from_mat3_translation(DMat3::from_cols(x, y, z), self.origin)).map_err(|e| match e {
-            Error::Volume(reason) => format_error(path, reason),
+            Error::Volume(reason) => Error::format(path, reason),
             other => other,
         })
     }

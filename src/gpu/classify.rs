@@ -146,7 +146,7 @@ impl Classifier {
             ("INLINE_POINTS", if is_few { points.len() as f64 } else { 0.0 }),
         ];
         let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
-        let gradients = volume.grid().to_lattice().matrix3.transpose();
+        let gradients = volume.grid().local().to_lattice().matrix3.transpose();
         let gradient = |axis: usize| gradients.col(axis).as_vec3().to_array();
         let storage = wgpu::BufferUsages::STORAGE;
         let job = Job {
@@ -169,7 +169,7 @@ impl Classifier {
             },
         };
         let mut batch = BrickBatch::default();
-        let mut stores = StoreBuilder::new(context, JOINED);
+        let mut stores = StoreBuilder::new(context, STRIDE, JOINED);
         let mut classified = Classified::default();
         let (slope, intercept) = volume.rescale();
         let shows = |[low, high]: [f64; 2]| {
@@ -199,6 +199,9 @@ impl Classifier {
         Ok(classified)
     }
 }
+
+/// Bytes of a splat.
+const STRIDE: u64 = size_of::<Splat>() as u64;
 
 /// Bricks that are classified together.
 #[derive(Default)]
@@ -259,7 +262,7 @@ impl Job<'_> {
             return Ok(());
         }
         let (first_brick, first_splat) = stores.make_room(visible, batch.origins.len())?;
-        let bytes = u64::from(visible) * ClassifiedPart::STRIDE;
+        let bytes = u64::from(visible) * STRIDE;
         let splats = context.buffer("classify.splats", bytes, storage | wgpu::BufferUsages::COPY_SRC)?;
         let parameters = uniform(&Classify { first_brick, ..parameters })?;
         recorder.dispatch("classify", &self.emit, &bindings(&parameters, &splats), &[], [x, y, 1]);
@@ -282,18 +285,16 @@ struct ClassifiedPart {
 }
 
 impl Part for ClassifiedPart {
-    const STRIDE: u64 = size_of::<Splat>() as u64;
-
-    fn join(context: &Context, parts: Vec<Self>, count: u64) -> Result<wgpu::Buffer> {
+    fn join(context: &Context, parts: Vec<Self>, bytes: u64) -> Result<wgpu::Buffer> {
         if let [part] = parts.as_slice() {
             return Ok(part.splats.clone());
         }
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
-        let joined = context.buffer("classify.store", count * Self::STRIDE, usage)?;
+        let joined = context.buffer("classify.store", bytes, usage)?;
         let mut recorder = Recorder::untimed(context);
         let mut at = 0;
         for part in &parts {
-            let bytes = u64::from(part.count) * Self::STRIDE;
+            let bytes = u64::from(part.count) * STRIDE;
             recorder.copy(&part.splats, &joined, at, bytes);
             at += bytes;
         }

@@ -90,9 +90,8 @@ pub(crate) struct Traffic {
 
 impl Context {
     /// Features that are used if the device has them.
-    pub(crate) const FEATURES: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY
-        .union(wgpu::Features::FLOAT32_BLENDABLE)
-        .union(wgpu::Features::FLOAT32_FILTERABLE);
+    pub(crate) const FEATURES: wgpu::Features =
+        wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::FLOAT32_BLENDABLE);
 
     /// A device that is open already. Its callbacks of errors stay the owner's.
     pub(crate) fn of_device(device: wgpu::Device, queue: wgpu::Queue, info: AdapterInfo) -> Self {
@@ -184,6 +183,11 @@ impl Context {
             return Err(Error::Device { stage: stage.to_owned(), reason });
         }
         result
+    }
+
+    /// Whether sheets can be f32.
+    pub(crate) fn blends_f32(&self) -> bool {
+        self.features.contains(wgpu::Features::FLOAT32_BLENDABLE)
     }
 
     /// Waits until the device has done all that was submitted.

@@ -12,12 +12,23 @@ pub(crate) struct Splat {
     pub normal: u32,
 }
 
-/// A scalar voxel; shaders/common/splat.wgsl explains the words.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-pub(crate) struct ScalarSplat {
-    pub place: u32,
-    pub scalar: f32,
+/// The words of a splat of a scalar that is not lit, and of one that is; shaders/common/splat.wgsl explains them.
+pub(crate) const SCALAR_WORDS: usize = 2;
+pub(crate) const LIT_SCALAR_WORDS: usize = 4;
+
+/// The words of a gradient, three steps of 18 bits: `splat_gradient` in shaders/common/splat.wgsl.
+pub(crate) fn packed_gradient(gradient: [f32; 3]) -> [u32; 2] {
+    // The largest component has 16 bits before the point, one more for the sign, and one for its mantissa up to 2.
+    const BITS: i32 = 16;
+    const LARGEST: f64 = 131_071.0;
+    let exponent = gradient.iter().fold(0.0_f32, |largest, c| largest.max(c.abs())).to_bits() >> 23;
+    if exponent == 0 {
+        return [0; 2];
+    }
+    let scale = f64::from(BITS - (exponent as i32 - 127)).exp2();
+    let step = |c: f32| (f64::from(c) * scale).round().clamp(-LARGEST, LARGEST) as i32 as u32 & 0x3ffff;
+    let [x, y, z] = gradient.map(step);
+    [x | y << 18, y >> 14 | z << 4 | exponent << 22]
 }
 
 /// The bit of a place at which the number of its brick begins: 5 bits of each of x, y and z are below.
@@ -92,8 +103,11 @@ pub(crate) struct Frame {
     pub box_half: [f32; 3],
     pub opaque_depth: f32,
     pub growth: [f32; 2],
+    pub home_slope: [f32; 2],
     pub tiles: u32,
     pub tile_size: u32,
+    pub level_spread: f32,
+    pub _pad: u32,
 }
 
 /// Parameters of `sort`; shaders/sort.wgsl.
@@ -163,7 +177,6 @@ pub(crate) struct Lighting {
 pub(crate) struct Terminate {
     pub first: u32,
     pub count: u32,
-    pub margin: f32,
 }
 
 /// Where a region goes in the caller's texture; shaders/present.wgsl.
@@ -172,7 +185,7 @@ pub(crate) struct Terminate {
 pub(crate) struct Present {
     pub corner: [u32; 2],
     pub row: u32,
-    pub margin: u32,
+    pub _pad: u32,
 }
 
 /// How a batch of sheets of scalars is shaded; shaders/shade.wgsl.
@@ -182,7 +195,7 @@ pub(crate) struct Shade {
     pub depth: f32,
     pub previous: f32,
     pub current: f32,
-    pub margin: i32,
+    pub _pad: u32,
     pub invisible: [f32; 2],
     pub lookup: [f32; 2],
     pub low: [u32; 2],
@@ -198,8 +211,8 @@ pub(crate) const MACROCELL: u32 = 4;
 pub(crate) const MARGIN: u32 = 7;
 /// Side of a tile, in rays; a workgroup of `single` is 8 x 8 rays, one of `blocked` 8 rows of 8.
 pub(crate) const TILE: u32 = 8;
-/// Tiles in a row of the texture of runs; RUN_ROW in shaders/common/rays.wgsl.
-pub(crate) const RUN_ROW: u32 = 4096;
+/// Runs in a row of the texture of runs; RUN_ROW in shaders/common/rays.wgsl.
+pub(crate) const RUN_ROW: u32 = 8192;
 
 /// The rays of the painter `tiles` and the volume that they cross; each field is explained in shaders/common/rays.wgsl.
 #[repr(C)]
@@ -217,7 +230,7 @@ pub(crate) struct Rays {
     pub opaque_depth: f32,
     pub heading_y: [f32; 3],
     pub radius2: f32,
-    pub eye: [f32; 3],
+    pub middle: [f32; 3],
     pub row_half: f32,
     pub box_low: [f32; 3],
     pub row_slope: f32,
@@ -245,10 +258,12 @@ pub(crate) struct Rays {
     pub pixel_x: [f32; 2],
     pub pixel_y: [f32; 2],
     pub picture: [u32; 2],
+    pub brightest: [f32; 3],
     pub row_texels: i32,
     pub share: f32,
     pub least_refined: f32,
     pub fineness: f32,
+    pub eye_plane: f32,
     pub sections: [[[f32; 4]; 3]; SECTIONS],
 }
 
@@ -276,4 +291,31 @@ pub(crate) struct Pack {
     pub _pad_y: u32,
     pub view_z: [f32; 3],
     pub _pad_z: u32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What `splat_gradient` makes of the words.
+    fn unpacked([low, high]: [u32; 2]) -> [f64; 3] {
+        let signed = |bits: u32| f64::from((bits << 14) as i32 >> 14);
+        let steps = [low, low >> 18 | (high & 15) << 14, high >> 4].map(|bits| signed(bits & 0x3ffff));
+        steps.map(|c| c * f64::from(f32::from_bits(high >> 22 << 23)) / 65536.0)
+    }
+
+    #[test]
+    fn gradients_keep_their_directions_at_any_size() {
+        for size in [1e-37_f32, 1e-20, 1e-3, 1.0, 1.999_999_9, 777.0, 1e38] {
+            for direction in
+                [[1.0, -1.0, 1.0], [-1.0, 1e-4, 0.0], [0.3, -0.7, 0.999], [0.0, 0.0, -1.0], [2e-6, 1.0, -0.5]]
+            {
+                let gradient = direction.map(|c| c * size);
+                for (got, expected) in unpacked(packed_gradient(gradient)).into_iter().zip(gradient) {
+                    assert!((got - f64::from(expected)).abs() <= 8e-6 * f64::from(size), "{gradient:?}: {got}");
+                }
+            }
+        }
+        assert_eq!(packed_gradient([0.0, -0.0, 0.0]), [0; 2]);
+    }
 }

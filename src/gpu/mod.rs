@@ -7,6 +7,7 @@ pub(crate) mod choice;
 pub(crate) mod classify;
 pub(crate) mod context;
 pub(crate) mod layout;
+mod levels;
 pub(crate) mod painter;
 pub(crate) mod pipeline;
 pub(crate) mod present;
@@ -26,6 +27,8 @@ pub(crate) mod store;
 pub(crate) mod tiles;
 pub(crate) mod timing;
 pub(crate) mod transfer;
+#[cfg(test)]
+mod translations_test;
 #[cfg(test)]
 mod twins;
 pub(crate) mod view;

@@ -16,7 +16,7 @@ use crate::stats::PainterStats;
 /// What a painter is asked, in this order.
 pub(crate) struct Room {
     /// Why it does not draw a picture, as a sentence; `None`: it does, unless it finds out late.
-    pub(crate) refusal: fn(&Context, &ViewGeometry, &Settings) -> Option<String>,
+    pub(crate) refusal: fn(&ViewGeometry, &Settings) -> Option<String>,
     /// How far the scalars of a post-shaded scene must reach.
     pub(crate) need: fn(&ViewGeometry, &Settings, Weights) -> ScalarNeed,
     /// Begins a picture.
@@ -63,23 +63,21 @@ pub(crate) trait Painting {
     /// Bytes on the device for each pixel of a region, besides the pixel itself.
     fn pixel_bytes(&self) -> u32;
 
+    /// The most pixels of a region that is submitted at a time, for no watchdog to end it.
+    fn most_pixels(&self) -> u64 {
+        u64::MAX
+    }
+
     /// Makes the pipelines that the picture takes, or finds those of a picture before.
     fn make_pipelines(&self) -> Result<()>;
 
-    /// Paints a region. The last commands may be recorded and not submitted.
-    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<Painted>;
+    /// Paints a region: its pixels, premultiplied RGBA, four f32 each, row by row. The last commands may be recorded and
+    /// not submitted.
+    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<wgpu::Buffer>;
 
     /// Largest error of the footprints, as a fraction of their peak.
     fn footprint_error(&self) -> f64;
 
     /// What it took.
     fn stats(&self) -> PainterStats;
-}
-
-/// The pixels of a region on the device.
-pub(crate) struct Painted {
-    /// Premultiplied RGBA, four f32 a pixel, row by row.
-    pub(crate) pixels: wgpu::Buffer,
-    /// Pixels around the region that the buffer holds besides.
-    pub(crate) margin: u32,
 }

@@ -17,10 +17,6 @@ pub(super) enum Binding {
     Write,
     /// A float texture, read without filtering.
     Texture(wgpu::TextureViewDimension),
-    /// A float texture that a sampler filters.
-    FilteredTexture,
-    /// A sampler that filters.
-    Sampler,
     /// A texture of unsigned integers.
     IntegerTexture(wgpu::TextureViewDimension),
     /// A storage texture that is read, faster than others are on software Vulkan: they look up their level each time.
@@ -46,10 +42,6 @@ impl Binding {
             Self::Texture(view_dimension) => {
                 texture(wgpu::TextureSampleType::Float { filterable: false }, view_dimension)
             }
-            Self::FilteredTexture => {
-                texture(wgpu::TextureSampleType::Float { filterable: true }, wgpu::TextureViewDimension::D2)
-            }
-            Self::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
             Self::IntegerTexture(view_dimension) => texture(wgpu::TextureSampleType::Uint, view_dimension),
             Self::ReadTexture(format) => wgpu::BindingType::StorageTexture {
                 access: wgpu::StorageTextureAccess::ReadOnly,

@@ -2,7 +2,6 @@
 
 use super::context::Context;
 use super::layout;
-use super::painter::Painted;
 use super::pipeline::{Binding, bind, flag, layout, module, pipeline_layout, specialised};
 use super::recorder::Recorder;
 use super::shaders;
@@ -52,14 +51,13 @@ impl Present {
         recorder: &mut Recorder<'_>,
         view: &wgpu::TextureView,
         region: Region,
-        painted: &Painted,
+        pixels: &wgpu::Buffer,
     ) -> Result<()> {
         let context = recorder.context;
-        let margin = painted.margin;
-        let parameters = layout::Present { corner: [region.x, region.y], row: region.width + 2 * margin, margin };
+        let parameters = layout::Present { corner: [region.x, region.y], row: region.width, _pad: 0 };
         let parameters = bytemuck::bytes_of(&parameters);
         let parameters = context.upload("present.parameters", parameters, wgpu::BufferUsages::UNIFORM)?;
-        let resources = [parameters.as_entire_binding(), painted.pixels.as_entire_binding()];
+        let resources = [parameters.as_entire_binding(), pixels.as_entire_binding()];
         let group = bind(context, "present", &self.layout, &resources);
         let mut pass = recorder.render_pass("present", &[Some(attachment(view, wgpu::LoadOp::Load))]);
         pass.set_pipeline(&self.pipeline);

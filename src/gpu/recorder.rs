@@ -9,7 +9,13 @@ pub(crate) struct Recorder<'a> {
     pub(crate) context: &'a Context,
     encoder: wgpu::CommandEncoder,
     timing: Timing,
+    /// Work recorded since the last submission.
+    work: u64,
 }
+
+/// The most work of a submission on a GPU, in fragments of splats or planes of rays: a few tenths of a second on the
+/// slowest. Operating systems reset a GPU whose commands take seconds.
+pub(crate) const MAX_WORK: u64 = 200_000_000;
 
 /// A copy of a buffer that the host can read once the commands before it are done.
 pub(crate) struct Readback {
@@ -34,7 +40,7 @@ impl<'a> Recorder<'a> {
     }
 
     fn new(context: &'a Context, timing: Timing) -> Self {
-        Self { context, encoder: encoder(context), timing }
+        Self { context, encoder: encoder(context), timing, work: 0 }
     }
 
     /// A compute pass of a stage, for several dispatches.
@@ -120,8 +126,17 @@ impl<'a> Recorder<'a> {
         Ok(Readback { staging, bytes })
     }
 
+    /// Counts work that was recorded, and submits it if it is all that a submission may take.
+    pub(super) fn worked(&mut self, work: u64) {
+        self.work = self.work.saturating_add(work);
+        if self.work >= MAX_WORK && !self.context.info.is_software() {
+            self.submit();
+        }
+    }
+
     /// Hands what was recorded to the device, which starts on it.
     pub(crate) fn submit(&mut self) {
+        self.work = 0;
         let recorded = std::mem::replace(&mut self.encoder, encoder(self.context));
         self.context.queue.submit([recorded.finish()]);
     }

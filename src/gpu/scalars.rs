@@ -1,23 +1,23 @@
 //! scalars: a volume to splats of scalars, for post-shading. On the host, brick by brick: which voxels can show depends
-//! on their surroundings.
+//! on their surroundings. If kernels have grown, cells of a pyramid stand for voxels (see levels.rs).
+
+use std::sync::Arc;
 
 use super::context::Context;
-use super::layout::{BRICK_SHIFT, ScalarSplat, place};
+use super::layout::{BRICK_SHIFT, LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient, place};
+use super::levels::Cut;
 use super::savings::Savings;
 use super::store::{BrickSplats, Bricks, Part, Store, StoreBuilder};
 use super::view::ScalarNeed;
-use crate::error::{Error, Result};
+use crate::budget::{MAX_GROWTH, MAX_PLACES, too_much};
+use crate::error::Result;
 use crate::kernel::{Kernel, Normalization};
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
-use crate::volume::{BRICK_EDGE as EDGE, RowCoding, ToF64, Volume};
+use crate::volume::{BRICK_EDGE as EDGE, Level, Pyramid, RowCoding, ToF64, Volume};
 
 /// The largest influence, in voxels, within which single voxels are looked for. If it is larger, bricks are kept whole.
 const MAX_HALO: usize = 16;
-
-/// The most places of an extended lattice, unless the volume itself has half as many: kernels grow without end as the
-/// picture gets smaller, and the copies beyond the faces with them.
-const MAX_PLACES: u64 = 1 << 28;
 
 /// What splats of scalars depend on besides volume and transfer function.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,15 +25,23 @@ pub(crate) struct Asked {
     pub(crate) kernel: Kernel,
     pub(crate) normalization: Normalization,
     pub(crate) need: ScalarNeed,
+    /// Whether splats have gradients.
+    pub(crate) lit: bool,
 }
 
 impl Asked {
+    /// Words of a splat.
+    fn words(&self) -> usize {
+        if self.lit { LIT_SCALAR_WORDS } else { SCALAR_WORDS }
+    }
+
     /// Whether splats made for `self` can be reused for `other`. They must reach at least as far; reaching up to 1.5
     /// times as far changes no pixel and costs only time.
     pub(crate) fn serves(&self, other: &Self) -> bool {
         let influence = other.need.influence..=1.5 * other.need.influence;
-        let need = ScalarNeed { influence: self.need.influence, ..other.need };
-        influence.contains(&self.need.influence) && *self == Self { need, ..*other }
+        let ScalarNeed { influence: held, growth, .. } = self.need;
+        influence.contains(&held)
+            && *self == Self { need: ScalarNeed { influence: held, growth, ..other.need }, ..*other }
     }
 }
 
@@ -115,6 +123,17 @@ pub(crate) fn largest(volume: &Volume, base: f64) -> Result<f64> {
     Ok(volume.ranges()?.iter().flatten().map(|raw| (slope * raw + intercept - base).abs()).fold(0.0, f64::max))
 }
 
+/// Places of the lattices that splats are looked for in, copies beyond the faces of the volume included.
+fn places(dims: [u32; 3], need: ScalarNeed) -> u64 {
+    let of = |level: u32, padding: u32| {
+        let along = |d: u32| u64::from(d.div_ceil(1 << level)).saturating_add(2 * u64::from(padding));
+        dims.into_iter().map(along).fold(1, u64::saturating_mul)
+    };
+    let Some(cut) = need.cut else { return of(0, need.padding) };
+    let [finest, coarsest] = cut.levels;
+    (finest..=coarsest).map(|level| of(level, cut.padding(level))).fold(0, u64::saturating_add)
+}
+
 /// Scalars relative to the base.
 struct Relative {
     slope: f64,
@@ -183,40 +202,48 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<bool> {
 pub(crate) fn emit(
     context: &Context,
     volume: &Volume,
+    pyramid: &Pyramid,
     transfer: &TransferFunction,
     shows: Shows,
     asked: &Asked,
     progress: &Progress,
 ) -> Result<Emitted> {
     let emission = Emission::new(context, volume, transfer, shows, asked)?;
-    let [_, down, deep] = emission.counts;
-    let mut stores = StoreBuilder::new(context, u32::MAX);
+    let [finest, coarsest] = emission.levels();
+    let cells = pyramid.levels(volume, &emission.relative, coarsest as usize)?;
+    let mut stores = StoreBuilder::new(context, 4 * emission.words as u64, u32::MAX);
     let mut emitted = Emitted::default();
-    let mut rows = 0;
-    volume.for_each_row([down, deep], emission.halo, &|j, k| emission.row(j, k), &mut |row| {
-        row.into_iter().try_for_each(|brick| emitted.add(&mut stores, brick))?;
-        rows += 1;
-        progress.report("emitting scalars", f64::from(rows) / (down * deep) as f64);
-        Ok(())
-    })?;
+    for level in finest..=coarsest {
+        let cells = level.checked_sub(1).and_then(|index| cells.get(index as usize).cloned());
+        let lattice = Lattice::new(volume.grid().dims(), level, emission.need, cells);
+        let [_, down, deep] = lattice.counts;
+        let mut rows = 0;
+        volume.for_each_row([down, deep], emission.halo, &|j, k| emission.row(&lattice, j, k), &mut |row| {
+            row.into_iter().try_for_each(|brick| emitted.add(&mut stores, brick, emission.words))?;
+            rows += 1;
+            progress.report("emitting scalars", f64::from(rows) / (down * deep) as f64);
+            Ok(())
+        })?;
+        emitted.bricks.all += lattice.counts.iter().product::<usize>() as u32;
+    }
     emitted.stores = stores.finish()?;
-    emitted.bricks.all = emission.counts.iter().product::<usize>() as u32;
     context.wait("emitting scalars")?;
     Ok(emitted)
 }
 
 impl Emitted {
-    fn add(&mut self, stores: &mut StoreBuilder<'_, Vec<ScalarSplat>>, found: BrickScalars) -> Result<()> {
+    /// Adds the splats of a brick, of so many words each.
+    fn add(&mut self, stores: &mut StoreBuilder<'_, Vec<u32>>, found: BrickScalars, words: usize) -> Result<()> {
         let BrickScalars { brick, mut splats, voxels } = found;
         self.bricks.uploaded += 1;
         self.voxels += voxels;
         if splats.is_empty() {
             return Ok(());
         }
-        let count = splats.len() as u32;
+        let count = (splats.len() / words) as u32;
         let (number, first) = stores.make_room(count, 1)?;
-        self.bricks.bytes += u64::from(count) * <Vec<ScalarSplat>>::STRIDE;
-        splats.iter_mut().for_each(|splat| splat.place |= number << BRICK_SHIFT);
+        self.bricks.bytes += size_of_val(splats.as_slice()) as u64;
+        splats.iter_mut().step_by(words).for_each(|place| *place |= number << BRICK_SHIFT);
         stores.add(splats, count, [BrickSplats { first, ..brick }]);
         Ok(())
     }
@@ -229,15 +256,53 @@ struct Emission<'a> {
     invisible: Invisible,
     savings: Savings,
     need: ScalarNeed,
+    /// Words of a splat.
+    words: usize,
     /// Of each brick of the volume, x fastest, whether a voxel of it can show.
     active: Vec<bool>,
-    /// Lattice points along each axis, copies included; below, bricks of them.
-    extended: [usize; 3],
-    counts: [usize; 3],
-    /// Layers of voxels around a brick that are searched for voxels that can show; 0 if bricks are kept whole.
+    /// Layers of voxels around a brick that are searched for voxels that can show, or that gradients take differences
+    /// with.
     halo: usize,
     /// Whether they are; otherwise bricks are kept whole.
     singly: bool,
+}
+
+/// The cells of a level, or the voxels as level 0, with the copies beyond the faces.
+struct Lattice {
+    level: u32,
+    /// What the cells hold; `None`: the volume is read.
+    cells: Option<Arc<Level>>,
+    /// Cells that cover the volume along each axis.
+    dims: [usize; 3],
+    /// Cells of copies beyond each face.
+    padding: usize,
+    /// The lattice point at which the first of them begins, in the lattice extended by [`ScalarNeed::padding`].
+    origin: u32,
+    /// Cells along each axis, copies included; below, bricks of them.
+    extended: [usize; 3],
+    counts: [usize; 3],
+}
+
+impl Lattice {
+    fn new(dims: [u32; 3], level: u32, need: ScalarNeed, cells: Option<Arc<Level>>) -> Self {
+        let padding = need.cut.map_or(need.padding, |cut| cut.padding(level).min(need.padding >> level));
+        let dims = dims.map(|d| d.div_ceil(1 << level) as usize);
+        let extended = dims.map(|d| d + 2 * padding as usize);
+        Self {
+            level,
+            cells,
+            dims,
+            padding: padding as usize,
+            origin: need.padding - (padding << level),
+            extended,
+            counts: extended.map(|n| n.div_ceil(EDGE)),
+        }
+    }
+
+    /// The first cell of a brick; negative among the copies.
+    fn first(&self, brick: [usize; 3]) -> [i64; 3] {
+        brick.map(|b| (b * EDGE) as i64 - self.padding as i64)
+    }
 }
 
 impl<'a> Emission<'a> {
@@ -250,19 +315,10 @@ impl<'a> Emission<'a> {
     ) -> Result<Self> {
         let need = asked.need;
         let dims = volume.grid().dims();
-        let places = dims
-            .map(|d| u64::from(d.saturating_add(need.padding.saturating_mul(2))))
-            .iter()
-            .fold(1_u64, |p, &d| p.saturating_mul(d));
-        if places > MAX_PLACES.max(2 * volume.grid().len()) {
-            return Err(Error::Setting {
-                name: "antialiasing",
-                reason: format!(
-                    "kernels that have grown so far need {} layers of voxels beyond the faces: take a larger picture, \
-                     thinner sheets, or turn it off",
-                    need.padding
-                ),
-            });
+        let places = places(dims, need);
+        if need.growth > MAX_GROWTH || places > MAX_PLACES.max(2 * volume.grid().len()) {
+            let what = format!("post-shading would copy {} layers of voxels beyond the faces", need.padding);
+            return Err(too_much(&what, need.growth));
         }
         let (slope, intercept) = volume.rescale();
         let mut emission = Self {
@@ -271,16 +327,14 @@ impl<'a> Emission<'a> {
             invisible: Invisible::new(transfer, shows, magnification(&asked.kernel, asked.normalization)),
             savings: context.savings,
             need,
+            words: asked.words(),
             active: Vec::new(),
-            extended: dims.map(|d| d as usize + 2 * need.padding as usize),
-            counts: [0; 3],
             halo: 0,
             singly: false,
         };
-        emission.counts = emission.extended.map(|n| n.div_ceil(EDGE));
         let halo = need.influence.floor() as usize;
-        emission.singly = emission.savings.voxels && halo <= MAX_HALO;
-        emission.halo = if emission.singly { halo } else { 0 };
+        emission.singly = emission.savings.voxels && halo <= MAX_HALO && need.cut.is_none();
+        emission.halo = if emission.singly { halo } else { 0 }.max(usize::from(asked.lit));
         let ranges = volume.ranges()?.iter();
         emission.active =
             ranges.map(|range| range.iter().any(|&raw| emission.is_active(emission.relative.to(raw)))).collect();
@@ -292,88 +346,130 @@ impl<'a> Emission<'a> {
         !self.savings.voxels || !self.invisible.holds(f64::from(scalar))
     }
 
-    /// The lattice point of the volume at which a brick begins along an axis; negative among the copies.
-    fn origin(&self, brick: usize) -> i64 {
-        (brick * EDGE) as i64 - i64::from(self.need.padding)
+    /// The finest and the coarsest level that splats are cells of.
+    fn levels(&self) -> [u32; 2] {
+        self.need.cut.map_or([0, 0], |cut| cut.levels)
     }
 
     /// Whether any brick of the volume is active that has voxels within the influence of this one.
-    fn is_near(&self, brick: [usize; 3]) -> bool {
+    fn is_near(&self, lattice: &Lattice, brick: [usize; 3]) -> bool {
         let [across, down, deep] = self.volume.bricks().map(|n| n as usize);
         let reach = self.need.influence.floor() as i64;
+        let start = lattice.first(brick);
         let bricks = |axis: usize, n: usize| {
-            let first = self.origin(brick[axis]);
+            let first = start[axis] << lattice.level;
             let at = |place: i64| place.div_euclid(EDGE as i64).clamp(0, n as i64 - 1) as usize;
-            at(first - reach)..=at(first + EDGE as i64 - 1 + reach)
+            at(first - reach)..=at(first + ((EDGE as i64) << lattice.level) - 1 + reach)
         };
         let active = |[x, y, z]: [usize; 3]| self.active[x + across * (y + down * z)];
         bricks(2, deep).any(|z| bricks(1, down).any(|y| bricks(0, across).any(|x| active([x, y, z]))))
     }
 
     /// The bricks along x with these numbers in y and z that can hold splats.
-    fn row(&self, j: usize, k: usize) -> Result<Vec<BrickScalars>> {
-        let near: Vec<usize> =
-            (0..self.counts[0]).filter(|&i| !self.savings.bricks || self.is_near([i, j, k])).collect();
-        if near.is_empty() {
+    fn row(&self, lattice: &Lattice, j: usize, k: usize) -> Result<Vec<BrickScalars>> {
+        let takes_part = |i| {
+            (self.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
+                && (!self.savings.bricks || self.is_near(lattice, [i, j, k]))
+        };
+        let bricks: Vec<usize> = (0..lattice.counts[0]).filter(|&i| takes_part(i)).collect();
+        if bricks.is_empty() {
             return Ok(Vec::new());
         }
-        let strip = self.volume.strip([j, k].map(|brick| self.origin(brick)), self.halo)?;
-        Ok(near
-            .into_iter()
-            .map(|i| {
-                let bytes = strip.brick([i, j, k].map(|brick| self.origin(brick)), &self.relative);
-                self.brick([i, j, k], &bytemuck::pod_collect_to_vec::<u8, f32>(&bytes))
+        let bricks = bricks.into_iter().map(|i| [i, j, k]);
+        if let Some(cells) = &lattice.cells {
+            return Ok(bricks
+                .map(|brick| self.brick(lattice, brick, &cells.brick(lattice.first(brick), self.halo)))
+                .collect());
+        }
+        let [_, y, z] = lattice.first([0, j, k]);
+        let strip = self.volume.strip([y, z], self.halo)?;
+        Ok(bricks
+            .map(|brick| {
+                let bytes = strip.brick(lattice.first(brick), &self.relative);
+                self.brick(lattice, brick, &bytemuck::pod_collect_to_vec::<u8, f32>(&bytes))
             })
             .collect())
     }
 
+    /// How many voxels the scalar of a cell counts for; 0: it takes no part in the picture.
+    fn count(&self, lattice: &Lattice, cell: [i64; 3]) -> f64 {
+        match self.need.cut {
+            None => 1.0,
+            Some(cut) if cut.reaches(lattice.level, cell, self.volume.grid().dims()) => {
+                f64::from(3 * lattice.level).exp2() * cut.part(lattice.level, cell)
+            }
+            Some(_) => 0.0,
+        }
+    }
+
     /// The splats of a brick, given its scalars with the halo around them.
-    fn brick(&self, brick: [usize; 3], scalars: &[f32]) -> BrickScalars {
-        let halo = self.halo;
+    fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32]) -> BrickScalars {
+        let (halo, lit) = (self.halo, self.words == LIT_SCALAR_WORDS);
         let kept = self.singly.then(|| {
             let active: Vec<bool> = scalars.iter().map(|&s| self.is_active(s)).collect();
             within_reach(&active, halo, self.need.influence)
         });
-        let padding = self.need.padding as usize;
         let origin = brick.map(|b| b * EDGE);
+        let first = lattice.first(brick);
         let edge = EDGE + 2 * halo;
-        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(self.extended[axis] - origin[axis]));
-        // The places along each axis that hold voxels of the volume, not copies.
+        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(lattice.extended[axis] - origin[axis]));
+        // The places along each axis that hold cells of the volume, not copies.
         let voxels = [0, 1, 2].map(|axis| {
-            let place = |lattice: usize| lattice.saturating_sub(origin[axis]);
-            place(padding)..place(self.extended[axis] - padding)
+            let place = |cell: usize| (cell + lattice.padding).saturating_sub(origin[axis]);
+            place(0)..place(lattice.dims[axis])
         });
+        // Cells are 2^level voxels apart, and gradients are per voxel.
+        let steepness = (-f64::from(lattice.level)).exp2();
         let mut found = BrickScalars::default();
         let mut rows = vec![0; EDGE * EDGE];
         for z in 0..nz {
             for y in 0..ny {
-                let row = &scalars[halo + edge * (y + halo + edge * (z + halo))..][..nx];
+                let start = halo + edge * (y + halo + edge * (z + halo));
+                let row = &scalars[start..][..nx];
                 let kept = kept.as_ref().map(|kept| &kept[EDGE * (y + EDGE * z)..][..nx]);
                 let inside = voxels[1].contains(&y) && voxels[2].contains(&z);
                 for (x, &scalar) in row.iter().enumerate() {
-                    if scalar != 0.0 && kept.is_none_or(|kept| kept[x]) {
+                    if kept.is_some_and(|kept| !kept[x]) {
+                        continue;
+                    }
+                    let gradient = if lit { central_differences(scalars, start + x, edge) } else { [0.0; 3] };
+                    let cell = [0, 1, 2].map(|axis| first[axis] + [x, y, z][axis] as i64);
+                    let count = self.count(lattice, cell);
+                    if count > 0.0 && (scalar != 0.0 || gradient != [0.0; 3]) {
+                        let scalar = (f64::from(scalar) * count) as f32;
                         rows[y + EDGE * z] |= 1 << x;
-                        found.splats.push(ScalarSplat { place: place([x, y, z].map(|c| c as u32), 0), scalar });
+                        found.splats.extend([place([x, y, z].map(|c| c as u32), 0), scalar.to_bits()]);
+                        if lit {
+                            found
+                                .splats
+                                .extend(packed_gradient(gradient.map(|c| (f64::from(c) * steepness * count) as f32)));
+                        }
                         found.voxels += u64::from(inside && voxels[0].contains(&x));
                     }
                 }
             }
         }
-        found.brick = BrickSplats::new(origin.map(|o| o as u32), 0, rows.into_iter());
+        let origin = origin.map(|o| lattice.origin + ((o as u32) << lattice.level));
+        found.brick = BrickSplats::new(origin, 0, rows.into_iter()).of_level(lattice.level);
         found
     }
 }
 
-impl Part for Vec<ScalarSplat> {
-    const STRIDE: u64 = size_of::<ScalarSplat>() as u64;
+/// Half the differences of the neighbours along x, y and z of a place of a brick of `edge` places a side. They are zeros
+/// where all are equal, so that no light falls there.
+fn central_differences(scalars: &[f32], at: usize, edge: usize) -> [f32; 3] {
+    // Halved first: no difference of numbers overflows.
+    [1, edge, edge * edge].map(|step| 0.5 * scalars[at + step] - 0.5 * scalars[at - step])
+}
 
-    fn join(context: &Context, parts: Vec<Self>, count: u64) -> Result<wgpu::Buffer> {
+impl Part for Vec<u32> {
+    fn join(context: &Context, parts: Vec<Self>, bytes: u64) -> Result<wgpu::Buffer> {
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
-        let buffer = context.buffer("scalars.splats", count * Self::STRIDE, usage)?;
+        let buffer = context.buffer("scalars.splats", bytes, usage)?;
         let mut at = 0;
         for part in parts {
             context.write(&buffer, at, bytemuck::cast_slice(&part));
-            at += part.len() as u64 * Self::STRIDE;
+            at += size_of_val(part.as_slice()) as u64;
         }
         Ok(buffer)
     }
@@ -384,6 +480,7 @@ impl Part for Vec<ScalarSplat> {
 struct BrickScalars {
     /// As if it were the first of its store.
     brick: BrickSplats,
-    splats: Vec<ScalarSplat>,
+    /// Their words.
+    splats: Vec<u32>,
     voxels: u64,
 }

@@ -33,6 +33,8 @@ const LIT_SPLAT: &str = include_str!("../../shaders/common/lit_splat.wgsl");
 const PLANE: &str = include_str!("../../shaders/common/plane.wgsl");
 const VECTORS: &str = include_str!("../../shaders/voxels/vectors.wgsl");
 const SCALARS: &str = include_str!("../../shaders/voxels/scalars.wgsl");
+const SCALARS_SOFTWARE: &str = include_str!("../../shaders/voxels/scalars_software.wgsl");
+const SCALAR_PAIRS: &str = include_str!("../../shaders/voxels/scalar_pairs.wgsl");
 const TRANSFER: &str = include_str!("../../shaders/common/transfer.wgsl");
 const STORED_SPLAT: &str = include_str!("../../shaders/common/splat.wgsl");
 
@@ -70,8 +72,6 @@ pub(crate) const PACK: Shader = Shader {
     name: "pack",
     parts: &[include_str!("../../shaders/pack.wgsl"), PACKING, STORED_SPLAT, LIT_SPLAT, LIGHTING, NORMAL, DISPATCH],
 };
-pub(crate) const GRADIENTS: Shader =
-    Shader { name: "gradients", parts: &[include_str!("../../shaders/gradients.wgsl"), PACKING] };
 pub(crate) const SKIP: Shader =
     Shader { name: "skip", parts: &[include_str!("../../shaders/skip.wgsl"), RAYS, PACKING] };
 pub(crate) const GATHER: Shader = Shader {
@@ -96,6 +96,24 @@ pub(crate) const GATHER_SCALARS: Shader = Shader {
         RAY_GEOMETRY,
         PLANE,
         SCALARS,
+        SCALAR_PAIRS,
+        RAYS,
+        PACKING,
+        MARCH_PARABOLA,
+        TRANSFER,
+        LIGHTING,
+        ABSORBED,
+    ],
+};
+pub(crate) const GATHER_SCALARS_SOFTWARE: Shader = Shader {
+    name: "gather-scalars-software",
+    parts: &[
+        GATHER_SCALARS_FILE,
+        MARCH_PLANES,
+        RAY_GEOMETRY,
+        PLANE,
+        SCALARS_SOFTWARE,
+        SCALAR_PAIRS,
         RAYS,
         PACKING,
         MARCH_PARABOLA,
@@ -140,10 +158,10 @@ pub(crate) const ALL: [Shader; 18] = [
     SHADE,
     RESOLVE,
     PACK,
-    GRADIENTS,
     SKIP,
     GATHER,
     GATHER_SCALARS,
+    GATHER_SCALARS_SOFTWARE,
     GATHER_GRADIENTS,
     PREFILTER,
     ESTIMATE,

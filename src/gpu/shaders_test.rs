@@ -71,10 +71,10 @@ fn structs_are_laid_out_alike() {
     same_layout!(ControlPoint { color, sample, opacity });
     same_layout!(Sort { blocks, batches, sheets_per_batch });
     same_layout!(Batch { depth, first_sheet });
-    same_layout!(Shade { depth, previous, current, margin, invisible, lookup, low, high });
+    same_layout!(Shade { depth, previous, current, invisible, lookup, low, high });
     same_layout!(Area { low, high });
-    same_layout!(Present { corner, row, margin });
-    same_layout!(Terminate { first, count, margin });
+    same_layout!(Present { corner, row });
+    same_layout!(Terminate { first, count });
     same_layout!(Pack {
         low,
         first_splat,
@@ -106,7 +106,7 @@ fn structs_are_laid_out_alike() {
         opaque_depth,
         heading_y,
         radius2,
-        eye,
+        middle,
         row_half,
         box_low,
         row_slope,
@@ -134,10 +134,12 @@ fn structs_are_laid_out_alike() {
         pixel_x,
         pixel_y,
         picture,
+        brightest,
         row_texels,
         share,
         least_refined,
         fineness,
+        eye_plane,
         sections
     });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, shininess });
@@ -171,8 +173,10 @@ fn structs_are_laid_out_alike() {
         box_half,
         opaque_depth,
         growth,
+        home_slope,
         tiles,
         tile_size,
+        level_spread,
     });
 }
 

@@ -35,6 +35,8 @@ pub(crate) struct Store {
 pub(crate) struct BrickSplats {
     /// Lattice point of the brick's first voxel.
     pub(crate) origin: [u32; 3],
+    /// Its places are cells of 2^level voxels a side.
+    pub(crate) level: u32,
     /// Its first splat in the store.
     pub(crate) first: u32,
     /// Lattice points of the box around its splats: the first, and the one after the last. Both are equal if
@@ -43,7 +45,7 @@ pub(crate) struct BrickSplats {
 }
 
 impl BrickSplats {
-    /// The splats from `first` on of the brick at `origin`, given for each row along x, y before z, the bits of the
+    /// The splats from `first` on of the brick of level 0 at `origin`, given for each row along x, y before z, the bits of the
     /// places where there are any, the first of a row the lowest.
     pub(crate) fn new(origin: [u32; 3], first: u32, rows: impl Iterator<Item = u32>) -> Self {
         let mut places = [0_u32; 3];
@@ -53,7 +55,14 @@ impl BrickSplats {
         }
         let low: [u32; 3] = std::array::from_fn(|axis| origin[axis] + places[axis].trailing_zeros() % u32::BITS);
         let high = std::array::from_fn(|axis| origin[axis] + u32::BITS - places[axis].leading_zeros());
-        Self { origin, first, bounds: [low, high] }
+        Self { origin, level: 0, first, bounds: [low, high] }
+    }
+
+    /// The same brick with cells of a level for voxels.
+    pub(crate) fn of_level(self, level: u32) -> Self {
+        let scaled =
+            |point: [u32; 3]| [0, 1, 2].map(|axis| self.origin[axis] + ((point[axis] - self.origin[axis]) << level));
+        Self { level, bounds: self.bounds.map(scaled), ..self }
     }
 }
 
@@ -65,7 +74,7 @@ impl Store {
         count: u32,
         bricks: Vec<BrickSplats>,
     ) -> Result<Self> {
-        let origins: Vec<[u32; 4]> = bricks.iter().map(|b| [b.origin[0], b.origin[1], b.origin[2], 0]).collect();
+        let origins: Vec<[u32; 4]> = bricks.iter().map(|b| [b.origin[0], b.origin[1], b.origin[2], b.level]).collect();
         let origins = context.upload("splats.origins", bytemuck::cast_slice(&origins), wgpu::BufferUsages::STORAGE)?;
         Ok(Self { splats, stride, count, origins, bricks })
     }
@@ -85,17 +94,16 @@ impl Store {
 
 /// Splats that will be part of a store.
 pub(super) trait Part: Sized {
-    /// Bytes of a splat.
-    const STRIDE: u64;
-
-    /// A buffer of the splats of parts, `count` in all, one after the other.
-    fn join(context: &Context, parts: Vec<Self>, count: u64) -> Result<wgpu::Buffer>;
+    /// A buffer of the splats of parts, of `bytes` in all, one after the other.
+    fn join(context: &Context, parts: Vec<Self>, bytes: u64) -> Result<wgpu::Buffer>;
 }
 
 /// Joins the splats of bricks into few stores, each within a storage binding and within the bricks that a place can
 /// name.
 pub(super) struct StoreBuilder<'a, P> {
     context: &'a Context,
+    /// Bytes of a splat.
+    stride: u64,
     /// The most splats of a store.
     most: u32,
     /// What goes into the next store.
@@ -106,11 +114,11 @@ pub(super) struct StoreBuilder<'a, P> {
 }
 
 impl<'a, P: Part> StoreBuilder<'a, P> {
-    /// Stores of at most `most` splats, or as many as the adapter binds.
-    pub(super) fn new(context: &'a Context, most: u32) -> Self {
-        let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / P::STRIDE;
+    /// Stores of at most `most` splats of `stride` bytes, or as many as the adapter binds.
+    pub(super) fn new(context: &'a Context, stride: u64, most: u32) -> Self {
+        let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / stride;
         let most = u32::try_from(bindable).unwrap_or(u32::MAX).min(most);
-        Self { context, most, parts: Vec::new(), bricks: Vec::new(), held: 0, stores: Vec::new() }
+        Self { context, stride, most, parts: Vec::new(), bricks: Vec::new(), held: 0, stores: Vec::new() }
     }
 
     /// The numbers that the first brick and the first splat of a part will have in their store. The part is added next.
@@ -132,8 +140,8 @@ impl<'a, P: Part> StoreBuilder<'a, P> {
         let (parts, bricks) = (std::mem::take(&mut self.parts), std::mem::take(&mut self.bricks));
         let held = std::mem::take(&mut self.held);
         if !parts.is_empty() {
-            let splats = P::join(self.context, parts, held.into())?;
-            self.stores.push(Store::new(self.context, splats, P::STRIDE, held, bricks)?);
+            let splats = P::join(self.context, parts, u64::from(held) * self.stride)?;
+            self.stores.push(Store::new(self.context, splats, self.stride, held, bricks)?);
         }
         Ok(())
     }

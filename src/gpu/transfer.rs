@@ -18,7 +18,7 @@ pub(crate) struct TransferTable {
 }
 
 impl TransferTable {
-    /// Extinction becomes per world length: opacities are per `unit` world lengths.
+    /// Opacities are per `unit`, in local lengths (see [`Grid::local`](crate::volume::Grid)): so is extinction.
     pub(crate) fn new(context: &Context, transfer: &TransferFunction, shows: Shows, unit: f64) -> Self {
         let base = transfer.base();
         let [first, last] = transfer.range();

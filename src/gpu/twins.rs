@@ -129,6 +129,7 @@ pub(crate) fn splat(
     let mut sheets = vec![[0.0; 4]; frame.sheets as usize];
     let f2 = |v: [f32; 2]| DVec2::from_array(v.map(f64::from));
     let at = pixel * f2(frame.pixel_scale) + f2(frame.pixel_offset);
+    let slope = at + f2(frame.home_slope);
     let (right, up, forward) = (v3(frame.grid_right), v3(frame.grid_up), v3(frame.grid_forward));
     let step = f64::from(frame.sheet_step);
     for s in splats {
@@ -141,7 +142,7 @@ pub(crate) fn splat(
         let growth = growth(frame, center.z);
         let (ray, offset, length) = if mode.perspective {
             let depth = center.z + f64::from(frame.eye_depth);
-            (forward + right * at.x + up * at.y, at * depth - center.truncate(), (1.0 + at.length_squared()).sqrt())
+            (forward + right * at.x + up * at.y, at * depth - center.truncate(), (1.0 + slope.length_squared()).sqrt())
         } else {
             (forward, at - center.truncate(), 1.0)
         };

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::layout;
+use super::levels::Cut;
 use super::savings::Savings;
 use crate::camera::{Camera, Growth, Projection};
 use crate::lighting::{Light, Lighting};
@@ -41,8 +42,10 @@ impl Region {
 pub(crate) struct Weights {
     /// The largest weight of a splat: extinction times unit distance, or the distance of a scalar from the base.
     pub(crate) max: f64,
-    /// World distance that weights are per; 1 for scalars.
+    /// Local distance (see [`Grid::local`]) that weights are per; 1 for scalars.
     pub(crate) unit: f64,
+    /// The largest of each channel of the splats' colours; 1 for scalars.
+    pub(crate) brightest: [f64; 3],
 }
 
 /// How far splats of scalars must reach, for post-shading.
@@ -53,21 +56,46 @@ pub(crate) struct ScalarNeed {
     pub(crate) padding: u32,
     /// Distance in voxels within which two voxels can take part in the classification of the same place.
     pub(crate) influence: f64,
+    /// Which cells stand for voxels; `None`: voxels do.
+    pub(crate) cut: Option<Cut>,
+    /// The largest growth of a kernel, for messages.
+    pub(crate) growth: f64,
 }
 
 impl ScalarNeed {
+    /// The need of classified voxels.
+    pub(crate) const NONE: Self = Self { padding: 0, influence: 0.0, cut: None, growth: 1.0 };
+
     /// The need for kernels that reach `reach` voxels from any place whose field is asked for, and for an `influence`
     /// in voxels.
     ///
     /// The influence is rounded up to sixteenths: rounding errors ask for no other splats when the camera turns.
-    pub(crate) fn new(reach: f64, influence: f64) -> Self {
-        Self { padding: (reach * (1.0 - 1e-9)).ceil() as u32, influence: (16.0 * influence + 1e-3).ceil() / 16.0 }
+    pub(crate) fn new(view: &ViewGeometry, reach: f64, influence: f64) -> Self {
+        Self {
+            padding: (reach * (1.0 - 1e-9)).ceil() as u32,
+            influence: (16.0 * influence + 1e-3).ceil() / 16.0,
+            cut: None,
+            growth: view.max_growth(),
+        }
+    }
+
+    /// The same need with cells for voxels.
+    pub(crate) fn with_cells(self, cut: Cut) -> Self {
+        Self {
+            padding: cut.layers(),
+            // What shows in a cell shows in voxels no farther than that from its middle.
+            influence: self.influence + f64::from(cut.levels[1] + 1).exp2(),
+            cut: Some(cut),
+            ..self
+        }
     }
 }
 
-/// A camera on a lattice.
+/// A camera on a lattice, in local coordinates: see [`Grid::local`]. What is called world here is local.
 #[derive(Debug, Clone)]
 pub(crate) struct ViewGeometry {
+    /// World length of a local one.
+    pub(super) unit: f64,
     pub(super) camera: Camera,
     pub(super) grid: Grid,
     /// Radius of the kernel as asked for, in voxels.
@@ -90,10 +118,13 @@ pub(crate) struct ViewGeometry {
 }
 
 impl ViewGeometry {
+    /// The view of a camera on a grid of the world.
     pub(crate) fn new(camera: &Camera, grid: &Grid, settings: &Settings, savings: Savings) -> Self {
+        let unit = grid.unit();
+        let (camera, grid) = (&camera.local(grid), &grid.local());
         let to_world = grid.to_world().matrix3;
         let gradients = [camera.right, camera.up, camera.forward].map(|axis| to_world.transpose() * axis);
-        let from_target = grid.center() - camera.target;
+        let from_target = -camera.target;
         let offset =
             DVec3::new(from_target.dot(camera.right), from_target.dot(camera.up), from_target.dot(camera.forward));
         let farthest = gradients[2].abs().dot(half(grid));
@@ -103,6 +134,7 @@ impl ViewGeometry {
         };
         let growth = if settings.antialiasing { camera.growth(grid) } else { Growth::NONE };
         Self {
+            unit,
             camera: *camera,
             grid: *grid,
             radius: settings.kernel.radius(),
@@ -133,6 +165,18 @@ impl ViewGeometry {
         self.radius * self.growths[1]
     }
 
+    /// About the pixels of the largest quad of a splat; infinite if a kernel may reach the eye.
+    pub(super) fn splat_pixels(&self) -> f64 {
+        let axes = self.grid.to_world().matrix3;
+        let longest = [axes.x_axis, axes.y_axis, axes.z_axis].map(DVec3::length).into_iter().fold(0.0, f64::max);
+        let reach = self.max_radius() * longest;
+        let depth = if self.is_perspective() { self.eye_depth - self.farthest - reach } else { 1.0 };
+        if depth <= 0.0 {
+            return f64::INFINITY;
+        }
+        (2.0 * reach / (self.camera.pixels().0[0] * depth) + 2.0).powi(2)
+    }
+
     pub(crate) fn is_perspective(&self) -> bool {
         matches!(self.camera.projection, Projection::Perspective { .. })
     }
@@ -145,7 +189,7 @@ impl ViewGeometry {
     /// Whether kernels can reach the eye.
     pub(super) fn is_among_voxels(&self) -> bool {
         let Some(eye) = self.camera.eye() else { return false };
-        let from_center = self.grid.to_lattice().transform_vector3(eye - self.grid.center());
+        let from_center = self.grid.to_lattice().transform_vector3(eye);
         from_center.abs().cmple(half(&self.grid) + self.max_radius()).all()
     }
 
@@ -159,7 +203,7 @@ impl ViewGeometry {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         // A field that is reconstructed from scalars ends with the box of the volume.
         let beyond = if self.post_shaded { 0.5 } else { self.max_radius() };
-        for corner in self.grid.corners(beyond) {
+        for corner in self.grid.corners_from_center(beyond) {
             let d = corner - camera.target;
             let mut plane = [d.dot(camera.right), d.dot(camera.up)];
             if let Projection::Perspective { distance, .. } = camera.projection {

@@ -4,12 +4,14 @@ use std::borrow::Cow;
 use std::io::{self, BufWriter, Cursor, Write};
 use std::path::Path;
 
-use image::{DynamicImage, ExtendedColorType, ImageFormat, ImageReader, Rgba32FImage};
+use image::{ExtendedColorType, ImageDecoder, ImageFormat, ImageReader};
 
 use super::{Background, Image};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
+use crate::memory;
 use crate::output::{check_writable, write_atomically};
+use crate::source;
 
 fn format_of(path: &Path) -> Option<ImageFormat> {
     let extension = path.extension()?.to_str()?.to_lowercase();
@@ -59,6 +61,9 @@ impl Image {
             let reason = format!("pixel ({x}, {y}) is {:?}: only .exr holds such values", self.pixels[bad]);
             return Err(Error::Output { path: path.to_owned(), reason });
         }
+        // 8-bit pixels with and without alpha, or the encoder's copy of f32, and the file.
+        let area = u64::from(self.width) * u64::from(self.height);
+        memory::check(area * if format == ImageFormat::Png { 12 } else { 32 }, || format!("{}", path.display()))?;
         let (bytes, color): (Cow<'_, [u8]>, _) = match (format, background) {
             (ImageFormat::OpenExr, _) => (bytemuck::cast_slice(&self.pixels).into(), ExtendedColorType::Rgba32F),
             (_, Background::Transparent) => (self.to_rgba8(background).into(), ExtendedColorType::Rgba8),
@@ -78,47 +83,82 @@ impl Image {
     /// Reads a PNG or EXR picture. The alpha of a PNG is straight, that of an EXR premultiplied.
     ///
     /// # Errors
-    /// [`Error::Read`] if the file cannot be read, [`Error::Format`] if it is neither PNG nor EXR or is damaged.
+    /// [`Error::Read`] if the file cannot be read, [`Error::Format`] if it is not a regular file (standard input
+    /// excepted), is neither PNG nor EXR, is damaged or too large; [`Error::Memory`] if there is no memory for it.
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
-        let path = path.as_ref();
-        let damaged = |reason: String| Error::Format { path: path.to_owned(), reason, hint: None };
-        let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
+        Self::load_from(path.as_ref())
+    }
+
+    fn load_from(path: &Path) -> Result<Self> {
+        let damaged = |reason: String| Error::format(path, format!("the picture cannot be decoded: {reason}"));
+        let bytes = source::read(path, MAX_BYTES)?;
         let reader = ImageReader::new(Cursor::new(&bytes))
             .with_guessed_format()
             .map_err(|source| Error::Read { path: path.to_owned(), source })?;
         let format = reader.format();
         if !matches!(format, Some(ImageFormat::Png | ImageFormat::OpenExr)) {
-            return Err(damaged("not a PNG or EXR picture".to_owned()));
+            return Err(Error::format(path, "not a PNG or EXR picture"));
         }
-        check_exr_size(&bytes, format).map_err(damaged)?;
-        let decoded: DynamicImage =
-            reader.decode().map_err(|e| damaged(format!("the picture cannot be decoded: {e}")))?;
-        let decoded: Rgba32FImage = decoded.into_rgba32f();
-        let (width, height) = decoded.dimensions();
-        let mut pixels: Vec<[f32; 4]> = decoded.pixels().map(|p| p.0).collect();
-        if format == Some(ImageFormat::Png) {
-            for p in &mut pixels {
-                *p = [p[0] * p[3], p[1] * p[3], p[2] * p[3], p[3]];
-            }
+        if format == Some(ImageFormat::OpenExr) {
+            check_exr(path, &bytes)?;
         }
+        let decoder = reader.into_decoder().map_err(|e| damaged(e.to_string()))?;
+        let ((width, height), color) = (decoder.dimensions(), decoder.color_type());
+        let area = u64::from(width) * u64::from(height);
+        if width > Camera::MAX_SIZE || height > Camera::MAX_SIZE || area > MAX_AREA {
+            return Err(Error::format(path, format!("a picture of {width} x {height} pixels is too large")));
+        }
+        let what = || format!("the picture {}", path.display());
+        // The decoder holds about as much once more.
+        let size = decoder.total_bytes();
+        memory::check(2 * size + 16 * area, what)?;
+        let mut decoded = memory::reserved(size, what)?;
+        decoded.resize(size as usize, 0);
+        decoder.read_image(&mut decoded).map_err(|e| damaged(e.to_string()))?;
+        let mut pixels = memory::reserved(area, what)?;
+        let straight = format == Some(ImageFormat::Png);
+        pixels.extend(decoded.chunks_exact(color.bytes_per_pixel().into()).map(|pixel| {
+            let [r, g, b, a] = channels(pixel, color.channel_count());
+            if straight { [r * a, g * a, b * a, a] } else { [r, g, b, a] }
+        }));
         Self::new(width, height, pixels)
     }
 }
 
-/// Refuses an EXR whose header claims more than [`Settings::MAX_SIZE`] pixels along a side or 2^28 pixels, 4 GiB, in
-/// all.
-///
-/// The decoder reserves the memory that the header claims, and aborts the process if there is none. `image` bounds PNG.
-fn check_exr_size(bytes: &[u8], format: Option<ImageFormat>) -> std::result::Result<(), String> {
-    const MOST: usize = Camera::MAX_SIZE as usize;
-    if format != Some(ImageFormat::OpenExr) {
-        return Ok(());
+/// The most pixels of a picture that is read: 4 GiB of RGBA in f32.
+const MAX_AREA: u64 = 1 << 28;
+
+/// The largest file that is read, in bytes: the largest picture, with as much again for channels that are not used.
+const MAX_BYTES: u64 = 32 * MAX_AREA;
+
+/// Red, green, blue and alpha of a decoded pixel: of `count` channels of 8 or 16 bits, which mean 0..1, or of f32.
+fn channels(pixel: &[u8], count: u8) -> [f32; 4] {
+    let channel = |i: usize| {
+        let size = pixel.len() / usize::from(count);
+        match pixel[i * size..(i + 1) * size] {
+            [byte] => f32::from(byte) / 255.0,
+            [a, b] => f32::from(u16::from_ne_bytes([a, b])) / 65_535.0,
+            [a, b, c, d] => f32::from_ne_bytes([a, b, c, d]),
+            _ => 0.0,
+        }
+    };
+    match count {
+        1 => [channel(0), channel(0), channel(0), 1.0],
+        2 => [channel(0), channel(0), channel(0), channel(1)],
+        3 => [channel(0), channel(1), channel(2), 1.0],
+        _ => std::array::from_fn(channel),
     }
+}
+
+/// Refuses an EXR whose header claims more than the largest picture. The decoder reserves the memory that the header
+/// claims, for every layer, before it looks at the pixels.
+fn check_exr(path: &Path, bytes: &[u8]) -> Result<()> {
     let meta = exr::meta::MetaData::read_from_buffered(bytes, false)
-        .map_err(|e| format!("the picture cannot be decoded: {e}"))?;
+        .map_err(|e| Error::format(path, format!("the picture cannot be decoded: {e}")))?;
+    let most = Camera::MAX_SIZE as usize;
     let sizes = meta.headers.iter().map(|h| h.layer_size);
-    match sizes.into_iter().find(|s| s.width() > MOST || s.height() > MOST || s.area() > 1 << 28) {
-        Some(s) => Err(format!("a picture of {} x {} pixels is too large", s.width(), s.height())),
+    match sizes.into_iter().find(|s| s.width() > most || s.height() > most || s.area() as u64 > MAX_AREA) {
+        Some(s) => Err(Error::format(path, format!("a picture of {} x {} pixels is too large", s.width(), s.height()))),
         None => Ok(()),
     }
 }

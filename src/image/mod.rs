@@ -5,7 +5,10 @@ mod file;
 
 pub use background::Background;
 
+pub use crate::output::abandon_unfinished;
+
 use crate::error::{Error, Result};
+use crate::memory::reserved;
 
 /// A picture as composited: premultiplied RGBA in f32, rows from the top, pixels of a row from the left.
 ///
@@ -35,13 +38,9 @@ impl Image {
     /// [`Error::Memory`] if there is no memory for it: 16 bytes a pixel.
     pub fn transparent(width: u32, height: u32) -> Result<Self> {
         let count = u64::from(width) * u64::from(height);
-        let mut pixels = Vec::new();
-        let reserved = usize::try_from(count).ok().and_then(|n| pixels.try_reserve_exact(n).ok().map(|()| n));
-        let Some(count) = reserved else {
-            let what = format!("a picture of {width} x {height} pixels");
-            return Err(Error::Memory { what, bytes: count.saturating_mul(16) });
-        };
-        pixels.resize(count, [0.0; 4]);
+        let mut pixels = reserved(count, || format!("a picture of {width} x {height} pixels"))?;
+        // It fits: as much has just been reserved.
+        pixels.resize(count as usize, [0.0; 4]);
         Ok(Self { width, height, pixels })
     }
 

@@ -106,6 +106,13 @@ impl Kernel {
         4.0 * PI * integrate(0.0, self.radius(), 64, |r| self.value(r * r) * r * r)
     }
 
+    /// The variance along each axis, in voxels^2.
+    #[must_use]
+    pub(crate) fn variance(&self) -> f64 {
+        let fourth = 4.0 * PI * integrate(0.0, self.radius(), 64, |r| self.value(r * r) * r.powi(4));
+        fourth / (3.0 * self.integral())
+    }
+
     /// The integral along the line at distance `r` from the centre, up to `t` past its closest point (voxels): the
     /// cumulative footprint F(r, t) = integral from -inf to t of h(sqrt(r^2 + u^2)) du.
     ///

@@ -12,6 +12,8 @@ use crate::transfer::TransferFunction;
 const OPAQUE_DEPTH: f64 = 27.631_021_115_928_547;
 /// Optical depth of one step at most, for the exponential to be as well resolved as the kernel.
 const MAX_STEP_DEPTH: f64 = 0.25;
+/// Steps into which a piece is cut at once: an opaque ray ends after four times its optical depth of them.
+const MAX_STEPS: f64 = 256.0;
 /// How far a step through a classified field and its two halves may differ in what the eye sees of them. Halves err by
 /// a small fraction of that.
 const TOLERANCE: f64 = 1e-9;
@@ -53,7 +55,14 @@ impl RayIntegral {
 
     /// A step of the given length along which extinction and emission have these values at the nodes.
     fn step(field: &[Weights; STAGES], length: f64) -> Self {
-        let dot = |w: &[f64; STAGES]| (0..STAGES).map(|n| w[n] * field[n][0]).sum::<f64>() * length;
+        let dot = |w: &[f64; STAGES]| (0..STAGES).map(|n| w[n] * field[n][0] * length).sum::<f64>();
+        let optical_depth = dot(&WEIGHTS);
+        if optical_depth > 4.0 * MAX_STEP_DEPTH {
+            // Steps so deep are halved, or so short that all that is seen is one colour, that of where it begins.
+            let [tau, emission @ ..] = field.iter().find(|f| f[0] > 0.0).copied().unwrap_or_default();
+            let alpha = -(-optical_depth).exp_m1();
+            return Self { color: emission.map(|e| e / tau * alpha), optical_depth };
+        }
         let mut color = [0.0; 3];
         for n in 0..STAGES {
             let seen = WEIGHTS[n] * length * (-dot(&RUNNING[n])).exp();
@@ -61,7 +70,7 @@ impl RayIntegral {
                 *color += seen * emission;
             }
         }
-        Self { color, optical_depth: dot(&WEIGHTS) }
+        Self { color, optical_depth }
     }
 
     /// Adds what lies behind.
@@ -105,17 +114,31 @@ impl Emission {
         let field = self.field(piece, piece.from, piece.to);
         // One look tells whether the exponential needs finer steps than the kernel does. Stopping at an opaque ray
         // bounds their number, however many there are to the end of the piece.
-        let length = piece.to - piece.from;
+        self.part(piece, &field, 0.0, 1.0)
+    }
+
+    /// Adds the part of a piece from `a` to `b`, as fractions of its length, given the field at its nodes.
+    fn part(&mut self, piece: &Piece<'_>, field: &[Weights; STAGES], a: f64, b: f64) -> bool {
+        let length = (piece.to - piece.from) * (b - a);
         let count = (field.iter().map(|f| f[0]).fold(0.0, f64::max) * length / MAX_STEP_DEPTH).ceil();
         if count <= 1.0 {
-            self.sum.append(&RayIntegral::step(&field, length));
+            self.sum.append(&RayIntegral::step(field, length));
             return !self.sum.is_opaque();
         }
-        let at = |i: f64| if i < count { piece.from + length * (i / count) } else { piece.to };
+        // So many steps that the ray may be opaque long before the last: halves, of which the first may do. Fractions
+        // stay apart where places on the ray are rounded to one, so that depth grows in any material.
+        let parts = if count > MAX_STEPS && b - a > f64::MIN_POSITIVE { 2.0 } else { count.min(MAX_STEPS) };
+        let at = |i: f64| if i < parts { a + (b - a) * (i / parts) } else { b };
         let mut i = 0.0;
-        while i < count && !self.sum.is_opaque() {
+        while i < parts && !self.sum.is_opaque() {
             let (a, b) = (at(i), at(i + 1.0));
-            self.sum.append(&RayIntegral::step(&self.field(piece, a, b), b - a));
+            let place = |x: f64| piece.from + (piece.to - piece.from) * x;
+            let field = self.field(piece, place(a), place(b));
+            if parts < count {
+                self.part(piece, &field, a, b);
+            } else {
+                self.sum.append(&RayIntegral::step(&field, (piece.to - piece.from) * (b - a)));
+            }
             i += 1.0;
         }
         !self.sum.is_opaque()
@@ -123,7 +146,8 @@ impl Emission {
 
     /// Extinction and emission at the nodes of a step, per voxel of length along the ray.
     fn field(&self, piece: &Piece<'_>, from: f64, to: f64) -> [Weights; STAGES] {
-        NODES.map(|c| piece.at(from + (to - from) * c).map(|x| x * self.measure))
+        // Rounding at the rim of a kernel may be below 0, which no material makes up for if it is dense enough.
+        NODES.map(|c| piece.at(from + (to - from) * c).map(|x| (x * self.measure).max(0.0)))
     }
 }
 

@@ -10,6 +10,11 @@ use crate::volume::Grid;
 
 /// Planes gathered at once: sorting few chords at a time costs little, and an opaque ray leaves most planes alone.
 const PLANES: usize = 16;
+/// Ends of chords in a part of a block that are added up one by one. Parts with more are halved, so that the cost of a
+/// block grows as its number of ends and not as the square: grown kernels overlap in thousands.
+const FEW: usize = 16;
+/// How often a block is halved at most: where many chords end at one place, halving does not part them.
+const MAX_HALVINGS: u32 = 12;
 /// Ends of chords closer together than this, in voxels, count as one.
 const SAME: f64 = 1e-11;
 
@@ -71,12 +76,21 @@ pub(super) struct Sizes {
     layers: i64,
     /// The support radius of the largest kernel.
     reach: f64,
+    /// The scale of the smallest kernel.
+    pub(super) least: f64,
 }
 
 impl Sizes {
     /// Kernels of support radius `radius` that never grow.
     pub(super) fn fixed(radius: f64) -> Self {
-        Self { growth: Growth::NONE, depth: 0.0, slope: DVec3::ZERO, layers: radius.ceil() as i64, reach: radius }
+        Self {
+            growth: Growth::NONE,
+            depth: 0.0,
+            slope: DVec3::ZERO,
+            layers: radius.ceil() as i64,
+            reach: radius,
+            least: 1.0,
+        }
     }
 
     /// Kernels as a camera sees them.
@@ -96,7 +110,17 @@ impl Sizes {
             slope: grid.to_world().matrix3.transpose() * camera.forward,
             layers: layers as i64,
             reach: radius * largest(layers),
+            least: grid
+                .corners(layers)
+                .map(|c| growth.at((c - eye).dot(camera.forward)))
+                .into_iter()
+                .fold(f64::INFINITY, f64::min),
         }
+    }
+
+    /// The scale of the largest kernel of support radius `radius`.
+    pub(super) fn largest(&self, radius: f64) -> f64 {
+        self.reach / radius
     }
 
     /// The scale s of the kernel at a lattice point.
@@ -215,6 +239,16 @@ impl<'a> Walk<'a> {
         Some(Self { sight, bounds, ray, axes, next, last, step })
     }
 
+    /// About how many chords it gathers.
+    pub(super) fn chords(&self) -> f64 {
+        let planes = (self.last - self.next).abs() as f64 + 1.0;
+        let [main, a, b] = self.axes;
+        let across = |axis: usize| {
+            (2.0 * self.sight.sizes.reach).min((self.bounds[axis][1] - self.bounds[axis][0]) as f64 + 1.0)
+        };
+        planes * across(a) * across(b) / self.ray.direction[main].abs()
+    }
+
     /// Appends the chords of the next `planes` planes. Returns the position before which no later plane's chord
     /// begins: infinity after the last plane.
     fn gather(&mut self, planes: usize, chords: &mut Vec<Chord>) -> f64 {
@@ -285,10 +319,6 @@ pub(super) struct Scratch {
     inside: Vec<Chord>,
     /// Chords that begin or end in the current block.
     ends: Vec<Chord>,
-    /// Where they do.
-    cuts: Vec<f64>,
-    /// Those of them that hold the current piece.
-    partial: Vec<Chord>,
 }
 
 /// A stretch of a ray on which no chord begins or ends, so that sums over splats are analytic.
@@ -334,7 +364,7 @@ pub(super) fn pieces(
     scratch: &mut Scratch,
     mut visit: impl FnMut(&Piece<'_>) -> bool,
 ) {
-    let Scratch { ahead, inside, ends, cuts, partial } = scratch;
+    let Scratch { ahead, inside, ends } = scratch;
     ahead.clear();
     inside.clear();
     let mut position = f64::NEG_INFINITY;
@@ -357,11 +387,9 @@ pub(super) fn pieces(
             let nodes = Series::points().map(|x| middle + half * x);
             let mut values = [[0.0; 4]; SERIES];
             ends.clear();
-            cuts.clear();
             for chord in &*inside {
                 if chord.leave < end {
                     ends.push(*chord);
-                    cuts.push(chord.leave);
                     continue;
                 }
                 for (sum, u) in values.iter_mut().zip(nodes) {
@@ -370,30 +398,75 @@ pub(super) fn pieces(
             }
             while let Some(chord) = ahead.pop_if(|c| c.enter < end) {
                 ends.push(chord);
-                cuts.extend([chord.enter, chord.leave].into_iter().filter(|&u| u < end));
                 inside.push(chord);
             }
-            let whole = Series::through(&values);
-            cuts.push(end);
-            cuts.sort_unstable_by(f64::total_cmp);
-            let mut from = position;
-            for &to in &*cuts {
-                if to - from < SAME && to < end {
-                    continue;
-                }
-                let at = f64::midpoint(from, to);
-                partial.clear();
-                partial.extend(ends.iter().filter(|c| c.enter < at && at < c.leave));
-                let piece = Piece { from, to, profile, whole: &whole, middle, half, partial };
-                from = to;
-                if piece.from < piece.to && !visit(&piece) {
-                    return;
-                }
+            let block = Block { from: position, to: end, whole: Series::through(&values) };
+            if !block.pieces(profile, ends, 0, &mut visit) {
+                return;
             }
             position = end;
         }
         if complete == f64::INFINITY {
             return;
         }
+    }
+}
+
+/// A stretch of a ray with the sum of the chords that hold all of it.
+struct Block {
+    from: f64,
+    to: f64,
+    /// In x from -1 at `from` to 1 at `to`.
+    whole: Series,
+}
+
+impl Block {
+    /// Calls `visit` for its pieces, given the chords that begin or end in it; false: no more are wanted.
+    fn pieces(
+        &self,
+        profile: &Profile,
+        ends: &[Chord],
+        halvings: u32,
+        visit: &mut impl FnMut(&Piece<'_>) -> bool,
+    ) -> bool {
+        let Self { from: start, to: end, whole } = self;
+        let (middle, half) = (f64::midpoint(*start, *end), (end - start) / 2.0);
+        if ends.len() > FEW && halvings < MAX_HALVINGS {
+            return [(*start, middle), (middle, *end)].into_iter().all(|(from, to)| {
+                let nodes = Series::points().map(|x| f64::midpoint(from, to) + (to - from) / 2.0 * x);
+                let mut values = nodes.map(|u| whole.at((u - middle) / half));
+                let mut inside = Vec::with_capacity(ends.len());
+                for chord in ends.iter().filter(|c| c.enter < to && from < c.leave) {
+                    if chord.enter > from || chord.leave < to {
+                        inside.push(*chord);
+                        continue;
+                    }
+                    for (sum, u) in values.iter_mut().zip(nodes) {
+                        chord.add(profile, u, sum);
+                    }
+                }
+                Self { from, to, whole: Series::through(&values) }.pieces(profile, &inside, halvings + 1, visit)
+            });
+        }
+        let mut cuts: Vec<f64> =
+            ends.iter().flat_map(|c| [c.enter, c.leave]).filter(|u| start < u && u < end).collect();
+        cuts.push(*end);
+        cuts.sort_unstable_by(f64::total_cmp);
+        let mut partial = Vec::with_capacity(ends.len());
+        let mut from = *start;
+        for to in cuts {
+            if to - from < SAME && to < *end {
+                continue;
+            }
+            let at = f64::midpoint(from, to);
+            partial.clear();
+            partial.extend(ends.iter().filter(|c| c.enter < at && at < c.leave));
+            let piece = Piece { from, to, profile, whole, middle, half, partial: &partial };
+            from = to;
+            if piece.from < piece.to && !visit(&piece) {
+                return false;
+            }
+        }
+        true
     }
 }

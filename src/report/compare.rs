@@ -9,6 +9,7 @@ use serde::{Serialize, Serializer};
 
 use crate::error::{Error, Result};
 use crate::image::Image;
+use crate::memory::reserved;
 
 /// The result of a comparison. d stands for the differences of all channels of all pixels.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -116,14 +117,16 @@ pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
 /// of them, so a difference of alpha alone shows as gray.
 ///
 /// # Errors
-/// [`Error::Compare`] if the sizes differ or the pictures have no pixels.
+/// [`Error::Compare`] if the sizes differ or the pictures have no pixels; [`Error::Memory`] if there is no memory for
+/// the picture.
 pub fn difference_picture(a: &Image, b: &Image, gain: f64) -> Result<Image> {
     check_sizes(a, b)?;
-    let pixels = a.pixels().iter().zip(b.pixels()).map(|(p, q)| {
+    let mut pixels = reserved(a.pixels().len() as u64, || "the picture of the difference".to_owned())?;
+    pixels.extend(a.pixels().iter().zip(b.pixels()).map(|(p, q)| {
         let shown = |c: usize| ((difference(p[c], q[c]) + difference(p[3], q[3])) * gain).min(1.0) as f32;
         [shown(0), shown(1), shown(2), 1.0]
-    });
-    Image::new(a.width(), a.height(), pixels.collect())
+    }));
+    Image::new(a.width(), a.height(), pixels)
 }
 
 fn difference(a: f32, b: f32) -> f64 {

@@ -14,6 +14,10 @@ use serde_json::value::RawValue;
 use super::{ControlPoint, TransferFunction};
 use crate::color;
 use crate::error::{Error, Result};
+use crate::source;
+
+/// The largest file that is read, in bytes: 1 KiB for each of the most points.
+const MAX_BYTES: u64 = 4 << 20;
 
 /// The file. Points stay text until each is parsed by itself, so an error can name the point and its line.
 #[derive(serde::Deserialize)]
@@ -79,12 +83,17 @@ impl TransferFunction {
     pub fn from_json(text: &str) -> Result<Self> {
         let document: Document<'_> = serde_json::from_str(text)
             .map_err(|e| Error::Transfer(format!("line {} column {}: {}", e.line(), e.column(), bare(&e))))?;
+        if document.points.len() > Self::MAX_POINTS {
+            return Err(Self::wrong_count(document.points.len()));
+        }
         let mut points: Vec<ControlPoint> = Vec::with_capacity(document.points.len());
+        let (mut line, mut passed) = (1, 0);
         for raw in document.points {
             let number = points.len() + 1;
-            // The raw text is a slice of `text`: its offset gives the line.
+            // The raw text is a slice of `text`, behind that of the point before: its offset gives the line.
             let start = raw.get().as_ptr().addr() - text.as_ptr().addr();
-            let line = 1 + text[..start].bytes().filter(|&b| b == b'\n').count();
+            line += text[passed..start].bytes().filter(|&b| b == b'\n').count();
+            passed = start;
             let error = |line: usize, reason: &str| Error::Transfer(format!("point {number} (line {line}): {reason}"));
             let Point { value, color, opacity } =
                 serde_json::from_str(raw.get()).map_err(|e| error(line + e.line() - 1, &bare(&e)))?;
@@ -98,17 +107,15 @@ impl TransferFunction {
     /// Reads a transfer function from a JSON file.
     ///
     /// # Errors
-    /// [`Error::Read`] if the file cannot be read, [`Error::Format`] if [`TransferFunction::from_json`] refuses its
-    /// text.
+    /// [`Error::Read`] if the file cannot be read, [`Error::Format`] if it is not a regular file (standard input
+    /// excepted), takes over 4 MiB, or [`TransferFunction::from_json`] refuses its text.
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
-        Self::from_json(&text).map_err(|e| {
-            let reason = match e {
-                Error::Transfer(reason) => reason,
-                other => other.to_string(),
-            };
-            Error::Format { path: path.to_owned(), reason, hint: None }
+        let text = String::from_utf8(source::read(path, MAX_BYTES)?)
+            .map_err(|e| Error::format(path, format!("is no text: {}", e.utf8_error())))?;
+        Self::from_json(&text).map_err(|e| match e {
+            Error::Transfer(reason) => Error::format(path, reason),
+            other => Error::format(path, other.to_string()),
         })
     }
 
@@ -132,4 +139,52 @@ impl TransferFunction {
 /// The shortest decimal that reads back as the same number. Numbers of a transfer function are finite.
 fn number(value: f64) -> String {
     format!("{value:?}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn json(points: usize) -> String {
+        let point = r##"{"value": 1, "color": "#ffffff", "opacity": 0.5}"##;
+        format!("{{\"points\": [\n{}\n]}}", vec![point; points].join(",\n"))
+    }
+
+    #[test]
+    fn time_grows_with_the_text_and_not_with_its_square() {
+        let start = std::time::Instant::now();
+        assert_eq!(TransferFunction::from_json(&json(4096)).unwrap().points().len(), 4096);
+        let error = TransferFunction::from_json(&json(100_000)).unwrap_err().to_string();
+        assert_eq!(error, "transfer function: 100000 control points, expected 1 to 4096");
+        // It takes a hundredth of that; in quadratic time it took 100 s.
+        assert!(start.elapsed().as_secs_f64() < 10.0, "{:?}", start.elapsed());
+    }
+
+    #[test]
+    fn lines_are_counted_from_point_to_point() {
+        let text = json(300).replace("\n]}", ",\n\n {\"value\": 0, \"color\": \"#ffffff\", \"opacity\": 0.5}]}");
+        let error = TransferFunction::from_json(&text).unwrap_err().to_string();
+        assert!(error.contains("point 301 (line 303): value 0 comes after 1"), "{error}");
+    }
+
+    #[test]
+    fn a_long_color_is_not_quoted_whole() {
+        let text = json(1).replace("#ffffff", &"#f".repeat(50_000));
+        let error = TransferFunction::from_json(&text).unwrap_err().to_string();
+        assert!(error.len() < 600 && error.contains("point 1 (line 2)"), "{error}");
+        assert!(error.ends_with("from 0 to 1"), "{error}");
+    }
+
+    #[test]
+    fn files_are_read_up_to_their_limit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.json");
+        let load = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            TransferFunction::load(&path).map_err(|e| e.to_string())
+        };
+        assert!(load(json(2).as_bytes()).is_ok());
+        assert!(load(&vec![b' '; MAX_BYTES as usize + 1]).unwrap_err().ends_with("expected at most 4194304 bytes"));
+        assert!(load(b"\xff").unwrap_err().contains("is no text"));
+    }
 }

@@ -73,9 +73,8 @@ impl TransferFunction {
     /// [`Error::Transfer`] if there is no point or more than [`Self::MAX_POINTS`], if values are not finite or not in
     /// ascending order, if a colour or an opacity is outside 0..1, or if the unit distance is not positive.
     pub fn new(points: Vec<ControlPoint>, unit_distance: Option<f64>) -> Result<Self> {
-        let error = |reason: String| Err(Error::Transfer(reason));
         if points.is_empty() || points.len() > Self::MAX_POINTS {
-            return error(format!("{} control points, expected 1 to {}", points.len(), Self::MAX_POINTS));
+            return Err(Self::wrong_count(points.len()));
         }
         for (i, p) in points.iter().enumerate() {
             p.check(i.checked_sub(1).map(|before| &points[before]))
@@ -84,9 +83,14 @@ impl TransferFunction {
         if let Some(unit) = unit_distance
             && !(unit.is_finite() && unit > 0.0)
         {
-            return error(format!("unit_distance {unit} is not a positive length"));
+            return Err(Error::Transfer(format!("unit_distance {unit} is not a positive length")));
         }
         Ok(Self { points, unit_distance })
+    }
+
+    /// The error about too few or too many points.
+    fn wrong_count(count: usize) -> Error {
+        Error::Transfer(format!("{count} control points, expected 1 to {}", Self::MAX_POINTS))
     }
 
     /// The control points, values ascending.
@@ -216,6 +220,11 @@ impl TransferFunction {
     #[must_use]
     pub(crate) fn max_opacity(&self) -> f64 {
         self.points.iter().map(|p| p.opacity).fold(0.0, f64::max)
+    }
+
+    /// The largest of each channel of the colours.
+    pub(crate) fn brightest(&self) -> [f64; 3] {
+        std::array::from_fn(|channel| self.points.iter().map(|p| p.color[channel]).fold(0.0, f64::max))
     }
 }
 

@@ -159,7 +159,9 @@ impl Levels {
 
 /// Linear interpolation from `a` (f = 0) to `b` (f = 1).
 fn between(a: f64, b: f64, f: f64) -> f64 {
-    a + (b - a) * f
+    let width = b - a;
+    // Between the ends of the range of f64 the width overflows.
+    if width.is_finite() { a + width * f } else { a * (1.0 - f) + b * f }
 }
 
 /// Points from (value, `0xrrggbb`, opacity).

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::{Number, Samples, ToF64, Volume, with_samples};
 use crate::error::Result;
+use crate::memory::reserved;
 
 /// Voxels along the edge of a brick.
 pub(crate) const EDGE: usize = 32;
@@ -56,7 +57,8 @@ impl Volume {
     ) -> Result<()> {
         let [across, down, deep] = self.bricks().map(|n| n as usize);
         let known = self.known_ranges();
-        let mut found = Vec::with_capacity(if known.is_some() { 0 } else { across * down * deep });
+        let count = if known.is_some() { 0 } else { across * down * deep };
+        let mut found = reserved(count as u64, || "the ranges of bricks".to_owned())?;
         let row = |j: usize, k: usize| -> Result<Row> {
             let (y, z) = (j * EDGE, k * EDGE);
             let first = (k * down + j) * across;
@@ -86,8 +88,8 @@ impl Volume {
     /// The least and the largest stored sample of each brick, x fastest. The first call reads every sample.
     pub(crate) fn ranges(&self) -> Result<&[[f64; 2]]> {
         if self.known_ranges().is_none() {
-            let [_, down, deep] = self.bricks().map(|n| n as usize);
-            let mut found = Vec::new();
+            let [across, down, deep] = self.bricks().map(|n| n as usize);
+            let mut found = reserved((across * down * deep) as u64, || "the ranges of bricks".to_owned())?;
             let row = |j: usize, k: usize| {
                 let (y, z) = (j * EDGE, k * EDGE);
                 Ok(self.strip([y, z].map(|c| c as i64), 0)?.ranges(y, z))

@@ -2,12 +2,14 @@
 
 mod bricks;
 mod grid;
+mod pyramid;
 mod sample_type;
 mod statistics;
 mod stored;
 
 pub(crate) use bricks::{EDGE as BRICK_EDGE, RowCoding};
 pub use grid::{Grid, MAX_DIM};
+pub(crate) use pyramid::{Level, Pyramid, spread};
 pub use sample_type::{Endian, Sample, SampleType};
 pub(crate) use sample_type::{Number, ToF64, with_type};
 pub use statistics::{BackgroundEstimate, Statistics};
@@ -158,15 +160,7 @@ impl Volume {
     pub fn from_slice<T: Sample>(dims: [u32; 3], spacing: [f64; 3], samples: &[T]) -> Result<Self> {
         let grid = Grid::axis_parallel(dims, spacing)?;
         check_count(&grid, samples.len())?;
-        let mut copy = Vec::new();
-        if copy.try_reserve_exact(samples.len()).is_err() {
-            return Err(Error::Memory {
-                what: "the samples of a volume".to_owned(),
-                bytes: size_of_val(samples) as u64,
-            });
-        }
-        copy.extend_from_slice(samples);
-        Self::new(grid, T::collected(copy))
+        Self::new(grid, T::collected(stored::copied(samples)?))
     }
 
     /// A volume of `samples` on `grid`, x fastest, then y, then z. Values are the samples themselves.
@@ -221,9 +215,19 @@ impl Volume {
     /// The same volume with `value` in place of every value that is NaN or infinite.
     ///
     /// # Errors
-    /// [`Error::Read`] and [`Error::Memory`] if samples in a file, shared with a clone, cannot be read.
+    /// [`Error::Setting`] if the type of the samples has no finite number for `value`; [`Error::Read`] and
+    /// [`Error::Memory`] if samples shared with a clone cannot be copied.
     pub fn with_non_finite_replaced(mut self, value: f64) -> Result<Self> {
         let raw = (value - self.intercept) / self.slope;
+        let held = match self.sample_type() {
+            SampleType::F32 => (raw as f32).is_finite(),
+            SampleType::F64 => raw.is_finite(),
+            _ => true,
+        };
+        if !held {
+            let reason = format!("{value:?}, expected a number that samples of type {} hold", self.sample_type());
+            return Err(Error::Setting { name: "replace_nan", reason });
+        }
         let mut stored = match Arc::try_unwrap(self.data) {
             Ok(data) => data.stored,
             Err(shared) => Stored::Memory(shared.stored.read(0..shared.stored.len())?),

@@ -31,10 +31,11 @@ pub struct Statistics {
     pub count: u64,
     /// The number of NaN and infinite samples.
     pub non_finite: u64,
-    /// Bin i counts the values nearest to `first + i * step`.
+    /// Bin i counts the values nearest to `(first + i * step) / scale`.
     bins: Vec<u64>,
     first: f64,
     step: f64,
+    scale: f64,
 }
 
 /// The background: the darker class of values, taken to be the air or void around an object.
@@ -44,6 +45,15 @@ pub struct BackgroundEstimate {
     pub limit: f64,
     /// The share of the samples that are background, 0..1.
     pub fraction: f64,
+}
+
+/// A power of two that takes values of a range to sizes whose squares and sums f64 holds; 1 for values of usual size.
+fn scale_for(min: f64, max: f64) -> f64 {
+    let largest = min.abs().max(max.abs());
+    if largest == 0.0 || !largest.is_finite() || (1e-100..1e100).contains(&largest) {
+        return 1.0;
+    }
+    (-largest.log2().floor().clamp(-1000.0, 1000.0)).exp2()
 }
 
 /// Count, minimum, maximum and sum of the finite samples of a chunk.
@@ -82,14 +92,21 @@ impl Statistics {
         // figures.
         let chunk = MIN_CHUNK.max(len.div_ceil(64));
         let chunks: Vec<usize> = (0..len).step_by(chunk).collect();
-        let moments: Vec<Moments> = chunks
-            .par_iter()
-            .map(|&start| {
-                let add = |m: Moments, v: f64| m.plus(Moments(1, v, v, v));
-                folded(volume, start..len.min(start + chunk), Moments::NONE, add)
-            })
-            .collect::<Result<_>>()?;
-        let Moments(count, min, max, sum) = moments.into_iter().fold(Moments::NONE, Moments::plus);
+        let moments = |scale: f64| -> Result<Moments> {
+            let add = |m: Moments, v: f64| m.plus(Moments(1, v * scale, v * scale, v * scale));
+            let parts: Vec<Moments> = chunks
+                .par_iter()
+                .map(|&start| folded(volume, start..len.min(start + chunk), Moments::NONE, add))
+                .collect::<Result<_>>()?;
+            Ok(parts.into_iter().fold(Moments::NONE, Moments::plus))
+        };
+        let mut found = moments(1.0)?;
+        let Moments(count, least, largest, _) = found;
+        let scale = scale_for(least, largest);
+        if scale != 1.0 {
+            found = moments(scale)?;
+        }
+        let Moments(_, min, max, sum) = found;
         let non_finite = len as u64 - count;
         if count == 0 {
             let (bins, nan) = (Vec::new(), f64::NAN);
@@ -103,6 +120,7 @@ impl Statistics {
                 bins,
                 first: nan,
                 step: nan,
+                scale,
             });
         }
         let (mean, range) = (sum / count as f64, max - min);
@@ -118,6 +136,7 @@ impl Statistics {
             .par_iter()
             .map(|&start| {
                 let add = |(squares, mut bins): (f64, Vec<u64>), v: f64| {
+                    let v = v * scale;
                     bins[(((v - min) / step) as usize).min(bin_count - 1)] += 1;
                     (squares + (v - mean) * (v - mean), bins)
                 };
@@ -129,7 +148,8 @@ impl Statistics {
         for (_, part) in &parts {
             bins.iter_mut().zip(part).for_each(|(b, p)| *b += p);
         }
-        Ok(Self { min, max, mean, std_dev: variance.sqrt(), count, non_finite, bins, first, step })
+        let (mean, std_dev) = (mean / scale, variance.sqrt() / scale);
+        Ok(Self { min: least, max: largest, mean, std_dev, count, non_finite, bins, first, step, scale })
     }
 
     fn rescaled(mut self, (slope, intercept): (f64, f64)) -> Self {
@@ -140,18 +160,20 @@ impl Statistics {
         }
         let value = |raw: f64| slope * raw + intercept;
         (self.min, self.max, self.mean) = (value(self.min), value(self.max), value(self.mean));
-        self.first = value(self.first);
         self.std_dev *= slope.abs();
-        self.step *= slope.abs();
+        let scale = scale_for(self.min, self.max);
+        self.first = value(self.first / self.scale) * scale;
+        self.step *= slope.abs() / self.scale * scale;
+        self.scale = scale;
         self
     }
 
     fn value_of(&self, bin: usize) -> f64 {
-        (self.first + self.step * bin as f64).clamp(self.min, self.max)
+        ((self.first + self.step * bin as f64) / self.scale).clamp(self.min, self.max)
     }
 
     fn bin_of(&self, value: f64) -> usize {
-        let bin = ((value - self.first) / self.step).round().max(0.0) as usize;
+        let bin = ((value * self.scale - self.first) / self.step).round().max(0.0) as usize;
         bin.min(self.bins.len().saturating_sub(1))
     }
 
@@ -253,5 +275,45 @@ impl Statistics {
         let first_of_foot = (foot as f64 * width).ceil() as usize;
         let limit = self.value_of(first_of_foot.saturating_sub(1));
         Some(BackgroundEstimate { limit, fraction: 1.0 - self.fraction_above(limit) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::Volume;
+
+    fn of(values: &[f64]) -> Statistics {
+        Statistics::of(&Volume::from_slice([values.len() as u32, 1, 1], [1.0; 3], values).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn figures_scale_with_the_values() {
+        let values = [-3.0, 0.0, 0.0, 0.5, 1.0, 3.0, 3.0, 3.5];
+        let usual = of(&values);
+        for exponent in [-1060, -1000, 1000, 1022] {
+            let scale = f64::from(exponent).exp2();
+            let scaled = of(&values.map(|v| v * scale));
+            assert_eq!([scaled.min, scaled.max], [-3.0, 3.5].map(|v| v * scale));
+            // Subnormal numbers are rounded to 2^-1074.
+            let near = |a: f64, b: f64| (a / scale - b).abs() < 1e-4;
+            assert!(near(scaled.mean, usual.mean) && near(scaled.std_dev, usual.std_dev), "2^{exponent}: {scaled:?}");
+            assert_eq!(scaled.histogram(), usual.histogram(), "2^{exponent}");
+            for q in [0.0, 0.2, 0.5, 0.9, 1.0] {
+                assert!(near(scaled.quantile(q), usual.quantile(q)), "2^{exponent}, {q}");
+            }
+            assert!(near(scaled.otsu(f64::NEG_INFINITY).unwrap(), usual.otsu(f64::NEG_INFINITY).unwrap()));
+        }
+    }
+
+    #[test]
+    fn the_ends_of_the_range_have_figures() {
+        let ends = of(&[f64::MIN, f64::MIN, 0.0, f64::MAX]);
+        assert_eq!([ends.min, ends.max], [f64::MIN, f64::MAX]);
+        assert!((ends.mean / f64::MAX + 0.25).abs() < 1e-12, "{}", ends.mean);
+        assert!((ends.std_dev / f64::MAX - 0.6875_f64.sqrt()).abs() < 1e-12, "{}", ends.std_dev);
+        assert!(ends.otsu(f64::NEG_INFINITY).unwrap().is_finite());
+        let constant = of(&[f64::MAX; 4]);
+        assert_eq!([constant.mean, constant.std_dev], [f64::MAX, 0.0]);
     }
 }

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::{Endian, Number, Sample, SampleType, Samples, ToF64, with_samples, with_type};
 use crate::error::{Error, Result};
+use crate::memory::reserved;
 
 /// The samples of a volume.
 #[derive(Debug)]
@@ -51,7 +52,7 @@ impl Stored {
     /// A copy of a range of the samples.
     pub(crate) fn read(&self, range: Range<usize>) -> Result<Samples> {
         match self {
-            Self::Memory(samples) => Ok(samples.slice(range)),
+            Self::Memory(samples) => samples.slice(range),
             Self::File(file) => file.read(range),
         }
     }
@@ -83,11 +84,7 @@ impl FileSamples {
     }
 
     fn numbers<T: Number>(&self, range: Range<usize>) -> Result<Vec<T>> {
-        let mut numbers = Vec::new();
-        if numbers.try_reserve_exact(range.len()).is_err() {
-            let what = format!("samples of {}", self.path.display());
-            return Err(Error::Memory { what, bytes: range.len() as u64 * size_of::<T>() as u64 });
-        }
+        let mut numbers = reserved(range.len() as u64, || format!("samples of {}", self.path.display()))?;
         numbers.resize(range.len(), T::zeroed());
         let first = self.offset + (range.start * size_of::<T>()) as u64;
         numbers
@@ -124,6 +121,13 @@ fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> std::io:
     Ok(())
 }
 
+/// A copy of samples.
+pub(super) fn copied<T: Copy>(samples: &[T]) -> Result<Vec<T>> {
+    let mut copy = reserved(samples.len() as u64, || "the samples of a volume".to_owned())?;
+    copy.extend_from_slice(samples);
+    Ok(copy)
+}
+
 impl Samples {
     /// The type of the samples.
     #[must_use]
@@ -135,8 +139,8 @@ impl Samples {
     }
 
     /// A copy of a range.
-    fn slice(&self, range: Range<usize>) -> Self {
-        with_samples!(self, s => Number::collected(s[range].to_vec()))
+    fn slice(&self, range: Range<usize>) -> Result<Self> {
+        with_samples!(self, s => Ok(Number::collected(copied(&s[range])?)))
     }
 
     /// The number of NaN and infinite samples, and the index of the first.

@@ -383,17 +383,6 @@ fn peak_normalisation_scales_scalars() {
 }
 
 #[test]
-fn kernels_that_outgrow_the_volume_are_refused_for_scalars() {
-    let (volume, transfer) = demo("marschner-lobb", 64);
-    let settings = Settings { shading: Shading::Post, ..exact_quads() };
-    let camera = camera(20.0, ProjectionKind::Orthographic, &volume, 1);
-    let scene = prepare(&volume, &transfer, &settings);
-    let error = draw_on(&RENDERER, &scene, &camera, &settings).err().unwrap().to_string();
-    assert!(error.contains("antialiasing") && error.contains("larger picture"), "{error}");
-    assert!(draw_on(&RENDERER, &scene, &camera, &Settings { antialiasing: false, ..settings }).is_ok());
-}
-
-#[test]
 fn maximum_intensity_counts_as_post_shaded() {
     let (volume, transfer) = demo("sphere", 8);
     let settings = Settings { model: Model::Mip, ..exact_quads() };

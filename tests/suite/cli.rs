@@ -92,6 +92,58 @@ fn wrong_arguments_are_one_line_and_exit_2() {
     refused("render demo:sphere -o a.png --dims 1,2", 2, "whole numbers");
     refused("render demo:sphere -o a.png --type u12", 2, "u16");
     refused("compare a.png b.png --tolerance -1", 2, "0 or over");
+    // What is quoted is cut, and what is expected is not.
+    let long = "x".repeat(100_000);
+    refused(&format!("render demo:sphere -o a.png --kernel {long}"), 2, " ... ");
+    refused(&format!("render demo:sphere -o a.png --background {long}"), 2, "transparent");
+}
+
+#[test]
+fn numbers_at_the_ends_of_their_range_are_named_as_they_are() {
+    refused("render demo:sphere:8 -o a.png --direction 0,0,-1e200", 2, "parallel to up");
+    refused("info demo:sphere:8 --spacing 1e-200,1,1", 1, "a spacing of 1e-200 is outside 1e-100 to 1e100");
+    let dir = folder();
+    std::fs::write(dir.path().join("a.raw"), [f32::INFINITY, f32::NAN, 1.0, 2.0].map(f32::to_le_bytes).concat())
+        .unwrap();
+    let input = "a.raw --dims 2,2,1 --type f32 --replace-nan";
+    let said = complaint(&voxsplat(dir.path(), &format!("info {input} 1e39")));
+    assert!(said.contains("--replace-nan: 1e39, expected a number that samples of type f32 hold"), "{said}");
+    let text = stdout(&voxsplat(dir.path(), &format!("info {input} 0")));
+    assert!(text.contains("0 to 2") && text.contains("0.75, standard deviation"), "{text}");
+
+    let values = [f64::MIN, f64::MAX, 0.0, 1e308].map(f64::to_le_bytes).concat();
+    std::fs::write(dir.path().join("b.raw"), values).unwrap();
+    let text = stdout(&voxsplat(dir.path(), "info b.raw --dims 2,2,1 --type f64"));
+    assert!(text.contains("mean         2.5000e307, standard deviation 1.3"), "{text}");
+    assert!(!text.contains("NaN") && !text.contains("inf"), "{text}");
+}
+
+#[test]
+fn any_length_of_a_direction_is_the_same_direction() {
+    let dir = folder();
+    let input = ramp(dir.path());
+    let render = |length: &str| {
+        let options = format!("--direction {length},0,0 --up 0,0,{length} --reference --size 4 --transfer gray");
+        let output = voxsplat(dir.path(), &format!("render {input} -o {length}.exr {options}"));
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        Image::load(dir.path().join(format!("{length}.exr"))).unwrap()
+    };
+    let picture = render("1");
+    assert_eq!(render("1e200"), picture);
+    assert_eq!(render("1e-200"), picture);
+}
+
+#[test]
+fn a_constant_volume_gets_no_command_that_fails() {
+    let dir = folder();
+    std::fs::write(dir.path().join("a.raw"), [7; 8]).unwrap();
+    let input = "a.raw --dims 2,2,2 --type u8";
+    let text = stdout(&voxsplat(dir.path(), &format!("info {input}")));
+    assert!(text.contains("no preset fits: all values are 7") && text.contains("--transfer FILE.json"), "{text}");
+    assert!(!text.contains("voxsplat render"), "{text}");
+    let json = stdout(&voxsplat(dir.path(), &format!("info {input} --json")));
+    let value: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert!(value["command"].is_null() && value["preset"].is_null(), "{json}");
 }
 
 #[test]
@@ -99,6 +151,7 @@ fn outputs_are_refused_before_the_work() {
     // The volume does not exist: had it been looked for, the message would be another.
     refused("render missing.nrrd -o a.jpg", 2, ".png or .exr");
     refused("render missing.nrrd -o no/such/a.png", 2, "no directory");
+    refused("render missing.nrrd -o a.png/", 2, "ends as a directory does");
     refused("compare missing.png missing.png --difference a.jpg", 2, ".png or .exr");
 }
 

@@ -77,7 +77,7 @@ fn a_texture_of_the_caller_gets_the_picture() {
     let Host { renderer, .. } = &host(Renderer::FEATURES);
     let host = host(Renderer::FEATURES);
     let (volume, transfer) = demo("vessels", 24);
-    // Post-shaded and lit, quads shade a margin around each part of the picture.
+    // Post-shaded and lit, sheets hold gradients beside the scalars.
     let lit = Settings { shading: Shading::Post, lighting: headlight(), ..exact_quads() };
     for settings in [Settings::default(), exact_quads(), lit] {
         let view = View { azimuth: 30.0, projection: ProjectionKind::Perspective { fov: 40.0 }, ..View::default() };
@@ -117,6 +117,8 @@ fn a_device_without_features_draws_all_the_same() {
     let scene = host.renderer.prepare(&volume, &transfer, &settings).unwrap();
     let rendered = host.renderer.render(&scene, &camera, &settings).unwrap();
     assert!(rendered.image.pixels().iter().any(|p| p[3] > 0.5));
+    let quads = host.renderer.render(&scene, &camera, &with_quads(&settings, |_| ())).unwrap().stats;
+    assert!(quads.painter_reason.contains("half floats"), "{}", quads.painter_reason);
     let f32_sheets = with_quads(&settings, |q| q.precision = Some(voxsplat::settings::Precision::F32));
     assert!(matches!(host.renderer.render(&scene, &camera, &f32_sheets), Err(Error::Unsupported { .. })));
 }

@@ -10,17 +10,27 @@
 #[path = "../../src/gpu/adapter_test.rs"]
 mod adapter;
 mod algorithms;
+mod bounds;
 mod camera;
 mod cli;
+mod cost;
 mod demos;
 mod embed;
+mod fuzz;
 mod golden;
+mod hard;
+mod hard_quads;
+mod hostile;
+mod post_light;
 mod presets;
+mod random;
 mod readers;
 mod readers_errors;
 mod rendering;
 mod savings;
+mod soak;
 mod streaming;
 mod support;
 mod tiles;
+mod tiles_hard;
 mod truth;

@@ -10,8 +10,8 @@ use voxsplat::volume::{Endian, SampleType, Samples, Volume};
 
 /// What a file holds, according to the reference implementation that read it.
 #[derive(Deserialize)]
-pub(crate) struct Expected {
-    pub(crate) file: String,
+struct Expected {
+    file: String,
     #[serde(rename = "type")]
     sample_type: String,
     /// 3 x 4, from lattice to world.
@@ -21,7 +21,7 @@ pub(crate) struct Expected {
     intercept: f64,
 }
 
-pub(crate) fn expected() -> Vec<Expected> {
+fn expected() -> Vec<Expected> {
     let text = std::fs::read_to_string(path("expected.json")).unwrap();
     serde_json::from_str(&text).unwrap()
 }

@@ -7,7 +7,8 @@ use voxsplat::error::Error;
 use voxsplat::formats::{LoadOptions, load};
 use voxsplat::volume::SampleType;
 
-use crate::readers::{expected, path};
+use crate::fuzz::targets::assert_one_line;
+use crate::readers::path;
 
 /// Loads `bytes` from a file of that name; the error's message.
 fn refused(name: &str, bytes: &[u8]) -> String {
@@ -26,20 +27,8 @@ fn message(file: &Path, options: &LoadOptions) -> String {
 
 /// The message of an error, which names a cause that loading may have and is one line of bearable length.
 fn one_line(error: &Error) -> String {
-    assert!(
-        matches!(
-            error,
-            Error::Format { .. }
-                | Error::Read { .. }
-                | Error::Volume(_)
-                | Error::NonFinite { .. }
-                | Error::Setting { .. }
-        ),
-        "{error:?}"
-    );
-    let text = format!("{error:#}");
-    assert!(!text.contains('\n') && text.len() < 2000, "{text:?}");
-    text
+    assert_one_line(error);
+    format!("{error:#}")
 }
 
 fn assert_refused(name: &str, bytes: &[u8], words: &str) {
@@ -302,66 +291,4 @@ fn broken_metaimage_and_numpy_headers_say_what_is_wrong() {
     for (from, to, words) in cases {
         assert_refused("a.npy", &npy(&good.replacen(from, to, 1), 1), words);
     }
-}
-
-/// Marsaglia's xorshift: the same changes in every run.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, n: usize) -> usize {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 % n.max(1) as u64) as usize
-    }
-}
-
-/// Bytes that mean something in one of the headers.
-const TELLING: &[u8] = b"0129-+.,:=%(){}' \n\r\t\0\x01\x7f\x80\xff";
-
-#[test]
-fn changed_and_cut_files_never_panic() {
-    let mut random = Random(0x9E37_79B9_7F4A_7C15);
-    let folder = tempfile::tempdir().unwrap();
-    for entry in std::fs::read_dir(Path::new(&path("expected.json")).parent().unwrap()).unwrap() {
-        let entry = entry.unwrap();
-        // Data files beside the copies, so that changed headers get as far as they can.
-        std::fs::copy(entry.path(), folder.path().join(entry.file_name())).unwrap();
-    }
-    let (mut read, mut refused) = (0, 0);
-    for e in expected() {
-        let original = std::fs::read(path(&e.file)).unwrap();
-        let copy = folder.path().join(&e.file);
-        for round in 0..40 {
-            let mut bytes = original.clone();
-            if round % 4 == 0 {
-                bytes.truncate(random.below(bytes.len()));
-            }
-            for _ in 0..random.below(4) {
-                // Most of what can go wrong is in the first bytes.
-                let reach = if round % 2 == 0 { bytes.len() } else { bytes.len().min(360) };
-                let at = random.below(reach);
-                match random.below(4) {
-                    0 if at < bytes.len() => drop(bytes.remove(at)),
-                    1 => bytes.insert(at, TELLING[random.below(TELLING.len())]),
-                    _ if at < bytes.len() => bytes[at] = TELLING[random.below(TELLING.len())],
-                    _ => {}
-                }
-            }
-            std::fs::write(&copy, &bytes).unwrap();
-            match load(copy.to_str().unwrap(), &LoadOptions::default()) {
-                Ok(volume) => {
-                    assert_eq!(volume.in_memory().unwrap().samples().len() as u64, volume.grid().len());
-                    read += 1;
-                }
-                Err(error) => {
-                    one_line(&error);
-                    refused += 1;
-                }
-            }
-        }
-        std::fs::write(&copy, &original).unwrap();
-    }
-    // Both happen, or the changes are too tame or too wild to find anything.
-    assert!(read > 500 && refused > 500, "{read} read, {refused} refused");
 }

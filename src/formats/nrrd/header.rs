@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use crate::error::{Error, Result};
-use crate::formats::input::{Input, format_error};
+use crate::formats::input::Input;
 
 /// The most axes: Teem's limit, NRRD_DIM_MAX.
 const MAX_AXES: usize = 16;
@@ -117,7 +117,7 @@ impl Header {
 
     /// An [`Error::Format`] about this header.
     pub(super) fn error(&self, reason: impl Into<String>) -> Error {
-        format_error(&self.path, reason)
+        Error::format(&self.path, reason)
     }
 
     /// The text of a field.

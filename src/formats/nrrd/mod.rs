@@ -5,14 +5,12 @@
 
 mod header;
 
-use std::path::PathBuf;
-
 use glam::DVec3;
 
 use self::header::Header;
 use super::decode::{Layout, lattice, read_samples};
 use super::input::Input;
-use super::multifile;
+use super::multifile::DataFiles;
 use super::placement::Placement;
 use crate::error::Result;
 use crate::volume::{Endian, SampleType, Volume};
@@ -52,7 +50,7 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
                 return Err(header.error(format!("{n} data files cannot share {count} samples equally")));
             }
             let skip = Skip { total: skip.total / n as u64, ..skip };
-            let mut parts = files.iter().map(|file| skip.apply(Input::open_data(file)?, encoding));
+            let mut parts = files.paths().map(|file| skip.apply(Input::open_data(&file)?, encoding));
             read_samples(&mut parts, n, count, sample_type, layout)?
         }
     };
@@ -164,11 +162,7 @@ impl Skip {
 
     /// Moves the input to its first sample. Lines are skipped before decompression, bytes after it.
     fn apply(&self, mut input: Input, encoding: Encoding) -> Result<Input> {
-        for _ in 0..self.lines {
-            if input.line()?.is_none() {
-                return Err(input.error(format!("ends before line {}, where its samples should begin", self.lines)));
-            }
-        }
+        input.skip_lines(self.lines)?;
         let mut input = if encoding == Encoding::Gzip { input.gunzip() } else { input };
         let bytes = match (self.bytes, input.exactly_left()) {
             (Some(bytes), _) => bytes,
@@ -183,14 +177,10 @@ impl Skip {
 }
 
 /// The data files; `None` if the samples follow the header.
-fn data_files(header: &Header, input: &mut Input) -> Result<Option<Vec<PathBuf>>> {
+fn data_files(header: &Header, input: &mut Input) -> Result<Option<DataFiles>> {
     let Some(text) = header.get("data file") else { return Ok(None) };
     // The number after LIST is the dimension of each file. It does not matter: all files hold equal shares.
     let list = text.split_ascii_whitespace().next() == Some("LIST");
-    let names = if list {
-        multifile::listed(input)?
-    } else {
-        multifile::expanded(header.path(), text, 4)?.unwrap_or_else(|| vec![text.to_owned()])
-    };
-    multifile::resolve(header.path(), &names).map(Some)
+    let files = if list { DataFiles::listed(input) } else { DataFiles::named(header.path(), text, 4) };
+    files.map(Some)
 }

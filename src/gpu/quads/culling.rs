@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::super::layout::Area;
 use super::super::store::{BrickSplats, Store};
-use super::super::view::Region;
+use super::super::view::{Region, ViewGeometry, half};
 use super::plan::Plan;
 
 impl Plan<'_> {
@@ -25,7 +25,7 @@ impl Plan<'_> {
 
     /// For each batch of sheets, the pixels of a region that splats of it can touch: what lies outside is empty.
     pub(crate) fn covered(&self, stores: &[Store], region: Region, sheets_per_batch: u32) -> Vec<Area> {
-        let extent = [region.width, region.height].map(|side| side + 2 * self.margin);
+        let extent = [region.width, region.height];
         let whole = Area { low: [0, 0], high: extent };
         let batches = self.sheets.div_ceil(sheets_per_batch) as usize;
         if self.axis.is_some() || !self.view.savings.pixels {
@@ -33,7 +33,7 @@ impl Plan<'_> {
         }
         let sides = self.sides(region);
         let (scale, origin) = self.view.camera.pixels();
-        let first_pixel = [region.x, region.y].map(|first| f64::from(first) - f64::from(self.margin));
+        let first_pixel = [region.x, region.y].map(f64::from);
         let mut areas = vec![Area::default(); batches];
         for store in stores {
             for (brick, _) in store.runs().filter(|(brick, _)| self.reaches(brick, &sides)) {
@@ -68,35 +68,38 @@ impl Plan<'_> {
         areas
     }
 
+    /// About how many pixels quads cover in a region, over all batches of sheets.
+    pub(crate) fn fragments(&self, stores: &[Store], region: Region, sheets_per_batch: u32) -> f64 {
+        let sides = self.sides(region);
+        let (scale, _) = self.view.camera.pixels();
+        let extent = [region.width, region.height].map(f64::from);
+        let batches = f64::from(self.sheets.div_ceil(sheets_per_batch));
+        let bricks = stores.iter().flat_map(Store::runs).filter(|(brick, _)| self.reaches(brick, &sides));
+        bricks
+            .map(|(brick, run)| {
+                let z = self.view.gradients[2].dot(self.center(brick));
+                let radius = self.view.radius * self.view.growth.at(z + self.view.eye_depth);
+                let depth = if self.view.is_perspective() { z + self.view.eye_depth } else { 1.0 };
+                let along = radius * self.view.gradients[2].length();
+                let across = |axis: usize| {
+                    // What the plane of the eye cuts may be anywhere.
+                    let bounded = !self.view.is_perspective() || depth > along;
+                    let pixels = 2.0 * radius * self.view.gradients[axis].length() / (scale[axis].abs() * depth) + 1.0;
+                    if bounded { pixels.min(extent[axis]) } else { extent[axis] }
+                };
+                let passes = (2.0 * along / self.sheet_step / f64::from(sheets_per_batch) + 1.0).min(batches);
+                run.len() as f64 * across(0) * across(1) * passes
+            })
+            .sum()
+    }
+
     /// The planes that bound what a region shows, as (gradient in the lattice, value in the middle of the lattice):
     /// points inside have values of 0 and more.
     fn sides(&self, region: Region) -> Vec<(DVec3, f64)> {
         if !self.view.savings.view {
             return Vec::new();
         }
-        let (scale, origin) = self.view.camera.pixels();
-        // A pixel more than the margin: quads are padded.
-        let margin = f64::from(self.margin) + 1.0;
-        let plane = |axis: usize, pixel: f64| origin[axis] + pixel * scale[axis];
-        let ends = |axis: usize, first: u32, length: u32| {
-            let (a, b) = (plane(axis, f64::from(first) - margin), plane(axis, f64::from(first + length) + margin));
-            [a.min(b), a.max(b)]
-        };
-        let (x, y) = (ends(0, region.x, region.width), ends(1, region.y, region.height));
-        // In view coordinates: coordinate - slope z >= end, and the other way round.
-        let side = |axis: usize, end: f64, sign: f64| {
-            let (slope, constant) =
-                if self.view.is_perspective() { (end, end * self.view.eye_depth) } else { (0.0, end) };
-            (
-                (self.view.gradients[axis] - slope * self.view.gradients[2]) * sign,
-                (self.view.offset[axis] - constant) * sign,
-            )
-        };
-        let mut sides = vec![side(0, x[0], 1.0), side(0, x[1], -1.0), side(1, y[0], 1.0), side(1, y[1], -1.0)];
-        if self.view.is_perspective() {
-            sides.push((self.view.gradients[2], self.view.eye_depth));
-        }
-        sides
+        sides(self.view, region)
     }
 
     /// Whether the kernels of a brick's splats reach over all planes.
@@ -117,4 +120,54 @@ impl Plan<'_> {
         let [low, high] = brick.bounds.map(|point| DVec3::from_array(point.map(f64::from)));
         gradient.abs().dot((high - low - 1.0) / 2.0) + self.view.max_radius() * gradient.length()
     }
+}
+
+/// The planes that bound what a region shows, as [`Plan::sides`] has them.
+fn sides(view: &ViewGeometry, region: Region) -> Vec<(DVec3, f64)> {
+    let (scale, origin) = view.camera.pixels();
+    let plane = |axis: usize, pixel: f64| origin[axis] + pixel * scale[axis];
+    let ends = |axis: usize, first: u32, length: u32| {
+        // A pixel more: quads are padded.
+        let (a, b) = (plane(axis, f64::from(first) - 1.0), plane(axis, f64::from(first + length) + 1.0));
+        [a.min(b), a.max(b)]
+    };
+    let (x, y) = (ends(0, region.x, region.width), ends(1, region.y, region.height));
+    // In view coordinates: coordinate - slope z >= end, and the other way round.
+    let side = |axis: usize, end: f64, sign: f64| {
+        let (slope, constant) = if view.is_perspective() { (end, end * view.eye_depth) } else { (0.0, end) };
+        ((view.gradients[axis] - slope * view.gradients[2]) * sign, (view.offset[axis] - constant) * sign)
+    };
+    let mut sides = vec![side(0, x[0], 1.0), side(0, x[1], -1.0), side(1, y[0], 1.0), side(1, y[1], -1.0)];
+    if view.is_perspective() {
+        sides.push((view.gradients[2], view.eye_depth));
+    }
+    sides
+}
+
+/// The least and the largest view depth of what the picture shows of the box `beyond` voxels around a volume;
+/// `None` if that is nothing.
+pub(super) fn visible_depths(view: &ViewGeometry, beyond: f64) -> Option<[f64; 2]> {
+    let [width, height] = view.camera.size;
+    let mut planes = sides(view, Region { x: 0, y: 0, width, height });
+    let extent = half(&view.grid) + beyond;
+    planes.extend((0..3).flat_map(|a| [1.0, -1.0].map(|sign| (DVec3::AXES[a] * sign, extent[a]))));
+    // The corners of that polytope: three planes meet in one, and it lies on the inner side of the others.
+    let mut range: Option<[f64; 2]> = None;
+    for i in 0..planes.len() {
+        for j in 0..i {
+            for k in 0..j {
+                let [a, b, c] = [i, j, k].map(|p| planes[p]);
+                let (x, y, z) = (b.0.cross(c.0), c.0.cross(a.0), a.0.cross(b.0));
+                let corner = -(x * a.1 + y * b.1 + z * c.1) / a.0.dot(x);
+                let inside = |(normal, value): &(DVec3, f64)| {
+                    normal.dot(corner) + value >= -1e-6 * (value.abs() + (*normal * corner).abs().element_sum())
+                };
+                if corner.is_finite() && planes.iter().all(inside) {
+                    let depth = view.gradients[2].dot(corner);
+                    range = Some(range.map_or([depth; 2], |[low, high]| [low.min(depth), high.max(depth)]));
+                }
+            }
+        }
+    }
+    range
 }

@@ -36,6 +36,8 @@ pub(crate) enum Feed {
     Depth,
     /// Means of the scalar, classified and composited.
     Scalars,
+    /// Means of the scalar and of its gradient, classified, lit and composited.
+    LitScalars,
     /// Means of the scalar, of which the largest is kept.
     Maximum,
 }
@@ -88,14 +90,27 @@ impl Feed {
             Precision::F32 => 4,
         };
         match self {
-            Self::Colors => 4 * channel,
+            Self::Colors | Self::LitScalars => 4 * channel,
             Self::Depth | Self::Scalars | Self::Maximum => channel,
         }
     }
 
     /// Whether sheets hold scalars.
     fn is_scalar(self) -> bool {
-        matches!(self, Self::Scalars | Self::Maximum)
+        matches!(self, Self::Scalars | Self::LitScalars | Self::Maximum)
+    }
+
+    /// Sheets that share an attachment.
+    fn sheets_per_attachment(self) -> u32 {
+        match self {
+            Self::Scalars | Self::Maximum => 4,
+            Self::Colors | Self::LitScalars | Self::Depth => 1,
+        }
+    }
+
+    /// The least sheets of a batch: shading looks at the last two of the batch before.
+    fn least_sheets(self) -> u32 {
+        if self.is_scalar() { 4 } else { 1 }
     }
 }
 
@@ -167,7 +182,7 @@ struct Drawn {
     terminated: u64,
 }
 
-/// A region drawn, with the margin around it.
+/// A region drawn.
 struct DrawnRegion {
     /// Premultiplied RGBA, f32.
     pixels: wgpu::Buffer,

@@ -3,24 +3,26 @@
 use std::sync::Arc;
 
 use super::super::context::Context;
-use super::super::painter::{Begun, Job, Painted, Painting, Room};
+use super::super::painter::{Begun, Job, Painting, Room};
 use super::super::recorder::Recorder;
 use super::super::scan::Scan;
-use super::super::view::{Region, ViewGeometry};
+use super::super::view::Region;
 use super::plan::{Plan, Target};
 use super::sort::{SortKey, Sorter};
 use super::splat::footprint_texture;
 use super::terminate::Terminator;
 use super::{Drawn, Feed, Inputs, Quads, QuadsKey};
+use crate::budget::{MAX_FRAGMENTS, too_much};
 use crate::error::{Error, Result};
 use crate::kernel::FootprintTable;
-use crate::settings::{Accumulation, Model, Precision, Settings};
+use crate::settings::{Accumulation, Model, Precision};
 use crate::stats::{PainterStats, QuadsStats};
 
 /// The painter draws every picture.
 pub(crate) const ROOM: Room = Room {
-    refusal: |_, _, _| None,
-    need: |view, settings, weights| Plan::new(view, settings, weights).scalar_need(),
+    refusal: |_, _| None,
+    // Scalars are asked for alike in both precisions.
+    need: |view, settings, weights| Plan::new(view, settings, weights, Precision::F32).scalar_need(),
     begin: |job| Ok(Begun::Ready(Box::new(Picture::new(job)?))),
 };
 
@@ -39,9 +41,10 @@ struct Picture<'a> {
 impl<'a> Picture<'a> {
     fn new(job: Job<'a>) -> Result<Self> {
         let Job { context, view, settings, .. } = job;
-        let plan = Plan::new(view, settings, job.weights);
         let knobs = settings.quads();
-        let precision = precision(context, settings, view)?;
+        let precision = precision(knobs.precision, context.blends_f32())
+            .ok_or_else(|| context.unsupported("cannot blend f32 sheets: take the precision f16".to_owned()))?;
+        let plan = Plan::new(view, settings, job.weights, precision);
         let table = match knobs.footprint_table {
             Some([rows, terms]) => FootprintTable::with_size(&settings.kernel, rows, terms),
             None => {
@@ -52,6 +55,7 @@ impl<'a> Picture<'a> {
         let feed = match settings.model {
             Model::Xray => Feed::Depth,
             Model::Mip => Feed::Maximum,
+            Model::Composite if settings.is_post_shaded() && settings.lighting.is_some() => Feed::LitScalars,
             Model::Composite if settings.is_post_shaded() => Feed::Scalars,
             Model::Composite => Feed::Colors,
         };
@@ -69,13 +73,25 @@ impl<'a> Picture<'a> {
             footprint_rows: table.rows(),
             footprint_terms: table.terms(),
         };
+        if let Some(region) = view.projected_bounds() {
+            let fragments = plan.fragments(job.stores, region, key.sheets_per_pass);
+            if fragments > MAX_FRAGMENTS {
+                let what = format!("quads would cover {fragments:.0e} pixels, at most {MAX_FRAGMENTS:.0e} are drawn");
+                return Err(too_much(&what, view.max_growth()));
+            }
+        }
         Ok(Self { job, plan, key, table, footprint: None, drawn: Drawn::default(), parts: 0 })
     }
 
     fn pipelines(&self) -> Result<(Arc<Sorter>, Arc<Quads>)> {
         let context = self.job.context;
         let pipelines = self.job.pipelines;
-        let sort = SortKey { axis: self.key.axis, grown: self.key.grown, scalars: self.key.feed.is_scalar() };
+        let sort = SortKey {
+            axis: self.key.axis,
+            grown: self.key.grown,
+            scalars: self.key.feed.is_scalar(),
+            gradients: self.key.feed == Feed::LitScalars,
+        };
         let sorter = pipelines.get_or_make(sort, || Ok(Sorter::new(context, sort)))?;
         Ok((sorter, pipelines.get_or_make(self.key, || Quads::new(context, self.key))?))
     }
@@ -95,7 +111,7 @@ impl Painting for Picture<'_> {
         self.pipelines().map(|_| ())
     }
 
-    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<Painted> {
+    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<wgpu::Buffer> {
         let (sorter, quads) = self.pipelines()?;
         let Job { context, pipelines, view, settings, stores, .. } = self.job;
         let inputs = Inputs {
@@ -116,7 +132,7 @@ impl Painting for Picture<'_> {
         }
         self.drawn.add(counts);
         self.parts += 1;
-        Ok(Painted { pixels: drawn.pixels, margin: plan.margin() })
+        Ok(drawn.pixels)
     }
 
     fn footprint_error(&self) -> f64 {
@@ -132,7 +148,7 @@ impl Painting for Picture<'_> {
             accumulation: knobs.accumulation,
             precision: self.key.precision,
             sheets,
-            sheet_thickness: self.plan.sheet_step(),
+            sheet_thickness: self.plan.sheet_step() * self.job.view.unit,
             sheets_per_pass: per_pass,
             batches: if self.parts > 0 { sheets.div_ceil(per_pass) } else { 0 },
             passes,
@@ -154,20 +170,15 @@ impl Drawn {
     }
 }
 
-/// The precision asked for, or the adapter's own: see [`QuadsSettings::precision`](crate::settings::QuadsSettings).
-fn precision(context: &Context, settings: &Settings, view: &ViewGeometry) -> Result<Precision> {
-    /// A kernel s times as large meets s^2 times as many others in a pixel, each as much fainter: half floats lose
-    /// them.
-    const MAX_F16_GROWTH: f64 = 1.5;
-    let blendable = context.features.contains(wgpu::Features::FLOAT32_BLENDABLE);
-    match settings.quads().precision {
-        Some(Precision::F32) if !blendable => {
-            Err(context.unsupported("cannot blend f32 sheets: take the precision f16".to_owned()))
-        }
-        Some(precision) => Ok(precision),
-        None if blendable && (context.info.is_software() || settings.is_post_shaded()) => Ok(Precision::F32),
-        None if blendable && view.max_growth() > MAX_F16_GROWTH => Ok(Precision::F32),
-        None => Ok(Precision::F16),
+/// The precision asked for, or f32 wherever the adapter blends it, whatever the model, the thickness and the growth:
+/// half floats lose what is small beside a sum, and some hardware cuts them off. `None` if f32 is asked for and not
+/// blended.
+fn precision(asked: Option<Precision>, blends_f32: bool) -> Option<Precision> {
+    match (asked, blends_f32) {
+        (Some(Precision::F32), false) => None,
+        (Some(precision), _) => Some(precision),
+        (None, true) => Some(Precision::F32),
+        (None, false) => Some(Precision::F16),
     }
 }
 
@@ -177,16 +188,15 @@ fn sheets_per_pass(context: &Context, asked: Option<u32>, feed: Feed, precision:
     if feed == Feed::Depth {
         return Ok(1);
     }
-    let attachment = if feed.is_scalar() { 4 } else { 1 } * feed.sheet_bytes(precision);
+    let shared = feed.sheets_per_attachment();
     let bytes = context.limits.max_color_attachment_bytes_per_sample;
-    let most = context.limits.max_color_attachments.min(bytes / attachment);
-    // Scalars go four to an attachment.
-    let (most, least) = if feed.is_scalar() { (4 * most, 4) } else { (most, 1) };
-    let possible = [8, 4, 1].into_iter().filter(|&n| (least..=most).contains(&n));
+    let attachments = context.limits.max_color_attachments.min(bytes / (shared * feed.sheet_bytes(precision)));
+    let possible = [8, 4, 1].into_iter().filter(|n| (feed.least_sheets()..=shared * attachments).contains(n));
     match asked {
         None => {
-            let preferred = if context.info.is_software() || feed.is_scalar() { 8 } else { 4 };
-            Ok(possible.filter(|&n| n <= preferred).max().unwrap_or(1))
+            let preferred = if context.info.is_software() || shared > 1 { 8 } else { 4 };
+            let most = possible.filter(|&n| n <= preferred).max();
+            most.ok_or_else(|| context.unsupported(format!("cannot draw into so many {precision} sheets at once")))
         }
         Some(asked) if possible.clone().any(|n| n == asked) => Ok(asked),
         Some(asked) => Err(Error::Setting {
@@ -197,5 +207,26 @@ fn sheets_per_pass(context: &Context, asked: Option<u32>, feed: Feed, precision:
                 possible.map(|n| n.to_string()).collect::<Vec<_>>().join(", ")
             ),
         }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sheets_are_f32_wherever_they_can_be() {
+        use Precision::{F16, F32};
+        let rows = [
+            (None, true, Some(F32)),
+            (None, false, Some(F16)),
+            (Some(F16), true, Some(F16)),
+            (Some(F16), false, Some(F16)),
+            (Some(F32), true, Some(F32)),
+            (Some(F32), false, None),
+        ];
+        for (asked, blends_f32, expected) in rows {
+            assert_eq!(precision(asked, blends_f32), expected, "{asked:?} {blends_f32}");
+        }
     }
 }

@@ -82,7 +82,6 @@ impl ShadeStage {
         let drawn: Vec<bool> = reached.iter().map(|area| *area != Area::default()).chain([false]).collect();
         let base_is_invisible = table.invisible[0] <= table.invisible[1];
         let extent = target.extent();
-        let margin = target.plan.margin();
         // Pixels that neither batch reaches hold the base. They are shaded only if the base shows or may be the
         // maximum.
         let areas: Vec<Area> = (0..drawn.len())
@@ -91,10 +90,7 @@ impl ShadeStage {
                     return Area { low: [0, 0], high: extent };
                 }
                 let of = |batch: Option<usize>| batch.and_then(|b| reached.get(b)).copied().unwrap_or_default();
-                let area = of(batch.checked_sub(1)).joined(of(Some(batch)));
-                // Gradients are asked for beside what shows.
-                let grown = |a: usize| (area.high[a].saturating_add(margin)).min(extent[a]);
-                Area { low: area.low.map(|l| l.saturating_sub(margin)), high: [grown(0), grown(1)] }
+                of(batch.checked_sub(1)).joined(of(Some(batch)))
             })
             .collect();
         let parameters: Vec<_> = (0..drawn.len() as u32)
@@ -103,7 +99,7 @@ impl ShadeStage {
                 depth: (target.plan.sheet_depth(batch * self.key.sheets_per_pass) - target.plan.sheet_step()) as f32,
                 previous: f32::from(u8::from(batch > 0 && drawn[batch as usize - 1])),
                 current: f32::from(u8::from(drawn[batch as usize])),
-                margin: target.plan.margin() as i32,
+                _pad: 0,
                 invisible: table.invisible,
                 lookup: table.lookup,
                 low: areas[batch as usize].low,

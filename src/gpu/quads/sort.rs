@@ -26,6 +26,8 @@ pub(crate) struct SortKey {
     pub(crate) grown: bool,
     /// Splats are scalars.
     pub(crate) scalars: bool,
+    /// Splats of scalars have gradients.
+    pub(crate) gradients: bool,
 }
 
 /// The pipelines of the sort.
@@ -85,7 +87,12 @@ impl Span<'_> {
 
 impl Sorter {
     pub(crate) fn new(context: &Context, key: SortKey) -> Self {
-        let constants = [("AXIS", flag(key.axis)), ("GROWN", flag(key.grown)), ("SCALARS", flag(key.scalars))];
+        let constants = [
+            ("AXIS", flag(key.axis)),
+            ("GROWN", flag(key.grown)),
+            ("SCALARS", flag(key.scalars)),
+            ("GRADIENTS", flag(key.gradients)),
+        ];
         let module = module(context, shaders::SORT);
         let slots = [
             Binding::Uniform,

@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::super::context::Context;
 use super::super::layout::Area;
 use super::super::pipeline::{Binding, bind, flag, layout, module, pipeline_layout, specialised, texture_view};
-use super::super::recorder::Recorder;
+use super::super::recorder::{MAX_WORK, Recorder};
 use super::super::shaders;
 use super::plan::Target;
 use super::sort::Span;
@@ -37,6 +37,8 @@ pub(super) struct Splats<'a> {
     extent: [u32; 2],
     batches: DynamicUniforms,
     groups: Vec<wgpu::BindGroup>,
+    /// The most pixels that a quad covers.
+    quad_pixels: u64,
 }
 
 /// Quads of one render pass on software drivers, which keep the triangles of a pass in memory.
@@ -46,27 +48,22 @@ impl QuadsKey {
     /// The format of a layer.
     fn format(&self) -> wgpu::TextureFormat {
         match (self.feed, self.precision) {
-            (Feed::Colors | Feed::Scalars | Feed::Maximum, Precision::F16) => wgpu::TextureFormat::Rgba16Float,
-            (Feed::Colors | Feed::Scalars | Feed::Maximum, Precision::F32) => wgpu::TextureFormat::Rgba32Float,
             (Feed::Depth, Precision::F16) => wgpu::TextureFormat::R16Float,
             (Feed::Depth, Precision::F32) => wgpu::TextureFormat::R32Float,
+            (_, Precision::F16) => wgpu::TextureFormat::Rgba16Float,
+            (_, Precision::F32) => wgpu::TextureFormat::Rgba32Float,
         }
     }
 
     /// Layers of a batch.
     fn layers(&self) -> u32 {
-        match self.feed {
-            Feed::Colors => self.sheets_per_pass,
-            Feed::Depth => 1,
-            // Four sheets to a layer.
-            Feed::Scalars | Feed::Maximum => self.sheets_per_pass / 4,
-        }
+        self.sheets_per_pass / self.feed.sheets_per_attachment()
     }
 
     /// The fragment stage.
     fn entry(&self) -> String {
         match self.feed {
-            Feed::Colors => format!("feed_{}", self.sheets_per_pass),
+            Feed::Colors | Feed::LitScalars => format!("feed_{}", self.sheets_per_pass),
             Feed::Depth => "feed_depth".to_owned(),
             Feed::Scalars | Feed::Maximum => format!("scalars_{}", self.sheets_per_pass),
         }
@@ -140,7 +137,10 @@ impl Splatting {
                 bind(context, "splat", &self.layout, &resources)
             })
             .collect();
-        Ok(Splats { pipeline: &self.pipeline, wipe: self.wipe.as_ref(), extent: target.extent(), batches, groups })
+        let extent = target.extent();
+        let pixels = extent.into_iter().map(f64::from).product();
+        let quad_pixels = target.plan.view.splat_pixels().min(pixels) as u64;
+        Ok(Splats { pipeline: &self.pipeline, wipe: self.wipe.as_ref(), extent, batches, groups, quad_pixels })
     }
 }
 
@@ -159,7 +159,10 @@ impl Splats<'_> {
         let part = u64::from(width) * u64::from(height);
         let all = u64::from(self.extent[0]) * u64::from(self.extent[1]);
         let wipe = self.wipe.filter(|_| 2 * part < all && part > 0);
-        let most = if recorder.context.info.is_software() { SOFTWARE_PASS } else { u32::MAX };
+        let most = match recorder.context.info.is_software() {
+            true => SOFTWARE_PASS,
+            false => u32::try_from(MAX_WORK / self.quad_pixels.max(1)).unwrap_or(u32::MAX).max(1),
+        };
         let passes = passes(spans, batch, most);
         for (number, pieces) in passes.into_iter().enumerate() {
             let load = match (number, wipe) {
@@ -182,11 +185,15 @@ impl Splats<'_> {
                 pass.set_scissor_rect(0, 0, self.extent[0], self.extent[1]);
             }
             pass.set_pipeline(self.pipeline);
+            let mut quads = 0;
             for (index, piece) in pieces {
+                quads += piece.len() as u64;
                 pass.set_bind_group(0, &self.groups[index], &[self.batches.offset(batch)]);
                 pass.set_vertex_buffer(0, spans[index].entries.slice(..));
                 pass.draw(0..4, piece);
             }
+            drop(pass);
+            recorder.worked(quads * self.quad_pixels);
         }
     }
 }
@@ -231,7 +238,7 @@ fn wiping(context: &Context, key: QuadsKey, module: &wgpu::ShaderModule) -> wgpu
         multisample: wgpu::MultisampleState::default(),
         fragment: Some(wgpu::FragmentState {
             module,
-            entry_point: Some("wipe"),
+            entry_point: Some(&format!("wipe_{}", key.layers())),
             compilation_options: specialised(&[]),
             targets: &targets,
         }),
@@ -253,7 +260,11 @@ fn pipeline(
         ("AXIS", flag(key.axis)),
         ("SCALARS", flag(key.feed.is_scalar())),
     ];
-    let vertex = [("ADDITIVE", flag(key.additive)), ("LIGHTS", f64::from(key.splat_lights()))];
+    let vertex = [
+        ("ADDITIVE", flag(key.additive)),
+        ("LIGHTS", f64::from(key.splat_lights())),
+        ("GRADIENTS", flag(key.feed == Feed::LitScalars)),
+    ];
     let fragment = [("TEXELS", f64::from(key.footprint_terms / 4)), ("ROWS", f64::from(key.footprint_rows))];
     let vertex_constants = [common.as_slice(), &vertex].concat();
     let fragment_constants = [common.as_slice(), &fragment].concat();

@@ -8,7 +8,7 @@ use super::super::scan::WORKGROUP;
 use super::super::shaders;
 use super::plan::Target;
 use super::sort::Span;
-use super::{DynamicUniforms, QuadsKey};
+use super::{DynamicUniforms, Feed, QuadsKey};
 use crate::error::Result;
 
 /// Entries that one invocation looks at; RUN in shaders/terminate.wgsl.
@@ -50,6 +50,7 @@ impl Terminator {
             ("PERSPECTIVE", flag(key.perspective)),
             ("GROWN", flag(key.grown)),
             ("SCALARS", flag(key.feed.is_scalar())),
+            ("GRADIENTS", flag(key.feed == Feed::LitScalars)),
         ];
         let pipeline = |entry, constants: &[_]| compute(context, &module, "terminate", entry, &layout, constants);
         Self { tile: pipeline("tile", &[]), mark: pipeline("mark", &constants), layout }
@@ -63,10 +64,9 @@ impl Terminator {
         spans: &[Span<'_>],
         batches: u32,
     ) -> Result<Termination<'_>> {
-        let margin = target.plan.margin() as f32;
         let parameters: Vec<_> = (0..batches)
             .flat_map(|batch| spans.iter().map(move |span| span.batch(batch)))
-            .map(|range| Terminate { first: range.start, count: range.len() as u32, margin })
+            .map(|range| Terminate { first: range.start, count: range.len() as u32 })
             .collect();
         let batches = DynamicUniforms::new(context, "terminate.batches", &parameters)?;
         let count: u64 = target.plan.tiles(target.region).map(u64::from).iter().product();

@@ -31,6 +31,8 @@ pub(super) struct PrincipalAxis {
     /// Unit vector of a ray in (a, b, m), its component along m positive. Of rays through one eye it is that of a ray
     /// in the middle of those that run along m.
     pub(super) direction: DVec3,
+    /// Rays through one eye: plane coordinates of that ray at unit depth, see `Camera::pixels`.
+    pub(super) middle: DVec2,
     /// World length per lattice length along that ray.
     stretch: f64,
     /// The share of this axis in a picture of parallel rays. Rays through one eye have shares of their own, and this
@@ -71,7 +73,9 @@ impl PrincipalAxis {
             let count = part.len() as f64;
             let (x, y) = part.iter().fold((0.0, 0.0), |(x, y), p| (x + p.0 / count, y + p.1 / count));
             let world = (1.0 + (tan_half_fov * tan_half_fov) * (x * x * aspect * aspect + y * y)).sqrt();
-            (!part.is_empty()).then(|| Self::along(m, flipped, forward + right * x + up * y, world))
+            let middle = DVec2::new(x * aspect, y) * tan_half_fov;
+            let axis = || Self { middle, ..Self::along(m, flipped, forward + right * x + up * y, world) };
+            (!part.is_empty()).then(axis)
         })
         .collect()
     }
@@ -85,6 +89,7 @@ impl PrincipalAxis {
             axes: [a, b, m],
             flipped,
             direction: DVec3::new(unit[a], unit[b], unit[m].abs()),
+            middle: DVec2::ZERO,
             stretch: world / ray.length(),
             share: 1.0,
         }

@@ -64,7 +64,7 @@ impl Stage {
 
     /// The rays of these pixels.
     fn refine(context: &Context, key: TilesKey) -> Self {
-        let volume = Binding::ReadTexture(key.voxel.format());
+        let volume = key.voxel.binding(context.info.is_software());
         let runs = Binding::IntegerTexture(wgpu::TextureViewDimension::D2);
         let bindings = [Binding::Uniform, volume, runs, Binding::Read, Binding::Write, Binding::Read];
         let constants = [
@@ -72,12 +72,14 @@ impl Stage {
             ("TERMS", f64::from(key.terms)),
             ("TEXELS", f64::from(key.texels)),
             ("WHITE", flag(key.model == Model::Xray)),
+            ("CURVED", flag(key.curved)),
         ];
         Self::new(context, shaders::GATHER, "refine", &bindings, &constants)
     }
 
     pub(super) fn gather(context: &Context, key: TilesKey) -> Self {
-        let volume = Binding::ReadTexture(key.voxel.format());
+        let software = context.info.is_software();
+        let volume = key.voxel.binding(software);
         let runs = Binding::IntegerTexture(wgpu::TextureViewDimension::D2);
         let perspective = ("PERSPECTIVE", flag(key.perspective));
         let terms = ("TERMS", f64::from(key.terms));
@@ -94,10 +96,14 @@ impl Stage {
                 shaders::GATHER,
                 entry,
                 &bindings,
-                &[perspective, terms, texels, straight, white, resampled],
+                &[perspective, terms, texels, straight, white, resampled, ("CURVED", flag(key.curved))],
             );
         }
-        let shader = if key.voxel == Voxel::Scalar { shaders::GATHER_SCALARS } else { shaders::GATHER_GRADIENTS };
+        let shader = match (key.voxel, software) {
+            (Voxel::Scalar, true) => shaders::GATHER_SCALARS_SOFTWARE,
+            (Voxel::Scalar, false) => shaders::GATHER_SCALARS,
+            _ => shaders::GATHER_GRADIENTS,
+        };
         let maximum = ("MAXIMUM", flag(key.model == Model::Mip));
         let lights = ("LIGHTS", f64::from(key.lights));
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
@@ -153,9 +159,8 @@ pub(super) fn find_runs(
 /// Room for the runs of every tile.
 fn runs_of(context: &Context, uniforms: &layout::Rays) -> wgpu::TextureView {
     let [across, down] = uniforms.tiles;
-    let tiles = across * down * phases(uniforms);
-    let rows = tiles.div_ceil(RUN_ROW) * uniforms.run_slots;
-    texture(context, "skip.runs", wgpu::TextureFormat::Rg32Uint, [tiles.min(RUN_ROW), rows])
+    let rows = (across * down * phases(uniforms) * uniforms.run_slots).div_ceil(RUN_ROW);
+    texture(context, "skip.runs", wgpu::TextureFormat::Rg32Uint, [RUN_ROW, rows])
 }
 
 /// Workgroups of `skip`.

@@ -66,6 +66,8 @@ pub(crate) struct TilesKey {
     voxel: Voxel,
     lights: u32,
     perspective: bool,
+    /// Parts of kernels of colours are parabolas.
+    curved: bool,
     rays: RayKind,
     /// Terms of the footprint's polynomial.
     terms: u32,

@@ -1,5 +1,5 @@
-//! pack and gradients: from the splats of a scene to the texture that rays read. See shaders/common/packing.wgsl,
-//! shaders/pack.wgsl and shaders/gradients.wgsl.
+//! pack: from the splats of a scene to the texture that rays read. See shaders/common/packing.wgsl and
+//! shaders/pack.wgsl.
 
 use std::ops::Range;
 
@@ -32,17 +32,21 @@ impl Voxel {
         matches!(self, Self::Scalar | Self::Gradient)
     }
 
-    /// What `pack` writes: gradients are taken of packed scalars, by `gradients`.
-    fn packed(self) -> Self {
-        if self.is_scalar() { Self::Scalar } else { self }
-    }
-
     /// Bytes of a texel, which holds two voxels.
     fn texel(self) -> u64 {
         if self == Self::Scalar { 8 } else { 16 }
     }
 
-    /// The format of the texture that rays read.
+    /// The binding of the texture that rays read.
+    pub(super) fn binding(self, software: bool) -> Binding {
+        if self == Self::Scalar && !software {
+            Binding::IntegerTexture(wgpu::TextureViewDimension::D2)
+        } else {
+            Binding::ReadTexture(self.format())
+        }
+    }
+
+    /// Its format.
     pub(super) fn format(self) -> wgpu::TextureFormat {
         if self == Self::Scalar { wgpu::TextureFormat::Rg32Uint } else { wgpu::TextureFormat::Rgba32Uint }
     }
@@ -161,13 +165,6 @@ impl Packed {
 pub(super) struct Packer {
     layout: wgpu::BindGroupLayout,
     voxels: wgpu::ComputePipeline,
-    gradients: Option<Gradients>,
-}
-
-/// The pipeline that takes differences of scalars.
-struct Gradients {
-    layout: wgpu::BindGroupLayout,
-    pipeline: wgpu::ComputePipeline,
 }
 
 /// The light on what is packed.
@@ -195,12 +192,12 @@ impl Packer {
         let constants = [
             ("LIGHTS", f64::from(lights)),
             ("SCALARS", flag(voxel.is_scalar())),
+            ("GRADIENTS", flag(voxel == Voxel::Gradient)),
             // The direction to the eye is all that a perspective changes here.
             ("PERSPECTIVE", flag(perspective && lights > 0)),
         ];
         let voxels = compute(context, &module(context, shaders::PACK), "pack", "voxels", &pack, &constants);
-        let gradients = (voxel == Voxel::Gradient).then(|| Gradients::new(context));
-        Self { layout: pack, voxels, gradients }
+        Self { layout: pack, voxels }
     }
 
     /// Packs the splats of stores, whose largest weight is `max_weight`.
@@ -233,10 +230,6 @@ impl Packer {
             ..Pack::zeroed()
         };
         let (volume, occupied) = self.voxels(recorder, stores, &packing, lit.lighting, parameters)?;
-        let volume = match &self.gradients {
-            Some(stage) => stage.run(recorder, &packing, parameters, &volume)?,
-            None => volume,
-        };
         let [width, height] = packing.size.map(u64::from);
         let macrocells: u64 = packing.dims.iter().map(|&n| u64::from(n.div_ceil(MACROCELL))).product();
         Ok(Packed {
@@ -261,7 +254,7 @@ impl Packer {
         let context = recorder.context;
         let uniform = wgpu::BufferUsages::UNIFORM;
         let [width, height] = packing.size;
-        let voxel = packing.voxel.packed();
+        let voxel = packing.voxel;
         let volume = storage_texture(context, "pack.volume", voxel.format(), packing.size);
         let occupied = context.texture(
             "pack.occupied",
@@ -308,39 +301,6 @@ impl Packer {
     }
 }
 
-impl Gradients {
-    fn new(context: &Context) -> Self {
-        let target = Binding::StorageTexture(Voxel::Gradient.format(), wgpu::TextureViewDimension::D2);
-        let slots = [Binding::Uniform, Binding::ReadTexture(Voxel::Scalar.format()), target];
-        let layout = layout(context, "gradients", wgpu::ShaderStages::COMPUTE, &slots);
-        let module = module(context, shaders::GRADIENTS);
-        let pipeline = compute(context, &module, "gradients", "gradients", &layout, &[]);
-        Self { layout, pipeline }
-    }
-
-    /// The scalars with their central differences.
-    fn run(
-        &self,
-        recorder: &mut Recorder<'_>,
-        packing: &Packing,
-        parameters: Pack,
-        scalars: &wgpu::TextureView,
-    ) -> Result<wgpu::TextureView> {
-        let context = recorder.context;
-        let [width, height] = packing.size;
-        let vectors = storage_texture(context, "gradients.volume", packing.voxel.format(), packing.size);
-        let vectors = vectors.create_view(&wgpu::TextureViewDescriptor::default());
-        let parameters = bytemuck::bytes_of(&parameters);
-        let parameters = context.upload("gradients.parameters", parameters, wgpu::BufferUsages::UNIFORM)?;
-        let resources = [parameters.as_entire_binding(), texture_view(scalars), texture_view(&vectors)];
-        let group = bind(context, "gradients", &self.layout, &resources);
-        recorder.dispatch("gradients", &self.pipeline, &group, &[], [width.div_ceil(64), height, 1]);
-        recorder.submit();
-        context.wait("differences of scalars")?;
-        Ok(vectors)
-    }
-}
-
 /// A texture that shaders read as storage and that buffers are copied to.
 fn storage_texture(
     context: &Context,
@@ -348,6 +308,7 @@ fn storage_texture(
     format: wgpu::TextureFormat,
     [width, height]: [u32; 2],
 ) -> wgpu::Texture {
-    let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST;
+    let usage =
+        wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
     context.texture(label, format, [width, height, 1], wgpu::TextureDimension::D2, usage)
 }

@@ -2,14 +2,13 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::super::context::Context;
-use super::super::layout;
-use super::super::painter::{Begun, Job, Painted, Painting, Room};
-use super::super::recorder::Recorder;
+use super::super::layout::{self, TILE};
+use super::super::painter::{Begun, Job, Painting, Room};
+use super::super::recorder::{MAX_WORK, Recorder};
 use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights};
 use super::axis::PrincipalAxis;
 use super::pack::{Lit, Packed, Packing, Voxel};
-use super::parts::{Footprint, Sections};
+use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{Classification, FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
 use super::{MAX_PARALLEL_RADIUS, MAX_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
@@ -24,7 +23,14 @@ pub(crate) const ROOM: Room = Room { refusal, need, begin };
 /// them meet nothing. Measured on software; see `docs/measurements`.
 const PIXELS_PER_QUAD: u64 = 8;
 
-fn refusal(context: &Context, view: &ViewGeometry, settings: &Settings) -> Option<String> {
+/// Optical depth of a voxel from which on parts of kernels are parabolas: the fit by lines shows by more than half a step
+/// of 8-bit colour (rms).
+const DENSE: f64 = 0.7;
+
+/// The fewest bytes of a pixel, which limit the regions of a picture and with them what is marched at a time.
+const MIN_PIXEL_BYTES: u32 = 16;
+
+fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
     let growth = view.max_growth();
     if view.is_perspective() && growth > 1.0 {
         return Some("tiles draws kernels of one size, and in this perspective they grow with distance".to_owned());
@@ -38,24 +44,20 @@ fn refusal(context: &Context, view: &ViewGeometry, settings: &Settings) -> Optio
     if !settings.is_post_shaded() && view.is_among_voxels() {
         return Some("tiles does not cut kernels at the eye, and the eye is among the voxels".to_owned());
     }
-    if !context.features.contains(wgpu::Features::FLOAT32_FILTERABLE) {
-        return Some(format!("tiles needs filtered 32-bit floats, which {} has not", context.info.name));
-    }
     None
 }
 
 /// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a
 /// ray at most sqrt(3) / 2 voxels, so three are at most 2.6 voxels. They count as 3: the parts of kernels in slabs are
-/// fitted, and a fit fades a little later than its kernel. Light takes central differences, a voxel farther. None of it
-/// depends on the direction, so that turning asks for no other splats.
+/// fitted, and a fit fades a little later than its kernel. None of it depends on the direction, so that turning asks for
+/// no other splats.
 fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
     if !settings.is_post_shaded() {
-        return ScalarNeed { padding: 0, influence: 0.0 };
+        return ScalarNeed::NONE;
     }
     const SLABS: f64 = 3.0;
-    let differences = if settings.lighting.is_some() { 1.0 } else { 0.0 };
     let radius = view.max_radius();
-    ScalarNeed::new(radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS + differences)
+    ScalarNeed::new(view, radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS)
 }
 
 fn begin(job: Job<'_>) -> Result<Begun<'_>> {
@@ -74,6 +76,7 @@ pub(super) struct Picture<'a> {
     /// The kernel as it has grown.
     kernel: Kernel,
     footprint: Footprint,
+    kind: SlabKind,
     pub(super) lighting: layout::Lighting,
     /// Those of the largest share first.
     pub(super) ways: Vec<Way>,
@@ -109,13 +112,24 @@ impl<'a> Picture<'a> {
         let packings = axes.iter().map(|axis| Packing::new(context, stores, dims, whole, axis.axes, voxel));
         let packings: Option<Vec<Packing>> = packings.collect();
         let packings = packings.ok_or("tiles packs the volume into a texture, which this volume outgrows")?;
+        let dense = axes.first().is_some_and(|axis| max_depth(&job, axis) > DENSE);
+        let kind = match transfer {
+            Some(_) => SlabKind::Scalars,
+            None if dense => SlabKind::DenseColors,
+            None => SlabKind::Colors,
+        };
         let ways = axes.into_iter().zip(packings).map(|(axis, packing)| {
-            let sections = Sections::new(&kernel, &view.camera, &axis, transfer.is_some());
+            let sections = Sections::new(&kernel, &view.camera, &axis, kind);
             Way { axis, packing, sections }
         });
         let ways = ways.collect();
         let lighting = view.lighting(settings.lighting.as_ref());
-        Ok(Self { job, kernel, footprint, lighting, ways, packed: None, rays: 0, spacing: None, marches: 0 })
+        let picture =
+            Self { job, kernel, footprint, kind, lighting, ways, packed: None, rays: 0, spacing: None, marches: 0 };
+        if picture.outgrows_textures() {
+            return Err("tiles has rays at least a voxel apart, and here they outgrow a texture".to_owned());
+        }
+        Ok(picture)
     }
 
     fn key(&self) -> TilesKey {
@@ -128,6 +142,7 @@ impl<'a> Picture<'a> {
             voxel: way.packing.voxel,
             lights: settings.light_count(),
             perspective: view.is_perspective(),
+            curved: self.kind == SlabKind::DenseColors,
             terms: self.footprint.terms(),
             texels: match self.ways.iter().map(reach).fold(0.0, f64::max) {
                 // Rays through one eye that lean along a as much as along m reach over seven voxels.
@@ -152,6 +167,26 @@ impl<'a> Picture<'a> {
         let per_pixel =
             settings.tiles().resolution == Resolution::Full || transfer.is_some() || self.kernel.radius() > MAX_RADIUS;
         !per_pixel && self.ways.iter().any(|way| self.setup(way).pixel_share(&way.axis) < 1.0)
+    }
+
+    /// The whole picture as one region.
+    fn whole(&self) -> Region {
+        let [width, height] = self.job.view.camera.size;
+        Region { x: 0, y: 0, width, height }
+    }
+
+    /// Whether the rays of a picture are more than its pixels, and more than a texture has room for.
+    fn outgrows_textures(&self) -> bool {
+        let Job { context, view, .. } = self.job;
+        let most = context.limits.max_texture_dimension_2d;
+        let rays = self.ways.iter().flat_map(|way| self.all_rays(way));
+        let sizes = rays.flat_map(|rays| rays.uniforms.size.into_iter().zip(view.camera.size));
+        sizes.into_iter().any(|(rays, pixels)| rays > most.max(pixels))
+    }
+
+    /// The rays of all marches of the whole picture along an axis.
+    fn all_rays(&self, way: &Way) -> Vec<Rays> {
+        if self.is_resampled() { self.image_rays(way, self.whole()) } else { vec![self.pixel_rays(way, self.whole())] }
     }
 
     /// Whether rays run along m so closely that they meet all planes at the same place.
@@ -233,7 +268,8 @@ impl<'a> Picture<'a> {
             optics: Optics {
                 density_scale: 1.0 / (divisor * weights.unit),
                 opaque_depth: view.opaque_depth,
-                max_depth: weights.max * axis.voxel() / weights.unit,
+                max_depth: max_depth(&self.job, axis),
+                brightest: weights.brightest,
             },
             scalars,
         }
@@ -255,6 +291,11 @@ impl<'a> Picture<'a> {
     }
 }
 
+/// Optical depth of the densest voxel over one voxel length along a ray.
+fn max_depth(job: &Job<'_>, axis: &PrincipalAxis) -> f64 {
+    job.weights.max * axis.voxel() / job.weights.unit
+}
+
 /// Whether places without splats, at the transfer function's base, show nothing.
 fn shows_nothing_else(job: &Job<'_>) -> bool {
     job.transfer.is_none_or(|table| table.invisible[0] <= table.invisible[1])
@@ -266,15 +307,36 @@ impl Painting for Picture<'_> {
     }
 
     fn pixel_bytes(&self) -> u32 {
-        // The intermediate image, which is no larger than the picture: RGBA, f32.
-        16
+        // The two intermediate images, RGBA, f32, if there are any, and the runs of a tile, two words each.
+        let images = if self.is_resampled() { 32 } else { 0 };
+        let bytes = |rays: Rays| {
+            let per_ray = images + u64::from(rays.uniforms.run_slots * 8).div_ceil(u64::from(TILE * TILE));
+            let count: u64 = rays.uniforms.size.into_iter().map(u64::from).product();
+            (count * per_ray).div_ceil(self.whole().area()) as u32
+        };
+        let rays = self.ways.iter().flat_map(|way| self.all_rays(way));
+        rays.map(bytes).fold(MIN_PIXEL_BYTES, u32::max)
+    }
+
+    fn most_pixels(&self) -> u64 {
+        if self.job.context.info.is_software() {
+            return u64::MAX;
+        }
+        // Each pixel may have its own ray beside those of the images.
+        let planes = |way: &Way| {
+            let images = self.all_rays(way);
+            let rays = images.iter().map(|rays| rays.uniforms.size.into_iter().map(u64::from).product::<u64>());
+            (rays.sum::<u64>() + self.whole().area()) * u64::from(way.packing.dims[2])
+        };
+        let planes: u64 = self.ways.iter().map(planes).sum();
+        (u128::from(MAX_WORK) * u128::from(self.whole().area()) / u128::from(planes.max(1))) as u64
     }
 
     fn make_pipelines(&self) -> Result<()> {
         self.pipelines().map(|_| ())
     }
 
-    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<Painted> {
+    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<wgpu::Buffer> {
         let pipelines = self.pipelines()?;
         let packed = match self.packed.take() {
             Some(packed) => packed,
@@ -285,7 +347,7 @@ impl Painting for Picture<'_> {
         self.rays += marched.rays;
         self.spacing = marched.spacing.or(self.spacing);
         self.marches = self.marches.max(marched.marches);
-        Ok(Painted { pixels: marched.pixels, margin: 0 })
+        Ok(marched.pixels)
     }
 
     fn footprint_error(&self) -> f64 {

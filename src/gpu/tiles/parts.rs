@@ -37,15 +37,45 @@ impl Footprint {
     }
 }
 
+/// What slabs hold, which decides how thick they are and how parts are fitted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum SlabKind {
+    /// Colours, in slabs a plane thick: x + y s.
+    Colors,
+    /// Colours of dense material, which shows where parts are off by little: x + y s + z s^2.
+    DenseColors,
+    /// Scalars, in slabs half a plane thick: x + y s + z s^2.
+    Scalars,
+}
+
+impl SlabKind {
+    /// Where slabs begin and end along m, from the kernel's plane. Of scalars the foremost slab is first, of colours the
+    /// one next to the kernel's own: shaders/common/rays.wgsl expects them so.
+    fn slabs(self) -> &'static [[f64; 2]] {
+        match self {
+            Self::Scalars => &[[-2.0, -1.5], [-1.5, -1.0], [-1.0, -0.5], [-0.5, 0.0]],
+            Self::Colors | Self::DenseColors => &[[-1.5, -0.5], [-2.5, -1.5], [-3.5, -2.5]],
+        }
+    }
+
+    /// Powers of s that are fitted.
+    fn terms(self) -> usize {
+        match self {
+            Self::Colors => 2,
+            Self::DenseColors | Self::Scalars => 3,
+        }
+    }
+}
+
 /// The parts of kernels in slabs for every ray of a picture: `Rays::sections` of the shaders.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sections(pub(super) [[[f32; 4]; 3]; layout::SECTIONS]);
 
 impl Sections {
-    pub(super) fn new(kernel: &Kernel, camera: &Camera, axis: &PrincipalAxis, scalars: bool) -> Self {
+    pub(super) fn new(kernel: &Kernel, camera: &Camera, axis: &PrincipalAxis, kind: SlabKind) -> Self {
         Self(match camera.projection {
-            Projection::Orthographic { .. } => [sections(kernel, axis.direction, scalars); layout::SECTIONS],
-            Projection::Perspective { .. } => std::array::from_fn(|step| section_step(step, kernel, scalars)),
+            Projection::Orthographic { .. } => [sections(kernel, axis.direction, kind); layout::SECTIONS],
+            Projection::Perspective { .. } => std::array::from_fn(|step| section_step(step, kernel, kind)),
         })
     }
 }
@@ -53,43 +83,30 @@ impl Sections {
 /// An entry of the table of sections: those of every ray whose shear has this length, its lean, with s in units of the
 /// lean. In this unit the coefficients change smoothly towards rays along m, which meet all kernels of a plane at s =
 /// 0.
-fn section_step(step: usize, kernel: &Kernel, scalars: bool) -> [[f32; 4]; 3] {
+fn section_step(step: usize, kernel: &Kernel, kind: SlabKind) -> [[f32; 4]; 3] {
     // Rays along m have no fit over s. The entry for them is that of a lean of 1e-3: in units of the lean, which s is
     // twice at most, its linear terms are below 4e-4 of the footprint, and 0 is their limit.
     let lean = (LARGEST_SHEAR * step as f64 / (layout::SECTIONS - 1) as f64).max(1e-3);
-    let [x, y, z] = sections(kernel, DVec3::new(0.0, lean, 1.0).normalize(), scalars);
+    let [x, y, z] = sections(kernel, DVec3::new(0.0, lean, 1.0).normalize(), kind);
     let lean = lean as f32;
     [x, y.map(|c| c * lean), z.map(|c| c * lean * lean)]
 }
 
-/// The parts of a kernel in the slabs before its centre, as fractions of its footprint: x + y s for colours, x + y s +
-/// z s^2 for scalars. s is the place of its centre along the ray, from where the ray meets its plane; lengths are in
+/// The parts of a kernel in the slabs before its centre, as fractions of its footprint: x + y s, or x + y s + z
+/// s^2. s is the place of its centre along the ray, from where the ray meets its plane; lengths are in
 /// voxels. The fit is that of least squares over all places of the plane in which a ray meets the kernel.
 ///
 /// A slab of colours is a plane thick and has its plane in the middle. A slab of scalars is half a plane thick and lies
 /// between two planes or half planes.
 ///
 /// Returned are x, y and z, each for up to four slabs.
-fn sections(kernel: &Kernel, direction: DVec3, scalars: bool) -> [[f32; 4]; 3] {
+fn sections(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> [[f32; 4]; 3] {
     /// Places along each side of the square around the ray: more change the fractions by less than 1e-3.
     const SIDE: i32 = 25;
     let radius = kernel.radius();
     let reach = radius / direction.z;
-    // Where slabs begin and end along m, from the kernel's plane. Of scalars the foremost slab is first, of colours the
-    // one next to the kernel's own: shaders/common/rays.wgsl expects them so.
-    let slabs: &[[f64; 2]] = if scalars {
-        &[[-2.0, -1.5], [-1.5, -1.0], [-1.0, -0.5], [-0.5, 0.0]]
-    } else {
-        &[[-1.5, -0.5], [-2.5, -1.5], [-3.5, -2.5]]
-    };
-    // Powers of s that are fitted: only s^0 for rays along m, which meet all kernels of a plane at s = 0.
-    let terms = if direction.z > 1.0 - 1e-9 {
-        1
-    } else if scalars {
-        3
-    } else {
-        2
-    };
+    // Only s^0 for rays along m, which meet all kernels of a plane at s = 0.
+    let terms = if direction.z > 1.0 - 1e-9 { 1 } else { kind.terms() };
     // The normal equations: sums of products of the footprint times powers of s, and of these times each part.
     let mut normal = DMat3::ZERO;
     let mut parts = [DVec3::ZERO; 4];
@@ -104,7 +121,7 @@ fn sections(kernel: &Kernel, direction: DVec3, scalars: bool) -> [[f32; 4]; 3] {
             }
             let powers = DVec3::new(1.0, s, s * s) * section(kernel, r2, -radius, radius);
             normal += DMat3::from_cols(powers * powers.x, powers * powers.y, powers * powers.z);
-            for (sum, slab) in parts.iter_mut().zip(slabs) {
+            for (sum, slab) in parts.iter_mut().zip(kind.slabs()) {
                 *sum += powers * section(kernel, r2, slab[0] / direction.z - s, slab[1] / direction.z - s);
             }
         }
@@ -127,13 +144,9 @@ mod tests {
     use super::*;
 
     /// Root mean square of what the parts err by, of the footprint's peak, over the square that rays meet a plane in.
-    fn rms_of_parts(kernel: &Kernel, direction: DVec3, scalars: bool) -> f64 {
-        let slabs: &[[f64; 2]] = if scalars {
-            &[[-2.0, -1.5], [-1.5, -1.0], [-1.0, -0.5], [-0.5, 0.0]]
-        } else {
-            &[[-1.5, -0.5], [-2.5, -1.5], [-3.5, -2.5]]
-        };
-        let fits = sections(kernel, direction, scalars).map(|row| row.map(f64::from));
+    fn rms_of_parts(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> f64 {
+        let slabs = kind.slabs();
+        let fits = sections(kernel, direction, kind).map(|row| row.map(f64::from));
         let radius = kernel.radius();
         // Places of its own, between those of the fit.
         let places = (0..20).map(|i| (f64::from(2 * i + 1) / 20.0 - 1.0) * radius / direction.z);
@@ -161,12 +174,12 @@ mod tests {
         let oblique = DVec3::new(0.1, 0.4, 0.8).normalize();
         for (direction, limit) in [(DVec3::Z, 0.01), (oblique, 0.01), (DVec3::ONE.normalize(), 0.025)] {
             for kernel in [Kernel::default(), Kernel::KAISER_BESSEL] {
-                for scalars in [false, true] {
-                    let rms = rms_of_parts(&kernel, direction, scalars);
-                    assert!(rms < limit, "{kernel:?} {direction} {scalars}: {rms:e}");
+                for kind in [SlabKind::Colors, SlabKind::DenseColors, SlabKind::Scalars] {
+                    let rms = rms_of_parts(&kernel, direction, kind);
+                    assert!(rms < limit, "{kernel:?} {direction} {kind:?}: {rms:e}");
                 }
                 // Of a kernel before the ray's place, more is in the slabs before.
-                let [_, [y1, y0, ..], _] = sections(&kernel, direction, false);
+                let [_, [y1, y0, ..], _] = sections(&kernel, direction, SlabKind::Colors);
                 assert!(direction == DVec3::Z || y0 < 0.0 && y1 < 0.0, "{y0} {y1}");
             }
         }

@@ -44,7 +44,6 @@ pub(super) struct Resampler {
     estimate: (wgpu::BindGroupLayout, wgpu::ComputePipeline),
     resample: wgpu::BindGroupLayout,
     pixels: wgpu::ComputePipeline,
-    sampler: wgpu::Sampler,
 }
 
 impl Resampler {
@@ -62,22 +61,15 @@ impl Resampler {
         let estimate = compute(context, &shader, "estimate", "estimate", &estimating, &[]);
         let bindings = [
             Binding::Uniform,
-            Binding::FilteredTexture,
-            Binding::Sampler,
+            Binding::ReadTexture(FORMAT),
             Binding::Write,
             Binding::Texture(wgpu::TextureViewDimension::D2),
             Binding::Write,
         ];
         let resample = layout(context, "resample", stage, &bindings);
         let shader = module(context, shaders::RESAMPLE);
-        let sampler = context.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("resample.filtered"),
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            ..wgpu::SamplerDescriptor::default()
-        });
         let pixels = compute(context, &shader, "resample", "resample", &resample, &[]);
-        Self { prefilter, across, down, estimate: (estimating, estimate), resample, pixels, sampler }
+        Self { prefilter, across, down, estimate: (estimating, estimate), resample, pixels }
     }
 
     /// Adds an intermediate image to the pixels of a region, given the size of the region.
@@ -124,12 +116,10 @@ impl Resampler {
         refinement: &wgpu::Buffer,
         [across, down]: [u32; 2],
     ) {
-        let sampler = wgpu::BindingResource::Sampler(&self.sampler);
         let rays = image.rays.as_entire_binding();
         let resources = [
             rays,
             texture_view(&image.textures[0]),
-            sampler,
             pixels.as_entire_binding(),
             texture_view(&image.estimates),
             refinement.as_entire_binding(),

@@ -20,6 +20,10 @@ use crate::volume::Grid;
 /// them, and its coefficients read 5 more along each axis (shaders/prefilter.wgsl).
 const SPLINE_MARGIN: f64 = 8.0;
 
+/// The largest factor of stored densities: one of the smallest in a voxel plane makes it opaque, and the product with
+/// the largest stays in the range of f32.
+const MAX_DENSITY_SCALE: f64 = 1e30;
+
 /// The rays of a region of a picture, along one principal axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rays {
@@ -74,6 +78,8 @@ pub(super) struct Optics {
     pub(super) opaque_depth: f64,
     /// Optical depth of the densest voxel over one voxel length along a ray.
     pub(super) max_depth: f64,
+    /// The largest of each channel of colours.
+    pub(super) brightest: [f64; 3],
 }
 
 /// How scalars are classified.
@@ -141,8 +147,9 @@ impl RaySetup<'_> {
         let gradients = (grid.to_lattice().matrix3 * view).transpose();
         let [box_low, box_high] = self.volume.faces(axis);
         let uniforms = layout::Rays {
-            density_scale: self.optics.density_scale as f32,
-            opaque_depth: self.optics.opaque_depth as f32,
+            density_scale: self.optics.density_scale.min(MAX_DENSITY_SCALE) as f32,
+            opaque_depth: self.optics.opaque_depth.min(f64::from(f32::MAX)) as f32,
+            brightest: self.optics.brightest.map(|c| c as f32),
             radius2: (radius * radius) as f32,
             box_low: f3(box_low),
             box_high: f3(box_high),

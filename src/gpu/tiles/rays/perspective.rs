@@ -1,7 +1,7 @@
 //! Rays through one eye: their intermediate image is parallel to the picture, and coarser where voxels are larger than
 //! pixels.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 use super::super::super::layout;
 use super::super::super::view::Region;
@@ -63,16 +63,36 @@ fn through(
 ) -> Rays {
     let (camera, grid) = (setup.camera, setup.volume.grid);
     let to_lattice = grid.to_lattice().matrix3;
-    let heading = |p: DVec2| axis.ordered(to_lattice * (camera.forward + setup.raised(p)));
-    let first = heading(points.first);
-    let next = points.first + points.pitch;
+    let heading = |plane: DVec2| axis.ordered(to_lattice * (camera.right * plane.x + camera.up * plane.y));
+    let forward = axis.ordered(to_lattice * camera.forward);
+    let first = setup.plane(points.first);
+    let next = setup.plane(points.first + points.pitch);
+    let [step_x, step_y] = [DVec2::new(next.x - first.x, 0.0), DVec2::new(0.0, next.y - first.y)].map(heading);
+    // Places are measured from the point in the middle plane that a ray in the middle of all that run along m goes
+    // through: measured from an eye that is far away they would cancel. Let c be the heading of that ray, E the eye and
+    // M = E + t c the point. A ray of heading h meets the middle plane at E + t c.m / h.m h = M + t (c.m h - h.m c) /
+    // h.m. The numerator is linear in h, and 0 for h = c: it is that of the difference.
+    let volume = &setup.volume;
+    let central = forward + heading(axis.middle);
+    let placed = |from_target: DVec3| volume.placed(axis, camera.target + from_target);
+    let eye = placed(-camera.forward * distance);
+    // The point of that ray at the depth of the target, and the middle plane.
+    let near = placed((camera.right * axis.middle.x + camera.up * axis.middle.y) * distance);
+    let plane = (f64::from(volume.packing.dims[2]) - 1.0) / 2.0;
+    let t = (plane - eye.z) / central.z;
+    let numerator = |difference: DVec3| ((difference * central.z - central * difference.z) * t).truncate();
     let uniforms = layout::Rays {
-        heading: f3(first),
-        heading_x: f3(heading(points.first + DVec2::X * points.pitch) - first),
-        heading_y: f3(heading(points.first + DVec2::Y * points.pitch) - first),
-        eye: f3(setup.volume.placed(axis, camera.target - camera.forward * distance)),
-        slope_origin: f2(setup.plane(points.first)),
-        slope_step: f2(setup.plane(next) - setup.plane(points.first)),
+        heading: f3(forward + heading(first)),
+        heading_x: f3(step_x),
+        heading_y: f3(step_y),
+        origin: f2(numerator(heading(first - axis.middle))),
+        step_x: f2(numerator(step_x)),
+        step_y: f2(numerator(step_y)),
+        middle: f3(near + central * ((plane - near.z) / central.z)),
+        // Farther than any volume has planes it makes no difference.
+        eye_plane: eye.z.clamp(-1e8, 1e8) as f32,
+        slope_origin: f2(first),
+        slope_step: f2(next - first),
         size: points.size,
         pixel_origin: f2(points.pixel_origin),
         pixel_x: f2(DVec2::X / points.pitch),

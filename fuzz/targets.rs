@@ -1,0 +1,155 @@
+//! What is fuzzed, for cargo-fuzz (`fuzz/fuzz_targets`) and for the suite (`tests/suite/fuzz.rs`): bytes go in, and a
+//! value or an error of one line comes out.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use voxsplat::error::{Error, Result};
+use voxsplat::formats::{LoadOptions, load};
+use voxsplat::image::Image;
+use voxsplat::transfer::TransferFunction;
+use voxsplat::volume::{Endian, SampleType, Statistics, Volume};
+
+/// The folder in which files are written for the readers, with the fixtures that headers may name.
+pub struct Place(PathBuf);
+
+/// A function that is fuzzed. It returns whether the bytes were accepted.
+pub type Target = fn(&Place, &[u8]) -> bool;
+
+/// Every target by name, with the endings of the fixtures that it begins from.
+pub const TARGETS: [(&str, Target, &[&str]); 9] = [
+    ("nrrd", |place, bytes| place.volume("fuzzed.nrrd", bytes), &[".nrrd", ".nhdr"]),
+    ("nifti", |place, bytes| place.volume("fuzzed.nii", bytes), &[".nii", ".nii.gz", ".hdr", ".hdr.gz"]),
+    ("metaimage", |place, bytes| place.volume("fuzzed.mha", bytes), &[".mha", ".mhd"]),
+    ("npy", |place, bytes| place.volume("fuzzed.npy", bytes), &[".npy", ".npy.gz"]),
+    ("raw", Place::raw, &[".raw", ".img", ".raw.gz"]),
+    ("data", Place::data, &[".raw.gz", ".zraw", ".z", ".raw"]),
+    ("transfer", Place::transfer, &[".json"]),
+    ("png", |place, bytes| place.picture("fuzzed.png", bytes), &[".png"]),
+    ("exr", |place, bytes| place.picture("fuzzed.exr", bytes), &[".exr"]),
+];
+
+/// Headers that read their samples from fuzzed bytes.
+const HEADERS: [(&str, &str); 5] = [
+    ("raw.nhdr", "NRRD0004\ntype: short\ndimension: 3\nsizes: 3 4 5\nendian: little\nencoding: raw\nbyte skip: -1\n"),
+    ("gzip.nhdr", "NRRD0004\ntype: float\ndimension: 3\nsizes: 3 4 5\nendian: big\nencoding: gzip\nline skip: 1\n"),
+    ("text.nhdr", "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 3 4 5\nencoding: text\n"),
+    ("hex.nhdr", "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 3 4 5\nencoding: hex\nbyte skip: 2\n"),
+    ("zlib.mhd", "NDims = 3\nDimSize = 3 4 5\nElementType = MET_SHORT\nCompressedData = True\n"),
+];
+
+impl Place {
+    /// A folder for files, with copies of the fixtures.
+    pub fn new(folder: &Path, fixtures: &Path) -> std::io::Result<Self> {
+        for entry in std::fs::read_dir(fixtures)? {
+            let entry = entry?;
+            std::fs::copy(entry.path(), folder.join(entry.file_name()))?;
+        }
+        // What the header of a pair reads its samples from.
+        std::fs::copy(fixtures.join("pair-i16.img"), folder.join("fuzzed.img"))?;
+        for (name, header) in HEADERS {
+            let field = if name.ends_with(".mhd") { "ElementDataFile = " } else { "data file: " };
+            std::fs::write(folder.join(format!("fuzzed-{name}")), format!("{header}{field}fuzzed.data\n"))?;
+        }
+        Ok(Self(folder.to_owned()))
+    }
+
+    fn written(&self, name: &str, bytes: &[u8]) -> PathBuf {
+        let path = self.0.join(name);
+        // Truncating the last file first would flush it to the disk, which takes milliseconds.
+        let file = File::options().write(true).create(true).truncate(false).open(&path);
+        file.and_then(|mut file| {
+            file.write_all(bytes)?;
+            file.set_len(bytes.len() as u64)
+        })
+        .expect("the folder of the fuzzed files can be written to");
+        path
+    }
+
+    fn volume(&self, name: &str, bytes: &[u8]) -> bool {
+        checked(load(self.written(name, bytes), &LoadOptions::default()))
+    }
+
+    /// Bytes without a header: the first sixteen are the options.
+    fn raw(&self, bytes: &[u8]) -> bool {
+        let Some((options, samples)) = bytes.split_first_chunk::<16>() else { return false };
+        let [x, y, z, long, kind, order, skip, replace, ..] = *options;
+        let dims = [x, y, z].map(u32::from);
+        let options = LoadOptions {
+            dims: Some(if long == 0 { dims.map(|d| d << 16 | 0xffff) } else { dims }),
+            sample_type: Some(SampleType::ALL[usize::from(kind) % SampleType::ALL.len()]),
+            endian: Some(if order & 1 == 0 { Endian::Little } else { Endian::Big }),
+            offset: u64::from(skip).saturating_pow(u32::from(order >> 4)),
+            spacing: (order & 2 == 0).then(|| std::array::from_fn(|a| 10_f64.powi(i32::from(options[8 + a]) - 128))),
+            replace_nan: (replace & 1 == 0).then(|| 10_f64.powi(i32::from(replace) - 128)),
+            stream_over: u64::from(replace),
+        };
+        checked(load(self.written("fuzzed.bytes", samples), &options))
+    }
+
+    /// Bytes that good headers name; the first byte chooses the header.
+    fn data(&self, bytes: &[u8]) -> bool {
+        let Some((&choice, bytes)) = bytes.split_first() else { return false };
+        self.written("fuzzed.data", bytes);
+        let (name, _) = HEADERS[usize::from(choice) % HEADERS.len()];
+        checked(load(self.0.join(format!("fuzzed-{name}")), &LoadOptions::default()))
+    }
+
+    fn transfer(&self, bytes: &[u8]) -> bool {
+        let read = TransferFunction::load(self.written("fuzzed.json", bytes));
+        accepted(read).is_some_and(|transfer| {
+            let again = TransferFunction::from_json(&transfer.to_json());
+            assert!(again.is_ok_and(|again| again == transfer), "what is written is not what is read");
+            let [first, last] = transfer.range();
+            for value in [first, last, transfer.base(), f64::MIN, f64::MAX, 0.0] {
+                let (color, opacity) = transfer.sample(value);
+                assert!(color.iter().chain([&opacity]).all(|c| (-1e-9..=1.0 + 1e-9).contains(c)), "{value}");
+            }
+            true
+        })
+    }
+
+    fn picture(&self, name: &str, bytes: &[u8]) -> bool {
+        accepted(Image::load(self.written(name, bytes))).is_some_and(|image| {
+            let same = voxsplat::report::compare(&image, &image, 0.0);
+            assert!(same.is_ok_and(|same| same.rms == 0.0 || image.pixels().iter().flatten().any(|v| !v.is_finite())));
+            true
+        })
+    }
+}
+
+/// Reads all of a volume, and what `info` says of it.
+fn checked(volume: Result<Volume>) -> bool {
+    let Some(volume) = accepted(volume) else { return false };
+    let Some(samples) = accepted(volume.in_memory()) else { return false };
+    assert_eq!(samples.samples().len() as u64, volume.grid().len());
+    if let Some(statistics) = accepted(Statistics::of(&volume)) {
+        assert_eq!(statistics.count, volume.grid().len());
+        assert_eq!(statistics.histogram().iter().sum::<u64>(), statistics.count);
+        accepted(TransferFunction::for_volume(&volume, &statistics));
+    }
+    true
+}
+
+/// The value; an error must be one line of bearable length.
+fn accepted<T>(result: Result<T>) -> Option<T> {
+    result.map_err(|error| assert_one_line(&error)).ok()
+}
+
+/// Refuses an error that is not one line of bearable length, or that reading has no reason for.
+pub fn assert_one_line(error: &Error) {
+    let text = format!("{error:#}");
+    assert!(!text.contains(char::is_control) && text.chars().count() < 2000, "{text:?}");
+    let reading = matches!(
+        error,
+        Error::Format { .. }
+            | Error::Read { .. }
+            | Error::Volume(_)
+            | Error::NonFinite { .. }
+            | Error::Setting { .. }
+            | Error::Transfer(_)
+            | Error::Memory { .. }
+    );
+    assert!(reading, "{error:?}");
+}

@@ -1,0 +1,7 @@
+// The volume of the painter `tiles` on software Vulkan, scalars. vectors.wgsl says why it is a storage texture.
+
+@group(0) @binding(1) var volume: texture_storage_2d<rg32uint, read>;
+
+fn voxels_at(texel: vec2i) -> vec4u {
+    return textureLoad(volume, texel);
+}

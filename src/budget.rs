@@ -1,0 +1,36 @@
+//! The most work that one picture may take. What would take more is refused before it begins: kernels that have grown,
+//! copies beyond the faces of a volume and wide fields of view can ask for any amount.
+//!
+//! For comparison, a volume of 512^3 visible voxels at 512 x 512 pixels is some 3e9 fragments by the painter quads and
+//! 3e9 chords for the reference; at 4096 x 4096 pixels 1e11 fragments.
+
+use crate::error::Error;
+
+/// Places of lattices, copies beyond the faces included, in which splats of scalars are looked for, unless the volume
+/// itself has half as many. A splat is 8 bytes.
+pub(crate) const MAX_PLACES: u64 = 1 << 27;
+
+/// Pixels of quads, summed over all passes. Software draws some 1e8 a second.
+pub(crate) const MAX_FRAGMENTS: f64 = (1_u64 << 40) as f64;
+
+/// Chords that rays of the reference cut out of kernels. A thread adds up some 1e6 a second.
+pub(crate) const MAX_CHORDS: f64 = (1_u64 << 36) as f64;
+
+/// How many times kernels of scalars may have grown: beyond, the whole volume is a fraction of a voxel of the coarsest
+/// level.
+pub(crate) const MAX_GROWTH: f64 = (1_u64 << 26) as f64;
+
+/// The refusal of a picture that takes too much: `what` it would have to do, and how many times the largest kernel has
+/// grown.
+pub(crate) fn too_much(what: &str, growth: f64) -> Error {
+    if growth > 1.0 {
+        return Error::Setting {
+            name: "antialiasing",
+            reason: format!(
+                "kernels have grown up to {growth:.0} times because so many voxels fall to a pixel, and {what}: take a \
+                 larger picture, a narrower field of view, or turn it off"
+            ),
+        };
+    }
+    Error::Setting { name: "size", reason: format!("{what}: take a smaller picture or a volume of fewer voxels") }
+}

@@ -1,0 +1,34 @@
+//! Memory whose amount a file or a setting decides: it is had, or there is an error. The process does not abort.
+
+use crate::error::{Error, Result};
+
+/// An empty vector with room for `count` elements. `what` says what they are.
+pub(crate) fn reserved<T>(count: u64, what: impl FnOnce() -> String) -> Result<Vec<T>> {
+    let mut elements = Vec::new();
+    match usize::try_from(count).map(|count| elements.try_reserve_exact(count)) {
+        Ok(Ok(())) => Ok(elements),
+        _ => Err(Error::Memory { what: what(), bytes: count.saturating_mul(size_of::<T>() as u64) }),
+    }
+}
+
+/// Refuses work for which there are no `bytes` of memory.
+///
+/// It is asked before encoders and decoders of other crates run, which cannot be refused memory without an abort.
+pub(crate) fn check(bytes: u64, what: impl FnOnce() -> String) -> Result<()> {
+    reserved::<u8>(bytes, what).map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_had_is_an_error() {
+        assert!(reserved::<u64>(1000, String::new).unwrap().capacity() >= 1000);
+        for count in [u64::MAX, 1 << 62] {
+            let error = reserved::<u64>(count, || "a test".to_owned()).unwrap_err();
+            assert_eq!(error.to_string(), format!("no memory for a test: {} bytes", count.saturating_mul(8)));
+            assert!(check(count, String::new).is_err());
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! Files that are read: regular files, and whatever standard input is.
+
+use std::fs::{File, Metadata};
+use std::io::Read;
+use std::path::Path;
+
+use crate::error::{Error, Result};
+
+/// Opens a regular file, or standard input if `path` leads there. The second value is the length of the file in bytes;
+/// `None` if standard input is a stream.
+///
+/// Other files are refused before they are opened: to open a pipe waits for its other end, and to open a device can
+/// start it.
+///
+/// # Errors
+/// [`Error::Read`] if there is no such file or it cannot be opened; [`Error::Format`] if it is a directory, a pipe, a
+/// socket or a device.
+pub(crate) fn open(path: &Path) -> Result<(File, Option<u64>)> {
+    let read_error = |source| Error::Read { path: path.to_owned(), source };
+    let meta = std::fs::metadata(path).map_err(read_error)?;
+    if !meta.is_file() {
+        return match standard_input(&meta) {
+            Some(stream) => Ok((stream, None)),
+            None => Err(not_regular(path, &meta)),
+        };
+    }
+    let file = open_at_once(path).map_err(read_error)?;
+    // The path can lead to another file by now.
+    let meta = file.metadata().map_err(read_error)?;
+    if meta.is_file() { Ok((file, Some(meta.len()))) } else { Err(not_regular(path, &meta)) }
+}
+
+/// The whole content of a file as [`open`] takes it, of at most `most` bytes.
+///
+/// # Errors
+/// As [`open`]; [`Error::Format`] if there are more than `most` bytes.
+pub(crate) fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
+    let (file, _) = open(path)?;
+    let mut bytes = Vec::new();
+    // `read_to_end` returns an error if there is no memory.
+    file.take(most.saturating_add(1))
+        .read_to_end(&mut bytes)
+        .map_err(|source| Error::Read { path: path.to_owned(), source })?;
+    if bytes.len() as u64 > most {
+        return Err(Error::format(path, format!("is too large: expected at most {most} bytes")));
+    }
+    Ok(bytes)
+}
+
+fn not_regular(path: &Path, meta: &Metadata) -> Error {
+    let kind = if meta.is_dir() { "directory" } else { special(meta) };
+    Error::format(path, format!("is a {kind}, expected a regular file"))
+}
+
+#[cfg(unix)]
+fn special(meta: &Metadata) -> &'static str {
+    use std::os::unix::fs::FileTypeExt;
+    let kind = meta.file_type();
+    match () {
+        () if kind.is_fifo() => "pipe",
+        () if kind.is_socket() => "socket",
+        () => "device",
+    }
+}
+
+#[cfg(not(unix))]
+fn special(_: &Metadata) -> &'static str {
+    "device"
+}
+
+/// Standard input, if it is the file that `meta` describes.
+#[cfg(unix)]
+fn standard_input(meta: &Metadata) -> Option<File> {
+    use std::os::fd::AsFd;
+    use std::os::unix::fs::MetadataExt;
+    let stream = File::from(std::io::stdin().as_fd().try_clone_to_owned().ok()?);
+    let its = stream.metadata().ok()?;
+    (!meta.is_dir() && (its.dev(), its.ino()) == (meta.dev(), meta.ino())).then_some(stream)
+}
+
+#[cfg(not(unix))]
+fn standard_input(_: &Metadata) -> Option<File> {
+    None
+}
+
+/// Opens a file without waiting, even if it has become a pipe.
+#[cfg(unix)]
+fn open_at_once(path: &Path) -> std::io::Result<File> {
+    use std::os::unix::fs::OpenOptionsExt;
+    // Neither flag changes how a regular file is read.
+    let flags = rustix::fs::OFlags::NONBLOCK | rustix::fs::OFlags::NOCTTY;
+    std::fs::OpenOptions::new().read(true).custom_flags(flags.bits().cast_signed()).open(path)
+}
+
+#[cfg(not(unix))]
+fn open_at_once(path: &Path) -> std::io::Result<File> {
+    File::open(path)
+}

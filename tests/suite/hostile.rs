@@ -1,0 +1,314 @@
+//! The program, given what does harm: headers that claim all memory, pipes that nobody writes to, signals and limits.
+#![cfg(unix)]
+
+use std::fs::File;
+use std::io::{Read, Write};
+use std::os::unix::process::ExitStatusExt;
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use flate2::write::{GzEncoder, ZlibEncoder};
+use flate2::{Compression, Crc};
+use tempfile::TempDir;
+use voxsplat::image::{Background, Image};
+
+fn folder() -> TempDir {
+    tempfile::tempdir().unwrap()
+}
+
+/// Starts the program in `dir` from a shell that has run `before`.
+fn started(dir: &Path, before: &str, arguments: &str) -> Child {
+    let mut command = Command::new("sh");
+    command.arg("-c").arg(format!("{before}; exec \"$0\" \"$@\"")).arg(env!("CARGO_BIN_EXE_voxsplat"));
+    let command = command.args(arguments.split_whitespace()).current_dir(dir);
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+/// Waits at most a minute for the program; its status and what it said.
+fn ended(mut child: Child) -> (ExitStatus, String) {
+    let start = Instant::now();
+    while child.try_wait().unwrap().is_none() {
+        if start.elapsed() > Duration::from_secs(60) {
+            child.kill().unwrap();
+            panic!("it waits");
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let mut said = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+    (child.wait().unwrap(), said)
+}
+
+/// Asserts that the program ends with exit code 1 and one line that has these words, in under 2 GB of memory.
+fn refused(dir: &Path, arguments: &str, words: &str) {
+    let limit = if cfg!(target_os = "linux") { "ulimit -v 2000000" } else { ":" };
+    let (status, said) = ended(started(dir, limit, arguments));
+    assert_eq!(status.code(), Some(1), "{arguments}: {status}, {said}");
+    assert_eq!(said.lines().count(), 1, "{arguments}: {said}");
+    assert!(said.starts_with("voxsplat: ") && said.contains(words) && said.len() < 2000, "{arguments}: {said}");
+}
+
+fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
+}
+
+/// 1 MiB of letters and a line end, compressed.
+fn long_line() -> Vec<u8> {
+    let mut line = vec![b'a'; (1 << 20) - 100];
+    line.push(b'\n');
+    gzip(&line)
+}
+
+const HEADER: &str = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 255 257 1\nencoding: raw\n";
+
+#[test]
+fn headers_take_no_more_memory_than_headers_need() {
+    let dir = folder();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(dir.path().join(name), bytes).unwrap();
+    let (line, many) = (long_line(), 4000);
+
+    let fields = (0..many).flat_map(|n| [gzip(format!("field {n}: ").as_bytes()), line.clone()].concat());
+    write("fields.nrrd.gz", &[gzip(HEADER.as_bytes()), fields.collect()].concat());
+    refused(dir.path(), "info fields.nrrd.gz", "has a header of over 32 MiB");
+    let fields = (0..many).flat_map(|n| [gzip(format!("field {n} = ").as_bytes()), line.clone()].concat());
+    write("fields.mha.gz", &[gzip(b"NDims = 3\n"), fields.collect()].concat());
+    refused(dir.path(), "info fields.mha.gz", "has a header of over 32 MiB");
+    // Short fields take more memory than their characters.
+    let fields: String = (0..3_000_000).map(|n| format!("{n:x}:\n")).collect();
+    write("short.nrrd", [HEADER, &fields].concat().as_bytes());
+    refused(dir.path(), "info short.nrrd", "has a header of over 32 MiB");
+
+    let list = [gzip(format!("{HEADER}data file: LIST\n").as_bytes()), line.repeat(many)].concat();
+    write("list.nhdr.gz", &list);
+    refused(dir.path(), "info list.nhdr.gz", "names the data file of 1048476 bytes, expected at most 1024");
+    let names = format!("{HEADER}data file: LIST\n{}", format!("{}\n", "a".repeat(1000)).repeat(40_000));
+    write("names.nhdr.gz", &gzip(names.as_bytes()));
+    refused(dir.path(), "info names.nhdr.gz", "has a header of over 32 MiB");
+
+    for (letters, words) in [(1_000_000, "expected at most 1024"), (1000, "File name too long")] {
+        let pattern = format!("{HEADER}data file: {}%d.raw 1 65535 1\n", "a".repeat(letters));
+        write("pattern.nhdr", pattern.as_bytes());
+        refused(dir.path(), "info pattern.nhdr", words);
+    }
+}
+
+/// A .npy file of holes.
+fn npy(file: &Path, descr: &str, shape: &str, bytes: u64) {
+    let header = format!("{{'descr': '{descr}', 'fortran_order': True, 'shape': {shape}, }}");
+    let mut file = File::create(file).unwrap();
+    file.write_all(b"\x93NUMPY\x01\0").unwrap();
+    file.write_all(&(header.len() as u16).to_le_bytes()).unwrap();
+    file.write_all(header.as_bytes()).unwrap();
+    let length = file.metadata().unwrap().len() + bytes;
+    file.set_len(length).unwrap();
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+#[ignore = "slow: reads 3 GiB"]
+fn samples_that_fit_once_but_not_twice_are_an_error() {
+    let dir = folder();
+    let gib = 1 << 30;
+    npy(&dir.path().join("turned.npy"), "|u1", "(1024, 1024, 1024)", gib);
+    refused(dir.path(), "info turned.npy", "no memory for the samples of turned.npy: 1073741824 bytes");
+    npy(&dir.path().join("halves.npy"), "<f2", "(512, 1024, 1024)", gib);
+    refused(dir.path(), "info halves.npy", "no memory for the samples of halves.npy: 2147483648 bytes");
+
+    let head = dir.path().join("head.npy");
+    npy(&head, "|u1", "(1024, 1024, 1024)", 0);
+    let zeros = gzip(&vec![0; 1 << 20]).repeat(1024);
+    let packed = [gzip(&std::fs::read(head).unwrap()), zeros].concat();
+    std::fs::write(dir.path().join("turned.npy.gz"), packed).unwrap();
+    refused(dir.path(), "info turned.npy.gz", "no memory for the samples of turned.npy.gz: 1073741824 bytes");
+}
+
+/// A PNG of zeros: one bit of gray for each pixel.
+fn black_png(file: &Path, width: u32, height: u32) {
+    let mut rows = ZlibEncoder::new(Vec::new(), Compression::fast());
+    let row = vec![0; 1 + width.div_ceil(8) as usize];
+    (0..height).for_each(|_| rows.write_all(&row).unwrap());
+    let size = [width.to_be_bytes(), height.to_be_bytes()].concat();
+    let mut png = b"\x89PNG\r\n\x1a\n".to_vec();
+    for (name, data) in
+        [(b"IHDR", [size, vec![1, 0, 0, 0, 0]].concat()), (b"IDAT", rows.finish().unwrap()), (b"IEND", Vec::new())]
+    {
+        let mut sum = Crc::new();
+        sum.update(name);
+        sum.update(&data);
+        let length = data.len() as u32;
+        png.extend([&length.to_be_bytes(), name.as_slice(), &data, &sum.sum().to_be_bytes()].concat());
+    }
+    std::fs::write(file, png).unwrap();
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn pictures_are_refused_memory_before_they_are_decoded() {
+    let dir = folder();
+    black_png(&dir.path().join("wide.png"), 16_000, 16_000);
+    refused(dir.path(), "compare wide.png wide.png", "no memory for the picture wide.png");
+    black_png(&dir.path().join("long.png"), 1, 40_000);
+    refused(dir.path(), "compare long.png long.png", "a picture of 1 x 40000 pixels is too large");
+
+    let small = Image::new(2, 2, vec![[0.5; 4]; 4]).unwrap();
+    small.save(dir.path().join("small.exr"), Background::default()).unwrap();
+    let bytes = std::fs::read(dir.path().join("small.exr")).unwrap();
+    for (last, words) in [(9999_i32, "no memory for the picture"), (99_999, "pixels is too large")] {
+        let mut changed = bytes.clone();
+        // The last column and row of the picture, of which the file has but four pixels.
+        let name = b"displayWindow\0box2i\0";
+        let at = bytes.windows(name.len()).position(|w| w == name).unwrap() + name.len() + 12;
+        changed[at..at + 4].copy_from_slice(&last.to_le_bytes());
+        changed[at + 4..at + 8].copy_from_slice(&last.to_le_bytes());
+        std::fs::write(dir.path().join("claims.exr"), changed).unwrap();
+        refused(dir.path(), "compare claims.exr claims.exr", words);
+    }
+}
+
+#[test]
+fn what_is_no_regular_file_is_refused_without_waiting() {
+    let dir = folder();
+    let made = Command::new("mkfifo").arg("pipe").arg("pipe.json").current_dir(dir.path()).status().unwrap();
+    assert!(made.success());
+    let _socket = std::os::unix::net::UnixListener::bind(dir.path().join("socket")).unwrap();
+    std::os::unix::fs::symlink("pipe", dir.path().join("link.nrrd")).unwrap();
+    let header = |file: &str| format!("{}data file: {file}\n", HEADER.replace("255 257 1", "1 1 1"));
+    for (name, file) in
+        [("pipe.nhdr", "pipe"), ("device.nhdr", "/dev/zero"), ("folder.nhdr", "."), ("stdin.nhdr", "/dev/stdin")]
+    {
+        std::fs::write(dir.path().join(name), header(file)).unwrap();
+    }
+    for (arguments, words) in [
+        ("info pipe", "pipe: is a pipe, expected a regular file"),
+        ("info link.nrrd", "link.nrrd: is a pipe"),
+        ("info socket", "is a socket"),
+        ("info /dev/zero", "is a device"),
+        ("info .", "is a directory"),
+        ("info pipe.nhdr", "pipe: is a pipe"),
+        ("info device.nhdr", "/dev/zero: is a device"),
+        ("info folder.nhdr", "is a directory"),
+        ("info stdin.nhdr", "is not a regular file, as a data file must be"),
+        ("render demo:sphere:8 -o a.png --transfer pipe.json", "pipe.json: is a pipe"),
+        ("render demo:sphere:8 -o a.png --transfer /dev/zero", "/dev/zero: is a device"),
+        ("render pipe -o a.png --reference", "pipe: is a pipe"),
+        ("compare pipe pipe", "pipe: is a pipe"),
+        ("compare /dev/zero .", "/dev/zero: is a device"),
+    ] {
+        refused(dir.path(), arguments, words);
+    }
+}
+
+#[test]
+fn standard_input_may_be_a_stream() {
+    let dir = folder();
+    let volume = [HEADER.replace("255 257 1", "2 2 2").as_bytes(), b"\n", &[1, 2, 3, 4, 5, 6, 7, 8]].concat();
+    std::fs::write(dir.path().join("a.nrrd"), volume).unwrap();
+    let transfer = r##"{"points": [{"value": 0, "color": "#ffffff", "opacity": 0.5}]}"##;
+    std::fs::write(dir.path().join("t.json"), transfer).unwrap();
+    Image::transparent(2, 2).unwrap().save(dir.path().join("a.png"), Background::Transparent).unwrap();
+    for command in [
+        "cat a.nrrd | $0 info /dev/stdin",
+        "$0 info /dev/stdin < a.nrrd",
+        "cat a.nrrd | $0 render /dev/stdin -o r.exr --transfer t.json --reference --size 4",
+        "cat t.json | $0 render a.nrrd -o r.exr --transfer /dev/stdin --reference --size 4",
+        "cat a.png | $0 compare /dev/stdin a.png",
+        // Too much of it is refused.
+        "! $0 render a.nrrd -o r.exr --transfer /dev/stdin --reference --size 4 < /dev/zero",
+        "! $0 info /dev/stdin < /dev/zero",
+    ] {
+        let mut shell = Command::new("sh");
+        let shell = shell.arg("-c").arg(command).arg(env!("CARGO_BIN_EXE_voxsplat")).current_dir(dir.path());
+        let output = shell.output().unwrap();
+        assert!(output.status.success(), "{command}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
+/// The names of the files in a folder.
+fn names(dir: &Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        std::fs::read_dir(dir).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// A comparison that writes a picture of 16 bytes a pixel.
+fn comparison(dir: &Path, size: u32) -> &'static str {
+    black_png(&dir.join("a.png"), size, size);
+    "compare a.png a.png --difference d.exr"
+}
+
+#[test]
+fn a_limit_of_file_sizes_is_a_failure_and_leaves_nothing() {
+    let dir = folder();
+    let arguments = comparison(dir.path(), 512);
+    for old in [false, true] {
+        if old {
+            std::fs::write(dir.path().join("d.exr"), b"old").unwrap();
+        }
+        let (status, said) = ended(started(dir.path(), "ulimit -f 64", arguments));
+        assert_eq!(status.code(), Some(1), "{status}: {said}");
+        assert!(
+            said.starts_with("voxsplat: cannot write d.exr: File too large") && said.lines().count() == 1,
+            "{said}"
+        );
+        let left: &[&str] = if old { &["a.png", "d.exr"] } else { &["a.png"] };
+        assert_eq!(names(dir.path()), left);
+    }
+    assert_eq!(std::fs::read(dir.path().join("d.exr")).unwrap(), b"old");
+}
+
+fn send(signal: &str, child: &Child) {
+    let sent = Command::new("kill").arg(format!("-{signal}")).arg(child.id().to_string()).status().unwrap();
+    assert!(sent.success());
+}
+
+#[test]
+#[ignore = "slow: 25 pictures of 64 MiB"]
+fn a_signal_leaves_no_temporary_file() {
+    let dir = folder();
+    let arguments = comparison(dir.path(), 2048);
+    let start = Instant::now();
+    assert!(ended(started(dir.path(), ":", arguments)).0.success());
+    let whole = start.elapsed();
+    let length = std::fs::metadata(dir.path().join("d.exr")).unwrap().len();
+    let mut interrupted = 0;
+    for n in 1..=24 {
+        let (signal, number) = [("INT", 2), ("TERM", 15), ("HUP", 1)][n % 3];
+        // The first half finds no older picture, the second does.
+        if n <= 12 {
+            drop(std::fs::remove_file(dir.path().join("d.exr")));
+        }
+        let child = started(dir.path(), ":", arguments);
+        std::thread::sleep(whole.mul_f64(n as f64 % 12.0 / 12.0));
+        send(signal, &child);
+        let (status, said) = ended(child);
+        // As the shell sees it: 128 and the number.
+        assert!(status.signal() == Some(number) || status.success(), "{signal}: {status}, {said}");
+        interrupted += usize::from(!status.success());
+        assert!(
+            names(dir.path()).iter().all(|name| ["a.png", "d.exr"].contains(&name.as_str())),
+            "{:?}",
+            names(dir.path())
+        );
+        assert!(std::fs::metadata(dir.path().join("d.exr")).map_or(true, |file| file.len() == length));
+    }
+    assert!(interrupted > 12, "{interrupted}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_signal_that_is_ignored_stays_ignored() {
+    let dir = folder();
+    let arguments = comparison(dir.path(), 1024);
+    let child = started(dir.path(), "trap '' HUP", arguments);
+    for _ in 0..10 {
+        std::thread::sleep(Duration::from_millis(10));
+        send("HUP", &child);
+    }
+    let (status, said) = ended(child);
+    assert!(status.success(), "{status}: {said}");
+    assert_eq!(names(dir.path()), ["a.png", "d.exr"]);
+}
