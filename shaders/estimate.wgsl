@@ -17,8 +17,8 @@ fn estimate(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= rays.size) {
         return;
     }
-    // Where points are closer, what is smooth has smaller differences, and the rims of kernels, which no spline follows,
-    // have nearly the same: more of a difference is error. Measured: see docs/measurements/2026-11-22-rays.md.
+    // Where points are closer, what is smooth has smaller differences, and the rims of kernels, which no spline
+    // follows, have nearly the same: more of a difference is error. See docs/measurements/2026-11-22-rays.md.
     let gain = pow(rays.fineness * vec2f(rays.phases), vec2f(1.6));
     let p = vec2i(id.xy);
     var largest = 0.0;

@@ -145,8 +145,8 @@ pub struct TilesSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Resolution {
     /// Pre-shaded: one to four rays per voxel and axis, by the direction of view, the kernel and the opacity, resampled
-    /// to the picture, and rays of their own for pixels that would err. If pixels are fewer, each pixel has its own ray.
-    /// Post-shaded: a ray for each pixel.
+    /// to the picture, and rays of their own for pixels that would err. If pixels are fewer, each pixel has its own
+    /// ray. Post-shaded: a ray for each pixel.
     #[default]
     Capped,
     /// A ray for each pixel.

@@ -41,8 +41,8 @@ pub(super) struct PrincipalAxis {
 }
 
 impl PrincipalAxis {
-    /// The axes of a picture, each with a share in it: the one that parallel rays run along most closely, and near a tie
-    /// the others; of rays through one eye every axis and direction that has a share in some ray.
+    /// The axes of a picture, each with a share in it: the one that parallel rays run along most closely, and near a
+    /// tie the others; of rays through one eye every axis and direction that has a share in some ray.
     pub(super) fn all(camera: &Camera, grid: &Grid, size: [u32; 2]) -> Vec<Self> {
         let to_lattice = grid.to_lattice().matrix3;
         let Projection::Perspective { tan_half_fov, .. } = camera.projection else {

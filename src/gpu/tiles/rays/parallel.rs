@@ -32,8 +32,8 @@ fn levels(setup: &RaySetup<'_>, axis: &PrincipalAxis) -> DVec2 {
     axis.shear().map(|shear| level_for_shear(shear).max(least))
 }
 
-/// The least share of its own ray in each pixel: all of it if rays run along the axis, if kernels ask for more than four
-/// rays a voxel, if voxels are as small as pixels, or if there would be more rays than pixels.
+/// The least share of its own ray in each pixel: all of it if rays run along the axis, if kernels ask for more than
+/// four rays a voxel, if voxels are as small as pixels, or if there would be more rays than pixels.
 pub(super) fn pixel_share(setup: &RaySetup<'_>, axis: &PrincipalAxis) -> f64 {
     let straight = axis.shear().map(|shear| smoothstep(0.07, 0.03, shear.abs()));
     let levels = levels(setup, axis);

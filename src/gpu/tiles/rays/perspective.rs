@@ -10,8 +10,8 @@ use super::{
     RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, level_for_depth, level_for_kernel, smoothstep,
 };
 
-/// The pixels between rays up to which each pixel has its own ray, and from which on none has: resampling costs about as
-/// much as the rays that a smaller distance would save.
+/// The pixels between rays up to which each pixel has its own ray, and from which on none has: resampling costs about
+/// as much as the rays that a smaller distance would save.
 const OWN_RAYS: [f64; 2] = [1.25, 1.5];
 
 /// Rays per voxel where one of the parallel rays would do. These rays do not move in step with the lattice.
