@@ -15,10 +15,13 @@
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 @group(0) @binding(2) var runs: texture_2d<u32>;
-// Written if rays go through an intermediate image; read by `prefilter`.
+// Written by `single` if rays go through an intermediate image, and by `blocked`; read by `prefilter`.
 @group(0) @binding(3) var intermediate: texture_storage_2d<rgba32float, write>;
-// The picture: written if every pixel has its own ray.
+// The picture: `single` and `refine` add to it.
 @group(0) @binding(4) var<storage, read_write> pixels: array<vec4f>;
+// The share of its own ray in each pixel, and the tiles in which there is one.
+@group(0) @binding(3) var<storage, read> refinement: array<f32>;
+@group(0) @binding(5) var<storage, read> refined: Refined;
 
 // X-ray: white.
 override WHITE: bool = false;
@@ -167,15 +170,36 @@ fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments
 @compute @workgroup_size(64)
 fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
     let at = point_of(tile, lane);
-    if !is_marched(at) {
+    let share = share_of(line_of(at));
+    if share == 0.0 {
         return;
     }
     let geometry = geometry_of(at);
-    let value = finished(march_planes(tile, geometry), geometry);
+    let value = share * finished(march_planes(tile, geometry), geometry);
     if RESAMPLED {
         textureStore(intermediate, at, value);
     } else {
-        store_pixel(at, value);
+        add_to_pixel(at, value);
+    }
+}
+
+// The rays of pixels that the intermediate images do not show well enough: a workgroup for each tile of the list.
+@compute @workgroup_size(64)
+fn refine(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) group: vec3u) {
+    let index = group.y * REFINED_ROW + group.x;
+    if index >= refined.count {
+        return;
+    }
+    let number = refined.tiles[index];
+    let tile = vec3u(number % rays.tiles.x, number / rays.tiles.x, 0u);
+    let at = point_of(tile, lane);
+    if any(at >= rays.picture) {
+        return;
+    }
+    let share = refinement[at.y * rays.picture.x + at.x] * share_of(line_of(at));
+    if share > 0.0 {
+        let geometry = geometry_of(at);
+        add_to_pixel(at, share * finished(march_planes(tile, geometry), geometry));
     }
 }
 

@@ -132,7 +132,8 @@ fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments
 @compute @workgroup_size(64)
 fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
     let at = point_of(tile, lane);
-    if !is_marched(at) {
+    let share = share_of(line_of(at));
+    if share == 0.0 {
         return;
     }
     let geometry = geometry_of(at);
@@ -144,5 +145,5 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
         let inside = geometry.inside.x < geometry.inside.y;
         value = select(vec4f(0.0), vec4f(c.rgb * c.a, c.a), inside);
     }
-    store_pixel(at, value);
+    add_to_pixel(at, share * value);
 }

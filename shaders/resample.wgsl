@@ -1,9 +1,27 @@
-// resample: the intermediate image to the picture, by cubic B-splines with the coefficients that `prefilter` found.
+// resample: an intermediate image to the picture, by cubic B-splines with the coefficients that `prefilter` found.
+// Where the splines may err too much, a pixel gets a share of its own ray instead, which `refine` adds.
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 // Storage textures are read faster than others on software Vulkan.
 @group(0) @binding(1) var coefficients: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(2) var<storage, read_write> pixels: array<vec4f>;
+// How much the splines may err around each point, and the share of its own ray that each pixel gets for that.
+@group(0) @binding(3) var estimates: texture_2d<f32>;
+@group(0) @binding(4) var<storage, read_write> refinement: array<f32>;
+
+// Estimates up to which a pixel is that of the splines, and from which on it is that of its own ray. See docs/measurements/2026-11-22-rays.md.
+const SPLINES: f32 = 0.16;
+const OWN_RAY: f32 = 0.27;
+
+// The estimate at a place, between those of the four points around it.
+fn estimate_at(whole: vec2f, fraction: vec2f) -> f32 {
+    // Pixels beyond the image show nothing, and may have any estimate.
+    let p = clamp(vec2i(whole), vec2i(0), vec2i(rays.size) - 2);
+    let top = vec2f(textureLoad(estimates, p, 0).x, textureLoad(estimates, p + vec2i(1, 0), 0).x);
+    let bottom = vec2f(textureLoad(estimates, p + vec2i(0, 1), 0).x, textureLoad(estimates, p + 1, 0).x);
+    let between = mix(top, bottom, fraction.y);
+    return mix(between.x, between.y, fraction.x);
+}
 
 // Weights of the cubic B-spline for the four coefficients around a place, the fraction `t` of the way from the second
 // of them to the third.
@@ -38,5 +56,10 @@ fn resample(@builtin(global_invocation_id) id: vec3u) {
         + b.w * row_sum(x, y.w, a);
     // Splines overshoot at edges: a premultiplied colour is never above its alpha times the brightest there is.
     let alpha = clamp(sum.a, 0.0, 1.0);
-    pixels[id.y * rays.picture.x + id.x] = vec4f(clamp(sum.rgb, vec3f(0.0), alpha * rays.brightest), alpha);
+    let spline = vec4f(clamp(sum.rgb, vec3f(0.0), alpha * rays.brightest), alpha);
+    let estimate = estimate_at(whole, fraction);
+    let own = max(smoothstep(SPLINES, OWN_RAY, estimate), rays.least_refined);
+    let index = id.y * rays.picture.x + id.x;
+    pixels[index] += rays.share * (1.0 - own) * spline;
+    refinement[index] += rays.share * own;
 }

@@ -7,6 +7,19 @@
 // Runs as (first plane, plane after the last), at run_texel(tile, slot); (0, 0) ends the list of a tile.
 @group(0) @binding(2) var runs: texture_storage_2d<rg32uint, write>;
 
+// The share of its own ray in each pixel, and the tiles in which there is one.
+@group(0) @binding(3) var<storage, read> refinement: array<f32>;
+@group(0) @binding(4) var<storage, read_write> listed: ListedTiles;
+
+// `Refined`, as it is written.
+struct ListedTiles {
+    workgroups_x: atomic<u32>,
+    workgroups_y: atomic<u32>,
+    workgroups_z: atomic<u32>,
+    count: atomic<u32>,
+    tiles: array<u32>,
+}
+
 // The rays at the corners of a tile, as lines through the planes.
 struct Corners {
     bases: array<vec2f, 4>,
@@ -53,9 +66,38 @@ fn is_occupied(corners: ptr<function, Corners>, first: i32, last: i32) -> bool {
 
 @compute @workgroup_size(8, 8)
 fn skip(@builtin(global_invocation_id) tile: vec3u) {
+    if all(tile.xy < rays.tiles) {
+        find_runs(tile);
+    }
+}
+
+// The same for the tiles of pixels that have rays of their own, which are listed for `refine`. The order of the list
+// changes no picture.
+@compute @workgroup_size(8, 8)
+fn skip_refined(@builtin(global_invocation_id) tile: vec3u) {
     if any(tile.xy >= rays.tiles) {
         return;
     }
+    let first = tile.xy * 8u;
+    let end = min(first + 8u, rays.picture);
+    var largest = 0.0;
+    for (var y = first.y; y < end.y; y++) {
+        for (var x = first.x; x < end.x; x++) {
+            largest = max(largest, refinement[y * rays.picture.x + x]);
+        }
+    }
+    if largest == 0.0 {
+        return;
+    }
+    let index = atomicAdd(&listed.count, 1u);
+    listed.tiles[index] = tile.y * rays.tiles.x + tile.x;
+    atomicStore(&listed.workgroups_x, REFINED_ROW);
+    atomicMax(&listed.workgroups_y, index / REFINED_ROW + 1u);
+    atomicStore(&listed.workgroups_z, 1u);
+    find_runs(tile);
+}
+
+fn find_runs(tile: vec3u) {
     let low = first_ray(tile);
     let high = low + 7u * rays.phases;
     let points = array<vec2u, 4>(low, high, vec2u(high.x, low.y), vec2u(low.x, high.y));

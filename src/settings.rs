@@ -145,8 +145,9 @@ pub struct TilesSettings {
 /// How densely the painter tiles spaces its rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Resolution {
-    /// Pre-shaded: one to four rays per voxel and axis, by the direction of view and the opacity, resampled to the
-    /// picture. If pixels are fewer, each pixel has its own ray. Post-shaded: a ray for each pixel.
+    /// Pre-shaded: one to four rays per voxel and axis, by the direction of view, the kernel and the opacity, resampled
+    /// to the picture, and rays of their own for pixels that would err. If pixels are fewer, each pixel has its own
+    /// ray. Post-shaded: a ray for each pixel.
     #[default]
     Capped,
     /// A ray for each pixel.

@@ -144,10 +144,13 @@ pub struct TilesStats {
     pub slabs: u32,
     /// World thickness of a slab along the rays.
     pub slab_thickness: f64,
-    /// Rays.
+    /// Rays. If they go through an intermediate image, those of pixels that it does not show well enough are not
+    /// counted.
     pub rays: u64,
-    /// How far the rays are apart; `None`: there was nothing to see.
+    /// How far the rays are apart, of the march with the largest share; `None`: there was nothing to see.
     pub spacing: Option<RaySpacing>,
+    /// Marches whose colours were mixed: along each principal axis with a share in the picture, with each spacing.
+    pub marches: u32,
     /// Bytes of the packed volume on the device.
     pub packed_bytes: u64,
 }
@@ -260,7 +263,8 @@ impl Stats {
                     Some(RaySpacing::Pixels(pixels)) if pixels > 1.0 => format!("{pixels:.2} pixels apart"),
                     _ => "one per pixel".to_owned(),
                 };
-                writeln!(f, "rays         {}, {spacing}", grouped(t.rays))?;
+                let mixed = if t.marches > 1 { format!(", {} marches mixed", t.marches) } else { String::new() };
+                writeln!(f, "rays         {}, {spacing}{mixed}", grouped(t.rays))?;
                 writeln!(f, "slabs        {} of {:.4} world units, along voxel planes", t.slabs, t.slab_thickness)?;
                 writeln!(f, "footprint    polynomial, error {error:.1e} of its peak")
             }

@@ -101,9 +101,10 @@ fn run_at(tile: vec3u, slot: u32, depth: f32) -> vec2i {
     return select(run, vec2i(0), depth > rays.opaque_depth);
 }
 
-fn store_pixel(at: vec2u, value: vec4f) {
+// Adds a share of the colour of a pixel, which is 0 at first.
+fn add_to_pixel(at: vec2u, value: vec4f) {
     if all(at < rays.picture) {
-        pixels[at.y * rays.picture.x + at.x] = value;
+        pixels[at.y * rays.picture.x + at.x] += value;
     }
 }
 

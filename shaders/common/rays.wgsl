@@ -5,7 +5,8 @@
 // ray. Lengths are in voxels unless a name says otherwise. Voxel planes are numbered front to back along m.
 //
 // A ray meets plane k at base + k shear, in (a, b). Base coordinates are the (a, b) of plane 0. Parallel rays share one
-// shear. Rays through one eye are marched along up to three axes, in either direction, each ray along its own axis.
+// shear. A ray that runs along two or three axes nearly alike is marched along each of them, and the colours are mixed.
+// Rays through one eye are marched along up to three axes, in either direction.
 //
 // Rays go through the points of the intermediate image (Lacroute and Levoy 1994, "Fast volume rendering using a
 // shear-warp factorization of the viewing transformation"). Its points are the pixels of the picture, or `resample`
@@ -13,10 +14,11 @@
 
 override PERSPECTIVE: bool = false;
 
-// Entries of the table of sections, at equal steps of the length of a ray's shear. It is 0 for a ray along m and
-// sqrt(2) for a ray that runs along all three axes alike; no marched ray has more.
+// Entries of the table of sections, at equal steps of the length of a ray's shear. It is 0 for a ray along m, sqrt(2)
+// for a ray that runs along all three axes alike, and at most 1.55 for a ray in which m has a share: of m at least
+// 0.542, of the others 0.592 each.
 const SECTIONS: u32 = 9u;
-const SECTION_STEPS: f32 = 8.0 / 1.4142136;
+const SECTION_STEPS: f32 = 8.0 / 1.55;
 
 struct Rays {
     // Parallel rays: base coordinates of point (0, 0) of the intermediate image, and the steps to its neighbours. Rays
@@ -93,6 +95,12 @@ struct Rays {
     brightest: vec3f,
     // Texels of a row of voxels in the volume's texture: two voxels each.
     row_texels: i32,
+    // The share of these rays in the picture; rays through one eye have shares of their own beside it.
+    share: f32,
+    // Points of an intermediate image: the least share of a pixel's own ray in the pixel.
+    least_refined: f32,
+    // Points of an intermediate image per voxel, over `phases`.
+    fineness: f32,
     // Rays through one eye: the eye, in planes.
     eye_plane: f32,
     // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.
@@ -153,9 +161,31 @@ fn footprint_half_of(shear: vec2f) -> vec2f {
     return sqrt(rays.radius2 * (1.0 + shear * shear));
 }
 
-// Whether the ray through a point is marched along this axis in this direction. A ray that runs along two axes alike is
-// marched along both, with the same result.
-fn is_marched(point: vec2u) -> bool {
-    let heading = line_of(point).heading;
-    return !PERSPECTIVE || heading.z >= max(abs(heading.x), abs(heading.y));
+// How much less of a ray's unit vector may run along an axis than along another, and the axis has a share in the ray.
+const BLEND: f32 = 0.05;
+
+// The share of axis m in the colour of a ray: 1 if the ray runs along m most closely by far, and smoothly less down to
+// 0. The shares of all axes add up to 1. `share` in src/gpu/tiles/axis.rs is the same for parallel rays.
+fn share_of(line: Line) -> f32 {
+    if !PERSPECTIVE {
+        return rays.share;
+    }
+    let d = normalize(line.heading);
+    let along = abs(d);
+    let m = smoothstep(-BLEND, BLEND, d.z - max(along.x, along.y));
+    let a = smoothstep(-BLEND, BLEND, along.x - max(along.y, along.z));
+    let b = smoothstep(-BLEND, BLEND, along.y - max(along.x, along.z));
+    // Against m: d.z is negative, and the sum is that of the two other axes or of the opposite direction.
+    return m / max(m + a + b, 0.5) * rays.share;
 }
+
+// The tiles of 8 x 8 pixels that have pixels with rays of their own. `workgroups` are those of `refine`, and the first
+// three words are the arguments of its dispatch.
+struct Refined {
+    workgroups: vec3u,
+    count: u32,
+    tiles: array<u32>,
+}
+
+// Workgroups of `refine` side by side.
+const REFINED_ROW: u32 = 64u;

@@ -260,8 +260,10 @@ pub(crate) struct Rays {
     pub picture: [u32; 2],
     pub brightest: [f32; 3],
     pub row_texels: i32,
+    pub share: f32,
+    pub least_refined: f32,
+    pub fineness: f32,
     pub eye_plane: f32,
-    pub _pad: [u32; 3],
     pub sections: [[[f32; 4]; 3]; SECTIONS],
 }
 

@@ -66,6 +66,20 @@ impl<'a> Recorder<'a> {
         pass.dispatch_workgroups(x, y, z);
     }
 
+    /// The same with a number of workgroups that the device finds: the first three words of a buffer.
+    pub(super) fn dispatch_indirect(
+        &mut self,
+        stage: &'static str,
+        pipeline: &wgpu::ComputePipeline,
+        group: &wgpu::BindGroup,
+        workgroups: &wgpu::Buffer,
+    ) {
+        let mut pass = self.compute_pass(stage);
+        pass.set_pipeline(pipeline);
+        pass.set_bind_group(0, group, &[]);
+        pass.dispatch_workgroups_indirect(workgroups, 0);
+    }
+
     /// A render pass of a stage.
     pub(super) fn render_pass(
         &mut self,

@@ -140,13 +140,15 @@ pub(crate) const GATHER_GRADIENTS: Shader = Shader {
 };
 pub(crate) const PREFILTER: Shader =
     Shader { name: "prefilter", parts: &[include_str!("../../shaders/prefilter.wgsl")] };
+pub(crate) const ESTIMATE: Shader =
+    Shader { name: "estimate", parts: &[include_str!("../../shaders/estimate.wgsl"), RAYS] };
 pub(crate) const RESAMPLE: Shader =
     Shader { name: "resample", parts: &[include_str!("../../shaders/resample.wgsl"), RAYS] };
 pub(crate) const PRESENT: Shader = Shader { name: "present", parts: &[include_str!("../../shaders/present.wgsl")] };
 
 /// Every shader there is.
 #[cfg(test)]
-pub(crate) const ALL: [Shader; 17] = [
+pub(crate) const ALL: [Shader; 18] = [
     CLASSIFY,
     SCAN,
     SORT,
@@ -162,6 +164,7 @@ pub(crate) const ALL: [Shader; 17] = [
     GATHER_SCALARS_SOFTWARE,
     GATHER_GRADIENTS,
     PREFILTER,
+    ESTIMATE,
     RESAMPLE,
     PRESENT,
 ];

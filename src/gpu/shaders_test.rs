@@ -136,6 +136,9 @@ fn structs_are_laid_out_alike() {
         picture,
         brightest,
         row_texels,
+        share,
+        least_refined,
+        fineness,
         eye_plane,
         sections
     });

@@ -14,6 +14,12 @@ pub(super) const RAY_MARGIN: f64 = 0.25;
 /// sqrt(1 - a^2) < 2.5 if a < 0.6.
 const MAX_LEAN: f64 = 0.599;
 
+/// How much less of a ray's unit vector may run along an axis than along the one that it runs along most closely, and
+/// the ray is marched along that axis too; BLEND in shaders/common/rays.wgsl. Marches along two axes give colours that
+/// differ by up to 1e-2 (3e-2 post-shaded), so they are mixed by shares that change smoothly over two degrees on either
+/// side of a tie: a degree changes a share by 0.4 at most.
+const BLEND: f64 = 0.05;
+
 /// A principal viewing axis, called m: the lattice axis that rays run along most closely.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PrincipalAxis {
@@ -29,32 +35,37 @@ pub(super) struct PrincipalAxis {
     pub(super) middle: DVec2,
     /// World length per lattice length along that ray.
     stretch: f64,
+    /// The share of this axis in a picture of parallel rays. Rays through one eye have shares of their own, and this
+    /// is 1.
+    pub(super) share: f64,
 }
 
 impl PrincipalAxis {
-    /// The axes of a picture: one of parallel rays; of rays through one eye every axis and direction that some ray runs
-    /// along most closely.
+    /// The axes of a picture, each with a share in it: the one that parallel rays run along most closely, and near a
+    /// tie the others; of rays through one eye every axis and direction that has a share in some ray.
     pub(super) fn all(camera: &Camera, grid: &Grid, size: [u32; 2]) -> Vec<Self> {
         let to_lattice = grid.to_lattice().matrix3;
         let Projection::Perspective { tan_half_fov, .. } = camera.projection else {
             let ray = to_lattice * camera.forward;
-            let m = ray.abs().max_position();
-            return vec![Self::along(m, ray[m] < 0.0, ray, 1.0)];
+            let axes = (0..3).map(|m| Self { share: share(m, ray), ..Self::along(m, ray[m] < 0.0, ray, 1.0) });
+            let mut axes: Vec<Self> = axes.filter(|axis| axis.share > 0.0).collect();
+            axes.sort_by(|a, b| b.share.total_cmp(&a.share));
+            return axes;
         };
         let aspect = f64::from(size[0]) / f64::from(size[1]);
         let [right, up] = [camera.right * aspect, camera.up].map(|axis| to_lattice * axis * tan_half_fov);
         let forward = to_lattice * camera.forward;
         let ways = (0..3).flat_map(|m| [(m, false), (m, true)]);
         ways.filter_map(|(m, flipped)| {
-            // The part of the picture, in halves of its width and height, whose rays run along m most closely in this
-            // direction: their component along m is larger than any other.
+            // The part of the picture, in halves of its width and height, in whose rays m has a share in this
+            // direction: no other component is larger by more than the blend. The part is cut by straight lines, which
+            // leave too much of it rather than too little.
             let sign = if flipped { -1.0 } else { 1.0 };
             let edge = 1.0 + RAY_MARGIN;
             let mut part = vec![(-edge, -edge), (edge, -edge), (edge, edge), (-edge, edge)];
             for other in (0..3).filter(|&other| other != m) {
                 for against in [1.0, -1.0] {
-                    // Rays that run along two axes alike are marched along both, whatever rounding makes of the tie.
-                    let lead = |d: DVec3| sign * d[m] - against * d[other] + 1e-5 * d.length();
+                    let lead = |d: DVec3| sign * d[m] - against * d[other] + BLEND * d.length();
                     part = clipped(&part, |(x, y)| lead(forward + right * x + up * y));
                 }
             }
@@ -80,6 +91,7 @@ impl PrincipalAxis {
             direction: DVec3::new(unit[a], unit[b], unit[m].abs()),
             middle: DVec2::ZERO,
             stretch: world / ray.length(),
+            share: 1.0,
         }
     }
 
@@ -108,6 +120,21 @@ impl PrincipalAxis {
         let [a, b, m] = self.axes;
         DVec3::new(v[a], v[b], if self.flipped { -v[m] } else { v[m] })
     }
+}
+
+/// The share of axis m in what a ray shows: 1 if the ray runs along m most closely by far, and smoothly less down to 0.
+/// The shares of a ray add up to 1. `share_of` in shaders/common/rays.wgsl is the same.
+fn share(m: usize, ray: DVec3) -> f64 {
+    let unit = ray.normalize().abs();
+    let lead = |m: usize| unit[m] - unit[(m + 1) % 3].max(unit[(m + 2) % 3]);
+    let shares = [0, 1, 2].map(|m| smoothstep(-BLEND, BLEND, lead(m)));
+    shares[m] / shares.iter().sum::<f64>()
+}
+
+/// 0 up to `low`, 1 from `high` on, smooth between.
+pub(super) fn smoothstep(low: f64, high: f64, value: f64) -> f64 {
+    let t = ((value - low) / (high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
 }
 
 /// Values along a, b and m as values along the axes of the lattice.

@@ -10,7 +10,15 @@ use super::super::transfer::TransferTable;
 use super::pack::{Packed, Voxel};
 use super::resample::FORMAT;
 use super::{RayKind, TilesKey, texture};
+use crate::error::Result;
 use crate::settings::Model;
+
+/// The bindings of `skip`.
+const SKIP: [Binding; 3] = [
+    Binding::Uniform,
+    Binding::IntegerTexture(wgpu::TextureViewDimension::D3),
+    Binding::StorageTexture(wgpu::TextureFormat::Rg32Uint, wgpu::TextureViewDimension::D2),
+];
 
 /// A pipeline and the layout of what it is bound to.
 pub(super) struct Stage {
@@ -24,7 +32,7 @@ pub(super) struct Targets<'a> {
     pub(super) rays: &'a wgpu::Buffer,
     /// Written if rays do not go through pixels; read by `prefilter`.
     pub(super) intermediate: &'a wgpu::TextureView,
-    /// The picture: written if every pixel has its own ray.
+    /// The picture, to which every ray of a pixel adds.
     pub(super) pixels: &'a wgpu::Buffer,
     pub(super) lighting: &'a wgpu::Buffer,
     pub(super) transfer: Option<&'a TransferTable>,
@@ -44,9 +52,29 @@ impl Stage {
     }
 
     pub(super) fn skip(context: &Context, key: TilesKey) -> Self {
-        let runs = Binding::StorageTexture(wgpu::TextureFormat::Rg32Uint, wgpu::TextureViewDimension::D2);
-        let bindings = [Binding::Uniform, Binding::IntegerTexture(wgpu::TextureViewDimension::D3), runs];
-        Self::new(context, shaders::SKIP, "skip", &bindings, &[("PERSPECTIVE", flag(key.perspective))])
+        Self::new(context, shaders::SKIP, "skip", &SKIP, &[("PERSPECTIVE", flag(key.perspective))])
+    }
+
+    /// `skip` of the tiles of pixels that have rays of their own beside an intermediate image.
+    fn skip_refined(context: &Context, key: TilesKey) -> Self {
+        let [rays, occupied, runs] = SKIP;
+        let bindings = [rays, occupied, runs, Binding::Read, Binding::Write];
+        Self::new(context, shaders::SKIP, "skip_refined", &bindings, &[("PERSPECTIVE", flag(key.perspective))])
+    }
+
+    /// The rays of these pixels.
+    fn refine(context: &Context, key: TilesKey) -> Self {
+        let volume = key.voxel.binding(context.info.is_software());
+        let runs = Binding::IntegerTexture(wgpu::TextureViewDimension::D2);
+        let bindings = [Binding::Uniform, volume, runs, Binding::Read, Binding::Write, Binding::Read];
+        let constants = [
+            ("PERSPECTIVE", flag(key.perspective)),
+            ("TERMS", f64::from(key.terms)),
+            ("TEXELS", f64::from(key.texels)),
+            ("WHITE", flag(key.model == Model::Xray)),
+            ("CURVED", flag(key.curved)),
+        ];
+        Self::new(context, shaders::GATHER, "refine", &bindings, &constants)
     }
 
     pub(super) fn gather(context: &Context, key: TilesKey) -> Self {
@@ -122,18 +150,73 @@ pub(super) fn find_runs(
     uniforms: &layout::Rays,
     rays: &wgpu::Buffer,
 ) -> wgpu::TextureView {
-    let context = recorder.context;
+    let runs = runs_of(recorder.context, uniforms);
+    let resources = [rays.as_entire_binding(), texture_view(&packed.occupied), texture_view(&runs)];
+    let group = bind(recorder.context, "skip", &skip.layout, &resources);
+    recorder.dispatch("skip", &skip.pipeline, &group, &[], tiles_of(uniforms));
+    runs
+}
+
+/// Room for the runs of every tile.
+fn runs_of(context: &Context, uniforms: &layout::Rays) -> wgpu::TextureView {
     let [across, down] = uniforms.tiles;
     let rows = (across * down * phases(uniforms) * uniforms.run_slots).div_ceil(RUN_ROW);
-    let runs = texture(context, "skip.runs", wgpu::TextureFormat::Rg32Uint, [RUN_ROW, rows]);
-    let resources = [rays.as_entire_binding(), texture_view(&packed.occupied), texture_view(&runs)];
-    let group = bind(context, "skip", &skip.layout, &resources);
-    let workgroups = [across.div_ceil(TILE), down.div_ceil(TILE), phases(uniforms)];
-    recorder.dispatch("skip", &skip.pipeline, &group, &[], workgroups);
-    runs
+    texture(context, "skip.runs", wgpu::TextureFormat::Rg32Uint, [RUN_ROW, rows])
+}
+
+/// Workgroups of `skip`.
+fn tiles_of(uniforms: &layout::Rays) -> [u32; 3] {
+    let [across, down] = uniforms.tiles;
+    [across.div_ceil(TILE), down.div_ceil(TILE), phases(uniforms)]
 }
 
 /// Interleaved tiles that cover the same area.
 fn phases(uniforms: &layout::Rays) -> u32 {
     uniforms.phases.into_iter().product()
+}
+
+/// The pipelines for the rays of pixels that intermediate images do not show well enough.
+pub(super) struct Refiner {
+    skip: Stage,
+    refine: Stage,
+}
+
+impl Refiner {
+    pub(super) fn new(context: &Context, key: TilesKey) -> Self {
+        Self { skip: Stage::skip_refined(context, key), refine: Stage::refine(context, key) }
+    }
+
+    /// Adds these rays to the pixels, each with its share in `refinement`. `rays` holds their uniforms.
+    pub(super) fn run(
+        &self,
+        recorder: &mut Recorder<'_>,
+        packed: &Packed,
+        uniforms: &layout::Rays,
+        rays: &wgpu::Buffer,
+        pixels: &wgpu::Buffer,
+        refinement: &wgpu::Buffer,
+    ) -> Result<()> {
+        let context = recorder.context;
+        let runs = runs_of(context, uniforms);
+        // Four words, and one for each tile; zeros at first.
+        let words = 4 + u64::from(uniforms.tiles[0]) * u64::from(uniforms.tiles[1]);
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT;
+        let refined = context.buffer("refine.tiles", 4 * words, usage)?;
+        let rays = rays.as_entire_binding();
+        let mut resources = vec![rays.clone(), texture_view(&packed.occupied), texture_view(&runs)];
+        resources.extend([refinement.as_entire_binding(), refined.as_entire_binding()]);
+        let group = bind(context, "skip", &self.skip.layout, &resources);
+        recorder.dispatch("skip", &self.skip.pipeline, &group, &[], tiles_of(uniforms));
+        let resources = [
+            rays,
+            texture_view(&packed.volume),
+            texture_view(&runs),
+            refinement.as_entire_binding(),
+            pixels.as_entire_binding(),
+            refined.as_entire_binding(),
+        ];
+        let group = bind(context, "refine", &self.refine.layout, &resources);
+        recorder.dispatch_indirect("refine", &self.refine.pipeline, &group, &refined);
+        Ok(())
+    }
 }

@@ -16,10 +16,10 @@ pub(crate) use paint::ROOM;
 
 use std::sync::Arc;
 
-use march::{Stage, Targets, march};
+use march::{Refiner, Stage, Targets, march};
 use pack::{Packed, Packer, Voxel};
 use paint::Picture;
-use rays::Spacing;
+use rays::{Rays, Spacing};
 use resample::{FORMAT, IntermediateImage, Resampler};
 
 use super::context::Context;
@@ -52,6 +52,13 @@ enum RayKind {
     Shared,
 }
 
+impl RayKind {
+    /// Whether rays go through an intermediate image.
+    fn is_resampled(self) -> bool {
+        matches!(self, Self::Coarser | Self::Shared)
+    }
+}
+
 /// What the pipelines are specialised for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(crate) struct TilesKey {
@@ -75,8 +82,8 @@ pub(crate) struct Tiles {
     packer: Packer,
     skip: Stage,
     gather: Stage,
-    /// If rays do not go through pixels.
-    resample: Option<Resampler>,
+    /// If rays do not go through pixels: what makes pixels of the image, and what adds the rays of some pixels.
+    resample: Option<(Resampler, Refiner)>,
 }
 
 impl Tiles {
@@ -86,7 +93,7 @@ impl Tiles {
             (
                 packer,
                 Stage::skip(context, key),
-                matches!(key.rays, RayKind::Coarser | RayKind::Shared).then(|| Resampler::new(context)),
+                key.rays.is_resampled().then(|| (Resampler::new(context), Refiner::new(context, key))),
             )
         };
         let (gather, (packer, skip, resample)) = both(context, || Stage::gather(context, key), rest)?;
@@ -105,34 +112,63 @@ impl Tiles {
         let pixels = context.pixels("tiles.pixels", [region.width, region.height])?;
         let uniform = wgpu::BufferUsages::UNIFORM;
         let lighting = context.upload("gather.lighting", bytemuck::bytes_of(&picture.lighting), uniform)?;
-        let (mut count, mut spacing) = (0, None);
-        let mut image: Option<IntermediateImage> = None;
-        for (axis, packed) in picture.axes.iter().zip(packed) {
-            let Some(mut rays) = picture.rays(axis, region) else { continue };
-            rays.uniforms.density_scale /= packed.scale as f32;
-            let [width, height] = rays.uniforms.size;
-            // Several axes share one set of rays, and each ray is marched along one of them.
-            (count, spacing) = (u64::from(width) * u64::from(height), Some(rays.spacing));
-            let buffer = context.upload("rays", bytemuck::bytes_of(&rays.uniforms), uniform)?;
-            // All axes share one intermediate image.
-            let image = image.get_or_insert_with(|| {
-                let size = if self.resample.is_some() { [width, height] } else { [1, 1] };
-                let textures = [0, 1].map(|_| texture(context, "gather.intermediate", FORMAT, size));
-                IntermediateImage { rays: buffer.clone(), size, textures }
-            });
-            let targets = Targets {
-                rays: &buffer,
-                intermediate: &image.textures[0],
-                pixels: &pixels,
-                lighting: &lighting,
-                transfer: picture.job.transfer,
+        let mut marched = Marched { pixels, rays: 0, spacing: None, marches: 0 };
+        let mut largest = 0.0;
+        for (way, packed) in picture.ways.iter().zip(packed) {
+            let upload = |rays: &Rays| context.upload("rays", bytemuck::bytes_of(&rays.uniforms), uniform);
+            let scaled = |mut rays: Rays| {
+                rays.uniforms.density_scale /= packed.scale as f32;
+                rays
             };
-            march(recorder, &self.skip, &self.gather, packed, &rays.uniforms, &targets);
+            let count = |marched: &mut Marched, rays: &Rays| {
+                let [width, height] = rays.uniforms.size;
+                marched.rays += u64::from(width) * u64::from(height);
+                marched.marches += 1;
+            };
+            let mut pixel_rays = scaled(picture.pixel_rays(way, region));
+            let Some((resampler, refiner)) = &self.resample else {
+                let image = texture(context, "gather.intermediate", FORMAT, [1, 1]);
+                let buffer = upload(&pixel_rays)?;
+                let targets = Targets {
+                    rays: &buffer,
+                    intermediate: &image,
+                    pixels: &marched.pixels,
+                    lighting: &lighting,
+                    transfer: picture.job.transfer,
+                };
+                march(recorder, &self.skip, &self.gather, packed, &pixel_rays.uniforms, &targets);
+                count(&mut marched, &pixel_rays);
+                marched.spacing = Some(pixel_rays.spacing);
+                continue;
+            };
+            let images = picture.image_rays(way, region);
+            if images.is_empty() {
+                continue;
+            }
+            let share_bytes = u64::from(region.width) * u64::from(region.height) * 4;
+            let refinement = context.buffer("refine.shares", share_bytes, wgpu::BufferUsages::STORAGE)?;
+            for rays in images.into_iter().map(scaled) {
+                let image = IntermediateImage::new(context, upload(&rays)?, rays.uniforms.size);
+                let targets = Targets {
+                    rays: &image.rays,
+                    intermediate: &image.textures[0],
+                    pixels: &marched.pixels,
+                    lighting: &lighting,
+                    transfer: None,
+                };
+                march(recorder, &self.skip, &self.gather, packed, &rays.uniforms, &targets);
+                resampler.run(recorder, &image, &marched.pixels, &refinement, [region.width, region.height]);
+                count(&mut marched, &rays);
+                if rays.uniforms.share > largest {
+                    (largest, marched.spacing) = (rays.uniforms.share, Some(rays.spacing));
+                }
+            }
+            // Their shares are those of `refinement`.
+            pixel_rays.uniforms.share = 1.0;
+            let buffer = upload(&pixel_rays)?;
+            refiner.run(recorder, packed, &pixel_rays.uniforms, &buffer, &marched.pixels, &refinement)?;
         }
-        if let (Some(stage), Some(image)) = (&self.resample, &image) {
-            stage.run(recorder, image, &pixels, [region.width, region.height]);
-        }
-        Ok(Marched { pixels, rays: count, spacing })
+        Ok(marched)
     }
 }
 
@@ -141,7 +177,10 @@ struct Marched {
     /// Premultiplied RGBA, f32.
     pixels: wgpu::Buffer,
     rays: u64,
+    /// Of the march with the largest share.
     spacing: Option<Spacing>,
+    /// Marches that were mixed, those of single pixels aside.
+    marches: u32,
 }
 
 fn texture(

@@ -86,13 +86,20 @@ pub(super) struct Picture<'a> {
     kernel: Kernel,
     footprint: Footprint,
     kind: SlabKind,
-    sections: Sections,
     pub(super) lighting: layout::Lighting,
-    /// The principal axes that rays are marched along, and the volume as each of them reads it.
-    pub(super) axes: Vec<(PrincipalAxis, Packing)>,
+    /// Those of the largest share first.
+    pub(super) ways: Vec<Way>,
     packed: Option<Vec<Arc<Packed>>>,
     rays: u64,
     spacing: Option<Spacing>,
+    marches: u32,
+}
+
+/// A principal axis that rays are marched along, and the volume as these rays read it.
+pub(super) struct Way {
+    axis: PrincipalAxis,
+    packing: Packing,
+    sections: Sections,
 }
 
 impl<'a> Picture<'a> {
@@ -127,11 +134,14 @@ impl<'a> Picture<'a> {
             None if dense => SlabKind::DenseColors,
             None => SlabKind::Colors,
         };
-        let sections = Sections::new(&kernel, &view.camera, &axes, kind);
-        let axes = axes.into_iter().zip(packings).collect();
+        let ways = axes.into_iter().zip(packings).map(|(axis, packing)| {
+            let sections = Sections::new(&kernel, &view.camera, &axis, kind);
+            Way { axis, packing, sections }
+        });
+        let ways = ways.collect();
         let lighting = view.lighting(settings.lighting.as_ref());
         let picture =
-            Self { job, kernel, footprint, kind, sections, lighting, axes, packed: None, rays: 0, spacing: None };
+            Self { job, kernel, footprint, kind, lighting, ways, packed: None, rays: 0, spacing: None, marches: 0 };
         if picture.outgrows_textures() {
             return Err("tiles has rays at least a voxel apart, and here they outgrow a texture".to_owned());
         }
@@ -139,32 +149,41 @@ impl<'a> Picture<'a> {
     }
 
     fn key(&self) -> TilesKey {
-        let [axis, ..] = self.axes.as_slice() else { return TilesKey::default() };
-        let (_, packing) = axis;
+        let [way, ..] = self.ways.as_slice() else { return TilesKey::default() };
         let Job { view, settings, .. } = self.job;
-        let rays = self.rays(axis, self.whole());
+        // A ball of the lattice reaches as far along a row.
+        let reach = |way: &Way| self.kernel.radius() / (1.0 - way.axis.direction.x.powi(2)).sqrt();
         TilesKey {
             model: settings.model,
-            voxel: packing.voxel,
+            voxel: way.packing.voxel,
             lights: settings.light_count(),
             crowded: self.job.transfer.is_some_and(|table| table.crowded),
             perspective: view.is_perspective(),
             curved: self.kind == SlabKind::DenseColors,
             terms: self.footprint.terms(),
-            texels: match rays.map_or(0.0, |r| r.uniforms.row_half) {
+            texels: match self.ways.iter().map(reach).fold(0.0, f64::max) {
                 // Rays through one eye that lean along a as much as along m reach over seven voxels.
                 _ if view.is_perspective() => 4,
                 half if half < 2.5 => 3,
                 half if half < 3.5 => 4,
                 _ => 5,
             },
-            rays: match rays.map(|r| r.spacing) {
-                Some(Spacing::Voxel(_)) => RayKind::Shared,
-                Some(Spacing::Pixels(1.0)) if self.is_straight(axis) => RayKind::Straight,
-                Some(Spacing::Pixels(1.0)) | None => RayKind::Pixels,
-                Some(Spacing::Pixels(_)) => RayKind::Coarser,
+            rays: match self.is_resampled() {
+                true if view.is_perspective() => RayKind::Coarser,
+                true => RayKind::Shared,
+                false if self.is_straight(way) => RayKind::Straight,
+                false => RayKind::Pixels,
             },
         }
+    }
+
+    /// Whether some pixels do without rays of their own.
+    fn is_resampled(&self) -> bool {
+        let Job { settings, transfer, .. } = self.job;
+        // What is classified has edges that only the rays of pixels keep; rays that are shared reach two voxels.
+        let per_pixel =
+            settings.tiles().resolution == Resolution::Full || transfer.is_some() || self.kernel.radius() > MAX_RADIUS;
+        !per_pixel && self.ways.iter().any(|way| self.setup(way).pixel_share(&way.axis) < 1.0)
     }
 
     /// The whole picture as one region.
@@ -177,12 +196,18 @@ impl<'a> Picture<'a> {
     fn outgrows_textures(&self) -> bool {
         let Job { context, view, .. } = self.job;
         let most = context.limits.max_texture_dimension_2d;
-        let sizes = self.axes.iter().filter_map(|axis| Some(self.rays(axis, self.whole())?.uniforms.size));
-        sizes.flat_map(|size| size.into_iter().zip(view.camera.size)).any(|(rays, pixels)| rays > most.max(pixels))
+        let rays = self.ways.iter().flat_map(|way| self.all_rays(way));
+        let sizes = rays.flat_map(|rays| rays.uniforms.size.into_iter().zip(view.camera.size));
+        sizes.into_iter().any(|(rays, pixels)| rays > most.max(pixels))
+    }
+
+    /// The rays of all marches of the whole picture along an axis.
+    fn all_rays(&self, way: &Way) -> Vec<Rays> {
+        if self.is_resampled() { self.image_rays(way, self.whole()) } else { vec![self.pixel_rays(way, self.whole())] }
     }
 
     /// Whether rays run along m so closely that they meet all planes at the same place.
-    fn is_straight(&self, (axis, packing): &(PrincipalAxis, Packing)) -> bool {
+    fn is_straight(&self, Way { axis, packing, .. }: &Way) -> bool {
         !self.job.view.is_perspective()
             && self.kernel.radius() <= MAX_RADIUS
             && axis.shear().abs().max_element() * f64::from(packing.dims[2]) < STRAIGHT
@@ -197,16 +222,16 @@ impl<'a> Picture<'a> {
     }
 
     /// Whether `packed` holds the splats of this picture in the layout of a axis.
-    fn serves(&self, axis: usize, packed: &Packed) -> bool {
+    fn serves(&self, way: usize, packed: &Packed) -> bool {
         let source = self.job.stores.first().map(|store| &store.splats);
-        self.axes[axis].1 == packed.packing && source == packed.source.as_ref()
+        self.ways[way].packing == packed.packing && source == packed.source.as_ref()
     }
 
     /// Whether `packed`, made for an earlier picture, can be reused by a axis: as [`Self::serves`], and no light is
     /// baked into its colours, which may come from the eye.
     fn is_reusable(&self, packed: &Packed) -> bool {
         let lit = matches!(packed.packing.voxel, Voxel::Color { lights: 1.. });
-        !lit && (0..self.axes.len()).any(|axis| self.serves(axis, packed))
+        !lit && (0..self.ways.len()).any(|way| self.serves(way, packed))
     }
 
     /// The splats as each axis reads them: those that the scene holds from a picture before, or packed now.
@@ -216,18 +241,18 @@ impl<'a> Picture<'a> {
         // Drop unusable packings first, so that old and new are never in memory together.
         held.retain(|packed| self.is_reusable(packed));
         let mut packed: Vec<Arc<Packed>> = Vec::new();
-        for axis in 0..self.axes.len() {
-            let served = packed.iter().chain(held.iter()).find(|packed| self.serves(axis, packed)).map(Arc::clone);
+        for way in 0..self.ways.len() {
+            let served = packed.iter().chain(held.iter()).find(|packed| self.serves(way, packed)).map(Arc::clone);
             packed.push(match served {
                 Some(packed) => packed,
-                None => self.pack_for(recorder, pipelines, axis)?,
+                None => self.pack_for(recorder, pipelines, way)?,
             });
         }
         held.clone_from(&packed);
         Ok(packed)
     }
 
-    fn pack_for(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles, axis: usize) -> Result<Arc<Packed>> {
+    fn pack_for(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles, way: usize) -> Result<Arc<Packed>> {
         let Job { view, stores, weights, .. } = self.job;
         let camera = &view.camera;
         let eye = camera.eye().unwrap_or(camera.target);
@@ -238,11 +263,11 @@ impl<'a> Picture<'a> {
             eye: view.grid.to_lattice().transform_point3(eye).as_vec3().to_array(),
             view: [0, 1, 2].map(|i| axes.map(|axis| axis.dot(to_world.col(i)) as f32)),
         };
-        let (_, packing) = self.axes[axis];
+        let packing = self.ways[way].packing;
         Ok(Arc::new(pipelines.packer.run(recorder, stores, packing, &lit, weights.max)?))
     }
 
-    pub(super) fn rays(&self, (axis, packing): &(PrincipalAxis, Packing), region: Region) -> Option<Rays> {
+    fn setup<'s>(&'s self, Way { axis, packing, sections }: &'s Way) -> RaySetup<'s> {
         let Job { view, settings, weights, transfer, padding, .. } = self.job;
         let scalars = transfer.map(|table| Classification {
             invisible: table.invisible,
@@ -252,11 +277,11 @@ impl<'a> Picture<'a> {
             skip_nothing: !shows_nothing_else(&self.job),
         });
         let divisor = settings.normalization.divisor(&settings.kernel) * view.max_growth().powi(3);
-        let setup = RaySetup {
+        RaySetup {
             camera: &view.camera,
             size: view.camera.size,
             volume: PackedBox { grid: &view.grid, packing: *packing, padding },
-            kernel: FittedKernel { kernel: self.kernel, footprint: &self.footprint, sections: &self.sections },
+            kernel: FittedKernel { kernel: self.kernel, footprint: &self.footprint, sections },
             optics: Optics {
                 density_scale: 1.0 / (divisor * weights.unit),
                 opaque_depth: view.opaque_depth,
@@ -264,12 +289,17 @@ impl<'a> Picture<'a> {
                 brightest: weights.brightest,
             },
             scalars,
-            // What is classified has edges that only the rays of pixels keep; rays that are shared reach two voxels.
-            ray_per_pixel: settings.tiles().resolution == Resolution::Full
-                || scalars.is_some()
-                || self.kernel.radius() > MAX_RADIUS,
-        };
-        Rays::new(&setup, axis, region)
+        }
+    }
+
+    /// The rays of the pixels of a region.
+    pub(super) fn pixel_rays(&self, way: &Way, region: Region) -> Rays {
+        Rays::of_pixels(&self.setup(way), &way.axis, region)
+    }
+
+    /// Those of the intermediate images of a region.
+    pub(super) fn image_rays(&self, way: &Way, region: Region) -> Vec<Rays> {
+        Rays::of_images(&self.setup(way), &way.axis, region)
     }
 
     fn pipelines(&self) -> Result<Arc<Tiles>> {
@@ -290,30 +320,32 @@ fn shows_nothing_else(job: &Job<'_>) -> bool {
 
 impl Painting for Picture<'_> {
     fn is_empty(&self) -> bool {
-        self.axes.is_empty() || self.job.stores.is_empty() && shows_nothing_else(&self.job)
+        self.ways.is_empty() || self.job.stores.is_empty() && shows_nothing_else(&self.job)
     }
 
     fn pixel_bytes(&self) -> u32 {
         // The two intermediate images, RGBA, f32, if there are any, and the runs of a tile, two words each.
-        let images = if matches!(self.key().rays, RayKind::Coarser | RayKind::Shared) { 32 } else { 0 };
-        let bytes = |way: &(PrincipalAxis, Packing)| {
-            let uniforms = self.rays(way, self.whole())?.uniforms;
-            let per_ray = images + u64::from(uniforms.run_slots * 8).div_ceil(u64::from(TILE * TILE));
-            let rays: u64 = uniforms.size.into_iter().map(u64::from).product();
-            Some((rays * per_ray).div_ceil(self.whole().area()) as u32)
+        let images = if self.is_resampled() { 32 } else { 0 };
+        let bytes = |rays: Rays| {
+            let per_ray = images + u64::from(rays.uniforms.run_slots * 8).div_ceil(u64::from(TILE * TILE));
+            let count: u64 = rays.uniforms.size.into_iter().map(u64::from).product();
+            (count * per_ray).div_ceil(self.whole().area()) as u32
         };
-        self.axes.iter().filter_map(bytes).fold(MIN_PIXEL_BYTES, u32::max)
+        let rays = self.ways.iter().flat_map(|way| self.all_rays(way));
+        rays.map(bytes).fold(MIN_PIXEL_BYTES, u32::max)
     }
 
     fn most_pixels(&self) -> u64 {
         if self.job.context.info.is_software() {
             return u64::MAX;
         }
-        let planes = |way: &(PrincipalAxis, Packing)| {
-            let size = self.rays(way, self.whole())?.uniforms.size.map(u64::from);
-            Some(size[0] * size[1] * u64::from(way.1.dims[2]))
+        // Each pixel may have its own ray beside those of the images.
+        let planes = |way: &Way| {
+            let images = self.all_rays(way);
+            let rays = images.iter().map(|rays| rays.uniforms.size.into_iter().map(u64::from).product::<u64>());
+            (rays.sum::<u64>() + self.whole().area()) * u64::from(way.packing.dims[2])
         };
-        let planes: u64 = self.axes.iter().filter_map(planes).sum();
+        let planes: u64 = self.ways.iter().map(planes).sum();
         (u128::from(MAX_WORK) * u128::from(self.whole().area()) / u128::from(planes.max(1))) as u64
     }
 
@@ -331,6 +363,7 @@ impl Painting for Picture<'_> {
         self.packed = Some(packed);
         self.rays += marched.rays;
         self.spacing = marched.spacing.or(self.spacing);
+        self.marches = self.marches.max(marched.marches);
         Ok(marched.pixels)
     }
 
@@ -340,10 +373,9 @@ impl Painting for Picture<'_> {
 
     fn stats(&self) -> PainterStats {
         let per_plane = if self.job.transfer.is_some() { 2 } else { 1 };
-        let (slabs, slab_thickness) = self
-            .axes
-            .first()
-            .map_or((0, 0.0), |(axis, packing)| (packing.dims[2] * per_plane, axis.slab() / f64::from(per_plane)));
+        let (slabs, slab_thickness) = self.ways.first().map_or((0, 0.0), |Way { axis, packing, .. }| {
+            (packing.dims[2] * per_plane, axis.slab() / f64::from(per_plane))
+        });
         PainterStats::Tiles(TilesStats {
             slabs,
             slab_thickness: slab_thickness * self.job.view.unit,
@@ -352,6 +384,7 @@ impl Painting for Picture<'_> {
                 Spacing::Voxel(rays) => RaySpacing::PerVoxel(rays),
                 Spacing::Pixels(pitch) => RaySpacing::Pixels(pitch),
             }),
+            marches: self.marches,
             packed_bytes: self.packed.iter().flatten().map(|packed| packed.bytes()).sum(),
         })
     }

@@ -13,6 +13,9 @@ const TERMS: [usize; 2] = [6, 8];
 /// The largest error of the polynomial, as a fraction of the footprint's peak: 1/80 of a step of 8-bit colour.
 const FOOTPRINT_ERROR: f64 = 5e-5;
 
+/// The shear of the last entry of the table of sections; SECTION_STEPS in shaders/common/rays.wgsl.
+const LARGEST_SHEAR: f64 = 1.55;
+
 /// The footprint of a kernel as a polynomial.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Footprint {
@@ -69,10 +72,10 @@ impl SlabKind {
 pub(super) struct Sections(pub(super) [[[f32; 4]; 3]; layout::SECTIONS]);
 
 impl Sections {
-    pub(super) fn new(kernel: &Kernel, camera: &Camera, axes: &[PrincipalAxis], kind: SlabKind) -> Self {
-        Self(match (camera.projection, axes) {
-            (Projection::Orthographic { .. }, [axis, ..]) => [sections(kernel, axis.direction, kind); layout::SECTIONS],
-            _ => std::array::from_fn(|step| section_step(step, kernel, kind)),
+    pub(super) fn new(kernel: &Kernel, camera: &Camera, axis: &PrincipalAxis, kind: SlabKind) -> Self {
+        Self(match camera.projection {
+            Projection::Orthographic { .. } => [sections(kernel, axis.direction, kind); layout::SECTIONS],
+            Projection::Perspective { .. } => std::array::from_fn(|step| section_step(step, kernel, kind)),
         })
     }
 }
@@ -83,7 +86,7 @@ impl Sections {
 fn section_step(step: usize, kernel: &Kernel, kind: SlabKind) -> [[f32; 4]; 3] {
     // Rays along m have no fit over s. The entry for them is that of a lean of 1e-3: in units of the lean, which s is
     // twice at most, its linear terms are below 4e-4 of the footprint, and 0 is their limit.
-    let lean = (std::f64::consts::SQRT_2 * step as f64 / (layout::SECTIONS - 1) as f64).max(1e-3);
+    let lean = (LARGEST_SHEAR * step as f64 / (layout::SECTIONS - 1) as f64).max(1e-3);
     let [x, y, z] = sections(kernel, DVec3::new(0.0, lean, 1.0).normalize(), kind);
     let lean = lean as f32;
     [x, y.map(|c| c * lean), z.map(|c| c * lean * lean)]

@@ -1,16 +1,20 @@
-//! prefilter and resample: from the intermediate image to the picture, by interpolating cubic B-splines. See
-//! shaders/prefilter.wgsl and shaders/resample.wgsl.
+//! estimate, prefilter and resample: from an intermediate image to the picture, by interpolating cubic B-splines. See
+//! shaders/estimate.wgsl, shaders/prefilter.wgsl and shaders/resample.wgsl.
 
 use super::super::context::Context;
 use super::super::pipeline::{Binding, bind, compute, flag, layout, module, texture_view};
 use super::super::recorder::Recorder;
 use super::super::shaders;
+use super::texture;
 
 /// The format of intermediate images.
 pub(super) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 
-/// Invocations of a workgroup, along x; shaders/prefilter.wgsl and shaders/resample.wgsl.
+/// Invocations of a workgroup, along x, of each of these stages.
 const WORKGROUP: u32 = 64;
+
+/// The format of what splines may err by.
+pub(super) const ESTIMATES: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
 
 /// The image whose points rays go through if they do not go through pixels.
 pub(super) struct IntermediateImage {
@@ -20,6 +24,16 @@ pub(super) struct IntermediateImage {
     pub(super) size: [u32; 2],
     /// The image, and room for filtering it.
     pub(super) textures: [wgpu::TextureView; 2],
+    /// What the splines through the image may err by, around each of its points.
+    pub(super) estimates: wgpu::TextureView,
+}
+
+impl IntermediateImage {
+    /// An image of no colour.
+    pub(super) fn new(context: &Context, rays: wgpu::Buffer, size: [u32; 2]) -> Self {
+        let textures = [0, 1].map(|_| texture(context, "gather.intermediate", FORMAT, size));
+        Self { rays, size, textures, estimates: texture(context, "estimate.estimates", ESTIMATES, size) }
+    }
 }
 
 /// The pipelines.
@@ -27,6 +41,7 @@ pub(super) struct Resampler {
     prefilter: wgpu::BindGroupLayout,
     across: wgpu::ComputePipeline,
     down: wgpu::ComputePipeline,
+    estimate: (wgpu::BindGroupLayout, wgpu::ComputePipeline),
     resample: wgpu::BindGroupLayout,
     pixels: wgpu::ComputePipeline,
 }
@@ -39,23 +54,46 @@ impl Resampler {
         let filter = module(context, shaders::PREFILTER);
         let filtering = |down| compute(context, &filter, "prefilter", "prefilter", &prefilter, &[("DOWN", flag(down))]);
         let (across, down) = (filtering(false), filtering(true));
-        let bindings = [Binding::Uniform, Binding::ReadTexture(FORMAT), Binding::Write];
+        let estimates = Binding::StorageTexture(ESTIMATES, wgpu::TextureViewDimension::D2);
+        let estimating =
+            layout(context, "estimate", stage, &[Binding::Uniform, Binding::ReadTexture(FORMAT), estimates]);
+        let shader = module(context, shaders::ESTIMATE);
+        let estimate = compute(context, &shader, "estimate", "estimate", &estimating, &[]);
+        let bindings = [
+            Binding::Uniform,
+            Binding::ReadTexture(FORMAT),
+            Binding::Write,
+            Binding::Texture(wgpu::TextureViewDimension::D2),
+            Binding::Write,
+        ];
         let resample = layout(context, "resample", stage, &bindings);
         let shader = module(context, shaders::RESAMPLE);
         let pixels = compute(context, &shader, "resample", "resample", &resample, &[]);
-        Self { prefilter, across, down, resample, pixels }
+        Self { prefilter, across, down, estimate: (estimating, estimate), resample, pixels }
     }
 
-    /// Resamples an intermediate image to the pixels of a region, given the size of the region.
+    /// Adds an intermediate image to the pixels of a region, given the size of the region.
     pub(super) fn run(
         &self,
         recorder: &mut Recorder<'_>,
         image: &IntermediateImage,
         pixels: &wgpu::Buffer,
+        refinement: &wgpu::Buffer,
         region: [u32; 2],
     ) {
+        self.estimate(recorder, image);
         self.prefilter(recorder, image);
-        self.resample(recorder, image, pixels, region);
+        self.resample(recorder, image, pixels, refinement, region);
+    }
+
+    /// What the splines may err by. The image is still that of the rays.
+    fn estimate(&self, recorder: &mut Recorder<'_>, image: &IntermediateImage) {
+        let (layout, pipeline) = &self.estimate;
+        let rays = image.rays.as_entire_binding();
+        let resources = [rays, texture_view(&image.textures[0]), texture_view(&image.estimates)];
+        let group = bind(recorder.context, "estimate", layout, &resources);
+        let [width, height] = image.size;
+        recorder.dispatch("estimate", pipeline, &group, &[], [width.div_ceil(WORKGROUP), height, 1]);
     }
 
     /// The coefficients of the splines through the image, in its place.
@@ -75,10 +113,17 @@ impl Resampler {
         recorder: &mut Recorder<'_>,
         image: &IntermediateImage,
         pixels: &wgpu::Buffer,
+        refinement: &wgpu::Buffer,
         [across, down]: [u32; 2],
     ) {
         let rays = image.rays.as_entire_binding();
-        let resources = [rays, texture_view(&image.textures[0]), pixels.as_entire_binding()];
+        let resources = [
+            rays,
+            texture_view(&image.textures[0]),
+            pixels.as_entire_binding(),
+            texture_view(&image.estimates),
+            refinement.as_entire_binding(),
+        ];
         let group = bind(recorder.context, "resample", &self.resample, &resources);
         recorder.dispatch("resample", &self.pixels, &group, &[], [across.div_ceil(WORKGROUP), down, 1]);
     }

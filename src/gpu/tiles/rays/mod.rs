@@ -9,11 +9,11 @@ use glam::{DMat3, DVec2, DVec3};
 
 use super::super::layout::{self, MACROCELL, TILE};
 use super::super::view::Region;
-use super::axis::{PrincipalAxis, unordered};
+use super::axis::{PrincipalAxis, smoothstep, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};
 use crate::camera::{Camera, Projection};
-use crate::kernel::Kernel;
+use crate::kernel::{Kernel, section};
 use crate::volume::Grid;
 
 /// Points of the intermediate image beyond those that pixels lie between, on every side: a cubic B-spline reads 2 of
@@ -50,8 +50,6 @@ pub(super) struct RaySetup<'a> {
     pub(super) optics: Optics,
     /// How scalars are classified; `None`: voxels are classified already.
     pub(super) scalars: Option<Classification>,
-    /// Whether each pixel has its own ray, whatever the rules for their spacing say.
-    pub(super) ray_per_pixel: bool,
 }
 
 /// The box of voxels that rays cross, as it is packed.
@@ -168,6 +166,8 @@ impl RaySetup<'_> {
             footprint_high: [4, 5, 6, 7].map(coefficient),
             picture: [region.width, region.height],
             phases: [1, 1],
+            share: axis.share as f32,
+            fineness: 1.0,
             sections: sections.0,
             ..layout::Rays::zeroed()
         };
@@ -180,31 +180,73 @@ impl RaySetup<'_> {
     }
 }
 
-impl Rays {
-    /// The rays of a region; `None` if no ray reaches the volume.
-    pub(super) fn new(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region) -> Option<Self> {
-        let common = setup.uniforms(axis, region);
-        let mut rays = match setup.camera.projection {
-            Projection::Orthographic { .. } => parallel::rays(setup, axis, region, common)?,
-            Projection::Perspective { distance, .. } => perspective::rays(setup, axis, region, distance, common),
-        };
-        let [across, down] = rays.uniforms.size;
-        let [along_a, along_b] = rays.uniforms.phases;
-        rays.uniforms.tiles = [across.div_ceil(TILE * along_a), down.div_ceil(TILE * along_b)];
-        Some(rays)
+impl RaySetup<'_> {
+    /// The least share of its own ray in each pixel. At 1 no intermediate image is worth its rays.
+    pub(super) fn pixel_share(&self, axis: &PrincipalAxis) -> f64 {
+        match self.camera.projection {
+            Projection::Orthographic { .. } => parallel::pixel_share(self, axis),
+            Projection::Perspective { distance, .. } => perspective::pixel_share(self, distance),
+        }
     }
 }
 
-/// Rays per voxel and axis if the densest voxel has this optical depth. Opacity saturates, so the edges of what is
-/// opaque are sharper than kernels are.
-///
-/// Measured; docs/measurements/2026-11-21-rays.md has the table.
-fn rays_for_depth(depth: f64) -> u32 {
-    match depth {
-        d if d <= 0.4 => 1,
-        d if d <= 1.6 => 2,
-        _ => 3,
+impl Rays {
+    /// The rays of the pixels of a region.
+    pub(super) fn of_pixels(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region) -> Self {
+        let common = setup.uniforms(axis, region);
+        match setup.camera.projection {
+            Projection::Orthographic { .. } => parallel::of_pixels(setup, axis, region, common),
+            Projection::Perspective { distance, .. } => perspective::of_pixels(setup, axis, region, distance, common),
+        }
+        .in_tiles()
     }
+
+    /// The rays of the intermediate images of a region, none if no ray reaches the volume. Each image has a share in
+    /// the picture; together these are the share of the axis.
+    pub(super) fn of_images(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region) -> Vec<Self> {
+        let common = layout::Rays { least_refined: setup.pixel_share(axis) as f32, ..setup.uniforms(axis, region) };
+        let images = match setup.camera.projection {
+            Projection::Orthographic { .. } => parallel::of_images(setup, axis, region, common),
+            Projection::Perspective { distance, .. } => {
+                vec![perspective::of_image(setup, axis, region, distance, common)]
+            }
+        };
+        images.into_iter().map(Self::in_tiles).collect()
+    }
+
+    fn in_tiles(mut self) -> Self {
+        let [across, down] = self.uniforms.size;
+        let [along_a, along_b] = self.uniforms.phases;
+        self.uniforms.tiles = [across.div_ceil(TILE * along_a), down.div_ceil(TILE * along_b)];
+        self
+    }
+}
+
+/// The rays per voxel that the densest voxel asks for by its optical depth, as a power of 2: opacity saturates, so the
+/// edges of what is opaque are sharper than kernels are.
+///
+/// Measured; docs/measurements/2026-11-22-rays.md has the table.
+fn level_for_depth(depth: f64) -> f64 {
+    ((depth - 0.37) / 0.07).clamp(0.0, 1.0)
+}
+
+/// The rays per voxel that a kernel asks for by its width, as a power of 2: the estimate of what splines err by sees
+/// only kernels that several rays meet.
+fn level_for_kernel(kernel: &Kernel) -> f64 {
+    let radius = kernel.radius();
+    // The standard deviation of the footprint along a or b.
+    let (mut sum, mut squares) = (0.0_f64, 0.0);
+    for i in 0..64 {
+        let r = radius * (f64::from(i) + 0.5) / 64.0;
+        let footprint = section(kernel, r * r, -radius, radius);
+        sum += footprint * r;
+        squares += footprint * r * r * r / 2.0;
+    }
+    let width = (squares / sum).sqrt();
+    // What is cut off at the rim: 0.14 of the default Gaussian's peak.
+
+    let rim = kernel.value(radius * radius * (1.0 - 1e-9)) / kernel.value(0.0);
+    (2.0 * (0.58 / width).log2()).max((rim - 0.15) / 0.15).max(0.0)
 }
 
 /// The middle of the first pixel of a region, in pixels of the picture.
@@ -218,14 +260,4 @@ fn f2(v: DVec2) -> [f32; 2] {
 
 fn f3(v: DVec3) -> [f32; 3] {
     v.as_vec3().to_array()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn denser_voxels_get_more_rays() {
-        assert_eq!([0.0, 0.4, 0.41, 1.6, 1.61, 50.0].map(rays_for_depth), [1, 1, 2, 2, 3, 3]);
-    }
 }

@@ -6,48 +6,120 @@ use glam::{DMat2, DVec2};
 use super::super::super::layout;
 use super::super::super::view::Region;
 use super::super::axis::PrincipalAxis;
-use super::{RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, rays_for_depth};
+use super::{
+    RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, level_for_depth, level_for_kernel, smoothstep,
+};
 
-/// Rays per voxel along an axis, if rays move by `shear` voxels along it from plane to plane. If that is close to a
-/// whole number, the ripple and the rims of kernels in plane after plane fall on one another, and one ray per voxel
-/// misses what is between.
+/// Rays per voxel along an axis, as a power of 2, if rays move by `shear` voxels along it from plane to plane. If that
+/// is close to a whole number, the ripple and the rims of kernels in plane after plane fall on one another, and one ray
+/// per voxel misses what is between.
 ///
-/// Measured; docs/measurements/2026-11-21-rays.md has the table.
-fn rays_for(shear: f64) -> u32 {
+/// Measured; docs/measurements/2026-11-22-rays.md has the table.
+fn level_for_shear(shear: f64) -> f64 {
     let whole = shear.round();
-    match (shear - whole).abs() {
-        off if off > 0.18 || whole != 0.0 && off > 0.05 => 1,
-        off if off > 0.06 || whole != 0.0 => 2,
-        _ => 4,
-    }
+    let off = (shear - whole).abs();
+    if whole == 0.0 { ramp(0.09, 0.05, off) + ramp(0.22, 0.15, off) } else { ramp(0.07, 0.03, off) }
 }
 
-/// The rays of a region; `None` if none reaches the volume.
-pub(super) fn rays(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region, common: layout::Rays) -> Option<Rays> {
-    let radius = setup.kernel.kernel.radius();
-    let (direction, shear) = (axis.direction, axis.shear());
-    let (points, spacing) = ImagePoints::new(setup, axis, region)?;
-    let ImagePoints { origin, step_x, step_y, size, phases, pixel_origin, pixel_x, pixel_y } = points;
-    // A kernel is a ball of the lattice: at distance v along b it reaches a ray from within row_half of row_slope v.
-    let square = 1.0 - direction.x * direction.x;
+/// 0 at `zero` and beyond, 1 at `one` and beyond, straight between.
+fn ramp(zero: f64, one: f64, value: f64) -> f64 {
+    ((value - zero) / (one - zero)).clamp(0.0, 1.0)
+}
+
+/// Rays per voxel along a and b, as powers of 2.
+fn levels(setup: &RaySetup<'_>, axis: &PrincipalAxis) -> DVec2 {
+    let least = level_for_depth(setup.optics.max_depth).max(level_for_kernel(&setup.kernel.kernel));
+    axis.shear().map(|shear| level_for_shear(shear).max(least))
+}
+
+/// The least share of its own ray in each pixel: all of it if rays run along the axis, if kernels ask for more than
+/// four rays a voxel, if voxels are as small as pixels, or if there would be more rays than pixels.
+pub(super) fn pixel_share(setup: &RaySetup<'_>, axis: &PrincipalAxis) -> f64 {
+    let straight = axis.shear().map(|shear| smoothstep(0.07, 0.03, shear.abs()));
+    let levels = levels(setup, axis);
+    let magnification = setup.volume.grid.min_spacing() / setup.pixel();
+    let rays_per_pixel = levels.map(f64::exp2).element_product() / (magnification * magnification);
+    let shares = [
+        straight.element_product(),
+        smoothstep(2.0, 2.5, levels.max_element()),
+        smoothstep(1.3, 1.0, magnification),
+        smoothstep(1.0, 1.5, rays_per_pixel),
+    ];
+    shares.into_iter().fold(0.0, f64::max)
+}
+
+/// The rays of the pixels of a region.
+pub(super) fn of_pixels(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region, common: layout::Rays) -> Rays {
+    let [first, step_x, step_y] = pixels_at(setup, axis, region);
     let uniforms = layout::Rays {
-        origin: f2(origin),
+        origin: f2(first),
         step_x: f2(step_x),
         step_y: f2(step_y),
+        size: [region.width, region.height],
+        // The images that these rays refine have shares.
+        ..along(setup, axis, common)
+    };
+    Rays { uniforms, spacing: Spacing::Pixels(1.0) }
+}
+
+/// The rays of intermediate images: with the powers of 2 around the rays per voxel that are asked for.
+pub(super) fn of_images(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region, common: layout::Rays) -> Vec<Rays> {
+    let [a, b] = levels(setup, axis).to_array().map(|level| {
+        let level = level.min(2.0);
+        let more = smoothstep(0.0, 1.0, level.fract());
+        [(level.floor(), 1.0 - more), (level.floor() + 1.0, more)].map(|(level, share)| (level.exp2() as u32, share))
+    });
+    let common = along(setup, axis, common);
+    let mut images = Vec::new();
+    for (b, share_b) in b {
+        for (a, share_a) in a {
+            let share = share_a * share_b;
+            let Some(points) = ImagePoints::new(setup, axis, region, [a, b]).filter(|_| share > 0.0) else { continue };
+            let uniforms = layout::Rays {
+                origin: f2(points.origin),
+                step_x: [points.steps.x as f32, 0.0],
+                step_y: [0.0, points.steps.y as f32],
+                phases: [a, b],
+                size: points.size,
+                pixel_origin: f2(points.pixel_origin),
+                pixel_x: f2(points.pixel_x),
+                pixel_y: f2(points.pixel_y),
+                share: (axis.share * share) as f32,
+                ..common
+            };
+            images.push(Rays { uniforms, spacing: Spacing::Voxel([a, b]) });
+        }
+    }
+    images
+}
+
+/// The uniforms of rays along an axis.
+fn along(setup: &RaySetup<'_>, axis: &PrincipalAxis, common: layout::Rays) -> layout::Rays {
+    let radius = setup.kernel.kernel.radius();
+    let (direction, shear) = (axis.direction, axis.shear());
+    // A kernel is a ball of the lattice: at distance v along b it reaches a ray from within row_half of row_slope v.
+    let square = 1.0 - direction.x * direction.x;
+    layout::Rays {
         shear: f2(shear),
         direction: f3(direction),
         stretch: axis.voxel() as f32,
         row_half: (radius / square.sqrt()) as f32,
         row_slope: (direction.x * direction.y / square) as f32,
-        phases,
         footprint_half: f2(footprint_half(radius, shear)),
-        size,
-        pixel_origin: f2(pixel_origin),
-        pixel_x: f2(pixel_x),
-        pixel_y: f2(pixel_y),
         ..common
+    }
+}
+
+/// Where the ray of a region's first pixel meets plane 0, and the steps to its neighbours' in x and y.
+fn pixels_at(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region) -> [DVec2; 3] {
+    let shear = axis.shear();
+    let base = |p: DVec2| {
+        let p = setup.volume.placed(axis, setup.camera.target + setup.raised(p));
+        DVec2::new(p.x, p.y) - shear * p.z
     };
-    Some(Rays { uniforms, spacing })
+    let corner = first_pixel(region);
+    let first = base(corner);
+    [first, base(corner + DVec2::X) - first, base(corner + DVec2::Y) - first]
 }
 
 /// The distance along a and b, from where a ray meets a plane, within which the kernels that reach it are centred.
@@ -55,15 +127,13 @@ fn footprint_half(radius: f64, shear: DVec2) -> DVec2 {
     radius * (DVec2::ONE + shear * shear).map(f64::sqrt)
 }
 
-/// The points of the intermediate image in base coordinates, and where pixels lie among them.
+/// The points of an intermediate image in base coordinates, and where pixels lie among them.
 struct ImagePoints {
-    /// The first point, and the steps to its neighbours, in base coordinates.
+    /// The first point, and the steps to its neighbours along a and b, in base coordinates.
     origin: DVec2,
-    step_x: DVec2,
-    step_y: DVec2,
+    steps: DVec2,
     /// Points across and down.
     size: [u32; 2],
-    phases: [u32; 2],
     /// The region's first pixel, and the steps to its neighbours, in points.
     pixel_origin: DVec2,
     pixel_x: DVec2,
@@ -71,40 +141,12 @@ struct ImagePoints {
 }
 
 impl ImagePoints {
-    /// `None` if no ray of the region reaches the volume.
-    fn new(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region) -> Option<(Self, Spacing)> {
+    /// So many points per voxel along a and b. `None` if no ray of the region reaches the volume.
+    fn new(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region, per_voxel: [u32; 2]) -> Option<Self> {
         let shear = axis.shear();
         let volume = &setup.volume;
-        // Where the ray of a pixel meets plane 0.
-        let base = |p: DVec2| {
-            let p = volume.placed(axis, setup.camera.target + setup.raised(p));
-            DVec2::new(p.x, p.y) - shear * p.z
-        };
-        let corner = first_pixel(region);
-        let first = base(corner);
-        let [pixel_x, pixel_y] = [DVec2::X, DVec2::Y].map(|step| base(corner + step) - first);
-        // Pixels that a step of one voxel along a and along b crosses.
-        let to_pixels = DMat2::from_cols(pixel_x, pixel_y).inverse();
-        let magnification = [to_pixels.x_axis.length(), to_pixels.y_axis.length()];
-        let for_depth = rays_for_depth(setup.optics.max_depth);
-        let asked = [shear.x, shear.y].map(|shear| rays_for(shear).max(for_depth));
-        // If there would be as many rays as pixels, they go through the pixels, and nothing is resampled.
-        let as_many = (0..2).all(|n| asked[n] > 1 && f64::from(asked[n]) >= magnification[n]);
-        if setup.ray_per_pixel || asked == [4, 4] || as_many {
-            let points = Self {
-                origin: first,
-                step_x: pixel_x,
-                step_y: pixel_y,
-                size: [region.width, region.height],
-                phases: [1, 1],
-                pixel_origin: DVec2::ZERO,
-                pixel_x: DVec2::X,
-                pixel_y: DVec2::Y,
-            };
-            return Some((points, Spacing::Pixels(1.0)));
-        }
-        let rays = [0, 1].map(|n| asked[n].min(magnification[n].ceil().max(1.0) as u32));
-        let steps = DVec2::new(1.0 / f64::from(rays[0]), 1.0 / f64::from(rays[1]));
+        let [first, pixel_x, pixel_y] = pixels_at(setup, axis, region);
+        let steps = DVec2::from_array(per_voxel.map(f64::from)).recip();
         // What the region sees of the volume, in base coordinates.
         let volume_ends = base_ends(setup, shear);
         let extent = DVec2::new(f64::from(region.width), f64::from(region.height)) - 1.0;
@@ -121,19 +163,15 @@ impl ImagePoints {
         let anchor = DVec2::new(anchor.x, anchor.y) - shear * anchor.z;
         let origin = anchor + steps * (((low - anchor) / steps).floor() - SPLINE_MARGIN);
         let count = ((high - origin) / steps + SPLINE_MARGIN).ceil() + 1.0;
-        let (step_x, step_y) = (DVec2::new(steps.x, 0.0), DVec2::new(0.0, steps.y));
-        let to_points = DMat2::from_cols(step_x, step_y).inverse();
-        let points = Self {
+        let to_points = DMat2::from_diagonal(steps.recip());
+        Some(Self {
             origin,
-            step_x,
-            step_y,
+            steps,
             size: [count.x as u32, count.y as u32],
-            phases: rays,
             pixel_origin: to_points * (first - origin),
             pixel_x: to_points * pixel_x,
             pixel_y: to_points * pixel_y,
-        };
-        Some((points, Spacing::Voxel(rays)))
+        })
     }
 }
 
@@ -153,8 +191,10 @@ mod tests {
     #[test]
     fn rays_that_move_in_step_with_the_lattice_are_closer() {
         // Along an axis, near it, away from it; near a whole shear, away from it.
-        assert_eq!([0.0, 0.06, 0.1, 0.18, 0.19].map(rays_for), [4, 4, 2, 2, 1]);
-        assert_eq!([0.5, 0.94, 0.96, 1.0, -1.0].map(rays_for), [1, 1, 2, 2, 2]);
+        let expected = [(0.0, 2.0), (0.05, 2.0), (0.1, 1.0), (0.15, 1.0), (0.22, 0.0), (0.5, 0.0), (0.93, 0.0)];
+        for (shear, level) in expected.into_iter().chain([(0.97, 1.0), (1.0, 1.0), (-1.0, 1.0)]) {
+            assert!((level_for_shear(shear) - level).abs() < 1e-12, "{shear}: {level}");
+        }
     }
 
     #[test]

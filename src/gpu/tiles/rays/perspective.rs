@@ -6,21 +6,58 @@ use glam::{DVec2, DVec3};
 use super::super::super::layout;
 use super::super::super::view::Region;
 use super::super::axis::{PrincipalAxis, RAY_MARGIN};
-use super::{RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, rays_for_depth};
+use super::{
+    RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, level_for_depth, level_for_kernel, smoothstep,
+};
 
-/// The fewest pixels between rays of which not each is the ray of a pixel: resampling costs about as much as the rays
-/// that a smaller distance would save.
-const MIN_PITCH: f64 = 1.25;
+/// The pixels between rays up to which each pixel has its own ray, and from which on none has: resampling costs about
+/// as much as the rays that a smaller distance would save.
+const OWN_RAYS: [f64; 2] = [1.25, 1.5];
 
-/// Rays per voxel by the number that parallel rays would have. These rays do not move in step with the lattice, so 1.5
-/// do where parallel rays need 2. The error is in docs/measurements/2026-11-21-painters.md.
-const RAYS_PER_VOXEL: [f64; 3] = [1.5, 2.0, 3.0];
+/// Rays per voxel where one of the parallel rays would do. These rays do not move in step with the lattice.
+const RAYS_PER_VOXEL: f64 = 1.5;
 
-/// The rays of a region; the eye is at a distance from the camera's target.
-pub(super) fn rays(
+/// The least share of its own ray in each pixel. The eye is at a distance from the camera's target.
+pub(super) fn pixel_share(setup: &RaySetup<'_>, distance: f64) -> f64 {
+    let [all, none] = OWN_RAYS;
+    smoothstep(none, all, pitch(setup, distance))
+}
+
+/// The rays of the pixels of a region.
+pub(super) fn of_pixels(
     setup: &RaySetup<'_>,
     axis: &PrincipalAxis,
     region: Region,
+    distance: f64,
+    common: layout::Rays,
+) -> Rays {
+    let points = ImagePoints {
+        pitch: 1.0,
+        first: first_pixel(region),
+        size: [region.width, region.height],
+        pixel_origin: DVec2::ZERO,
+    };
+    through(points, setup, axis, distance, common)
+}
+
+/// Those of the intermediate image of a region.
+pub(super) fn of_image(
+    setup: &RaySetup<'_>,
+    axis: &PrincipalAxis,
+    region: Region,
+    distance: f64,
+    common: layout::Rays,
+) -> Rays {
+    let pitch = pitch(setup, distance);
+    let fineness = (magnification(setup, distance) / pitch) as f32;
+    through(ImagePoints::new(pitch, region), setup, axis, distance, layout::Rays { fineness, ..common })
+}
+
+/// The rays through these points.
+fn through(
+    points: ImagePoints,
+    setup: &RaySetup<'_>,
+    axis: &PrincipalAxis,
     distance: f64,
     common: layout::Rays,
 ) -> Rays {
@@ -28,11 +65,6 @@ pub(super) fn rays(
     let to_lattice = grid.to_lattice().matrix3;
     let heading = |plane: DVec2| axis.ordered(to_lattice * (camera.right * plane.x + camera.up * plane.y));
     let forward = axis.ordered(to_lattice * camera.forward);
-    // Pixels that a voxel takes at the far end of the volume, where it takes the fewest.
-    let depths = grid.corners(0.5).map(|c| (c - camera.target).dot(camera.forward) + distance);
-    let farthest = depths.into_iter().fold(0.0, f64::max);
-    let magnification = grid.min_spacing() / (farthest * setup.pixel());
-    let points = ImagePoints::new(setup, magnification, region);
     let first = setup.plane(points.first);
     let next = setup.plane(points.first + points.pitch);
     let [step_x, step_y] = [DVec2::new(next.x - first.x, 0.0), DVec2::new(0.0, next.y - first.y)].map(heading);
@@ -70,6 +102,23 @@ pub(super) fn rays(
     Rays { uniforms, spacing: Spacing::Pixels(points.pitch) }
 }
 
+/// Pixels that a voxel takes at the far end of the volume, where it takes the fewest.
+fn magnification(setup: &RaySetup<'_>, distance: f64) -> f64 {
+    let (camera, grid) = (setup.camera, setup.volume.grid);
+    let depths = grid.corners(0.5).map(|c| (c - camera.target).dot(camera.forward) + distance);
+    grid.min_spacing() / (depths.into_iter().fold(0.0, f64::max) * setup.pixel())
+}
+
+/// Pixels between neighbouring points of the intermediate image.
+fn pitch(setup: &RaySetup<'_>, distance: f64) -> f64 {
+    let level = level_for_depth(setup.optics.max_depth).max(level_for_kernel(&setup.kernel.kernel));
+    // The points around the picture are rays of one of the axes too, if they are not farther out than half the margin
+    // for which axes are found.
+    let [width, height] = setup.size;
+    let most = RAY_MARGIN / 2.0 * f64::from(width.min(height)) / SPLINE_MARGIN;
+    (magnification(setup, distance) / (RAYS_PER_VOXEL * level.exp2())).min(most)
+}
+
 /// The points of the intermediate image.
 struct ImagePoints {
     /// Pixels between neighbouring points; 1: the points are the pixels.
@@ -83,19 +132,10 @@ struct ImagePoints {
 }
 
 impl ImagePoints {
-    /// The points for voxels that take at least `magnification` pixels.
-    fn new(setup: &RaySetup<'_>, magnification: f64, region: Region) -> Self {
-        let corner = first_pixel(region);
-        let rays = RAYS_PER_VOXEL[rays_for_depth(setup.optics.max_depth) as usize - 1];
-        // The points around the picture are rays of one of the axes too, if they are not farther out than half the
-        // margin for which axes are found.
-        let [width, height] = setup.size;
-        let pitch = (magnification / rays).min(RAY_MARGIN / 2.0 * f64::from(width.min(height)) / SPLINE_MARGIN);
-        let sides = [region.width, region.height];
-        if setup.ray_per_pixel || pitch < MIN_PITCH {
-            return Self { pitch: 1.0, first: corner, size: sides, pixel_origin: DVec2::ZERO };
-        }
-        let size = sides.map(|side| ((f64::from(side) - 1.0) / pitch + 2.0 * SPLINE_MARGIN).ceil() as u32 + 1);
-        Self { pitch, first: corner - SPLINE_MARGIN * pitch, size, pixel_origin: DVec2::splat(SPLINE_MARGIN) }
+    fn new(pitch: f64, region: Region) -> Self {
+        let size = [region.width, region.height];
+        let size = size.map(|side| ((f64::from(side) - 1.0) / pitch + 2.0 * SPLINE_MARGIN).ceil() as u32 + 1);
+        let first = first_pixel(region) - SPLINE_MARGIN * pitch;
+        Self { pitch, first, size, pixel_origin: DVec2::splat(SPLINE_MARGIN) }
     }
 }
