@@ -3,8 +3,8 @@
 // between its two neighbours, and composited; so shading is one sheet behind splatting. `maximum` keeps the largest
 // scalar instead. Scalars are relative to the transfer function's base, so that the space between splats is 0.
 
-// Sheets of a batch: 4 or 8. They are four to a layer; if they are lit, each is a layer of (gradient, scalar), and the
-// gradient is along the axes of the lattice.
+// Sheets of a batch: 4 or 8, four to a layer. If they are lit, 2, 4 or 8, and each is a layer of (gradient, scalar),
+// the gradient along the axes of the lattice.
 override SHEETS: u32 = 8u;
 // Places along the ray at which a whole sheet is classified, on the parabola through the means of the sheet and its
 // neighbours. With one, the mean of the sheet is classified.
@@ -49,12 +49,14 @@ fn scalars_at(at: vec2u, first: i32) -> vec4f {
     if LIGHTS == 0u {
         return textureLoad(current, at, first / 4, 0);
     }
-    return vec4f(
-        textureLoad(current, at, first, 0).a,
-        textureLoad(current, at, first + 1, 0).a,
-        textureLoad(current, at, first + 2, 0).a,
-        textureLoad(current, at, first + 3, 0).a,
-    );
+    var scalars = vec4f(0.0);
+    scalars.x = textureLoad(current, at, first, 0).a;
+    scalars.y = textureLoad(current, at, first + 1, 0).a;
+    if SHEETS > 2u {
+        scalars.z = textureLoad(current, at, first + 2, 0).a;
+        scalars.w = textureLoad(current, at, first + 3, 0).a;
+    }
+    return scalars;
 }
 
 fn means_at(at: vec2u) -> Means {
@@ -185,10 +187,12 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     pixel = with_sheet(pixel, vec3f(m.before, m.a.x), pixel_at, -1, ray, z);
     z += step;
     pixel = with_sheet(pixel, vec3f(m.before.y, m.a.xy), pixel_at, 0, ray, z);
-    z += step;
-    pixel = with_sheet(pixel, m.a.xyz, pixel_at, 1, ray, z);
-    z += step;
-    pixel = with_sheet(pixel, m.a.yzw, pixel_at, 2, ray, z);
+    if SHEETS > 2u {
+        z += step;
+        pixel = with_sheet(pixel, m.a.xyz, pixel_at, 1, ray, z);
+        z += step;
+        pixel = with_sheet(pixel, m.a.yzw, pixel_at, 2, ray, z);
+    }
     if SHEETS > 4u {
         z += step;
         pixel = with_sheet(pixel, vec3f(m.a.zw, m.b.x), pixel_at, 3, ray, z);

@@ -191,7 +191,7 @@ fn sheets_per_pass(context: &Context, asked: Option<u32>, feed: Feed, precision:
     let shared = feed.sheets_per_attachment();
     let bytes = context.limits.max_color_attachment_bytes_per_sample;
     let attachments = context.limits.max_color_attachments.min(bytes / (shared * feed.sheet_bytes(precision)));
-    let possible = [8, 4, 1].into_iter().filter(|n| (feed.least_sheets()..=shared * attachments).contains(n));
+    let possible = feed.batch_sizes().iter().copied().filter(|&n| n <= shared * attachments);
     match asked {
         None => {
             let preferred = if context.info.is_software() || shared > 1 { 8 } else { 4 };
