@@ -1,4 +1,4 @@
-//! Light on scalars that are classified after reconstruction: the same gradient for both painters, that of the reference.
+//! Light on scalars that are classified after reconstruction: the gradient of the reference for both painters.
 
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::image::Image;
