@@ -12,6 +12,8 @@ override KEEP_INVISIBLE: bool = false;
 // in the uniform buffer, where all invocations read the same one at a time. 0: binary search in the storage buffer.
 override INLINE_POINTS: u32 = 0u;
 const MAX_INLINE_POINTS: u32 = 32u;
+// Floats farther out than this are as far as any: their differences stay in the range of f32.
+const FAR: f32 = 1e36;
 // Voxels along the side of a brick.
 const EDGE: u32 = 32u;
 
@@ -55,7 +57,7 @@ struct ControlPoint {
 // Sample number `i` of the batch.
 fn sample_at(i: u32) -> f32 {
     if SAMPLE_TYPE == 4u {
-        return bitcast<f32>(samples[i]);
+        return clamp(bitcast<f32>(samples[i]), -FAR, FAR);
     }
     if SAMPLE_TYPE >= 2u {
         let bits = samples[i >> 1u] << (16u - 16u * (i & 1u));

@@ -5,8 +5,9 @@
 //
 // A kernel reaches two or three slabs on either side of its own. Its part in each is nearly its footprint times a
 // linear function of s, the place of its centre along the ray. So a plane needs two sums, its moments: footprints m0,
-// and footprints times s, m1. The slabs around it get their parts from these. The parts of a kernel add up to its
-// footprint, so the optical depth of a ray is that of whole kernels.
+// and footprints times s, m1. In dense material, which shows where parts are off by little, it is a parabola, of a
+// third moment m2. The slabs around a plane get their parts from these. The parts of a kernel add up to its footprint,
+// so the optical depth of a ray is that of whole kernels.
 //
 // `single` marches one ray. `blocked` marches eight that are a voxel apart: they meet a plane at the same place between
 // its voxels and share the six footprints of a row. It is written out eight times: loops over arrays stay in memory on
@@ -24,7 +25,7 @@ override WHITE: bool = false;
 // The rays of `single` go through an intermediate image.
 override RESAMPLED: bool = false;
 
-// Dense material shows where parts are off by little: they are parabolas in s there, of a third moment.
+// Parts are parabolas in s.
 override CURVED: bool = false;
 
 // What the kernels of a plane add to the slab one, two or three planes before their own (`ahead`) and behind it, which
@@ -89,16 +90,16 @@ fn settled(slab: vec4f, behind: vec4f) -> Pair {
 // exp(-depth) / 2 - (1 - exp(-depth)) / depth. The fraction below errs by 0.04 at most, and not where depth is small.
 fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, plane: f32) {
     let pair = settled((*ray).slab, behind);
-    var x = pair.x;
     let before = (*ray).before;
-    let mean = x.rgb / max(x.w, 1e-20);
-    let most = STEEPEST * x.w;
-    // Twice g times x.w.
-    var slope = (pair.y.rgb - mean * pair.y.w) * min(most / max(pair.y.w, 1e-20), 1.0)
-        - (before.rgb - mean * before.w) * min(most / max(before.w, 1e-20), 1.0);
-    let scale = rays.density_scale * geometry.stretch;
-    var depth = x.w * scale;
-    (*ray).before = x;
+    // Where there is no extinction there is no colour: the quotients of 0 by the least number are 0.
+    let per_extinction = 1.0 / max(pair.x.w, 1e-20);
+    let mean = pair.x.rgb * per_extinction;
+    let most = STEEPEST * pair.x.w;
+    // Twice g.
+    var slope = ((pair.y.rgb - mean * pair.y.w) * min(most / max(pair.y.w, 1e-20), 1.0)
+        - (before.rgb - mean * before.w) * min(most / max(before.w, 1e-20), 1.0)) * per_extinction;
+    var depth = pair.x.w * (rays.density_scale * geometry.stretch);
+    (*ray).before = pair.x;
     (*ray).slab = pair.y;
     if PERSPECTIVE {
         // The eye may be in the slab: only the part in front of it counts.
@@ -107,12 +108,15 @@ fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, p
         depth *= length;
         slope *= length;
     }
-    // 1 - exp(-depth) of the light that arrives. The series errs by depth^4 / 120 < 2e-7 of it.
+    // The light that arrives times 1 - exp(-depth). The series errs by depth^4 / 120 < 2e-7 of it.
     let passed = exp(-(*ray).depth - depth);
     let series = depth * (1.0 - depth * (1.0 / 2.0) * (1.0 - depth * (1.0 / 3.0) * (1.0 - depth * (1.0 / 4.0))));
     let absorbed = select((*ray).transmittance - passed, (*ray).transmittance * series, depth < 0.06);
-    let bend = (*ray).transmittance * 0.5 * scale * depth / (12.0 + depth * (6.0 + 2.0 * depth));
-    (*ray).color += clamp(mean * absorbed - bend * slope, vec3f(0.0), rays.brightest * absorbed);
+    // f is 1/2 in depths whose square would leave the range of f32.
+    let d = min(depth, 1e6);
+    let f = d * d / (12.0 + d * (6.0 + 2.0 * d));
+    let color = mean * absorbed - slope * (0.5 * f * (*ray).transmittance);
+    (*ray).color += clamp(color, vec3f(0.0), rays.brightest * absorbed);
     (*ray).depth += depth;
     (*ray).transmittance = passed;
 }

@@ -8,26 +8,34 @@
 @group(0) @binding(2) var runs: texture_2d<u32>;
 @group(0) @binding(3) var<storage, read_write> pixels: array<vec4f>;
 @group(0) @binding(4) var<uniform> lighting: Lighting;
-// Colour, and extinction per world length or for maxima alpha, at equal steps of the scalar.
+// The transfer function: see common/transfer.wgsl.
 @group(0) @binding(5) var transfer: texture_storage_2d<rgba32float, read>;
 
 // The largest scalar of a ray is classified, instead of every slab.
 override MAXIMUM: bool = false;
 
 // Composites the slab that waits in `ray`, now that the slab behind it is known. Its middle is `middle` planes from
-// plane 0.
-fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, middle: f32) {
+// plane 0. `before` is what was composited last.
+fn advance(
+    ray: ptr<function, RayState>,
+    before: Before,
+    behind: vec4f,
+    geometry: RayGeometry,
+    middle: f32,
+) -> Before {
+    var composited = Before(AT_THE_FACE, before.end);
     // The part of the slab that counts, its ends from -1/2 to 1/2.
     let part = clamp(2.0 * (geometry.inside - middle), vec2f(-0.5), vec2f(0.5));
     if part.x < part.y {
         if MAXIMUM {
             update_maximum(ray, behind, geometry, part);
         } else {
-            classify_slab(ray, behind, geometry, part);
+            composited = classify_slab(ray, before, behind, geometry, part);
         }
     }
     (*ray).before = (*ray).slab;
     (*ray).slab = behind;
+    return composited;
 }
 
 // Means of the scalar in the slab that waits, in the slab before it and in the slab behind it.
@@ -35,10 +43,16 @@ fn means_of(ray: RayState, behind: vec4f, geometry: RayGeometry) -> vec3f {
     return vec3f(ray.before.w, ray.slab.w, behind.w) * (2.0 * rays.density_scale * geometry.direction.z);
 }
 
-fn classify_slab(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, part: vec2f) {
+fn classify_slab(
+    ray: ptr<function, RayState>,
+    before: Before,
+    behind: vec4f,
+    geometry: RayGeometry,
+    part: vec2f,
+) -> Before {
     let means = means_of(*ray, behind, geometry);
     if is_invisible(means, rays.invisible) {
-        return;
+        return Before(INVISIBLE, before.end);
     }
     var light = vec2f(1.0, 0.0);
     if LIGHTS > 0u {
@@ -47,7 +61,7 @@ fn classify_slab(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeome
     }
     let step = (part.y - part.x) / f32(rays.samples);
     let length = 0.5 * step * geometry.stretch / geometry.direction.z;
-    march_parabola(ray, means, part, rays.samples, length, rays.lookup, light);
+    return march_parabola(ray, means, part, before, rays.samples, length, rays.lookup, rays.invisible, light);
 }
 
 alias Marched = RayState;
@@ -74,8 +88,9 @@ fn begin_run(ray: ptr<function, RayState>) {
 // Planes after the last of a run: kernels reach 2 planes beyond it, and slabs are composited 2 planes late.
 const FLUSH: i32 = 4;
 
-// The slabs that planes may still add to, the foremost first: two for each plane.
+// The slabs that planes may still add to, the foremost first: two for each plane; and what was composited last.
 struct Slabs {
+    composited: Before,
     s0: vec4f,
     s1: vec4f,
     s2: vec4f,
@@ -101,9 +116,10 @@ fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments
     let odd2 = y.z * sums.m1;
     let odd3 = y.w * sums.m1;
     let pending = *slabs;
-    advance(ray, pending.s0 + even0 + odd0, geometry, f32(plane) - 2.25);
-    advance(ray, pending.s1 + even1 + odd1, geometry, f32(plane) - 1.75);
+    let first = advance(ray, pending.composited, pending.s0 + even0 + odd0, geometry, f32(plane) - 2.25);
+    let second = advance(ray, first, pending.s1 + even1 + odd1, geometry, f32(plane) - 1.75);
     *slabs = Slabs(
+        second,
         pending.s2 + even2 + odd2,
         pending.s3 + even3 + odd3,
         pending.s4 + even3 - odd3,
@@ -124,7 +140,7 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     var value = vec4f(ray.color, absorbed(ray.depth));
     if MAXIMUM {
         // A ray that met nothing but skipped space has 0, the base, as its largest scalar, and shows nothing.
-        let c = classified(ray.color.x, rays.lookup);
+        let c = classified(ray.color.x, rays.lookup).value;
         let inside = geometry.inside.x < geometry.inside.y;
         value = select(vec4f(0.0), vec4f(c.rgb * c.a, c.a), inside);
     }

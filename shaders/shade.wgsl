@@ -3,11 +3,11 @@
 // between its two neighbours, and composited; so shading is one sheet behind splatting. `maximum` keeps the largest
 // scalar instead. Scalars are relative to the transfer function's base, so that the space between splats is 0.
 
-// Sheets of a batch: 4 or 8, four to a layer. If they are lit, 2, 4 or 8, and each is a layer of (gradient, scalar),
-// the gradient along the axes of the lattice.
+// Sheets of a batch: 4 or 8. They are four to a layer; if they are lit, each is a layer of (gradient, scalar), and the
+// gradient is along the axes of the lattice.
 override SHEETS: u32 = 8u;
-// Places along the ray at which a whole sheet is classified, on the parabola through the means of the sheet and its
-// neighbours. With one, the mean of the sheet is classified.
+// Pieces in which a whole sheet is classified, along the parabola through the means of the sheet and its neighbours.
+// With one, the mean of the sheet is classified.
 override SAMPLES: u32 = 4u;
 
 struct Shade {
@@ -32,14 +32,14 @@ struct Shade {
 @group(0) @binding(2) var<uniform> lighting: Lighting;
 @group(0) @binding(3) var previous: texture_2d_array<f32>;
 @group(0) @binding(4) var current: texture_2d_array<f32>;
-// Colour, and extinction per world length or for maxima alpha, at equal steps of the scalar.
+// The transfer function: see common/transfer.wgsl.
 @group(0) @binding(5) var transfer: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(6) var<storage, read_write> pixels: array<vec4f>;
 
-// Means of consecutive sheets at a pixel: the last two of the batch before, then the four (a) or eight (a, b) of the
+// Means of consecutive sheets at a pixel: the last three of the batch before, then the four (a) or eight (a, b) of the
 // batch.
 struct Means {
-    before: vec2f,
+    before: vec3f,
     a: vec4f,
     b: vec4f,
 }
@@ -49,23 +49,25 @@ fn scalars_at(at: vec2u, first: i32) -> vec4f {
     if LIGHTS == 0u {
         return textureLoad(current, at, first / 4, 0);
     }
-    var scalars = vec4f(0.0);
-    scalars.x = textureLoad(current, at, first, 0).a;
-    scalars.y = textureLoad(current, at, first + 1, 0).a;
-    if SHEETS > 2u {
-        scalars.z = textureLoad(current, at, first + 2, 0).a;
-        scalars.w = textureLoad(current, at, first + 3, 0).a;
-    }
-    return scalars;
+    return vec4f(
+        textureLoad(current, at, first, 0).a,
+        textureLoad(current, at, first + 1, 0).a,
+        textureLoad(current, at, first + 2, 0).a,
+        textureLoad(current, at, first + 3, 0).a,
+    );
 }
 
 fn means_at(at: vec2u) -> Means {
     var m: Means;
     if LIGHTS == 0u {
-        m.before = textureLoad(previous, at, i32(SHEETS / 4u) - 1, 0).zw;
+        m.before = textureLoad(previous, at, i32(SHEETS / 4u) - 1, 0).yzw;
     } else {
         let last = i32(SHEETS) - 1;
-        m.before = vec2f(textureLoad(previous, at, last - 1, 0).a, textureLoad(previous, at, last, 0).a);
+        m.before = vec3f(
+            textureLoad(previous, at, last - 2, 0).a,
+            textureLoad(previous, at, last - 1, 0).a,
+            textureLoad(previous, at, last, 0).a,
+        );
     }
     m.before *= frame.inverse_sheet_scale * shading.previous;
     m.a = scalars_at(at, 0) * (frame.inverse_sheet_scale * shading.current);
@@ -76,8 +78,8 @@ fn means_at(at: vec2u) -> Means {
 }
 
 fn is_invisible_batch(m: Means) -> bool {
-    var low = min(vec4f(m.before, m.before), m.a);
-    var high = max(vec4f(m.before, m.before), m.a);
+    var low = min(m.before.yzyz, m.a);
+    var high = max(m.before.yzyz, m.a);
     if SHEETS > 4u {
         low = min(low, m.b);
         high = max(high, m.b);
@@ -120,16 +122,53 @@ fn light_of(gradient: vec3f, ray: PixelRay) -> vec2f {
     return light_on(in_view, to_eye);
 }
 
-// The pixel `at` (colour and optical depth) with sheet `sheet` behind it, which begins at view depth `z`.
-fn with_sheet(pixel: vec4f, means: vec3f, at: vec2u, sheet: i32, ray: PixelRay, z: f32) -> vec4f {
+// Pieces of half a sheet, which are lit alike; 1 if the mean of the sheet is classified.
+fn half_samples() -> u32 {
+    return select(max((SAMPLES + 1u) / 2u, 2u), 1u, SAMPLES == 1u);
+}
+
+// Pieces of a whole sheet.
+fn whole_samples() -> u32 {
+    return select(2u * half_samples(), SAMPLES, LIGHTS == 0u || SAMPLES == 1u);
+}
+
+// What the sheet that begins at view depth `z` is to the one behind it; `means` are those around it.
+fn before_of(means: vec3f, ray: PixelRay, z: f32) -> Before {
+    var before = Before(AT_THE_FACE, Classified());
+    if ray.inside.x >= z + frame.sheet_step {
+        return before;
+    }
+    if is_invisible(means, shading.invisible) {
+        before.kind = INVISIBLE;
+        return before;
+    }
+    let part = part_of_sheet(ray, z);
+    let p = marched_parabola(from_eye(means, z), (part.y - part.x) / f32(whole_samples()));
+    before.kind = SCALAR;
+    before.end.scalar = p.x + 0.5 * p.y + 0.25 * p.z;
+    return before;
+}
+
+// The pixel `at` (colour and optical depth) with sheet `sheet` behind it, which begins at view depth `z`. `before` is
+// the mean of the last sheet but one.
+fn with_sheet(
+    pixel: vec4f,
+    before: f32,
+    means: vec3f,
+    at: vec2u,
+    sheet: i32,
+    ray: PixelRay,
+    z: f32,
+) -> vec4f {
     let part = part_of_sheet(ray, z);
     if part.x >= part.y || is_invisible(means, shading.invisible) {
         return pixel;
     }
     let m = from_eye(means, z);
+    let last = before_of(vec3f(before, means.xy), ray, z - frame.sheet_step);
     var result = pixel;
     if LIGHTS == 0u {
-        march_part(&result, m, part, SAMPLES, ray, vec2f(1.0, 0.0));
+        march_part(&result, m, part, last, SAMPLES, ray, vec2f(1.0, 0.0));
         return result;
     }
     // Half by half, each lit by the gradient in its middle, on the line through the means beside the sheet. A sheet
@@ -139,23 +178,30 @@ fn with_sheet(pixel: vec4f, means: vec3f, at: vec2u, sheet: i32, ray: PixelRay, 
     if any(gradient != vec3f(0.0)) {
         quarter = (gradient_of(at, sheet + 1) - gradient_of(at, sheet - 1)) * 0.125;
     }
-    // With one, the mean is classified.
-    let half_samples = select(max(SAMPLES / 2u, 2u), 1u, SAMPLES == 1u);
+    var middle = last;
     let front = vec2f(part.x, min(part.y, 0.0));
     if front.x < front.y {
-        march_part(&result, m, front, half_samples, ray, light_of(gradient - quarter, ray));
+        middle = march_part(&result, m, front, last, half_samples(), ray, light_of(gradient - quarter, ray));
     }
     let rear = vec2f(max(part.x, 0.0), part.y);
     if rear.x < rear.y {
-        march_part(&result, m, rear, half_samples, ray, light_of(gradient + quarter, ray));
+        march_part(&result, m, rear, middle, half_samples(), ray, light_of(gradient + quarter, ray));
     }
     return result;
 }
 
-// Composites a part of a sheet with the means `m` around it.
-fn march_part(pixel: ptr<function, vec4f>, m: vec3f, part: vec2f, samples: u32, ray: PixelRay, light: vec2f) {
+// Composites a part of a sheet with the means `m` around it, behind what is before it.
+fn march_part(
+    pixel: ptr<function, vec4f>,
+    m: vec3f,
+    part: vec2f,
+    before: Before,
+    samples: u32,
+    ray: PixelRay,
+    light: vec2f,
+) -> Before {
     let length = (part.y - part.x) / f32(samples) * frame.sheet_step * ray.stretch;
-    march_parabola(pixel, m, part, samples, length, shading.lookup, light);
+    return march_parabola(pixel, m, part, before, samples, length, shading.lookup, shading.invisible, light);
 }
 
 // Colour (rgb) and optical depth (a) so far.
@@ -184,24 +230,22 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     let ray = pixel_ray(pixel_at);
     let step = frame.sheet_step;
     var z = shading.depth;
-    pixel = with_sheet(pixel, vec3f(m.before, m.a.x), pixel_at, -1, ray, z);
+    pixel = with_sheet(pixel, m.before.x, vec3f(m.before.yz, m.a.x), pixel_at, -1, ray, z);
     z += step;
-    pixel = with_sheet(pixel, vec3f(m.before.y, m.a.xy), pixel_at, 0, ray, z);
-    if SHEETS > 2u {
-        z += step;
-        pixel = with_sheet(pixel, m.a.xyz, pixel_at, 1, ray, z);
-        z += step;
-        pixel = with_sheet(pixel, m.a.yzw, pixel_at, 2, ray, z);
-    }
+    pixel = with_sheet(pixel, m.before.y, vec3f(m.before.z, m.a.xy), pixel_at, 0, ray, z);
+    z += step;
+    pixel = with_sheet(pixel, m.before.z, m.a.xyz, pixel_at, 1, ray, z);
+    z += step;
+    pixel = with_sheet(pixel, m.a.x, m.a.yzw, pixel_at, 2, ray, z);
     if SHEETS > 4u {
         z += step;
-        pixel = with_sheet(pixel, vec3f(m.a.zw, m.b.x), pixel_at, 3, ray, z);
+        pixel = with_sheet(pixel, m.a.y, vec3f(m.a.zw, m.b.x), pixel_at, 3, ray, z);
         z += step;
-        pixel = with_sheet(pixel, vec3f(m.a.w, m.b.xy), pixel_at, 4, ray, z);
+        pixel = with_sheet(pixel, m.a.z, vec3f(m.a.w, m.b.xy), pixel_at, 4, ray, z);
         z += step;
-        pixel = with_sheet(pixel, m.b.xyz, pixel_at, 5, ray, z);
+        pixel = with_sheet(pixel, m.a.w, m.b.xyz, pixel_at, 5, ray, z);
         z += step;
-        pixel = with_sheet(pixel, m.b.yzw, pixel_at, 6, ray, z);
+        pixel = with_sheet(pixel, m.b.x, m.b.yzw, pixel_at, 6, ray, z);
     }
     pixels[index] = pixel;
 }
@@ -230,9 +274,9 @@ fn maximum(@builtin(global_invocation_id) id: vec3u) {
     let m = means_at(pixel_at);
     let step = frame.sheet_step;
     var z = shading.depth;
-    var so_far = updated_maximum(pixels[index].xy, vec3f(m.before, m.a.x), ray, z);
+    var so_far = updated_maximum(pixels[index].xy, vec3f(m.before.yz, m.a.x), ray, z);
     z += step;
-    so_far = updated_maximum(so_far, vec3f(m.before.y, m.a.xy), ray, z);
+    so_far = updated_maximum(so_far, vec3f(m.before.z, m.a.xy), ray, z);
     z += step;
     so_far = updated_maximum(so_far, m.a.xyz, ray, z);
     z += step;
@@ -260,7 +304,7 @@ fn resolve_maximum(@builtin(global_invocation_id) id: vec3u) {
     let largest = pixels[index];
     var color = vec4f(0.0);
     if largest.y > 0.0 {
-        color = classified(largest.x, shading.lookup);
+        color = classified(largest.x, shading.lookup).value;
     }
     pixels[index] = vec4f(color.rgb * color.a, color.a);
 }

@@ -250,17 +250,6 @@ fn feed_depth(in: Varyings) -> @location(0) f32 {
     return in.emission.a * section(chord(in), 0u);
 }
 
-struct Sheets2 {
-    @location(0) s0: vec4f,
-    @location(1) s1: vec4f,
-}
-
-@fragment
-fn feed_2(in: Varyings) -> Sheets2 {
-    let c = chord(in);
-    return Sheets2(in.emission * section(c, 0u), in.emission * section(c, 1u));
-}
-
 struct Sheets4 {
     @location(0) s0: vec4f,
     @location(1) s1: vec4f,

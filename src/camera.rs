@@ -101,6 +101,8 @@ const FIT_MARGIN: f64 = 0.02;
 
 /// The farthest that eye and target may be, in voxels: f32 holds it and its inverse.
 const MOST_VOXELS: f64 = 1e30;
+/// The smallest size of a pixel in voxels.
+const LEAST_VOXELS: f64 = 1e-30;
 
 /// The least pixels that a volume may be wide: the light of smaller ones, the square of this, is below what any format
 /// of pictures holds beside 1.
@@ -215,10 +217,9 @@ impl Camera {
                 if distance > camera.target.length() { "eye" } else { "target" }
             )));
         }
-        if !(1.0 / MOST_VOXELS..=MOST_VOXELS).contains(&pixel) {
+        if !(LEAST_VOXELS..=MOST_VOXELS).contains(&pixel) {
             return Err(Error::Camera(format!(
-                "a pixel is {pixel:.1e} voxels wide, expected {:e} to {MOST_VOXELS:e}",
-                1.0 / MOST_VOXELS
+                "a pixel is {pixel:.1e} voxels wide, expected {LEAST_VOXELS:e} to {MOST_VOXELS:e}"
             )));
         }
         let across = 2.0 * half_diagonal / (pixel * depth);
@@ -306,12 +307,14 @@ impl Camera {
     /// How the kernels of a volume on `grid` grow in the picture.
     #[must_use]
     pub fn growth(&self, grid: &Grid) -> Growth {
+        // In a unit in which squares neither overflow nor vanish.
+        let unit = grid.min_spacing();
         let to_world = grid.to_world().matrix3.transpose();
-        let (x, y) = (to_world * self.right, to_world * self.up);
+        let (x, y) = (to_world * self.right / unit, to_world * self.up / unit);
         // The smaller singular value of the 2 x 3 matrix of rows x and y.
         let (a, b, c) = (x.length_squared(), x.dot(y), y.length_squared());
         let larger2 = f64::midpoint(a, c) + (((a - c) / 2.0).powi(2) + b * b).sqrt();
-        let voxel = (x.cross(y).length_squared() / larger2).sqrt();
+        let voxel = unit * (x.cross(y).length_squared() / larger2).sqrt();
         let pixel = |half: f64| 2.0 * half / f64::from(self.size[1]) / voxel;
         match self.projection {
             Projection::Orthographic { half_height } => Growth { constant: pixel(half_height), slope: 0.0 },

@@ -73,7 +73,8 @@ impl Renderer {
     /// Renders on a device that the caller has opened, to share textures with it ([`Self::render_into`]).
     ///
     /// The device needs no features; of those in [`Self::FEATURES`] it should have what its adapter has. Without
-    /// `FLOAT32_BLENDABLE` sheets are f16. The callbacks for errors and for a lost device stay the caller's. `options.adapter` has no effect.
+    /// `FLOAT32_BLENDABLE` sheets are f16. The callbacks for errors and for a lost device stay the caller's.
+    /// `options.adapter` has no effect.
     #[must_use]
     pub fn from_device(
         device: wgpu::Device,

@@ -10,7 +10,7 @@ use crate::gpu::context::Context;
 use crate::gpu::scalars::{self, Asked, Emitted, Shows};
 use crate::gpu::store::{Bricks, Store};
 use crate::gpu::timing::on_host;
-use crate::gpu::transfer::TransferTable;
+use crate::gpu::transfer::{Reduction, TransferTable};
 use crate::gpu::view::{ScalarNeed, Weights};
 use crate::progress::Progress;
 use crate::settings::{Model, Settings};
@@ -44,6 +44,7 @@ struct Scalars {
     /// The volume at lower resolutions, for kernels that have grown.
     pyramid: Pyramid,
     transfer: TransferFunction,
+    reduction: Reduction,
     shows: Shows,
     table: TransferTable,
     /// The splats of the picture before, drawn again unless a picture needs others.
@@ -97,14 +98,17 @@ impl Scene {
         settings: &Settings,
     ) -> Result<Self> {
         let shows = shows(settings);
-        let (max, seconds) = on_host(|| scalars::largest(volume, transfer.base()));
-        let weights = Weights { max: max?, unit: 1.0, brightest: [1.0; 3] };
+        let (largest, seconds) = on_host(|| scalars::largest(volume, transfer.base()));
+        let largest = largest?;
+        let reduction = Reduction::new(transfer, largest);
+        let weights = Weights { max: reduction.length(largest), unit: 1.0, brightest: [1.0; 3] };
         let scalars = Scalars {
             volume: volume.clone(),
             pyramid: Pyramid::default(),
             transfer: transfer.clone(),
+            reduction,
             shows,
-            table: TransferTable::new(context, transfer, shows, local_unit(transfer, volume.grid())),
+            table: TransferTable::new(context, transfer, &reduction, shows, local_unit(transfer, volume.grid())),
             emitted: Mutex::new(None),
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), *volume.grid(), weights, seconds))
@@ -177,8 +181,8 @@ impl Scene {
         // Not under the lock: who emits waits for a pool of threads, which may hand it work that asks for the lock.
         let (emitted, seconds) = on_host(|| {
             context.guarded("emitting scalars", || {
-                let Scalars { volume, pyramid, transfer, shows, .. } = scalars.as_ref();
-                scalars::emit(context, volume, pyramid, transfer, *shows, &asked, progress)
+                let Scalars { volume, pyramid, transfer, reduction, shows, .. } = scalars.as_ref();
+                scalars::emit(context, volume, pyramid, transfer, reduction, *shows, &asked, progress)
             })
         });
         let emitted = Arc::new(emitted?);

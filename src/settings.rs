@@ -62,7 +62,7 @@ pub enum Accumulation {
 /// What a post-shaded sheet is classified by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Interslice {
-    /// The parabola through the means of the sheet and its two neighbours, at eight samples per voxel of thickness.
+    /// The parabola through the means of the sheet and its two neighbours, in six pieces per voxel of thickness.
     #[default]
     Parabola,
     /// The mean of the sheet, once. Historical: a narrow peak of the transfer function may fall between two sheets.
@@ -85,7 +85,8 @@ pub enum Painter {
     ///
     /// - kernels that reach over 3 voxels once they have grown; in perspective and post-shaded, over 2 voxels;
     /// - in perspective, kernels that grow with the distance (see [`Settings::antialiasing`]);
-    /// - pre-shaded, an eye that a kernel reaches.
+    /// - pre-shaded, an eye that a kernel reaches;
+    /// - post-shaded, values over 4096 times as far from the transfer function's base as its control points.
     Tiles(TilesSettings),
 }
 
@@ -300,13 +301,11 @@ impl Settings {
         self.lighting.as_ref().map_or(0, |lighting| lighting.lights.len() as u32)
     }
 
-    /// The places at which a post-shaded slab is classified that is so many voxels thick: eight a voxel. On a shell of
-    /// 48^3 voxels four err by 2.34 of 255 (rms), eight by 1.95, sixteen by 1.93.
-    pub(crate) fn samples_per_slab(&self, voxels: f64) -> u32 {
-        const PER_VOXEL: f64 = 8.0;
+    /// The pieces, `per_voxel` of them, in which a post-shaded slab is classified that is so many voxels thick.
+    pub(crate) fn samples_per_slab(&self, voxels: f64, per_voxel: f64) -> u32 {
         match self.interslice {
             Interslice::Mean => 1,
-            Interslice::Parabola => (PER_VOXEL * voxels).ceil().clamp(2.0, 64.0) as u32,
+            Interslice::Parabola => (per_voxel * voxels).ceil().clamp(2.0, 64.0) as u32,
         }
     }
 

@@ -1,6 +1,6 @@
 // The march of one ray from voxel plane to voxel plane, run after run. Each stage of rays says what a plane adds to the
-// slabs that are not complete: the struct `Slabs`, the functions `feed` and `begin_run`, and FLUSH, the planes that are marched after
-// the last of a run until every slab that the run feeds has been composited.
+// slabs that are not complete: the struct `Slabs`, the functions `feed` and `begin_run`, and FLUSH, the planes that are
+// marched after the last of a run until every slab that the run feeds has been composited.
 
 fn march_planes(tile: vec3u, geometry: RayGeometry) -> RayState {
     let footprints = footprints_of(geometry);

@@ -49,7 +49,7 @@ struct Rays {
     box_low: vec3f,
     row_slope: f32,
     box_high: vec3f,
-    // Places at which a slab of scalars is classified.
+    // Pieces in which a slab of scalars is classified.
     samples: u32,
     // View coordinates of a gradient of 1 along each axis of the lattice.
     gradient_x: vec3f,
@@ -76,7 +76,7 @@ struct Rays {
     // Rays through one eye: slopes dx/dz and dy/dz of point (0, 0) in view coordinates, and the step to the next point.
     slope_origin: vec2f,
     slope_step: vec2f,
-    // The scalars around 0 at which nothing shows, and the place of a scalar in the table: see common/transfer.wgsl.
+    // The scalars around 0 at which nothing shows, and the place of a scalar among bins: see common/transfer.wgsl.
     invisible: vec2f,
     lookup: vec2f,
     // Width and height of the intermediate image, points.

@@ -1,11 +1,23 @@
 // Classification of scalars along a ray: a parabola through the means of three consecutive slabs, and `transfer`, the
-// table of the transfer function. Scalars are relative to the transfer function's base, so that the space between
-// splats is 0.
+// transfer function as segments. Scalars are relative to the transfer function's base, so that the space between splats
+// is 0, and multiplied by a power of two.
+
+// A difference of means that is beyond all that shows: control points are at most 2 from the base.
+const JUMP: f32 = 64.0;
 
 // The parabola x + y u + z u^2 whose means over three slabs are `m`; the middle slab is from u = -1/2 to 1/2.
+//
+// If one neighbour is far away and the other is not, as beside a voxel without data, the scalar jumps there, and the
+// far one tells nothing of the slab: its difference is taken to be that of the other.
 fn parabola(m: vec3f) -> vec3f {
-    let second = (m.x + m.z - 2.0 * m.y) * 0.5;
-    return vec3f(m.y - second / 12.0, (m.z - m.x) * 0.5, second);
+    let before = m.y - m.x;
+    let behind = m.z - m.y;
+    let sizes = abs(vec2f(before, behind));
+    let jumps = max(sizes.x, sizes.y) > max(JUMP, 16.0 * min(sizes.x, sizes.y));
+    let first = select(before, behind, jumps && sizes.x > sizes.y);
+    let last = select(behind, before, jumps && sizes.y > sizes.x);
+    let second = (last - first) * 0.5;
+    return vec3f(m.y - second / 12.0, (first + last) * 0.5, second);
 }
 
 // Whether all scalars from `low` to `high` are among those around 0 at which nothing shows, from invisible.x to
@@ -41,12 +53,59 @@ fn shown(largest: f32, m: vec3f, invisible: vec2f) -> f32 {
     return select(largest, min(largest, invisible.y), only_parabola);
 }
 
-// The table at a scalar, linear between its entries; scalar * lookup.x + lookup.y is the place in it.
-fn classified(scalar: f32, lookup: vec2f) -> vec4f {
-    let size = textureDimensions(transfer).x;
-    let at = clamp(scalar * lookup.x + lookup.y, 0.0, f32(size - 1u));
-    let index = min(u32(at), size - 2u);
-    let a = textureLoad(transfer, vec2u(index, 0u));
-    let b = textureLoad(transfer, vec2u(index + 1u, 0u));
-    return a + (b - a) * (at - f32(index));
+// Whether a bin may lie in more than two segments.
+override CROWDED: bool = false;
+
+// The transfer function as segments between knots, along each of which it counts as linear: colour times extinction and
+// extinction; of maxima colour and alpha. Rows of `transfer`, a column for each segment: the function where the segment
+// begins, its slope, its integral up to there, and the scalar there. A scalar at a knot belongs to the segment that
+// begins there.
+const VALUES: u32 = 0u;
+const SLOPES: u32 = 1u;
+const INTEGRALS: u32 = 2u;
+const STARTS: u32 = 3u;
+// Equal bins of scalars: the first and the last segment that lie in a bin, and the starts of the first and of the one
+// behind it.
+const BINS: u32 = 4u;
+const BIN_COUNT: u32 = 4096u;
+
+// The transfer function at a scalar.
+struct Classified {
+    scalar: f32,
+    segment: u32,
+    value: vec4f,
+    // The integral of the function up to the scalar.
+    integral: vec4f,
+}
+
+// scalar * lookup.x + lookup.y is its place among the bins.
+fn classified(scalar: f32, lookup: vec2f) -> Classified {
+    let place = clamp(scalar * lookup.x + lookup.y, 0.0, f32(BIN_COUNT - 1u));
+    let bin = textureLoad(transfer, vec2u(u32(place), BINS));
+    let beyond_first = scalar >= bin.w;
+    var segment = u32(bin.x) + u32(beyond_first);
+    var start = select(bin.z, bin.w, beyond_first);
+    if CROWDED {
+        var last = select(segment, u32(bin.y), beyond_first);
+        while segment < last {
+            let middle = (segment + last + 1u) / 2u;
+            let reached = textureLoad(transfer, vec2u(middle, STARTS)).x <= scalar;
+            segment = select(segment, middle, reached);
+            last = select(middle - 1u, last, reached);
+        }
+        start = textureLoad(transfer, vec2u(segment, STARTS)).x;
+    }
+    let value = textureLoad(transfer, vec2u(segment, VALUES));
+    let slope = textureLoad(transfer, vec2u(segment, SLOPES));
+    let integral = textureLoad(transfer, vec2u(segment, INTEGRALS));
+    let beyond = scalar - start;
+    return Classified(scalar, segment, value + slope * beyond, integral + (value + slope * (0.5 * beyond)) * beyond);
+}
+
+// The mean of the transfer function between two scalars. Steps and peaks between them count, whatever their width.
+fn mean_between(a: Classified, b: Classified) -> vec4f {
+    let apart = b.scalar - a.scalar;
+    // If the scalars are nearly alike, the difference of integrals is lost to rounding.
+    let alike = a.segment == b.segment || abs(apart) <= 1e-4 * (abs(a.scalar) + abs(b.scalar));
+    return select((b.integral - a.integral) / select(apart, 1.0, alike), 0.5 * (a.value + b.value), alike);
 }

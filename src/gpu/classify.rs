@@ -9,6 +9,7 @@ use super::recorder::Recorder;
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
 use super::store::{BrickSplats, Bricks, Part, Store, StoreBuilder};
+use super::transfer::Reduction;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::settings::Settings;
@@ -29,15 +30,21 @@ pub(crate) struct Classified {
     pub(crate) bricks: Bricks,
 }
 
+/// The largest control point, and beyond it the largest sample, that shaders see: differences stay in the range of f32.
+const FAR: f64 = 1e36;
+/// The least extent of the control points in floats as they are: their products stay in the range of f32.
+const LEAST_EXTENT: f64 = 1e-24;
+
 /// How the shader reads samples: SAMPLE_TYPE in shaders/classify.wgsl.
 ///
-/// Types whose every value is exact in f32 are uploaded as they are. Wider ones are reduced on the host, chunk by
-/// chunk, to f32 relative to the first control point: a window of 10 at 4e9 keeps its resolution.
+/// Types whose every value is exact in f32 are uploaded as they are. Others, and floats whose control points are near
+/// the ends of the range of f32, are reduced on the host, chunk by chunk, to the scalars of post-shading: a window of
+/// 10 at 4e9 keeps its resolution.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct SampleCoding {
     sample_type: u32,
     origin: f64,
-    convert: bool,
+    reduction: Option<Reduction>,
     slope: f64,
     intercept: f64,
 }
@@ -45,7 +52,7 @@ struct SampleCoding {
 impl SampleCoding {
     fn new(volume: &Volume, transfer: &TransferFunction) -> Self {
         let (slope, intercept) = volume.rescale();
-        let first = transfer.points()[0].value;
+        let sample = |value: f64| (value - intercept) / slope;
         let sample_type = match volume.sample_type() {
             // A falling map would turn the control points round, and with them the side on which a step belongs.
             _ if slope < 0.0 => None,
@@ -53,34 +60,46 @@ impl SampleCoding {
             SampleType::I8 => Some(1),
             SampleType::U16 => Some(2),
             SampleType::I16 => Some(3),
-            SampleType::F32 => Some(4),
+            SampleType::F32 => {
+                let points = transfer.points().iter().map(|p| sample(p.value).abs()).filter(|&p| p > 0.0);
+                let [first, last] = transfer.range().map(sample);
+                let extent = if last > first { last - first } else { first.abs() };
+                let ordinary = |p: f64| p < FAR && (extent == 0.0 || extent > LEAST_EXTENT);
+                points.fold(true, |all, p| all && ordinary(p)).then_some(4)
+            }
             _ => None,
         };
-        match sample_type {
-            Some(4) => Self { sample_type: 4, origin: 0.0, convert: false, slope, intercept },
-            Some(sample_type) => {
-                // An integer within the samples' range, so that the shader's subtraction is exact.
-                let origin = ((first - intercept) / slope).round().clamp(-32_768.0, 65_535.0);
-                Self { sample_type, origin, convert: false, slope, intercept }
-            }
-            None => Self { sample_type: 4, origin: first, convert: true, slope, intercept },
-        }
+        let (origin, reduction) = match sample_type {
+            Some(4) => (0.0, None),
+            // An integer within the samples' range, so that the shader's subtraction is exact.
+            Some(_) => (sample(transfer.points()[0].value).round().clamp(-32_768.0, 65_535.0), None),
+            // A function without extent is constant, whatever it is told.
+            None => (0.0, Some(Reduction::new(transfer, 1.0))),
+        };
+        Self { sample_type: sample_type.unwrap_or(4), origin, reduction, slope, intercept }
     }
 
     /// A value of the transfer function as the shader compares it with samples.
     fn point(&self, value: f64) -> f32 {
-        if self.convert {
-            (value - self.origin) as f32
-        } else {
-            ((value - self.intercept) / self.slope - self.origin) as f32
+        match &self.reduction {
+            Some(reduction) => reduction.scalar(value),
+            // A sample reaches the value if it reaches the next f32: no sample is between.
+            None if self.slope == 1.0 && self.intercept == 0.0 => next_f32((value - self.origin).clamp(-FAR, FAR)),
+            None => ((value - self.intercept) / self.slope - self.origin).clamp(-FAR, FAR) as f32,
         }
     }
 }
 
+/// The least f32 that is not under a number.
+fn next_f32(value: f64) -> f32 {
+    let nearest = value as f32;
+    if f64::from(nearest) < value { nearest.next_up() } else { nearest }
+}
+
 impl RowCoding for SampleCoding {
     fn append<T: ToF64 + bytemuck::Pod>(&self, samples: &[T], bytes: &mut Vec<u8>) {
-        if self.convert {
-            let value = |s: &T| ((self.slope * s.to_f64() + self.intercept) - self.origin) as f32;
+        if let Some(reduction) = &self.reduction {
+            let value = |s: &T| reduction.scalar(self.slope * s.to_f64() + self.intercept);
             bytes.extend(samples.iter().flat_map(|s| value(s).to_ne_bytes()));
         } else {
             bytes.extend_from_slice(bytemuck::cast_slice(samples));
@@ -162,7 +181,7 @@ impl Classifier {
                 gradient_x: gradient(0),
                 points: points.len() as u32,
                 gradient_y: gradient(1),
-                sample_origin: if coding.convert { 0.0 } else { coding.origin as f32 },
+                sample_origin: coding.origin as f32,
                 gradient_z: gradient(2),
                 first_brick: 0,
                 inline_points: few,

@@ -8,6 +8,7 @@ use super::layout::{BRICK_SHIFT, LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient
 use super::levels::Cut;
 use super::savings::Savings;
 use super::store::{BrickSplats, Bricks, Part, Store, StoreBuilder};
+use super::transfer::Reduction;
 use super::view::ScalarNeed;
 use crate::budget::{MAX_GROWTH, MAX_PLACES, too_much};
 use crate::error::Result;
@@ -97,7 +98,7 @@ fn magnification(kernel: &Kernel, normalization: Normalization) -> f64 {
 struct Invisible([f64; 2]);
 
 impl Invisible {
-    fn new(transfer: &TransferFunction, shows: Shows, magnification: f64) -> Self {
+    fn new(transfer: &TransferFunction, reduction: &Reduction, shows: Shows, magnification: f64) -> Self {
         let base = transfer.base();
         let around = transfer.invisible_around(base);
         let ends = match shows {
@@ -108,7 +109,7 @@ impl Invisible {
         };
         // Empty if every value is visible.
         let ends = ends.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
-        Self(ends.map(|end| (end - base) / magnification))
+        Self(ends.map(|end| reduction.length((end - base) / magnification)))
     }
 
     fn holds(self, scalar: f64) -> bool {
@@ -117,7 +118,7 @@ impl Invisible {
     }
 }
 
-/// The largest distance of a value from the base: what sheets are scaled by.
+/// The largest distance of a value from the base.
 pub(crate) fn largest(volume: &Volume, base: f64) -> Result<f64> {
     let (slope, intercept) = volume.rescale();
     Ok(volume.ranges()?.iter().flatten().map(|raw| (slope * raw + intercept - base).abs()).fold(0.0, f64::max))
@@ -134,16 +135,16 @@ fn places(dims: [u32; 3], need: ScalarNeed) -> u64 {
     (finest..=coarsest).map(|level| of(level, cut.padding(level))).fold(0, u64::saturating_add)
 }
 
-/// Scalars relative to the base.
+/// Samples as scalars.
 struct Relative {
     slope: f64,
     intercept: f64,
-    base: f64,
+    reduction: Reduction,
 }
 
 impl Relative {
     fn to(&self, raw: f64) -> f32 {
-        (self.slope * raw + self.intercept - self.base) as f32
+        self.reduction.scalar(self.slope * raw + self.intercept)
     }
 }
 
@@ -204,11 +205,12 @@ pub(crate) fn emit(
     volume: &Volume,
     pyramid: &Pyramid,
     transfer: &TransferFunction,
+    reduction: &Reduction,
     shows: Shows,
     asked: &Asked,
     progress: &Progress,
 ) -> Result<Emitted> {
-    let emission = Emission::new(context, volume, transfer, shows, asked)?;
+    let emission = Emission::new(context, volume, transfer, reduction, shows, asked)?;
     let [finest, coarsest] = emission.levels();
     let cells = pyramid.levels(volume, &emission.relative, coarsest as usize)?;
     let mut stores = StoreBuilder::new(context, 4 * emission.words as u64, u32::MAX);
@@ -310,6 +312,7 @@ impl<'a> Emission<'a> {
         context: &Context,
         volume: &'a Volume,
         transfer: &TransferFunction,
+        reduction: &Reduction,
         shows: Shows,
         asked: &Asked,
     ) -> Result<Self> {
@@ -323,8 +326,8 @@ impl<'a> Emission<'a> {
         let (slope, intercept) = volume.rescale();
         let mut emission = Self {
             volume,
-            relative: Relative { slope, intercept, base: transfer.base() },
-            invisible: Invisible::new(transfer, shows, magnification(&asked.kernel, asked.normalization)),
+            relative: Relative { slope, intercept, reduction: *reduction },
+            invisible: Invisible::new(transfer, reduction, shows, magnification(&asked.kernel, asked.normalization)),
             savings: context.savings,
             need,
             words: asked.words(),
@@ -455,8 +458,8 @@ impl<'a> Emission<'a> {
     }
 }
 
-/// Half the differences of the neighbours along x, y and z of a place of a brick of `edge` places a side. They are zeros
-/// where all are equal, so that no light falls there.
+/// Half the differences of the neighbours along x, y and z of a place of a brick of `edge` places a side. They are
+/// zeros where all are equal, so that no light falls there.
 fn central_differences(scalars: &[f32], at: usize, edge: usize) -> [f32; 3] {
     // Halved first: no difference of numbers overflows.
     [1, edge, edge * edge].map(|step| 0.5 * scalars[at + step] - 0.5 * scalars[at - step])

@@ -45,8 +45,8 @@ pub(crate) struct BrickSplats {
 }
 
 impl BrickSplats {
-    /// The splats from `first` on of the brick of level 0 at `origin`, given for each row along x, y before z, the bits of the
-    /// places where there are any, the first of a row the lowest.
+    /// The splats from `first` on of the brick of level 0 at `origin`, given for each row along x, y before z, the bits
+    /// of the places where there are any, the first of a row the lowest.
     pub(crate) fn new(origin: [u32; 3], first: u32, rows: impl Iterator<Item = u32>) -> Self {
         let mut places = [0_u32; 3];
         for (row, bits) in rows.enumerate().filter(|&(_, bits)| bits != 0) {

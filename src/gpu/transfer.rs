@@ -2,42 +2,243 @@
 
 use super::context::Context;
 use super::scalars::Shows;
-use crate::transfer::TransferFunction;
+use crate::transfer::{ControlPoint, TransferFunction};
 
-/// Steps of the table.
-const TABLE_STEPS: u32 = 4096;
+/// Rows of the texture, as in shaders/common/transfer.wgsl.
+const ROWS: usize = 5;
+/// Equal bins of scalars that lead to segments.
+const BINS: usize = 4096;
+/// The most segments: textures of every device are as wide.
+const MAX_SEGMENTS: usize = 8192;
+/// How far the function may be from linear in a segment: this fraction of its value, and this one of its largest value.
+const BEND: [f64; 2] = [3e-4, 1e-5];
+/// How often a segment is halved at most.
+const MAX_HALVINGS: u32 = 10;
+/// The share of a bin by which rounding may place a scalar in the bin beside it.
+const BIN_ROUNDING: f64 = 0.05;
+
+/// How values become the scalars that shaders see: relative to the transfer function's base, times a power of two that
+/// brings the farthest control point that matters to between 1 and 2. Data in any unit give the same scalars.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Reduction {
+    base: f64,
+    factor: f64,
+}
+
+impl Reduction {
+    /// The largest scalar. A value beyond it is so far from all control points that the place at which the field on its
+    /// way there crosses them is the same.
+    pub(crate) const LIMIT: f64 = (1_u128 << 64) as f64;
+
+    /// The reduction of values that are at most `largest` from the base.
+    pub(crate) fn new(transfer: &TransferFunction, largest: f64) -> Self {
+        let base = transfer.base();
+        let extent = knots(transfer).iter().map(|p| (p.value - base).abs()).fold(0.0, f64::max);
+        let extent = if extent > 0.0 { extent } else { largest };
+        let exponent = extent.clamp(f64::MIN_POSITIVE, f64::MAX).log2().floor();
+        Self { base, factor: (-exponent).clamp(-1020.0, 1020.0).exp2() }
+    }
+
+    /// The scalar of a value.
+    pub(crate) fn scalar(&self, value: f64) -> f32 {
+        self.length(value - self.base) as f32
+    }
+
+    /// A difference of values in units of scalars.
+    pub(crate) fn length(&self, difference: f64) -> f64 {
+        (difference * self.factor).clamp(-Self::LIMIT, Self::LIMIT)
+    }
+}
+
+/// The control points that matter: the function is constant outside the outermost of them.
+fn knots(transfer: &TransferFunction) -> &[ControlPoint] {
+    let alike = |pair: &[ControlPoint]| match pair {
+        [a, b] => a.opacity == b.opacity && (a.color == b.color || a.opacity <= 0.0),
+        _ => false,
+    };
+    let mut points = transfer.points();
+    while let [_, rest @ ..] = points
+        && points.get(..2).is_some_and(alike)
+    {
+        points = rest;
+    }
+    while let [rest @ .., _] = points
+        && points.len().checked_sub(2).and_then(|last| points.get(last..)).is_some_and(alike)
+    {
+        points = rest;
+    }
+    points
+}
 
 /// What scalars are classified by.
 pub(crate) struct TransferTable {
-    /// Colour, and extinction or alpha, at equal steps from the first point of the transfer function to the last.
+    /// Segments between knots, and bins that lead to them.
     pub(crate) texture: wgpu::TextureView,
     /// The scalars around 0, ends included, at which nothing shows; there are none if the first is larger.
     pub(crate) invisible: [f32; 2],
-    /// Place of a scalar in the table: scalar times the first, plus the second.
+    /// Place of a scalar among the bins: scalar times the first, plus the second.
     pub(crate) lookup: [f32; 2],
+    /// Whether a bin lies in more than two segments.
+    pub(crate) crowded: bool,
 }
 
 impl TransferTable {
     /// Opacities are per `unit`, in local lengths (see [`Grid::local`](crate::volume::Grid)): so is extinction.
-    pub(crate) fn new(context: &Context, transfer: &TransferFunction, shows: Shows, unit: f64) -> Self {
-        let base = transfer.base();
-        let [first, last] = transfer.range();
-        let steps = f64::from(TABLE_STEPS - 1);
-        let values: Vec<f32> = (0..TABLE_STEPS)
-            .flat_map(|step| {
-                let (color, opacity) = transfer.sample(first + (last - first) * f64::from(step) / steps);
-                let alpha = match shows {
-                    Shows::Opaque => TransferFunction::extinction(opacity, unit),
-                    Shows::Largest => opacity / transfer.max_opacity().max(f64::MIN_POSITIVE),
-                };
-                [color[0], color[1], color[2], alpha].map(|c| c as f32)
-            })
-            .collect();
-        let scale = if last > first { steps / (last - first) } else { 0.0 };
+    pub(crate) fn new(
+        context: &Context,
+        transfer: &TransferFunction,
+        reduction: &Reduction,
+        shows: Shows,
+        unit: f64,
+    ) -> Self {
+        let value = |color: [f64; 3], opacity: f64| match shows {
+            Shows::Opaque => {
+                let extinction = TransferFunction::extinction(opacity, unit);
+                let [r, g, b] = color.map(|c| c * extinction);
+                [r, g, b, extinction]
+            }
+            Shows::Largest => {
+                let [r, g, b] = color;
+                [r, g, b, opacity / transfer.max_opacity().max(f64::MIN_POSITIVE)]
+            }
+        };
+        let segments = Segments::new(knots(transfer), reduction, &value);
+        let (texels, lookup, crowded) = segments.texels();
+        let width = (texels.len() / 4 / ROWS) as u32;
+        let around = transfer.invisible_around(reduction.base);
+        let end =
+            |value: f64| if value.is_finite() { reduction.scalar(value) } else { value.signum() as f32 * f32::MAX };
         Self {
-            texture: context.float_texture("shade.transfer", [TABLE_STEPS, 1], &values),
-            invisible: transfer.invisible_around(base).map_or([1.0, -1.0], |ends| ends.map(|v| (v - base) as f32)),
-            lookup: [scale as f32, ((base - first) * scale) as f32],
+            texture: context.float_texture("shade.transfer", [width, ROWS as u32], &texels),
+            invisible: around.map_or([1.0, -1.0], |ends| ends.map(end)),
+            lookup,
+            crowded,
         }
+    }
+}
+
+/// Colour times extinction, and extinction; of maxima colour and alpha.
+type Value = [f64; 4];
+
+fn mixed(a: Value, b: Value, f: f64) -> Value {
+    std::array::from_fn(|c| a[c] + (b[c] - a[c]) * f)
+}
+
+/// A piece of the transfer function that counts as linear: from its start to the start of the next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Segment {
+    start: f64,
+    /// The function at its start, and at its end.
+    values: [Value; 2],
+}
+
+/// The whole transfer function, from the lowest scalar to the largest.
+struct Segments(Vec<Segment>);
+
+impl Segments {
+    fn new(points: &[ControlPoint], reduction: &Reduction, value: &dyn Fn([f64; 3], f64) -> Value) -> Self {
+        // As many segments as a texture holds: then only the function between control points is less exact.
+        let made = (0..)
+            .map(|coarser| Self::within(points, reduction, value, BEND.map(|bend| bend * 4_f64.powi(coarser))))
+            .find(|made| made.0.len() <= MAX_SEGMENTS);
+        made.unwrap_or(Self(Vec::new()))
+    }
+
+    /// Segments in which the function is as linear as `bend` says.
+    fn within(
+        points: &[ControlPoint],
+        reduction: &Reduction,
+        value: &dyn Fn([f64; 3], f64) -> Value,
+        bend: [f64; 2],
+    ) -> Self {
+        let at = |p: &ControlPoint| value(p.color, p.opacity);
+        let scalar = |p: &ControlPoint| f64::from(reduction.scalar(p.value));
+        let (Some(first), Some(last)) = (points.first(), points.last()) else { return Self(Vec::new()) };
+        let most = points.iter().map(|p| at(p)[3]).fold(0.0, f64::max);
+        let mut segments = vec![Segment { start: f64::from(f32::MIN), values: [at(first); 2] }];
+        for pair in points.windows(2) {
+            let [a, b] = pair else { continue };
+            let between = |f: f64| {
+                let color = std::array::from_fn(|c| a.color[c] + (b.color[c] - a.color[c]) * f);
+                value(color, a.opacity + (b.opacity - a.opacity) * f)
+            };
+            let allowed = |value: Value| bend[0] * value[3] + bend[1] * most;
+            let [from, to] = [scalar(a), scalar(b)];
+            let mut pending = vec![(0.0, 1.0, MAX_HALVINGS)];
+            while let Some((low, high, halvings)) = pending.pop() {
+                let start = from + (to - from) * low;
+                let (middle, values) = (f64::midpoint(low, high), [low, high].map(between));
+                let (exact, linear) = (between(middle), mixed(values[0], values[1], 0.5));
+                let bent = (0..4).any(|c| (exact[c] - linear[c]).abs() > allowed(exact));
+                if bent && halvings > 0 && from < to {
+                    pending.extend([(middle, high, halvings - 1), (low, middle, halvings - 1)]);
+                } else {
+                    segments.push(Segment { start: f64::from(start as f32), values });
+                }
+            }
+        }
+        segments.push(Segment { start: scalar(last), values: [at(last); 2] });
+        // Of knots that are one number for shaders, the last holds from there on.
+        let mut kept: Vec<Segment> = Vec::with_capacity(segments.len());
+        for segment in segments {
+            if kept.last().is_some_and(|before| segment.start <= before.start) {
+                kept.pop();
+            }
+            kept.push(segment);
+        }
+        Self(kept)
+    }
+
+    /// Where each segment ends.
+    fn ends(&self) -> impl Iterator<Item = f64> {
+        self.0.iter().skip(1).map(|next| next.start).chain([f64::from(f32::MAX)])
+    }
+
+    /// The integral of the function from the first knot to the start of each segment.
+    fn integrals(&self) -> Vec<Value> {
+        let mut sum = [0.0; 4];
+        let inner = self.0.iter().zip(self.ends()).skip(1).map(|(segment, end)| {
+            let before = sum;
+            let mean = mixed(segment.values[0], segment.values[1], 0.5);
+            sum = std::array::from_fn(|c| sum[c] + mean[c] * (end - segment.start));
+            before
+        });
+        [[0.0; 4]].into_iter().chain(inner).collect()
+    }
+
+    /// The texture, row by row, where scalars are among the bins, and whether a bin lies in more than two segments.
+    fn texels(&self) -> (Vec<f32>, [f32; 2], bool) {
+        let Self(segments) = self;
+        let width = segments.len().max(BINS);
+        let mut texels = vec![[0.0_f32; 4]; width * ROWS];
+        let (rows, bins) = texels.split_at_mut(width * (ROWS - 1));
+        // Integrals are told from the base on, where scalars are the most precise.
+        let integrals = self.integrals();
+        // The first segment has no start: its integral is told from its end.
+        let start = |index: usize| segments[index.max(1).min(segments.len() - 1)].start;
+        let origin = integrals[segments.partition_point(|s| s.start <= 0.0).saturating_sub(1)];
+        for (index, (segment, end)) in segments.iter().zip(self.ends()).enumerate() {
+            let [value, last] = segment.values;
+            let slope = std::array::from_fn(|c| (last[c] - value[c]) / (end - segment.start));
+            let integral = std::array::from_fn(|c| integrals[index][c] - origin[c]);
+            for (row, texel) in [value, slope, integral, [start(index); 4]].into_iter().enumerate() {
+                rows[row * width + index] = texel.map(|c| c.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32);
+            }
+        }
+        let knots: Vec<f64> = segments.iter().skip(1).map(|s| s.start).collect();
+        let (low, high) = (knots.first().copied().unwrap_or(0.0), knots.last().copied().unwrap_or(0.0));
+        // Bins so narrow that rounding places scalars in them rightly.
+        let span = (high - low).max(low.abs().max(high.abs()) / 16.0).max(1e-6);
+        let scale = BINS as f64 / span;
+        let segment = |place: f64| knots.partition_point(|knot| (knot - low) * scale <= place);
+        let mut crowded = false;
+        for (bin, texel) in bins.iter_mut().take(BINS).enumerate() {
+            let first = if bin == 0 { 0 } else { segment(bin as f64 - BIN_ROUNDING) };
+            let last = if bin + 1 == BINS { knots.len() } else { segment(bin as f64 + 1.0 + BIN_ROUNDING) };
+            let next = knots.get(first).map_or(f32::MAX, |&knot| knot as f32);
+            *texel = [first as f32, last as f32, start(first) as f32, next];
+            crowded |= last > first + 1;
+        }
+        (texels.into_flattened(), [scale as f32, (-low * scale) as f32], crowded)
     }
 }

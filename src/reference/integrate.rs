@@ -146,8 +146,13 @@ impl Emission {
 
     /// Extinction and emission at the nodes of a step, per voxel of length along the ray.
     fn field(&self, piece: &Piece<'_>, from: f64, to: f64) -> [Weights; STAGES] {
-        // Rounding at the rim of a kernel may be below 0, which no material makes up for if it is dense enough.
-        NODES.map(|c| piece.at(from + (to - from) * c).map(|x| (x * self.measure).max(0.0)))
+        // At the rim of a kernel there is nothing but rounding, which dense material magnifies: it is neither below 0
+        // nor brighter than white.
+        NODES.map(|c| {
+            let [tau, emission @ ..] = piece.at(from + (to - from) * c).map(|x| (x * self.measure).max(0.0));
+            let [red, green, blue] = emission.map(|e| e.min(tau));
+            [tau, red, green, blue]
+        })
     }
 }
 

@@ -150,31 +150,31 @@ impl TransferFunction {
     /// 3. a value without opacity between visible values;
     /// 4. the value of the first point.
     ///
-    /// If opacity jumps at such an end, the base value is half way from there to the neighbouring invisible point. If
-    /// there is none, it is half the range of the points away, and at least 0.5.
+    /// If opacity jumps at such an end, the base value is off it, on the invisible side: half way to the neighbouring
+    /// invisible point, or by half the range of the points if there is none; but by no more than half the value, if
+    /// that is not 0. So a clear point far away does not matter. A step at 0 alone tells nothing of the data: the
+    /// distance is 0.5.
     #[must_use]
     pub fn base(&self) -> f64 {
         let p = &self.points;
         let invisible = |i: usize| p[i].opacity <= 0.0;
         let last = p.len() - 1;
-        let beyond = |i: usize, sign: f64| p[i].value + sign * (p[last].value - p[0].value).max(1.0) / 2.0;
+        // How far to stay off a step, with the invisible points on its invisible side.
+        let off = |value: f64, beyond: &[ControlPoint]| {
+            let half = |q: &ControlPoint| (q.value / 2.0 - value / 2.0).abs();
+            let neighbour = beyond.iter().map(half).filter(|&gap| gap > 0.0).reduce(f64::min);
+            let gap = neighbour.unwrap_or((p[last].value / 2.0 - p[0].value / 2.0).abs());
+            [gap, value.abs() / 2.0].into_iter().filter(|&gap| gap > 0.0).reduce(f64::min).unwrap_or(0.5)
+        };
         if invisible(0) {
             let end = (0..=last).take_while(|&i| invisible(i)).last().unwrap_or(0);
             let steps = p.get(end + 1).is_some_and(|next| next.value <= p[end].value);
-            return match end.checked_sub(1).filter(|&before| p[before].value < p[end].value) {
-                _ if !steps => p[end].value,
-                Some(before) => f64::midpoint(p[before].value, p[end].value),
-                None => beyond(end, -1.0),
-            };
+            return p[end].value - if steps { off(p[end].value, &p[..end]) } else { 0.0 };
         }
         if invisible(last) {
             let start = (0..=last).rev().take_while(|&i| invisible(i)).last().unwrap_or(last);
             let steps = start > 0 && p[start - 1].value >= p[start].value;
-            return match p.get(start + 1).filter(|after| after.value > p[start].value) {
-                _ if !steps => p[start].value,
-                Some(after) => f64::midpoint(p[start].value, after.value),
-                None => beyond(start, 1.0),
-            };
+            return p[start].value + if steps { off(p[start].value, &p[start..]) } else { 0.0 };
         }
         // Between two invisible points every value is invisible. A single invisible point is invisible at its value,
         // unless it is part of a step.
@@ -274,8 +274,14 @@ mod tests {
     #[test]
     fn base_keeps_off_steps() {
         assert_eq!(base(&[(0.0, 0.0), (2.0, 0.0), (2.0, 0.5), (4.0, 1.0)]), 1.0);
-        assert_eq!(base(&[(2.0, 0.0), (2.0, 0.5), (6.0, 1.0)]), 0.0);
+        assert_eq!(base(&[(2.0, 0.0), (2.0, 0.5), (6.0, 1.0)]), 1.0);
+        assert_eq!(base(&[(2.0, 0.0), (2.0, 0.5), (2.5, 1.0)]), 1.75);
         assert_eq!(base(&[(0.0, 0.5), (2.0, 0.5), (2.0, 0.0), (4.0, 0.0)]), 3.0);
         assert_eq!(base(&[(0.0, 0.5), (6.0, 0.5), (6.0, 0.0)]), 9.0);
+        assert_eq!(base(&[(-1e7, 0.0), (128.0, 0.0), (128.0, 0.5), (1e9, 0.0)]), 64.0);
+        assert_eq!(base(&[(0.0, 0.0), (0.0, 0.5)]), -0.5);
+        // In any unit of the data alike.
+        let unit = 1000_f64.exp2();
+        assert_eq!(base(&[(2.0 * unit, 0.0), (2.0 * unit, 0.5)]), base(&[(2.0, 0.0), (2.0, 0.5)]) * unit);
     }
 }

@@ -12,6 +12,7 @@ mod adapter;
 mod algorithms;
 mod bounds;
 mod camera;
+mod classification;
 mod cli;
 mod cost;
 mod demos;

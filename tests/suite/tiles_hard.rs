@@ -44,8 +44,8 @@ fn assert_in_range(image: &Image, brightest: [f32; 3], what: &str) {
 
 #[test]
 fn dense_material_is_as_right_as_by_quads() {
-    // Optical depth of a voxel, and the largest error (rms of covered pixels) as a multiple of that of quads. From 69 on
-    // the fit of parts shows, which errs by a hundredth of a kernel; by 700 that hides what is behind it.
+    // Optical depth of a voxel, and the largest error (rms of covered pixels) as a multiple of that of quads. From 69
+    // on the fit of parts shows, which errs by a hundredth of a kernel; by 700 that hides what is behind it.
     let depths = [(0.7, 1.6), (2.3, 0.8), (6.9, 1.0), (11.0, 1.1), (23.0, 1.4), (69.0, 1.5), (700.0, 2.2), (7e3, 3.5)];
     for (name, values, zoom) in [
         ("sphere", [50.0, 100.0, 255.0], 1.0),
@@ -188,12 +188,12 @@ fn sparse(dims: [u32; 3], every: usize) -> Volume {
 }
 
 #[test]
-#[ignore = "slow: a picture of 2048 x 2048 pixels through 8192 planes"]
+#[ignore = "slow: a picture of 1400 x 1400 pixels through 8192 planes"]
 fn runs_of_many_planes_are_kept_for_a_part_of_the_picture_at_a_time() {
-    let volume = sparse([32, 32, 8192], 40_009);
+    let volume = sparse([16, 16, 8192], 40_009);
     let transfer = transfer(&[(0.0, [1.0, 0.5, 0.2], 0.0), (255.0, [1.0, 0.5, 0.2], 0.5)], None);
     let view = View { elevation: 90.0, zoom: 1.2, ..View::default() };
-    let camera = look(&view, &volume, [2048; 2]);
+    let camera = look(&view, &volume, [1400; 2]);
     let got = picture(&volume, &transfer, &camera, &full());
     by_tiles(&got);
     let (color, alpha) = errors(&got.image, &render(&volume, &transfer, &camera, &exact_quads()));

@@ -55,8 +55,10 @@ pub(crate) struct QuadsKey {
     pub(crate) additive: bool,
     /// The number of lights, on splats or on sheets of scalars.
     pub(crate) lights: u32,
-    /// Samples that a sheet of scalars is classified at.
+    /// Pieces in which a sheet of scalars is classified.
     pub(crate) samples: u32,
+    /// See [`TransferTable`].
+    pub(crate) crowded: bool,
     /// Opaque pixels hide splats.
     pub(crate) terminates: bool,
     pub(crate) precision: Precision,
@@ -108,12 +110,11 @@ impl Feed {
         }
     }
 
-    /// How many sheets a batch may have. Shading looks at the last two of the batch before.
+    /// How many sheets a batch may have. Shading looks at the last three of the batch before.
     fn batch_sizes(self) -> &'static [u32] {
         match self {
             Self::Colors | Self::Depth => &[8, 4, 1],
-            Self::Scalars | Self::Maximum => &[8, 4],
-            Self::LitScalars => &[8, 4, 2],
+            Self::Scalars | Self::LitScalars | Self::Maximum => &[8, 4],
         }
     }
 }

@@ -70,16 +70,23 @@ const MAX_STRETCH: [f64; 2] = [2.0, 1.25];
 /// The radius in voxels of kernels that a sheet of scalars a voxel thick resolves. Narrower ones take thinner sheets.
 const RESOLVED_RADIUS: f64 = 2.0;
 
+/// Sheets that a kernel may reach where sheets become thinner for oblique rays: in a field of view of 170 degrees the
+/// farthest kernels have grown 12 times as much as the nearest, which decide the thickness, and would reach 600.
+const MOST_REACHED: f64 = 128.0;
+
 /// The thickness of the sheets of a picture in voxels, in the middle of it and before kernels grow: what was asked for,
-/// unless the picture would suffer. The one sheet of an X-ray in f32 is infinite.
-fn thickness(camera: &Camera, settings: &Settings, precision: Precision) -> f64 {
+/// unless the picture would suffer. The one sheet of an X-ray in f32 is infinite. `growths` are those of the nearest
+/// and the farthest kernel.
+fn thickness(camera: &Camera, growths: [f64; 2], settings: &Settings, precision: Precision) -> f64 {
     let post = settings.is_post_shaded();
     let thickness = match settings.model {
         Model::Xray => f64::INFINITY,
         _ => {
             let stretch = largest_stretch(camera) / MAX_STRETCH[usize::from(post)];
             let resolved = if post { (settings.kernel.radius() / RESOLVED_RADIUS).min(1.0) } else { 1.0 };
-            settings.quads().sheet_thickness * resolved / stretch.max(1.0)
+            let thickness = settings.quads().sheet_thickness * resolved;
+            let reached = 2.0 * settings.kernel.radius() * growths[1] / (growths[0] * thickness);
+            thickness / stretch.min(MOST_REACHED / reached).max(1.0)
         }
     };
     match precision {
@@ -132,7 +139,7 @@ impl SheetStack {
         // One voxel of thickness is the world length in which the central ray advances by one lattice unit. Grown
         // kernels resolve so much less.
         let voxel = view.growths[0] / grid_forward.length();
-        let step = thickness(&view.camera, settings, precision) * voxel;
+        let step = thickness(&view.camera, view.growths, settings, precision) * voxel;
         // Shading takes in a sheet before the first and one after the last.
         let beside = if view.post_shaded { step } else { 0.0 };
         let mut origin = -reach - beside;
@@ -401,7 +408,7 @@ mod tests {
         let grid = Grid::axis_parallel([400; 3], [1.0; 3]).unwrap();
         let of = |fov, precision, settings: Settings| {
             let view = View { projection: ProjectionKind::Perspective { fov }, ..View::default() };
-            thickness(&Camera::new(&view, &grid, [64; 2]).unwrap(), &settings, precision)
+            thickness(&Camera::new(&view, &grid, [64; 2]).unwrap(), [1.0, 1.0], &settings, precision)
         };
         let quads = |sheet_thickness| Settings {
             painter: Painter::Quads(QuadsSettings { sheet_thickness, ..QuadsSettings::default() }),

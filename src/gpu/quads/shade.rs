@@ -51,15 +51,16 @@ impl ShadeStage {
         ];
         let shade_layout = layout(context, "shade", stages, &slots);
         let shader = module(context, shaders::SHADE);
+        let crowded = ("CROWDED", flag(key.crowded));
         let constants = [("PERSPECTIVE", flag(key.perspective)), ("SHEETS", f64::from(key.sheets_per_pass))];
-        let shading = [("LIGHTS", f64::from(key.lights)), ("SAMPLES", f64::from(key.samples))];
-        let shading = [constants, shading].concat();
+        let shading = [("LIGHTS", f64::from(key.lights)), ("SAMPLES", f64::from(key.samples)), crowded];
+        let shading = [&constants[..], &shading].concat();
         let maximum = key.feed == Feed::Maximum;
         let (entry, constants) =
             if maximum { ("maximum", constants.as_slice()) } else { ("shade", shading.as_slice()) };
         let shade = compute(context, &shader, "shade", entry, &shade_layout, constants);
         let (resolve_layout, resolve) = if maximum {
-            let pipeline = compute(context, &shader, "shade", "resolve_maximum", &shade_layout, &[]);
+            let pipeline = compute(context, &shader, "shade", "resolve_maximum", &shade_layout, &[crowded]);
             (shade_layout.clone(), pipeline)
         } else {
             let resolve_layout = layout(context, "resolve", stages, &[Binding::Uniform, Binding::Write]);

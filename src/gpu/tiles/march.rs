@@ -81,12 +81,13 @@ impl Stage {
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let bindings = [Binding::Uniform, volume, runs, Binding::Write, Binding::Uniform, transfer];
         let scalars = ("SCALARS", 1.0);
+        let crowded = ("CROWDED", flag(key.crowded));
         Self::new(
             context,
             shader,
             "gather",
             &bindings,
-            &[perspective, terms, texels, straight, scalars, maximum, lights],
+            &[perspective, terms, texels, straight, scalars, maximum, lights, crowded],
         )
     }
 }

@@ -66,6 +66,8 @@ pub(crate) struct TilesKey {
     terms: u32,
     /// Texels of a row of voxels that kernels reach.
     texels: u32,
+    /// See [`TransferTable`](super::transfer::TransferTable).
+    crowded: bool,
 }
 
 /// The pipelines of the painter.

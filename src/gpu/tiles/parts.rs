@@ -46,8 +46,8 @@ pub(super) enum SlabKind {
 }
 
 impl SlabKind {
-    /// Where slabs begin and end along m, from the kernel's plane. Of scalars the foremost slab is first, of colours the
-    /// one next to the kernel's own: shaders/common/rays.wgsl expects them so.
+    /// Where slabs begin and end along m, from the kernel's plane. Of scalars the foremost slab is first, of colours
+    /// the one next to the kernel's own: shaders/common/rays.wgsl expects them so.
     fn slabs(self) -> &'static [[f64; 2]] {
         match self {
             Self::Scalars => &[[-2.0, -1.5], [-1.5, -1.0], [-1.0, -0.5], [-0.5, 0.0]],
