@@ -71,8 +71,8 @@ pub(crate) trait Painting {
     /// Makes the pipelines that the picture takes, or finds those of a picture before.
     fn make_pipelines(&self) -> Result<()>;
 
-    /// Paints a region: its pixels, premultiplied RGBA, four f32 each, row by row. The last commands may be recorded and
-    /// not submitted.
+    /// Paints a region: its pixels, premultiplied RGBA, four f32 each, row by row. The last commands may be
+    /// recorded and not submitted.
     fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<wgpu::Buffer>;
 
     /// Largest error of the footprints, as a fraction of their peak.

@@ -458,8 +458,8 @@ impl<'a> Emission<'a> {
     }
 }
 
-/// Half the differences of the neighbours along x, y and z of a place of a brick of `edge` places a side. They are zeros
-/// where all are equal, so that no light falls there.
+/// Half the differences of the neighbours along x, y and z of a place of a brick of `edge` places a side. They are
+/// zeros where all are equal, so that no light falls there.
 fn central_differences(scalars: &[f32], at: usize, edge: usize) -> [f32; 3] {
     // Halved first: no difference of numbers overflows.
     [1, edge, edge * edge].map(|step| 0.5 * scalars[at + step] - 0.5 * scalars[at - step])

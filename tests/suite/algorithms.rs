@@ -96,8 +96,7 @@ fn lit_voxels_of_sheared_grids_follow_the_reference() {
         let camera = camera(33.0, ProjectionKind::Orthographic, &volume, 40);
         let expected = truth(&volume, &transfer, &camera, &settings);
         let error = rms_covered(&render(&volume, &transfer, &camera, &settings), &expected);
-        let allowed = if shading == Shading::Pre { 1e-3 } else { 1e-2 };
-        eprintln!("XX sheared {error:e}");
+        let allowed = if shading == Shading::Pre { 1e-3 } else { 2e-3 };
         assert!(error < allowed, "{shading:?}: {error:e}");
     }
 }
@@ -173,8 +172,7 @@ fn post_shaded_light_follows_the_reference() {
         let expected = truth(&volume, &transfer, &camera, &settings);
         let got = render(&volume, &transfer, &camera, &settings);
         let error = rms_covered(&got, &expected);
-        eprintln!("XX algo {error:e}");
-        assert!(error < 0.01, "{projection:?}: {error:e}");
+        assert!(error < 6e-3, "{projection:?}: {error:e}");
         let unlit = rms_covered(&render(&volume, &transfer, &camera, &Settings { lighting: None, ..settings }), &got);
         assert!(unlit > 3.0 * error, "{projection:?}: {unlit:e} {error:e}");
     }

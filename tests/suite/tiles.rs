@@ -161,8 +161,9 @@ fn rays_through_one_eye_are_those_of_the_reference() {
 fn scalars_are_classified_about_as_well_as_by_quads() {
     let post = Settings { shading: Shading::Post, ..full() };
     // A share of quads' error, and a limit of its own for each volume: one and a half times what was measured.
-    // Slabs are thinner than sheets, their means less exact where kernels end in a jump. A slab is lit by the gradient in
-    // its middle, a sheet by one in each half. The largest value of a ray is that of a jump in many pixels of marschner-lobb.
+    // Slabs are thinner than sheets, their means less exact where kernels end in a jump. A slab is lit
+    // by the gradient in its middle, a sheet by one in each half. The largest value of a ray is that of a jump in many
+    // pixels of marschner-lobb.
     let cases = [
         (post.clone(), 1.3, [2.7e-3, 1.6e-3]),
         (Settings { interslice: Interslice::Mean, ..post.clone() }, 1.2, [2.8e-3, 2.6e-3]),

@@ -110,9 +110,12 @@ impl Feed {
         }
     }
 
-    /// The least sheets of a batch: shading looks at the last two of the batch before.
-    fn least_sheets(self) -> u32 {
-        if self.is_scalar() { 4 } else { 1 }
+    /// How many sheets a batch may have. Shading looks at the last three of the batch before.
+    fn batch_sizes(self) -> &'static [u32] {
+        match self {
+            Self::Colors | Self::Depth => &[8, 4, 1],
+            Self::Scalars | Self::LitScalars | Self::Maximum => &[8, 4],
+        }
     }
 }
 

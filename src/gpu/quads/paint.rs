@@ -46,7 +46,15 @@ impl<'a> Picture<'a> {
     fn new(job: Job<'a>) -> Result<Self> {
         let Job { context, view, settings, .. } = job;
         let knobs = settings.quads();
-        let precision = precision(knobs.precision, context.blends_f32())
+        let feed = match settings.model {
+            Model::Xray => Feed::Depth,
+            Model::Mip => Feed::Maximum,
+            Model::Composite if settings.is_post_shaded() && settings.lighting.is_some() => Feed::LitScalars,
+            Model::Composite if settings.is_post_shaded() => Feed::Scalars,
+            Model::Composite => Feed::Colors,
+        };
+        let f32_fits = feed == Feed::Depth || batch_sizes(context, feed, Precision::F32).next().is_some();
+        let precision = precision(knobs.precision, context.blends_f32() && f32_fits)
             .ok_or_else(|| context.unsupported("cannot blend f32 sheets: take the precision f16".to_owned()))?;
         let plan = Plan::new(view, settings, job.weights, precision);
         let table = match knobs.footprint_table {
@@ -55,13 +63,6 @@ impl<'a> Picture<'a> {
                 let error = knobs.max_error.unwrap_or_else(|| precision.footprint_error());
                 FootprintTable::new(&settings.kernel, error)?
             }
-        };
-        let feed = match settings.model {
-            Model::Xray => Feed::Depth,
-            Model::Mip => Feed::Maximum,
-            Model::Composite if settings.is_post_shaded() && settings.lighting.is_some() => Feed::LitScalars,
-            Model::Composite if settings.is_post_shaded() => Feed::Scalars,
-            Model::Composite => Feed::Colors,
         };
         let key = QuadsKey {
             feed,
@@ -187,19 +188,24 @@ fn precision(asked: Option<Precision>, blends_f32: bool) -> Option<Precision> {
     }
 }
 
+/// How many sheets a pass can feed within the adapter's attachments, the most first.
+fn batch_sizes(context: &Context, feed: Feed, precision: Precision) -> impl Iterator<Item = u32> + Clone {
+    let shared = feed.sheets_per_attachment();
+    let bytes = context.limits.max_color_attachment_bytes_per_sample;
+    let attachments = context.limits.max_color_attachments.min(bytes / (shared * feed.sheet_bytes(precision)));
+    feed.batch_sizes().iter().copied().filter(move |&n| n <= shared * attachments)
+}
+
 /// How many sheets one pass feeds: as many as asked for, or the most that the adapter's attachments hold up to 8 on
 /// software, which is bound by the number of quads, and up to 4 on a GPU, which is bound by blending.
 fn sheets_per_pass(context: &Context, asked: Option<u32>, feed: Feed, precision: Precision) -> Result<u32> {
     if feed == Feed::Depth {
         return Ok(1);
     }
-    let shared = feed.sheets_per_attachment();
-    let bytes = context.limits.max_color_attachment_bytes_per_sample;
-    let attachments = context.limits.max_color_attachments.min(bytes / (shared * feed.sheet_bytes(precision)));
-    let possible = [8, 4, 1].into_iter().filter(|n| (feed.least_sheets()..=shared * attachments).contains(n));
+    let possible = batch_sizes(context, feed, precision);
     match asked {
         None => {
-            let preferred = if context.info.is_software() || shared > 1 { 8 } else { 4 };
+            let preferred = if context.info.is_software() || feed.sheets_per_attachment() > 1 { 8 } else { 4 };
             let most = possible.filter(|&n| n <= preferred).max();
             most.ok_or_else(|| context.unsupported(format!("cannot draw into so many {precision} sheets at once")))
         }

@@ -58,8 +58,8 @@ fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
 
 /// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a
 /// ray at most sqrt(3) / 2 voxels, so three are at most 2.6 voxels. They count as 3: the parts of kernels in slabs are
-/// fitted, and a fit fades a little later than its kernel. None of it depends on the direction, so that turning asks for
-/// no other splats.
+/// fitted, and a fit fades a little later than its kernel. None of it depends on the direction, so that turning
+/// asks for no other splats.
 fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
     if !settings.is_post_shaded() {
         return ScalarNeed::NONE;
