@@ -53,8 +53,8 @@ fn grown_scalars_cost_what_their_picture_costs() {
 
 #[test]
 fn cells_of_levels_err_little_more_than_voxels() {
-    // Without levels quads err by 3.5e-4 and 2.7e-3 along parallel rays, and by 9.0e-3 in a maximum of the sphere, whose
-    // sheets are as thick as half of it. The promise of levels is one of 255, and no more than without.
+    // Without levels quads err by 3.5e-4 and 2.7e-3 along parallel rays, and by 9.0e-3 in a maximum of the sphere. The
+    // promise of levels is one of 255, and for maxima no more than without.
     for (name, size, pixels) in [("marschner-lobb", 32, 5), ("sphere", 40, 6)] {
         let (volume, transfer) = demo(name, size);
         for (projection, model) in [
