@@ -53,8 +53,8 @@ fn grown_scalars_cost_what_their_picture_costs() {
 
 #[test]
 fn cells_of_levels_err_little_more_than_voxels() {
-    // Without levels quads err by 3.5e-4 and 2.7e-3 along parallel rays. The promise is one of 255.
-    let bound = 1.0 / 255.0;
+    // Without levels quads err by 3.5e-4 and 2.7e-3 along parallel rays, and by 9.0e-3 in a maximum of the sphere. The
+    // promise of levels is one of 255, and for maxima no more than without.
     for (name, size, pixels) in [("marschner-lobb", 32, 5), ("sphere", 40, 6)] {
         let (volume, transfer) = demo(name, size);
         for (projection, model) in [
@@ -62,6 +62,7 @@ fn cells_of_levels_err_little_more_than_voxels() {
             (PERSPECTIVE, Model::Composite),
             (ProjectionKind::Orthographic, Model::Mip),
         ] {
+            let bound = if model == Model::Mip { 9e-3 } else { 1.0 / 255.0 };
             let settings = Settings { model, ..post() };
             let view = View { azimuth: 30.0, elevation: 20.0, projection, ..View::default() };
             let camera = look(&view, &volume, [pixels; 2]);
