@@ -9,7 +9,8 @@
 @group(0) @binding(3) var estimates: texture_2d<f32>;
 @group(0) @binding(4) var<storage, read_write> refinement: array<f32>;
 
-// Estimates up to which a pixel is that of the splines, and from which on it is that of its own ray. See docs/measurements/2026-11-22-rays.md.
+// Estimates up to which a pixel is that of the splines, and from which on it is that of its own ray. See
+// docs/measurements/2026-11-22-rays.md.
 const SPLINES: f32 = 0.16;
 const OWN_RAY: f32 = 0.27;
 

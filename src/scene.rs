@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::classify::Classified;
 use crate::gpu::context::Context;
-use crate::gpu::scalars::{self, Asked, Emitted, Shows};
+use crate::gpu::scalars::{self, Asked, Emission, Emitted, Shows};
 use crate::gpu::store::{Bricks, Store};
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, TransferTable};
@@ -182,7 +182,8 @@ impl Scene {
         let (emitted, seconds) = on_host(|| {
             context.guarded("emitting scalars", || {
                 let Scalars { volume, pyramid, transfer, reduction, shows, .. } = scalars.as_ref();
-                scalars::emit(context, volume, pyramid, transfer, reduction, *shows, &asked, progress)
+                let emission = Emission::new(context, volume, transfer, reduction, *shows, &asked)?;
+                emission.emit(context, pyramid, progress)
             })
         });
         let emitted = Arc::new(emitted?);

@@ -61,11 +61,11 @@ impl SampleCoding {
             SampleType::U16 => Some(2),
             SampleType::I16 => Some(3),
             SampleType::F32 => {
-                let points = transfer.points().iter().map(|p| sample(p.value).abs()).filter(|&p| p > 0.0);
+                let mut points = transfer.points().iter().map(|p| sample(p.value).abs()).filter(|&p| p > 0.0);
                 let [first, last] = transfer.range().map(sample);
                 let extent = if last > first { last - first } else { first.abs() };
                 let ordinary = |p: f64| p < FAR && (extent == 0.0 || extent > LEAST_EXTENT);
-                points.fold(true, |all, p| all && ordinary(p)).then_some(4)
+                points.all(ordinary).then_some(4)
             }
             _ => None,
         };

@@ -196,43 +196,6 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<bool> {
     squares.into_iter().map(|square| square <= reach).collect()
 }
 
-/// The splats of a volume: the voxels that can take part in something visible, and copies beyond its faces.
-///
-/// A place shows only if a voxel outside [`Invisible`] reaches it. So a voxel is kept if such a voxel is within the
-/// influence of the two. The others change nothing: neither what shows, nor what does not show.
-pub(crate) fn emit(
-    context: &Context,
-    volume: &Volume,
-    pyramid: &Pyramid,
-    transfer: &TransferFunction,
-    reduction: &Reduction,
-    shows: Shows,
-    asked: &Asked,
-    progress: &Progress,
-) -> Result<Emitted> {
-    let emission = Emission::new(context, volume, transfer, reduction, shows, asked)?;
-    let [finest, coarsest] = emission.levels();
-    let cells = pyramid.levels(volume, &emission.relative, coarsest as usize)?;
-    let mut stores = StoreBuilder::new(context, 4 * emission.words as u64, u32::MAX);
-    let mut emitted = Emitted::default();
-    for level in finest..=coarsest {
-        let cells = level.checked_sub(1).and_then(|index| cells.get(index as usize).cloned());
-        let lattice = Lattice::new(volume.grid().dims(), level, emission.need, cells);
-        let [_, down, deep] = lattice.counts;
-        let mut rows = 0;
-        volume.for_each_row([down, deep], emission.halo, &|j, k| emission.row(&lattice, j, k), &mut |row| {
-            row.into_iter().try_for_each(|brick| emitted.add(&mut stores, brick, emission.words))?;
-            rows += 1;
-            progress.report("emitting scalars", f64::from(rows) / (down * deep) as f64);
-            Ok(())
-        })?;
-        emitted.bricks.all += lattice.counts.iter().product::<usize>() as u32;
-    }
-    emitted.stores = stores.finish()?;
-    context.wait("emitting scalars")?;
-    Ok(emitted)
-}
-
 impl Emitted {
     /// Adds the splats of a brick, of so many words each.
     fn add(&mut self, stores: &mut StoreBuilder<'_, Vec<u32>>, found: BrickScalars, words: usize) -> Result<()> {
@@ -251,8 +214,12 @@ impl Emitted {
     }
 }
 
-/// What decides which scalars of a volume become splats.
-struct Emission<'a> {
+/// What decides which scalars of a volume become splats: the voxels that can take part in something visible, and copies
+/// beyond its faces.
+///
+/// A place shows only if a voxel outside [`Invisible`] reaches it. So a voxel is kept if such a voxel is within the
+/// influence of the two. The others change nothing: neither what shows, nor what does not show.
+pub(crate) struct Emission<'a> {
     volume: &'a Volume,
     relative: Relative,
     invisible: Invisible,
@@ -308,7 +275,7 @@ impl Lattice {
 }
 
 impl<'a> Emission<'a> {
-    fn new(
+    pub(crate) fn new(
         context: &Context,
         volume: &'a Volume,
         transfer: &TransferFunction,
@@ -342,6 +309,30 @@ impl<'a> Emission<'a> {
         emission.active =
             ranges.map(|range| range.iter().any(|&raw| emission.is_active(emission.relative.to(raw)))).collect();
         Ok(emission)
+    }
+
+    /// The splats.
+    pub(crate) fn emit(&self, context: &Context, pyramid: &Pyramid, progress: &Progress) -> Result<Emitted> {
+        let [finest, coarsest] = self.levels();
+        let cells = pyramid.levels(self.volume, &self.relative, coarsest as usize)?;
+        let mut stores = StoreBuilder::new(context, 4 * self.words as u64, u32::MAX);
+        let mut emitted = Emitted::default();
+        for level in finest..=coarsest {
+            let cells = level.checked_sub(1).and_then(|index| cells.get(index as usize).cloned());
+            let lattice = Lattice::new(self.volume.grid().dims(), level, self.need, cells);
+            let [_, down, deep] = lattice.counts;
+            let mut rows = 0;
+            self.volume.for_each_row([down, deep], self.halo, &|j, k| self.row(&lattice, j, k), &mut |row| {
+                row.into_iter().try_for_each(|brick| emitted.add(&mut stores, brick, self.words))?;
+                rows += 1;
+                progress.report("emitting scalars", f64::from(rows) / (down * deep) as f64);
+                Ok(())
+            })?;
+            emitted.bricks.all += lattice.counts.iter().product::<usize>() as u32;
+        }
+        emitted.stores = stores.finish()?;
+        context.wait("emitting scalars")?;
+        Ok(emitted)
     }
 
     /// Whether a scalar can show.

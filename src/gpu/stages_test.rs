@@ -110,8 +110,9 @@ fn assert_classified(context: &Context, volume: &Volume, transfer: &TransferFunc
             let step = [1.0 / 8191.0, 1.0 / 16383.0, 1.0 / 8191.0][c];
             assert!((g - e).abs() <= 0.5 * step + 1e-6, "{what}: {g:?} {e:?}");
         }
-        // Near opacity 1 a step of f32 in the opacity is 4e-3 of its logarithm: hence the second term.
-        let allowed = 1e-6 + 1e-5 * e.density + 1e-7 * e.density.exp();
+        // A control point is the f32 above its value, by up to 4e-6 of a ramp here. Near opacity 1 a step of f32 in the
+        // opacity is 4e-3 of its logarithm: hence the last term.
+        let allowed = 3e-6 + 1e-5 * e.density + 1e-7 * e.density.exp();
         assert!((g.density - e.density).abs() <= allowed, "{what}: {g:?} {e:?}");
     }
 }

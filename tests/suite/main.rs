@@ -4,7 +4,9 @@
     clippy::unwrap_used,
     clippy::expect_used,
     clippy::panic,
-    reason = "a failing helper fails its test; the lints' own exemption covers test functions only"
+    clippy::print_stdout,
+    reason = "a failing helper fails its test; the lints' own exemption covers test functions only; measured errors are \
+              printed beside their bounds"
 )]
 
 #[path = "../../src/gpu/adapter_test.rs"]

@@ -110,8 +110,9 @@ fn what_is_uniform_is_not_lit() {
     for samples in [Samples::I16(vec![300; 4096]), Samples::F32(vec![777.7; 4096])] {
         let volume = Volume::new(grid, samples).unwrap();
         for camera in views(&volume, 48) {
-            // Tiles keep lit scalars as f16, others as f32.
-            for (settings, limit) in painters(&post(headlight())).into_iter().zip([1e-5, 5e-4]) {
+            // By quads a lit sheet is classified in halves: other pieces where a face cuts it. Tiles keep lit scalars
+            // as f16, others as f32.
+            for (settings, limit) in painters(&post(headlight())).into_iter().zip([1e-4, 5e-4]) {
                 let lit = render(&volume, &transfer, &camera, &settings);
                 let unlit = render(&volume, &transfer, &camera, &Settings { lighting: None, ..settings });
                 let (color, alpha) = errors(&lit, &unlit);

@@ -186,7 +186,7 @@ fn neither_origin_nor_unit_of_the_lattice_matters() {
 /// Bright voxels here and there in a volume that is clear otherwise.
 fn sparse(dims: [u32; 3], every: usize) -> Volume {
     let count = dims.into_iter().map(|n| n as usize).product();
-    let samples = (0..count).map(|index: usize| if index % every == 0 { 200 } else { 0 }).collect();
+    let samples = (0..count).map(|index: usize| if index.is_multiple_of(every) { 200 } else { 0 }).collect();
     Volume::new(Grid::axis_parallel(dims, [1.0; 3]).unwrap(), Samples::U8(samples)).unwrap()
 }
 

@@ -198,8 +198,8 @@ impl Refiner {
     ) -> Result<()> {
         let context = recorder.context;
         let runs = runs_of(context, uniforms);
-        // Four words, and one for each tile; zeros at first.
-        let words = 4 + u64::from(uniforms.tiles[0]) * u64::from(uniforms.tiles[1]);
+        // Four words, and one for each tile, in whole vectors of the shader; zeros at first.
+        let words = 4 + (u64::from(uniforms.tiles[0]) * u64::from(uniforms.tiles[1])).next_multiple_of(4);
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT;
         let refined = context.buffer("refine.tiles", 4 * words, usage)?;
         let rays = rays.as_entire_binding();

@@ -128,7 +128,7 @@ impl<'a> Picture<'a> {
         let packings = axes.iter().map(|axis| Packing::new(context, stores, dims, whole, axis.axes, voxel));
         let packings: Option<Vec<Packing>> = packings.collect();
         let packings = packings.ok_or("tiles packs the volume into a texture, which this volume outgrows")?;
-        let dense = axes.first().is_some_and(|axis| max_depth(&job, axis) > DENSE);
+        let dense = max_depth(&job) > DENSE;
         let kind = match transfer {
             Some(_) => SlabKind::Scalars,
             None if dense => SlabKind::DenseColors,
@@ -285,7 +285,7 @@ impl<'a> Picture<'a> {
             optics: Optics {
                 density_scale: 1.0 / (divisor * weights.unit),
                 opaque_depth: view.opaque_depth,
-                max_depth: max_depth(&self.job, axis),
+                max_depth: max_depth(&self.job),
                 brightest: weights.brightest,
             },
             scalars,
@@ -308,9 +308,11 @@ impl<'a> Picture<'a> {
     }
 }
 
-/// Optical depth of the densest voxel over one voxel length along a ray.
-fn max_depth(job: &Job<'_>, axis: &PrincipalAxis) -> f64 {
-    job.weights.max * axis.voxel() / job.weights.unit
+/// Optical depth of the densest voxel over the longest edge of a voxel: the same in every view, so that nothing that
+/// depends on it changes while a volume turns.
+fn max_depth(job: &Job<'_>) -> f64 {
+    let [x, y, z] = job.view.grid.spacing();
+    job.weights.max * x.max(y).max(z) / job.weights.unit
 }
 
 /// Whether places without splats, at the transfer function's base, show nothing.

@@ -76,7 +76,7 @@ pub(super) struct Optics {
     pub(super) density_scale: f64,
     /// Optical depth at which a ray ends.
     pub(super) opaque_depth: f64,
-    /// Optical depth of the densest voxel over one voxel length along a ray.
+    /// Optical depth of the densest voxel over the longest edge of a voxel.
     pub(super) max_depth: f64,
     /// The largest of each channel of colours.
     pub(super) brightest: [f64; 3],
@@ -223,15 +223,16 @@ impl Rays {
 }
 
 /// The rays per voxel that the densest voxel asks for by its optical depth, as a power of 2: opacity saturates, so the
-/// edges of what is opaque are sharper than kernels are.
+/// edges of what is opaque are sharper than kernels are. No view changes it.
 ///
 /// Measured; docs/measurements/2026-11-22-rays.md has the table.
 fn level_for_depth(depth: f64) -> f64 {
-    ((depth - 0.37) / 0.07).clamp(0.0, 1.0)
+    if depth > 0.4 { 1.0 } else { 0.0 }
 }
 
-/// The rays per voxel that a kernel asks for by its width, as a power of 2: the estimate of what splines err by sees
-/// only kernels that several rays meet.
+/// The rays per voxel that a kernel asks for by its width, as a whole power of 2: the estimate of what splines err by
+/// sees only kernels that several rays meet. It changes with the view only where kernels grow, and there every pixel
+/// has its own ray.
 fn level_for_kernel(kernel: &Kernel) -> f64 {
     let radius = kernel.radius();
     // The standard deviation of the footprint along a or b.
@@ -244,9 +245,8 @@ fn level_for_kernel(kernel: &Kernel) -> f64 {
     }
     let width = (squares / sum).sqrt();
     // What is cut off at the rim: 0.14 of the default Gaussian's peak.
-
     let rim = kernel.value(radius * radius * (1.0 - 1e-9)) / kernel.value(0.0);
-    (2.0 * (0.58 / width).log2()).max((rim - 0.15) / 0.15).max(0.0)
+    (2.0 * (0.58 / width).log2()).max((rim - 0.15) / 0.15).max(0.0).ceil()
 }
 
 /// The middle of the first pixel of a region, in pixels of the picture.
