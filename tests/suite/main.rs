@@ -5,8 +5,8 @@
     clippy::expect_used,
     clippy::panic,
     clippy::print_stdout,
-    reason = "a failing helper fails its test; the lints' own exemption covers test functions only; measured errors are \
-              printed beside their bounds"
+    reason = "a failing helper fails its test, and measured errors are printed; the lints' own exemption covers test \
+              functions only"
 )]
 
 #[path = "../../src/gpu/adapter_test.rs"]
