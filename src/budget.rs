@@ -16,6 +16,9 @@ pub(crate) const MAX_FRAGMENTS: f64 = (1_u64 << 40) as f64;
 /// Chords that rays of the reference cut out of kernels. A thread adds up some 1e6 a second.
 pub(crate) const MAX_CHORDS: f64 = (1_u64 << 36) as f64;
 
+/// Chords of one ray, on average over a picture. A chord takes some 100 bytes, and each thread keeps those of a ray.
+pub(crate) const MAX_RAY_CHORDS: f64 = (1_u64 << 24) as f64;
+
 /// How many times kernels of scalars may have grown: beyond, the whole volume is a fraction of a voxel of the coarsest
 /// level.
 pub(crate) const MAX_GROWTH: f64 = (1_u64 << 26) as f64;

@@ -56,7 +56,7 @@ use std::sync::{Mutex, PoisonError};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::budget::{MAX_CHORDS, too_much};
+use crate::budget::{MAX_CHORDS, MAX_RAY_CHORDS, too_much};
 #[cfg(doc)]
 use crate::camera::Growth;
 use crate::camera::{Camera, Projection};
@@ -160,7 +160,8 @@ impl Reference {
     /// The picture that a camera sees, one ray through the centre of each pixel.
     ///
     /// With antialiasing, kernels are as large as this camera makes them. Runs on all cores of the current rayon pool.
-    /// Takes about a microsecond for each chord that a ray cuts out of a kernel, and at most 2^36 of them.
+    /// Takes about a microsecond for each chord that a ray cuts out of a kernel, and at most 2^36 of them, or 2^24 for
+    /// each pixel.
     ///
     /// # Errors
     /// [`Error::Setting`] if the picture takes more: kernels that have grown far overlap in thousands.
@@ -179,13 +180,13 @@ impl Reference {
         } else {
             Sizes::fixed(self.radius)
         };
+        let [width, height] = camera.size;
         let chords = self.chords(camera, sizes);
-        if chords > MAX_CHORDS {
-            let what =
-                format!("rays would cut {chords:.0e} chords out of kernels, at most {MAX_CHORDS:.0e} are added up");
+        let most = MAX_CHORDS.min(MAX_RAY_CHORDS * f64::from(width) * f64::from(height));
+        if chords > most {
+            let what = format!("rays would cut {chords:.0e} chords out of kernels, at most {most:.0e} are added up");
             return Err(too_much(&what, sizes.largest(self.radius)));
         }
-        let [width, height] = camera.size;
         let done = Mutex::new(0_u32);
         let mut image = Image::transparent(width, height)?;
         image.pixels_mut().par_chunks_mut(width as usize).enumerate().for_each(|(y, row)| {
