@@ -9,7 +9,8 @@
 @group(0) @binding(3) var estimates: texture_2d<f32>;
 @group(0) @binding(4) var<storage, read_write> refinement: array<f32>;
 
-// Estimates up to which a pixel is that of the splines, and from which on it is that of its own ray. See docs/measurements/2026-11-22-rays.md.
+// Estimates up to which a pixel is that of the splines, and from which on it is that of its own ray. See
+// docs/measurements/2026-11-22-rays.md.
 const SPLINES: f32 = 0.16;
 const OWN_RAY: f32 = 0.27;
 
@@ -60,6 +61,6 @@ fn resample(@builtin(global_invocation_id) id: vec3u) {
     let estimate = estimate_at(whole, fraction);
     let own = max(smoothstep(SPLINES, OWN_RAY, estimate), rays.least_refined);
     let index = id.y * rays.picture.x + id.x;
-    pixels[index] += rays.share * (1.0 - own) * spline;
+    pixels[index] = with_share(pixels[index], rays.share * (1.0 - own) * spline);
     refinement[index] += rays.share * own;
 }
