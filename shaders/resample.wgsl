@@ -61,6 +61,6 @@ fn resample(@builtin(global_invocation_id) id: vec3u) {
     let estimate = estimate_at(whole, fraction);
     let own = max(smoothstep(SPLINES, OWN_RAY, estimate), rays.least_refined);
     let index = id.y * rays.picture.x + id.x;
-    pixels[index] += rays.share * (1.0 - own) * spline;
+    pixels[index] = with_share(pixels[index], rays.share * (1.0 - own) * spline);
     refinement[index] += rays.share * own;
 }

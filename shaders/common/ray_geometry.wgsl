@@ -104,7 +104,8 @@ fn run_at(tile: vec3u, slot: u32, depth: f32) -> vec2i {
 // Adds a share of the colour of a pixel, which is 0 at first.
 fn add_to_pixel(at: vec2u, value: vec4f) {
     if all(at < rays.picture) {
-        pixels[at.y * rays.picture.x + at.x] += value;
+        let index = at.y * rays.picture.x + at.x;
+        pixels[index] = with_share(pixels[index], value);
     }
 }
 

@@ -179,6 +179,12 @@ fn share_of(line: Line) -> f32 {
     return m / max(m + a + b, 0.5) * rays.share;
 }
 
+// A pixel and one share more of its colour. Shares may be rounded to a sum above 1; alpha is none the more.
+fn with_share(pixel: vec4f, value: vec4f) -> vec4f {
+    let sum = pixel + value;
+    return vec4f(sum.rgb / max(sum.a, 1.0), min(sum.a, 1.0));
+}
+
 // The tiles of 8 x 8 pixels that have pixels with rays of their own. `workgroups` are those of `refine`, and the first
 // three words are the arguments of its dispatch.
 struct Refined {
