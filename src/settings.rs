@@ -84,6 +84,7 @@ pub enum Painter {
     /// projections, but not:
     ///
     /// - kernels that reach over 3 voxels once they have grown; in perspective and post-shaded, over 2 voxels;
+    /// - post-shaded, kernels that reach less than a voxel;
     /// - in perspective, kernels that grow with the distance (see [`Settings::antialiasing`]);
     /// - pre-shaded, an eye that a kernel reaches;
     /// - post-shaded, values over 4096 times as far from the transfer function's base as its control points.

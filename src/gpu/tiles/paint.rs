@@ -39,6 +39,10 @@ const MAX_SCALAR: f64 = 4096.0;
 /// eight do, to 1 % (rms; vessels 7 %).
 const PIECES: f64 = 3.0;
 
+/// The least radius of kernels of scalars, in voxels: the fitted parts of narrower ones in slabs of half a plane err by
+/// half of what they are (a maximum of gaussian:0.25,0.5 by 0.26, rms).
+const MIN_SCALAR_RADIUS: f64 = 1.0;
+
 fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
     let growth = view.max_growth();
     if view.is_perspective() && growth > 1.0 {
@@ -49,6 +53,9 @@ fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
     if settings.kernel.radius() * growth > most {
         let grown = if growth > 1.0 { ", and they have grown to the size of pixels" } else { "" };
         return Some(format!("tiles draws kernels that reach at most {most} voxels here{grown}"));
+    }
+    if settings.is_post_shaded() && settings.kernel.radius() * growth < MIN_SCALAR_RADIUS {
+        return Some("tiles classifies slabs half a plane thick, in which kernels under a voxel leave gaps".to_owned());
     }
     if !settings.is_post_shaded() && view.is_among_voxels() {
         return Some("tiles does not cut kernels at the eye, and the eye is among the voxels".to_owned());
