@@ -163,15 +163,17 @@ fn rays_through_one_eye_are_those_of_the_reference() {
 fn scalars_are_classified_about_as_well_as_by_quads() {
     let post = Settings { shading: Shading::Post, ..full() };
     // A share of quads' error, and a limit of its own for each volume: one and a half times what was measured.
+    // Halves of sheets are lit on their own, and their means are exact: tiles err 1.55 times as much as quads, lit 2.75
+    // times, and by the blob 0.72 times.
     // Slabs are thinner than sheets, their means less exact where kernels end in a jump. A slab is lit
     // by the gradient in its middle, a sheet by one in each half. The largest value of a ray is that of a jump in many
     // pixels of marschner-lobb.
     let cases = [
-        (post.clone(), 1.3, [2.7e-3, 1.6e-3]),
+        (post.clone(), 1.7, [2.7e-3, 1.6e-3]),
         (Settings { interslice: Interslice::Mean, ..post.clone() }, 1.2, [2.8e-3, 2.6e-3]),
-        (Settings { lighting: headlight(), ..post.clone() }, 1.9, [7.7e-3, 2.8e-3]),
+        (Settings { lighting: headlight(), ..post.clone() }, 3.0, [7.7e-3, 2.8e-3]),
         (Settings { model: Model::Mip, ..post.clone() }, 1.2, [0.1, 4.4e-3]),
-        (Settings { kernel: Kernel::KAISER_BESSEL, ..post }, 0.5, [5.4e-4, 2.3e-3]),
+        (Settings { kernel: Kernel::KAISER_BESSEL, ..post }, 0.8, [5.4e-4, 2.3e-3]),
     ];
     for (settings, of_quads, alone) in cases {
         for (name, limit) in ["marschner-lobb", "vessels"].into_iter().zip(alone) {
