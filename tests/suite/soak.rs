@@ -1,5 +1,5 @@
-//! Turntables that go on: each turn gives the bytes of the first. What memory each turn adds
-//! is printed and not asserted: Mesa 22.3.6 keeps 0.2 MB of each frame of `tiles`, where Mesa 25.0.7 keeps nothing.
+//! Turntables that go on: each turn gives the bytes of the first and adds no memory. Mesa 22.3.6 is let off the second:
+//! it keeps 0.7 to 2 MB of each frame of `tiles`, where Mesa 25.0.7 keeps nothing of the same frames.
 
 use std::process::Command;
 
@@ -64,6 +64,8 @@ fn turns() {
                     before >> 10,
                     grown >> 10
                 );
+                let leaks = renderer.adapter().driver.contains("Mesa 22.3");
+                assert!(leaks || grown < 4 << 20, "{name}, {painter}: a turn adds {grown} bytes");
             }
         }
     }
@@ -89,7 +91,7 @@ fn a_turntable_keeps_its_bytes() {
 }
 
 #[test]
-#[ignore = "slow: 6000 frames"]
-fn five_hundred_frames_of_each_scene_keep_their_bytes() {
-    soak(500);
+#[ignore = "slow: 1440 frames"]
+fn long_turntables_keep_their_bytes() {
+    soak(120);
 }
