@@ -342,14 +342,14 @@ impl Scene {
     }
 }
 
-/// Scenes of the default seeds that are still wrong, left out of them: post-shaded steps of the transfer function at
-/// its first point (15, 17, 20, 25, 30), and `tiles` at the rims of truncated kernels (7, 13, 24, 41).
-const WRONG: [u64; 9] = [7, 13, 15, 17, 20, 24, 25, 30, 41];
+/// Scenes of the default seeds that are still wrong, left out: `tiles` at the rim of a truncated kernel in a wide
+/// perspective (24), and by `quads` the maximum of noise, of a kernel that reaches a voxel, across a step (25).
+const WRONG: [u64; 2] = [24, 25];
 
 #[test]
 fn random_scenes_keep_within_their_bounds() {
     let asked = std::env::var("VOXSPLAT_RANDOM_SEEDS").ok();
-    let seeds = asked.clone().unwrap_or_else(|| "0..58".to_owned());
+    let seeds = asked.clone().unwrap_or_else(|| "0..51".to_owned());
     let (first, last) = seeds.split_once("..").unwrap();
     let (first, last): (u64, u64) = (first.parse().unwrap(), last.parse().unwrap());
     // Scenes, the worst fraction of the bound, its seed and its errors, by painter and kind of picture.
