@@ -98,6 +98,24 @@ fn no_extinction_is_too_much() {
 }
 
 #[test]
+fn an_xray_of_dark_colours_is_white() {
+    let (volume, _) = demo("sphere", 24);
+    let dark = transfer(&[(50.0, [0.1, 0.2, 0.3], 0.0), (255.0, [0.1, 0.2, 0.3], 0.5)], None);
+    for projection in PROJECTIONS {
+        // Large pictures have intermediate images, small ones a ray for each pixel.
+        for size in [24, 160] {
+            let settings = Settings { model: Model::Xray, ..with_tiles(&full(), Resolution::Capped) };
+            let got = picture(&volume, &dark, &oblique(projection, 1.0, &volume, size), &settings);
+            by_tiles(&got);
+            let pixels = got.image.pixels();
+            assert!(pixels.iter().any(|p| p[3] > 0.5), "{projection:?} {size}: empty");
+            let white = |p: &[f32; 4]| p[..3].iter().all(|&c| (c - p[3]).abs() < 1e-6);
+            assert!(pixels.iter().all(white), "{projection:?} {size}: not white");
+        }
+    }
+}
+
+#[test]
 fn one_dense_voxel_is_its_footprint() {
     let mut samples = vec![0_u8; 125];
     samples[62] = 200;

@@ -293,7 +293,8 @@ impl<'a> Picture<'a> {
                 density_scale: 1.0 / (divisor * weights.unit),
                 opaque_depth: view.opaque_depth,
                 max_depth: max_depth(&self.job),
-                brightest: weights.brightest,
+                // An X-ray is white, whatever the colours of the transfer function.
+                brightest: if settings.model == Model::Xray { [1.0; 3] } else { weights.brightest },
             },
             scalars,
         }
