@@ -84,12 +84,18 @@ fn cut_along(axis: vec3f, center: f32, depth: vec3f, z: f32, radius: f32, low: f
     return vec2f(low, clamp(select(near, far, far < near) + margin, low, high));
 }
 
-// Bounds like those of bounds() of such a support within the region.
-fn cut_bounds(center: vec3f, growth: f32) -> vec4f {
+// The least (xy) and the largest (zw) slopes of the region's rays, a little beyond its outermost pixels.
+fn region_slopes() -> vec4f {
     let a = frame.pixel_offset;
     let b = vec2f(frame.region) * frame.pixel_scale + frame.pixel_offset;
-    let low = min(a, b) - frame.quad_pad;
-    let high = max(a, b) + frame.quad_pad;
+    return vec4f(min(a, b) - frame.quad_pad, max(a, b) + frame.quad_pad);
+}
+
+// Bounds like those of bounds() of such a support within the region.
+fn cut_bounds(center: vec3f, growth: f32) -> vec4f {
+    let ends = region_slopes();
+    let low = ends.xy;
+    let high = ends.zw;
     let z = center.z + frame.eye_depth;
     let radius = frame.radius * growth;
     let x = cut_along(frame.view_x, center.x, frame.view_z, z, radius, low.x, high.x);
@@ -100,10 +106,9 @@ fn cut_bounds(center: vec3f, growth: f32) -> vec4f {
 // Whether the support of a splat may reach into the pyramid of the region's rays: false if it lies beyond one of the
 // four sides, which are planes through the eye.
 fn in_view(center: vec3f, growth: f32) -> bool {
-    let a = frame.pixel_offset;
-    let b = vec2f(frame.region) * frame.pixel_scale + frame.pixel_offset;
-    let low = min(a, b) - frame.quad_pad;
-    let high = max(a, b) + frame.quad_pad;
+    let ends = region_slopes();
+    let low = ends.xy;
+    let high = ends.zw;
     let z = center.z + frame.eye_depth;
     let radius = frame.radius * growth;
     return center.x - low.x * z >= -radius * length(frame.view_x - low.x * frame.view_z)

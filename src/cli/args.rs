@@ -269,8 +269,8 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "N", help_heading = "Painter quads")]
     pub(super) sheets_per_pass: Option<u32>,
 
-    /// How finely rays are spaced: capped (pre-shaded, 1 to 4 rays per voxel and axis, resampled to the picture) or
-    /// full (a ray per pixel) [default: capped]
+    /// How finely rays are spaced: capped (pre-shaded, 1 to 4 rays per voxel and axis, resampled to the picture, and
+    /// own rays for pixels that would err) or full (a ray per pixel) [default: capped]
     #[arg(long, value_name = "HOW", value_parser = one_of(Resolution::ALL, Resolution::name),
         help_heading = "Painter tiles")]
     pub(super) resolution: Option<Resolution>,

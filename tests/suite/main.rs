@@ -36,4 +36,5 @@ mod streaming;
 mod support;
 mod tiles;
 mod tiles_hard;
+mod tiles_rays;
 mod truth;

@@ -156,3 +156,9 @@ pub(crate) fn by_tiles(rendered: &Rendered) -> TilesStats {
         .tiles()
         .unwrap_or_else(|| panic!("{}: {}", rendered.stats.painter.name(), rendered.stats.painter_reason))
 }
+
+/// Tiles, with a ray for each pixel, and nothing that is allowed to change a picture.
+pub(crate) fn full() -> Settings {
+    let exact = Settings { termination: 0.0, antialiasing: false, ..Settings::default() };
+    with_tiles(&exact, Resolution::Full)
+}

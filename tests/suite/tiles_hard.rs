@@ -8,16 +8,10 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    PERSPECTIVE, PROJECTIONS, RENDERER, by_tiles, demo, errors, exact_quads, headlight, look, picture, render,
+    PERSPECTIVE, PROJECTIONS, RENDERER, by_tiles, demo, errors, exact_quads, full, headlight, look, picture, render,
     rms_covered, transfer, with_tiles,
 };
 use crate::truth::truth;
-
-/// Tiles, with a ray for each pixel, and nothing that is allowed to change a picture.
-fn full() -> Settings {
-    let exact = Settings { termination: 0.0, antialiasing: false, ..Settings::default() };
-    with_tiles(&exact, Resolution::Full)
-}
 
 fn oblique(projection: ProjectionKind, zoom: f64, volume: &Volume, size: u32) -> Camera {
     look(&View { azimuth: 33.0, elevation: 20.0, projection, zoom, ..View::default() }, volume, [size; 2])
