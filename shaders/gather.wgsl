@@ -103,7 +103,7 @@ fn settled(slab: vec4f, behind: vec4f) -> Pair {
 // right to second order. The integral of c(u) exp(-u) is mean (1 - exp(-depth)) - g f(depth), f(depth) = 1/2 +
 // exp(-depth) / 2 - (1 - exp(-depth)) / depth. The fraction below, for f(depth) / depth^2, errs by 0.04 / depth^2 at
 // most, and not where depth is small.
-fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, plane: f32) {
+fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry) {
     let pair = settled((*ray).slab, behind * (rays.density_scale * geometry.stretch));
     let before = (*ray).before;
     (*ray).before = pair.x;
@@ -111,13 +111,6 @@ fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, p
     let most = STEEPEST * max(pair.x.w, 0.0) + 1.0;
     var x = pair.x;
     var slope = pair.y * (most / max(pair.y.w, most)) - before * (most / max(before.w, most));
-    if PERSPECTIVE {
-        // The eye may be in the slab: only the part in front of it counts.
-        let part = clamp(geometry.inside - plane, vec2f(-0.5), vec2f(0.5));
-        let length = max(part.y - part.x, 0.0);
-        x *= length;
-        slope *= length * length;
-    }
     // The light that arrives times 1 - exp(-depth). The series errs by depth^4 / 120 < 2e-7 of it.
     let depth = x.w;
     let passed = exp(-(*ray).depth - depth);
@@ -171,7 +164,7 @@ struct Slabs {
 fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments, geometry: RayGeometry, plane: i32) {
     let parts = parts_of(geometry.section, sums);
     let pending = *slabs;
-    advance(ray, pending.s0 + parts.ahead3, geometry, f32(plane - 4));
+    advance(ray, pending.s0 + parts.ahead3, geometry);
     *slabs = Slabs(
         pending.s1 + parts.ahead2,
         pending.s2 + parts.ahead1,
@@ -227,16 +220,10 @@ struct NearSlabs {
 }
 
 // `feed` of such kernels.
-fn feed_near(
-    ray: ptr<function, RayState>,
-    slabs: ptr<function, NearSlabs>,
-    sums: Moments,
-    geometry: RayGeometry,
-    plane: i32,
-) {
+fn feed_near(ray: ptr<function, RayState>, slabs: ptr<function, NearSlabs>, sums: Moments, geometry: RayGeometry) {
     let parts = parts_of(geometry.section, sums);
     let pending = *slabs;
-    advance(ray, pending.s0 + parts.ahead2, geometry, f32(plane - 3));
+    advance(ray, pending.s0 + parts.ahead2, geometry);
     *slabs = NearSlabs(
         pending.s1 + parts.ahead1,
         pending.s2 + parts.own,
@@ -337,14 +324,14 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
                 add_row(&sums6, w, v6, v7, v8, v9, v10, v11);
                 add_row(&sums7, w, v7, v8, v9, v10, v11, v12);
             }
-            feed_near(&ray0, &slabs0, sums0, geometry, plane);
-            feed_near(&ray1, &slabs1, sums1, geometry, plane);
-            feed_near(&ray2, &slabs2, sums2, geometry, plane);
-            feed_near(&ray3, &slabs3, sums3, geometry, plane);
-            feed_near(&ray4, &slabs4, sums4, geometry, plane);
-            feed_near(&ray5, &slabs5, sums5, geometry, plane);
-            feed_near(&ray6, &slabs6, sums6, geometry, plane);
-            feed_near(&ray7, &slabs7, sums7, geometry, plane);
+            feed_near(&ray0, &slabs0, sums0, geometry);
+            feed_near(&ray1, &slabs1, sums1, geometry);
+            feed_near(&ray2, &slabs2, sums2, geometry);
+            feed_near(&ray3, &slabs3, sums3, geometry);
+            feed_near(&ray4, &slabs4, sums4, geometry);
+            feed_near(&ray5, &slabs5, sums5, geometry);
+            feed_near(&ray6, &slabs6, sums6, geometry);
+            feed_near(&ray7, &slabs7, sums7, geometry);
             depth = least(
                 vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
                 vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),

@@ -19,7 +19,8 @@ struct RayGeometry {
     row_half: f32,
     row_slope: f32,
     section: Section,
-    // The planes, as real numbers, between which the ray counts: in front of the eye, and for scalars inside the box.
+    // The planes, as real numbers, between which the ray counts: of scalars in front of the eye and inside the box; of
+    // colours all or, if what the ray meets is behind the eye, none.
     inside: vec2f,
     // Unit vector to the eye, view coordinates.
     to_eye: vec3f,
@@ -70,10 +71,9 @@ fn geometry_of(point: vec2u) -> RayGeometry {
         geometry.section.by_m0 = mix(low.by_m0, high.by_m0, place - f32(step));
         geometry.section.by_m1 = mix(low.by_m1, high.by_m1, place - f32(step)) / lean;
         geometry.section.by_m2 = mix(low.by_m2, high.by_m2, place - f32(step)) / (lean * lean);
-        geometry.inside.x = rays.eye_plane;
         geometry.to_eye = -vec3f(slope, 1.0) / slant;
     }
-    if SCALARS {
+    if SCALARS || PERSPECTIVE {
         // The ray against the sides of the box (Kay and Kajiya 1986, "Ray tracing complex scenes"). A component of 0 is
         // replaced by one so small that the ends it gives are far outside.
         let shear = select(line.shear, vec2f(1e-20), abs(line.shear) < vec2f(1e-20));
@@ -81,10 +81,18 @@ fn geometry_of(point: vec2u) -> RayGeometry {
         let b = (rays.box_high.xy - line.base) / shear;
         let near = min(a, b);
         let far = max(a, b);
+        let eye = select(-FAR, rays.eye_plane, PERSPECTIVE);
         geometry.inside = vec2f(
-            max(max(near.x, near.y), max(rays.box_low.z, geometry.inside.x)),
+            max(max(near.x, near.y), rays.box_low.z),
             min(min(far.x, far.y), rays.box_high.z),
         );
+        if SCALARS {
+            geometry.inside.x = max(geometry.inside.x, eye);
+        } else {
+            // The eye is outside the box, so that a ray has all of it before the eye or all behind.
+            let in_front = 0.5 * geometry.inside.x + 0.5 * geometry.inside.y > eye;
+            geometry.inside = select(vec2f(FAR, -FAR), vec2f(-FAR, FAR), in_front);
+        }
     }
     return geometry;
 }

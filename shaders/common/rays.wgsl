@@ -47,7 +47,7 @@ struct Rays {
     // Parallel rays: in the row of voxels at distance v along b from a ray, the kernels that reach the ray are centred
     // within row_half of row_slope v along a.
     row_half: f32,
-    // The box that scalars fill, in (a, b) and planes.
+    // The box that scalars fill or that kernels of colours reach, in (a, b) and planes.
     box_low: vec3f,
     row_slope: f32,
     box_high: vec3f,

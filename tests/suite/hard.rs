@@ -252,8 +252,23 @@ fn material_of_any_density() {
     let opaque_in = |unit: f64| transfer(&[(50.0, [0.1, 0.3, 0.9], 0.0), (100.0, [0.9, 0.5, 0.1], 1.0)], Some(unit));
     let tenth = |opacity: f64| transfer(&[(0.0, white, 0.0), (200.0, [0.9, 0.5, 0.1], opacity)], None);
     let tones_of = |name: &str, transfer: TransferFunction| Case { transfer, ..case(name, oblique()) };
+    // Voxel k has an extinction of 10^(k - 8).
+    let unit = 1e-5;
+    let decades: Vec<(f64, [f64; 3], f64)> = (0..15)
+        .map(|k| {
+            let opacity = -(-(10.0_f64.powi(k - 8) * unit)).exp_m1();
+            (f64::from(k), [f64::from(k % 3) / 2.0, f64::from(k % 5) / 4.0, 0.5], opacity)
+        })
+        .collect();
+    let row = Volume::new(Grid::axis_parallel([15, 1, 1], [1.0; 3]).unwrap(), Samples::U8((0..15).collect())).unwrap();
     hold(
         vec![
+            Case {
+                volume: row,
+                transfer: transfer(&decades, Some(unit)),
+                size: [60, 9],
+                ..case("extinctions 1e-8 to 1e6", View { elevation: 20.0, ..View::default() })
+            },
             tones_of("opacity 1", opaque.clone()),
             Case { transfer: opaque, ..case("opacity 1, perspective", through(40.0, oblique())) },
             tones_of("opacity 1, unit 0.02", opaque_in(0.02)),

@@ -104,9 +104,9 @@ impl PackedBox<'_> {
         axis.ordered(p - low) + if axis.flipped { DVec3::Z * last_plane } else { DVec3::ZERO }
     }
 
-    /// The box half a voxel beyond the outermost voxels of the volume, as its least and largest (a, b, plane).
-    fn faces(&self, axis: &PrincipalAxis) -> [DVec3; 2] {
-        let ends = [DVec3::splat(-0.5), DVec3::from_array(self.grid.dims().map(f64::from)) - 0.5];
+    /// The box `beyond` voxels beyond the outermost voxels of the volume, as its least and largest (a, b, plane).
+    fn faces(&self, axis: &PrincipalAxis, beyond: f64) -> [DVec3; 2] {
+        let ends = [DVec3::splat(-beyond), DVec3::from_array(self.grid.dims().map(f64::from)) - 1.0 + beyond];
         let [a, b] = ends.map(|end| self.placed(axis, self.grid.to_world().transform_point3(end)));
         [a.min(b), a.max(b)]
     }
@@ -145,7 +145,9 @@ impl RaySetup<'_> {
         // View coordinates of a gradient along each axis of the lattice: the transpose of what maps view to lattice.
         let view = DMat3::from_cols(self.camera.right, self.camera.up, self.camera.forward);
         let gradients = (grid.to_lattice().matrix3 * view).transpose();
-        let [box_low, box_high] = self.volume.faces(axis);
+        // A field that is reconstructed from scalars ends with the box of the volume.
+        let beyond = if self.scalars.is_some() { 0.5 } else { radius };
+        let [box_low, box_high] = self.volume.faces(axis, beyond);
         let uniforms = layout::Rays {
             density_scale: self.optics.density_scale.min(MAX_DENSITY_SCALE) as f32,
             opaque_depth: self.optics.opaque_depth.min(f64::from(f32::MAX)) as f32,
