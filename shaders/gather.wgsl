@@ -14,7 +14,7 @@
 // drivers that do not unroll them.
 
 @group(0) @binding(0) var<uniform> rays: Rays;
-@group(0) @binding(2) var runs: texture_2d<u32>;
+@group(0) @binding(2) var<storage, read> runs: array<vec2u>;
 // Written by `single` if rays go through an intermediate image, and by `blocked`; read by `prefilter`.
 @group(0) @binding(3) var intermediate: texture_storage_2d<rgba32float, write>;
 // The picture: `single` and `refine` add to it.
@@ -150,6 +150,10 @@ fn finished(ray: RayState) -> vec4f {
 const FLUSH: i32 = 7;
 const FLUSH_BLOCKED: i32 = 5;
 
+fn is_opaque(ray: RayState) -> bool {
+    return ray.depth > rays.opaque_depth;
+}
+
 // The slabs that planes may still add to, the foremost first.
 struct Slabs {
     s0: vec4f,
@@ -179,7 +183,7 @@ fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments
 fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
     let at = point_of(tile, lane);
     let share = share_of(line_of(at));
-    if share == 0.0 {
+    if PERSPECTIVE && share == 0.0 {
         return;
     }
     let geometry = geometry_of(at);
@@ -266,7 +270,7 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
     var slabs6: NearSlabs;
     var slabs7: NearSlabs;
     var depth = 0.0;
-    for (var slot = 0u; slot < rays.run_slots; slot++) {
+    for (var slot = 0u; ; slot++) {
         let run = run_at(tile, slot, depth);
         if run.y == 0 {
             break;

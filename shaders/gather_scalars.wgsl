@@ -5,7 +5,7 @@
 // parts in eight of them, nearly its footprint times parabolas in s: a plane needs three moments.
 
 @group(0) @binding(0) var<uniform> rays: Rays;
-@group(0) @binding(2) var runs: texture_2d<u32>;
+@group(0) @binding(2) var<storage, read> runs: array<vec2u>;
 @group(0) @binding(3) var<storage, read_write> pixels: array<vec4f>;
 @group(0) @binding(4) var<uniform> lighting: Lighting;
 // The transfer function: see common/transfer.wgsl.
@@ -85,6 +85,11 @@ fn begin_run(ray: ptr<function, RayState>) {
     (*ray).slab = vec4f(0.0);
 }
 
+// The largest scalar may be the last one.
+fn is_opaque(ray: RayState) -> bool {
+    return !MAXIMUM && ray.depth > rays.opaque_depth;
+}
+
 // Planes after the last of a run: kernels reach 2 planes beyond it, and slabs are composited 2 planes late.
 const FLUSH: i32 = 4;
 
@@ -133,7 +138,7 @@ fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments
 fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
     let at = point_of(tile, lane);
     let share = share_of(line_of(at));
-    if share == 0.0 {
+    if PERSPECTIVE && share == 0.0 {
         return;
     }
     let geometry = geometry_of(at);

@@ -6,7 +6,7 @@
 @group(0) @binding(1) var coefficients: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(2) var<storage, read_write> pixels: array<vec4f>;
 // How much the splines may err around each point, and the share of its own ray that each pixel gets for that.
-@group(0) @binding(3) var estimates: texture_2d<f32>;
+@group(0) @binding(3) var estimates: texture_storage_2d<r32float, read>;
 @group(0) @binding(4) var<storage, read_write> refinement: array<f32>;
 
 // Estimates up to which a pixel is that of the splines, and from which on it is that of its own ray. See
@@ -18,8 +18,8 @@ const OWN_RAY: f32 = 0.27;
 fn estimate_at(whole: vec2f, fraction: vec2f) -> f32 {
     // Pixels beyond the image show nothing, and may have any estimate.
     let p = clamp(vec2i(whole), vec2i(0), vec2i(rays.size) - 2);
-    let top = vec2f(textureLoad(estimates, p, 0).x, textureLoad(estimates, p + vec2i(1, 0), 0).x);
-    let bottom = vec2f(textureLoad(estimates, p + vec2i(0, 1), 0).x, textureLoad(estimates, p + 1, 0).x);
+    let top = vec2f(textureLoad(estimates, p).x, textureLoad(estimates, p + vec2i(1, 0)).x);
+    let bottom = vec2f(textureLoad(estimates, p + vec2i(0, 1)).x, textureLoad(estimates, p + 1).x);
     let between = mix(top, bottom, fraction.y);
     return mix(between.x, between.y, fraction.x);
 }

@@ -4,8 +4,8 @@
 @group(0) @binding(0) var<uniform> rays: Rays;
 // A texel for each macrocell: 1 if it has a voxel that is not empty, otherwise 0.
 @group(0) @binding(1) var occupied: texture_3d<u32>;
-// Runs as (first plane, plane after the last), at run_texel(tile, slot); (0, 0) ends the list of a tile.
-@group(0) @binding(2) var runs: texture_storage_2d<rg32uint, write>;
+// Runs as (first plane, plane after the last), at run_index(tile, slot); (0, 0) ends the list of a tile.
+@group(0) @binding(2) var<storage, read_write> runs: array<vec2u>;
 
 // The share of its own ray in each pixel, and the tiles in which there is one.
 @group(0) @binding(3) var<storage, read> refinement: array<f32>;
@@ -32,7 +32,7 @@ struct Corners {
 
 // Whether an occupied macrocell lies where a ray of the tile can meet kernels of the planes from `first` to `last`.
 fn is_occupied(corners: ptr<function, Corners>, first: i32, last: i32) -> bool {
-    if rays.skip_nothing == 1u || !(*corners).bounded {
+    if first < rays.unskipped || !(*corners).bounded {
         return true;
     }
     // The rectangle around the corners in all of these planes: rays are straight, so the first and the last plane do.
@@ -120,13 +120,14 @@ fn find_runs(tile: vec3u) {
     // end a run: the slab next to a run shapes the curve in its last slab.
     var start = 0;
     var end = 0;
-    for (var first = 0; first < rays.voxels.z; first += MACROCELL) {
+    let planes = i32(textureDimensions(occupied).z) * MACROCELL;
+    for (var first = 0; first < planes; first += MACROCELL) {
         let last = min(first + MACROCELL, rays.voxels.z) - 1;
         if is_occupied(&corners, first, last) {
             if end == 0 {
                 start = first;
             } else if first > end + MACROCELL {
-                textureStore(runs, run_texel(tile, slot), vec4u(u32(start), u32(end), 0u, 0u));
+                runs[run_index(tile, slot)] = vec2u(u32(start), u32(end));
                 slot++;
                 start = first;
             }
@@ -134,8 +135,8 @@ fn find_runs(tile: vec3u) {
         }
     }
     if end > 0 {
-        textureStore(runs, run_texel(tile, slot), vec4u(u32(start), u32(end), 0u, 0u));
+        runs[run_index(tile, slot)] = vec2u(u32(start), u32(end));
         slot++;
     }
-    textureStore(runs, run_texel(tile, slot), vec4u(0u));
+    runs[run_index(tile, slot)] = vec2u(0u);
 }

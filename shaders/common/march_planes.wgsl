@@ -1,11 +1,12 @@
 // The march of one ray from voxel plane to voxel plane, run after run. Each stage of rays says what a plane adds to the
 // slabs that are not complete: the struct `Slabs`, the functions `feed` and `begin_run`, and FLUSH, the planes that are
-// marched after the last of a run until every slab that the run feeds has been composited.
+// marched after the last of a run until every slab that the run feeds has been composited; and by `is_opaque` whether a
+// ray ends.
 
 fn march_planes(tile: vec3u, geometry: RayGeometry) -> RayState {
     let footprints = footprints_of(geometry);
     var ray = new_ray();
-    for (var slot = 0u; slot < rays.run_slots; slot++) {
+    for (var slot = 0u; ; slot++) {
         let run = run_at(tile, slot, ray.depth);
         if run.y == 0 {
             break;
@@ -15,7 +16,7 @@ fn march_planes(tile: vec3u, geometry: RayGeometry) -> RayState {
         begin_run(&ray);
         for (var plane = planes.x; plane < planes.y + FLUSH; plane++) {
             feed(&ray, &slabs, gathered(geometry, footprints, plane, planes.y), geometry, plane);
-            if ray.depth > rays.opaque_depth {
+            if is_opaque(ray) {
                 break;
             }
         }

@@ -105,7 +105,7 @@ fn point_of(tile: vec3u, lane: u32) -> vec2u {
 // Run number `slot` of a tile: its first plane, and the one after its last. (0, 0) if there are no more runs, or if the
 // optical depth of the ray makes it opaque.
 fn run_at(tile: vec3u, slot: u32, depth: f32) -> vec2i {
-    let run = vec2i(textureLoad(runs, run_texel(tile, slot), 0).xy);
+    let run = vec2i(runs[run_index(tile, slot)]);
     return select(run, vec2i(0), depth > rays.opaque_depth);
 }
 

@@ -55,8 +55,8 @@ struct Rays {
     samples: u32,
     // View coordinates of a gradient of 1 along each axis of the lattice.
     gradient_x: vec3f,
-    // 1 if empty macrocells may not be skipped, otherwise 0.
-    skip_nothing: u32,
+    // Planes whose empty macrocells may not be skipped: all of them or none.
+    unskipped: i32,
     gradient_y: vec3f,
     // Runs that a tile has room for.
     run_slots: u32,
@@ -120,14 +120,9 @@ struct Section {
     by_m2: vec4f,
 }
 
-// Runs in a row of the texture of runs. Every device of WebGPU allows textures 8192 wide.
-const RUN_ROW: u32 = 8192u;
-
-// Where run number `slot` of a tile is kept in the texture of runs: the runs of a tile are one after the other, row
-// after row.
-fn run_texel(tile: vec3u, slot: u32) -> vec2u {
-    let index = ((tile.z * rays.tiles.y + tile.y) * rays.tiles.x + tile.x) * rays.run_slots + slot;
-    return vec2u(index % RUN_ROW, index / RUN_ROW);
+// Where run number `slot` of a tile is kept: the runs of a tile are one after the other.
+fn run_index(tile: vec3u, slot: u32) -> u32 {
+    return ((tile.z * rays.tiles.y + tile.y) * rays.tiles.x + tile.x) * rays.run_slots + slot;
 }
 
 // The first ray of a tile, as a point of the intermediate image; tile.z is the number of its phase.

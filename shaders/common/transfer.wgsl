@@ -49,8 +49,8 @@ fn largest_in(m: vec3f, part: vec2f) -> f32 {
 // The largest value of a slab with means `m`, clamped to what is invisible if no mean is larger: then only the parabola
 // is.
 fn shown(largest: f32, m: vec3f, invisible: vec2f) -> f32 {
-    let only_parabola = is_invisible_range(invisible.x, max(m.x, max(m.y, m.z)), invisible);
-    return select(largest, min(largest, invisible.y), only_parabola);
+    let end = select(-3e38, invisible.y, invisible.x <= invisible.y);
+    return select(largest, min(largest, end), max(m.x, max(m.y, m.z)) <= end);
 }
 
 // Whether a bin may lie in more than two segments.

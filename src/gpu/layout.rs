@@ -211,8 +211,6 @@ pub(crate) const MACROCELL: u32 = 4;
 pub(crate) const MARGIN: u32 = 7;
 /// Side of a tile, in rays; a workgroup of `single` is 8 x 8 rays, one of `blocked` 8 rows of 8.
 pub(crate) const TILE: u32 = 8;
-/// Runs in a row of the texture of runs; RUN_ROW in shaders/common/rays.wgsl.
-pub(crate) const RUN_ROW: u32 = 8192;
 
 /// The rays of the painter `tiles` and the volume that they cross; each field is explained in shaders/common/rays.wgsl.
 #[repr(C)]
@@ -237,7 +235,7 @@ pub(crate) struct Rays {
     pub box_high: [f32; 3],
     pub samples: u32,
     pub gradient_x: [f32; 3],
-    pub skip_nothing: u32,
+    pub unskipped: i32,
     pub gradient_y: [f32; 3],
     pub run_slots: u32,
     pub gradient_z: [f32; 3],

@@ -113,7 +113,7 @@ fn structs_are_laid_out_alike() {
         box_high,
         samples,
         gradient_x,
-        skip_nothing,
+        unskipped,
         gradient_y,
         run_slots,
         gradient_z,
@@ -188,7 +188,6 @@ fn constants_are_those_of_the_host() {
         ("classify", "MAX_INLINE_POINTS", super::layout::MAX_INLINE_POINTS as u64),
         ("scan", "RUN", super::scan::RUN),
         ("terminate", "RUN", super::quads::terminate::RUN),
-        ("skip", "RUN_ROW", u64::from(super::layout::RUN_ROW)),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),
     ];
     for (name, constant, value) in expected {

@@ -44,6 +44,8 @@ pub(crate) const LIGHT: f64 = 4e-3;
 pub(crate) const CLASSIFIED: f64 = 4e-2;
 /// A step turns an error of the scalar into pixels that are wholly wrong, along the outline of a surface.
 pub(crate) const STEPPED: f64 = 0.2;
+/// The same of kernels narrower than 2 voxels: what shows of a single voxel may be all outline.
+pub(crate) const NARROW_STEPPED: f64 = 0.4;
 /// A maximum shows one scalar in each pixel, and a transfer function may turn a small error of it into any other colour.
 /// So the scalar is held: a pixel may show whatever the transfer function makes of the ray's largest scalar, give or
 /// take this fraction of the range of values. Slabs hold means, which are less than peaks: of a slab t thick on a peak
@@ -130,9 +132,9 @@ fn data_range(volume: &Volume) -> [f64; 2] {
 }
 
 /// The range of a volume's values. One value alone is reconstructed to ripples around the base.
-fn range_of(volume: &Volume) -> f64 {
+fn range_of(volume: &Volume, transfer: &TransferFunction) -> f64 {
     let [low, high] = data_range(volume);
-    if high > low { high - low } else { high.abs().max(1.0) }
+    if high > low { high - low } else { (high - transfer.base()).abs().max(f64::MIN_POSITIVE) }
 }
 
 /// What a picture may differ by.
@@ -147,8 +149,9 @@ pub(crate) fn bound(
         return Bound { alpha: 1.0, color: 1.0, rms: UNEXPLAINED };
     }
     if settings.is_post_shaded() {
-        let slope = slope(transfer, range_of(volume), volume.grid().min_spacing());
-        let rms = (CLASSIFIED * slope.max(1.0)).min(STEPPED);
+        let slope = slope(transfer, range_of(volume, transfer), volume.grid().min_spacing());
+        let stepped = if settings.kernel.radius() < 2.0 { NARROW_STEPPED } else { STEPPED };
+        let rms = (CLASSIFIED * slope.max(1.0)).min(stepped);
         return Bound { alpha: 1.0, color: 1.0, rms: rms + settings.termination };
     }
     let (alpha, slab, mixed) = match &rendered.stats.painter {
@@ -320,7 +323,7 @@ pub(crate) fn measured(
     let compared = if settings.model == Model::Mip {
         let scalars = largest_scalars(volume, transfer, camera, settings);
         let error = if settings.kernel.radius() > 1.0 { MAXIMUM } else { NARROW_MAXIMUM };
-        unexplained(&image, &expected, &scalars, transfer, error * range_of(volume))
+        unexplained(&image, &expected, &scalars, transfer, error * range_of(volume, transfer))
     } else {
         image.clone()
     };

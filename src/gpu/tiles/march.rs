@@ -2,23 +2,19 @@
 //! shaders/gather.wgsl and shaders/gather_scalars.wgsl.
 
 use super::super::context::Context;
-use super::super::layout::{self, RUN_ROW, TILE};
+use super::super::layout::{self, TILE};
 use super::super::pipeline::{self, Binding, bind, compute, flag, module, texture_view};
 use super::super::recorder::Recorder;
 use super::super::shaders;
 use super::super::transfer::TransferTable;
 use super::pack::{Packed, Voxel};
 use super::resample::FORMAT;
-use super::{RayKind, TilesKey, texture};
+use super::{RayKind, TilesKey};
 use crate::error::Result;
 use crate::settings::Model;
 
 /// The bindings of `skip`.
-const SKIP: [Binding; 3] = [
-    Binding::Uniform,
-    Binding::IntegerTexture(wgpu::TextureViewDimension::D3),
-    Binding::StorageTexture(wgpu::TextureFormat::Rg32Uint, wgpu::TextureViewDimension::D2),
-];
+const SKIP: [Binding; 3] = [Binding::Uniform, Binding::IntegerTexture(wgpu::TextureViewDimension::D3), Binding::Write];
 
 /// A pipeline and the layout of what it is bound to.
 pub(super) struct Stage {
@@ -65,8 +61,7 @@ impl Stage {
     /// The rays of these pixels.
     fn refine(context: &Context, key: TilesKey) -> Self {
         let volume = key.voxel.binding(context.info.is_software());
-        let runs = Binding::IntegerTexture(wgpu::TextureViewDimension::D2);
-        let bindings = [Binding::Uniform, volume, runs, Binding::Read, Binding::Write, Binding::Read];
+        let bindings = [Binding::Uniform, volume, Binding::Read, Binding::Read, Binding::Write, Binding::Read];
         let constants = [
             ("PERSPECTIVE", flag(key.perspective)),
             ("TERMS", f64::from(key.terms)),
@@ -80,7 +75,6 @@ impl Stage {
     pub(super) fn gather(context: &Context, key: TilesKey) -> Self {
         let software = context.info.is_software();
         let volume = key.voxel.binding(software);
-        let runs = Binding::IntegerTexture(wgpu::TextureViewDimension::D2);
         let perspective = ("PERSPECTIVE", flag(key.perspective));
         let terms = ("TERMS", f64::from(key.terms));
         let texels = ("TEXELS", f64::from(key.texels));
@@ -90,7 +84,7 @@ impl Stage {
             let entry = if key.rays == RayKind::Shared { "blocked" } else { "single" };
             let white = ("WHITE", flag(key.model == Model::Xray));
             let resampled = ("RESAMPLED", flag(key.rays == RayKind::Coarser));
-            let bindings = [Binding::Uniform, volume, runs, intermediate, Binding::Write];
+            let bindings = [Binding::Uniform, volume, Binding::Read, intermediate, Binding::Write];
             return Self::new(
                 context,
                 shaders::GATHER,
@@ -107,7 +101,7 @@ impl Stage {
         let maximum = ("MAXIMUM", flag(key.model == Model::Mip));
         let lights = ("LIGHTS", f64::from(key.lights));
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
-        let bindings = [Binding::Uniform, volume, runs, Binding::Write, Binding::Uniform, transfer];
+        let bindings = [Binding::Uniform, volume, Binding::Read, Binding::Write, Binding::Uniform, transfer];
         let scalars = ("SCALARS", 1.0);
         let crowded = ("CROWDED", flag(key.crowded));
         Self::new(
@@ -128,10 +122,10 @@ pub(super) fn march(
     packed: &Packed,
     uniforms: &layout::Rays,
     targets: &Targets<'_>,
-) {
-    let runs = find_runs(recorder, skip, packed, uniforms, targets.rays);
+) -> Result<()> {
+    let runs = find_runs(recorder, skip, packed, uniforms, targets.rays)?;
     let rays = targets.rays.as_entire_binding();
-    let mut resources = vec![rays, texture_view(&packed.volume), texture_view(&runs)];
+    let mut resources = vec![rays, texture_view(&packed.volume), runs.as_entire_binding()];
     let pixels = targets.pixels.as_entire_binding();
     match targets.transfer {
         Some(table) => resources.extend([pixels, targets.lighting.as_entire_binding(), texture_view(&table.texture)]),
@@ -140,6 +134,7 @@ pub(super) fn march(
     let group = bind(recorder.context, "gather", &gather.layout, &resources);
     let [across, down] = uniforms.tiles;
     recorder.dispatch("gather", &gather.pipeline, &group, &[], [across, down, phases(uniforms)]);
+    Ok(())
 }
 
 /// For each tile of rays, the runs of planes in which they can meet a voxel.
@@ -149,19 +144,19 @@ pub(super) fn find_runs(
     packed: &Packed,
     uniforms: &layout::Rays,
     rays: &wgpu::Buffer,
-) -> wgpu::TextureView {
-    let runs = runs_of(recorder.context, uniforms);
-    let resources = [rays.as_entire_binding(), texture_view(&packed.occupied), texture_view(&runs)];
+) -> Result<wgpu::Buffer> {
+    let runs = runs_of(recorder.context, uniforms)?;
+    let resources = [rays.as_entire_binding(), texture_view(&packed.occupied), runs.as_entire_binding()];
     let group = bind(recorder.context, "skip", &skip.layout, &resources);
     recorder.dispatch("skip", &skip.pipeline, &group, &[], tiles_of(uniforms));
-    runs
+    Ok(runs)
 }
 
 /// Room for the runs of every tile.
-fn runs_of(context: &Context, uniforms: &layout::Rays) -> wgpu::TextureView {
+fn runs_of(context: &Context, uniforms: &layout::Rays) -> Result<wgpu::Buffer> {
     let [across, down] = uniforms.tiles;
-    let rows = (across * down * phases(uniforms) * uniforms.run_slots).div_ceil(RUN_ROW);
-    texture(context, "skip.runs", wgpu::TextureFormat::Rg32Uint, [RUN_ROW, rows])
+    let runs = [across, down, phases(uniforms), uniforms.run_slots].into_iter().map(u64::from).product::<u64>();
+    context.buffer("skip.runs", 8 * runs, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC)
 }
 
 /// Workgroups of `skip`.
@@ -197,20 +192,20 @@ impl Refiner {
         refinement: &wgpu::Buffer,
     ) -> Result<()> {
         let context = recorder.context;
-        let runs = runs_of(context, uniforms);
+        let runs = runs_of(context, uniforms)?;
         // Four words, and one for each tile, in whole vectors of the shader; zeros at first.
         let words = 4 + (u64::from(uniforms.tiles[0]) * u64::from(uniforms.tiles[1])).next_multiple_of(4);
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT;
         let refined = context.buffer("refine.tiles", 4 * words, usage)?;
         let rays = rays.as_entire_binding();
-        let mut resources = vec![rays.clone(), texture_view(&packed.occupied), texture_view(&runs)];
+        let mut resources = vec![rays.clone(), texture_view(&packed.occupied), runs.as_entire_binding()];
         resources.extend([refinement.as_entire_binding(), refined.as_entire_binding()]);
         let group = bind(context, "skip", &self.skip.layout, &resources);
         recorder.dispatch("skip", &self.skip.pipeline, &group, &[], tiles_of(uniforms));
         let resources = [
             rays,
             texture_view(&packed.volume),
-            texture_view(&runs),
+            runs.as_entire_binding(),
             refinement.as_entire_binding(),
             pixels.as_entire_binding(),
             refined.as_entire_binding(),

@@ -136,7 +136,7 @@ impl Tiles {
                     lighting: &lighting,
                     transfer: picture.job.transfer,
                 };
-                march(recorder, &self.skip, &self.gather, packed, &pixel_rays.uniforms, &targets);
+                march(recorder, &self.skip, &self.gather, packed, &pixel_rays.uniforms, &targets)?;
                 count(&mut marched, &pixel_rays);
                 marched.spacing = Some(pixel_rays.spacing);
                 continue;
@@ -156,7 +156,7 @@ impl Tiles {
                     lighting: &lighting,
                     transfer: None,
                 };
-                march(recorder, &self.skip, &self.gather, packed, &rays.uniforms, &targets);
+                march(recorder, &self.skip, &self.gather, packed, &rays.uniforms, &targets)?;
                 resampler.run(recorder, &image, &marched.pixels, &refinement, [region.width, region.height]);
                 count(&mut marched, &rays);
                 if rays.uniforms.share > largest {

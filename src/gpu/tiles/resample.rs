@@ -63,7 +63,7 @@ impl Resampler {
             Binding::Uniform,
             Binding::ReadTexture(FORMAT),
             Binding::Write,
-            Binding::Texture(wgpu::TextureViewDimension::D2),
+            Binding::ReadTexture(ESTIMATES),
             Binding::Write,
         ];
         let resample = layout(context, "resample", stage, &bindings);

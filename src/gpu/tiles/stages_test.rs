@@ -375,14 +375,14 @@ fn runs(context: &Context, packed: &Packed, uniforms: &layout::Rays, perspective
     let skip = Stage::skip(context, TilesKey { perspective, ..TilesKey::default() });
     let rays = context.upload("test.rays", bytemuck::bytes_of(uniforms), wgpu::BufferUsages::UNIFORM).unwrap();
     let mut recorder = Recorder::untimed(context);
-    let runs = find_runs(&mut recorder, &skip, packed, uniforms, &rays);
+    let runs = find_runs(&mut recorder, &skip, packed, uniforms, &rays).unwrap();
+    let runs = recorder.read_back("test.runs", &runs, runs.size()).unwrap();
     recorder.submit();
-    let binding = Binding::IntegerTexture(wgpu::TextureViewDimension::D2);
-    let words = texels(context, &runs, binding, "texture_2d<u32>", "textureLoad(texels, p.xy, 0)");
+    let runs: Vec<[u32; 2]> = runs.values(context, "test").unwrap();
     let tiles = uniforms.tiles[0] * uniforms.tiles[1] * uniforms.phases[0] * uniforms.phases[1];
     let of = |tile: u32| {
-        let slots = (0..uniforms.run_slots).map(|slot| words[(tile * uniforms.run_slots + slot) as usize]);
-        slots.map(|[first, end, ..]| [first, end]).take_while(|run| run[1] > 0).collect::<Vec<_>>()
+        let slots = (0..uniforms.run_slots).map(|slot| runs[(tile * uniforms.run_slots + slot) as usize]);
+        slots.take_while(|run| run[1] > 0).collect::<Vec<_>>()
     };
     (0..tiles).map(of).collect()
 }

@@ -175,7 +175,8 @@ impl RaySetup<'_> {
         };
         match self.scalars {
             Some(Classification { invisible, lookup, samples, skip_nothing }) => {
-                layout::Rays { invisible, lookup, samples, skip_nothing: u32::from(skip_nothing), ..uniforms }
+                let unskipped = if skip_nothing { packing.dims[2] as i32 } else { 0 };
+                layout::Rays { invisible, lookup, samples, unskipped, ..uniforms }
             }
             None => uniforms,
         }
