@@ -129,6 +129,51 @@ fn turning_past_numbers_of_rays_changes_pictures_as_the_reference() {
 }
 
 #[test]
+#[ignore = "slow: 850 pictures and their truths"]
+fn a_turn_in_steps_of_up_to_a_degree_changes_pictures_as_the_reference() {
+    let capped = with_tiles(&full(), Resolution::Capped);
+    let post = Settings { shading: Shading::Post, ..full() };
+    let through_eye = ProjectionKind::Perspective { fov: 30.0 };
+    let (volume, transfer) = demo("shell", 24);
+    let frames = |settings: &Settings, azimuth: f64, projection| {
+        let view = View { azimuth, elevation: 20.0, projection, ..View::default() };
+        let camera = look(&view, &volume, [40; 2]);
+        let got = picture(&volume, &transfer, &camera, settings).image;
+        (got, truth(&volume, &transfer, &camera, settings))
+    };
+    let mut worst = [0.0_f32; 2];
+    let mut turn = |settings: &Settings, projection, azimuths: &mut dyn Iterator<Item = f64>| {
+        let mut before: Option<(Image, Image)> = None;
+        for azimuth in azimuths {
+            let (got, expected) = frames(settings, azimuth, projection);
+            if let Some((got_before, expected_before)) = &before {
+                let beyond = change(&got, got_before) - change(&expected, expected_before);
+                // Slabs of scalars are classified by their means: single pixels of a picture err by more than a step.
+                let limit = if settings.is_post_shaded() { 8e-3 } else { 1.0 / 255.0 };
+                let worst = &mut worst[usize::from(settings.is_post_shaded())];
+                *worst = worst.max(beyond);
+                assert!(beyond < limit, "{settings:?} {projection:?} at {azimuth}: {beyond:e}");
+            }
+            before = Some((got, expected));
+        }
+    };
+    turn(&capped, ProjectionKind::Orthographic, &mut (0..=360).map(f64::from));
+    turn(&capped, through_eye, &mut (0..=90).map(f64::from));
+    turn(&post, ProjectionKind::Orthographic, &mut (0..=90).map(f64::from));
+    // Around a tie of axes, and where the number of rays changes.
+    for step in [0.01, 0.1] {
+        for place in [45.0, 43.5] {
+            for settings in [&capped, &post] {
+                let around = (-10..=10).map(|n| place + step * f64::from(n));
+                turn(settings, ProjectionKind::Orthographic, &mut around.clone());
+                turn(settings, through_eye, &mut around.clone());
+            }
+        }
+    }
+    println!("a turn: at most {worst:?} beyond the reference");
+}
+
+#[test]
 fn a_seam_between_axes_inside_a_picture_does_not_show() {
     // Through one eye at 45 degrees, half of the pixels are nearest to one axis and half to the other.
     let (volume, transfer) = demo("shell", 24);
