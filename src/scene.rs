@@ -152,6 +152,15 @@ impl Scene {
         &self.grid
     }
 
+    /// Classifies the voxels of a pre-shaded scene before a picture asks for them.
+    pub(crate) fn classify(&self, context: &Context, pipelines: &Cache, progress: &Progress) -> Result<()> {
+        if let Content::Splats(voxels) = &self.content {
+            let (_, seconds) = voxels.classified(context, pipelines, progress)?;
+            self.seconds.store(seconds.to_bits(), Ordering::Relaxed);
+        }
+        Ok(())
+    }
+
     /// What stands for the voxels in a picture, given its view of them.
     pub(crate) fn cells(&self, voxels: ViewGeometry, settings: &Settings, camera: &Camera) -> Result<Cells> {
         let growth = voxels.min_growth();

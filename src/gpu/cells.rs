@@ -28,12 +28,14 @@ const REACH: usize = 3;
 /// default Gaussian have it at a growth of 1.5.
 const LEAST_DEVIATION: f64 = 0.585;
 
-/// The radius of kernels of cells, as a multiple of their standard deviation: that of the default Gaussian; of narrow
-/// kernels as much as [`NARROW`], so that they are small where they are cut off, but no more than a radius of two cells.
-/// Footprints of broader ones are no polynomials of 8 terms, by which rays evaluate them.
-const BROAD: f64 = 2.56;
-const NARROW: f64 = 3.28;
-const NARROW_RADIUS: f64 = 2.0;
+/// The radius of kernels of cells, as a multiple of their standard deviation: of the narrowest as much as polynomials of
+/// 8 terms follow footprints, by which rays evaluate them, so that they are small where they are cut off; of the
+/// broadest that of the default Gaussian, whose shape they have then.
+const RADIUS: [f64; 2] = [3.28, 2.56];
+/// The standard deviation in cells of the broadest.
+const BROAD: f64 = 0.975;
+/// The largest radius, in cells, of kernels that rays gather eight together.
+const SHARED_RADIUS: f64 = 2.0;
 
 /// The coarsest level.
 pub(crate) const MAX_LEVEL: u32 = 12;
@@ -48,7 +50,18 @@ pub(crate) fn level_of(kernel: &Kernel, growth: f64) -> u32 {
 /// The kernel of cells of a level, in cells: as broad as the kernel of voxels that has grown, but for the least.
 pub(crate) fn kernel_of(kernel: &Kernel, growth: f64, level: u32) -> Kernel {
     let deviation = (growth * kernel.variance().sqrt() / f64::from(level).exp2()).max(LEAST_DEVIATION);
-    gaussian((BROAD * deviation).max(NARROW_RADIUS.min(NARROW * deviation)), deviation)
+    // A blob is small where it ends, so that cells may have it as it is, as far as rays reach.
+    let grown = kernel.grown(growth / f64::from(level).exp2());
+    if let Kernel::KaiserBessel { radius, .. } = grown
+        && radius <= REACH as f64
+        && grown.variance() >= LEAST_DEVIATION * LEAST_DEVIATION
+    {
+        return grown;
+    }
+    let broad = ((deviation - LEAST_DEVIATION) / (BROAD - LEAST_DEVIATION)).min(1.0);
+    let [narrow_radius, broad_radius] = RADIUS.map(|times| times * deviation);
+    let radius = narrow_radius + (broad_radius - narrow_radius) * broad;
+    gaussian(if broad_radius <= SHARED_RADIUS { radius.min(SHARED_RADIUS) } else { radius }, deviation)
 }
 
 /// The Gaussian cut off at a radius whose standard deviation is this, to rounding: by bisection.
@@ -217,7 +230,7 @@ pub(crate) struct Coarsening<'a> {
 }
 
 /// What a cell must absorb to be kept, of the most that a voxel can.
-const LEAST: f64 = 1.0 / 16_384.0;
+const LEAST: f64 = 1.0 / 1024.0;
 
 impl<'a> Coarsening<'a> {
     pub(crate) fn new(volume: &'a Volume, transfer: &'a TransferFunction, level: u32, lit: bool) -> Self {
