@@ -102,7 +102,7 @@ impl Renderer {
     /// there is light. Voxels that cannot show are dropped.
     ///
     /// Pre-shaded voxels are classified here if the level is [`Level::At(0)`](Level::At). Otherwise the first picture
-    /// tells whether voxels or cells are wanted, and takes that time; until then, the file of a streamed volume is read.
+    /// tells whether voxels or cells are wanted, and takes that time. The file of a streamed volume must stay for it.
     ///
     /// # Errors
     /// [`Error::Setting`] if a setting is out of range, [`Error::NonFinite`] if a sample is NaN or infinite, and the

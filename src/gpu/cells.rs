@@ -28,8 +28,8 @@ const REACH: usize = 3;
 /// default Gaussian have it at a growth of 1.5.
 const LEAST_DEVIATION: f64 = 0.585;
 
-/// The radius of kernels of cells, as a multiple of their standard deviation: of the narrowest as much as polynomials of
-/// 8 terms follow footprints, by which rays evaluate them, so that they are small where they are cut off; of the
+/// The radius of kernels of cells, as a multiple of their standard deviation: of the narrowest as much as polynomials
+/// of 8 terms follow footprints, by which rays evaluate them, so that they are small where they are cut off; of the
 /// broadest that of the default Gaussian, whose shape they have then.
 const RADIUS: [f64; 2] = [3.28, 2.56];
 /// The standard deviation in cells of the broadest.
