@@ -47,9 +47,9 @@ pub(crate) const STEPPED: f64 = 0.2;
 /// The same of kernels narrower than 2 voxels: what shows of a single voxel may be all outline.
 pub(crate) const NARROW_STEPPED: f64 = 0.4;
 /// A maximum shows one scalar in each pixel, and a transfer function may turn a small error of it into any other
-/// colour. So the scalar is held: a pixel may show whatever the transfer function makes of the ray's largest scalar, give or
-/// take this fraction of the range of values. Slabs hold means, which are less than peaks: of a slab t thick on a peak
-/// like a Gaussian's of width s by t^2 / 24 s^2 of it, 8 % if t is 1 and s 0.7.
+/// colour. So the scalar is held: a pixel may show whatever the transfer function makes of the ray's largest scalar,
+/// give or take this fraction of the range of values. Slabs hold means, which are less than peaks: of a slab t thick
+/// on a peak like a Gaussian's of width s by t^2 / 24 s^2 of it, 8 % if t is 1 and s 0.7.
 pub(crate) const MAXIMUM: f64 = 0.1;
 /// The same of kernels that reach no farther than a voxel: s is 0.5, and 17 %.
 pub(crate) const NARROW_MAXIMUM: f64 = 0.2;
