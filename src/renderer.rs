@@ -7,7 +7,7 @@ use crate::error::Error;
 use crate::error::Result;
 use crate::gpu::cache::Cache;
 use crate::gpu::choice::Choice;
-use crate::gpu::classify::Classifier;
+use crate::gpu::classify::{Classifier, HostClassifier};
 use crate::gpu::context::{self, Context, PIXEL_BYTES};
 use crate::gpu::painter::{Begun, Job};
 use crate::gpu::present::{self, Present};
@@ -19,7 +19,7 @@ use crate::image::Image;
 use crate::progress::Progress;
 pub use crate::scene::Scene;
 use crate::settings::{Settings, Shading};
-use crate::stats::{Clock, StageTime, Stats};
+use crate::stats::{StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
 
@@ -115,6 +115,10 @@ impl Renderer {
         }
         let (classified, seconds) = on_host(|| {
             context.guarded("classifying the volume", || {
+                // Such a device is the host, which classifies faster without it.
+                if context.info.is_software() {
+                    return HostClassifier::run(context, volume, transfer, settings, &self.progress);
+                }
                 let scan = Scan::of(&self.pipelines, context)?;
                 let classifier = self.pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
                 classifier.run(context, &scan, volume, transfer, settings, &self.progress)
@@ -266,10 +270,7 @@ impl Renderer {
         let mut recorder = Recorder::timed(&self.context);
         let (result, seconds) = on_host(|| self.context.guarded("rendering", || work(&mut recorder)));
         result?;
-        let device = self.context.guarded("reading timestamps", || recorder.times())?;
-        for (name, seconds) in device.into_iter().flatten() {
-            stages.push(StageTime { name, seconds, clock: Clock::Device });
-        }
+        stages.extend(self.context.guarded("reading timestamps", || recorder.times())?);
         stages.push(StageTime::host("frame", seconds));
         Ok(())
     }

@@ -1,9 +1,10 @@
-//! pack: from the splats of a scene to the texture that rays read. See shaders/common/packing.wgsl and
-//! shaders/pack.wgsl.
+//! pack: from the splats of a scene to the texture that rays read, on the device or by its twin on the host. See
+//! shaders/common/packing.wgsl and shaders/pack.wgsl.
 
 use std::ops::Range;
 
-use bytemuck::Zeroable;
+use bytemuck::{Pod as Words, Zeroable};
+use rayon::prelude::*;
 
 use super::super::context::Context;
 use super::super::layout::{Lighting, MACROCELL, MARGIN, Pack};
@@ -11,9 +12,12 @@ use super::super::pipeline::{Binding, bind, compute, flag, layout, module, textu
 use super::super::recorder::Recorder;
 use super::super::scan::WORKGROUP;
 use super::super::shaders;
-use super::super::store::Store;
+use super::super::splat;
+use super::super::store::{BrickSplats, HostBrick, Row, Store};
 use super::axis::unordered;
 use crate::error::Result;
+use crate::memory::reserved;
+use crate::volume::BRICK_EDGE as EDGE;
 
 /// What is packed of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -145,8 +149,8 @@ impl Packing {
 #[derive(Debug)]
 pub(crate) struct Packed {
     pub(super) packing: Packing,
-    /// The first buffer of the splats that it was made from, which tells scenes apart.
-    pub(super) source: Option<wgpu::Buffer>,
+    /// [`Store::id`] of the first store that it was made from.
+    pub(super) source: Option<u64>,
     pub(super) volume: wgpu::TextureView,
     pub(super) occupied: wgpu::TextureView,
     /// The factor that densities, or scalars with gradients, were multiplied by: a power of two.
@@ -161,10 +165,16 @@ impl Packed {
     }
 }
 
-/// The pipelines.
-pub(super) struct Packer {
-    layout: wgpu::BindGroupLayout,
-    voxels: wgpu::ComputePipeline,
+/// What packs.
+pub(super) enum Packer {
+    Device {
+        layout: wgpu::BindGroupLayout,
+        voxels: wgpu::ComputePipeline,
+    },
+    /// The twin on the host, and whether rays go through one eye.
+    Host {
+        perspective: bool,
+    },
 }
 
 /// The light on what is packed.
@@ -177,7 +187,13 @@ pub(super) struct Lit<'a> {
 }
 
 impl Packer {
+    /// The faster one: a software adapter is the host.
     pub(super) fn new(context: &Context, voxel: Voxel, perspective: bool) -> Self {
+        let on_host = context.info.is_software();
+        if on_host { Self::Host { perspective } } else { Self::on_device(context, voxel, perspective) }
+    }
+
+    pub(super) fn on_device(context: &Context, voxel: Voxel, perspective: bool) -> Self {
         let slots = [
             Binding::Uniform,
             Binding::Uniform,
@@ -197,7 +213,7 @@ impl Packer {
             ("PERSPECTIVE", flag(perspective && lights > 0)),
         ];
         let voxels = compute(context, &module(context, shaders::PACK), "pack", "voxels", &pack, &constants);
-        Self { layout: pack, voxels }
+        Self::Device { layout: pack, voxels }
     }
 
     /// Packs the splats of stores, whose largest weight is `max_weight`.
@@ -229,50 +245,73 @@ impl Packer {
             view_z,
             ..Pack::zeroed()
         };
-        let (volume, occupied) = self.voxels(recorder, stores, &packing, lit.lighting, parameters)?;
+        let context = recorder.context;
+        let volume = storage_texture(context, "pack.volume", packing.voxel.format(), packing.size);
+        let occupied = context.texture(
+            "pack.occupied",
+            wgpu::TextureFormat::R32Uint,
+            packing.macrocells(),
+            wgpu::TextureDimension::D3,
+            wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        );
+        match self {
+            Self::Device { layout, voxels } => {
+                let lighting = lit.lighting;
+                let stage = DeviceStage { layout, voxels, stores, packing: &packing, lighting };
+                stage.run(recorder, parameters, &volume, &occupied)?;
+            }
+            &Self::Host { perspective } => {
+                let stage = HostStage { packing: &packing, lit, perspective, parameters: &parameters };
+                recorder.on_host("pack", |recorder| stage.run(recorder, stores, &volume, &occupied))?;
+            }
+        }
+        let [volume, occupied] =
+            [volume, occupied].map(|texture| texture.create_view(&wgpu::TextureViewDescriptor::default()));
         let [width, height] = packing.size.map(u64::from);
-        let macrocells: u64 = packing.dims.iter().map(|&n| u64::from(n.div_ceil(MACROCELL))).product();
+        let macrocells: u64 = packing.macrocells().into_iter().map(u64::from).product();
         Ok(Packed {
             packing,
-            source: stores.first().map(|store| store.splats.clone()),
+            source: stores.first().map(|store| store.id),
             volume,
             occupied,
             scale,
             bytes: width * height * packing.voxel.texel() + macrocells * 4,
         })
     }
+}
 
-    /// The texture of splats, and that of the macrocells which have any.
-    fn voxels(
+/// A run of the stage on the device.
+struct DeviceStage<'a> {
+    layout: &'a wgpu::BindGroupLayout,
+    voxels: &'a wgpu::ComputePipeline,
+    stores: &'a [Store],
+    packing: &'a Packing,
+    lighting: &'a Lighting,
+}
+
+impl DeviceStage<'_> {
+    /// Makes the texture of splats, and that of the macrocells which have any.
+    fn run(
         &self,
         recorder: &mut Recorder<'_>,
-        stores: &[Store],
-        packing: &Packing,
-        lighting: &Lighting,
         common: Pack,
-    ) -> Result<(wgpu::TextureView, wgpu::TextureView)> {
+        volume: &wgpu::Texture,
+        occupied: &wgpu::Texture,
+    ) -> Result<()> {
+        let Self { packing, stores, .. } = self;
         let context = recorder.context;
         let uniform = wgpu::BufferUsages::UNIFORM;
         let [width, height] = packing.size;
-        let voxel = packing.voxel;
-        let volume = storage_texture(context, "pack.volume", voxel.format(), packing.size);
-        let occupied = context.texture(
-            "pack.occupied",
-            wgpu::TextureFormat::R32Uint,
-            packing.dims.map(|n| n.div_ceil(MACROCELL)),
-            wgpu::TextureDimension::D3,
-            wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
-        );
         let occupied = occupied.create_view(&wgpu::TextureViewDescriptor::default());
-        let lighting = context.upload("pack.lighting", bytemuck::bytes_of(lighting), uniform)?;
-        let row_bytes = u64::from(width) * voxel.texel();
+        let lighting = context.upload("pack.lighting", bytemuck::bytes_of(self.lighting), uniform)?;
+        let row_bytes = u64::from(width) * packing.voxel.texel();
         let band = (BAND / row_bytes).clamp(1, u64::from(height)) as u32;
         for first_row in (0..height).step_by(band as usize) {
             let row_count = band.min(height - first_row);
             let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
             let texels = context.buffer("pack.texels", u64::from(row_count) * row_bytes, usage)?;
             let planes = packing.planes(first_row..first_row + row_count);
-            for store in stores {
+            for store in *stores {
                 let splats = packing.splats(store, &planes);
                 if splats.is_empty() {
                     continue;
@@ -280,25 +319,233 @@ impl Packer {
                 let parameters =
                     Pack { first_splat: splats.start, end_splat: splats.end, first_row, row_count, ..common };
                 let parameters = context.upload("pack.parameters", bytemuck::bytes_of(&parameters), uniform)?;
+                let buffer = store.on_device(context)?;
                 let resources = [
                     parameters.as_entire_binding(),
                     lighting.as_entire_binding(),
-                    store.splats.as_entire_binding(),
+                    buffer.as_entire_binding(),
                     store.origins.as_entire_binding(),
                     texels.as_entire_binding(),
                     texture_view(&occupied),
                 ];
-                let group = bind(context, "pack", &self.layout, &resources);
+                let group = bind(context, "pack", self.layout, &resources);
                 let (x, y) = context.workgroups(splats.len() as u64, WORKGROUP);
-                recorder.dispatch("pack", &self.voxels, &group, &[], [x, y, 1]);
+                recorder.dispatch("pack", self.voxels, &group, &[], [x, y, 1]);
             }
-            recorder.copy_rows(&texels, row_bytes, &volume, first_row, [width, row_count]);
+            recorder.copy_rows(&texels, row_bytes, volume, first_row, [width, row_count]);
             recorder.submit();
             // One band at a time in memory.
             context.wait("packing the volume")?;
         }
-        Ok((volume.create_view(&wgpu::TextureViewDescriptor::default()), occupied))
+        Ok(())
     }
+}
+
+/// Rows of the texture that a thread packs at a time. It reads up to so many neighbours along a row of the lattice, so
+/// that cache lines are read once.
+const ROWS: usize = 16;
+
+/// The stage on the host.
+struct HostStage<'a> {
+    packing: &'a Packing,
+    lit: &'a Lit<'a>,
+    perspective: bool,
+    parameters: &'a Pack,
+}
+
+/// A brick with its splats.
+type Held<'a> = (BrickSplats, &'a HostBrick);
+
+impl HostStage<'_> {
+    fn run(
+        &self,
+        recorder: &mut Recorder<'_>,
+        stores: &[Store],
+        volume: &wgpu::Texture,
+        occupied: &wgpu::Texture,
+    ) -> Result<()> {
+        let context = recorder.context;
+        let held = stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
+        let bricks = stores.iter().zip(&held).flat_map(|(store, held)| store.bricks.iter().copied().zip(held.iter()));
+        let bricks: Vec<Held<'_>> = bricks.collect();
+        let marks = self.packing.marks(&bricks)?;
+        context.write_texels(occupied, [0; 3], bytemuck::cast_slice(&marks), self.packing.macrocells());
+        let Pack { scale, .. } = *self.parameters;
+        let colored = |[r, g, b]: [f32; 3], weight: f32| halves([r * weight, g * weight, b * weight, weight]);
+        match self.packing.voxel {
+            Voxel::Scalar => self.fill(recorder, volume, &bricks, |_, words| words[0]),
+            Voxel::Gradient => self.fill(recorder, volume, &bricks, |_, words| {
+                let [x, y, z] = splat::gradient([words[1], words[2]]).map(|c| c * scale);
+                halves([x, y, z, f32::from_bits(words[0]) * scale])
+            }),
+            Voxel::Color { lights: 0 } => self.fill(recorder, volume, &bricks, |_, words| {
+                let (color, density) = splat::appearance([words[0], words[1]]);
+                colored(color, density * scale)
+            }),
+            Voxel::Color { lights } => self.fill(recorder, volume, &bricks, |point, words| {
+                let (color, density) = splat::appearance([words[0], words[1]]);
+                let color = splat::lit(self.lit.lighting, lights, color, words[2], self.to_eye(point));
+                colored(color, density * scale)
+            }),
+        }
+    }
+
+    /// The direction from a lattice point to the eye, in view coordinates.
+    fn to_eye(&self, point: [u32; 3]) -> [f32; 3] {
+        if !self.perspective {
+            return [0.0, 0.0, -1.0];
+        }
+        let Lit { eye, view: [x, y, z], .. } = *self.lit;
+        let offset = [0, 1, 2].map(|i| point[i] as f32 - eye[i]);
+        let v = [0, 1, 2].map(|i| x[i] * offset[0] + y[i] * offset[1] + z[i] * offset[2]);
+        let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+        v.map(|c| -c / length)
+    }
+
+    /// Fills the texture with what `voxel` makes of each splat: of its lattice point, and its words without the place.
+    fn fill<V: Words + Send + Sync>(
+        &self,
+        recorder: &mut Recorder<'_>,
+        volume: &wgpu::Texture,
+        bricks: &[Held<'_>],
+        voxel: impl Fn([u32; 3], &[u32]) -> V + Sync,
+    ) -> Result<()> {
+        let context = recorder.context;
+        let [width, height] = self.packing.size;
+        let row = 2 * width as usize;
+        let most = (BAND as usize / (row * size_of::<V>())).next_multiple_of(ROWS).min(height as usize);
+        let mut band = reserved((most * row) as u64, || "a packed volume".to_owned())?;
+        band.resize(most * row, V::zeroed());
+        for first in (0..height as usize).step_by(most) {
+            let rows = first..(first + most).min(height as usize);
+            let planes = self.packing.planes(rows.start as u32..rows.end as u32);
+            let (low, axis) = (self.packing.low[2], self.packing.axes[2]);
+            let near = |(brick, _): &Held<'_>| {
+                brick.bounds[0][axis] < low + planes.end && brick.bounds[1][axis] > low + planes.start
+            };
+            let near: Vec<Held<'_>> = bricks.iter().copied().filter(near).collect();
+            let band = &mut band[..rows.len() * row];
+            band.par_chunks_mut(ROWS * row).enumerate().for_each(|(index, voxels)| {
+                voxels.fill(V::zeroed());
+                self.packing.fill_rows(first + index * ROWS, voxels, &near, &voxel);
+            });
+            let size = [width, rows.len() as u32, 1];
+            context.write_texels(volume, [0, first as u32, 0], bytemuck::cast_slice(band), size);
+            recorder.submit();
+            // One band at a time on its way.
+            context.wait("packing the volume")?;
+        }
+        Ok(())
+    }
+}
+
+impl Packing {
+    /// Macrocells along a, b and m.
+    fn macrocells(&self) -> [u32; 3] {
+        self.dims.map(|n| n.div_ceil(MACROCELL))
+    }
+
+    /// A mark for each macrocell with splats.
+    fn marks(&self, bricks: &[Held<'_>]) -> Result<Vec<u32>> {
+        let [na, nb, nm] = self.macrocells();
+        let count = u64::from(na) * u64::from(nb) * u64::from(nm);
+        let mut marks = reserved(count, || "the macrocells of a volume".to_owned())?;
+        marks.resize(count as usize, 0_u32);
+        let low = unordered(self.axes, self.low);
+        let [step_x, step_y, step_z] = unordered(self.axes, [1, na, na * nb]);
+        for (brick, held) in bricks {
+            for (row, &Row { mut bits, .. }) in (0..).zip(&held.rows) {
+                let [y, z] = [row % EDGE as u32 + brick.origin[1], row / EDGE as u32 + brick.origin[2]];
+                while bits != 0 {
+                    let x = brick.origin[0] + bits.trailing_zeros() - low[0];
+                    let at =
+                        x / MACROCELL * step_x + (y - low[1]) / MACROCELL * step_y + (z - low[2]) / MACROCELL * step_z;
+                    marks[at as usize] = 1;
+                    // The next one that is in another macrocell.
+                    let rest = (MACROCELL - x % MACROCELL) + bits.trailing_zeros();
+                    bits &= u32::MAX.checked_shl(rest).unwrap_or(0);
+                }
+            }
+        }
+        Ok(marks)
+    }
+
+    /// Fills rows of the texture, from row `first` on, all zeros so far.
+    fn fill_rows<V>(
+        &self,
+        first: usize,
+        voxels: &mut [V],
+        bricks: &[Held<'_>],
+        voxel: &impl Fn([u32; 3], &[u32]) -> V,
+    ) {
+        let [across, down, deep] = self.dims.map(|n| n as usize);
+        let row = 2 * self.size[0] as usize;
+        let column = 2 * (self.row_texels + MARGIN) as usize;
+        let (columns, shelf) = (self.columns as usize, down + 1);
+        let end = first + voxels.len() / row;
+        // The rows may belong to several shelves.
+        for number in first / shelf..end.div_ceil(shelf) {
+            let top = number * shelf + 1;
+            let (b_low, b_high) = (first.saturating_sub(top).min(down), end.saturating_sub(top).min(down));
+            let (m_low, m_high) = (number * columns, ((number + 1) * columns).min(deep));
+            if b_low >= b_high || m_low >= m_high {
+                continue;
+            }
+            // The box of the lattice that they show, and how far apart neighbours along its axes are.
+            let low = unordered(self.axes, [0, b_low, m_low].map(|n| n as u32));
+            let high = unordered(self.axes, [across, b_high, m_high].map(|n| n as u32));
+            let steps = unordered(self.axes, [1, row as u32, column as u32]).map(|n| n as usize);
+            let start = (top + b_low - first) * row + 2 * MARGIN as usize;
+            let corner = unordered(self.axes, self.low);
+            for (brick, held) in bricks {
+                let within = [0, 1, 2].map(|axis| {
+                    let [from, to] = [low, high].map(|end| end[axis] + corner[axis]);
+                    brick.bounds[0][axis].max(from)..brick.bounds[1][axis].min(to)
+                });
+                let [xs, ys, zs] = within;
+                if xs.is_empty() {
+                    continue;
+                }
+                let [x0, y0, z0] = brick.origin;
+                // The places of these in a row.
+                let mask = u32::MAX << (xs.start - x0) & u32::MAX >> (u32::BITS - (xs.end - x0));
+                for z in zs {
+                    for y in ys.clone() {
+                        let Row { bits, first } = held.rows[(y - y0) as usize + EDGE * (z - z0) as usize];
+                        let mut rest = bits & mask;
+                        if rest == 0 {
+                            continue;
+                        }
+                        let before = (bits & ((1 << rest.trailing_zeros()) - 1)).count_ones();
+                        let words = &held.words[(first + before) as usize * held.each..];
+                        let at = |axis: usize, place: u32| (place - low[axis] - corner[axis]) as usize * steps[axis];
+                        let line = start + at(1, y) + at(2, z);
+                        for words in words.chunks_exact(held.each).take(rest.count_ones() as usize) {
+                            let x = x0 + rest.trailing_zeros();
+                            rest &= rest - 1;
+                            voxels[line + at(0, x)] = voxel([x, y, z], words);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Four numbers as the nearest f16: `rounded` in shaders/common/packing.wgsl, then pack2x16float.
+fn halves(v: [f32; 4]) -> [u32; 2] {
+    let half = |value: f32| {
+        let bits = value.to_bits().wrapping_add(0x1000) & 0xffff_e000;
+        let size = bits & 0x7fff_ffff;
+        let sign = bits >> 16 & 0x8000;
+        if size >= 0x3880_0000 {
+            return sign | (size - 0x3800_0000) >> 13;
+        }
+        // Less than the least normal f16: in steps of 2^-24.
+        sign | (f32::from_bits(size) * 16_777_216.0) as u32
+    };
+    let [x, y, z, w] = v.map(half);
+    [x | y << 16, z | w << 16]
 }
 
 /// A texture that shaders read as storage and that buffers are copied to.

@@ -230,8 +230,8 @@ impl<'a> Picture<'a> {
 
     /// Whether `packed` holds the splats of this picture in the layout of a axis.
     fn serves(&self, way: usize, packed: &Packed) -> bool {
-        let source = self.job.stores.first().map(|store| &store.splats);
-        self.ways[way].packing == packed.packing && source == packed.source.as_ref()
+        let source = self.job.stores.first().map(|store| store.id);
+        self.ways[way].packing == packed.packing && source == packed.source
     }
 
     /// Whether `packed`, made for an earlier picture, can be reused by a axis: as [`Self::serves`], and no light is
