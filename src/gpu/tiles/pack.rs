@@ -12,7 +12,7 @@ use super::super::pipeline::{Binding, bind, compute, flag, layout, module, textu
 use super::super::recorder::Recorder;
 use super::super::scan::WORKGROUP;
 use super::super::shaders;
-use super::super::splat;
+use super::super::splat::{self, LANES};
 use super::super::store::{BrickSplats, HostBrick, Row, Store};
 use super::axis::unordered;
 use crate::error::Result;
@@ -84,17 +84,18 @@ pub(super) struct Packing {
 }
 
 impl Packing {
-    /// The packing of the box around the splats, or if `whole`, of the lattice of `dims` points; `None` if it does not
-    /// fit into a texture.
+    /// The packing of the box around the bricks of splats that are `seen`, or if `whole`, of the lattice of `dims`
+    /// points; `None` if it does not fit into a texture.
     pub(super) fn new(
         context: &Context,
         stores: &[Store],
         dims: [u32; 3],
         whole: bool,
+        seen: impl Fn([[u32; 3]; 2]) -> bool,
         axes: [usize; 3],
         voxel: Voxel,
     ) -> Option<Self> {
-        let boxes = stores.iter().flat_map(Store::runs).map(|(brick, _)| brick.bounds);
+        let boxes = stores.iter().flat_map(Store::runs).map(|(brick, _)| brick.bounds).filter(|&bounds| seen(bounds));
         let (low, high) = boxes.fold(([u32::MAX; 3], [0; 3]), |hull, next| {
             let ends = |i: usize| (hull.0[i].min(next[0][i]), hull.1[i].max(next[1][i]));
             let ends = [0, 1, 2].map(ends);
@@ -126,6 +127,11 @@ impl Packing {
             row_texels,
             size: [width as u32, height as u32],
         })
+    }
+
+    /// Whether there is no voxel in the box.
+    pub(super) fn is_empty(&self) -> bool {
+        self.dims.contains(&0)
     }
 
     /// The planes that have voxels in these rows of the texture.
@@ -353,6 +359,28 @@ struct HostStage<'a> {
     parameters: &'a Pack,
 }
 
+/// Splats of a row of a brick.
+struct Run<'a> {
+    /// Lattice points: along x, of each splat; beyond the last any.
+    xs: [u32; LANES],
+    y: u32,
+    z: u32,
+    /// Words of a splat without its place, and those of the splats and of some that follow.
+    each: usize,
+    words: &'a [u32],
+}
+
+impl Run<'_> {
+    /// Word number `index` of each splat; 0 beyond the last.
+    fn column(&self, index: usize) -> [u32; LANES] {
+        let mut column = [0; LANES];
+        for (place, words) in column.iter_mut().zip(self.words.chunks_exact(self.each)) {
+            *place = words[index];
+        }
+        column
+    }
+}
+
 /// A brick with its splats.
 type Held<'a> = (BrickSplats, &'a HostBrick);
 
@@ -371,44 +399,49 @@ impl HostStage<'_> {
         let marks = self.packing.marks(&bricks)?;
         context.write_texels(occupied, [0; 3], bytemuck::cast_slice(&marks), self.packing.macrocells());
         let Pack { scale, .. } = *self.parameters;
-        let colored = |[r, g, b]: [f32; 3], weight: f32| halves([r * weight, g * weight, b * weight, weight]);
         match self.packing.voxel {
-            Voxel::Scalar => self.fill(recorder, volume, &bricks, |_, words| words[0]),
-            Voxel::Gradient => self.fill(recorder, volume, &bricks, |_, words| {
-                let [x, y, z] = splat::gradient([words[1], words[2]]).map(|c| c * scale);
-                halves([x, y, z, f32::from_bits(words[0]) * scale])
+            Voxel::Scalar => self.fill(recorder, volume, &bricks, |run| run.column(0)),
+            Voxel::Gradient => self.fill(recorder, volume, &bricks, |run| {
+                let scalars = run.column(0).map(|bits| f32::from_bits(bits) * scale);
+                let mut gradients = [[0.0; LANES]; 3];
+                let (low, high) = (run.column(1), run.column(2));
+                for i in 0..LANES {
+                    let gradient = splat::gradient([low[i], high[i]]);
+                    (0..3).for_each(|axis| gradients[axis][i] = gradient[axis] * scale);
+                }
+                splat::halves(&gradients, &scalars)
             }),
-            Voxel::Color { lights: 0 } => self.fill(recorder, volume, &bricks, |_, words| {
-                let (color, density) = splat::appearance([words[0], words[1]]);
-                colored(color, density * scale)
-            }),
-            Voxel::Color { lights } => self.fill(recorder, volume, &bricks, |point, words| {
-                let (color, density) = splat::appearance([words[0], words[1]]);
-                let color = splat::lit(self.lit.lighting, lights, color, words[2], self.to_eye(point));
-                colored(color, density * scale)
+            Voxel::Color { lights } => self.fill(recorder, volume, &bricks, |run| {
+                let (mut colors, densities) = splat::appearances(&run.column(0), &run.column(1));
+                if lights > 0 {
+                    splat::light(self.lit.lighting, lights, &mut colors, &run.column(2), &self.to_eye(run));
+                }
+                let weights = densities.map(|density| density * scale);
+                for color in &mut colors {
+                    color.iter_mut().zip(weights).for_each(|(c, weight)| *c *= weight);
+                }
+                splat::halves(&colors, &weights)
             }),
         }
     }
 
-    /// The direction from a lattice point to the eye, in view coordinates.
-    fn to_eye(&self, point: [u32; 3]) -> [f32; 3] {
+    /// The directions from lattice points to the eye, in view coordinates.
+    fn to_eye(&self, run: &Run<'_>) -> [[f32; LANES]; 3] {
         if !self.perspective {
-            return [0.0, 0.0, -1.0];
+            return [[0.0; LANES], [0.0; LANES], [-1.0; LANES]];
         }
         let Lit { eye, view: [x, y, z], .. } = *self.lit;
-        let offset = [0, 1, 2].map(|i| point[i] as f32 - eye[i]);
-        let v = [0, 1, 2].map(|i| x[i] * offset[0] + y[i] * offset[1] + z[i] * offset[2]);
-        let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-        v.map(|c| -c / length)
+        let (oy, oz) = (run.y as f32 - eye[1], run.z as f32 - eye[2]);
+        splat::directions(&run.xs, x, [0, 1, 2].map(|i| y[i] * oy + z[i] * oz - x[i] * eye[0]))
     }
 
-    /// Fills the texture with what `voxel` makes of each splat: of its lattice point, and its words without the place.
+    /// Fills the texture with what `packed` makes of splats.
     fn fill<V: Words + Send + Sync>(
         &self,
         recorder: &mut Recorder<'_>,
         volume: &wgpu::Texture,
         bricks: &[Held<'_>],
-        voxel: impl Fn([u32; 3], &[u32]) -> V + Sync,
+        packed: impl Fn(&Run<'_>) -> [V; LANES] + Sync,
     ) -> Result<()> {
         let context = recorder.context;
         let [width, height] = self.packing.size;
@@ -427,7 +460,7 @@ impl HostStage<'_> {
             let band = &mut band[..rows.len() * row];
             band.par_chunks_mut(ROWS * row).enumerate().for_each(|(index, voxels)| {
                 voxels.fill(V::zeroed());
-                self.packing.fill_rows(first + index * ROWS, voxels, &near, &voxel);
+                self.packing.fill_rows(first + index * ROWS, voxels, &near, &packed);
             });
             let size = [width, rows.len() as u32, 1];
             context.write_texels(volume, [0, first as u32, 0], bytemuck::cast_slice(band), size);
@@ -471,12 +504,12 @@ impl Packing {
     }
 
     /// Fills rows of the texture, from row `first` on, all zeros so far.
-    fn fill_rows<V>(
+    fn fill_rows<V: Copy>(
         &self,
         first: usize,
         voxels: &mut [V],
         bricks: &[Held<'_>],
-        voxel: &impl Fn([u32; 3], &[u32]) -> V,
+        packed: &impl Fn(&Run<'_>) -> [V; LANES],
     ) {
         let [across, down, deep] = self.dims.map(|n| n as usize);
         let row = 2 * self.size[0] as usize;
@@ -520,32 +553,26 @@ impl Packing {
                         let words = &held.words[(first + before) as usize * held.each..];
                         let at = |axis: usize, place: u32| (place - low[axis] - corner[axis]) as usize * steps[axis];
                         let line = start + at(1, y) + at(2, z);
-                        for words in words.chunks_exact(held.each).take(rest.count_ones() as usize) {
-                            let x = x0 + rest.trailing_zeros();
-                            rest &= rest - 1;
-                            voxels[line + at(0, x)] = voxel([x, y, z], words);
+                        for words in words.chunks(held.each * LANES) {
+                            let mut run = Run { xs: [x0; LANES], y, z, each: held.each, words };
+                            let mut count = 0;
+                            while rest != 0 && count < LANES {
+                                run.xs[count] = x0 + rest.trailing_zeros();
+                                rest &= rest - 1;
+                                count += 1;
+                            }
+                            for (x, voxel) in run.xs.into_iter().zip(packed(&run)).take(count) {
+                                voxels[line + at(0, x)] = voxel;
+                            }
+                            if rest == 0 {
+                                break;
+                            }
                         }
                     }
                 }
             }
         }
     }
-}
-
-/// Four numbers as the nearest f16: `rounded` in shaders/common/packing.wgsl, then pack2x16float.
-fn halves(v: [f32; 4]) -> [u32; 2] {
-    let half = |value: f32| {
-        let bits = value.to_bits().wrapping_add(0x1000) & 0xffff_e000;
-        let size = bits & 0x7fff_ffff;
-        let sign = bits >> 16 & 0x8000;
-        if size >= 0x3880_0000 {
-            return sign | (size - 0x3800_0000) >> 13;
-        }
-        // Less than the least normal f16: in steps of 2^-24.
-        sign | (f32::from_bits(size) * 16_777_216.0) as u32
-    };
-    let [x, y, z, w] = v.map(half);
-    [x | y << 16, z | w << 16]
 }
 
 /// A texture that shaders read as storage and that buffers are copied to.

@@ -235,7 +235,7 @@ fn packed_by(
     max_weight: f64,
 ) -> Packed {
     let stores = [store];
-    let packing = Packing::new(context, &stores, DIMS, false, axes, voxel).unwrap();
+    let packing = Packing::new(context, &stores, DIMS, false, |_| true, axes, voxel).unwrap();
     let lighting = Lighting {
         right: [0.9, 0.1, -0.2],
         up: [-0.1, 0.8, 0.3],
