@@ -282,7 +282,7 @@ pub(crate) struct Pack {
     pub end_splat: u32,
     pub planes: u32,
     pub eye: [f32; 3],
-    pub _pad_eye: u32,
+    pub across: u32,
     pub view_x: [f32; 3],
     pub _pad_x: u32,
     pub view_y: [f32; 3],

@@ -245,6 +245,7 @@ impl Packer {
             width: packing.size[0],
             scale: scale as f32,
             planes: packing.dims[2],
+            across: packing.dims[0],
             eye: lit.eye,
             view_x,
             view_y,
@@ -472,6 +473,25 @@ impl HostStage<'_> {
     }
 }
 
+/// The part of a brick that is in a box of the lattice.
+struct Part {
+    /// Bits of the places in a row.
+    xs: u32,
+    ys: Range<u32>,
+    zs: Range<u32>,
+}
+
+impl Part {
+    /// The part from one lattice point to before another, if any.
+    fn new(brick: &BrickSplats, from: [u32; 3], to: [u32; 3]) -> Option<Self> {
+        let [low, high] = brick.bounds;
+        let [xs, ys, zs] = [0, 1, 2].map(|axis| low[axis].max(from[axis])..high[axis].min(to[axis]));
+        let x0 = brick.origin[0];
+        let bits = || u32::MAX << (xs.start - x0) & u32::MAX >> (u32::BITS - (xs.end - x0));
+        (!xs.is_empty() && !ys.is_empty() && !zs.is_empty()).then(|| Self { xs: bits(), ys, zs })
+    }
+}
+
 impl Packing {
     /// Macrocells along a, b and m.
     fn macrocells(&self) -> [u32; 3] {
@@ -486,16 +506,18 @@ impl Packing {
         marks.resize(count as usize, 0_u32);
         let low = unordered(self.axes, self.low);
         let [step_x, step_y, step_z] = unordered(self.axes, [1, na, na * nb]);
+        let ends = unordered(self.axes, [0, 1, 2].map(|i| self.low[i] + self.dims[i]));
         for (brick, held) in bricks {
-            for (row, &Row { mut bits, .. }) in (0..).zip(&held.rows) {
-                let [y, z] = [row % EDGE as u32 + brick.origin[1], row / EDGE as u32 + brick.origin[2]];
+            let Some(Part { xs: mask, ys, zs }) = Part::new(brick, low, ends) else { continue };
+            let [x0, y0, z0] = brick.origin;
+            for (z, y) in zs.flat_map(|z| ys.clone().map(move |y| (z, y))) {
+                let mut bits = held.rows[(y - y0) as usize + EDGE * (z - z0) as usize].bits & mask;
+                let line = (y - low[1]) / MACROCELL * step_y + (z - low[2]) / MACROCELL * step_z;
                 while bits != 0 {
-                    let x = brick.origin[0] + bits.trailing_zeros() - low[0];
-                    let at =
-                        x / MACROCELL * step_x + (y - low[1]) / MACROCELL * step_y + (z - low[2]) / MACROCELL * step_z;
-                    marks[at as usize] = 1;
-                    // The next one that is in another macrocell.
-                    let rest = (MACROCELL - x % MACROCELL) + bits.trailing_zeros();
+                    let x = x0 + bits.trailing_zeros() - low[0];
+                    marks[(line + x / MACROCELL * step_x) as usize] = 1;
+                    // On to the next one that is in another macrocell.
+                    let rest = MACROCELL - x % MACROCELL + bits.trailing_zeros();
                     bits &= u32::MAX.checked_shl(rest).unwrap_or(0);
                 }
             }
@@ -531,17 +553,9 @@ impl Packing {
             let start = (top + b_low - first) * row + 2 * MARGIN as usize;
             let corner = unordered(self.axes, self.low);
             for (brick, held) in bricks {
-                let within = [0, 1, 2].map(|axis| {
-                    let [from, to] = [low, high].map(|end| end[axis] + corner[axis]);
-                    brick.bounds[0][axis].max(from)..brick.bounds[1][axis].min(to)
-                });
-                let [xs, ys, zs] = within;
-                if xs.is_empty() {
-                    continue;
-                }
+                let [from, to] = [low, high].map(|end| [0, 1, 2].map(|axis| end[axis] + corner[axis]));
+                let Some(Part { xs: mask, ys, zs }) = Part::new(brick, from, to) else { continue };
                 let [x0, y0, z0] = brick.origin;
-                // The places of these in a row.
-                let mask = u32::MAX << (xs.start - x0) & u32::MAX >> (u32::BITS - (xs.end - x0));
                 for z in zs {
                     for y in ys.clone() {
                         let Row { bits, first } = held.rows[(y - y0) as usize + EDGE * (z - z0) as usize];
