@@ -3,6 +3,7 @@
 use bytemuck::Zeroable;
 use rayon::prelude::*;
 
+use super::cache::Cache;
 use super::context::Context;
 use super::layout::{Classify, ControlPoint, MAX_INLINE_POINTS, Splat};
 use super::pipeline::{Binding, bind, compute, flag, layout, module};
@@ -15,7 +16,6 @@ use super::transfer::Reduction;
 use crate::error::Result;
 use crate::memory::reserved;
 use crate::progress::Progress;
-use crate::settings::Settings;
 use crate::transfer::{self, TransferFunction};
 use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
 
@@ -27,10 +27,12 @@ const BATCH: usize = 32;
 const JOINED: u32 = 1 << 19;
 
 /// What became of a volume.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(crate) struct Classified {
     pub(crate) stores: Vec<Store>,
     pub(crate) bricks: Bricks,
+    /// What painters made of the splats.
+    pub(crate) kept: Cache,
 }
 
 /// The largest control point, and beyond it the largest sample, that shaders see: differences stay in the range of f32.
@@ -151,10 +153,10 @@ impl Classifier {
         scan: &Scan,
         volume: &Volume,
         transfer: &TransferFunction,
-        settings: &Settings,
+        lit: bool,
         progress: &Progress,
     ) -> Result<Classified> {
-        let (lit, savings) = (settings.lighting.is_some(), context.savings);
+        let savings = context.savings;
         let coding = SampleCoding::new(volume, transfer);
         let points = coding.points(transfer);
         // So few points are part of the pipeline, which is made for their number.
@@ -201,7 +203,7 @@ impl Classifier {
         if !batch.origins.is_empty() {
             job.run(&batch, &mut stores)?;
         }
-        Ok(Classified { stores: stores.finish()?, bricks })
+        Ok(Classified { stores: stores.finish()?, bricks, kept: Cache::default() })
     }
 }
 
@@ -377,10 +379,9 @@ impl HostClassifier {
         context: &Context,
         volume: &Volume,
         transfer: &TransferFunction,
-        settings: &Settings,
+        lit: bool,
         progress: &Progress,
     ) -> Result<Classified> {
-        let lit = settings.lighting.is_some();
         let coding = SampleCoding::new(volume, transfer);
         let mut classifier = Self {
             points: coding.points(transfer),
@@ -409,7 +410,7 @@ impl HostClassifier {
             }
             Ok(())
         })?;
-        Ok(Classified { stores: stores.finish()?, bricks })
+        Ok(Classified { stores: stores.finish()?, bricks, kept: Cache::default() })
     }
 
     fn table(&self, count: u32, sample: impl Fn(u32) -> f32 + Sync) -> Vec<Entry> {

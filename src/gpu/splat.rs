@@ -1,4 +1,5 @@
-//! The twin of shaders/common/splat.wgsl, normal.wgsl and lighting.wgsl on the host: words of splats, and light on them.
+//! The twin of shaders/common/splat.wgsl, normal.wgsl and lighting.wgsl on the host: words of splats, and light on
+//! them.
 
 use super::layout::Lighting;
 
@@ -25,8 +26,9 @@ fn nearest(value: f32) -> u32 {
 /// The words density_blue and color.
 pub(super) fn packed_appearance(color: [f32; 3], density: f32) -> [u32; 2] {
     let [r, g, b] = [0, 1, 2].map(|c| nearest(color[c].clamp(0.0, 1.0) * COLOR_STEPS[c]));
-    let rounded = (density.to_bits() + 64) >> 7;
-    [rounded << 8 | b >> 5, r | g << 13 | b << 27]
+    // To the nearest: half of the lowest bit that stays is added.
+    let rounded = density.to_bits().wrapping_add(128) & 0xffff_ff00;
+    [rounded | b >> 5, r | g << 13 | b << 27]
 }
 
 /// 1 with the sign of a number, of 0 too.
@@ -75,7 +77,7 @@ pub(super) fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> 
         colors[0][i] = (color & 0x1fff) as i32 as f32 / COLOR_STEPS[0];
         colors[1][i] = (color >> 13 & 0x3fff) as i32 as f32 / COLOR_STEPS[1];
         colors[2][i] = blue as i32 as f32 / COLOR_STEPS[2];
-        densities[i] = f32::from_bits(density_blue >> 8 << 7);
+        densities[i] = f32::from_bits(density_blue & 0xffff_ff00);
     }
     (colors, densities)
 }
