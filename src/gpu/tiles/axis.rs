@@ -238,4 +238,38 @@ mod tests {
         // In a wide picture from the front rays run along every axis in both directions, but not backwards.
         assert_eq!(count(120.0, 0.0, 0.0), 5);
     }
+
+    #[test]
+    fn pyramids_hold_the_rays_of_their_axis() {
+        let grid = Grid::axis_parallel([60, 40, 50], [1.0, 1.5, 0.7]).unwrap();
+        let size = [64, 48];
+        let (mut held, mut outside) = (0, 0);
+        for (fov, azimuth, elevation) in [(30.0, 30.0, 20.0), (60.0, 45.0, 35.0), (110.0, 100.0, -60.0)] {
+            let projection = crate::camera::ProjectionKind::Perspective { fov };
+            let view = crate::camera::View { projection, azimuth, elevation, ..crate::camera::View::default() };
+            let camera = Camera::new(&view, &grid, size).unwrap();
+            let lens = Lens::new(&camera, &grid, size).unwrap();
+            let eye = grid.to_lattice().transform_point3(camera.eye().unwrap());
+            for axis in PrincipalAxis::all(&camera, &grid, size) {
+                let pyramid = axis.pyramid(&camera, &grid, size, 0).unwrap();
+                for i in 0..21 * 21 {
+                    let ray = lens.ray((f64::from(i % 21) / 10.0 - 1.0, f64::from(i / 21) / 10.0 - 1.0));
+                    for distance in [40.0, 60.0, 80.0] {
+                        let p = eye + ray / ray.length() * distance;
+                        if p.min_element() < 0.0 {
+                            continue;
+                        }
+                        let reached = pyramid.reaches([p.as_uvec3().to_array(); 2], 1.8);
+                        let m = axis.axes[2];
+                        if share(m, ray) > 0.0 && (ray[m] < 0.0) == axis.flipped {
+                            assert!(reached, "{fov} {axis:?} {ray}");
+                            held += 1;
+                        }
+                        outside += usize::from(!reached);
+                    }
+                }
+            }
+        }
+        assert!(held > 1000 && outside > 1000, "{held} {outside}");
+    }
 }
