@@ -11,7 +11,7 @@ const NO_NORMAL: u32 = 0x8000_8000;
 
 /// -ln(1 - opacity): `density` in shaders/classify.wgsl.
 pub(super) fn density(opacity: f32) -> f32 {
-    let a = opacity.min(0.999_984_741_210_937_5);
+    let a = opacity.min(1.0 - 1.0 / 65_536.0);
     if a < 0.1 {
         return a * (1.0 + a * (1.0 / 2.0 + a * (1.0 / 3.0 + a * (1.0 / 4.0 + a * (1.0 / 5.0 + a * (1.0 / 6.0))))));
     }
@@ -114,7 +114,7 @@ fn power(x: f32, exponent: f32) -> f32 {
     let m = f32::from_bits((bits & 0x7f_ffff) + 0x3f35_04f3);
     let t = (m - 1.0) / (m + 1.0);
     let t2 = t * t;
-    let series = 2.885_390_1 + t2 * (0.961_796_7 + t2 * (0.577_078_04 + t2 * 0.412_198_6));
+    let series = 2.0 * std::f32::consts::LOG2_E + t2 * (0.961_796_7 + t2 * (0.577_078_04 + t2 * 0.412_198_6));
     let y = (exponent * (whole + t * series)).clamp(-126.0, 126.0);
     // 2^y: the nearest whole number, from a sum without bits for a fraction, and the series of the rest.
     let rounded = y + 12_582_912.0;
