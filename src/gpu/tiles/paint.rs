@@ -133,9 +133,9 @@ impl<'a> Picture<'a> {
         let whole = !shows_nothing_else(&job);
         let axes = PrincipalAxis::all(&view.camera, &view.grid, view.camera.size);
         let packings = axes.iter().map(|axis| {
-            // A ray meets kernels a radius away; one voxel more for rounding.
+            // A ray meets kernels a radius away, grown ones too; one voxel more for rounding.
             let pyramid = axis.pyramid(&view.camera, &view.grid, view.camera.size, job.padding);
-            let seen = |bounds| pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, kernel.radius() + 1.0));
+            let seen = |bounds| pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, view.max_radius() + 1.0));
             Packing::new(context, stores, dims, whole, seen, axis.axes, voxel)
         });
         let packings: Option<Vec<Packing>> = packings.collect();
