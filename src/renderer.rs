@@ -18,7 +18,7 @@ use crate::progress::Progress;
 pub use crate::scene::Scene;
 use crate::scene::{Cells, Wanted};
 use crate::settings::{Level, Settings, Shading};
-use crate::stats::{Clock, StageTime, Stats};
+use crate::stats::{StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
 
@@ -268,10 +268,7 @@ impl Renderer {
         let mut recorder = Recorder::timed(&self.context);
         let (result, seconds) = on_host(|| self.context.guarded("rendering", || work(&mut recorder)));
         result?;
-        let device = self.context.guarded("reading timestamps", || recorder.times())?;
-        for (name, seconds) in device.into_iter().flatten() {
-            stages.push(StageTime { name, seconds, clock: Clock::Device });
-        }
+        stages.extend(self.context.guarded("reading timestamps", || recorder.times())?);
         stages.push(StageTime::host("frame", seconds));
         Ok(())
     }

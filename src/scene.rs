@@ -7,7 +7,7 @@ use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::cells::{self, Coarsening};
-use crate::gpu::classify::{Classified, Classifier};
+use crate::gpu::classify::{Classified, Classifier, HostClassifier};
 use crate::gpu::context::Context;
 use crate::gpu::scalars::{self, Asked, Emission, Emitted, Shows};
 use crate::gpu::scan::Scan;
@@ -260,6 +260,10 @@ impl Voxels {
         }
         let (classified, seconds) = on_host(|| {
             context.guarded("classifying the volume", || {
+                // Such a device is the host, which classifies faster without it.
+                if context.info.is_software() {
+                    return HostClassifier::run(context, &self.volume, &self.transfer, self.lit, progress);
+                }
                 let scan = Scan::of(pipelines, context)?;
                 let classifier = pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
                 classifier.run(context, &scan, &self.volume, &self.transfer, self.lit, progress)

@@ -11,9 +11,10 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::context::Context;
-use super::layout::{BRICK_SHIFT, NO_NORMAL, Splat, pack_normal, packed_appearance, place};
+use super::layout::Splat;
 use super::scalars::Emitted;
-use super::store::{BrickSplats, StoreBuilder};
+use super::splat::{packed_appearance, packed_normal};
+use super::store::{BrickSplats, HostBrick, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::Result;
 use crate::kernel::Kernel;
@@ -257,13 +258,12 @@ impl<'a> Coarsening<'a> {
         let halo = (self.filter.voxels(0, EDGE).count() - EDGE).div_ceil(2);
         let row = |j, k| if self.light.is_some() { self.row::<LIT>([j, k]) } else { self.row::<PLAIN>([j, k]) };
         self.volume.for_each_row([down, deep], halo, &row, &mut |bricks| {
-            for (mut splats, brick) in bricks {
-                let count = (splats.len() / WORDS) as u32;
-                let (number, first) = stores.make_room(count, 1)?;
-                emitted.bricks.bytes += size_of_val(splats.as_slice()) as u64;
+            for (splats, brick) in bricks {
+                let count = splats.count();
+                let (_, first) = stores.make_room(count, 1)?;
+                emitted.bricks.bytes += u64::from(count) * size_of::<Splat>() as u64;
                 emitted.bricks.uploaded += 1;
                 emitted.voxels += u64::from(count);
-                splats.iter_mut().step_by(WORDS).for_each(|place| *place |= number << BRICK_SHIFT);
                 stores.add(splats, count, [BrickSplats { first, ..brick }]);
             }
             rows += 1;
@@ -277,7 +277,7 @@ impl<'a> Coarsening<'a> {
     }
 
     /// The bricks along x with these numbers in y and z, those that have cells.
-    fn row<const N: usize>(&self, [j, k]: [usize; 2]) -> Result<Vec<(Vec<u32>, BrickSplats)>> {
+    fn row<const N: usize>(&self, [j, k]: [usize; 2]) -> Result<Vec<(HostBrick, BrickSplats)>> {
         let [across, down, deep] = self.dims;
         let [ys, zs] = [(j, down), (k, deep)].map(|(brick, n)| brick * EDGE..n.min((brick + 1) * EDGE));
         let [nx, ny, nz] = self.volume.grid().dims().map(i64::from);
@@ -324,10 +324,10 @@ impl<'a> Coarsening<'a> {
     }
 
     /// The splats of a brick without its number, if there are any.
-    fn brick<const N: usize>(&self, block: &Block<N>, brick: [usize; 3]) -> Option<(Vec<u32>, BrickSplats)> {
+    fn brick<const N: usize>(&self, block: &Block<N>, brick: [usize; 3]) -> Option<(HostBrick, BrickSplats)> {
         let start = brick[0] * EDGE;
         let count = EDGE.min(self.dims[0] - start);
-        let mut splats = Vec::new();
+        let mut words = Vec::new();
         let mut rows = vec![0; EDGE * EDGE];
         for z in 0..block.size[1] {
             for y in 0..block.size[0] {
@@ -338,19 +338,20 @@ impl<'a> Coarsening<'a> {
                     }
                     rows[y + EDGE * z] |= 1 << x;
                     let color = [cell[0], cell[1], cell[2]].map(|c| c / density);
-                    let [density_blue, color] = packed_appearance(color, density);
-                    let normal = if N == LIT { pack_normal([cell[4], cell[5], cell[6]]) } else { NO_NORMAL };
-                    splats.extend([place([x, y, z].map(|c| c as u32), 0), density_blue, color, normal]);
+                    words.extend(packed_appearance(color, density));
+                    if N == LIT {
+                        words.push(packed_normal([cell[4], cell[5], cell[6]]));
+                    }
                 }
             }
         }
         let origin = brick.map(|b| (b * EDGE) as u32);
-        (!splats.is_empty()).then(|| (splats, BrickSplats::new(origin, 0, rows.into_iter())))
+        words.shrink_to_fit();
+        let each = if N == LIT { 3 } else { 2 };
+        (!words.is_empty())
+            .then(|| (HostBrick::new(&rows, each, words), BrickSplats::new(origin, 0, rows.iter().copied())))
     }
 }
-
-/// Words of a splat.
-const WORDS: usize = size_of::<Splat>() / size_of::<u32>();
 
 fn add<const N: usize>(sums: &mut [[f32; N]], weight: f32, cells: &[[f32; N]]) {
     for (sum, cell) in sums.as_flattened_mut().iter_mut().zip(cells.as_flattened()) {

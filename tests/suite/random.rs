@@ -259,7 +259,8 @@ fn settings(random: &mut Random) -> [Settings; 2] {
         antialiasing: random.once_in(2),
         kernel,
         normalization: if random.once_in(8) { Normalization::Peak } else { Normalization::Unit },
-        level: Level::At(0),
+        // Post-shaded, cells keep the cost of small pictures within bounds.
+        level: if model == Model::Mip || shading == Shading::Post { Level::Auto } else { Level::At(0) },
         ..Settings::default()
     };
     let pre = model == Model::Composite && shading == Shading::Pre;

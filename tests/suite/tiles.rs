@@ -342,12 +342,15 @@ fn turning_packs_the_volume_once_an_axis() {
     let packs = |azimuth: f64, settings: &Settings| {
         let camera = camera(azimuth, 20.0, 1.0, &volume, 96);
         let stats = draw_on(&renderer, &scene, &camera, settings).unwrap().stats;
-        assert!(stats.bytes_sent < 2000, "{}", stats.bytes_sent);
-        stats.stages.iter().any(|s| s.name == "pack")
+        let packs = stats.stages.iter().any(|s| s.name == "pack");
+        // Software adapters pack on the host, which sends what it packed.
+        let sent = if packs && renderer.adapter().is_software() { stats.tiles().unwrap().packed_bytes } else { 0 };
+        assert!((sent..sent + 2000).contains(&stats.bytes_sent), "{} of {sent}", stats.bytes_sent);
+        packs
     };
-    // Without timestamps the stage does not show.
+    // On a GPU without timestamps the stage does not show.
     if !packs(25.0, &settings) {
-        assert!(!renderer.adapter().name.contains("llvmpipe"), "llvmpipe has timestamps");
+        assert!(!renderer.adapter().is_software(), "the host has a clock");
         return;
     }
     assert!(!packs(10.0, &settings) && !packs(35.0, &settings));
