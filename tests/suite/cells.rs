@@ -107,8 +107,16 @@ fn cells_of_every_kernel_model_and_lattice_follow_the_reference() {
             assert!(got.stats.levels[0] > 0, "case {number}");
             let rms = 255.0 * rms_covered(&got.image, &expected);
             println!("case {number} {}: {rms:.2}", got.stats.painter.name());
+            // Opaque edges, here by a divisor of 1, are sharper than kernels.
             // A cell has one normal: the thinnest tubes have several in it.
-            let limit = if settings.lighting.is_some() { 2.5 } else { 1.3 };
+            let opaque = settings.normalization == Normalization::Peak;
+            let limit = if opaque {
+                3.5
+            } else if settings.lighting.is_some() {
+                2.5
+            } else {
+                1.3
+            };
             assert!(rms < limit, "case {number}, {}: rms {rms} of 255", got.stats.painter.name());
         }
     }
