@@ -211,7 +211,7 @@ impl Rays {
         let images = match setup.camera.projection {
             Projection::Orthographic { .. } => parallel::of_images(setup, axis, region, common),
             Projection::Perspective { distance, .. } => {
-                vec![perspective::of_image(setup, axis, region, distance, common)]
+                perspective::of_image(setup, axis, region, distance, common).into_iter().collect()
             }
         };
         images.into_iter().map(Self::in_tiles).collect()
