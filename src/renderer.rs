@@ -7,17 +7,16 @@ use crate::error::Error;
 use crate::error::Result;
 use crate::gpu::cache::Cache;
 use crate::gpu::choice::Choice;
-use crate::gpu::classify::Classifier;
 use crate::gpu::context::{self, Context, PIXEL_BYTES};
 use crate::gpu::painter::{Begun, Job};
 use crate::gpu::present::{self, Present};
 use crate::gpu::recorder::Recorder;
-use crate::gpu::scan::Scan;
 use crate::gpu::timing::on_host;
 use crate::gpu::view::{Region, ViewGeometry};
 use crate::image::Image;
 use crate::progress::Progress;
 pub use crate::scene::Scene;
+use crate::scene::{Cells, Wanted};
 use crate::settings::{Settings, Shading};
 use crate::stats::{Clock, StageTime, Stats};
 use crate::transfer::TransferFunction;
@@ -100,7 +99,7 @@ impl Renderer {
     }
 
     /// Prepares a volume for pictures of these settings: of them, what counts is the model, the shading and whether
-    /// there is light. Voxels that cannot show are dropped.
+    /// there is light. Voxels that cannot show are dropped, when the first picture asks for voxels.
     ///
     /// # Errors
     /// [`Error::Setting`] if a setting is out of range, [`Error::NonFinite`] if a sample is NaN or infinite, and the
@@ -113,14 +112,7 @@ impl Renderer {
             let prepare = || Scene::of_scalars(context, volume, transfer, settings);
             return context.guarded("preparing the volume", prepare);
         }
-        let (classified, seconds) = on_host(|| {
-            context.guarded("classifying the volume", || {
-                let scan = Scan::of(&self.pipelines, context)?;
-                let classifier = self.pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
-                classifier.run(context, &scan, volume, transfer, settings, &self.progress)
-            })
-        });
-        Ok(Scene::of_splats(context, classified?, settings.lighting.is_some(), volume, transfer, seconds))
+        Ok(Scene::of_splats(context, volume, transfer, settings.lighting.is_some()))
     }
 
     /// Renders a picture of a scene that this renderer prepared.
@@ -180,25 +172,28 @@ impl Renderer {
         scene.check(context, settings)?;
         let before = context.traffic();
         camera.check_scale(scene.grid())?;
-        let view = ViewGeometry::new(camera, scene.grid(), settings, context.savings);
-        let mut choice = Choice::new(context, &view, settings)?;
+        let voxels = ViewGeometry::new(camera, scene.grid(), settings, context.savings);
+        let growth = voxels.max_growth();
+        let Cells { view, settings, weights, level } = &scene.cells(voxels, settings, camera)?;
+        let mut choice = Choice::new(context, view, settings)?;
         let mut seconds = scene.take_seconds();
         let mut drawable;
         let mut levels;
         let mut painting = loop {
-            let need = (choice.kind.room().need)(&view, settings, scene.weights());
-            let (splats, took) = scene.drawable(context, need, settings, &self.progress)?;
+            let need = (choice.kind.room().need)(view, settings, *weights);
+            let wanted = Wanted { settings, level: *level, need };
+            let (splats, took) = scene.drawable(context, &self.pipelines, wanted, &self.progress)?;
             seconds += took;
             drawable = splats;
-            levels = need.cut.map_or([0, 0], |cut| cut.levels);
+            levels = need.cut.map_or([*level; 2], |cut| cut.levels);
             let job = Job {
                 context,
                 pipelines: &self.pipelines,
-                view: &view,
+                view,
                 settings,
-                kept: scene.kept(),
+                kept: drawable.kept(),
                 stores: drawable.stores(),
-                weights: scene.weights(),
+                weights: *weights,
                 transfer: scene.table(),
                 padding: need.padding,
             };
@@ -250,7 +245,7 @@ impl Renderer {
             bricks: bricks.all,
             bricks_uploaded: bricks.uploaded,
             bytes_uploaded: bricks.bytes,
-            kernel_growth: view.max_growth(),
+            kernel_growth: growth,
             levels,
             footprint_error: painting.footprint_error(),
             scene_bytes: drawable.bytes(),

@@ -3,17 +3,21 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
-use crate::gpu::classify::Classified;
+use crate::gpu::cells::{self, Coarsening};
+use crate::gpu::classify::{Classified, Classifier};
 use crate::gpu::context::Context;
 use crate::gpu::scalars::{self, Asked, Emission, Emitted, Shows};
+use crate::gpu::scan::Scan;
 use crate::gpu::store::{Bricks, Store};
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, TransferTable};
-use crate::gpu::view::{ScalarNeed, Weights};
+use crate::gpu::view::{ScalarNeed, ViewGeometry, Weights};
+use crate::kernel::Normalization;
 use crate::progress::Progress;
-use crate::settings::{Model, Settings};
+use crate::settings::{Level, Model, Settings};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Pyramid, Volume};
 
@@ -22,8 +26,6 @@ pub struct Scene {
     content: Content,
     grid: Grid,
     weights: Weights,
-    /// What painters made of it for the pictures before.
-    kept: Cache,
     /// Seconds of preparation that no picture has reported yet, as the bits of an f64.
     seconds: AtomicU64,
     /// [`Context::id`] of the device that holds it.
@@ -32,10 +34,22 @@ pub struct Scene {
 
 /// What is on the device.
 enum Content {
-    /// Classified voxels, lit or not.
-    Splats { classified: Classified, lit: bool },
+    /// Classified voxels or cells.
+    Splats(Box<Voxels>),
     /// Scalars, classified when they have been reconstructed.
     Scalars(Box<Scalars>),
+}
+
+/// A volume as pre-shading draws it.
+struct Voxels {
+    volume: Volume,
+    transfer: TransferFunction,
+    /// Whether splats have normals.
+    lit: bool,
+    /// The voxels that show, once a picture has asked for them.
+    classified: Mutex<Option<Arc<Classified>>>,
+    /// The cells of the level that a picture asked for last.
+    cells: Mutex<Option<(u32, Arc<Emitted>)>>,
 }
 
 /// A volume as post-shading draws it.
@@ -51,10 +65,30 @@ struct Scalars {
     emitted: Mutex<Option<(Asked, Arc<Emitted>)>>,
 }
 
+/// How a picture is drawn of the cells of a level; of voxels, if that is 0.
+pub(crate) struct Cells {
+    /// The view of the lattice of the cells.
+    pub(crate) view: ViewGeometry,
+    /// The settings with the kernel of cells.
+    pub(crate) settings: Settings,
+    pub(crate) weights: Weights,
+    pub(crate) level: u32,
+}
+
 /// The splats of one picture.
-pub(crate) enum Drawable<'a> {
-    Splats(&'a Classified),
-    Scalars(Arc<Emitted>),
+pub(crate) enum Drawable {
+    Splats(Arc<Classified>),
+    Emitted(Arc<Emitted>),
+}
+
+/// What a picture asks of a scene.
+#[derive(Clone, Copy)]
+pub(crate) struct Wanted<'a> {
+    pub(crate) settings: &'a Settings,
+    /// The level whose cells stand for the voxels of a pre-shaded scene.
+    pub(crate) level: u32,
+    /// How far the scalars of a post-shaded one must reach.
+    pub(crate) need: ScalarNeed,
 }
 
 fn shows(settings: &Settings) -> Shows {
@@ -69,25 +103,25 @@ fn local_unit(transfer: &TransferFunction, grid: &Grid) -> f64 {
 impl Scene {
     fn new(context: &Context, content: Content, grid: Grid, weights: Weights, seconds: f64) -> Self {
         let seconds = AtomicU64::new(seconds.to_bits());
-        Self { content, grid, weights, kept: Cache::default(), seconds, device: context.id }
+        Self { content, grid, weights, seconds, device: context.id }
     }
 
-    /// A scene of classified voxels, which took `seconds`.
-    pub(crate) fn of_splats(
-        context: &Context,
-        classified: Classified,
-        lit: bool,
-        volume: &Volume,
-        transfer: &TransferFunction,
-        seconds: f64,
-    ) -> Self {
+    /// A scene of classified voxels. They are classified when a picture asks for them: which, depends on the picture.
+    pub(crate) fn of_splats(context: &Context, volume: &Volume, transfer: &TransferFunction, lit: bool) -> Self {
         let weights = Weights {
             max: TransferFunction::extinction(transfer.max_opacity(), 1.0),
             unit: local_unit(transfer, volume.grid()),
             // Light may turn any colour white.
             brightest: if lit { [1.0; 3] } else { transfer.brightest() },
         };
-        Self::new(context, Content::Splats { classified, lit }, *volume.grid(), weights, seconds)
+        let voxels = Voxels {
+            volume: volume.clone(),
+            transfer: transfer.clone(),
+            lit,
+            classified: Mutex::new(None),
+            cells: Mutex::new(None),
+        };
+        Self::new(context, Content::Splats(Box::new(voxels)), *volume.grid(), weights, 0.0)
     }
 
     /// A scene of scalars: all of post-shading that does not depend on the camera.
@@ -118,8 +152,27 @@ impl Scene {
         &self.grid
     }
 
-    pub(crate) fn weights(&self) -> Weights {
-        self.weights
+    /// What stands for the voxels in a picture, given its view of them.
+    pub(crate) fn cells(&self, voxels: ViewGeometry, settings: &Settings, camera: &Camera) -> Result<Cells> {
+        let growth = voxels.min_growth();
+        let level = match settings.level {
+            Level::At(level) => level,
+            Level::Auto if settings.takes_cells() => cells::level_of(&settings.kernel, growth),
+            Level::Auto => 0,
+        };
+        let (settings, weights) = (settings.clone(), self.weights);
+        if level == 0 {
+            return Ok(Cells { view: voxels, settings, weights, level });
+        }
+        let grid = cells::grid_of(&self.grid, level)?;
+        let kernel = cells::kernel_of(&settings.kernel, growth, level);
+        // Cells are divided by the integral of their kernel. What voxels are divided by beside theirs stays.
+        let denser = settings.kernel.integral() / settings.normalization.divisor(&settings.kernel);
+        let unit = weights.unit * self.grid.unit() / (grid.unit() * denser);
+        let grown = growth / f64::from(level).exp2();
+        let settings = Settings { kernel, normalization: Normalization::Unit, ..settings }.with_sheets_of(grown);
+        let view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings(), grown);
+        Ok(Cells { view, settings, weights: Weights { unit, ..weights }, level })
     }
 
     /// Seconds that preparing took, told once: pictures after the first did not take them.
@@ -130,14 +183,9 @@ impl Scene {
     /// What scalars are classified by.
     pub(crate) fn table(&self) -> Option<&TransferTable> {
         match &self.content {
-            Content::Splats { .. } => None,
+            Content::Splats(_) => None,
             Content::Scalars(scalars) => Some(&scalars.table),
         }
-    }
-
-    /// What painters made of it for the pictures before.
-    pub(crate) fn kept(&self) -> &Cache {
-        &self.kept
     }
 
     /// Refuses a scene of another device, and settings that it was not prepared for.
@@ -150,8 +198,8 @@ impl Scene {
             return error("scene", "by another renderer, on another device");
         }
         match &self.content {
-            Content::Splats { .. } if settings.is_post_shaded() => error("shading", "for pre-shading"),
-            Content::Splats { lit: false, .. } if settings.lighting.is_some() => error("light", "without light"),
+            Content::Splats(_) if settings.is_post_shaded() => error("shading", "for pre-shading"),
+            Content::Splats(voxels) if !voxels.lit && settings.lighting.is_some() => error("light", "without light"),
             Content::Scalars(_) if !settings.is_post_shaded() => error("shading", "for post-shading"),
             Content::Scalars(scalars) if scalars.shows != shows(settings) => error("model", "for another model"),
             _ => Ok(()),
@@ -162,12 +210,14 @@ impl Scene {
     pub(crate) fn drawable(
         &self,
         context: &Context,
-        need: ScalarNeed,
-        settings: &Settings,
+        pipelines: &Cache,
+        wanted: Wanted<'_>,
         progress: &Progress,
-    ) -> Result<(Drawable<'_>, f64)> {
+    ) -> Result<(Drawable, f64)> {
+        let Wanted { settings, level, need } = wanted;
         let scalars = match &self.content {
-            Content::Splats { classified, .. } => return Ok((Drawable::Splats(classified), 0.0)),
+            Content::Splats(voxels) if level == 0 => return voxels.classified(context, pipelines, progress),
+            Content::Splats(voxels) => return voxels.cells(context, level, progress),
             Content::Scalars(scalars) => scalars,
         };
         let Settings { kernel, normalization, ref lighting, .. } = *settings;
@@ -176,7 +226,7 @@ impl Scene {
         if let Some((of, emitted)) = lock().as_ref()
             && of.serves(&asked)
         {
-            return Ok((Drawable::Scalars(Arc::clone(emitted)), 0.0));
+            return Ok((Drawable::Emitted(Arc::clone(emitted)), 0.0));
         }
         // Not under the lock: who emits waits for a pool of threads, which may hand it work that asks for the lock.
         let (emitted, seconds) = on_host(|| {
@@ -187,17 +237,62 @@ impl Scene {
             })
         });
         let emitted = Arc::new(emitted?);
-        self.kept.clear();
         *lock() = Some((asked, Arc::clone(&emitted)));
-        Ok((Drawable::Scalars(emitted), seconds))
+        Ok((Drawable::Emitted(emitted), seconds))
     }
 }
 
-impl Drawable<'_> {
+impl Voxels {
+    /// The voxels that show.
+    fn classified(&self, context: &Context, pipelines: &Cache, progress: &Progress) -> Result<(Drawable, f64)> {
+        let lock = || self.classified.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(classified) = lock().as_ref() {
+            return Ok((Drawable::Splats(Arc::clone(classified)), 0.0));
+        }
+        let (classified, seconds) = on_host(|| {
+            context.guarded("classifying the volume", || {
+                let scan = Scan::of(pipelines, context)?;
+                let classifier = pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
+                classifier.run(context, &scan, &self.volume, &self.transfer, self.lit, progress)
+            })
+        });
+        let classified = Arc::new(classified?);
+        *lock() = Some(Arc::clone(&classified));
+        Ok((Drawable::Splats(classified), seconds))
+    }
+
+    /// The cells of a level.
+    fn cells(&self, context: &Context, level: u32, progress: &Progress) -> Result<(Drawable, f64)> {
+        let lock = || self.cells.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, cells)) = lock().as_ref()
+            && *of == level
+        {
+            return Ok((Drawable::Emitted(Arc::clone(cells)), 0.0));
+        }
+        let (cells, seconds) = on_host(|| {
+            context.guarded("classifying the volume", || {
+                Coarsening::new(&self.volume, &self.transfer, level, self.lit).emit(context, progress)
+            })
+        });
+        let cells = Arc::new(cells?);
+        *lock() = Some((level, Arc::clone(&cells)));
+        Ok((Drawable::Emitted(cells), seconds))
+    }
+}
+
+impl Drawable {
     pub(crate) fn stores(&self) -> &[Store] {
         match self {
             Self::Splats(classified) => &classified.stores,
-            Self::Scalars(emitted) => &emitted.stores,
+            Self::Emitted(emitted) => &emitted.stores,
+        }
+    }
+
+    /// What painters made of them for the pictures before.
+    pub(crate) fn kept(&self) -> &Cache {
+        match self {
+            Self::Splats(classified) => &classified.kept,
+            Self::Emitted(emitted) => &emitted.kept,
         }
     }
 
@@ -209,7 +304,7 @@ impl Drawable<'_> {
     pub(crate) fn voxels(&self) -> u64 {
         match self {
             Self::Splats(_) => self.splats(),
-            Self::Scalars(emitted) => emitted.voxels,
+            Self::Emitted(emitted) => emitted.voxels,
         }
     }
 
@@ -217,7 +312,7 @@ impl Drawable<'_> {
     pub(crate) fn bricks(&self) -> &Bricks {
         match self {
             Self::Splats(classified) => &classified.bricks,
-            Self::Scalars(emitted) => &emitted.bricks,
+            Self::Emitted(emitted) => &emitted.bricks,
         }
     }
 

@@ -1,6 +1,7 @@
 //! What is modelled, and how finely.
 
 use crate::error::{Error, Result};
+use crate::gpu::cells::MAX_LEVEL;
 use crate::kernel::{Kernel, Normalization};
 use crate::lighting::Lighting;
 use crate::names::named;
@@ -155,6 +156,19 @@ pub enum Resolution {
     Full,
 }
 
+/// What stands for voxels whose kernels have grown: cells of 2^n voxels along each axis, n their level. Cost then
+/// follows the picture instead of the volume (Laur and Hanrahan 1991, "Hierarchical splatting").
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Level {
+    /// Cells as large as the growth of kernels allows. Pre-shaded, a level stands for the voxels if all kernels have
+    /// grown enough: those of the default Gaussian 1.5 times for level 1, 3 times for level 2. Post-shaded, levels go
+    /// by depth.
+    #[default]
+    Auto,
+    /// Pre-shaded: cells of this level, 0 to 12, whatever they lose; 0 is the voxels. Post-shaded: only 0.
+    At(u32),
+}
+
 /// The settings of a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
@@ -171,6 +185,8 @@ pub struct Settings {
     pub termination: f64,
     /// Whether kernels grow if voxels fall closer together than pixels; see [`Growth`](crate::camera::Growth).
     pub antialiasing: bool,
+    /// What stands for voxels whose kernels have grown.
+    pub level: Level,
     /// The reconstruction kernel.
     pub kernel: Kernel,
     /// What sums of kernels are divided by.
@@ -188,6 +204,7 @@ impl Default for Settings {
             interslice: Interslice::default(),
             termination: 1e-3,
             antialiasing: true,
+            level: Level::default(),
             kernel: Kernel::default(),
             normalization: Normalization::default(),
             painter: Painter::default(),
@@ -259,6 +276,14 @@ impl Settings {
         if let Some(lighting) = &self.lighting {
             lighting.validate()?;
         }
+        if let Level::At(level) = self.level
+            && level > MAX_LEVEL
+        {
+            return Err(Error::Setting {
+                name: "level",
+                reason: format!("{level}, expected auto or 0 to {MAX_LEVEL}"),
+            });
+        }
         let quads = self.quads();
         quads.validate()?;
         self.check_combination(&quads)
@@ -270,7 +295,14 @@ impl Settings {
         let additive = quads.accumulation == Accumulation::Additive;
         let post = self.is_post_shaded();
         let xray = self.model == Model::Xray;
+        let coarse = matches!(self.level, Level::At(level) if level > 0);
         let rules = [
+            (post && coarse, "level", "post-shading takes its levels by depth: expected auto or 0"),
+            (
+                coarse && (axis || additive),
+                "level",
+                "cells of a level above 0 need image-aligned sheets of optical depth",
+            ),
             (post && axis, "sheets", "post-shading and maximum intensity need image-aligned sheets, axis does not go"),
             (
                 post && additive,
@@ -296,6 +328,19 @@ impl Settings {
     /// The knobs of the painter tiles, if that draws the picture.
     pub(crate) fn tiles(&self) -> TilesSettings {
         if let Painter::Tiles(tiles) = self.painter { tiles } else { TilesSettings::default() }
+    }
+
+    /// Whether cells may stand for voxels.
+    pub(crate) fn takes_cells(&self) -> bool {
+        let quads = self.quads();
+        !self.is_post_shaded() && quads.sheets == Sheets::Image && quads.accumulation == Accumulation::OpticalDepth
+    }
+
+    /// The same with sheets so many times as thick.
+    pub(crate) fn with_sheets_of(self, times: f64) -> Self {
+        let Painter::Quads(quads) = self.painter else { return self };
+        let sheet_thickness = (times * quads.sheet_thickness).clamp(0.05, 64.0);
+        Self { painter: Painter::Quads(QuadsSettings { sheet_thickness, ..quads }), ..self }
     }
 
     /// The number of lights; 0 without light.

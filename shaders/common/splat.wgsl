@@ -13,9 +13,9 @@
 // A classified voxel takes four:
 //
 //     place               the same
-//     density_blue        the 8 high bits of blue, then 24 bits of density: an f32 without its sign and the last 7
-//                         bits of its fraction, so rounded to 4e-6 of itself. Density is extinction times the unit
-//                         distance, -ln(1 - opacity): a pure number
+//     density_blue        the 8 high bits of blue, then 24 bits of density: an f32 without the last 8 bits of its
+//                         fraction, so rounded to 8e-6 of itself. Density is extinction times the unit distance,
+//                         -ln(1 - opacity): a pure number. Of cells it may be a little below 0
 //     color               13 bits of red, then 14 of green, then the 5 low bits of blue
 //     normal              the direction of the world gradient, see common/normal.wgsl
 //
@@ -74,7 +74,7 @@ fn splat_lattice(words: vec2u) -> vec3f {
 
 // Its density, or its scalar.
 fn splat_weight(words: vec2u) -> f32 {
-    return bitcast<f32>(select((words.y >> 8u) << 7u, words.y, SCALARS));
+    return bitcast<f32>(select(words.y & 0xffffff00u, words.y, SCALARS));
 }
 
 // The largest values of red, green and blue: 13, 14 and 13 bits.
@@ -84,8 +84,8 @@ const COLOR_STEPS: vec3f = vec3f(8191.0, 16383.0, 8191.0);
 fn packed_appearance(color: vec3f, density: f32) -> vec2u {
     let c = vec3u(round(clamp(color, vec3f(0.0), vec3f(1.0)) * COLOR_STEPS));
     // To the nearest: half of the lowest bit that stays is added.
-    let rounded = (bitcast<u32>(density) + 64u) >> 7u;
-    return vec2u((rounded << 8u) | (c.b >> 5u), c.r | (c.g << 13u) | (c.b << 27u));
+    let rounded = (bitcast<u32>(density) + 128u) & 0xffffff00u;
+    return vec2u(rounded | (c.b >> 5u), c.r | (c.g << 13u) | (c.b << 27u));
 }
 
 fn splat_color(density_blue: u32, color: u32) -> vec3f {

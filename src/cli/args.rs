@@ -8,7 +8,7 @@ use glam::DVec3;
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::Background;
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::settings::{Accumulation, Interslice, Model, Precision, Resolution, Shading, Sheets};
+use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Resolution, Shading, Sheets};
 use voxsplat::volume::{Endian, SampleType};
 
 use super::parse::{self, LightArg, one_of};
@@ -228,6 +228,10 @@ pub(super) struct RenderArgs {
     /// Enlarge the kernels of voxels that are closer together than pixels
     #[arg(long, value_name = "WHETHER", default_value = "on", help_heading = "Model")]
     pub(super) antialiasing: SwitchArg,
+    /// Cells of 2^N voxels along each axis in place of voxels, N 0 to 12; auto takes cells that are still finer than
+    /// the picture
+    #[arg(long, value_name = "N|auto", default_value = "auto", value_parser = parse::level, help_heading = "Model")]
+    pub(super) level: Level,
 
     /// What draws the splats: quads draws every picture, tiles is fast on software and refuses some pictures, auto
     /// takes tiles on software unless it refuses. An option of a painter (below) chooses that painter

@@ -68,6 +68,7 @@ impl RenderJob {
             interslice: args.interslice,
             termination: args.termination,
             antialiasing: args.antialiasing == SwitchArg::On,
+            level: args.level,
             kernel: args.kernel,
             normalization: args.normalization,
             painter: painter(&args)?,

@@ -6,6 +6,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use voxsplat::error::Error;
 use voxsplat::kernel::Kernel;
+use voxsplat::settings::Level;
 
 /// The value of `--light`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -118,6 +119,14 @@ pub(super) fn positive(text: &str) -> Result<f64, String> {
 /// A finite number, 0 or over.
 pub(super) fn tolerance(text: &str) -> Result<f64, String> {
     number(text).ok().filter(|&n| n >= 0.0).ok_or_else(|| "expected a number, 0 or over".to_owned())
+}
+
+/// `auto` or a number.
+pub(super) fn level(text: &str) -> Result<Level, String> {
+    match text {
+        "auto" => Ok(Level::Auto),
+        _ => text.parse().map(Level::At).map_err(|_| "expected auto, or a number from 0 to 12".to_owned()),
+    }
 }
 
 /// `gaussian[:SIGMA,RADIUS]` or `kaiser-bessel[:RADIUS,ALPHA]`.

@@ -36,11 +36,6 @@ impl Cache {
         let place = kept.entry(TypeId::of::<(K, V)>()).or_insert_with(|| Arc::new(Kept::<K, V>::default()));
         Arc::clone(place)
     }
-
-    /// Drops all values.
-    pub(crate) fn clear(&self) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clear();
-    }
 }
 
 #[cfg(test)]
@@ -53,7 +48,5 @@ mod tests {
         let get = |key: u32, value: &str| cache.get_or_make(key, || Ok(value.to_owned())).unwrap();
         assert_eq!([get(1, "a"), get(1, "b"), get(2, "b")].map(|v| v.to_string()), ["a", "a", "b"]);
         assert_eq!(*cache.get_or_make(1_u32, || Ok(7_u8)).unwrap(), 7);
-        cache.clear();
-        assert_eq!(*get(1, "c"), "c");
     }
 }

@@ -2,6 +2,7 @@
 
 use bytemuck::Zeroable;
 
+use super::cache::Cache;
 use super::context::Context;
 use super::layout::{Classify, ControlPoint, MAX_INLINE_POINTS, Splat};
 use super::pipeline::{Binding, bind, compute, flag, layout, module};
@@ -12,7 +13,6 @@ use super::store::{BrickSplats, Bricks, Part, Store, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::Result;
 use crate::progress::Progress;
-use crate::settings::Settings;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, RowCoding, SampleType, ToF64, Volume};
 
@@ -24,10 +24,12 @@ const BATCH: usize = 32;
 const JOINED: u32 = 1 << 19;
 
 /// What became of a volume.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(crate) struct Classified {
     pub(crate) stores: Vec<Store>,
     pub(crate) bricks: Bricks,
+    /// What painters made of the splats.
+    pub(crate) kept: Cache,
 }
 
 /// The largest control point, and beyond it the largest sample, that shaders see: differences stay in the range of f32.
@@ -137,10 +139,10 @@ impl Classifier {
         scan: &Scan,
         volume: &Volume,
         transfer: &TransferFunction,
-        settings: &Settings,
+        lit: bool,
         progress: &Progress,
     ) -> Result<Classified> {
-        let (lit, savings) = (settings.lighting.is_some(), context.savings);
+        let savings = context.savings;
         let coding = SampleCoding::new(volume, transfer);
         let points: Vec<ControlPoint> = transfer
             .points()

@@ -3,6 +3,7 @@
 #[cfg(test)]
 mod adapter_test;
 pub(crate) mod cache;
+pub(crate) mod cells;
 pub(crate) mod choice;
 pub(crate) mod classify;
 pub(crate) mod context;

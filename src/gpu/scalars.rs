@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use super::cache::Cache;
 use super::context::Context;
 use super::layout::{BRICK_SHIFT, LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient, place};
 use super::levels::Cut;
@@ -55,13 +56,15 @@ pub(crate) enum Shows {
     Largest,
 }
 
-/// Splats of scalars on the device.
-#[derive(Debug, Default)]
+/// Splats that were made on the host, of scalars or of cells, on the device.
+#[derive(Default)]
 pub(crate) struct Emitted {
     pub(crate) stores: Vec<Store>,
     /// Voxels of the volume among the splats; the others are copies beyond its faces.
     pub(crate) voxels: u64,
     pub(crate) bricks: Bricks,
+    /// What painters made of the splats.
+    pub(crate) kept: Cache,
 }
 
 /// The largest sum of kernels over the lattice, over the divisor: reconstruction magnifies differences by no more.

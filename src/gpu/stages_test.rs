@@ -42,7 +42,7 @@ fn words(bytes: &[u8]) -> Vec<u32> {
 
 fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Vec<Store> {
     Classifier::new(context)
-        .run(context, &Scan::new(context), volume, transfer, &Settings::default(), &Progress::default())
+        .run(context, &Scan::new(context), volume, transfer, false, &Progress::default())
         .unwrap()
         .stores
 }

@@ -45,7 +45,7 @@ pub(crate) fn unpack(splat: &Splat, origins: &[[u32; 3]]) -> Voxel {
     Voxel {
         point: [x + part(0), y + part(5), z + part(10)],
         color: [color[0] / 8191.0, color[1] / 16383.0, color[2] / 8191.0],
-        density: f64::from(f32::from_bits(splat.density_blue >> 8 << 7)),
+        density: f64::from(f32::from_bits(splat.density_blue & 0xffff_ff00)),
     }
 }
 

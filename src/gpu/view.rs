@@ -120,6 +120,11 @@ pub(crate) struct ViewGeometry {
 impl ViewGeometry {
     /// The view of a camera on a grid of the world.
     pub(crate) fn new(camera: &Camera, grid: &Grid, settings: &Settings, savings: Savings) -> Self {
+        Self::of_cells(camera, grid, settings, savings, 1.0)
+    }
+
+    /// The same of a lattice of cells: the settings have the kernel that has grown `grown` times as its voxels see it.
+    pub(crate) fn of_cells(camera: &Camera, grid: &Grid, settings: &Settings, savings: Savings, grown: f64) -> Self {
         let unit = grid.unit();
         let (camera, grid) = (&camera.local(grid), &grid.local());
         let to_world = grid.to_world().matrix3;
@@ -133,6 +138,7 @@ impl ViewGeometry {
             Projection::Perspective { distance, .. } => distance + offset.z,
         };
         let growth = if settings.antialiasing { camera.growth(grid) } else { Growth::NONE };
+        let growth = Growth { constant: growth.constant / grown, slope: growth.slope / grown };
         Self {
             unit,
             camera: *camera,
@@ -155,6 +161,11 @@ impl ViewGeometry {
         }
     }
 
+    /// The smallest growth of a kernel in the volume.
+    pub(crate) fn min_growth(&self) -> f64 {
+        self.growths[0]
+    }
+
     /// The largest growth of a kernel in the volume.
     pub(crate) fn max_growth(&self) -> f64 {
         self.growths[1]
@@ -175,6 +186,10 @@ impl ViewGeometry {
             return f64::INFINITY;
         }
         (2.0 * reach / (self.camera.pixels().0[0] * depth) + 2.0).powi(2)
+    }
+
+    pub(crate) fn savings(&self) -> Savings {
+        self.savings
     }
 
     pub(crate) fn is_perspective(&self) -> bool {

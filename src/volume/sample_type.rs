@@ -34,6 +34,17 @@ impl SampleType {
         }
     }
 
+    /// The least and the largest number of an integer type of at most 16 bits: so few that a table has them all.
+    pub(crate) fn few(self) -> Option<[i32; 2]> {
+        match self {
+            Self::U8 => Some([0, i32::from(u8::MAX)]),
+            Self::I8 => Some([i32::from(i8::MIN), i32::from(i8::MAX)]),
+            Self::U16 => Some([0, i32::from(u16::MAX)]),
+            Self::I16 => Some([i32::from(i16::MIN), i32::from(i16::MAX)]),
+            _ => None,
+        }
+    }
+
     /// Whether numbers of this type can be NaN or infinite.
     #[must_use]
     pub fn is_float(self) -> bool {

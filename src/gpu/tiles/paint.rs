@@ -334,10 +334,12 @@ impl Painting for Picture<'_> {
     }
 
     fn pixel_bytes(&self) -> u32 {
-        // The two intermediate images, RGBA, f32, if there are any, and the runs of a tile, two words each.
+        // The two intermediate images, RGBA, f32, if there are any, and the runs of a tile, two words each. Runs count
+        // two and a half times: a binding holds at least half of what a part of a picture may take, and its tiles may
+        // stand out beyond it.
         let images = if self.is_resampled() { 32 } else { 0 };
         let bytes = |rays: Rays| {
-            let per_ray = images + u64::from(rays.uniforms.run_slots * 8).div_ceil(u64::from(TILE * TILE));
+            let per_ray = images + u64::from(rays.uniforms.run_slots * 20).div_ceil(u64::from(TILE * TILE));
             let count: u64 = rays.uniforms.size.into_iter().map(u64::from).product();
             (count * per_ray).div_ceil(self.whole().area()) as u32
         };

@@ -266,7 +266,7 @@ fn words_of(point: [u32; 3]) -> [u32; 3] {
     let [x, y, z] = point;
     let density = 0.01 + 0.03 * f64::from(x) + 0.001 * f64::from(y * z);
     let color = ((x * 91) & 0x1fff) | (((y * 211) & 0x3fff) << 13) | ((z & 31) << 27);
-    [((density as f32).to_bits() >> 7) << 8 | ((x + y) & 0xff), color, 0]
+    [(density as f32).to_bits() & 0xffff_ff00 | ((x + y) & 0xff), color, 0]
 }
 
 #[test]

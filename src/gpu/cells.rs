@@ -1,0 +1,457 @@
+//! cells: a volume and a transfer function to classified cells of a level, for pre-shading of kernels that have grown
+//! (Laur and Hanrahan 1991, "Hierarchical splatting"). On the host: it is memory traffic rather than arithmetic.
+//!
+//! A cell of level n stands for 2^n voxels along each axis. Voxels are classified and lit one by one; a cell holds
+//! what they emit and absorb, weighted by the polynomials of degree 5 that interpolate cells at the places of voxels
+//! (Lagrange). So the moments of each voxel, up to the fifth, are kept: sum, place and spread. Weights farther than a
+//! cell away are negative. What a cell absorbs may therefore be a little below nothing.
+
+use std::ops::Range;
+
+use glam::DVec3;
+
+use super::context::Context;
+use super::layout::{BRICK_SHIFT, NO_NORMAL, Splat, pack_normal, packed_appearance, place};
+use super::scalars::Emitted;
+use super::store::{BrickSplats, StoreBuilder};
+use super::transfer::Reduction;
+use crate::error::Result;
+use crate::kernel::Kernel;
+use crate::progress::Progress;
+use crate::transfer::TransferFunction;
+use crate::volume::{BRICK_EDGE as EDGE, Grid, Number, Samples, Volume, with_samples};
+
+/// Cells to either side of a voxel among which it is shared.
+const REACH: usize = 3;
+
+/// The least standard deviation of the kernels of cells, in cells: narrower ones would show the lattice. Kernels of the
+/// default Gaussian have it at a growth of 1.5.
+const LEAST_DEVIATION: f64 = 0.585;
+
+/// The radius of kernels of cells, as a multiple of their standard deviation: that of the default Gaussian; of narrow
+/// kernels as much as [`NARROW`], so that they are small where they are cut off, but no more than a radius of two cells.
+/// Footprints of broader ones are no polynomials of 8 terms, by which rays evaluate them.
+const BROAD: f64 = 2.56;
+const NARROW: f64 = 3.28;
+const NARROW_RADIUS: f64 = 2.0;
+
+/// The coarsest level.
+pub(crate) const MAX_LEVEL: u32 = 12;
+
+/// The level whose cells stand for voxels whose kernels have grown so much; 0: voxels do.
+pub(crate) fn level_of(kernel: &Kernel, growth: f64) -> u32 {
+    // A growth of 1.5 is often that of a picture, to within rounding.
+    let cells = 1.0001 * growth * kernel.variance().sqrt() / LEAST_DEVIATION;
+    cells.log2().floor().clamp(0.0, f64::from(MAX_LEVEL)) as u32
+}
+
+/// The kernel of cells of a level, in cells: as broad as the kernel of voxels that has grown, but for the least.
+pub(crate) fn kernel_of(kernel: &Kernel, growth: f64, level: u32) -> Kernel {
+    let deviation = (growth * kernel.variance().sqrt() / f64::from(level).exp2()).max(LEAST_DEVIATION);
+    gaussian((BROAD * deviation).max(NARROW_RADIUS.min(NARROW * deviation)), deviation)
+}
+
+/// The Gaussian cut off at a radius whose standard deviation is this, to rounding: by bisection.
+fn gaussian(radius: f64, deviation: f64) -> Kernel {
+    let of = |sigma: f64| Kernel::Gaussian { sigma, radius };
+    let [mut low, mut high] = [0.25 * deviation, 8.0 * deviation];
+    for _ in 0..50 {
+        let middle = f64::midpoint(low, high);
+        if of(middle).variance() < deviation * deviation {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    of(f64::midpoint(low, high))
+}
+
+/// The lattice of the cells of a level: cell [`REACH`] lies in the middle of the first 2^n voxels along each axis, and
+/// [`REACH`] cells lie beyond each face.
+pub(crate) fn grid_of(grid: &Grid, level: u32) -> Result<Grid> {
+    let size = f64::from(level).exp2();
+    let mut to_world = grid.to_world();
+    to_world.translation = to_world.transform_point3(DVec3::splat((size - 1.0) / 2.0 - size * REACH as f64));
+    to_world.matrix3 *= size;
+    Grid::new(dims_of(grid, level).map(|d| d as u32), to_world)
+}
+
+fn dims_of(grid: &Grid, level: u32) -> [usize; 3] {
+    grid.dims().map(|d| d.div_ceil(1 << level) as usize + 2 * REACH)
+}
+
+/// What voxels give to cells along an axis.
+struct Filter {
+    /// Voxels of a cell.
+    size: usize,
+    /// The first voxel that gives to the first cell; negative, as that lies beyond the face.
+    first: i64,
+    /// The weights of that voxel and of those behind it; of the next cell the same weights, `size` voxels on.
+    weights: Vec<f32>,
+}
+
+impl Filter {
+    fn new(level: u32) -> Self {
+        let size = 1_usize << level;
+        let in_cells = |voxel: i64| (voxel as f64 + 0.5) / size as f64 - 0.5;
+        // Voxels less than `REACH` cells from the middle of cell 0, numbered as if it lay on the first voxels.
+        let middle = size as i64 / 2;
+        let reach = (REACH * size) as i64;
+        let voxels = (middle - reach..middle + reach).filter(|&v| in_cells(v).abs() < REACH as f64);
+        let weights = voxels.clone().map(|v| (lagrange(in_cells(v)) / size as f64) as f32).collect();
+        let first = voxels.clone().next().unwrap_or_default();
+        Self { size, first: first - reach, weights }
+    }
+
+    /// The voxels that give to cells from `cell` to before `end`.
+    fn voxels(&self, cell: usize, end: usize) -> Range<i64> {
+        let first = |cell: usize| self.first + (cell * self.size) as i64;
+        first(cell)..first(end - 1) + self.weights.len() as i64
+    }
+
+    /// The weight of a voxel in a cell.
+    fn weight(&self, voxel: i64, cell: usize) -> Option<f32> {
+        let at = voxel - self.first - (cell * self.size) as i64;
+        usize::try_from(at).ok().and_then(|at| self.weights.get(at).copied())
+    }
+
+    /// What voxels, the first that gives to a cell and those behind it, give to the cell.
+    fn sum<const N: usize>(&self, voxels: &[[f32; N]]) -> [f32; N] {
+        let mut sum = [0.0; N];
+        for (weight, voxel) in self.weights.iter().zip(voxels) {
+            for (sum, channel) in sum.iter_mut().zip(voxel) {
+                *sum += weight * channel;
+            }
+        }
+        sum
+    }
+
+    /// The cells from `cell` to before `end` that a voxel gives to.
+    fn cells(&self, voxel: i64, cell: usize, end: usize) -> impl Iterator<Item = (usize, f32)> {
+        (cell..end).filter_map(move |cell| Some((cell, self.weight(voxel, cell)?)))
+    }
+}
+
+/// The weight of the node at distance `x` in the polynomial through the six nodes around a point.
+fn lagrange(x: f64) -> f64 {
+    let node = x.ceil();
+    let at = node - x;
+    if !(-2.0..=3.0).contains(&node) {
+        return 0.0;
+    }
+    (-2..=3).map(f64::from).filter(|&other| other != node).map(|other| (at - other) / (node - other)).product()
+}
+
+/// What a voxel emits and absorbs: colour times density, density.
+type Emission = [f32; 4];
+
+/// The channels of a cell: an [`Emission`]; if there is light also the direction of the gradient times density, and 0.
+const PLAIN: usize = 4;
+const LIT: usize = 8;
+
+/// Samples to what voxels emit.
+struct Classification<'a> {
+    transfer: &'a TransferFunction,
+    slope: f64,
+    intercept: f64,
+    /// By sample of few bits, from `first` on; empty if samples have many.
+    table: Vec<Emission>,
+    first: f64,
+}
+
+impl<'a> Classification<'a> {
+    fn new(volume: &Volume, transfer: &'a TransferFunction) -> Self {
+        let (slope, intercept) = volume.rescale();
+        let mut classification = Self { transfer, slope, intercept, table: Vec::new(), first: 0.0 };
+        if let Some([first, last]) = volume.sample_type().few() {
+            let samples = (0..=last.abs_diff(first)).map(|n| f64::from(first) + f64::from(n));
+            classification.table = samples.map(|sample| classification.of(sample)).collect();
+            classification.first = f64::from(first);
+        }
+        classification
+    }
+
+    fn of(&self, sample: f64) -> Emission {
+        let (color, opacity) = self.transfer.sample(self.slope * sample + self.intercept);
+        let density = TransferFunction::extinction(opacity, 1.0);
+        let [r, g, b] = color.map(|c| (c * density) as f32);
+        [r, g, b, density as f32]
+    }
+
+    /// The emission of a row of voxels.
+    fn row<T: Number>(&self, samples: &[T], row: &mut [Emission]) {
+        if self.table.is_empty() {
+            row.iter_mut().zip(samples).for_each(|(e, s)| *e = self.of(s.to_f64()));
+        } else {
+            let at = |s: f64| self.table.get((s - self.first) as usize).copied().unwrap_or_default();
+            row.iter_mut().zip(samples).for_each(|(e, s)| *e = at(s.to_f64()));
+        }
+    }
+}
+
+/// Values of the transfer function's own scale, of which gradients are taken.
+struct Scalars {
+    slope: f64,
+    intercept: f64,
+    reduction: Reduction,
+}
+
+impl Scalars {
+    fn append<T: Number>(&self, samples: &[T], scalars: &mut Vec<f32>) {
+        let scalar = |s: &T| self.reduction.scalar(self.slope * s.to_f64() + self.intercept);
+        scalars.extend(samples.iter().map(scalar));
+    }
+}
+
+/// A volume and what makes cells of a level of it.
+pub(crate) struct Coarsening<'a> {
+    volume: &'a Volume,
+    filter: Filter,
+    classification: Classification<'a>,
+    /// If there is light: the scalars and the world gradients of the lattice coordinates.
+    light: Option<(Scalars, [DVec3; 3])>,
+    /// Cells along each axis.
+    dims: [usize; 3],
+    /// Cells that absorb less are left out, per unit distance.
+    least: f32,
+}
+
+/// What a cell must absorb to be kept, of the most that a voxel can.
+const LEAST: f64 = 1.0 / 16_384.0;
+
+impl<'a> Coarsening<'a> {
+    pub(crate) fn new(volume: &'a Volume, transfer: &'a TransferFunction, level: u32, lit: bool) -> Self {
+        let (slope, intercept) = volume.rescale();
+        let gradients = volume.grid().local().to_lattice().matrix3.transpose();
+        let scalars = || Scalars { slope, intercept, reduction: Reduction::new(transfer, 1.0) };
+        Self {
+            volume,
+            filter: Filter::new(level),
+            classification: Classification::new(volume, transfer),
+            light: lit.then(|| (scalars(), [gradients.x_axis, gradients.y_axis, gradients.z_axis])),
+            dims: dims_of(volume.grid(), level),
+            least: (TransferFunction::extinction(transfer.max_opacity(), 1.0) * LEAST) as f32,
+        }
+    }
+
+    /// The cells as splats.
+    pub(crate) fn emit(&self, context: &Context, progress: &Progress) -> Result<Emitted> {
+        let [_, down, deep] = self.dims.map(|n| n.div_ceil(EDGE));
+        let mut stores = StoreBuilder::new(context, size_of::<Splat>() as u64, u32::MAX);
+        let mut emitted = Emitted::default();
+        let mut rows = 0;
+        // The rows that a row of bricks reads, beyond those of a brick of voxels.
+        let halo = (self.filter.voxels(0, EDGE).count() - EDGE).div_ceil(2);
+        let row = |j, k| if self.light.is_some() { self.row::<LIT>([j, k]) } else { self.row::<PLAIN>([j, k]) };
+        self.volume.for_each_row([down, deep], halo, &row, &mut |bricks| {
+            for (mut splats, brick) in bricks {
+                let count = (splats.len() / WORDS) as u32;
+                let (number, first) = stores.make_room(count, 1)?;
+                emitted.bricks.bytes += size_of_val(splats.as_slice()) as u64;
+                emitted.bricks.uploaded += 1;
+                emitted.voxels += u64::from(count);
+                splats.iter_mut().step_by(WORDS).for_each(|place| *place |= number << BRICK_SHIFT);
+                stores.add(splats, count, [BrickSplats { first, ..brick }]);
+            }
+            rows += 1;
+            progress.report("classifying", f64::from(rows) / (down * deep) as f64);
+            Ok(())
+        })?;
+        emitted.bricks.all = self.dims.iter().map(|n| n.div_ceil(EDGE) as u32).product();
+        emitted.stores = stores.finish()?;
+        context.wait("classifying the volume")?;
+        Ok(emitted)
+    }
+
+    /// The bricks along x with these numbers in y and z, those that have cells.
+    fn row<const N: usize>(&self, [j, k]: [usize; 2]) -> Result<Vec<(Vec<u32>, BrickSplats)>> {
+        let [across, down, deep] = self.dims;
+        let [ys, zs] = [(j, down), (k, deep)].map(|(brick, n)| brick * EDGE..n.min((brick + 1) * EDGE));
+        let [nx, ny, nz] = self.volume.grid().dims().map(i64::from);
+        let within = |cells: &Range<usize>, n: i64| {
+            let voxels = self.filter.voxels(cells.start, cells.end);
+            voxels.start.clamp(0, n)..voxels.end.clamp(0, n)
+        };
+        let rows = within(&ys, ny);
+        let mut block = Block::<N>::new(across, [ys.len(), zs.len()]);
+        let mut slices = Slices { coarsening: self, rows: rows.clone(), slices: Vec::new() };
+        let mut emission = vec![[0.0; 4]; nx as usize];
+        // A row with room for the voxels before the first and behind the last, which give nothing.
+        let all = self.filter.voxels(0, across);
+        let mut voxels = vec![[0.0; N]; (all.end - all.start) as usize];
+        let begin = (-all.start) as usize;
+        let mut narrow = vec![[0.0; N]; across];
+        for z in within(&zs, nz) {
+            slices.advance(z)?;
+            let mut shows = false;
+            for y in rows.clone() {
+                if !slices.classify([y, z], &mut emission) {
+                    continue;
+                }
+                shows = true;
+                let inside = &mut voxels[begin..begin + nx as usize];
+                inside.iter_mut().zip(&emission).for_each(|(voxel, e)| voxel[..4].copy_from_slice(e));
+                if N == LIT {
+                    slices.add_directions([y, z], inside);
+                }
+                let windows = voxels.windows(self.filter.weights.len()).step_by(self.filter.size);
+                narrow.iter_mut().zip(windows).for_each(|(cell, voxels)| *cell = self.filter.sum(voxels));
+                for (cell, weight) in self.filter.cells(y, ys.start, ys.end) {
+                    block.add_to_plane(cell - ys.start, weight, &narrow);
+                }
+            }
+            if shows {
+                for (cell, weight) in self.filter.cells(z, zs.start, zs.end) {
+                    block.add_plane(cell - zs.start, weight);
+                }
+                block.clear_plane();
+            }
+        }
+        Ok((0..across.div_ceil(EDGE)).filter_map(|i| self.brick(&block, [i, j, k])).collect())
+    }
+
+    /// The splats of a brick without its number, if there are any.
+    fn brick<const N: usize>(&self, block: &Block<N>, brick: [usize; 3]) -> Option<(Vec<u32>, BrickSplats)> {
+        let start = brick[0] * EDGE;
+        let count = EDGE.min(self.dims[0] - start);
+        let mut splats = Vec::new();
+        let mut rows = vec![0; EDGE * EDGE];
+        for z in 0..block.size[1] {
+            for y in 0..block.size[0] {
+                for (x, cell) in block.row([y, z])[start..start + count].iter().enumerate() {
+                    let density = cell[3];
+                    if density.abs() <= self.least {
+                        continue;
+                    }
+                    rows[y + EDGE * z] |= 1 << x;
+                    let color = [cell[0], cell[1], cell[2]].map(|c| c / density);
+                    let [density_blue, color] = packed_appearance(color, density);
+                    let normal = if N == LIT { pack_normal([cell[4], cell[5], cell[6]]) } else { NO_NORMAL };
+                    splats.extend([place([x, y, z].map(|c| c as u32), 0), density_blue, color, normal]);
+                }
+            }
+        }
+        let origin = brick.map(|b| (b * EDGE) as u32);
+        (!splats.is_empty()).then(|| (splats, BrickSplats::new(origin, 0, rows.into_iter())))
+    }
+}
+
+/// Words of a splat.
+const WORDS: usize = size_of::<Splat>() / size_of::<u32>();
+
+fn add<const N: usize>(sums: &mut [[f32; N]], weight: f32, cells: &[[f32; N]]) {
+    for (sum, cell) in sums.as_flattened_mut().iter_mut().zip(cells.as_flattened()) {
+        *sum += weight * cell;
+    }
+}
+
+/// The cells of a row of bricks, and a plane that voxels are narrowed into along x and y.
+struct Block<const N: usize> {
+    /// Cells along x.
+    across: usize,
+    /// Cells along y and z.
+    size: [usize; 2],
+    cells: Vec<[f32; N]>,
+    plane: Vec<[f32; N]>,
+}
+
+impl<const N: usize> Block<N> {
+    fn new(across: usize, size: [usize; 2]) -> Self {
+        let plane = vec![[0.0; N]; across * size[0]];
+        Self { across, size, cells: vec![[0.0; N]; plane.len() * size[1]], plane }
+    }
+
+    fn add_to_plane(&mut self, y: usize, weight: f32, row: &[[f32; N]]) {
+        add(&mut self.plane[y * self.across..][..self.across], weight, row);
+    }
+
+    fn add_plane(&mut self, z: usize, weight: f32) {
+        let count = self.plane.len();
+        add(&mut self.cells[z * count..][..count], weight, &self.plane);
+    }
+
+    fn clear_plane(&mut self) {
+        self.plane.fill([0.0; N]);
+    }
+
+    fn row(&self, [y, z]: [usize; 2]) -> &[[f32; N]] {
+        &self.cells[self.across * (y + self.size[0] * z)..][..self.across]
+    }
+}
+
+/// Some rows of the planes of voxels at hand; with light also the rows and planes beside them.
+struct Slices<'a> {
+    coarsening: &'a Coarsening<'a>,
+    rows: Range<i64>,
+    slices: Vec<Slice>,
+}
+
+struct Slice {
+    z: i64,
+    /// The first row.
+    first: i64,
+    samples: Samples,
+    /// Of all rows, if there is light.
+    scalars: Vec<f32>,
+}
+
+impl Slices<'_> {
+    /// Reads the plane `z`, which is the first or follows the one before.
+    fn advance(&mut self, z: i64) -> Result<()> {
+        let Coarsening { volume, light, .. } = self.coarsening;
+        let [nx, ny, nz] = volume.grid().dims().map(i64::from);
+        let beside = i64::from(light.is_some());
+        self.slices.retain(|slice| slice.z >= z - beside);
+        let first = (self.rows.start - beside).max(0);
+        let end = (self.rows.end + beside).min(ny);
+        for z in (z - beside).max(0)..=(z + beside).min(nz - 1) {
+            if self.slices.iter().any(|slice| slice.z == z) {
+                continue;
+            }
+            let samples = volume.read(((z * ny + first) * nx) as usize..((z * ny + end) * nx) as usize)?;
+            let mut scalars = Vec::new();
+            if let Some((of, _)) = light {
+                with_samples!(&samples, s => of.append(s, &mut scalars));
+            }
+            self.slices.push(Slice { z, first, samples, scalars });
+        }
+        Ok(())
+    }
+
+    /// What the voxels of a row emit; whether any does.
+    fn classify(&self, [y, z]: [i64; 2], emission: &mut [Emission]) -> bool {
+        let Some(slice) = self.slices.iter().find(|slice| slice.z == z) else { return false };
+        let start = (y - slice.first) as usize * emission.len();
+        let count = emission.len();
+        with_samples!(&slice.samples, s => self.coarsening.classification.row(&s[start..start + count], emission));
+        emission.iter().any(|e| e[3] > 0.0)
+    }
+
+    /// Adds the directions of gradients, times density, to the voxels of a row: central differences, as if the
+    /// outermost voxels went on beyond the faces.
+    fn add_directions<const N: usize>(&self, [y, z]: [i64; 2], voxels: &mut [[f32; N]]) {
+        let Some((_, [gx, gy, gz])) = &self.coarsening.light else { return };
+        let [_, ny, nz] = self.coarsening.volume.grid().dims().map(i64::from);
+        let width = voxels.len();
+        let row = |y: i64, z: i64| {
+            let (y, z) = (y.clamp(0, ny - 1), z.clamp(0, nz - 1));
+            let slice = self.slices.iter().find(|slice| slice.z == z);
+            slice.map_or(&[][..], |slice| &slice.scalars[(y - slice.first) as usize * width..][..width])
+        };
+        let [here, above, below, behind, before] =
+            [row(y, z), row(y - 1, z), row(y + 1, z), row(y, z - 1), row(y, z + 1)];
+        for (x, voxel) in voxels.iter_mut().enumerate() {
+            let density = voxel[3];
+            if density <= 0.0 {
+                voxel[4..].fill(0.0);
+                continue;
+            }
+            let differences =
+                [here[(x + 1).min(width - 1)] - here[x.saturating_sub(1)], below[x] - above[x], before[x] - behind[x]];
+            let [dx, dy, dz] = differences.map(f64::from);
+            // No square leaves the range of f64: scalars are f32 numbers near 1.
+            let direction = (*gx * dx + *gy * dy + *gz * dz).normalize_or_zero() * f64::from(density);
+            voxel[4..7].copy_from_slice(&direction.as_vec3().to_array());
+        }
+    }
+}
