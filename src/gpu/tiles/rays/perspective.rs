@@ -7,7 +7,8 @@ use super::super::super::layout;
 use super::super::super::view::Region;
 use super::super::axis::{PrincipalAxis, RAY_MARGIN};
 use super::{
-    RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, level_for_depth, level_for_kernel, smoothstep,
+    FittedKernel, RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, level_for_depth, level_for_kernel,
+    smoothstep,
 };
 
 /// The pixels between rays up to which each pixel has its own ray, and from which on none has: between them pixels have
@@ -85,6 +86,11 @@ fn through(
     let plane = (f64::from(volume.packing.dims[2]) - 1.0) / 2.0;
     let t = (plane - eye.z) / central.z;
     let numerator = |difference: DVec3| ((difference * central.z - central * difference.z) * t).truncate();
+    let middle = near + central * ((plane - near.z) / central.z);
+    // The growth where that is, and its change along the lattice.
+    let FittedKernel { kernel, growth, most, .. } = setup.kernel;
+    let depth = distance + (plane - near.z) / central.z;
+    let growth_slope = axis.ordered(grid.to_world().matrix3.transpose() * camera.forward) * growth.slope;
     let uniforms = layout::Rays {
         heading: f3(forward + heading(first)),
         heading_x: f3(step_x),
@@ -92,9 +98,13 @@ fn through(
         origin: f2(numerator(heading(first - axis.middle))),
         step_x: f2(numerator(step_x)),
         step_y: f2(numerator(step_y)),
-        middle: f3(near + central * ((plane - near.z) / central.z)),
+        middle: f3(middle),
         // Farther than any volume has planes it makes no difference.
         eye_plane: eye.z.clamp(-1e8, 1e8) as f32,
+        growth_slope: f3(growth_slope),
+        growth_middle: (growth.constant + growth.slope * depth) as f32,
+        // Rays of which m has a share lean by less than twice m, so that kernels reach less than twice their radius.
+        growth_around: (growth_slope.truncate().length() * 2.0 * most * kernel.radius()) as f32,
         slope_origin: f2(first),
         slope_step: f2(next - first),
         size: points.size,
