@@ -64,7 +64,8 @@ fn section_between(step: u32, fraction: f32, lean: f32) -> Section {
 fn geometry_of(point: vec2u) -> RayGeometry {
     let line = line_of(point);
     var geometry = RayGeometry(line.base, line.shear, rays.direction, rays.stretch, rays.footprint_half, rays.row_half,
-        rays.row_slope, rays.sections[0], Section(), Section(), vec2f(1.0, 0.0), vec2f(-FAR, FAR), vec3f(0.0, 0.0, -1.0));
+        rays.row_slope, rays.sections[0], Section(), Section(), vec2f(1.0, 0.0), vec2f(-FAR, FAR),
+        vec3f(0.0, 0.0, -1.0));
     if PERSPECTIVE {
         let per_length = inverseSqrt(dot(line.heading, line.heading));
         let d = line.heading * per_length;

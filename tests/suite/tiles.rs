@@ -378,7 +378,8 @@ fn turning_packs_the_volume_once_an_axis() {
     let packs = |azimuth: f64, settings: &Settings| {
         let camera = camera(azimuth, 20.0, 1.0, &volume, 96);
         let stats = draw_on(&renderer, &scene, &camera, settings).unwrap().stats;
-        assert!(stats.bytes_sent < 2000, "{}", stats.bytes_sent);
+        // Two marches, for rays of images and of pixels, of 1.9 kB of uniforms; most of them are tables of sections.
+        assert!(stats.bytes_sent < 6000, "{}", stats.bytes_sent);
         stats.stages.iter().any(|s| s.name == "pack")
     };
     // Without timestamps the stage does not show.

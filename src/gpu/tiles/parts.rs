@@ -67,8 +67,8 @@ impl SlabKind {
     }
 }
 
-/// The parts of kernels in slabs for every ray of a picture: `Rays::sections` of the shaders. For kernels that grow with
-/// their depth, parts are parabolas in their growth less 1, through kernels as asked for, the largest and one between.
+/// The parts of kernels in slabs for every ray of a picture: `Rays::sections` of the shaders. Parts of kernels that
+/// grow with their depth are parabolas in their growth less 1, through the least kernel, the largest and one between.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sections(pub(super) [[[[f32; 4]; 3]; layout::SECTIONS]; layout::SECTION_POWERS]);
 
