@@ -45,6 +45,10 @@ fn voxels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) gro
     let words = splat_words(index);
     let point = splat_point(words) - pack.low;
     let place = vec3u(point[pack.axes.x], point[pack.axes.y], point[pack.axes.z]);
+    // A difference below 0 wraps around to a large number.
+    if any(place >= vec3u(pack.across, pack.rows, pack.planes)) {
+        return;
+    }
     if !follows_in_macrocell(index, words.x, point.x) {
         textureStore(occupied, place / u32(MACROCELL), vec4u(1u));
     }

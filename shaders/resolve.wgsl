@@ -13,6 +13,7 @@ fn resolve(@builtin(global_invocation_id) id: vec3u) {
     }
     let index = id.y * frame.region.x + id.x;
     let pixel = pixels[index];
-    let alpha = absorbed(pixel.a);
-    pixels[index] = vec4f(select(pixel.rgb, vec3f(alpha), WHITE), alpha);
+    // Cells may absorb a little less than nothing.
+    let alpha = absorbed(max(pixel.a, 0.0));
+    pixels[index] = vec4f(select(clamp(pixel.rgb, vec3f(0.0), vec3f(alpha)), vec3f(alpha), WHITE), alpha);
 }

@@ -17,8 +17,8 @@ use crate::image::Image;
 use crate::progress::Progress;
 pub use crate::scene::Scene;
 use crate::scene::{Cells, Wanted};
-use crate::settings::{Settings, Shading};
-use crate::stats::{Clock, StageTime, Stats};
+use crate::settings::{Level, Settings, Shading};
+use crate::stats::{StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
 
@@ -99,7 +99,10 @@ impl Renderer {
     }
 
     /// Prepares a volume for pictures of these settings: of them, what counts is the model, the shading and whether
-    /// there is light. Voxels that cannot show are dropped, when the first picture asks for voxels.
+    /// there is light. Voxels that cannot show are dropped.
+    ///
+    /// Pre-shaded voxels are classified here if the level is [`Level::At(0)`](Level::At). Otherwise the first picture
+    /// tells whether voxels or cells are wanted, and takes that time. The file of a streamed volume must stay for it.
     ///
     /// # Errors
     /// [`Error::Setting`] if a setting is out of range, [`Error::NonFinite`] if a sample is NaN or infinite, and the
@@ -112,7 +115,11 @@ impl Renderer {
             let prepare = || Scene::of_scalars(context, volume, transfer, settings);
             return context.guarded("preparing the volume", prepare);
         }
-        Ok(Scene::of_splats(context, volume, transfer, settings.lighting.is_some()))
+        let scene = Scene::of_splats(context, volume, transfer, settings.lighting.is_some());
+        if settings.level == Level::At(0) {
+            scene.classify(context, &self.pipelines, &self.progress)?;
+        }
+        Ok(scene)
     }
 
     /// Renders a picture of a scene that this renderer prepared.
@@ -261,10 +268,7 @@ impl Renderer {
         let mut recorder = Recorder::timed(&self.context);
         let (result, seconds) = on_host(|| self.context.guarded("rendering", || work(&mut recorder)));
         result?;
-        let device = self.context.guarded("reading timestamps", || recorder.times())?;
-        for (name, seconds) in device.into_iter().flatten() {
-            stages.push(StageTime { name, seconds, clock: Clock::Device });
-        }
+        stages.extend(self.context.guarded("reading timestamps", || recorder.times())?);
         stages.push(StageTime::host("frame", seconds));
         Ok(())
     }

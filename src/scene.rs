@@ -7,7 +7,7 @@ use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::cells::{self, Coarsening};
-use crate::gpu::classify::{Classified, Classifier};
+use crate::gpu::classify::{Classified, Classifier, HostClassifier};
 use crate::gpu::context::Context;
 use crate::gpu::scalars::{self, Asked, Emission, Emitted, Shows};
 use crate::gpu::scan::Scan;
@@ -152,6 +152,15 @@ impl Scene {
         &self.grid
     }
 
+    /// Classifies the voxels of a pre-shaded scene before a picture asks for them.
+    pub(crate) fn classify(&self, context: &Context, pipelines: &Cache, progress: &Progress) -> Result<()> {
+        if let Content::Splats(voxels) = &self.content {
+            let (_, seconds) = voxels.classified(context, pipelines, progress)?;
+            self.seconds.store(seconds.to_bits(), Ordering::Relaxed);
+        }
+        Ok(())
+    }
+
     /// What stands for the voxels in a picture, given its view of them.
     pub(crate) fn cells(&self, voxels: ViewGeometry, settings: &Settings, camera: &Camera) -> Result<Cells> {
         let growth = voxels.min_growth();
@@ -251,6 +260,10 @@ impl Voxels {
         }
         let (classified, seconds) = on_host(|| {
             context.guarded("classifying the volume", || {
+                // Such a device is the host, which classifies faster without it.
+                if context.info.is_software() {
+                    return HostClassifier::run(context, &self.volume, &self.transfer, self.lit, progress);
+                }
                 let scan = Scan::of(pipelines, context)?;
                 let classifier = pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
                 classifier.run(context, &scan, &self.volume, &self.transfer, self.lit, progress)

@@ -9,7 +9,7 @@ const MARGIN: i32 = 7;
 const MACROCELL: i32 = 4;
 
 struct Pack {
-    // First lattice point of the box that is packed.
+    // First lattice point of the box that is packed. Splats outside the box are left out.
     low: vec3u,
     // The splats that this dispatch looks at: the first one, and the one after the last (end_splat).
     first_splat: u32,
@@ -33,6 +33,8 @@ struct Pack {
     planes: u32,
     // Lattice point of the eye.
     eye: vec3f,
+    // Voxels along a.
+    across: u32,
     // View coordinates of a step along each axis of the lattice.
     view_x: vec3f,
     view_y: vec3f,

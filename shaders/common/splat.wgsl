@@ -14,7 +14,7 @@
 //
 //     place               the same
 //     density_blue        the 8 high bits of blue, then 24 bits of density: an f32 without the last 8 bits of its
-//                         fraction, so rounded to 8e-6 of itself. Density is extinction times the unit distance,
+//                         fraction, so rounded to 1.5e-5 of itself. Density is extinction times the unit distance,
 //                         -ln(1 - opacity): a pure number. Of cells it may be a little below 0
 //     color               13 bits of red, then 14 of green, then the 5 low bits of blue
 //     normal              the direction of the world gradient, see common/normal.wgsl

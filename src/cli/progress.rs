@@ -32,7 +32,11 @@ impl Progress {
 
     /// For work that tells how far it is.
     fn bar(what: &'static str) -> Self {
-        Self::new(ProgressBar::new(STEPS), "{spinner} {msg:16} {wide_bar} {percent:>3} % {elapsed}", what)
+        Self::new(
+            ProgressBar::new(STEPS),
+            "{spinner} {msg:16} {wide_bar} {percent:>3} % {elapsed} (about {eta} left)",
+            what,
+        )
     }
 }
 

@@ -11,9 +11,10 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::context::Context;
-use super::layout::{BRICK_SHIFT, NO_NORMAL, Splat, pack_normal, packed_appearance, place};
+use super::layout::Splat;
 use super::scalars::Emitted;
-use super::store::{BrickSplats, StoreBuilder};
+use super::splat::{packed_appearance, packed_normal};
+use super::store::{BrickSplats, HostBrick, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::Result;
 use crate::kernel::Kernel;
@@ -28,12 +29,14 @@ const REACH: usize = 3;
 /// default Gaussian have it at a growth of 1.5.
 const LEAST_DEVIATION: f64 = 0.585;
 
-/// The radius of kernels of cells, as a multiple of their standard deviation: that of the default Gaussian; of narrow
-/// kernels as much as [`NARROW`], so that they are small where they are cut off, but no more than a radius of two cells.
-/// Footprints of broader ones are no polynomials of 8 terms, by which rays evaluate them.
-const BROAD: f64 = 2.56;
-const NARROW: f64 = 3.28;
-const NARROW_RADIUS: f64 = 2.0;
+/// The radius of kernels of cells, as a multiple of their standard deviation: of the narrowest as much as polynomials
+/// of 8 terms follow footprints, by which rays evaluate them, so that they are small where they are cut off; of the
+/// broadest that of the default Gaussian, whose shape they have then.
+const RADIUS: [f64; 2] = [3.28, 2.56];
+/// The standard deviation in cells of the broadest.
+const BROAD: f64 = 0.975;
+/// The largest radius, in cells, of kernels that rays gather eight together.
+const SHARED_RADIUS: f64 = 2.0;
 
 /// The coarsest level.
 pub(crate) const MAX_LEVEL: u32 = 12;
@@ -48,7 +51,18 @@ pub(crate) fn level_of(kernel: &Kernel, growth: f64) -> u32 {
 /// The kernel of cells of a level, in cells: as broad as the kernel of voxels that has grown, but for the least.
 pub(crate) fn kernel_of(kernel: &Kernel, growth: f64, level: u32) -> Kernel {
     let deviation = (growth * kernel.variance().sqrt() / f64::from(level).exp2()).max(LEAST_DEVIATION);
-    gaussian((BROAD * deviation).max(NARROW_RADIUS.min(NARROW * deviation)), deviation)
+    // A blob is small where it ends, so that cells may have it as it is, as far as rays reach.
+    let grown = kernel.grown(growth / f64::from(level).exp2());
+    if let Kernel::KaiserBessel { radius, .. } = grown
+        && radius <= REACH as f64
+        && grown.variance() >= LEAST_DEVIATION * LEAST_DEVIATION
+    {
+        return grown;
+    }
+    let broad = ((deviation - LEAST_DEVIATION) / (BROAD - LEAST_DEVIATION)).min(1.0);
+    let [narrow_radius, broad_radius] = RADIUS.map(|times| times * deviation);
+    let radius = narrow_radius + (broad_radius - narrow_radius) * broad;
+    gaussian(if broad_radius <= SHARED_RADIUS { radius.min(SHARED_RADIUS) } else { radius }, deviation)
 }
 
 /// The Gaussian cut off at a radius whose standard deviation is this, to rounding: by bisection.
@@ -217,7 +231,7 @@ pub(crate) struct Coarsening<'a> {
 }
 
 /// What a cell must absorb to be kept, of the most that a voxel can.
-const LEAST: f64 = 1.0 / 16_384.0;
+const LEAST: f64 = 1.0 / 1024.0;
 
 impl<'a> Coarsening<'a> {
     pub(crate) fn new(volume: &'a Volume, transfer: &'a TransferFunction, level: u32, lit: bool) -> Self {
@@ -244,13 +258,12 @@ impl<'a> Coarsening<'a> {
         let halo = (self.filter.voxels(0, EDGE).count() - EDGE).div_ceil(2);
         let row = |j, k| if self.light.is_some() { self.row::<LIT>([j, k]) } else { self.row::<PLAIN>([j, k]) };
         self.volume.for_each_row([down, deep], halo, &row, &mut |bricks| {
-            for (mut splats, brick) in bricks {
-                let count = (splats.len() / WORDS) as u32;
-                let (number, first) = stores.make_room(count, 1)?;
-                emitted.bricks.bytes += size_of_val(splats.as_slice()) as u64;
+            for (splats, brick) in bricks {
+                let count = splats.count();
+                let (_, first) = stores.make_room(count, 1)?;
+                emitted.bricks.bytes += u64::from(count) * size_of::<Splat>() as u64;
                 emitted.bricks.uploaded += 1;
                 emitted.voxels += u64::from(count);
-                splats.iter_mut().step_by(WORDS).for_each(|place| *place |= number << BRICK_SHIFT);
                 stores.add(splats, count, [BrickSplats { first, ..brick }]);
             }
             rows += 1;
@@ -264,7 +277,7 @@ impl<'a> Coarsening<'a> {
     }
 
     /// The bricks along x with these numbers in y and z, those that have cells.
-    fn row<const N: usize>(&self, [j, k]: [usize; 2]) -> Result<Vec<(Vec<u32>, BrickSplats)>> {
+    fn row<const N: usize>(&self, [j, k]: [usize; 2]) -> Result<Vec<(HostBrick, BrickSplats)>> {
         let [across, down, deep] = self.dims;
         let [ys, zs] = [(j, down), (k, deep)].map(|(brick, n)| brick * EDGE..n.min((brick + 1) * EDGE));
         let [nx, ny, nz] = self.volume.grid().dims().map(i64::from);
@@ -311,10 +324,10 @@ impl<'a> Coarsening<'a> {
     }
 
     /// The splats of a brick without its number, if there are any.
-    fn brick<const N: usize>(&self, block: &Block<N>, brick: [usize; 3]) -> Option<(Vec<u32>, BrickSplats)> {
+    fn brick<const N: usize>(&self, block: &Block<N>, brick: [usize; 3]) -> Option<(HostBrick, BrickSplats)> {
         let start = brick[0] * EDGE;
         let count = EDGE.min(self.dims[0] - start);
-        let mut splats = Vec::new();
+        let mut words = Vec::new();
         let mut rows = vec![0; EDGE * EDGE];
         for z in 0..block.size[1] {
             for y in 0..block.size[0] {
@@ -325,19 +338,20 @@ impl<'a> Coarsening<'a> {
                     }
                     rows[y + EDGE * z] |= 1 << x;
                     let color = [cell[0], cell[1], cell[2]].map(|c| c / density);
-                    let [density_blue, color] = packed_appearance(color, density);
-                    let normal = if N == LIT { pack_normal([cell[4], cell[5], cell[6]]) } else { NO_NORMAL };
-                    splats.extend([place([x, y, z].map(|c| c as u32), 0), density_blue, color, normal]);
+                    words.extend(packed_appearance(color, density));
+                    if N == LIT {
+                        words.push(packed_normal([cell[4], cell[5], cell[6]]));
+                    }
                 }
             }
         }
         let origin = brick.map(|b| (b * EDGE) as u32);
-        (!splats.is_empty()).then(|| (splats, BrickSplats::new(origin, 0, rows.into_iter())))
+        words.shrink_to_fit();
+        let each = if N == LIT { 3 } else { 2 };
+        (!words.is_empty())
+            .then(|| (HostBrick::new(&rows, each, words), BrickSplats::new(origin, 0, rows.iter().copied())))
     }
 }
-
-/// Words of a splat.
-const WORDS: usize = size_of::<Splat>() / size_of::<u32>();
 
 fn add<const N: usize>(sums: &mut [[f32; N]], weight: f32, cells: &[[f32; N]]) {
     for (sum, cell) in sums.as_flattened_mut().iter_mut().zip(cells.as_flattened()) {

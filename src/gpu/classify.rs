@@ -1,6 +1,7 @@
-//! classify: a volume and a transfer function to a list of splats.
+//! classify: a volume and a transfer function to a list of splats, on the device or by its twin on the host.
 
 use bytemuck::Zeroable;
+use rayon::prelude::*;
 
 use super::cache::Cache;
 use super::context::Context;
@@ -9,12 +10,14 @@ use super::pipeline::{Binding, bind, compute, flag, layout, module};
 use super::recorder::Recorder;
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
-use super::store::{BrickSplats, Bricks, Part, Store, StoreBuilder};
+use super::splat::{density, packed_appearance, packed_normal};
+use super::store::{BrickSplats, Bricks, HostBrick, Part, Splats, Store, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::Result;
+use crate::memory::reserved;
 use crate::progress::Progress;
-use crate::transfer::TransferFunction;
-use crate::volume::{BRICK_EDGE as EDGE, RowCoding, SampleType, ToF64, Volume};
+use crate::transfer::{self, TransferFunction};
+use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
 
 /// Bricks of one batch, a million voxels: the memory that preparing a scene takes besides its splats, and far within
 /// every limit.
@@ -81,6 +84,17 @@ impl SampleCoding {
         Self { sample_type: sample_type.unwrap_or(4), origin, reduction, slope, intercept }
     }
 
+    /// The control points as the shader compares them with samples.
+    fn points(&self, transfer: &TransferFunction) -> Vec<ControlPoint> {
+        let point = |p: &transfer::ControlPoint| ControlPoint {
+            color: p.color.map(|c| c as f32),
+            sample: self.point(p.value),
+            opacity: p.opacity as f32,
+            _pad: [0.0; 3],
+        };
+        transfer.points().iter().map(point).collect()
+    }
+
     /// A value of the transfer function as the shader compares it with samples.
     fn point(&self, value: f64) -> f32 {
         match &self.reduction {
@@ -144,16 +158,7 @@ impl Classifier {
     ) -> Result<Classified> {
         let savings = context.savings;
         let coding = SampleCoding::new(volume, transfer);
-        let points: Vec<ControlPoint> = transfer
-            .points()
-            .iter()
-            .map(|p| ControlPoint {
-                color: p.color.map(|c| c as f32),
-                sample: coding.point(p.value),
-                opacity: p.opacity as f32,
-                _pad: [0.0; 3],
-            })
-            .collect();
+        let points = coding.points(transfer);
         // So few points are part of the pipeline, which is made for their number.
         let mut few = [ControlPoint::zeroed(); MAX_INLINE_POINTS];
         let is_few = points.len() <= MAX_INLINE_POINTS;
@@ -167,8 +172,7 @@ impl Classifier {
             ("INLINE_POINTS", if is_few { points.len() as f64 } else { 0.0 }),
         ];
         let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
-        let gradients = volume.grid().local().to_lattice().matrix3.transpose();
-        let gradient = |axis: usize| gradients.col(axis).as_vec3().to_array();
+        let [gradient_x, gradient_y, gradient_z] = gradients(volume);
         let storage = wgpu::BufferUsages::STORAGE;
         let job = Job {
             context,
@@ -180,45 +184,67 @@ impl Classifier {
             parameters: Classify {
                 dims: volume.grid().dims(),
                 bricks: 0,
-                gradient_x: gradient(0),
+                gradient_x,
                 points: points.len() as u32,
-                gradient_y: gradient(1),
+                gradient_y,
                 sample_origin: coding.origin as f32,
-                gradient_z: gradient(2),
+                gradient_z,
                 first_brick: 0,
                 inline_points: few,
             },
         };
         let mut batch = BrickBatch::default();
         let mut stores = StoreBuilder::new(context, STRIDE, JOINED);
-        let mut classified = Classified::default();
-        let (slope, intercept) = volume.rescale();
-        let shows = |[low, high]: [f64; 2]| {
-            let [a, b] = [low, high].map(|raw| slope * raw + intercept);
-            !savings.bricks || !savings.voxels || !transfer.is_invisible([a.min(b), a.max(b)])
-        };
-        let total = volume.bricks().into_iter().product::<u32>();
-        volume.for_each_brick(&shows, usize::from(lit), &coding, &mut |brick| {
-            let bricks = &mut classified.bricks;
-            bricks.all += 1;
-            if let Some((origin, bytes)) = brick {
-                bricks.uploaded += 1;
-                bricks.bytes += bytes.len() as u64;
-                batch.origins.push([origin[0], origin[1], origin[2], 0]);
-                batch.bytes.extend_from_slice(&bytes);
-                if batch.origins.len() == BATCH {
-                    job.run(&std::mem::take(&mut batch), &mut stores)?;
-                }
-            }
-            progress.report("classifying", f64::from(classified.bricks.all) / f64::from(total));
-            Ok(())
+        let bricks = each_brick(context, volume, transfer, lit, &coding, progress, &Ok, &mut |([x, y, z], bytes)| {
+            batch.origins.push([x, y, z, 0]);
+            batch.bytes.extend_from_slice(&bytes);
+            if batch.origins.len() == BATCH { job.run(&std::mem::take(&mut batch), &mut stores) } else { Ok(()) }
         })?;
         if !batch.origins.is_empty() {
             job.run(&batch, &mut stores)?;
         }
-        classified.stores = stores.finish()?;
-        Ok(classified)
+        Ok(Classified { stores: stores.finish()?, bricks, kept: Cache::default() })
     }
+}
+
+/// Calls `take` with what `make`, in parallel, makes of each brick that may show something, in order.
+#[expect(clippy::too_many_arguments, reason = "what two ways of classifying a volume share")]
+fn each_brick<B: Send>(
+    context: &Context,
+    volume: &Volume,
+    transfer: &TransferFunction,
+    lit: bool,
+    coding: &SampleCoding,
+    progress: &Progress,
+    make: &(dyn Fn(Brick) -> Result<B> + Sync),
+    take: &mut dyn FnMut(B) -> Result<()>,
+) -> Result<Bricks> {
+    let savings = context.savings;
+    let mut bricks = Bricks::default();
+    let (slope, intercept) = volume.rescale();
+    let shows = |[low, high]: [f64; 2]| {
+        let [a, b] = [low, high].map(|raw| slope * raw + intercept);
+        !savings.bricks || !savings.voxels || !transfer.is_invisible([a.min(b), a.max(b)])
+    };
+    let total = volume.bricks().into_iter().product::<u32>();
+    let made = |brick: Brick| Ok((brick.1.len() as u64, make(brick)?));
+    volume.for_each_brick(&shows, usize::from(lit), coding, &made, &mut |brick| {
+        bricks.all += 1;
+        if let Some((bytes, brick)) = brick {
+            bricks.uploaded += 1;
+            bricks.bytes += bytes;
+            take(brick)?;
+        }
+        progress.report("classifying", f64::from(bricks.all) / f64::from(total));
+        Ok(())
+    })?;
+    Ok(bricks)
+}
+
+/// World gradients of the lattice coordinates.
+fn gradients(volume: &Volume) -> [[f32; 3]; 3] {
+    let gradients = volume.grid().local().to_lattice().matrix3.transpose();
+    [0, 1, 2].map(|axis| gradients.col(axis).as_vec3().to_array())
 }
 
 /// Bytes of a splat.
@@ -306,12 +332,12 @@ struct ClassifiedPart {
 }
 
 impl Part for ClassifiedPart {
-    fn join(context: &Context, parts: Vec<Self>, bytes: u64) -> Result<wgpu::Buffer> {
+    fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<Splats> {
         if let [part] = parts.as_slice() {
-            return Ok(part.splats.clone());
+            return Ok(Splats::Device(part.splats.clone()));
         }
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
-        let joined = context.buffer("classify.store", bytes, usage)?;
+        let joined = context.buffer("classify.store", u64::from(count) * stride, usage)?;
         let mut recorder = Recorder::untimed(context);
         let mut at = 0;
         for part in &parts {
@@ -322,6 +348,159 @@ impl Part for ClassifiedPart {
         recorder.submit();
         // Waiting here frees the parts before others are made.
         context.wait("classifying the volume")?;
-        Ok(joined)
+        Ok(Splats::Device(joined))
+    }
+}
+
+/// The twin of the device's stage, on the host: on a software adapter it is the faster one.
+pub(crate) struct HostClassifier {
+    points: Vec<ControlPoint>,
+    coding: SampleCoding,
+    origin: f32,
+    gradients: [[f32; 3]; 3],
+    dims: [u32; 3],
+    lit: bool,
+    keep_invisible: bool,
+    /// What becomes of each sample of 8 and 16 bits, by its bits.
+    table: Vec<Entry>,
+}
+
+/// A sample, and what becomes of it.
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    sample: f32,
+    /// Words of the splat; `None`: it does not show.
+    appearance: Option<[u32; 2]>,
+}
+
+impl HostClassifier {
+    /// The visible voxels of a volume as splats, brick by brick, with normals if there is light.
+    pub(crate) fn run(
+        context: &Context,
+        volume: &Volume,
+        transfer: &TransferFunction,
+        lit: bool,
+        progress: &Progress,
+    ) -> Result<Classified> {
+        let coding = SampleCoding::new(volume, transfer);
+        let mut classifier = Self {
+            points: coding.points(transfer),
+            origin: coding.origin as f32,
+            coding,
+            gradients: gradients(volume),
+            dims: volume.grid().dims(),
+            lit,
+            keep_invisible: !context.savings.voxels,
+            table: Vec::new(),
+        };
+        classifier.table = match coding.sample_type {
+            0 => classifier.table(256, |bits| bits as u8 as f32),
+            1 => classifier.table(256, |bits| bits as i8 as f32),
+            2 => classifier.table(65_536, |bits| bits as f32),
+            3 => classifier.table(65_536, |bits| bits as i16 as f32),
+            _ => Vec::new(),
+        };
+        let mut stores = StoreBuilder::new(context, STRIDE, JOINED);
+        let make = |brick: Brick| classifier.brick(brick);
+        let bricks = each_brick(context, volume, transfer, lit, &coding, progress, &make, &mut |(brick, splats)| {
+            let count = splats.count();
+            if count > 0 {
+                let (_, first) = stores.make_room(count, 1)?;
+                stores.add(splats, count, [BrickSplats { first, ..brick }]);
+            }
+            Ok(())
+        })?;
+        Ok(Classified { stores: stores.finish()?, bricks, kept: Cache::default() })
+    }
+
+    fn table(&self, count: u32, sample: impl Fn(u32) -> f32 + Sync) -> Vec<Entry> {
+        (0..count).into_par_iter().map(|bits| self.entry(sample(bits))).collect()
+    }
+
+    fn entry(&self, sample: f32) -> Entry {
+        let (color, opacity) = self.transfer(sample - self.origin);
+        let shows = self.keep_invisible || opacity > 0.0;
+        Entry { sample, appearance: shows.then(|| packed_appearance(color, density(opacity))) }
+    }
+
+    /// `transfer` in shaders/classify.wgsl.
+    fn transfer(&self, sample: f32) -> ([f32; 3], f32) {
+        let points = self.points.as_slice();
+        let above = if points.len() <= MAX_INLINE_POINTS {
+            points.iter().map(|point| usize::from(point.sample <= sample)).sum()
+        } else {
+            points.partition_point(|point| point.sample <= sample)
+        };
+        let a = points[above.max(1) - 1];
+        let b = points[above.min(points.len() - 1)];
+        let width = b.sample - a.sample;
+        let f = if width > 0.0 { ((sample - a.sample) / width).clamp(0.0, 1.0) } else { 0.0 };
+        let color = [0, 1, 2].map(|c| a.color[c] + (b.color[c] - a.color[c]) * f);
+        (color, a.opacity + (b.opacity - a.opacity) * f)
+    }
+
+    fn brick(&self, (origin, bytes): Brick) -> Result<(BrickSplats, HostBrick)> {
+        match self.coding.sample_type {
+            0 | 1 => {
+                let entry = |bits: u8| self.table[usize::from(bits)];
+                self.splats(origin, &bytes, |bits| entry(bits).sample, |bits| entry(bits).appearance)
+            }
+            2 | 3 => {
+                let samples: Vec<u16> = bytemuck::pod_collect_to_vec(&bytes);
+                let entry = |bits: u16| self.table[usize::from(bits)];
+                self.splats(origin, &samples, |bits| entry(bits).sample, |bits| entry(bits).appearance)
+            }
+            _ => {
+                let samples: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);
+                let sample = |sample: f32| sample.clamp(-FAR as f32, FAR as f32);
+                self.splats(origin, &samples, sample, |value| self.entry(sample(value)).appearance)
+            }
+        }
+    }
+
+    /// The splats of a brick, given its samples with the halo around them.
+    fn splats<T: Copy>(
+        &self,
+        origin: [u32; 3],
+        samples: &[T],
+        sample: impl Fn(T) -> f32,
+        appearance: impl Fn(T) -> Option<[u32; 2]>,
+    ) -> Result<(BrickSplats, HostBrick)> {
+        let halo = usize::from(self.lit);
+        let edge = EDGE + 2 * halo;
+        let each = if self.lit { 3 } else { 2 };
+        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min((self.dims[axis] - origin[axis]) as usize));
+        let mut bits = vec![0_u32; EDGE * EDGE];
+        let mut words = reserved((nx * ny * nz * each) as u64, || "splats of a brick".to_owned())?;
+        for z in 0..nz {
+            for y in 0..ny {
+                let start = halo + edge * (y + halo + edge * (z + halo));
+                let row = &mut bits[y + EDGE * z];
+                for (x, &value) in samples[start..][..nx].iter().enumerate() {
+                    let Some(appearance) = appearance(value) else { continue };
+                    *row |= 1 << x;
+                    words.extend(appearance);
+                    if self.lit {
+                        let at = |i: usize| sample(samples[i]);
+                        let i = start + x;
+                        let steps = [1, edge, edge * edge].map(|step| at(i + step) - at(i - step));
+                        words.push(packed_normal(self.gradient(steps)));
+                    }
+                }
+            }
+        }
+        words.shrink_to_fit();
+        Ok((BrickSplats::new(origin, 0, bits.iter().copied()), HostBrick::new(&bits, each, words)))
+    }
+
+    /// `gradient` in shaders/classify.wgsl, of the differences along the axes of the lattice.
+    fn gradient(&self, steps: [f32; 3]) -> [f32; 3] {
+        let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
+        if largest <= 0.0 {
+            return [0.0; 3];
+        }
+        let d = steps.map(|step| step / largest);
+        let [x, y, z] = self.gradients;
+        [0, 1, 2].map(|i| x[i] * d[0] + y[i] * d[1] + z[i] * d[2])
     }
 }

@@ -271,14 +271,26 @@ impl Context {
         let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST;
         let (format, flat) = (wgpu::TextureFormat::Rgba32Float, wgpu::TextureDimension::D2);
         let texture = self.texture(label, format, [width, height, 1], flat, usage);
-        self.traffic.sent.fetch_add(size_of_val(values) as u64, Ordering::Relaxed);
-        self.queue.write_texture(
-            texture.as_image_copy(),
-            bytemuck::cast_slice(values),
-            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(width * 16), rows_per_image: None },
-            texture.size(),
-        );
+        self.write_texels(&texture, [0; 3], bytemuck::cast_slice(values), [width, height, 1]);
         texture.create_view(&Default::default())
+    }
+
+    /// Sends bytes into a texture, from this texel on.
+    pub(crate) fn write_texels(
+        &self,
+        texture: &wgpu::Texture,
+        [x, y, z]: [u32; 3],
+        bytes: &[u8],
+        [width, height, depth_or_array_layers]: [u32; 3],
+    ) {
+        self.traffic.sent.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        let row = bytes.len() / (height * depth_or_array_layers) as usize;
+        self.queue.write_texture(
+            wgpu::TexelCopyTextureInfo { origin: wgpu::Origin3d { x, y, z }, ..texture.as_image_copy() },
+            bytes,
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row as u32), rows_per_image: Some(height) },
+            wgpu::Extent3d { width, height, depth_or_array_layers },
+        );
     }
 
     /// What was made since the device was opened.

@@ -31,33 +31,6 @@ pub(crate) fn packed_gradient(gradient: [f32; 3]) -> [u32; 2] {
     [x | y << 18, y >> 14 | z << 4 | exponent << 22]
 }
 
-/// The words density_blue and color of a classified voxel, and below the word normal: shaders/common/splat.wgsl and
-/// shaders/common/normal.wgsl.
-pub(crate) fn packed_appearance(color: [f32; 3], density: f32) -> [u32; 2] {
-    let step = |c: f32, steps: f32| (c.clamp(0.0, 1.0) * steps).round() as u32;
-    let [r, g, b] = color;
-    let (r, g, b) = (step(r, 8191.0), step(g, 16383.0), step(b, 8191.0));
-    // To the nearest: half of the lowest bit that stays is added.
-    let rounded = density.to_bits().wrapping_add(128) & 0xffff_ff00;
-    [rounded | b >> 5, r | g << 13 | b << 27]
-}
-
-/// The bits for "no direction".
-pub(crate) const NO_NORMAL: u32 = 0x8000_8000;
-
-/// The bits of the direction of a vector of any length.
-pub(crate) fn pack_normal([x, y, z]: [f32; 3]) -> u32 {
-    let sum = x.abs() + y.abs() + z.abs();
-    if !(sum > 0.0) {
-        return NO_NORMAL;
-    }
-    let p = [x / sum, y / sum];
-    let folded = |i: usize| (1.0 - p[1 - i].abs()) * if p[i] >= 0.0 { 1.0 } else { -1.0 };
-    let p = if z >= 0.0 { p } else { [folded(0), folded(1)] };
-    let [low, high] = p.map(|c| u32::from((c.clamp(-1.0, 1.0) * 32_767.0).round() as i16 as u16));
-    low | high << 16
-}
-
 /// The bit of a place at which the number of its brick begins: 5 bits of each of x, y and z are below.
 pub(crate) const BRICK_SHIFT: u32 = 15;
 
@@ -315,7 +288,7 @@ pub(crate) struct Pack {
     pub end_splat: u32,
     pub planes: u32,
     pub eye: [f32; 3],
-    pub _pad_eye: u32,
+    pub across: u32,
     pub view_x: [f32; 3],
     pub _pad_x: u32,
     pub view_y: [f32; 3],

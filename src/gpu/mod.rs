@@ -22,6 +22,7 @@ pub(crate) mod scan;
 mod shaders;
 #[cfg(test)]
 mod shaders_test;
+mod splat;
 #[cfg(test)]
 mod stages_test;
 pub(crate) mod store;

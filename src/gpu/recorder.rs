@@ -1,14 +1,17 @@
 //! Commands for the device: recorded in order, timed stage by stage, submitted together, and results read back.
 
 use super::context::Context;
-use super::timing::Timing;
+use super::timing::{Timing, on_host};
 use crate::error::Result;
+use crate::stats::{Clock, StageTime};
 
 /// Commands under way, with the device they are for and the times of their stages.
 pub(crate) struct Recorder<'a> {
     pub(crate) context: &'a Context,
     encoder: wgpu::CommandEncoder,
     timing: Timing,
+    /// Seconds of stages that ran on the host.
+    on_host: Vec<(&'static str, f64)>,
     /// Work recorded since the last submission.
     work: u64,
 }
@@ -40,7 +43,7 @@ impl<'a> Recorder<'a> {
     }
 
     fn new(context: &'a Context, timing: Timing) -> Self {
-        Self { context, encoder: encoder(context), timing, work: 0 }
+        Self { context, encoder: encoder(context), timing, on_host: Vec::new(), work: 0 }
     }
 
     /// A compute pass of a stage, for several dispatches.
@@ -141,9 +144,24 @@ impl<'a> Recorder<'a> {
         self.context.queue.submit([recorded.finish()]);
     }
 
-    /// Seconds per stage, in the order in which the stages first ran; `None` without timestamps.
-    pub(crate) fn times(self) -> Result<Option<Vec<(&'static str, f64)>>> {
-        self.timing.finish(self.context)
+    /// Runs a stage on the host.
+    pub(super) fn on_host<T>(&mut self, stage: &'static str, work: impl FnOnce(&mut Self) -> T) -> T {
+        let (result, seconds) = on_host(|| work(self));
+        match self.on_host.iter_mut().find(|(name, _)| *name == stage) {
+            Some((_, sum)) => *sum += seconds,
+            None => self.on_host.push((stage, seconds)),
+        }
+        result
+    }
+
+    /// The time of each stage: those on the host, then those on the device in the order in which they first ran. The
+    /// latter are left out without timestamps.
+    pub(crate) fn times(self) -> Result<Vec<StageTime>> {
+        let mut times: Vec<_> = self.on_host.iter().map(|&(name, seconds)| StageTime::host(name, seconds)).collect();
+        for (name, seconds) in self.timing.finish(self.context)?.into_iter().flatten() {
+            times.push(StageTime { name, seconds, clock: Clock::Device });
+        }
+        Ok(times)
     }
 }
 

@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use super::cache::Cache;
 use super::context::Context;
-use super::layout::{BRICK_SHIFT, LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient, place};
+use super::layout::{LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient};
 use super::levels::Cut;
 use super::savings::Savings;
-use super::store::{BrickSplats, Bricks, Part, Store, StoreBuilder};
+use super::store::{BrickSplats, Bricks, HostBrick, Store, StoreBuilder};
 use super::transfer::Reduction;
 use super::view::ScalarNeed;
 use crate::budget::{MAX_GROWTH, MAX_PLACES, too_much};
@@ -201,17 +201,16 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<bool> {
 
 impl Emitted {
     /// Adds the splats of a brick, of so many words each.
-    fn add(&mut self, stores: &mut StoreBuilder<'_, Vec<u32>>, found: BrickScalars, words: usize) -> Result<()> {
-        let BrickScalars { brick, mut splats, voxels } = found;
+    fn add(&mut self, stores: &mut StoreBuilder<'_, HostBrick>, found: BrickScalars, words: usize) -> Result<()> {
+        let BrickScalars { brick, splats, voxels } = found;
         self.bricks.uploaded += 1;
         self.voxels += voxels;
-        if splats.is_empty() {
+        let count = splats.count();
+        if count == 0 {
             return Ok(());
         }
-        let count = (splats.len() / words) as u32;
-        let (number, first) = stores.make_room(count, 1)?;
-        self.bricks.bytes += size_of_val(splats.as_slice()) as u64;
-        splats.iter_mut().step_by(words).for_each(|place| *place |= number << BRICK_SHIFT);
+        let (_, first) = stores.make_room(count, 1)?;
+        self.bricks.bytes += u64::from(count) * 4 * words as u64;
         stores.add(splats, count, [BrickSplats { first, ..brick }]);
         Ok(())
     }
@@ -417,7 +416,7 @@ impl<'a> Emission<'a> {
         });
         // Cells are 2^level voxels apart, and gradients are per voxel.
         let steepness = (-f64::from(lattice.level)).exp2();
-        let mut found = BrickScalars::default();
+        let (mut words, mut in_volume) = (Vec::new(), 0);
         let mut rows = vec![0; EDGE * EDGE];
         for z in 0..nz {
             for y in 0..ny {
@@ -435,20 +434,20 @@ impl<'a> Emission<'a> {
                     if count > 0.0 && (scalar != 0.0 || gradient != [0.0; 3]) {
                         let scalar = (f64::from(scalar) * count) as f32;
                         rows[y + EDGE * z] |= 1 << x;
-                        found.splats.extend([place([x, y, z].map(|c| c as u32), 0), scalar.to_bits()]);
+                        words.push(scalar.to_bits());
                         if lit {
-                            found
-                                .splats
-                                .extend(packed_gradient(gradient.map(|c| (f64::from(c) * steepness * count) as f32)));
+                            let gradient = gradient.map(|c| (f64::from(c) * steepness * count) as f32);
+                            words.extend(packed_gradient(gradient));
                         }
-                        found.voxels += u64::from(inside && voxels[0].contains(&x));
+                        in_volume += u64::from(inside && voxels[0].contains(&x));
                     }
                 }
             }
         }
         let origin = origin.map(|o| lattice.origin + ((o as u32) << lattice.level));
-        found.brick = BrickSplats::new(origin, 0, rows.into_iter()).of_level(lattice.level);
-        found
+        let brick = BrickSplats::new(origin, 0, rows.iter().copied()).of_level(lattice.level);
+        words.shrink_to_fit();
+        BrickScalars { brick, splats: HostBrick::new(&rows, self.words - 1, words), voxels: in_volume }
     }
 }
 
@@ -459,25 +458,10 @@ fn central_differences(scalars: &[f32], at: usize, edge: usize) -> [f32; 3] {
     [1, edge, edge * edge].map(|step| 0.5 * scalars[at + step] - 0.5 * scalars[at - step])
 }
 
-impl Part for Vec<u32> {
-    fn join(context: &Context, parts: Vec<Self>, bytes: u64) -> Result<wgpu::Buffer> {
-        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
-        let buffer = context.buffer("scalars.splats", bytes, usage)?;
-        let mut at = 0;
-        for part in parts {
-            context.write(&buffer, at, bytemuck::cast_slice(&part));
-            at += size_of_val(part.as_slice()) as u64;
-        }
-        Ok(buffer)
-    }
-}
-
-/// The splats of one brick, their places without its number.
-#[derive(Default)]
+/// The splats of one brick.
 struct BrickScalars {
     /// As if it were the first of its store.
     brick: BrickSplats,
-    /// Their words.
-    splats: Vec<u32>,
+    splats: HostBrick,
     voxels: u64,
 }

@@ -89,6 +89,7 @@ fn structs_are_laid_out_alike() {
         end_splat,
         planes,
         eye,
+        across,
         view_x,
         view_y,
         view_z

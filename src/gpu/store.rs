@@ -1,10 +1,14 @@
-//! Splats on the device, brick after brick.
+//! Splats on the device or on the host, brick after brick.
 
 use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::context::Context;
-use super::layout::MAX_BRICKS;
+use super::layout::{MAX_BRICKS, place};
+use super::recorder::Recorder;
 use crate::error::Result;
+use crate::memory::reserved;
 use crate::volume::BRICK_EDGE as EDGE;
 
 /// The bricks that splats were looked for in.
@@ -18,16 +22,45 @@ pub(crate) struct Bricks {
     pub(crate) bytes: u64,
 }
 
-/// Splats in one buffer that fits into a storage binding.
+/// Splats that fit into one buffer and into a storage binding.
 #[derive(Debug)]
 pub(crate) struct Store {
-    pub(crate) splats: wgpu::Buffer,
-    /// Bytes of a splat.
+    splats: Mutex<Splats>,
+    /// Tells stores of the program apart.
+    pub(crate) id: u64,
+    /// Bytes of a splat on the device.
     pub(crate) stride: u64,
     pub(crate) count: u32,
     /// Where the bricks that splats name begin, as the shaders read it.
     pub(crate) origins: wgpu::Buffer,
     pub(crate) bricks: Vec<BrickSplats>,
+}
+
+/// Where splats are. They move when they are asked for elsewhere, so that they are never in memory twice for long.
+#[derive(Debug)]
+pub(crate) enum Splats {
+    Device(wgpu::Buffer),
+    Host(Arc<Vec<HostBrick>>),
+}
+
+/// The splats of a brick on the host.
+#[derive(Debug, PartialEq)]
+pub(crate) struct HostBrick {
+    /// The rows of the brick along x, y before z.
+    pub(crate) rows: Vec<Row>,
+    /// Words of a splat without its place.
+    pub(crate) each: usize,
+    /// These words, splat after splat.
+    pub(crate) words: Vec<u32>,
+}
+
+/// A row of a brick along x.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Row {
+    /// Bits of the places where there are splats, the first the lowest.
+    pub(crate) bits: u32,
+    /// The number of the first of them among the splats of the brick.
+    pub(crate) first: u32,
 }
 
 /// The splats of a brick, one after the other.
@@ -66,36 +99,157 @@ impl BrickSplats {
     }
 }
 
+impl HostBrick {
+    /// The splats at the places of which rows have bits, of `each` words without the place.
+    pub(crate) fn new(bits: &[u32], each: usize, words: Vec<u32>) -> Self {
+        let mut first = 0;
+        let row = |&bits: &u32| {
+            let row = Row { bits, first };
+            first += bits.count_ones();
+            row
+        };
+        Self { rows: bits.iter().map(row).collect(), each, words }
+    }
+
+    pub(crate) fn count(&self) -> u32 {
+        self.rows.last().map_or(0, |row| row.first + row.bits.count_ones())
+    }
+
+    fn bytes(&self) -> u64 {
+        (size_of_val(self.rows.as_slice()) + size_of_val(self.words.as_slice())) as u64
+    }
+
+    /// The splats as the device has them, of `stride` bytes each, in the brick of this number.
+    fn splats(&self, stride: u64, number: u32) -> Result<Vec<u32>> {
+        let words = stride as usize / 4;
+        let mut splats = reserved(u64::from(self.count()) * words as u64, || "splats of a brick".to_owned())?;
+        let mut values = self.words.chunks_exact(self.each);
+        for (row, &Row { mut bits, .. }) in (0..).zip(&self.rows) {
+            while bits != 0 {
+                splats.push(place([bits.trailing_zeros(), row % EDGE as u32, row / EDGE as u32], number));
+                splats.extend_from_slice(values.next().unwrap_or_default());
+                splats.resize(splats.len().next_multiple_of(words), 0);
+                bits &= bits - 1;
+            }
+        }
+        Ok(splats)
+    }
+
+    /// Splats of a brick as the device has them, of `words` words each.
+    fn of(splats: &[u32], words: usize) -> Result<Self> {
+        let mut bits = vec![0_u32; EDGE * EDGE];
+        let mut values = reserved((splats.len() / words * (words - 1)) as u64, || "splats of a brick".to_owned())?;
+        for splat in splats.chunks_exact(words) {
+            bits[splat[0] as usize >> 5 & (EDGE * EDGE - 1)] |= 1 << (splat[0] & 31);
+            values.extend_from_slice(&splat[1..]);
+        }
+        Ok(Self::new(&bits, words - 1, values))
+    }
+}
+
+/// Bytes of splats that are sent to the device at a time.
+const SENT: u64 = 16 << 20;
+
+/// Sends splats to the device, of `stride` bytes each, `count` in all.
+fn upload(context: &Context, bricks: &[HostBrick], stride: u64, count: u32) -> Result<wgpu::Buffer> {
+    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
+    let buffer = context.buffer("store.splats", u64::from(count) * stride, usage)?;
+    let (mut at, mut waiting) = (0, 0);
+    for (number, brick) in (0..).zip(bricks) {
+        let splats = brick.splats(stride, number)?;
+        context.write(&buffer, at, bytemuck::cast_slice(&splats));
+        let bytes = size_of_val(splats.as_slice()) as u64;
+        (at, waiting) = (at + bytes, waiting + bytes);
+        if waiting > SENT {
+            // Copies on their way take memory until they have arrived.
+            context.queue.submit([]);
+            context.wait("sending splats")?;
+            waiting = 0;
+        }
+    }
+    Ok(buffer)
+}
+
+/// Stores made so far.
+static MADE: AtomicU64 = AtomicU64::new(0);
+
 impl Store {
     pub(crate) fn new(
         context: &Context,
-        splats: wgpu::Buffer,
+        splats: Splats,
         stride: u64,
         count: u32,
         bricks: Vec<BrickSplats>,
     ) -> Result<Self> {
         let origins: Vec<[u32; 4]> = bricks.iter().map(|b| [b.origin[0], b.origin[1], b.origin[2], b.level]).collect();
         let origins = context.upload("splats.origins", bytemuck::cast_slice(&origins), wgpu::BufferUsages::STORAGE)?;
-        Ok(Self { splats, stride, count, origins, bricks })
+        let id = MADE.fetch_add(1, Ordering::Relaxed);
+        Ok(Self { splats: Mutex::new(splats), id, stride, count, origins, bricks })
+    }
+
+    /// The splats on the device: shaders/common/splat.wgsl.
+    pub(crate) fn on_device(&self, context: &Context) -> Result<wgpu::Buffer> {
+        let mut splats = self.splats.lock().unwrap_or_else(PoisonError::into_inner);
+        let buffer = match &*splats {
+            Splats::Device(buffer) => return Ok(buffer.clone()),
+            Splats::Host(bricks) => upload(context, bricks, self.stride, self.count)?,
+        };
+        *splats = Splats::Device(buffer.clone());
+        Ok(buffer)
+    }
+
+    /// The splats on the host, brick by brick as in [`Self::bricks`].
+    pub(crate) fn on_host(&self, context: &Context) -> Result<Arc<Vec<HostBrick>>> {
+        let mut splats = self.splats.lock().unwrap_or_else(PoisonError::into_inner);
+        let buffer = match &*splats {
+            Splats::Host(bricks) => return Ok(Arc::clone(bricks)),
+            Splats::Device(buffer) => buffer,
+        };
+        let mut recorder = Recorder::untimed(context);
+        let words = recorder.read_back("store.staging", buffer, u64::from(self.count) * self.stride)?;
+        recorder.submit();
+        let words: Vec<u32> = words.values(context, "reading splats")?;
+        let each = self.stride as usize / 4;
+        let brick = |run: Range<u32>| HostBrick::of(&words[run.start as usize * each..run.end as usize * each], each);
+        let bricks = Arc::new(self.all_runs().map(|(_, run)| brick(run)).collect::<Result<Vec<_>>>()?);
+        *splats = Splats::Host(Arc::clone(&bricks));
+        Ok(bricks)
+    }
+
+    /// The bricks, and which splats they have.
+    fn all_runs(&self) -> impl Iterator<Item = (&BrickSplats, Range<u32>)> {
+        let ends = self.bricks.iter().skip(1).map(|next| next.first).chain([self.count]);
+        self.bricks.iter().zip(ends).map(|(brick, end)| (brick, brick.first..end))
     }
 
     /// The bricks that have splats, and which.
     pub(crate) fn runs(&self) -> impl Iterator<Item = (&BrickSplats, Range<u32>)> {
-        let ends = self.bricks.iter().skip(1).map(|next| next.first).chain([self.count]);
-        let runs = self.bricks.iter().zip(ends).map(|(brick, end)| (brick, brick.first..end));
-        runs.filter(|(_, run)| !run.is_empty())
+        self.all_runs().filter(|(_, run)| !run.is_empty())
     }
 
-    /// Bytes on the device.
+    /// Bytes of memory.
     pub(crate) fn bytes(&self) -> u64 {
-        self.splats.size() + self.origins.size()
+        let splats = match &*self.splats.lock().unwrap_or_else(PoisonError::into_inner) {
+            Splats::Device(buffer) => buffer.size(),
+            Splats::Host(bricks) => bricks.iter().map(HostBrick::bytes).sum(),
+        };
+        splats + self.origins.size()
     }
 }
 
 /// Splats that will be part of a store.
 pub(super) trait Part: Sized {
-    /// A buffer of the splats of parts, of `bytes` in all, one after the other.
-    fn join(context: &Context, parts: Vec<Self>, bytes: u64) -> Result<wgpu::Buffer>;
+    /// The splats of parts, one after the other, `count` of `stride` bytes each.
+    fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<Splats>;
+}
+
+impl Part for HostBrick {
+    fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<Splats> {
+        if context.info.is_software() {
+            return Ok(Splats::Host(Arc::new(parts)));
+        }
+        Ok(Splats::Device(upload(context, &parts, stride, count)?))
+    }
 }
 
 /// Joins the splats of bricks into few stores, each within a storage binding and within the bricks that a place can
@@ -140,7 +294,7 @@ impl<'a, P: Part> StoreBuilder<'a, P> {
         let (parts, bricks) = (std::mem::take(&mut self.parts), std::mem::take(&mut self.bricks));
         let held = std::mem::take(&mut self.held);
         if !parts.is_empty() {
-            let splats = P::join(self.context, parts, u64::from(held) * self.stride)?;
+            let splats = P::join(self.context, parts, self.stride, held)?;
             self.stores.push(Store::new(self.context, splats, self.stride, held, bricks)?);
         }
         Ok(())

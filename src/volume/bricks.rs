@@ -23,8 +23,9 @@ pub(crate) trait RowCoding: Sync {
 /// The lattice point of a brick's first voxel, and its encoded samples with the halo around them, x fastest.
 pub(crate) type Brick = ([u32; 3], Vec<u8>);
 
-/// A row of bricks along x: their ranges (empty if they were known before), and each brick that shows something.
-type Row = (Vec<[f64; 2]>, Vec<Option<Brick>>);
+/// A row of bricks along x: their ranges (empty if they were known before), and what was made of each brick that shows
+/// something.
+type Row<B> = (Vec<[f64; 2]>, Vec<Option<B>>);
 
 /// The samples of a row of bricks along x, with the halo in y and z as far as the volume reaches.
 pub(crate) struct Strip {
@@ -42,37 +43,39 @@ impl Volume {
         self.grid().dims().map(|d| d.div_ceil(EDGE as u32))
     }
 
-    /// Calls `take` for each brick, x fastest: with its encoded samples if `shows` is true of its range of stored
-    /// samples, otherwise with `None`. `halo` voxels around a brick are included; outside the volume they repeat its
-    /// outermost voxels.
+    /// Calls `take` for each brick, x fastest: with what `make` makes of its encoded samples if `shows` is true of its
+    /// range of stored samples, otherwise with `None`. `halo` voxels around a brick are included; outside the volume
+    /// they repeat its outermost voxels. `make` runs in parallel.
     ///
     /// The first call reads every sample and keeps the ranges. Later calls read only rows of bricks that show
     /// something.
-    pub(crate) fn for_each_brick(
+    pub(crate) fn for_each_brick<B: Send>(
         &self,
         shows: &(dyn Fn([f64; 2]) -> bool + Sync),
         halo: usize,
         coding: &impl RowCoding,
-        take: &mut dyn FnMut(Option<Brick>) -> Result<()>,
+        make: &(dyn Fn(Brick) -> Result<B> + Sync),
+        take: &mut dyn FnMut(Option<B>) -> Result<()>,
     ) -> Result<()> {
         let [across, down, deep] = self.bricks().map(|n| n as usize);
         let known = self.known_ranges();
         let count = if known.is_some() { 0 } else { across * down * deep };
         let mut found = reserved(count as u64, || "the ranges of bricks".to_owned())?;
-        let row = |j: usize, k: usize| -> Result<Row> {
+        let row = |j: usize, k: usize| -> Result<Row<B>> {
             let (y, z) = (j * EDGE, k * EDGE);
             let first = (k * down + j) * across;
             let ranges = known.map(|known| &known[first..first + across]);
             if ranges.is_some_and(|r| !r.iter().any(|&r| shows(r))) {
-                return Ok((Vec::new(), vec![None; across]));
+                return Ok((Vec::new(), (0..across).map(|_| None).collect()));
             }
             let read = self.strip([y, z].map(|c| c as i64), halo)?;
             let ranges = ranges.map_or_else(|| read.ranges(y, z), <[_]>::to_vec);
             let brick = |(i, &range): (usize, &[f64; 2])| {
                 let at = [i * EDGE, y, z];
-                shows(range).then(|| (at.map(|c| c as u32), read.brick(at.map(|c| c as i64), coding)))
+                let brick = || (at.map(|c| c as u32), read.brick(at.map(|c| c as i64), coding));
+                shows(range).then(|| make(brick())).transpose()
             };
-            let bricks = ranges.iter().enumerate().map(brick).collect();
+            let bricks = ranges.iter().enumerate().map(brick).collect::<Result<_>>()?;
             Ok((ranges, bricks))
         };
         self.for_each_row([down, deep], halo, &row, &mut |(ranges, bricks)| {

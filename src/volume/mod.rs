@@ -7,7 +7,7 @@ mod sample_type;
 mod statistics;
 mod stored;
 
-pub(crate) use bricks::{EDGE as BRICK_EDGE, RowCoding};
+pub(crate) use bricks::{Brick, EDGE as BRICK_EDGE, RowCoding};
 pub use grid::{Grid, MAX_DIM};
 pub(crate) use pyramid::{Level, Pyramid, spread};
 pub use sample_type::{Endian, Sample, SampleType};

@@ -46,10 +46,10 @@ pub(crate) const CLASSIFIED: f64 = 4e-2;
 pub(crate) const STEPPED: f64 = 0.2;
 /// The same of kernels narrower than 2 voxels: what shows of a single voxel may be all outline.
 pub(crate) const NARROW_STEPPED: f64 = 0.4;
-/// A maximum shows one scalar in each pixel, and a transfer function may turn a small error of it into any other colour.
-/// So the scalar is held: a pixel may show whatever the transfer function makes of the ray's largest scalar, give or
-/// take this fraction of the range of values. Slabs hold means, which are less than peaks: of a slab t thick on a peak
-/// like a Gaussian's of width s by t^2 / 24 s^2 of it, 8 % if t is 1 and s 0.7.
+/// A maximum shows one scalar in each pixel, and a transfer function may turn a small error of it into any other
+/// colour. So the scalar is held: a pixel may show whatever the transfer function makes of the ray's largest scalar,
+/// give or take this fraction of the range of values. Slabs hold means, which are less than peaks: of a slab t thick
+/// on a peak like a Gaussian's of width s by t^2 / 24 s^2 of it, 8 % if t is 1 and s 0.7.
 pub(crate) const MAXIMUM: f64 = 0.1;
 /// The same of kernels that reach no farther than a voxel: s is 0.5, and 17 %.
 pub(crate) const NARROW_MAXIMUM: f64 = 0.2;
@@ -96,8 +96,8 @@ fn overshoot(kernel: Kernel, normalization: Normalization) -> f64 {
     if normalization == Normalization::Peak { unit * integral } else { unit }
 }
 
-/// The largest change of a channel of what is classified, with the opacity of a voxel's depth, from value to value, over
-/// the change of the value as a fraction of `range`. Infinite if there is a step.
+/// The largest change of a channel of what is classified, with the opacity of a voxel's depth, from value to value,
+/// over the change of the value as a fraction of `range`. Infinite if there is a step.
 fn slope(transfer: &TransferFunction, range: f64, voxel: f64) -> f64 {
     let unit = transfer.unit_distance().unwrap_or(voxel);
     let channels = |value: f64, point: Option<(&[f64; 3], f64)>| {

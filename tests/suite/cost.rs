@@ -3,7 +3,7 @@
 use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::kernel::Kernel;
 use voxsplat::reference::Reference;
-use voxsplat::settings::{Model, Settings, Shading};
+use voxsplat::settings::{Level, Model, Settings, Shading};
 use voxsplat::volume::{Grid, Volume};
 
 use crate::support::{
@@ -13,7 +13,7 @@ use crate::support::{
 use crate::truth::truth;
 
 fn post() -> Settings {
-    Settings { shading: Shading::Post, ..exact_quads() }
+    Settings { shading: Shading::Post, level: Level::Auto, ..exact_quads() }
 }
 
 /// The volume with other distances between its voxels.

@@ -5,7 +5,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::error::Error;
 use voxsplat::kernel::Kernel;
-use voxsplat::settings::{Model, Resolution, Settings, Shading};
+use voxsplat::settings::{Level, Model, Resolution, Settings, Shading};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
@@ -30,9 +30,9 @@ fn models(base: &Settings) -> [(&'static str, Settings); 5] {
     [
         ("pre", base.clone()),
         ("lit", Settings { lighting: headlight(), ..base.clone() }),
-        ("post", Settings { shading: Shading::Post, ..base.clone() }),
+        ("post", Settings { shading: Shading::Post, level: Level::Auto, ..base.clone() }),
         ("xray", Settings { model: Model::Xray, ..base.clone() }),
-        ("mip", Settings { model: Model::Mip, ..base }),
+        ("mip", Settings { model: Model::Mip, level: Level::Auto, ..base }),
     ]
 }
 

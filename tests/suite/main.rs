@@ -14,6 +14,7 @@ mod adapter;
 mod algorithms;
 mod bounds;
 mod camera;
+mod cells;
 mod classification;
 mod cli;
 mod cost;

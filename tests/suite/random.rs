@@ -13,7 +13,7 @@ use voxsplat::error::Error;
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::lighting::Light;
 use voxsplat::reference::Reference;
-use voxsplat::settings::{Interslice, Model, Resolution, Settings, Shading, Sheets};
+use voxsplat::settings::{Interslice, Level, Model, Resolution, Settings, Shading, Sheets};
 use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 
@@ -259,6 +259,8 @@ fn settings(random: &mut Random) -> [Settings; 2] {
         antialiasing: random.once_in(2),
         kernel,
         normalization: if random.once_in(8) { Normalization::Peak } else { Normalization::Unit },
+        // Post-shaded, cells keep the cost of small pictures within bounds.
+        level: if model == Model::Mip || shading == Shading::Post { Level::Auto } else { Level::At(0) },
         ..Settings::default()
     };
     let pre = model == Model::Composite && shading == Shading::Pre;

@@ -1,5 +1,5 @@
-//! Turntables that go on: each turn gives the bytes of the first and adds no memory. Mesa 22.3.6 loses a copy of a shader,
-//! 0.2 MB and more, in each dispatch of one that decides anything by uniforms alone.
+//! Turntables that go on: each turn gives the bytes of the first and adds no memory. Mesa 22.3.6 loses a copy of a
+//! shader, 0.2 MB and more, in each dispatch of one that decides anything by uniforms alone.
 
 use std::process::Command;
 

@@ -11,7 +11,7 @@ use voxsplat::image::Image;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::renderer::{Rendered, Renderer, RendererOptions, Scene};
 use voxsplat::report::compare;
-use voxsplat::settings::{Painter, Precision, QuadsSettings, Resolution, Settings, TilesSettings};
+use voxsplat::settings::{Level, Painter, Precision, QuadsSettings, Resolution, Settings, TilesSettings};
 use voxsplat::stats::{QuadsStats, TilesStats};
 use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::Volume;
@@ -48,7 +48,9 @@ pub(crate) fn two_lights() -> Option<Lighting> {
 
 /// Quads, and nothing that is allowed to change a picture.
 pub(crate) fn exact_quads() -> Settings {
-    with_quads(&Settings { termination: 0.0, ..Settings::default() }, |q| q.precision = Some(Precision::F32))
+    with_quads(&Settings { termination: 0.0, level: Level::At(0), ..Settings::default() }, |q| {
+        q.precision = Some(Precision::F32)
+    })
 }
 
 /// The painter quads, with some of its settings changed.
@@ -159,6 +161,6 @@ pub(crate) fn by_tiles(rendered: &Rendered) -> TilesStats {
 
 /// Tiles, with a ray for each pixel, and nothing that is allowed to change a picture.
 pub(crate) fn full() -> Settings {
-    let exact = Settings { termination: 0.0, antialiasing: false, ..Settings::default() };
+    let exact = Settings { termination: 0.0, antialiasing: false, level: Level::At(0), ..Settings::default() };
     with_tiles(&exact, Resolution::Full)
 }

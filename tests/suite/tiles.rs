@@ -4,7 +4,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::error::Error;
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::settings::{Interslice, Model, Resolution, Settings, Shading};
+use voxsplat::settings::{Interslice, Level, Model, Resolution, Settings, Shading};
 use voxsplat::stats::RaySpacing;
 use voxsplat::volume::{Grid, Samples, Volume};
 
@@ -343,7 +343,7 @@ fn auto_takes_tiles_where_they_serve_and_says_why_not() {
     let far = camera(30.0, 20.0, 0.2, &volume, 64);
     let cases = [
         (auto.clone(), &inside, "eye"),
-        (auto.clone(), &far, "grow"),
+        (Settings { level: Level::At(0), ..auto.clone() }, &far, "grow"),
         (Settings { kernel: Kernel::Gaussian { sigma: 1.0, radius: 3.2 }, ..auto.clone() }, &near, "at most 3"),
     ];
     for (settings, camera, word) in cases {
@@ -378,13 +378,16 @@ fn turning_packs_the_volume_once_an_axis() {
     let packs = |azimuth: f64, settings: &Settings| {
         let camera = camera(azimuth, 20.0, 1.0, &volume, 96);
         let stats = draw_on(&renderer, &scene, &camera, settings).unwrap().stats;
-        // Two marches, for rays of images and of pixels, of 1.9 kB of uniforms; most of them are tables of sections.
-        assert!(stats.bytes_sent < 6000, "{}", stats.bytes_sent);
-        stats.stages.iter().any(|s| s.name == "pack")
+        let packs = stats.stages.iter().any(|s| s.name == "pack");
+        // Software adapters pack on the host, which sends what it packed.
+        let sent = if packs && renderer.adapter().is_software() { stats.tiles().unwrap().packed_bytes } else { 0 };
+        // Beside it two marches send uniforms, most of them tables of sections: rays of images, and of pixels.
+        assert!((sent..sent + 6000).contains(&stats.bytes_sent), "{} of {sent}", stats.bytes_sent);
+        packs
     };
-    // Without timestamps the stage does not show.
+    // On a GPU without timestamps the stage does not show.
     if !packs(25.0, &settings) {
-        assert!(!renderer.adapter().name.contains("llvmpipe"), "llvmpipe has timestamps");
+        assert!(!renderer.adapter().is_software(), "the host has a clock");
         return;
     }
     assert!(!packs(10.0, &settings) && !packs(35.0, &settings));

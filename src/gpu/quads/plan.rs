@@ -8,7 +8,7 @@ use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights, half};
 use super::culling::visible_depths;
 use crate::camera::{Camera, Projection};
 use crate::kernel::Kernel;
-use crate::settings::{Model, Precision, Settings, Sheets};
+use crate::settings::{Level, Model, Precision, Settings, Sheets};
 use crate::volume::spread;
 
 /// A region of a picture and the uniforms to render it with, on the device.
@@ -44,6 +44,8 @@ pub(crate) struct Plan<'a> {
     section_scale: f64,
     sheet_scale: f64,
     kernel: Kernel,
+    /// Cells may stand for voxels of scalars.
+    takes_cells: bool,
 }
 
 /// What a sheet accumulates is scaled so that a sheet filled with the densest material accumulates about this: an f16
@@ -192,6 +194,7 @@ impl<'a> Plan<'a> {
             section_scale: sheet_scale / (divisor * weights.unit),
             sheet_scale,
             kernel: settings.kernel,
+            takes_cells: settings.level == Level::Auto,
         };
         plan.padding = plan.scalar_need().padding;
         plan
@@ -220,7 +223,7 @@ impl<'a> Plan<'a> {
         // voxels may take part at opposite ends of the three.
         let radius = view.max_radius();
         let need = ScalarNeed::new(view, radius + 2.0 * sheet, 2.0 * radius + 3.0 * sheet);
-        match Cut::new(view, &self.kernel, 2.0 * sheet) {
+        match Cut::new(view, &self.kernel, 2.0 * sheet).filter(|_| self.takes_cells) {
             Some(cut) => need.with_cells(cut),
             None => need,
         }

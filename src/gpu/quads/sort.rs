@@ -39,9 +39,10 @@ pub(crate) struct Sorter {
 }
 
 /// A run of splats of one store.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(crate) struct Piece<'a> {
     store: &'a Store,
+    splats: wgpu::Buffer,
     /// First splat, a multiple of what storage bindings align to.
     first: u32,
     count: u32,
@@ -49,9 +50,9 @@ pub(crate) struct Piece<'a> {
 
 impl<'a> Piece<'a> {
     /// The splats as a binding.
-    pub(crate) fn splats(&self) -> wgpu::BindingResource<'a> {
+    pub(crate) fn splats(&self) -> wgpu::BindingResource<'_> {
         let stride = self.store.stride;
-        buffer_range(&self.store.splats, u64::from(self.first) * stride, u64::from(self.count) * stride)
+        buffer_range(&self.splats, u64::from(self.first) * stride, u64::from(self.count) * stride)
     }
 
     /// What of a run of the store's splats is in the piece, counted from its first.
@@ -127,7 +128,8 @@ impl Sorter {
             let runs = target.plan.in_view(store, target.region);
             for first in (0..u64::from(store.count)).step_by(most as usize) {
                 let count = most.min(u64::from(store.count) - first);
-                let piece = Piece { store, first: first as u32, count: count as u32 };
+                let splats = store.on_device(context)?;
+                let piece = Piece { store, splats, first: first as u32, count: count as u32 };
                 let runs: Vec<_> = runs.iter().filter_map(|run| piece.part(run)).collect();
                 if !runs.is_empty() {
                     spans.push(self.span(recorder, scan, target, sheets, piece, &runs)?);

@@ -48,41 +48,38 @@ impl PrincipalAxis {
     /// tie the others; of rays through one eye every axis and direction that has a share in some ray.
     pub(super) fn all(camera: &Camera, grid: &Grid, size: [u32; 2]) -> Vec<Self> {
         let to_lattice = grid.to_lattice().matrix3;
-        let Projection::Perspective { tan_half_fov, .. } = camera.projection else {
+        let Some(lens) = Lens::new(camera, grid, size) else {
             let ray = to_lattice * camera.forward;
             let axes = (0..3).map(|m| Self { share: share(m, ray), ..Self::along(m, ray[m] < 0.0, ray, 1.0) });
             let mut axes: Vec<Self> = axes.filter(|axis| axis.share > 0.0).collect();
             axes.sort_by(|a, b| b.share.total_cmp(&a.share));
             return axes;
         };
-        let aspect = f64::from(size[0]) / f64::from(size[1]);
-        let [right, up] = [camera.right * aspect, camera.up].map(|axis| to_lattice * axis * tan_half_fov);
-        let forward = to_lattice * camera.forward;
         let ways = (0..3).flat_map(|m| [(m, false), (m, true)]);
         ways.filter_map(|(m, flipped)| {
-            // The part of the picture, in halves of its width and height, in whose rays m has a share in this
-            // direction: no other component is larger by more than the blend. The part is cut by straight lines, which
-            // leave too much of it rather than too little.
-            let sign = if flipped { -1.0 } else { 1.0 };
-            let edge = 1.0 + RAY_MARGIN;
-            let mut part = vec![(-edge, -edge), (edge, -edge), (edge, edge), (-edge, edge)];
-            for other in (0..3).filter(|&other| other != m) {
-                for against in [1.0, -1.0] {
-                    let lead = |d: DVec3| sign * d[m] - against * d[other] + BLEND * d.length();
-                    part = clipped(&part, |(x, y)| lead(forward + right * x + up * y));
-                }
-            }
+            let part = lens.part(m, flipped);
             // The ray in the middle of that part stands for all of them.
             let count = part.len() as f64;
             let (x, y) = part.iter().fold((0.0, 0.0), |(x, y), p| (x + p.0 / count, y + p.1 / count));
-            let world = (1.0 + (tan_half_fov * tan_half_fov) * (x * x * aspect * aspect + y * y)).sqrt();
-            let middle = DVec2::new(x * aspect, y) * tan_half_fov;
+            let middle = DVec2::new(x * lens.aspect, y) * lens.tan_half_fov;
             let places = || part.iter().map(|&(x, y)| DVec2::new(x, y));
             let ends = [places().fold(DVec2::INFINITY, DVec2::min), places().fold(DVec2::NEG_INFINITY, DVec2::max)];
-            let axis = || Self { middle, part: ends, ..Self::along(m, flipped, forward + right * x + up * y, world) };
+            let world = (1.0 + middle.length_squared()).sqrt();
+            let axis = || Self { middle, part: ends, ..Self::along(m, flipped, lens.ray((x, y)), world) };
             (!part.is_empty()).then(axis)
         })
         .collect()
+    }
+
+    /// The pyramid of the rays through one eye in which the axis has a share, `None` if rays are parallel. The lattice
+    /// begins so many layers before the volume.
+    pub(super) fn pyramid(&self, camera: &Camera, grid: &Grid, size: [u32; 2], padding: u32) -> Option<Pyramid> {
+        let (lens, eye) = (Lens::new(camera, grid, size)?, camera.eye()?);
+        let edges: Vec<DVec3> = lens.part(self.axes[2], self.flipped).into_iter().map(|at| lens.ray(at)).collect();
+        let middle: DVec3 = edges.iter().map(|edge| edge.normalize()).sum();
+        let sides = (0..edges.len()).map(|i| edges[i].cross(edges[(i + 1) % edges.len()]).normalize_or_zero());
+        let sides = sides.map(|side| if side.dot(middle) < 0.0 { -side } else { side }).collect();
+        Some(Pyramid { eye: grid.to_lattice().transform_point3(eye) + f64::from(padding), sides })
     }
 
     /// The axis m for rays around one, given as a lattice vector and its world length.
@@ -125,6 +122,65 @@ impl PrincipalAxis {
     pub(super) fn ordered(&self, v: DVec3) -> DVec3 {
         let [a, b, m] = self.axes;
         DVec3::new(v[a], v[b], if self.flipped { -v[m] } else { v[m] })
+    }
+}
+
+/// The rays of a picture through one eye, in lattice coordinates.
+struct Lens {
+    aspect: f64,
+    tan_half_fov: f64,
+    right: DVec3,
+    up: DVec3,
+    forward: DVec3,
+}
+
+impl Lens {
+    /// `None` if rays are parallel.
+    fn new(camera: &Camera, grid: &Grid, size: [u32; 2]) -> Option<Self> {
+        let Projection::Perspective { tan_half_fov, .. } = camera.projection else { return None };
+        let to_lattice = grid.to_lattice().matrix3;
+        let aspect = f64::from(size[0]) / f64::from(size[1]);
+        let [right, up] = [camera.right * aspect, camera.up].map(|axis| to_lattice * axis * tan_half_fov);
+        Some(Self { aspect, tan_half_fov, right, up, forward: to_lattice * camera.forward })
+    }
+
+    /// The direction of the ray through a place of the picture, in halves of its width and height.
+    fn ray(&self, (x, y): (f64, f64)) -> DVec3 {
+        self.forward + self.right * x + self.up * y
+    }
+
+    /// The part of the picture in whose rays m has a share in this direction: no other component is larger by more than
+    /// the blend. The part is cut by straight lines, which leave too much of it rather than too little.
+    fn part(&self, m: usize, flipped: bool) -> Vec<(f64, f64)> {
+        let sign = if flipped { -1.0 } else { 1.0 };
+        let edge = 1.0 + RAY_MARGIN;
+        let mut part = vec![(-edge, -edge), (edge, -edge), (edge, edge), (-edge, edge)];
+        for other in (0..3).filter(|&other| other != m) {
+            for against in [1.0, -1.0] {
+                let lead = |d: DVec3| sign * d[m] - against * d[other] + BLEND * d.length();
+                part = clipped(&part, |at| lead(self.ray(at)));
+            }
+        }
+        part
+    }
+}
+
+/// Rays through one eye, in lattice coordinates: all within the sides.
+pub(super) struct Pyramid {
+    eye: DVec3,
+    /// Unit vectors inwards.
+    sides: Vec<DVec3>,
+}
+
+impl Pyramid {
+    /// Whether a ray may come within `reach` of the lattice points of a box.
+    pub(super) fn reaches(&self, [low, high]: [[u32; 3]; 2], reach: f64) -> bool {
+        let [low, high] = [low, high].map(|p| DVec3::from_array(p.map(f64::from)) - self.eye);
+        let inside = |side: &DVec3| {
+            let farthest = DVec3::select(side.cmpgt(DVec3::ZERO), high, low);
+            side.dot(farthest) > -reach
+        };
+        self.sides.iter().all(inside)
     }
 }
 
@@ -187,5 +243,39 @@ mod tests {
         assert_eq!(count(30.0, 45.0, 35.26), 3);
         // In a wide picture from the front rays run along every axis in both directions, but not backwards.
         assert_eq!(count(120.0, 0.0, 0.0), 5);
+    }
+
+    #[test]
+    fn pyramids_hold_the_rays_of_their_axis() {
+        let grid = Grid::axis_parallel([60, 40, 50], [1.0, 1.5, 0.7]).unwrap();
+        let size = [64, 48];
+        let (mut held, mut outside) = (0, 0);
+        for (fov, azimuth, elevation) in [(30.0, 30.0, 20.0), (60.0, 45.0, 35.0), (110.0, 100.0, -60.0)] {
+            let projection = crate::camera::ProjectionKind::Perspective { fov };
+            let view = crate::camera::View { projection, azimuth, elevation, ..crate::camera::View::default() };
+            let camera = Camera::new(&view, &grid, size).unwrap();
+            let lens = Lens::new(&camera, &grid, size).unwrap();
+            let eye = grid.to_lattice().transform_point3(camera.eye().unwrap());
+            for axis in PrincipalAxis::all(&camera, &grid, size) {
+                let pyramid = axis.pyramid(&camera, &grid, size, 0).unwrap();
+                for i in 0..21 * 21 {
+                    let ray = lens.ray((f64::from(i % 21) / 10.0 - 1.0, f64::from(i / 21) / 10.0 - 1.0));
+                    for distance in [40.0, 60.0, 80.0] {
+                        let p = eye + ray / ray.length() * distance;
+                        if p.min_element() < 0.0 {
+                            continue;
+                        }
+                        let reached = pyramid.reaches([p.as_uvec3().to_array(); 2], 1.8);
+                        let m = axis.axes[2];
+                        if share(m, ray) > 0.0 && (ray[m] < 0.0) == axis.flipped {
+                            assert!(reached, "{fov} {axis:?} {ray}");
+                            held += 1;
+                        }
+                        outside += usize::from(!reached);
+                    }
+                }
+            }
+        }
+        assert!(held > 1000 && outside > 1000, "{held} {outside}");
     }
 }

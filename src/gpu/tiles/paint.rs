@@ -131,7 +131,12 @@ impl<'a> Picture<'a> {
         let dims = view.grid.dims().map(|n| n + 2 * job.padding);
         let whole = !shows_nothing_else(&job);
         let axes = PrincipalAxis::all(&view.camera, &view.grid, view.camera.size);
-        let packings = axes.iter().map(|axis| Packing::new(context, stores, dims, whole, axis.axes, voxel));
+        let packings = axes.iter().map(|axis| {
+            // A ray meets kernels a radius away, grown ones too; one voxel more for rounding.
+            let pyramid = axis.pyramid(&view.camera, &view.grid, view.camera.size, job.padding);
+            let seen = |bounds| pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, view.max_radius() + 1.0));
+            Packing::new(context, stores, dims, whole, seen, axis.axes, voxel)
+        });
         let packings: Option<Vec<Packing>> = packings.collect();
         let packings = packings.ok_or("tiles packs the volume into a texture, which this volume outgrows")?;
         let dense = max_depth(&job) > DENSE;
@@ -140,7 +145,7 @@ impl<'a> Picture<'a> {
             None if dense => SlabKind::DenseColors,
             None => SlabKind::Colors,
         };
-        let ways = axes.into_iter().zip(packings).map(|(axis, packing)| {
+        let ways = axes.into_iter().zip(packings).filter(|(_, packing)| !packing.is_empty()).map(|(axis, packing)| {
             let sections = Sections::new(&kernel, &view.camera, &axis, kind, view.depth_growth().1);
             Way { axis, packing, sections }
         });
@@ -231,8 +236,8 @@ impl<'a> Picture<'a> {
 
     /// Whether `packed` holds the splats of this picture in the layout of a axis.
     fn serves(&self, way: usize, packed: &Packed) -> bool {
-        let source = self.job.stores.first().map(|store| &store.splats);
-        self.ways[way].packing == packed.packing && source == packed.source.as_ref()
+        let source = self.job.stores.first().map(|store| store.id);
+        self.ways[way].packing == packed.packing && source == packed.source
     }
 
     /// Whether `packed`, made for an earlier picture, can be reused by a axis: as [`Self::serves`], and no light is

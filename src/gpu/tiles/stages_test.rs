@@ -11,7 +11,7 @@ use super::super::context::Context;
 use super::super::layout::{self, Lighting, MACROCELL, MARGIN, Splat, TILE, packed_gradient};
 use super::super::pipeline::{Binding, bind, compute, layout as group_layout, texture_view};
 use super::super::recorder::Recorder;
-use super::super::store::{BrickSplats, Store};
+use super::super::store::{BrickSplats, Splats, Store};
 use super::super::twins;
 use super::super::view::Region;
 use super::TilesKey;
@@ -217,16 +217,91 @@ fn store<const N: usize>(context: &Context, words: impl Fn([u32; 3]) -> [u32; N]
         }
     }
     let count = splats.len() as u32 / (N as u32 + 1);
-    let buffer = context.upload("test.splats", bytemuck::cast_slice(&splats), wgpu::BufferUsages::STORAGE).unwrap();
-    Store::new(context, buffer, 4 * (N as u64 + 1), count, bricks).unwrap()
+    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+    let buffer = context.upload("test.splats", bytemuck::cast_slice(&splats), usage).unwrap();
+    Store::new(context, Splats::Device(buffer), 4 * (N as u64 + 1), count, bricks).unwrap()
 }
 
 fn packed(context: &Context, store: Store, axes: [usize; 3], voxel: Voxel, max_weight: f64) -> Packed {
-    let stores = [store];
-    let packing = Packing::new(context, &stores, DIMS, false, axes, voxel).unwrap();
-    let lit = Lit { lighting: &Lighting::default(), eye: [0.0; 3], view: [[0.0; 3]; 3] };
     let packer = Packer::new(context, voxel, false);
+    packed_by(context, &packer, store, axes, voxel, max_weight, |_| true)
+}
+
+fn packed_by(
+    context: &Context,
+    packer: &Packer,
+    store: Store,
+    axes: [usize; 3],
+    voxel: Voxel,
+    max_weight: f64,
+    seen: impl Fn([[u32; 3]; 2]) -> bool,
+) -> Packed {
+    let stores = [store];
+    let packing = Packing::new(context, &stores, DIMS, false, seen, axes, voxel).unwrap();
+    let lighting = Lighting {
+        right: [0.9, 0.1, -0.2],
+        up: [-0.1, 0.8, 0.3],
+        forward: [0.2, -0.3, 0.7],
+        ambient: 0.3,
+        diffuse: 0.6,
+        specular: 0.4,
+        // The first light is at the eye.
+        lights: [[0.0; 4], [0.6, 0.0, -0.8, 0.0], [-0.6, 0.64, 0.48, 0.0], [0.0, -1.0, 0.0, 0.0]],
+        shininess: 24.0,
+        ..Lighting::default()
+    };
+    let view = [[1.0, 0.1, -0.2], [0.0, 0.9, 0.3], [0.2, -0.3, 1.1]];
+    let lit = Lit { lighting: &lighting, eye: [20.0, 3.0, -60.0], view };
     packer.run(&mut Recorder::untimed(context), &stores, packing, &lit, max_weight).unwrap()
+}
+
+/// The stage on the host gives the same texels as the one on the device: to the last bit, but where colours are lit.
+#[test]
+fn packing_on_the_host_matches_the_device() {
+    let context = context();
+    for (axes, voxel, number) in ORDERS.into_iter().flat_map(|axes| {
+        let lit = [1, 4].map(|lights| Voxel::Color { lights });
+        let all = [Voxel::Color { lights: 0 }, Voxel::Scalar, Voxel::Gradient, lit[0], lit[1], lit[1]];
+        all.into_iter().enumerate().map(move |(number, voxel)| (axes, voxel, number))
+    }) {
+        let made = |p: [u32; 3]| match voxel {
+            Voxel::Color { .. } => {
+                let [density_blue, color, _] = words_of(p);
+                [density_blue, color, p[0].wrapping_mul(0x9e37_79b9) ^ p[1] << 9 ^ p[2] << 21]
+            }
+            _ => {
+                let [low, high] = packed_gradient(gradient_of(p));
+                [scalar_of(p).to_bits(), low, high]
+            }
+        };
+        let perspective = number == 5;
+        // A part of the bricks: splats of others are left out.
+        let seen = |[low, _]: [[u32; 3]; 2]| number % 2 == 0 || low[0] >= 32;
+        let run = |packer: &Packer| {
+            let stored = match voxel {
+                Voxel::Scalar => store(&context, |p| [made(p)[0]]),
+                _ => store(&context, made),
+            };
+            let packed = packed_by(&context, packer, stored, axes, voxel, 30.0, seen);
+            assert_occupied(&context, &packed);
+            read_volume(&context, &packed.volume)
+        };
+        let device = run(&Packer::on_device(&context, voxel, perspective));
+        let host = run(&Packer::Host { perspective });
+        if !matches!(voxel, Voxel::Color { lights: 1.. }) {
+            assert_eq!(host, device, "{axes:?} {voxel:?}");
+            continue;
+        }
+        let voxels = |texels: &[[u32; 4]]| -> Vec<[f64; 4]> {
+            texels.iter().flat_map(|t| [halves([t[0], t[1]]), halves([t[2], t[3]])]).collect()
+        };
+        for (host, device) in voxels(&host).into_iter().zip(voxels(&device)) {
+            // A step of 11 bits, for what shaders round otherwise; of the density, because the colour is up to that.
+            let step = device[3] / 1024.0;
+            assert!(host.iter().zip(device).all(|(h, d)| (h - d).abs() <= step), "{voxel:?}: {host:?} {device:?}");
+            assert_eq!(host[3], device[3]);
+        }
+    }
 }
 
 /// The words of a packed voxel at (a, b, plane) of the box: two, or one of a scalar.

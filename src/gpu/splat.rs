@@ -1,0 +1,207 @@
+//! The twin of shaders/common/splat.wgsl, normal.wgsl and lighting.wgsl on the host: words of splats, and light on
+//! them.
+
+use super::layout::Lighting;
+
+/// The largest values of red, green and blue: 13, 14 and 13 bits.
+const COLOR_STEPS: [f32; 3] = [8191.0, 16383.0, 8191.0];
+
+/// The bits for "no direction".
+const NO_NORMAL: u32 = 0x8000_8000;
+
+/// -ln(1 - opacity): `density` in shaders/classify.wgsl.
+pub(super) fn density(opacity: f32) -> f32 {
+    let a = opacity.min(1.0 - 1.0 / 65_536.0);
+    if a < 0.1 {
+        return a * (1.0 + a * (1.0 / 2.0 + a * (1.0 / 3.0 + a * (1.0 / 4.0 + a * (1.0 / 5.0 + a * (1.0 / 6.0))))));
+    }
+    -(1.0 - a).ln()
+}
+
+/// The nearest whole number to one of 0 to 2^22, the even one of two: the sum has no bits for a fraction.
+fn nearest(value: f32) -> u32 {
+    (value + 8_388_608.0).to_bits() & 0x7f_ffff
+}
+
+/// The words density_blue and color.
+pub(super) fn packed_appearance(color: [f32; 3], density: f32) -> [u32; 2] {
+    let [r, g, b] = [0, 1, 2].map(|c| nearest(color[c].clamp(0.0, 1.0) * COLOR_STEPS[c]));
+    // To the nearest: half of the lowest bit that stays is added.
+    let rounded = density.to_bits().wrapping_add(128) & 0xffff_ff00;
+    [rounded | b >> 5, r | g << 13 | b << 27]
+}
+
+/// 1 with the sign of a number, of 0 too.
+fn sign_or_one(v: f32) -> f32 {
+    if v >= 0.0 { 1.0 } else { -1.0 }
+}
+
+/// The bits of the direction of a vector of any length.
+pub(super) fn packed_normal([x, y, z]: [f32; 3]) -> u32 {
+    let sum = x.abs() + y.abs() + z.abs();
+    if sum.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
+        return NO_NORMAL;
+    }
+    let mut p = [x / sum, y / sum];
+    if z < 0.0 {
+        p = [(1.0 - p[1].abs()) * sign_or_one(p[0]), (1.0 - p[0].abs()) * sign_or_one(p[1])];
+    }
+    // The nearest whole number, from a sum without bits for a fraction: the lowest 16 bits hold it with its sign.
+    let [low, high] = p.map(|c| (c.clamp(-1.0, 1.0) * 32767.0 + 12_582_912.0).to_bits() & 0xffff);
+    low | high << 16
+}
+
+/// The steps of a gradient: `splat_gradient` in shaders/common/splat.wgsl.
+pub(super) fn gradient([low, high]: [u32; 2]) -> [f32; 3] {
+    let signed = |bits: u32| (bits << 14) as i32 >> 14;
+    let steps = [low, low >> 18 | (high & 15) << 14, high >> 4].map(|bits| signed(bits & 0x3_ffff));
+    let step = f32::from_bits(high >> 22 << 23) / 65_536.0;
+    steps.map(|c| c as f32 * step)
+}
+
+/// Splats that are coloured at a time: loops over so many vectorise.
+pub(super) const LANES: usize = 16;
+
+/// A number of each of these splats.
+type Lanes = [f32; LANES];
+/// A vector of each of them.
+type Vectors = [Lanes; 3];
+
+/// The colours and the densities of splats, given the words density_blue and color.
+pub(super) fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> (Vectors, Lanes) {
+    let mut colors = Vectors::default();
+    let mut densities = Lanes::default();
+    for i in 0..LANES {
+        let (density_blue, color) = (density_blue[i], color[i]);
+        let blue = color >> 27 | (density_blue & 0xff) << 5;
+        colors[0][i] = (color & 0x1fff) as i32 as f32 / COLOR_STEPS[0];
+        colors[1][i] = (color >> 13 & 0x3fff) as i32 as f32 / COLOR_STEPS[1];
+        colors[2][i] = blue as i32 as f32 / COLOR_STEPS[2];
+        densities[i] = f32::from_bits(density_blue & 0xffff_ff00);
+    }
+    (colors, densities)
+}
+
+/// Unit vectors across surfaces in view coordinates, facing the eye, given the words of normals; 0 for "no direction".
+fn facing_normals(lighting: &Lighting, words: &[u32; LANES], to_eye: &Vectors) -> Vectors {
+    let mut normals = Vectors::default();
+    let Lighting { right, up, forward, .. } = lighting;
+    for i in 0..LANES {
+        let bits = words[i];
+        let half = |bits: u32| (((bits << 16) as i32 >> 16) as f32 / 32767.0).max(-1.0);
+        let (px, py) = (half(bits), half(bits >> 16));
+        let z = 1.0 - px.abs() - py.abs();
+        let x = if z >= 0.0 { px } else { (1.0 - py.abs()) * sign_or_one(px) };
+        let y = if z >= 0.0 { py } else { (1.0 - px.abs()) * sign_or_one(py) };
+        let gradient = [right, up, forward].map(|axis| axis[0] * x + axis[1] * y + axis[2] * z);
+        let [a, b, c] = gradient;
+        let towards = a * to_eye[0][i] + b * to_eye[1][i] + c * to_eye[2][i];
+        let length = (a * a + b * b + c * c).sqrt();
+        let facing = if towards < 0.0 { -1.0 } else { 1.0 };
+        let factor = if bits == NO_NORMAL || length <= 0.0 { 0.0 } else { facing / length };
+        normals[0][i] = a * factor;
+        normals[1][i] = b * factor;
+        normals[2][i] = c * factor;
+    }
+    normals
+}
+
+/// x^exponent for x from 0 to a little over 1, to 2e-6.
+fn power(x: f32, exponent: f32) -> f32 {
+    // x = 2^whole * m with m from sqrt(1/2) to sqrt(2), and ln(m) = 2 atanh((m - 1) / (m + 1)).
+    let bits = x.max(f32::MIN_POSITIVE).to_bits().wrapping_sub(0x3f35_04f3);
+    let whole = (bits as i32 >> 23) as f32;
+    let m = f32::from_bits((bits & 0x7f_ffff) + 0x3f35_04f3);
+    let t = (m - 1.0) / (m + 1.0);
+    let t2 = t * t;
+    let series = 2.0 * std::f32::consts::LOG2_E + t2 * (0.961_796_7 + t2 * (0.577_078_04 + t2 * 0.412_198_6));
+    let y = (exponent * (whole + t * series)).clamp(-126.0, 126.0);
+    // 2^y: the nearest whole number, from a sum without bits for a fraction, and the series of the rest.
+    let rounded = y + 12_582_912.0;
+    let f = (y - (rounded - 12_582_912.0)) * std::f32::consts::LN_2;
+    let rest = 1.0 + f * (1.0 + f * (0.5 + f * (1.0 / 6.0 + f * (1.0 / 24.0 + f * (1.0 / 120.0 + f * (1.0 / 720.0))))));
+    f32::from_bits((rounded.to_bits() << 23).wrapping_add(rest.to_bits()))
+}
+
+/// Unit vectors against x * step + start, for each x.
+pub(super) fn directions(xs: &[u32; LANES], step: [f32; 3], start: [f32; 3]) -> Vectors {
+    let (mut vx, mut vy, mut vz) = (Lanes::default(), Lanes::default(), Lanes::default());
+    for i in 0..LANES {
+        let x = xs[i] as i32 as f32;
+        let (a, b, c) = (x * step[0] + start[0], x * step[1] + start[1], x * step[2] + start[2]);
+        let factor = -1.0 / (a * a + b * b + c * c).sqrt();
+        vx[i] = a * factor;
+        vy[i] = b * factor;
+        vz[i] = c * factor;
+    }
+    [vx, vy, vz]
+}
+
+/// Lights splats of these colours, given the words of their normals and unit vectors to the eye in view coordinates:
+/// `lit_splat` in shaders/common/lit_splat.wgsl.
+pub(super) fn light(lighting: &Lighting, lights: u32, colors: &mut Vectors, words: &[u32; LANES], to_eye: &Vectors) {
+    let normals = facing_normals(lighting, words, to_eye);
+    let (mut diffuse, mut specular) = (Lanes::default(), Lanes::default());
+    for &[x, y, z, _] in &lighting.lights[..lights as usize] {
+        let towards = if [x, y, z] == [0.0; 3] { *to_eye } else { [[x; LANES], [y; LANES], [z; LANES]] };
+        // In steps without a choice, which vectorise.
+        let (mut cosines, mut shines) = (Lanes::default(), Lanes::default());
+        for i in 0..LANES {
+            let [ex, ey, ez] = [to_eye[0][i], to_eye[1][i], to_eye[2][i]];
+            let [lx, ly, lz] = [towards[0][i], towards[1][i], towards[2][i]];
+            let [nx, ny, nz] = [normals[0][i], normals[1][i], normals[2][i]];
+            let [hx, hy, hz] = [ex + lx, ey + ly, ez + lz];
+            cosines[i] = nx * lx + ny * ly + nz * lz;
+            shines[i] = (nx * hx + ny * hy + nz * hz) / (hx * hx + hy * hy + hz * hz).max(1e-20).sqrt();
+        }
+        for shine in &mut shines {
+            *shine = power(*shine, lighting.shininess);
+        }
+        for i in 0..LANES {
+            diffuse[i] += cosines[i].max(0.0);
+            specular[i] += if cosines[i] > 0.0 { shines[i] } else { 0.0 };
+        }
+    }
+    for color in colors {
+        for i in 0..LANES {
+            let lit = color[i] * (lighting.ambient + lighting.diffuse * diffuse[i]) + lighting.specular * specular[i];
+            // Without a normal there is no surface.
+            let surface = normals[0][i].abs() + normals[1][i].abs() + normals[2][i].abs() > 0.0;
+            color[i] = if surface { lit.clamp(0.0, 1.0) } else { color[i] };
+        }
+    }
+}
+
+/// Four numbers of each splat as the nearest f16: `rounded` in shaders/common/packing.wgsl, then pack2x16float.
+pub(super) fn halves([x, y, z]: &Vectors, w: &Lanes) -> [[u32; 2]; LANES] {
+    let half = |value: f32| {
+        let bits = value.to_bits().wrapping_add(0x1000) & 0xffff_e000;
+        let size = bits & 0x7fff_ffff;
+        // Less than the least normal f16: in steps of 2^-24, which is the last bit of 1/2.
+        let small = (f32::from_bits(size) + 0.5).to_bits().wrapping_sub(0x3f00_0000);
+        let normal = size.wrapping_sub(0x3800_0000) >> 13;
+        bits >> 16 & 0x8000 | if size < 0x3880_0000 { small } else { normal }
+    };
+    let (mut low, mut high) = ([0; LANES], [0; LANES]);
+    for i in 0..LANES {
+        low[i] = half(x[i]) | half(y[i]) << 16;
+        high[i] = half(z[i]) | half(w[i]) << 16;
+    }
+    std::array::from_fn(|i| [low[i], high[i]])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn powers_are_those_of_f64() {
+        for exponent in [1.0_f32, 2.5, 24.0, 1000.0] {
+            for x in (0..=2000).map(|i| i as f32 / 2000.0).chain([1.000_000_1, 0.999_999_9, 1e-30]) {
+                let exact = f64::from(x).powf(f64::from(exponent));
+                let got = f64::from(power(x, exponent));
+                assert!((got - exact).abs() <= 2e-6, "{x}^{exponent}: {got} for {exact}");
+            }
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! Cells that stand for voxels whose kernels have grown, pre-shaded: `--level`.
+
+use glam::DVec3;
+use voxsplat::camera::{ProjectionKind, View};
+use voxsplat::error::Error;
+use voxsplat::kernel::{Kernel, Normalization};
+use voxsplat::settings::{Level, Model, Resolution, Settings, Shading};
+use voxsplat::transfer::TransferFunction;
+use voxsplat::volume::{Grid, Samples, Volume};
+
+use crate::support::{
+    RENDERER, demo, draw_on, errors, exact_quads, headlight, look, picture, prepare_on, render, rms_covered,
+    rms_in_steps, transfer, with_tiles,
+};
+use crate::truth::truth;
+
+/// A soft ball, noise in a ball, a thin shell.
+fn volumes(size: u32) -> Vec<(&'static str, Volume)> {
+    let middle = f64::from(size - 1) / 2.0;
+    let make = |value: &dyn Fn(f64, u32) -> f64| {
+        let samples = (0..size.pow(3)).map(|n| {
+            let p = [n % size, n / size % size, n / (size * size)].map(|c| f64::from(c) - middle);
+            value(DVec3::from_array(p).length() / middle, n).clamp(0.0, 1.0) as f32
+        });
+        Volume::new(Grid::axis_parallel([size; 3], [1.0; 3]).unwrap(), Samples::F32(samples.collect())).unwrap()
+    };
+    // Knuth's multiplier.
+    let noise = |n: u32| f64::from(n.wrapping_mul(2_654_435_761)) / f64::from(u32::MAX);
+    vec![
+        ("ball", make(&|r, _| 4.0 * (0.8 - r))),
+        ("noise", make(&|r, n| if r < 0.8 { 0.5 + 0.5 * noise(n) } else { 0.0 })),
+        ("shell", make(&|r, _| (-((r - 0.7) / 0.08).powi(2)).exp())),
+    ]
+}
+
+fn tones(opacity: f64) -> TransferFunction {
+    transfer(&[(0.1, [0.2, 0.4, 0.9], 0.0), (0.6, [0.9, 0.7, 0.2], opacity / 2.0), (1.0, [1.0; 3], opacity)], None)
+}
+
+fn auto() -> Settings {
+    Settings { termination: 0.0, ..Settings::default() }
+}
+
+/// A view in which the kernels of a volume of `size`^3 voxels grow so much, and the pixels across the picture.
+fn grown(size: u32, growth: f64, view: View) -> (View, [u32; 2]) {
+    let pixels = (1.3 * f64::from(size) / growth).ceil() as u32;
+    (View { view_height: Some(f64::from(pixels) * growth), ..view }, [pixels; 2])
+}
+
+#[test]
+fn cells_err_by_less_than_a_step_beside_voxels() {
+    let views = [
+        View { azimuth: 30.0, elevation: 20.0, ..View::default() },
+        View::default(),
+        View { azimuth: 45.0, elevation: 35.26, ..View::default() },
+    ];
+    for (name, volume) in volumes(48) {
+        for (growth, level) in [(1.5, 1), (2.2, 1), (3.0, 2), (5.0, 2)] {
+            for view in views.clone() {
+                let (view, pixels) = grown(48, growth, view);
+                let camera = look(&view, &volume, pixels);
+                let expected = truth(&volume, &tones(0.1), &camera, &auto());
+                for settings in
+                    [with_tiles(&auto(), Resolution::Full), Settings { level: Level::Auto, ..exact_quads() }]
+                {
+                    let got = picture(&volume, &tones(0.1), &camera, &settings);
+                    assert_eq!(got.stats.levels, [level; 2]);
+                    let rms = 255.0 * rms_covered(&got.image, &expected);
+                    println!("{name} {growth} {} {rms:.2}", got.stats.painter.name());
+                    // Seen along an axis, the voxels' own kernels, which are cut off, show their lattice.
+                    let limit = if view.azimuth == 0.0 { 1.5 } else { 1.0 };
+                    assert!(
+                        rms < limit,
+                        "{name} {growth} {:?} {}: rms {rms} of 255",
+                        view.azimuth,
+                        got.stats.painter.name()
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn cells_of_every_kernel_model_and_lattice_follow_the_reference() {
+    let (volume, transfer) = demo("vessels", 48);
+    let long = volume.clone().with_grid(Grid::axis_parallel([48; 3], [1.0, 1.0, 3.0]).unwrap()).unwrap();
+    let left = Grid::axis_parallel([48; 3], [1.0; 3]).unwrap().to_world()
+        * glam::DAffine3::from_scale(DVec3::new(-1.0, 1.0, 2.0));
+    let left = volume.clone().with_grid(Grid::new([48; 3], left).unwrap()).unwrap();
+    let cases = [
+        (&volume, auto()),
+        (&volume, Settings { model: Model::Xray, ..auto() }),
+        (&volume, Settings { lighting: headlight(), ..auto() }),
+        (&volume, Settings { kernel: Kernel::KAISER_BESSEL, ..auto() }),
+        (&volume, Settings { kernel: Kernel::Gaussian { sigma: 1.2, radius: 3.0 }, ..auto() }),
+        (&volume, Settings { normalization: Normalization::Peak, ..auto() }),
+        (&long, auto()),
+        (&left, Settings { lighting: headlight(), ..auto() }),
+    ];
+    for (number, (volume, settings)) in cases.into_iter().enumerate() {
+        let view = View { azimuth: 30.0, elevation: 20.0, view_height: Some(100.0), ..View::default() };
+        let camera = look(&view, volume, [40; 2]);
+        let expected = truth(volume, &transfer, &camera, &settings);
+        for settings in [settings.clone(), Settings { painter: exact_quads().painter, ..settings }] {
+            let got = picture(volume, &transfer, &camera, &settings);
+            assert!(got.stats.levels[0] > 0, "case {number}");
+            let rms = 255.0 * rms_covered(&got.image, &expected);
+            println!("case {number} {}: {rms:.2}", got.stats.painter.name());
+            // A cell has one normal: the thinnest tubes have several in it.
+            let limit = if settings.lighting.is_some() { 2.5 } else { 1.3 };
+            assert!(rms < limit, "case {number}, {}: rms {rms} of 255", got.stats.painter.name());
+        }
+    }
+}
+
+#[test]
+fn perspectives_take_the_level_of_the_nearest_voxel() {
+    let (volume, transfer) = demo("vessels", 48);
+    let projection = ProjectionKind::Perspective { fov: 30.0 };
+    let view = View { azimuth: 30.0, elevation: 20.0, projection, view_height: Some(160.0), ..View::default() };
+    let camera = look(&view, &volume, [40; 2]);
+    let got = picture(&volume, &transfer, &camera, &auto());
+    assert_eq!(got.stats.levels, [2; 2]);
+    let rms = 255.0 * rms_covered(&got.image, &truth(&volume, &transfer, &camera, &auto()));
+    assert!(rms < 1.3, "rms {rms} of 255");
+}
+
+#[test]
+fn a_level_is_taken_if_asked_for() {
+    let (volume, transfer) = demo("vessels", 48);
+    let camera = look(&View { azimuth: 30.0, ..View::default() }, &volume, [96; 2]);
+    let at = |level| Settings { level: Level::At(level), ..auto() };
+    let fine = picture(&volume, &transfer, &camera, &at(0));
+    assert_eq!(fine.stats.levels, [0; 2]);
+    // One scene serves all levels, one after the other.
+    let scene = prepare_on(&RENDERER, &volume, &transfer, &auto()).unwrap();
+    let mut before = 0.0;
+    for level in [1, 2, 3] {
+        let got = draw_on(&RENDERER, &scene, &camera, &at(level)).unwrap();
+        assert_eq!(got.stats.levels, [level; 2]);
+        let rms = rms_in_steps(&got.image, &fine.image);
+        assert!(rms > before, "coarser cells blur more: {rms}");
+        before = rms;
+    }
+    assert!(draw_on(&RENDERER, &scene, &camera, &at(0)).unwrap().image == fine.image);
+    // What kernels of one size do not need, auto does not take.
+    assert_eq!(draw_on(&RENDERER, &scene, &camera, &auto()).unwrap().stats.levels, [0; 2]);
+}
+
+#[test]
+fn sums_over_the_picture_are_kept() {
+    // An X-ray of little depth adds up what the volume absorbs.
+    let (volume, _) = demo("vessels", 48);
+    let faint = transfer(&[(20.0, [1.0; 3], 0.0), (255.0, [1.0; 3], 1e-5)], None);
+    let view = View { azimuth: 30.0, elevation: 20.0, view_height: Some(120.0), ..View::default() };
+    let camera = look(&view, &volume, [40; 2]);
+    let sum = |level| {
+        let settings = Settings { model: Model::Xray, level, ..exact_quads() };
+        let image = render(&volume, &faint, &camera, &settings);
+        image.pixels().iter().map(|p| f64::from(p[3])).sum::<f64>()
+    };
+    let [fine, coarse] = [Level::At(0), Level::Auto].map(sum);
+    assert!((coarse / fine - 1.0).abs() < 5e-3, "{coarse} {fine}");
+}
+
+#[test]
+fn levels_that_cannot_be_are_refused() {
+    let refused = |settings: Settings| match settings.validate() {
+        Err(Error::Setting { name: "level", reason }) => reason,
+        other => panic!("{other:?}"),
+    };
+    assert!(refused(Settings { level: Level::At(13), ..auto() }).contains("0 to 12"));
+    let post = Settings { shading: Shading::Post, ..auto() };
+    assert!(refused(Settings { level: Level::At(1), ..post.clone() }).contains("by depth"));
+    assert!(Settings { level: Level::At(0), ..post }.validate().is_ok());
+}
+
+#[test]
+fn the_same_bytes_whatever_was_drawn_before() {
+    let (volume, transfer) = demo("shell", 40);
+    let scene = prepare_on(&RENDERER, &volume, &transfer, &auto()).unwrap();
+    let small = look(&View { azimuth: 20.0, ..View::default() }, &volume, [16; 2]);
+    let large = look(&View { azimuth: 20.0, ..View::default() }, &volume, [80; 2]);
+    let draw = |camera| draw_on(&RENDERER, &scene, camera, &auto()).unwrap().image;
+    let first = [draw(&small), draw(&large)];
+    assert!([draw(&small), draw(&large)] == first);
+    assert!(errors(&first[0], &picture(&volume, &transfer, &small, &auto()).image) == (0.0, 0.0));
+}
