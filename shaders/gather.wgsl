@@ -164,9 +164,23 @@ struct Slabs {
     s5: vec4f,
 }
 
+// The parts of kernels as large as those around the place where the ray meets a plane.
+fn section_at(geometry: RayGeometry, plane: i32) -> Section {
+    var section = geometry.section;
+    if GROWN {
+        let t = clamp(growth_at(geometry, plane), 1.0, rays.growth_most) - 1.0;
+        let once = geometry.section_growth;
+        let twice = geometry.section_growth2;
+        section.by_m0 += t * (once.by_m0 + t * twice.by_m0);
+        section.by_m1 += t * (once.by_m1 + t * twice.by_m1);
+        section.by_m2 += t * (once.by_m2 + t * twice.by_m2);
+    }
+    return section;
+}
+
 // Adds a plane to the slabs that its kernels reach, and composites the slab before the foremost of these.
 fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments, geometry: RayGeometry, plane: i32) {
-    let parts = parts_of(geometry.section, sums);
+    let parts = parts_of(section_at(geometry, plane), sums);
     let pending = *slabs;
     advance(ray, pending.s0 + parts.ahead3, geometry);
     *slabs = Slabs(
@@ -297,8 +311,8 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
             var sums6 = Moments();
             var sums7 = Moments();
             for (var row = rows.x; row <= rows.y; row++) {
-                let at_row = voxel_row(geometry, center, row, origin);
-                let w = row_weights(at_row, direction);
+                let at_row = voxel_row(geometry, center, row, origin, geometry.row_half);
+                let w = row_weights(at_row, direction, 1.0);
                 let t0 = voxels_at(at_row.texel + vec2i(0, 0));
                 let t1 = voxels_at(at_row.texel + vec2i(1, 0));
                 let t2 = voxels_at(at_row.texel + vec2i(2, 0));

@@ -109,7 +109,8 @@ fn find_runs(tile: vec3u) {
         corners.bases[i] = line.base;
         corners.shears[i] = line.shear;
         if PERSPECTIVE {
-            corners.footprint_half = max(corners.footprint_half, footprint_half_of(line.shear));
+            let half = rays.growth_most * footprint_half_of(line.shear);
+            corners.footprint_half = max(corners.footprint_half, half);
             // Corners bound what is between them if all four run along m, so that no shear between them is infinite. A
             // ray that is marched has a cosine to m of at least 1 / sqrt(3) = 0.58; at 0.2 shears are below 5.
             corners.bounded = corners.bounded && line.heading.z > 0.2 * length(line.heading);

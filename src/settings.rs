@@ -84,9 +84,9 @@ pub enum Painter {
     /// Rays that gather the kernels they meet, plane by plane, in compute shaders. Draws all models, shadings and
     /// projections, but not:
     ///
-    /// - kernels that reach over 3 voxels once they have grown; in perspective and post-shaded, over 2 voxels;
+    /// - kernels that reach over 3 voxels once they have grown; post-shaded, over 2 voxels;
     /// - post-shaded, kernels that reach less than a voxel;
-    /// - in perspective, kernels that grow with the distance (see [`Settings::antialiasing`]);
+    /// - post-shaded in perspective, kernels that grow with the distance (see [`Settings::antialiasing`]);
     /// - pre-shaded, an eye that a kernel reaches;
     /// - post-shaded, values over 4096 times as far from the transfer function's base as its control points.
     Tiles(TilesSettings),

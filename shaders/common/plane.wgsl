@@ -6,6 +6,8 @@ override TERMS: u32 = 6u;
 // the ray, as a texel begins at an even one: 3 texels do if kernels reach less than 2.5 voxels along the row, 4 up to
 // 3.5, 5 up to 4.5.
 override TEXELS: u32 = 3u;
+// Kernels have grown in proportion to their depth before the eye.
+override GROWN: bool = false;
 // Rays run along m and meet every plane at the same place: footprints are evaluated once for all planes.
 override STRAIGHT: bool = false;
 
@@ -22,11 +24,34 @@ fn footprint(square: f32) -> f32 {
 }
 
 // Footprint w of the voxel at (du, dv) from where a ray meets its plane, w s and w s^2, s the voxel's place along the
-// ray. `direction` is the ray's unit vector, without its component along m.
-fn weights(du: f32, dv: f32, direction: vec2f) -> vec3f {
+// ray. `direction` is the ray's unit vector, without its component along m. `growth` is that of a kernel at the ray's
+// place, see growth_at().
+fn weights(du: f32, dv: f32, direction: vec2f, growth: f32) -> vec3f {
     let s = du * direction.x + dv * direction.y;
-    let w = footprint(du * du + dv * dv - s * s);
+    let square = du * du + dv * dv - s * s;
+    var w: f32;
+    if GROWN {
+        // h(x / g) / g^3 has the footprint of h at r / g, over g^2.
+        let own = max(growth + du * rays.growth_slope.x + dv * rays.growth_slope.y, 1.0);
+        let shrunk = 1.0 / (own * own);
+        w = footprint(square * shrunk) * shrunk;
+    } else {
+        w = footprint(square);
+    }
     return vec3f(w, w * s, w * s * s);
+}
+
+// How many times as large as asked for a kernel would be where a ray meets a plane; below 1 it is as asked for.
+fn growth_at(geometry: RayGeometry, plane: i32) -> f32 {
+    return geometry.growth.x + geometry.growth.y * f32(plane);
+}
+
+// What reaches of kernels are multiplied by around there: the growth of the largest of them.
+fn reach_at(growth: f32) -> f32 {
+    if GROWN {
+        return clamp(growth + rays.growth_around, 1.0, rays.growth_most);
+    }
+    return 1.0;
 }
 
 // The texel of the volume's texture that holds the first voxels of a plane.
@@ -117,9 +142,9 @@ struct VoxelRow {
     dv: f32,
 }
 
-fn voxel_row(geometry: RayGeometry, center: vec2f, row: i32, origin: vec2i) -> VoxelRow {
+fn voxel_row(geometry: RayGeometry, center: vec2f, row: i32, origin: vec2i, half: f32) -> VoxelRow {
     let dv = f32(row) - center.y;
-    let first = i32(ceil(center.x + dv * geometry.row_slope - geometry.row_half)) & -2;
+    let first = i32(ceil(center.x + dv * geometry.row_slope - half)) & -2;
     return VoxelRow(texel_at(vec2i(first >> 1u, row), origin), f32(first) - center.x, dv);
 }
 
@@ -133,14 +158,14 @@ struct RowWeights {
     w5: vec3f,
 }
 
-fn row_weights(row: VoxelRow, direction: vec2f) -> RowWeights {
+fn row_weights(row: VoxelRow, direction: vec2f, growth: f32) -> RowWeights {
     return RowWeights(
-        weights(row.du, row.dv, direction),
-        weights(row.du + 1.0, row.dv, direction),
-        weights(row.du + 2.0, row.dv, direction),
-        weights(row.du + 3.0, row.dv, direction),
-        weights(row.du + 4.0, row.dv, direction),
-        weights(row.du + 5.0, row.dv, direction),
+        weights(row.du, row.dv, direction, growth),
+        weights(row.du + 1.0, row.dv, direction, growth),
+        weights(row.du + 2.0, row.dv, direction, growth),
+        weights(row.du + 3.0, row.dv, direction, growth),
+        weights(row.du + 4.0, row.dv, direction, growth),
+        weights(row.du + 5.0, row.dv, direction, growth),
     );
 }
 
@@ -152,13 +177,13 @@ fn add_row(sums: ptr<function, Moments>, w: RowWeights, a: vec4f, b: vec4f, c: v
 }
 
 // Adds the two voxels of texel number `texel` of a row.
-fn add_pair(sums: ptr<function, Moments>, row: VoxelRow, texel: i32, direction: vec2f) {
+fn add_pair(sums: ptr<function, Moments>, row: VoxelRow, texel: i32, direction: vec2f, growth: f32) {
     let t = voxels_at(row.texel + vec2i(texel, 0));
     let v = first_of(t);
     let u = second_of(t);
     let du = row.du + f32(2 * texel);
-    let w = weights(du, row.dv, direction);
-    let x = weights(du + 1.0, row.dv, direction);
+    let w = weights(du, row.dv, direction, growth);
+    let x = weights(du + 1.0, row.dv, direction, growth);
     (*sums).m0 += w.x * v + x.x * u;
     (*sums).m1 += w.y * v + x.y * u;
     (*sums).m2 += w.z * v + x.z * u;
@@ -171,21 +196,24 @@ fn gathered(geometry: RayGeometry, footprints: Footprints, plane: i32, end: i32)
     }
     let direction = geometry.direction.xy;
     let center = geometry.base + geometry.shear * f32(plane);
-    let rows = rows_of(plane, end, center.y, geometry.footprint_half.y);
+    let growth = growth_at(geometry, plane);
+    let reach = reach_at(growth);
+    let rows = rows_of(plane, end, center.y, geometry.footprint_half.y * reach);
+    let half = geometry.row_half * reach;
     let origin = plane_texel(plane);
     var sums = Moments();
     for (var row = rows.x; row <= rows.y; row++) {
-        let at = voxel_row(geometry, center, row, origin);
+        let at = voxel_row(geometry, center, row, origin, half);
         let t0 = voxels_at(at.texel);
         let t1 = voxels_at(at.texel + vec2i(1, 0));
         let t2 = voxels_at(at.texel + vec2i(2, 0));
-        let w = row_weights(at, direction);
+        let w = row_weights(at, direction, growth);
         add_row(&sums, w, first_of(t0), second_of(t0), first_of(t1), second_of(t1), first_of(t2), second_of(t2));
         if TEXELS > 3u {
-            add_pair(&sums, at, 3, direction);
+            add_pair(&sums, at, 3, direction, growth);
         }
         if TEXELS > 4u {
-            add_pair(&sums, at, 4, direction);
+            add_pair(&sums, at, 4, direction, growth);
         }
     }
     return sums;

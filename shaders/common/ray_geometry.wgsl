@@ -19,6 +19,11 @@ struct RayGeometry {
     row_half: f32,
     row_slope: f32,
     section: Section,
+    // What a growth less 1 changes of it, and the square of that.
+    section_growth: Section,
+    section_growth2: Section,
+    // The growth of a kernel where the ray meets plane 0, and its change from plane to plane.
+    growth: vec2f,
     // The planes, as real numbers, between which the ray counts: of scalars in front of the eye and inside the box; of
     // colours all or, if what the ray meets is behind the eye, none.
     inside: vec2f,
@@ -45,10 +50,22 @@ fn new_ray() -> RayState {
 // A distance in planes that is larger than any in a volume and still fits into an i32.
 const FAR: f32 = 1e8;
 
+// Between two entries of the table of sections.
+fn section_between(step: u32, fraction: f32, lean: f32) -> Section {
+    let low = rays.sections[step];
+    let high = rays.sections[step + 1u];
+    return Section(
+        mix(low.by_m0, high.by_m0, fraction),
+        mix(low.by_m1, high.by_m1, fraction) / lean,
+        mix(low.by_m2, high.by_m2, fraction) / (lean * lean),
+    );
+}
+
 fn geometry_of(point: vec2u) -> RayGeometry {
     let line = line_of(point);
     var geometry = RayGeometry(line.base, line.shear, rays.direction, rays.stretch, rays.footprint_half, rays.row_half,
-        rays.row_slope, rays.sections[0], vec2f(-FAR, FAR), vec3f(0.0, 0.0, -1.0));
+        rays.row_slope, rays.sections[0], Section(), Section(), vec2f(1.0, 0.0), vec2f(-FAR, FAR),
+        vec3f(0.0, 0.0, -1.0));
     if PERSPECTIVE {
         let per_length = inverseSqrt(dot(line.heading, line.heading));
         let d = line.heading * per_length;
@@ -66,11 +83,12 @@ fn geometry_of(point: vec2u) -> RayGeometry {
         // The last step ends just before the last entry, so that step + 1 is an entry.
         let place = clamp(lean * SECTION_STEPS, 0.0, f32(SECTIONS) - 1.001);
         let step = u32(place);
-        let low = rays.sections[step];
-        let high = rays.sections[step + 1u];
-        geometry.section.by_m0 = mix(low.by_m0, high.by_m0, place - f32(step));
-        geometry.section.by_m1 = mix(low.by_m1, high.by_m1, place - f32(step)) / lean;
-        geometry.section.by_m2 = mix(low.by_m2, high.by_m2, place - f32(step)) / (lean * lean);
+        geometry.section = section_between(step, place - f32(step), lean);
+        geometry.section_growth = section_between(step + SECTIONS, place - f32(step), lean);
+        geometry.section_growth2 = section_between(step + 2u * SECTIONS, place - f32(step), lean);
+        let slope_along = dot(rays.growth_slope, vec3f(line.shear, 1.0));
+        let at_first = vec3f(line.base, 0.0) - rays.middle;
+        geometry.growth = vec2f(rays.growth_middle + dot(rays.growth_slope, at_first), slope_along);
         geometry.to_eye = -vec3f(slope, 1.0) / slant;
     }
     if SCALARS || PERSPECTIVE {

@@ -19,6 +19,9 @@ override PERSPECTIVE: bool = false;
 // 0.542, of the others 0.592 each.
 const SECTIONS: u32 = 9u;
 const SECTION_STEPS: f32 = 8.0 / 1.55;
+// Tables of sections: their values for kernels as asked for, and the coefficients of their growth less 1 and of the
+// square of that.
+const SECTION_POWERS: u32 = 3u;
 
 struct Rays {
     // Parallel rays: base coordinates of point (0, 0) of the intermediate image, and the steps to its neighbours. Rays
@@ -103,8 +106,16 @@ struct Rays {
     fineness: f32,
     // Rays through one eye: the eye, in planes.
     eye_plane: f32,
+    // Rays through one eye: the growth of a kernel at `middle`, if it is over 1, and its change along (a, b, m). Other
+    // kernels are of one size.
+    growth_slope: vec3f,
+    growth_middle: f32,
+    // The largest growth of all, and how much it is larger than where a ray meets a plane, of the kernels of the plane
+    // that reach the ray.
+    growth_most: f32,
+    growth_around: f32,
     // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.
-    sections: array<Section, SECTIONS>,
+    sections: array<Section, SECTIONS * SECTION_POWERS>,
 }
 
 // The parts of a kernel that lie in the four slabs before its centre: its footprint times (by_m0 + by_m1 s + by_m2

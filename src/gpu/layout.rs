@@ -202,8 +202,9 @@ pub(crate) struct Shade {
     pub high: [u32; 2],
 }
 
-/// Entries of the table of sections; SECTIONS in shaders/common/rays.wgsl.
+/// Entries of a table of sections, and tables; SECTIONS and SECTION_POWERS in shaders/common/rays.wgsl.
 pub(crate) const SECTIONS: usize = 9;
+pub(crate) const SECTION_POWERS: usize = 3;
 
 /// Side in voxels of a macrocell, which rays skip as a whole; MACROCELL in shaders/common/packing.wgsl.
 pub(crate) const MACROCELL: u32 = 4;
@@ -262,7 +263,12 @@ pub(crate) struct Rays {
     pub least_refined: f32,
     pub fineness: f32,
     pub eye_plane: f32,
-    pub sections: [[[f32; 4]; 3]; SECTIONS],
+    pub growth_slope: [f32; 3],
+    pub growth_middle: f32,
+    pub growth_most: f32,
+    pub growth_around: f32,
+    pub _pad: [f32; 2],
+    pub sections: [[[[f32; 4]; 3]; SECTIONS]; SECTION_POWERS],
 }
 
 /// How splats are packed for the painter `tiles`; each field is explained in shaders/common/packing.wgsl.

@@ -141,6 +141,10 @@ fn structs_are_laid_out_alike() {
         least_refined,
         fineness,
         eye_plane,
+        growth_slope,
+        growth_middle,
+        growth_most,
+        growth_around,
         sections
     });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, shininess });

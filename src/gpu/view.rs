@@ -171,6 +171,16 @@ impl ViewGeometry {
         self.growths[1]
     }
 
+    /// The growth of every kernel along parallel rays; 1 in perspective.
+    pub(super) fn parallel_growth(&self) -> f64 {
+        if self.is_perspective() { 1.0 } else { self.max_growth() }
+    }
+
+    /// How kernels grow with their depth before an eye, and the largest growth; 1 along parallel rays.
+    pub(super) fn depth_growth(&self) -> (Growth, f64) {
+        if self.is_perspective() { (self.growth, self.max_growth()) } else { (Growth::NONE, 1.0) }
+    }
+
     /// Radius of the largest kernel in the volume, in voxels.
     pub(super) fn max_radius(&self) -> f64 {
         self.radius * self.growths[1]

@@ -40,7 +40,7 @@ fn models() -> [Settings; 3] {
 #[test]
 fn a_power_of_two_of_the_unit_changes_no_bit() {
     for settings in models() {
-        // Tiles draws no kernels that grow with the distance.
+        // Tiles draws no scalars by kernels that grow with the distance.
         let tiles = with_tiles(&Settings { antialiasing: false, ..settings.clone() }, Resolution::Capped);
         for settings in [with_quads(&settings, |_| ()), tiles] {
             for projection in PROJECTIONS {

@@ -157,6 +157,42 @@ fn rays_through_one_eye_are_those_of_the_reference() {
 }
 
 #[test]
+#[ignore = "slow: 36 truths of wide kernels"]
+fn kernels_grow_with_their_depth_before_an_eye() {
+    let grown = Settings { antialiasing: true, ..full() };
+    let wide = Kernel::Gaussian { sigma: 1.3, radius: 3.0 };
+    // From 1 in front to 1.5 behind, or as asked for up to the middle; some that are wide and do not grow.
+    let cases = [
+        (grown.clone(), 24.0),
+        (grown.clone(), 19.0),
+        (Settings { model: Model::Xray, normalization: Normalization::Peak, ..grown.clone() }, 24.0),
+        (Settings { kernel: Kernel::KAISER_BESSEL, ..grown.clone() }, 22.0),
+        (Settings { lighting: headlight(), ..with_tiles(&grown, Resolution::Capped) }, 24.0),
+        (Settings { kernel: wide, ..full() }, 24.0),
+    ];
+    // Along the diagonal slabs are 1.7 voxels thick.
+    for (name, limit) in [("marschner-lobb", 3e-3), ("vessels", 6e-3)] {
+        let (volume, transfer) = demo(name, 24);
+        for (settings, height) in &cases {
+            for [azimuth, elevation] in [[30.0, 20.0], [45.0, 35.264], [190.0, -10.0]] {
+                let projection = ProjectionKind::Perspective { fov: 30.0 };
+                let view = View { azimuth, elevation, projection, view_height: Some(*height), ..View::default() };
+                let camera = look(&view, &volume, [24; 2]);
+                let expected = truth(&volume, &transfer, &camera, settings);
+                let got = picture(&volume, &transfer, &camera, settings);
+                assert_eq!(got.stats.painter.name(), "tiles");
+                assert_eq!(got.stats.kernel_growth > 1.04, settings.antialiasing, "{}", got.stats.kernel_growth);
+                let (color, alpha) = errors(&got.image, &expected);
+                assert!(
+                    alpha < 4e-4 && color < limit,
+                    "{settings:?} {name} {azimuth} {elevation}: {color:e} {alpha:e}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
 #[ignore = "slow: 30 post-shaded truths"]
 fn scalars_are_classified_about_as_well_as_by_quads() {
     let post = Settings { shading: Shading::Post, ..full() };
@@ -345,7 +381,8 @@ fn turning_packs_the_volume_once_an_axis() {
         let packs = stats.stages.iter().any(|s| s.name == "pack");
         // Software adapters pack on the host, which sends what it packed.
         let sent = if packs && renderer.adapter().is_software() { stats.tiles().unwrap().packed_bytes } else { 0 };
-        assert!((sent..sent + 2000).contains(&stats.bytes_sent), "{} of {sent}", stats.bytes_sent);
+        // Beside it two marches send uniforms, most of them tables of sections: rays of images, and of pixels.
+        assert!((sent..sent + 6000).contains(&stats.bytes_sent), "{} of {sent}", stats.bytes_sent);
         packs
     };
     // On a GPU without timestamps the stage does not show.

@@ -33,6 +33,9 @@ pub(super) struct PrincipalAxis {
     pub(super) direction: DVec3,
     /// Rays through one eye: plane coordinates of that ray at unit depth, see `Camera::pixels`.
     pub(super) middle: DVec2,
+    /// Rays through one eye: the least and the largest place in the picture of those rays and some around them, in
+    /// halves of its width and height from its middle, y upwards.
+    pub(super) part: [DVec2; 2],
     /// World length per lattice length along that ray.
     stretch: f64,
     /// The share of this axis in a picture of parallel rays. Rays through one eye have shares of their own, and this
@@ -59,8 +62,10 @@ impl PrincipalAxis {
             let count = part.len() as f64;
             let (x, y) = part.iter().fold((0.0, 0.0), |(x, y), p| (x + p.0 / count, y + p.1 / count));
             let middle = DVec2::new(x * lens.aspect, y) * lens.tan_half_fov;
-            let axis =
-                || Self { middle, ..Self::along(m, flipped, lens.ray((x, y)), (1.0 + middle.length_squared()).sqrt()) };
+            let places = || part.iter().map(|&(x, y)| DVec2::new(x, y));
+            let ends = [places().fold(DVec2::INFINITY, DVec2::min), places().fold(DVec2::NEG_INFINITY, DVec2::max)];
+            let world = (1.0 + middle.length_squared()).sqrt();
+            let axis = || Self { middle, part: ends, ..Self::along(m, flipped, lens.ray((x, y)), world) };
             (!part.is_empty()).then(axis)
         })
         .collect()
@@ -87,6 +92,7 @@ impl PrincipalAxis {
             flipped,
             direction: DVec3::new(unit[a], unit[b], unit[m].abs()),
             middle: DVec2::ZERO,
+            part: [DVec2::ZERO; 2],
             stretch: world / ray.length(),
             share: 1.0,
         }

@@ -68,6 +68,7 @@ impl Stage {
             ("TEXELS", f64::from(key.texels)),
             ("WHITE", flag(key.model == Model::Xray)),
             ("CURVED", flag(key.curved)),
+            ("GROWN", flag(key.grown)),
         ];
         Self::new(context, shaders::GATHER, "refine", &bindings, &constants)
     }
@@ -83,6 +84,7 @@ impl Stage {
             let intermediate = Binding::StorageTexture(FORMAT, wgpu::TextureViewDimension::D2);
             let entry = if key.rays == RayKind::Shared { "blocked" } else { "single" };
             let white = ("WHITE", flag(key.model == Model::Xray));
+            let grown = ("GROWN", flag(key.grown));
             let resampled = ("RESAMPLED", flag(key.rays == RayKind::Coarser));
             let bindings = [Binding::Uniform, volume, Binding::Read, intermediate, Binding::Write];
             return Self::new(
@@ -90,7 +92,7 @@ impl Stage {
                 shaders::GATHER,
                 entry,
                 &bindings,
-                &[perspective, terms, texels, straight, white, resampled, ("CURVED", flag(key.curved))],
+                &[perspective, terms, texels, straight, white, resampled, ("CURVED", flag(key.curved)), grown],
             );
         }
         let shader = match (key.voxel, software) {

@@ -29,10 +29,11 @@ use super::view::Region;
 use crate::error::Result;
 use crate::settings::Model;
 
-/// The largest radius of kernels, in voxels, that reach at most two planes and three texels of a row.
+/// The largest radius of kernels, in voxels, of scalars and along rays that share footprints: they reach at most two
+/// planes, and along shared rays three texels of a row.
 const MAX_RADIUS: f64 = 2.0;
-/// The largest radius of kernels of classified voxels along parallel rays: their shader reads more planes and texels.
-const MAX_PARALLEL_RADIUS: f64 = 3.0;
+/// The largest radius of kernels of classified voxels along other rays: their shader reads more planes and texels.
+const MAX_SINGLE_RADIUS: f64 = 3.0;
 
 /// How far rays may move across the volume, in voxels, and still count as straight: 1e-4 of a voxel changes a footprint
 /// by about 1e-4 of its peak.
@@ -66,6 +67,8 @@ pub(crate) struct TilesKey {
     voxel: Voxel,
     lights: u32,
     perspective: bool,
+    /// Kernels grow with their depth before the eye.
+    grown: bool,
     /// Parts of kernels of colours are parabolas.
     curved: bool,
     rays: RayKind,

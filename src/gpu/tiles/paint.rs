@@ -10,7 +10,7 @@ use super::axis::PrincipalAxis;
 use super::pack::{Lit, Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{Classification, FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
-use super::{MAX_PARALLEL_RADIUS, MAX_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
+use super::{MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
 use crate::kernel::Kernel;
 use crate::settings::{Model, Painter, Resolution, Settings};
@@ -45,11 +45,10 @@ const MIN_SCALAR_RADIUS: f64 = 1.0;
 
 fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
     let growth = view.max_growth();
-    if view.is_perspective() && growth > 1.0 {
-        return Some("tiles draws kernels of one size, and in this perspective they grow with distance".to_owned());
+    if settings.is_post_shaded() && view.is_perspective() && growth > 1.0 {
+        return Some("tiles sums scalars by kernels of one size, and here they grow with distance".to_owned());
     }
-    let wide = !view.is_perspective() && !settings.is_post_shaded();
-    let most = if wide { MAX_PARALLEL_RADIUS } else { MAX_RADIUS };
+    let most = if settings.is_post_shaded() { MAX_RADIUS } else { MAX_SINGLE_RADIUS };
     if settings.kernel.radius() * growth > most {
         let grown = if growth > 1.0 { ", and they have grown to the size of pixels" } else { "" };
         return Some(format!("tiles draws kernels that reach at most {most} voxels here{grown}"));
@@ -89,7 +88,7 @@ fn begin(job: Job<'_>) -> Result<Begun<'_>> {
 /// A picture under way.
 pub(super) struct Picture<'a> {
     pub(super) job: Job<'a>,
-    /// The kernel as it has grown.
+    /// The kernel as it has grown; in perspective, where it does not.
     kernel: Kernel,
     footprint: Footprint,
     kind: SlabKind,
@@ -120,7 +119,7 @@ impl<'a> Picture<'a> {
                     .to_owned(),
             );
         }
-        let kernel = settings.kernel.grown(view.max_growth());
+        let kernel = settings.kernel.grown(view.parallel_growth());
         let footprint = Footprint::new(&kernel)
             .ok_or("tiles draws footprints that are polynomials of 8 terms to 5e-5, and this kernel's is none")?;
         let lights = settings.light_count();
@@ -147,7 +146,7 @@ impl<'a> Picture<'a> {
             None => SlabKind::Colors,
         };
         let ways = axes.into_iter().zip(packings).filter(|(_, packing)| !packing.is_empty()).map(|(axis, packing)| {
-            let sections = Sections::new(&kernel, &view.camera, &axis, kind);
+            let sections = Sections::new(&kernel, &view.camera, &axis, kind, view.depth_growth().1);
             Way { axis, packing, sections }
         });
         let ways = ways.collect();
@@ -164,18 +163,20 @@ impl<'a> Picture<'a> {
         let [way, ..] = self.ways.as_slice() else { return TilesKey::default() };
         let Job { view, settings, .. } = self.job;
         // A ball of the lattice reaches as far along a row.
-        let reach = |way: &Way| self.kernel.radius() / (1.0 - way.axis.direction.x.powi(2)).sqrt();
+        // Of rays through one eye, a row leans by at most 0.733 if m has a share.
+        let most = view.depth_growth().1;
+        let lean = |way: &Way| if view.is_perspective() { 0.733 } else { way.axis.direction.x };
+        let reach = |way: &Way| most * self.kernel.radius() / (1.0 - lean(way).powi(2)).sqrt();
         TilesKey {
             model: settings.model,
             voxel: way.packing.voxel,
             lights: settings.light_count(),
             crowded: self.job.transfer.is_some_and(|table| table.crowded),
             perspective: view.is_perspective(),
+            grown: most > 1.0,
             curved: self.kind == SlabKind::DenseColors,
             terms: self.footprint.terms(),
             texels: match self.ways.iter().map(reach).fold(0.0, f64::max) {
-                // Rays through one eye that lean along a as much as along m reach over seven voxels.
-                _ if view.is_perspective() => 4,
                 half if half < 2.5 => 3,
                 half if half < 3.5 => 4,
                 _ => 5,
@@ -288,12 +289,13 @@ impl<'a> Picture<'a> {
             samples: settings.samples_per_slab(axis.slab_voxels() / 2.0, PIECES),
             skip_nothing: !shows_nothing_else(&self.job),
         });
-        let divisor = settings.normalization.divisor(&settings.kernel) * view.max_growth().powi(3);
+        let divisor = settings.normalization.divisor(&settings.kernel) * view.parallel_growth().powi(3);
+        let (growth, most) = view.depth_growth();
         RaySetup {
             camera: &view.camera,
             size: view.camera.size,
             volume: PackedBox { grid: &view.grid, packing: *packing, padding },
-            kernel: FittedKernel { kernel: self.kernel, footprint: &self.footprint, sections },
+            kernel: FittedKernel { kernel: self.kernel, footprint: &self.footprint, sections, growth, most },
             optics: Optics {
                 density_scale: 1.0 / (divisor * weights.unit),
                 opaque_depth: view.opaque_depth,

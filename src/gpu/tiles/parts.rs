@@ -67,16 +67,36 @@ impl SlabKind {
     }
 }
 
-/// The parts of kernels in slabs for every ray of a picture: `Rays::sections` of the shaders.
+/// The parts of kernels in slabs for every ray of a picture: `Rays::sections` of the shaders. Parts of kernels that
+/// grow with their depth are parabolas in their growth less 1, through the least kernel, the largest and one between.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Sections(pub(super) [[[f32; 4]; 3]; layout::SECTIONS]);
+pub(super) struct Sections(pub(super) [[[[f32; 4]; 3]; layout::SECTIONS]; layout::SECTION_POWERS]);
 
 impl Sections {
-    pub(super) fn new(kernel: &Kernel, camera: &Camera, axis: &PrincipalAxis, kind: SlabKind) -> Self {
-        Self(match camera.projection {
-            Projection::Orthographic { .. } => [sections(kernel, axis.direction, kind); layout::SECTIONS],
-            Projection::Perspective { .. } => std::array::from_fn(|step| section_step(step, kernel, kind)),
-        })
+    /// `most` is the largest growth of rays through one eye.
+    pub(super) fn new(kernel: &Kernel, camera: &Camera, axis: &PrincipalAxis, kind: SlabKind, most: f64) -> Self {
+        const NONE: [[[f32; 4]; 3]; layout::SECTIONS] = [[[0.0; 4]; 3]; layout::SECTIONS];
+        let table = |growth: f64| std::array::from_fn(|step| section_step(step, &kernel.grown(growth), kind));
+        if let Projection::Orthographic { .. } = camera.projection {
+            return Self([[sections(kernel, axis.direction, kind); layout::SECTIONS], NONE, NONE]);
+        }
+        if most <= 1.0 {
+            return Self([table(1.0), NONE, NONE]);
+        }
+        // Nodes that are so close that differences are rounding are put farther apart.
+        let range = (most - 1.0).max(0.01);
+        let nodes: [[[[f32; 4]; 3]; layout::SECTIONS]; 3] = [0.0, 0.5, 1.0].map(|part| table(1.0 + part * range));
+        let mut powers = [nodes[0], NONE, NONE];
+        for step in 0..layout::SECTIONS {
+            for term in 0..3 {
+                for slab in 0..4 {
+                    let [low, between, high] = nodes.map(|table| f64::from(table[step][term][slab]));
+                    powers[1][step][term][slab] = ((4.0 * between - high - 3.0 * low) / range) as f32;
+                    powers[2][step][term][slab] = (2.0 * (high - 2.0 * between + low) / (range * range)) as f32;
+                }
+            }
+        }
+        Self(powers)
     }
 }
 

@@ -21,7 +21,7 @@ use super::pack::{Lit, Packed, Packer, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
 use super::resample::{ESTIMATES, FORMAT, IntermediateImage, Resampler};
-use crate::camera::{Camera, ProjectionKind, View};
+use crate::camera::{Camera, Growth, ProjectionKind, View};
 use crate::kernel::Kernel;
 use crate::volume::Grid;
 
@@ -503,13 +503,19 @@ fn rays_meet_no_voxel_between_runs() {
         let perspective = projection != ProjectionKind::Orthographic;
         let axes = PrincipalAxis::all(&camera, &grid, size);
         for axis in &axes {
-            let sections = Sections::new(&kernel, &camera, axis, SlabKind::Colors);
+            let sections = Sections::new(&kernel, &camera, axis, SlabKind::Colors, 1.0);
             let packed = packed(&context, store(&context, words_of), axis.axes, Voxel::Color { lights: 0 }, 3.0);
             let setup = RaySetup {
                 camera: &camera,
                 size,
                 volume: PackedBox { grid: &grid, packing: packed.packing, padding: 0 },
-                kernel: FittedKernel { kernel, footprint: &footprint, sections: &sections },
+                kernel: FittedKernel {
+                    kernel,
+                    footprint: &footprint,
+                    sections: &sections,
+                    growth: Growth::NONE,
+                    most: 1.0,
+                },
                 optics: Optics { density_scale: 1.0, opaque_depth: f64::INFINITY, max_depth: 0.1, brightest: [1.0; 3] },
                 scalars: None,
             };

@@ -12,7 +12,7 @@ use super::super::view::Region;
 use super::axis::{PrincipalAxis, smoothstep, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};
-use crate::camera::{Camera, Projection};
+use crate::camera::{Camera, Growth, Projection};
 use crate::kernel::{Kernel, section};
 use crate::volume::Grid;
 
@@ -67,6 +67,9 @@ pub(super) struct FittedKernel<'a> {
     pub(super) kernel: Kernel,
     pub(super) footprint: &'a Footprint,
     pub(super) sections: &'a Sections,
+    /// How it grows with its depth before an eye, and the largest growth. The growth of parallel rays is the kernel's.
+    pub(super) growth: Growth,
+    pub(super) most: f64,
 }
 
 /// What the field of the volume means to light.
@@ -139,14 +142,14 @@ impl RaySetup<'_> {
     /// The uniforms that do not depend on the projection; 0 where they do.
     fn uniforms(&self, axis: &PrincipalAxis, region: Region) -> layout::Rays {
         let PackedBox { grid, packing, .. } = self.volume;
-        let FittedKernel { kernel, footprint, sections } = self.kernel;
+        let FittedKernel { kernel, footprint, sections, most, .. } = self.kernel;
         let radius = kernel.radius();
         let coefficient = |n: usize| footprint.coefficients.get(n).map_or(0.0, |&c| c as f32);
         // View coordinates of a gradient along each axis of the lattice: the transpose of what maps view to lattice.
         let view = DMat3::from_cols(self.camera.right, self.camera.up, self.camera.forward);
         let gradients = (grid.to_lattice().matrix3 * view).transpose();
         // A field that is reconstructed from scalars ends with the box of the volume.
-        let beyond = if self.scalars.is_some() { 0.5 } else { radius };
+        let beyond = if self.scalars.is_some() { 0.5 } else { most * radius };
         let [box_low, box_high] = self.volume.faces(axis, beyond);
         let uniforms = layout::Rays {
             density_scale: self.optics.density_scale.min(MAX_DENSITY_SCALE) as f32,
@@ -170,6 +173,7 @@ impl RaySetup<'_> {
             phases: [1, 1],
             share: axis.share as f32,
             fineness: 1.0,
+            growth_most: most as f32,
             sections: sections.0,
             ..layout::Rays::zeroed()
         };
@@ -211,7 +215,7 @@ impl Rays {
         let images = match setup.camera.projection {
             Projection::Orthographic { .. } => parallel::of_images(setup, axis, region, common),
             Projection::Perspective { distance, .. } => {
-                vec![perspective::of_image(setup, axis, region, distance, common)]
+                perspective::of_image(setup, axis, region, distance, common).into_iter().collect()
             }
         };
         images.into_iter().map(Self::in_tiles).collect()

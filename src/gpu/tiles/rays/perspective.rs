@@ -7,15 +7,13 @@ use super::super::super::layout;
 use super::super::super::view::Region;
 use super::super::axis::{PrincipalAxis, RAY_MARGIN};
 use super::{
-    RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, level_for_depth, level_for_kernel, smoothstep,
+    FittedKernel, RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, level_for_depth, level_for_kernel,
+    smoothstep,
 };
 
-/// The pixels between rays up to which each pixel has its own ray, and from which on none has: resampling costs about
-/// as much as the rays that a smaller distance would save.
-const OWN_RAYS: [f64; 2] = [1.25, 1.5];
-
-/// Rays per voxel where one of the parallel rays would do. These rays do not move in step with the lattice.
-const RAYS_PER_VOXEL: f64 = 1.5;
+/// The pixels between rays up to which each pixel has its own ray, and from which on none has: between them pixels have
+/// both, so the range is narrow. Resampling costs less than a tenth of the rays of all pixels.
+const OWN_RAYS: [f64; 2] = [1.05, 1.1];
 
 /// The least share of its own ray in each pixel. The eye is at a distance from the camera's target.
 pub(super) fn pixel_share(setup: &RaySetup<'_>, distance: f64) -> f64 {
@@ -40,17 +38,24 @@ pub(super) fn of_pixels(
     through(points, setup, axis, distance, common)
 }
 
-/// Those of the intermediate image of a region.
+/// Those of the intermediate image of a region, `None` if the axis has no share in it.
 pub(super) fn of_image(
     setup: &RaySetup<'_>,
     axis: &PrincipalAxis,
     region: Region,
     distance: f64,
     common: layout::Rays,
-) -> Rays {
+) -> Option<Rays> {
     let pitch = pitch(setup, distance);
-    let fineness = (magnification(setup, distance) / pitch) as f32;
-    through(ImagePoints::new(pitch, region), setup, axis, distance, layout::Rays { fineness, ..common })
+    // What shows is as a rule nearer than the far end, and has more rays a voxel.
+    let [middle, far] = depths(setup, distance);
+    let fineness = (magnification(setup, far) / pitch * (far / middle.abs()).min(2.0)) as f32;
+    // From halves of the picture, y upwards, to its pixels.
+    let half = DVec2::new(f64::from(setup.size[0]), f64::from(setup.size[1])) / 2.0;
+    let [low, high] = axis.part;
+    let part = [DVec2::new(low.x, -high.y), DVec2::new(high.x, -low.y)].map(|end| (end + 1.0) * half);
+    let points = ImagePoints::new(pitch, region, part)?;
+    Some(through(points, setup, axis, distance, layout::Rays { fineness, ..common }))
 }
 
 /// The rays through these points.
@@ -81,6 +86,11 @@ fn through(
     let plane = (f64::from(volume.packing.dims[2]) - 1.0) / 2.0;
     let t = (plane - eye.z) / central.z;
     let numerator = |difference: DVec3| ((difference * central.z - central * difference.z) * t).truncate();
+    let middle = near + central * ((plane - near.z) / central.z);
+    // The growth where that is, and its change along the lattice.
+    let FittedKernel { kernel, growth, most, .. } = setup.kernel;
+    let depth = distance + (plane - near.z) / central.z;
+    let growth_slope = axis.ordered(grid.to_world().matrix3.transpose() * camera.forward) * growth.slope;
     let uniforms = layout::Rays {
         heading: f3(forward + heading(first)),
         heading_x: f3(step_x),
@@ -88,9 +98,13 @@ fn through(
         origin: f2(numerator(heading(first - axis.middle))),
         step_x: f2(numerator(step_x)),
         step_y: f2(numerator(step_y)),
-        middle: f3(near + central * ((plane - near.z) / central.z)),
+        middle: f3(middle),
         // Farther than any volume has planes it makes no difference.
         eye_plane: eye.z.clamp(-1e8, 1e8) as f32,
+        growth_slope: f3(growth_slope),
+        growth_middle: (growth.constant + growth.slope * depth) as f32,
+        // Rays of which m has a share lean by less than twice m, so that kernels reach less than twice their radius.
+        growth_around: (growth_slope.truncate().length() * 2.0 * most * kernel.radius()) as f32,
         slope_origin: f2(first),
         slope_step: f2(next - first),
         size: points.size,
@@ -102,11 +116,16 @@ fn through(
     Rays { uniforms, spacing: Spacing::Pixels(points.pitch) }
 }
 
-/// Pixels that a voxel takes at the far end of the volume, where it takes the fewest.
-fn magnification(setup: &RaySetup<'_>, distance: f64) -> f64 {
-    let (camera, grid) = (setup.camera, setup.volume.grid);
-    let depths = grid.corners(0.5).map(|c| (c - camera.target).dot(camera.forward) + distance);
-    grid.min_spacing() / (depths.into_iter().fold(0.0, f64::max) * setup.pixel())
+/// Depths before the eye of the middle of the volume and of its far end.
+fn depths(setup: &RaySetup<'_>, distance: f64) -> [f64; 2] {
+    let camera = setup.camera;
+    let depths = setup.volume.grid.corners(0.5).map(|c| (c - camera.target).dot(camera.forward) + distance);
+    [depths.iter().sum::<f64>() / depths.len() as f64, depths.into_iter().fold(0.0, f64::max)]
+}
+
+/// Pixels that a voxel takes at this depth.
+fn magnification(setup: &RaySetup<'_>, depth: f64) -> f64 {
+    setup.volume.grid.min_spacing() / (depth * setup.pixel())
 }
 
 /// Pixels between neighbouring points of the intermediate image.
@@ -116,7 +135,10 @@ fn pitch(setup: &RaySetup<'_>, distance: f64) -> f64 {
     // for which axes are found.
     let [width, height] = setup.size;
     let most = RAY_MARGIN / 2.0 * f64::from(width.min(height)) / SPLINE_MARGIN;
-    (magnification(setup, distance) / (RAYS_PER_VOXEL * level.exp2())).min(most)
+    // At the far end rays are farthest apart. They do not move in step with the lattice: one a voxel is enough where
+    // it is for parallel rays.
+    let [_, far] = depths(setup, distance);
+    (magnification(setup, far) / level.exp2()).min(most)
 }
 
 /// The points of the intermediate image.
@@ -132,10 +154,22 @@ struct ImagePoints {
 }
 
 impl ImagePoints {
-    fn new(pitch: f64, region: Region) -> Self {
-        let size = [region.width, region.height];
-        let size = size.map(|side| ((f64::from(side) - 1.0) / pitch + 2.0 * SPLINE_MARGIN).ceil() as u32 + 1);
+    /// The points around the part of a region in which an axis has a share; the part is given by the least and the
+    /// largest place in it, in pixels of the picture. `None` if there is no such part.
+    fn new(pitch: f64, region: Region, part: [DVec2; 2]) -> Option<Self> {
+        let size = DVec2::new(f64::from(region.width), f64::from(region.height));
+        let all = ((size - 1.0) / pitch + 2.0 * SPLINE_MARGIN).ceil();
         let first = first_pixel(region) - SPLINE_MARGIN * pitch;
-        Self { pitch, first, size, pixel_origin: DVec2::splat(SPLINE_MARGIN) }
+        // The same points whatever the part, so that none of them moves while the part does.
+        let [low, high] = part.map(|end| (end - first) / pitch);
+        let low = (low - SPLINE_MARGIN).floor().max(DVec2::ZERO);
+        let high = (high + SPLINE_MARGIN).ceil().min(all);
+        let count = high - low + 1.0;
+        (count.min_element() >= 1.0).then(|| Self {
+            pitch,
+            first: first + low * pitch,
+            size: [count.x as u32, count.y as u32],
+            pixel_origin: SPLINE_MARGIN - low,
+        })
     }
 }
