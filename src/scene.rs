@@ -174,6 +174,8 @@ impl Scene {
             return Ok(Cells { view: voxels, settings, weights, level });
         }
         let grid = cells::grid_of(&self.grid, level)?;
+        // Kernels nearer than those that cells can have are as wide as the least of these.
+        let growth = growth.max(cells::least_growth(&settings.kernel, level));
         let kernel = cells::kernel_of(&settings.kernel, growth, level);
         // Cells are divided by the integral of their kernel. What voxels are divided by beside theirs stays.
         let denser = settings.kernel.integral() / settings.normalization.divisor(&settings.kernel);

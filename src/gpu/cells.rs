@@ -48,18 +48,23 @@ pub(crate) fn level_of(kernel: &Kernel, growth: f64) -> u32 {
     cells.log2().floor().clamp(0.0, f64::from(MAX_LEVEL)) as u32
 }
 
-/// The kernel of cells of a level, in cells: as broad as the kernel of voxels that has grown, but for the least.
+/// The least growth of kernels that cells of a level can have.
+pub(crate) fn least_growth(kernel: &Kernel, level: u32) -> f64 {
+    LEAST_DEVIATION * f64::from(level).exp2() / kernel.variance().sqrt()
+}
+
+/// The kernel of cells of a level, in cells: as broad as the kernel of voxels that has grown, at least
+/// [`least_growth`] times.
 pub(crate) fn kernel_of(kernel: &Kernel, growth: f64, level: u32) -> Kernel {
-    let deviation = (growth * kernel.variance().sqrt() / f64::from(level).exp2()).max(LEAST_DEVIATION);
+    let deviation = growth * kernel.variance().sqrt() / f64::from(level).exp2();
     // A blob is small where it ends, so that cells may have it as it is, as far as rays reach.
     let grown = kernel.grown(growth / f64::from(level).exp2());
     if let Kernel::KaiserBessel { radius, .. } = grown
         && radius <= REACH as f64
-        && grown.variance() >= LEAST_DEVIATION * LEAST_DEVIATION
     {
         return grown;
     }
-    let broad = ((deviation - LEAST_DEVIATION) / (BROAD - LEAST_DEVIATION)).min(1.0);
+    let broad = ((deviation - LEAST_DEVIATION) / (BROAD - LEAST_DEVIATION)).clamp(0.0, 1.0);
     let [narrow_radius, broad_radius] = RADIUS.map(|times| times * deviation);
     let radius = narrow_radius + (broad_radius - narrow_radius) * broad;
     gaussian(if broad_radius <= SHARED_RADIUS { radius.min(SHARED_RADIUS) } else { radius }, deviation)
