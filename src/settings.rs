@@ -165,8 +165,8 @@ pub enum Level {
     /// by depth.
     #[default]
     Auto,
-    /// Pre-shaded: cells of this level, 0 to 12, whatever they lose. Kernels then are at least as wide as cells can have
-    /// them: level 1 has the default Gaussian grown 1.5 times. 0 is the voxels. Post-shaded: only 0.
+    /// Pre-shaded: cells of this level, 0 to 12, whatever they lose. Kernels then are at least as wide as cells can
+    /// have them: level 1 has the default Gaussian grown 1.5 times. 0 is the voxels. Post-shaded: only 0.
     At(u32),
 }
 
