@@ -76,6 +76,7 @@ pub(crate) struct TilesKey {
     terms: u32,
     /// Texels of a row of voxels that kernels reach.
     texels: u32,
+    packs_on_host: bool,
     /// See [`TransferTable`](super::transfer::TransferTable).
     crowded: bool,
 }
@@ -92,7 +93,7 @@ pub(crate) struct Tiles {
 impl Tiles {
     pub(crate) fn new(context: &Context, key: TilesKey) -> Result<Self> {
         let rest = || {
-            let packer = Packer::new(context, key.voxel, key.perspective);
+            let packer = Packer::new(context, key.voxel, key.perspective, key.packs_on_host);
             (
                 packer,
                 Stage::skip(context, key),

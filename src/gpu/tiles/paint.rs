@@ -174,6 +174,7 @@ impl<'a> Picture<'a> {
             crowded: self.job.transfer.is_some_and(|table| table.crowded),
             perspective: view.is_perspective(),
             grown: most > 1.0,
+            packs_on_host: way.packing.is_for_host(self.job.context, self.job.splats()),
             curved: self.kind == SlabKind::DenseColors,
             terms: self.footprint.terms(),
             texels: match self.ways.iter().map(reach).fold(0.0, f64::max) {

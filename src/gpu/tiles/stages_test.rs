@@ -223,7 +223,7 @@ fn store<const N: usize>(context: &Context, words: impl Fn([u32; 3]) -> [u32; N]
 }
 
 fn packed(context: &Context, store: Store, axes: [usize; 3], voxel: Voxel, max_weight: f64) -> Packed {
-    let packer = Packer::new(context, voxel, false);
+    let packer = Packer::new(context, voxel, false, context.info.is_software());
     packed_by(context, &packer, store, axes, voxel, max_weight, |_| true)
 }
 
