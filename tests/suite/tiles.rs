@@ -381,7 +381,7 @@ fn turning_packs_the_volume_once_an_axis() {
         let packs = stats.stages.iter().any(|s| s.name == "pack");
         // Software adapters pack dense volumes on the host, which sends what it packed.
         let sent = if packs && renderer.adapter().is_software() { stats.tiles().unwrap().packed_bytes } else { 0 };
-        // Beside it marches send uniforms, most of them tables of sections: rays of images, and of pixels; and the first
+        // Beside it marches send uniforms, most of them tables of sections: rays of images, and of pixels. The first
         // picture may send the splats.
         let most = sent + 6000 + if packs { stats.scene_bytes } else { 0 };
         assert!((sent..most).contains(&stats.bytes_sent), "{} of {sent}", stats.bytes_sent);
