@@ -384,7 +384,7 @@ fn turning_packs_the_volume_once_an_axis() {
         // Beside it marches send uniforms, most of them tables of sections: rays of images, and of pixels. The first
         // picture may send the splats.
         let most = sent + 6000 + if packs { stats.scene_bytes } else { 0 };
-        assert!((sent..most).contains(&stats.bytes_sent), "{} of {sent}", stats.bytes_sent);
+        assert!(stats.bytes_sent < most, "{} of {most}", stats.bytes_sent);
         packs
     };
     // On a GPU without timestamps the stage does not show.
