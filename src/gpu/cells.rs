@@ -18,6 +18,7 @@ use super::store::{BrickSplats, HostBrick, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::Result;
 use crate::kernel::Kernel;
+use crate::memory::reserved;
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, Grid, Number, Samples, Volume, with_samples};
@@ -291,7 +292,7 @@ impl<'a> Coarsening<'a> {
             voxels.start.clamp(0, n)..voxels.end.clamp(0, n)
         };
         let rows = within(&ys, ny);
-        let mut block = Block::<N>::new(across, [ys.len(), zs.len()]);
+        let mut block = Block::<N>::new(across, [ys.len(), zs.len()])?;
         let mut slices = Slices { coarsening: self, rows: rows.clone(), slices: Vec::new() };
         let mut emission = vec![[0.0; 4]; nx as usize];
         // A row with room for the voxels before the first and behind the last, which give nothing.
@@ -375,9 +376,13 @@ struct Block<const N: usize> {
 }
 
 impl<const N: usize> Block<N> {
-    fn new(across: usize, size: [usize; 2]) -> Self {
-        let plane = vec![[0.0; N]; across * size[0]];
-        Self { across, size, cells: vec![[0.0; N]; plane.len() * size[1]], plane }
+    fn new(across: usize, size: [usize; 2]) -> Result<Self> {
+        let empty = |count: usize| -> Result<Vec<[f32; N]>> {
+            let mut cells = reserved(count as u64, || "cells of a row of bricks".to_owned())?;
+            cells.resize(count, [0.0; N]);
+            Ok(cells)
+        };
+        Ok(Self { across, size, cells: empty(across * size[0] * size[1])?, plane: empty(across * size[0])? })
     }
 
     fn add_to_plane(&mut self, y: usize, weight: f32, row: &[[f32; N]]) {
