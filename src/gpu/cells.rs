@@ -1,10 +1,11 @@
 //! cells: a volume and a transfer function to classified cells of a level, for pre-shading of kernels that have grown
 //! (Laur and Hanrahan 1991, "Hierarchical splatting"). On the host: it is memory traffic rather than arithmetic.
 //!
-//! A cell of level n stands for 2^n voxels along each axis. Voxels are classified and lit one by one; a cell holds
-//! what they emit and absorb, weighted by the polynomials of degree 5 that interpolate cells at the places of voxels
-//! (Lagrange). So the moments of each voxel, up to the fifth, are kept: sum, place and spread. Weights farther than a
-//! cell away are negative. What a cell absorbs may therefore be a little below nothing.
+//! A cell of level n stands for 2^n voxels along each axis. Voxels are classified one by one; a cell holds what they
+//! emit and absorb, weighted by the polynomials of degree 5 that interpolate cells at the places of voxels (Lagrange),
+//! and one normal, the mean of theirs by what they absorb. So the moments of each voxel, up to the fifth, are kept:
+//! sum, place and spread. Weights farther than a cell away are negative. What a cell absorbs may therefore be a little
+//! below nothing.
 
 use std::ops::Range;
 
@@ -12,7 +13,7 @@ use glam::DVec3;
 
 use super::context::Context;
 use super::layout::Splat;
-use super::scalars::Emitted;
+use super::scalars::{Emitted, Relative};
 use super::splat::{packed_appearance, packed_normal};
 use super::store::{BrickSplats, HostBrick, StoreBuilder};
 use super::transfer::Reduction;
@@ -21,7 +22,7 @@ use crate::kernel::Kernel;
 use crate::memory::reserved;
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
-use crate::volume::{BRICK_EDGE as EDGE, Grid, Number, Samples, Volume, with_samples};
+use crate::volume::{BRICK_EDGE as EDGE, Grid, Number, Samples, ToF64, Volume, with_samples};
 
 /// Cells to either side of a voxel among which it is shared.
 const REACH: usize = 3;
@@ -209,27 +210,13 @@ impl<'a> Classification<'a> {
     }
 }
 
-/// Values of the transfer function's own scale, of which gradients are taken.
-struct Scalars {
-    slope: f64,
-    intercept: f64,
-    reduction: Reduction,
-}
-
-impl Scalars {
-    fn append<T: Number>(&self, samples: &[T], scalars: &mut Vec<f32>) {
-        let scalar = |s: &T| self.reduction.scalar(self.slope * s.to_f64() + self.intercept);
-        scalars.extend(samples.iter().map(scalar));
-    }
-}
-
 /// A volume and what makes cells of a level of it.
 pub(crate) struct Coarsening<'a> {
     volume: &'a Volume,
     filter: Filter,
     classification: Classification<'a>,
     /// If there is light: the scalars and the world gradients of the lattice coordinates.
-    light: Option<(Scalars, [DVec3; 3])>,
+    light: Option<(Relative, [DVec3; 3])>,
     /// Cells along each axis.
     dims: [usize; 3],
     /// Cells that absorb less are left out, per unit distance.
@@ -241,9 +228,8 @@ const LEAST: f64 = 1.0 / 1024.0;
 
 impl<'a> Coarsening<'a> {
     pub(crate) fn new(volume: &'a Volume, transfer: &'a TransferFunction, level: u32, lit: bool) -> Self {
-        let (slope, intercept) = volume.rescale();
         let gradients = volume.grid().local().to_lattice().matrix3.transpose();
-        let scalars = || Scalars { slope, intercept, reduction: Reduction::new(transfer, 1.0) };
+        let scalars = || Relative::new(volume, Reduction::new(transfer, 1.0));
         Self {
             volume,
             filter: Filter::new(level),
@@ -435,7 +421,7 @@ impl Slices<'_> {
             let samples = volume.read(((z * ny + first) * nx) as usize..((z * ny + end) * nx) as usize)?;
             let mut scalars = Vec::new();
             if let Some((of, _)) = light {
-                with_samples!(&samples, s => of.append(s, &mut scalars));
+                with_samples!(&samples, s => scalars.extend(s.iter().map(|sample| of.to(sample.to_f64()))));
             }
             self.slices.push(Slice { z, first, samples, scalars });
         }

@@ -139,14 +139,19 @@ fn places(dims: [u32; 3], need: ScalarNeed) -> u64 {
 }
 
 /// Samples as scalars.
-struct Relative {
+pub(super) struct Relative {
     slope: f64,
     intercept: f64,
     reduction: Reduction,
 }
 
 impl Relative {
-    fn to(&self, raw: f64) -> f32 {
+    pub(super) fn new(volume: &Volume, reduction: Reduction) -> Self {
+        let (slope, intercept) = volume.rescale();
+        Self { slope, intercept, reduction }
+    }
+
+    pub(super) fn to(&self, raw: f64) -> f32 {
         self.reduction.scalar(self.slope * raw + self.intercept)
     }
 }
@@ -292,10 +297,9 @@ impl<'a> Emission<'a> {
             let what = format!("post-shading would copy {} layers of voxels beyond the faces", need.padding);
             return Err(too_much(&what, need.growth));
         }
-        let (slope, intercept) = volume.rescale();
         let mut emission = Self {
             volume,
-            relative: Relative { slope, intercept, reduction: *reduction },
+            relative: Relative::new(volume, *reduction),
             invisible: Invisible::new(transfer, reduction, shows, magnification(&asked.kernel, asked.normalization)),
             savings: context.savings,
             need,
