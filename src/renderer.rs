@@ -181,14 +181,16 @@ impl Renderer {
         camera.check_scale(scene.grid())?;
         let voxels = ViewGeometry::new(camera, scene.grid(), settings, context.savings);
         let growth = voxels.max_growth();
-        let Cells { view, settings, weights, level } = &scene.cells(voxels, settings, camera)?;
+        let asked = settings;
+        let Cells { view, settings, weights, level, coarse } = &scene.cells(voxels, settings, camera)?;
+        let table = scene.table(context, *level);
         let mut choice = Choice::new(context, view, settings)?;
         let mut seconds = scene.take_seconds();
         let mut drawable;
         let mut levels;
         let mut painting = loop {
             let need = (choice.kind.room().need)(view, settings, *weights);
-            let wanted = Wanted { settings, level: *level, need };
+            let wanted = Wanted { settings: asked, level: *level, coarse: *coarse, need };
             let (splats, took) = scene.drawable(context, &self.pipelines, wanted, &self.progress)?;
             seconds += took;
             drawable = splats;
@@ -201,7 +203,7 @@ impl Renderer {
                 kept: drawable.kept(),
                 stores: drawable.stores(),
                 weights: *weights,
-                transfer: scene.table(),
+                transfer: table.as_deref(),
                 padding: need.padding,
             };
             match (choice.kind.room().begin)(job)? {

@@ -7,6 +7,7 @@ use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::cells::{self, Coarsening};
+use crate::gpu::coarse::Coarse;
 use crate::gpu::classify::{Classified, Classifier, HostClassifier};
 use crate::gpu::context::Context;
 use crate::gpu::scalars::{self, Asked, Emission, Emitted, Shows};
@@ -60,7 +61,8 @@ struct Scalars {
     transfer: TransferFunction,
     reduction: Reduction,
     shows: Shows,
-    table: TransferTable,
+    /// What scalars are classified by, for cells of a level.
+    table: Mutex<Option<(u32, Arc<TransferTable>)>>,
     /// The splats of the picture before, drawn again unless a picture needs others.
     emitted: Mutex<Option<(Asked, Arc<Emitted>)>>,
 }
@@ -73,6 +75,8 @@ pub(crate) struct Cells {
     pub(crate) settings: Settings,
     pub(crate) weights: Weights,
     pub(crate) level: u32,
+    /// Which cells they are, if they are of scalars.
+    pub(crate) coarse: Option<Coarse>,
 }
 
 /// The splats of one picture.
@@ -87,6 +91,8 @@ pub(crate) struct Wanted<'a> {
     pub(crate) settings: &'a Settings,
     /// The level whose cells stand for the voxels of a pre-shaded scene.
     pub(crate) level: u32,
+    /// The cells that stand for those of a post-shaded one.
+    pub(crate) coarse: Option<Coarse>,
     /// How far the scalars of a post-shaded one must reach.
     pub(crate) need: ScalarNeed,
 }
@@ -94,6 +100,9 @@ pub(crate) struct Wanted<'a> {
 fn shows(settings: &Settings) -> Shows {
     if settings.model == Model::Mip { Shows::Largest } else { Shows::Opaque }
 }
+
+/// The largest scalar of cells.
+const MOST_SCALAR: f64 = 16.0;
 
 /// The distance that opacities are per, in units of [`Grid::local`].
 fn local_unit(transfer: &TransferFunction, grid: &Grid) -> f64 {
@@ -142,7 +151,7 @@ impl Scene {
             transfer: transfer.clone(),
             reduction,
             shows,
-            table: TransferTable::new(context, transfer, &reduction, shows, local_unit(transfer, volume.grid())),
+            table: Mutex::default(),
             emitted: Mutex::new(None),
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), *volume.grid(), weights, seconds))
@@ -163,6 +172,9 @@ impl Scene {
 
     /// What stands for the voxels in a picture, given its view of them.
     pub(crate) fn cells(&self, voxels: ViewGeometry, settings: &Settings, camera: &Camera) -> Result<Cells> {
+        if let Content::Scalars(_) = &self.content {
+            return self.coarse(voxels, settings, camera);
+        }
         let growth = voxels.min_growth();
         let level = match settings.level {
             Level::At(level) => level,
@@ -171,7 +183,7 @@ impl Scene {
         };
         let (settings, weights) = (settings.clone(), self.weights);
         if level == 0 {
-            return Ok(Cells { view: voxels, settings, weights, level });
+            return Ok(Cells { view: voxels, settings, weights, level, coarse: None });
         }
         let grid = cells::grid_of(&self.grid, level)?;
         // Kernels nearer than those that cells can have are as wide as the least of these.
@@ -183,7 +195,36 @@ impl Scene {
         let grown = growth / f64::from(level).exp2();
         let settings = Settings { kernel, normalization: Normalization::Unit, ..settings }.with_sheets_of(grown);
         let view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings(), grown);
-        Ok(Cells { view, settings, weights: Weights { unit, ..weights }, level })
+        Ok(Cells { view, settings, weights: Weights { unit, ..weights }, level, coarse: None })
+    }
+
+    /// The same of a post-shaded scene. Rays through one eye have the cells of [`ScalarNeed::cut`] or none.
+    fn coarse(&self, voxels: ViewGeometry, settings: &Settings, camera: &Camera) -> Result<Cells> {
+        let settings = settings.clone();
+        let asked = match settings.level {
+            Level::Auto => None,
+            Level::At(level) => Some(level),
+        };
+        let deviation = voxels.max_growth() * settings.kernel.variance().sqrt();
+        let coarse = Coarse::new(deviation, asked);
+        let grows = settings.kernel.radius() * voxels.max_growth() > 2.0;
+        let refused = voxels.is_perspective() || self.weights.max > MOST_SCALAR;
+        if asked == Some(0) || refused || asked.is_none() && !grows {
+            if let Some(level @ 1..) = asked {
+                let reason = format!("{level}, but post-shading through one eye ");
+                return Err(Error::Setting { name: "level", reason });
+            }
+            return Ok(Cells { view: voxels, settings, weights: self.weights, level: 0, coarse: None });
+        }
+        let grid = coarse.grid(&self.grid)?;
+        let denser = settings.kernel.integral() / settings.normalization.divisor(&settings.kernel);
+        let weights = Weights { unit: self.weights.unit / denser, ..self.weights };
+        let grown = voxels.max_growth() / coarse.size();
+        let kernel = coarse.kernel(deviation);
+        let settings = Settings { kernel, normalization: Normalization::Unit, ..settings }.with_sheets_of(grown);
+        let mut view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings(), grown);
+        view.faces = voxels.faces / coarse.size();
+        Ok(Cells { view, settings, weights, level: coarse.level, coarse: Some(coarse) })
     }
 
     /// Seconds that preparing took, told once: pictures after the first did not take them.
@@ -191,12 +232,21 @@ impl Scene {
         f64::from_bits(self.seconds.swap(0, Ordering::Relaxed))
     }
 
-    /// What scalars are classified by.
-    pub(crate) fn table(&self) -> Option<&TransferTable> {
-        match &self.content {
-            Content::Splats(_) => None,
-            Content::Scalars(scalars) => Some(&scalars.table),
+    /// What scalars are classified by on a lattice of cells of a level.
+    pub(crate) fn table(&self, context: &Context, level: u32) -> Option<Arc<TransferTable>> {
+        let Content::Scalars(scalars) = &self.content else { return None };
+        let mut held = scalars.table.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, table)) = held.as_ref()
+            && *of == level
+        {
+            return Some(Arc::clone(table));
         }
+        // The local unit of length goes with cells.
+        let unit = local_unit(&scalars.transfer, &self.grid) / f64::from(level).exp2();
+        let Scalars { transfer, reduction, shows, .. } = scalars.as_ref();
+        let table = Arc::new(TransferTable::new(context, transfer, reduction, *shows, unit));
+        *held = Some((level, Arc::clone(&table)));
+        Some(table)
     }
 
     /// Refuses a scene of another device, and settings that it was not prepared for.
@@ -225,14 +275,14 @@ impl Scene {
         wanted: Wanted<'_>,
         progress: &Progress,
     ) -> Result<(Drawable, f64)> {
-        let Wanted { settings, level, need } = wanted;
+        let Wanted { settings, level, coarse, need } = wanted;
         let scalars = match &self.content {
             Content::Splats(voxels) if level == 0 => return voxels.classified(context, pipelines, progress),
             Content::Splats(voxels) => return voxels.cells(context, level, progress),
             Content::Scalars(scalars) => scalars,
         };
         let Settings { kernel, normalization, ref lighting, .. } = *settings;
-        let asked = Asked { kernel, normalization, need, lit: lighting.is_some() };
+        let asked = Asked { kernel, normalization, need, lit: lighting.is_some(), coarse };
         let lock = || scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((of, emitted)) = lock().as_ref()
             && of.serves(&asked)

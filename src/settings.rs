@@ -296,9 +296,8 @@ impl Settings {
         let additive = quads.accumulation == Accumulation::Additive;
         let post = self.is_post_shaded();
         let xray = self.model == Model::Xray;
-        let coarse = matches!(self.level, Level::At(level) if level > 0);
+        let coarse = matches!(self.level, Level::At(level) if level > 0) && !post;
         let rules = [
-            (post && coarse, "level", "post-shading takes its levels by depth: expected auto or 0"),
             (
                 coarse && (axis || additive),
                 "level",

@@ -29,7 +29,7 @@ const REACH: usize = 3;
 
 /// The least standard deviation of the kernels of cells, in cells: narrower ones would show the lattice. Kernels of the
 /// default Gaussian have it at a growth of 1.5.
-const LEAST_DEVIATION: f64 = 0.585;
+pub(super) const LEAST_DEVIATION: f64 = 0.585;
 
 /// The radius of kernels of cells, as a multiple of their standard deviation: of the narrowest as much as polynomials
 /// of 8 terms follow footprints, by which rays evaluate them, so that they are small where they are cut off; of the
@@ -66,6 +66,11 @@ pub(crate) fn kernel_of(kernel: &Kernel, growth: f64, level: u32) -> Kernel {
     {
         return grown;
     }
+    kernel_of_deviation(deviation)
+}
+
+/// The kernel of cells that has this standard deviation, in cells.
+pub(super) fn kernel_of_deviation(deviation: f64) -> Kernel {
     let broad = ((deviation - LEAST_DEVIATION) / (BROAD - LEAST_DEVIATION)).clamp(0.0, 1.0);
     let [narrow_radius, broad_radius] = RADIUS.map(|times| times * deviation);
     let radius = narrow_radius + (broad_radius - narrow_radius) * broad;
@@ -102,7 +107,7 @@ fn dims_of(grid: &Grid, level: u32) -> [usize; 3] {
 }
 
 /// What voxels give to cells along an axis.
-struct Filter {
+pub(super) struct Filter {
     /// Voxels of a cell.
     size: usize,
     /// The first voxel that gives to the first cell; negative, as that lies beyond the face.
@@ -112,27 +117,64 @@ struct Filter {
 }
 
 impl Filter {
-    fn new(level: u32) -> Self {
-        let size = 1_usize << level;
-        let in_cells = |voxel: i64| (voxel as f64 + 0.5) / size as f64 - 0.5;
-        // Voxels less than `REACH` cells from the middle of cell 0, numbered as if it lay on the first voxels.
-        let middle = size as i64 / 2;
-        let reach = (REACH * size) as i64;
-        let voxels = (middle - reach..middle + reach).filter(|&v| in_cells(v).abs() < REACH as f64);
-        let weights = voxels.clone().map(|v| (lagrange(in_cells(v)) / size as f64) as f32).collect();
-        let first = voxels.clone().next().unwrap_or_default();
-        Self { size, first: first - reach, weights }
+    /// So many cells lie beyond the face, and so many voxels between the first cell's end there and the face. Cells
+    /// are blurred by weights, from the middle one on.
+    pub(super) fn new(level: u32, before: f64, blur: &[f64], beyond: usize) -> Self {
+        let size = f64::from(level).exp2();
+        let in_cells = |voxel: i64| (voxel as f64 + before + 0.5) / size - 0.5;
+        let reach = blur.len() as i64 - 1;
+        let blur = || blur.iter().skip(1).rev().chain(blur).zip(-reach..);
+        let weight = |x: f64| blur().map(|(weight, node)| weight * lagrange(x - node as f64)).sum::<f64>() / size;
+        // More voxels than give to cell 0, numbered as if it lay at the face; less those at both ends that do not.
+        let most = ((reach + REACH as i64 + 1) as f64 * size + before).ceil() as i64;
+        let mut first = -most;
+        let mut weights: Vec<f32> = (first..most).map(|voxel| weight(in_cells(voxel)) as f32).collect();
+        weights.truncate(weights.iter().rposition(|&weight| weight != 0.0).map_or(0, |last| last + 1));
+        let none = weights.iter().position(|&weight| weight != 0.0).unwrap_or(0);
+        weights.drain(..none);
+        first += none as i64;
+        let size = size as usize;
+        Self { size, first: first - (beyond * size) as i64, weights }
     }
 
     /// The voxels that give to cells from `cell` to before `end`.
-    fn voxels(&self, cell: usize, end: usize) -> Range<i64> {
-        let first = |cell: usize| self.first + (cell * self.size) as i64;
+    pub(super) fn voxels(&self, cell: i64, end: i64) -> Range<i64> {
+        let first = |cell: i64| self.first + cell * self.size as i64;
         first(cell)..first(end - 1) + self.weights.len() as i64
     }
 
+    /// Of the voxels of an axis of `count`, which go on beyond the faces as copies, those that give to cells, and what
+    /// they give to each of these, numbered from the first.
+    pub(super) fn shares(&self, cells: Range<i64>, count: i64) -> Vec<(i64, Vec<(usize, f32)>)> {
+        let mut shares: Vec<(i64, Vec<(usize, f32)>)> = Vec::new();
+        for voxel in self.voxels(cells.start, cells.end) {
+            let inside = voxel.clamp(0, count - 1);
+            if shares.last().is_none_or(|&(last, _)| last != inside) {
+                shares.push((inside, Vec::new()));
+            }
+            let Some((_, given)) = shares.last_mut() else { continue };
+            for (number, cell) in cells.clone().enumerate() {
+                let Some(weight) = self.weight(voxel, cell) else { continue };
+                match given.iter_mut().find(|(of, _)| *of == number) {
+                    Some((_, sum)) => *sum += weight,
+                    None => given.push((number, weight)),
+                }
+            }
+        }
+        shares
+    }
+
+    /// The cells that a row of scalars gives, which begins with the first voxel that gives to the first cell.
+    pub(super) fn narrow(&self, voxels: &[f32], cells: &mut [f32]) {
+        let windows = voxels.windows(self.weights.len()).step_by(self.size);
+        for (cell, voxels) in cells.iter_mut().zip(windows) {
+            *cell = self.weights.iter().zip(voxels).map(|(weight, voxel)| weight * voxel).sum();
+        }
+    }
+
     /// The weight of a voxel in a cell.
-    fn weight(&self, voxel: i64, cell: usize) -> Option<f32> {
-        let at = voxel - self.first - (cell * self.size) as i64;
+    fn weight(&self, voxel: i64, cell: i64) -> Option<f32> {
+        let at = voxel - self.first - cell * self.size as i64;
         usize::try_from(at).ok().and_then(|at| self.weights.get(at).copied())
     }
 
@@ -149,7 +191,7 @@ impl Filter {
 
     /// The cells from `cell` to before `end` that a voxel gives to.
     fn cells(&self, voxel: i64, cell: usize, end: usize) -> impl Iterator<Item = (usize, f32)> {
-        (cell..end).filter_map(move |cell| Some((cell, self.weight(voxel, cell)?)))
+        (cell..end).filter_map(move |cell| Some((cell, self.weight(voxel, cell as i64)?)))
     }
 }
 
@@ -232,7 +274,7 @@ impl<'a> Coarsening<'a> {
         let scalars = || Relative::new(volume, Reduction::new(transfer, 1.0));
         Self {
             volume,
-            filter: Filter::new(level),
+            filter: Filter::new(level, 0.0, &[1.0], REACH),
             classification: Classification::new(volume, transfer),
             light: lit.then(|| (scalars(), [gradients.x_axis, gradients.y_axis, gradients.z_axis])),
             dims: dims_of(volume.grid(), level),
@@ -247,7 +289,7 @@ impl<'a> Coarsening<'a> {
         let mut emitted = Emitted::default();
         let mut rows = 0;
         // The rows that a row of bricks reads, beyond those of a brick of voxels.
-        let halo = (self.filter.voxels(0, EDGE).count() - EDGE).div_ceil(2);
+        let halo = (self.filter.voxels(0, EDGE as i64).count() - EDGE).div_ceil(2);
         let row = |j, k| if self.light.is_some() { self.row::<LIT>([j, k]) } else { self.row::<PLAIN>([j, k]) };
         self.volume.for_each_row([down, deep], halo, &row, &mut |bricks| {
             for (splats, brick) in bricks {
@@ -274,7 +316,7 @@ impl<'a> Coarsening<'a> {
         let [ys, zs] = [(j, down), (k, deep)].map(|(brick, n)| brick * EDGE..n.min((brick + 1) * EDGE));
         let [nx, ny, nz] = self.volume.grid().dims().map(i64::from);
         let within = |cells: &Range<usize>, n: i64| {
-            let voxels = self.filter.voxels(cells.start, cells.end);
+            let voxels = self.filter.voxels(cells.start as i64, cells.end as i64);
             voxels.start.clamp(0, n)..voxels.end.clamp(0, n)
         };
         let rows = within(&ys, ny);
@@ -282,7 +324,7 @@ impl<'a> Coarsening<'a> {
         let mut slices = Slices { coarsening: self, rows: rows.clone(), slices: Vec::new() };
         let mut emission = vec![[0.0; 4]; nx as usize];
         // A row with room for the voxels before the first and behind the last, which give nothing.
-        let all = self.filter.voxels(0, across);
+        let all = self.filter.voxels(0, across as i64);
         let mut voxels = vec![[0.0; N]; (all.end - all.start) as usize];
         let begin = (-all.start) as usize;
         let mut narrow = vec![[0.0; N]; across];

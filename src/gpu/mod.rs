@@ -6,6 +6,7 @@ pub(crate) mod cache;
 pub(crate) mod cells;
 pub(crate) mod choice;
 pub(crate) mod classify;
+pub(crate) mod coarse;
 pub(crate) mod context;
 pub(crate) mod layout;
 mod levels;

@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use super::cache::Cache;
+use super::coarse::{Coarse, Filters};
 use super::context::Context;
 use super::layout::{LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient};
 use super::levels::Cut;
@@ -29,6 +30,8 @@ pub(crate) struct Asked {
     pub(crate) need: ScalarNeed,
     /// Whether splats have gradients.
     pub(crate) lit: bool,
+    /// Which cells stand for voxels along parallel rays; `None`: voxels do, or those of [`ScalarNeed::cut`].
+    pub(crate) coarse: Option<Coarse>,
 }
 
 impl Asked {
@@ -234,6 +237,11 @@ pub(crate) struct Emission<'a> {
     need: ScalarNeed,
     /// Words of a splat.
     words: usize,
+    /// The lattice of splats: voxels, or cells if there are filters.
+    dims: [u32; 3],
+    filters: Option<Filters>,
+    /// What gradients are sums of: differences of places 1, 2 and 3 to either side, times these.
+    differences: [f32; 3],
     /// Of each brick of the volume, x fastest, whether a voxel of it can show.
     active: Vec<bool>,
     /// Layers of voxels around a brick that are searched for voxels that can show, or that gradients take differences
@@ -290,8 +298,13 @@ impl<'a> Emission<'a> {
         shows: Shows,
         asked: &Asked,
     ) -> Result<Self> {
-        let need = asked.need;
-        let dims = volume.grid().dims();
+        let Asked { need, coarse, .. } = *asked;
+        let grid = volume.grid();
+        let dims = match coarse {
+            Some(coarse) => coarse.grid(grid)?.dims(),
+            None => grid.dims(),
+        };
+        let differences = coarse.map_or([0.5, 0.0, 0.0], Coarse::differences).map(|weight| weight as f32);
         let places = places(dims, need);
         if need.growth > MAX_GROWTH || places > MAX_PLACES.max(2 * volume.grid().len()) {
             let what = format!("post-shading would copy {} layers of voxels beyond the faces", need.padding);
@@ -304,13 +317,16 @@ impl<'a> Emission<'a> {
             savings: context.savings,
             need,
             words: asked.words(),
+            dims,
+            filters: coarse.map(|coarse| Filters::new(grid, coarse)),
+            differences,
             active: Vec::new(),
             halo: 0,
             singly: false,
         };
         let halo = need.influence.floor() as usize;
         emission.singly = emission.savings.voxels && halo <= MAX_HALO && need.cut.is_none();
-        emission.halo = if emission.singly { halo } else { 0 }.max(usize::from(asked.lit));
+        emission.halo = if emission.singly { halo } else { 0 }.max(if asked.lit { reach_of(differences) } else { 0 });
         let ranges = volume.ranges()?.iter();
         emission.active =
             ranges.map(|range| range.iter().any(|&raw| emission.is_active(emission.relative.to(raw)))).collect();
@@ -325,7 +341,7 @@ impl<'a> Emission<'a> {
         let mut emitted = Emitted::default();
         for level in finest..=coarsest {
             let cells = level.checked_sub(1).and_then(|index| cells.get(index as usize).cloned());
-            let lattice = Lattice::new(self.volume.grid().dims(), level, self.need, cells);
+            let lattice = Lattice::new(self.dims, level, self.need, cells);
             let [_, down, deep] = lattice.counts;
             let mut rows = 0;
             self.volume.for_each_row([down, deep], self.halo, &|j, k| self.row(&lattice, j, k), &mut |row| {
@@ -357,9 +373,13 @@ impl<'a> Emission<'a> {
         let reach = self.need.influence.floor() as i64;
         let start = lattice.first(brick);
         let bricks = |axis: usize, n: usize| {
-            let first = start[axis] << lattice.level;
             let at = |place: i64| place.div_euclid(EDGE as i64).clamp(0, n as i64 - 1) as usize;
-            at(first - reach)..=at(first + ((EDGE as i64) << lattice.level) - 1 + reach)
+            let end = start[axis] + EDGE as i64;
+            let voxels = match &self.filters {
+                Some(filters) => filters.voxels(axis, start[axis] - reach..end + reach),
+                None => (start[axis] << lattice.level) - reach..(end << lattice.level) + reach,
+            };
+            at(voxels.start)..=at(voxels.end - 1)
         };
         let active = |[x, y, z]: [usize; 3]| self.active[x + across * (y + down * z)];
         bricks(2, deep).any(|z| bricks(1, down).any(|y| bricks(0, across).any(|x| active([x, y, z]))))
@@ -371,24 +391,24 @@ impl<'a> Emission<'a> {
             (self.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
                 && (!self.savings.bricks || self.is_near(lattice, [i, j, k]))
         };
-        let bricks: Vec<usize> = (0..lattice.counts[0]).filter(|&i| takes_part(i)).collect();
-        if bricks.is_empty() {
-            return Ok(Vec::new());
-        }
-        let bricks = bricks.into_iter().map(|i| [i, j, k]);
+        let bricks: Vec<[usize; 3]> =
+            (0..lattice.counts[0]).filter(|&i| takes_part(i)).map(|i| [i, j, k]).collect();
+        let (Some(&leftmost), Some(&rightmost)) = (bricks.first(), bricks.last()) else { return Ok(Vec::new()) };
+        let made = |scalars: &dyn Fn([i64; 3]) -> Vec<f32>| {
+            bricks.iter().map(|&brick| self.brick(lattice, brick, &scalars(lattice.first(brick)))).collect()
+        };
         if let Some(cells) = &lattice.cells {
-            return Ok(bricks
-                .map(|brick| self.brick(lattice, brick, &cells.brick(lattice.first(brick), self.halo)))
-                .collect());
+            return Ok(made(&|first| cells.brick(first, self.halo)));
         }
-        let [_, y, z] = lattice.first([0, j, k]);
-        let strip = self.volume.strip([y, z], self.halo)?;
-        Ok(bricks
-            .map(|brick| {
-                let bytes = strip.brick(lattice.first(brick), &self.relative);
-                self.brick(lattice, brick, &bytemuck::pod_collect_to_vec::<u8, f32>(&bytes))
-            })
-            .collect())
+        let (first, last) = (lattice.first(leftmost), lattice.first(rightmost));
+        if let Some(filters) = &self.filters {
+            let halo = self.halo as i64;
+            let [first, end] = [first.map(|cell| cell - halo), last.map(|cell| cell + EDGE as i64 + halo)];
+            let strip = filters.strip(self.volume, &self.relative, first, end)?;
+            return Ok(made(&|first| strip.brick(first, self.halo)));
+        }
+        let strip = self.volume.strip([first[1], first[2]], self.halo)?;
+        Ok(made(&|first| bytemuck::pod_collect_to_vec::<u8, f32>(&strip.brick(first, &self.relative))))
     }
 
     /// How many voxels the scalar of a cell counts for; 0: it takes no part in the picture.
@@ -432,7 +452,7 @@ impl<'a> Emission<'a> {
                     if kept.is_some_and(|kept| !kept[x]) {
                         continue;
                     }
-                    let gradient = if lit { central_differences(scalars, start + x, edge) } else { [0.0; 3] };
+                    let gradient = if lit { central_differences(scalars, start + x, edge, self.differences) } else { [0.0; 3] };
                     let cell = [0, 1, 2].map(|axis| first[axis] + [x, y, z][axis] as i64);
                     let count = self.count(lattice, cell);
                     if count > 0.0 && (scalar != 0.0 || gradient != [0.0; 3]) {
@@ -455,11 +475,20 @@ impl<'a> Emission<'a> {
     }
 }
 
-/// Half the differences of the neighbours along x, y and z of a place of a brick of `edge` places a side. They are
-/// zeros where all are equal, so that no light falls there.
-fn central_differences(scalars: &[f32], at: usize, edge: usize) -> [f32; 3] {
-    // Halved first: no difference of numbers overflows.
-    [1, edge, edge * edge].map(|step| 0.5 * scalars[at + step] - 0.5 * scalars[at - step])
+/// How far from a place gradients take differences.
+fn reach_of(differences: [f32; 3]) -> usize {
+    differences.iter().rposition(|&weight| weight != 0.0).map_or(0, |last| last + 1)
+}
+
+/// The gradient at a place of a brick of `edge` places a side: sums of the differences of places to either side along
+/// x, y and z, times these. It is zero where all are equal, so that no light falls there.
+fn central_differences(scalars: &[f32], at: usize, edge: usize, differences: [f32; 3]) -> [f32; 3] {
+    let reach = reach_of(differences);
+    [1, edge, edge * edge].map(|step| {
+        let weights = differences.iter().take(reach).enumerate();
+        // Multiplied first: no difference of numbers overflows.
+        weights.map(|(n, weight)| weight * scalars[at + (n + 1) * step] - weight * scalars[at - (n + 1) * step]).sum()
+    })
 }
 
 /// The splats of one brick.

@@ -111,6 +111,9 @@ pub(crate) struct ViewGeometry {
     pub(super) eye_depth: f64,
     /// View depth of the farthest voxel from the middle of the lattice.
     pub(super) farthest: f64,
+    /// From the middle of the lattice to the faces of what shows, in lattice points: post-shaded to those of the box of
+    /// the voxels, half a voxel beyond the outermost; pre-shaded to where kernels end.
+    pub(crate) faces: DVec3,
     pub(super) post_shaded: bool,
     /// Optical depth from which on a pixel counts as opaque; infinite if nothing ends there.
     pub(super) opaque_depth: f64,
@@ -139,18 +142,21 @@ impl ViewGeometry {
         };
         let growth = if settings.antialiasing { camera.growth(grid) } else { Growth::NONE };
         let growth = Growth { constant: growth.constant / grown, slope: growth.slope / grown };
+        // At the nearest voxel, or at the eye if the voxel is behind it, and at the farthest.
+        let growths = [-farthest, farthest].map(|z| growth.at(z + eye_depth));
+        let beyond = if settings.is_post_shaded() { 0.5 } else { settings.kernel.radius() * growths[1] };
         Self {
             unit,
             camera: *camera,
             grid: *grid,
             radius: settings.kernel.radius(),
             growth,
-            // At the nearest voxel, or at the eye if the voxel is behind it, and at the farthest.
-            growths: [-farthest, farthest].map(|z| growth.at(z + eye_depth)),
+            growths,
             gradients,
             offset,
             eye_depth,
             farthest,
+            faces: half(grid) + beyond,
             post_shaded: settings.is_post_shaded(),
             opaque_depth: if settings.model == Model::Composite && settings.termination > 0.0 {
                 -settings.termination.ln()
@@ -226,9 +232,7 @@ impl ViewGeometry {
         let whole = Region { x: 0, y: 0, width: w, height: h };
         let (scale, origin) = camera.pixels();
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        // A field that is reconstructed from scalars ends with the box of the volume.
-        let beyond = if self.post_shaded { 0.5 } else { self.max_radius() };
-        for corner in self.grid.corners_from_center(beyond) {
+        for corner in self.grid.corners_of(self.faces) {
             let d = corner - camera.target;
             let mut plane = [d.dot(camera.right), d.dot(camera.up)];
             if let Projection::Perspective { distance, .. } = camera.projection {

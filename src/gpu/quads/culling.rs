@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::super::layout::Area;
 use super::super::store::{BrickSplats, Store};
-use super::super::view::{Region, ViewGeometry, half};
+use super::super::view::{Region, ViewGeometry};
 use super::plan::Plan;
 
 impl Plan<'_> {
@@ -144,12 +144,11 @@ fn sides(view: &ViewGeometry, region: Region) -> Vec<(DVec3, f64)> {
     sides
 }
 
-/// The least and the largest view depth of what the picture shows of the box `beyond` voxels around a volume;
-/// `None` if that is nothing.
-pub(super) fn visible_depths(view: &ViewGeometry, beyond: f64) -> Option<[f64; 2]> {
+/// The least and the largest view depth of what the picture shows of a volume; `None` if that is nothing.
+pub(super) fn visible_depths(view: &ViewGeometry) -> Option<[f64; 2]> {
     let [width, height] = view.camera.size;
     let mut planes = sides(view, Region { x: 0, y: 0, width, height });
-    let extent = half(&view.grid) + beyond;
+    let extent = view.faces;
     planes.extend((0..3).flat_map(|a| [1.0, -1.0].map(|sign| (DVec3::AXES[a] * sign, extent[a]))));
     // The corners of that polytope: three planes meet in one, and it lies on the inner side of the others.
     let mut range: Option<[f64; 2]> = None;

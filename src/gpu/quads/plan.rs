@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3, DVec4};
 
 use super::super::layout::{Batch, Frame};
 use super::super::levels::Cut;
-use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights, half};
+use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights};
 use super::culling::visible_depths;
 use crate::camera::{Camera, Projection};
 use crate::kernel::Kernel;
@@ -119,8 +119,7 @@ struct SheetStack {
 impl SheetStack {
     /// Leaves out the sheets before and behind all that the picture shows of the volume.
     fn keep_visible(&mut self, view: &ViewGeometry) {
-        let beyond = if view.post_shaded { 0.5 } else { view.max_radius() };
-        let Some(range) = visible_depths(view, beyond) else { return };
+        let Some(range) = visible_depths(view) else { return };
         let [first, last] = range.map(|depth| ((depth - self.origin) / self.step).floor().max(0.0));
         // One more on either side is what shading looks at, and one absorbs rounding.
         let first = (first - 2.0).max(0.0);
@@ -132,8 +131,7 @@ impl SheetStack {
     fn along(view: &ViewGeometry, settings: &Settings, precision: Precision) -> Self {
         let depth_per_voxel = view.gradients[2];
         let reach = if view.post_shaded {
-            // A field that is reconstructed from scalars ends with the box of the volume.
-            depth_per_voxel.abs().dot(half(&view.grid) + 0.5)
+            depth_per_voxel.abs().dot(view.faces)
         } else {
             view.farthest + view.max_radius() * depth_per_voxel.length()
         };
@@ -348,7 +346,7 @@ impl<'a> Plan<'a> {
             inverse_sheet_step: (1.0 / self.sheet_step) as f32,
             plane_axis: f3(plane_axis),
             plane_offset: plane_offset as f32,
-            box_half: view.grid.dims().map(|d| d as f32 / 2.0),
+            box_half: f3(view.faces),
             opaque_depth: view.opaque_depth.min(f64::from(f32::MAX)) as f32,
             growth: [(view.growth.constant + view.growth.slope * view.eye_depth) as f32, view.growth.slope as f32],
             home_slope: f2(home_slope.to_array()),

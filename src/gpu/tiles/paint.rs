@@ -295,7 +295,7 @@ impl<'a> Picture<'a> {
         RaySetup {
             camera: &view.camera,
             size: view.camera.size,
-            volume: PackedBox { grid: &view.grid, packing: *packing, padding },
+            volume: PackedBox { grid: &view.grid, packing: *packing, padding, faces: view.faces },
             kernel: FittedKernel { kernel: self.kernel, footprint: &self.footprint, sections, growth, most },
             optics: Optics {
                 density_scale: 1.0 / (divisor * weights.unit),

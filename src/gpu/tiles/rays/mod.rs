@@ -8,7 +8,7 @@ use bytemuck::Zeroable;
 use glam::{DMat3, DVec2, DVec3};
 
 use super::super::layout::{self, MACROCELL, TILE};
-use super::super::view::Region;
+use super::super::view::{Region, half};
 use super::axis::{PrincipalAxis, smoothstep, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};
@@ -59,6 +59,8 @@ pub(super) struct PackedBox<'a> {
     pub(super) packing: Packing,
     /// Layers of the packed lattice beyond the faces of the volume.
     pub(super) padding: u32,
+    /// See [`ViewGeometry::faces`](super::super::view::ViewGeometry).
+    pub(super) faces: DVec3,
 }
 
 /// A kernel as rays evaluate it.
@@ -107,9 +109,9 @@ impl PackedBox<'_> {
         axis.ordered(p - low) + if axis.flipped { DVec3::Z * last_plane } else { DVec3::ZERO }
     }
 
-    /// The box `beyond` voxels beyond the outermost voxels of the volume, as its least and largest (a, b, plane).
-    fn faces(&self, axis: &PrincipalAxis, beyond: f64) -> [DVec3; 2] {
-        let ends = [DVec3::splat(-beyond), DVec3::from_array(self.grid.dims().map(f64::from)) - 1.0 + beyond];
+    /// The box of what shows, as its least and largest (a, b, plane).
+    fn bounds(&self, axis: &PrincipalAxis) -> [DVec3; 2] {
+        let ends = [-self.faces, self.faces].map(|end| half(self.grid) + end);
         let [a, b] = ends.map(|end| self.placed(axis, self.grid.to_world().transform_point3(end)));
         [a.min(b), a.max(b)]
     }
@@ -148,9 +150,7 @@ impl RaySetup<'_> {
         // View coordinates of a gradient along each axis of the lattice: the transpose of what maps view to lattice.
         let view = DMat3::from_cols(self.camera.right, self.camera.up, self.camera.forward);
         let gradients = (grid.to_lattice().matrix3 * view).transpose();
-        // A field that is reconstructed from scalars ends with the box of the volume.
-        let beyond = if self.scalars.is_some() { 0.5 } else { most * radius };
-        let [box_low, box_high] = self.volume.faces(axis, beyond);
+        let [box_low, box_high] = self.volume.bounds(axis);
         let uniforms = layout::Rays {
             density_scale: self.optics.density_scale.min(MAX_DENSITY_SCALE) as f32,
             opaque_depth: self.optics.opaque_depth.min(f64::from(f32::MAX)) as f32,
