@@ -7,8 +7,8 @@ use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::cells::{self, Coarsening};
-use crate::gpu::coarse::Coarse;
 use crate::gpu::classify::{Classified, Classifier, HostClassifier};
+use crate::gpu::coarse::{self, Coarse};
 use crate::gpu::context::Context;
 use crate::gpu::scalars::{self, Asked, Emission, Emitted, Shows};
 use crate::gpu::scan::Scan;
@@ -18,7 +18,7 @@ use crate::gpu::transfer::{Reduction, TransferTable};
 use crate::gpu::view::{ScalarNeed, ViewGeometry, Weights};
 use crate::kernel::Normalization;
 use crate::progress::Progress;
-use crate::settings::{Level, Model, Settings};
+use crate::settings::{Level, Model, Painter, Settings};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Pyramid, Volume};
 
@@ -101,9 +101,6 @@ fn shows(settings: &Settings) -> Shows {
     if settings.model == Model::Mip { Shows::Largest } else { Shows::Opaque }
 }
 
-/// The largest scalar of cells.
-const MOST_SCALAR: f64 = 16.0;
-
 /// The distance that opacities are per, in units of [`Grid::local`].
 fn local_unit(transfer: &TransferFunction, grid: &Grid) -> f64 {
     transfer.unit_or(grid.min_spacing()) / grid.unit()
@@ -173,7 +170,7 @@ impl Scene {
     /// What stands for the voxels in a picture, given its view of them.
     pub(crate) fn cells(&self, voxels: ViewGeometry, settings: &Settings, camera: &Camera) -> Result<Cells> {
         if let Content::Scalars(_) = &self.content {
-            return self.coarse(voxels, settings, camera);
+            return self.scalar_cells(voxels, settings, camera);
         }
         let growth = voxels.min_growth();
         let level = match settings.level {
@@ -198,33 +195,47 @@ impl Scene {
         Ok(Cells { view, settings, weights: Weights { unit, ..weights }, level, coarse: None })
     }
 
-    /// The same of a post-shaded scene. Rays through one eye have the cells of [`ScalarNeed::cut`] or none.
-    fn coarse(&self, voxels: ViewGeometry, settings: &Settings, camera: &Camera) -> Result<Cells> {
-        let settings = settings.clone();
-        let asked = match settings.level {
-            Level::Auto => None,
-            Level::At(level) => Some(level),
+    /// The same of a post-shaded scene.
+    fn scalar_cells(&self, voxels: ViewGeometry, settings: &Settings, camera: &Camera) -> Result<Cells> {
+        let (settings, weights) = (settings.clone(), self.weights);
+        let Some(coarse) = self.coarse(&voxels, &settings)? else {
+            return Ok(Cells { view: voxels, settings, weights, level: 0, coarse: None });
         };
-        let deviation = voxels.max_growth() * settings.kernel.variance().sqrt();
-        let coarse = Coarse::new(deviation, asked);
-        let grows = settings.kernel.radius() * voxels.max_growth() > 2.0;
-        let refused = voxels.is_perspective() || self.weights.max > MOST_SCALAR;
-        if asked == Some(0) || refused || asked.is_none() && !grows {
-            if let Some(level @ 1..) = asked {
-                let reason = format!("{level}, but post-shading through one eye ");
-                return Err(Error::Setting { name: "level", reason });
-            }
-            return Ok(Cells { view: voxels, settings, weights: self.weights, level: 0, coarse: None });
-        }
-        let grid = coarse.grid(&self.grid)?;
+        // Cells are divided by the integral of their kernel. What voxels are divided by beside theirs stays.
         let denser = settings.kernel.integral() / settings.normalization.divisor(&settings.kernel);
-        let weights = Weights { unit: self.weights.unit / denser, ..self.weights };
-        let grown = voxels.max_growth() / coarse.size();
-        let kernel = coarse.kernel(deviation);
-        let settings = Settings { kernel, normalization: Normalization::Unit, ..settings }.with_sheets_of(grown);
-        let mut view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings(), grown);
+        let weights = Weights { unit: weights.unit / denser, ..weights };
+        let growth = voxels.max_growth();
+        let grown = growth / coarse.size();
+        let settings = Settings { kernel: coarse.kernel(growth), normalization: Normalization::Unit, ..settings };
+        let settings = settings.with_sheets_of(grown);
+        let mut view = ViewGeometry::of_cells(camera, &coarse.grid(&self.grid)?, &settings, voxels.savings(), grown);
+        // Cells at the faces may reach beyond them.
         view.faces = voxels.faces / coarse.size();
         Ok(Cells { view, settings, weights, level: coarse.level, coarse: Some(coarse) })
+    }
+
+    /// Which cells stand for the voxels of a post-shaded scene; `None`: voxels do, or the cells of
+    /// [`ScalarNeed::cut`].
+    fn coarse(&self, voxels: &ViewGeometry, settings: &Settings) -> Result<Option<Coarse>> {
+        let growth = voxels.max_growth();
+        let at = |level| Coarse::new(&settings.kernel, growth, level);
+        match settings.level {
+            Level::At(0) => Ok(None),
+            Level::At(_) if voxels.is_perspective() => {
+                let reason = "post-shading through one eye takes its levels by depth: expected auto or 0".to_owned();
+                Err(Error::Setting { name: "level", reason })
+            }
+            Level::At(level) => Ok(Some(at(Some(level)))),
+            Level::Auto => {
+                let by_quads = matches!(settings.painter, Painter::Quads(_));
+                let serves = !voxels.is_perspective()
+                    && self.weights.max <= coarse::MOST_SCALAR
+                    && settings.kernel.radius() * growth > coarse::MAX_RADIUS;
+                // Quads draw kernels of any size: voxels as they are lose nothing.
+                let levels = if by_quads { 1..=cells::MAX_LEVEL } else { 0..=cells::MAX_LEVEL };
+                Ok(serves.then(|| at(None)).filter(|cells| levels.contains(&cells.level)))
+            }
+        }
     }
 
     /// Seconds that preparing took, told once: pictures after the first did not take them.

@@ -84,7 +84,9 @@ pub enum Painter {
     /// Rays that gather the kernels they meet, plane by plane, in compute shaders. Draws all models, shadings and
     /// projections, but not:
     ///
-    /// - kernels that reach over 3 voxels once they have grown; post-shaded, over 2 voxels;
+    /// - kernels that reach over 3 voxels once they have grown; post-shaded, over 2 voxels if cells do not stand for
+    ///   them (see [`Level`]): in perspective, and if values are over 16 times as far from the transfer function's base
+    ///   as its control points;
     /// - post-shaded, kernels that reach less than a voxel;
     /// - post-shaded in perspective, kernels that grow with the distance (see [`Settings::antialiasing`]);
     /// - pre-shaded, an eye that a kernel reaches;
@@ -160,13 +162,13 @@ pub enum Resolution {
 /// follows the picture instead of the volume (Laur and Hanrahan 1991, "Hierarchical splatting").
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Level {
-    /// Cells as large as the growth of kernels allows. Pre-shaded, a level stands for the voxels if all kernels have
-    /// grown enough: those of the default Gaussian 1.5 times for level 1, 3 times for level 2. Post-shaded, levels go
-    /// by depth.
+    /// Cells as large as the growth of kernels allows. Pre-shaded and along parallel rays, a level stands for the
+    /// voxels if all kernels have grown enough: those of the default Gaussian 1.5 times for level 1, 3 times for level
+    /// 2. Post-shaded through one eye, levels go by depth.
     #[default]
     Auto,
-    /// Pre-shaded: cells of this level, 0 to 12, whatever they lose. Kernels then are at least as wide as cells can
-    /// have them: level 1 has the default Gaussian grown 1.5 times. 0 is the voxels. Post-shaded: only 0.
+    /// Cells of this level, 0 to 12, whatever they lose. Kernels then are at least as wide as cells can have them:
+    /// level 1 has the default Gaussian grown 1.5 times. 0 is the voxels. Post-shaded through one eye: only 0.
     At(u32),
 }
 

@@ -66,11 +66,6 @@ pub(crate) fn kernel_of(kernel: &Kernel, growth: f64, level: u32) -> Kernel {
     {
         return grown;
     }
-    kernel_of_deviation(deviation)
-}
-
-/// The kernel of cells that has this standard deviation, in cells.
-pub(super) fn kernel_of_deviation(deviation: f64) -> Kernel {
     let broad = ((deviation - LEAST_DEVIATION) / (BROAD - LEAST_DEVIATION)).clamp(0.0, 1.0);
     let [narrow_radius, broad_radius] = RADIUS.map(|times| times * deviation);
     let radius = narrow_radius + (broad_radius - narrow_radius) * broad;
@@ -143,33 +138,18 @@ impl Filter {
         first(cell)..first(end - 1) + self.weights.len() as i64
     }
 
-    /// Of the voxels of an axis of `count`, which go on beyond the faces as copies, those that give to cells, and what
-    /// they give to each of these, numbered from the first.
-    pub(super) fn shares(&self, cells: Range<i64>, count: i64) -> Vec<(i64, Vec<(usize, f32)>)> {
-        let mut shares: Vec<(i64, Vec<(usize, f32)>)> = Vec::new();
-        for voxel in self.voxels(cells.start, cells.end) {
-            let inside = voxel.clamp(0, count - 1);
-            if shares.last().is_none_or(|&(last, _)| last != inside) {
-                shares.push((inside, Vec::new()));
-            }
-            let Some((_, given)) = shares.last_mut() else { continue };
-            for (number, cell) in cells.clone().enumerate() {
-                let Some(weight) = self.weight(voxel, cell) else { continue };
-                match given.iter_mut().find(|(of, _)| *of == number) {
-                    Some((_, sum)) => *sum += weight,
-                    None => given.push((number, weight)),
-                }
-            }
-        }
-        shares
-    }
-
-    /// The cells that a row of scalars gives, which begins with the first voxel that gives to the first cell.
-    pub(super) fn narrow(&self, voxels: &[f32], cells: &mut [f32]) {
-        let windows = voxels.windows(self.weights.len()).step_by(self.size);
-        for (cell, voxels) in cells.iter_mut().zip(windows) {
-            *cell = self.weights.iter().zip(voxels).map(|(weight, voxel)| weight * voxel).sum();
-        }
+    /// What each cell takes of the voxels of an axis of `count`, which go on beyond the faces as copies: of the first
+    /// that it takes, and of those behind it.
+    pub(super) fn taken(&self, cells: Range<i64>, count: usize) -> Vec<(usize, Vec<f32>)> {
+        let of_cell = |cell: i64| {
+            let voxels = self.voxels(cell, cell + 1);
+            let inside = |voxel: i64| voxel.clamp(0, count as i64 - 1) as usize;
+            let first = inside(voxels.start);
+            let mut taken = vec![0.0; inside(voxels.end - 1) + 1 - first];
+            voxels.zip(&self.weights).for_each(|(voxel, weight)| taken[inside(voxel) - first] += weight);
+            (first, taken)
+        };
+        cells.map(of_cell).collect()
     }
 
     /// The weight of a voxel in a cell.
@@ -203,6 +183,15 @@ fn lagrange(x: f64) -> f64 {
         return 0.0;
     }
     (-2..=3).map(f64::from).filter(|&other| other != node).map(|other| (at - other) / (node - other)).product()
+}
+
+/// What cells of a level keep of a wave along an axis, of a frequency in radians per cell.
+pub(super) fn response(level: u32, frequency: f64) -> f64 {
+    // Voxels of a cell beyond which more change nothing.
+    let size = 1_i64 << level.min(3);
+    let at = |voxel: i64| (voxel as f64 + 0.5 * ((size - 1) % 2) as f64) / size as f64;
+    let reach = REACH as i64 * size;
+    (-reach..=reach).map(|voxel| lagrange(at(voxel)) * (frequency * at(voxel)).cos()).sum::<f64>() / size as f64
 }
 
 /// What a voxel emits and absorbs: colour times density, density.

@@ -2,45 +2,58 @@
 //! the host, from the samples as they are asked for, brick by brick: no volume of cells is kept.
 //!
 //! A cell stands for 2^n voxels along each axis, as for pre-shading (cells.rs): voxels are shared by the same weights,
-//! which keep their moments. A kernel that is broader than rays gather is two: a blur that the cells get, and a kernel
-//! of what is left of its variance. The lattice of cells has its middle in that of the voxels, and voxels beyond a face
-//! are copies of the outermost one.
+//! which keep their moments. All cells have one kernel, which rays gather. What else the kernels of voxels are, the
+//! cells are blurred by: classification magnifies differences of shape, and a Gaussian of the same variance is none of
+//! a kernel that is cut off. The lattice of cells has its middle in that of the voxels, and voxels beyond a face are
+//! copies of the outermost one.
 
 use std::ops::Range;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
-use super::cells::{Filter, LEAST_DEVIATION, MAX_LEVEL, kernel_of_deviation};
+use super::cells::{Filter, LEAST_DEVIATION, response};
 use super::scalars::Relative;
 use crate::error::Result;
 use crate::kernel::Kernel;
 use crate::memory::reserved;
 use crate::volume::{BRICK_EDGE as EDGE, Grid, ToF64, Volume, with_samples};
 
-/// The largest standard deviation of the kernels of cells, in cells: such a kernel is small two cells away.
-const MOST_DEVIATION: f64 = 0.78;
+/// The least kernel of cells. The largest is a step of [`STEPS`] as large, and rays gather kernels of a radius of 2. It
+/// is smooth: its parts are fitted well, and the lattice does not show.
+const KERNEL: Kernel = Kernel::KaiserBessel { radius: 1.915, alpha: 5.0 };
 
-/// The variances that cells are blurred by are multiples of this, cells^2: what is between is left to kernels.
-const BLUR: f64 = MOST_DEVIATION * MOST_DEVIATION - LEAST_DEVIATION * LEAST_DEVIATION;
+/// Kernels that reach as far, in voxels, need no cells: rays gather them.
+pub(crate) const MAX_RADIUS: f64 = super::tiles::MAX_RADIUS;
+
+/// The largest scalar of voxels for which cells stand; what shows is within 2. The shapes of kernels differ by some
+/// hundredths of a scalar, which show beside values that are far beyond, like one for voxels without data.
+pub(crate) const MOST_SCALAR: f64 = 16.0;
+
+/// Cells are blurred for growths of which so many make a doubling. What is between is left to their kernel, so that
+/// cells of one picture serve another that is a little larger.
+const STEPS: f64 = 16.0;
 
 /// Which cells stand for voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Coarse {
     pub(crate) level: u32,
-    /// How often they are blurred by a variance of [`BLUR`].
-    blurs: u32,
+    /// Cells are blurred for kernels of voxels that have grown to 2^(step / [`STEPS`]) of their size, in cells.
+    step: i32,
 }
 
 impl Coarse {
-    /// The cells for kernels of a standard deviation in voxels, of the coarsest level that has such kernels or of the
-    /// one asked for.
-    pub(crate) fn new(deviation: f64, level: Option<u32>) -> Self {
+    /// The cells for kernels of voxels that have grown: of the coarsest level that can have such kernels, or of the
+    /// level asked for.
+    pub(crate) fn new(kernel: &Kernel, growth: f64, level: Option<u32>) -> Self {
+        let least = LEAST_DEVIATION / kernel.variance().sqrt();
         // To within rounding: see `cells::level_of`.
-        let most = (1.0001 * deviation / LEAST_DEVIATION).log2().floor().clamp(0.0, f64::from(MAX_LEVEL));
-        let level = level.unwrap_or(most as u32);
-        let cells = deviation / f64::from(level).exp2();
-        let blurs = ((cells * cells - MOST_DEVIATION * MOST_DEVIATION) / BLUR - 1e-3).ceil().max(0.0);
-        Self { level, blurs: blurs as u32 }
+        let coarsest = (1.0001 * growth / least).log2().floor().max(0.0);
+        let level = level.unwrap_or(coarsest as u32);
+        let steps = |growth: f64| STEPS * growth.log2();
+        let step = steps(1.0001 * growth / f64::from(level).exp2()).floor();
+        // Kernels of coarser cells than these are as wide as the least, of finer ones as the next level's least.
+        let (first, last) = (steps(least).ceil(), steps(2.0 * least).floor());
+        Self { level, step: step.clamp(first, last) as i32 }
     }
 
     /// Voxels along an edge of a cell.
@@ -48,11 +61,14 @@ impl Coarse {
         f64::from(self.level).exp2()
     }
 
-    /// The kernel of cells, in cells, that shows them as kernels of that standard deviation show voxels.
-    pub(crate) fn kernel(self, deviation: f64) -> Kernel {
-        let cells = deviation / self.size();
-        let left = cells * cells - f64::from(self.blurs) * BLUR;
-        kernel_of_deviation(left.max(LEAST_DEVIATION * LEAST_DEVIATION).sqrt())
+    /// The growth that cells are blurred for, in cells.
+    fn blurred(self) -> f64 {
+        (f64::from(self.step) / STEPS).exp2()
+    }
+
+    /// The kernel of cells, in cells, if those of voxels have grown so much.
+    pub(crate) fn kernel(self, growth: f64) -> Kernel {
+        KERNEL.grown((growth / (self.size() * self.blurred())).max(1.0))
     }
 
     /// The lattice of the cells.
@@ -76,32 +92,56 @@ impl Coarse {
         })
     }
 
-    /// What voxels give to cells along an axis of so many voxels.
-    fn filter(self, voxels: u32) -> Filter {
-        let cells = voxels.div_ceil(1 << self.level);
-        let before = (f64::from(cells) * self.size() - f64::from(voxels)) / 2.0;
-        Filter::new(self.level, before, &blur(f64::from(self.blurs) * BLUR), 0)
+    /// What voxels give to cells along each axis, if that is their kernel as asked for.
+    pub(super) fn filters(self, kernel: &Kernel, grid: &Grid) -> Filters {
+        let blur = blur(kernel, self.blurred(), self.level);
+        Filters(grid.dims().map(|voxels| {
+            let cells = voxels.div_ceil(1 << self.level);
+            let before = (f64::from(cells) * self.size() - f64::from(voxels)) / 2.0;
+            Filter::new(self.level, before, &blur, 0)
+        }))
     }
 }
 
-/// The weights of a blur of a variance, from the middle one on. They have the moments of a Gaussian, up to the seventh.
-fn blur(variance: f64) -> Vec<f64> {
-    let sampled = variance > 1.0;
-    let reach = if sampled { (4.0 * variance.sqrt()).ceil() as i32 } else { 3 };
-    let weight = |k: i32| {
-        let square = f64::from(k * k);
-        if sampled {
-            return (-square / (2.0 * variance)).exp() / (2.0 * std::f64::consts::PI * variance).sqrt();
+/// The weights along each axis, from the middle one on, by which [`KERNEL`] becomes a kernel that has grown: by least
+/// squares over frequencies along an axis and both kinds of diagonals.
+fn blur(kernel: &Kernel, growth: f64, level: u32) -> [f64; 4] {
+    /// Frequencies, in steps of a tenth of a radian: up to the next images of the lattice.
+    const FREQUENCIES: u32 = 60;
+    let (mut squares, mut wanted) = (DMat3::ZERO, DVec3::ZERO);
+    for frequency in (1..=FREQUENCIES).map(|n| f64::from(n) / 10.0) {
+        let cell = transform(&KERNEL, frequency);
+        // Nothing of it is left to weigh.
+        if cell < 0.02 {
+            break;
         }
-        // Of the three weights, the sums of their even powers of k are those of a Gaussian.
-        let others: Vec<f64> = [1.0, 4.0, 9.0].into_iter().filter(|&other| other != square).collect();
-        let (sum, product): (f64, f64) = (others.iter().sum(), others.iter().product());
-        let moments = variance * (15.0 * variance * variance - sum * 3.0 * variance + product);
-        moments / (2.0 * square * others.iter().map(|other| square - other).product::<f64>())
-    };
-    let beside: Vec<f64> = (1..=reach).map(weight).collect();
-    let middle = 1.0 - 2.0 * beside.iter().sum::<f64>();
-    std::iter::once(middle).chain(beside).collect()
+        let ratio = (transform(kernel, growth * frequency) / cell).max(0.0);
+        for axes in [1.0, 2.0, 3.0_f64] {
+            // The frequency along each of the axes, and what the weights of one should make of it.
+            let along = frequency / axes.sqrt();
+            let factor = ratio.powf(axes.recip());
+            let importance = (axes * cell * factor.max(0.05).powf(axes - 1.0)).powi(2);
+            let kept = response(level, along);
+            let waves = DVec3::new(1.0, 2.0, 3.0).map(|n| 2.0 * (n * along).cos() - 2.0) * kept;
+            squares += DMat3::from_cols(waves * waves.x, waves * waves.y, waves * waves.z) * importance;
+            wanted += waves * (importance * (factor - kept));
+        }
+    }
+    let beside = squares.inverse() * wanted;
+    [1.0 - 2.0 * beside.element_sum(), beside.x, beside.y, beside.z]
+}
+
+/// The Fourier transform of a kernel at a frequency over 0, in radians per voxel, over that at 0.
+fn transform(kernel: &Kernel, frequency: f64) -> f64 {
+    const SHELLS: u32 = 512;
+    let (mut sum, mut whole) = (0.0, 0.0);
+    for shell in 0..SHELLS {
+        let r = kernel.radius() * (f64::from(shell) + 0.5) / f64::from(SHELLS);
+        let area = kernel.value(r * r) * r * r;
+        sum += area * (frequency * r).sin() / (frequency * r);
+        whole += area;
+    }
+    sum / whole
 }
 
 /// What makes cells of the voxels of a volume.
@@ -117,10 +157,6 @@ pub(super) struct CellStrip {
 }
 
 impl Filters {
-    pub(super) fn new(grid: &Grid, coarse: Coarse) -> Self {
-        Self(grid.dims().map(|n| coarse.filter(n)))
-    }
-
     /// The voxels that give to a range of cells along an axis, copies beyond the faces included.
     pub(super) fn voxels(&self, axis: usize, cells: Range<i64>) -> Range<i64> {
         self.0[axis].voxels(cells.start, cells.end)
@@ -135,11 +171,12 @@ impl Filters {
         end: [i64; 3],
     ) -> Result<CellStrip> {
         let size = [0, 1, 2].map(|axis| (end[axis] - first[axis]).max(0) as usize);
-        let dims = volume.grid().dims().map(i64::from);
+        let dims = volume.grid().dims().map(|n| n as usize);
         let [nx, ny, _] = dims;
         let [across, down, deep] = size;
-        let voxels = self.voxels(0, first[0]..end[0]);
-        let width = (voxels.end - voxels.start) as usize;
+        let taken = [0, 1, 2].map(|axis| self.0[axis].taken(first[axis]..end[axis], dims[axis]));
+        let [columns, rows, planes] = [0, 1, 2].map(|axis| span(&taken[axis]));
+        let width = columns.len();
         let zeros = |count: usize| -> Result<Vec<f32>> {
             let mut zeros = reserved(count as u64, || "the cells of a row of bricks".to_owned())?;
             zeros.resize(count, 0.0);
@@ -150,46 +187,50 @@ impl Filters {
         // A plane of voxels in which rows are cells already, and one of cells.
         let mut tall = zeros(width * down)?;
         let mut plane = zeros(across * down)?;
-        let [rows, planes] = [1, 2].map(|axis| self.0[axis].shares(first[axis]..end[axis], dims[axis]));
-        let (from, to) = (clamped(voxels.start, nx), clamped(voxels.end - 1, nx) + 1);
-        for (z, of_plane) in planes {
+        for z in planes {
             tall.fill(0.0);
-            let [y, last] = [rows.first(), rows.last()].map(|row| row.map_or(0, |&(y, _)| y));
-            let at = |y: i64| ((z * ny + y) * nx) as usize;
-            let samples = volume.read(at(y)..at(last + 1))?;
-            for (row_at, of_row) in &rows {
-                let start = at(*row_at) - at(y);
+            let at = |y: usize| (z * ny + y) * nx;
+            let samples = volume.read(at(rows.start)..at(rows.end))?;
+            for y in rows.clone() {
+                let start = at(y) - at(rows.start);
                 with_samples!(&samples, s => {
-                    let inside = s[start + from as usize..start + to as usize].iter();
-                    let copies = (from - voxels.start) as usize;
-                    let count = inside.len();
-                    row[copies..copies + count].iter_mut().zip(inside)
-                        .for_each(|(scalar, sample)| *scalar = relative.to(sample.to_f64()));
-                    let [before, behind] = [row[copies], row[copies + count - 1]];
-                    row[..copies].fill(before);
-                    row[copies + count..].fill(behind);
+                    let samples = &s[start + columns.start..start + columns.end];
+                    row.iter_mut().zip(samples).for_each(|(scalar, sample)| *scalar = relative.to(sample.to_f64()));
                 });
-                for &(cell, weight) in of_row {
-                    add(&mut tall[cell * width..][..width], weight, &row);
+                for (cells, weight) in tall.chunks_exact_mut(width).zip(weights(&taken[1], y)) {
+                    add(cells, weight, &row);
                 }
             }
             for (cells, voxels) in plane.chunks_exact_mut(across).zip(tall.chunks_exact(width)) {
-                self.0[0].narrow(voxels, cells);
+                for (cell, (first, weights)) in cells.iter_mut().zip(&taken[0]) {
+                    let voxels = &voxels[first - columns.start..];
+                    *cell = weights.iter().zip(voxels).map(|(weight, voxel)| weight * voxel).sum();
+                }
             }
-            for (cell, weight) in of_plane {
-                add(&mut scalars[cell * plane.len()..][..plane.len()], weight, &plane);
+            for (cells, weight) in scalars.chunks_exact_mut(plane.len()).zip(weights(&taken[2], z)) {
+                add(cells, weight, &plane);
             }
         }
         Ok(CellStrip { first, size, scalars })
     }
 }
 
-/// The voxel of an axis of `n` voxels that is nearest to `place`.
-fn clamped(place: i64, n: i64) -> i64 {
-    place.clamp(0, n - 1)
+/// The voxels that cells take, see [`Filter::taken`].
+fn span(taken: &[(usize, Vec<f32>)]) -> Range<usize> {
+    let ends = taken.iter().map(|(first, weights)| [*first, first + weights.len()]);
+    ends.reduce(|hull, [first, end]| [hull[0].min(first), hull[1].max(end)]).map_or(0..0, |[first, end]| first..end)
+}
+
+/// What each cell takes of a voxel.
+fn weights(taken: &[(usize, Vec<f32>)], voxel: usize) -> impl Iterator<Item = f32> {
+    let weight = move |(first, weights): &(usize, Vec<f32>)| weights.get(voxel.checked_sub(*first)?).copied();
+    taken.iter().map(move |cell| weight(cell).unwrap_or(0.0))
 }
 
 fn add(sums: &mut [f32], weight: f32, values: &[f32]) {
+    if weight == 0.0 {
+        return;
+    }
     sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
 }
 

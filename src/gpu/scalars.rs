@@ -240,8 +240,7 @@ pub(crate) struct Emission<'a> {
     /// The lattice of splats: voxels, or cells if there are filters.
     dims: [u32; 3],
     filters: Option<Filters>,
-    /// What gradients are sums of: differences of places 1, 2 and 3 to either side, times these.
-    differences: [f32; 3],
+    differences: Differences,
     /// Of each brick of the volume, x fastest, whether a voxel of it can show.
     active: Vec<bool>,
     /// Layers of voxels around a brick that are searched for voxels that can show, or that gradients take differences
@@ -250,6 +249,18 @@ pub(crate) struct Emission<'a> {
     /// Whether they are; otherwise bricks are kept whole.
     singly: bool,
 }
+
+/// What gradients are sums of.
+#[derive(Clone, Copy)]
+struct Differences {
+    /// The factors of the differences of places 1, 2 and 3 to either side.
+    weights: [f32; 3],
+    /// Differences that are as small count as none, as fractions of what they are the differences of.
+    rounding: f32,
+}
+
+/// What cells of equal voxels may differ by, as sums of f32 numbers.
+const ROUNDING: f32 = 1e-5;
 
 /// The cells of a level, or the voxels as level 0, with the copies beyond the faces.
 struct Lattice {
@@ -304,7 +315,10 @@ impl<'a> Emission<'a> {
             Some(coarse) => coarse.grid(grid)?.dims(),
             None => grid.dims(),
         };
-        let differences = coarse.map_or([0.5, 0.0, 0.0], Coarse::differences).map(|weight| weight as f32);
+        let differences = match coarse {
+            Some(coarse) => Differences { weights: coarse.differences().map(|c| c as f32), rounding: ROUNDING },
+            None => Differences { weights: [0.5, 0.0, 0.0], rounding: 0.0 },
+        };
         let places = places(dims, need);
         if need.growth > MAX_GROWTH || places > MAX_PLACES.max(2 * volume.grid().len()) {
             let what = format!("post-shading would copy {} layers of voxels beyond the faces", need.padding);
@@ -318,7 +332,7 @@ impl<'a> Emission<'a> {
             need,
             words: asked.words(),
             dims,
-            filters: coarse.map(|coarse| Filters::new(grid, coarse)),
+            filters: coarse.map(|coarse| coarse.filters(&asked.kernel, grid)),
             differences,
             active: Vec::new(),
             halo: 0,
@@ -326,7 +340,7 @@ impl<'a> Emission<'a> {
         };
         let halo = need.influence.floor() as usize;
         emission.singly = emission.savings.voxels && halo <= MAX_HALO && need.cut.is_none();
-        emission.halo = if emission.singly { halo } else { 0 }.max(if asked.lit { reach_of(differences) } else { 0 });
+        emission.halo = if emission.singly { halo } else { 0 }.max(if asked.lit { reach_of(differences.weights) } else { 0 });
         let ranges = volume.ranges()?.iter();
         emission.active =
             ranges.map(|range| range.iter().any(|&raw| emission.is_active(emission.relative.to(raw)))).collect();
@@ -476,18 +490,29 @@ impl<'a> Emission<'a> {
 }
 
 /// How far from a place gradients take differences.
-fn reach_of(differences: [f32; 3]) -> usize {
-    differences.iter().rposition(|&weight| weight != 0.0).map_or(0, |last| last + 1)
+fn reach_of(weights: [f32; 3]) -> usize {
+    weights.iter().rposition(|&weight| weight != 0.0).map_or(0, |last| last + 1)
 }
 
 /// The gradient at a place of a brick of `edge` places a side: sums of the differences of places to either side along
-/// x, y and z, times these. It is zero where all are equal, so that no light falls there.
-fn central_differences(scalars: &[f32], at: usize, edge: usize, differences: [f32; 3]) -> [f32; 3] {
-    let reach = reach_of(differences);
+/// x, y and z, times these. It is zero where all are equal, so that no light falls there: to within `rounding`, as a
+/// fraction of what is added.
+fn central_differences(
+    scalars: &[f32],
+    at: usize,
+    edge: usize,
+    Differences { weights, rounding }: Differences,
+) -> [f32; 3] {
+    let reach = reach_of(weights);
     [1, edge, edge * edge].map(|step| {
-        let weights = differences.iter().take(reach).enumerate();
-        // Multiplied first: no difference of numbers overflows.
-        weights.map(|(n, weight)| weight * scalars[at + (n + 1) * step] - weight * scalars[at - (n + 1) * step]).sum()
+        let (mut sum, mut size) = (0.0, 0.0);
+        for (n, weight) in (1..).zip(weights.iter().take(reach)) {
+            // Multiplied first: no difference of numbers overflows.
+            let [behind, before] = [weight * scalars[at + n * step], weight * scalars[at - n * step]];
+            sum += behind - before;
+            size += rounding * behind.abs() + rounding * before.abs();
+        }
+        if f32::abs(sum) > size { sum } else { 0.0 }
     })
 }
 

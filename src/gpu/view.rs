@@ -232,8 +232,10 @@ impl ViewGeometry {
         let whole = Region { x: 0, y: 0, width: w, height: h };
         let (scale, origin) = camera.pixels();
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for corner in self.grid.corners_of(self.faces) {
-            let d = corner - camera.target;
+        let signs = [-1.0, 1.0];
+        let corners = signs.into_iter().flat_map(|x| signs.into_iter().flat_map(move |y| signs.map(|z| [x, y, z])));
+        for corner in corners {
+            let d = self.grid.to_world().matrix3 * (DVec3::from_array(corner) * self.faces) - camera.target;
             let mut plane = [d.dot(camera.right), d.dot(camera.up)];
             if let Projection::Perspective { distance, .. } = camera.projection {
                 let z = d.dot(camera.forward) + distance;

@@ -175,11 +175,7 @@ impl Grid {
 
     /// The same, from the world position of the centre of the lattice: a distant origin rounds nothing away.
     pub(crate) fn corners_from_center(&self, margin: f64) -> [DVec3; 8] {
-        self.corners_of(self.middle() + margin)
-    }
-
-    /// Those of the box that reaches so many lattice points to either side of the centre.
-    pub(crate) fn corners_of(&self, half: DVec3) -> [DVec3; 8] {
+        let half = self.middle() + margin;
         std::array::from_fn(|c| {
             let side = |axis: usize| if c >> axis & 1 == 0 { -half[axis] } else { half[axis] };
             self.to_world.matrix3 * DVec3::new(side(0), side(1), side(2))

@@ -4,7 +4,7 @@ use glam::DVec3;
 use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::error::Error;
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::settings::{Level, Model, Resolution, Settings, Shading};
+use voxsplat::settings::{Level, Model, Resolution, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
@@ -15,7 +15,7 @@ use crate::support::{
 use crate::truth::truth;
 
 /// A soft ball, noise in a ball, a thin shell.
-fn volumes(size: u32) -> Vec<(&'static str, Volume)> {
+pub(crate) fn volumes(size: u32) -> Vec<(&'static str, Volume)> {
     let middle = f64::from(size - 1) / 2.0;
     let make = |value: &dyn Fn(f64, u32) -> f64| {
         let samples = (0..size.pow(3)).map(|n| {
@@ -42,7 +42,7 @@ fn auto() -> Settings {
 }
 
 /// A view in which the kernels of a volume of `size`^3 voxels grow so much, and the pixels across the picture.
-fn grown(size: u32, growth: f64, view: View) -> (View, [u32; 2]) {
+pub(crate) fn grown(size: u32, growth: f64, view: View) -> (View, [u32; 2]) {
     let pixels = (1.3 * f64::from(size) / growth).ceil() as u32;
     (View { view_height: Some(f64::from(pixels) * growth), ..view }, [pixels; 2])
 }
@@ -179,9 +179,6 @@ fn levels_that_cannot_be_are_refused() {
         other => panic!("{other:?}"),
     };
     assert!(refused(Settings { level: Level::At(13), ..auto() }).contains("0 to 12"));
-    let post = Settings { shading: Shading::Post, ..auto() };
-    assert!(refused(Settings { level: Level::At(1), ..post.clone() }).contains("by depth"));
-    assert!(Settings { level: Level::At(0), ..post }.validate().is_ok());
 }
 
 #[test]

@@ -15,6 +15,7 @@ mod algorithms;
 mod bounds;
 mod camera;
 mod cells;
+mod scalar_cells;
 mod classification;
 mod cli;
 mod cost;

@@ -31,7 +31,7 @@ use crate::settings::Model;
 
 /// The largest radius of kernels, in voxels, of scalars and along rays that share footprints: they reach at most two
 /// planes, and along shared rays three texels of a row.
-const MAX_RADIUS: f64 = 2.0;
+pub(super) const MAX_RADIUS: f64 = 2.0;
 /// The largest radius of kernels of classified voxels along other rays: their shader reads more planes and texels.
 const MAX_SINGLE_RADIUS: f64 = 3.0;
 

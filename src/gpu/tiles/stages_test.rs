@@ -13,7 +13,7 @@ use super::super::pipeline::{Binding, bind, compute, layout as group_layout, tex
 use super::super::recorder::Recorder;
 use super::super::store::{BrickSplats, Splats, Store};
 use super::super::twins;
-use super::super::view::Region;
+use super::super::view::{Region, half};
 use super::TilesKey;
 use super::axis::PrincipalAxis;
 use super::march::{Stage, find_runs};
@@ -508,7 +508,7 @@ fn rays_meet_no_voxel_between_runs() {
             let setup = RaySetup {
                 camera: &camera,
                 size,
-                volume: PackedBox { grid: &grid, packing: packed.packing, padding: 0 },
+                volume: PackedBox { grid: &grid, packing: packed.packing, padding: 0, faces: half(&grid) + kernel.radius() },
                 kernel: FittedKernel {
                     kernel,
                     footprint: &footprint,
