@@ -152,6 +152,19 @@ impl Filter {
         cells.map(of_cell).collect()
     }
 
+    /// The voxels that cells stand for and so many to either side, of an axis of `count`: if they lie beyond a face, the
+    /// outermost.
+    pub(super) fn blocks(&self, cells: Range<i64>, more: i64, count: usize) -> Vec<Range<usize>> {
+        let inside = |voxel: i64| voxel.clamp(0, count as i64 - 1) as usize;
+        let block = |cell: i64| {
+            // In the middle of those that give to it; one more if a voxel lies in two cells.
+            let Range { start, end } = self.voxels(cell, cell + 1);
+            let beside = (end - start - self.size as i64) / 2 - more;
+            inside(start + beside)..inside(end - beside - 1) + 1
+        };
+        cells.map(block).collect()
+    }
+
     /// The weight of a voxel in a cell.
     fn weight(&self, voxel: i64, cell: i64) -> Option<f32> {
         let at = voxel - self.first - cell * self.size as i64;

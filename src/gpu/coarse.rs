@@ -95,11 +95,13 @@ impl Coarse {
     /// What voxels give to cells along each axis, if that is their kernel as asked for.
     pub(super) fn filters(self, kernel: &Kernel, grid: &Grid) -> Filters {
         let blur = blur(kernel, self.blurred(), self.level);
-        Filters(grid.dims().map(|voxels| {
+        let axes = grid.dims().map(|voxels| {
             let cells = voxels.div_ceil(1 << self.level);
             let before = (f64::from(cells) * self.size() - f64::from(voxels)) / 2.0;
             Filter::new(self.level, before, &blur, 0)
-        }))
+        });
+        let farther = self.size() * (kernel.radius() * self.blurred() - KERNEL.radius());
+        Filters { axes, beside: farther.ceil().max(1.0) as i64 }
     }
 }
 
@@ -145,7 +147,11 @@ fn transform(kernel: &Kernel, frequency: f64) -> f64 {
 }
 
 /// What makes cells of the voxels of a volume.
-pub(super) struct Filters([Filter; 3]);
+pub(super) struct Filters {
+    axes: [Filter; 3],
+    /// Voxels beside those of a cell to which gradients reach farther than the kernel of the cell.
+    beside: i64,
+}
 
 /// The scalars of cells along a row of bricks.
 pub(super) struct CellStrip {
@@ -154,12 +160,14 @@ pub(super) struct CellStrip {
     /// Cells along each axis.
     size: [usize; 3],
     scalars: Vec<f32>,
+    /// If gradients are asked for, whether all voxels around a cell are equal; otherwise none.
+    flat: Vec<bool>,
 }
 
 impl Filters {
     /// The voxels that give to a range of cells along an axis, copies beyond the faces included.
     pub(super) fn voxels(&self, axis: usize, cells: Range<i64>) -> Range<i64> {
-        self.0[axis].voxels(cells.start, cells.end)
+        self.axes[axis].voxels(cells.start, cells.end)
     }
 
     /// The cells of a volume from `first` to before `end`.
@@ -167,14 +175,14 @@ impl Filters {
         &self,
         volume: &Volume,
         relative: &Relative,
-        first: [i64; 3],
-        end: [i64; 3],
+        [first, end]: [[i64; 3]; 2],
+        gradients: bool,
     ) -> Result<CellStrip> {
         let size = [0, 1, 2].map(|axis| (end[axis] - first[axis]).max(0) as usize);
         let dims = volume.grid().dims().map(|n| n as usize);
         let [nx, ny, _] = dims;
         let [across, down, deep] = size;
-        let taken = [0, 1, 2].map(|axis| self.0[axis].taken(first[axis]..end[axis], dims[axis]));
+        let taken = [0, 1, 2].map(|axis| self.axes[axis].taken(first[axis]..end[axis], dims[axis]));
         let [columns, rows, planes] = [0, 1, 2].map(|axis| span(&taken[axis]));
         let width = columns.len();
         let zeros = |count: usize| -> Result<Vec<f32>> {
@@ -187,8 +195,12 @@ impl Filters {
         // A plane of voxels in which rows are cells already, and one of cells.
         let mut tall = zeros(width * down)?;
         let mut plane = zeros(across * down)?;
+        let blocks = [0, 1, 2].map(|axis| self.axes[axis].blocks(first[axis]..end[axis], self.beside, dims[axis]));
+        let mut ranges = vec![NONE; if gradients { across * down * deep } else { 0 }];
+        let mut tall_ranges = vec![NONE; if gradients { width * down } else { 0 }];
         for z in planes {
             tall.fill(0.0);
+            tall_ranges.fill(NONE);
             let at = |y: usize| (z * ny + y) * nx;
             let samples = volume.read(at(rows.start)..at(rows.end))?;
             for y in rows.clone() {
@@ -200,6 +212,10 @@ impl Filters {
                 for (cells, weight) in tall.chunks_exact_mut(width).zip(weights(&taken[1], y)) {
                     add(cells, weight, &row);
                 }
+                let ranges = tall_ranges.chunks_exact_mut(width).zip(&blocks[1]);
+                for (ranges, _) in ranges.filter(|(_, block)| block.contains(&y)) {
+                    ranges.iter_mut().zip(&row).for_each(|(range, &scalar)| *range = hull(*range, [scalar; 2]));
+                }
             }
             for (cells, voxels) in plane.chunks_exact_mut(across).zip(tall.chunks_exact(width)) {
                 for (cell, (first, weights)) in cells.iter_mut().zip(&taken[0]) {
@@ -210,8 +226,18 @@ impl Filters {
             for (cells, weight) in scalars.chunks_exact_mut(plane.len()).zip(weights(&taken[2], z)) {
                 add(cells, weight, &plane);
             }
+            let cells = ranges.chunks_exact_mut((across * down).max(1)).zip(&blocks[2]);
+            for (cells, _) in cells.filter(|(_, block)| block.contains(&z)) {
+                for (cells, voxels) in cells.chunks_exact_mut(across).zip(tall_ranges.chunks_exact(width)) {
+                    for (cell, block) in cells.iter_mut().zip(&blocks[0]) {
+                        let block = block.start - columns.start..block.end - columns.start;
+                        *cell = voxels[block].iter().fold(*cell, |range, &voxel| hull(range, voxel));
+                    }
+                }
+            }
         }
-        Ok(CellStrip { first, size, scalars })
+        let flat = ranges.iter().map(|[low, high]| low == high).collect();
+        Ok(CellStrip { first, size, scalars, flat })
     }
 }
 
@@ -227,6 +253,14 @@ fn weights(taken: &[(usize, Vec<f32>)], voxel: usize) -> impl Iterator<Item = f3
     taken.iter().map(move |cell| weight(cell).unwrap_or(0.0))
 }
 
+/// The range of no scalars.
+const NONE: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
+
+/// The range of the scalars of two ranges.
+fn hull(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
+    [if b[0] < a[0] { b[0] } else { a[0] }, if b[1] > a[1] { b[1] } else { a[1] }]
+}
+
 fn add(sums: &mut [f32], weight: f32, values: &[f32]) {
     if weight == 0.0 {
         return;
@@ -237,12 +271,22 @@ fn add(sums: &mut [f32], weight: f32, values: &[f32]) {
 impl CellStrip {
     /// The cells around `first`, with `halo` cells around 32^3 of them, x fastest.
     pub(super) fn brick(&self, first: [i64; 3], halo: usize) -> Vec<f32> {
+        self.part(&self.scalars, first, halo)
+    }
+
+    /// Of 32^3 cells from `first` on, whether all voxels around them are equal: then there is no gradient. Weights that
+    /// are negative would make some of voxels farther away, and light shows the direction of the smallest.
+    pub(super) fn flat(&self, first: [i64; 3]) -> Vec<bool> {
+        if self.flat.is_empty() { Vec::new() } else { self.part(&self.flat, first, 0) }
+    }
+
+    fn part<T: Copy>(&self, all: &[T], first: [i64; 3], halo: usize) -> Vec<T> {
         let edge = EDGE + 2 * halo;
         let [x, y, z] = [0, 1, 2].map(|axis| (first[axis] - halo as i64 - self.first[axis]) as usize);
         let mut cells = Vec::with_capacity(edge * edge * edge);
         for k in z..z + edge {
             for j in y..y + edge {
-                cells.extend_from_slice(&self.scalars[x + self.size[0] * (j + self.size[1] * k)..][..edge]);
+                cells.extend_from_slice(&all[x + self.size[0] * (j + self.size[1] * k)..][..edge]);
             }
         }
         cells

@@ -240,7 +240,8 @@ pub(crate) struct Emission<'a> {
     /// The lattice of splats: voxels, or cells if there are filters.
     dims: [u32; 3],
     filters: Option<Filters>,
-    differences: Differences,
+    /// What gradients are sums of: differences of places 1, 2 and 3 to either side, times these.
+    differences: [f32; 3],
     /// Of each brick of the volume, x fastest, whether a voxel of it can show.
     active: Vec<bool>,
     /// Layers of voxels around a brick that are searched for voxels that can show, or that gradients take differences
@@ -249,18 +250,6 @@ pub(crate) struct Emission<'a> {
     /// Whether they are; otherwise bricks are kept whole.
     singly: bool,
 }
-
-/// What gradients are sums of.
-#[derive(Clone, Copy)]
-struct Differences {
-    /// The factors of the differences of places 1, 2 and 3 to either side.
-    weights: [f32; 3],
-    /// Differences that are as small count as none, as fractions of what they are the differences of.
-    rounding: f32,
-}
-
-/// What cells of equal voxels may differ by, as sums of f32 numbers.
-const ROUNDING: f32 = 1e-5;
 
 /// The cells of a level, or the voxels as level 0, with the copies beyond the faces.
 struct Lattice {
@@ -315,10 +304,7 @@ impl<'a> Emission<'a> {
             Some(coarse) => coarse.grid(grid)?.dims(),
             None => grid.dims(),
         };
-        let differences = match coarse {
-            Some(coarse) => Differences { weights: coarse.differences().map(|c| c as f32), rounding: ROUNDING },
-            None => Differences { weights: [0.5, 0.0, 0.0], rounding: 0.0 },
-        };
+        let differences = coarse.map_or([0.5, 0.0, 0.0], Coarse::differences).map(|weight| weight as f32);
         let places = places(dims, need);
         if need.growth > MAX_GROWTH || places > MAX_PLACES.max(2 * volume.grid().len()) {
             let what = format!("post-shading would copy {} layers of voxels beyond the faces", need.padding);
@@ -340,7 +326,7 @@ impl<'a> Emission<'a> {
         };
         let halo = need.influence.floor() as usize;
         emission.singly = emission.savings.voxels && halo <= MAX_HALO && need.cut.is_none();
-        emission.halo = if emission.singly { halo } else { 0 }.max(if asked.lit { reach_of(differences.weights) } else { 0 });
+        emission.halo = if emission.singly { halo } else { 0 }.max(if asked.lit { reach_of(differences) } else { 0 });
         let ranges = volume.ranges()?.iter();
         emission.active =
             ranges.map(|range| range.iter().any(|&raw| emission.is_active(emission.relative.to(raw)))).collect();
@@ -408,21 +394,23 @@ impl<'a> Emission<'a> {
         let bricks: Vec<[usize; 3]> =
             (0..lattice.counts[0]).filter(|&i| takes_part(i)).map(|i| [i, j, k]).collect();
         let (Some(&leftmost), Some(&rightmost)) = (bricks.first(), bricks.last()) else { return Ok(Vec::new()) };
-        let made = |scalars: &dyn Fn([i64; 3]) -> Vec<f32>| {
-            bricks.iter().map(|&brick| self.brick(lattice, brick, &scalars(lattice.first(brick)))).collect()
+        let made = |scalars: &dyn Fn([i64; 3]) -> Vec<f32>, flat: &dyn Fn([i64; 3]) -> Vec<bool>| {
+            let first = |brick| lattice.first(brick);
+            bricks.iter().map(|&b| self.brick(lattice, b, &scalars(first(b)), &flat(first(b)))).collect()
         };
+        let some = |_| Vec::new();
         if let Some(cells) = &lattice.cells {
-            return Ok(made(&|first| cells.brick(first, self.halo)));
+            return Ok(made(&|first| cells.brick(first, self.halo), &some));
         }
         let (first, last) = (lattice.first(leftmost), lattice.first(rightmost));
         if let Some(filters) = &self.filters {
             let halo = self.halo as i64;
             let [first, end] = [first.map(|cell| cell - halo), last.map(|cell| cell + EDGE as i64 + halo)];
-            let strip = filters.strip(self.volume, &self.relative, first, end)?;
-            return Ok(made(&|first| strip.brick(first, self.halo)));
+            let strip = filters.strip(self.volume, &self.relative, [first, end], self.words == LIT_SCALAR_WORDS)?;
+            return Ok(made(&|first| strip.brick(first, self.halo), &|first| strip.flat(first)));
         }
         let strip = self.volume.strip([first[1], first[2]], self.halo)?;
-        Ok(made(&|first| bytemuck::pod_collect_to_vec::<u8, f32>(&strip.brick(first, &self.relative))))
+        Ok(made(&|first| bytemuck::pod_collect_to_vec::<u8, f32>(&strip.brick(first, &self.relative)), &some))
     }
 
     /// How many voxels the scalar of a cell counts for; 0: it takes no part in the picture.
@@ -436,8 +424,8 @@ impl<'a> Emission<'a> {
         }
     }
 
-    /// The splats of a brick, given its scalars with the halo around them.
-    fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32]) -> BrickScalars {
+    /// The splats of a brick, given its scalars with the halo around them, and which have no gradient, if any.
+    fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32], flat: &[bool]) -> BrickScalars {
         let (halo, lit) = (self.halo, self.words == LIT_SCALAR_WORDS);
         let kept = self.singly.then(|| {
             let active: Vec<bool> = scalars.iter().map(|&s| self.is_active(s)).collect();
@@ -466,6 +454,7 @@ impl<'a> Emission<'a> {
                     if kept.is_some_and(|kept| !kept[x]) {
                         continue;
                     }
+                    let lit = lit && !flat.get(x + EDGE * (y + EDGE * z)).is_some_and(|&flat| flat);
                     let gradient = if lit { central_differences(scalars, start + x, edge, self.differences) } else { [0.0; 3] };
                     let cell = [0, 1, 2].map(|axis| first[axis] + [x, y, z][axis] as i64);
                     let count = self.count(lattice, cell);
@@ -473,7 +462,7 @@ impl<'a> Emission<'a> {
                         let scalar = (f64::from(scalar) * count) as f32;
                         rows[y + EDGE * z] |= 1 << x;
                         words.push(scalar.to_bits());
-                        if lit {
+                        if self.words == LIT_SCALAR_WORDS {
                             let gradient = gradient.map(|c| (f64::from(c) * steepness * count) as f32);
                             words.extend(packed_gradient(gradient));
                         }
@@ -495,24 +484,13 @@ fn reach_of(weights: [f32; 3]) -> usize {
 }
 
 /// The gradient at a place of a brick of `edge` places a side: sums of the differences of places to either side along
-/// x, y and z, times these. It is zero where all are equal, so that no light falls there: to within `rounding`, as a
-/// fraction of what is added.
-fn central_differences(
-    scalars: &[f32],
-    at: usize,
-    edge: usize,
-    Differences { weights, rounding }: Differences,
-) -> [f32; 3] {
-    let reach = reach_of(weights);
+/// x, y and z, times these. It is zero where all are equal, so that no light falls there.
+fn central_differences(scalars: &[f32], at: usize, edge: usize, weights: [f32; 3]) -> [f32; 3] {
+    let weights = &weights[..reach_of(weights)];
     [1, edge, edge * edge].map(|step| {
-        let (mut sum, mut size) = (0.0, 0.0);
-        for (n, weight) in (1..).zip(weights.iter().take(reach)) {
-            // Multiplied first: no difference of numbers overflows.
-            let [behind, before] = [weight * scalars[at + n * step], weight * scalars[at - n * step]];
-            sum += behind - before;
-            size += rounding * behind.abs() + rounding * before.abs();
-        }
-        if f32::abs(sum) > size { sum } else { 0.0 }
+        // Multiplied first: no difference of numbers overflows.
+        let difference = |n: usize, weight: f32| weight * scalars[at + n * step] - weight * scalars[at - n * step];
+        (1..).zip(weights).map(|(n, &weight)| difference(n, weight)).sum()
     })
 }
 
