@@ -1,8 +1,9 @@
 // The rays of the painter `tiles`, and the packed volume that they cross.
 //
 // Lattice axes: m is the principal viewing axis, the one that rays run along most closely; a and b are the other two. a
-// is the first of the two along which rays lean so little that six voxels of a row hold every kernel that reaches a
-// ray. Lengths are in voxels unless a name says otherwise. Voxel planes are numbered front to back along m.
+// is the one along which rays lean less, or of parallel rays the first of the two along which they lean so little that
+// six voxels of a row hold every kernel that reaches a ray. Lengths are in voxels unless a name says otherwise. Voxel
+// planes are numbered front to back along m.
 //
 // A ray meets plane k at base + k shear, in (a, b). Base coordinates are the (a, b) of plane 0. Parallel rays share one
 // shear. A ray that runs along two or three axes nearly alike is marched along each of them, and the colours are mixed.

@@ -172,10 +172,8 @@ impl<'a> Picture<'a> {
         let [way, ..] = self.ways.as_slice() else { return TilesKey::default() };
         let Job { view, settings, .. } = self.job;
         // A ball of the lattice reaches as far along a row.
-        // Of rays through one eye, a row leans by at most 0.733 if m has a share.
         let most = view.depth_growth().1;
-        let lean = |way: &Way| if view.is_perspective() { 0.733 } else { way.axis.direction.x };
-        let reach = |way: &Way| most * self.kernel.radius() / (1.0 - lean(way).powi(2)).sqrt();
+        let reach = |way: &Way| most * self.kernel.radius() / (1.0 - way.axis.lean.powi(2)).sqrt();
         TilesKey {
             model: settings.model,
             voxel: way.packing.voxel,
