@@ -25,6 +25,8 @@ const SECTION_STEPS: f32 = 8.0 / 1.55;
 // Tables of sections: their values for kernels as asked for, and the coefficients of their growth less 1 and of the
 // square of that.
 const SECTION_POWERS: u32 = 3u;
+// Where the tables of the slabs that only wide kernels of scalars reach begin.
+const FAR_SECTIONS: u32 = SECTIONS * SECTION_POWERS;
 
 struct Rays {
     // Parallel rays: base coordinates of point (0, 0) of the intermediate image, and the steps to its neighbours. Rays
@@ -122,14 +124,15 @@ struct Rays {
     fade_in: vec2f,
     fade_out: vec2f,
     // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.
-    sections: array<Section, SECTIONS * SECTION_POWERS>,
+    sections: array<Section, 2u * FAR_SECTIONS>,
 }
 
-// The parts of a kernel that lie in the four slabs before its centre: its footprint times (by_m0 + by_m1 s + by_m2
+// The parts of a kernel that lie in four slabs before its centre: its footprint times (by_m0 + by_m1 s + by_m2
 // s^2), s the place of its centre along the ray, from where the ray meets its plane. Summed over a plane these are
 // by_m0 m0 + by_m1 m1 + by_m2 m2 of the plane's moments. Behind the centre the sign of s changes.
 //
-// Slabs of scalars are half a plane thick; the first component is the foremost slab. Slabs of colours are a plane
+// Slabs of scalars are half a plane thick; the first component is the foremost slab, two planes before the centre, or
+// four planes if the section is a far one. Slabs of colours are a plane
 // thick; the components are the slabs one to four before the kernel's own, which has the rest.
 struct Section {
     by_m0: vec4f,
