@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-use common::{Arguments, Outcome, Report, median};
+use common::{Arguments, Outcome, Report, measured, median};
 use serde::Deserialize;
 use voxsplat::reference::Reference;
 use voxsplat::renderer::adapters;
@@ -165,38 +165,6 @@ fn child(options: &Options, config: &Config, scene: &Scene, painter: &str) -> Ou
     let error = error(&colors(&first), &colors(&truth));
     println!("{}", serde_json::json!({ "median_s": median(times.split_off(1)), "error": error }));
     Ok(())
-}
-
-/// Wall seconds and peak MiB of a command, and the JSON object of its last line.
-fn measured(command: &mut Command) -> Outcome<(f64, f64, serde_json::Value)> {
-    let start = Instant::now();
-    let mut child = command
-        .stdout(std::process::Stdio::piped())
-        .stderr(std::process::Stdio::null())
-        .spawn()
-        .map_err(|e| format!("{command:?}: {e}"))?;
-    // The kernel's own high-water mark, read while the process lives.
-    let status = PathBuf::from(format!("/proc/{}/status", child.id()));
-    let mut peak = 0.0_f64;
-    let ended = loop {
-        let text = std::fs::read_to_string(&status).unwrap_or_default();
-        let mark = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-        peak = peak.max(mark.and_then(|m| m.trim().trim_end_matches(" kB").parse().ok()).unwrap_or(0.0) / 1024.0);
-        if let Some(ended) = child.try_wait()? {
-            break ended;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(2));
-    };
-    let wall = start.elapsed().as_secs_f64();
-    let mut text = String::new();
-    if let Some(mut out) = child.stdout.take() {
-        std::io::Read::read_to_string(&mut out, &mut text)?;
-    }
-    if !ended.success() {
-        return Err(format!("{command:?} failed").into());
-    }
-    let json = text.lines().rev().find_map(|line| serde_json::from_str(line).ok());
-    Ok((wall, peak, json.unwrap_or_default()))
 }
 
 /// The colours of a NumPy array of height x width x 4 doubles.
