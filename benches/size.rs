@@ -214,7 +214,10 @@ fn main() -> Outcome {
     let scene =
         Scene { folder, edge: 256, size: [512; 2], lit: false, perspective: false, frames: usize::max(frames, 2) };
 
-    report.line("| voxels | light | level | splats | load, s | classify, s | pack, s | frame, s | command, s | memory of it, MiB | memory turning, MiB |");
+    report.line(
+        "| voxels | light | level | splats | load, s | classify, s | pack, s | frame, s | command, s \
+         | memory of it, MiB | memory turning, MiB |",
+    );
     report.line("|---|---|---|---|---|---|---|---|---|---|---|");
     for edge in edges {
         for lit in [false, true] {
@@ -224,8 +227,8 @@ fn main() -> Outcome {
             let (took, turning) = scene.turntable()?;
             let Took { load, classify, pack, frame, level, splats, .. } = took;
             report.line(format_args!(
-                "| {edge}^3 | {} | {level} | {:.1} M | {load:.3} | {classify:.2} | {pack:.3} | {frame:.3} | {command:.2} \
-                 | {memory:.0} | {turning:.0} |",
+                "| {edge}^3 | {} | {level} | {:.1} M | {load:.3} | {classify:.2} | {pack:.3} | {frame:.3} \
+                 | {command:.2} | {memory:.0} | {turning:.0} |",
                 if lit { "headlight" } else { "none" },
                 splats as f64 / 1e6,
             ));

@@ -166,7 +166,7 @@ impl Scene {
         let growth = voxels.min_growth();
         let level = match settings.level {
             Level::At(level) => level,
-            Level::Auto if settings.takes_cells() => cells::level_of(&settings.kernel, growth),
+            Level::Auto if settings.takes_cells() => cells::level_of(&settings.kernel, growth, &self.grid),
             Level::Auto => 0,
         };
         let (settings, weights) = (settings.clone(), self.weights);

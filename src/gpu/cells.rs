@@ -43,11 +43,13 @@ const SHARED_RADIUS: f64 = 2.0;
 /// The coarsest level.
 pub(crate) const MAX_LEVEL: u32 = 12;
 
-/// The level whose cells stand for voxels whose kernels have grown so much; 0: voxels do.
-pub(crate) fn level_of(kernel: &Kernel, growth: f64) -> u32 {
+/// The level whose cells stand for voxels whose kernels have grown so much; 0: voxels do. No level is
+/// coarser than the one of which a cell holds the volume.
+pub(crate) fn level_of(kernel: &Kernel, growth: f64, grid: &Grid) -> u32 {
     // A growth of 1.5 is often that of a picture, to within rounding.
     let cells = 1.0001 * growth * kernel.variance().sqrt() / LEAST_DEVIATION;
-    cells.log2().floor().clamp(0.0, f64::from(MAX_LEVEL)) as u32
+    let one = grid.dims().into_iter().max().unwrap_or(1).next_power_of_two().ilog2();
+    cells.log2().floor().clamp(0.0, f64::from(one.min(MAX_LEVEL))) as u32
 }
 
 /// The least growth of kernels that cells of a level can have.
@@ -145,26 +147,35 @@ impl Filter {
         within(first)..within(end)
     }
 
-    /// What voxels, the first that gives to the first of the cells and those behind it, give to the cells.
-    fn narrow<const N: usize>(&self, voxels: &[[f32; N]], cells: &mut [[f32; N]]) {
+    /// What voxels, the first that gives to the first of the cells and those behind it, give to the cells. Voxels
+    /// outside `shown` give nothing.
+    fn gather<const N: usize>(&self, voxels: &[[f32; N]], shown: &Range<usize>, cells: &mut [[f32; N]]) {
         // Four sums at a time: none waits for its own last addition.
         let (fours, rest) = cells.as_chunks_mut::<4>();
-        for (four, voxels) in
-            fours.iter_mut().zip(voxels.windows(self.weights.len() + 3 * self.size).step_by(4 * self.size))
-        {
-            *four = self.sums(voxels);
+        let behind = 4 * fours.len();
+        for (number, four) in fours.iter_mut().enumerate() {
+            *four = self.sums(4 * number, voxels, shown);
         }
-        let voxels = &voxels[4 * fours.len() * self.size..];
-        for (cell, voxels) in rest.iter_mut().zip(voxels.windows(self.weights.len()).step_by(self.size)) {
-            [*cell] = self.sums(voxels);
+        for (number, cell) in rest.iter_mut().enumerate() {
+            [*cell] = self.sums(behind + number, voxels, shown);
         }
     }
 
-    /// What voxels give to cells side by side.
-    fn sums<const N: usize, const CELLS: usize>(&self, voxels: &[[f32; N]]) -> [[f32; N]; CELLS] {
+    /// What voxels give to cells side by side, the first of this number.
+    fn sums<const N: usize, const CELLS: usize>(
+        &self,
+        first: usize,
+        voxels: &[[f32; N]],
+        shown: &Range<usize>,
+    ) -> [[f32; N]; CELLS] {
         let mut sums = [[0.0; N]; CELLS];
-        let voxels: [_; CELLS] = std::array::from_fn(|cell| &voxels[cell * self.size..][..self.weights.len()]);
-        for (at, weight) in self.weights.iter().enumerate() {
+        // Of the voxels of each, those of which some show.
+        let [near, far] = [first, first + CELLS - 1].map(|cell| cell * self.size);
+        let taps = shown.start.saturating_sub(far)..shown.end.saturating_sub(near).min(self.weights.len());
+        let Some(weights) = self.weights.get(taps.clone()) else { return sums };
+        let voxels: [_; CELLS] =
+            std::array::from_fn(|cell| &voxels[near + cell * self.size + taps.start..][..weights.len()]);
+        for (at, weight) in weights.iter().enumerate() {
             for (sum, voxels) in sums.iter_mut().zip(voxels) {
                 for (sum, channel) in sum.iter_mut().zip(&voxels[at]) {
                     *sum += weight * channel;
@@ -351,7 +362,10 @@ impl<'a> Coarsening<'a> {
                 }
                 let reached = self.filter.reached(&shown, across);
                 let narrow = &mut narrow[reached.clone()];
-                self.filter.narrow(&voxels[reached.start * self.filter.size..], narrow);
+                let start = reached.start * self.filter.size;
+                // From the first voxel on that gives to these cells.
+                let shown = (begin + shown.start).saturating_sub(start)..(begin + shown.end).saturating_sub(start);
+                self.filter.gather(&voxels[start..], &shown, narrow);
                 for (cell, weight) in self.filter.cells(y, ys.start, ys.end) {
                     block.add_to_plane([reached.start, cell - ys.start], weight, narrow);
                 }
@@ -539,4 +553,44 @@ fn directions([gx, gy, gz]: [Vec3; 3], [dx, dy, dz]: [[f32; RUN]; 3]) -> [[f32; 
         directions[2][at] = unit.z;
     }
     directions
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_get_what_voxels_that_show_give() {
+        for (level, voxels) in [(0, 20), (1, 37), (2, 64), (4, 50), (7, 100)] {
+            let filter = Filter::new(level);
+            let cells = (voxels as usize).div_ceil(filter.size) + 2 * REACH;
+            let all = filter.voxels(0, cells);
+            let begin = (-all.start) as usize;
+            for shown in [0..voxels, 0..3, 7..19, voxels - 1..voxels] {
+                let mut row = vec![[0.0_f32]; (all.end - all.start) as usize];
+                shown.clone().for_each(|voxel| row[begin + voxel as usize] = [1.0 + 0.1 * voxel as f32]);
+                let range = shown.start as usize..shown.end as usize;
+                let reached = filter.reached(&range, cells);
+                let mut got = vec![[0.0; 1]; cells];
+                let start = reached.start * filter.size;
+                let within = (begin + range.start).saturating_sub(start)..begin + range.end - start;
+                filter.gather(&row[start..], &within, &mut got[reached]);
+                for (cell, [got]) in got.into_iter().enumerate() {
+                    let given = |voxel: i64| Some(filter.weight(voxel, cell)? * row[begin + voxel as usize][0]);
+                    let expected: f32 = shown.clone().filter_map(given).sum();
+                    assert!(
+                        (got - expected).abs() < 1e-6 * voxels as f32,
+                        "{level} {shown:?} {cell}: {got} {expected}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_level_is_coarser_than_the_volume() {
+        let grid = Grid::axis_parallel([40, 65, 10], [1.0; 3]).unwrap();
+        let level = |growth| level_of(&Kernel::default(), growth, &grid);
+        assert_eq!([1.0, 1.5, 3.0, 50.0, 1e3, 1e9].map(level), [0, 1, 2, 6, 7, 7]);
+    }
 }
