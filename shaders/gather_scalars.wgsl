@@ -142,7 +142,7 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
         return;
     }
     let geometry = geometry_of(at);
-    let ray = march_planes(tile, geometry);
+    let ray = march_planes(tile, geometry, new_ray());
     var value = vec4f(ray.color, absorbed(ray.depth));
     if MAXIMUM {
         // A ray that met nothing but skipped space has 0, the base, as its largest scalar, and shows nothing.

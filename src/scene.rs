@@ -9,12 +9,13 @@ use crate::gpu::cache::Cache;
 use crate::gpu::cells::{self, Coarsening};
 use crate::gpu::classify::{Classified, Classifier, HostClassifier};
 use crate::gpu::context::Context;
+use crate::gpu::painter::Room;
 use crate::gpu::scalars::{self, Asked, Emission, Emitted, Shows};
 use crate::gpu::scan::Scan;
 use crate::gpu::store::{Bricks, Store};
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, TransferTable};
-use crate::gpu::view::{ScalarNeed, ViewGeometry, Weights};
+use crate::gpu::view::{Fade, ScalarNeed, ViewGeometry, Weights};
 use crate::kernel::Normalization;
 use crate::progress::Progress;
 use crate::settings::{Level, Model, Settings};
@@ -48,8 +49,8 @@ struct Voxels {
     lit: bool,
     /// The voxels that show, once a picture has asked for them.
     classified: Mutex<Option<Arc<Classified>>>,
-    /// The cells of the level that a picture asked for last.
-    cells: Mutex<Option<(u32, Arc<Emitted>)>>,
+    /// The cells of the levels that the picture before asked for.
+    cells: Mutex<Vec<(u32, Arc<Emitted>)>>,
 }
 
 /// A volume as post-shading draws it.
@@ -65,9 +66,15 @@ struct Scalars {
     emitted: Mutex<Option<(Asked, Arc<Emitted>)>>,
 }
 
-/// How a picture is drawn of the cells of a level; of voxels, if that is 0.
+/// What a picture is drawn of: of rays through one eye there may be coarser cells behind the nearest.
 pub(crate) struct Cells {
-    /// The view of the lattice of the cells.
+    pub(crate) nearest: Lattice,
+    pub(crate) behind: Vec<Lattice>,
+}
+
+/// How a picture is drawn of the cells of a level; of voxels, if that is 0.
+pub(crate) struct Lattice {
+    /// The view of the lattice of the cells, which is a layer if there are others.
     pub(crate) view: ViewGeometry,
     /// The settings with the kernel of cells.
     pub(crate) settings: Settings,
@@ -119,7 +126,7 @@ impl Scene {
             transfer: transfer.clone(),
             lit,
             classified: Mutex::new(None),
-            cells: Mutex::new(None),
+            cells: Mutex::new(Vec::new()),
         };
         Self::new(context, Content::Splats(Box::new(voxels)), *volume.grid(), weights, 0.0)
     }
@@ -161,29 +168,72 @@ impl Scene {
         Ok(())
     }
 
-    /// What stands for the voxels in a picture, given its view of them.
-    pub(crate) fn cells(&self, voxels: ViewGeometry, settings: &Settings, camera: &Camera) -> Result<Cells> {
-        let growth = voxels.min_growth();
-        let level = match settings.level {
-            Level::At(level) => level,
-            Level::Auto if settings.takes_cells() => cells::level_of(&settings.kernel, growth, &self.grid),
-            Level::Auto => 0,
+    /// What stands for the voxels in a picture, given its view of them: one lattice, or of rays through one eye
+    /// `layers`, the nearest first.
+    pub(crate) fn cells(
+        &self,
+        voxels: &ViewGeometry,
+        settings: &Settings,
+        camera: &Camera,
+        layers: bool,
+    ) -> Result<Cells> {
+        let levels = match settings.level {
+            Level::At(level) => [level; 2],
+            Level::Auto if !settings.takes_cells() => [0; 2],
+            Level::Auto => {
+                let farthest = if layers { voxels.max_growth() } else { voxels.min_growth() };
+                [voxels.min_growth(), farthest].map(|growth| cells::level_of(&settings.kernel, growth, &self.grid))
+            }
         };
+        let [nearest, farthest] = levels;
+        let of_level = |level| self.lattice(level, levels, voxels, settings, camera);
+        let behind = (nearest + 1..=farthest).map(of_level).collect::<Result<Vec<Lattice>>>()?;
+        Ok(Cells { nearest: of_level(nearest)?, behind })
+    }
+
+    /// The cells of one of the levels from the nearest to the farthest.
+    fn lattice(
+        &self,
+        level: u32,
+        [nearest, farthest]: [u32; 2],
+        voxels: &ViewGeometry,
+        settings: &Settings,
+        camera: &Camera,
+    ) -> Result<Lattice> {
         let (settings, weights) = (settings.clone(), self.weights);
+        // Kernels nearer than those that cells can have are as wide as the least of these.
+        let least = |level| cells::least_growth(&settings.kernel, level);
+        let growth = if level == 0 { 1.0 } else { voxels.min_growth().max(least(level)) };
+        let fade = (nearest < farthest).then(|| {
+            let ramp = |level| voxels.ramp(level, least(level)).map(|voxel| voxel / growth);
+            Fade {
+                begins: if level == nearest { Fade::NEAREST } else { ramp(level) },
+                ends: if level == farthest { Fade::FARTHEST } else { ramp(level + 1) },
+            }
+        });
+        let view_of = |grid: &Grid, settings: &Settings, grown| {
+            ViewGeometry::of_cells(camera, grid, settings, voxels.savings(), grown, fade)
+        };
         if level == 0 {
-            return Ok(Cells { view: voxels, settings, weights, level });
+            return Ok(Lattice { view: view_of(&self.grid, &settings, 1.0), settings, weights, level });
         }
         let grid = cells::grid_of(&self.grid, level)?;
-        // Kernels nearer than those that cells can have are as wide as the least of these.
-        let growth = growth.max(cells::least_growth(&settings.kernel, level));
         let kernel = cells::kernel_of(&settings.kernel, growth, level);
         // Cells are divided by the integral of their kernel. What voxels are divided by beside theirs stays.
         let denser = settings.kernel.integral() / settings.normalization.divisor(&settings.kernel);
         let unit = weights.unit * self.grid.unit() / (grid.unit() * denser);
         let grown = growth / f64::from(level).exp2();
         let settings = Settings { kernel, normalization: Normalization::Unit, ..settings }.with_sheets_of(grown);
-        let view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings(), grown);
-        Ok(Cells { view, settings, weights: Weights { unit, ..weights }, level })
+        let view = view_of(&grid, &settings, grown);
+        Ok(Lattice { view, settings, weights: Weights { unit, ..weights }, level })
+    }
+
+    /// Drops what stands for the voxels of a pre-shaded scene at other levels than these, the nearest and the farthest.
+    pub(crate) fn keep_levels(&self, [nearest, farthest]: [u32; 2]) {
+        if let Content::Splats(voxels) = &self.content {
+            let mut cells = voxels.cells.lock().unwrap_or_else(PoisonError::into_inner);
+            cells.retain(|(level, _)| (nearest..=farthest).contains(level));
+        }
     }
 
     /// Seconds that preparing took, told once: pictures after the first did not take them.
@@ -253,6 +303,13 @@ impl Scene {
     }
 }
 
+impl Lattice {
+    /// Why a painter does not draw it, `None` if it does.
+    pub(crate) fn refusal(&self, room: &Room) -> Option<String> {
+        (room.refusal)(&self.view, &self.settings)
+    }
+}
+
 impl Voxels {
     /// The voxels that show.
     fn classified(&self, context: &Context, pipelines: &Cache, progress: &Progress) -> Result<(Drawable, f64)> {
@@ -279,9 +336,7 @@ impl Voxels {
     /// The cells of a level.
     fn cells(&self, context: &Context, level: u32, progress: &Progress) -> Result<(Drawable, f64)> {
         let lock = || self.cells.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((of, cells)) = lock().as_ref()
-            && *of == level
-        {
+        if let Some((_, cells)) = lock().iter().find(|(of, _)| *of == level) {
             return Ok((Drawable::Emitted(Arc::clone(cells)), 0.0));
         }
         let (cells, seconds) = on_host(|| {
@@ -290,7 +345,7 @@ impl Voxels {
             })
         });
         let cells = Arc::new(cells?);
-        *lock() = Some((level, Arc::clone(&cells)));
+        lock().push((level, Arc::clone(&cells)));
         Ok((Drawable::Emitted(cells), seconds))
     }
 }

@@ -160,9 +160,9 @@ pub enum Resolution {
 /// follows the picture instead of the volume (Laur and Hanrahan 1991, "Hierarchical splatting").
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Level {
-    /// Cells as large as the growth of kernels allows. Pre-shaded, a level stands for the voxels if all kernels have
-    /// grown enough: those of the default Gaussian 1.5 times for level 1, 3 times for level 2. Post-shaded, levels go
-    /// by depth.
+    /// Cells as large as the growth of kernels allows: pre-shaded, a level stands for voxels whose kernels have grown
+    /// enough, those of the default Gaussian 1.5 times for level 1, 3 times for level 2. In perspective levels go by
+    /// depth; pre-shaded by [`Painter::Quads`] a picture has one level, that of its nearest kernels.
     #[default]
     Auto,
     /// Pre-shaded: cells of this level, 0 to 12, whatever they lose. Kernels then are at least as wide as cells can

@@ -112,6 +112,12 @@ fn geometry_of(point: vec2u) -> RayGeometry {
             geometry.inside = select(vec2f(FAR, -FAR), vec2f(-FAR, FAR), in_front);
         }
     }
+    if LAYERED {
+        // Growth increases along a ray: it follows depth.
+        let per_plane = max(geometry.growth.y, 1e-20);
+        let ends = (vec2f(rays.fade_in.x, rays.fade_out.x) - geometry.growth.x) / per_plane;
+        geometry.inside = vec2f(max(geometry.inside.x, ends.x), min(geometry.inside.y, ends.y));
+    }
     return geometry;
 }
 

@@ -13,6 +13,8 @@
 // turns it into the picture.
 
 override PERSPECTIVE: bool = false;
+// The volume is a layer: rays go through cells of several levels, coarser ones farther away, and these are of one.
+override LAYERED: bool = false;
 
 // Entries of the table of sections, at equal steps of the length of a ray's shear. It is 0 for a ray along m, sqrt(2)
 // for a ray that runs along all three axes alike, and at most 1.55 for a ray in which m has a share: of m at least
@@ -114,6 +116,10 @@ struct Rays {
     // that reach the ray.
     growth_most: f32,
     growth_around: f32,
+    // Layers (see LAYERED): the growth at which the share of the layer begins, and over how much it becomes whole, as a
+    // reciprocal; the growth at which nothing of it is left, and over how much it fades before.
+    fade_in: vec2f,
+    fade_out: vec2f,
     // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.
     sections: array<Section, SECTIONS * SECTION_POWERS>,
 }
@@ -123,8 +129,7 @@ struct Rays {
 // by_m0 m0 + by_m1 m1 + by_m2 m2 of the plane's moments. Behind the centre the sign of s changes.
 //
 // Slabs of scalars are half a plane thick; the first component is the foremost slab. Slabs of colours are a plane
-// thick; the components are the slabs one, two and three before the kernel's own, which has the rest, and by_m2 is not
-// used.
+// thick; the components are the slabs one to four before the kernel's own, which has the rest.
 struct Section {
     by_m0: vec4f,
     by_m1: vec4f,

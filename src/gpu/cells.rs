@@ -31,6 +31,12 @@ const REACH: usize = 3;
 /// default Gaussian have it at a growth of 1.5.
 const LEAST_DEVIATION: f64 = 0.585;
 
+/// The same of kernels that reach many of their standard deviations, like the blob, which end later than others: rays
+/// through one eye reach 4 voxels of grown kernels, and by then cells must stand for them.
+const LEAST_DEVIATION_OF_WIDE: f64 = 0.5;
+/// The voxels that rays through one eye reach.
+const WIDEST: f64 = 4.0;
+
 /// The radius of kernels of cells, as a multiple of their standard deviation: of the narrowest as much as polynomials
 /// of 8 terms follow footprints, by which rays evaluate them, so that they are small where they are cut off; of the
 /// broadest that of the default Gaussian, whose shape they have then.
@@ -43,18 +49,24 @@ const SHARED_RADIUS: f64 = 2.0;
 /// The coarsest level.
 pub(crate) const MAX_LEVEL: u32 = 12;
 
-/// The level whose cells stand for voxels whose kernels have grown so much; 0: voxels do. No level is
-/// coarser than the one of which a cell holds the volume.
+/// The level whose cells stand for voxels whose kernels have grown so much; 0: voxels do. No level is coarser
+/// than the one of which a cell holds the volume.
 pub(crate) fn level_of(kernel: &Kernel, growth: f64, grid: &Grid) -> u32 {
     // A growth of 1.5 is often that of a picture, to within rounding.
-    let cells = 1.0001 * growth * kernel.variance().sqrt() / LEAST_DEVIATION;
+    let cells = 1.0001 * growth * kernel.variance().sqrt() / least_deviation(kernel);
     let one = grid.dims().into_iter().max().unwrap_or(1).next_power_of_two().ilog2();
     cells.log2().floor().clamp(0.0, f64::from(one.min(MAX_LEVEL))) as u32
 }
 
 /// The least growth of kernels that cells of a level can have.
 pub(crate) fn least_growth(kernel: &Kernel, level: u32) -> f64 {
-    LEAST_DEVIATION * f64::from(level).exp2() / kernel.variance().sqrt()
+    least_deviation(kernel) * f64::from(level).exp2() / kernel.variance().sqrt()
+}
+
+/// The least standard deviation of the kernels of cells that stand for voxels of this kernel, in cells.
+fn least_deviation(kernel: &Kernel) -> f64 {
+    let wide = WIDEST / 2.0 * kernel.variance().sqrt() / kernel.radius();
+    wide.clamp(LEAST_DEVIATION_OF_WIDE, LEAST_DEVIATION)
 }
 
 /// The kernel of cells of a level, in cells: as broad as the kernel of voxels that has grown, at least

@@ -2,7 +2,6 @@
 
 use super::context::Context;
 use super::painter::Room;
-use super::view::ViewGeometry;
 use super::{quads, tiles};
 use crate::error::{Error, Result};
 use crate::settings::{Painter, Settings};
@@ -30,17 +29,14 @@ pub(crate) struct Choice {
 }
 
 impl Choice {
-    /// The painter of a picture, before any work.
-    pub(crate) fn new(context: &Context, view: &ViewGeometry, settings: &Settings) -> Result<Self> {
+    /// The painter of a picture, unless it refuses.
+    pub(crate) fn new(context: &Context, settings: &Settings) -> Self {
         let (kind, reason) = match settings.painter {
             Painter::Quads(_) => (PainterKind::Quads, ASKED_FOR),
             Painter::Tiles(_) => (PainterKind::Tiles, ASKED_FOR),
             Painter::Auto => preferred(context.info.is_software(), context.blends_f32()),
         };
-        match (kind.room().refusal)(view, settings) {
-            Some(reason) => Self::instead(context, settings, reason),
-            None => Ok(Self::of(context, kind, reason.to_owned())),
-        }
+        Self::of(context, kind, reason.to_owned())
     }
 
     /// A painter for a reason, to which what its sheets lose is added.

@@ -267,6 +267,8 @@ pub(crate) struct Rays {
     pub growth_middle: f32,
     pub growth_most: f32,
     pub growth_around: f32,
+    pub fade_in: [f32; 2],
+    pub fade_out: [f32; 2],
     pub _pad: [f32; 2],
     pub sections: [[[[f32; 4]; 3]; SECTIONS]; SECTION_POWERS],
 }

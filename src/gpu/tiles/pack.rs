@@ -137,7 +137,7 @@ impl Packing {
     /// Whether so many splats are packed faster on the host. A software adapter is the host: there the device takes
     /// about 30 ns for each splat, and the host 2 ns for each byte of the texture, all of which it sends.
     pub(super) fn is_for_host(&self, context: &Context, splats: u64) -> bool {
-        const BYTES: u64 = 14;
+        const BYTES: u64 = 28;
         let [width, height] = self.size.map(u64::from);
         context.info.is_software() && BYTES * splats > width * height * self.voxel.texel()
     }

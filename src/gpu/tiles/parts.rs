@@ -54,7 +54,7 @@ impl SlabKind {
     fn slabs(self) -> &'static [[f64; 2]] {
         match self {
             Self::Scalars => &[[-2.0, -1.5], [-1.5, -1.0], [-1.0, -0.5], [-0.5, 0.0]],
-            Self::Colors | Self::DenseColors => &[[-1.5, -0.5], [-2.5, -1.5], [-3.5, -2.5]],
+            Self::Colors | Self::DenseColors => &[[-1.5, -0.5], [-2.5, -1.5], [-3.5, -2.5], [-4.5, -3.5]],
         }
     }
 

@@ -515,6 +515,7 @@ fn rays_meet_no_voxel_between_runs() {
                     sections: &sections,
                     growth: Growth::NONE,
                     most: 1.0,
+                    fade: None,
                 },
                 optics: Optics { density_scale: 1.0, opaque_depth: f64::INFINITY, max_depth: 0.1, brightest: [1.0; 3] },
                 scalars: None,
