@@ -87,10 +87,10 @@ impl Report {
         self.text.push_str(&format!("{line}\n"));
     }
 
-    /// Writes `docs/measurements/DATE-NAME.md` if that was asked for: what was run, on what, and all lines.
-    pub(crate) fn finish(self, adapter: &AdapterInfo) -> Outcome {
+    /// Writes `docs/measurements/DATE-NAME.md` if that was asked for: what was run, on what, and all lines so far.
+    pub(crate) fn save(&self, adapter: &AdapterInfo) -> Outcome<Option<PathBuf>> {
         if !self.write {
-            return Ok(());
+            return Ok(None);
         }
         let date = today()?;
         let Self { name, arguments, text, .. } = self;
@@ -112,7 +112,14 @@ impl Report {
         std::fs::create_dir_all(&folder)?;
         let file = folder.join(format!("{date}-{name}.md"));
         std::fs::write(&file, page)?;
-        println!("\nwritten: {}", file.display());
+        Ok(Some(file))
+    }
+
+    /// The same, with a word of where.
+    pub(crate) fn finish(self, adapter: &AdapterInfo) -> Outcome {
+        if let Some(file) = self.save(adapter)? {
+            println!("\nwritten: {}", file.display());
+        }
         Ok(())
     }
 }
