@@ -182,7 +182,7 @@ impl Scene {
             Level::Auto if !settings.takes_cells() => [0; 2],
             Level::Auto => {
                 let farthest = if layers { voxels.max_growth() } else { voxels.min_growth() };
-                [voxels.min_growth(), farthest].map(|growth| cells::level_of(&settings.kernel, growth))
+                [voxels.min_growth(), farthest].map(|growth| cells::level_of(&settings.kernel, growth, &self.grid))
             }
         };
         let [nearest, farthest] = levels;

@@ -73,10 +73,10 @@ pub enum Interslice {
 /// What draws the splats, with the knobs of its own. To set a knob is to choose its painter.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Painter {
-    /// Tiles on software adapters and on adapters that do not blend 32-bit floats, unless it refuses the picture or
-    /// the picture is an X-ray of few voxels; quads otherwise. Only the adapter, the settings and the number of voxels
-    /// decide, so that the same input gives the same bytes;
-    /// [`Stats::painter_reason`](crate::stats::Stats::painter_reason) says why.
+    /// Tiles, unless it refuses the picture or the picture is an X-ray of few voxels on a software adapter; quads
+    /// otherwise. On GPUs tiles has a ray for each pixel. By operations and bytes that is expected to be the fastest
+    /// there; no GPU has been measured. Only the adapter, the settings and the number of voxels decide, so that the
+    /// same input gives the same bytes; [`Stats::painter_reason`](crate::stats::Stats::painter_reason) says why.
     #[default]
     Auto,
     /// Instanced quads, added up in sheets by the rasteriser. Draws every picture.

@@ -24,6 +24,12 @@ pub(crate) const ROOM: Room = Room { refusal, need, layers: true, begin };
 /// them meet nothing. Measured on software; see `docs/measurements`.
 const PIXELS_PER_QUAD: u64 = 8;
 
+/// Work of a plane of a ray, in that of fragments of splats: 15 texels of 16 bytes and some 800 operations. A fragment
+/// has 150, and blends up to 8 sheets.
+const PLANE_WORK: u64 = 4;
+/// The same of scalars: two slabs with three moments each, classified in pieces.
+const SCALAR_PLANE_WORK: u64 = 12;
+
 /// Optical depth of a voxel from which on parts of kernels are parabolas. Fitted by lines they err by 0.13 of 255 (rms)
 /// there, and by 0.9 at 2.3.
 const DENSE: f64 = 0.7;
@@ -202,9 +208,8 @@ impl<'a> Picture<'a> {
     fn is_resampled(&self) -> bool {
         let Job { settings, transfer, .. } = self.job;
         // What is classified has edges that only the rays of pixels keep; rays that are shared reach two voxels.
-        let per_pixel =
-            settings.tiles().resolution == Resolution::Full || transfer.is_some() || self.kernel.radius() > MAX_RADIUS;
-        let per_pixel = per_pixel || self.is_layered();
+        let full = resolution(settings, self.job.context.info.is_software()) == Resolution::Full;
+        let per_pixel = full || transfer.is_some() || self.kernel.radius() > MAX_RADIUS || self.is_layered();
         !per_pixel && self.ways.iter().any(|way| self.setup(way).pixel_share(&way.axis) < 1.0)
     }
 
@@ -244,6 +249,7 @@ impl<'a> Picture<'a> {
     fn is_left_to_quads(&self) -> bool {
         let [width, height] = self.job.view.camera.size.map(u64::from);
         self.job.settings.painter == Painter::Auto
+            && self.job.context.info.is_software()
             && self.job.settings.model == Model::Xray
             && matches!(self.key().rays, RayKind::Pixels | RayKind::Straight)
             && PIXELS_PER_QUAD * self.job.splats() < width * height
@@ -346,6 +352,16 @@ impl<'a> Picture<'a> {
     }
 }
 
+/// How finely rays are spaced. On GPUs, [`Painter::Auto`] takes a ray for each pixel: rays that share footprints go
+/// eight to an invocation, whose 300 numbers outgrow the registers that an invocation has there, and they are too few
+/// invocations to hide the latency of memory.
+fn resolution(settings: &Settings, is_software: bool) -> Resolution {
+    match settings.painter {
+        Painter::Auto if !is_software => Resolution::Full,
+        _ => settings.tiles().resolution,
+    }
+}
+
 /// Optical depth of the densest voxel over the longest edge of a voxel: the same in every view, so that nothing that
 /// depends on it changes while a volume turns.
 fn max_depth(job: &Job<'_>) -> f64 {
@@ -385,13 +401,15 @@ impl Picture<'_> {
             return u64::MAX;
         }
         // Each pixel may have its own ray beside those of the images.
+        let beside = if self.is_resampled() { self.whole().area() } else { 0 };
         let planes = |way: &Way| {
             let images = self.all_rays(way);
             let rays = images.iter().map(|rays| rays.uniforms.size.into_iter().map(u64::from).product::<u64>());
-            (rays.sum::<u64>() + self.whole().area()) * u64::from(way.packing.dims[2])
+            (rays.sum::<u64>() + beside) * u64::from(way.packing.dims[2])
         };
-        let planes: u64 = self.ways.iter().map(planes).sum();
-        (u128::from(MAX_WORK) * u128::from(self.whole().area()) / u128::from(planes.max(1))) as u64
+        let each = if self.job.transfer.is_some() { SCALAR_PLANE_WORK } else { PLANE_WORK };
+        let work: u128 = self.ways.iter().map(|way| u128::from(each) * u128::from(planes(way))).sum();
+        (u128::from(MAX_WORK) * u128::from(self.whole().area()) / work.max(1)) as u64
     }
 
     /// Paints a region behind the layers that have been painted.
@@ -429,6 +447,27 @@ impl Picture<'_> {
             }),
             marches: self.marches,
             packed_bytes: self.packed.iter().flatten().map(|packed| packed.bytes()).sum(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::TilesSettings;
+
+    #[test]
+    fn auto_takes_a_ray_for_each_pixel_on_gpus() {
+        let of = |painter| Settings { painter, ..Settings::default() };
+        let capped = of(Painter::Tiles(TilesSettings { resolution: Resolution::Capped }));
+        let full = of(Painter::Tiles(TilesSettings { resolution: Resolution::Full }));
+        assert_eq!(
+            [true, false].map(|software| resolution(&of(Painter::Auto), software)),
+            [Resolution::Capped, Resolution::Full]
+        );
+        for software in [true, false] {
+            assert_eq!(resolution(&capped, software), Resolution::Capped);
+            assert_eq!(resolution(&full, software), Resolution::Full);
         }
     }
 }
