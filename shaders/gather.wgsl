@@ -17,11 +17,13 @@
 @group(0) @binding(2) var<storage, read> runs: array<vec2u>;
 // Written by `single` if rays go through an intermediate image, and by `blocked`; read by `prefilter`.
 @group(0) @binding(3) var intermediate: texture_storage_2d<rgba32float, write>;
-// The picture: `single` and `refine` add to it.
+// The picture: `single`, `refine` and `layer` add to it.
 @group(0) @binding(4) var<storage, read_write> pixels: array<vec4f>;
 // The share of its own ray in each pixel, and the tiles in which there is one.
 @group(0) @binding(3) var<storage, read> refinement: array<f32>;
 @group(0) @binding(5) var<storage, read> refined: Refined;
+// For each pixel, what its ray has gathered in the layers before: premultiplied colour and optical depth.
+@group(0) @binding(3) var<storage, read_write> gathered_before: array<vec4f>;
 
 // X-ray: white.
 override WHITE: bool = false;
@@ -31,38 +33,48 @@ override RESAMPLED: bool = false;
 // Parts are parabolas in s.
 override CURVED: bool = false;
 
-// What the kernels of a plane add to the slab one, two or three planes before their own (`ahead`) and behind it, which
-// differ in the sign of m1; the third is 0 for kernels with a radius of at most 2 voxels. Their own slab has the rest.
+// Planes that kernels reach before and behind their own: 3, or 4.
+override REACH: i32 = 3;
+
+// What the kernels of a plane add to the slab one to four planes before their own (`ahead`) and behind it, which differ
+// in the sign of m1; the third is 0 for kernels with a radius of at most 2 voxels. Their own slab has the rest.
 struct Parts {
     own: vec4f,
     ahead1: vec4f,
     ahead2: vec4f,
     ahead3: vec4f,
+    ahead4: vec4f,
     behind1: vec4f,
     behind2: vec4f,
     behind3: vec4f,
+    behind4: vec4f,
 }
 
 fn parts_of(section: Section, sums: Moments) -> Parts {
     var even1 = section.by_m0.x * sums.m0;
     var even2 = section.by_m0.y * sums.m0;
     var even3 = section.by_m0.z * sums.m0;
+    var even4 = section.by_m0.w * sums.m0;
     if CURVED {
         even1 += section.by_m2.x * sums.m2;
         even2 += section.by_m2.y * sums.m2;
         even3 += section.by_m2.z * sums.m2;
+        even4 += section.by_m2.w * sums.m2;
     }
     let odd1 = section.by_m1.x * sums.m1;
     let odd2 = section.by_m1.y * sums.m1;
     let odd3 = section.by_m1.z * sums.m1;
+    let odd4 = section.by_m1.w * sums.m1;
     return Parts(
-        sums.m0 - 2.0 * (even1 + even2 + even3),
+        sums.m0 - 2.0 * (even1 + even2 + even3 + even4),
         even1 + odd1,
         even2 + odd2,
         even3 + odd3,
+        even4 + odd4,
         even1 - odd1,
         even2 - odd2,
         even3 - odd3,
+        even4 - odd4,
     );
 }
 
@@ -145,9 +157,9 @@ fn finished(ray: RayState) -> vec4f {
     return vec4f(select(clamp(color, vec3f(0.0), rays.brightest * alpha), vec3f(alpha), WHITE), alpha);
 }
 
-// Planes after the last of a run: kernels reach 3 slabs beyond it, and slabs are composited 4 planes late. By `blocked`
-// kernels reach 2, and slabs are composited 3 planes late.
-const FLUSH: i32 = 7;
+// Planes after the last of a run: kernels reach so many slabs beyond it, and slabs are composited a plane later still.
+// By `blocked` kernels reach 2.
+override FLUSH: i32 = 2 * REACH + 1;
 const FLUSH_BLOCKED: i32 = 5;
 
 fn is_opaque(ray: RayState) -> bool {
@@ -162,35 +174,52 @@ struct Slabs {
     s3: vec4f,
     s4: vec4f,
     s5: vec4f,
+    // 0 if kernels reach 3 planes.
+    s6: vec4f,
+    s7: vec4f,
 }
 
-// The parts of kernels as large as those around the place where the ray meets a plane.
-fn section_at(geometry: RayGeometry, plane: i32) -> Section {
-    var section = geometry.section;
-    if GROWN {
-        let t = clamp(growth_at(geometry, plane), 1.0, rays.growth_most) - 1.0;
-        let once = geometry.section_growth;
-        let twice = geometry.section_growth2;
-        section.by_m0 += t * (once.by_m0 + t * twice.by_m0);
-        section.by_m1 += t * (once.by_m1 + t * twice.by_m1);
-        section.by_m2 += t * (once.by_m2 + t * twice.by_m2);
-    }
-    return section;
+// The share of the layer in what is around the place where a ray meets a plane. The shares of all layers add up to 1.
+fn layer_share(geometry: RayGeometry, plane: i32) -> f32 {
+    let growth = growth_at(geometry, plane);
+    let near = saturate((growth - rays.fade_in.x) * rays.fade_in.y);
+    return near * saturate((rays.fade_out.x - growth) * rays.fade_out.y);
 }
 
 // Adds a plane to the slabs that its kernels reach, and composites the slab before the foremost of these.
-fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments, geometry: RayGeometry, plane: i32) {
+fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, all: Moments, geometry: RayGeometry, plane: i32) {
+    var sums = all;
+    if LAYERED {
+        let share = layer_share(geometry, plane);
+        sums = Moments(share * all.m0, share * all.m1, share * all.m2);
+    }
     let parts = parts_of(section_at(geometry, plane), sums);
     let pending = *slabs;
-    advance(ray, pending.s0 + parts.ahead3, geometry);
-    *slabs = Slabs(
-        pending.s1 + parts.ahead2,
-        pending.s2 + parts.ahead1,
-        pending.s3 + parts.own,
-        pending.s4 + parts.behind1,
-        pending.s5 + parts.behind2,
-        parts.behind3,
-    );
+    if REACH > 3 {
+        advance(ray, pending.s0 + parts.ahead4, geometry);
+        *slabs = Slabs(
+            pending.s1 + parts.ahead3,
+            pending.s2 + parts.ahead2,
+            pending.s3 + parts.ahead1,
+            pending.s4 + parts.own,
+            pending.s5 + parts.behind1,
+            pending.s6 + parts.behind2,
+            pending.s7 + parts.behind3,
+            parts.behind4,
+        );
+    } else {
+        advance(ray, pending.s0 + parts.ahead3, geometry);
+        *slabs = Slabs(
+            pending.s1 + parts.ahead2,
+            pending.s2 + parts.ahead1,
+            pending.s3 + parts.own,
+            pending.s4 + parts.behind1,
+            pending.s5 + parts.behind2,
+            parts.behind3,
+            vec4f(0.0),
+            vec4f(0.0),
+        );
+    }
 }
 
 @compute @workgroup_size(64)
@@ -201,12 +230,34 @@ fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
         return;
     }
     let geometry = geometry_of(at);
-    let value = share * finished(march_planes(tile, geometry));
+    let value = share * finished(march_planes(tile, geometry, new_ray()));
     if RESAMPLED {
         textureStore(intermediate, at, value);
     } else {
         add_to_pixel(at, value);
     }
+}
+
+// The rays of pixels through one of several layers, which are marched front to back. Each adds to the pixels what it
+// adds to the colour of their rays.
+@compute @workgroup_size(64)
+fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
+    let at = point_of(tile, lane);
+    let share = share_of(line_of(at));
+    if any(at >= rays.picture) || share == 0.0 {
+        return;
+    }
+    let geometry = geometry_of(at);
+    let index = at.y * rays.picture.x + at.x;
+    let before = gathered_before[index];
+    var ray = new_ray();
+    ray.color = before.rgb;
+    ray.depth = before.w;
+    ray.transmittance = exp(-before.w);
+    ray = march_planes(tile, geometry, ray);
+    let value = finished(ray);
+    gathered_before[index] = vec4f(value.rgb, max(ray.depth + min(ray.slab.w, 0.0), 0.0));
+    add_to_pixel(at, share * (value - vec4f(before.rgb, absorbed(before.w))));
 }
 
 // The rays of pixels that the intermediate images do not show well enough: a workgroup for each tile of the list.
@@ -225,7 +276,7 @@ fn refine(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) gro
     let share = refinement[at.y * rays.picture.x + at.x] * share_of(line_of(at));
     if share > 0.0 {
         let geometry = geometry_of(at);
-        add_to_pixel(at, share * finished(march_planes(tile, geometry)));
+        add_to_pixel(at, share * finished(march_planes(tile, geometry, new_ray())));
     }
 }
 

@@ -1,5 +1,7 @@
 //! Renderer (a device), what it prepares (a scene), and pictures.
 
+use std::sync::Arc;
+
 use crate::adapter::AdapterInfo;
 use crate::camera::Camera;
 #[cfg(doc)]
@@ -8,15 +10,17 @@ use crate::error::Result;
 use crate::gpu::cache::Cache;
 use crate::gpu::choice::Choice;
 use crate::gpu::context::{self, Context, PIXEL_BYTES};
-use crate::gpu::painter::{Begun, Job};
+use crate::gpu::painter::{Begun, Job, Room};
 use crate::gpu::present::{self, Present};
 use crate::gpu::recorder::Recorder;
+use crate::gpu::store::Bricks;
 use crate::gpu::timing::on_host;
-use crate::gpu::view::{Region, ViewGeometry};
+use crate::gpu::transfer::TransferTable;
+use crate::gpu::view::{Region, ScalarNeed, ViewGeometry};
 use crate::image::Image;
 use crate::progress::Progress;
 pub use crate::scene::Scene;
-use crate::scene::{Cells, Wanted};
+use crate::scene::{Cells, Drawable, Lattice, Wanted};
 use crate::settings::{Level, Settings, Shading};
 use crate::stats::{StageTime, Stats};
 use crate::transfer::TransferFunction;
@@ -51,6 +55,15 @@ pub struct Rendered {
     pub image: Image,
     /// What it took.
     pub stats: Stats,
+}
+
+/// A layer of a picture: its lattice and what is drawn of it. Most pictures have one.
+struct Layer {
+    lattice: Lattice,
+    need: ScalarNeed,
+    /// What scalars are classified by.
+    table: Option<Arc<TransferTable>>,
+    drawable: Drawable,
 }
 
 /// The most memory that the sheets of a pass take; larger pictures are made in parts.
@@ -180,42 +193,37 @@ impl Renderer {
         let before = context.traffic();
         camera.check_scale(scene.grid())?;
         let voxels = ViewGeometry::new(camera, scene.grid(), settings, context.savings);
-        let growth = voxels.max_growth();
-        let asked = settings;
-        let Cells { view, settings, weights, level, coarse } = &scene.cells(voxels, settings, camera)?;
-        let table = scene.table(context, *level);
-        let mut choice = Choice::new(context, view, settings)?;
+        let mut choice = Choice::new(context, settings);
         let mut seconds = scene.take_seconds();
-        let mut drawable;
-        let mut levels;
+        let mut layers;
         let mut painting = loop {
-            let need = (choice.kind.room().need)(view, settings, *weights);
-            let wanted = Wanted { settings: asked, level: *level, coarse: *coarse, need };
-            let (splats, took) = scene.drawable(context, &self.pipelines, wanted, &self.progress)?;
-            seconds += took;
-            drawable = splats;
-            levels = need.cut.map_or([*level; 2], |cut| cut.levels);
-            let job = Job {
-                context,
-                pipelines: &self.pipelines,
-                view,
-                settings,
-                kept: drawable.kept(),
-                stores: drawable.stores(),
-                weights: *weights,
-                transfer: table.as_deref(),
-                padding: need.padding,
-            };
-            match (choice.kind.room().begin)(job)? {
+            let room = choice.kind.room();
+            let Cells { nearest, behind } = scene.cells(&voxels, settings, camera, room.layers)?;
+            let mut refusals = std::iter::once(&nearest).chain(&behind).map(|lattice| lattice.refusal(&room));
+            if let Some(reason) = refusals.find_map(|reason| reason) {
+                choice = Choice::instead(context, settings, reason)?;
+                continue;
+            }
+            let farthest = behind.last().map_or(nearest.level, |lattice| lattice.level);
+            scene.keep_levels([nearest.level, farthest]);
+            let mut layer = |lattice| self.layer(scene, &room, lattice, &mut seconds);
+            layers = (layer(nearest)?, behind.into_iter().map(layer).collect::<Result<Vec<Layer>>>()?);
+            let (nearest, behind) = &layers;
+            let behind = behind.iter().map(|layer| self.job(layer)).collect();
+            match (room.begin)(self.job(nearest), behind)? {
                 Begun::Ready(painting) => break painting,
                 Begun::Refused(reason) => choice = Choice::instead(context, settings, reason)?,
             }
         };
+        let (nearest, behind) = &layers;
+        let farthest = behind.last().unwrap_or(nearest);
+        let levels = nearest.need.cut.map_or([nearest, farthest].map(|layer| layer.lattice.level), |cut| cut.levels);
         let mut stages = Vec::new();
         if seconds > 0.0 {
             stages.push(StageTime::host("classify", seconds));
         }
-        let bounds = view.projected_bounds().filter(|_| !painting.is_empty());
+        // The kernels of the farthest layer are the largest.
+        let bounds = farthest.lattice.view.projected_bounds().filter(|_| !painting.is_empty());
         let regions = bounds.map_or_else(Vec::new, |bounds| {
             bounds.parts(self.part_side(painting.pixel_bytes(), painting.most_pixels()))
         });
@@ -234,15 +242,17 @@ impl Renderer {
             rendered?;
         }
         let traffic = context.traffic();
-        let bricks = drawable.bricks();
-        let (splats, splats_kept) = (drawable.splats(), drawable.voxels());
+        let drawables = || std::iter::once(nearest).chain(behind).map(|layer| &layer.drawable);
+        let bricks = drawables().map(Drawable::bricks).fold(Bricks::default(), Bricks::and);
+        let (splats, splats_kept) =
+            drawables().fold((0, 0), |(splats, kept), drawable| (splats + drawable.splats(), kept + drawable.voxels()));
         Ok(Stats {
             adapter: context.info.clone(),
             painter: painting.stats(),
             painter_reason: choice.reason,
             model: settings.model,
             shading: if settings.is_post_shaded() { Shading::Post } else { Shading::Pre },
-            perspective: view.is_perspective(),
+            perspective: voxels.is_perspective(),
             lights: settings.light_count(),
             size: camera.size,
             pixels_covered: regions.iter().map(|region| region.area()).sum(),
@@ -254,15 +264,40 @@ impl Renderer {
             bricks: bricks.all,
             bricks_uploaded: bricks.uploaded,
             bytes_uploaded: bricks.bytes,
-            kernel_growth: growth,
+            kernel_growth: voxels.max_growth(),
             levels,
             footprint_error: painting.footprint_error(),
-            scene_bytes: drawable.bytes(),
+            scene_bytes: drawables().map(Drawable::bytes).sum(),
             frame_bytes: traffic.allocated - before.allocated,
             bytes_sent: traffic.sent - before.sent,
             pipelines: traffic.pipelines,
             stages,
         })
+    }
+
+    /// What a painter asks of a scene for a layer of a picture. Adds the seconds that making it took.
+    fn layer(&self, scene: &Scene, room: &Room, lattice: Lattice, seconds: &mut f64) -> Result<Layer> {
+        let need = (room.need)(&lattice.view, &lattice.settings, lattice.weights);
+        let wanted = Wanted { settings: &lattice.settings, level: lattice.level, coarse: lattice.coarse, need };
+        let (drawable, took) = scene.drawable(&self.context, &self.pipelines, wanted, &self.progress)?;
+        *seconds += took;
+        let table = scene.table(&self.context, lattice.level);
+        Ok(Layer { lattice, need, table, drawable })
+    }
+
+    fn job<'a>(&'a self, layer: &'a Layer) -> Job<'a> {
+        let Layer { lattice, need, table, drawable } = layer;
+        Job {
+            context: &self.context,
+            pipelines: &self.pipelines,
+            view: &lattice.view,
+            settings: &lattice.settings,
+            kept: drawable.kept(),
+            stores: drawable.stores(),
+            weights: lattice.weights,
+            transfer: table.as_deref(),
+            padding: need.padding,
+        }
     }
 
     /// Runs the stages of a picture and notes their times.

@@ -10,15 +10,16 @@ use crate::gpu::cells::{self, Coarsening};
 use crate::gpu::classify::{Classified, Classifier, HostClassifier};
 use crate::gpu::coarse::{self, Coarse};
 use crate::gpu::context::Context;
+use crate::gpu::painter::Room;
 use crate::gpu::scalars::{self, Asked, Emission, Emitted, Shows};
 use crate::gpu::scan::Scan;
 use crate::gpu::store::{Bricks, Store};
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, TransferTable};
-use crate::gpu::view::{ScalarNeed, ViewGeometry, Weights};
-use crate::kernel::Normalization;
+use crate::gpu::view::{Fade, ScalarNeed, ViewGeometry, Weights};
+use crate::kernel::{Kernel, Normalization};
 use crate::progress::Progress;
-use crate::settings::{Level, Model, Painter, Settings};
+use crate::settings::{Level, Model, Settings};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Pyramid, Volume};
 
@@ -49,8 +50,8 @@ struct Voxels {
     lit: bool,
     /// The voxels that show, once a picture has asked for them.
     classified: Mutex<Option<Arc<Classified>>>,
-    /// The cells of the level that a picture asked for last.
-    cells: Mutex<Option<(u32, Arc<Emitted>)>>,
+    /// The cells of the levels that the picture before asked for.
+    cells: Mutex<Vec<(u32, Arc<Emitted>)>>,
 }
 
 /// A volume as post-shading draws it.
@@ -67,16 +68,22 @@ struct Scalars {
     emitted: Mutex<Option<(Asked, Arc<Emitted>)>>,
 }
 
-/// How a picture is drawn of the cells of a level; of voxels, if that is 0.
+/// What a picture is drawn of: of rays through one eye there may be coarser cells behind the nearest.
 pub(crate) struct Cells {
-    /// The view of the lattice of the cells.
+    pub(crate) nearest: Lattice,
+    pub(crate) behind: Vec<Lattice>,
+}
+
+/// How a picture is drawn of the cells of a level; of voxels, if that is 0.
+pub(crate) struct Lattice {
+    /// The view of the lattice of the cells, which is a layer if there are others.
     pub(crate) view: ViewGeometry,
     /// The settings with the kernel of cells.
     pub(crate) settings: Settings,
     pub(crate) weights: Weights,
     pub(crate) level: u32,
-    /// Which cells they are, if they are of scalars.
-    pub(crate) coarse: Option<Coarse>,
+    /// If they are of scalars, which cells they are, and the kernel that voxels have as asked for.
+    pub(crate) coarse: Option<(Coarse, Kernel, Normalization)>,
 }
 
 /// The splats of one picture.
@@ -91,8 +98,8 @@ pub(crate) struct Wanted<'a> {
     pub(crate) settings: &'a Settings,
     /// The level whose cells stand for the voxels of a pre-shaded scene.
     pub(crate) level: u32,
-    /// The cells that stand for those of a post-shaded one.
-    pub(crate) coarse: Option<Coarse>,
+    /// The cells that stand for those of a post-shaded one, and the kernel of its voxels.
+    pub(crate) coarse: Option<(Coarse, Kernel, Normalization)>,
     /// How far the scalars of a post-shaded one must reach.
     pub(crate) need: ScalarNeed,
 }
@@ -125,7 +132,7 @@ impl Scene {
             transfer: transfer.clone(),
             lit,
             classified: Mutex::new(None),
-            cells: Mutex::new(None),
+            cells: Mutex::new(Vec::new()),
         };
         Self::new(context, Content::Splats(Box::new(voxels)), *volume.grid(), weights, 0.0)
     }
@@ -167,58 +174,100 @@ impl Scene {
         Ok(())
     }
 
-    /// What stands for the voxels in a picture, given its view of them.
-    pub(crate) fn cells(&self, voxels: ViewGeometry, settings: &Settings, camera: &Camera) -> Result<Cells> {
-        if let Content::Scalars(_) = &self.content {
-            return self.scalar_cells(voxels, settings, camera);
+    /// What stands for the voxels in a picture, given its view of them: one lattice, or of rays through one eye
+    /// `layers`, the nearest first.
+    pub(crate) fn cells(
+        &self,
+        voxels: &ViewGeometry,
+        settings: &Settings,
+        camera: &Camera,
+        layers: bool,
+    ) -> Result<Cells> {
+        if let Some(coarse) = self.coarse(voxels, settings)? {
+            let nearest = self.scalar_cells(coarse, voxels, settings, camera)?;
+            return Ok(Cells { nearest, behind: Vec::new() });
         }
-        let growth = voxels.min_growth();
-        let level = match settings.level {
-            Level::At(level) => level,
-            Level::Auto if settings.takes_cells() => cells::level_of(&settings.kernel, growth),
-            Level::Auto => 0,
+        let levels = match settings.level {
+            Level::At(level) => [level; 2],
+            Level::Auto if !settings.takes_cells() => [0; 2],
+            Level::Auto => {
+                let farthest = if layers { voxels.max_growth() } else { voxels.min_growth() };
+                [voxels.min_growth(), farthest].map(|growth| cells::level_of(&settings.kernel, growth, &self.grid))
+            }
         };
+        let [nearest, farthest] = levels;
+        let of_level = |level| self.lattice(level, levels, voxels, settings, camera);
+        let behind = (nearest + 1..=farthest).map(of_level).collect::<Result<Vec<Lattice>>>()?;
+        Ok(Cells { nearest: of_level(nearest)?, behind })
+    }
+
+    /// The cells of one of the levels from the nearest to the farthest.
+    fn lattice(
+        &self,
+        level: u32,
+        [nearest, farthest]: [u32; 2],
+        voxels: &ViewGeometry,
+        settings: &Settings,
+        camera: &Camera,
+    ) -> Result<Lattice> {
         let (settings, weights) = (settings.clone(), self.weights);
+        // Kernels nearer than those that cells can have are as wide as the least of these.
+        let least = |level| cells::least_growth(&settings.kernel, level);
+        let growth = if level == 0 { 1.0 } else { voxels.min_growth().max(least(level)) };
+        let fade = (nearest < farthest).then(|| {
+            let ramp = |level| voxels.ramp(level, least(level)).map(|voxel| voxel / growth);
+            Fade {
+                begins: if level == nearest { Fade::NEAREST } else { ramp(level) },
+                ends: if level == farthest { Fade::FARTHEST } else { ramp(level + 1) },
+            }
+        });
+        let view_of = |grid: &Grid, settings: &Settings, grown| {
+            ViewGeometry::of_cells(camera, grid, settings, voxels.savings(), grown, fade)
+        };
         if level == 0 {
-            return Ok(Cells { view: voxels, settings, weights, level, coarse: None });
+            return Ok(Lattice { view: view_of(&self.grid, &settings, 1.0), settings, weights, level, coarse: None });
         }
         let grid = cells::grid_of(&self.grid, level)?;
-        // Kernels nearer than those that cells can have are as wide as the least of these.
-        let growth = growth.max(cells::least_growth(&settings.kernel, level));
         let kernel = cells::kernel_of(&settings.kernel, growth, level);
         // Cells are divided by the integral of their kernel. What voxels are divided by beside theirs stays.
         let denser = settings.kernel.integral() / settings.normalization.divisor(&settings.kernel);
         let unit = weights.unit * self.grid.unit() / (grid.unit() * denser);
         let grown = growth / f64::from(level).exp2();
         let settings = Settings { kernel, normalization: Normalization::Unit, ..settings }.with_sheets_of(grown);
-        let view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings(), grown);
-        Ok(Cells { view, settings, weights: Weights { unit, ..weights }, level, coarse: None })
+        let view = view_of(&grid, &settings, grown);
+        Ok(Lattice { view, settings, weights: Weights { unit, ..weights }, level, coarse: None })
     }
 
-    /// The same of a post-shaded scene.
-    fn scalar_cells(&self, voxels: ViewGeometry, settings: &Settings, camera: &Camera) -> Result<Cells> {
-        let (settings, weights) = (settings.clone(), self.weights);
-        let Some(coarse) = self.coarse(&voxels, &settings)? else {
-            return Ok(Cells { view: voxels, settings, weights, level: 0, coarse: None });
-        };
+    /// The cells of scalars that stand for voxels.
+    fn scalar_cells(
+        &self,
+        coarse: Coarse,
+        voxels: &ViewGeometry,
+        settings: &Settings,
+        camera: &Camera,
+    ) -> Result<Lattice> {
+        let (kernel, normalization) = (settings.kernel, settings.normalization);
         // Cells are divided by the integral of their kernel. What voxels are divided by beside theirs stays.
-        let denser = settings.kernel.integral() / settings.normalization.divisor(&settings.kernel);
-        let weights = Weights { unit: weights.unit / denser, ..weights };
+        let denser = kernel.integral() / normalization.divisor(&kernel);
+        let weights = Weights { unit: self.weights.unit / denser, ..self.weights };
         let growth = voxels.max_growth();
         let grown = growth / coarse.size();
-        let settings = Settings { kernel: coarse.kernel(growth), normalization: Normalization::Unit, ..settings };
-        let settings = settings.with_sheets_of(grown);
-        let mut view = ViewGeometry::of_cells(camera, &coarse.grid(&self.grid)?, &settings, voxels.savings(), grown);
+        let of_cells =
+            Settings { kernel: coarse.kernel(growth), normalization: Normalization::Unit, ..settings.clone() };
+        let settings = of_cells.with_sheets_of(grown);
+        let grid = coarse.grid(&self.grid)?;
+        let mut view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings(), grown, None);
         // Cells at the faces may reach beyond them.
         view.faces = voxels.faces / coarse.size();
-        Ok(Cells { view, settings, weights, level: coarse.level, coarse: Some(coarse) })
+        Ok(Lattice { view, settings, weights, level: coarse.level, coarse: Some((coarse, kernel, normalization)) })
     }
 
-    /// Which cells stand for the voxels of a post-shaded scene; `None`: voxels do, or the cells of
-    /// [`ScalarNeed::cut`].
+    /// Which cells of scalars stand for voxels; `None`: voxels do, or the cells of [`ScalarNeed::cut`].
     fn coarse(&self, voxels: &ViewGeometry, settings: &Settings) -> Result<Option<Coarse>> {
-        let growth = voxels.max_growth();
-        let at = |level| Coarse::new(&settings.kernel, growth, level);
+        if let Content::Splats(_) = &self.content {
+            return Ok(None);
+        }
+        let at = |level| Coarse::new(&settings.kernel, voxels.max_growth(), level);
         match settings.level {
             Level::At(0) => Ok(None),
             Level::At(_) if voxels.is_perspective() => {
@@ -227,14 +276,17 @@ impl Scene {
             }
             Level::At(level) => Ok(Some(at(Some(level)))),
             Level::Auto => {
-                let by_quads = matches!(settings.painter, Painter::Quads(_));
-                let serves = !voxels.is_perspective()
-                    && self.weights.max <= coarse::MOST_SCALAR
-                    && settings.kernel.radius() * growth > coarse::MAX_RADIUS;
-                // Quads draw kernels of any size: voxels as they are lose nothing.
-                let levels = if by_quads { 1..=cells::MAX_LEVEL } else { 0..=cells::MAX_LEVEL };
-                Ok(serves.then(|| at(None)).filter(|cells| levels.contains(&cells.level)))
+                let serves = !voxels.is_perspective() && self.weights.max <= coarse::MOST_SCALAR;
+                Ok(serves.then(|| at(None)).filter(|cells| (1..=cells::MAX_LEVEL).contains(&cells.level)))
             }
+        }
+    }
+
+    /// Drops what stands for the voxels of a pre-shaded scene at other levels than these, the nearest and the farthest.
+    pub(crate) fn keep_levels(&self, [nearest, farthest]: [u32; 2]) {
+        if let Content::Splats(voxels) = &self.content {
+            let mut cells = voxels.cells.lock().unwrap_or_else(PoisonError::into_inner);
+            cells.retain(|(level, _)| (nearest..=farthest).contains(level));
         }
     }
 
@@ -292,8 +344,10 @@ impl Scene {
             Content::Splats(voxels) => return voxels.cells(context, level, progress),
             Content::Scalars(scalars) => scalars,
         };
-        let Settings { kernel, normalization, ref lighting, .. } = *settings;
-        let asked = Asked { kernel, normalization, need, lit: lighting.is_some(), coarse };
+        let (kernel, normalization) = coarse
+            .map_or((settings.kernel, settings.normalization), |(_, kernel, normalization)| (kernel, normalization));
+        let coarse = coarse.map(|(coarse, ..)| coarse);
+        let asked = Asked { kernel, normalization, need, lit: settings.lighting.is_some(), coarse };
         let lock = || scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((of, emitted)) = lock().as_ref()
             && of.serves(&asked)
@@ -311,6 +365,13 @@ impl Scene {
         let emitted = Arc::new(emitted?);
         *lock() = Some((asked, Arc::clone(&emitted)));
         Ok((Drawable::Emitted(emitted), seconds))
+    }
+}
+
+impl Lattice {
+    /// Why a painter does not draw it, `None` if it does.
+    pub(crate) fn refusal(&self, room: &Room) -> Option<String> {
+        (room.refusal)(&self.view, &self.settings)
     }
 }
 
@@ -340,9 +401,7 @@ impl Voxels {
     /// The cells of a level.
     fn cells(&self, context: &Context, level: u32, progress: &Progress) -> Result<(Drawable, f64)> {
         let lock = || self.cells.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((of, cells)) = lock().as_ref()
-            && *of == level
-        {
+        if let Some((_, cells)) = lock().iter().find(|(of, _)| *of == level) {
             return Ok((Drawable::Emitted(Arc::clone(cells)), 0.0));
         }
         let (cells, seconds) = on_host(|| {
@@ -351,7 +410,7 @@ impl Voxels {
             })
         });
         let cells = Arc::new(cells?);
-        *lock() = Some((level, Arc::clone(&cells)));
+        lock().push((level, Arc::clone(&cells)));
         Ok((Drawable::Emitted(cells), seconds))
     }
 }

@@ -73,10 +73,10 @@ pub enum Interslice {
 /// What draws the splats, with the knobs of its own. To set a knob is to choose its painter.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Painter {
-    /// Tiles on software adapters and on adapters that do not blend 32-bit floats, unless it refuses the picture or
-    /// the picture is an X-ray of few voxels; quads otherwise. Only the adapter, the settings and the number of voxels
-    /// decide, so that the same input gives the same bytes;
-    /// [`Stats::painter_reason`](crate::stats::Stats::painter_reason) says why.
+    /// Tiles, unless it refuses the picture or the picture is an X-ray of few voxels on a software adapter; quads
+    /// otherwise. On GPUs tiles has a ray for each pixel. By operations and bytes that is expected to be the fastest
+    /// there; no GPU has been measured. Only the adapter, the settings and the number of voxels decide, so that the
+    /// same input gives the same bytes; [`Stats::painter_reason`](crate::stats::Stats::painter_reason) says why.
     #[default]
     Auto,
     /// Instanced quads, added up in sheets by the rasteriser. Draws every picture.
@@ -84,11 +84,8 @@ pub enum Painter {
     /// Rays that gather the kernels they meet, plane by plane, in compute shaders. Draws all models, shadings and
     /// projections, but not:
     ///
-    /// - kernels that reach over 3 voxels once they have grown; post-shaded, over 2 voxels if cells do not stand for
-    ///   them (see [`Level`]): in perspective, and if values are over 16 times as far from the transfer function's base
-    ///   as its control points;
+    /// - kernels that reach over 4 voxels once they have grown;
     /// - post-shaded, kernels that reach less than a voxel;
-    /// - post-shaded in perspective, kernels that grow with the distance (see [`Settings::antialiasing`]);
     /// - pre-shaded, an eye that a kernel reaches;
     /// - post-shaded, values over 4096 times as far from the transfer function's base as its control points.
     Tiles(TilesSettings),
@@ -162,9 +159,11 @@ pub enum Resolution {
 /// follows the picture instead of the volume (Laur and Hanrahan 1991, "Hierarchical splatting").
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Level {
-    /// Cells as large as the growth of kernels allows. Pre-shaded and along parallel rays, a level stands for the
-    /// voxels if all kernels have grown enough: those of the default Gaussian 1.5 times for level 1, 3 times for level
-    /// 2. Post-shaded through one eye, levels go by depth.
+    /// Cells as large as the growth of kernels allows: a level stands for voxels whose kernels have grown
+    /// enough, those of the default Gaussian 1.5 times for level 1, 3 times for level 2. In perspective levels go by
+    /// depth; pre-shaded by [`Painter::Quads`] a picture has one level, that of its nearest kernels. Post-shaded along
+    /// parallel rays it has one as well, unless values are over 16 times as far from the transfer function's base as
+    /// its control points.
     #[default]
     Auto,
     /// Cells of this level, 0 to 12, whatever they lose. Kernels then are at least as wide as cells can have them:

@@ -138,7 +138,7 @@ pub struct QuadsStats {
 }
 
 /// What the painter tiles did.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct TilesStats {
     /// Slabs across the volume, along voxel planes.
     pub slabs: u32,

@@ -4,10 +4,11 @@
 
 use std::error::Error;
 use std::fmt::Display;
-use std::path::Path;
-use std::process::Command;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::str::FromStr;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use voxsplat::adapter::AdapterInfo;
 use voxsplat::demos::own_transfer;
@@ -86,10 +87,10 @@ impl Report {
         self.text.push_str(&format!("{line}\n"));
     }
 
-    /// Writes `docs/measurements/DATE-NAME.md` if that was asked for: what was run, on what, and all lines.
-    pub(crate) fn finish(self, adapter: &AdapterInfo) -> Outcome {
+    /// Writes `docs/measurements/DATE-NAME.md` if that was asked for: what was run, on what, and all lines so far.
+    pub(crate) fn save(&self, adapter: &AdapterInfo) -> Outcome<Option<PathBuf>> {
         if !self.write {
-            return Ok(());
+            return Ok(None);
         }
         let date = today()?;
         let Self { name, arguments, text, .. } = self;
@@ -111,7 +112,14 @@ impl Report {
         std::fs::create_dir_all(&folder)?;
         let file = folder.join(format!("{date}-{name}.md"));
         std::fs::write(&file, page)?;
-        println!("\nwritten: {}", file.display());
+        Ok(Some(file))
+    }
+
+    /// The same, with a word of where.
+    pub(crate) fn finish(self, adapter: &AdapterInfo) -> Outcome {
+        if let Some(file) = self.save(adapter)? {
+            println!("\nwritten: {}", file.display());
+        }
         Ok(())
     }
 }
@@ -143,6 +151,35 @@ fn civil_from_days(days: i64) -> (i64, i64, i64) {
     let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
     let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
     (400 * era + year_of_era + i64::from(month <= 2), month, day)
+}
+
+/// Wall seconds and peak MiB of a command, and the JSON object of its last line.
+pub(crate) fn measured(command: &mut Command) -> Outcome<(f64, f64, serde_json::Value)> {
+    let start = Instant::now();
+    let mut child =
+        command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().map_err(|e| format!("{command:?}: {e}"))?;
+    // The kernel's own high-water mark, read while the process lives.
+    let status = PathBuf::from(format!("/proc/{}/status", child.id()));
+    let mut peak = 0.0_f64;
+    let ended = loop {
+        let text = std::fs::read_to_string(&status).unwrap_or_default();
+        let mark = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        peak = peak.max(mark.and_then(|m| m.trim().trim_end_matches(" kB").parse().ok()).unwrap_or(0.0) / 1024.0);
+        if let Some(ended) = child.try_wait()? {
+            break ended;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    };
+    let wall = start.elapsed().as_secs_f64();
+    let mut text = String::new();
+    if let Some(mut out) = child.stdout.take() {
+        out.read_to_string(&mut text)?;
+    }
+    if !ended.success() {
+        return Err(format!("{command:?} failed").into());
+    }
+    let json = text.lines().rev().find_map(|line| serde_json::from_str(line).ok());
+    Ok((wall, peak, json.unwrap_or_default()))
 }
 
 /// The middle value; NaN if there are none.

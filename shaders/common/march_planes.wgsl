@@ -3,9 +3,10 @@
 // marched after the last of a run until every slab that the run feeds has been composited; and by `is_opaque` whether a
 // ray ends.
 
-fn march_planes(tile: vec3u, geometry: RayGeometry) -> RayState {
+// `start` is what the ray has gathered before.
+fn march_planes(tile: vec3u, geometry: RayGeometry, start: RayState) -> RayState {
     let footprints = footprints_of(geometry);
-    var ray = new_ray();
+    var ray = start;
     for (var slot = 0u; ; slot++) {
         let run = run_at(tile, slot, ray.depth);
         if run.y == 0 {

@@ -3,8 +3,8 @@
 // Terms of the footprint's polynomial: 6 or 8.
 override TERMS: u32 = 6u;
 // Texels that are read of a row of voxels, two voxels each. The first voxel may lie one before the kernels that reach
-// the ray, as a texel begins at an even one: 3 texels do if kernels reach less than 2.5 voxels along the row, 4 up to
-// 3.5, 5 up to 4.5.
+// the ray, as a texel begins at an even one: n texels do if kernels reach less than n - 1/2 voxels along the row. 3 to
+// 7.
 override TEXELS: u32 = 3u;
 // Kernels have grown in proportion to their depth before the eye.
 override GROWN: bool = false;
@@ -214,6 +214,12 @@ fn gathered(geometry: RayGeometry, footprints: Footprints, plane: i32, end: i32)
         }
         if TEXELS > 4u {
             add_pair(&sums, at, 4, direction, growth);
+        }
+        if TEXELS > 5u {
+            add_pair(&sums, at, 5, direction, growth);
+        }
+        if TEXELS > 6u {
+            add_pair(&sums, at, 6, direction, growth);
         }
     }
     return sums;

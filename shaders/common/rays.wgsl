@@ -1,8 +1,9 @@
 // The rays of the painter `tiles`, and the packed volume that they cross.
 //
 // Lattice axes: m is the principal viewing axis, the one that rays run along most closely; a and b are the other two. a
-// is the first of the two along which rays lean so little that six voxels of a row hold every kernel that reaches a
-// ray. Lengths are in voxels unless a name says otherwise. Voxel planes are numbered front to back along m.
+// is the one along which rays lean less, or of parallel rays the first of the two along which they lean so little that
+// six voxels of a row hold every kernel that reaches a ray. Lengths are in voxels unless a name says otherwise. Voxel
+// planes are numbered front to back along m.
 //
 // A ray meets plane k at base + k shear, in (a, b). Base coordinates are the (a, b) of plane 0. Parallel rays share one
 // shear. A ray that runs along two or three axes nearly alike is marched along each of them, and the colours are mixed.
@@ -13,6 +14,8 @@
 // turns it into the picture.
 
 override PERSPECTIVE: bool = false;
+// The volume is a layer: rays go through cells of several levels, coarser ones farther away, and these are of one.
+override LAYERED: bool = false;
 
 // Entries of the table of sections, at equal steps of the length of a ray's shear. It is 0 for a ray along m, sqrt(2)
 // for a ray that runs along all three axes alike, and at most 1.55 for a ray in which m has a share: of m at least
@@ -22,6 +25,8 @@ const SECTION_STEPS: f32 = 8.0 / 1.55;
 // Tables of sections: their values for kernels as asked for, and the coefficients of their growth less 1 and of the
 // square of that.
 const SECTION_POWERS: u32 = 3u;
+// Where the tables of the slabs that only wide kernels of scalars reach begin.
+const FAR_SECTIONS: u32 = SECTIONS * SECTION_POWERS;
 
 struct Rays {
     // Parallel rays: base coordinates of point (0, 0) of the intermediate image, and the steps to its neighbours. Rays
@@ -114,17 +119,21 @@ struct Rays {
     // that reach the ray.
     growth_most: f32,
     growth_around: f32,
+    // Layers (see LAYERED): the growth at which the share of the layer begins, and over how much it becomes whole, as a
+    // reciprocal; the growth at which nothing of it is left, and over how much it fades before.
+    fade_in: vec2f,
+    fade_out: vec2f,
     // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.
-    sections: array<Section, SECTIONS * SECTION_POWERS>,
+    sections: array<Section, 2u * FAR_SECTIONS>,
 }
 
-// The parts of a kernel that lie in the four slabs before its centre: its footprint times (by_m0 + by_m1 s + by_m2
+// The parts of a kernel that lie in four slabs before its centre: its footprint times (by_m0 + by_m1 s + by_m2
 // s^2), s the place of its centre along the ray, from where the ray meets its plane. Summed over a plane these are
 // by_m0 m0 + by_m1 m1 + by_m2 m2 of the plane's moments. Behind the centre the sign of s changes.
 //
-// Slabs of scalars are half a plane thick; the first component is the foremost slab. Slabs of colours are a plane
-// thick; the components are the slabs one, two and three before the kernel's own, which has the rest, and by_m2 is not
-// used.
+// Slabs of scalars are half a plane thick; the first component is the foremost slab, two planes before the centre, or
+// four planes if the section is a far one. Slabs of colours are a plane
+// thick; the components are the slabs one to four before the kernel's own, which has the rest.
 struct Section {
     by_m0: vec4f,
     by_m1: vec4f,

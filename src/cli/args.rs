@@ -233,8 +233,8 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "N|auto", default_value = "auto", value_parser = parse::level, help_heading = "Model")]
     pub(super) level: Level,
 
-    /// What draws the splats: quads draws every picture, tiles is fast on software and refuses some pictures, auto
-    /// takes tiles on software unless it refuses. An option of a painter (below) chooses that painter
+    /// What draws the splats: quads draws every picture, tiles is faster and refuses some, auto takes tiles
+    /// unless it refuses, on GPUs with --resolution full. An option of a painter (below) chooses that painter
     #[arg(long, value_name = "PAINTER", default_value = "auto", help_heading = "Device")]
     pub(super) painter: PainterArg,
     /// Part of the name of the adapter to use; see `voxsplat devices` [default: the best]

@@ -9,7 +9,7 @@
 
 use std::ops::Range;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use super::context::Context;
 use super::layout::Splat;
@@ -31,6 +31,12 @@ const REACH: usize = 3;
 /// default Gaussian have it at a growth of 1.5.
 pub(super) const LEAST_DEVIATION: f64 = 0.585;
 
+/// The same of kernels that reach many of their standard deviations, like the blob, which end later than others: rays
+/// through one eye reach 4 voxels of grown kernels, and by then cells must stand for them.
+const LEAST_DEVIATION_OF_WIDE: f64 = 0.5;
+/// The voxels that rays through one eye reach.
+const WIDEST: f64 = 4.0;
+
 /// The radius of kernels of cells, as a multiple of their standard deviation: of the narrowest as much as polynomials
 /// of 8 terms follow footprints, by which rays evaluate them, so that they are small where they are cut off; of the
 /// broadest that of the default Gaussian, whose shape they have then.
@@ -43,16 +49,24 @@ const SHARED_RADIUS: f64 = 2.0;
 /// The coarsest level.
 pub(crate) const MAX_LEVEL: u32 = 12;
 
-/// The level whose cells stand for voxels whose kernels have grown so much; 0: voxels do.
-pub(crate) fn level_of(kernel: &Kernel, growth: f64) -> u32 {
+/// The level whose cells stand for voxels whose kernels have grown so much; 0: voxels do. No level is coarser
+/// than the one of which a cell holds the volume.
+pub(crate) fn level_of(kernel: &Kernel, growth: f64, grid: &Grid) -> u32 {
     // A growth of 1.5 is often that of a picture, to within rounding.
-    let cells = 1.0001 * growth * kernel.variance().sqrt() / LEAST_DEVIATION;
-    cells.log2().floor().clamp(0.0, f64::from(MAX_LEVEL)) as u32
+    let cells = 1.0001 * growth * kernel.variance().sqrt() / least_deviation(kernel);
+    let one = grid.dims().into_iter().max().unwrap_or(1).next_power_of_two().ilog2();
+    cells.log2().floor().clamp(0.0, f64::from(one.min(MAX_LEVEL))) as u32
 }
 
 /// The least growth of kernels that cells of a level can have.
 pub(crate) fn least_growth(kernel: &Kernel, level: u32) -> f64 {
-    LEAST_DEVIATION * f64::from(level).exp2() / kernel.variance().sqrt()
+    least_deviation(kernel) * f64::from(level).exp2() / kernel.variance().sqrt()
+}
+
+/// The least standard deviation of the kernels of cells that stand for voxels of this kernel, in cells.
+fn least_deviation(kernel: &Kernel) -> f64 {
+    let wide = WIDEST / 2.0 * kernel.variance().sqrt() / kernel.radius();
+    wide.clamp(LEAST_DEVIATION_OF_WIDE, LEAST_DEVIATION)
 }
 
 /// The kernel of cells of a level, in cells: as broad as the kernel of voxels that has grown, at least
@@ -152,8 +166,8 @@ impl Filter {
         cells.map(of_cell).collect()
     }
 
-    /// The voxels that cells stand for and so many to either side, of an axis of `count`: if they lie beyond a face, the
-    /// outermost.
+    /// The voxels that cells stand for and so many to either side, of an axis of `count`: the outermost if they lie
+    /// beyond a face.
     pub(super) fn blocks(&self, cells: Range<i64>, more: i64, count: usize) -> Vec<Range<usize>> {
         let inside = |voxel: i64| voxel.clamp(0, count as i64 - 1) as usize;
         let block = |cell: i64| {
@@ -171,15 +185,51 @@ impl Filter {
         usize::try_from(at).ok().and_then(|at| self.weights.get(at).copied())
     }
 
-    /// What voxels, the first that gives to a cell and those behind it, give to the cell.
-    fn sum<const N: usize>(&self, voxels: &[[f32; N]]) -> [f32; N] {
-        let mut sum = [0.0; N];
-        for (weight, voxel) in self.weights.iter().zip(voxels) {
-            for (sum, channel) in sum.iter_mut().zip(voxel) {
-                *sum += weight * channel;
+    /// The first `cells` cells to which some of these voxels give, and the one after the last.
+    fn reached(&self, voxels: &Range<usize>, cells: usize) -> Range<usize> {
+        let size = self.size as i64;
+        let first = (voxels.start as i64 - self.first - self.weights.len() as i64).div_euclid(size) + 1;
+        let end = (voxels.end as i64 - 1 - self.first).div_euclid(size) + 1;
+        let within = |cell: i64| cell.clamp(0, cells as i64) as usize;
+        within(first)..within(end)
+    }
+
+    /// What voxels, the first that gives to the first of the cells and those behind it, give to the cells. Voxels
+    /// outside `shown` give nothing.
+    fn gather<const N: usize>(&self, voxels: &[[f32; N]], shown: &Range<usize>, cells: &mut [[f32; N]]) {
+        // Four sums at a time: none waits for its own last addition.
+        let (fours, rest) = cells.as_chunks_mut::<4>();
+        let behind = 4 * fours.len();
+        for (number, four) in fours.iter_mut().enumerate() {
+            *four = self.sums(4 * number, voxels, shown);
+        }
+        for (number, cell) in rest.iter_mut().enumerate() {
+            [*cell] = self.sums(behind + number, voxels, shown);
+        }
+    }
+
+    /// What voxels give to cells side by side, the first of this number.
+    fn sums<const N: usize, const CELLS: usize>(
+        &self,
+        first: usize,
+        voxels: &[[f32; N]],
+        shown: &Range<usize>,
+    ) -> [[f32; N]; CELLS] {
+        let mut sums = [[0.0; N]; CELLS];
+        // Of the voxels of each, those of which some show.
+        let [near, far] = [first, first + CELLS - 1].map(|cell| cell * self.size);
+        let taps = shown.start.saturating_sub(far)..shown.end.saturating_sub(near).min(self.weights.len());
+        let Some(weights) = self.weights.get(taps.clone()) else { return sums };
+        let voxels: [_; CELLS] =
+            std::array::from_fn(|cell| &voxels[near + cell * self.size + taps.start..][..weights.len()]);
+        for (at, weight) in weights.iter().enumerate() {
+            for (sum, voxels) in sums.iter_mut().zip(voxels) {
+                for (sum, channel) in sum.iter_mut().zip(&voxels[at]) {
+                    *sum += weight * channel;
+                }
             }
         }
-        sum
+        sums
     }
 
     /// The cells from `cell` to before `end` that a voxel gives to.
@@ -219,19 +269,18 @@ struct Classification<'a> {
     transfer: &'a TransferFunction,
     slope: f64,
     intercept: f64,
-    /// By sample of few bits, from `first` on; empty if samples have many.
+    /// By the bits of samples, if these are few; otherwise empty.
     table: Vec<Emission>,
-    first: f64,
 }
 
 impl<'a> Classification<'a> {
     fn new(volume: &Volume, transfer: &'a TransferFunction) -> Self {
         let (slope, intercept) = volume.rescale();
-        let mut classification = Self { transfer, slope, intercept, table: Vec::new(), first: 0.0 };
+        let mut classification = Self { transfer, slope, intercept, table: Vec::new() };
         if let Some([first, last]) = volume.sample_type().few() {
-            let samples = (0..=last.abs_diff(first)).map(|n| f64::from(first) + f64::from(n));
-            classification.table = samples.map(|sample| classification.of(sample)).collect();
-            classification.first = f64::from(first);
+            // The bits of negative numbers follow those of the others.
+            let samples = (0..=last).chain(first..0);
+            classification.table = samples.map(|sample| classification.of(f64::from(sample))).collect();
         }
         classification
     }
@@ -243,15 +292,40 @@ impl<'a> Classification<'a> {
         [r, g, b, density as f32]
     }
 
-    /// The emission of a row of voxels.
-    fn row<T: Number>(&self, samples: &[T], row: &mut [Emission]) {
-        if self.table.is_empty() {
-            row.iter_mut().zip(samples).for_each(|(e, s)| *e = self.of(s.to_f64()));
-        } else {
-            let at = |s: f64| self.table.get((s - self.first) as usize).copied().unwrap_or_default();
-            row.iter_mut().zip(samples).for_each(|(e, s)| *e = at(s.to_f64()));
+    /// What a row of voxels emits; the voxels outside the returned range emit nothing.
+    fn row<T: Number, const N: usize>(&self, samples: &[T], voxels: &mut [[f32; N]]) -> Range<usize> {
+        match size_of::<T>() {
+            1 if !self.table.is_empty() => {
+                let samples: &[u8] = bytemuck::cast_slice(samples);
+                emit(samples, voxels, |sample| self.table[usize::from(sample)])
+            }
+            2 if !self.table.is_empty() => {
+                let samples: &[u16] = bytemuck::cast_slice(samples);
+                emit(samples, voxels, |sample| self.table[usize::from(sample)])
+            }
+            _ => emit(samples, voxels, |sample| self.of(sample.to_f64())),
         }
     }
+}
+
+/// Gives voxels what their samples emit. Returns a range outside which there is nothing.
+fn emit<T: Copy, const N: usize>(samples: &[T], voxels: &mut [[f32; N]], of: impl Fn(T) -> Emission) -> Range<usize> {
+    const RUN: usize = 32;
+    let mut shown: Option<Range<usize>> = None;
+    for (run, (samples, voxels)) in samples.chunks(RUN).zip(voxels.chunks_mut(RUN)).enumerate() {
+        let mut most = 0.0_f32;
+        for (sample, voxel) in samples.iter().zip(voxels) {
+            let emission = of(*sample);
+            *voxel = [0.0; N];
+            voxel[..4].copy_from_slice(&emission);
+            most = most.max(emission[3]);
+        }
+        if most > 0.0 {
+            let start = shown.map_or(run * RUN, |shown| shown.start);
+            shown = Some(start..run * RUN + samples.len());
+        }
+    }
+    shown.unwrap_or_default()
 }
 
 /// A volume and what makes cells of a level of it.
@@ -260,7 +334,7 @@ pub(crate) struct Coarsening<'a> {
     filter: Filter,
     classification: Classification<'a>,
     /// If there is light: the scalars and the world gradients of the lattice coordinates.
-    light: Option<(Relative, [DVec3; 3])>,
+    light: Option<(Relative, [Vec3; 3])>,
     /// Cells along each axis.
     dims: [usize; 3],
     /// Cells that absorb less are left out, per unit distance.
@@ -278,7 +352,7 @@ impl<'a> Coarsening<'a> {
             volume,
             filter: Filter::new(level, 0.0, &[1.0], REACH),
             classification: Classification::new(volume, transfer),
-            light: lit.then(|| (scalars(), [gradients.x_axis, gradients.y_axis, gradients.z_axis])),
+            light: lit.then(|| (scalars(), [0, 1, 2].map(|axis| gradients.col(axis).as_vec3()))),
             dims: dims_of(volume.grid(), level),
             least: (TransferFunction::extinction(transfer.max_opacity(), 1.0) * LEAST) as f32,
         }
@@ -324,7 +398,6 @@ impl<'a> Coarsening<'a> {
         let rows = within(&ys, ny);
         let mut block = Block::<N>::new(across, [ys.len(), zs.len()])?;
         let mut slices = Slices { coarsening: self, rows: rows.clone(), slices: Vec::new() };
-        let mut emission = vec![[0.0; 4]; nx as usize];
         // A row with room for the voxels before the first and behind the last, which give nothing.
         let all = self.filter.voxels(0, across as i64);
         let mut voxels = vec![[0.0; N]; (all.end - all.start) as usize];
@@ -334,19 +407,23 @@ impl<'a> Coarsening<'a> {
             slices.advance(z)?;
             let mut shows = false;
             for y in rows.clone() {
-                if !slices.classify([y, z], &mut emission) {
+                let inside = &mut voxels[begin..begin + nx as usize];
+                let shown = slices.classify([y, z], inside);
+                if shown.is_empty() {
                     continue;
                 }
                 shows = true;
-                let inside = &mut voxels[begin..begin + nx as usize];
-                inside.iter_mut().zip(&emission).for_each(|(voxel, e)| voxel[..4].copy_from_slice(e));
                 if N == LIT {
-                    slices.add_directions([y, z], inside);
+                    slices.add_directions([y, z], shown.clone(), inside);
                 }
-                let windows = voxels.windows(self.filter.weights.len()).step_by(self.filter.size);
-                narrow.iter_mut().zip(windows).for_each(|(cell, voxels)| *cell = self.filter.sum(voxels));
+                let reached = self.filter.reached(&shown, across);
+                let narrow = &mut narrow[reached.clone()];
+                let start = reached.start * self.filter.size;
+                // From the first voxel on that gives to these cells.
+                let shown = (begin + shown.start).saturating_sub(start)..(begin + shown.end).saturating_sub(start);
+                self.filter.gather(&voxels[start..], &shown, narrow);
                 for (cell, weight) in self.filter.cells(y, ys.start, ys.end) {
-                    block.add_to_plane(cell - ys.start, weight, &narrow);
+                    block.add_to_plane([reached.start, cell - ys.start], weight, narrow);
                 }
             }
             if shows {
@@ -415,8 +492,8 @@ impl<const N: usize> Block<N> {
         Ok(Self { across, size, cells: empty(across * size[0] * size[1])?, plane: empty(across * size[0])? })
     }
 
-    fn add_to_plane(&mut self, y: usize, weight: f32, row: &[[f32; N]]) {
-        add(&mut self.plane[y * self.across..][..self.across], weight, row);
+    fn add_to_plane(&mut self, [x, y]: [usize; 2], weight: f32, row: &[[f32; N]]) {
+        add(&mut self.plane[y * self.across + x..], weight, row);
     }
 
     fn add_plane(&mut self, z: usize, weight: f32) {
@@ -445,7 +522,7 @@ struct Slice {
     /// The first row.
     first: i64,
     samples: Samples,
-    /// Of all rows, if there is light.
+    /// Of all rows, if there is light; the outermost of a row twice.
     scalars: Vec<f32>,
 }
 
@@ -465,28 +542,31 @@ impl Slices<'_> {
             let samples = volume.read(((z * ny + first) * nx) as usize..((z * ny + end) * nx) as usize)?;
             let mut scalars = Vec::new();
             if let Some((of, _)) = light {
-                with_samples!(&samples, s => scalars.extend(s.iter().map(|sample| of.to(sample.to_f64()))));
+                scalars = reserved((end - first) as u64 * (nx as u64 + 2), || "scalars of a plane".to_owned())?;
+                with_samples!(&samples, s => for row in s.chunks_exact(nx as usize) {
+                    let row = row.first().into_iter().chain(row).chain(row.last());
+                    scalars.extend(row.map(|sample| of.to(sample.to_f64())));
+                });
             }
             self.slices.push(Slice { z, first, samples, scalars });
         }
         Ok(())
     }
 
-    /// What the voxels of a row emit; whether any does.
-    fn classify(&self, [y, z]: [i64; 2], emission: &mut [Emission]) -> bool {
-        let Some(slice) = self.slices.iter().find(|slice| slice.z == z) else { return false };
-        let start = (y - slice.first) as usize * emission.len();
-        let count = emission.len();
-        with_samples!(&slice.samples, s => self.coarsening.classification.row(&s[start..start + count], emission));
-        emission.iter().any(|e| e[3] > 0.0)
+    /// What the voxels of a row emit; a range outside which they emit nothing.
+    fn classify<const N: usize>(&self, [y, z]: [i64; 2], voxels: &mut [[f32; N]]) -> Range<usize> {
+        let Some(slice) = self.slices.iter().find(|slice| slice.z == z) else { return 0..0 };
+        let count = voxels.len();
+        let start = (y - slice.first) as usize * count;
+        with_samples!(&slice.samples, s => self.coarsening.classification.row(&s[start..start + count], voxels))
     }
 
-    /// Adds the directions of gradients, times density, to the voxels of a row: central differences, as if the
+    /// Adds the directions of gradients, times density, to some voxels of a row: central differences, as if the
     /// outermost voxels went on beyond the faces.
-    fn add_directions<const N: usize>(&self, [y, z]: [i64; 2], voxels: &mut [[f32; N]]) {
-        let Some((_, [gx, gy, gz])) = &self.coarsening.light else { return };
+    fn add_directions<const N: usize>(&self, [y, z]: [i64; 2], shown: Range<usize>, voxels: &mut [[f32; N]]) {
+        let Some((_, gradients)) = self.coarsening.light else { return };
         let [_, ny, nz] = self.coarsening.volume.grid().dims().map(i64::from);
-        let width = voxels.len();
+        let width = voxels.len() + 2;
         let row = |y: i64, z: i64| {
             let (y, z) = (y.clamp(0, ny - 1), z.clamp(0, nz - 1));
             let slice = self.slices.iter().find(|slice| slice.z == z);
@@ -494,18 +574,79 @@ impl Slices<'_> {
         };
         let [here, above, below, behind, before] =
             [row(y, z), row(y - 1, z), row(y + 1, z), row(y, z - 1), row(y, z + 1)];
-        for (x, voxel) in voxels.iter_mut().enumerate() {
-            let density = voxel[3];
-            if density <= 0.0 {
-                voxel[4..].fill(0.0);
-                continue;
+        for start in shown.clone().step_by(RUN) {
+            let run = start..shown.end.min(start + RUN);
+            let difference = |high: &[f32], low: &[f32], at: usize| {
+                let mut differences = [0.0; RUN];
+                let pairs = high[run.start + at..].iter().zip(&low[run.start + 2 - at..]);
+                differences[..run.len()].iter_mut().zip(pairs).for_each(|(d, (high, low))| *d = high - low);
+                differences
+            };
+            let differences = [difference(here, here, 2), difference(below, above, 1), difference(before, behind, 1)];
+            let directions = directions(gradients, differences);
+            for (at, voxel) in voxels[run].iter_mut().enumerate() {
+                (0..3).for_each(|axis| voxel[4 + axis] = directions[axis][at] * voxel[3]);
             }
-            let differences =
-                [here[(x + 1).min(width - 1)] - here[x.saturating_sub(1)], below[x] - above[x], before[x] - behind[x]];
-            let [dx, dy, dz] = differences.map(f64::from);
-            // No square leaves the range of f64: scalars are f32 numbers near 1.
-            let direction = (*gx * dx + *gy * dy + *gz * dz).normalize_or_zero() * f64::from(density);
-            voxel[4..7].copy_from_slice(&direction.as_vec3().to_array());
         }
+    }
+}
+
+/// Voxels whose directions are found together.
+const RUN: usize = 16;
+
+/// Differences along the axes of the lattice to directions in the world, of length 1 or 0.
+fn directions([gx, gy, gz]: [Vec3; 3], [dx, dy, dz]: [[f32; RUN]; 3]) -> [[f32; RUN]; 3] {
+    let mut directions = [[0.0; RUN]; 3];
+    for at in 0..RUN {
+        // By the largest, so that no square leaves the range of f32.
+        let most = dx[at].abs().max(dy[at].abs()).max(dz[at].abs());
+        let scale = if most > f32::MIN_POSITIVE && most < f32::MAX { 1.0 / most } else { 0.0 };
+        let gradient = gx * (scale * dx[at]) + gy * (scale * dy[at]) + gz * (scale * dz[at]);
+        let square = gradient.length_squared();
+        let unit = if square > 0.0 { gradient / square.sqrt() } else { Vec3::ZERO };
+        directions[0][at] = unit.x;
+        directions[1][at] = unit.y;
+        directions[2][at] = unit.z;
+    }
+    directions
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_get_what_voxels_that_show_give() {
+        for (level, voxels) in [(0, 20), (1, 37), (2, 64), (4, 50), (7, 100)] {
+            let filter = Filter::new(level);
+            let cells = (voxels as usize).div_ceil(filter.size) + 2 * REACH;
+            let all = filter.voxels(0, cells);
+            let begin = (-all.start) as usize;
+            for shown in [0..voxels, 0..3, 7..19, voxels - 1..voxels] {
+                let mut row = vec![[0.0_f32]; (all.end - all.start) as usize];
+                shown.clone().for_each(|voxel| row[begin + voxel as usize] = [1.0 + 0.1 * voxel as f32]);
+                let range = shown.start as usize..shown.end as usize;
+                let reached = filter.reached(&range, cells);
+                let mut got = vec![[0.0; 1]; cells];
+                let start = reached.start * filter.size;
+                let within = (begin + range.start).saturating_sub(start)..begin + range.end - start;
+                filter.gather(&row[start..], &within, &mut got[reached]);
+                for (cell, [got]) in got.into_iter().enumerate() {
+                    let given = |voxel: i64| Some(filter.weight(voxel, cell)? * row[begin + voxel as usize][0]);
+                    let expected: f32 = shown.clone().filter_map(given).sum();
+                    assert!(
+                        (got - expected).abs() < 1e-6 * voxels as f32,
+                        "{level} {shown:?} {cell}: {got} {expected}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_level_is_coarser_than_the_volume() {
+        let grid = Grid::axis_parallel([40, 65, 10], [1.0; 3]).unwrap();
+        let level = |growth| level_of(&Kernel::default(), growth, &grid);
+        assert_eq!([1.0, 1.5, 3.0, 50.0, 1e3, 1e9].map(level), [0, 1, 2, 6, 7, 7]);
     }
 }

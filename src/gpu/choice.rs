@@ -2,7 +2,6 @@
 
 use super::context::Context;
 use super::painter::Room;
-use super::view::ViewGeometry;
 use super::{quads, tiles};
 use crate::error::{Error, Result};
 use crate::settings::{Painter, Settings};
@@ -30,17 +29,14 @@ pub(crate) struct Choice {
 }
 
 impl Choice {
-    /// The painter of a picture, before any work.
-    pub(crate) fn new(context: &Context, view: &ViewGeometry, settings: &Settings) -> Result<Self> {
+    /// The painter of a picture, unless it refuses.
+    pub(crate) fn new(context: &Context, settings: &Settings) -> Self {
         let (kind, reason) = match settings.painter {
             Painter::Quads(_) => (PainterKind::Quads, ASKED_FOR),
             Painter::Tiles(_) => (PainterKind::Tiles, ASKED_FOR),
-            Painter::Auto => preferred(context.info.is_software(), context.blends_f32()),
+            Painter::Auto => (PainterKind::Tiles, preference(context.info.is_software())),
         };
-        match (kind.room().refusal)(view, settings) {
-            Some(reason) => Self::instead(context, settings, reason),
-            None => Ok(Self::of(context, kind, reason.to_owned())),
-        }
+        Self::of(context, kind, reason.to_owned())
     }
 
     /// A painter for a reason, to which what its sheets lose is added.
@@ -62,26 +58,10 @@ impl Choice {
 
 const ASKED_FOR: &str = "asked for";
 
-/// The painter that [`Painter::Auto`] takes unless it refuses, and why. Sheets of half floats are what is left if it
-/// does.
-fn preferred(is_software: bool, blends_f32: bool) -> (PainterKind, &'static str) {
-    match (is_software, blends_f32) {
-        (true, _) => (PainterKind::Tiles, "the adapter is software"),
-        (false, false) => (PainterKind::Tiles, "the adapter does not blend the 32-bit floats of sheets"),
-        (false, true) => (PainterKind::Quads, "the adapter has a rasteriser"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn auto_takes_quads_where_hardware_blends_f32() {
-        use PainterKind::{Quads, Tiles};
-        let rows = [(true, true, Tiles), (true, false, Tiles), (false, true, Quads), (false, false, Tiles)];
-        for (is_software, blends_f32, kind) in rows {
-            assert_eq!(preferred(is_software, blends_f32).0, kind, "{is_software} {blends_f32}");
-        }
+/// Why [`Painter::Auto`] takes tiles unless it refuses.
+fn preference(is_software: bool) -> &'static str {
+    match is_software {
+        true => "the adapter is software",
+        false => "by operations and bytes, rays are expected to be faster on GPUs, of which none has been measured",
     }
 }

@@ -22,9 +22,6 @@ use crate::volume::{BRICK_EDGE as EDGE, Grid, ToF64, Volume, with_samples};
 /// is smooth: its parts are fitted well, and the lattice does not show.
 const KERNEL: Kernel = Kernel::KaiserBessel { radius: 1.915, alpha: 5.0 };
 
-/// Kernels that reach as far, in voxels, need no cells: rays gather them.
-pub(crate) const MAX_RADIUS: f64 = super::tiles::MAX_RADIUS;
-
 /// The largest scalar of voxels for which cells stand; what shows is within 2. The shapes of kernels differ by some
 /// hundredths of a scalar, which show beside values that are far beyond, like one for voxels without data.
 pub(crate) const MOST_SCALAR: f64 = 16.0;
@@ -52,7 +49,7 @@ impl Coarse {
         let steps = |growth: f64| STEPS * growth.log2();
         let step = steps(1.0001 * growth / f64::from(level).exp2()).floor();
         // Kernels of coarser cells than these are as wide as the least, of finer ones as the next level's least.
-        let (first, last) = (steps(least).ceil(), steps(2.0 * least).floor());
+        let (first, last) = (steps(least).floor(), steps(2.0 * least).floor());
         Self { level, step: step.clamp(first, last) as i32 }
     }
 
@@ -185,19 +182,14 @@ impl Filters {
         let taken = [0, 1, 2].map(|axis| self.axes[axis].taken(first[axis]..end[axis], dims[axis]));
         let [columns, rows, planes] = [0, 1, 2].map(|axis| span(&taken[axis]));
         let width = columns.len();
-        let zeros = |count: usize| -> Result<Vec<f32>> {
-            let mut zeros = reserved(count as u64, || "the cells of a row of bricks".to_owned())?;
-            zeros.resize(count, 0.0);
-            Ok(zeros)
-        };
-        let mut scalars = zeros(across * down * deep)?;
-        let mut row = zeros(width)?;
+        let mut scalars = filled(across * down * deep, 0.0)?;
+        let mut row = filled(width, 0.0)?;
         // A plane of voxels in which rows are cells already, and one of cells.
-        let mut tall = zeros(width * down)?;
-        let mut plane = zeros(across * down)?;
+        let mut tall = filled(width * down, 0.0)?;
+        let mut plane = filled(across * down, 0.0)?;
         let blocks = [0, 1, 2].map(|axis| self.axes[axis].blocks(first[axis]..end[axis], self.beside, dims[axis]));
-        let mut ranges = vec![NONE; if gradients { across * down * deep } else { 0 }];
-        let mut tall_ranges = vec![NONE; if gradients { width * down } else { 0 }];
+        let mut ranges = filled(if gradients { across * down * deep } else { 0 }, NONE)?;
+        let mut tall_ranges = filled(if gradients { width * down } else { 0 }, NONE)?;
         for z in planes {
             tall.fill(0.0);
             tall_ranges.fill(NONE);
@@ -251,6 +243,12 @@ fn span(taken: &[(usize, Vec<f32>)]) -> Range<usize> {
 fn weights(taken: &[(usize, Vec<f32>)], voxel: usize) -> impl Iterator<Item = f32> {
     let weight = move |(first, weights): &(usize, Vec<f32>)| weights.get(voxel.checked_sub(*first)?).copied();
     taken.iter().map(move |cell| weight(cell).unwrap_or(0.0))
+}
+
+fn filled<T: Copy>(count: usize, value: T) -> Result<Vec<T>> {
+    let mut values = reserved(count as u64, || "the cells of a row of bricks".to_owned())?;
+    values.resize(count, value);
+    Ok(values)
 }
 
 /// The range of no scalars.

@@ -19,8 +19,10 @@ pub(crate) struct Room {
     pub(crate) refusal: fn(&ViewGeometry, &Settings) -> Option<String>,
     /// How far the scalars of a post-shaded scene must reach.
     pub(crate) need: fn(&ViewGeometry, &Settings, Weights) -> ScalarNeed,
-    /// Begins a picture.
-    pub(crate) begin: for<'a> fn(Job<'a>) -> Result<Begun<'a>>,
+    /// Whether it draws cells of several levels as layers of one picture, coarser ones farther from the eye.
+    pub(crate) layers: bool,
+    /// Begins a picture of its nearest layer and of those behind it, of which there are none without `layers`.
+    pub(crate) begin: for<'a> fn(Job<'a>, Vec<Job<'a>>) -> Result<Begun<'a>>,
 }
 
 /// A picture to paint.

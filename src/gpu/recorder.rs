@@ -16,8 +16,8 @@ pub(crate) struct Recorder<'a> {
     work: u64,
 }
 
-/// The most work of a submission on a GPU, in fragments of splats or planes of rays: a few tenths of a second on the
-/// slowest. Operating systems reset a GPU whose commands take seconds.
+/// The most work of a submission on a GPU, in fragments of splats: by their operations and the sheets that they blend,
+/// a few tenths of a second on the slowest. Operating systems reset a GPU whose commands take seconds.
 pub(crate) const MAX_WORK: u64 = 200_000_000;
 
 /// A copy of a buffer that the host can read once the commands before it are done.

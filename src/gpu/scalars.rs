@@ -391,8 +391,7 @@ impl<'a> Emission<'a> {
             (self.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
                 && (!self.savings.bricks || self.is_near(lattice, [i, j, k]))
         };
-        let bricks: Vec<[usize; 3]> =
-            (0..lattice.counts[0]).filter(|&i| takes_part(i)).map(|i| [i, j, k]).collect();
+        let bricks: Vec<[usize; 3]> = (0..lattice.counts[0]).filter(|&i| takes_part(i)).map(|i| [i, j, k]).collect();
         let (Some(&leftmost), Some(&rightmost)) = (bricks.first(), bricks.last()) else { return Ok(Vec::new()) };
         let made = |scalars: &dyn Fn([i64; 3]) -> Vec<f32>, flat: &dyn Fn([i64; 3]) -> Vec<bool>| {
             let first = |brick| lattice.first(brick);
@@ -455,7 +454,8 @@ impl<'a> Emission<'a> {
                         continue;
                     }
                     let lit = lit && !flat.get(x + EDGE * (y + EDGE * z)).is_some_and(|&flat| flat);
-                    let gradient = if lit { central_differences(scalars, start + x, edge, self.differences) } else { [0.0; 3] };
+                    let gradient =
+                        if lit { central_differences(scalars, start + x, edge, self.differences) } else { [0.0; 3] };
                     let cell = [0, 1, 2].map(|axis| first[axis] + [x, y, z][axis] as i64);
                     let count = self.count(lattice, cell);
                     if count > 0.0 && (scalar != 0.0 || gradient != [0.0; 3]) {

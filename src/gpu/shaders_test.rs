@@ -145,6 +145,8 @@ fn structs_are_laid_out_alike() {
         growth_middle,
         growth_most,
         growth_around,
+        fade_in,
+        fade_out,
         sections
     });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, shininess });

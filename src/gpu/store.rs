@@ -22,6 +22,13 @@ pub(crate) struct Bricks {
     pub(crate) bytes: u64,
 }
 
+impl Bricks {
+    /// Those of two levels of a volume.
+    pub(crate) fn and(self, other: &Self) -> Self {
+        Self { all: self.all + other.all, uploaded: self.uploaded + other.uploaded, bytes: self.bytes + other.bytes }
+    }
+}
+
 /// Splats that fit into one buffer and into a storage binding.
 #[derive(Debug)]
 pub(crate) struct Store {

@@ -91,6 +91,22 @@ impl ScalarNeed {
     }
 }
 
+/// The share of a layer in a picture of several, by the growth that its own kernels have at a depth: it begins, is
+/// whole, fades, and ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Fade {
+    /// Where the share begins, and where it is whole.
+    pub(crate) begins: [f64; 2],
+    /// Where it begins to fade, and where nothing of it is left.
+    pub(crate) ends: [f64; 2],
+}
+
+impl Fade {
+    /// Growths nearer and farther than any, but not infinite.
+    pub(crate) const NEAREST: [f64; 2] = [-2e8, -1e8];
+    pub(crate) const FARTHEST: [f64; 2] = [1e8, 2e8];
+}
+
 /// A camera on a lattice, in local coordinates: see [`Grid::local`]. What is called world here is local.
 #[derive(Debug, Clone)]
 pub(crate) struct ViewGeometry {
@@ -101,8 +117,10 @@ pub(crate) struct ViewGeometry {
     /// Radius of the kernel as asked for, in voxels.
     pub(super) radius: f64,
     pub(super) growth: Growth,
-    /// The smallest and the largest growth of a kernel in the volume.
+    /// The smallest and the largest growth of a kernel in the volume; of a layer, in the layer.
     pub(super) growths: [f64; 2],
+    /// If the lattice is a layer: the share of the layer.
+    pub(super) fade: Option<Fade>,
     /// Gradients in the lattice of the view coordinates x (right), y (up) and z (forward), in world units.
     pub(super) gradients: [DVec3; 3],
     /// View coordinates of the middle of the lattice, from the target.
@@ -123,11 +141,18 @@ pub(crate) struct ViewGeometry {
 impl ViewGeometry {
     /// The view of a camera on a grid of the world.
     pub(crate) fn new(camera: &Camera, grid: &Grid, settings: &Settings, savings: Savings) -> Self {
-        Self::of_cells(camera, grid, settings, savings, 1.0)
+        Self::of_cells(camera, grid, settings, savings, 1.0, None)
     }
 
     /// The same of a lattice of cells: the settings have the kernel that has grown `grown` times as its voxels see it.
-    pub(crate) fn of_cells(camera: &Camera, grid: &Grid, settings: &Settings, savings: Savings, grown: f64) -> Self {
+    pub(crate) fn of_cells(
+        camera: &Camera,
+        grid: &Grid,
+        settings: &Settings,
+        savings: Savings,
+        grown: f64,
+        fade: Option<Fade>,
+    ) -> Self {
         let unit = grid.unit();
         let (camera, grid) = (&camera.local(grid), &grid.local());
         let to_world = grid.to_world().matrix3;
@@ -143,7 +168,10 @@ impl ViewGeometry {
         let growth = if settings.antialiasing { camera.growth(grid) } else { Growth::NONE };
         let growth = Growth { constant: growth.constant / grown, slope: growth.slope / grown };
         // At the nearest voxel, or at the eye if the voxel is behind it, and at the farthest.
-        let growths = [-farthest, farthest].map(|z| growth.at(z + eye_depth));
+        let growths = [-farthest, farthest].map(|z| {
+            let all = growth.at(z + eye_depth);
+            fade.map_or(all, |fade| all.max(fade.begins[0]).min(fade.ends[1]).max(1.0))
+        });
         let beyond = if settings.is_post_shaded() { 0.5 } else { settings.kernel.radius() * growths[1] };
         Self {
             unit,
@@ -152,6 +180,7 @@ impl ViewGeometry {
             radius: settings.kernel.radius(),
             growth,
             growths,
+            fade,
             gradients,
             offset,
             eye_depth,
@@ -175,6 +204,28 @@ impl ViewGeometry {
     /// The largest growth of a kernel in the volume.
     pub(crate) fn max_growth(&self) -> f64 {
         self.growths[1]
+    }
+
+    /// The growths between which voxels, or cells of the level before, give way to cells of a level that stand for
+    /// voxels grown `least` times or more. There they have a place in the depth of four cells: sums over planes with
+    /// shares are then as good as those over planes without.
+    pub(crate) fn ramp(&self, level: u32, least: f64) -> [f64; 2] {
+        let [x, y, z] = self.grid.spacing();
+        let depth = 4.0 * f64::from(level).exp2() * x.max(y).max(z);
+        // A quarter less than the least is little to the eye, and deeper ramps are those of a few cells.
+        [least - (self.growth.slope * depth).min(least / 4.0), least]
+    }
+
+    /// Whether the layer may have a share in what voxels of a box show. The box is that of a lattice which has so many
+    /// copies beyond its faces. True if the lattice is no layer.
+    pub(super) fn layer_holds(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
+        let Some(fade) = self.fade else { return true };
+        let [low, high] = bounds.map(|p| DVec3::from_array(p.map(f64::from)) - f64::from(padding) - half(&self.grid));
+        // Rays meet the plane of a voxel within twice the radius of its kernel.
+        let slope = self.growth.slope * self.gradients[2];
+        let reach = slope.abs().dot((high - low) / 2.0) + slope.length() * 2.0 * self.max_radius();
+        let middle = self.growth.constant + self.growth.slope * self.eye_depth + slope.dot((low + high) / 2.0);
+        middle + reach > fade.begins[0] && middle - reach < fade.ends[1]
     }
 
     /// The growth of every kernel along parallel rays; 1 in perspective.

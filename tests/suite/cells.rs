@@ -3,6 +3,7 @@
 use glam::DVec3;
 use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::error::Error;
+use voxsplat::image::Image;
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::settings::{Level, Model, Resolution, Settings};
 use voxsplat::transfer::TransferFunction;
@@ -122,16 +123,88 @@ fn cells_of_every_kernel_model_and_lattice_follow_the_reference() {
     }
 }
 
+/// A view through one eye whose kernels grow from one level to the next within a volume of 48^3 voxels.
+fn deep(view_height: f64) -> View {
+    let projection = ProjectionKind::Perspective { fov: 60.0 };
+    View { azimuth: 30.0, elevation: 20.0, projection, view_height: Some(view_height), ..View::default() }
+}
+
 #[test]
-fn perspectives_take_the_level_of_the_nearest_voxel() {
+fn perspectives_by_quads_take_the_level_of_the_nearest_voxel() {
     let (volume, transfer) = demo("vessels", 48);
     let projection = ProjectionKind::Perspective { fov: 30.0 };
     let view = View { azimuth: 30.0, elevation: 20.0, projection, view_height: Some(160.0), ..View::default() };
     let camera = look(&view, &volume, [40; 2]);
-    let got = picture(&volume, &transfer, &camera, &auto());
+    let settings = Settings { level: Level::Auto, ..exact_quads() };
+    let got = picture(&volume, &transfer, &camera, &settings);
     assert_eq!(got.stats.levels, [2; 2]);
-    let rms = 255.0 * rms_covered(&got.image, &truth(&volume, &transfer, &camera, &auto()));
+    let rms = 255.0 * rms_covered(&got.image, &truth(&volume, &transfer, &camera, &settings));
     assert!(rms < 1.3, "rms {rms} of 255");
+}
+
+#[test]
+fn layers_of_levels_follow_the_reference() {
+    for (name, volume) in volumes(48) {
+        // Levels 0 and 1, and 0 to 2.
+        for (view_height, levels) in [(60.0, [0, 1]), (100.0, [0, 2])] {
+            let camera = look(&deep(view_height), &volume, [40; 2]);
+            let expected = truth(&volume, &tones(0.1), &camera, &auto());
+            let got = picture(&volume, &tones(0.1), &camera, &with_tiles(&auto(), Resolution::Full));
+            assert_eq!(got.stats.levels, levels);
+            let rms = 255.0 * rms_covered(&got.image, &expected);
+            println!("{name} {view_height}: rms {rms:.2} of 255");
+            assert!(rms < 1.0, "{name} {view_height}: rms {rms} of 255");
+        }
+    }
+}
+
+#[test]
+fn layers_of_every_kernel_model_and_lattice_follow_the_reference() {
+    let (volume, transfer) = demo("vessels", 48);
+    let long = volume.clone().with_grid(Grid::axis_parallel([48; 3], [1.0, 1.0, 3.0]).unwrap()).unwrap();
+    let cases = [
+        (&volume, auto()),
+        (&volume, Settings { model: Model::Xray, ..auto() }),
+        (&volume, Settings { lighting: headlight(), ..auto() }),
+        (&volume, Settings { kernel: Kernel::KAISER_BESSEL, ..auto() }),
+        (&long, auto()),
+    ];
+    for (number, (volume, settings)) in cases.into_iter().enumerate() {
+        let camera = look(&deep(if number == 4 { 130.0 } else { 70.0 }), volume, [40; 2]);
+        let expected = truth(volume, &transfer, &camera, &settings);
+        let got = picture(volume, &transfer, &camera, &with_tiles(&settings, Resolution::Full));
+        assert!(got.stats.levels[0] < got.stats.levels[1], "case {number}: {:?}", got.stats.levels);
+        let rms = 255.0 * rms_covered(&got.image, &expected);
+        println!("case {number} {:?}: {rms:.2}", got.stats.levels);
+        // Layers begin at the least growth that cells can have: 1.5 and X-rays 1.8 of 255 along parallel rays too.
+        let limit = if settings.lighting.is_some() { 3.0 } else { 2.0 };
+        assert!(rms < limit, "case {number}: rms {rms} of 255");
+    }
+}
+
+#[test]
+fn pictures_do_not_pop_while_levels_move_through_the_volume() {
+    for (name, volume) in volumes(48) {
+        let settings = with_tiles(&auto(), Resolution::Full);
+        let scene = prepare_on(&RENDERER, &volume, &tones(0.1), &settings).unwrap();
+        let mut before: Option<(Image, Image)> = None;
+        let mut worst = 0.0_f32;
+        for step in 0..12 {
+            let camera = look(&deep(70.0 + 0.5 * f64::from(step)), &volume, [32; 2]);
+            let got = draw_on(&RENDERER, &scene, &camera, &settings).unwrap();
+            let expected = truth(&volume, &tones(0.1), &camera, &settings);
+            if let Some((got_before, expected_before)) = &before {
+                let changes = |a: &Image, b: &Image| -> Vec<f32> {
+                    a.pixels().iter().flatten().zip(b.pixels().iter().flatten()).map(|(a, b)| a - b).collect()
+                };
+                let (ours, own) = (changes(&got.image, got_before), changes(&expected, expected_before));
+                worst = ours.iter().zip(&own).map(|(a, b)| (a - b).abs()).fold(worst, f32::max);
+            }
+            before = Some((got.image, expected));
+        }
+        println!("{name}, beyond the reference's change: {:.2} of 255", 255.0 * worst);
+        assert!(255.0 * worst < 1.5, "{name}: {} of 255", 255.0 * worst);
+    }
 }
 
 #[test]
@@ -187,8 +260,9 @@ fn the_same_bytes_whatever_was_drawn_before() {
     let scene = prepare_on(&RENDERER, &volume, &transfer, &auto()).unwrap();
     let small = look(&View { azimuth: 20.0, ..View::default() }, &volume, [16; 2]);
     let large = look(&View { azimuth: 20.0, ..View::default() }, &volume, [80; 2]);
+    let layers = look(&deep(60.0), &volume, [40; 2]);
     let draw = |camera| draw_on(&RENDERER, &scene, camera, &auto()).unwrap().image;
-    let first = [draw(&small), draw(&large)];
-    assert!([draw(&small), draw(&large)] == first);
+    let first = [draw(&small), draw(&large), draw(&layers)];
+    assert!([draw(&small), draw(&large), draw(&layers)] == first);
     assert!(errors(&first[0], &picture(&volume, &transfer, &small, &auto()).image) == (0.0, 0.0));
 }

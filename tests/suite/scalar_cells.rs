@@ -44,23 +44,33 @@ fn error(volume: &Volume, transfer: &TransferFunction, view: (View, [u32; 2]), s
 }
 
 #[test]
-#[ignore = "slow: 9 s"]
+#[ignore = "slow: 20 s"]
 fn cells_of_scalars_err_by_about_a_step_more_than_voxels() {
     for (name, volume) in volumes(48) {
         for view in [oblique(), View::default()] {
-            for (kind, settings) in [("plain", post()), ("lit", lit()), ("mip", mip())] {
+            // Seen along an axis, the voxels' own kernels, which are cut off, show their lattice.
+            let more = if view.azimuth == 0.0 { 1.5 } else { 1.25 };
+            for (kind, settings) in [("plain", post()), ("mip", mip())] {
                 let error = |growth| error(&volume, &tones(), grown(48, growth, view.clone()), &settings);
                 let (voxels, _) = error(1.0);
-                for (growth, level) in [(1.2, 0), (1.5, 1), (2.2, 1), (3.0, 2), (4.5, 2)] {
+                for (growth, level) in [(1.5, 1), (2.2, 1), (3.0, 2), (4.5, 2)] {
                     let (rms, of) = error(growth);
                     println!("{name} {kind} {} {growth}: {rms:.2}, {voxels:.2} of voxels", view.azimuth);
                     assert_eq!(of, level);
-                    // Seen along an axis, the voxels' own kernels, which are cut off, show their lattice.
-                    let limit = voxels + if view.azimuth == 0.0 { 20.0 } else { 10.0 };
-                    assert!(rms < limit, "{name} {kind} {}, {growth}: rms {rms} of 255", view.azimuth);
+                    assert!(rms < voxels + more, "{name} {kind} {}, {growth}: rms {rms} of 255", view.azimuth);
                 }
             }
         }
+    }
+}
+
+#[test]
+fn light_on_cells_of_scalars_follows_the_reference() {
+    let (volume, transfer) = demo("marschner-lobb", 48);
+    for (growth, limit) in [(1.5, 3.5), (2.2, 1.5), (3.0, 3.2)] {
+        let (rms, _) = error(&volume, &transfer, grown(48, growth, oblique()), &lit());
+        println!("{growth}: {rms:.2}");
+        assert!(rms < limit, "{growth}: rms {rms} of 255");
     }
 }
 
@@ -86,8 +96,7 @@ fn cells_of_scalars_of_every_kernel_and_lattice_follow_the_reference() {
         (&volume, lit(), 100.0),
         (&volume, mip(), 100.0),
         (&volume, Settings { kernel: Kernel::KAISER_BESSEL, ..post() }, 100.0),
-        // Wide as asked for, not grown.
-        (&volume, Settings { kernel: wide, ..post() }, 40.0),
+        (&volume, Settings { kernel: wide, ..post() }, 60.0),
         (&volume, Settings { normalization: Normalization::Peak, ..post() }, 100.0),
         (&odd, post(), 100.0),
         (&odd, lit(), 70.0),
@@ -109,14 +118,14 @@ fn cells_of_scalars_do_not_fade_at_the_faces() {
     // Of an odd size: cells of two voxels reach beyond it.
     let grid = Grid::axis_parallel([31; 3], [1.0; 3]).unwrap();
     let volume = Volume::new(grid, Samples::F32(vec![0.8; 31 * 31 * 31])).unwrap();
-    for growth in [1.3, 1.5, 2.6] {
+    for growth in [1.95, 2.6, 4.0] {
         // No pixel's middle lies on a face.
         let view = View { view_height: Some(29.0 * growth + 0.013), ..View::default() };
         for settings in [post(), lit(), mip()] {
             // Its sums do not ripple.
             let settings = Settings { kernel: Kernel::KAISER_BESSEL, ..settings };
             let (rms, _) = error(&volume, &tones(), (view.clone(), [29; 2]), &settings);
-            assert!(rms < 0.6, "{growth} {settings:?}: rms {rms} of 255");
+            assert!(rms < 1.0, "{growth} {settings:?}: rms {rms} of 255");
         }
     }
 }

@@ -23,7 +23,8 @@ pub(crate) const ROOM: Room = Room {
     refusal: |_, _| None,
     // Scalars are asked for alike in both precisions.
     need: |view, settings, weights| Plan::new(view, settings, weights, Precision::F32).scalar_need(),
-    begin: |job| Ok(Begun::Ready(Box::new(Picture::new(job)?))),
+    layers: false,
+    begin: |job, _| Ok(Begun::Ready(Box::new(Picture::new(job)?))),
 };
 
 /// A picture under way.

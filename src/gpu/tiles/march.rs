@@ -22,12 +22,19 @@ pub(super) struct Stage {
     pipeline: wgpu::ComputePipeline,
 }
 
+/// What rays of classified voxels write to beside the picture.
+pub(super) enum RayTarget {
+    /// Written if rays do not go through pixels; read by `prefilter`.
+    Image(wgpu::TextureView),
+    /// What the rays of pixels have gathered in the layers before.
+    Before(wgpu::Buffer),
+}
+
 /// What rays write to, and what they are lit and classified by.
 pub(super) struct Targets<'a> {
     /// The uniforms of the rays.
     pub(super) rays: &'a wgpu::Buffer,
-    /// Written if rays do not go through pixels; read by `prefilter`.
-    pub(super) intermediate: &'a wgpu::TextureView,
+    pub(super) state: &'a RayTarget,
     /// The picture, to which every ray of a pixel adds.
     pub(super) pixels: &'a wgpu::Buffer,
     pub(super) lighting: &'a wgpu::Buffer,
@@ -69,6 +76,7 @@ impl Stage {
             ("WHITE", flag(key.model == Model::Xray)),
             ("CURVED", flag(key.curved)),
             ("GROWN", flag(key.grown)),
+            ("REACH", f64::from(key.reach)),
         ];
         Self::new(context, shaders::GATHER, "refine", &bindings, &constants)
     }
@@ -81,19 +89,20 @@ impl Stage {
         let texels = ("TEXELS", f64::from(key.texels));
         let straight = ("STRAIGHT", flag(key.rays == RayKind::Straight));
         if let Voxel::Color { .. } = key.voxel {
-            let intermediate = Binding::StorageTexture(FORMAT, wgpu::TextureViewDimension::D2);
-            let entry = if key.rays == RayKind::Shared { "blocked" } else { "single" };
+            let image = Binding::StorageTexture(FORMAT, wgpu::TextureViewDimension::D2);
+            let (entry, state) = match key.rays {
+                RayKind::Shared => ("blocked", image),
+                RayKind::Layered => ("layer", Binding::Write),
+                _ => ("single", image),
+            };
             let white = ("WHITE", flag(key.model == Model::Xray));
             let grown = ("GROWN", flag(key.grown));
             let resampled = ("RESAMPLED", flag(key.rays == RayKind::Coarser));
-            let bindings = [Binding::Uniform, volume, Binding::Read, intermediate, Binding::Write];
-            return Self::new(
-                context,
-                shaders::GATHER,
-                entry,
-                &bindings,
-                &[perspective, terms, texels, straight, white, resampled, ("CURVED", flag(key.curved)), grown],
-            );
+            let layered = ("LAYERED", flag(key.rays == RayKind::Layered));
+            let (curved, reach) = (("CURVED", flag(key.curved)), ("REACH", f64::from(key.reach)));
+            let bindings = [Binding::Uniform, volume, Binding::Read, state, Binding::Write];
+            let constants = [perspective, terms, texels, straight, white, resampled, curved, grown, layered, reach];
+            return Self::new(context, shaders::GATHER, entry, &bindings, &constants);
         }
         let shader = match (key.voxel, software) {
             (Voxel::Scalar, true) => shaders::GATHER_SCALARS_SOFTWARE,
@@ -105,13 +114,14 @@ impl Stage {
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let bindings = [Binding::Uniform, volume, Binding::Read, Binding::Write, Binding::Uniform, transfer];
         let scalars = ("SCALARS", 1.0);
+        let (grown, reach) = (("GROWN", flag(key.grown)), ("REACH", f64::from(key.reach)));
         let crowded = ("CROWDED", flag(key.crowded));
         Self::new(
             context,
             shader,
             "gather",
             &bindings,
-            &[perspective, terms, texels, straight, scalars, maximum, lights, crowded],
+            &[perspective, terms, texels, straight, scalars, maximum, lights, crowded, grown, reach],
         )
     }
 }
@@ -131,7 +141,13 @@ pub(super) fn march(
     let pixels = targets.pixels.as_entire_binding();
     match targets.transfer {
         Some(table) => resources.extend([pixels, targets.lighting.as_entire_binding(), texture_view(&table.texture)]),
-        None => resources.extend([texture_view(targets.intermediate), pixels]),
+        None => {
+            let state = match targets.state {
+                RayTarget::Image(image) => texture_view(image),
+                RayTarget::Before(buffer) => buffer.as_entire_binding(),
+            };
+            resources.extend([state, pixels]);
+        }
     }
     let group = bind(recorder.context, "gather", &gather.layout, &resources);
     let [across, down] = uniforms.tiles;

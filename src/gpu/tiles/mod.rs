@@ -3,6 +3,7 @@
 //! is resampled to the picture. Rays skip empty macrocells and end when they are opaque.
 
 mod axis;
+mod layers;
 mod march;
 mod pack;
 mod paint;
@@ -16,7 +17,8 @@ pub(crate) use paint::ROOM;
 
 use std::sync::Arc;
 
-use march::{Refiner, Stage, Targets, march};
+use axis::PrincipalAxis;
+use march::{RayTarget, Refiner, Stage, Targets, march};
 use pack::{Packed, Packer, Voxel};
 use paint::Picture;
 use rays::{Rays, Spacing};
@@ -29,11 +31,11 @@ use super::view::Region;
 use crate::error::Result;
 use crate::settings::Model;
 
-/// The largest radius of kernels, in voxels, of scalars and along rays that share footprints: they reach at most two
-/// planes, and along shared rays three texels of a row.
-pub(super) const MAX_RADIUS: f64 = 2.0;
-/// The largest radius of kernels of classified voxels along other rays: their shader reads more planes and texels.
-const MAX_SINGLE_RADIUS: f64 = 3.0;
+/// The largest radius of kernels, in voxels, along rays that share footprints: they reach at most two planes and three
+/// texels of a row.
+const MAX_RADIUS: f64 = 2.0;
+/// The largest radius of kernels along other rays: their shaders read more planes and texels.
+const MAX_SINGLE_RADIUS: f64 = 4.0;
 
 /// How far rays may move across the volume, in voxels, and still count as straight: 1e-4 of a voxel changes a footprint
 /// by about 1e-4 of its peak.
@@ -47,6 +49,8 @@ enum RayKind {
     Pixels,
     /// Those of the pixels, which run along the principal axis.
     Straight,
+    /// Those of the pixels, through one of several layers.
+    Layered,
     /// Through an intermediate image that is coarser than the picture, each on its own.
     Coarser,
     /// Through an intermediate image that is aligned with the lattice, eight at a time.
@@ -74,6 +78,8 @@ pub(crate) struct TilesKey {
     rays: RayKind,
     /// Terms of the footprint's polynomial.
     terms: u32,
+    /// Planes before and behind their own that kernels reach along single rays.
+    reach: u32,
     /// Texels of a row of voxels that kernels reach.
     texels: u32,
     packs_on_host: bool,
@@ -110,13 +116,13 @@ impl Tiles {
         recorder: &mut Recorder<'_>,
         picture: &Picture<'_>,
         packed: &[Arc<Packed>],
-        region: Region,
+        canvas: &mut Canvas,
     ) -> Result<Marched> {
         let context = recorder.context;
-        let pixels = context.pixels("tiles.pixels", [region.width, region.height])?;
+        let region = canvas.region;
         let uniform = wgpu::BufferUsages::UNIFORM;
         let lighting = context.upload("gather.lighting", bytemuck::bytes_of(&picture.lighting), uniform)?;
-        let mut marched = Marched { pixels, rays: 0, spacing: None, marches: 0 };
+        let mut marched = Marched::default();
         let mut largest = 0.0;
         for (way, packed) in picture.ways.iter().zip(packed) {
             let upload = |rays: &Rays| context.upload("rays", bytemuck::bytes_of(&rays.uniforms), uniform);
@@ -131,12 +137,16 @@ impl Tiles {
             };
             let mut pixel_rays = scaled(picture.pixel_rays(way, region));
             let Some((resampler, refiner)) = &self.resample else {
-                let image = texture(context, "gather.intermediate", FORMAT, [1, 1]);
                 let buffer = upload(&pixel_rays)?;
+                let state = if picture.is_layered() {
+                    RayTarget::Before(canvas.before(context, &way.axis)?)
+                } else {
+                    RayTarget::Image(texture(context, "gather.intermediate", FORMAT, [1, 1]))
+                };
                 let targets = Targets {
                     rays: &buffer,
-                    intermediate: &image,
-                    pixels: &marched.pixels,
+                    state: &state,
+                    pixels: &canvas.pixels,
                     lighting: &lighting,
                     transfer: picture.job.transfer,
                 };
@@ -155,13 +165,13 @@ impl Tiles {
                 let image = IntermediateImage::new(context, upload(&rays)?, rays.uniforms.size);
                 let targets = Targets {
                     rays: &image.rays,
-                    intermediate: &image.textures[0],
-                    pixels: &marched.pixels,
+                    state: &RayTarget::Image(image.textures[0].clone()),
+                    pixels: &canvas.pixels,
                     lighting: &lighting,
                     transfer: None,
                 };
                 march(recorder, &self.skip, &self.gather, packed, &rays.uniforms, &targets)?;
-                resampler.run(recorder, &image, &marched.pixels, &refinement, [region.width, region.height]);
+                resampler.run(recorder, &image, &canvas.pixels, &refinement, [region.width, region.height]);
                 count(&mut marched, &rays);
                 if rays.uniforms.share > largest {
                     (largest, marched.spacing) = (rays.uniforms.share, Some(rays.spacing));
@@ -170,16 +180,43 @@ impl Tiles {
             // Their shares are those of `refinement`.
             pixel_rays.uniforms.share = 1.0;
             let buffer = upload(&pixel_rays)?;
-            refiner.run(recorder, packed, &pixel_rays.uniforms, &buffer, &marched.pixels, &refinement)?;
+            refiner.run(recorder, packed, &pixel_rays.uniforms, &buffer, &canvas.pixels, &refinement)?;
         }
         Ok(marched)
     }
 }
 
-/// A region whose rays have been marched.
-struct Marched {
+/// What the rays of a region write to.
+struct Canvas {
+    region: Region,
     /// Premultiplied RGBA, f32.
     pixels: wgpu::Buffer,
+    /// What rays have gathered in the layers before, by their principal axis.
+    before: Vec<([usize; 3], bool, wgpu::Buffer)>,
+}
+
+impl Canvas {
+    /// A region without colour.
+    fn new(context: &Context, region: Region) -> Result<Self> {
+        let pixels = context.pixels("tiles.pixels", [region.width, region.height])?;
+        Ok(Self { region, pixels, before: Vec::new() })
+    }
+
+    /// What the rays along an axis have gathered: nothing before the first layer.
+    fn before(&mut self, context: &Context, axis: &PrincipalAxis) -> Result<wgpu::Buffer> {
+        let of_axis = |(axes, flipped, _): &&([usize; 3], bool, _)| *axes == axis.axes && *flipped == axis.flipped;
+        if let Some((_, _, buffer)) = self.before.iter().find(of_axis) {
+            return Ok(buffer.clone());
+        }
+        let buffer = context.pixels("layer.before", [self.region.width, self.region.height])?;
+        self.before.push((axis.axes, axis.flipped, buffer.clone()));
+        Ok(buffer)
+    }
+}
+
+/// The rays that have been marched for a region.
+#[derive(Default)]
+struct Marched {
     rays: u64,
     /// Of the march with the largest share.
     spacing: Option<Spacing>,

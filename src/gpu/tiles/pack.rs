@@ -59,7 +59,7 @@ impl Voxel {
 /// Bytes of the buffer that is packed and copied to the texture at a time: small beside the volume.
 const BAND: u64 = 16 << 20;
 /// The most bytes of a packed volume. The box around visible voxels is packed whole, so that much may be empty.
-const MAX_BYTES: u64 = 1 << 30;
+const MAX_BYTES: u64 = 4 << 30;
 /// The largest density after scaling: a power of two with room below 65504, the largest f16.
 const F16_HEADROOM: f64 = 16_384.0;
 /// The largest factor that densities are scaled by, a power of two: products with it stay in the range of f32.
@@ -137,7 +137,7 @@ impl Packing {
     /// Whether so many splats are packed faster on the host. A software adapter is the host: there the device takes
     /// about 30 ns for each splat, and the host 2 ns for each byte of the texture, all of which it sends.
     pub(super) fn is_for_host(&self, context: &Context, splats: u64) -> bool {
-        const BYTES: u64 = 14;
+        const BYTES: u64 = 28;
         let [width, height] = self.size.map(u64::from);
         context.info.is_software() && BYTES * splats > width * height * self.voxel.texel()
     }

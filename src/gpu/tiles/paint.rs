@@ -3,25 +3,32 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::super::layout::{self, TILE};
-use super::super::painter::{Begun, Job, Painting, Room};
+use super::super::painter::{Begun, Job, Room};
 use super::super::recorder::{MAX_WORK, Recorder};
 use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights};
 use super::axis::PrincipalAxis;
+use super::layers::Layers;
 use super::pack::{Lit, Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{Classification, FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
-use super::{MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
+use super::{Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
 use crate::kernel::Kernel;
 use crate::settings::{Model, Painter, Resolution, Settings};
-use crate::stats::{PainterStats, RaySpacing, TilesStats};
+use crate::stats::{RaySpacing, TilesStats};
 
 /// The painter: fast, and not for every picture.
-pub(crate) const ROOM: Room = Room { refusal, need, begin };
+pub(crate) const ROOM: Room = Room { refusal, need, layers: true, begin };
 
 /// Pixels for which a splat of an X-ray is worth a quad: a quad takes as long as about 40 rays for pixels, and most of
 /// them meet nothing. Measured on software; see `docs/measurements`.
 const PIXELS_PER_QUAD: u64 = 8;
+
+/// Work of a plane of a ray, in that of fragments of splats: 15 texels of 16 bytes and some 800 operations. A fragment
+/// has 150, and blends up to 8 sheets.
+const PLANE_WORK: u64 = 4;
+/// The same of scalars: two slabs with three moments each, classified in pieces.
+const SCALAR_PLANE_WORK: u64 = 12;
 
 /// Optical depth of a voxel from which on parts of kernels are parabolas. Fitted by lines they err by 0.13 of 255 (rms)
 /// there, and by 0.9 at 2.3.
@@ -43,15 +50,14 @@ const PIECES: f64 = 3.0;
 /// half of what they are (a maximum of gaussian:0.25,0.5 by 0.26, rms).
 const MIN_SCALAR_RADIUS: f64 = 1.0;
 
+/// Radii that are more than they may be by this factor are so by rounding.
+const ROUNDING: f64 = 1.0 + 1e-6;
+
 fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
     let growth = view.max_growth();
-    if settings.is_post_shaded() && view.is_perspective() && growth > 1.0 {
-        return Some("tiles sums scalars by kernels of one size, and here they grow with distance".to_owned());
-    }
-    let most = if settings.is_post_shaded() { MAX_RADIUS } else { MAX_SINGLE_RADIUS };
-    if settings.kernel.radius() * growth > most {
+    if settings.kernel.radius() * growth > MAX_SINGLE_RADIUS * ROUNDING {
         let grown = if growth > 1.0 { ", and they have grown to the size of pixels" } else { "" };
-        return Some(format!("tiles draws kernels that reach at most {most} voxels here{grown}"));
+        return Some(format!("tiles draws kernels that reach at most {MAX_SINGLE_RADIUS} voxels{grown}"));
     }
     if settings.is_post_shaded() && settings.kernel.radius() * growth < MIN_SCALAR_RADIUS {
         return Some("tiles classifies slabs half a plane thick, in which kernels under a voxel leave gaps".to_owned());
@@ -75,13 +81,15 @@ fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNe
     ScalarNeed::new(view, radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS)
 }
 
-fn begin(job: Job<'_>) -> Result<Begun<'_>> {
-    Ok(match Picture::new(job) {
+fn begin<'a>(nearest: Job<'a>, behind: Vec<Job<'a>>) -> Result<Begun<'a>> {
+    let jobs = std::iter::once(nearest).chain(behind);
+    let pictures: std::result::Result<Vec<Picture<'_>>, String> = jobs.map(Picture::new).collect();
+    Ok(match pictures {
         Err(reason) => Begun::Refused(reason),
-        Ok(picture) if job.settings.painter == Painter::Auto && picture.is_better_by_quads() => {
+        Ok(pictures) if pictures.iter().any(Picture::is_left_to_quads) => {
             Begun::Refused("an X-ray of few voxels is faster by quads".to_owned())
         }
-        Ok(picture) => Begun::Ready(Box::new(picture)),
+        Ok(pictures) => Begun::Ready(Box::new(Layers(pictures))),
     })
 }
 
@@ -103,7 +111,7 @@ pub(super) struct Picture<'a> {
 
 /// A principal axis that rays are marched along, and the volume as these rays read it.
 pub(super) struct Way {
-    axis: PrincipalAxis,
+    pub(super) axis: PrincipalAxis,
     packing: Packing,
     sections: Sections,
 }
@@ -134,7 +142,10 @@ impl<'a> Picture<'a> {
         let packings = axes.iter().map(|axis| {
             // A ray meets kernels a radius away, grown ones too; one voxel more for rounding.
             let pyramid = axis.pyramid(&view.camera, &view.grid, view.camera.size, job.padding);
-            let seen = |bounds| pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, view.max_radius() + 1.0));
+            let seen = |bounds| {
+                view.layer_holds(bounds, job.padding)
+                    && pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, view.max_radius() + 1.0))
+            };
             Packing::new(context, stores, dims, whole, seen, axis.axes, voxel)
         });
         let packings: Option<Vec<Packing>> = packings.collect();
@@ -163,10 +174,8 @@ impl<'a> Picture<'a> {
         let [way, ..] = self.ways.as_slice() else { return TilesKey::default() };
         let Job { view, settings, .. } = self.job;
         // A ball of the lattice reaches as far along a row.
-        // Of rays through one eye, a row leans by at most 0.733 if m has a share.
         let most = view.depth_growth().1;
-        let lean = |way: &Way| if view.is_perspective() { 0.733 } else { way.axis.direction.x };
-        let reach = |way: &Way| most * self.kernel.radius() / (1.0 - lean(way).powi(2)).sqrt();
+        let reach = |way: &Way| most * self.kernel.radius() / (1.0 - way.axis.lean.powi(2)).sqrt();
         TilesKey {
             model: settings.model,
             voxel: way.packing.voxel,
@@ -177,12 +186,16 @@ impl<'a> Picture<'a> {
             packs_on_host: way.packing.is_for_host(self.job.context, self.job.splats()),
             curved: self.kind == SlabKind::DenseColors,
             terms: self.footprint.terms(),
-            texels: match self.ways.iter().map(reach).fold(0.0, f64::max) {
-                half if half < 2.5 => 3,
-                half if half < 3.5 => 4,
-                _ => 5,
+            reach: match most * self.kernel.radius() / ROUNDING {
+                radius if self.kind == SlabKind::Scalars && radius <= 2.0 => 2,
+                radius if self.kind != SlabKind::Scalars && radius <= 3.0 => 3,
+                _ => 4,
             },
+            // n texels serve a reach of up to n - 1/2 voxels; of the largest kernels, along the rays that lean most,
+            // it is 5.9.
+            texels: (self.ways.iter().map(reach).fold(0.0, f64::max) + 0.5).floor().clamp(2.0, 6.0) as u32 + 1,
             rays: match self.is_resampled() {
+                _ if self.is_layered() => RayKind::Layered,
                 true if view.is_perspective() => RayKind::Coarser,
                 true => RayKind::Shared,
                 false if self.is_straight(way) => RayKind::Straight,
@@ -195,9 +208,14 @@ impl<'a> Picture<'a> {
     fn is_resampled(&self) -> bool {
         let Job { settings, transfer, .. } = self.job;
         // What is classified has edges that only the rays of pixels keep; rays that are shared reach two voxels.
-        let per_pixel =
-            settings.tiles().resolution == Resolution::Full || transfer.is_some() || self.kernel.radius() > MAX_RADIUS;
+        let full = resolution(settings, self.job.context.info.is_software()) == Resolution::Full;
+        let per_pixel = full || transfer.is_some() || self.kernel.radius() > MAX_RADIUS || self.is_layered();
         !per_pixel && self.ways.iter().any(|way| self.setup(way).pixel_share(&way.axis) < 1.0)
+    }
+
+    /// Whether the picture has other layers too.
+    pub(super) fn is_layered(&self) -> bool {
+        self.job.view.fade.is_some()
     }
 
     /// The whole picture as one region.
@@ -227,10 +245,12 @@ impl<'a> Picture<'a> {
             && axis.shear().abs().max_element() * f64::from(packing.dims[2]) < STRAIGHT
     }
 
-    /// Whether software draws the picture faster by quads.
-    fn is_better_by_quads(&self) -> bool {
+    /// Whether software draws the picture faster by quads, and may.
+    fn is_left_to_quads(&self) -> bool {
         let [width, height] = self.job.view.camera.size.map(u64::from);
-        self.job.settings.model == Model::Xray
+        self.job.settings.painter == Painter::Auto
+            && self.job.context.info.is_software()
+            && self.job.settings.model == Model::Xray
             && matches!(self.key().rays, RayKind::Pixels | RayKind::Straight)
             && PIXELS_PER_QUAD * self.job.splats() < width * height
     }
@@ -296,7 +316,14 @@ impl<'a> Picture<'a> {
             camera: &view.camera,
             size: view.camera.size,
             volume: PackedBox { grid: &view.grid, packing: *packing, padding, faces: view.faces },
-            kernel: FittedKernel { kernel: self.kernel, footprint: &self.footprint, sections, growth, most },
+            kernel: FittedKernel {
+                kernel: self.kernel,
+                footprint: &self.footprint,
+                sections,
+                growth,
+                most,
+                fade: view.fade,
+            },
             optics: Optics {
                 density_scale: 1.0 / (divisor * weights.unit),
                 opaque_depth: view.opaque_depth,
@@ -318,9 +345,20 @@ impl<'a> Picture<'a> {
         Rays::of_images(&self.setup(way), &way.axis, region)
     }
 
-    fn pipelines(&self) -> Result<Arc<Tiles>> {
+    /// The pipelines that the picture takes.
+    pub(super) fn pipelines(&self) -> Result<Arc<Tiles>> {
         let key = self.key();
         self.job.pipelines.get_or_make(key, || Tiles::new(self.job.context, key))
+    }
+}
+
+/// How finely rays are spaced. On GPUs, [`Painter::Auto`] takes a ray for each pixel: rays that share footprints go
+/// eight to an invocation, whose 300 numbers outgrow the registers that an invocation has there, and they are too few
+/// invocations to hide the latency of memory.
+fn resolution(settings: &Settings, is_software: bool) -> Resolution {
+    match settings.painter {
+        Painter::Auto if !is_software => Resolution::Full,
+        _ => settings.tiles().resolution,
     }
 }
 
@@ -336,12 +374,14 @@ fn shows_nothing_else(job: &Job<'_>) -> bool {
     job.transfer.is_none_or(|table| table.invisible[0] <= table.invisible[1])
 }
 
-impl Painting for Picture<'_> {
-    fn is_empty(&self) -> bool {
+impl Picture<'_> {
+    /// Whether nothing can show.
+    pub(super) fn is_empty(&self) -> bool {
         self.ways.is_empty() || self.job.stores.is_empty() && shows_nothing_else(&self.job)
     }
 
-    fn pixel_bytes(&self) -> u32 {
+    /// See [`Painting::pixel_bytes`](super::super::painter::Painting::pixel_bytes).
+    pub(super) fn pixel_bytes(&self) -> u32 {
         // The two intermediate images, RGBA, f32, if there are any, and the runs of a tile, two words each. Runs count
         // two and a half times: a binding holds at least half of what a part of a picture may take, and its tiles may
         // stand out beyond it.
@@ -355,48 +395,49 @@ impl Painting for Picture<'_> {
         rays.map(bytes).fold(MIN_PIXEL_BYTES, u32::max)
     }
 
-    fn most_pixels(&self) -> u64 {
+    /// See [`Painting::most_pixels`](super::super::painter::Painting::most_pixels).
+    pub(super) fn most_pixels(&self) -> u64 {
         if self.job.context.info.is_software() {
             return u64::MAX;
         }
         // Each pixel may have its own ray beside those of the images.
+        let beside = if self.is_resampled() { self.whole().area() } else { 0 };
         let planes = |way: &Way| {
             let images = self.all_rays(way);
             let rays = images.iter().map(|rays| rays.uniforms.size.into_iter().map(u64::from).product::<u64>());
-            (rays.sum::<u64>() + self.whole().area()) * u64::from(way.packing.dims[2])
+            (rays.sum::<u64>() + beside) * u64::from(way.packing.dims[2])
         };
-        let planes: u64 = self.ways.iter().map(planes).sum();
-        (u128::from(MAX_WORK) * u128::from(self.whole().area()) / u128::from(planes.max(1))) as u64
+        let each = if self.job.transfer.is_some() { SCALAR_PLANE_WORK } else { PLANE_WORK };
+        let work: u128 = self.ways.iter().map(|way| u128::from(each) * u128::from(planes(way))).sum();
+        (u128::from(MAX_WORK) * u128::from(self.whole().area()) / work.max(1)) as u64
     }
 
-    fn make_pipelines(&self) -> Result<()> {
-        self.pipelines().map(|_| ())
-    }
-
-    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<wgpu::Buffer> {
+    /// Paints a region behind the layers that have been painted.
+    pub(super) fn paint(&mut self, recorder: &mut Recorder<'_>, canvas: &mut Canvas) -> Result<()> {
         let pipelines = self.pipelines()?;
         let packed = match self.packed.take() {
             Some(packed) => packed,
             None => self.pack(recorder, &pipelines)?,
         };
-        let marched = pipelines.draw(recorder, self, &packed, region)?;
+        let marched = pipelines.draw(recorder, self, &packed, canvas)?;
         self.packed = Some(packed);
         self.rays += marched.rays;
         self.spacing = marched.spacing.or(self.spacing);
         self.marches = self.marches.max(marched.marches);
-        Ok(marched.pixels)
+        Ok(())
     }
 
-    fn footprint_error(&self) -> f64 {
+    pub(super) fn footprint_error(&self) -> f64 {
         self.footprint.error
     }
 
-    fn stats(&self) -> PainterStats {
+    /// What it took.
+    pub(super) fn stats(&self) -> TilesStats {
         let per_plane = if self.job.transfer.is_some() { 2 } else { 1 };
         let (slabs, slab_thickness) = self.ways.first().map_or((0, 0.0), |Way { axis, packing, .. }| {
             (packing.dims[2] * per_plane, axis.slab() / f64::from(per_plane))
         });
-        PainterStats::Tiles(TilesStats {
+        TilesStats {
             slabs,
             slab_thickness: slab_thickness * self.job.view.unit,
             rays: self.rays,
@@ -406,6 +447,27 @@ impl Painting for Picture<'_> {
             }),
             marches: self.marches,
             packed_bytes: self.packed.iter().flatten().map(|packed| packed.bytes()).sum(),
-        })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::TilesSettings;
+
+    #[test]
+    fn auto_takes_a_ray_for_each_pixel_on_gpus() {
+        let of = |painter| Settings { painter, ..Settings::default() };
+        let capped = of(Painter::Tiles(TilesSettings { resolution: Resolution::Capped }));
+        let full = of(Painter::Tiles(TilesSettings { resolution: Resolution::Full }));
+        assert_eq!(
+            [true, false].map(|software| resolution(&of(Painter::Auto), software)),
+            [Resolution::Capped, Resolution::Full]
+        );
+        for software in [true, false] {
+            assert_eq!(resolution(&capped, software), Resolution::Capped);
+            assert_eq!(resolution(&full, software), Resolution::Full);
+        }
     }
 }

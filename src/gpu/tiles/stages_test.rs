@@ -508,13 +508,19 @@ fn rays_meet_no_voxel_between_runs() {
             let setup = RaySetup {
                 camera: &camera,
                 size,
-                volume: PackedBox { grid: &grid, packing: packed.packing, padding: 0, faces: half(&grid) + kernel.radius() },
+                volume: PackedBox {
+                    grid: &grid,
+                    packing: packed.packing,
+                    padding: 0,
+                    faces: half(&grid) + kernel.radius(),
+                },
                 kernel: FittedKernel {
                     kernel,
                     footprint: &footprint,
                     sections: &sections,
                     growth: Growth::NONE,
                     most: 1.0,
+                    fade: None,
                 },
                 optics: Optics { density_scale: 1.0, opaque_depth: f64::INFINITY, max_depth: 0.1, brightest: [1.0; 3] },
                 scalars: None,

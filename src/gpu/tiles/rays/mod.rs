@@ -8,7 +8,7 @@ use bytemuck::Zeroable;
 use glam::{DMat3, DVec2, DVec3};
 
 use super::super::layout::{self, MACROCELL, TILE};
-use super::super::view::{Region, half};
+use super::super::view::{Fade, Region, half};
 use super::axis::{PrincipalAxis, smoothstep, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};
@@ -72,6 +72,8 @@ pub(super) struct FittedKernel<'a> {
     /// How it grows with its depth before an eye, and the largest growth. The growth of parallel rays is the kernel's.
     pub(super) growth: Growth,
     pub(super) most: f64,
+    /// The share of the layer that the volume is.
+    pub(super) fade: Option<Fade>,
 }
 
 /// What the field of the volume means to light.
@@ -151,6 +153,11 @@ impl RaySetup<'_> {
         let view = DMat3::from_cols(self.camera.right, self.camera.up, self.camera.forward);
         let gradients = (grid.to_lattice().matrix3 * view).transpose();
         let [box_low, box_high] = self.volume.bounds(axis);
+        // What begins or ends over no growth has its whole share there.
+        let rate = |[from, to]: [f64; 2]| (1.0 / (to - from).max(1e-6)) as f32;
+        let (fade_in, fade_out) = self.kernel.fade.map_or(([0.0; 2], [0.0; 2]), |Fade { begins, ends }| {
+            ([begins[0] as f32, rate(begins)], [ends[1] as f32, rate(ends)])
+        });
         let uniforms = layout::Rays {
             density_scale: self.optics.density_scale.min(MAX_DENSITY_SCALE) as f32,
             opaque_depth: self.optics.opaque_depth.min(f64::from(f32::MAX)) as f32,
@@ -174,6 +181,8 @@ impl RaySetup<'_> {
             share: axis.share as f32,
             fineness: 1.0,
             growth_most: most as f32,
+            fade_in,
+            fade_out,
             sections: sections.0,
             ..layout::Rays::zeroed()
         };
