@@ -618,9 +618,9 @@ mod tests {
     #[test]
     fn cells_get_what_voxels_that_show_give() {
         for (level, voxels) in [(0, 20), (1, 37), (2, 64), (4, 50), (7, 100)] {
-            let filter = Filter::new(level);
+            let filter = Filter::new(level, 0.0, &[1.0], REACH);
             let cells = (voxels as usize).div_ceil(filter.size) + 2 * REACH;
-            let all = filter.voxels(0, cells);
+            let all = filter.voxels(0, cells as i64);
             let begin = (-all.start) as usize;
             for shown in [0..voxels, 0..3, 7..19, voxels - 1..voxels] {
                 let mut row = vec![[0.0_f32]; (all.end - all.start) as usize];
@@ -632,7 +632,7 @@ mod tests {
                 let within = (begin + range.start).saturating_sub(start)..begin + range.end - start;
                 filter.gather(&row[start..], &within, &mut got[reached]);
                 for (cell, [got]) in got.into_iter().enumerate() {
-                    let given = |voxel: i64| Some(filter.weight(voxel, cell)? * row[begin + voxel as usize][0]);
+                    let given = |voxel: i64| Some(filter.weight(voxel, cell as i64)? * row[begin + voxel as usize][0]);
                     let expected: f32 = shown.clone().filter_map(given).sum();
                     assert!(
                         (got - expected).abs() < 1e-6 * voxels as f32,
