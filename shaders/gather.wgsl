@@ -179,20 +179,6 @@ struct Slabs {
     s7: vec4f,
 }
 
-// The parts of kernels as large as those around the place where the ray meets a plane.
-fn section_at(geometry: RayGeometry, plane: i32) -> Section {
-    var section = geometry.section;
-    if GROWN {
-        let t = clamp(growth_at(geometry, plane), 1.0, rays.growth_most) - 1.0;
-        let once = geometry.section_growth;
-        let twice = geometry.section_growth2;
-        section.by_m0 += t * (once.by_m0 + t * twice.by_m0);
-        section.by_m1 += t * (once.by_m1 + t * twice.by_m1);
-        section.by_m2 += t * (once.by_m2 + t * twice.by_m2);
-    }
-    return section;
-}
-
 // The share of the layer in what is around the place where a ray meets a plane. The shares of all layers add up to 1.
 fn layer_share(geometry: RayGeometry, plane: i32) -> f32 {
     let growth = growth_at(geometry, plane);

@@ -2,7 +2,8 @@
 // kernels of voxel planes as in gather.wgsl, into slabs of scalar that are classified and lit when they are complete.
 //
 // Classification magnifies small differences of a scalar, so slabs are finer here: half a plane thick. A kernel has
-// parts in eight of them, nearly its footprint times parabolas in s: a plane needs three moments.
+// parts in eight of them, or sixteen if it is wide, nearly its footprint times parabolas in s: a plane needs three
+// moments.
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 @group(0) @binding(2) var<storage, read> runs: array<vec2u>;
@@ -10,6 +11,9 @@
 @group(0) @binding(4) var<uniform> lighting: Lighting;
 // The transfer function: see common/transfer.wgsl.
 @group(0) @binding(5) var transfer: texture_storage_2d<rgba32float, read>;
+
+// Planes that kernels reach before and behind their own: 2, or 4.
+override REACH: i32 = 2;
 
 // The largest scalar of a ray is classified, instead of every slab.
 override MAXIMUM: bool = false;
@@ -90,8 +94,8 @@ fn is_opaque(ray: RayState) -> bool {
     return !MAXIMUM && ray.depth > rays.opaque_depth;
 }
 
-// Planes after the last of a run: kernels reach 2 planes beyond it, and slabs are composited 2 planes late.
-const FLUSH: i32 = 4;
+// Planes after the last of a run: kernels reach so many planes beyond it, and slabs are composited as many late.
+override FLUSH: i32 = 2 * REACH;
 
 // The slabs that planes may still add to, the foremost first: two for each plane; and what was composited last.
 struct Slabs {
@@ -102,36 +106,96 @@ struct Slabs {
     s3: vec4f,
     s4: vec4f,
     s5: vec4f,
+    // 0 if kernels reach 2 planes.
+    s6: vec4f,
+    s7: vec4f,
+    s8: vec4f,
+    s9: vec4f,
+    s10: vec4f,
+    s11: vec4f,
+    s12: vec4f,
+    s13: vec4f,
 }
 
-// Adds a plane to the slabs that its kernels reach, from two planes before it to two behind it, and composites the two
-// slabs before these. Of a kernel's part, the terms that are even in s are the same on both sides; odd terms change
-// sign.
-fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments, geometry: RayGeometry, plane: i32) {
-    let x = geometry.section.by_m0;
-    let y = geometry.section.by_m1;
-    let z = geometry.section.by_m2;
+// What the kernels of a plane add to four slabs: terms that are even in s, alike on both sides, and odd ones, which
+// change sign behind.
+struct FourParts {
+    even0: vec4f,
+    even1: vec4f,
+    even2: vec4f,
+    even3: vec4f,
+    odd0: vec4f,
+    odd1: vec4f,
+    odd2: vec4f,
+    odd3: vec4f,
+}
+
+fn parts_of(section: Section, sums: Moments) -> FourParts {
+    let x = section.by_m0;
+    let y = section.by_m1;
+    let z = section.by_m2;
     let m2 = vec4f(0.0, 0.0, 0.0, sums.m2.w);
-    let even0 = x.x * sums.m0 + z.x * m2;
-    let even1 = x.y * sums.m0 + z.y * m2;
-    let even2 = x.z * sums.m0 + z.z * m2;
-    let even3 = x.w * sums.m0 + z.w * m2;
-    let odd0 = y.x * sums.m1;
-    let odd1 = y.y * sums.m1;
-    let odd2 = y.z * sums.m1;
-    let odd3 = y.w * sums.m1;
-    let pending = *slabs;
-    let first = advance(ray, pending.composited, pending.s0 + even0 + odd0, geometry, f32(plane) - 2.25);
-    let second = advance(ray, first, pending.s1 + even1 + odd1, geometry, f32(plane) - 1.75);
-    *slabs = Slabs(
-        second,
-        pending.s2 + even2 + odd2,
-        pending.s3 + even3 + odd3,
-        pending.s4 + even3 - odd3,
-        pending.s5 + even2 - odd2,
-        even1 - odd1,
-        even0 - odd0,
+    return FourParts(
+        x.x * sums.m0 + z.x * m2,
+        x.y * sums.m0 + z.y * m2,
+        x.z * sums.m0 + z.z * m2,
+        x.w * sums.m0 + z.w * m2,
+        y.x * sums.m1,
+        y.y * sums.m1,
+        y.z * sums.m1,
+        y.w * sums.m1,
     );
+}
+
+// Adds a plane to the slabs that its kernels reach, and composites the two slabs before these.
+fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments, geometry: RayGeometry, plane: i32) {
+    let near = parts_of(section_at(geometry, plane), sums);
+    let pending = *slabs;
+    // The middle of the slab that waits.
+    let middle = f32(plane) - f32(REACH) - 0.25;
+    if REACH > 2 {
+        let far = parts_of(far_section_at(geometry, plane), sums);
+        let first = advance(ray, pending.composited, pending.s0 + far.even0 + far.odd0, geometry, middle);
+        let second = advance(ray, first, pending.s1 + far.even1 + far.odd1, geometry, middle + 0.5);
+        *slabs = Slabs(
+            second,
+            pending.s2 + far.even2 + far.odd2,
+            pending.s3 + far.even3 + far.odd3,
+            pending.s4 + near.even0 + near.odd0,
+            pending.s5 + near.even1 + near.odd1,
+            pending.s6 + near.even2 + near.odd2,
+            pending.s7 + near.even3 + near.odd3,
+            pending.s8 + near.even3 - near.odd3,
+            pending.s9 + near.even2 - near.odd2,
+            pending.s10 + near.even1 - near.odd1,
+            pending.s11 + near.even0 - near.odd0,
+            pending.s12 + far.even3 - far.odd3,
+            pending.s13 + far.even2 - far.odd2,
+            far.even1 - far.odd1,
+            far.even0 - far.odd0,
+        );
+    } else {
+        let first = advance(ray, pending.composited, pending.s0 + near.even0 + near.odd0, geometry, middle);
+        let second = advance(ray, first, pending.s1 + near.even1 + near.odd1, geometry, middle + 0.5);
+        let none = vec4f(0.0);
+        *slabs = Slabs(
+            second,
+            pending.s2 + near.even2 + near.odd2,
+            pending.s3 + near.even3 + near.odd3,
+            pending.s4 + near.even3 - near.odd3,
+            pending.s5 + near.even2 - near.odd2,
+            near.even1 - near.odd1,
+            near.even0 - near.odd0,
+            none,
+            none,
+            none,
+            none,
+            none,
+            none,
+            none,
+            none,
+        );
+    }
 }
 
 @compute @workgroup_size(64)

@@ -84,9 +84,8 @@ pub enum Painter {
     /// Rays that gather the kernels they meet, plane by plane, in compute shaders. Draws all models, shadings and
     /// projections, but not:
     ///
-    /// - kernels that reach over 3 voxels once they have grown; post-shaded, over 2 voxels;
+    /// - kernels that reach over 4 voxels once they have grown;
     /// - post-shaded, kernels that reach less than a voxel;
-    /// - post-shaded in perspective, kernels that grow with the distance (see [`Settings::antialiasing`]);
     /// - pre-shaded, an eye that a kernel reaches;
     /// - post-shaded, values over 4096 times as far from the transfer function's base as its control points.
     Tiles(TilesSettings),

@@ -22,6 +22,10 @@ struct RayGeometry {
     // What a growth less 1 changes of it, and the square of that.
     section_growth: Section,
     section_growth2: Section,
+    // The same of the far slabs.
+    far_section: Section,
+    far_growth: Section,
+    far_growth2: Section,
     // The growth of a kernel where the ray meets plane 0, and its change from plane to plane.
     growth: vec2f,
     // The planes, as real numbers, between which the ray counts: of scalars in front of the eye and inside the box; of
@@ -64,8 +68,8 @@ fn section_between(step: u32, fraction: f32, lean: f32) -> Section {
 fn geometry_of(point: vec2u) -> RayGeometry {
     let line = line_of(point);
     var geometry = RayGeometry(line.base, line.shear, rays.direction, rays.stretch, rays.footprint_half, rays.row_half,
-        rays.row_slope, rays.sections[0], Section(), Section(), vec2f(1.0, 0.0), vec2f(-FAR, FAR),
-        vec3f(0.0, 0.0, -1.0));
+        rays.row_slope, rays.sections[0], Section(), Section(), rays.sections[FAR_SECTIONS], Section(), Section(),
+        vec2f(1.0, 0.0), vec2f(-FAR, FAR), vec3f(0.0, 0.0, -1.0));
     if PERSPECTIVE {
         let per_length = inverseSqrt(dot(line.heading, line.heading));
         let d = line.heading * per_length;
@@ -86,6 +90,10 @@ fn geometry_of(point: vec2u) -> RayGeometry {
         geometry.section = section_between(step, place - f32(step), lean);
         geometry.section_growth = section_between(step + SECTIONS, place - f32(step), lean);
         geometry.section_growth2 = section_between(step + 2u * SECTIONS, place - f32(step), lean);
+        let far = step + FAR_SECTIONS;
+        geometry.far_section = section_between(far, place - f32(step), lean);
+        geometry.far_growth = section_between(far + SECTIONS, place - f32(step), lean);
+        geometry.far_growth2 = section_between(far + 2u * SECTIONS, place - f32(step), lean);
         let slope_along = dot(rays.growth_slope, vec3f(line.shear, 1.0));
         let at_first = vec3f(line.base, 0.0) - rays.middle;
         geometry.growth = vec2f(rays.growth_middle + dot(rays.growth_slope, at_first), slope_along);
@@ -121,9 +129,12 @@ fn geometry_of(point: vec2u) -> RayGeometry {
     return geometry;
 }
 
-// The point of an invocation's ray, in a tile of 8 x 8 neighbours.
+// The point of an invocation's ray, in a tile of 8 x 8 neighbours. Eight invocations in a row, which software marches
+// together, are a block of 4 x 2 points: their rays end at more nearly the same depth than those of a row do.
 fn point_of(tile: vec3u, lane: u32) -> vec2u {
-    return tile.xy * 8u + vec2u(lane & 7u, lane >> 3u);
+    let x = (lane & 3u) | ((lane >> 1u) & 4u);
+    let y = ((lane >> 2u) & 1u) | ((lane >> 3u) & 6u);
+    return tile.xy * 8u + vec2u(x, y);
 }
 
 // Run number `slot` of a tile: its first plane, and the one after its last. (0, 0) if there are no more runs, or if the
@@ -141,14 +152,43 @@ fn add_to_pixel(at: vec2u, value: vec4f) {
     }
 }
 
+// The section of kernels that have grown so much, less 1.
+fn grown_section(section: Section, once: Section, twice: Section, t: f32) -> Section {
+    return Section(
+        section.by_m0 + t * (once.by_m0 + t * twice.by_m0),
+        section.by_m1 + t * (once.by_m1 + t * twice.by_m1),
+        section.by_m2 + t * (once.by_m2 + t * twice.by_m2),
+    );
+}
+
+// The parts of kernels as large as those around the place where the ray meets a plane.
+fn section_at(geometry: RayGeometry, plane: i32) -> Section {
+    if GROWN {
+        let t = clamp(growth_at(geometry, plane), 1.0, rays.growth_most) - 1.0;
+        return grown_section(geometry.section, geometry.section_growth, geometry.section_growth2, t);
+    }
+    return geometry.section;
+}
+
+// The same in the far slabs.
+fn far_section_at(geometry: RayGeometry, plane: i32) -> Section {
+    if GROWN {
+        let t = clamp(growth_at(geometry, plane), 1.0, rays.growth_most) - 1.0;
+        return grown_section(geometry.far_section, geometry.far_growth, geometry.far_growth2, t);
+    }
+    return geometry.far_section;
+}
+
 // The planes of a run that can matter to a ray: the first, and the one after the last.
 fn planes_of(run: vec2i, geometry: RayGeometry) -> vec2i {
     let last = min(run.y, rays.voxels.z);
     if PERSPECTIVE || SCALARS {
-        // 4 planes beyond what counts: kernels reach over 2, the slab next to the last one shapes the curve in it, and
-        // the conversion to i32 cuts off a fraction. One more because the second plane is the one after the last.
-        let near = i32(max(geometry.inside.x, -FAR)) - 4;
-        return vec2i(max(run.x, near), min(last, i32(min(geometry.inside.y, FAR)) + 5));
+        // Planes beyond what counts: those that kernels reach over, one because the slab next to the last one shapes
+        // the curve in it, and one because the conversion to i32 cuts off a fraction. One more because the second plane
+        // is the one after the last.
+        let beyond = REACH + 2;
+        let near = i32(max(geometry.inside.x, -FAR)) - beyond;
+        return vec2i(max(run.x, near), min(last, i32(min(geometry.inside.y, FAR)) + beyond + 1));
     }
     return vec2i(run.x, last);
 }

@@ -1,8 +1,9 @@
 // The rays of the painter `tiles`, and the packed volume that they cross.
 //
 // Lattice axes: m is the principal viewing axis, the one that rays run along most closely; a and b are the other two. a
-// is the first of the two along which rays lean so little that six voxels of a row hold every kernel that reaches a
-// ray. Lengths are in voxels unless a name says otherwise. Voxel planes are numbered front to back along m.
+// is the one along which rays lean less, or of parallel rays the first of the two along which they lean so little that
+// six voxels of a row hold every kernel that reaches a ray. Lengths are in voxels unless a name says otherwise. Voxel
+// planes are numbered front to back along m.
 //
 // A ray meets plane k at base + k shear, in (a, b). Base coordinates are the (a, b) of plane 0. Parallel rays share one
 // shear. A ray that runs along two or three axes nearly alike is marched along each of them, and the colours are mixed.
@@ -24,6 +25,8 @@ const SECTION_STEPS: f32 = 8.0 / 1.55;
 // Tables of sections: their values for kernels as asked for, and the coefficients of their growth less 1 and of the
 // square of that.
 const SECTION_POWERS: u32 = 3u;
+// Where the tables of the slabs that only wide kernels of scalars reach begin.
+const FAR_SECTIONS: u32 = SECTIONS * SECTION_POWERS;
 
 struct Rays {
     // Parallel rays: base coordinates of point (0, 0) of the intermediate image, and the steps to its neighbours. Rays
@@ -121,14 +124,15 @@ struct Rays {
     fade_in: vec2f,
     fade_out: vec2f,
     // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.
-    sections: array<Section, SECTIONS * SECTION_POWERS>,
+    sections: array<Section, 2u * FAR_SECTIONS>,
 }
 
-// The parts of a kernel that lie in the four slabs before its centre: its footprint times (by_m0 + by_m1 s + by_m2
+// The parts of a kernel that lie in four slabs before its centre: its footprint times (by_m0 + by_m1 s + by_m2
 // s^2), s the place of its centre along the ray, from where the ray meets its plane. Summed over a plane these are
 // by_m0 m0 + by_m1 m1 + by_m2 m2 of the plane's moments. Behind the centre the sign of s changes.
 //
-// Slabs of scalars are half a plane thick; the first component is the foremost slab. Slabs of colours are a plane
+// Slabs of scalars are half a plane thick; the first component is the foremost slab, two planes before the centre, or
+// four planes if the section is a far one. Slabs of colours are a plane
 // thick; the components are the slabs one to four before the kernel's own, which has the rest.
 struct Section {
     by_m0: vec4f,

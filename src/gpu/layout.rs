@@ -202,6 +202,8 @@ pub(crate) struct Shade {
     pub high: [u32; 2],
 }
 
+/// The parts of a kernel in four slabs, by m0, m1 and m2; shaders/common/rays.wgsl.
+pub(crate) type Section = [[f32; 4]; 3];
 /// Entries of a table of sections, and tables; SECTIONS and SECTION_POWERS in shaders/common/rays.wgsl.
 pub(crate) const SECTIONS: usize = 9;
 pub(crate) const SECTION_POWERS: usize = 3;
@@ -270,7 +272,8 @@ pub(crate) struct Rays {
     pub fade_in: [f32; 2],
     pub fade_out: [f32; 2],
     pub _pad: [f32; 2],
-    pub sections: [[[[f32; 4]; 3]; SECTIONS]; SECTION_POWERS],
+    /// Those of near slabs, then those of far ones.
+    pub sections: [[[Section; SECTIONS]; SECTION_POWERS]; 2],
 }
 
 /// How splats are packed for the painter `tiles`; each field is explained in shaders/common/packing.wgsl.

@@ -210,8 +210,8 @@ impl ViewGeometry {
         [least - (self.growth.slope * depth).min(least / 4.0), least]
     }
 
-    /// Whether the layer may have a share in what voxels of a box show; the box is that in a lattice with so many copies
-    /// beyond its faces. True if the lattice is no layer.
+    /// Whether the layer may have a share in what voxels of a box show. The box is that of a lattice which has so many
+    /// copies beyond its faces. True if the lattice is no layer.
     pub(super) fn layer_holds(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
         let Some(fade) = self.fade else { return true };
         let [low, high] = bounds.map(|p| DVec3::from_array(p.map(f64::from)) - f64::from(padding) - half(&self.grid));

@@ -9,8 +9,8 @@ use voxsplat::stats::RaySpacing;
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    RENDERER, by_tiles, demo, draw, draw_on, errors, full, headlight, look, new_renderer, picture, prepare, prepare_on,
-    rms_in_steps, rms_of_all, transfer, two_lights, with_quads, with_tiles,
+    RENDERER, by_tiles, demo, draw, draw_on, errors, exact_quads, full, headlight, look, new_renderer, picture,
+    prepare, prepare_on, rms_covered, rms_in_steps, rms_of_all, transfer, two_lights, with_quads, with_tiles,
 };
 use crate::truth::truth;
 
@@ -92,25 +92,6 @@ fn kernels_reach_three_voxels_along_parallel_rays() {
 }
 
 #[test]
-fn scalars_of_kernels_that_grew_err_about_as_little_as_by_quads() {
-    let kernel = Kernel::Gaussian { sigma: 0.8, radius: 1.5 };
-    let settings = Settings { shading: Shading::Post, antialiasing: true, kernel, ..full() };
-    let (volume, transfer) = demo("vessels", 24);
-    let view = View { azimuth: 30.0, elevation: 20.0, view_height: Some(30.0), ..View::default() };
-    let camera = look(&view, &volume, [24; 2]);
-    let expected = truth(&volume, &transfer, &camera, &settings);
-    let painters = [("tiles", settings.clone()), ("quads", with_quads(&settings, |_| ()))];
-    let [tiles, quads] = painters.map(|(name, settings)| {
-        let got = picture(&volume, &transfer, &camera, &settings);
-        assert!(got.stats.painter.name() == name && got.stats.kernel_growth > 1.2);
-        rms_of_all(&got.image, &expected)
-    });
-    // 1.35e-3, 1.25 of quads: slabs are half a plane thick and their parts are fitted, where sheets of quads take exact
-    // means of the kernel.
-    assert!(tiles < 1.4 * quads && tiles < 2e-3, "{tiles:e}, quads {quads:e}");
-}
-
-#[test]
 fn straight_rays_are_those_that_lean_a_little() {
     // Straight ones find their footprints once, the others in every plane.
     let post = Settings { shading: Shading::Post, ..full() };
@@ -187,6 +168,42 @@ fn kernels_grow_with_their_depth_before_an_eye() {
                     alpha < 4e-4 && color < limit,
                     "{settings:?} {name} {azimuth} {elevation}: {color:e} {alpha:e}"
                 );
+            }
+        }
+    }
+}
+
+#[test]
+#[ignore = "slow: 16 post-shaded truths of wide kernels"]
+fn scalars_of_kernels_that_grew_err_about_as_little_as_by_quads() {
+    let post = Settings { shading: Shading::Post, antialiasing: true, ..full() };
+    let narrow = Settings { kernel: Kernel::Gaussian { sigma: 0.8, radius: 1.5 }, ..post.clone() };
+    let cases = [
+        (narrow, ProjectionKind::Orthographic, 32.0),
+        (post.clone(), ProjectionKind::Orthographic, 32.0),
+        (Settings { lighting: headlight(), ..post.clone() }, ProjectionKind::Orthographic, 46.0),
+        (post.clone(), ProjectionKind::Perspective { fov: 30.0 }, 34.0),
+        (Settings { lighting: headlight(), ..post.clone() }, ProjectionKind::Perspective { fov: 60.0 }, 24.0),
+    ];
+    for name in ["marschner-lobb", "shell"] {
+        let (volume, transfer) = demo(name, 24);
+        for (settings, projection, height) in &cases {
+            for [azimuth, elevation] in [[30.0, 20.0], [190.0, -10.0]] {
+                let view =
+                    View { azimuth, elevation, projection: *projection, view_height: Some(*height), ..View::default() };
+                let camera = look(&view, &volume, [24; 2]);
+                let expected = truth(&volume, &transfer, &camera, settings);
+                let [ours, by_quads] = [settings, &Settings { painter: exact_quads().painter, ..settings.clone() }]
+                    .map(|settings| picture(&volume, &transfer, &camera, settings));
+                let growth = ours.stats.kernel_growth;
+                assert_eq!(ours.stats.painter.name(), "tiles");
+                assert!(growth > 1.3 && growth <= 2.0, "{growth}");
+                let [ours, by_quads] = [ours, by_quads].map(|got| rms_covered(&got.image, &expected));
+                // Parts of kernels are fitted where sheets of quads take exact means, and a slab is lit by the gradient
+                // in its middle, a sheet by one in each half.
+                let share = if settings.lighting.is_some() { 3.0 } else { 1.8 };
+                println!("{name} {projection:?} {azimuth} {growth:.2}: {ours:.1e}, quads {by_quads:.1e}");
+                assert!(ours < share * by_quads, "{name} {projection:?} {azimuth}: {ours:e} {by_quads:e}");
             }
         }
     }
@@ -383,7 +400,7 @@ fn turning_packs_the_volume_once_an_axis() {
         let sent = if packs && renderer.adapter().is_software() { stats.tiles().unwrap().packed_bytes } else { 0 };
         // Beside it marches send uniforms, most of them tables of sections: rays of images, and of pixels. The first
         // picture may send the splats.
-        let most = sent + 6000 + if packs { stats.scene_bytes } else { 0 };
+        let most = sent + 12_000 + if packs { stats.scene_bytes } else { 0 };
         assert!(stats.bytes_sent < most, "{} of {most}", stats.bytes_sent);
         packs
     };

@@ -20,12 +20,21 @@ const MAX_LEAN: f64 = 0.599;
 /// side of a tie: a degree changes a share by 0.4 at most.
 const BLEND: f64 = 0.05;
 
+/// The largest component across of a ray's unit vector in which m has a share.
+const LARGEST_LEAN: f64 = 0.733;
+
+/// The axes across each axis.
+const ACROSS: [(usize, usize); 3] = [(1, 2), (0, 2), (0, 1)];
+
 /// A principal viewing axis, called m: the lattice axis that rays run along most closely.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PrincipalAxis {
-    /// Numbers of the lattice axes a, b and m. a is the first of the two across along which rays lean little enough
-    /// (see `MAX_LEAN`). It is the same in most pictures of a turning volume, so few of them pack the volume anew.
+    /// Numbers of the lattice axes a, b and m. a is the first of the two across along which parallel rays lean little
+    /// enough (see `MAX_LEAN`). It is the same in most pictures of a turning volume, so few of them pack the volume
+    /// anew. Of rays through one eye a is the one along which they lean less.
     pub(super) axes: [usize; 3],
+    /// The largest component along a of the unit vectors of rays.
+    pub(super) lean: f64,
     /// Whether rays run against m.
     pub(super) flipped: bool,
     /// Unit vector of a ray in (a, b, m), its component along m positive. Of rays through one eye it is that of a ray
@@ -50,14 +59,20 @@ impl PrincipalAxis {
         let to_lattice = grid.to_lattice().matrix3;
         let Some(lens) = Lens::new(camera, grid, size) else {
             let ray = to_lattice * camera.forward;
-            let axes = (0..3).map(|m| Self { share: share(m, ray), ..Self::along(m, ray[m] < 0.0, ray, 1.0) });
+            let unit = ray.normalize();
+            let axes = (0..3).map(|m| {
+                let (i, j) = ACROSS[m];
+                let across = if unit[i].abs() < MAX_LEAN { [i, j] } else { [j, i] };
+                let share = share(m, ray);
+                Self { share, ..Self::along(across, m, ray[m] < 0.0, ray, 1.0, unit[across[0]].abs()) }
+            });
             let mut axes: Vec<Self> = axes.filter(|axis| axis.share > 0.0).collect();
             axes.sort_by(|a, b| b.share.total_cmp(&a.share));
             return axes;
         };
         let ways = (0..3).flat_map(|m| [(m, false), (m, true)]);
         ways.filter_map(|(m, flipped)| {
-            let part = lens.part(m, flipped);
+            let part = lens.part(m, flipped, 1.0 + RAY_MARGIN);
             // The ray in the middle of that part stands for all of them.
             let count = part.len() as f64;
             let (x, y) = part.iter().fold((0.0, 0.0), |(x, y), p| (x + p.0 / count, y + p.1 / count));
@@ -65,7 +80,10 @@ impl PrincipalAxis {
             let places = || part.iter().map(|&(x, y)| DVec2::new(x, y));
             let ends = [places().fold(DVec2::INFINITY, DVec2::min), places().fold(DVec2::NEG_INFINITY, DVec2::max)];
             let world = (1.0 + middle.length_squared()).sqrt();
-            let axis = || Self { middle, part: ends, ..Self::along(m, flipped, lens.ray((x, y)), world) };
+            let (i, j) = ACROSS[m];
+            let leans = [i, j].map(|axis| lens.lean(axis, m, flipped));
+            let (across, lean) = if leans[0] <= leans[1] { ([i, j], leans[0]) } else { ([j, i], leans[1]) };
+            let axis = || Self { middle, part: ends, ..Self::along(across, m, flipped, lens.ray((x, y)), world, lean) };
             (!part.is_empty()).then(axis)
         })
         .collect()
@@ -75,20 +93,20 @@ impl PrincipalAxis {
     /// begins so many layers before the volume.
     pub(super) fn pyramid(&self, camera: &Camera, grid: &Grid, size: [u32; 2], padding: u32) -> Option<Pyramid> {
         let (lens, eye) = (Lens::new(camera, grid, size)?, camera.eye()?);
-        let edges: Vec<DVec3> = lens.part(self.axes[2], self.flipped).into_iter().map(|at| lens.ray(at)).collect();
+        let part = lens.part(self.axes[2], self.flipped, 1.0 + RAY_MARGIN);
+        let edges: Vec<DVec3> = part.into_iter().map(|at| lens.ray(at)).collect();
         let middle: DVec3 = edges.iter().map(|edge| edge.normalize()).sum();
         let sides = (0..edges.len()).map(|i| edges[i].cross(edges[(i + 1) % edges.len()]).normalize_or_zero());
         let sides = sides.map(|side| if side.dot(middle) < 0.0 { -side } else { side }).collect();
         Some(Pyramid { eye: grid.to_lattice().transform_point3(eye) + f64::from(padding), sides })
     }
 
-    /// The axis m for rays around one, given as a lattice vector and its world length.
-    fn along(m: usize, flipped: bool, ray: DVec3, world: f64) -> Self {
+    /// The axis m and those across it for rays around one, given as a lattice vector and its world length.
+    fn along([a, b]: [usize; 2], m: usize, flipped: bool, ray: DVec3, world: f64, lean: f64) -> Self {
         let unit = ray.normalize();
-        let (i, j) = [(1, 2), (0, 2), (0, 1)][m];
-        let (a, b) = if unit[i].abs() < MAX_LEAN { (i, j) } else { (j, i) };
         Self {
             axes: [a, b, m],
+            lean,
             flipped,
             direction: DVec3::new(unit[a], unit[b], unit[m].abs()),
             middle: DVec2::ZERO,
@@ -150,10 +168,10 @@ impl Lens {
     }
 
     /// The part of the picture in whose rays m has a share in this direction: no other component is larger by more than
-    /// the blend. The part is cut by straight lines, which leave too much of it rather than too little.
-    fn part(&self, m: usize, flipped: bool) -> Vec<(f64, f64)> {
+    /// the blend. The part is cut by straight lines, which leave too much of it rather than too little. The picture
+    /// ends at `edge` halves of its size from its middle.
+    fn part(&self, m: usize, flipped: bool, edge: f64) -> Vec<(f64, f64)> {
         let sign = if flipped { -1.0 } else { 1.0 };
-        let edge = 1.0 + RAY_MARGIN;
         let mut part = vec![(-edge, -edge), (edge, -edge), (edge, edge), (-edge, edge)];
         for other in (0..3).filter(|&other| other != m) {
             for against in [1.0, -1.0] {
@@ -162,6 +180,25 @@ impl Lens {
             }
         }
         part
+    }
+
+    /// The largest component along an axis across m of the unit vectors of rays in which m has a share.
+    fn lean(&self, axis: usize, m: usize, flipped: bool) -> f64 {
+        // Cubic splines read two points beyond the picture; what is farther out reaches it by hundredths.
+        const EDGE: f64 = 1.0 + RAY_MARGIN / 4.0;
+        /// Places along each side of the part: no maximum lies within, as the axis itself is outside.
+        const STEPS: usize = 16;
+        let part = self.part(m, flipped, EDGE);
+        let side = |i: usize| {
+            let (p, q) = (part[i], part[(i + 1) % part.len()]);
+            (0..STEPS).map(move |step| {
+                let t = step as f64 / STEPS as f64;
+                (p.0 + t * (q.0 - p.0), p.1 + t * (q.1 - p.1))
+            })
+        };
+        let leans = (0..part.len()).flat_map(side).map(|at| self.ray(at).normalize()[axis].abs());
+        // Between the places it may be a little more, but never more than where m no longer has a share.
+        (leans.fold(0.0, f64::max) + 0.003).min(LARGEST_LEAN)
     }
 }
 
@@ -269,6 +306,7 @@ mod tests {
                         let m = axis.axes[2];
                         if share(m, ray) > 0.0 && (ray[m] < 0.0) == axis.flipped {
                             assert!(reached, "{fov} {axis:?} {ray}");
+                            assert!(ray.normalize()[axis.axes[0]].abs() <= axis.lean, "{fov} {axis:?} {ray}");
                             held += 1;
                         }
                         outside += usize::from(!reached);

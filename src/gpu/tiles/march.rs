@@ -114,13 +114,14 @@ impl Stage {
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let bindings = [Binding::Uniform, volume, Binding::Read, Binding::Write, Binding::Uniform, transfer];
         let scalars = ("SCALARS", 1.0);
+        let (grown, reach) = (("GROWN", flag(key.grown)), ("REACH", f64::from(key.reach)));
         let crowded = ("CROWDED", flag(key.crowded));
         Self::new(
             context,
             shader,
             "gather",
             &bindings,
-            &[perspective, terms, texels, straight, scalars, maximum, lights, crowded],
+            &[perspective, terms, texels, straight, scalars, maximum, lights, crowded, grown, reach],
         )
     }
 }

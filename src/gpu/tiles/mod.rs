@@ -31,10 +31,10 @@ use super::view::Region;
 use crate::error::Result;
 use crate::settings::Model;
 
-/// The largest radius of kernels, in voxels, of scalars and along rays that share footprints: they reach at most two
-/// planes, and along shared rays three texels of a row.
+/// The largest radius of kernels, in voxels, along rays that share footprints: they reach at most two planes and three
+/// texels of a row.
 const MAX_RADIUS: f64 = 2.0;
-/// The largest radius of kernels of classified voxels along other rays: their shader reads more planes and texels.
+/// The largest radius of kernels along other rays: their shaders read more planes and texels.
 const MAX_SINGLE_RADIUS: f64 = 4.0;
 
 /// How far rays may move across the volume, in voxels, and still count as straight: 1e-4 of a voxel changes a footprint

@@ -59,7 +59,7 @@ impl Voxel {
 /// Bytes of the buffer that is packed and copied to the texture at a time: small beside the volume.
 const BAND: u64 = 16 << 20;
 /// The most bytes of a packed volume. The box around visible voxels is packed whole, so that much may be empty.
-const MAX_BYTES: u64 = 1 << 30;
+const MAX_BYTES: u64 = 4 << 30;
 /// The largest density after scaling: a power of two with room below 65504, the largest f16.
 const F16_HEADROOM: f64 = 16_384.0;
 /// The largest factor that densities are scaled by, a power of two: products with it stay in the range of f32.

@@ -55,13 +55,9 @@ const ROUNDING: f64 = 1.0 + 1e-6;
 
 fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
     let growth = view.max_growth();
-    if settings.is_post_shaded() && view.is_perspective() && growth > 1.0 {
-        return Some("tiles sums scalars by kernels of one size, and here they grow with distance".to_owned());
-    }
-    let most = if settings.is_post_shaded() { MAX_RADIUS } else { MAX_SINGLE_RADIUS };
-    if settings.kernel.radius() * growth > most * ROUNDING {
+    if settings.kernel.radius() * growth > MAX_SINGLE_RADIUS * ROUNDING {
         let grown = if growth > 1.0 { ", and they have grown to the size of pixels" } else { "" };
-        return Some(format!("tiles draws kernels that reach at most {most} voxels here{grown}"));
+        return Some(format!("tiles draws kernels that reach at most {MAX_SINGLE_RADIUS} voxels{grown}"));
     }
     if settings.is_post_shaded() && settings.kernel.radius() * growth < MIN_SCALAR_RADIUS {
         return Some("tiles classifies slabs half a plane thick, in which kernels under a voxel leave gaps".to_owned());
@@ -178,10 +174,8 @@ impl<'a> Picture<'a> {
         let [way, ..] = self.ways.as_slice() else { return TilesKey::default() };
         let Job { view, settings, .. } = self.job;
         // A ball of the lattice reaches as far along a row.
-        // Of rays through one eye, a row leans by at most 0.733 if m has a share.
         let most = view.depth_growth().1;
-        let lean = |way: &Way| if view.is_perspective() { 0.733 } else { way.axis.direction.x };
-        let reach = |way: &Way| most * self.kernel.radius() / (1.0 - lean(way).powi(2)).sqrt();
+        let reach = |way: &Way| most * self.kernel.radius() / (1.0 - way.axis.lean.powi(2)).sqrt();
         TilesKey {
             model: settings.model,
             voxel: way.packing.voxel,
@@ -192,7 +186,11 @@ impl<'a> Picture<'a> {
             packs_on_host: way.packing.is_for_host(self.job.context, self.job.splats()),
             curved: self.kind == SlabKind::DenseColors,
             terms: self.footprint.terms(),
-            reach: if most * self.kernel.radius() <= 3.0 * ROUNDING { 3 } else { 4 },
+            reach: match most * self.kernel.radius() / ROUNDING {
+                radius if self.kind == SlabKind::Scalars && radius <= 2.0 => 2,
+                radius if self.kind != SlabKind::Scalars && radius <= 3.0 => 3,
+                _ => 4,
+            },
             // n texels serve a reach of up to n - 1/2 voxels; of the largest kernels, along the rays that lean most,
             // it is 5.9.
             texels: (self.ways.iter().map(reach).fold(0.0, f64::max) + 0.5).floor().clamp(2.0, 6.0) as u32 + 1,

@@ -49,11 +49,21 @@ pub(super) enum SlabKind {
 }
 
 impl SlabKind {
-    /// Where slabs begin and end along m, from the kernel's plane. Of scalars the foremost slab is first, of colours
-    /// the one next to the kernel's own: shaders/common/rays.wgsl expects them so.
+    /// Where slabs begin and end along m, from the kernel's plane: four near ones, then far ones. Of scalars the
+    /// foremost of four is first, of colours the one next to the kernel's own: shaders/common/rays.wgsl expects them
+    /// so.
     fn slabs(self) -> &'static [[f64; 2]] {
         match self {
-            Self::Scalars => &[[-2.0, -1.5], [-1.5, -1.0], [-1.0, -0.5], [-0.5, 0.0]],
+            Self::Scalars => &[
+                [-2.0, -1.5],
+                [-1.5, -1.0],
+                [-1.0, -0.5],
+                [-0.5, 0.0],
+                [-4.0, -3.5],
+                [-3.5, -3.0],
+                [-3.0, -2.5],
+                [-2.5, -2.0],
+            ],
             Self::Colors | Self::DenseColors => &[[-1.5, -0.5], [-2.5, -1.5], [-3.5, -2.5], [-4.5, -3.5]],
         }
     }
@@ -67,30 +77,40 @@ impl SlabKind {
     }
 }
 
+/// The parts of a kernel in near and in far slabs.
+type NearAndFar = [layout::Section; 2];
+
 /// The parts of kernels in slabs for every ray of a picture: `Rays::sections` of the shaders. Parts of kernels that
 /// grow with their depth are parabolas in their growth less 1, through the least kernel, the largest and one between.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Sections(pub(super) [[[[f32; 4]; 3]; layout::SECTIONS]; layout::SECTION_POWERS]);
+pub(super) struct Sections(pub(super) [[[layout::Section; layout::SECTIONS]; layout::SECTION_POWERS]; 2]);
 
 impl Sections {
     /// `most` is the largest growth of rays through one eye.
     pub(super) fn new(kernel: &Kernel, camera: &Camera, axis: &PrincipalAxis, kind: SlabKind, most: f64) -> Self {
-        const NONE: [[[f32; 4]; 3]; layout::SECTIONS] = [[[0.0; 4]; 3]; layout::SECTIONS];
-        let table = |growth: f64| std::array::from_fn(|step| section_step(step, &kernel.grown(growth), kind));
+        const NONE: layout::Section = [[0.0; 4]; 3];
+        let table = |growth: f64| -> [NearAndFar; layout::SECTIONS] {
+            std::array::from_fn(|step| section_step(step, &kernel.grown(growth), kind))
+        };
+        let mut powers = [[[NONE; layout::SECTIONS]; layout::SECTION_POWERS]; 2];
         if let Projection::Orthographic { .. } = camera.projection {
-            return Self([[sections(kernel, axis.direction, kind); layout::SECTIONS], NONE, NONE]);
-        }
-        if most <= 1.0 {
-            return Self([table(1.0), NONE, NONE]);
+            let both = sections(kernel, axis.direction, kind);
+            for (powers, section) in powers.iter_mut().zip(both) {
+                powers[0] = [section; layout::SECTIONS];
+            }
+            return Self(powers);
         }
         // Nodes that are so close that differences are rounding are put farther apart.
         let range = (most - 1.0).max(0.01);
-        let nodes: [[[[f32; 4]; 3]; layout::SECTIONS]; 3] = [0.0, 0.5, 1.0].map(|part| table(1.0 + part * range));
-        let mut powers = [nodes[0], NONE, NONE];
-        for step in 0..layout::SECTIONS {
-            for term in 0..3 {
-                for slab in 0..4 {
-                    let [low, between, high] = nodes.map(|table| f64::from(table[step][term][slab]));
+        let least = table(1.0);
+        let nodes = (most > 1.0).then(|| [0.5, 1.0].map(|part| table(1.0 + part * range)));
+        for (half, powers) in powers.iter_mut().enumerate() {
+            for step in 0..layout::SECTIONS {
+                let low = least[step][half];
+                powers[0][step] = low;
+                let Some([between, high]) = nodes.map(|nodes| nodes.map(|table| table[step][half])) else { continue };
+                for (term, slab) in (0..3).flat_map(|term| (0..4).map(move |slab| (term, slab))) {
+                    let [low, between, high] = [low, between, high].map(|section| f64::from(section[term][slab]));
                     powers[1][step][term][slab] = ((4.0 * between - high - 3.0 * low) / range) as f32;
                     powers[2][step][term][slab] = (2.0 * (high - 2.0 * between + low) / (range * range)) as f32;
                 }
@@ -103,13 +123,13 @@ impl Sections {
 /// An entry of the table of sections: those of every ray whose shear has this length, its lean, with s in units of the
 /// lean. In this unit the coefficients change smoothly towards rays along m, which meet all kernels of a plane at s =
 /// 0.
-fn section_step(step: usize, kernel: &Kernel, kind: SlabKind) -> [[f32; 4]; 3] {
+fn section_step(step: usize, kernel: &Kernel, kind: SlabKind) -> NearAndFar {
     // Rays along m have no fit over s. The entry for them is that of a lean of 1e-3: in units of the lean, which s is
     // twice at most, its linear terms are below 4e-4 of the footprint, and 0 is their limit.
     let lean = (LARGEST_SHEAR * step as f64 / (layout::SECTIONS - 1) as f64).max(1e-3);
-    let [x, y, z] = sections(kernel, DVec3::new(0.0, lean, 1.0).normalize(), kind);
+    let both = sections(kernel, DVec3::new(0.0, lean, 1.0).normalize(), kind);
     let lean = lean as f32;
-    [x, y.map(|c| c * lean), z.map(|c| c * lean * lean)]
+    both.map(|[x, y, z]| [x, y.map(|c| c * lean), z.map(|c| c * lean * lean)])
 }
 
 /// The parts of a kernel in the slabs before its centre, as fractions of its footprint: x + y s, or x + y s + z
@@ -119,8 +139,8 @@ fn section_step(step: usize, kernel: &Kernel, kind: SlabKind) -> [[f32; 4]; 3] {
 /// A slab of colours is a plane thick and has its plane in the middle. A slab of scalars is half a plane thick and lies
 /// between two planes or half planes.
 ///
-/// Returned are x, y and z, each for up to four slabs.
-fn sections(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> [[f32; 4]; 3] {
+/// Returned are x, y and z, each for up to four near slabs, and for up to four far ones.
+fn sections(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> NearAndFar {
     /// Places along each side of the square around the ray: more change the fractions by less than 1e-3.
     const SIDE: i32 = 25;
     let radius = kernel.radius();
@@ -129,7 +149,9 @@ fn sections(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> [[f32; 4]; 3] 
     let terms = if direction.z > 1.0 - 1e-9 { 1 } else { kind.terms() };
     // The normal equations: sums of products of the footprint times powers of s, and of these times each part.
     let mut normal = DMat3::ZERO;
-    let mut parts = [DVec3::ZERO; 4];
+    let mut parts = [DVec3::ZERO; 8];
+    // Others are out of reach.
+    let reached = |slab: &[f64; 2]| -slab[1] < radius;
     for i in 0..SIDE {
         for j in 0..SIDE {
             let place = |n: i32| reach * (f64::from(2 * n + 1) / f64::from(SIDE) - 1.0);
@@ -141,7 +163,7 @@ fn sections(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> [[f32; 4]; 3] 
             }
             let powers = DVec3::new(1.0, s, s * s) * section(kernel, r2, -radius, radius);
             normal += DMat3::from_cols(powers * powers.x, powers * powers.y, powers * powers.z);
-            for (sum, slab) in parts.iter_mut().zip(kind.slabs()) {
+            for (sum, slab) in parts.iter_mut().zip(kind.slabs()).filter(|(_, slab)| reached(slab)) {
                 *sum += powers * section(kernel, r2, slab[0] / direction.z - s, slab[1] / direction.z - s);
             }
         }
@@ -156,7 +178,10 @@ fn sections(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> [[f32; 4]; 3] 
     }
     let solve = normal.inverse();
     let fits = parts.map(|part| (solve * part).as_vec3());
-    [fits.map(|fit| fit.x), fits.map(|fit| fit.y), fits.map(|fit| fit.z)]
+    [0, 4].map(|first| {
+        let four: [_; 4] = std::array::from_fn(|slab| fits[first + slab]);
+        [four.map(|fit| fit.x), four.map(|fit| fit.y), four.map(|fit| fit.z)]
+    })
 }
 
 #[cfg(test)]
@@ -166,7 +191,7 @@ mod tests {
     /// Root mean square of what the parts err by, of the footprint's peak, over the square that rays meet a plane in.
     fn rms_of_parts(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> f64 {
         let slabs = kind.slabs();
-        let fits = sections(kernel, direction, kind).map(|row| row.map(f64::from));
+        let fits = sections(kernel, direction, kind).map(|half| half.map(|row| row.map(f64::from)));
         let radius = kernel.radius();
         // Places of its own, between those of the fit.
         let places = (0..20).map(|i| (f64::from(2 * i + 1) / 20.0 - 1.0) * radius / direction.z);
@@ -179,7 +204,7 @@ mod tests {
             }
             let footprint = section(kernel, r2, -radius, radius);
             for (slab, planes) in slabs.iter().enumerate() {
-                let [x, y, z] = fits.map(|row| row[slab]);
+                let [x, y, z] = fits[slab / 4].map(|row| row[slab % 4]);
                 let [near, far] = planes.map(|plane| plane / direction.z - s);
                 squares += (footprint * (x + y * s + z * s * s) - section(kernel, r2, near, far)).powi(2);
                 count += 1.0;
@@ -199,7 +224,7 @@ mod tests {
                     assert!(rms < limit, "{kernel:?} {direction} {kind:?}: {rms:e}");
                 }
                 // Of a kernel before the ray's place, more is in the slabs before.
-                let [_, [y1, y0, ..], _] = sections(&kernel, direction, SlabKind::Colors);
+                let [[_, [y1, y0, ..], _], _] = sections(&kernel, direction, SlabKind::Colors);
                 assert!(direction == DVec3::Z || y0 < 0.0 && y1 < 0.0, "{y0} {y1}");
             }
         }
