@@ -14,7 +14,7 @@ use super::{
 /// is close to a whole number, the ripple and the rims of kernels in plane after plane fall on one another, and one ray
 /// per voxel misses what is between.
 ///
-/// Measured; docs/measurements/2026-11-22-rays.md has the table.
+/// Measured; docs/measurements/2026-11-22-rays.md has the table, 2026-11-22-near-straight.md what was changed.
 fn level_for_shear(shear: f64) -> f64 {
     let whole = shear.round();
     let off = (shear - whole).abs();
@@ -57,8 +57,8 @@ fn powers(level: f64) -> [(u32, f64); 2] {
     [(level.floor(), 1.0 - more), (level.floor() + 1.0, more)].map(|(level, share)| (level.exp2() as u32, share))
 }
 
-/// Rays per voxel along an axis that are marched, of both powers of 2. From a share of an eighth on they count whole, so
-/// that nothing jumps.
+/// Rays per voxel along an axis that are marched, of both powers of 2. From a share of an eighth on they count whole,
+/// so that nothing jumps.
 fn marched(level: f64) -> f64 {
     powers(level).map(|(rays, share)| f64::from(rays) * (8.0 * share).min(1.0)).into_iter().sum()
 }
