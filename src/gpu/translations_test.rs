@@ -16,7 +16,7 @@ use super::shaders::ALL;
 
 /// What each override constant of a shader may be. Of numbers, the ends of their ranges and what stands between by its
 /// own path through the shader.
-fn values(shader: &str, name: &str) -> &'static [f64] {
+fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
     const FLAG: [f64; 2] = [0.0, 1.0];
     const POINTS: [f64; 4] = [0.0, 1.0, 2.0, MAX_INLINE_POINTS as f64];
     match (shader, name) {
@@ -29,7 +29,14 @@ fn values(shader: &str, name: &str) -> &'static [f64] {
         ("classify", "INLINE_POINTS") => &POINTS,
         // Texels of a row of the footprint table; a row of voxels.
         ("splat", "TEXELS") => &[1.0, 2.0, 3.0, 4.0],
-        (_, "TEXELS") => &[3.0, 4.0, 5.0],
+        (_, "TEXELS") => &[3.0, 7.0],
+        ("gather", "REACH") => &[3.0, 4.0],
+        (_, "REACH") => &[2.0, 4.0],
+        // It follows from REACH.
+        (_, "FLUSH") => &[9.0],
+        // Layers have an entry point of their own.
+        ("gather", "LAYERED") if entry == "layer" => &FLAG[1..],
+        (_, "LAYERED") => &FLAG[..1],
         ("splat", "ROWS") => &[2.0, 4096.0],
         (_, "SHEETS") => &[1.0, 4.0, 8.0],
         ("shade", "SAMPLES") => &[1.0, 2.0, 64.0],
@@ -58,7 +65,7 @@ fn reached(module: &Module, entry: usize) -> Module {
 }
 
 /// Every set of values of the override constants that an entry point uses.
-fn sets(shader: &str, module: &Module) -> Vec<PipelineConstants> {
+fn sets(shader: &str, entry: &str, module: &Module) -> Vec<PipelineConstants> {
     let names = module.overrides.iter().filter_map(|(_, constant)| constant.name.clone());
     names.fold(vec![PipelineConstants::default()], |sets, name| {
         let with = |set: &PipelineConstants, value: f64| {
@@ -66,7 +73,7 @@ fn sets(shader: &str, module: &Module) -> Vec<PipelineConstants> {
             set.insert(name.clone(), value);
             set
         };
-        sets.iter().flat_map(|set| values(shader, &name).iter().map(move |&value| with(set, value))).collect()
+        sets.iter().flat_map(|set| values(shader, entry, &name).iter().map(move |&value| with(set, value))).collect()
     })
 }
 
@@ -124,7 +131,7 @@ fn every_shader_with_every_set_of_overrides_is_translated() {
         let module = naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}: {e}", shader.name));
         for entry in 0..module.entry_points.len() {
             let reached = reached(&module, entry);
-            let sets = sets(shader.name, &reached);
+            let sets = sets(shader.name, &module.entry_points[entry].name, &reached);
             jobs.extend(sets.into_iter().map(|set| (shader.name, reached.clone(), set)));
         }
     }
