@@ -18,7 +18,7 @@ fn a_ray_per_voxel_errs_by_less_than_half_a_step() {
         for (azimuth, elevation) in [(30.0, 20.0), (100.0, -50.0), (215.0, 10.0), (30.0, 4.0)] {
             let exact = full();
             let settings = with_tiles(&exact, Resolution::Capped);
-            let camera = camera(azimuth, elevation, 1.0, &volume, 240);
+            let camera = camera(azimuth, elevation, 1.0, &volume, 300);
             let expected = picture(&volume, &transfer, &camera, &exact);
             let got = picture(&volume, &transfer, &camera, &settings);
             assert!(matches!(by_tiles(&got).spacing, Some(RaySpacing::PerVoxel(_))), "{name} {azimuth} {elevation}");

@@ -14,7 +14,7 @@ use super::{
 /// is close to a whole number, the ripple and the rims of kernels in plane after plane fall on one another, and one ray
 /// per voxel misses what is between.
 ///
-/// Measured; docs/measurements/2026-11-22-rays.md has the table.
+/// Measured; docs/measurements/2026-11-22-rays.md has the table, 2026-11-22-near-straight.md what was changed.
 fn level_for_shear(shear: f64) -> f64 {
     let whole = shear.round();
     let off = (shear - whole).abs();
@@ -35,17 +35,32 @@ fn levels(setup: &RaySetup<'_>, axis: &PrincipalAxis) -> DVec2 {
 /// The least share of its own ray in each pixel: all of it if rays run along the axis, if kernels ask for more than
 /// four rays a voxel, if voxels are as small as pixels, or if there would be more rays than pixels.
 pub(super) fn pixel_share(setup: &RaySetup<'_>, axis: &PrincipalAxis) -> f64 {
-    let straight = axis.shear().map(|shear| smoothstep(0.07, 0.03, shear.abs()));
+    // Wherever a share is between 0 and 1, the rays of pixels and those of images are marched: over few views.
+    let straight = axis.shear().map(|shear| smoothstep(0.035, 0.03, shear.abs()));
     let levels = levels(setup, axis);
     let magnification = setup.volume.grid.min_spacing() / setup.pixel();
-    let rays_per_pixel = levels.map(f64::exp2).element_product() / (magnification * magnification);
+    let rays_per_pixel = levels.map(marched).element_product() / (magnification * magnification);
     let shares = [
         straight.element_product(),
         smoothstep(2.0, 2.5, levels.max_element()),
         smoothstep(1.3, 1.0, magnification),
-        smoothstep(1.0, 1.5, rays_per_pixel),
+        smoothstep(1.0, 1.1, rays_per_pixel),
     ];
     shares.into_iter().fold(0.0, f64::max)
+}
+
+/// The powers of 2 around the rays per voxel along an axis, with their shares.
+fn powers(level: f64) -> [(u32, f64); 2] {
+    let level = level.min(2.0);
+    // The nearest alone, close to it: a share that does not show is not worth a march.
+    let more = smoothstep(0.1, 0.9, level.fract());
+    [(level.floor(), 1.0 - more), (level.floor() + 1.0, more)].map(|(level, share)| (level.exp2() as u32, share))
+}
+
+/// Rays per voxel along an axis that are marched, of both powers of 2. From a share of an eighth on they count whole,
+/// so that nothing jumps.
+fn marched(level: f64) -> f64 {
+    powers(level).map(|(rays, share)| f64::from(rays) * (8.0 * share).min(1.0)).into_iter().sum()
 }
 
 /// The rays of the pixels of a region.
@@ -64,11 +79,7 @@ pub(super) fn of_pixels(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Regi
 
 /// The rays of intermediate images: with the powers of 2 around the rays per voxel that are asked for.
 pub(super) fn of_images(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region, common: layout::Rays) -> Vec<Rays> {
-    let [a, b] = levels(setup, axis).to_array().map(|level| {
-        let level = level.min(2.0);
-        let more = smoothstep(0.0, 1.0, level.fract());
-        [(level.floor(), 1.0 - more), (level.floor() + 1.0, more)].map(|(level, share)| (level.exp2() as u32, share))
-    });
+    let [a, b] = levels(setup, axis).to_array().map(powers);
     let common = along(setup, axis, common);
     let mut images = Vec::new();
     for (b, share_b) in b {
