@@ -1,7 +1,7 @@
 //! A volume prepared on a device.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -64,6 +64,8 @@ struct Scalars {
     shows: Shows,
     /// What scalars are classified by, for cells of a level.
     table: Mutex<Option<(u32, Arc<TransferTable>)>>,
+    /// Whether things of one value show; empty until a lit picture asks.
+    plateaus: OnceLock<bool>,
     /// The splats of the picture before, drawn again unless a picture needs others.
     emitted: Mutex<Option<(Asked, Arc<Emitted>)>>,
 }
@@ -156,6 +158,7 @@ impl Scene {
             reduction,
             shows,
             table: Mutex::default(),
+            plateaus: OnceLock::new(),
             emitted: Mutex::new(None),
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), *volume.grid(), weights, seconds))
@@ -264,9 +267,7 @@ impl Scene {
 
     /// Which cells of scalars stand for voxels; `None`: voxels do, or the cells of [`ScalarNeed::cut`].
     fn coarse(&self, voxels: &ViewGeometry, settings: &Settings) -> Result<Option<Coarse>> {
-        if let Content::Splats(_) = &self.content {
-            return Ok(None);
-        }
+        let Content::Scalars(scalars) = &self.content else { return Ok(None) };
         let at = |level| Coarse::new(&settings.kernel, voxels.max_growth(), level);
         match settings.level {
             Level::At(0) => Ok(None),
@@ -277,7 +278,9 @@ impl Scene {
             Level::At(level) => Ok(Some(at(Some(level)))),
             Level::Auto => {
                 let serves = !voxels.is_perspective() && self.weights.max <= coarse::MOST_SCALAR;
-                Ok(serves.then(|| at(None)).filter(|cells| (1..=cells::MAX_LEVEL).contains(&cells.level)))
+                let cells = serves.then(|| at(None)).filter(|cells| (1..=cells::MAX_LEVEL).contains(&cells.level));
+                let lit = cells.is_some() && settings.lighting.is_some();
+                Ok(if lit && scalars.has_plateaus()? { None } else { cells })
             }
         }
     }
@@ -372,6 +375,16 @@ impl Lattice {
     /// Why a painter does not draw it, `None` if it does.
     pub(crate) fn refusal(&self, room: &Room) -> Option<String> {
         (room.refusal)(&self.view, &self.settings)
+    }
+}
+
+impl Scalars {
+    fn has_plateaus(&self) -> Result<bool> {
+        if let Some(known) = self.plateaus.get() {
+            return Ok(*known);
+        }
+        let found = coarse::has_plateaus(&self.volume, &self.transfer)?;
+        Ok(*self.plateaus.get_or_init(|| found))
     }
 }
 

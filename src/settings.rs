@@ -163,7 +163,7 @@ pub enum Level {
     /// enough, those of the default Gaussian 1.5 times for level 1, 3 times for level 2. In perspective levels go by
     /// depth; pre-shaded by [`Painter::Quads`] a picture has one level, that of its nearest kernels. Post-shaded along
     /// parallel rays it has one as well, unless values are over 16 times as far from the transfer function's base as
-    /// its control points.
+    /// its control points, or, lit, things of one value show.
     #[default]
     Auto,
     /// Cells of this level, 0 to 12, whatever they lose. Kernels then are at least as wide as cells can have them:

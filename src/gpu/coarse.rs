@@ -16,6 +16,7 @@ use super::scalars::Relative;
 use crate::error::Result;
 use crate::kernel::Kernel;
 use crate::memory::reserved;
+use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, Grid, ToF64, Volume, with_samples};
 
 /// The least kernel of cells. The largest is a step of [`STEPS`] as large, and rays gather kernels of a radius of 2. It
@@ -141,6 +142,28 @@ fn transform(kernel: &Kernel, frequency: f64) -> f64 {
         whole += area;
     }
     sum / whole
+}
+
+/// Whether things of one value show in a volume: in planes and rows far apart, over a twentieth of what shows are runs
+/// of equal samples. Light shows the direction of the smallest gradient, and there cells have others than voxels.
+pub(crate) fn has_plateaus(volume: &Volume, transfer: &TransferFunction) -> Result<bool> {
+    const PLANES: usize = 8;
+    const RUN: usize = 5;
+    let [nx, ny, nz] = volume.grid().dims().map(|n| n as usize);
+    let (slope, intercept) = volume.rescale();
+    let shows = |sample: f64| !transfer.is_invisible([slope * sample + intercept; 2]);
+    let (mut shown, mut equal) = (0_u64, 0_u64);
+    for plane in (0..PLANES).map(|n| (2 * n + 1) * nz / (2 * PLANES)) {
+        let samples = volume.read(plane * nx * ny..(plane + 1) * nx * ny)?;
+        with_samples!(&samples, s => {
+            for run in s.chunks_exact(nx).step_by(4).flat_map(|row| row.windows(RUN)) {
+                let shows = shows(run[0].to_f64());
+                shown += u64::from(shows);
+                equal += u64::from(shows && run.iter().all(|sample| *sample == run[0]));
+            }
+        });
+    }
+    Ok(20 * equal > shown)
 }
 
 /// What makes cells of the voxels of a volume.
