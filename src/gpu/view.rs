@@ -206,9 +206,9 @@ impl ViewGeometry {
         self.growths[1]
     }
 
-    /// The growths between which voxels, or cells of the level before, give way to cells of a level that stand for
-    /// voxels grown `least` times or more. There they have a place in the depth of four cells: sums over planes with
-    /// shares are then as good as those over planes without.
+    /// The growths between which voxels, or cells of the level before, give way to cells of a level, which stand for
+    /// voxels grown `least` times or more. The ramp is four of these cells deep: over fewer planes the shares of both
+    /// would not add up to 1.
     pub(crate) fn ramp(&self, level: u32, least: f64) -> [f64; 2] {
         let [x, y, z] = self.grid.spacing();
         let depth = 4.0 * f64::from(level).exp2() * x.max(y).max(z);
