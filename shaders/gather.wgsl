@@ -54,17 +54,23 @@ fn parts_of(section: Section, sums: Moments) -> Parts {
     var even1 = section.by_m0.x * sums.m0;
     var even2 = section.by_m0.y * sums.m0;
     var even3 = section.by_m0.z * sums.m0;
-    var even4 = section.by_m0.w * sums.m0;
+    var even4 = vec4f(0.0);
+    var odd4 = vec4f(0.0);
+    if REACH > 3 {
+        even4 = section.by_m0.w * sums.m0;
+        odd4 = section.by_m1.w * sums.m1;
+    }
     if CURVED {
         even1 += section.by_m2.x * sums.m2;
         even2 += section.by_m2.y * sums.m2;
         even3 += section.by_m2.z * sums.m2;
-        even4 += section.by_m2.w * sums.m2;
+        if REACH > 3 {
+            even4 += section.by_m2.w * sums.m2;
+        }
     }
     let odd1 = section.by_m1.x * sums.m1;
     let odd2 = section.by_m1.y * sums.m1;
     let odd3 = section.by_m1.z * sums.m1;
-    let odd4 = section.by_m1.w * sums.m1;
     return Parts(
         sums.m0 - 2.0 * (even1 + even2 + even3 + even4),
         even1 + odd1,
@@ -166,7 +172,8 @@ fn is_opaque(ray: RayState) -> bool {
     return ray.depth > rays.opaque_depth;
 }
 
-// The slabs that planes may still add to, the foremost first.
+// The slabs that planes may still add to, the foremost first: from four before the next plane to three behind it. If
+// kernels reach 3 planes, the first has been composited and the last is empty.
 struct Slabs {
     s0: vec4f,
     s1: vec4f,
@@ -174,7 +181,6 @@ struct Slabs {
     s3: vec4f,
     s4: vec4f,
     s5: vec4f,
-    // 0 if kernels reach 3 planes.
     s6: vec4f,
     s7: vec4f,
 }
@@ -193,33 +199,23 @@ fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, all: Moments,
         let share = layer_share(geometry, plane);
         sums = Moments(share * all.m0, share * all.m1, share * all.m2);
     }
-    let parts = parts_of(section_at(geometry, plane), sums);
+    let parts = parts_of(section_at(geometry.near, geometry, plane), sums);
     let pending = *slabs;
+    var complete = pending.s1 + parts.ahead3;
     if REACH > 3 {
-        advance(ray, pending.s0 + parts.ahead4, geometry);
-        *slabs = Slabs(
-            pending.s1 + parts.ahead3,
-            pending.s2 + parts.ahead2,
-            pending.s3 + parts.ahead1,
-            pending.s4 + parts.own,
-            pending.s5 + parts.behind1,
-            pending.s6 + parts.behind2,
-            pending.s7 + parts.behind3,
-            parts.behind4,
-        );
-    } else {
-        advance(ray, pending.s0 + parts.ahead3, geometry);
-        *slabs = Slabs(
-            pending.s1 + parts.ahead2,
-            pending.s2 + parts.ahead1,
-            pending.s3 + parts.own,
-            pending.s4 + parts.behind1,
-            pending.s5 + parts.behind2,
-            parts.behind3,
-            vec4f(0.0),
-            vec4f(0.0),
-        );
+        complete = pending.s0 + parts.ahead4;
     }
+    advance(ray, complete, geometry);
+    *slabs = Slabs(
+        pending.s1 + parts.ahead3,
+        pending.s2 + parts.ahead2,
+        pending.s3 + parts.ahead1,
+        pending.s4 + parts.own,
+        pending.s5 + parts.behind1,
+        pending.s6 + parts.behind2,
+        pending.s7 + parts.behind3,
+        parts.behind4,
+    );
 }
 
 @compute @workgroup_size(64)
@@ -290,7 +286,7 @@ struct NearSlabs {
 
 // `feed` of such kernels.
 fn feed_near(ray: ptr<function, RayState>, slabs: ptr<function, NearSlabs>, sums: Moments, geometry: RayGeometry) {
-    let parts = parts_of(geometry.section, sums);
+    let parts = parts_of(geometry.near.as_asked, sums);
     let pending = *slabs;
     advance(ray, pending.s0 + parts.ahead2, geometry);
     *slabs = NearSlabs(

@@ -149,12 +149,12 @@ fn parts_of(section: Section, sums: Moments) -> FourParts {
 
 // Adds a plane to the slabs that its kernels reach, and composites the two slabs before these.
 fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments, geometry: RayGeometry, plane: i32) {
-    let near = parts_of(section_at(geometry, plane), sums);
+    let near = parts_of(section_at(geometry.near, geometry, plane), sums);
     let pending = *slabs;
     // The middle of the slab that waits.
     let middle = f32(plane) - f32(REACH) - 0.25;
     if REACH > 2 {
-        let far = parts_of(far_section_at(geometry, plane), sums);
+        let far = parts_of(section_at(geometry.far, geometry, plane), sums);
         let first = advance(ray, pending.composited, pending.s0 + far.even0 + far.odd0, geometry, middle);
         let second = advance(ray, first, pending.s1 + far.even1 + far.odd1, geometry, middle + 0.5);
         *slabs = Slabs(

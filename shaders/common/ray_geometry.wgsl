@@ -4,6 +4,13 @@
 // Voxels are scalars.
 override SCALARS: bool = false;
 
+// A section of kernels as asked for, and what a growth less 1, and the square of that, change of it.
+struct GrowingSection {
+    as_asked: Section,
+    once: Section,
+    twice: Section,
+}
+
 // What is constant along a ray. Lengths are in voxels unless a name says otherwise; axes (a, b, m) as in
 // common/rays.wgsl.
 struct RayGeometry {
@@ -18,14 +25,9 @@ struct RayGeometry {
     footprint_half: vec2f,
     row_half: f32,
     row_slope: f32,
-    section: Section,
-    // What a growth less 1 changes of it, and the square of that.
-    section_growth: Section,
-    section_growth2: Section,
-    // The same of the far slabs.
-    far_section: Section,
-    far_growth: Section,
-    far_growth2: Section,
+    // The parts of kernels in near slabs, and in far ones.
+    near: GrowingSection,
+    far: GrowingSection,
     // The growth of a kernel where the ray meets plane 0, and its change from plane to plane.
     growth: vec2f,
     // The planes, as real numbers, between which the ray counts: of scalars in front of the eye and inside the box; of
@@ -65,11 +67,21 @@ fn section_between(step: u32, fraction: f32, lean: f32) -> Section {
     );
 }
 
+// The same with what growth changes.
+fn sections_between(step: u32, fraction: f32, lean: f32) -> GrowingSection {
+    return GrowingSection(
+        section_between(step, fraction, lean),
+        section_between(step + SECTIONS, fraction, lean),
+        section_between(step + 2u * SECTIONS, fraction, lean),
+    );
+}
+
 fn geometry_of(point: vec2u) -> RayGeometry {
     let line = line_of(point);
     var geometry = RayGeometry(line.base, line.shear, rays.direction, rays.stretch, rays.footprint_half, rays.row_half,
-        rays.row_slope, rays.sections[0], Section(), Section(), rays.sections[FAR_SECTIONS], Section(), Section(),
-        vec2f(1.0, 0.0), vec2f(-FAR, FAR), vec3f(0.0, 0.0, -1.0));
+        rays.row_slope, GrowingSection(rays.sections[0], Section(), Section()),
+        GrowingSection(rays.sections[FAR_SECTIONS], Section(), Section()), vec2f(1.0, 0.0), vec2f(-FAR, FAR),
+        vec3f(0.0, 0.0, -1.0));
     if PERSPECTIVE {
         let per_length = inverseSqrt(dot(line.heading, line.heading));
         let d = line.heading * per_length;
@@ -87,13 +99,8 @@ fn geometry_of(point: vec2u) -> RayGeometry {
         // The last step ends just before the last entry, so that step + 1 is an entry.
         let place = clamp(lean * SECTION_STEPS, 0.0, f32(SECTIONS) - 1.001);
         let step = u32(place);
-        geometry.section = section_between(step, place - f32(step), lean);
-        geometry.section_growth = section_between(step + SECTIONS, place - f32(step), lean);
-        geometry.section_growth2 = section_between(step + 2u * SECTIONS, place - f32(step), lean);
-        let far = step + FAR_SECTIONS;
-        geometry.far_section = section_between(far, place - f32(step), lean);
-        geometry.far_growth = section_between(far + SECTIONS, place - f32(step), lean);
-        geometry.far_growth2 = section_between(far + 2u * SECTIONS, place - f32(step), lean);
+        geometry.near = sections_between(step, place - f32(step), lean);
+        geometry.far = sections_between(step + FAR_SECTIONS, place - f32(step), lean);
         let slope_along = dot(rays.growth_slope, vec3f(line.shear, 1.0));
         let at_first = vec3f(line.base, 0.0) - rays.middle;
         geometry.growth = vec2f(rays.growth_middle + dot(rays.growth_slope, at_first), slope_along);
@@ -152,31 +159,19 @@ fn add_to_pixel(at: vec2u, value: vec4f) {
     }
 }
 
-// The section of kernels that have grown so much, less 1.
-fn grown_section(section: Section, once: Section, twice: Section, t: f32) -> Section {
-    return Section(
-        section.by_m0 + t * (once.by_m0 + t * twice.by_m0),
-        section.by_m1 + t * (once.by_m1 + t * twice.by_m1),
-        section.by_m2 + t * (once.by_m2 + t * twice.by_m2),
-    );
-}
-
-// The parts of kernels as large as those around the place where the ray meets a plane.
-fn section_at(geometry: RayGeometry, plane: i32) -> Section {
+// Sections of kernels as large as those around the place where the ray meets a plane.
+fn section_at(sections: GrowingSection, geometry: RayGeometry, plane: i32) -> Section {
     if GROWN {
         let t = clamp(growth_at(geometry, plane), 1.0, rays.growth_most) - 1.0;
-        return grown_section(geometry.section, geometry.section_growth, geometry.section_growth2, t);
+        let once = sections.once;
+        let twice = sections.twice;
+        return Section(
+            sections.as_asked.by_m0 + t * (once.by_m0 + t * twice.by_m0),
+            sections.as_asked.by_m1 + t * (once.by_m1 + t * twice.by_m1),
+            sections.as_asked.by_m2 + t * (once.by_m2 + t * twice.by_m2),
+        );
     }
-    return geometry.section;
-}
-
-// The same in the far slabs.
-fn far_section_at(geometry: RayGeometry, plane: i32) -> Section {
-    if GROWN {
-        let t = clamp(growth_at(geometry, plane), 1.0, rays.growth_most) - 1.0;
-        return grown_section(geometry.far_section, geometry.far_growth, geometry.far_growth2, t);
-    }
-    return geometry.far_section;
+    return sections.as_asked;
 }
 
 // The planes of a run that can matter to a ray: the first, and the one after the last.

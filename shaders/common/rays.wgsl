@@ -132,8 +132,8 @@ struct Rays {
 // by_m0 m0 + by_m1 m1 + by_m2 m2 of the plane's moments. Behind the centre the sign of s changes.
 //
 // Slabs of scalars are half a plane thick; the first component is the foremost slab, two planes before the centre, or
-// four planes if the section is a far one. Slabs of colours are a plane
-// thick; the components are the slabs one to four before the kernel's own, which has the rest.
+// four planes if the section is a far one. Slabs of colours are a plane thick; the components are the slabs one to four
+// before the kernel's own, which has the rest.
 struct Section {
     by_m0: vec4f,
     by_m1: vec4f,
