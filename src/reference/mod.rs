@@ -57,9 +57,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::budget::{MAX_CHORDS, MAX_RAY_CHORDS, too_much};
+use crate::camera::Camera;
 #[cfg(doc)]
 use crate::camera::Growth;
-use crate::camera::{Camera, Projection};
 #[cfg(doc)]
 use crate::error::Error;
 use crate::error::Result;
@@ -168,45 +168,63 @@ impl Reference {
     /// [`Error::Camera`] if the camera is not finite; [`Error::Setting`] if a side of the
     /// picture is 0 or over [`Camera::MAX_SIZE`] pixels.
     pub fn render(&self, camera: &Camera) -> Result<Image> {
+        let [width, height] = camera.size;
+        let mut image = Image::transparent(width, height)?;
+        let rows = image.pixels_mut().par_chunks_exact_mut(width as usize).enumerate();
+        self.traced(camera, f64::from(width) * f64::from(height), rows, |tracer, (y, row)| {
+            for (x, pixel) in (0..width).zip(row) {
+                *pixel = tracer.pixel([x, y as u32]).map(|v| v as f32);
+            }
+        })?;
+        Ok(image)
+    }
+
+    /// Some pixels (column and row, from the top left) of the picture that a camera sees, in the order given:
+    /// premultiplied red, green, blue and alpha. Pixels outside of the picture are as the rays through them.
+    ///
+    /// # Errors
+    /// Those of [`Self::render`], for rays through these pixels only.
+    pub fn pixels(&self, camera: &Camera, pixels: &[[u32; 2]]) -> Result<Vec<[f64; 4]>> {
+        self.traced(camera, pixels.len() as f64, pixels.par_iter(), |tracer, pixel| tracer.pixel(*pixel))
+    }
+
+    /// Does some work for each of `items`, which trace so many rays in all, on all cores.
+    fn traced<I: IndexedParallelIterator, O: Send>(
+        &self,
+        camera: &Camera,
+        rays: f64,
+        items: I,
+        work: impl Fn(&Tracer<'_>, I::Item) -> O + Sync,
+    ) -> Result<Vec<O>> {
         camera.validate()?;
-        let camera = &Camera { target: camera.target - self.center, ..*camera };
+        let camera = Camera { target: camera.target - self.center, ..*camera };
         camera.check_scale(&self.grid)?;
-        thread_local! {
-            static SCRATCH: RefCell<Scratch> = RefCell::default();
-        }
-        let two_sided = matches!(camera.projection, Projection::Orthographic { .. });
         let sizes = if self.antialiasing {
-            Sizes::seen(self.radius, &self.grid, camera, camera.growth(&self.grid))
+            Sizes::seen(self.radius, &self.grid, &camera, camera.growth(&self.grid))
         } else {
             Sizes::fixed(self.radius)
         };
-        let [width, height] = camera.size;
-        let chords = self.chords(camera, sizes);
-        let most = MAX_CHORDS.min(MAX_RAY_CHORDS * f64::from(width) * f64::from(height));
+        let chords = self.chords(&camera, sizes, rays);
+        let most = MAX_CHORDS.min(MAX_RAY_CHORDS * rays);
         if chords > most {
             let what = format!("rays would cut {chords:.0e} chords out of kernels, at most {most:.0e} are added up");
             return Err(too_much(&what, sizes.largest(self.radius)));
         }
-        let done = Mutex::new(0_u32);
-        let mut image = Image::transparent(width, height)?;
-        image.pixels_mut().par_chunks_mut(width as usize).enumerate().for_each(|(y, row)| {
-            SCRATCH.with_borrow_mut(|scratch| {
-                for (x, pixel) in (0..width).zip(row) {
-                    let (sx, sy) = camera.image_coordinates([x, y as u32]);
-                    let (origin, direction) = camera.ray(sx, sy);
-                    *pixel = self.trace(origin, direction, two_sided, sizes, scratch).rgba().map(|v| v as f32);
-                }
-            });
+        let tracer = Tracer { reference: self, camera, sizes };
+        let (count, done) = (items.len(), Mutex::new(0_usize));
+        let work = |item| {
+            let made = work(&tracer, item);
             // Held while reporting: a fraction never follows a larger one.
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
             *done += 1;
-            self.progress.report("integrating", f64::from(*done) / f64::from(height));
-        });
-        Ok(image)
+            self.progress.report("integrating", *done as f64 / count as f64);
+            made
+        };
+        Ok(items.map(work).collect())
     }
 
-    /// About how many chords of kernels a picture adds up, from some of its rays.
-    fn chords(&self, camera: &Camera, sizes: Sizes) -> f64 {
+    /// About how many chords of kernels so many rays of a picture add up, from some of them.
+    fn chords(&self, camera: &Camera, sizes: Sizes, rays: f64) -> f64 {
         const SIDE: u32 = 32;
         let [across, down] = camera.size.map(|side| side.min(SIDE));
         let ray = |x: u32, y: u32| {
@@ -217,7 +235,7 @@ impl Reference {
             Walk::new(sight, ray).map(|walk| walk.chords())
         };
         let sum: f64 = (0..down).flat_map(|y| (0..across).filter_map(move |x| ray(x, y))).sum();
-        sum * f64::from(camera.size[0]) / f64::from(across) * f64::from(camera.size[1]) / f64::from(down)
+        sum * rays / (f64::from(across) * f64::from(down))
     }
 
     /// What a single ray collects, from `origin` along `direction` (world coordinates, unit length), in f64.
@@ -301,6 +319,28 @@ impl Reference {
                 RayIntegral::uniform(color, if most > 0.0 { opacity / most } else { 0.0 })
             }
         }
+    }
+}
+
+/// The rays of a picture.
+struct Tracer<'a> {
+    reference: &'a Reference,
+    /// In the world that begins in the middle of the lattice.
+    camera: Camera,
+    sizes: Sizes,
+}
+
+impl Tracer<'_> {
+    /// A pixel: premultiplied red, green, blue and alpha.
+    fn pixel(&self, pixel: [u32; 2]) -> [f64; 4] {
+        thread_local! {
+            static SCRATCH: RefCell<Scratch> = RefCell::default();
+        }
+        let (sx, sy) = self.camera.image_coordinates(pixel);
+        let (origin, direction) = self.camera.ray(sx, sy);
+        let two_sided = self.camera.eye().is_none();
+        let trace = |scratch: &mut Scratch| self.reference.trace(origin, direction, two_sided, self.sizes, scratch);
+        SCRATCH.with_borrow_mut(trace).rgba()
     }
 }
 

@@ -355,3 +355,18 @@ fn finer_steps_change_nothing() {
         assert!(worst < 1e-8, "{model:?} {shading:?}: {worst:e}");
     }
 }
+
+#[test]
+fn some_pixels_are_those_of_the_picture() {
+    let volume = volume([5, 4, 3], DMat3::IDENTITY, &[([1, 1, 1], 1), ([3, 2, 1], 2)]);
+    let reference = prepared(&volume, &Kernel::default());
+    let view = View { azimuth: 20.0, projection: ProjectionKind::Perspective { fov: 30.0 }, ..View::default() };
+    let camera = Camera::new(&view, volume.grid(), [9, 7]).unwrap();
+    let image = reference.render(&camera).unwrap();
+    let places = [[4, 3], [8, 6], [0, 0], [5, 2], [4, 3]];
+    let some = reference.pixels(&camera, &places).unwrap();
+    for ([x, y], pixel) in places.into_iter().zip(&some) {
+        assert_eq!(image.pixels()[(y * 9 + x) as usize], pixel.map(|v| v as f32));
+    }
+    assert!(some[0][3] > 0.1 && reference.pixels(&camera, &[]).unwrap().is_empty());
+}
