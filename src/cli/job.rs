@@ -13,7 +13,8 @@ use voxsplat::volume::Grid;
 
 use super::Failure;
 use super::args::{
-    CompareArgs, ModelArgs, PainterArg, PainterArgs, ProjectionArg, RenderArgs, StatsFormat, SwitchArg, ViewArgs,
+    CompareArgs, ModelArgs, PainterArg, PainterArgs, ParetoArgs, ProjectionArg, RenderArgs, StatsFormat, SwitchArg,
+    ViewArgs,
 };
 use super::parse::LightArg;
 
@@ -82,7 +83,7 @@ fn check_output(path: &Path) -> Result<(), Failure> {
 
 impl RenderJob {
     pub(super) fn new(args: RenderArgs) -> Result<Self, Failure> {
-        let settings = settings(&args.model, &args.painter, &args.view)?;
+        let settings = settings(&args.model, painter(&args.painter)?, &args.view)?;
         let view = view(&args.view)?;
         // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
@@ -107,7 +108,8 @@ impl RenderJob {
     }
 }
 
-fn settings(model: &ModelArgs, by: &PainterArgs, view: &ViewArgs) -> Result<Settings, Failure> {
+/// The settings of a picture.
+fn settings(model: &ModelArgs, painter: Painter, view: &ViewArgs) -> Result<Settings, Failure> {
     let settings = Settings {
         model: model.model,
         shading: model.shading,
@@ -118,7 +120,7 @@ fn settings(model: &ModelArgs, by: &PainterArgs, view: &ViewArgs) -> Result<Sett
         level: model.level,
         kernel: model.kernel,
         normalization: model.normalization,
-        painter: painter(by)?,
+        painter,
     };
     settings.validate()?;
     Ok(settings)
@@ -217,6 +219,63 @@ fn view(args: &ViewArgs) -> Result<View, Failure> {
         view_height: args.view_height,
         distance: args.distance,
     })
+}
+
+/// A volume to be drawn in many ways.
+#[derive(Debug)]
+pub(super) struct ParetoJob {
+    pub(super) source: PathBuf,
+    pub(super) load: LoadOptions,
+    pub(super) transfer: Transfer,
+    /// The view asked for, and others.
+    pub(super) views: Vec<View>,
+    /// Width and height of the pictures, pixels.
+    pub(super) size: [u32; 2],
+    pub(super) settings: Settings,
+    pub(super) adapter: Option<String>,
+    pub(super) directory: PathBuf,
+    pub(super) repeats: u32,
+    pub(super) sample: u32,
+    pub(super) patience: f64,
+    pub(super) resume: bool,
+    pub(super) rivals: Option<PathBuf>,
+}
+
+/// The golden angle, degrees: steps of it spread any number of views evenly.
+const GOLDEN_ANGLE: f64 = 137.507_764_050_037_85;
+
+impl ParetoJob {
+    pub(super) fn new(args: ParetoArgs) -> Result<Self, Failure> {
+        let settings = settings(&args.model, Painter::Auto, &args.view)?;
+        let first = view(&args.view)?;
+        Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
+        let turned = |i: u32| {
+            let elevations = [0.0, 25.0, -35.0, 55.0, -15.0];
+            View {
+                direction: None,
+                azimuth: first.azimuth + f64::from(i) * GOLDEN_ANGLE,
+                elevation: elevations[i as usize % elevations.len()],
+                ..first.clone()
+            }
+        };
+        let views = std::iter::once(first.clone()).chain((1..args.views).map(turned)).collect();
+        let transfer = Transfer::new(args.model.transfer)?;
+        Ok(Self {
+            load: args.input.options(),
+            source: args.input.source,
+            transfer,
+            views,
+            size: args.size,
+            settings,
+            adapter: args.adapter,
+            directory: args.output,
+            repeats: args.repeats,
+            sample: args.sample,
+            patience: args.patience,
+            resume: args.resume,
+            rivals: args.rivals,
+        })
+    }
 }
 
 /// Two pictures to compare.

@@ -22,7 +22,7 @@ use super::{Failure, output};
 
 /// Host times of the stages, in the order in which they ran.
 #[derive(Default)]
-struct Stages(Vec<StageTime>);
+pub(super) struct Stages(Vec<StageTime>);
 
 impl Stages {
     fn time<T>(&mut self, name: &'static str, work: impl FnOnce() -> T) -> T {
@@ -118,7 +118,7 @@ fn print_stats<S: Serialize>(
 }
 
 /// The transfer function of a job, and a note for the user if a preset was suggested.
-fn transfer(
+pub(super) fn transfer(
     source: &Path,
     choice: Transfer,
     volume: &Volume,

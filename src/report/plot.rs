@@ -19,7 +19,7 @@ pub struct Point {
     pub seconds: f64,
     /// How far off it is. 0 is shown at the lower edge.
     pub error: f64,
-    /// Whether it is on the front, which a line joins.
+    /// Whether it is on the front of its series, which a line joins.
     pub front: bool,
     /// Its shape.
     pub marker: Marker,
@@ -36,7 +36,7 @@ pub enum Marker {
     Square,
 }
 
-const SIZE: (u32, u32) = (960, 600);
+const SIZE: (u32, u32) = (960, 640);
 const FONT: &str = "sans-serif";
 /// Okabe and Ito's colours, which people tell apart whatever colours they see (2008, "Color universal design").
 const COLORS: [RGBColor; 7] = [
@@ -49,9 +49,19 @@ const COLORS: [RGBColor; 7] = [
     RGBColor(90, 90, 90),
 ];
 const INK: RGBColor = RGBColor(40, 40, 40);
+/// Room at the left and right of the title and the legend, pixels.
+const EDGE: i32 = 24;
+const TITLE_HEIGHT: i32 = 48;
+const LEGEND_ROW: i32 = 22;
+const LEGEND_COLUMNS: usize = 2;
+
+/// The colour of a series.
+fn color(index: usize) -> RGBColor {
+    COLORS[index % COLORS.len()]
+}
 
 /// An SVG picture of points: seconds of a frame to the right, errors upwards, both in powers of ten. Points on the
-/// front are solid and joined, others are pale.
+/// front of their series are solid and joined, others are pale.
 ///
 /// # Errors
 /// [`Error::Image`] if there is no point with finite numbers and a time over 0.
@@ -85,8 +95,25 @@ fn draw<'a>(
     [x, y]: [[f64; 2]; 2],
 ) -> Drawn<'a> {
     area.fill(&WHITE)?;
-    let mut chart = ChartBuilder::on(area)
-        .caption(title, (FONT, 20).into_font().color(&INK))
+    let mut names: Vec<&str> = Vec::new();
+    for point in points {
+        if !names.contains(&point.series.as_str()) {
+            names.push(&point.series);
+        }
+    }
+    let text = |size: u32| (FONT, size).into_font().color(&INK);
+    let rows = names.len().div_ceil(LEGEND_COLUMNS) as i32;
+    let (above, chart_area) = area.split_vertically(TITLE_HEIGHT + LEGEND_ROW * rows);
+    above.draw(&Text::new(title, (EDGE, 12), text(20)))?;
+    for (index, name) in names.iter().enumerate() {
+        let (column, row) = ((index % LEGEND_COLUMNS) as i32, (index / LEGEND_COLUMNS) as i32);
+        let (x, y) =
+            (EDGE + column * (SIZE.0 as i32 - 2 * EDGE) / LEGEND_COLUMNS as i32, TITLE_HEIGHT + LEGEND_ROW * row);
+        let shape = points.iter().find(|point| point.series == *name).map_or(Marker::Disc, |point| point.marker);
+        above.draw(&Mark { at: (x + 6, y + 7), shape, size: 5, style: color(index).filled() })?;
+        above.draw(&Text::new(*name, (x + 20, y), text(14)))?;
+    }
+    let mut chart = ChartBuilder::on(&chart_area)
         .margin(12)
         .margin_right(24)
         .x_label_area_size(44)
@@ -101,44 +128,28 @@ fn draw<'a>(
         .y_desc(error_name)
         .x_label_formatter(&|seconds| power_of_ten(*seconds))
         .y_label_formatter(&|error| power_of_ten(*error))
-        .axis_desc_style((FONT, 15).into_font().color(&INK))
-        .label_style((FONT, 13).into_font().color(&INK))
+        .axis_desc_style(text(15))
+        .label_style(text(13))
         .draw()?;
     let place = |point: &Point| (point.seconds, point.error.max(y[0]));
-    let mut front: Vec<(f64, f64)> = points.iter().filter(|p| p.front).map(|p| place(p)).collect();
-    front.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // What is not slower than a point can have its error: the front is a staircase.
-    let steps = front.windows(2).flat_map(|w| [w[0], (w[1].0, w[0].1)]).chain(front.last().copied());
-    let steps: Vec<(f64, f64)> = steps.collect();
-    chart.draw_series([PathElement::new(steps, INK.mix(0.5).stroke_width(1))])?;
-    let mut names: Vec<&str> = Vec::new();
-    for point in points {
-        if !names.contains(&point.series.as_str()) {
-            names.push(&point.series);
-        }
-    }
     for (index, name) in names.iter().enumerate() {
-        let color = COLORS[index % COLORS.len()];
         let of_series = || points.iter().filter(|point| point.series == *name);
-        let shape = of_series().next().map_or(Marker::Disc, |point| point.marker);
-        let drawn = chart.draw_series(of_series().map(|point| {
-            let style = if point.front { color.filled() } else { color.mix(0.45).filled() };
+        let mut front: Vec<(f64, f64)> = of_series().filter(|p| p.front).map(|p| place(p)).collect();
+        front.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // What is not slower than a point can have its error: the front is a staircase.
+        let steps = front.windows(2).flat_map(|w| [w[0], (w[1].0, w[0].1)]).chain(front.last().copied());
+        let steps: Vec<(f64, f64)> = steps.collect();
+        chart.draw_series([PathElement::new(steps, color(index).mix(0.6).stroke_width(1))])?;
+        chart.draw_series(of_series().map(|point| {
+            let style = if point.front { color(index).filled() } else { color(index).mix(0.4).filled() };
             Mark { at: place(point), shape: point.marker, size: if point.front { 6 } else { 4 }, style }
         }))?;
-        drawn.label(*name).legend(move |(x, y)| Mark { at: (x + 9, y), shape, size: 5, style: color.filled() });
     }
     let label = |point: &&Point| {
-        let text = point.label.clone().unwrap_or_default();
-        EmptyElement::at(place(point)) + Text::new(text, (8, -16), (FONT, 13).into_font().color(&INK))
+        let words = point.label.clone().unwrap_or_default();
+        EmptyElement::at(place(point)) + Text::new(words, (8, -16), text(13))
     };
     chart.draw_series(points.iter().filter(|point| point.label.is_some()).map(label))?;
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .background_style(WHITE.mix(0.85))
-        .border_style(RGBColor(205, 205, 205))
-        .label_font((FONT, 13).into_font().color(&INK))
-        .draw()?;
     area.present()?;
     Ok(())
 }
@@ -202,7 +213,7 @@ mod tests {
         let svg = plot("speed & error", "rms", &points).unwrap();
         assert!(svg.starts_with("<svg") && svg.contains("best") && svg.contains("speed &amp; error"), "{svg}");
         // Two points, of which one is in the legend as well.
-        assert_eq!(svg.matches("<circle").count(), 3);
+        assert_eq!(svg.matches("<circle").count(), 3, "{svg}");
         assert!(svg.contains("a &lt; b"));
     }
 

@@ -151,15 +151,19 @@ impl Measurement {
     }
 }
 
-/// The measurements that no other beats: none is at most as slow and at most as far off by `error`, and better in one
-/// of the two. Indices, fastest first. Of equal ones the first counts.
+/// The measurements that no other of their model beats: none is at most as slow and at most as far off by `error`, and
+/// better in one of the two. Indices, model by model, fastest first. Of equal ones the first counts.
 #[must_use]
 pub fn front(measurements: &[Measurement], error: fn(&Errors) -> f64) -> Vec<usize> {
-    let timed = |(index, m): (usize, &Measurement)| Some((m.seconds()?, error(&m.errors), index));
-    let mut timed: Vec<(f64, f64, usize)> = measurements.iter().enumerate().filter_map(timed).collect();
-    timed.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
-    let mut least = f64::INFINITY;
-    timed.retain(|&(_, error, _)| {
+    let model_of = |m: &Measurement| measurements.iter().position(|other| other.model == m.model);
+    let timed = |(index, m): (usize, &Measurement)| Some((model_of(m)?, m.seconds()?, error(&m.errors), index));
+    let mut timed: Vec<(usize, f64, f64, usize)> = measurements.iter().enumerate().filter_map(timed).collect();
+    timed.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.total_cmp(&b.2)).then(a.3.cmp(&b.3)));
+    let (mut of, mut least) = (usize::MAX, f64::INFINITY);
+    timed.retain(|&(model, _, error, _)| {
+        if model != of {
+            (of, least) = (model, f64::INFINITY);
+        }
         let better = error < least;
         least = least.min(error);
         better
@@ -335,7 +339,9 @@ mod tests {
             measured(2.0, 0.2),
         ];
         all.push(Measurement { frames: Vec::new(), ..measured(0.0, 0.0) });
-        assert_eq!(front(&all, |errors| errors.rms), [3, 0, 4]);
+        // Its time and error are against those of its own model.
+        all.insert(0, Measurement { model: "other".to_owned(), ..measured(9.0, 0.9) });
+        assert_eq!(front(&all, |errors| errors.rms), [0, 4, 1, 5]);
         assert!(front(&[], |errors| errors.max).is_empty());
     }
 
