@@ -315,7 +315,7 @@ fn gradients_at_the_edge_take_the_edge_for_its_neighbour() {
     let splats = Splats::new(&volume, &ramp(&[(0.0, 0.1), (1.0, 0.2)], 1.0), &lit).unwrap();
     for x in 0..2 {
         // Half a step of 1 per 2 world units.
-        assert_eq!(splats.get([x, 0, 0]).unwrap().gradient, Some(DVec3::new(0.25, 0.0, 0.0)));
+        assert_eq!(splats.gradient([x, 0, 0]), DVec3::new(0.25, 0.0, 0.0));
     }
 }
 
@@ -341,7 +341,7 @@ fn finer_steps_change_nothing() {
         let how = Settings { lighting, ..settings(Kernel::default(), model, shading) };
         let scene = Reference::new(&volume, &transfer, &how).unwrap();
         let mut finer = Reference::new(&volume, &transfer, &how).unwrap();
-        finer.longest_step *= 0.21;
+        finer.longest *= 0.21;
         let mut worst = 0.0_f64;
         for i in 0..40 {
             // Along an axis, where chords end together and pieces are longest, and across.
