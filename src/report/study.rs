@@ -133,6 +133,8 @@ pub struct Measurement {
     pub refused: Option<String>,
     /// The painter that drew it.
     pub painter: String,
+    /// The views that were drawn: all, or only the first if that took long.
+    pub views: u32,
     /// Seconds of preparing the volume and drawing the first frame.
     pub first: f64,
     /// Seconds of the timed frames.
@@ -178,6 +180,8 @@ pub struct Study<'a> {
     transfer: &'a TransferFunction,
     cameras: &'a [Camera],
     sample: Sample,
+    /// Seconds of a frame beyond which only the first view is drawn.
+    patience: f64,
     /// The scene of the variant before, and what it was prepared for.
     scene: Option<(Shading, Scene)>,
 }
@@ -197,10 +201,16 @@ impl<'a> Study<'a> {
         match cameras {
             [first, rest @ ..] if rest.iter().all(|camera| camera.size == first.size) => {
                 let sample = Sample::new(first.size, sample);
-                Ok(Self { renderer, volume, transfer, cameras, sample, scene: None })
+                Ok(Self { renderer, volume, transfer, cameras, sample, patience: f64::INFINITY, scene: None })
             }
             _ => Err(Error::Camera("a study needs cameras with pictures of one size".to_owned())),
         }
+    }
+
+    /// The same, which draws only the first view if a frame of it takes over so many seconds.
+    #[must_use]
+    pub fn with_patience(self, seconds: f64) -> Self {
+        Self { patience: seconds, ..self }
     }
 
     /// The pixels that are compared.
@@ -235,6 +245,7 @@ impl<'a> Study<'a> {
             name: name.clone(),
             refused: None,
             painter: String::new(),
+            views: 0,
             first: 0.0,
             frames: Vec::new(),
             errors: Errors::default(),
@@ -255,6 +266,9 @@ impl<'a> Study<'a> {
         let start = Instant::now();
         self.scene = None;
         for (camera, truth) in self.cameras.iter().zip(truth) {
+            if measured.first > self.patience {
+                break;
+            }
             let rendered = self.draw(camera, settings)?;
             if measured.first == 0.0 {
                 measured.first = start.elapsed().as_secs_f64();
@@ -262,6 +276,7 @@ impl<'a> Study<'a> {
             }
             let c = compare(&self.sample.of(&rendered.image)?, truth, 0.0)?;
             let [red, green, blue, alpha] = c.max_channel;
+            measured.views += 1;
             let errors = &mut measured.errors;
             let psnr = if errors.psnr == 0.0 { c.psnr } else { c.psnr.min(errors.psnr) };
             *errors = Errors {
@@ -276,12 +291,12 @@ impl<'a> Study<'a> {
         Ok(())
     }
 
-    /// Times a frame of each view, after a frame that is not timed.
+    /// Times a frame of each view that was measured, after a frame that is not timed.
     ///
     /// # Errors
     /// Those of [`Renderer::render`].
     pub fn time(&mut self, variant: &Variant, measured: &mut Measurement) -> Result<()> {
-        for camera in self.cameras {
+        for camera in self.cameras.iter().take(measured.views as usize) {
             self.draw(camera, &variant.settings)?;
             let turn = DQuat::from_axis_angle(camera.up, TURN.to_radians());
             let turned = Camera { forward: turn * camera.forward, right: turn * camera.right, ..*camera };
@@ -322,6 +337,7 @@ mod tests {
             name: String::new(),
             refused: None,
             painter: String::new(),
+            views: 0,
             first: 0.0,
             frames: vec![2.0 * seconds, seconds, 0.0],
             errors: Errors { rms, ..Errors::default() },

@@ -90,7 +90,7 @@ pub(super) fn run(mut job: ParetoJob) -> Result<(), Failure> {
         job.views.iter().map(|view| Camera::new(view, volume.grid(), job.size)).collect::<Result<_, _>>()?;
     let options = RendererOptions { adapter: job.adapter.clone(), ..RendererOptions::default() };
     let renderer = silenced(|| Renderer::new(&options))?;
-    let study = Study::new(&renderer, &volume, &transfer, &cameras, job.sample)?;
+    let study = Study::new(&renderer, &volume, &transfer, &cameras, job.sample)?.with_patience(job.patience);
     let words = std::env::args_os().skip(2).map(|word| word.to_string_lossy().into_owned());
     let base = without(words, &OWN, &["--resume"]);
     let adapter = renderer.adapter();
@@ -206,7 +206,8 @@ impl<'a> Run<'a> {
                 let Some(at) = self.measurement(variant) else { continue };
                 let measured = &mut self.kept.measurements[at];
                 let slow = measured.seconds().is_some_and(|seconds| seconds > job.patience);
-                if measured.refused.is_none() && !slow && measured.frames.len() < round * views {
+                let all = round * views.min(measured.views as usize);
+                if measured.refused.is_none() && !slow && measured.frames.len() < all {
                     self.study.time(variant, measured)?;
                     self.save()?;
                 }
@@ -230,9 +231,14 @@ impl<'a> Run<'a> {
             plots.push(svg);
         }
         let mut pictures = Vec::new();
-        let ends = [(front.last(), "The most exact of the front"), (front.first(), "The fastest of the front")];
-        for (index, title) in ends {
-            let Some(measured) = index.map(|&index| self.kept.measurements[index].clone()) else { continue };
+        let best = |of: &dyn Fn(&Measurement) -> f64| {
+            let measurements = front.iter().map(|&index| &self.kept.measurements[index]);
+            measurements.min_by(|a, b| of(a).total_cmp(&of(b))).cloned()
+        };
+        let exact = (best(&|m| m.errors.rms), "The most exact of the front");
+        let fast = (best(&|m| m.seconds().unwrap_or(f64::INFINITY)), "The fastest of the front");
+        for (measured, title) in [exact, fast] {
+            let Some(measured) = measured else { continue };
             let found = self.variants.iter().find(|v| v.model == measured.model && v.name == measured.name).cloned();
             let Some(variant) = found else { continue };
             let truth = self.truth(&variant)?;
@@ -301,18 +307,19 @@ fn points(measurements: &[Measurement], error: ErrorOf, rivals: &[Rival]) -> Vec
 fn csv(measurements: &[Measurement], front: &[usize], commands: &[String]) -> String {
     let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
     let mut text =
-        "model,name,painter,front,frame_s,first_s,frames,max,p999,rms,psnr_db,alpha_max,color_max,refused,command\n"
+        "model,name,painter,front,views,frame_s,first_s,frames,max,p999,rms,psnr_db,alpha_max,color_max,refused,command\n"
             .to_owned();
     for (index, (m, command)) in measurements.iter().zip(commands).enumerate() {
         let number = front.iter().position(|&at| at == index).map(|number| (number + 1).to_string());
         let seconds = m.seconds().map(|seconds| seconds.to_string()).unwrap_or_default();
         let Errors { max, p999, rms, psnr, alpha, color } = m.errors;
         text += &format!(
-            "{},{},{},{},{seconds},{},{},{max},{p999},{rms},{psnr},{alpha},{color},{},{}\n",
+            "{},{},{},{},{},{seconds},{},{},{max},{p999},{rms},{psnr},{alpha},{color},{},{}\n",
             quoted(&m.model),
             quoted(&m.name),
             m.painter,
             number.unwrap_or_default(),
+            m.views,
             m.first,
             m.frames.len(),
             quoted(m.refused.as_deref().unwrap_or_default()),
