@@ -18,11 +18,9 @@ const TOLERANCE: f64 = 1e-9;
 /// The transmittance beyond which nothing more is seen, at least.
 const OPAQUE: f64 = 1e-12;
 /// The error that the jumps of a smooth block make, over the sum of the squares of their optical depths.
-const UNEVENNESS: f64 = 0.01;
+const UNEVENNESS: f64 = 0.3;
 /// The share of the tolerance that one part of a classified field may take.
 const PIECE_SHARE: f64 = 0.01;
-/// Steps of a smooth block.
-const SMOOTH_STEPS: u32 = 3;
 /// How often a step is halved at most.
 const MAX_LEVEL: u32 = 26;
 /// Length in voxels down to which the places are looked for where a polynomial meets a value that it may just touch.
@@ -112,6 +110,8 @@ pub(super) struct Accuracy {
     /// The kernel at the rim of its support.
     pub(super) rim: f64,
     pub(super) rule: Gauss<MOMENTS>,
+    /// Steps of a block of extinction and emission.
+    pub(super) steps: f64,
 }
 
 impl Accuracy {
@@ -130,19 +130,42 @@ pub(super) struct Emission<'a> {
 }
 
 impl Emission<'_> {
-    /// Adds a block no longer than the kernel needs; whether there is more to see.
+    /// Adds a block; whether there is more to see.
     pub(super) fn block(&mut self, block: &Block<'_>, cuts: &mut Cuts) -> bool {
-        let Accuracy { tolerance, rim, rule } = self.accuracy;
-        if *tolerance > 0.0 {
-            let seen = (-self.sum.optical_depth).exp();
-            let jumps = block.unevenness(*rim) * (2.0 * block.half * self.measure).powi(2);
-            if UNEVENNESS * jumps * seen <= *tolerance {
-                let series = block.smooth(rule);
-                let at = |i: u32| 2.0 * f64::from(i) / f64::from(SMOOTH_STEPS) - 1.0;
-                return (0..SMOOTH_STEPS).all(|i| self.step(&series, block.half, at(i), at(i + 1)));
-            }
+        let Accuracy { tolerance, rim, steps, .. } = *self.accuracy;
+        let seen = (-self.sum.optical_depth).exp();
+        let jumps = block.unevenness(rim) * (2.0 * block.half * self.measure).powi(2);
+        if tolerance > 0.0 && UNEVENNESS * jumps * seen <= tolerance && self.smooth(block) {
+            return !self.accuracy.is_opaque(&self.sum);
         }
-        block.pieces(cuts, |series, a, b| self.step(series, block.half, a, b))
+        block.pieces(cuts, |series, a, b| {
+            let parts = ((b - a) / 2.0 * steps).ceil();
+            let at = |i: f64| if i < parts { a + (b - a) * (i / parts) } else { b };
+            let mut i = 0.0;
+            while i < parts && self.step(series, block.half, at(i), at(i + 1.0)) {
+                i += 1.0;
+            }
+            i == parts
+        })
+    }
+
+    /// Adds a block as if no chord began or ended in it, unless it is too dense for that; whether it has.
+    fn smooth(&mut self, block: &Block<'_>) -> bool {
+        let series = block.smooth(&self.accuracy.rule);
+        let steps = self.accuracy.steps;
+        let length = 2.0 * block.half / steps;
+        let mut sum = self.sum;
+        let mut i = 0.0;
+        while i < steps {
+            let field = NODES.map(|c| series.at(2.0 * (i + c) / steps - 1.0).map(|x| x * self.measure));
+            if field.iter().any(|f| f[0] * length > MAX_STEP_DEPTH) {
+                return false;
+            }
+            sum.append(&RayIntegral::step(&field, length));
+            i += 1.0;
+        }
+        self.sum = sum;
+        true
     }
 
     /// Adds the part of a block from a to b.
