@@ -297,6 +297,18 @@ pub(super) struct RenderArgs {
     /// Part of the name of the adapter to use; see `voxsplat devices` [default: the best]
     #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new(), help_heading = "Device")]
     pub(super) adapter: Option<String>,
+    /// Choose the cheapest way to draw whose error is at most E, 0 to 1: no channel of 99.9 % of the covered pixels is off
+    /// by more, as pixels traced by the f64 reference tell. Says on stderr what was chosen
+    #[arg(long, value_name = "E", value_parser = parse::positive, allow_hyphen_values = true,
+        conflicts_with = "reference", help_heading = "Accuracy")]
+    pub(super) max_error: Option<f64>,
+    /// Trace other pixels of the finished picture and print its error; the exit code is 1 if --max-error is broken
+    #[arg(long, conflicts_with = "reference", help_heading = "Accuracy")]
+    pub(super) verify: bool,
+    /// Pixels that --max-error and --verify trace, spread evenly; more than the picture has: all
+    #[arg(long, value_name = "N", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(64..),
+        help_heading = "Accuracy")]
+    pub(super) sample: u32,
     /// Integrate every ray in f64 on the CPU instead: slow and exact; options of painters and devices have no effect
     #[arg(long, help_heading = "Device")]
     pub(super) reference: bool,

@@ -74,6 +74,10 @@ pub(super) struct RenderJob {
     pub(super) output: PathBuf,
     pub(super) background: Background,
     pub(super) stats: Option<StatsFormat>,
+    pub(super) max_error: Option<f64>,
+    pub(super) verify: bool,
+    /// Pixels to trace for either.
+    pub(super) sample: u32,
 }
 
 /// Refuses an output that cannot be written, before the work.
@@ -104,6 +108,9 @@ impl RenderJob {
             output: args.output,
             background: args.background,
             stats: args.stats,
+            max_error: args.max_error,
+            verify: args.verify,
+            sample: args.sample,
         })
     }
 }

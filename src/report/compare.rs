@@ -89,7 +89,7 @@ pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
             pixel = pixel.max(d);
         }
         squares += pixel_squares;
-        if [p[3], q[3]].iter().any(|alpha| *alpha > 0.0 || alpha.is_nan()) {
+        if is_covered(p, q) {
             differences.push(pixel);
             squares_covered += pixel_squares;
         }
@@ -117,6 +117,22 @@ pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
         outlier_fraction: outliers as f64 / a.pixels().len() as f64,
         worst: [(worst % width) as u32, (worst / width) as u32],
     })
+}
+
+/// The largest difference of a channel, of each pixel that either picture covers.
+///
+/// # Errors
+/// [`Error::Compare`] if the sizes differ or the pictures have no pixels.
+pub(crate) fn covered_differences(a: &Image, b: &Image) -> Result<Vec<f64>> {
+    check_sizes(a, b)?;
+    let pairs = a.pixels().iter().zip(b.pixels()).filter(|(p, q)| is_covered(p, q));
+    let largest = |(p, q): (&[f32; 4], &[f32; 4])| (0..4).map(|c| difference(p[c], q[c])).fold(0.0, f64::max);
+    Ok(pairs.map(largest).collect())
+}
+
+/// Whether either pixel has an alpha over 0, or NaN.
+fn is_covered(p: &[f32; 4], q: &[f32; 4]) -> bool {
+    [p[3], q[3]].iter().any(|alpha| *alpha > 0.0 || alpha.is_nan())
 }
 
 /// The smallest of some numbers that a fraction of them does not exceed; 0 if there are none.

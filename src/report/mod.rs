@@ -8,6 +8,7 @@ mod sample;
 mod study;
 
 pub use compare::{Comparison, compare, difference_picture};
+pub(crate) use compare::{covered_differences, percentile};
 pub use date::today;
 #[cfg(feature = "report")]
 pub use plot::{Marker, Point, plot};

@@ -12,7 +12,7 @@ use voxsplat::report::{
 };
 use voxsplat::{Renderer, RendererOptions, Volume, formats};
 
-use super::job::{ParetoJob, Transfer};
+use super::job::ParetoJob;
 use super::options::{command_line, options_of, without};
 use super::progress::{Progress, Remaining};
 use super::render::{Stages, transfer};
@@ -70,19 +70,14 @@ const OWN: [&str; 13] = [
     "--model",
 ];
 
-pub(super) fn run(mut job: ParetoJob) -> Result<(), Failure> {
+pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
     let rivals = job.rivals.as_deref().map(read::<Vec<Rival>>).transpose()?.unwrap_or_default();
     std::fs::create_dir_all(&job.directory)
         .map_err(|e| Failure::Failed(format!("{}: the directory cannot be made: {e}", job.directory.display())))?;
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
         let volume = formats::load(&job.source, &job.load)?;
-        let (transfer, note) = transfer(
-            &job.source,
-            std::mem::replace(&mut job.transfer, Transfer::Suggested),
-            &volume,
-            &mut Stages::default(),
-        )?;
+        let (transfer, note) = transfer(&job.source, &job.transfer, &volume, &mut Stages::default())?;
         note.iter().for_each(|note| output::say(note));
         (volume, transfer)
     };
