@@ -158,7 +158,12 @@ impl Reference {
             radius: kernel.radius(),
             divisor: settings.normalization.divisor(kernel),
             longest: 0.0,
-            accuracy: Accuracy { tolerance: 0.0, rim: kernel.value(kernel.radius().powi(2)), rule: Gauss::new(), steps: 1.0 },
+            accuracy: Accuracy {
+                tolerance: 0.0,
+                rim: kernel.value(kernel.radius().powi(2)),
+                rule: Gauss::new(),
+                steps: 1.0,
+            },
             antialiasing: settings.antialiasing,
             method,
             progress: Progress::default(),
@@ -171,7 +176,10 @@ impl Reference {
     pub fn with_tolerance(mut self, tolerance: f64) -> Self {
         let (exact, with) = (0, 1);
         let which = if tolerance > 0.0 { with } else { exact };
-        self.longest = LONGEST[which] * scale(&self.kernel); if which == 1 { self.longest = std::env::var("LONG").map_or(0.8, |s| s.parse().unwrap()) * scale(&self.kernel); }
+        self.longest = LONGEST[which] * scale(&self.kernel);
+        if which == 1 {
+            self.longest = std::env::var("LONG").map_or(0.8, |s| s.parse().unwrap()) * scale(&self.kernel);
+        }
         let error = if tolerance > 0.0 { KERNEL_ERROR[with] * tolerance } else { 0.0 };
         let beyond = self.longest * (self.longest + 2.0 * self.radius);
         self.profile = Profile::new(&self.kernel, beyond, error.max(KERNEL_ERROR[exact]));
