@@ -10,14 +10,15 @@
 // so the optical depth of a ray is that of whole kernels.
 //
 // `single` marches one ray. `blocked` marches eight that are a voxel apart: they meet a plane at the same place between
-// its voxels and share the six footprints of a row. It is written out eight times: loops over arrays stay in memory on
-// drivers that do not unroll them.
+// its voxels and share the six footprints of a row. `straight` marches those of eight neighbouring pixels along m: they
+// share the voxels that they meet, and find their footprints once. Both are written out eight times: loops over arrays
+// stay in memory on drivers that do not unroll them.
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 @group(0) @binding(2) var<storage, read> runs: array<vec2u>;
 // Written by `single` if rays go through an intermediate image, and by `blocked`; read by `prefilter`.
 @group(0) @binding(3) var intermediate: texture_storage_2d<rgba32float, write>;
-// The picture: `single`, `refine` and `layer` add to it.
+// The picture: `single`, `refine`, `layer` and `straight` add to it.
 @group(0) @binding(4) var<storage, read_write> pixels: array<vec4f>;
 // The share of its own ray in each pixel, and the tiles in which there is one.
 @group(0) @binding(3) var<storage, read> refinement: array<f32>;
@@ -164,9 +165,9 @@ fn finished(ray: RayState) -> vec4f {
 }
 
 // Planes after the last of a run: kernels reach so many slabs beyond it, and slabs are composited a plane later still.
-// By `blocked` kernels reach 2.
+// By eight rays that share what they meet kernels reach 2.
 override FLUSH: i32 = 2 * REACH + 1;
-const FLUSH_BLOCKED: i32 = 5;
+const FLUSH_EIGHT: i32 = 5;
 
 fn is_opaque(ray: RayState) -> bool {
     return ray.depth > rays.opaque_depth;
@@ -345,7 +346,7 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
         restart(&ray5, &slabs5);
         restart(&ray6, &slabs6);
         restart(&ray7, &slabs7);
-        for (var plane = run.x; plane < run.y + FLUSH_BLOCKED; plane++) {
+        for (var plane = run.x; plane < run.y + FLUSH_EIGHT; plane++) {
             let center = geometry.base + geometry.shear * f32(plane);
             let rows = rows_of(plane, end, center.y, geometry.footprint_half.y);
             let origin = plane_texel(plane);
@@ -414,4 +415,204 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
     textureStore(intermediate, at + vec2u(5u * rays.phases.x, 0u), finished(ray5));
     textureStore(intermediate, at + vec2u(6u * rays.phases.x, 0u), finished(ray6));
     textureStore(intermediate, at + vec2u(7u * rays.phases.x, 0u), finished(ray7));
+}
+
+// The pixels of a block of `straight`: so many across, 2 or 4, and eight in all.
+override ACROSS: u32 = 2u;
+// Rows of voxels that reach a ray of a block: 5 to 7. Along a row it is five voxels.
+override ROWS: u32 = 5u;
+
+// Footprints of the voxels of a row.
+struct FiveWeights {
+    first_four: vec4f,
+    last: f32,
+}
+
+fn five_weights(d: vec2f) -> FiveWeights {
+    let x = d.x + vec4f(0.0, 1.0, 2.0, 3.0);
+    let square = x * x + d.y * d.y;
+    return FiveWeights(
+        vec4f(footprint(square.x), footprint(square.y), footprint(square.z), footprint(square.w)),
+        footprint((d.x + 4.0) * (d.x + 4.0) + d.y * d.y),
+    );
+}
+
+struct FiveVoxels {
+    v0: vec4f,
+    v1: vec4f,
+    v2: vec4f,
+    v3: vec4f,
+    v4: vec4f,
+}
+
+// The voxels of a row from the first or, if `odd`, from the second one of a texel.
+fn five_voxels(texel: vec2i, odd: bool, origin: vec2i) -> FiveVoxels {
+    let at = texel_at(texel, origin);
+    let t0 = voxels_at(at);
+    let t1 = voxels_at(at + vec2i(1, 0));
+    let t2 = voxels_at(at + vec2i(2, 0));
+    let u0 = select(t0, vec4u(t0.zw, t1.xy), odd);
+    let u1 = select(t1, vec4u(t1.zw, t2.xy), odd);
+    let u2 = select(t2, t2.zwzw, odd);
+    return FiveVoxels(first_of(u0), second_of(u0), first_of(u1), second_of(u1), first_of(u2));
+}
+
+fn weighed(w: FiveWeights, v: FiveVoxels) -> vec4f {
+    let f = w.first_four;
+    return f.x * v.v0 + f.y * v.v1 + f.z * v.v2 + f.w * v.v3 + w.last * v.v4;
+}
+
+// The footprints that a ray of a block meets in every plane.
+struct BlockWeights {
+    r0: FiveWeights,
+    r1: FiveWeights,
+    r2: FiveWeights,
+    r3: FiveWeights,
+    r4: FiveWeights,
+    r5: FiveWeights,
+    r6: FiveWeights,
+}
+
+// Of ray `number` of a block. `first` is the first voxel as seen from the first ray.
+fn block_weights(first: vec2f, number: u32) -> BlockWeights {
+    let d = first - f32(number % ACROSS) * rays.step_x - f32(number / ACROSS) * rays.step_y;
+    var w: BlockWeights;
+    w.r0 = five_weights(d);
+    w.r1 = five_weights(d + vec2f(0.0, 1.0));
+    w.r2 = five_weights(d + vec2f(0.0, 2.0));
+    w.r3 = five_weights(d + vec2f(0.0, 3.0));
+    w.r4 = five_weights(d + vec2f(0.0, 4.0));
+    if ROWS > 5u {
+        w.r5 = five_weights(d + vec2f(0.0, 5.0));
+    }
+    if ROWS > 6u {
+        w.r6 = five_weights(d + vec2f(0.0, 6.0));
+    }
+    return w;
+}
+
+// The voxels that the rays of a block meet in a plane.
+struct BlockVoxels {
+    r0: FiveVoxels,
+    r1: FiveVoxels,
+    r2: FiveVoxels,
+    r3: FiveVoxels,
+    r4: FiveVoxels,
+    r5: FiveVoxels,
+    r6: FiveVoxels,
+}
+
+fn block_voxels(texel: vec2i, odd: bool, origin: vec2i) -> BlockVoxels {
+    var v: BlockVoxels;
+    v.r0 = five_voxels(texel, odd, origin);
+    v.r1 = five_voxels(texel + vec2i(0, 1), odd, origin);
+    v.r2 = five_voxels(texel + vec2i(0, 2), odd, origin);
+    v.r3 = five_voxels(texel + vec2i(0, 3), odd, origin);
+    v.r4 = five_voxels(texel + vec2i(0, 4), odd, origin);
+    if ROWS > 5u {
+        v.r5 = five_voxels(texel + vec2i(0, 5), odd, origin);
+    }
+    if ROWS > 6u {
+        v.r6 = five_voxels(texel + vec2i(0, 6), odd, origin);
+    }
+    return v;
+}
+
+// Of a plane, for one ray. Every kernel has its centre where the ray meets its plane: s is 0.
+fn block_moments(w: BlockWeights, v: BlockVoxels) -> Moments {
+    var sum = weighed(w.r0, v.r0) + weighed(w.r1, v.r1) + weighed(w.r2, v.r2) + weighed(w.r3, v.r3)
+        + weighed(w.r4, v.r4);
+    if ROWS > 5u {
+        sum += weighed(w.r5, v.r5);
+    }
+    if ROWS > 6u {
+        sum += weighed(w.r6, v.r6);
+    }
+    return Moments(sum, vec4f(0.0), vec4f(0.0));
+}
+
+fn add_ray(first: vec2u, number: u32, ray: RayState) {
+    add_to_pixel(first + vec2u(number % ACROSS, number / ACROSS), rays.share * finished(ray));
+}
+
+@compute @workgroup_size(8)
+fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
+    // Blocks across a tile of 8 x 8 pixels, and pixels down a block.
+    let down = 8u / ACROSS;
+    let at = tile.xy * 8u + vec2u(lane % down * ACROSS, lane / down * down);
+    let geometry = geometry_of(at);
+    // The least place of a ray along a and b.
+    let low = geometry.base + min(vec2f(0.0), f32(ACROSS - 1u) * rays.step_x)
+        + min(vec2f(0.0), f32(down - 1u) * rays.step_y);
+    let first = vec2i(ceil(low - geometry.footprint_half));
+    let odd = (first.x & 1) == 1;
+    let d = vec2f(first) - geometry.base;
+    let w0 = block_weights(d, 0u);
+    let w1 = block_weights(d, 1u);
+    let w2 = block_weights(d, 2u);
+    let w3 = block_weights(d, 3u);
+    let w4 = block_weights(d, 4u);
+    let w5 = block_weights(d, 5u);
+    let w6 = block_weights(d, 6u);
+    let w7 = block_weights(d, 7u);
+    var ray0 = new_ray();
+    var ray1 = new_ray();
+    var ray2 = new_ray();
+    var ray3 = new_ray();
+    var ray4 = new_ray();
+    var ray5 = new_ray();
+    var ray6 = new_ray();
+    var ray7 = new_ray();
+    var slabs0: NearSlabs;
+    var slabs1: NearSlabs;
+    var slabs2: NearSlabs;
+    var slabs3: NearSlabs;
+    var slabs4: NearSlabs;
+    var slabs5: NearSlabs;
+    var slabs6: NearSlabs;
+    var slabs7: NearSlabs;
+    var depth = 0.0;
+    for (var slot = 0u; ; slot++) {
+        let run = run_at(tile, slot, depth);
+        if run.y == 0 {
+            break;
+        }
+        let end = min(run.y, rays.voxels.z);
+        restart(&ray0, &slabs0);
+        restart(&ray1, &slabs1);
+        restart(&ray2, &slabs2);
+        restart(&ray3, &slabs3);
+        restart(&ray4, &slabs4);
+        restart(&ray5, &slabs5);
+        restart(&ray6, &slabs6);
+        restart(&ray7, &slabs7);
+        for (var plane = run.x; plane < run.y + FLUSH_EIGHT; plane++) {
+            // Behind the run the rows before the plane, which are zeros.
+            let row = select(-i32(ROWS), first.y, plane < end);
+            let v = block_voxels(vec2i(first.x >> 1u, row), odd, plane_texel(plane));
+            feed_near(&ray0, &slabs0, block_moments(w0, v), geometry);
+            feed_near(&ray1, &slabs1, block_moments(w1, v), geometry);
+            feed_near(&ray2, &slabs2, block_moments(w2, v), geometry);
+            feed_near(&ray3, &slabs3, block_moments(w3, v), geometry);
+            feed_near(&ray4, &slabs4, block_moments(w4, v), geometry);
+            feed_near(&ray5, &slabs5, block_moments(w5, v), geometry);
+            feed_near(&ray6, &slabs6, block_moments(w6, v), geometry);
+            feed_near(&ray7, &slabs7, block_moments(w7, v), geometry);
+            depth = least(
+                vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
+                vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),
+            );
+            if depth > rays.opaque_depth {
+                break;
+            }
+        }
+    }
+    add_ray(at, 0u, ray0);
+    add_ray(at, 1u, ray1);
+    add_ray(at, 2u, ray2);
+    add_ray(at, 3u, ray3);
+    add_ray(at, 4u, ray4);
+    add_ray(at, 5u, ray5);
+    add_ray(at, 6u, ray6);
+    add_ray(at, 7u, ray7);
 }

@@ -37,6 +37,8 @@ fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
         // Layers have an entry point of their own.
         ("gather", "LAYERED") if entry == "layer" => &FLAG[1..],
         (_, "LAYERED") => &FLAG[..1],
+        ("gather", "ACROSS") => &[2.0, 4.0],
+        ("gather", "ROWS") => &[5.0, 7.0],
         ("splat", "ROWS") => &[2.0, 4096.0],
         (_, "SHEETS") => &[1.0, 4.0, 8.0],
         ("shade", "SAMPLES") => &[1.0, 2.0, 64.0],

@@ -9,7 +9,7 @@ use super::super::shaders;
 use super::super::transfer::TransferTable;
 use super::pack::{Packed, Voxel};
 use super::resample::FORMAT;
-use super::{RayKind, TilesKey};
+use super::{Block, RayKind, TilesKey};
 use crate::error::Result;
 use crate::settings::Model;
 
@@ -93,6 +93,7 @@ impl Stage {
             let (entry, state) = match key.rays {
                 RayKind::Shared => ("blocked", image),
                 RayKind::Layered => ("layer", Binding::Write),
+                RayKind::StraightBlocks(_) => ("straight", image),
                 _ => ("single", image),
             };
             let white = ("WHITE", flag(key.model == Model::Xray));
@@ -101,7 +102,11 @@ impl Stage {
             let layered = ("LAYERED", flag(key.rays == RayKind::Layered));
             let (curved, reach) = (("CURVED", flag(key.curved)), ("REACH", f64::from(key.reach)));
             let bindings = [Binding::Uniform, volume, Binding::Read, state, Binding::Write];
-            let constants = [perspective, terms, texels, straight, white, resampled, curved, grown, layered, reach];
+            let mut constants =
+                vec![perspective, terms, texels, straight, white, resampled, curved, grown, layered, reach];
+            if let RayKind::StraightBlocks(Block { across, rows }) = key.rays {
+                constants.extend([("ACROSS", f64::from(across)), ("ROWS", f64::from(rows))]);
+            }
             return Self::new(context, shaders::GATHER, entry, &bindings, &constants);
         }
         let shader = match (key.voxel, software) {

@@ -49,12 +49,23 @@ enum RayKind {
     Pixels,
     /// Those of the pixels, which run along the principal axis.
     Straight,
+    /// The same, eight at a time.
+    StraightBlocks(Block),
     /// Those of the pixels, through one of several layers.
     Layered,
     /// Through an intermediate image that is coarser than the picture, each on its own.
     Coarser,
     /// Through an intermediate image that is aligned with the lattice, eight at a time.
     Shared,
+}
+
+/// Eight pixels whose rays along the principal axis share the voxels that they meet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Block {
+    /// Pixels across: 2 or 4.
+    across: u32,
+    /// Rows of voxels that reach a ray of the block: 5 to 7.
+    rows: u32,
 }
 
 impl RayKind {

@@ -58,6 +58,8 @@ impl Voxel {
 
 /// Bytes of the buffer that is packed and copied to the texture at a time: small beside the volume.
 const BAND: u64 = 16 << 20;
+/// The same on the host, where such a buffer stays in the caches.
+const HOST_BAND: u64 = 4 << 20;
 /// The most bytes of a packed volume. The box around visible voxels is packed whole, so that much may be empty.
 const MAX_BYTES: u64 = 4 << 30;
 /// The largest density after scaling: a power of two with room below 65504, the largest f16.
@@ -454,7 +456,7 @@ impl HostStage<'_> {
         let context = recorder.context;
         let [width, height] = self.packing.size;
         let row = 2 * width as usize;
-        let most = (BAND as usize / (row * size_of::<V>())).next_multiple_of(ROWS).min(height as usize);
+        let most = (HOST_BAND as usize / (row * size_of::<V>())).next_multiple_of(ROWS).min(height as usize);
         let mut band = reserved((most * row) as u64, || "a packed volume".to_owned())?;
         band.resize(most * row, V::zeroed());
         for first in (0..height as usize).step_by(most) {
@@ -470,11 +472,11 @@ impl HostStage<'_> {
                 voxels.fill(V::zeroed());
                 self.packing.fill_rows(first + index * ROWS, voxels, &near, &packed);
             });
+            // One band at a time on its way, while the next one is filled.
+            context.wait("packing the volume")?;
             let size = [width, rows.len() as u32, 1];
             context.write_texels(volume, [0, first as u32, 0], bytemuck::cast_slice(band), size);
             recorder.submit();
-            // One band at a time on its way.
-            context.wait("packing the volume")?;
         }
         Ok(())
     }

@@ -11,7 +11,7 @@ use super::layers::Layers;
 use super::pack::{Lit, Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{Classification, FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
-use super::{Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
+use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
 use crate::kernel::Kernel;
 use crate::settings::{Model, Painter, Resolution, Settings};
@@ -198,7 +198,10 @@ impl<'a> Picture<'a> {
                 _ if self.is_layered() => RayKind::Layered,
                 true if view.is_perspective() => RayKind::Coarser,
                 true => RayKind::Shared,
-                false if self.is_straight(way) => RayKind::Straight,
+                false if self.is_straight(way) => match self.block(way) {
+                    Some(block) => RayKind::StraightBlocks(block),
+                    None => RayKind::Straight,
+                },
                 false => RayKind::Pixels,
             },
         }
@@ -245,13 +248,23 @@ impl<'a> Picture<'a> {
             && axis.shear().abs().max_element() * f64::from(packing.dims[2]) < STRAIGHT
     }
 
+    /// Pixels whose straight rays share the voxels that they meet. On GPUs and of scalars, none do: see [`resolution`];
+    /// and what takes time there is to classify.
+    fn block(&self, way: &Way) -> Option<Block> {
+        let Job { context, transfer, .. } = self.job;
+        if transfer.is_some() || !context.info.is_software() {
+            return None;
+        }
+        self.setup(way).block(&way.axis, self.whole())
+    }
+
     /// Whether software draws the picture faster by quads, and may.
     fn is_left_to_quads(&self) -> bool {
         let [width, height] = self.job.view.camera.size.map(u64::from);
         self.job.settings.painter == Painter::Auto
             && self.job.context.info.is_software()
             && self.job.settings.model == Model::Xray
-            && matches!(self.key().rays, RayKind::Pixels | RayKind::Straight)
+            && matches!(self.key().rays, RayKind::Pixels | RayKind::Straight | RayKind::StraightBlocks(_))
             && PIXELS_PER_QUAD * self.job.splats() < width * height
     }
 

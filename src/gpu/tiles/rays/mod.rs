@@ -9,6 +9,7 @@ use glam::{DMat3, DVec2, DVec3};
 
 use super::super::layout::{self, MACROCELL, TILE};
 use super::super::view::{Fade, Region, half};
+use super::Block;
 use super::axis::{PrincipalAxis, smoothstep, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};
@@ -203,6 +204,11 @@ impl RaySetup<'_> {
             Projection::Orthographic { .. } => parallel::pixel_share(self, axis),
             Projection::Perspective { distance, .. } => perspective::pixel_share(self, distance),
         }
+    }
+
+    /// The pixels of a region whose parallel rays along the axis share voxels.
+    pub(super) fn block(&self, axis: &PrincipalAxis, region: Region) -> Option<Block> {
+        parallel::block(self, axis, region)
     }
 }
 

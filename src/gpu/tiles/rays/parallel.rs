@@ -7,8 +7,12 @@ use super::super::super::layout;
 use super::super::super::view::Region;
 use super::super::axis::PrincipalAxis;
 use super::{
-    RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, level_for_depth, level_for_kernel, smoothstep,
+    Block, RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, level_for_depth, level_for_kernel, smoothstep,
 };
+
+/// Voxels of a row, and rows at least and at most, that `straight` in shaders/gather.wgsl reads of a plane.
+const BLOCK_COLUMNS: f64 = 5.0;
+const BLOCK_ROWS: [f64; 2] = [5.0, 7.0];
 
 /// Rays per voxel along an axis, as a power of 2, if rays move by `shear` voxels along it from plane to plane. If that
 /// is close to a whole number, the ripple and the rims of kernels in plane after plane fall on one another, and one ray
@@ -61,6 +65,24 @@ fn powers(level: f64) -> [(u32, f64); 2] {
 /// so that nothing jumps.
 fn marched(level: f64) -> f64 {
     powers(level).map(|(rays, share)| f64::from(rays) * (8.0 * share).min(1.0)).into_iter().sum()
+}
+
+/// The eight pixels that best share the voxels that their rays along the axis meet.
+pub(super) fn block(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region) -> Option<Block> {
+    let [_, step_x, step_y] = pixels_at(setup, axis, region);
+    block_of(step_x, step_y, setup.kernel.kernel.radius())
+}
+
+/// The block that meets the fewest rows. `None` if pixels are too large for blocks, or too oblique to the rows.
+fn block_of(step_x: DVec2, step_y: DVec2, radius: f64) -> Option<Block> {
+    let blocks = [2, 4].into_iter().filter_map(|across: u32| {
+        let extent = step_x.abs() * f64::from(across - 1) + step_y.abs() * f64::from(8 / across - 1);
+        // A kernel whose rim touches a ray adds nothing to it; the rest is for rounding.
+        let voxels = (extent + 2.0 * radius - 1e-6).ceil();
+        (voxels.x <= BLOCK_COLUMNS && voxels.y <= BLOCK_ROWS[1])
+            .then(|| Block { across, rows: voxels.y.max(BLOCK_ROWS[0]) as u32 })
+    });
+    blocks.min_by_key(|block| block.rows)
 }
 
 /// The rays of the pixels of a region.
@@ -206,6 +228,28 @@ mod tests {
         for (shear, level) in expected.into_iter().chain([(0.97, 1.0), (1.0, 1.0), (-1.0, 1.0)]) {
             assert!((level_for_shear(shear) - level).abs() < 1e-12, "{shear}: {level}");
         }
+    }
+
+    #[test]
+    fn blocks_of_pixels_meet_few_rows() {
+        let along = |step: f64, degrees: f64| {
+            let step_x = DVec2::from_angle(degrees.to_radians()) * step;
+            block_of(step_x, step_x.perp(), 2.0)
+        };
+        let block = |across, rows| Some(Block { across, rows });
+        // From many pixels a voxel to one, upright and turned by a right angle.
+        for degrees in [0.0, 180.0] {
+            assert_eq!(along(0.1, degrees), block(2, 5));
+            assert_eq!(along(0.5, degrees), block(2, 6));
+            assert_eq!(along(1.0, degrees), block(2, 7));
+        }
+        assert_eq!(along(0.5, 90.0), block(4, 6));
+        // Turned otherwise.
+        assert_eq!(along(0.3, 45.0), block(2, 5));
+        assert_eq!(along(0.5, 45.0), None);
+        // Narrower kernels, larger pixels.
+        assert_eq!(block_of(DVec2::X * 4.0, DVec2::Y, 1.0), None);
+        assert_eq!(block_of(DVec2::X * 3.0, DVec2::Y * 1.5, 1.0), block(2, 7));
     }
 
     #[test]
