@@ -114,8 +114,8 @@ pub struct QuadsSettings {
     pub precision: Option<Precision>,
     /// Largest interpolation error of the footprint table, as a fraction of the footprint's peak, 1e-7 to 0.1; `None`
     /// takes what the precision of the sheets deserves.
-    pub max_error: Option<f64>,
-    /// Rows and coefficients per row of the footprint table, in place of what `max_error` asks for: 2 to 4096 rows of
+    pub table_error: Option<f64>,
+    /// Rows and coefficients per row of the footprint table, in place of what `table_error` asks for: 2 to 4096 rows of
     /// 4, 8, 12 or 16.
     pub footprint_table: Option<[u32; 2]>,
     /// How many sheets one pass feeds: 1, 4 or 8; `None` takes what the adapter does best.
@@ -129,7 +129,7 @@ impl Default for QuadsSettings {
             accumulation: Accumulation::default(),
             sheet_thickness: 1.0,
             precision: None,
-            max_error: None,
+            table_error: None,
             footprint_table: None,
             sheets_per_pass: None,
         }
@@ -237,8 +237,8 @@ impl QuadsSettings {
     /// Refuses knobs out of range.
     fn validate(&self) -> Result<()> {
         in_range("sheet_thickness", self.sheet_thickness, 0.05..=64.0, "voxels")?;
-        if let Some(e) = self.max_error {
-            in_range("max_error", e, 1e-7..=0.1, "of the footprint's peak")?;
+        if let Some(e) = self.table_error {
+            in_range("table_error", e, 1e-7..=0.1, "of the footprint's peak")?;
         }
         if let Some(n) = self.sheets_per_pass {
             in_range("sheets_per_pass", f64::from(n), 1.0..=8.0, "sheets")?;

@@ -8,11 +8,11 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::str::FromStr;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use voxsplat::adapter::AdapterInfo;
 use voxsplat::demos::own_transfer;
-use voxsplat::report::compare;
+use voxsplat::report::{compare, today};
 use voxsplat::volume::Statistics;
 use voxsplat::{Image, TransferFunction, Volume};
 
@@ -92,7 +92,7 @@ impl Report {
         if !self.write {
             return Ok(None);
         }
-        let date = today()?;
+        let date = today();
         let Self { name, arguments, text, .. } = self;
         let arguments: String = arguments.iter().map(|a| format!(" {a}")).collect();
         let cores = std::thread::available_parallelism()?;
@@ -130,27 +130,6 @@ fn version() -> String {
     let commit = described.ok().filter(|o| o.status.success()).and_then(|o| String::from_utf8(o.stdout).ok());
     let commit = commit.map(|c| format!(", commit {}", c.trim())).unwrap_or_default();
     format!("{}{commit}", env!("CARGO_PKG_VERSION"))
-}
-
-/// The day by the system clock in UTC, as YYYY-MM-DD.
-fn today() -> Outcome<String> {
-    let seconds = SystemTime::now().duration_since(UNIX_EPOCH)?.as_secs();
-    let (year, month, day) = civil_from_days((seconds / 86_400) as i64);
-    Ok(format!("{year:04}-{month:02}-{day:02}"))
-}
-
-/// Year, month and day of the Gregorian calendar, from days since 1970-01-01: Howard Hinnant, "chrono-Compatible
-/// Low-Level Date Algorithms" (2013), `civil_from_days`, for days on and after 0000-03-01.
-fn civil_from_days(days: i64) -> (i64, i64, i64) {
-    // From 0000-03-01: leap days are the last days of their years then, and eras of 400 years are alike.
-    let days = days + 719_468;
-    let (era, day_of_era) = (days / 146_097, days % 146_097);
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let month_from_march = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
-    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
-    (400 * era + year_of_era + i64::from(month <= 2), month, day)
 }
 
 /// Wall seconds and peak MiB of a command, and the JSON object of its last line.

@@ -27,6 +27,7 @@ Examples:
   voxsplat render demo:shepp-logan -o head.png
   voxsplat info scan.nii.gz
   voxsplat render scan.nii.gz -o scan.png --transfer ct-bone --azimuth 30
+  voxsplat pareto scan.nii.gz -o speed-against-error
 
 Exit codes: 0 done, 1 failed (compare: the pictures differ), 2 wrong arguments.";
 
@@ -34,6 +35,8 @@ Exit codes: 0 done, 1 failed (compare: the pictures differ), 2 wrong arguments."
 pub(super) enum Command {
     /// Render a volume to a picture
     Render(Box<RenderArgs>),
+    /// Draw a volume in many ways, and report their speed against their error
+    Pareto(Box<ParetoArgs>),
     /// Show what a volume file holds and how to render it
     Info(InfoArgs),
     /// Compare two pictures
@@ -113,39 +116,9 @@ pub(super) enum StatsFormat {
     Json,
 }
 
-const RENDER_EXAMPLES: &str = "\
-Examples:
-  voxsplat render demo:marschner-lobb -o ml.png --kernel kaiser-bessel
-  voxsplat render head.nii.gz -o head.png --azimuth -30 --elevation 15 --size 1920x1080
-  voxsplat render ct.nrrd -o skull.png --transfer ct-bone --projection perspective --fov 40
-  voxsplat render engine.raw -o engine.png --dims 256,256,128 --type u8 --transfer viridis
-  voxsplat render ct.nrrd -o lit.png --transfer ct-bone --shading post --light headlight
-  voxsplat render ct.nrrd -o film.png --model xray --azimuth 90
-  voxsplat render head.nii.gz -o truth.exr --reference --size 256";
-
-/// Render a volume to a picture.
-///
-/// Angles are in degrees; world lengths are in the unit of the file, millimetres for most scans.
+/// Where the eye is.
 #[derive(Debug, clap::Args)]
-#[command(after_help = RENDER_EXAMPLES)]
-pub(super) struct RenderArgs {
-    #[command(flatten)]
-    pub(super) input: InputArgs,
-
-    /// Picture to write: .png, 8 bits per channel, or .exr, 32-bit float with premultiplied alpha
-    #[arg(short, long, value_name = "FILE", help_heading = "Output")]
-    pub(super) output: PathBuf,
-    /// Pixels across and down, or one number for both; 1 to 32768
-    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = parse::size, help_heading = "Output")]
-    pub(super) size: [u32; 2],
-    /// Background of a PNG: #rrggbb, a name such as white, r,g,b in 0..1, or transparent
-    #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::library::<Background>,
-        help_heading = "Output")]
-    pub(super) background: Background,
-    /// Print statistics and the time of each stage, as a table or as one JSON object; put it after VOLUME
-    #[arg(long, value_name = "FORMAT", num_args = 0..=1, default_missing_value = "table", help_heading = "Output")]
-    pub(super) stats: Option<StatsFormat>,
-
+pub(super) struct ViewArgs {
     /// Rotate the eye about the up direction by DEG degrees, from the front of the volume
     #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "View")]
@@ -186,7 +159,11 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "LENGTH", value_parser = parse::positive, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) distance: Option<f64>,
+}
 
+/// What a picture shows.
+#[derive(Debug, clap::Args)]
+pub(super) struct ModelArgs {
     /// Transfer function: a FILE.json, or a preset that adapts to the data: ct-bone, ct-soft-tissue, angiography, mri,
     /// grayscale, gray, viridis or inferno [default: suggested by the data; see `voxsplat info`]
     #[arg(long, value_name = "FILE.json|PRESET", help_heading = "Model")]
@@ -232,18 +209,15 @@ pub(super) struct RenderArgs {
     /// the picture
     #[arg(long, value_name = "N|auto", default_value = "auto", value_parser = parse::level, help_heading = "Model")]
     pub(super) level: Level,
+}
 
+/// What draws it.
+#[derive(Debug, clap::Args)]
+pub(super) struct PainterArgs {
     /// What draws the splats: quads draws every picture, tiles is faster and refuses some, auto takes tiles
     /// unless it refuses, on GPUs with --resolution full. An option of a painter (below) chooses that painter
     #[arg(long, value_name = "PAINTER", default_value = "auto", help_heading = "Device")]
     pub(super) painter: PainterArg,
-    /// Part of the name of the adapter to use; see `voxsplat devices` [default: the best]
-    #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new(), help_heading = "Device")]
-    pub(super) adapter: Option<String>,
-    /// Integrate every ray in f64 on the CPU instead: slow and exact; options of painters and devices have no effect
-    #[arg(long, help_heading = "Device")]
-    pub(super) reference: bool,
-
     /// Thickness of a sheet in voxels, 0.05 to 64: thinner is more exact and slower [default: 1]
     #[arg(long, value_name = "VOXELS", value_parser = parse::positive, allow_hyphen_values = true,
         help_heading = "Painter quads")]
@@ -264,9 +238,9 @@ pub(super) struct RenderArgs {
     /// Largest error of the footprint table, 1e-7 to 0.1 of its peak [default: 1e-4 for f16, 1e-5 for f32]
     #[arg(long, value_name = "E", value_parser = parse::positive, allow_hyphen_values = true,
         help_heading = "Painter quads")]
-    pub(super) max_error: Option<f64>,
-    /// Rows and coefficients a row of the footprint table, 2 to 4096 and 4, 8, 12 or 16, in place of --max-error
-    #[arg(long, value_name = "ROWSxTERMS", value_parser = parse::table, conflicts_with = "max_error",
+    pub(super) table_error: Option<f64>,
+    /// Rows and coefficients a row of the footprint table, 2 to 4096 and 4, 8, 12 or 16, in place of --table-error
+    #[arg(long, value_name = "ROWSxTERMS", value_parser = parse::table, conflicts_with = "table_error",
         help_heading = "Painter quads")]
     pub(super) footprint_table: Option<[u32; 2]>,
     /// Sheets that one pass feeds: 1, 4 or 8 [default: what the adapter does best]
@@ -278,6 +252,121 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "HOW", value_parser = one_of(Resolution::ALL, Resolution::name),
         help_heading = "Painter tiles")]
     pub(super) resolution: Option<Resolution>,
+}
+
+const RENDER_EXAMPLES: &str = "\
+Examples:
+  voxsplat render demo:marschner-lobb -o ml.png --kernel kaiser-bessel
+  voxsplat render head.nii.gz -o head.png --azimuth -30 --elevation 15 --size 1920x1080
+  voxsplat render ct.nrrd -o skull.png --transfer ct-bone --projection perspective --fov 40
+  voxsplat render engine.raw -o engine.png --dims 256,256,128 --type u8 --transfer viridis
+  voxsplat render ct.nrrd -o lit.png --transfer ct-bone --shading post --light headlight
+  voxsplat render ct.nrrd -o film.png --model xray --azimuth 90
+  voxsplat render head.nii.gz -o truth.exr --reference --size 256";
+
+/// Render a volume to a picture.
+///
+/// Angles are in degrees; world lengths are in the unit of the file, millimetres for most scans.
+#[derive(Debug, clap::Args)]
+#[command(after_help = RENDER_EXAMPLES)]
+pub(super) struct RenderArgs {
+    #[command(flatten)]
+    pub(super) input: InputArgs,
+
+    /// Picture to write: .png, 8 bits per channel, or .exr, 32-bit float with premultiplied alpha
+    #[arg(short, long, value_name = "FILE", help_heading = "Output")]
+    pub(super) output: PathBuf,
+    /// Pixels across and down, or one number for both; 1 to 32768
+    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = parse::size, help_heading = "Output")]
+    pub(super) size: [u32; 2],
+    /// Background of a PNG: #rrggbb, a name such as white, r,g,b in 0..1, or transparent
+    #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::library::<Background>,
+        help_heading = "Output")]
+    pub(super) background: Background,
+    /// Print statistics and the time of each stage, as a table or as one JSON object; put it after VOLUME
+    #[arg(long, value_name = "FORMAT", num_args = 0..=1, default_missing_value = "table", help_heading = "Output")]
+    pub(super) stats: Option<StatsFormat>,
+
+    #[command(flatten)]
+    pub(super) view: ViewArgs,
+    #[command(flatten)]
+    pub(super) model: ModelArgs,
+    #[command(flatten)]
+    pub(super) painter: PainterArgs,
+
+    /// Part of the name of the adapter to use; see `voxsplat devices` [default: the best]
+    #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new(), help_heading = "Device")]
+    pub(super) adapter: Option<String>,
+    /// Choose the cheapest way to draw whose error is at most E, 0 to 1: no channel of 99.9 % of the covered pixels is off
+    /// by more, as pixels traced by the f64 reference tell. Says on stderr what was chosen
+    #[arg(long, value_name = "E", value_parser = parse::positive, allow_hyphen_values = true,
+        conflicts_with = "reference", help_heading = "Accuracy")]
+    pub(super) max_error: Option<f64>,
+    /// Trace other pixels of the finished picture and print its error; the exit code is 1 if --max-error is broken
+    #[arg(long, conflicts_with = "reference", help_heading = "Accuracy")]
+    pub(super) verify: bool,
+    /// Pixels that --max-error and --verify trace, spread evenly; more than the picture has: all
+    #[arg(long, value_name = "N", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(64..),
+        help_heading = "Accuracy")]
+    pub(super) sample: u32,
+    /// Integrate every ray in f64 on the CPU instead: slow and exact; options of painters and devices have no effect
+    #[arg(long, help_heading = "Device")]
+    pub(super) reference: bool,
+}
+
+const PARETO_EXAMPLES: &str = "\
+Examples:
+  voxsplat pareto demo:vessels:128 -o vessels
+  voxsplat pareto ct.nrrd -o ct --transfer ct-bone --light headlight --projection perspective
+  voxsplat pareto ct.nrrd -o ct --transfer ct-bone --light headlight --projection perspective --resume";
+
+/// Draw a volume in many ways, time each, measure its error against the f64 reference, and report which are worth it.
+///
+/// Painters, density of rays, level of the lattice, sheets, footprint tables, termination, shading and kernels are
+/// varied. DIR gets report.html with the plots, the front as command lines to copy, and pictures of differences; the
+/// plots as .svg; all numbers as pareto.csv and pareto.json.
+#[derive(Debug, clap::Args)]
+#[command(after_help = PARETO_EXAMPLES)]
+pub(super) struct ParetoArgs {
+    #[command(flatten)]
+    pub(super) input: InputArgs,
+
+    /// Directory of the report; it is made if there is none
+    #[arg(short, long, value_name = "DIR", help_heading = "Output")]
+    pub(super) output: PathBuf,
+    /// Pixels across and down, or one number for both; 1 to 32768
+    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = parse::size, help_heading = "Output")]
+    pub(super) size: [u32; 2],
+    /// Views: the one asked for, and others from around the volume; 1 to 16
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=16),
+        help_heading = "Measurement")]
+    pub(super) views: u32,
+    /// Timed frames of each view, each after a frame that is not timed; 1 to 100
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100),
+        help_heading = "Measurement")]
+    pub(super) repeats: u32,
+    /// Pixels of each view that the reference traces, spread evenly; more than the picture has: all
+    #[arg(long, value_name = "N", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..),
+        help_heading = "Measurement")]
+    pub(super) sample: u32,
+    /// Seconds of a frame beyond which a way to draw is not timed again
+    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = parse::positive,
+        allow_hyphen_values = true, help_heading = "Measurement")]
+    pub(super) patience: f64,
+    /// Go on with what an interrupted run of the same command has measured
+    #[arg(long, help_heading = "Measurement")]
+    pub(super) resume: bool,
+    /// Show other renderers in the plot: a JSON array of objects with name, seconds (of a frame) and rms (error against
+    /// their own truth)
+    #[arg(long, value_name = "FILE", help_heading = "Measurement")]
+    pub(super) rivals: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) view: ViewArgs,
+    #[command(flatten)]
+    pub(super) model: ModelArgs,
+    /// Part of the name of the adapter to use; see `voxsplat devices` [default: the best]
+    #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new(), help_heading = "Device")]
+    pub(super) adapter: Option<String>,
 }
 
 /// Show the properties of a volume file, its histogram, and the command line that renders it.

@@ -12,7 +12,10 @@ use voxsplat::transfer::{TransferFunction, presets};
 use voxsplat::volume::Grid;
 
 use super::Failure;
-use super::args::{CompareArgs, PainterArg, ProjectionArg, RenderArgs, StatsFormat, SwitchArg};
+use super::args::{
+    CompareArgs, ModelArgs, PainterArg, PainterArgs, ParetoArgs, ProjectionArg, RenderArgs, StatsFormat, SwitchArg,
+    ViewArgs,
+};
 use super::parse::LightArg;
 
 /// The default vertical field of view, degrees.
@@ -27,6 +30,25 @@ pub(super) enum Transfer {
     Preset(&'static str),
     /// From a file.
     Given(TransferFunction),
+}
+
+impl Transfer {
+    fn new(given: Option<PathBuf>) -> Result<Self, Failure> {
+        Ok(match given {
+            None => Self::Suggested,
+            Some(given) => match presets::PRESETS.iter().find(|preset| given == Path::new(preset.name)) {
+                Some(preset) => Self::Preset(preset.name),
+                None if is_file_name(&given) => Self::Given(TransferFunction::load(&given)?),
+                None => {
+                    let known: Vec<&str> = presets::PRESETS.iter().map(|p| p.name).collect();
+                    let known = known.join(", ");
+                    return Err(Failure::Usage(format!(
+                        "--transfer: {given:?}, expected a FILE.json or one of {known}"
+                    )));
+                }
+            },
+        })
+    }
 }
 
 /// The way to make the picture.
@@ -52,6 +74,10 @@ pub(super) struct RenderJob {
     pub(super) output: PathBuf,
     pub(super) background: Background,
     pub(super) stats: Option<StatsFormat>,
+    pub(super) max_error: Option<f64>,
+    pub(super) verify: bool,
+    /// Pixels to trace for either.
+    pub(super) sample: u32,
 }
 
 /// Refuses an output that cannot be written, before the work.
@@ -61,37 +87,12 @@ fn check_output(path: &Path) -> Result<(), Failure> {
 
 impl RenderJob {
     pub(super) fn new(args: RenderArgs) -> Result<Self, Failure> {
-        let settings = Settings {
-            model: args.model,
-            shading: args.shading,
-            lighting: lighting(&args)?,
-            interslice: args.interslice,
-            termination: args.termination,
-            antialiasing: args.antialiasing == SwitchArg::On,
-            level: args.level,
-            kernel: args.kernel,
-            normalization: args.normalization,
-            painter: painter(&args)?,
-        };
-        settings.validate()?;
-        let view = view(&args)?;
+        let settings = settings(&args.model, painter(&args.painter)?, &args.view)?;
+        let view = view(&args.view)?;
         // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         check_output(&args.output)?;
-        let transfer = match args.transfer {
-            None => Transfer::Suggested,
-            Some(given) => match presets::PRESETS.iter().find(|preset| given == Path::new(preset.name)) {
-                Some(preset) => Transfer::Preset(preset.name),
-                None if is_file_name(&given) => Transfer::Given(TransferFunction::load(&given)?),
-                None => {
-                    let known: Vec<&str> = presets::PRESETS.iter().map(|p| p.name).collect();
-                    let known = known.join(", ");
-                    return Err(Failure::Usage(format!(
-                        "--transfer: {given:?}, expected a FILE.json or one of {known}"
-                    )));
-                }
-            },
-        };
+        let transfer = Transfer::new(args.model.transfer)?;
         let engine = match args.reference {
             true => Engine::Reference,
             false => Engine::Device { adapter: args.adapter },
@@ -107,8 +108,29 @@ impl RenderJob {
             output: args.output,
             background: args.background,
             stats: args.stats,
+            max_error: args.max_error,
+            verify: args.verify,
+            sample: args.sample,
         })
     }
+}
+
+/// The settings of a picture.
+fn settings(model: &ModelArgs, painter: Painter, view: &ViewArgs) -> Result<Settings, Failure> {
+    let settings = Settings {
+        model: model.model,
+        shading: model.shading,
+        lighting: lighting(model, view.up.unwrap_or(View::default().up))?,
+        interslice: model.interslice,
+        termination: model.termination,
+        antialiasing: model.antialiasing == SwitchArg::On,
+        level: model.level,
+        kernel: model.kernel,
+        normalization: model.normalization,
+        painter,
+    };
+    settings.validate()?;
+    Ok(settings)
 }
 
 /// Whether the text must mean a file. Then a missing file is reported, instead of an unknown preset.
@@ -118,14 +140,14 @@ fn is_file_name(text: &Path) -> bool {
 }
 
 /// The painter asked for, with its options. An option of a painter chooses that painter.
-fn painter(args: &RenderArgs) -> Result<Painter, Failure> {
+fn painter(args: &PainterArgs) -> Result<Painter, Failure> {
     let given = |options: &[(&'static str, bool)]| options.iter().find(|(_, given)| *given).map(|(name, _)| *name);
     let for_quads = given(&[
         ("sheet-thickness", args.sheet_thickness.is_some()),
         ("sheets", args.sheets.is_some()),
         ("accumulate", args.accumulate.is_some()),
         ("precision", args.precision.is_some()),
-        ("max-error", args.max_error.is_some()),
+        ("table-error", args.table_error.is_some()),
         ("footprint-table", args.footprint_table.is_some()),
         ("sheets-per-pass", args.sheets_per_pass.is_some()),
     ]);
@@ -135,7 +157,7 @@ fn painter(args: &RenderArgs) -> Result<Painter, Failure> {
         accumulation: args.accumulate.unwrap_or_default(),
         sheet_thickness: args.sheet_thickness.unwrap_or(QuadsSettings::default().sheet_thickness),
         precision: args.precision,
-        max_error: args.max_error,
+        table_error: args.table_error,
         footprint_table: args.footprint_table,
         sheets_per_pass: args.sheets_per_pass,
     };
@@ -152,7 +174,7 @@ fn painter(args: &RenderArgs) -> Result<Painter, Failure> {
 }
 
 /// The lights and their material; `None` if there is no light.
-fn lighting(args: &RenderArgs) -> Result<Option<Lighting>, Failure> {
+fn lighting(args: &ModelArgs, up: DVec3) -> Result<Option<Lighting>, Failure> {
     let lit: Vec<LightArg> = args.light.iter().copied().filter(|l| *l != LightArg::Off).collect();
     if lit.is_empty() {
         return match args.material {
@@ -163,7 +185,6 @@ fn lighting(args: &RenderArgs) -> Result<Option<Lighting>, Failure> {
     if lit.len() < args.light.len() {
         return Err(Failure::Usage("--light: off does not go with other lights".to_owned()));
     }
-    let up = args.up.unwrap_or(View::default().up);
     let lights = lit.into_iter().map(|light| match light {
         LightArg::From(azimuth, elevation) => {
             View { azimuth, elevation, up, ..View::default() }.forward().map(|forward| Light::Directional(-forward))
@@ -178,7 +199,7 @@ fn lighting(args: &RenderArgs) -> Result<Option<Lighting>, Failure> {
     Ok(Some(lighting))
 }
 
-fn view(args: &RenderArgs) -> Result<View, Failure> {
+fn view(args: &ViewArgs) -> Result<View, Failure> {
     let projection = match args.projection {
         ProjectionArg::Perspective => ProjectionKind::Perspective { fov: args.fov.unwrap_or(DEFAULT_FOV) },
         ProjectionArg::Orthographic => {
@@ -205,6 +226,63 @@ fn view(args: &RenderArgs) -> Result<View, Failure> {
         view_height: args.view_height,
         distance: args.distance,
     })
+}
+
+/// A volume to be drawn in many ways.
+#[derive(Debug)]
+pub(super) struct ParetoJob {
+    pub(super) source: PathBuf,
+    pub(super) load: LoadOptions,
+    pub(super) transfer: Transfer,
+    /// The view asked for, and others.
+    pub(super) views: Vec<View>,
+    /// Width and height of the pictures, pixels.
+    pub(super) size: [u32; 2],
+    pub(super) settings: Settings,
+    pub(super) adapter: Option<String>,
+    pub(super) directory: PathBuf,
+    pub(super) repeats: u32,
+    pub(super) sample: u32,
+    pub(super) patience: f64,
+    pub(super) resume: bool,
+    pub(super) rivals: Option<PathBuf>,
+}
+
+/// The golden angle, degrees: steps of it spread any number of views evenly.
+const GOLDEN_ANGLE: f64 = 137.507_764_050_037_85;
+
+impl ParetoJob {
+    pub(super) fn new(args: ParetoArgs) -> Result<Self, Failure> {
+        let settings = settings(&args.model, Painter::Auto, &args.view)?;
+        let first = view(&args.view)?;
+        Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
+        let turned = |i: u32| {
+            let elevations = [0.0, 25.0, -35.0, 55.0, -15.0];
+            View {
+                direction: None,
+                azimuth: first.azimuth + f64::from(i) * GOLDEN_ANGLE,
+                elevation: elevations[i as usize % elevations.len()],
+                ..first.clone()
+            }
+        };
+        let views = std::iter::once(first.clone()).chain((1..args.views).map(turned)).collect();
+        let transfer = Transfer::new(args.model.transfer)?;
+        Ok(Self {
+            load: args.input.options(),
+            source: args.input.source,
+            transfer,
+            views,
+            size: args.size,
+            settings,
+            adapter: args.adapter,
+            directory: args.output,
+            repeats: args.repeats,
+            sample: args.sample,
+            patience: args.patience,
+            resume: args.resume,
+            rivals: args.rivals,
+        })
+    }
 }
 
 /// Two pictures to compare.

@@ -9,7 +9,9 @@ mod devices;
 mod histogram;
 mod info;
 mod job;
+mod options;
 mod output;
+mod pareto;
 mod parse;
 mod progress;
 mod render;
@@ -108,6 +110,7 @@ fn run(args: args::Args) -> Result<(), Failure> {
     signals::watch();
     match args.command {
         args::Command::Render(args) => render::run(job::RenderJob::new(*args)?),
+        args::Command::Pareto(args) => pareto::run(job::ParetoJob::new(*args)?),
         args::Command::Info(args) => info::run(&args),
         args::Command::Compare(args) => compare::run(&job::CompareJob::new(args)?),
         args::Command::Devices => devices::run(),

@@ -20,6 +20,7 @@ impl Progress {
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style);
         }
+        bar.set_prefix(what);
         bar.set_message(what);
         bar.enable_steady_tick(Duration::from_millis(100));
         Self(bar)
@@ -59,4 +60,25 @@ pub(super) fn reporter() -> voxsplat::progress::Progress {
         let (_, bar) = shown.insert(current.unwrap_or_else(|| (doing, Progress::bar(doing))));
         bar.0.set_position((fraction.max(0.0) * STEPS as f64) as u64);
     })
+}
+
+/// A bar for steps that take unlike times, with what is being done.
+pub(super) struct Remaining(Progress);
+
+impl Remaining {
+    /// For so many steps.
+    pub(super) fn new(what: &'static str, steps: usize) -> Self {
+        let bar = ProgressBar::new(steps as u64);
+        Self(Progress::new(
+            bar,
+            "{spinner} {prefix} {wide_bar} {pos}/{len} {elapsed} (about {eta} left)\n  {msg}",
+            what,
+        ))
+    }
+
+    /// So many steps are done, and this is next.
+    pub(super) fn at(&self, done: usize, next: &str) {
+        self.0.0.set_position(done as u64);
+        self.0.0.set_message(next.to_owned());
+    }
 }

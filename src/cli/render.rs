@@ -4,10 +4,12 @@ use std::path::Path;
 use std::time::Instant;
 
 use serde::Serialize;
+use voxsplat::accuracy::{Chosen, Estimate, Truth, choose};
 use voxsplat::camera::Camera;
 use voxsplat::image::Image;
 use voxsplat::reference::Reference;
-use voxsplat::renderer::{Renderer, RendererOptions};
+use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
+use voxsplat::settings::Settings;
 use voxsplat::stats::{Clock, StageTime, Stats};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::transfer::presets::{self, Suggestion};
@@ -16,13 +18,14 @@ use voxsplat::{demos, formats};
 
 use super::args::StatsFormat;
 use super::job::{Engine, RenderJob, Transfer};
+use super::options::{command_line, options_of};
 use super::progress::{self, Progress};
 use super::stderr::silenced;
 use super::{Failure, output};
 
 /// Host times of the stages, in the order in which they ran.
 #[derive(Default)]
-struct Stages(Vec<StageTime>);
+pub(super) struct Stages(Vec<StageTime>);
 
 impl Stages {
     fn time<T>(&mut self, name: &'static str, work: impl FnOnce() -> T) -> T {
@@ -58,9 +61,9 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
             let open = move || silenced(|| Renderer::new(&RendererOptions { adapter, progress: progress::reporter() }));
             scope.spawn(move || opening.time("device", open))
         });
-        let read = || {
+        let mut read = || {
             let volume = stages.time("load", || formats::load(&job.source, &job.load))?;
-            let (transfer, note) = transfer(&job.source, job.transfer, &volume, &mut stages)?;
+            let (transfer, note) = transfer(&job.source, &job.transfer, &volume, &mut stages)?;
             Ok::<_, Failure>((volume, transfer, note))
         };
         (read(), device.map(|thread| thread.join()))
@@ -76,14 +79,22 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
     match opened {
         Some(opened) => {
             let renderer = opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
-            let scene = renderer.prepare(&volume, &transfer, &job.settings)?;
-            let mut rendered = renderer.render(&scene, &camera, &job.settings)?;
+            let (mut rendered, settings, estimate) = draw(&renderer, (&volume, &transfer), &camera, &job)?;
             let before = stages.0.len();
             save(&rendered.image, &mut stages)?;
             let after = stages.0.split_off(before);
             rendered.stats.stages.splice(0..0, stages.0);
             rendered.stats.stages.extend(after);
-            print_stats(job.stats, &rendered.stats, Stats::to_string)
+            let verified = job.verify.then(|| verify(&rendered.image, (&volume, &transfer), &camera, &settings, &job));
+            let verified = verified.transpose()?;
+            let broken = verified.filter(|verified| job.max_error.is_some_and(|bound| verified.interval[0] > bound));
+            print_stats(job.stats, &RenderStats { stats: rendered.stats, estimate, verified }, RenderStats::to_text)?;
+            match (broken, job.max_error) {
+                (Some(verified), Some(bound)) => {
+                    Err(Failure::Failed(format!("--max-error {bound} is broken: {}", in_words(&verified))))
+                }
+                _ => Ok(()),
+            }
         }
         None => {
             let image = stages.time("integrate", || {
@@ -105,6 +116,80 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
     }
 }
 
+/// Statistics of a picture by the renderer, and what traced pixels say of it.
+#[derive(Serialize)]
+struct RenderStats {
+    #[serde(flatten)]
+    stats: Stats,
+    /// By the pixels that chose the settings.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    estimate: Option<Estimate>,
+    /// By other pixels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    verified: Option<Estimate>,
+}
+
+impl RenderStats {
+    fn to_text(&self) -> String {
+        let line = |name: &str, estimate: &Option<Estimate>| {
+            estimate.map(|estimate| format!("{name:<12} {}\n", in_words(&estimate))).unwrap_or_default()
+        };
+        format!("{}{}{}", self.stats, line("estimated", &self.estimate), line("verified", &self.verified))
+    }
+}
+
+/// An estimate as a person reads it.
+fn in_words(estimate: &Estimate) -> String {
+    let Estimate { pixels, error, interval: [low, high], rms, max } = estimate;
+    format!(
+        "99.9 % of the covered pixels err by at most {error:.1e} (95 % confidence: {low:.1e} to {high:.1e}), rms {rms:.1e}; \
+         the largest error of {pixels} traced pixels is {max:.1e}"
+    )
+}
+
+/// The picture of a job, by the settings asked for or by those that an error asks for, which a note names.
+fn draw(
+    renderer: &Renderer,
+    (volume, transfer): (&Volume, &TransferFunction),
+    camera: &Camera,
+    job: &RenderJob,
+) -> Result<(Rendered, Settings, Option<Estimate>), Failure> {
+    let Some(max_error) = job.max_error else {
+        let scene = renderer.prepare(volume, transfer, &job.settings)?;
+        return Ok((renderer.render(&scene, camera, &job.settings)?, job.settings.clone(), None));
+    };
+    let Chosen { settings, rendered, estimate, keeps, tried } =
+        choose(renderer, (volume, transfer), camera, &job.settings, max_error, job.sample)?;
+    let options = command_line(&options_of(&settings));
+    let options = if options.is_empty() { "the defaults".to_owned() } else { options };
+    let said = in_words(&estimate);
+    output::say(&match keeps {
+        true => format!("note: --max-error {max_error} takes {options}: {said}"),
+        false => format!(
+            "note: none of {} ways to draw keeps --max-error {max_error}; the best takes {options}: {said}",
+            tried.len()
+        ),
+    });
+    Ok((rendered, settings, Some(estimate)))
+}
+
+/// What pixels other than those of the choice say of a picture.
+fn verify(
+    image: &Image,
+    (volume, transfer): (&Volume, &TransferFunction),
+    camera: &Camera,
+    settings: &Settings,
+    job: &RenderJob,
+) -> Result<Estimate, Failure> {
+    // A tenth more pixels along each axis fall between those of the other sample.
+    let pixels = job.sample.saturating_add(job.sample / 5);
+    let estimate = Truth::trace(volume, transfer, camera, settings, pixels)?.estimate(image)?;
+    if job.stats.is_none() {
+        output::say(&format!("verified: {}", in_words(&estimate)));
+    }
+    Ok(estimate)
+}
+
 fn print_stats<S: Serialize>(
     format: Option<StatsFormat>,
     stats: &S,
@@ -118,15 +203,15 @@ fn print_stats<S: Serialize>(
 }
 
 /// The transfer function of a job, and a note for the user if a preset was suggested.
-fn transfer(
+pub(super) fn transfer(
     source: &Path,
-    choice: Transfer,
+    choice: &Transfer,
     volume: &Volume,
     stages: &mut Stages,
 ) -> Result<(TransferFunction, Option<String>), Failure> {
     let mut statistics = || stages.time("statistics", || Statistics::of(volume));
     match choice {
-        Transfer::Given(transfer) => Ok((transfer, None)),
+        Transfer::Given(transfer) => Ok((transfer.clone(), None)),
         Transfer::Preset(name) => Ok((presets::preset(name, &statistics()?)?, None)),
         Transfer::Suggested => {
             if let Some(own) = demos::own_transfer(source) {

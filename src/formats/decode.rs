@@ -1,5 +1,7 @@
 //! Samples from the bytes of one or more files, at the width they have there.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
 use super::input::Input;
@@ -51,7 +53,7 @@ fn read_into_memory(
     layout: Layout,
 ) -> Result<Stored> {
     let samples = with_type!(sample_type, T => T::collected(read(parts, n_parts, count, layout)?));
-    Ok(Stored::Memory(samples))
+    Ok(Stored::Memory(Arc::new(samples)))
 }
 
 /// As [`read_samples`], from one file.

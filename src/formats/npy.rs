@@ -7,6 +7,7 @@
 //! up to 4 GiB because the header's length says so, and reads sample by sample.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -78,12 +79,12 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
         let halves: Vec<u16> = decode::read(&mut std::iter::once(Ok(input)), 1, count, layout)?;
         let mut floats = reserved(count, samples_in(&path))?;
         halves.into_par_iter().map(|bits| half::f16::from_bits(bits).to_f32()).collect_into_vec(&mut floats);
-        Stored::Memory(Samples::F32(floats))
+        Stored::Memory(Arc::new(Samples::F32(floats)))
     } else {
         read_all(input, count, sample_type, layout)?
     };
     let stored = match header.fortran_order {
-        true => Stored::Memory(x_fastest(&stored.into_samples()?, dims, samples_in(&path))?),
+        true => Stored::Memory(Arc::new(x_fastest(&stored.into_samples()?, dims, samples_in(&path))?)),
         false => stored,
     };
     placement.volume(grid, stored)

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::io::{self, BufWriter, Cursor, Write};
 use std::path::Path;
 
-use image::{ExtendedColorType, ImageDecoder, ImageFormat, ImageReader};
+use image::{ExtendedColorType, ImageDecoder, ImageFormat, ImageReader, ImageResult};
 
 use super::{Background, Image};
 use crate::camera::Camera;
@@ -61,9 +61,29 @@ impl Image {
             let reason = format!("pixel ({x}, {y}) is {:?}: only .exr holds such values", self.pixels[bad]);
             return Err(Error::Output { path: path.to_owned(), reason });
         }
+        let encoded = self.encoded(format, background, &path.display().to_string())?;
+        let encoded = encoded.map_err(|e| Error::Write { path: path.to_owned(), source: io::Error::other(e) })?;
+        write_atomically(path, |file| {
+            let mut file = BufWriter::new(file);
+            file.write_all(&encoded)?;
+            file.flush()
+        })
+    }
+
+    /// The picture as the bytes of a PNG file, as [`Self::save`] writes it.
+    ///
+    /// # Errors
+    /// [`Error::Image`] if it cannot be encoded; [`Error::Memory`] if there is no memory for it.
+    pub fn to_png(&self, background: Background) -> Result<Vec<u8>> {
+        self.encoded(ImageFormat::Png, background, "a PNG")?
+            .map_err(|e| Error::Image(format!("it cannot be encoded: {e}")))
+    }
+
+    /// The bytes of a file of a name, or what the encoder says.
+    fn encoded(&self, format: ImageFormat, background: Background, name: &str) -> Result<ImageResult<Vec<u8>>> {
         // 8-bit pixels with and without alpha, or the encoder's copy of f32, and the file.
         let area = u64::from(self.width) * u64::from(self.height);
-        memory::check(area * if format == ImageFormat::Png { 12 } else { 32 }, || format!("{}", path.display()))?;
+        memory::check(area * if format == ImageFormat::Png { 12 } else { 32 }, || name.to_owned())?;
         let (bytes, color): (Cow<'_, [u8]>, _) = match (format, background) {
             (ImageFormat::OpenExr, _) => (bytemuck::cast_slice(&self.pixels).into(), ExtendedColorType::Rgba32F),
             (_, Background::Transparent) => (self.to_rgba8(background).into(), ExtendedColorType::Rgba8),
@@ -71,13 +91,8 @@ impl Image {
         };
         // Encoders seek, so they need a buffer; a failed encoding never touches the disk.
         let mut encoded = Cursor::new(Vec::new());
-        image::write_buffer_with_format(&mut encoded, &bytes, self.width, self.height, color, format)
-            .map_err(|e| Error::Write { path: path.to_owned(), source: io::Error::other(e) })?;
-        write_atomically(path, |file| {
-            let mut file = BufWriter::new(file);
-            file.write_all(encoded.get_ref())?;
-            file.flush()
-        })
+        let result = image::write_buffer_with_format(&mut encoded, &bytes, self.width, self.height, color, format);
+        Ok(result.map(|()| encoded.into_inner()))
     }
 
     /// Reads a PNG or EXR picture. The alpha of a PNG is straight, that of an EXR premultiplied.

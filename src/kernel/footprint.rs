@@ -64,7 +64,7 @@ impl FootprintTable {
             }
         }
         Err(Error::Setting {
-            name: "max_error",
+            name: "table_error",
             reason: format!(
                 "no footprint table of {kernel:?} is accurate to {max_error:e}, the best errs by {best:.1e} of the \
                  peak: allow a larger error, or choose a kernel with a smaller radius"
@@ -262,7 +262,7 @@ mod tests {
     #[test]
     fn impossible_accuracy_is_refused() {
         let error = FootprintTable::new(&Kernel::default(), 1e-9).unwrap_err();
-        assert!(error.to_string().starts_with("max_error: no footprint table"), "{error}");
+        assert!(error.to_string().starts_with("table_error: no footprint table"), "{error}");
     }
 
     #[test]

@@ -3,24 +3,30 @@
 use glam::{DMat3, DVec3};
 
 use super::classify::Weights;
-use super::profile::{Range, Scalar, Series};
-use super::walk::Piece;
+use super::profile::{Gauss, Range, Scalar, Series};
+use super::walk::{Block, Cuts, MOMENTS};
 use crate::lighting::{Light, Lighting};
 use crate::transfer::TransferFunction;
 
-/// Optical depth beyond which nothing more is seen: a transmittance of 1e-12.
-const OPAQUE_DEPTH: f64 = 27.631_021_115_928_547;
 /// Optical depth of one step at most, for the exponential to be as well resolved as the kernel.
 const MAX_STEP_DEPTH: f64 = 0.25;
 /// Steps into which a piece is cut at once: an opaque ray ends after four times its optical depth of them.
 const MAX_STEPS: f64 = 256.0;
-/// How far a step through a classified field and its two halves may differ in what the eye sees of them. Halves err by
-/// a small fraction of that.
+/// How far a step through a classified field and its two halves may differ in what the eye sees of them, at least.
+/// Halves err by a small fraction of that.
 const TOLERANCE: f64 = 1e-9;
+/// The transmittance beyond which nothing more is seen, at least.
+const OPAQUE: f64 = 1e-12;
+/// The error that the jumps of a smooth block make, over the sum of the squares of their optical depths.
+const UNEVENNESS: f64 = 0.3;
+/// The share of the tolerance that one part of a classified field may take.
+const PIECE_SHARE: f64 = 0.01;
 /// How often a step is halved at most.
 const MAX_LEVEL: u32 = 26;
 /// Length in voxels down to which the places are looked for where a polynomial meets a value that it may just touch.
 const FLOOR: f64 = 1.0 / 1024.0;
+/// Length in voxels under which a gap between blocks is rounding.
+const GAP: f64 = 1e-9;
 /// Spread of a polynomial, as a fraction of its size, that is rounding.
 const ROUNDING: f64 = 1e-13;
 
@@ -29,8 +35,8 @@ const ROUNDING: f64 = 1e-13;
 pub struct RayIntegral {
     /// C = integral of e(t) exp(-integral_0^t tau) dt, red, green and blue. X-ray and maximum intensity: their pixel.
     pub color: [f64; 3],
-    /// The integral of tau, up to the end or to where the transmittance fell under 1e-12. Maximum intensity: what has
-    /// the alpha of its pixel, infinite for an alpha of 1.
+    /// The integral of tau, up to the end or to where the transmittance fell under 1e-12 or a quarter of the tolerance.
+    /// Maximum intensity: what has the alpha of its pixel, infinite for an alpha of 1.
     pub optical_depth: f64,
 }
 
@@ -81,10 +87,6 @@ impl RayIntegral {
         }
         self.optical_depth += behind.optical_depth;
     }
-
-    fn is_opaque(&self) -> bool {
-        self.optical_depth > OPAQUE_DEPTH
-    }
 }
 
 /// Gauss's three-point rule on [0, 1] as a collocation method: nodes, weights, and the integrals of the node
@@ -100,56 +102,111 @@ const RUNNING: [[f64; STAGES]; STAGES] = [
     [5.0 / 36.0 + SQRT15 / 30.0, 2.0 / 9.0 + SQRT15 / 15.0, 5.0 / 36.0],
 ];
 
+/// How exact an integral must be.
+#[derive(Debug)]
+pub(super) struct Accuracy {
+    /// The error that a pixel's channel may have; 0 for what rounding allows.
+    pub(super) tolerance: f64,
+    /// The kernel at the rim of its support.
+    pub(super) rim: f64,
+    pub(super) rule: Gauss<MOMENTS>,
+    /// Steps of a block of extinction and emission.
+    pub(super) steps: f64,
+}
+
+impl Accuracy {
+    fn is_opaque(&self, sum: &RayIntegral) -> bool {
+        (-sum.optical_depth).exp() < OPAQUE.max(self.tolerance / 4.0)
+    }
+}
+
 /// The integral of splats that extinguish and emit.
 #[derive(Debug)]
-pub(super) struct Emission {
+pub(super) struct Emission<'a> {
     pub(super) sum: RayIntegral,
     /// World units per voxel along the ray, over the kernel's divisor N.
     pub(super) measure: f64,
+    pub(super) accuracy: &'a Accuracy,
 }
 
-impl Emission {
-    /// Adds a piece no longer than the kernel needs; whether there is more to see.
-    pub(super) fn piece(&mut self, piece: &Piece<'_>) -> bool {
-        let field = self.field(piece, piece.from, piece.to);
-        // One look tells whether the exponential needs finer steps than the kernel does. Stopping at an opaque ray
-        // bounds their number, however many there are to the end of the piece.
-        self.part(piece, &field, 0.0, 1.0)
+impl Emission<'_> {
+    /// Adds a block; whether there is more to see.
+    pub(super) fn block(&mut self, block: &Block<'_>, cuts: &mut Cuts) -> bool {
+        let Accuracy { tolerance, rim, steps, .. } = *self.accuracy;
+        let seen = (-self.sum.optical_depth).exp();
+        let jumps = block.unevenness(rim) * (2.0 * block.half * self.measure).powi(2);
+        if tolerance > 0.0 && UNEVENNESS * jumps * seen <= tolerance && self.smooth(block) {
+            return !self.accuracy.is_opaque(&self.sum);
+        }
+        block.pieces(cuts, |series, a, b| {
+            let parts = ((b - a) / 2.0 * steps).ceil();
+            let at = |i: f64| if i < parts { a + (b - a) * (i / parts) } else { b };
+            let mut i = 0.0;
+            while i < parts && self.step(series, block.half, at(i), at(i + 1.0)) {
+                i += 1.0;
+            }
+            i == parts
+        })
     }
 
-    /// Adds the part of a piece from `a` to `b`, as fractions of its length, given the field at its nodes.
-    fn part(&mut self, piece: &Piece<'_>, field: &[Weights; STAGES], a: f64, b: f64) -> bool {
-        let length = (piece.to - piece.from) * (b - a);
+    /// Adds a block as if no chord began or ended in it, unless it is too dense for that; whether it has.
+    fn smooth(&mut self, block: &Block<'_>) -> bool {
+        let series = block.smooth(&self.accuracy.rule);
+        let steps = self.accuracy.steps;
+        let length = 2.0 * block.half / steps;
+        let mut sum = self.sum;
+        let mut i = 0.0;
+        while i < steps {
+            let field = NODES.map(|c| series.at(2.0 * (i + c) / steps - 1.0).map(|x| x * self.measure));
+            if field.iter().any(|f| f[0] * length > MAX_STEP_DEPTH) {
+                return false;
+            }
+            sum.append(&RayIntegral::step(&field, length));
+            i += 1.0;
+        }
+        self.sum = sum;
+        true
+    }
+
+    /// Adds the part of a block from a to b.
+    fn step(&mut self, series: &Series, half: f64, a: f64, b: f64) -> bool {
+        // One look tells whether the exponential needs finer steps than the kernel does. Stopping at an opaque ray
+        // bounds their number, however many there are to the end of the piece.
+        let field = self.field(series, a, b);
+        self.part(series, half, &field, a, b)
+    }
+
+    /// The same, given the field at its nodes.
+    fn part(&mut self, series: &Series, half: f64, field: &[Weights; STAGES], a: f64, b: f64) -> bool {
+        let length = half * (b - a);
         let count = (field.iter().map(|f| f[0]).fold(0.0, f64::max) * length / MAX_STEP_DEPTH).ceil();
         if count <= 1.0 {
             self.sum.append(&RayIntegral::step(field, length));
-            return !self.sum.is_opaque();
+            return !self.accuracy.is_opaque(&self.sum);
         }
-        // So many steps that the ray may be opaque long before the last: halves, of which the first may do. Fractions
-        // stay apart where places on the ray are rounded to one, so that depth grows in any material.
+        // So many steps that the ray may be opaque long before the last: halves, of which the first may do.
         let parts = if count > MAX_STEPS && b - a > f64::MIN_POSITIVE { 2.0 } else { count.min(MAX_STEPS) };
         let at = |i: f64| if i < parts { a + (b - a) * (i / parts) } else { b };
         let mut i = 0.0;
-        while i < parts && !self.sum.is_opaque() {
+        while i < parts && !self.accuracy.is_opaque(&self.sum) {
             let (a, b) = (at(i), at(i + 1.0));
-            let place = |x: f64| piece.from + (piece.to - piece.from) * x;
-            let field = self.field(piece, place(a), place(b));
+            let field = self.field(series, a, b);
             if parts < count {
-                self.part(piece, &field, a, b);
+                self.part(series, half, &field, a, b);
             } else {
-                self.sum.append(&RayIntegral::step(&field, (piece.to - piece.from) * (b - a)));
+                self.sum.append(&RayIntegral::step(&field, half * (b - a)));
             }
             i += 1.0;
         }
-        !self.sum.is_opaque()
+        !self.accuracy.is_opaque(&self.sum)
     }
 
     /// Extinction and emission at the nodes of a step, per voxel of length along the ray.
-    fn field(&self, piece: &Piece<'_>, from: f64, to: f64) -> [Weights; STAGES] {
+    fn field(&self, series: &Series, from: f64, to: f64) -> [Weights; STAGES] {
         // At the rim of a kernel there is nothing but rounding, which dense material magnifies: it is neither below 0
         // nor brighter than white.
         NODES.map(|c| {
-            let [tau, emission @ ..] = piece.at(from + (to - from) * c).map(|x| (x * self.measure).max(0.0));
+            let [tau, emission @ ..] = series.at(from + (to - from) * c).map(|x| (x * self.measure).max(0.0));
             let [red, green, blue] = emission.map(|e| e.min(tau));
             [tau, red, green, blue]
         })
@@ -240,9 +297,10 @@ pub(super) struct Classified<'a> {
     pub(super) divisor: f64,
     /// Up to where the ray is integrated.
     pub(super) position: f64,
+    pub(super) accuracy: &'a Accuracy,
 }
 
-/// A piece in x from -1 to 1.
+/// A part of a block, in x from -1 to 1 over the block.
 struct Stretch {
     /// Scalar and differences.
     series: Series,
@@ -254,23 +312,24 @@ struct Stretch {
 }
 
 impl Classified<'_> {
-    /// Adds a piece and what is empty before it; whether there is more to see.
-    pub(super) fn piece(&mut self, piece: &Piece<'_>) -> bool {
-        self.empty(piece.from);
-        self.position = piece.to;
-        let series = piece.series();
-        let stretch = Stretch {
-            series,
-            scalar: series.combined(&[1.0, 0.0, 0.0, 0.0]),
-            sides: self.sides.iter().map(|side| series.combined(side)).collect(),
-            half: (piece.to - piece.from) / 2.0,
-        };
-        !self.sum.is_opaque() && self.split(&stretch, -1.0, 1.0)
+    /// Adds a block and what is empty before it; whether there is more to see.
+    pub(super) fn block(&mut self, block: &Block<'_>, cuts: &mut Cuts) -> bool {
+        block.pieces(cuts, |series, a, b| {
+            self.empty(block.middle + block.half * a);
+            self.position = block.middle + block.half * b;
+            let stretch = Stretch {
+                series: *series,
+                scalar: series.combined(&[1.0, 0.0, 0.0, 0.0]),
+                sides: self.sides.iter().map(|side| series.combined(side)).collect(),
+                half: block.half,
+            };
+            !self.accuracy.is_opaque(&self.sum) && self.split(&stretch, a, b)
+        })
     }
 
     /// Adds what is empty up to a position: there the field is its base.
     pub(super) fn empty(&mut self, to: f64) {
-        if to > self.position {
+        if to - self.position > GAP {
             let length = (to - self.position) * self.measure;
             let (color, opacity) = self.classifier.transfer.sample(self.classifier.base);
             let optical_depth = TransferFunction::extinction(opacity, self.classifier.unit) * length;
@@ -345,10 +404,11 @@ impl Classified<'_> {
             .map(|(c, w)| (c - w).abs())
             .fold((both.optical_depth - whole.optical_depth).abs(), f64::max);
         let seen = (-self.sum.optical_depth).exp();
-        let agree = both.optical_depth <= MAX_STEP_DEPTH && error * seen <= TOLERANCE;
+        let agree = both.optical_depth <= MAX_STEP_DEPTH
+            && error * seen <= TOLERANCE.max(self.accuracy.tolerance * PIECE_SHARE);
         if level == MAX_LEVEL || (agree && self.is_evenly_bright(stretch, a, b)) {
             self.sum.append(&both);
-            return !self.sum.is_opaque();
+            return !self.accuracy.is_opaque(&self.sum);
         }
         self.refine(stretch, a, middle, &first, level + 1) && self.refine(stretch, middle, b, &second, level + 1)
     }
@@ -389,16 +449,19 @@ pub(super) struct Maximum {
 }
 
 impl Maximum {
-    /// Looks at a piece, both of its ends included, and at what is empty before it.
-    pub(super) fn piece(&mut self, piece: &Piece<'_>) {
-        self.empty(piece.from);
-        self.position = piece.to;
-        self.search(&piece.series().combined(&[1.0, 0.0, 0.0, 0.0]), -1.0, 1.0);
+    /// Looks at a block, both of its ends included, and at what is empty before it.
+    pub(super) fn block(&mut self, block: &Block<'_>, cuts: &mut Cuts) {
+        block.pieces(cuts, |series, a, b| {
+            self.empty(block.middle + block.half * a);
+            self.position = block.middle + block.half * b;
+            self.search(&series.combined(&[1.0, 0.0, 0.0, 0.0]), a, b);
+            true
+        });
     }
 
     /// Looks at what is empty up to a position.
     pub(super) fn empty(&mut self, to: f64) {
-        if to > self.position {
+        if to - self.position > GAP {
             self.take(0.0);
             self.position = to;
         }

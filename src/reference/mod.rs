@@ -43,6 +43,7 @@
 //!
 //! Slow, and made to be right: nothing is shared with the renderer but the data it reads.
 
+mod cells;
 mod classify;
 mod integrate;
 mod profile;
@@ -57,9 +58,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::budget::{MAX_CHORDS, MAX_RAY_CHORDS, too_much};
+use crate::camera::Camera;
 #[cfg(doc)]
 use crate::camera::Growth;
-use crate::camera::{Camera, Projection};
 #[cfg(doc)]
 use crate::error::Error;
 use crate::error::Result;
@@ -70,19 +71,26 @@ use crate::progress::Progress;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
-use classify::Splats;
-use integrate::{Classified, Classifier, Emission, Maximum};
-use profile::Profile;
-use walk::{LatticeRay, Scratch, Sight, Sizes, Viewer, Walk, pieces};
+use cells::Map;
+use classify::{Bricks, Splats};
+use integrate::{Accuracy, Classified, Classifier, Emission, Maximum};
+use profile::{Gauss, Profile};
+use walk::{Cuts, LatticeRay, Scratch, Sight, Sizes, Viewer, Walk, blocks};
 
-/// The longest step, as a fraction of the scale of the smallest kernel (a Gaussian's sigma).
-const LONGEST_STEP: f64 = 0.2;
+/// The longest block, as a fraction of the scale of the smallest kernel (a Gaussian's sigma): without and with a
+/// tolerance.
+const LONGEST: [f64; 2] = [0.2, 0.8];
+/// Steps of a block.
+const STEPS: [f64; 2] = [1.0, 3.0];
+/// Errors of kernels, over their peak: without a tolerance, and over the tolerance.
+const KERNEL_ERROR: [f64; 2] = [2e-14, 1e-3];
+/// The least tolerance for which weights are kept in f32.
+const ROUNDED: f64 = 1e-7;
 
-/// A classified volume, ready to be integrated from any camera.
+/// A volume, ready to be integrated from any camera.
 ///
-/// Holds a quarter of a byte per voxel and 32 bytes more per voxel that counts, 56 if voxels are lit. Those count that
-/// are visible, in post-shading and maximum intensity those whose value is not the base. Pictures of any size need no
-/// more.
+/// Holds the samples, a quarter of a byte more per voxel, and 32 bytes per voxel of the bricks of 8^3 voxels that rays
+/// have met so far and that have visible voxels; 16 with a tolerance. Pictures of any size need no more.
 #[derive(Debug)]
 pub struct Reference {
     /// In a world that begins in the middle of the lattice.
@@ -90,10 +98,14 @@ pub struct Reference {
     /// Where that is in the world.
     center: DVec3,
     splats: Splats,
+    /// Unless they depend on the viewer.
+    bricks: Option<Bricks>,
+    kernel: Kernel,
     profile: Profile,
     radius: f64,
     divisor: f64,
-    longest_step: f64,
+    longest: f64,
+    accuracy: Accuracy,
     antialiasing: bool,
     method: Method,
     progress: Progress,
@@ -136,18 +148,40 @@ impl Reference {
             )),
             Model::Composite => Method::PreShaded(lighting.clone()),
         };
-        Ok(Self {
+        let reference = Self {
             grid: grid.centered(),
             center,
             splats: Splats::new(volume, transfer, settings)?,
-            profile: Profile::new(kernel),
+            bricks: None,
+            kernel: *kernel,
+            profile: Profile::new(kernel, 0.0, 1.0),
             radius: kernel.radius(),
             divisor: settings.normalization.divisor(kernel),
-            longest_step: LONGEST_STEP * scale(kernel),
+            longest: 0.0,
+            accuracy: Accuracy { tolerance: 0.0, rim: kernel.value(kernel.radius().powi(2)), rule: Gauss::new(), steps: 1.0 },
             antialiasing: settings.antialiasing,
             method,
             progress: Progress::default(),
-        })
+        };
+        Ok(reference.with_tolerance(0.0))
+    }
+
+    /// The same, with an error of up to about `tolerance` in each channel of a pixel. 0 is as exact as rounding allows.
+    #[must_use]
+    pub fn with_tolerance(mut self, tolerance: f64) -> Self {
+        let (exact, with) = (0, 1);
+        let which = if tolerance > 0.0 { with } else { exact };
+        self.longest = LONGEST[which] * scale(&self.kernel); if which == 1 { self.longest = std::env::var("LONG").map_or(0.8, |s| s.parse().unwrap()) * scale(&self.kernel); }
+        let error = if tolerance > 0.0 { KERNEL_ERROR[with] * tolerance } else { 0.0 };
+        let beyond = self.longest * (self.longest + 2.0 * self.radius);
+        self.profile = Profile::new(&self.kernel, beyond, error.max(KERNEL_ERROR[exact]));
+        self.accuracy.tolerance = tolerance.max(0.0);
+        self.accuracy.steps = STEPS[which];
+        // Who looks at them does not matter.
+        let viewer = Viewer::Towards(DVec3::Z);
+        self.bricks =
+            (!self.splats.depend_on_viewer()).then(|| Bricks::new(&self.splats, viewer, tolerance >= ROUNDED));
+        self
     }
 
     /// The same, telling how far each picture is: "integrating", rising to 1.
@@ -168,56 +202,74 @@ impl Reference {
     /// [`Error::Camera`] if the camera is not finite; [`Error::Setting`] if a side of the
     /// picture is 0 or over [`Camera::MAX_SIZE`] pixels.
     pub fn render(&self, camera: &Camera) -> Result<Image> {
+        let [width, height] = camera.size;
+        let mut image = Image::transparent(width, height)?;
+        let rows = image.pixels_mut().par_chunks_exact_mut(width as usize).enumerate();
+        self.traced(camera, f64::from(width) * f64::from(height), rows, |tracer, (y, row)| {
+            for (x, pixel) in (0..width).zip(row) {
+                *pixel = tracer.pixel([x, y as u32]).map(|v| v as f32);
+            }
+        })?;
+        Ok(image)
+    }
+
+    /// Some pixels (column and row, from the top left) of the picture that a camera sees, in the order given:
+    /// premultiplied red, green, blue and alpha. Pixels outside of the picture are as the rays through them.
+    ///
+    /// # Errors
+    /// Those of [`Self::render`], for rays through these pixels only.
+    pub fn pixels(&self, camera: &Camera, pixels: &[[u32; 2]]) -> Result<Vec<[f64; 4]>> {
+        self.traced(camera, pixels.len() as f64, pixels.par_iter(), |tracer, pixel| tracer.pixel(*pixel))
+    }
+
+    /// Does some work for each of `items`, which trace so many rays in all, on all cores.
+    fn traced<I: IndexedParallelIterator, O: Send>(
+        &self,
+        camera: &Camera,
+        rays: f64,
+        items: I,
+        work: impl Fn(&Tracer<'_>, I::Item) -> O + Sync,
+    ) -> Result<Vec<O>> {
         camera.validate()?;
-        let camera = &Camera { target: camera.target - self.center, ..*camera };
+        let camera = Camera { target: camera.target - self.center, ..*camera };
         camera.check_scale(&self.grid)?;
-        thread_local! {
-            static SCRATCH: RefCell<Scratch> = RefCell::default();
-        }
-        let two_sided = matches!(camera.projection, Projection::Orthographic { .. });
         let sizes = if self.antialiasing {
-            Sizes::seen(self.radius, &self.grid, camera, camera.growth(&self.grid))
+            Sizes::seen(self.radius, &self.grid, &camera, camera.growth(&self.grid))
         } else {
             Sizes::fixed(self.radius)
         };
-        let [width, height] = camera.size;
-        let chords = self.chords(camera, sizes);
-        let most = MAX_CHORDS.min(MAX_RAY_CHORDS * f64::from(width) * f64::from(height));
+        let chords = self.chords(&camera, sizes, rays);
+        let most = MAX_CHORDS.min(MAX_RAY_CHORDS * rays);
         if chords > most {
             let what = format!("rays would cut {chords:.0e} chords out of kernels, at most {most:.0e} are added up");
             return Err(too_much(&what, sizes.largest(self.radius)));
         }
-        let done = Mutex::new(0_u32);
-        let mut image = Image::transparent(width, height)?;
-        image.pixels_mut().par_chunks_mut(width as usize).enumerate().for_each(|(y, row)| {
-            SCRATCH.with_borrow_mut(|scratch| {
-                for (x, pixel) in (0..width).zip(row) {
-                    let (sx, sy) = camera.image_coordinates([x, y as u32]);
-                    let (origin, direction) = camera.ray(sx, sy);
-                    *pixel = self.trace(origin, direction, two_sided, sizes, scratch).rgba().map(|v| v as f32);
-                }
-            });
+        let tracer = Tracer { rays: self.rays(camera.eye(), camera.forward, sizes, true), camera };
+        let (count, done) = (items.len(), Mutex::new(0_usize));
+        let work = |item| {
+            let made = work(&tracer, item);
             // Held while reporting: a fraction never follows a larger one.
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
             *done += 1;
-            self.progress.report("integrating", f64::from(*done) / f64::from(height));
-        });
-        Ok(image)
+            self.progress.report("integrating", *done as f64 / count as f64);
+            made
+        };
+        Ok(items.map(work).collect())
     }
 
-    /// About how many chords of kernels a picture adds up, from some of its rays.
-    fn chords(&self, camera: &Camera, sizes: Sizes) -> f64 {
+    /// About how many chords of kernels so many rays of a picture add up, from some of them.
+    fn chords(&self, camera: &Camera, sizes: Sizes, rays: f64) -> f64 {
         const SIDE: u32 = 32;
         let [across, down] = camera.size.map(|side| side.min(SIDE));
         let ray = |x: u32, y: u32| {
             let pixel = [x * camera.size[0] / across, y * camera.size[1] / down];
             let (sx, sy) = camera.image_coordinates(pixel);
             let (origin, direction) = camera.ray(sx, sy);
-            let (ray, sight) = self.sight(origin, direction, camera.eye().is_none(), sizes)?;
-            Walk::new(sight, ray).map(|walk| walk.chords())
+            let ray = self.lattice_ray(origin, direction, camera.eye().is_none())?;
+            Walk::new(self.sight(sizes), ray).map(|walk| walk.chords())
         };
         let sum: f64 = (0..down).flat_map(|y| (0..across).filter_map(move |x| ray(x, y))).sum();
-        sum * f64::from(camera.size[0]) / f64::from(across) * f64::from(camera.size[1]) / f64::from(down)
+        sum * rays / (f64::from(across) * f64::from(down))
     }
 
     /// What a single ray collects, from `origin` along `direction` (world coordinates, unit length), in f64.
@@ -226,50 +278,114 @@ impl Reference {
     #[must_use]
     pub fn ray(&self, origin: DVec3, direction: DVec3, two_sided: bool) -> RayIntegral {
         let origin = origin - self.center;
-        self.trace(origin, direction, two_sided, Sizes::fixed(self.radius), &mut Scratch::default())
+        let rays = self.rays((!two_sided).then_some(origin), direction, Sizes::fixed(self.radius), false);
+        rays.trace(origin, direction, two_sided, &mut Scratch::default())
     }
 
-    /// A ray in the lattice, and what it finds there; `None` if it misses the box that scalars exist in.
-    fn sight(&self, origin: DVec3, direction: DVec3, two_sided: bool, sizes: Sizes) -> Option<(LatticeRay, Sight<'_>)> {
-        let mut ray = LatticeRay::new(&self.grid, origin, direction, two_sided);
+    fn sight(&self, sizes: Sizes) -> Sight<'_> {
+        Sight { splats: &self.splats, radius: self.radius, sizes }
+    }
+
+    /// A ray in the lattice; `None` if it misses the box that scalars exist in.
+    fn lattice_ray(&self, origin: DVec3, direction: DVec3, two_sided: bool) -> Option<LatticeRay> {
+        let ray = LatticeRay::new(&self.grid, origin, direction, two_sided);
         if matches!(self.method, Method::PostShaded(_) | Method::Maximum(_)) {
             let lattice = self.grid.dims().map(|d| [0, i64::from(d) - 1]);
-            ray = ray.clipped(&lattice, 0.5)?;
+            return ray.clipped(&lattice, 0.5);
         }
-        let sight = Sight {
-            grid: &self.grid,
-            splats: &self.splats,
-            radius: self.radius,
-            sizes,
-            viewer: if two_sided { Viewer::Towards(-direction) } else { Viewer::At(origin) },
-            lighting: if let Method::PreShaded(lighting) = &self.method { lighting.as_ref() } else { None },
-        };
-        Some((ray, sight))
+        Some(ray)
     }
 
-    fn trace(
+    /// What rays from an eye, or parallel ones in a direction, find. If many are to come, what they may leave out.
+    fn rays(&self, eye: Option<DVec3>, direction: DVec3, sizes: Sizes, many: bool) -> Rays<'_> {
+        let viewer = eye.map_or(Viewer::Towards(-direction), Viewer::At);
+        let rounded = self.accuracy.tolerance >= ROUNDED;
+        let bricks = match &self.bricks {
+            Some(bricks) => Either::Shared(bricks),
+            None => Either::Own(Bricks::new(&self.splats, viewer, rounded)),
+        };
+        Rays { reference: self, sizes, bricks, map: if many { self.map(sizes) } else { None } }
+    }
+
+    /// The most that can show at each place.
+    fn map(&self, sizes: Sizes) -> Option<Map> {
+        let seen = |seen: bool| f64::from(u8::from(seen));
+        let map = |most: &(dyn Fn([f64; 2]) -> f64 + Sync)| self.splats.cells.map(sizes.reach, most);
+        // Sums of kernels, where all weights are 1.
+        let [least, most] = kernel_sums(&self.kernel, sizes.least, sizes.largest(self.radius))?;
+        let field = |base: f64, [low, high]: [f64; 2]| {
+            let [low, high] = [low - base, high - base];
+            [low * if low < 0.0 { most } else { least }, high * if high > 0.0 { most } else { least }]
+        };
+        let transfer = self.splats.transfer();
+        Some(match &self.method {
+            Method::PreShaded(_) | Method::Xray => map(&|range| seen(!transfer.is_invisible(range))),
+            Method::PostShaded(_) => map(&|range| {
+                let base = transfer.base();
+                seen(!transfer.is_invisible(field(base, range).map(|v| base + v / self.divisor)))
+            }),
+            Method::Maximum(_) => map(&|range| field(transfer.base(), range)[1]),
+        })
+    }
+}
+
+/// What rays find.
+struct Rays<'a> {
+    reference: &'a Reference,
+    sizes: Sizes,
+    bricks: Either<'a>,
+    map: Option<Map>,
+}
+
+/// The bricks of a scene.
+enum Either<'a> {
+    Shared(&'a Bricks),
+    Own(Bricks),
+}
+
+impl Rays<'_> {
+    /// Calls `visit` for the blocks of a ray, front to back, until it returns false; returns that.
+    fn blocks(
         &self,
-        origin: DVec3,
-        direction: DVec3,
-        two_sided: bool,
-        sizes: Sizes,
+        ray: LatticeRay,
         scratch: &mut Scratch,
-    ) -> RayIntegral {
-        let Some((ray, sight)) = self.sight(origin, direction, two_sided, sizes) else {
-            return RayIntegral::default();
+        visit: impl FnMut(&walk::Block<'_>, &mut Cuts) -> bool,
+    ) -> bool {
+        let reference = self.reference;
+        let bricks = match &self.bricks {
+            Either::Shared(bricks) => bricks,
+            Either::Own(bricks) => bricks,
         };
+        Walk::new(reference.sight(self.sizes), ray).is_none_or(|walk| {
+            blocks(walk, bricks, &reference.profile, reference.longest * self.sizes.least, scratch, visit)
+        })
+    }
+
+    /// Calls `visit` for the parts of a ray where more than `enough` may show, front to back, until it returns false.
+    fn parts(&self, ray: LatticeRay, enough: f64, mut visit: impl FnMut(LatticeRay) -> bool) {
+        let Some(map) = &self.map else {
+            visit(ray);
+            return;
+        };
+        // Parts closer together share planes of splats.
+        map.parts(&ray, enough, 2.0 * self.sizes.reach, visit);
+    }
+
+    fn trace(&self, origin: DVec3, direction: DVec3, two_sided: bool, scratch: &mut Scratch) -> RayIntegral {
+        let reference = self.reference;
+        let Some(ray) = reference.lattice_ray(origin, direction, two_sided) else { return RayIntegral::default() };
         let measure = 1.0 / ray.voxels_per_unit;
-        let mut walk = |visit: &mut dyn FnMut(&walk::Piece<'_>) -> bool| {
-            if let Some(walk) = Walk::new(sight, ray) {
-                pieces(walk, &self.profile, self.longest_step * sizes.least, scratch, visit);
-            }
-        };
-        match &self.method {
+        let accuracy = &reference.accuracy;
+        match &reference.method {
             Method::PreShaded(_) | Method::Xray => {
-                let mut emission = Emission { sum: RayIntegral::default(), measure: measure / self.divisor };
-                walk(&mut |piece| emission.piece(piece));
+                let mut emission =
+                    Emission { sum: RayIntegral::default(), measure: measure / reference.divisor, accuracy };
+                let bounds = reference.splats.bounds(self.sizes.layers);
+                if let Some(ray) = bounds.and_then(|bounds| ray.clipped(&bounds, self.sizes.reach)) {
+                    self.parts(ray, 0.0, |part| self.blocks(part, scratch, |block, cuts| emission.block(block, cuts)));
+                }
                 let mut sum = emission.sum;
-                if matches!(self.method, Method::Xray) {
+                if matches!(reference.method, Method::Xray) {
                     sum.color = [sum.alpha(); 3];
                 }
                 sum
@@ -281,27 +397,99 @@ impl Reference {
                     to_eye: -direction,
                     sides: classifier.sides(-direction),
                     measure,
-                    divisor: self.divisor,
+                    divisor: reference.divisor,
                     position: ray.start,
+                    accuracy,
                 };
-                walk(&mut |piece| classified.piece(piece));
-                classified.empty(ray.end);
+                self.parts(ray, 0.0, |part| {
+                    classified.position = part.start;
+                    let more = self.blocks(part, scratch, |block, cuts| classified.block(block, cuts));
+                    classified.empty(part.end);
+                    more
+                });
                 classified.sum
             }
             Method::Maximum(transfer) => {
                 let mut maximum = Maximum { largest: None, position: ray.start };
-                walk(&mut |piece| {
-                    maximum.piece(piece);
+                let mut search = |maximum: &mut Maximum, part: LatticeRay| {
+                    maximum.position = part.start;
+                    self.blocks(part, scratch, |block, cuts| {
+                        maximum.block(block, cuts);
+                        true
+                    });
+                    maximum.empty(part.end);
+                };
+                if let Some(part) = self.map.as_ref().and_then(|map| map.best(&ray)) {
+                    search(&mut maximum, part);
+                }
+                let found = maximum.largest.unwrap_or(f64::NEG_INFINITY);
+                self.parts(ray, found, |part| {
+                    search(&mut maximum, part);
                     true
                 });
-                maximum.empty(ray.end);
                 let most = transfer.max_opacity();
                 let sum = maximum.largest.unwrap_or_default();
-                let (color, opacity) = transfer.sample(transfer.base() + sum / self.divisor);
+                let (color, opacity) = transfer.sample(transfer.base() + sum / reference.divisor);
                 RayIntegral::uniform(color, if most > 0.0 { opacity / most } else { 0.0 })
             }
         }
     }
+}
+
+/// The rays of a picture.
+struct Tracer<'a> {
+    rays: Rays<'a>,
+    /// In the world that begins in the middle of the lattice.
+    camera: Camera,
+}
+
+impl Tracer<'_> {
+    /// A pixel: premultiplied red, green, blue and alpha.
+    fn pixel(&self, pixel: [u32; 2]) -> [f64; 4] {
+        thread_local! {
+            static SCRATCH: RefCell<Scratch> = RefCell::default();
+        }
+        let (sx, sy) = self.camera.image_coordinates(pixel);
+        let (origin, direction) = self.camera.ray(sx, sy);
+        let two_sided = self.camera.eye().is_none();
+        SCRATCH.with_borrow_mut(|scratch| self.rays.trace(origin, direction, two_sided, scratch)).rgba()
+    }
+}
+
+/// Kernels that reach further are not added up: bounds of their sums take longer than they save.
+const MAX_REACH: f64 = 8.0;
+
+/// Bounds of the sum of all kernels of a lattice at any place, for scales from `small` to `large`; `None` if there are
+/// too many of them.
+fn kernel_sums(kernel: &Kernel, small: f64, large: f64) -> Option<[f64; 2]> {
+    /// Cells along half the distance of two lattice points: the rest of space is its mirror image.
+    const CELLS: u32 = 5;
+    let reach = kernel.radius() * large;
+    if reach > MAX_REACH {
+        return None;
+    }
+    let width = 0.5 / f64::from(CELLS);
+    let middle = |i: u32| (f64::from(i) + 0.5) * width;
+    let last = reach.ceil() as i32 + 1;
+    // No place of a cell is further from its middle.
+    let radius = width * 0.75_f64.sqrt();
+    let mut bounds = [f64::INFINITY, 0.0_f64];
+    for cell in 0..CELLS * CELLS * CELLS {
+        let place = DVec3::new(middle(cell % CELLS), middle(cell / CELLS % CELLS), middle(cell / CELLS / CELLS));
+        let (mut least, mut most) = (0.0, 0.0);
+        for z in -last..=last {
+            for y in -last..=last {
+                for x in -last..=last {
+                    let distance = place.distance(DVec3::new(f64::from(x), f64::from(y), f64::from(z)));
+                    // Kernels fall with the distance, and rise with the scale but for its cube.
+                    least += kernel.value(((distance + radius) / small).powi(2)) / large.powi(3);
+                    most += kernel.value(((distance - radius).max(0.0) / large).powi(2)) / small.powi(3);
+                }
+            }
+        }
+        bounds = [bounds[0].min(least), bounds[1].max(most)];
+    }
+    Some(bounds)
 }
 
 /// The length in voxels over which a kernel changes: the sigma of the Gaussian that it resembles near its centre.

@@ -1,5 +1,5 @@
-//! A kernel as piecewise polynomials: the same numbers as `Kernel::value`, many times faster. And sums of kernels along
-//! a ray as polynomials, whose bounds and roots are known.
+//! A kernel as polynomials: the same numbers as `Kernel::value`, many times faster, and beyond its support. And sums of
+//! kernels along a ray as polynomials, whose bounds and roots are known.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;
@@ -7,144 +7,238 @@ use std::sync::LazyLock;
 use super::classify::Weights;
 use crate::kernel::Kernel;
 
-/// Coefficients of one piece: degree 7.
+/// Coefficients of a piece, where one is not enough.
 const TERMS: usize = 8;
-/// Largest error of a piece, as a fraction of the kernel's peak.
-const MAX_ERROR: f64 = 2e-14;
-/// Enough for a Gaussian of sigma 0.05 cut at 16, the sharpest kernel there is.
+/// The most coefficients of a single piece.
+const MAX_TERMS: usize = 24;
+/// Enough pieces for a Gaussian of sigma 0.05 cut at 16, the sharpest kernel there is.
 const MAX_PIECES: usize = 1 << 17;
 
-/// A kernel as a function of y = R^2 - rho^2, in which every kernel is analytic inside its support.
+/// A kernel as a function of y = R^2 - rho^2, in which every kernel is analytic, continued a little beyond its support.
 #[derive(Debug)]
 pub(super) struct Profile {
-    pieces: Vec<[f64; TERMS]>,
+    /// Of each piece, lowest first, in s from -1 to 1 over the piece.
+    coefficients: Vec<f64>,
+    /// Coefficients of a piece.
+    terms: usize,
+    /// The least y.
+    least: f64,
     /// Pieces per unit of y.
     scale: f64,
 }
 
 impl Profile {
-    pub(super) fn new(kernel: &Kernel) -> Self {
+    /// The kernel from y = -`beyond` on, with errors of about `error` of its peak.
+    pub(super) fn new(kernel: &Kernel, beyond: f64, error: f64) -> Self {
+        for terms in TERMS..=MAX_TERMS {
+            let profile = Self::with_pieces(kernel, beyond, 1, terms);
+            if profile.error(kernel) <= error {
+                return profile;
+            }
+        }
         let mut pieces = 16;
         loop {
-            let profile = Self::with_pieces(kernel, pieces);
-            if pieces >= MAX_PIECES || profile.error(kernel) <= MAX_ERROR {
+            let profile = Self::with_pieces(kernel, beyond, pieces, TERMS);
+            if pieces >= MAX_PIECES || profile.error(kernel) <= error {
                 return profile;
             }
             pieces *= 2;
         }
     }
 
-    /// The kernel at y voxels^2 inside the sphere of its support (y from 0 to R^2).
+    /// The kernel at some y voxels^2 inside the sphere of its support, or a little outside.
     #[inline]
-    pub(super) fn value(&self, y: f64) -> f64 {
-        let position = y * self.scale;
-        // A float to integer cast saturates: y a rounding error below 0 lands in piece 0, where it belongs.
-        let index = (position as usize).min(self.pieces.len() - 1);
-        let s = position - index as f64;
-        self.pieces[index].iter().rev().fold(0.0, |sum, c| sum * s + c)
+    pub(super) fn values<const N: usize>(&self, y: [f64; N]) -> [f64; N] {
+        if self.coefficients.len() == self.terms {
+            let s = y.map(|y| 2.0 * (y - self.least) * self.scale - 1.0);
+            let mut sum = [0.0; N];
+            for c in self.coefficients.iter().rev() {
+                for (sum, s) in sum.iter_mut().zip(&s) {
+                    *sum = *sum * s + c;
+                }
+            }
+            return sum;
+        }
+        y.map(|y| {
+            let position = (y - self.least) * self.scale;
+            let last = self.coefficients.len() / self.terms - 1;
+            // A float to integer cast saturates: y a rounding error below the least lands in piece 0, where it belongs.
+            let index = (position as usize).min(last);
+            let s = 2.0 * (position - index as f64) - 1.0;
+            let piece = &self.coefficients[index * self.terms..(index + 1) * self.terms];
+            piece.iter().rev().fold(0.0, |sum, c| sum * s + c)
+        })
     }
 
-    fn with_pieces(kernel: &Kernel, count: usize) -> Self {
-        let radius2 = kernel.radius() * kernel.radius();
-        let width = radius2 / count as f64;
-        let piece = |index: usize| interpolate(|s| kernel.value((radius2 - (index as f64 + s) * width).max(0.0)));
-        Self { pieces: (0..count).map(piece).collect(), scale: 1.0 / width }
+    fn with_pieces(kernel: &Kernel, beyond: f64, count: usize, terms: usize) -> Self {
+        let scale = count as f64 / (kernel.radius() * kernel.radius() + beyond);
+        let place = |index: usize, s: f64| (index as f64 + 0.5 + 0.5 * s) / scale - beyond;
+        let coefficients =
+            (0..count).flat_map(|index| interpolate(terms, |s| continued(kernel, place(index, s)))).collect();
+        Self { coefficients, terms, least: -beyond, scale }
     }
 
     /// The largest error, looked for between the interpolation points of every piece.
     fn error(&self, kernel: &Kernel) -> f64 {
-        let radius2 = kernel.radius() * kernel.radius();
-        let samples = self.pieces.len() * 2 * TERMS;
+        let samples = self.coefficients.len() * 2;
+        let range = kernel.radius() * kernel.radius() - self.least;
         (0..=samples)
-            .map(|i| radius2 * i as f64 / samples as f64)
-            .map(|y| (self.value(y) - kernel.value(radius2 - y)).abs())
+            .map(|i| self.least + range * i as f64 / samples as f64)
+            .map(|y| (self.values([y])[0] - continued(kernel, y)).abs())
             .fold(0.0, f64::max)
     }
 }
 
-/// Coefficients, lowest first, of the polynomial that meets `f` at the Chebyshev points of [0, 1].
-fn interpolate(f: impl Fn(f64) -> f64) -> [f64; TERMS] {
-    let node = |i: usize| 0.5 - 0.5 * ((2 * i + 1) as f64 * PI / (2 * TERMS) as f64).cos();
-    let nodes: [f64; TERMS] = std::array::from_fn(node);
-    // Newton's divided differences, in place.
-    let mut newton = nodes.map(f);
-    for order in 1..TERMS {
-        for i in (order..TERMS).rev() {
-            newton[i] = (newton[i] - newton[i - 1]) / (nodes[i] - nodes[i - order]);
+/// A kernel at y = R^2 - rho^2, continued analytically where that is negative.
+fn continued(kernel: &Kernel, y: f64) -> f64 {
+    match *kernel {
+        Kernel::Gaussian { sigma, radius } => ((y - radius * radius) / (2.0 * sigma * sigma)).exp(),
+        Kernel::KaiserBessel { radius, alpha } => {
+            let y = y / (radius * radius);
+            y * y * bessel(alpha * alpha * y) / bessel(alpha * alpha)
         }
     }
-    // Horner's scheme on polynomials: p <- p (s - node) + coefficient.
-    let mut p = [0.0; TERMS];
-    for i in (0..TERMS).rev() {
-        for k in (1..TERMS).rev() {
-            p[k] = p[k - 1] - nodes[i] * p[k];
+}
+
+/// 8 I_2(z) / z^2 from z^2, of either sign: 2 sum_k (z^2 / 4)^k / (k! (k + 2)!).
+fn bessel(z2: f64) -> f64 {
+    let (mut term, mut sum, mut k) = (1.0_f64, 1.0_f64, 1.0);
+    while term.abs() > 1e-18 * sum.abs() {
+        term *= z2 / 4.0 / (k * (k + 2.0));
+        sum += term;
+        k += 1.0;
+    }
+    sum
+}
+
+/// Coefficients, lowest first, of the polynomial of so many terms that meets `f` at the Chebyshev points of [-1, 1].
+fn interpolate(terms: usize, f: impl Fn(f64) -> f64) -> Vec<f64> {
+    let angle = |i: usize| (2 * i + 1) as f64 * PI / (2 * terms) as f64;
+    let values: Vec<f64> = (0..terms).map(|i| f(angle(i).cos())).collect();
+    let mut sum = vec![0.0; terms];
+    // T_k and T_(k - 1) as polynomials: T_(k + 1) = 2 x T_k - T_(k - 1).
+    let (mut chebyshev, mut before) = (vec![0.0; terms], vec![0.0; terms]);
+    chebyshev[0] = 1.0;
+    for k in 0..terms {
+        let product: f64 = values.iter().enumerate().map(|(i, v)| v * (k as f64 * angle(i)).cos()).sum();
+        let factor = product * if k == 0 { 1.0 } else { 2.0 } / terms as f64;
+        for (s, c) in sum.iter_mut().zip(&chebyshev) {
+            *s += factor * c;
         }
-        p[0] = newton[i] - nodes[i] * p[0];
+        let twice = if k == 0 { 1.0 } else { 2.0 };
+        let next = (0..terms).map(|i| if i > 0 { twice * chebyshev[i - 1] } else { 0.0 } - before[i]).collect();
+        before = std::mem::replace(&mut chebyshev, next);
+    }
+    sum
+}
+
+/// Terms of a [`Series`], and the nodes that it is made from.
+pub(super) const SERIES: usize = 8;
+
+/// A sum of splats along a stretch of a ray: a polynomial of degree 7 in x from -1 to 1 for each weight, as Legendre
+/// series.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Series(pub(super) [Weights; SERIES]);
+
+/// The nodes of Gauss's rule on -1..1 (Abramowitz and Stegun, table 25.4), by bisection and Newton's method, and the
+/// matrix that makes a Legendre series of values at them.
+#[derive(Debug)]
+pub(super) struct Gauss<const N: usize> {
+    pub(super) nodes: [f64; N],
+    /// `terms[m][k]` is (2 m + 1) / 2 w_k P_m(x_k), w_k the weight of node x_k.
+    pub(super) terms: [[f64; N]; N],
+}
+
+impl<const N: usize> Gauss<N> {
+    pub(super) fn new() -> Self {
+        let nodes = std::array::from_fn(|k| {
+            let first = -((k as f64 + 0.75) / (N as f64 + 0.5) * PI).cos();
+            (0..10).fold(first, |x, _| {
+                let p = legendre::<SERIES>(x);
+                let (last, value) = (p[N - 1], next_legendre(N, x, p[N - 1], p[N - 2]));
+                x - value * (1.0 - x * x) / (N as f64 * (last - x * value))
+            })
+        });
+        let weight = |x: f64| {
+            let last = legendre::<SERIES>(x)[N - 1];
+            2.0 * (1.0 - x * x) / (N as f64 * last).powi(2)
+        };
+        let terms = std::array::from_fn(|m| {
+            std::array::from_fn(|k| (m as f64 + 0.5) * weight(nodes[k]) * legendre::<SERIES>(nodes[k])[m])
+        });
+        Self { nodes, terms }
+    }
+}
+
+/// P_n from P_(n - 1) and P_(n - 2).
+fn next_legendre(n: usize, x: f64, last: f64, before: f64) -> f64 {
+    ((2 * n - 1) as f64 * x * last - (n - 1) as f64 * before) / n as f64
+}
+
+/// 1 / n for the recurrence.
+const RECIPROCALS: [f64; SERIES] = [0.0, 1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0, 1.0 / 5.0, 1.0 / 6.0, 1.0 / 7.0];
+
+/// The first Legendre polynomials at x.
+#[inline]
+pub(super) fn legendre<const N: usize>(x: f64) -> [f64; N] {
+    let mut p = [1.0; N];
+    p[1] = x;
+    for n in 2..N {
+        p[n] = x * p[n - 1] + (n - 1) as f64 * RECIPROCALS[n] * (x * p[n - 1] - p[n - 2]);
     }
     p
 }
 
-/// Terms of a [`Series`], and the points that it is made from.
-pub(super) const SERIES: usize = 8;
-
-/// What all splats that hold a stretch of a ray add up to on it: a polynomial of degree 7 in x from -1 to 1 for each
-/// weight, as Chebyshev series.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Series([Weights; SERIES]);
-
-/// `COSINES[j][k]` is T_k at Chebyshev point j.
-static COSINES: LazyLock<[[f64; SERIES]; SERIES]> = LazyLock::new(|| {
-    let angle = |j: usize, k: usize| ((2 * j + 1) * k) as f64 * PI / (2 * SERIES) as f64;
-    std::array::from_fn(|j| std::array::from_fn(|k| angle(j, k).cos()))
-});
+/// Gauss's rule for a whole series.
+pub(super) static GAUSS: LazyLock<Gauss<SERIES>> = LazyLock::new(Gauss::new);
 
 impl Series {
-    /// The Chebyshev points of -1..1.
-    pub(super) fn points() -> [f64; SERIES] {
-        COSINES.map(|row| row[1])
+    /// The series that meets `values` (of each weight, at each node) at the nodes of [`GAUSS`].
+    pub(super) fn through(values: &[[f64; SERIES]; 4]) -> Self {
+        let gauss = &*GAUSS;
+        Self(std::array::from_fn(|m| {
+            std::array::from_fn(|c| gauss.terms[m].iter().zip(&values[c]).map(|(t, v)| t * v).sum())
+        }))
     }
 
-    /// The series that meets `values` at the Chebyshev points.
-    pub(super) fn through(values: &[Weights; SERIES]) -> Self {
-        let mut terms = [[0.0; 4]; SERIES];
-        for (value, cosines) in values.iter().zip(&*COSINES) {
-            for (term, cosine) in terms.iter_mut().zip(cosines) {
-                for (t, v) in term.iter_mut().zip(value) {
-                    *t += v * cosine;
-                }
+    /// Adds a polynomial, with these weights.
+    pub(super) fn add<const N: usize>(&mut self, polynomial: &[f64; N], weights: &Weights) {
+        for (term, p) in self.0.iter_mut().zip(polynomial) {
+            for (t, w) in term.iter_mut().zip(weights) {
+                *t += w * p;
             }
         }
-        for (k, term) in terms.iter_mut().enumerate() {
-            *term = term.map(|t| t * if k == 0 { 1.0 } else { 2.0 } / SERIES as f64);
-        }
-        Self(terms)
     }
 
-    /// Its sum at x, by Clenshaw's recurrence.
+    /// Its sum at x.
+    #[inline]
     pub(super) fn at(&self, x: f64) -> Weights {
-        let (mut next, mut after) = ([0.0; 4], [0.0; 4]);
-        for term in self.0[1..].iter().rev() {
-            let sum = std::array::from_fn(|c| term[c] + 2.0 * x * next[c] - after[c]);
-            (next, after) = (sum, next);
+        let p = legendre::<SERIES>(x);
+        let mut sum = [0.0; 4];
+        for (term, p) in self.0.iter().zip(p) {
+            for (s, t) in sum.iter_mut().zip(term) {
+                *s += t * p;
+            }
         }
-        std::array::from_fn(|c| self.0[0][c] + x * next[c] - after[c])
+        sum
     }
 
     /// One polynomial: the weights, each times its factor, added up.
     pub(super) fn combined(&self, factors: &Weights) -> Scalar {
         let products = self.0.map(|term| std::array::from_fn::<_, 4, _>(|c| term[c] * factors[c]));
         let value = products.map(|p| p.iter().sum::<f64>());
-        // d/dx sum c_k T_k = sum d_k T_k with d_(k-1) = d_(k+1) + 2 k c_k, d_0 half of that.
-        let mut slope = [0.0; SERIES + 1];
-        for k in (1..SERIES).rev() {
-            slope[k - 1] = slope[k + 1] + 2.0 * k as f64 * value[k];
+        // P_n' = sum of (2 k + 1) P_k over k = n - 1, n - 3, ..
+        let mut slope = [0.0; SERIES];
+        let mut sums = [0.0; 2];
+        for k in (0..SERIES - 1).rev() {
+            sums[k % 2] += value[k + 1];
+            slope[k] = (2 * k + 1) as f64 * sums[k % 2];
         }
-        slope[0] /= 2.0;
-        // |T_k''| is largest at the ends: k^2 (k^2 - 1) / 3.
-        let bend = |k: usize| (k * k * (k * k).saturating_sub(1)) as f64 / 3.0;
+        // |P_n| and |P_n''| are largest at the ends: 1 and (n - 1) n (n + 1) (n + 2) / 8.
+        let bend = |n: usize| (n.saturating_sub(1) * n * (n + 1) * (n + 2)) as f64 / 8.0;
         Scalar {
             value,
-            slope: std::array::from_fn(|k| slope[k]),
+            slope,
             curvature: value.iter().enumerate().map(|(k, c)| c.abs() * bend(k)).sum(),
             size: products.iter().flatten().map(|p| p.abs()).sum(),
         }
@@ -175,13 +269,13 @@ pub(super) struct Range {
 
 impl Scalar {
     pub(super) fn at(&self, x: f64) -> f64 {
-        clenshaw(&self.value, x)
+        series_at(&self.value, x)
     }
 
     /// Bounds on the interval from a to b, by Taylor's formula about its middle.
     pub(super) fn range(&self, a: f64, b: f64) -> Range {
         let (middle, half) = (f64::midpoint(a, b), (b - a) / 2.0);
-        let (slope, bend) = (clenshaw(&self.slope, middle).abs(), self.curvature * half);
+        let (slope, bend) = (series_at(&self.slope, middle).abs(), self.curvature * half);
         Range { middle: self.at(middle), spread: (slope + bend / 2.0) * half, monotone: slope > 2.0 * bend }
     }
 
@@ -201,21 +295,20 @@ impl Scalar {
     fn solve(&self, value: f64, a: f64, b: f64) -> f64 {
         // With slopes of at least half the middle one's size, and that over twice the curvature times half the
         // interval, Newton's error in halves of the interval goes from e to e^2 / 2 or less: 2^-63 after six steps.
-        (0..6).fold(f64::midpoint(a, b), |x, _| (x + (value - self.at(x)) / clenshaw(&self.slope, x)).clamp(a, b))
+        (0..6).fold(f64::midpoint(a, b), |x, _| (x + (value - self.at(x)) / series_at(&self.slope, x)).clamp(a, b))
     }
 }
 
-fn clenshaw(terms: &[f64; SERIES], x: f64) -> f64 {
-    let (mut next, mut after) = (0.0, 0.0);
-    for term in terms[1..].iter().rev() {
-        (next, after) = (term + 2.0 * x * next - after, next);
-    }
-    terms[0] + x * next - after
+#[inline]
+fn series_at(terms: &[f64; SERIES], x: f64) -> f64 {
+    terms.iter().zip(legendre::<SERIES>(x)).map(|(t, p)| t * p).sum()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const ERROR: f64 = 2e-14;
 
     #[test]
     fn profile_is_the_kernel() {
@@ -227,11 +320,11 @@ mod tests {
             Kernel::Gaussian { sigma: 0.5, radius: 4.0 },
             Kernel::Gaussian { sigma: 16.0, radius: 0.5 },
         ] {
-            let profile = Profile::new(&kernel);
+            let profile = Profile::new(&kernel, 0.1, ERROR);
             let radius2 = kernel.radius().powi(2);
             for i in 0..=10_007 {
                 let y = radius2 * f64::from(i) / 10_007.0;
-                let error = profile.value(y) - kernel.value(radius2 - y);
+                let error = profile.values([y])[0] - kernel.value(radius2 - y);
                 assert!(error.abs() < 1e-13, "{kernel:?} at y = {y}: {error:e}");
             }
         }
@@ -241,27 +334,28 @@ mod tests {
     fn the_sharpest_kernel_is_still_exact() {
         let kernel = Kernel::Gaussian { sigma: 0.05, radius: 16.0 };
         // y itself is rounded to 3e-14 voxels^2 there, which such a kernel turns into 6e-12 of its peak.
-        assert!(Profile::new(&kernel).error(&kernel) <= 1e-11);
+        assert!(Profile::new(&kernel, 0.0, ERROR).error(&kernel) <= 1e-11);
     }
 
     #[test]
     fn a_series_is_its_polynomial_and_knows_its_bounds() {
         let f = |x: f64| [x.powi(7) - 2.0 * x + 0.5, x * x, 1.0, -x.powi(5)];
-        let series = Series::through(&Series::points().map(f));
+        let series = Series::through(&std::array::from_fn(|c| GAUSS.nodes.map(|x| f(x)[c])));
         let scalar = series.combined(&[1.0, 0.0, 0.0, 0.0]);
         for i in 0..200 {
             let x = f64::from(i) / 100.0 - 1.0;
             for (got, expected) in series.at(x).iter().zip(f(x)) {
-                assert!((got - expected).abs() < 1e-14);
+                // The ends lie beyond the nodes, where rounding of the values at them grows.
+                assert!((got - expected).abs() < 5e-14, "{:e} at {x}", got - expected);
             }
-            assert!((scalar.at(x) - f(x)[0]).abs() < 1e-14);
+            assert!((scalar.at(x) - f(x)[0]).abs() < 5e-14);
             let range = scalar.range(x, x + 0.01);
             for y in [x, x + 0.005, x + 0.01] {
-                assert!((f(y)[0] - range.middle).abs() <= range.spread + 1e-15);
+                assert!((f(y)[0] - range.middle).abs() <= range.spread + 5e-14);
             }
         }
         assert!(scalar.range(-0.02, 0.02).monotone && !scalar.range(-1.0, 1.0).monotone);
         let root = scalar.solve(0.5, -0.02, 0.018);
-        assert!(root.abs() < 1e-15, "{root:e}");
+        assert!(root.abs() < 1e-14, "{root:e}");
     }
 }

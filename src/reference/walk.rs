@@ -2,21 +2,15 @@
 
 use glam::DVec3;
 
-use super::classify::{Splats, Weights};
-use super::profile::{Profile, SERIES, Series};
+use super::classify::{Brick, Bricks, Splats, Weights};
+use super::profile::{GAUSS, Gauss, Profile, SERIES, Series, legendre};
 use crate::camera::{Camera, Growth, Projection};
-use crate::lighting::Lighting;
 use crate::volume::Grid;
 
-/// Planes gathered at once: sorting few chords at a time costs little, and an opaque ray leaves most planes alone.
-const PLANES: usize = 16;
-/// Ends of chords in a part of a block that are added up one by one. Parts with more are halved, so that the cost of a
-/// block grows as its number of ends and not as the square: grown kernels overlap in thousands.
-const FEW: usize = 16;
-/// How often a block is halved at most: where many chords end at one place, halving does not part them.
-const MAX_HALVINGS: u32 = 12;
-/// Ends of chords closer together than this, in voxels, count as one.
-const SAME: f64 = 1e-11;
+/// Ends of chords closer together than this, in halves of a block, count as one.
+const SAME: f64 = 1e-10;
+/// Terms of the series that a part of a chord adds to a smooth block.
+pub(super) const MOMENTS: usize = 4;
 
 /// A ray in lattice coordinates. Positions on it are lengths u in voxels from `origin`, which lies abreast of the
 /// volume however far away the eye is, so that u keeps its digits.
@@ -73,9 +67,9 @@ pub(super) struct Sizes {
     depth: f64,
     slope: DVec3,
     /// Repetitions of the edge that reach into the volume, where the edge is repeated.
-    layers: i64,
+    pub(super) layers: i64,
     /// The support radius of the largest kernel.
-    reach: f64,
+    pub(super) reach: f64,
     /// The scale of the smallest kernel.
     pub(super) least: f64,
 }
@@ -124,8 +118,11 @@ impl Sizes {
     }
 
     /// The scale s of the kernel at a lattice point.
-    fn at(&self, point: DVec3) -> f64 {
-        self.growth.at(self.depth + self.slope.dot(point))
+    fn at(&self, point: [i64; 3]) -> f64 {
+        if self.growth.slope == 0.0 {
+            return self.least;
+        }
+        self.growth.at(self.depth + self.slope.dot(DVec3::from_array(point.map(|p| p as f64))))
     }
 }
 
@@ -147,29 +144,13 @@ impl Viewer {
     }
 }
 
-/// What a ray finds: splats, how large their kernels are, and how lit voxels look from where the ray comes from.
+/// What a ray finds: splats, and how large their kernels are.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight<'a> {
-    pub(super) grid: &'a Grid,
     pub(super) splats: &'a Splats,
     /// The support radius of a kernel that has not grown.
     pub(super) radius: f64,
     pub(super) sizes: Sizes,
-    pub(super) viewer: Viewer,
-    /// The light on voxels that have a gradient.
-    pub(super) lighting: Option<&'a Lighting>,
-}
-
-impl Sight<'_> {
-    /// What the splat at a lattice point weighs, if there is one.
-    fn weights(&self, point: [i64; 3], at: DVec3) -> Option<Weights> {
-        let splat = self.splats.get(point)?;
-        let (Some(lighting), Some(gradient)) = (self.lighting, splat.gradient) else { return Some(splat.weights) };
-        let [tau, color @ ..] = splat.weights;
-        let to_eye = self.viewer.from(self.grid.to_world().transform_point3(at));
-        let [red, green, blue] = lighting.shade(color, gradient, to_eye).map(|c| c * tau);
-        Some([tau, red, green, blue])
-    }
 }
 
 /// The chord that a ray cuts out of one splat's support ball.
@@ -190,23 +171,27 @@ pub(super) struct Chord {
 }
 
 impl Chord {
-    fn add(&self, profile: &Profile, u: f64, sum: &mut Weights) {
-        let t = u - self.closest;
-        let h = profile.value((self.half2 - t * t) * self.shrink);
-        for (s, w) in sum.iter_mut().zip(self.weights) {
-            *s += w * h;
-        }
+    /// The kernel at places u, continued analytically beyond the ends.
+    #[inline]
+    fn values<const N: usize>(&self, profile: &Profile, places: [f64; N]) -> [f64; N] {
+        profile.values(places.map(|u| {
+            let t = u - self.closest;
+            (self.half2 - t * t) * self.shrink
+        }))
     }
 }
 
-/// Walks the lattice planes across a ray's dominant axis in the order in which the ray meets them.
+/// Walks the lattice planes across a part of a ray along its dominant axis, in the order in which the ray meets them.
 #[derive(Debug)]
 pub(super) struct Walk<'a> {
     sight: Sight<'a>,
     bounds: [[i64; 2]; 3],
+    /// The part of the ray that splats reach.
     ray: LatticeRay,
     /// The axis most parallel to the ray, and the other two, the one that is slower in memory first.
     axes: [usize; 3],
+    /// The half extents, along the latter two, of the ellipse in which a plane cuts what kernels reach.
+    halves: [f64; 2],
     /// The next plane, the last one, and the step from one to the next (1 or -1).
     next: i64,
     last: i64,
@@ -214,11 +199,11 @@ pub(super) struct Walk<'a> {
 }
 
 impl<'a> Walk<'a> {
-    /// The walk of a ray; `None` where it meets no splat's box.
+    /// The walk of a part of a ray; `None` where it meets no splat's box.
     pub(super) fn new(sight: Sight<'a>, ray: LatticeRay) -> Option<Self> {
         let bounds = sight.splats.bounds(sight.sizes.layers)?;
         let reach = sight.sizes.reach;
-        let part = ray.clipped(&bounds, reach)?;
+        let ray = ray.clipped(&bounds, reach)?;
         let size = ray.direction.abs();
         let main = if size.x >= size.y && size.x >= size.z {
             0
@@ -228,15 +213,18 @@ impl<'a> Walk<'a> {
             2
         };
         let axes = [main, if main == 2 { 1 } else { 2 }, if main == 0 { 1 } else { 0 }];
+        // The ray's tube of radius R cuts a plane in an ellipse q^2 - (q.d)^2 = R^2, whose half extent along one
+        // in-plane axis is R sqrt(1 - d^2 of the other) / |d main|.
+        let half = |other: usize| reach * (1.0 - ray.direction[other].powi(2)).max(0.0).sqrt() / size[main];
         // A ball around a plane's point reaches the ray only while the ray is within the radius of that plane.
-        let [a, b] = [part.start, part.end].map(|u| ray.origin[main] + u * ray.direction[main]);
+        let [a, b] = [ray.start, ray.end].map(|u| ray.origin[main] + u * ray.direction[main]);
         let low = bounds[main][0].max((a.min(b) - reach).floor() as i64);
         let high = bounds[main][1].min((a.max(b) + reach).ceil() as i64);
         if low > high {
             return None;
         }
         let (next, last, step) = if ray.direction[main] > 0.0 { (low, high, 1) } else { (high, low, -1) };
-        Some(Self { sight, bounds, ray, axes, next, last, step })
+        Some(Self { sight, bounds, ray, axes, halves: [half(axes[2]), half(axes[1])], next, last, step })
     }
 
     /// About how many chords it gathers.
@@ -249,49 +237,44 @@ impl<'a> Walk<'a> {
         planes * across(a) * across(b) / self.ray.direction[main].abs()
     }
 
-    /// Appends the chords of the next `planes` planes. Returns the position before which no later plane's chord
-    /// begins: infinity after the last plane.
-    fn gather(&mut self, planes: usize, chords: &mut Vec<Chord>) -> f64 {
-        for _ in 0..planes {
-            self.plane(chords);
-            if self.next == self.last {
-                return f64::INFINITY;
-            }
-            self.next += self.step;
-        }
-        let slope = self.ray.direction[self.axes[0]];
-        (self.next as f64 - self.ray.origin[self.axes[0]]) / slope - self.sight.sizes.reach / slope.abs()
+    /// Half the length of the longest part of the ray on which the splats of one plane are found.
+    fn spread(&self) -> f64 {
+        self.sight.sizes.reach / self.ray.direction[self.axes[0]].abs()
     }
 
-    fn plane(&self, chords: &mut Vec<Chord>) {
+    /// Calls `add` for the chords of the next plane. Returns the position before which no later plane's chord begins:
+    /// infinity after the last plane.
+    fn plane(
+        &mut self,
+        bricks: &'a Bricks,
+        last: &mut Option<(usize, Option<&'a Brick>)>,
+        mut add: impl FnMut(Chord),
+    ) -> f64 {
         let [main, slow, fast] = self.axes;
         let d = self.ray.direction;
         let at = (self.next as f64 - self.ray.origin[main]) / d[main];
         let hit = self.ray.origin + d * at;
-        let Sizes { reach, .. } = self.sight.sizes;
-        // The ray's tube of radius R cuts the plane in an ellipse q^2 - (q.d)^2 = R^2, whose half extent along one
-        // in-plane axis is R sqrt(1 - d^2 of the other) / |d main|.
-        let range = |axis: usize, other: usize| {
-            let half = reach * (1.0 - d[other] * d[other]).max(0.0).sqrt() / d[main].abs();
+        let Sight { splats, radius, sizes } = self.sight;
+        let reach2 = sizes.reach * sizes.reach;
+        let range = |axis: usize, half: f64| {
             let low = ((hit[axis] - half).ceil() as i64).max(self.bounds[axis][0]);
             let high = ((hit[axis] + half).floor() as i64).min(self.bounds[axis][1]);
             low..=high
         };
         let mut point = [self.next; 3];
-        for row in range(slow, fast) {
+        for row in range(slow, self.halves[0]) {
             point[slow] = row;
             let q_slow = row as f64 - hit[slow];
-            for column in range(fast, slow) {
+            for column in range(fast, self.halves[1]) {
                 point[fast] = column;
                 let q_fast = column as f64 - hit[fast];
                 let along = q_slow * d[slow] + q_fast * d[fast];
                 let distance2 = q_slow * q_slow + q_fast * q_fast - along * along;
-                if distance2 >= reach * reach {
+                if distance2 >= reach2 {
                     continue;
                 }
-                let position = DVec3::from_array(point.map(|p| p as f64));
-                let scale = self.sight.sizes.at(position);
-                let half2 = (self.sight.radius * scale).powi(2) - distance2;
+                let scale = sizes.at(point);
+                let half2 = (radius * scale).powi(2) - distance2;
                 if half2 <= 0.0 {
                     continue;
                 }
@@ -301,172 +284,228 @@ impl<'a> Walk<'a> {
                 if enter >= leave {
                     continue;
                 }
-                if let Some(weights) = self.sight.weights(point, position) {
-                    let weights = weights.map(|w| w / scale.powi(3));
-                    chords.push(Chord { enter, leave, closest, half2, shrink: 1.0 / (scale * scale), weights });
+                let weights = bricks.get(splats, point, last);
+                if weights == [0.0; 4] {
+                    continue;
+                }
+                let (shrink, thin) = (1.0 / (scale * scale), 1.0 / scale.powi(3));
+                add(Chord { enter, leave, closest, half2, shrink, weights: weights.map(|w| w * thin) });
+            }
+        }
+        if self.next == self.last {
+            return f64::INFINITY;
+        }
+        self.next += self.step;
+        (self.next as f64 - self.ray.origin[main]) / d[main] - self.spread()
+    }
+}
+
+/// What is known of a block before it is visited; kept from ray to ray for its memory.
+#[derive(Debug, Default)]
+struct Slot {
+    /// How many chords hold all of the block, and what they add up to: of each weight, at each node.
+    whole: usize,
+    values: [[f64; SERIES]; 4],
+    /// The chords that begin or end in it.
+    ends: Vec<Chord>,
+}
+
+impl Slot {
+    fn clear(&mut self) {
+        self.whole = 0;
+        self.values = [[0.0; SERIES]; 4];
+        self.ends.clear();
+    }
+}
+
+/// Memory of the ray being integrated.
+#[derive(Debug, Default)]
+pub(super) struct Scratch {
+    slots: Vec<Slot>,
+    cuts: Cuts,
+}
+
+/// Where chords begin and end in a block.
+#[derive(Debug, Default)]
+pub(super) struct Cuts {
+    /// The place, which chord, and whether it begins.
+    places: Vec<(f64, usize, bool)>,
+    /// The series of each chord, in the block.
+    series: Vec<[f64; SERIES]>,
+}
+
+/// A stretch of a ray, so short that what a kernel adds to it is one polynomial as far as the kernel holds it. Places in
+/// it are x from -1 to 1.
+#[derive(Debug)]
+pub(super) struct Block<'a> {
+    profile: &'a Profile,
+    /// Its middle, and half its length, in voxels.
+    pub(super) middle: f64,
+    pub(super) half: f64,
+    /// Whether there are chords that hold all of it.
+    filled: bool,
+    /// Their sum.
+    whole: Series,
+    /// The others.
+    ends: &'a [Chord],
+}
+
+/// Calls `visit` for the blocks of a walk, front to back, until it returns false; returns that. What lies between
+/// blocks is empty. Blocks are no longer than `longest`.
+pub(super) fn blocks<'a>(
+    mut walk: Walk<'a>,
+    bricks: &'a Bricks,
+    profile: &Profile,
+    longest: f64,
+    scratch: &mut Scratch,
+    mut visit: impl FnMut(&Block<'_>, &mut Cuts) -> bool,
+) -> bool {
+    let LatticeRay { start, end, .. } = walk.ray;
+    let count = ((end - start) / longest).ceil().max(1.0);
+    let step = (end - start) / count;
+    let count = count as usize;
+    let begin = |block: usize| if block < count { start + block as f64 * step } else { end };
+    // Chords of one plane, and those of the next before blocks are whole, are in so many blocks at most.
+    let plane = 1.0 / walk.ray.direction[walk.axes[0]].abs();
+    let window = (((2.0 * walk.spread() + plane) / step) as usize + 4).min(count).next_power_of_two();
+    let Scratch { slots, cuts } = scratch;
+    slots.resize_with(slots.len().max(window), Slot::default);
+    slots.iter_mut().take(window).for_each(Slot::clear);
+    let half = step / 2.0;
+    let nodes = GAUSS.nodes.map(|x| half * x);
+    let channels = walk.sight.splats.channels();
+    let (mut visited, mut last) = (0, None);
+    loop {
+        let complete = walk.plane(bricks, &mut last, |chord| {
+            // A float to integer cast saturates.
+            let first = ((chord.enter - start) / step) as usize;
+            for block in first..count {
+                let (from, to) = (begin(block), begin(block + 1));
+                if from >= chord.leave {
+                    break;
+                }
+                let slot = &mut slots[block & (window - 1)];
+                if chord.enter > from || chord.leave < to {
+                    slot.ends.push(chord);
+                    continue;
+                }
+                let middle = from + half;
+                let values = chord.values(profile, nodes.map(|x| middle + x));
+                slot.whole += 1;
+                for (sums, weight) in slot.values.iter_mut().zip(chord.weights).take(channels) {
+                    for (sum, value) in sums.iter_mut().zip(values) {
+                        *sum += weight * value;
+                    }
                 }
             }
+        });
+        while visited < count && begin(visited + 1) <= complete {
+            let slot = &mut slots[visited & (window - 1)];
+            if slot.whole > 0 || !slot.ends.is_empty() {
+                let block = Block {
+                    profile,
+                    middle: begin(visited) + half,
+                    half,
+                    filled: slot.whole > 0,
+                    whole: Series::through(&slot.values),
+                    ends: &slot.ends,
+                };
+                if !visit(&block, cuts) {
+                    return false;
+                }
+                slot.clear();
+            }
+            visited += 1;
+        }
+        if complete == f64::INFINITY {
+            return true;
         }
     }
 }
 
-/// Chords of the ray being integrated; kept from ray to ray for its memory.
-#[derive(Debug, Default)]
-pub(super) struct Scratch {
-    /// Chords not yet entered, the next one last.
-    ahead: Vec<Chord>,
-    /// Chords that hold the current position.
-    inside: Vec<Chord>,
-    /// Chords that begin or end in the current block.
-    ends: Vec<Chord>,
-}
+impl Block<'_> {
+    fn place(&self, u: f64) -> f64 {
+        (u - self.middle) / self.half
+    }
 
-/// A stretch of a ray on which no chord begins or ends, so that sums over splats are analytic.
-#[derive(Debug)]
-pub(super) struct Piece<'a> {
-    pub(super) from: f64,
-    pub(super) to: f64,
-    profile: &'a Profile,
-    /// The sum of the chords that hold the whole block, over the block: its middle and half its length.
-    whole: &'a Series,
-    middle: f64,
-    half: f64,
-    /// The others that hold the piece.
-    partial: &'a [Chord],
-}
+    /// Calls `visit` for its pieces, front to back, until it returns false; returns that. No chord begins or ends in a
+    /// piece, so that sums over splats are one polynomial: a series of the block. What lies between pieces is empty.
+    pub(super) fn pieces(&self, cuts: &mut Cuts, mut visit: impl FnMut(&Series, f64, f64) -> bool) -> bool {
+        let Cuts { places, series } = cuts;
+        places.clear();
+        series.clear();
+        let gauss = &*GAUSS;
+        let nodes = gauss.nodes.map(|x| self.middle + self.half * x);
+        let (mut sum, mut inside) = (self.whole, usize::from(self.filled));
+        for (index, chord) in self.ends.iter().enumerate() {
+            let values = chord.values(self.profile, nodes);
+            let terms = gauss.terms.map(|row| row.iter().zip(values).map(|(t, v)| t * v).sum());
+            let [enter, leave] = [chord.enter, chord.leave].map(|u| self.place(u));
+            if enter > -1.0 {
+                places.push((enter, index, true));
+            } else {
+                sum.add(&terms, &chord.weights);
+                inside += 1;
+            }
+            if leave < 1.0 {
+                places.push((leave, index, false));
+            }
+            series.push(terms);
+        }
+        places.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        places.push((1.0, usize::MAX, false));
+        let mut from = -1.0;
+        for &(to, index, begins) in &*places {
+            if to - from > SAME {
+                if inside > 0 && !visit(&sum, from, to) {
+                    return false;
+                }
+                from = to;
+            }
+            let Some(terms) = series.get(index) else { continue };
+            let weights = &self.ends[index].weights;
+            if begins {
+                sum.add(terms, weights);
+                inside += 1;
+            } else {
+                sum.add(terms, &weights.map(|w| -w));
+                inside -= 1;
+            }
+            if inside == 0 {
+                sum = Series::default();
+            }
+        }
+        true
+    }
 
-impl Piece<'_> {
-    /// The sum of weight times kernel over all splats at a position inside.
-    pub(super) fn at(&self, u: f64) -> Weights {
-        let mut sum = self.whole.at((u - self.middle) / self.half);
-        for chord in self.partial {
-            chord.add(self.profile, u, &mut sum);
+    /// The series that has the same moments, up to the cubic, as the sum over splats. It differs by what jumps where
+    /// chords begin and end, but its integrals with smooth functions do not.
+    pub(super) fn smooth(&self, rule: &Gauss<MOMENTS>) -> Series {
+        let mut sum = self.whole;
+        for chord in self.ends {
+            let from = self.place(chord.enter).max(-1.0);
+            let to = self.place(chord.leave).min(1.0);
+            let (middle, half) = (f64::midpoint(from, to), (to - from) / 2.0);
+            let places = rule.nodes.map(|x| middle + half * x);
+            let values = chord.values(self.profile, places.map(|x| self.middle + self.half * x));
+            let mut moments = [0.0; MOMENTS];
+            for ((place, value), weight) in places.iter().zip(values).zip(rule.terms[0]) {
+                let p = legendre::<MOMENTS>(*place);
+                for (moment, p) in moments.iter_mut().zip(p) {
+                    *moment += 2.0 * weight * value * half * p;
+                }
+            }
+            for (m, moment) in moments.iter_mut().enumerate() {
+                *moment *= m as f64 + 0.5;
+            }
+            sum.add(&moments, &chord.weights);
         }
         sum
     }
 
-    /// The same as a series in x from -1 at `from` to 1 at `to`.
-    pub(super) fn series(&self) -> Series {
-        let (middle, half) = (f64::midpoint(self.from, self.to), (self.to - self.from) / 2.0);
-        Series::through(&Series::points().map(|x| self.at(middle + half * x)))
-    }
-}
-
-/// Calls `visit` for the pieces of a walk, front to back, until it returns false. What lies between pieces is empty.
-///
-/// Truncated kernels jump where the ray enters and leaves their support, and are analytic in between: the ray is cut at
-/// every such place. It is taken in blocks of length `longest` at most. What the many chords that hold a whole block
-/// add up to is one polynomial, so that only the few that begin or end in it are added up piece by piece.
-pub(super) fn pieces(
-    mut walk: Walk<'_>,
-    profile: &Profile,
-    longest: f64,
-    scratch: &mut Scratch,
-    mut visit: impl FnMut(&Piece<'_>) -> bool,
-) {
-    let Scratch { ahead, inside, ends } = scratch;
-    ahead.clear();
-    inside.clear();
-    let mut position = f64::NEG_INFINITY;
-    loop {
-        // No chord of a plane not yet gathered begins before `complete`.
-        let complete = walk.gather(PLANES, ahead);
-        ahead.sort_unstable_by(|a, b| b.enter.total_cmp(&a.enter));
-        while position < complete {
-            while let Some(chord) = ahead.pop_if(|c| c.enter <= position) {
-                inside.push(chord);
-            }
-            inside.retain(|c| c.leave > position);
-            if inside.is_empty() {
-                position = ahead.last().map_or(complete, |c| c.enter.min(complete));
-                continue;
-            }
-            // Behind the end of a ray that was clipped there is nothing, not even the base.
-            let end = complete.min(position + longest).min(walk.ray.end);
-            let (middle, half) = (f64::midpoint(position, end), (end - position) / 2.0);
-            let nodes = Series::points().map(|x| middle + half * x);
-            let mut values = [[0.0; 4]; SERIES];
-            ends.clear();
-            for chord in &*inside {
-                if chord.leave < end {
-                    ends.push(*chord);
-                    continue;
-                }
-                for (sum, u) in values.iter_mut().zip(nodes) {
-                    chord.add(profile, u, sum);
-                }
-            }
-            while let Some(chord) = ahead.pop_if(|c| c.enter < end) {
-                ends.push(chord);
-                inside.push(chord);
-            }
-            let block = Block { from: position, to: end, whole: Series::through(&values) };
-            if !block.pieces(profile, ends, 0, &mut visit) {
-                return;
-            }
-            position = end;
-        }
-        if complete == f64::INFINITY {
-            return;
-        }
-    }
-}
-
-/// A stretch of a ray with the sum of the chords that hold all of it.
-struct Block {
-    from: f64,
-    to: f64,
-    /// In x from -1 at `from` to 1 at `to`.
-    whole: Series,
-}
-
-impl Block {
-    /// Calls `visit` for its pieces, given the chords that begin or end in it; false: no more are wanted.
-    fn pieces(
-        &self,
-        profile: &Profile,
-        ends: &[Chord],
-        halvings: u32,
-        visit: &mut impl FnMut(&Piece<'_>) -> bool,
-    ) -> bool {
-        let Self { from: start, to: end, whole } = self;
-        let (middle, half) = (f64::midpoint(*start, *end), (end - start) / 2.0);
-        if ends.len() > FEW && halvings < MAX_HALVINGS {
-            return [(*start, middle), (middle, *end)].into_iter().all(|(from, to)| {
-                let nodes = Series::points().map(|x| f64::midpoint(from, to) + (to - from) / 2.0 * x);
-                let mut values = nodes.map(|u| whole.at((u - middle) / half));
-                let mut inside = Vec::with_capacity(ends.len());
-                for chord in ends.iter().filter(|c| c.enter < to && from < c.leave) {
-                    if chord.enter > from || chord.leave < to {
-                        inside.push(*chord);
-                        continue;
-                    }
-                    for (sum, u) in values.iter_mut().zip(nodes) {
-                        chord.add(profile, u, sum);
-                    }
-                }
-                Self { from, to, whole: Series::through(&values) }.pieces(profile, &inside, halvings + 1, visit)
-            });
-        }
-        let mut cuts: Vec<f64> =
-            ends.iter().flat_map(|c| [c.enter, c.leave]).filter(|u| start < u && u < end).collect();
-        cuts.push(*end);
-        cuts.sort_unstable_by(f64::total_cmp);
-        let mut partial = Vec::with_capacity(ends.len());
-        let mut from = *start;
-        for to in cuts {
-            if to - from < SAME && to < *end {
-                continue;
-            }
-            let at = f64::midpoint(from, to);
-            partial.clear();
-            partial.extend(ends.iter().filter(|c| c.enter < at && at < c.leave));
-            let piece = Piece { from, to, profile, whole, middle, half, partial: &partial };
-            from = to;
-            if piece.from < piece.to && !visit(&piece) {
-                return false;
-            }
-        }
-        true
+    /// How uneven the first weight is: the sum of the squares of its jumps where chords begin and end, for kernels
+    /// that are `rim` at the rim of their support.
+    pub(super) fn unevenness(&self, rim: f64) -> f64 {
+        self.ends.iter().map(|chord| (chord.weights[0] * rim).powi(2)).sum()
     }
 }

@@ -32,6 +32,10 @@ pub struct Comparison {
     /// Unlike `rms` it does not fall when the same volume is drawn with more empty space around it.
     #[serde(serialize_with = "finite_or_text")]
     pub rms_covered: f64,
+    /// What the largest |d| of a pixel's channels stays within in 99.9 % of the covered pixels; 0 if there are none. Of
+    /// under 1000 pixels it is the largest.
+    #[serde(serialize_with = "finite_or_text")]
+    pub p999: f64,
     /// -20 log10(rms) dB, relative to a signal of 1; infinite if the pictures are equal.
     #[serde(serialize_with = "finite_or_text")]
     pub psnr: f64,
@@ -73,7 +77,7 @@ pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
     check_sizes(a, b)?;
     let (mut max_channel, mut sum, mut squares) = ([0.0_f64; 4], 0.0, 0.0);
     let (mut outliers, mut max, mut worst) = (0, 0.0, 0);
-    let (mut covered, mut squares_covered) = (0_u64, 0.0);
+    let (mut differences, mut squares_covered) = (Vec::new(), 0.0);
     for (index, (p, q)) in a.pixels().iter().zip(b.pixels()).enumerate() {
         let mut pixel = 0.0_f64;
         let mut pixel_squares = 0.0;
@@ -85,8 +89,8 @@ pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
             pixel = pixel.max(d);
         }
         squares += pixel_squares;
-        if [p[3], q[3]].iter().any(|alpha| *alpha > 0.0 || alpha.is_nan()) {
-            covered += 1;
+        if is_covered(p, q) {
+            differences.push(pixel);
             squares_covered += pixel_squares;
         }
         outliers += u64::from(pixel > tolerance);
@@ -97,6 +101,7 @@ pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
     let count = (a.pixels().len() * 4) as f64;
     let rms = (squares / count).sqrt();
     let width = a.width() as usize;
+    let covered = differences.len() as u64;
     Ok(Comparison {
         size: [a.width(), a.height()],
         max,
@@ -105,12 +110,38 @@ pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
         rms,
         covered,
         rms_covered: (squares_covered / (4 * covered.max(1)) as f64).sqrt(),
+        p999: percentile(&mut differences, 0.999),
         psnr: -20.0 * rms.log10(),
         tolerance,
         outliers,
         outlier_fraction: outliers as f64 / a.pixels().len() as f64,
         worst: [(worst % width) as u32, (worst / width) as u32],
     })
+}
+
+/// The largest difference of a channel, of each pixel that either picture covers.
+///
+/// # Errors
+/// [`Error::Compare`] if the sizes differ or the pictures have no pixels.
+pub(crate) fn covered_differences(a: &Image, b: &Image) -> Result<Vec<f64>> {
+    check_sizes(a, b)?;
+    let pairs = a.pixels().iter().zip(b.pixels()).filter(|(p, q)| is_covered(p, q));
+    let largest = |(p, q): (&[f32; 4], &[f32; 4])| (0..4).map(|c| difference(p[c], q[c])).fold(0.0, f64::max);
+    Ok(pairs.map(largest).collect())
+}
+
+/// Whether either pixel has an alpha over 0, or NaN.
+fn is_covered(p: &[f32; 4], q: &[f32; 4]) -> bool {
+    [p[3], q[3]].iter().any(|alpha| *alpha > 0.0 || alpha.is_nan())
+}
+
+/// The smallest of some numbers that a fraction of them does not exceed; 0 if there are none.
+pub(crate) fn percentile(numbers: &mut [f64], fraction: f64) -> f64 {
+    let rank = (fraction * numbers.len() as f64).ceil() as usize;
+    match rank.checked_sub(1) {
+        Some(index) if index < numbers.len() => *numbers.select_nth_unstable_by(index, f64::total_cmp).1,
+        _ => 0.0,
+    }
 }
 
 /// An opaque picture of the differences of red, green and blue, times `gain`. The difference of alpha is added to each
@@ -156,6 +187,7 @@ impl fmt::Display for Comparison {
         writeln!(f, "mean      {:.3e}", self.mean)?;
         writeln!(f, "rms       {:.3e}", self.rms)?;
         writeln!(f, "covered   {} pixels, rms {:.3e}", self.covered, self.rms_covered)?;
+        writeln!(f, "99.9 %    {:.3e}", self.p999)?;
         writeln!(f, "psnr      {:.1} dB", self.psnr)?;
         writeln!(
             f,
@@ -200,6 +232,20 @@ mod tests {
         assert!(c.to_string().contains("covered   2 pixels, rms 2.339e-1"), "{c}");
         let nothing = compare(&image(&[clear]), &image(&[clear]), 0.0).unwrap();
         assert_eq!((nothing.covered, nothing.rms_covered), (0, 0.0));
+    }
+
+    #[test]
+    fn one_covered_pixel_in_a_thousand_may_differ_more() {
+        let truth = image(&[[0.5, 0.5, 0.5, 1.0]; 2000]);
+        let mut other = truth.clone();
+        for (i, pixel) in other.pixels_mut().iter_mut().enumerate() {
+            pixel[1] += [0.25, 0.125, 0.0625][i.min(2)];
+        }
+        assert_eq!(compare(&truth, &other, 0.0).unwrap().p999, 0.0625);
+        let few = image(&[[0.5, 0.5, 0.5, 1.0]; 2]);
+        other = image(&[[0.5, 0.5, 0.5, 1.0], [0.5, 0.75, 0.5, 1.0]]);
+        assert_eq!(compare(&few, &other, 0.0).unwrap().p999, 0.25);
+        assert_eq!(percentile(&mut [], 0.5), 0.0);
     }
 
     #[test]

@@ -168,7 +168,7 @@ impl Volume {
     /// # Errors
     /// [`Error::Volume`] if the grid has another number of samples.
     pub fn new(grid: Grid, samples: Samples) -> Result<Self> {
-        Self::of(grid, Stored::Memory(samples))
+        Self::of(grid, Stored::Memory(Arc::new(samples)))
     }
 
     pub(crate) fn of(grid: Grid, stored: Stored) -> Result<Self> {
@@ -230,7 +230,7 @@ impl Volume {
         }
         let mut stored = match Arc::try_unwrap(self.data) {
             Ok(data) => data.stored,
-            Err(shared) => Stored::Memory(shared.stored.read(0..shared.stored.len())?),
+            Err(shared) => Stored::Memory(Arc::new(shared.stored.read(0..shared.stored.len())?)),
         };
         stored.replace_non_finite(raw);
         self.data = Arc::new(Data { finite: OnceLock::from(true), ..Data::new(stored) });
@@ -266,10 +266,18 @@ impl Volume {
     /// [`Error::Read`] and [`Error::Memory`] if samples in a file cannot be read.
     pub fn in_memory(&self) -> Result<InMemory<'_>> {
         let samples = match &self.data.stored {
-            Stored::Memory(samples) => Cow::Borrowed(samples),
+            Stored::Memory(samples) => Cow::Borrowed(&**samples),
             Stored::File(_) => Cow::Owned(self.read(0..self.data.stored.len())?),
         };
         Ok(InMemory { samples, slope: self.slope, intercept: self.intercept })
+    }
+
+    /// All samples as stored, shared if they are in memory, or read.
+    pub(crate) fn shared_samples(&self) -> Result<Arc<Samples>> {
+        match &self.data.stored {
+            Stored::Memory(samples) => Ok(Arc::clone(samples)),
+            Stored::File(file) => Ok(Arc::new(self.read(0..file.count)?)),
+        }
     }
 
     /// The same volume with its samples in memory, unless they take more than `bytes`.
@@ -278,7 +286,7 @@ impl Volume {
             && let Stored::File(_) = &self.data.stored
         {
             let samples = self.read(0..self.data.stored.len())?;
-            self.data = Arc::new(Data::new(Stored::Memory(samples)));
+            self.data = Arc::new(Data::new(Stored::Memory(Arc::new(samples))));
         }
         Ok(self)
     }

@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::ops::Range;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -13,7 +14,7 @@ use crate::memory::reserved;
 /// The samples of a volume.
 #[derive(Debug)]
 pub(crate) enum Stored {
-    Memory(Samples),
+    Memory(Arc<Samples>),
     File(FileSamples),
 }
 
@@ -60,7 +61,7 @@ impl Stored {
     /// All samples, in memory.
     pub(crate) fn into_samples(self) -> Result<Samples> {
         match self {
-            Self::Memory(samples) => Ok(samples),
+            Self::Memory(samples) => Ok(Arc::unwrap_or_clone(samples)),
             Self::File(file) => file.read(0..file.count),
         }
     }
@@ -68,7 +69,7 @@ impl Stored {
     /// Replaces every NaN or infinite sample by `raw`.
     pub(crate) fn replace_non_finite(&mut self, raw: f64) {
         match self {
-            Self::Memory(samples) => samples.replace_non_finite(raw),
+            Self::Memory(samples) => Arc::make_mut(samples).replace_non_finite(raw),
             Self::File(file) => file.replacement = Some(raw),
         }
     }

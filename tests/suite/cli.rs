@@ -82,7 +82,7 @@ fn wrong_arguments_are_one_line_and_exit_2() {
     refused("render demo:sphere -o a.png --kernel box", 2, "kaiser-bessel");
     refused("render demo:sphere -o a.png --kernel gaussian:0,2", 2, "sigma is 0");
     refused("render demo:sphere -o a.png --sheet-thickness 100", 2, "--sheet-thickness: 100");
-    refused("render demo:sphere -o a.png --max-error 1", 2, "--max-error: 1");
+    refused("render demo:sphere -o a.png --table-error 1", 2, "--table-error: 1");
     refused("render demo:sphere -o a.png --sheets-per-pass 9", 2, "--sheets-per-pass: 9");
     refused("render demo:sphere -o a.png --precision f64", 2, "f16, f32");
     refused("render demo:sphere -o a.png --painter rays", 2, "quads");

@@ -61,7 +61,7 @@ impl<'a> Picture<'a> {
         let table = match knobs.footprint_table {
             Some([rows, terms]) => FootprintTable::with_size(&settings.kernel, rows, terms),
             None => {
-                let error = knobs.max_error.unwrap_or_else(|| precision.footprint_error());
+                let error = knobs.table_error.unwrap_or_else(|| precision.footprint_error());
                 FootprintTable::new(&settings.kernel, error)?
             }
         };

@@ -315,7 +315,7 @@ fn gradients_at_the_edge_take_the_edge_for_its_neighbour() {
     let splats = Splats::new(&volume, &ramp(&[(0.0, 0.1), (1.0, 0.2)], 1.0), &lit).unwrap();
     for x in 0..2 {
         // Half a step of 1 per 2 world units.
-        assert_eq!(splats.get([x, 0, 0]).unwrap().gradient, Some(DVec3::new(0.25, 0.0, 0.0)));
+        assert_eq!(splats.gradient([x, 0, 0]), DVec3::new(0.25, 0.0, 0.0));
     }
 }
 
@@ -341,7 +341,7 @@ fn finer_steps_change_nothing() {
         let how = Settings { lighting, ..settings(Kernel::default(), model, shading) };
         let scene = Reference::new(&volume, &transfer, &how).unwrap();
         let mut finer = Reference::new(&volume, &transfer, &how).unwrap();
-        finer.longest_step *= 0.21;
+        finer.longest *= 0.21;
         let mut worst = 0.0_f64;
         for i in 0..40 {
             // Along an axis, where chords end together and pieces are longest, and across.
@@ -354,4 +354,19 @@ fn finer_steps_change_nothing() {
         }
         assert!(worst < 1e-8, "{model:?} {shading:?}: {worst:e}");
     }
+}
+
+#[test]
+fn some_pixels_are_those_of_the_picture() {
+    let volume = volume([5, 4, 3], DMat3::IDENTITY, &[([1, 1, 1], 1), ([3, 2, 1], 2)]);
+    let reference = prepared(&volume, &Kernel::default());
+    let view = View { azimuth: 20.0, projection: ProjectionKind::Perspective { fov: 30.0 }, ..View::default() };
+    let camera = Camera::new(&view, volume.grid(), [9, 7]).unwrap();
+    let image = reference.render(&camera).unwrap();
+    let places = [[4, 3], [8, 6], [0, 0], [5, 2], [4, 3]];
+    let some = reference.pixels(&camera, &places).unwrap();
+    for ([x, y], pixel) in places.into_iter().zip(&some) {
+        assert_eq!(image.pixels()[(y * 9 + x) as usize], pixel.map(|v| v as f32));
+    }
+    assert!(some[0][3] > 0.1 && reference.pixels(&camera, &[]).unwrap().is_empty());
 }

@@ -1,0 +1,197 @@
+//! The cheapest settings whose pictures keep a bound.
+
+use super::{Estimate, Truth};
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+use crate::gpu::cells::MAX_LEVEL;
+use crate::renderer::{Rendered, Renderer, Scene};
+use crate::settings::{Level, Model, Painter, QuadsSettings, Resolution, Settings, TilesSettings};
+use crate::transfer::TransferFunction;
+use crate::volume::Volume;
+
+/// Settings that were tried, and what came of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tried {
+    /// The settings.
+    pub settings: Settings,
+    /// How far the picture was off.
+    pub estimate: Estimate,
+}
+
+/// The settings that a bound asks for.
+#[derive(Debug, Clone)]
+pub struct Chosen {
+    /// The settings.
+    pub settings: Settings,
+    /// The picture by them.
+    pub rendered: Rendered,
+    /// How far it is off.
+    pub estimate: Estimate,
+    /// Whether it is expected to keep the bound. If not, it is the best of what was tried.
+    pub keeps: bool,
+    /// All that was tried, in order, the settings chosen included.
+    pub tried: Vec<Tried>,
+}
+
+/// The share of a bound that an estimate may take, for an estimate errs as well.
+const MARGIN: f64 = 0.85;
+/// The share of a bound that thinner sheets aim at: errors grow as the square of the thickness, but not exactly.
+const AIM: f64 = 0.6;
+/// The share of a bound that early termination may take.
+const TERMINATION: f64 = 0.2;
+/// A bound under this excludes cells coarser than the picture resolves: their pictures are off by more.
+const LEAST_OF_CELLS: f64 = 3e-3;
+/// Splats from which coarser cells save more time than it takes to try them.
+const MANY_SPLATS: u64 = 1 << 20;
+/// How much coarser than the picture resolves cells may be, in levels.
+const COARSER: u32 = 2;
+/// How often sheets are made thinner.
+const MOST_THINNER: usize = 4;
+/// The least thickness of sheets, voxels.
+const THINNEST: f64 = 0.05;
+/// By how much sheets become thinner at once.
+const THINNER: [f64; 2] = [0.2, 0.8];
+
+/// The cheapest settings whose picture keeps an error of `max_error`: see [the module](super). The picture is drawn by
+/// one way after the other, the cheapest first, and compared with traced pixels, about `pixels` of them, until one is
+/// close enough.
+///
+/// What is drawn stays: model, shading, kernel, light, normalisation and antialiasing. How it is drawn is chosen, but
+/// not what `settings` already say: a painter other than auto, a level other than auto, a termination other than the
+/// default.
+///
+/// # Errors
+/// [`Error::Setting`] if the bound is not over 0; those of [`Truth::trace`], [`Renderer::prepare`] and
+/// [`Renderer::render`].
+pub fn choose(
+    renderer: &Renderer,
+    (volume, transfer): (&Volume, &TransferFunction),
+    camera: &Camera,
+    settings: &Settings,
+    max_error: f64,
+    pixels: u32,
+) -> Result<Chosen> {
+    if !(max_error > 0.0 && max_error.is_finite()) {
+        let reason = format!("{max_error}, expected over 0");
+        return Err(Error::Setting { name: "max_error", reason });
+    }
+    let mut base = settings.clone();
+    if base.termination == Settings::default().termination {
+        base.termination = rounded_down(TERMINATION * max_error).min(0.01);
+    }
+    let scene = renderer.prepare(volume, transfer, &base)?;
+    let truth = Truth::trace(volume, transfer, camera, &base, pixels)?;
+    let bound = MARGIN * max_error;
+    let mut search = Search { renderer, scene, camera, truth, bound, tried: Vec::new(), best: None };
+    let first = search.draw(&base)?;
+    if first.keeps {
+        search.coarser(&base, &first)?;
+    } else {
+        search.finer(base, first)?;
+    }
+    let Search { tried, best, .. } = search;
+    let (at, rendered) = best.ok_or_else(|| Error::Image("nothing was drawn".to_owned()))?;
+    let Tried { settings, estimate } = tried[at].clone();
+    Ok(Chosen { settings, rendered, estimate, keeps: estimate.error <= bound, tried })
+}
+
+/// A number over 0 cut off after its second digit: it is read and copied by people.
+fn rounded_down(number: f64) -> f64 {
+    let unit = 10_f64.powi(number.log10().floor() as i32 - 1);
+    // By way of its decimal digits, so that it is the number they mean.
+    format!("{:.1e}", (number / unit).floor() * unit).parse().unwrap_or(number)
+}
+
+struct Search<'a> {
+    renderer: &'a Renderer,
+    scene: Scene,
+    camera: &'a Camera,
+    truth: Truth,
+    bound: f64,
+    tried: Vec<Tried>,
+    /// The picture to be chosen so far, and its place among those tried.
+    best: Option<(usize, Rendered)>,
+}
+
+/// What drawing in one way has shown.
+struct Trial {
+    keeps: bool,
+    error: f64,
+    by_tiles: bool,
+    splats: u64,
+    /// The coarsest level that splats were taken from.
+    level: u32,
+}
+
+impl Search<'_> {
+    fn draw(&mut self, settings: &Settings) -> Result<Trial> {
+        let rendered = self.renderer.render(&self.scene, self.camera, settings)?;
+        let estimate = self.truth.estimate(&rendered.image)?;
+        let trial = Trial {
+            keeps: estimate.error <= self.bound,
+            error: estimate.error,
+            by_tiles: rendered.stats.tiles().is_some(),
+            splats: rendered.stats.splats_kept,
+            level: rendered.stats.levels[1],
+        };
+        // Ways that keep the bound are tried in the order of their cost, cheaper ones only after a dearer one kept it.
+        let better = |(at, _): &(usize, Rendered)| trial.keeps || estimate.error < self.tried[*at].estimate.error;
+        if self.best.as_ref().is_none_or(better) {
+            self.best = Some((self.tried.len(), rendered));
+        }
+        self.tried.push(Tried { settings: settings.clone(), estimate });
+        Ok(trial)
+    }
+
+    /// Tries cells coarser than the picture resolves: cheaper ways than one that keeps the bound.
+    fn coarser(&mut self, base: &Settings, first: &Trial) -> Result<()> {
+        let coarse = self.bound >= LEAST_OF_CELLS && first.splats >= MANY_SPLATS && base.level == Level::Auto;
+        let one_eye = base.is_post_shaded() && self.camera.eye().is_some();
+        if coarse && !one_eye {
+            for level in first.level + 1..=(first.level + COARSER).min(MAX_LEVEL) {
+                if !self.draw(&Settings { level: Level::At(level), ..base.clone() })?.keeps {
+                    break;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Tries dearer ways than one that does not keep the bound, until one does.
+    fn finer(&mut self, mut base: Settings, mut last: Trial) -> Result<()> {
+        let chosen_for = base.painter;
+        let level = last.level;
+        let full = Painter::Tiles(TilesSettings { resolution: Resolution::Full });
+        let shares_rays = last.by_tiles && chosen_for == Painter::Auto && !base.is_post_shaded();
+        if shares_rays {
+            last = self.draw(&Settings { painter: full, ..base.clone() })?;
+        }
+        if !last.keeps && level > 0 && base.level == Level::Auto {
+            base.level = Level::At(0);
+            last = self.draw(&base)?;
+            if !last.keeps && shares_rays {
+                last = self.draw(&Settings { painter: full, ..base.clone() })?;
+            }
+        }
+        let knobs = base.quads();
+        // An X-ray has one sheet, whatever its thickness.
+        if last.keeps || matches!(chosen_for, Painter::Tiles(_)) || base.model == Model::Xray {
+            return Ok(());
+        }
+        // Rays by tiles resolve the depth of a voxel as well as a sheet does.
+        let mut thickness = knobs.sheet_thickness;
+        for _ in 0..MOST_THINNER {
+            let aim = (AIM * self.bound / last.error).sqrt().clamp(THINNER[0], THINNER[1]);
+            if thickness <= THINNEST {
+                break;
+            }
+            thickness = rounded_down(thickness * aim).max(THINNEST);
+            let painter = Painter::Quads(QuadsSettings { sheet_thickness: thickness, ..knobs });
+            last = self.draw(&Settings { painter, ..base.clone() })?;
+            if last.keeps {
+                break;
+            }
+        }
+        Ok(())
+    }
+}

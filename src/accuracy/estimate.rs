@@ -1,0 +1,130 @@
+//! The error of a picture from a sample of its pixels.
+
+use serde::Serialize;
+
+use crate::camera::Camera;
+use crate::error::Result;
+use crate::image::Image;
+use crate::reference::Reference;
+use crate::report::{Sample, covered_differences, percentile};
+use crate::settings::Settings;
+use crate::transfer::TransferFunction;
+use crate::volume::Volume;
+
+/// The fraction of covered pixels that keep the error of a picture.
+const FRACTION: f64 = 0.999;
+/// The fraction beyond which errors are the tail.
+const TAIL: f64 = 0.95;
+/// Standard deviations to either end of an interval of 95 % confidence.
+const TWO_SIDED: f64 = 1.96;
+
+/// The true colours of a sample of a picture's pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Truth {
+    sample: Sample,
+    pixels: Image,
+}
+
+/// The error of a picture as a sample of its pixels tells it. Channels run from 0 to 1.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Estimate {
+    /// Sampled pixels that the picture or the truth covers.
+    pub pixels: u64,
+    /// What 99.9 % of the covered pixels are estimated to keep.
+    pub error: f64,
+    /// An interval that holds it with a confidence of 95 %, if errors beyond the largest twentieth of them fall off
+    /// as an exponential does.
+    pub interval: [f64; 2],
+    /// Root mean square over sampled pixels of the largest difference of their channels.
+    pub rms: f64,
+    /// The largest of the sample.
+    pub max: f64,
+}
+
+impl Truth {
+    /// Traces about `pixels` pixels of a camera's picture by the f64 reference; all, if there are no more.
+    ///
+    /// # Errors
+    /// Those of [`Reference::new`] and [`Reference::pixels`].
+    pub fn trace(
+        volume: &Volume,
+        transfer: &TransferFunction,
+        camera: &Camera,
+        settings: &Settings,
+        pixels: u32,
+    ) -> Result<Self> {
+        let sample = Sample::new(camera.size, pixels);
+        let traced = Reference::new(volume, transfer, settings)?.pixels(camera, &sample.pixels())?;
+        let [width, height] = sample.grid();
+        let pixels = Image::new(width, height, traced.into_iter().map(|p| p.map(|v| v as f32)).collect())?;
+        Ok(Self { sample, pixels })
+    }
+
+    /// How far a picture is off.
+    ///
+    /// # Errors
+    /// [`Error::Image`](crate::error::Error::Image) if the picture has another size than the camera's.
+    pub fn estimate(&self, picture: &Image) -> Result<Estimate> {
+        Ok(Estimate::of(covered_differences(&self.sample.of(picture)?, &self.pixels)?))
+    }
+}
+
+impl Estimate {
+    /// The estimate from the errors of sampled pixels.
+    ///
+    /// The 99.9th percentile of a thousand numbers is one of them. More is known by the method of peaks over a threshold
+    /// (Pickands 1975, "Statistical inference using extreme order statistics", with an exponential tail): beyond the
+    /// 95th percentile u, errors exceed u by s on average, so that the percentile is u + s ln(0.05 / 0.001). Where that
+    /// is less than what the sample itself has, the sample counts.
+    fn of(mut errors: Vec<f64>) -> Self {
+        let count = errors.len();
+        let squares: f64 = errors.iter().map(|e| e * e).sum();
+        let max = errors.iter().copied().fold(0.0, f64::max);
+        let rms = (squares / count.max(1) as f64).sqrt();
+        let threshold = percentile(&mut errors, TAIL);
+        let beyond: Vec<f64> = errors.iter().filter(|&&e| e > threshold).map(|e| e - threshold).collect();
+        let excesses = beyond.len().max(1) as f64;
+        let mean = beyond.iter().sum::<f64>() / excesses;
+        let steps = ((1.0 - TAIL) / (1.0 - FRACTION)).ln();
+        let tail = threshold + mean * steps;
+        let sampled = if count >= 1000 { percentile(&mut errors, FRACTION) } else { 0.0 };
+        let error = if max.is_finite() { tail.max(sampled) } else { max };
+        // The mean of k exponential numbers is known to 1 / sqrt(k) of itself.
+        let half = TWO_SIDED * mean * steps / excesses.sqrt();
+        Self { pixels: count as u64, error, interval: [(error - half).max(0.0), error + half], rms, max }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_exponential_tail_is_found() {
+        // The quantiles of an exponential distribution of mean 1e-3; its 99.9th percentile is ln(1000) of that.
+        let of =
+            |n: u32| (0..n).map(|i| -1e-3 * (1.0 - (f64::from(i) + 0.5) / f64::from(n)).ln()).collect::<Vec<f64>>();
+        for n in [400, 2000, 20_000] {
+            let estimate = Estimate::of(of(n));
+            let exact = 1e-3 * 1000_f64.ln();
+            assert!((estimate.error / exact - 1.0).abs() < 0.06, "{n}: {estimate:?}");
+            assert!(estimate.interval[0] < exact && exact < estimate.interval[1], "{n}: {estimate:?}");
+            assert!((estimate.rms / 1e-3 / 2_f64.sqrt() - 1.0).abs() < 0.02, "{n}: {estimate:?}");
+        }
+        let width = |n| Estimate::of(of(n)).interval.into_iter().rev().reduce(|high, low| high - low).unwrap();
+        assert!((width(400) / width(40_000) - 10.0).abs() < 1.0);
+    }
+
+    #[test]
+    fn little_and_nothing_are_estimates_too() {
+        let none = Estimate::of(Vec::new());
+        assert_eq!((none.pixels, none.error, none.interval), (0, 0.0, [0.0; 2]));
+        let one = Estimate::of(vec![0.25]);
+        assert_eq!((one.error, one.max), (0.25, 0.25));
+        assert!(Estimate::of(vec![0.0, f64::INFINITY]).error.is_infinite());
+        // One pixel in 500 is off by a half, which an exponential tail would not tell.
+        let mut errors = vec![0.0; 2000];
+        errors[..4].fill(0.5);
+        assert_eq!(Estimate::of(errors).error, 0.5);
+    }
+}

@@ -1,0 +1,136 @@
+//! Options from settings, to be copied into a command line.
+
+use voxsplat::kernel::Kernel;
+use voxsplat::settings::{
+    Accumulation, Interslice, Level, Model, Painter, QuadsSettings, Resolution, Settings, Sheets, TilesSettings,
+};
+
+/// The options of `voxsplat render` that a study varies, with their values; defaults are left out, apart from the
+/// painter.
+pub(super) fn options_of(settings: &Settings) -> Vec<String> {
+    let mut options = Vec::new();
+    let mut add = |name: &str, value: String| options.extend([format!("--{name}"), value]);
+    let default = Settings::default();
+    if settings.model == Model::Composite && settings.shading != default.shading {
+        add("shading", settings.shading.to_string());
+    }
+    if settings.kernel != default.kernel {
+        add(
+            "kernel",
+            match settings.kernel {
+                Kernel::Gaussian { sigma, radius } => format!("gaussian:{sigma},{radius}"),
+                Kernel::KAISER_BESSEL => "kaiser-bessel".to_owned(),
+                Kernel::KaiserBessel { radius, alpha } => format!("kaiser-bessel:{radius},{alpha}"),
+            },
+        );
+    }
+    if let Level::At(level) = settings.level {
+        add("level", level.to_string());
+    }
+    if settings.termination != default.termination {
+        add("termination", settings.termination.to_string());
+    }
+    if settings.interslice != Interslice::default() {
+        add("interslice", settings.interslice.to_string());
+    }
+    match settings.painter {
+        Painter::Auto => {}
+        Painter::Tiles(TilesSettings { resolution }) => {
+            add("painter", "tiles".to_owned());
+            if resolution != Resolution::default() {
+                add("resolution", resolution.to_string());
+            }
+        }
+        Painter::Quads(quads) => {
+            add("painter", "quads".to_owned());
+            let default = QuadsSettings::default();
+            if quads.sheets != Sheets::default() {
+                add("sheets", quads.sheets.to_string());
+            }
+            if quads.accumulation != Accumulation::default() {
+                add("accumulate", quads.accumulation.to_string());
+            }
+            if quads.sheet_thickness != default.sheet_thickness {
+                add("sheet-thickness", quads.sheet_thickness.to_string());
+            }
+            if let Some(precision) = quads.precision {
+                add("precision", precision.to_string());
+            }
+            if let Some(error) = quads.table_error {
+                add("table-error", error.to_string());
+            }
+            if let Some([rows, terms]) = quads.footprint_table {
+                add("footprint-table", format!("{rows}x{terms}"));
+            }
+            if let Some(sheets) = quads.sheets_per_pass {
+                add("sheets-per-pass", sheets.to_string());
+            }
+        }
+    }
+    options
+}
+
+/// A command line of words, those quoted that a shell would take apart.
+pub(super) fn command_line(words: &[String]) -> String {
+    let plain = |word: &str| {
+        !word.is_empty()
+            && word.chars().all(|c| c.is_ascii_alphanumeric() || "-_./:,=+@%#".contains(c))
+            && !word.starts_with('#')
+    };
+    let quoted = |word: &String| if plain(word) { word.clone() } else { format!("'{}'", word.replace('\'', r"'\''")) };
+    words.iter().map(quoted).collect::<Vec<_>>().join(" ")
+}
+
+/// The words of a command line without some options and their values, and without some that have none.
+pub(super) fn without(words: impl IntoIterator<Item = String>, valued: &[&str], bare: &[&str]) -> Vec<String> {
+    let mut kept = Vec::new();
+    let mut words = words.into_iter();
+    while let Some(word) = words.next() {
+        let name = word.split_once('=').map_or(word.as_str(), |(name, _)| name);
+        let is_short = |option: &&str| option.len() == 2 && word.len() > 2 && word.starts_with(*option);
+        if bare.contains(&name) || valued.iter().any(|option| is_short(option) && !word.starts_with("--")) {
+            continue;
+        }
+        if valued.contains(&name) {
+            if name == word {
+                words.next();
+            }
+            continue;
+        }
+        kept.push(word);
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use voxsplat::report::variants;
+
+    use super::super::args::{Args, Command};
+    use super::super::job::RenderJob;
+    use super::*;
+
+    #[test]
+    fn options_are_those_that_make_the_settings() {
+        for model in Model::ALL {
+            for variant in variants(&Settings { model, ..Settings::default() }) {
+                let mut words = ["voxsplat", "render", "demo:sphere", "-o", "a.png", "--model", model.name()]
+                    .map(str::to_owned)
+                    .to_vec();
+                words.extend(options_of(&variant.settings));
+                let Command::Render(args) = Args::try_parse_from(&words).unwrap().command else { unreachable!() };
+                let job = RenderJob::new(*args).unwrap();
+                assert_eq!(job.settings, variant.settings, "{words:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn words_are_quoted_and_left_out() {
+        let words = ["a b", "it's", "--up", "0,1,0", ""].map(str::to_owned);
+        assert_eq!(command_line(&words), r"'a b' 'it'\''s' --up 0,1,0 ''");
+        let words = "ct.nrrd -o dir -odir --level=2 --resume --zoom 2 --level 1".split(' ').map(str::to_owned);
+        assert_eq!(without(words, &["-o", "--level"], &["--resume"]), ["ct.nrrd", "--zoom", "2"]);
+    }
+}

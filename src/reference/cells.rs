@@ -1,0 +1,160 @@
+//! The ranges of samples in small cells: where along a ray nothing can show, whatever the sums of kernels are.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::walk::LatticeRay;
+
+/// Voxels along the edge of a cell.
+const EDGE: usize = 4;
+/// Voxels between the places of a ray at which cells are looked up.
+const STEP: f64 = 1.0;
+/// Lookups of one ray at most: a longer ray is not looked up but walked.
+const MAX_LOOKUPS: f64 = 16_384.0;
+
+/// The least and the largest value of each cell of a volume, x fastest.
+#[derive(Debug)]
+pub(super) struct Cells {
+    counts: [usize; 3],
+    ranges: Vec<[f64; 2]>,
+}
+
+/// The range of no value.
+const NOTHING: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
+
+fn union(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
+}
+
+impl Cells {
+    pub(super) fn new(dims: [usize; 3], value: impl Fn(usize) -> f64 + Sync) -> Self {
+        let counts = dims.map(|d| d.div_ceil(EDGE));
+        let [nx, ny, nz] = dims;
+        let row = |row: usize| {
+            let (y, z) = (row % counts[1] * EDGE, row / counts[1] * EDGE);
+            let mut ranges = vec![NOTHING; counts[0]];
+            for k in z..nz.min(z + EDGE) {
+                for j in y..ny.min(y + EDGE) {
+                    for i in 0..nx {
+                        let v = value((k * ny + j) * nx + i);
+                        ranges[i / EDGE] = union(ranges[i / EDGE], [v, v]);
+                    }
+                }
+            }
+            ranges
+        };
+        let ranges = (0..counts[1] * counts[2]).into_par_iter().flat_map_iter(row).collect();
+        Self { counts, ranges }
+    }
+
+    /// The range of all values.
+    pub(super) fn range(&self) -> [f64; 2] {
+        self.ranges.iter().fold(NOTHING, |a, b| union(a, *b))
+    }
+
+    /// The range of the values from lattice point `first` on, `edge` of them along each axis, and maybe some around.
+    pub(super) fn range_of(&self, first: [usize; 3], edge: usize) -> [f64; 2] {
+        let [x, y, z] = std::array::from_fn(|a| first[a] / EDGE..self.counts[a].min((first[a] + edge).div_ceil(EDGE)));
+        let rows = z.flat_map(|k| y.clone().map(move |j| (k * self.counts[1] + j) * self.counts[0]));
+        rows.flat_map(|row| &self.ranges[row + x.start..row + x.end]).fold(NOTHING, |a, b| union(a, *b))
+    }
+
+    /// The lattice box of the cells whose range counts, both ends included; `None` if there are none.
+    pub(super) fn bounds(&self, dims: [usize; 3], counts: impl Fn([f64; 2]) -> bool) -> Option<[[i64; 2]; 3]> {
+        let [nx, ny, _] = self.counts;
+        let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
+        for (index, _) in self.ranges.iter().enumerate().filter(|(_, range)| counts(**range)) {
+            let cell = [index % nx, index / nx % ny, index / (nx * ny)];
+            low = std::array::from_fn(|a| low[a].min(cell[a] * EDGE));
+            high = std::array::from_fn(|a| high[a].max(dims[a].min((cell[a] + 1) * EDGE) - 1));
+        }
+        (low[0] <= high[0]).then(|| std::array::from_fn(|a| [low[a] as i64, high[a] as i64]))
+    }
+
+    /// What can show around each place: `most` of the range of the values that kernels of support radius `reach` bring
+    /// there.
+    pub(super) fn map(&self, reach: f64, most: impl Fn([f64; 2]) -> f64 + Sync) -> Map {
+        // A place is up to half a step from where it is looked up.
+        let around = ((reach + 0.5 * STEP + 0.5).floor() / EDGE as f64).ceil() as usize;
+        let mut ranges = self.ranges.clone();
+        let mut stride = 1;
+        for count in self.counts {
+            let before = ranges;
+            ranges = (0..before.len())
+                .into_par_iter()
+                .map(|index| {
+                    let at = index / stride % count;
+                    let (first, last) = (at.saturating_sub(around), (at + around).min(count - 1));
+                    (first..=last).map(|i| before[index - at * stride + i * stride]).fold(NOTHING, union)
+                })
+                .collect();
+            stride *= count;
+        }
+        Map { counts: self.counts, most: ranges.into_par_iter().map(&most).collect() }
+    }
+}
+
+/// The most that can show in each cell of places.
+#[derive(Debug)]
+pub(super) struct Map {
+    counts: [usize; 3],
+    most: Vec<f64>,
+}
+
+impl Map {
+    fn at(&self, point: DVec3) -> f64 {
+        // Beyond an edge kernels reach no voxels but those that they reach from the edge.
+        let cell = |axis: usize| {
+            // A float to integer cast saturates.
+            (((point[axis] + 0.5) * (1.0 / EDGE as f64)) as usize).min(self.counts[axis] - 1)
+        };
+        self.most[(cell(2) * self.counts[1] + cell(1)) * self.counts[0] + cell(0)]
+    }
+
+    /// Calls `visit` for the parts of a ray where more than `enough` may show, front to back, until it returns false.
+    /// Parts are at least `apart` voxels apart.
+    pub(super) fn parts(&self, ray: &LatticeRay, enough: f64, apart: f64, mut visit: impl FnMut(LatticeRay) -> bool) {
+        let lookups = ((ray.end - ray.start) / STEP).ceil().max(1.0);
+        if !(lookups <= MAX_LOOKUPS) {
+            visit(*ray);
+            return;
+        }
+        let step = (ray.end - ray.start) / lookups;
+        let place = |i: usize| ray.start + i as f64 * step;
+        let mut part: Option<[usize; 2]> = None;
+        let mut call = |[first, end]: [usize; 2]| {
+            let end = if end as f64 == lookups { ray.end } else { place(end) };
+            visit(LatticeRay { start: place(first), end, ..*ray })
+        };
+        for i in 0..lookups as usize {
+            if self.at(ray.origin + ray.direction * (place(i) + 0.5 * step)) <= enough {
+                continue;
+            }
+            match &mut part {
+                Some([_, end]) if (i - *end) as f64 * step < apart => *end = i + 1,
+                _ => {
+                    if !part.is_none_or(&mut call) {
+                        return;
+                    }
+                    part = Some([i, i + 1]);
+                }
+            }
+        }
+        if let Some(part) = part {
+            call(part);
+        }
+    }
+
+    /// The part of a ray, one lookup long, where most may show.
+    pub(super) fn best(&self, ray: &LatticeRay) -> Option<LatticeRay> {
+        let lookups = ((ray.end - ray.start) / STEP).ceil().max(1.0);
+        if !(lookups <= MAX_LOOKUPS) {
+            return None;
+        }
+        let step = (ray.end - ray.start) / lookups;
+        let place = |i: usize| ray.start + i as f64 * step;
+        let most = |i: &usize| self.at(ray.origin + ray.direction * (place(*i) + 0.5 * step));
+        let best = (0..lookups as usize).max_by(|a, b| most(a).total_cmp(&most(b)))?;
+        Some(LatticeRay { start: place(best), end: place(best + 1).min(ray.end), ..*ray })
+    }
+}
