@@ -231,7 +231,8 @@ impl Packer {
         Self::Device { layout: pack, voxels }
     }
 
-    /// Packs the splats of stores, whose largest weight is `max_weight`.
+    /// Packs the splats of stores, whose largest weight is `max_weight`; into the textures of `over`, the same splats
+    /// packed alike but for their light, if that is given.
     pub(super) fn run(
         &self,
         recorder: &mut Recorder<'_>,
@@ -239,6 +240,7 @@ impl Packer {
         packing: Packing,
         lit: &Lit<'_>,
         max_weight: f64,
+        over: Option<Packed>,
     ) -> Result<Packed> {
         let scale = match packing.voxel {
             Voxel::Scalar => 1.0,
@@ -262,14 +264,10 @@ impl Packer {
             ..Pack::zeroed()
         };
         let context = recorder.context;
-        let volume = storage_texture(context, "pack.volume", packing.voxel.format(), packing.size);
-        let occupied = context.texture(
-            "pack.occupied",
-            wgpu::TextureFormat::R32Uint,
-            packing.macrocells(),
-            wgpu::TextureDimension::D3,
-            wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        );
+        let [volume, occupied] = match over {
+            Some(Packed { volume, occupied, .. }) => [volume, occupied].map(|view| view.texture().clone()),
+            None => packing.textures(context),
+        };
         match self {
             Self::Device { layout, voxels } => {
                 let lighting = lit.lighting;
@@ -507,6 +505,19 @@ impl Packing {
         self.dims.map(|n| n.div_ceil(MACROCELL))
     }
 
+    /// The textures of the voxels and of the macrocells. Shaders read both as storage, or write them, and buffers are
+    /// copied to them.
+    fn textures(&self, context: &Context) -> [wgpu::Texture; 2] {
+        let usage =
+            wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
+        let texture = |label, format, size, dimension| context.texture(label, format, size, dimension, usage);
+        let [width, height] = self.size;
+        [
+            texture("pack.volume", self.voxel.format(), [width, height, 1], wgpu::TextureDimension::D2),
+            texture("pack.occupied", wgpu::TextureFormat::R32Uint, self.macrocells(), wgpu::TextureDimension::D3),
+        ]
+    }
+
     /// A mark for each macrocell with splats.
     fn marks(&self, bricks: &[Held<'_>]) -> Result<Vec<u32>> {
         let [na, nb, nm] = self.macrocells();
@@ -596,16 +607,4 @@ impl Packing {
             }
         }
     }
-}
-
-/// A texture that shaders read as storage and that buffers are copied to.
-fn storage_texture(
-    context: &Context,
-    label: &str,
-    format: wgpu::TextureFormat,
-    [width, height]: [u32; 2],
-) -> wgpu::Texture {
-    let usage =
-        wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
-    context.texture(label, format, [width, height, 1], wgpu::TextureDimension::D2, usage)
 }
