@@ -17,6 +17,8 @@ const FRACTION: f64 = 0.999;
 const TAIL: f64 = 0.95;
 /// How many times as many pixels as asked for are traced, where few are covered.
 const MOST_DENSER: f64 = 16.0;
+/// The error of traced pixels: a tenth of the least bounds that pictures can keep.
+const TOLERANCE: f64 = 1e-5;
 /// Standard deviations to either end of an interval of 95 % confidence.
 const TWO_SIDED: f64 = 1.96;
 
@@ -56,7 +58,7 @@ impl Truth {
         settings: &Settings,
         pixels: u32,
     ) -> Result<Self> {
-        let reference = Reference::new(volume, transfer, settings)?;
+        let reference = Reference::new(volume, transfer, settings)?.with_tolerance(TOLERANCE);
         let traced = |count: u32| {
             let sample = Sample::new(camera.size, count);
             let traced = reference.pixels(camera, &sample.pixels())?;
