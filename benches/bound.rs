@@ -31,9 +31,9 @@ use voxsplat::{
 };
 
 /// Pixels that choose.
-const CHOOSING: u32 = 4096;
+const CHOOSING: u32 = 1024;
 /// Pixels that check: their grid falls between that of the others.
-const CHECKING: u32 = 12_100;
+const CHECKING: u32 = 6000;
 
 /// Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators".
 struct Random(u64);
@@ -158,6 +158,15 @@ fn row(renderer: &Renderer, c: &Combination, report: &mut Report, seed: u64) -> 
         let start = Instant::now();
         let Ok(rendered) = renderer.render(&scene, at, &settings) else { continue };
         let once = start.elapsed().as_secs_f64();
+        let st = &rendered.stats;
+        let th = match &st.painter {
+            voxsplat::stats::PainterStats::Quads(q) => q.sheet_thickness,
+            voxsplat::stats::PainterStats::Tiles(t) => t.slab_thickness,
+        };
+        eprintln!(
+            "FIT {}",
+            serde_json::json!({"seed": seed, "name": c.name, "err": truth.estimate(&rendered.image)?.error, "painter": st.painter.name(), "th": th, "levels": st.levels, "growth": st.kernel_growth, "facts": scene.facts_text(), "pred": st.predicted, "lit": st.lights, "shading": st.shading, "model": st.model, "capped": st.tiles().is_some_and(|t| matches!(t.spacing, Some(voxsplat::stats::RaySpacing::PerVoxel(_)))), "forced": settings.level != Level::Auto, "s": once})
+        );
         if truth.estimate(&rendered.image)?.error <= c.bound && once < 4.0 * own + 0.5 {
             cheapest = cheapest.min(seconds(renderer, &scene, c, &settings)?);
         }
