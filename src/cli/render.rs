@@ -98,7 +98,10 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
         }
         None => {
             let image = stages.time("integrate", || {
-                Reference::new(&volume, &transfer, &job.settings)?.with_progress(progress::reporter()).render(&camera)
+                Reference::new(&volume, &transfer, &job.settings)?
+                    .with_tolerance(Reference::TOLERANCE)
+                    .with_progress(progress::reporter())
+                    .render(&camera)
             })?;
             save(&image, &mut stages)?;
             let stats =
