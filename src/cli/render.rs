@@ -103,7 +103,10 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
         }
         None => {
             let image = stages.time("integrate", || {
-                Reference::new(&volume, &transfer, &job.settings)?.with_progress(progress::reporter()).render(&camera)
+                Reference::new(&volume, &transfer, &job.settings)?
+                    .with_tolerance(Reference::TOLERANCE)
+                    .with_progress(progress::reporter())
+                    .render(&camera)
             })?;
             let exact = Note { name: "Predicted error", text: "none: rays integrated in f64".to_owned() };
             save(&image, &notes(&job.settings, vec![exact]), &mut stages)?;

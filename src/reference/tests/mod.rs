@@ -1,6 +1,7 @@
 //! The reference against closed forms and brute force.
 
 mod scalars;
+mod tolerance;
 
 use glam::{DAffine3, DMat3, DQuat};
 
