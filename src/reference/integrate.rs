@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 
 use super::classify::Weights;
 use super::profile::{Gauss, Range, Scalar, Series};
-use super::walk::{Block, Cuts, MOMENTS};
+use super::walk::{Block, Cuts, MOMENTS, Piece};
 use crate::lighting::{Light, Lighting};
 use crate::transfer::TransferFunction;
 
@@ -19,6 +19,17 @@ const TOLERANCE: f64 = 1e-9;
 const OPAQUE: f64 = 1e-12;
 /// The error that the jumps of a smooth block make, over the sum of the squares of their optical depths.
 const UNEVENNESS: f64 = 0.3;
+/// The nodes of Gauss's two-point rule on -1..1 are at this and its opposite.
+const PAIR: f64 = 0.577_350_269_189_625_8;
+/// The ends of -1..1 are so many distances of those nodes from the middle.
+const PAIR_ENDS: f64 = 0.866_025_403_784_438_7;
+/// The errors, over what is seen, of Gauss's rules of one and two nodes for parts of a classified field: these times
+/// the second and fourth power of their length in scales of the kernel.
+const BEND: f64 = 0.2;
+const ROUGH: f64 = 0.5;
+/// The error of the latter, over extinction times length, is this times the fourth power of the relative change between
+/// the nodes.
+const TURN: f64 = 0.1;
 /// The share of the tolerance that one part of a classified field may take.
 const PIECE_SHARE: f64 = 0.01;
 /// How often a step is halved at most.
@@ -79,6 +90,23 @@ impl RayIntegral {
         Self { color, optical_depth }
     }
 
+    /// The same, where all of the step is like this.
+    fn point(tau: f64, emission: [f64; 3], length: f64) -> Self {
+        let optical_depth = tau * length;
+        // 1 - exp(-d) over d, for d under 1 / 4.
+        let share = 1.0 - optical_depth / 2.0 * (1.0 - optical_depth / 3.0 * (1.0 - optical_depth / 4.0));
+        Self { color: emission.map(|e| e * length * share), optical_depth }
+    }
+
+    /// The same, for the nodes of Gauss's two-point rule.
+    fn pair([first, second]: &[Weights; 2], length: f64) -> Self {
+        let [a, b] = [first[0], second[0]].map(|tau| tau * length);
+        let early = (-a / 4.0 - b * (0.25 - PAIR / 2.0)).exp() * length / 2.0;
+        let late = (-a * (0.25 + PAIR / 2.0) - b / 4.0).exp() * length / 2.0;
+        let color = std::array::from_fn(|c| early * first[c + 1] + late * second[c + 1]);
+        Self { color, optical_depth: f64::midpoint(a, b) }
+    }
+
     /// Adds what lies behind.
     fn append(&mut self, behind: &Self) {
         let transmittance = (-self.optical_depth).exp();
@@ -110,6 +138,8 @@ pub(super) struct Accuracy {
     /// The kernel at the rim of its support.
     pub(super) rim: f64,
     pub(super) rule: Gauss<MOMENTS>,
+    /// The scale of the smallest kernel.
+    pub(super) scale: f64,
     /// Steps of a block of extinction and emission.
     pub(super) steps: f64,
 }
@@ -138,7 +168,7 @@ impl Emission<'_> {
         if tolerance > 0.0 && UNEVENNESS * jumps * seen <= tolerance && self.smooth(block) {
             return !self.accuracy.is_opaque(&self.sum);
         }
-        block.pieces(cuts, |series, a, b| {
+        block.pieces(cuts, |&Piece { series, from: a, to: b, .. }| {
             let parts = ((b - a) / 2.0 * steps).ceil();
             let at = |i: f64| if i < parts { a + (b - a) * (i / parts) } else { b };
             let mut i = 0.0;
@@ -222,9 +252,67 @@ pub(super) struct Classifier {
     pub(super) base: f64,
     /// The values, ascending, between which opacity is linear and extinction analytic.
     kinks: Vec<f64>,
+    /// What is between them, and before and after: one more.
+    segments: Vec<Segment>,
     lighting: Option<Lighting>,
     /// From gradients along the lattice axes to such in the world.
     to_world: DMat3,
+}
+
+/// A range of values in which colour and opacity are linear.
+#[derive(Debug)]
+struct Segment {
+    range: [f64; 2],
+    /// A value in it, colour and opacity there, and their slopes.
+    value: f64,
+    color: [f64; 3],
+    opacity: f64,
+    color_slope: [f64; 3],
+    opacity_slope: f64,
+}
+
+/// What is before, between and after the kinks of a transfer function.
+fn segments(transfer: &TransferFunction, kinks: &[f64]) -> Vec<Segment> {
+    (0..=kinks.len())
+        .map(|i| {
+            let low = i.checked_sub(1).map_or(f64::NEG_INFINITY, |before| kinks[before]);
+            let high = kinks.get(i).copied().unwrap_or(f64::INFINITY);
+            // Inside, off the steps at either end.
+            let inside = |share: f64| low + (high - low) * share;
+            let (value, other) = if low.is_finite() && high.is_finite() {
+                (inside(0.25), inside(0.75))
+            } else if low.is_finite() {
+                (low, low)
+            } else {
+                let below = if high.is_finite() { high - 1.0_f64.max(high.abs()) } else { 0.0 };
+                (below, below)
+            };
+            let (color, opacity) = transfer.sample(value);
+            let (far_color, far_opacity) = transfer.sample(other);
+            let slope = |a: f64, b: f64| if other > value { (b - a) / (other - value) } else { 0.0 };
+            Segment {
+                range: [low, high],
+                value,
+                color,
+                opacity,
+                color_slope: std::array::from_fn(|c| slope(color[c], far_color[c])),
+                opacity_slope: slope(opacity, far_opacity),
+            }
+        })
+        .collect()
+}
+
+impl Segment {
+    fn is_clear(&self) -> bool {
+        self.opacity <= 0.0
+    }
+
+    /// Colour and opacity at a value.
+    fn at(&self, value: f64) -> ([f64; 3], f64) {
+        let along = value - self.value;
+        let color = std::array::from_fn(|c| self.color[c] + self.color_slope[c] * along);
+        (color, self.opacity + self.opacity_slope * along)
+    }
 }
 
 impl Classifier {
@@ -239,6 +327,7 @@ impl Classifier {
         kinks.sort_unstable_by(f64::total_cmp);
         kinks.dedup();
         Self {
+            segments: segments(transfer, &kinks),
             transfer: transfer.clone(),
             unit,
             base: transfer.base(),
@@ -253,6 +342,15 @@ impl Classifier {
         let first = self.kinks.partition_point(|&v| v <= low);
         let last = self.kinks.partition_point(|&v| v < high);
         self.kinks.get(first..last).unwrap_or(&[])
+    }
+
+    /// The segment that holds a range of values, if there is one. `last` is the number of the one found last.
+    fn segment(&self, [low, high]: [f64; 2], last: &mut usize) -> Option<&Segment> {
+        let holds = |segment: &&Segment| segment.range[0] <= low && high <= segment.range[1];
+        self.segments.get(*last).filter(holds).or_else(|| {
+            *last = self.kinks.partition_point(|&v| v <= low);
+            self.segments.get(*last).filter(holds)
+        })
     }
 
     /// The factors of scalar and differences that make the numbers whose sign lit colour jumps or bends with: on which
@@ -270,7 +368,11 @@ impl Classifier {
 
     /// Extinction and emission per world unit where the scalar and its differences along the lattice axes are these.
     fn emission(&self, [scalar, differences @ ..]: Weights, to_eye: DVec3) -> Weights {
-        let (mut color, opacity) = self.transfer.sample(scalar);
+        let (color, opacity) = self.transfer.sample(scalar);
+        self.lit(color, opacity, differences, to_eye)
+    }
+
+    fn lit(&self, mut color: [f64; 3], opacity: f64, differences: [f64; 3], to_eye: DVec3) -> Weights {
         let tau = TransferFunction::extinction(opacity, self.unit);
         if tau <= 0.0 {
             return [0.0; 4];
@@ -298,6 +400,8 @@ pub(super) struct Classified<'a> {
     /// Up to where the ray is integrated.
     pub(super) position: f64,
     pub(super) accuracy: &'a Accuracy,
+    /// The segment of the transfer function that was needed last.
+    pub(super) segment: usize,
 }
 
 /// A part of a block, in x from -1 to 1 over the block.
@@ -314,17 +418,91 @@ struct Stretch {
 impl Classified<'_> {
     /// Adds a block and what is empty before it; whether there is more to see.
     pub(super) fn block(&mut self, block: &Block<'_>, cuts: &mut Cuts) -> bool {
-        block.pieces(cuts, |series, a, b| {
-            self.empty(block.middle + block.half * a);
-            self.position = block.middle + block.half * b;
-            let stretch = Stretch {
-                series: *series,
-                scalar: series.combined(&[1.0, 0.0, 0.0, 0.0]),
-                sides: self.sides.iter().map(|side| series.combined(side)).collect(),
-                half: block.half,
-            };
-            !self.accuracy.is_opaque(&self.sum) && self.split(&stretch, a, b)
+        let range = block.range().map(|sum| self.value(sum));
+        if self.classifier.segment(range, &mut self.segment).is_some_and(Segment::is_clear) {
+            self.empty(block.middle - block.half);
+            self.position = block.middle + block.half;
+            return true;
+        }
+        block.pieces(cuts, |piece| {
+            self.empty(block.middle + block.half * piece.from);
+            self.position = block.middle + block.half * piece.to;
+            !self.accuracy.is_opaque(&self.sum) && (self.coarse(block.half, piece) || self.piece(block, piece))
         })
+    }
+
+    /// Adds a piece; whether there is more to see.
+    fn piece(&mut self, block: &Block<'_>, &Piece { series, from, to, .. }: &Piece<'_>) -> bool {
+        let stretch = Stretch {
+            series: *series,
+            scalar: series.combined(&[1.0, 0.0, 0.0, 0.0]),
+            sides: self.sides.iter().map(|side| series.combined(side)).collect(),
+            half: block.half,
+        };
+        self.split(&stretch, from, to)
+    }
+
+    /// Adds a piece so short that the tolerance allows for a rule of one node or two; false if it is not.
+    fn coarse(&mut self, half: f64, &Piece { series, from, to, curvature }: &Piece<'_>) -> bool {
+        if self.accuracy.tolerance <= 0.0 {
+            return false;
+        }
+        let allowed = self.accuracy.tolerance * self.sum.optical_depth.exp();
+        let (middle, part) = (f64::midpoint(from, to), (to - from) / 2.0);
+        let kernels = 2.0 * part * half / self.accuracy.scale;
+        if kernels.powi(4) * ROUGH > allowed {
+            return false;
+        }
+        let sums = [-PAIR, PAIR].map(|x| series.at(middle + part * x));
+        // The line through two nodes goes on to 0.87 times their difference from the middle. It errs by a third of the
+        // curvature times half the length squared.
+        let spread = (sums[1][0] - sums[0][0]).abs() * PAIR_ENDS + curvature * part * part / 3.0;
+        let center = f64::midpoint(sums[0][0], sums[1][0]);
+        let Some(segment) =
+            self.classifier.segment([center - spread, center + spread].map(|s| self.value(s)), &mut self.segment)
+        else {
+            return false;
+        };
+        if segment.is_clear() {
+            return true;
+        }
+        let same_side = |side: &Weights| {
+            let [a, b] = sums.map(|sum| sum.iter().zip(side).map(|(s, d)| s * d).sum::<f64>());
+            f64::midpoint(a, b).abs() >= (a - b).abs() * PAIR_ENDS
+        };
+        if !self.sides.iter().all(same_side) {
+            return false;
+        }
+        let world = 2.0 * part * half * self.measure;
+        let classifier = self.classifier;
+        let at = |[scalar, differences @ ..]: Weights| {
+            let (color, opacity) = segment.at(self.value(scalar));
+            classifier.lit(color, opacity, differences.map(|d| d / self.divisor), self.to_eye)
+        };
+        if kernels.powi(2) * BEND <= allowed {
+            let [tau, emission @ ..] = at(std::array::from_fn(|c| f64::midpoint(sums[0][c], sums[1][c])));
+            if tau * world > MAX_STEP_DEPTH {
+                return false;
+            }
+            self.sum.append(&RayIntegral::point(tau, emission, world));
+            return true;
+        }
+        let field = sums.map(at);
+        let most = field.iter().flatten().fold(0.0, |m: f64, f| m.max(f.abs()));
+        let change = (0..4).map(|c| (field[0][c] - field[1][c]).abs()).fold(0.0, f64::max);
+        if most * world > MAX_STEP_DEPTH || change.powi(4) * world * TURN > allowed * most.powi(3) {
+            return false;
+        }
+        // Lit colours are cut off at 1.
+        let bends = |c: usize| {
+            let [a, b] = field.map(|f| f[c] - f[0]);
+            (a < 0.0 || b < 0.0) && f64::midpoint(a, b) + (a - b).abs() * PAIR_ENDS >= 0.0
+        };
+        if !self.sides.is_empty() && (1..4).any(bends) {
+            return false;
+        }
+        self.sum.append(&RayIntegral::pair(&field, world));
+        true
     }
 
     /// Adds what is empty up to a position: there the field is its base.
@@ -451,7 +629,12 @@ pub(super) struct Maximum {
 impl Maximum {
     /// Looks at a block, both of its ends included, and at what is empty before it.
     pub(super) fn block(&mut self, block: &Block<'_>, cuts: &mut Cuts) {
-        block.pieces(cuts, |series, a, b| {
+        if self.largest.is_some_and(|largest| block.range()[1] < largest) {
+            self.empty(block.middle - block.half);
+            self.position = block.middle + block.half;
+            return;
+        }
+        block.pieces(cuts, |&Piece { series, from: a, to: b, .. }| {
             self.empty(block.middle + block.half * a);
             self.position = block.middle + block.half * b;
             self.search(&series.combined(&[1.0, 0.0, 0.0, 0.0]), a, b);

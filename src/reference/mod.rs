@@ -79,7 +79,7 @@ use walk::{Cuts, LatticeRay, Scratch, Sight, Sizes, Viewer, Walk, blocks};
 
 /// The longest block, as a fraction of the scale of the smallest kernel (a Gaussian's sigma): without and with a
 /// tolerance.
-const LONGEST: [f64; 2] = [0.2, 0.8];
+const LONGEST: [f64; 2] = [0.2, 1.0];
 /// Steps of a block.
 const STEPS: [f64; 2] = [1.0, 3.0];
 /// Errors of kernels, over their peak: without a tolerance, and over the tolerance.
@@ -158,7 +158,13 @@ impl Reference {
             radius: kernel.radius(),
             divisor: settings.normalization.divisor(kernel),
             longest: 0.0,
-            accuracy: Accuracy { tolerance: 0.0, rim: kernel.value(kernel.radius().powi(2)), rule: Gauss::new(), steps: 1.0 },
+            accuracy: Accuracy {
+                tolerance: 0.0,
+                rim: kernel.value(kernel.radius().powi(2)),
+                rule: Gauss::new(),
+                scale: scale(kernel),
+                steps: 1.0,
+            },
             antialiasing: settings.antialiasing,
             method,
             progress: Progress::default(),
@@ -171,7 +177,7 @@ impl Reference {
     pub fn with_tolerance(mut self, tolerance: f64) -> Self {
         let (exact, with) = (0, 1);
         let which = if tolerance > 0.0 { with } else { exact };
-        self.longest = LONGEST[which] * scale(&self.kernel); if which == 1 { self.longest = std::env::var("LONG").map_or(0.8, |s| s.parse().unwrap()) * scale(&self.kernel); }
+        self.longest = LONGEST[which] * scale(&self.kernel);
         let error = if tolerance > 0.0 { KERNEL_ERROR[with] * tolerance } else { 0.0 };
         let beyond = self.longest * (self.longest + 2.0 * self.radius);
         self.profile = Profile::new(&self.kernel, beyond, error.max(KERNEL_ERROR[exact]));
@@ -400,6 +406,7 @@ impl Rays<'_> {
                     divisor: reference.divisor,
                     position: ray.start,
                     accuracy,
+                    segment: 0,
                 };
                 self.parts(ray, 0.0, |part| {
                     classified.position = part.start;

@@ -50,7 +50,11 @@ impl Profile {
     #[inline]
     pub(super) fn values<const N: usize>(&self, y: [f64; N]) -> [f64; N] {
         if self.coefficients.len() == self.terms {
-            let s = y.map(|y| 2.0 * (y - self.least) * self.scale - 1.0);
+            let (factor, shift) = (2.0 * self.scale, -2.0 * self.least * self.scale - 1.0);
+            let mut s = y;
+            for s in &mut s {
+                *s = *s * factor + shift;
+            }
             let mut sum = [0.0; N];
             for c in self.coefficients.iter().rev() {
                 for (sum, s) in sum.iter_mut().zip(&s) {
@@ -145,7 +149,7 @@ pub(super) struct Series(pub(super) [Weights; SERIES]);
 #[derive(Debug)]
 pub(super) struct Gauss<const N: usize> {
     pub(super) nodes: [f64; N],
-    /// `terms[m][k]` is (2 m + 1) / 2 w_k P_m(x_k), w_k the weight of node x_k.
+    /// `terms[k][m]` is (2 m + 1) / 2 w_k P_m(x_k), w_k the weight of node x_k.
     pub(super) terms: [[f64; N]; N],
 }
 
@@ -163,8 +167,8 @@ impl<const N: usize> Gauss<N> {
             let last = legendre::<SERIES>(x)[N - 1];
             2.0 * (1.0 - x * x) / (N as f64 * last).powi(2)
         };
-        let terms = std::array::from_fn(|m| {
-            std::array::from_fn(|k| (m as f64 + 0.5) * weight(nodes[k]) * legendre::<SERIES>(nodes[k])[m])
+        let terms = std::array::from_fn(|k| {
+            std::array::from_fn(|m| (m as f64 + 0.5) * weight(nodes[k]) * legendre::<SERIES>(nodes[k])[m])
         });
         Self { nodes, terms }
     }
@@ -196,9 +200,16 @@ impl Series {
     /// The series that meets `values` (of each weight, at each node) at the nodes of [`GAUSS`].
     pub(super) fn through(values: &[[f64; SERIES]; 4]) -> Self {
         let gauss = &*GAUSS;
-        Self(std::array::from_fn(|m| {
-            std::array::from_fn(|c| gauss.terms[m].iter().zip(&values[c]).map(|(t, v)| t * v).sum())
-        }))
+        let mut terms = [[0.0; 4]; SERIES];
+        for (k, row) in gauss.terms.iter().enumerate() {
+            let value = [values[0][k], values[1][k], values[2][k], values[3][k]];
+            for (term, t) in terms.iter_mut().zip(row) {
+                for (sum, v) in term.iter_mut().zip(value) {
+                    *sum += t * v;
+                }
+            }
+        }
+        Self(terms)
     }
 
     /// Adds a polynomial, with these weights.
@@ -234,15 +245,15 @@ impl Series {
             sums[k % 2] += value[k + 1];
             slope[k] = (2 * k + 1) as f64 * sums[k % 2];
         }
-        // |P_n| and |P_n''| are largest at the ends: 1 and (n - 1) n (n + 1) (n + 2) / 8.
-        let bend = |n: usize| (n.saturating_sub(1) * n * (n + 1) * (n + 2)) as f64 / 8.0;
-        Scalar {
-            value,
-            slope,
-            curvature: value.iter().enumerate().map(|(k, c)| c.abs() * bend(k)).sum(),
-            size: products.iter().flatten().map(|p| p.abs()).sum(),
-        }
+        Scalar { value, slope, curvature: bend(&value), size: products.iter().flatten().map(|p| p.abs()).sum() }
     }
+}
+
+/// A bound of the second derivative of a series.
+pub(super) fn bend(terms: &[f64; SERIES]) -> f64 {
+    // |P_n''| is largest at the ends: (n - 1) n (n + 1) (n + 2) / 8.
+    const MOST: [f64; SERIES] = [0.0, 0.0, 3.0, 15.0, 45.0, 105.0, 210.0, 378.0];
+    terms.iter().zip(MOST).map(|(c, most)| c.abs() * most).sum()
 }
 
 /// A polynomial in x from -1 to 1 that knows how it bends.

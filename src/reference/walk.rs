@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::classify::{Brick, Bricks, Splats, Weights};
-use super::profile::{GAUSS, Gauss, Profile, SERIES, Series, legendre};
+use super::profile::{GAUSS, Gauss, Profile, SERIES, Series, bend, legendre};
 use crate::camera::{Camera, Growth, Projection};
 use crate::volume::Grid;
 
@@ -174,10 +174,13 @@ impl Chord {
     /// The kernel at places u, continued analytically beyond the ends.
     #[inline]
     fn values<const N: usize>(&self, profile: &Profile, places: [f64; N]) -> [f64; N] {
-        profile.values(places.map(|u| {
-            let t = u - self.closest;
-            (self.half2 - t * t) * self.shrink
-        }))
+        // Loops, as maps of arrays are not inlined.
+        let mut y = places;
+        for u in &mut y {
+            let t = *u - self.closest;
+            *u = (self.half2 - t * t) * self.shrink;
+        }
+        profile.values(y)
     }
 }
 
@@ -350,6 +353,18 @@ pub(super) struct Block<'a> {
     ends: &'a [Chord],
 }
 
+/// A part of a block on which no chord begins or ends.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Piece<'a> {
+    /// The sum of splats.
+    pub(super) series: &'a Series,
+    /// Its ends, in the block.
+    pub(super) from: f64,
+    pub(super) to: f64,
+    /// No second derivative of the first weight's sum is larger in the block.
+    pub(super) curvature: f64,
+}
+
 /// Calls `visit` for the blocks of a walk, front to back, until it returns false; returns that. What lies between
 /// blocks is empty. Blocks are no longer than `longest`.
 pub(super) fn blocks<'a>(
@@ -390,7 +405,11 @@ pub(super) fn blocks<'a>(
                     continue;
                 }
                 let middle = from + half;
-                let values = chord.values(profile, nodes.map(|x| middle + x));
+                let mut places = nodes;
+                for x in &mut places {
+                    *x += middle;
+                }
+                let values = chord.values(profile, places);
                 slot.whole += 1;
                 for (sums, weight) in slot.values.iter_mut().zip(chord.weights).take(channels) {
                     for (sum, value) in sums.iter_mut().zip(values) {
@@ -428,18 +447,35 @@ impl Block<'_> {
         (u - self.middle) / self.half
     }
 
-    /// Calls `visit` for its pieces, front to back, until it returns false; returns that. No chord begins or ends in a
-    /// piece, so that sums over splats are one polynomial: a series of the block. What lies between pieces is empty.
-    pub(super) fn pieces(&self, cuts: &mut Cuts, mut visit: impl FnMut(&Series, f64, f64) -> bool) -> bool {
+    /// Bounds of the first weight's sum in it.
+    pub(super) fn range(&self) -> [f64; 2] {
+        let [first, others @ ..] = self.whole.0.map(|term| term[0]);
+        let spread: f64 = others.iter().map(|c| c.abs()).sum();
+        self.ends.iter().fold([first - spread, first + spread], |[low, high], chord| {
+            let largest = chord.weights[0] * self.profile.values([chord.half2 * chord.shrink])[0];
+            [low + largest.min(0.0), high + largest.max(0.0)]
+        })
+    }
+
+    /// Calls `visit` for its pieces, front to back, until it returns false; returns that. Sums over splats are one
+    /// polynomial on each, a series of the block. What lies between pieces is empty.
+    pub(super) fn pieces(&self, cuts: &mut Cuts, mut visit: impl FnMut(&Piece<'_>) -> bool) -> bool {
         let Cuts { places, series } = cuts;
         places.clear();
         series.clear();
         let gauss = &*GAUSS;
         let nodes = gauss.nodes.map(|x| self.middle + self.half * x);
         let (mut sum, mut inside) = (self.whole, usize::from(self.filled));
+        let mut curvature = bend(&self.whole.0.map(|term| term[0]));
         for (index, chord) in self.ends.iter().enumerate() {
             let values = chord.values(self.profile, nodes);
-            let terms = gauss.terms.map(|row| row.iter().zip(values).map(|(t, v)| t * v).sum());
+            let mut terms = [0.0; SERIES];
+            for (row, value) in gauss.terms.iter().zip(values) {
+                for (term, t) in terms.iter_mut().zip(row) {
+                    *term += t * value;
+                }
+            }
+            curvature += chord.weights[0].abs() * bend(&terms);
             let [enter, leave] = [chord.enter, chord.leave].map(|u| self.place(u));
             if enter > -1.0 {
                 places.push((enter, index, true));
@@ -457,7 +493,7 @@ impl Block<'_> {
         let mut from = -1.0;
         for &(to, index, begins) in &*places {
             if to - from > SAME {
-                if inside > 0 && !visit(&sum, from, to) {
+                if inside > 0 && !visit(&Piece { series: &sum, from, to, curvature }) {
                     return false;
                 }
                 from = to;
@@ -486,10 +522,14 @@ impl Block<'_> {
             let from = self.place(chord.enter).max(-1.0);
             let to = self.place(chord.leave).min(1.0);
             let (middle, half) = (f64::midpoint(from, to), (to - from) / 2.0);
-            let places = rule.nodes.map(|x| middle + half * x);
-            let values = chord.values(self.profile, places.map(|x| self.middle + self.half * x));
+            let (mut places, mut along) = (rule.nodes, rule.nodes);
+            for (x, u) in places.iter_mut().zip(&mut along) {
+                *x = middle + half * *x;
+                *u = self.middle + self.half * *x;
+            }
+            let values = chord.values(self.profile, along);
             let mut moments = [0.0; MOMENTS];
-            for ((place, value), weight) in places.iter().zip(values).zip(rule.terms[0]) {
+            for ((place, value), weight) in places.iter().zip(values).zip(rule.terms.map(|row| row[0])) {
                 let p = legendre::<MOMENTS>(*place);
                 for (moment, p) in moments.iter_mut().zip(p) {
                     *moment += 2.0 * weight * value * half * p;

@@ -30,6 +30,9 @@ pub struct Variant {
     pub settings: Settings,
 }
 
+/// The error of the truth: a tenth of that of the most exact pictures.
+const TOLERANCE: f64 = 1e-6;
+
 /// Degrees by which the eye turns before a frame is timed: the frames of a turntable are not drawn twice.
 const TURN: f64 = 3.0;
 
@@ -224,7 +227,7 @@ impl<'a> Study<'a> {
     /// # Errors
     /// Those of [`Reference::new`] and [`Reference::pixels`].
     pub fn truth(&self, variant: &Variant) -> Result<Vec<Image>> {
-        let reference = Reference::new(self.volume, self.transfer, &variant.settings)?;
+        let reference = Reference::new(self.volume, self.transfer, &variant.settings)?.with_tolerance(TOLERANCE);
         let [width, height] = self.sample.grid();
         let view = |camera: &Camera| {
             let pixels = reference.pixels(camera, &self.sample.pixels())?;
