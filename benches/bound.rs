@@ -31,7 +31,7 @@ use voxsplat::{
 };
 
 /// Pixels that choose.
-const CHOOSING: u32 = 1024;
+const CHOOSING: u32 = 2048;
 /// Pixels that check: their grid falls between that of the others.
 const CHECKING: u32 = 6000;
 
@@ -158,15 +158,6 @@ fn row(renderer: &Renderer, c: &Combination, report: &mut Report, seed: u64) -> 
         let start = Instant::now();
         let Ok(rendered) = renderer.render(&scene, at, &settings) else { continue };
         let once = start.elapsed().as_secs_f64();
-        let st = &rendered.stats;
-        let th = match &st.painter {
-            voxsplat::stats::PainterStats::Quads(q) => q.sheet_thickness,
-            voxsplat::stats::PainterStats::Tiles(t) => t.slab_thickness,
-        };
-        eprintln!(
-            "FIT {}",
-            serde_json::json!({"seed": seed, "name": c.name, "err": truth.estimate(&rendered.image)?.error, "painter": st.painter.name(), "th": th, "levels": st.levels, "growth": st.kernel_growth, "facts": scene.facts_text(), "pred": st.predicted, "lit": st.lights, "shading": st.shading, "model": st.model, "capped": st.tiles().is_some_and(|t| matches!(t.spacing, Some(voxsplat::stats::RaySpacing::PerVoxel(_)))), "forced": settings.level != Level::Auto, "s": once})
-        );
         if truth.estimate(&rendered.image)?.error <= c.bound && once < 4.0 * own + 0.5 {
             cheapest = cheapest.min(seconds(renderer, &scene, c, &settings)?);
         }
@@ -176,9 +167,10 @@ fn row(renderer: &Renderer, c: &Combination, report: &mut Report, seed: u64) -> 
     let text = cost.map(|cost| format!("{cost:.2}")).unwrap_or_default();
     let keeps = if chosen.keeps { "" } else { "no way found" };
     report.line(format_args!(
-        "| {seed} | {} | {:.0e} | {:.2} | {:.1e} | {ratio:.2} | {:.0} | {text} | {} | {keeps} |",
+        "| {seed} | {} | {:.0e} | {:.2} | {:.2} | {:.1e} | {ratio:.2} | {:.0} | {text} | {} | {keeps} |",
         c.name,
         c.bound,
+        chosen.rendered.stats.predicted.error() / c.bound,
         chosen.estimate.error / c.bound,
         error,
         own * 1e3,
@@ -208,8 +200,10 @@ fn main() -> Outcome {
     }
     let mut report = Report::new("bound", &arguments);
     let renderer = Renderer::new(&RendererOptions::default())?;
-    report.line("| seed | scene | E | estimated / E | error | error / E | frame, ms | x cheapest | tried | |");
-    report.line("|---|---|---|---|---|---|---|---|---|---|");
+    report.line(
+        "| seed | scene | E | predicted / E | estimated / E | error | error / E | frame, ms | x cheapest | tried | |",
+    );
+    report.line("|---|---|---|---|---|---|---|---|---|---|---|");
     let mut rows = Vec::new();
     for seed in first..=last {
         rows.push(row(&renderer, &combination(seed, &files, size)?, &mut report, seed)?);

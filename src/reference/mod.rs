@@ -73,7 +73,6 @@ use crate::error::Error;
 use crate::error::Result;
 use crate::image::Image;
 use crate::kernel::Kernel;
-use crate::lighting::Lighting;
 use crate::progress::Progress;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
