@@ -13,7 +13,8 @@ pub(crate) const MAX_PLACES: u64 = 1 << 27;
 /// Pixels of quads, summed over all passes. Software draws some 1e8 a second.
 pub(crate) const MAX_FRAGMENTS: f64 = (1_u64 << 40) as f64;
 
-/// Chords that rays of the reference cut out of kernels. A thread adds up some 1e6 a second.
+/// Chords that rays of the reference cut out of kernels. A thread adds up some 2e6 a second, 1e7 with a
+/// tolerance.
 pub(crate) const MAX_CHORDS: f64 = (1_u64 << 36) as f64;
 
 /// Chords of one ray, on average over a picture. A chord takes some 100 bytes, and each thread keeps those of a ray.

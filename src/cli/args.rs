@@ -309,7 +309,8 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "N", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(64..),
         help_heading = "Accuracy")]
     pub(super) sample: u32,
-    /// Integrate every ray in f64 on the CPU instead: slow and exact; options of painters and devices have no effect
+    /// Integrate every ray in f64 on the CPU instead: slow, and exact to 1e-5 of a channel; options of painters and
+    /// devices have no effect
     #[arg(long, help_heading = "Device")]
     pub(super) reference: bool,
 }

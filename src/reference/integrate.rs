@@ -23,12 +23,10 @@ const UNEVENNESS: f64 = 0.3;
 const PAIR: f64 = 0.577_350_269_189_625_8;
 /// The ends of -1..1 are so many distances of those nodes from the middle.
 const PAIR_ENDS: f64 = 0.866_025_403_784_438_7;
-/// The errors, over what is seen, of Gauss's rules of one and two nodes for parts of a classified field: these times
-/// the second and fourth power of their length in scales of the kernel.
-const BEND: f64 = 0.2;
+/// The error of Gauss's two-point rule for a part of a classified field, over what is seen, is this times the fourth
+/// power of the part's length in scales of the kernel.
 const ROUGH: f64 = 0.5;
-/// The error of the latter, over extinction times length, is this times the fourth power of the relative change between
-/// the nodes.
+/// Its error over the part's optical depth is this times the fourth power of the relative change between the nodes.
 const TURN: f64 = 0.1;
 /// The share of the tolerance that one part of a classified field may take.
 const PIECE_SHARE: f64 = 0.01;
@@ -88,14 +86,6 @@ impl RayIntegral {
             }
         }
         Self { color, optical_depth }
-    }
-
-    /// The same, where all of the step is like this.
-    fn point(tau: f64, emission: [f64; 3], length: f64) -> Self {
-        let optical_depth = tau * length;
-        // 1 - exp(-d) over d, for d under 1 / 4.
-        let share = 1.0 - optical_depth / 2.0 * (1.0 - optical_depth / 3.0 * (1.0 - optical_depth / 4.0));
-        Self { color: emission.map(|e| e * length * share), optical_depth }
     }
 
     /// The same, for the nodes of Gauss's two-point rule.
@@ -442,7 +432,7 @@ impl Classified<'_> {
         self.split(&stretch, from, to)
     }
 
-    /// Adds a piece so short that the tolerance allows for a rule of one node or two; false if it is not.
+    /// Adds a piece so short that the tolerance allows for a rule of two nodes; false if it is not.
     fn coarse(&mut self, half: f64, &Piece { series, from, to, curvature }: &Piece<'_>) -> bool {
         if self.accuracy.tolerance <= 0.0 {
             return false;
@@ -479,14 +469,6 @@ impl Classified<'_> {
             let (color, opacity) = segment.at(self.value(scalar));
             classifier.lit(color, opacity, differences.map(|d| d / self.divisor), self.to_eye)
         };
-        if kernels.powi(2) * BEND <= allowed {
-            let [tau, emission @ ..] = at(std::array::from_fn(|c| f64::midpoint(sums[0][c], sums[1][c])));
-            if tau * world > MAX_STEP_DEPTH {
-                return false;
-            }
-            self.sum.append(&RayIntegral::point(tau, emission, world));
-            return true;
-        }
         let field = sums.map(at);
         let most = field.iter().flatten().fold(0.0, |m: f64, f| m.max(f.abs()));
         let change = (0..4).map(|c| (field[0][c] - field[1][c]).abs()).fold(0.0, f64::max);

@@ -337,8 +337,8 @@ pub(super) struct Cuts {
     series: Vec<[f64; SERIES]>,
 }
 
-/// A stretch of a ray, so short that what a kernel adds to it is one polynomial as far as the kernel holds it. Places in
-/// it are x from -1 to 1.
+/// A stretch of a ray, so short that what a kernel adds to it is one polynomial as far as the kernel holds it. Places
+/// in it are x from -1 to 1.
 #[derive(Debug)]
 pub(super) struct Block<'a> {
     profile: &'a Profile,
