@@ -45,8 +45,8 @@ const LEAST_OF_CELLS: f64 = 3e-3;
 const MANY_SPLATS: u64 = 1 << 20;
 /// How much coarser than the picture resolves cells may be, in levels.
 const COARSER: u32 = 2;
-/// How often sheets are made thinner.
-const MOST_THINNER: usize = 4;
+/// How often sheets are made thinner, or made of voxels.
+const MOST_THINNER: usize = 5;
 /// The least thickness of sheets, voxels.
 const THINNEST: f64 = 0.05;
 /// By how much sheets become thinner at once.
@@ -181,11 +181,16 @@ impl Search<'_> {
         // Rays by tiles resolve the depth of a voxel as well as a sheet does.
         let mut thickness = knobs.sheet_thickness;
         for _ in 0..MOST_THINNER {
-            let aim = (AIM * self.bound / last.error).sqrt().clamp(THINNER[0], THINNER[1]);
-            if thickness <= THINNEST {
+            // Cells that tiles has not taken: what they lose is not made up for by thinner sheets.
+            let coarse = base.level == Level::Auto && last.level > 0;
+            if coarse {
+                base.level = Level::At(0);
+            } else if thickness > THINNEST {
+                let aim = (AIM * self.bound / last.error).sqrt().clamp(THINNER[0], THINNER[1]);
+                thickness = rounded_down(thickness * aim).max(THINNEST);
+            } else {
                 break;
             }
-            thickness = rounded_down(thickness * aim).max(THINNEST);
             let painter = Painter::Quads(QuadsSettings { sheet_thickness: thickness, ..knobs });
             last = self.draw(&Settings { painter, ..base.clone() })?;
             if last.keeps {
