@@ -8,7 +8,7 @@ use glam::{DAffine3, DMat3, DQuat};
 use super::*;
 use crate::camera::{ProjectionKind, View};
 use crate::kernel::Normalization;
-use crate::lighting::Light;
+use crate::lighting::{Light, Lighting};
 use crate::settings::Shading;
 use crate::transfer::ControlPoint;
 use crate::volume::Samples;
