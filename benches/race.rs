@@ -25,7 +25,7 @@
 //! pixels, in steps of 8 bits), and the ratios to the best rival, of those with more than 8 bits. voxsplat's truth is
 //! its f64 reference, made once and kept in WORK/truth, which takes minutes. The truth of a rival is what
 //! `reference.py` of the scripts makes. Scenes without `truth` and pictures other than unlit ones have no error.
-//! `--write` keeps the tables in docs/measurements, each as soon as it is whole.
+//! `--write` keeps the tables in docs/measurements, each as soon as it is whole, and a plot of time against error.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "printing its table is what this program is for")]
 
@@ -41,6 +41,7 @@ use voxsplat::camera::ProjectionKind;
 use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
 use voxsplat::renderer::adapters;
+use voxsplat::report::{Marker, Point, plot};
 use voxsplat::settings::{Painter, QuadsSettings, Shading, TilesSettings};
 use voxsplat::transfer::ControlPoint;
 use voxsplat::volume::SampleType;
@@ -320,6 +321,15 @@ enum Entry {
     Rival(Rival),
 }
 
+impl Entry {
+    fn name(&self) -> String {
+        match self {
+            Self::Own(painter) => format!("voxsplat, {painter}"),
+            Self::Rival(rival) => rival.name.clone(),
+        }
+    }
+}
+
 #[derive(Default)]
 struct Times {
     cold: Vec<f64>,
@@ -434,7 +444,7 @@ impl Race<'_> {
     }
 
     /// All runs of all entries that draw the picture.
-    fn table(&self, report: &mut Report, rivals: &[Rival], transfer: &Path) -> Outcome {
+    fn table(&self, report: &mut Report, rivals: &[Rival], transfer: &Path, plotted: &mut Vec<Point>) -> Outcome {
         let painters = self.options.painters.split(',').map(|painter| Entry::Own(painter.to_owned()));
         let rivals = rivals.iter().filter(|rival| rival.draws(self.scene, self.picture.kind)).cloned();
         let entries: Vec<Entry> = painters.chain(rivals.map(Entry::Rival)).collect();
@@ -447,8 +457,36 @@ impl Race<'_> {
                 }
             }
         }
-        print(report, &format!("{}, {}", self.scene.name, self.picture.name), &entries, times);
+        print(report, &format!("{}, {}", self.scene.name, self.picture.name), &entries, &times);
+        if self.has_truth() {
+            plotted.extend(self.points(&entries, &times)?);
+        }
         Ok(())
+    }
+
+    /// Time against error of all entries, the front among them marked. Keeps those of rivals in WORK/rivals, as
+    /// `voxsplat pareto --rivals` reads them.
+    fn points(&self, entries: &[Entry], times: &[Times]) -> Outcome<Vec<Point>> {
+        let found =
+            entries.iter().zip(times).filter_map(|(entry, t)| Some((entry, median(t.frame.clone()), t.error? / 255.0)));
+        let found: Vec<(&Entry, f64, f64)> = found.collect();
+        let rivals = found.iter().filter_map(|(entry, seconds, rms)| match entry {
+            Entry::Rival(rival) => Some(serde_json::json!({ "name": rival.name, "seconds": seconds, "rms": rms })),
+            Entry::Own(_) => None,
+        });
+        let folder = self.options.work.join("rivals");
+        std::fs::create_dir_all(&folder)?;
+        let file = folder.join(format!("{}-{}.json", self.scene.name, self.picture.name));
+        std::fs::write(file, serde_json::to_string_pretty(&rivals.collect::<Vec<_>>())?)?;
+        let point = |(entry, seconds, error): &(&Entry, f64, f64)| Point {
+            series: self.scene.name.clone(),
+            label: Some(entry.name()),
+            seconds: *seconds,
+            error: *error,
+            front: !found.iter().any(|(_, s, e)| s <= seconds && e <= error && (s < seconds || e < error)),
+            marker: if matches!(entry, Entry::Own(_)) { Marker::Disc } else { Marker::Square },
+        };
+        Ok(found.iter().map(point).collect())
     }
 }
 
@@ -475,19 +513,27 @@ fn main() -> Outcome {
     }
     let adapters = adapters();
     let adapter = adapters.first().ok_or("no adapter")?;
+    let mut plotted = Vec::new();
     for scene in &scenes {
         let transfer = options.work.join("race-transfer.json");
         std::fs::write(&transfer, scene.transfer(&config.transfer)?.to_json())?;
         for picture in &pictures {
-            Race { options: &options, scene, picture }.table(&mut report, &rivals, &transfer)?;
-            report.save(adapter)?;
+            Race { options: &options, scene, picture }.table(&mut report, &rivals, &transfer, &mut plotted)?;
+            if let Some(page) = report.save(adapter)?
+                && !plotted.is_empty()
+            {
+                let title =
+                    format!("{SIZE} x {SIZE} pixels, unlit, parallel rays: each renderer against its own truth");
+                std::fs::write(page.with_extension("svg"), plot(&title, "rms error of covered pixels", &plotted)?)?;
+            }
         }
     }
     report.finish(adapter)
 }
 
-fn print(report: &mut Report, title: &str, entries: &[Entry], times: Vec<Times>) {
-    let rows = times.into_iter().map(|t| ([median(t.cold), median(t.frame) * 1e3, median(t.memory)], t.error));
+fn print(report: &mut Report, title: &str, entries: &[Entry], times: &[Times]) {
+    let of = |numbers: &[f64]| median(numbers.to_vec());
+    let rows = times.iter().map(|t| ([of(&t.cold), of(&t.frame) * 1e3, of(&t.memory)], t.error));
     let rows: Vec<([f64; 3], Option<f64>)> = rows.collect();
     let counts = |entry: &Entry| matches!(entry, Entry::Rival(rival) if !rival.coarse);
     let best: [f64; 3] = std::array::from_fn(|column| {
@@ -497,10 +543,7 @@ fn print(report: &mut Report, title: &str, entries: &[Entry], times: Vec<Times>)
     report.line(format_args!("\n| {title} | cold, s | x | frame, ms | x | peak, MiB | x | error |"));
     report.line("|---|---|---|---|---|---|---|---|");
     for (entry, ([cold, frame, memory], error)) in entries.iter().zip(&rows) {
-        let name = match entry {
-            Entry::Own(painter) => format!("voxsplat, {painter}"),
-            Entry::Rival(rival) => rival.name.clone(),
-        };
+        let name = entry.name();
         // Without rivals there is no ratio.
         let ratio = |own: f64, best: f64| if best.is_finite() { format!("{:.2}", own / best) } else { String::new() };
         let [cold_ratio, frame_ratio] = [ratio(*cold, best[0]), ratio(*frame, best[1])];

@@ -547,14 +547,11 @@ fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) t
     let first = vec2i(ceil(low - geometry.footprint_half));
     let odd = (first.x & 1) == 1;
     let d = vec2f(first) - geometry.base;
-    let w0 = block_weights(d, 0u);
-    let w1 = block_weights(d, 1u);
-    let w2 = block_weights(d, 2u);
-    let w3 = block_weights(d, 3u);
-    let w4 = block_weights(d, 4u);
-    let w5 = block_weights(d, 5u);
-    let w6 = block_weights(d, 6u);
-    let w7 = block_weights(d, 7u);
+    // A loop over an array, which compiles faster: so many numbers stay in memory anyway.
+    var weights: array<BlockWeights, 8>;
+    for (var number = 0u; number < 8u; number++) {
+        weights[number] = block_weights(d, number);
+    }
     var ray0 = new_ray();
     var ray1 = new_ray();
     var ray2 = new_ray();
@@ -590,14 +587,14 @@ fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) t
             // Behind the run the rows before the plane, which are zeros.
             let row = select(-i32(ROWS), first.y, plane < end);
             let v = block_voxels(vec2i(first.x >> 1u, row), odd, plane_texel(plane));
-            feed_near(&ray0, &slabs0, block_moments(w0, v), geometry);
-            feed_near(&ray1, &slabs1, block_moments(w1, v), geometry);
-            feed_near(&ray2, &slabs2, block_moments(w2, v), geometry);
-            feed_near(&ray3, &slabs3, block_moments(w3, v), geometry);
-            feed_near(&ray4, &slabs4, block_moments(w4, v), geometry);
-            feed_near(&ray5, &slabs5, block_moments(w5, v), geometry);
-            feed_near(&ray6, &slabs6, block_moments(w6, v), geometry);
-            feed_near(&ray7, &slabs7, block_moments(w7, v), geometry);
+            feed_near(&ray0, &slabs0, block_moments(weights[0], v), geometry);
+            feed_near(&ray1, &slabs1, block_moments(weights[1], v), geometry);
+            feed_near(&ray2, &slabs2, block_moments(weights[2], v), geometry);
+            feed_near(&ray3, &slabs3, block_moments(weights[3], v), geometry);
+            feed_near(&ray4, &slabs4, block_moments(weights[4], v), geometry);
+            feed_near(&ray5, &slabs5, block_moments(weights[5], v), geometry);
+            feed_near(&ray6, &slabs6, block_moments(weights[6], v), geometry);
+            feed_near(&ray7, &slabs7, block_moments(weights[7], v), geometry);
             depth = least(
                 vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
                 vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::accuracy::Prediction;
 use crate::adapter::AdapterInfo;
 use crate::camera::Camera;
 #[cfg(doc)]
@@ -246,7 +247,7 @@ impl Renderer {
         let bricks = drawables().map(Drawable::bricks).fold(Bricks::default(), Bricks::and);
         let (splats, splats_kept) =
             drawables().fold((0, 0), |(splats, kept), drawable| (splats + drawable.splats(), kept + drawable.voxels()));
-        Ok(Stats {
+        let mut stats = Stats {
             adapter: context.info.clone(),
             painter: painting.stats(),
             painter_reason: choice.reason,
@@ -267,12 +268,15 @@ impl Renderer {
             kernel_growth: voxels.max_growth(),
             levels,
             footprint_error: painting.footprint_error(),
+            predicted: Prediction::default(),
             scene_bytes: drawables().map(Drawable::bytes).sum(),
             frame_bytes: traffic.allocated - before.allocated,
             bytes_sent: traffic.sent - before.sent,
             pipelines: traffic.pipelines,
             stages,
-        })
+        };
+        stats.predicted = Prediction::of(&stats, settings, scene.facts());
+        Ok(stats)
     }
 
     /// What a painter asks of a scene for a layer of a picture. Adds the seconds that making it took.

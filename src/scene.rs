@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use crate::accuracy::Facts;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
@@ -28,6 +29,7 @@ pub struct Scene {
     content: Content,
     grid: Grid,
     weights: Weights,
+    facts: Facts,
     /// Seconds of preparation that no picture has reported yet, as the bits of an f64.
     seconds: AtomicU64,
     /// [`Context::id`] of the device that holds it.
@@ -118,7 +120,12 @@ fn local_unit(transfer: &TransferFunction, grid: &Grid) -> f64 {
 impl Scene {
     fn new(context: &Context, content: Content, grid: Grid, weights: Weights, seconds: f64) -> Self {
         let seconds = AtomicU64::new(seconds.to_bits());
-        Self { content, grid, weights, seconds, device: context.id }
+        let transfer = match &content {
+            Content::Splats(voxels) => &voxels.transfer,
+            Content::Scalars(scalars) => &scalars.transfer,
+        };
+        let facts = Facts::of(transfer, &grid);
+        Self { content, grid, weights, facts, seconds, device: context.id }
     }
 
     /// A scene of classified voxels. They are classified when a picture asks for them: which, depends on the picture.
@@ -166,6 +173,11 @@ impl Scene {
 
     pub(crate) fn grid(&self) -> &Grid {
         &self.grid
+    }
+
+    /// What errors are predicted from.
+    pub(crate) fn facts(&self) -> &Facts {
+        &self.facts
     }
 
     /// Classifies the voxels of a pre-shaded scene before a picture asks for them.

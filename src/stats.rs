@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
+use crate::accuracy::Prediction;
 use crate::adapter::AdapterInfo;
 use crate::names::spelled;
 use crate::settings::{Accumulation, Model, Precision, Shading, Sheets};
@@ -85,6 +86,8 @@ pub struct Stats {
     pub levels: [u32; 2],
     /// Largest error of the footprints, as a fraction of their peak.
     pub footprint_error: f64,
+    /// The error that is to be expected, by its causes.
+    pub predicted: Prediction,
     /// Bytes of the prepared volume on the device.
     pub scene_bytes: u64,
     /// Bytes made on the device for this picture besides.
@@ -307,6 +310,10 @@ impl Stats {
             grouped(self.bytes_sent)
         )?;
         writeln!(f, "pipelines    {} made so far", self.pipelines)?;
+        let predicted = &self.predicted;
+        let causes = predicted.causes().into_iter().filter(|(_, error)| *error > 0.0);
+        let causes: Vec<String> = causes.map(|(cause, error)| format!("{cause} {error:.1e}")).collect();
+        writeln!(f, "predicted    error at most {:.1e}: {}", predicted.error(), causes.join(", "))?;
         for stage in &self.stages {
             writeln!(f, "{:<12} {:>9.3} ms  ({} clock)", stage.name, stage.seconds * 1e3, stage.clock)?;
         }

@@ -15,6 +15,10 @@ use crate::volume::Volume;
 const FRACTION: f64 = 0.999;
 /// The fraction beyond which errors are the tail.
 const TAIL: f64 = 0.95;
+/// How many times as many pixels as asked for are traced, where few are covered.
+const MOST_DENSER: f64 = 16.0;
+/// The error of traced pixels: a tenth of the least bounds that pictures can keep.
+const TOLERANCE: f64 = 1e-5;
 /// Standard deviations to either end of an interval of 95 % confidence.
 const TWO_SIDED: f64 = 1.96;
 
@@ -42,7 +46,8 @@ pub struct Estimate {
 }
 
 impl Truth {
-    /// Traces about `pixels` pixels of a camera's picture by the f64 reference; all, if there are no more.
+    /// Traces pixels of a camera's picture by the f64 reference, evenly spread, so many that about `pixels` of them are
+    /// covered; all, if there are no more. At most 16 times as many are traced.
     ///
     /// # Errors
     /// Those of [`Reference::new`] and [`Reference::pixels`].
@@ -53,11 +58,21 @@ impl Truth {
         settings: &Settings,
         pixels: u32,
     ) -> Result<Self> {
-        let sample = Sample::new(camera.size, pixels);
-        let traced = Reference::new(volume, transfer, settings)?.pixels(camera, &sample.pixels())?;
-        let [width, height] = sample.grid();
-        let pixels = Image::new(width, height, traced.into_iter().map(|p| p.map(|v| v as f32)).collect())?;
-        Ok(Self { sample, pixels })
+        let reference = Reference::new(volume, transfer, settings)?.with_tolerance(TOLERANCE);
+        let traced = |count: u32| {
+            let sample = Sample::new(camera.size, count);
+            let traced = reference.pixels(camera, &sample.pixels())?;
+            let covered = traced.iter().filter(|pixel| pixel[3] > 0.0).count() as u32;
+            let [width, height] = sample.grid();
+            let pixels = Image::new(width, height, traced.into_iter().map(|p| p.map(|v| v as f32)).collect())?;
+            Ok((Self { sample, pixels }, covered))
+        };
+        let (truth, covered) = traced(pixels)?;
+        let denser = f64::from(pixels) / f64::from(covered.max(1));
+        if denser < 1.5 || truth.sample.grid() == camera.size {
+            return Ok(truth);
+        }
+        Ok(traced((f64::from(pixels) * denser.min(MOST_DENSER)) as u32)?.0)
     }
 
     /// How far a picture is off.

@@ -305,7 +305,7 @@ pub(super) struct RenderArgs {
     /// Trace other pixels of the finished picture and print its error; the exit code is 1 if --max-error is broken
     #[arg(long, conflicts_with = "reference", help_heading = "Accuracy")]
     pub(super) verify: bool,
-    /// Pixels that --max-error and --verify trace, spread evenly; more than the picture has: all
+    /// Covered pixels that --max-error and --verify trace, spread evenly; all, if there are no more
     #[arg(long, value_name = "N", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(64..),
         help_heading = "Accuracy")]
     pub(super) sample: u32,

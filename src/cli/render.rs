@@ -6,7 +6,7 @@ use std::time::Instant;
 use serde::Serialize;
 use voxsplat::accuracy::{Chosen, Estimate, Truth, choose};
 use voxsplat::camera::Camera;
-use voxsplat::image::Image;
+use voxsplat::image::{Image, Note};
 use voxsplat::reference::Reference;
 use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
 use voxsplat::settings::Settings;
@@ -75,13 +75,18 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
     }
     stages.0.append(&mut opening.0);
     let camera = Camera::new(&job.view, volume.grid(), job.size)?;
-    let save = |image: &Image, stages: &mut Stages| stages.time("encode", || image.save(&job.output, job.background));
+    let save = |image: &Image, notes: &[Note], stages: &mut Stages| {
+        stages.time("encode", || image.save_with_notes(&job.output, job.background, notes))
+    };
     match opened {
         Some(opened) => {
             let renderer = opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
             let (mut rendered, settings, estimate) = draw(&renderer, (&volume, &transfer), &camera, &job)?;
             let before = stages.0.len();
-            save(&rendered.image, &mut stages)?;
+            let predicted = format!("{:.1e}", rendered.stats.predicted.error());
+            let mut notes = notes(&settings, vec![Note { name: "Predicted error", text: predicted }]);
+            notes.extend(estimate.map(|e| Note { name: "Estimated error", text: in_words(&e) }));
+            save(&rendered.image, &notes, &mut stages)?;
             let after = stages.0.split_off(before);
             rendered.stats.stages.splice(0..0, stages.0);
             rendered.stats.stages.extend(after);
@@ -103,7 +108,8 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
                     .with_progress(progress::reporter())
                     .render(&camera)
             })?;
-            save(&image, &mut stages)?;
+            let exact = Note { name: "Predicted error", text: "none: rays integrated in f64".to_owned() };
+            save(&image, &notes(&job.settings, vec![exact]), &mut stages)?;
             let stats =
                 ReferenceStats { painter: "reference", size: job.size, voxels: volume.grid().len(), stages: stages.0 };
             print_stats(job.stats, &stats, |stats| {
@@ -174,6 +180,18 @@ fn draw(
         ),
     });
     Ok((rendered, settings, Some(estimate)))
+}
+
+/// What the file of a picture says of how it was made.
+fn notes(settings: &Settings, of_errors: Vec<Note>) -> Vec<Note> {
+    let software = format!("voxsplat {}", env!("CARGO_PKG_VERSION"));
+    let mut options = vec!["--model".to_owned(), settings.model.to_string()];
+    options.extend(options_of(settings));
+    let light = settings.lighting.as_ref().map_or(0, |lighting| lighting.lights.len());
+    let settings = format!("{}; lights: {light}", command_line(&options));
+    let mut notes = vec![Note { name: "Software", text: software }, Note { name: "Settings", text: settings }];
+    notes.extend(of_errors);
+    notes
 }
 
 /// What pixels other than those of the choice say of a picture.

@@ -1,10 +1,12 @@
 //! Pictures as files: PNG to look at, EXR to measure.
 
-use std::borrow::Cow;
 use std::io::{self, BufWriter, Cursor, Write};
 use std::path::Path;
 
-use image::{ExtendedColorType, ImageDecoder, ImageFormat, ImageReader, ImageResult};
+use exr::image::SpecificChannels;
+use exr::image::write::WritableImage;
+use exr::meta::attribute::AttributeValue;
+use image::{ImageDecoder, ImageFormat, ImageReader};
 
 use super::{Background, Image};
 use crate::camera::Camera;
@@ -24,6 +26,15 @@ fn format_of(path: &Path) -> Option<ImageFormat> {
 
 fn unknown(path: &Path) -> Error {
     Error::Output { path: path.to_owned(), reason: "pictures are written as .png or .exr".to_owned() }
+}
+
+/// A text that a picture's file holds beside the pixels.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Note {
+    /// Its keyword: 1 to 79 characters of ASCII. PNG knows Title, Author, Description, Software, Comment and others.
+    pub name: &'static str,
+    /// What it says. Characters beyond Latin-1 become question marks in an EXR.
+    pub text: String,
 }
 
 impl Image {
@@ -49,10 +60,18 @@ impl Image {
     /// [`Error::Output`] as [`Image::check_output`], and if a PNG would have to hold a value that is not finite;
     /// [`Error::Write`] if encoding or writing fails. No partial file is left behind.
     pub fn save(&self, path: impl AsRef<Path>, background: Background) -> Result<()> {
-        self.save_to(path.as_ref(), background)
+        self.save_to(path.as_ref(), background, &[])
     }
 
-    fn save_to(&self, path: &Path, background: Background) -> Result<()> {
+    /// The same, with notes in the file: text chunks of a PNG, attributes of an EXR.
+    ///
+    /// # Errors
+    /// Those of [`Self::save`].
+    pub fn save_with_notes(&self, path: impl AsRef<Path>, background: Background, notes: &[Note]) -> Result<()> {
+        self.save_to(path.as_ref(), background, notes)
+    }
+
+    fn save_to(&self, path: &Path, background: Background, notes: &[Note]) -> Result<()> {
         let format = format_of(path).ok_or_else(|| unknown(path))?;
         if format == ImageFormat::Png
             && let Some(bad) = self.pixels.iter().position(|p| p.iter().any(|v| !v.is_finite()))
@@ -61,8 +80,9 @@ impl Image {
             let reason = format!("pixel ({x}, {y}) is {:?}: only .exr holds such values", self.pixels[bad]);
             return Err(Error::Output { path: path.to_owned(), reason });
         }
-        let encoded = self.encoded(format, background, &path.display().to_string())?;
-        let encoded = encoded.map_err(|e| Error::Write { path: path.to_owned(), source: io::Error::other(e) })?;
+        // A failed encoding never touches the disk.
+        let encoded = self.encoded(format, background, notes, &path.display().to_string())?;
+        let encoded = encoded.map_err(|source| Error::Write { path: path.to_owned(), source })?;
         write_atomically(path, |file| {
             let mut file = BufWriter::new(file);
             file.write_all(&encoded)?;
@@ -75,24 +95,64 @@ impl Image {
     /// # Errors
     /// [`Error::Image`] if it cannot be encoded; [`Error::Memory`] if there is no memory for it.
     pub fn to_png(&self, background: Background) -> Result<Vec<u8>> {
-        self.encoded(ImageFormat::Png, background, "a PNG")?
+        self.encoded(ImageFormat::Png, background, &[], "a PNG")?
             .map_err(|e| Error::Image(format!("it cannot be encoded: {e}")))
     }
 
     /// The bytes of a file of a name, or what the encoder says.
-    fn encoded(&self, format: ImageFormat, background: Background, name: &str) -> Result<ImageResult<Vec<u8>>> {
+    fn encoded(
+        &self,
+        format: ImageFormat,
+        background: Background,
+        notes: &[Note],
+        name: &str,
+    ) -> Result<io::Result<Vec<u8>>> {
         // 8-bit pixels with and without alpha, or the encoder's copy of f32, and the file.
         let area = u64::from(self.width) * u64::from(self.height);
         memory::check(area * if format == ImageFormat::Png { 12 } else { 32 }, || name.to_owned())?;
-        let (bytes, color): (Cow<'_, [u8]>, _) = match (format, background) {
-            (ImageFormat::OpenExr, _) => (bytemuck::cast_slice(&self.pixels).into(), ExtendedColorType::Rgba32F),
-            (_, Background::Transparent) => (self.to_rgba8(background).into(), ExtendedColorType::Rgba8),
-            (_, Background::Color(_)) => (without_alpha(&self.to_rgba8(background)).into(), ExtendedColorType::Rgb8),
-        };
-        // Encoders seek, so they need a buffer; a failed encoding never touches the disk.
-        let mut encoded = Cursor::new(Vec::new());
-        let result = image::write_buffer_with_format(&mut encoded, &bytes, self.width, self.height, color, format);
-        Ok(result.map(|()| encoded.into_inner()))
+        if format == ImageFormat::OpenExr {
+            return Ok(self.exr(notes));
+        }
+        let rgba = self.to_rgba8(background);
+        Ok(match background {
+            Background::Transparent => self.png(&rgba, png::ColorType::Rgba, notes),
+            Background::Color(_) => self.png(&without_alpha(&rgba), png::ColorType::Rgb, notes),
+        })
+    }
+
+    fn png(&self, bytes: &[u8], color: png::ColorType, notes: &[Note]) -> io::Result<Vec<u8>> {
+        let mut file = Vec::new();
+        let mut encoder = png::Encoder::new(&mut file, self.width, self.height);
+        encoder.set_color(color);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::Fast);
+        encoder.set_filter(png::Filter::Adaptive);
+        for Note { name, text } in notes {
+            encoder.add_itxt_chunk((*name).to_owned(), text.clone())?;
+        }
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(bytes)?;
+        writer.finish()?;
+        Ok(file)
+    }
+
+    fn exr(&self, notes: &[Note]) -> io::Result<Vec<u8>> {
+        let size = (self.width as usize, self.height as usize);
+        let channels = SpecificChannels::rgba(|at: exr::math::Vec2<usize>| {
+            let [r, g, b, a] = self.pixels[at.y() * size.0 + at.x()];
+            (r, g, b, a)
+        });
+        let mut image = exr::image::Image::from_channels(size, channels);
+        for Note { name, text } in notes {
+            // OpenEXR holds bytes of Latin-1.
+            let text = exr::meta::attribute::Text::from(text.as_str());
+            let name = exr::meta::attribute::Text::from(*name);
+            image.layer_data.attributes.other.insert(name, AttributeValue::Text(text));
+        }
+        // The encoder seeks, so it needs a buffer.
+        let mut file = Cursor::new(Vec::new());
+        image.write().to_buffered(&mut file).map_err(io::Error::other)?;
+        Ok(file.into_inner())
     }
 
     /// Reads a PNG or EXR picture. The alpha of a PNG is straight, that of an EXR premultiplied.
@@ -200,6 +260,28 @@ mod tests {
         image.pixels_mut()[0] = [1e-20, 3.5, -0.25, 1e-7];
         image.save(&path, Background::default()).unwrap();
         assert_eq!(Image::load(&path).unwrap(), image);
+    }
+
+    #[test]
+    fn files_hold_their_notes() {
+        let directory = tempfile::tempdir().unwrap();
+        let notes =
+            [Note { name: "Software", text: "a renderer".to_owned() }, Note { name: "Error", text: "1e-3".to_owned() }];
+        let path = directory.path().join("a.png");
+        sample().save_with_notes(&path, Background::default(), &notes).unwrap();
+        let file = io::BufReader::new(std::fs::File::open(&path).unwrap());
+        let reader = png::Decoder::new(file).read_info().unwrap();
+        let texts = &reader.info().utf8_text;
+        assert_eq!(
+            (texts.len(), texts[1].keyword.as_str(), texts[1].get_text().unwrap().as_str()),
+            (2, "Error", "1e-3")
+        );
+        let path = directory.path().join("a.exr");
+        sample().save_with_notes(&path, Background::default(), &notes).unwrap();
+        assert_eq!(Image::load(&path).unwrap(), sample());
+        let meta = exr::meta::MetaData::read_from_file(&path, false).unwrap();
+        let attributes = &meta.headers[0].own_attributes.other;
+        assert_eq!(attributes[b"Software".as_slice()], AttributeValue::Text("a renderer".into()));
     }
 
     #[test]

@@ -4,6 +4,7 @@ mod background;
 mod file;
 
 pub use background::Background;
+pub use file::Note;
 
 pub use crate::output::abandon_unfinished;
 

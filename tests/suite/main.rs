@@ -9,6 +9,7 @@
               functions only"
 )]
 
+mod accuracy;
 #[path = "../../src/gpu/adapter_test.rs"]
 mod adapter;
 mod algorithms;

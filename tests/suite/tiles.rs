@@ -420,6 +420,33 @@ fn turning_packs_the_volume_once_an_axis() {
 }
 
 #[test]
+fn packing_over_another_light_leaves_nothing_of_it() {
+    // Dense: by the host, if the adapter is software. Sparse: by the device.
+    for name in ["marschner-lobb", "vessels"] {
+        let (volume, transfer) = demo(name, 48);
+        let settings = |lighting| with_tiles(&Settings { lighting, ..full() }, Resolution::Capped);
+        let scene = prepare(&volume, &transfer, &settings(headlight()));
+        let cameras = [
+            camera(25.0, 20.0, 1.0, &volume, 64),
+            camera(10.0, 20.0, 1.0, &volume, 64),
+            from_eye([25.0, 20.0, 30.0], None, &volume, 64),
+            from_eye([12.0, 15.0, 30.0], None, &volume, 64),
+        ];
+        let mut made = Vec::new();
+        for (lighting, camera) in [headlight(), two_lights()].iter().flat_map(|l| cameras.iter().map(move |c| (l, c))) {
+            let settings = settings(lighting.clone());
+            let turned = draw(&scene, camera, &settings);
+            let expected = picture(&volume, &transfer, camera, &settings);
+            assert_eq!(turned.image.pixels(), expected.image.pixels(), "{name}");
+            made.push((turned.stats.frame_bytes, by_tiles(&turned).packed_bytes));
+        }
+        // A headlight turns with the eye: the second picture makes no textures of voxels, images of rays aside.
+        let [(first, packed), (second, _), ..] = made[..] else { panic!("eight pictures") };
+        assert!(second + packed / 2 < first, "{second} {packed} {first}");
+    }
+}
+
+#[test]
 fn nothing_to_see_is_a_clear_picture() {
     let (volume, _) = demo("sphere", 16);
     let transfer = transfer(&[(500.0, [1.0; 3], 0.0), (600.0, [1.0; 3], 0.5)], None);

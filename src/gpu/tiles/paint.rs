@@ -285,21 +285,33 @@ impl<'a> Picture<'a> {
     fn pack(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles) -> Result<Vec<Arc<Packed>>> {
         let held = self.job.kept.get_or_make((), || Ok(Mutex::<Vec<Arc<Packed>>>::default()))?;
         let mut held = held.lock().unwrap_or_else(PoisonError::into_inner);
-        // Drop unusable packings first, so that old and new are never in memory together.
-        held.retain(|packed| self.is_reusable(packed));
+        // Drop unusable packings first, so that old and new are never in memory together. Those of another light are
+        // packed over: textures that exist are not cleared first.
+        let (reusable, rest): (Vec<_>, Vec<_>) = held.drain(..).partition(|packed| self.is_reusable(packed));
+        let is_served = |packed: &Packed| (0..self.ways.len()).any(|way| self.serves(way, packed));
+        let mut spare: Vec<Packed> = rest.into_iter().filter_map(Arc::into_inner).filter(is_served).collect();
         let mut packed: Vec<Arc<Packed>> = Vec::new();
         for way in 0..self.ways.len() {
-            let served = packed.iter().chain(held.iter()).find(|packed| self.serves(way, packed)).map(Arc::clone);
+            let served = packed.iter().chain(&reusable).find(|packed| self.serves(way, packed)).map(Arc::clone);
             packed.push(match served {
                 Some(packed) => packed,
-                None => self.pack_for(recorder, pipelines, way)?,
+                None => {
+                    let over = spare.iter().position(|packed| self.serves(way, packed)).map(|i| spare.swap_remove(i));
+                    self.pack_for(recorder, pipelines, way, over)?
+                }
             });
         }
         held.clone_from(&packed);
         Ok(packed)
     }
 
-    fn pack_for(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles, way: usize) -> Result<Arc<Packed>> {
+    fn pack_for(
+        &self,
+        recorder: &mut Recorder<'_>,
+        pipelines: &Tiles,
+        way: usize,
+        over: Option<Packed>,
+    ) -> Result<Arc<Packed>> {
         let Job { view, stores, weights, .. } = self.job;
         let camera = &view.camera;
         let eye = camera.eye().unwrap_or(camera.target);
@@ -311,7 +323,7 @@ impl<'a> Picture<'a> {
             view: [0, 1, 2].map(|i| axes.map(|axis| axis.dot(to_world.col(i)) as f32)),
         };
         let packing = self.ways[way].packing;
-        Ok(Arc::new(pipelines.packer.run(recorder, stores, packing, &lit, weights.max)?))
+        Ok(Arc::new(pipelines.packer.run(recorder, stores, packing, &lit, weights.max, over)?))
     }
 
     fn setup<'s>(&'s self, Way { axis, packing, sections }: &'s Way) -> RaySetup<'s> {

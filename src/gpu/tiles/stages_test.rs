@@ -252,7 +252,7 @@ fn packed_by(
     };
     let view = [[1.0, 0.1, -0.2], [0.0, 0.9, 0.3], [0.2, -0.3, 1.1]];
     let lit = Lit { lighting: &lighting, eye: [20.0, 3.0, -60.0], view };
-    packer.run(&mut Recorder::untimed(context), &stores, packing, &lit, max_weight).unwrap()
+    packer.run(&mut Recorder::untimed(context), &stores, packing, &lit, max_weight, None).unwrap()
 }
 
 /// The stage on the host gives the same texels as the one on the device: to the last bit, but where colours are lit.
