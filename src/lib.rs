@@ -27,10 +27,11 @@
 //! Names that most programs use are at the root. The rest is in modules: [`volume`] (samples on a lattice), [`formats`]
 //! (readers), [`demos`] (built-in volumes), [`transfer`] (functions, presets, JSON), [`kernel`], [`camera`],
 //! [`lighting`], [`settings`], [`renderer`] (the GPU), [`mod@reference`] (the same model integrated in f64, to measure
-//! against), [`accuracy`] (pictures that keep an error), [`report`] (differences of pictures, speed against error), [`image`] (pictures and their files), [`stats`], [`progress`],
-//! [`adapter`] and [`error`].
+//! against), [`accuracy`] (pictures that keep an error), [`report`] (differences of pictures, speed against error),
+//! [`image`] (pictures and their files), [`stats`], [`progress`], [`adapter`] and [`error`].
 //!
-//! The features: `cli`, on by default, builds the program `voxsplat`; a library needs `default-features = false`.
+//! The features, on by default: `cli` builds the program `voxsplat`; `report` has plots of speed against error. A
+//! library needs `default-features = false`.
 
 pub mod accuracy;
 pub mod adapter;

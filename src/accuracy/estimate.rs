@@ -87,10 +87,11 @@ impl Truth {
 impl Estimate {
     /// The estimate from the errors of sampled pixels.
     ///
-    /// The 99.9th percentile of a thousand numbers is one of them. More is known by the method of peaks over a threshold
-    /// (Pickands 1975, "Statistical inference using extreme order statistics", with an exponential tail): beyond the
-    /// 95th percentile u, errors exceed u by s on average, so that the percentile is u + s ln(0.05 / 0.001). Where that
-    /// is less than what the sample itself has, the sample counts.
+    /// The 99.9th percentile of a thousand numbers is one of them. More is known by the method of peaks over a
+    /// threshold (Pickands 1975, "Statistical inference using extreme order statistics", with an exponential tail):
+    /// beyond the 95th percentile u, errors exceed u by s on average, so that the percentile is u + s ln(p / 0.001), p
+    /// the fraction of errors over u. Where that is less than what the sample itself has, the sample counts. Channels
+    /// from 0 to 1 differ by 1 at most.
     fn of(mut errors: Vec<f64>) -> Self {
         let count = errors.len();
         let squares: f64 = errors.iter().map(|e| e * e).sum();
@@ -100,8 +101,8 @@ impl Estimate {
         let beyond: Vec<f64> = errors.iter().filter(|&&e| e > threshold).map(|e| e - threshold).collect();
         let excesses = beyond.len().max(1) as f64;
         let mean = beyond.iter().sum::<f64>() / excesses;
-        let steps = ((1.0 - TAIL) / (1.0 - FRACTION)).ln();
-        let tail = threshold + mean * steps;
+        let steps = (excesses / count.max(1) as f64 / (1.0 - FRACTION)).ln().max(0.0);
+        let tail = (threshold + mean * steps).min(max.max(1.0));
         let sampled = if count >= 1000 { percentile(&mut errors, FRACTION) } else { 0.0 };
         let error = if max.is_finite() { tail.max(sampled) } else { max };
         // The mean of k exponential numbers is known to 1 / sqrt(k) of itself.

@@ -297,8 +297,8 @@ pub(super) struct RenderArgs {
     /// Part of the name of the adapter to use; see `voxsplat devices` [default: the best]
     #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new(), help_heading = "Device")]
     pub(super) adapter: Option<String>,
-    /// Choose the cheapest way to draw whose error is at most E, 0 to 1: no channel of 99.9 % of the covered pixels is off
-    /// by more, as pixels traced by the f64 reference tell. Says on stderr what was chosen
+    /// Choose the cheapest way to draw whose error is at most E, 0 to 1: no channel of 99.9 % of the covered pixels is
+    /// off by more, as pixels traced by the f64 reference tell. Says on stderr what was chosen
     #[arg(long, value_name = "E", value_parser = parse::positive, allow_hyphen_values = true,
         conflicts_with = "reference", help_heading = "Accuracy")]
     pub(super) max_error: Option<f64>,

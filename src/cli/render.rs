@@ -151,8 +151,8 @@ impl RenderStats {
 fn in_words(estimate: &Estimate) -> String {
     let Estimate { pixels, error, interval: [low, high], rms, max } = estimate;
     format!(
-        "99.9 % of the covered pixels err by at most {error:.1e} (95 % confidence: {low:.1e} to {high:.1e}), rms {rms:.1e}; \
-         the largest error of {pixels} traced pixels is {max:.1e}"
+        "99.9 % of the covered pixels err by at most {error:.1e} (95 % confidence: {low:.1e} to {high:.1e}), rms \
+         {rms:.1e}; the largest error of {pixels} traced pixels is {max:.1e}"
     )
 }
 

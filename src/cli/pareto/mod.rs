@@ -302,7 +302,8 @@ fn points(measurements: &[Measurement], error: ErrorOf, rivals: &[Rival]) -> Vec
 fn csv(measurements: &[Measurement], front: &[usize], commands: &[String]) -> String {
     let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
     let mut text =
-        "model,name,painter,front,views,frame_s,first_s,frames,max,p999,rms,psnr_db,alpha_max,color_max,refused,command\n"
+        "model,name,painter,front,views,frame_s,first_s,frames,max,p999,rms,psnr_db,alpha_max,color_max,refused,\
+         command\n"
             .to_owned();
     for (index, (m, command)) in measurements.iter().zip(commands).enumerate() {
         let number = front.iter().position(|&at| at == index).map(|number| (number + 1).to_string());

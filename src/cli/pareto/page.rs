@@ -50,7 +50,8 @@ dl{display:grid;grid-template-columns:max-content 1fr;gap:.1em 1em}dt{color:#555
 pub(super) fn page(report: &Report<'_>) -> Result<String> {
     let name = escaped(&report.source.display().to_string());
     let mut html = format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>{name}: speed against error</title>\n\
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <title>{name}: speed against error</title>\n\
          <meta name=\"viewport\" content=\"width=device-width\">\n<style>{STYLE}</style>\n</head>\n<body>\n\
          <h1>{name}: speed against error</h1>\n"
     );
