@@ -20,6 +20,9 @@ pub(crate) const MAX_CHORDS: f64 = (1_u64 << 36) as f64;
 /// Chords of one ray, on average over a picture. A chord takes some 100 bytes, and each thread keeps those of a ray.
 pub(crate) const MAX_RAY_CHORDS: f64 = (1_u64 << 24) as f64;
 
+/// Blocks of a ray of the reference over which its largest kernel reaches. A thread keeps some 1000 bytes for each.
+pub(crate) const MAX_BLOCKS: f64 = (1_u64 << 18) as f64;
+
 /// How many times kernels of scalars may have grown: beyond, the whole volume is a fraction of a voxel of the coarsest
 /// level.
 pub(crate) const MAX_GROWTH: f64 = (1_u64 << 26) as f64;

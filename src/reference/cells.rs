@@ -115,7 +115,7 @@ impl Map {
     /// Parts are at least `apart` voxels apart.
     pub(super) fn parts(&self, ray: &LatticeRay, enough: f64, apart: f64, mut visit: impl FnMut(LatticeRay) -> bool) {
         let lookups = ((ray.end - ray.start) / STEP).ceil().max(1.0);
-        if !(lookups <= MAX_LOOKUPS) {
+        if lookups > MAX_LOOKUPS {
             visit(*ray);
             return;
         }
@@ -148,7 +148,7 @@ impl Map {
     /// The part of a ray, one lookup long, where most may show.
     pub(super) fn best(&self, ray: &LatticeRay) -> Option<LatticeRay> {
         let lookups = ((ray.end - ray.start) / STEP).ceil().max(1.0);
-        if !(lookups <= MAX_LOOKUPS) {
+        if lookups > MAX_LOOKUPS {
             return None;
         }
         let step = (ray.end - ray.start) / lookups;

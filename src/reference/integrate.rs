@@ -140,6 +140,16 @@ impl Accuracy {
     }
 }
 
+/// A part of a block on which sums over splats are one polynomial.
+struct Span<'a> {
+    series: &'a Series,
+    /// Its ends, in the block.
+    from: f64,
+    to: f64,
+    /// In voxels.
+    length: f64,
+}
+
 /// The integral of splats that extinguish and emit.
 #[derive(Debug)]
 pub(super) struct Emission<'a> {
@@ -188,33 +198,35 @@ impl Emission<'_> {
         true
     }
 
-    /// Adds the part of a block from a to b.
-    fn step(&mut self, series: &Series, half: f64, a: f64, b: f64) -> bool {
+    /// Adds the part of a block from one place to another.
+    fn step(&mut self, series: &Series, half: f64, from: f64, to: f64) -> bool {
         // One look tells whether the exponential needs finer steps than the kernel does. Stopping at an opaque ray
         // bounds their number, however many there are to the end of the piece.
-        let field = self.field(series, a, b);
-        self.part(series, half, &field, a, b)
+        let field = self.field(series, from, to);
+        self.part(&Span { series, from, to, length: half * (to - from) }, &field, 0.0, 1.0)
     }
 
-    /// The same, given the field at its nodes.
-    fn part(&mut self, series: &Series, half: f64, field: &[Weights; STAGES], a: f64, b: f64) -> bool {
-        let length = half * (b - a);
+    /// Adds the part of a span from `a` to `b`, as fractions of its length, given the field at its nodes.
+    fn part(&mut self, span: &Span<'_>, field: &[Weights; STAGES], a: f64, b: f64) -> bool {
+        let length = span.length * (b - a);
         let count = (field.iter().map(|f| f[0]).fold(0.0, f64::max) * length / MAX_STEP_DEPTH).ceil();
         if count <= 1.0 {
             self.sum.append(&RayIntegral::step(field, length));
             return !self.accuracy.is_opaque(&self.sum);
         }
-        // So many steps that the ray may be opaque long before the last: halves, of which the first may do.
+        // So many steps that the ray may be opaque long before the last: halves, of which the first may do. Fractions
+        // stay apart where places in the block are rounded to one, so that depth grows in any material.
         let parts = if count > MAX_STEPS && b - a > f64::MIN_POSITIVE { 2.0 } else { count.min(MAX_STEPS) };
         let at = |i: f64| if i < parts { a + (b - a) * (i / parts) } else { b };
         let mut i = 0.0;
         while i < parts && !self.accuracy.is_opaque(&self.sum) {
             let (a, b) = (at(i), at(i + 1.0));
-            let field = self.field(series, a, b);
+            let place = |x: f64| span.from + (span.to - span.from) * x;
+            let field = self.field(span.series, place(a), place(b));
             if parts < count {
-                self.part(series, half, &field, a, b);
+                self.part(span, &field, a, b);
             } else {
-                self.sum.append(&RayIntegral::step(&field, half * (b - a)));
+                self.sum.append(&RayIntegral::step(&field, span.length * (b - a)));
             }
             i += 1.0;
         }

@@ -64,7 +64,7 @@ use std::sync::{Mutex, PoisonError};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::budget::{MAX_CHORDS, MAX_RAY_CHORDS, too_much};
+use crate::budget::{MAX_BLOCKS, MAX_CHORDS, MAX_RAY_CHORDS, too_much};
 use crate::camera::Camera;
 #[cfg(doc)]
 use crate::camera::Growth;
@@ -73,6 +73,8 @@ use crate::error::Error;
 use crate::error::Result;
 use crate::image::Image;
 use crate::kernel::Kernel;
+#[cfg(doc)]
+use crate::lighting::Lighting;
 use crate::progress::Progress;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
@@ -258,6 +260,12 @@ impl Reference {
         let most = MAX_CHORDS.min(MAX_RAY_CHORDS * rays);
         if chords > most {
             let what = format!("rays would cut {chords:.0e} chords out of kernels, at most {most:.0e} are added up");
+            return Err(too_much(&what, sizes.largest(self.radius)));
+        }
+        let blocks = sizes.reach / (self.longest * sizes.least);
+        if blocks > MAX_BLOCKS {
+            let what =
+                format!("the largest reaches over {blocks:.0e} blocks of a ray, at most {MAX_BLOCKS:.0e} are kept");
             return Err(too_much(&what, sizes.largest(self.radius)));
         }
         let tracer = Tracer { rays: self.rays(camera.eye(), camera.forward, sizes, true), camera };

@@ -115,3 +115,23 @@ fn what_cannot_show_is_left_out_and_nothing_else() {
         }
     }
 }
+
+#[test]
+fn rays_end_in_the_densest_material() {
+    let (volume, _) = demo("marschner-lobb", 12);
+    let points = vec![point(0.2, [0.1, 0.2, 0.9], 0.0), point(0.4, [0.8, 0.1, 0.1], 0.9), point(1.0, [1.0; 3], 1.0)];
+    let camera = Camera::new(&View { azimuth: 30.0, ..View::default() }, volume.grid(), [12; 2]).unwrap();
+    for shading in [Shading::Pre, Shading::Post] {
+        for tolerance in [0.0, Reference::TOLERANCE] {
+            let how = settings(Kernel::default(), Model::Composite, shading);
+            let [dense, denser] = [1e-14, 1e-30].map(|unit| {
+                let transfer = TransferFunction::new(points.clone(), Some(unit)).unwrap();
+                let scene = Reference::new(&volume, &transfer, &how).unwrap().with_tolerance(tolerance);
+                scene.pixels(&camera, &pixels(&camera, 144)).unwrap()
+            });
+            for (a, b) in dense.iter().flatten().zip(denser.iter().flatten()) {
+                assert!((a - b).abs() < 1e-5 + tolerance, "{shading:?} {tolerance}: {a} {b}");
+            }
+        }
+    }
+}
