@@ -2,7 +2,7 @@
 
 mod page;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use voxsplat::camera::Camera;
@@ -326,7 +326,7 @@ fn csv(measurements: &[Measurement], front: &[usize], commands: &[String]) -> St
 }
 
 /// The front as a table on stdout.
-fn summary(measurements: &[Measurement], front: &[usize], page: &PathBuf) -> String {
+fn summary(measurements: &[Measurement], front: &[usize], page: &Path) -> String {
     let mut text = format!("{:>3}  {:>10}  {:>9}  {:>9}  way\n", "", "frame, ms", "rms", "99.9 %");
     for (number, m) in front.iter().filter_map(|&index| measurements.get(index)).enumerate() {
         let milliseconds = m.seconds().unwrap_or(f64::NAN) * 1e3;
