@@ -66,16 +66,23 @@ fn is_occupied(corners: ptr<function, Corners>, first: i32, last: i32) -> bool {
 
 @compute @workgroup_size(8, 8)
 fn skip(@builtin(global_invocation_id) tile: vec3u) {
-    if all(tile.xy < rays.tiles) {
+    if is_wanted(tile) {
         find_runs(tile);
+    } else if all(tile.xy < rays.tiles) {
+        // Rays of no run end at once.
+        runs[run_index(tile, 0u)] = vec2u(0u);
     }
+}
+
+fn is_wanted(tile: vec3u) -> bool {
+    return all(tile.xy >= rays.clip_low) && all(tile.xy < rays.clip_high);
 }
 
 // The same for the tiles of pixels that have rays of their own, which are listed for `refine`. The order of the list
 // changes no picture.
 @compute @workgroup_size(8, 8)
 fn skip_refined(@builtin(global_invocation_id) tile: vec3u) {
-    if any(tile.xy >= rays.tiles) {
+    if !is_wanted(tile) {
         return;
     }
     let first = tile.xy * 8u;

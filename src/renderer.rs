@@ -17,8 +17,9 @@ use crate::gpu::recorder::Recorder;
 use crate::gpu::store::Bricks;
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::TransferTable;
-use crate::gpu::view::{Region, ScalarNeed, ViewGeometry};
+use crate::gpu::view::{ScalarNeed, ViewGeometry};
 use crate::image::Image;
+use crate::image::Region;
 use crate::progress::Progress;
 pub use crate::scene::Scene;
 use crate::scene::{Cells, Drawable, Lattice, Wanted};
@@ -143,11 +144,30 @@ impl Renderer {
     /// camera is not finite, [`Error::Unsupported`] if the adapter cannot do what is asked, and [`Error::OutOfMemory`]
     /// or [`Error::Device`] if the device fails. There is no picture then.
     pub fn render(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
-        camera.validate()?;
         let [width, height] = camera.size;
-        let mut image = Image::transparent(width, height)?;
-        let stats = self.paint(scene, camera, settings, &mut |recorder, region, pixels| {
-            put(&mut image, recorder, region, pixels)
+        self.render_region(scene, camera, settings, Region { x: 0, y: 0, width, height })
+    }
+
+    /// Renders a part of the picture that [`Self::render`] makes of the same: the same bytes, without the rest. The
+    /// image has the size of the region.
+    ///
+    /// The painter tiles, and so `auto`, marches only the rays that the region takes. Quads draws the picture part by
+    /// part (see [`Stats::parts`]), and of these all that the region touches.
+    ///
+    /// # Errors
+    /// Those of [`Self::render`], and [`Error::Setting`] if the region has no pixels or reaches beyond the picture.
+    pub fn render_region(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        settings: &Settings,
+        region: Region,
+    ) -> Result<Rendered> {
+        camera.validate()?;
+        region.check_within(camera.size)?;
+        let mut image = Image::transparent(region.width, region.height)?;
+        let stats = self.paint(scene, camera, settings, region, &mut |recorder, painted, part, pixels| {
+            put(&mut image, [region, painted, part], recorder, pixels)
         })?;
         Ok(Rendered { image, stats })
     }
@@ -178,15 +198,24 @@ impl Renderer {
             present::clear(context, &view);
             Ok((view, pipeline))
         })?;
-        self.paint(scene, camera, settings, &mut |recorder, region, pixels| {
-            pipeline.record(recorder, &view, region, pixels)?;
+        let [width, height] = camera.size;
+        let whole = Region { x: 0, y: 0, width, height };
+        self.paint(scene, camera, settings, whole, &mut |recorder, painted, _, pixels| {
+            pipeline.record(recorder, &view, painted, pixels)?;
             recorder.submit();
             Ok(())
         })
     }
 
-    /// Paints a picture region by region, each of which `take` gets.
-    fn paint(&self, scene: &Scene, camera: &Camera, settings: &Settings, take: &mut Take<'_>) -> Result<Stats> {
+    /// Paints what a region of a picture takes, one region of the whole after the other, each of which `take` gets.
+    fn paint(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        settings: &Settings,
+        wanted: Region,
+        take: &mut Take<'_>,
+    ) -> Result<Stats> {
         camera.validate()?;
         settings.validate()?;
         let context = &self.context;
@@ -225,18 +254,21 @@ impl Renderer {
         }
         // The kernels of the farthest layer are the largest.
         let bounds = farthest.lattice.view.projected_bounds().filter(|_| !painting.is_empty());
+        // The regions of the whole picture, whatever is wanted of it, so that their bytes are the same.
         let regions = bounds.map_or_else(Vec::new, |bounds| {
             bounds.parts(self.part_side(painting.pixel_bytes(), painting.most_pixels()))
         });
+        let regions: Vec<(Region, Region)> =
+            regions.into_iter().filter_map(|region| Some((region, region.and(wanted)?))).collect();
         if !regions.is_empty() {
             let (made, seconds) = on_host(|| painting.make_pipelines());
             made?;
             stages.push(StageTime::host("pipelines", seconds));
             let rendered = self.timed(&mut stages, |recorder| {
-                (0_u32..).zip(&regions).try_for_each(|(done, &region)| {
+                (0_u32..).zip(&regions).try_for_each(|(done, &(region, part))| {
                     self.progress.report("rendering", f64::from(done) / regions.len() as f64);
-                    let pixels = painting.paint(recorder, region)?;
-                    take(recorder, region, &pixels)
+                    let pixels = painting.paint(recorder, region, part)?;
+                    take(recorder, region, part, &pixels)
                 })
             });
             self.progress.report("rendering", 1.0);
@@ -256,7 +288,7 @@ impl Renderer {
             perspective: voxels.is_perspective(),
             lights: settings.light_count(),
             size: camera.size,
-            pixels_covered: regions.iter().map(|region| region.area()).sum(),
+            pixels_covered: regions.iter().map(|(_, part)| part.area()).sum(),
             parts: regions.len() as u32,
             voxels: scene.grid().len(),
             splats_kept,
@@ -324,18 +356,25 @@ impl Renderer {
     }
 }
 
-/// What takes the regions of a picture.
-type Take<'a> = dyn FnMut(&mut Recorder<'_>, Region, &wgpu::Buffer) -> Result<()> + 'a;
+/// What takes the regions of a picture, and the parts of them that are wanted.
+type Take<'a> = dyn FnMut(&mut Recorder<'_>, Region, Region, &wgpu::Buffer) -> Result<()> + 'a;
 
-/// Reads a region back and puts it in its place.
-fn put(image: &mut Image, recorder: &mut Recorder<'_>, region: Region, pixels: &wgpu::Buffer) -> Result<()> {
-    let (x, length, width) = (region.x as usize, region.width as usize, image.width() as usize);
-    let pixels = recorder.read_back("picture.staging", pixels, region.area() * PIXEL_BYTES)?;
+/// Reads a region back and puts the part of it that is wanted into an image of another region.
+fn put(
+    image: &mut Image,
+    [of_image, painted, part]: [Region; 3],
+    recorder: &mut Recorder<'_>,
+    pixels: &wgpu::Buffer,
+) -> Result<()> {
+    let pixels = recorder.read_back("picture.staging", pixels, painted.area() * PIXEL_BYTES)?;
     recorder.submit();
     let pixels: Vec<[f32; 4]> = pixels.values(recorder.context, "rendering")?;
-    let rows = image.pixels_mut().chunks_exact_mut(width).skip(region.y as usize);
-    for (row, source) in rows.take(region.height as usize).zip(pixels.chunks_exact(length)) {
-        row[x..x + length].copy_from_slice(source);
+    let columns = |of: Region| (part.x - of.x) as usize..(part.x - of.x + part.width) as usize;
+    let first_row = |of: Region| (part.y - of.y) as usize;
+    let rows = image.pixels_mut().chunks_exact_mut(of_image.width as usize).skip(first_row(of_image));
+    let sources = pixels.chunks_exact(painted.width as usize).skip(first_row(painted));
+    for (row, source) in rows.zip(sources).take(part.height as usize) {
+        row[columns(of_image)].copy_from_slice(&source[columns(painted)]);
     }
     Ok(())
 }

@@ -93,6 +93,9 @@ struct Rays {
     size: vec2u,
     // Tiles of 8 x 8 rays across and down, of each phase.
     tiles: vec2u,
+    // The first tiles across and down that are wanted, and the first beyond those.
+    clip_low: vec2u,
+    clip_high: vec2u,
     // Where the picture's first pixel is in the intermediate image, and the steps to the next pixels in x and y.
     pixel_origin: vec2f,
     pixel_x: vec2f,

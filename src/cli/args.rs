@@ -6,7 +6,7 @@ use clap::builder::NonEmptyStringValueParser;
 use clap::{Parser, Subcommand, ValueEnum};
 use glam::DVec3;
 use voxsplat::formats::LoadOptions;
-use voxsplat::image::Background;
+use voxsplat::image::{Background, Region};
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Resolution, Shading, Sheets};
 use voxsplat::volume::{Endian, SampleType};
@@ -279,6 +279,11 @@ pub(super) struct RenderArgs {
     /// Pixels across and down, or one number for both; 1 to 32768
     #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = parse::size, help_heading = "Output")]
     pub(super) size: [u32; 2],
+    /// Render only a part of the picture of --size: W x H pixels, X and Y from its top left. The bytes are those of the
+    /// whole picture there
+    #[arg(long, value_name = "X,Y,W,H", value_parser = parse::region, conflicts_with_all = ["max_error", "verify"],
+        help_heading = "Output")]
+    pub(super) region: Option<Region>,
     /// Background of a PNG: #rrggbb, a name such as white, r,g,b in 0..1, or transparent
     #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::library::<Background>,
         help_heading = "Output")]

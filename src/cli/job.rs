@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::formats::LoadOptions;
-use voxsplat::image::{Background, Image};
+use voxsplat::image::{Background, Image, Region};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Painter, QuadsSettings, Settings, TilesSettings};
 use voxsplat::transfer::{TransferFunction, presets};
@@ -69,6 +69,8 @@ pub(super) struct RenderJob {
     pub(super) view: View,
     /// Width and height of the picture, pixels.
     pub(super) size: [u32; 2],
+    /// The part of it that is wanted.
+    pub(super) region: Region,
     pub(super) settings: Settings,
     pub(super) engine: Engine,
     pub(super) output: PathBuf,
@@ -92,6 +94,9 @@ impl RenderJob {
         // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         check_output(&args.output)?;
+        let [width, height] = args.size;
+        let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
+        region.check_within(args.size)?;
         let transfer = Transfer::new(args.model.transfer)?;
         let engine = match args.reference {
             true => Engine::Reference,
@@ -103,6 +108,7 @@ impl RenderJob {
             transfer,
             view,
             size: args.size,
+            region,
             settings,
             engine,
             output: args.output,

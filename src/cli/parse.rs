@@ -5,6 +5,7 @@ use std::str::FromStr;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use voxsplat::error::Error;
+use voxsplat::image::Region;
 use voxsplat::kernel::Kernel;
 use voxsplat::settings::Level;
 
@@ -76,6 +77,15 @@ pub(super) fn size(text: &str) -> Result<[u32; 2], String> {
     match text.split_once(['x', 'X']) {
         Some((width, height)) => Ok([number(width)?, number(height)?]),
         None => number(text).map(|n| [n, n]),
+    }
+}
+
+/// A part of a picture, `X,Y,W,H`.
+pub(super) fn region(text: &str) -> Result<Region, String> {
+    let numbers: Option<[u32; 4]> = list(text).and_then(|numbers| numbers.try_into().ok());
+    match numbers {
+        Some([x, y, width, height]) if width > 0 && height > 0 => Ok(Region { x, y, width, height }),
+        _ => Err("expected four whole numbers X,Y,W,H, pixels from the top left, W and H over 0".to_owned()),
     }
 }
 

@@ -106,7 +106,7 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
                 Reference::new(&volume, &transfer, &job.settings)?
                     .with_tolerance(Reference::TOLERANCE)
                     .with_progress(progress::reporter())
-                    .render(&camera)
+                    .render_region(&camera, job.region)
             })?;
             let exact = Note { name: "Predicted error", text: "none: rays integrated in f64".to_owned() };
             save(&image, &notes(&job.settings, vec![exact]), &mut stages)?;
@@ -165,7 +165,7 @@ fn draw(
 ) -> Result<(Rendered, Settings, Option<Estimate>), Failure> {
     let Some(max_error) = job.max_error else {
         let scene = renderer.prepare(volume, transfer, &job.settings)?;
-        return Ok((renderer.render(&scene, camera, &job.settings)?, job.settings.clone(), None));
+        return Ok((renderer.render_region(&scene, camera, &job.settings, job.region)?, job.settings.clone(), None));
     };
     let Chosen { settings, rendered, estimate, keeps, tried } =
         choose(renderer, (volume, transfer), camera, &job.settings, max_error, job.sample)?;

@@ -255,6 +255,8 @@ pub(crate) struct Rays {
     pub lookup: [f32; 2],
     pub size: [u32; 2],
     pub tiles: [u32; 2],
+    pub clip_low: [u32; 2],
+    pub clip_high: [u32; 2],
     pub pixel_origin: [f32; 2],
     pub pixel_x: [f32; 2],
     pub pixel_y: [f32; 2],

@@ -8,8 +8,9 @@ use super::context::Context;
 use super::recorder::Recorder;
 use super::store::Store;
 use super::transfer::TransferTable;
-use super::view::{Region, ScalarNeed, ViewGeometry, Weights};
+use super::view::{ScalarNeed, ViewGeometry, Weights};
 use crate::error::Result;
+use crate::image::Region;
 use crate::settings::Settings;
 use crate::stats::PainterStats;
 
@@ -73,9 +74,10 @@ pub(crate) trait Painting {
     /// Makes the pipelines that the picture takes, or finds those of a picture before.
     fn make_pipelines(&self) -> Result<()>;
 
-    /// Paints a region: its pixels, premultiplied RGBA, four f32 each, row by row. The last commands may be
-    /// recorded and not submitted.
-    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<wgpu::Buffer>;
+    /// Paints a region: its pixels, premultiplied RGBA, four f32 each, row by row. Only a part of it is wanted; other
+    /// pixels may be anything. The bytes of the part are those of the whole region's picture there. The last commands
+    /// may be recorded and not submitted.
+    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, part: Region) -> Result<wgpu::Buffer>;
 
     /// Largest error of the footprints, as a fraction of their peak.
     fn footprint_error(&self) -> f64;

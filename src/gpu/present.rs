@@ -5,8 +5,8 @@ use super::layout;
 use super::pipeline::{Binding, bind, flag, layout, module, pipeline_layout, specialised};
 use super::recorder::Recorder;
 use super::shaders;
-use super::view::Region;
 use crate::error::{Error, Result};
+use crate::image::Region;
 
 /// The pipeline for textures of one format.
 pub(crate) struct Present {

@@ -6,36 +6,10 @@ use super::layout;
 use super::levels::Cut;
 use super::savings::Savings;
 use crate::camera::{Camera, Growth, Projection};
+use crate::image::Region;
 use crate::lighting::{Light, Lighting};
 use crate::settings::{Model, Settings};
 use crate::volume::Grid;
-
-/// A rectangle of the picture, in pixels from its top left.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Region {
-    pub(crate) x: u32,
-    pub(crate) y: u32,
-    pub(crate) width: u32,
-    pub(crate) height: u32,
-}
-
-impl Region {
-    /// Pixels.
-    pub(crate) fn area(self) -> u64 {
-        u64::from(self.width) * u64::from(self.height)
-    }
-
-    /// The region in rectangles of at most `side` pixels a side, row by row.
-    pub(crate) fn parts(self, side: u32) -> Vec<Self> {
-        let steps = |start: u32, length: u32| {
-            (0..length).step_by(side as usize).map(move |at| (start + at, side.min(length - at)))
-        };
-        let columns = move || steps(self.x, self.width);
-        steps(self.y, self.height)
-            .flat_map(|(y, height)| columns().map(move |(x, width)| Self { x, y, width, height }))
-            .collect()
-    }
-}
 
 /// What the splats of a scene weigh.
 #[derive(Debug, Clone, Copy)]
@@ -347,23 +321,6 @@ pub(super) fn half(grid: &Grid) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn parts_cover_a_region_once() {
-        let region = Region { x: 3, y: 5, width: 10, height: 7 };
-        for side in [1, 3, 4, 7, 10, 64] {
-            let parts = region.parts(side);
-            assert_eq!(parts.iter().map(|part| part.area()).sum::<u64>(), region.area(), "{side}");
-            for (i, a) in parts.iter().enumerate() {
-                assert!(a.width <= side && a.height <= side);
-                assert!(a.x >= 3 && a.y >= 5 && a.x + a.width <= 13 && a.y + a.height <= 12);
-                let apart = |b: &Region| {
-                    a.x + a.width <= b.x || b.x + b.width <= a.x || a.y + a.height <= b.y || b.y + b.height <= a.y
-                };
-                assert!(parts[i + 1..].iter().all(apart), "{side}");
-            }
-        }
-    }
 
     #[test]
     fn bounds_are_those_of_the_box_and_its_kernels() {

@@ -2,9 +2,11 @@
 
 mod background;
 mod file;
+mod region;
 
 pub use background::Background;
 pub use file::Note;
+pub use region::Region;
 
 pub use crate::output::abandon_unfinished;
 

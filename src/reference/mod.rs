@@ -71,7 +71,7 @@ use crate::camera::Growth;
 #[cfg(doc)]
 use crate::error::Error;
 use crate::error::Result;
-use crate::image::Image;
+use crate::image::{Image, Region};
 use crate::kernel::Kernel;
 #[cfg(doc)]
 use crate::lighting::Lighting;
@@ -221,11 +221,21 @@ impl Reference {
     /// picture is 0 or over [`Camera::MAX_SIZE`] pixels.
     pub fn render(&self, camera: &Camera) -> Result<Image> {
         let [width, height] = camera.size;
-        let mut image = Image::transparent(width, height)?;
-        let rows = image.pixels_mut().par_chunks_exact_mut(width as usize).enumerate();
-        self.traced(camera, f64::from(width) * f64::from(height), rows, |tracer, (y, row)| {
-            for (x, pixel) in (0..width).zip(row) {
-                *pixel = tracer.pixel([x, y as u32]).map(|v| v as f32);
+        self.render_region(camera, Region { x: 0, y: 0, width, height })
+    }
+
+    /// A part of that picture, the same pixels without the rest. The image has the size of the region.
+    ///
+    /// # Errors
+    /// Those of [`Self::render`], and [`Error::Setting`] if the region has no pixels or reaches beyond the picture.
+    pub fn render_region(&self, camera: &Camera, region: Region) -> Result<Image> {
+        camera.validate()?;
+        region.check_within(camera.size)?;
+        let mut image = Image::transparent(region.width, region.height)?;
+        let rows = image.pixels_mut().par_chunks_exact_mut(region.width as usize).enumerate();
+        self.traced(camera, region.area() as f64, rows, |tracer, (y, row)| {
+            for (x, pixel) in (region.x..).zip(row) {
+                *pixel = tracer.pixel([x, region.y + y as u32]).map(|v| v as f32);
             }
         })?;
         Ok(image)

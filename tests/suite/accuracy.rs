@@ -131,12 +131,15 @@ fn the_report_is_whole_and_goes_on_where_it_was_interrupted() {
     assert!(count > 16, "{count}");
     let csv = read("pareto.csv");
     assert_eq!(csv.lines().count(), count + 1);
-    assert!(csv.contains("-o picture.png --model xray --painter tiles"), "{csv}");
+    assert!(csv.contains("--model xray") && csv.contains("-o picture.png --painter tiles\""), "{csv}");
     let page = read("report.html");
     assert!(page.contains("<svg") && page.contains("data:image/png;base64,"));
     assert!(!page.contains("src=\"http") && !page.contains("href="), "it needs no other file");
     assert!(read("time-rms.svg").contains("</svg>") && read("time-p999.svg").contains("</svg>"));
     assert!(String::from_utf8_lossy(&output.stdout).contains("report: report/report.html"));
+
+    let missing = run(dir.path(), "pareto missing.nrrd -o other");
+    assert!(missing.status.code() == Some(1) && !dir.path().join("other").exists(), "{}", said(&missing));
 
     // What was measured is not measured again.
     let mut kept = numbers.clone();

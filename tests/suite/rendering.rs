@@ -2,14 +2,15 @@
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::image::Region;
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::renderer::Rendered;
-use voxsplat::settings::{Precision, Resolution, Settings, Shading};
+use voxsplat::settings::{Level, Precision, Resolution, Settings, Shading};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    PERSPECTIVE, PROJECTIONS, by_quads, camera, demo, draw, errors, exact_quads, look, picture, prepare, render, thick,
-    transfer, with_quads, with_tiles,
+    PERSPECTIVE, PROJECTIONS, RENDERER, by_quads, camera, demo, draw, errors, exact_quads, headlight, look, picture,
+    prepare, render, thick, transfer, with_quads, with_tiles,
 };
 use crate::truth::truth;
 
@@ -289,5 +290,45 @@ fn bricks_out_of_view_are_not_looked_at() {
             let worst = pixel.iter().zip(same).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(worst < 1e-4, "{projection:?} {index}: {pixel:?} {same:?}");
         }
+    }
+}
+
+#[test]
+fn a_region_has_the_bytes_of_the_whole_picture() {
+    let (volume, transfer) = demo("vessels", 48);
+    let lit = Settings { lighting: headlight(), ..Settings::default() };
+    let post = Settings { shading: Shading::Post, ..lit.clone() };
+    let quads = with_quads(&Settings::default(), |_| {});
+    let coarse = Settings { level: Level::At(1), ..Settings::default() };
+    let turned =
+        |azimuth: f64, zoom: f64, projection| View { azimuth, elevation: 17.0, zoom, projection, ..View::default() };
+    let straight = View { zoom: 2.0, ..View::default() };
+    let parallel = ProjectionKind::Orthographic;
+    for (settings, view) in [
+        (Settings::default(), turned(30.0, 2.0, parallel)),
+        (Settings::default(), straight),
+        (lit.clone(), turned(30.0, 2.0, PERSPECTIVE)),
+        // Two layers of cells.
+        (lit, View { distance: Some(60.0), ..turned(30.0, 0.4, PERSPECTIVE) }),
+        (post.clone(), turned(120.0, 1.0, parallel)),
+        (post, turned(120.0, 1.0, PERSPECTIVE)),
+        (coarse, turned(44.0, 0.7, parallel)),
+        (quads, turned(30.0, 1.0, PERSPECTIVE)),
+    ] {
+        let scene = prepare(&volume, &transfer, &settings);
+        let camera = look(&view, &volume, [200, 170]);
+        let whole = draw(&scene, &camera, &settings);
+        for (x, y, width, height) in [(0, 0, 200, 170), (61, 83, 40, 30), (199, 0, 1, 170), (90, 70, 1, 1)] {
+            let region = Region { x, y, width, height };
+            let part = RENDERER.render_region(&scene, &camera, &settings, region).unwrap();
+            assert_eq!((part.image.width(), part.image.height()), (width, height));
+            for (i, pixel) in (0..).zip(part.image.pixels()) {
+                let index = (y + i / width) * 200 + x + i % width;
+                let of_whole = whole.image.pixels()[index as usize];
+                assert_eq!(pixel.map(f32::to_bits), of_whole.map(f32::to_bits), "{region:?} {i} {view:?}");
+            }
+        }
+        let beyond = Region { x: 180, y: 0, width: 21, height: 1 };
+        assert!(RENDERER.render_region(&scene, &camera, &settings, beyond).is_err());
     }
 }

@@ -54,7 +54,7 @@ struct Rival {
 }
 
 /// Options of `voxsplat pareto` alone, and options that a study varies.
-const OWN: [&str; 13] = [
+const OWN: [&str; 12] = [
     "-o",
     "--output",
     "--views",
@@ -67,13 +67,10 @@ const OWN: [&str; 13] = [
     "--level",
     "--termination",
     "--interslice",
-    "--model",
 ];
 
 pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
     let rivals = job.rivals.as_deref().map(read::<Vec<Rival>>).transpose()?.unwrap_or_default();
-    std::fs::create_dir_all(&job.directory)
-        .map_err(|e| Failure::Failed(format!("{}: the directory cannot be made: {e}", job.directory.display())))?;
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
         let volume = formats::load(&job.source, &job.load)?;
@@ -99,10 +96,16 @@ pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
         driver: adapter.driver.clone(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
+    make_directory(&job.directory)?;
     let mut run = Run::new(&job, study, subject)?;
     run.measure()?;
     run.time(&job)?;
     run.write(&job, &volume, &rivals)
+}
+
+fn make_directory(path: &Path) -> Result<(), Failure> {
+    let failed = |e| Failure::Failed(format!("{}: the directory cannot be made: {e}", path.display()));
+    std::fs::create_dir_all(path).map_err(failed)
 }
 
 /// A JSON file.
@@ -180,8 +183,7 @@ impl<'a> Run<'a> {
         } else {
             let truth = self.study.truth(variant)?;
             let folder = self.directory.join("truth");
-            std::fs::create_dir_all(&folder)
-                .map_err(|e| Failure::Failed(format!("{}: the directory cannot be made: {e}", folder.display())))?;
+            make_directory(&folder)?;
             for (view, image) in truth.iter().enumerate() {
                 image.save(file(view), Background::Transparent)?;
             }
@@ -260,9 +262,7 @@ impl<'a> Run<'a> {
     fn command(&self, measured: &Measurement) -> String {
         let variant = self.variants.iter().find(|v| v.model == measured.model && v.name == measured.name);
         let options = variant.map(|v| command_line(&options_of(&v.settings))).unwrap_or_default();
-        let model = variant.map(|v| v.settings.model).unwrap_or_default();
-        let model = if model == Default::default() { String::new() } else { format!(" --model {model}") };
-        format!("voxsplat render {} -o picture.png{model} {options}", self.kept.subject.command)
+        format!("voxsplat render {} -o picture.png {options}", self.kept.subject.command)
     }
 }
 

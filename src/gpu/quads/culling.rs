@@ -6,8 +6,9 @@ use glam::DVec3;
 
 use super::super::layout::Area;
 use super::super::store::{BrickSplats, Store};
-use super::super::view::{Region, ViewGeometry};
+use super::super::view::ViewGeometry;
 use super::plan::Plan;
+use crate::image::Region;
 
 impl Plan<'_> {
     /// The splats of a store whose bricks reach into a region, as runs of consecutive ones.

@@ -6,7 +6,6 @@ use super::super::context::Context;
 use super::super::painter::{Begun, Job, Painting, Room};
 use super::super::recorder::Recorder;
 use super::super::scan::Scan;
-use super::super::view::Region;
 use super::plan::{Plan, Target};
 use super::sort::{SortKey, Sorter};
 use super::splat::footprint_texture;
@@ -14,6 +13,7 @@ use super::terminate::Terminator;
 use super::{Drawn, Feed, Inputs, Quads, QuadsKey};
 use crate::budget::{MAX_FRAGMENTS, too_much};
 use crate::error::{Error, Result};
+use crate::image::Region;
 use crate::kernel::FootprintTable;
 use crate::settings::{Accumulation, Model, Precision};
 use crate::stats::{PainterStats, QuadsStats};
@@ -118,7 +118,8 @@ impl Painting for Picture<'_> {
         self.pipelines().map(|_| ())
     }
 
-    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<wgpu::Buffer> {
+    /// The whole region: a splat is hidden if all that it covers is opaque, within the part or not.
+    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, _part: Region) -> Result<wgpu::Buffer> {
         let (sorter, quads) = self.pipelines()?;
         let Job { context, pipelines, view, settings, stores, .. } = self.job;
         let inputs = Inputs {

@@ -4,9 +4,10 @@ use glam::{DVec2, DVec3, DVec4};
 
 use super::super::layout::{Batch, Frame};
 use super::super::levels::Cut;
-use super::super::view::{Region, ScalarNeed, ViewGeometry, Weights};
+use super::super::view::{ScalarNeed, ViewGeometry, Weights};
 use super::culling::visible_depths;
 use crate::camera::{Camera, Projection};
+use crate::image::Region;
 use crate::kernel::Kernel;
 use crate::settings::{Level, Model, Precision, Settings, Sheets};
 use crate::volume::spread;

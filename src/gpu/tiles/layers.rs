@@ -3,10 +3,10 @@
 
 use super::super::painter::Painting;
 use super::super::recorder::Recorder;
-use super::super::view::Region;
 use super::Canvas;
 use super::paint::Picture;
 use crate::error::Result;
+use crate::image::Region;
 use crate::stats::{PainterStats, TilesStats};
 
 /// The layers of a picture, the nearest first.
@@ -29,8 +29,8 @@ impl Painting for Layers<'_> {
         self.0.iter().try_for_each(|layer| layer.pipelines().map(|_| ()))
     }
 
-    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region) -> Result<wgpu::Buffer> {
-        let mut canvas = Canvas::new(recorder.context, region)?;
+    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, part: Region) -> Result<wgpu::Buffer> {
+        let mut canvas = Canvas::new(recorder.context, region, part)?;
         self.0.iter_mut().try_for_each(|layer| layer.paint(recorder, &mut canvas))?;
         Ok(canvas.pixels)
     }

@@ -27,8 +27,8 @@ use resample::{FORMAT, IntermediateImage, Resampler};
 use super::context::Context;
 use super::pipeline::both;
 use super::recorder::Recorder;
-use super::view::Region;
 use crate::error::Result;
+use crate::image::Region;
 use crate::settings::Model;
 
 /// The largest radius of kernels, in voxels, along rays that share footprints: they reach at most two planes and three
@@ -130,7 +130,7 @@ impl Tiles {
         canvas: &mut Canvas,
     ) -> Result<Marched> {
         let context = recorder.context;
-        let region = canvas.region;
+        let Canvas { region, part, .. } = *canvas;
         let uniform = wgpu::BufferUsages::UNIFORM;
         let lighting = context.upload("gather.lighting", bytemuck::bytes_of(&picture.lighting), uniform)?;
         let mut marched = Marched::default();
@@ -146,7 +146,7 @@ impl Tiles {
                 marched.rays += u64::from(width) * u64::from(height);
                 marched.marches += 1;
             };
-            let mut pixel_rays = scaled(picture.pixel_rays(way, region));
+            let mut pixel_rays = scaled(picture.pixel_rays(way, region).around(region, part));
             let Some((resampler, refiner)) = &self.resample else {
                 let buffer = upload(&pixel_rays)?;
                 let state = if picture.is_layered() {
@@ -172,7 +172,7 @@ impl Tiles {
             }
             let share_bytes = u64::from(region.width) * u64::from(region.height) * 4;
             let refinement = context.buffer("refine.shares", share_bytes, wgpu::BufferUsages::STORAGE)?;
-            for rays in images.into_iter().map(scaled) {
+            for rays in images.into_iter().map(|rays| scaled(rays.around(region, part))) {
                 let image = IntermediateImage::new(context, upload(&rays)?, rays.uniforms.size);
                 let targets = Targets {
                     rays: &image.rays,
@@ -200,6 +200,8 @@ impl Tiles {
 /// What the rays of a region write to.
 struct Canvas {
     region: Region,
+    /// The part of it that is wanted.
+    part: Region,
     /// Premultiplied RGBA, f32.
     pixels: wgpu::Buffer,
     /// What rays have gathered in the layers before, by their principal axis.
@@ -208,9 +210,9 @@ struct Canvas {
 
 impl Canvas {
     /// A region without colour.
-    fn new(context: &Context, region: Region) -> Result<Self> {
+    fn new(context: &Context, region: Region, part: Region) -> Result<Self> {
         let pixels = context.pixels("tiles.pixels", [region.width, region.height])?;
-        Ok(Self { region, pixels, before: Vec::new() })
+        Ok(Self { region, part, pixels, before: Vec::new() })
     }
 
     /// What the rays along an axis have gathered: nothing before the first layer.

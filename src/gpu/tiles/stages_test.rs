@@ -13,7 +13,7 @@ use super::super::pipeline::{Binding, bind, compute, layout as group_layout, tex
 use super::super::recorder::Recorder;
 use super::super::store::{BrickSplats, Splats, Store};
 use super::super::twins;
-use super::super::view::{Region, half};
+use super::super::view::half;
 use super::TilesKey;
 use super::axis::PrincipalAxis;
 use super::march::{Stage, find_runs};
@@ -22,6 +22,7 @@ use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
 use super::resample::{ESTIMATES, FORMAT, IntermediateImage, Resampler};
 use crate::camera::{Camera, Growth, ProjectionKind, View};
+use crate::image::Region;
 use crate::kernel::Kernel;
 use crate::volume::Grid;
 

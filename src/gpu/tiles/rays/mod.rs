@@ -8,12 +8,13 @@ use bytemuck::Zeroable;
 use glam::{DMat3, DVec2, DVec3};
 
 use super::super::layout::{self, MACROCELL, TILE};
-use super::super::view::{Fade, Region, half};
+use super::super::view::{Fade, half};
 use super::Block;
 use super::axis::{PrincipalAxis, smoothstep, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};
 use crate::camera::{Camera, Growth, Projection};
+use crate::image::Region;
 use crate::kernel::{Kernel, section};
 use crate::volume::Grid;
 
@@ -240,6 +241,32 @@ impl Rays {
         let [across, down] = self.uniforms.size;
         let [along_a, along_b] = self.uniforms.phases;
         self.uniforms.tiles = [across.div_ceil(TILE * along_a), down.div_ceil(TILE * along_b)];
+        self.uniforms.clip_high = self.uniforms.tiles;
+        self
+    }
+
+    /// The same rays, of which only those around the pixels of a part of the region are marched: the bytes of these
+    /// pixels do not depend on the others.
+    pub(super) fn around(mut self, region: Region, part: Region) -> Self {
+        // The pixels' splines depend on so many points around them.
+        const MARGIN: f64 = SPLINE_MARGIN + 4.0;
+        let uniforms = &mut self.uniforms;
+        let [origin, x, y] =
+            [uniforms.pixel_origin, uniforms.pixel_x, uniforms.pixel_y].map(|[x, y]| DVec2::new(x.into(), y.into()));
+        let low = DVec2::new(f64::from(part.x - region.x), f64::from(part.y - region.y));
+        let high = low + DVec2::new(f64::from(part.width), f64::from(part.height)) - 1.0;
+        let corners = [(low.x, low.y), (high.x, low.y), (low.x, high.y), (high.x, high.y)];
+        let points = corners.map(|(across, down)| origin + x * across + y * down);
+        let ends = points
+            .iter()
+            .fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], &point| [low.min(point), high.max(point)]);
+        for axis in 0..2 {
+            let points = f64::from(TILE * uniforms.phases[axis]);
+            // A float to integer cast saturates.
+            let [low, high] = [(ends[0][axis] - MARGIN) / points, (ends[1][axis] + MARGIN) / points + 1.0];
+            uniforms.clip_low[axis] = low.floor() as u32;
+            uniforms.clip_high[axis] = (high.floor() as u32).min(uniforms.tiles[axis]);
+        }
         self
     }
 }

@@ -4,11 +4,11 @@
 use glam::{DMat2, DVec2};
 
 use super::super::super::layout;
-use super::super::super::view::Region;
 use super::super::axis::PrincipalAxis;
 use super::{
     Block, RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, level_for_depth, level_for_kernel, smoothstep,
 };
+use crate::image::Region;
 
 /// Voxels of a row, and rows at least and at most, that `straight` in shaders/gather.wgsl reads of a plane.
 const BLOCK_COLUMNS: f64 = 5.0;
@@ -93,6 +93,8 @@ pub(super) fn of_pixels(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Regi
         step_x: f2(step_x),
         step_y: f2(step_y),
         size: [region.width, region.height],
+        pixel_x: [1.0, 0.0],
+        pixel_y: [0.0, 1.0],
         // The images that these rays refine have shares.
         ..along(setup, axis, common)
     };

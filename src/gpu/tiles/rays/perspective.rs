@@ -4,12 +4,12 @@
 use glam::{DVec2, DVec3};
 
 use super::super::super::layout;
-use super::super::super::view::Region;
 use super::super::axis::{PrincipalAxis, RAY_MARGIN};
 use super::{
     FittedKernel, RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, level_for_depth, level_for_kernel,
     smoothstep,
 };
+use crate::image::Region;
 
 /// The pixels between rays up to which each pixel has its own ray, and from which on none has: between them pixels have
 /// both, so the range is narrow. Resampling costs less than a tenth of the rays of all pixels.
