@@ -282,7 +282,7 @@ impl Stats {
             "pixels",
             self.pixels_covered,
             pixels.saturating_sub(self.pixels_covered),
-            "out of reach of the volume",
+            "out of reach of the volume, or of the region",
         )?;
         row(f, "bricks", self.bricks_uploaded.into(), (self.bricks - self.bricks_uploaded).into(), "show nothing")?;
         let dropped = if self.levels[1] > 0 { "show nothing, or are part of a cell" } else { "show nothing" };

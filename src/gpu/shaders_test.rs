@@ -182,6 +182,8 @@ fn structs_are_laid_out_alike() {
         growth,
         home_slope,
         tiles,
+        clip_low,
+        clip_high,
         tile_size,
         level_spread,
     });
