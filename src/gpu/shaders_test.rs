@@ -131,6 +131,8 @@ fn structs_are_laid_out_alike() {
         lookup,
         size,
         tiles,
+        clip_low,
+        clip_high,
         pixel_origin,
         pixel_x,
         pixel_y,
@@ -182,8 +184,6 @@ fn structs_are_laid_out_alike() {
         growth,
         home_slope,
         tiles,
-        clip_low,
-        clip_high,
         tile_size,
         level_spread,
     });
