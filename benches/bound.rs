@@ -97,7 +97,7 @@ fn combination(seed: u64, scans: &[PathBuf], size: u32) -> Outcome<Combination> 
     let lit = composite && random.of(&[false, true]);
     let kernel = random.of(&[Kernel::default(), Kernel::default(), Kernel::KAISER_BESSEL]);
     let settings = Settings { model, shading, kernel, lighting: lit.then(Lighting::default), ..Settings::default() };
-    // Smaller pictures of scans have kernels over 4 voxels, which take half a minute a frame post-shaded in perspective.
+    // In smaller pictures kernels of scans grow over 4 voxels, which takes half a minute a frame post-shaded.
     let size = if from_scans { 2 * size } else { size };
     let camera = Camera::new(&view, volume.grid(), [size; 2])?;
     // A frame of a post-shaded scan takes minutes in sheets as thin as smaller bounds ask for.
