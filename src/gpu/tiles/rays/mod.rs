@@ -260,13 +260,12 @@ impl Rays {
         let ends = points
             .iter()
             .fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], &point| [low.min(point), high.max(point)]);
-        for axis in 0..2 {
-            let points = f64::from(TILE * uniforms.phases[axis]);
-            // A float to integer cast saturates.
-            let [low, high] = [(ends[0][axis] - MARGIN) / points, (ends[1][axis] + MARGIN) / points + 1.0];
-            uniforms.clip_low[axis] = low.floor() as u32;
-            uniforms.clip_high[axis] = (high.floor() as u32).min(uniforms.tiles[axis]);
-        }
+        // In points of the tiles' lattice; a float to integer cast saturates.
+        let tile = DVec2::from(uniforms.phases.map(|phases| f64::from(TILE * phases)));
+        let first = ((ends[0] - MARGIN) / tile).floor();
+        let end = ((ends[1] + MARGIN) / tile + 1.0).floor();
+        uniforms.clip_low = [first.x as u32, first.y as u32];
+        uniforms.clip_high = [(end.x as u32).min(uniforms.tiles[0]), (end.y as u32).min(uniforms.tiles[1])];
         self
     }
 }
