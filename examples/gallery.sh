@@ -26,5 +26,7 @@ target/release/voxsplat compare docs/additive.png docs/additive-after.png --tole
 rm docs/additive-after.png
 picture inside demo:vessels:192 --light 40,50 --light headlight --projection perspective --fov 70 --distance 30 \
     --target 0,0,20
+pixels=512 picture figure demo:vessels:128 --azimuth 30 --elevation 20 --zoom 0.9 --background white \
+    --scale-bar --axes --colour-bar --title 'A vessel tree' --caption 'demo:vessels:128, parallel rays'
 pixels=40 picture minified demo:vessels:256 --light headlight --azimuth 30 --elevation 10
 pixels=40 picture aliased demo:vessels:256 --light headlight --azimuth 30 --elevation 10 --antialiasing off

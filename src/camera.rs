@@ -241,6 +241,16 @@ impl Camera {
         }
     }
 
+    /// World units that a pixel is wide; in perspective at the depth of the target.
+    #[must_use]
+    pub fn pixel_size(&self) -> f64 {
+        let at = match self.projection {
+            Projection::Orthographic { .. } => 1.0,
+            Projection::Perspective { distance, .. } => distance,
+        };
+        self.pixels().0[0] * at
+    }
+
     /// Plane coordinates (offsets along right and up, in world units at the target for parallel rays, at unit depth for
     /// perspective ones) of one pixel across and down, and of the top left corner of the picture.
     pub(crate) fn pixels(&self) -> ([f64; 2], [f64; 2]) {

@@ -41,6 +41,22 @@ pub(crate) fn named(name: &str) -> Option<[f64; 3]> {
     NAMED.iter().find(|(known, _)| *known == name).map(|(_, rgb)| packed(*rgb))
 }
 
+/// The intensity of light of a display value in 0..1 (sRGB, IEC 61966-2-1).
+pub(crate) fn to_linear(value: f64) -> f64 {
+    if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+}
+
+/// The display value of an intensity of light in 0..1: the inverse of [`to_linear`].
+pub(crate) fn from_linear(light: f64) -> f64 {
+    if light <= 0.003_130_8 { light * 12.92 } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// The relative luminance of a colour in display space, 0..1 (ITU-R BT.709).
+pub(crate) fn luminance(color: [f64; 3]) -> f64 {
+    let [r, g, b] = color.map(to_linear);
+    0.2126 * r + 0.7152 * g + 0.0722 * b
+}
+
 /// The number of exactly `count` hexadecimal digits after `#`.
 fn digits(text: &str, count: usize) -> Option<u32> {
     let digits = text.strip_prefix('#').filter(|d| d.len() == count && d.bytes().all(|b| b.is_ascii_hexdigit()))?;
@@ -62,5 +78,15 @@ mod tests {
         }
         assert_eq!(short_hex("#ff8000"), None);
         assert_eq!(named("blurple"), None);
+    }
+
+    #[test]
+    fn display_values_stand_for_light() {
+        for value in [0.0, 0.02, 0.5, 1.0] {
+            assert!((from_linear(to_linear(value)) - value).abs() < 1e-7, "{value}");
+        }
+        // A middle grey.
+        assert!((to_linear(0.5) - 0.214_041).abs() < 1e-6);
+        assert!((luminance([1.0; 3]) - 1.0).abs() < 1e-9 && luminance([0.0, 1.0, 0.0]) > luminance([1.0, 0.0, 1.0]));
     }
 }

@@ -28,7 +28,8 @@
 //! (readers), [`demos`] (built-in volumes), [`transfer`] (functions, presets, JSON), [`kernel`], [`camera`],
 //! [`lighting`], [`settings`], [`renderer`] (the GPU), [`mod@reference`] (the same model integrated in f64, to measure
 //! against), [`accuracy`] (pictures that keep an error), [`report`] (differences of pictures, speed against error),
-//! [`image`] (pictures and their files), [`stats`], [`progress`], [`adapter`] and [`error`].
+//! [`image`] (pictures and their files), [`figure`] (scale bar, axes, colour bar and title on a picture),
+//! [`stats`], [`progress`], [`adapter`] and [`error`].
 //!
 //! The features, on by default: `cli` builds the program `voxsplat`; `report` has plots of speed against error. A
 //! library needs `default-features = false`.
@@ -40,6 +41,7 @@ pub mod camera;
 mod color;
 pub mod demos;
 pub mod error;
+pub mod figure;
 pub mod formats;
 mod gpu;
 pub mod image;

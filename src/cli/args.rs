@@ -254,6 +254,34 @@ pub(super) struct PainterArgs {
     pub(super) resolution: Option<Resolution>,
 }
 
+/// What is drawn on the finished picture. A PNG has it, an EXR keeps the values of the volume's picture.
+#[derive(Debug, clap::Args)]
+pub(super) struct FigureArgs {
+    /// Draw a bar of a round length; in perspective it is true at the depth of the target
+    #[arg(long, help_heading = "Figure")]
+    pub(super) scale_bar: bool,
+    /// Draw the axes, with the letters of the patient (R/L, A/P, S/I) if the file states the orientation
+    #[arg(long, help_heading = "Figure")]
+    pub(super) axes: bool,
+    /// Draw the colours of the transfer function over values, with a curve of its opacity
+    #[arg(long, alias = "color-bar", help_heading = "Figure")]
+    pub(super) colour_bar: bool,
+    /// Write TEXT above
+    #[arg(long, value_name = "TEXT", help_heading = "Figure")]
+    pub(super) title: Option<String>,
+    /// Write TEXT below
+    #[arg(long, value_name = "TEXT", help_heading = "Figure")]
+    pub(super) caption: Option<String>,
+    /// Unit of world lengths, such as mm [default: that of the file]
+    #[arg(long, value_name = "UNIT", value_parser = NonEmptyStringValueParser::new(), requires = "scale_bar",
+        help_heading = "Figure")]
+    pub(super) length_unit: Option<String>,
+    /// Unit of values, such as HU [default: that of the file]
+    #[arg(long, value_name = "UNIT", value_parser = NonEmptyStringValueParser::new(), requires = "colour_bar",
+        help_heading = "Figure")]
+    pub(super) value_unit: Option<String>,
+}
+
 const RENDER_EXAMPLES: &str = "\
 Examples:
   voxsplat render demo:marschner-lobb -o ml.png --kernel kaiser-bessel
@@ -262,7 +290,8 @@ Examples:
   voxsplat render engine.raw -o engine.png --dims 256,256,128 --type u8 --transfer viridis
   voxsplat render ct.nrrd -o lit.png --transfer ct-bone --shading post --light headlight
   voxsplat render ct.nrrd -o film.png --model xray --azimuth 90
-  voxsplat render head.nii.gz -o truth.exr --reference --size 256";
+  voxsplat render head.nii.gz -o truth.exr --reference --size 256
+  voxsplat render ct.nrrd -o figure.png --scale-bar --axes --colour-bar --value-unit HU --title 'A skull'";
 
 /// Render a volume to a picture.
 ///
@@ -292,6 +321,8 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "FORMAT", num_args = 0..=1, default_missing_value = "table", help_heading = "Output")]
     pub(super) stats: Option<StatsFormat>,
 
+    #[command(flatten)]
+    pub(super) figure: FigureArgs,
     #[command(flatten)]
     pub(super) view: ViewArgs,
     #[command(flatten)]

@@ -27,6 +27,10 @@ struct Info {
     /// World length of the volume along each lattice axis, between its outer faces.
     extent: [f64; 3],
     center: [f64; 3],
+    /// The unit of world lengths; `None` if it is not known.
+    length_unit: Option<String>,
+    /// The unit of values; `None` if the file does not state it.
+    value_unit: Option<String>,
     /// `None` if the file does not state it.
     orientation: Option<Orientation>,
     min: f64,
@@ -109,6 +113,8 @@ impl Info {
             spacing,
             extent: std::array::from_fn(|a| spacing[a] * f64::from(grid.dims()[a])),
             center: grid.center().to_array(),
+            length_unit: volume.length_unit().map(str::to_owned),
+            value_unit: volume.value_unit().map(str::to_owned),
             orientation: volume.is_oriented().then(|| Orientation::of(grid)),
             min: statistics.min,
             max: statistics.max,
@@ -134,7 +140,8 @@ impl Info {
             line("values", format!("{} * sample + {}", short(self.slope), short(self.intercept)));
         }
         line("spacing", by(&self.spacing));
-        line("extent", format!("{} world units, centre at {}", by(&self.extent), self.center.map(short).join(",")));
+        let unit = self.length_unit.as_deref().unwrap_or("world units");
+        line("extent", format!("{} {unit}, centre at {}", by(&self.extent), self.center.map(short).join(",")));
         line(
             "orientation",
             match &self.orientation {
@@ -143,7 +150,8 @@ impl Info {
                 Some(Orientation { axes, oblique }) => format!("{axes}, oblique by {oblique:.1} degrees"),
             },
         );
-        line("range", format!("{} to {}", short(self.min), short(self.max)));
+        let unit = self.value_unit.as_deref().map(|unit| format!(" {unit}")).unwrap_or_default();
+        line("range", format!("{} to {}{unit}", short(self.min), short(self.max)));
         line("mean", format!("{}, standard deviation {}", short(self.mean), short(self.std_dev)));
         if let Some([limit, fraction]) = self.background {
             line("background", format!("{:.1} % of the voxels, values up to {}", 100.0 * fraction, short(limit)));

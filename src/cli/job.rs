@@ -4,17 +4,18 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::figure::Figure;
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image, Region};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Painter, QuadsSettings, Settings, TilesSettings};
 use voxsplat::transfer::{TransferFunction, presets};
-use voxsplat::volume::Grid;
+use voxsplat::volume::{Grid, Units};
 
 use super::Failure;
 use super::args::{
-    CompareArgs, ModelArgs, PainterArg, PainterArgs, ParetoArgs, ProjectionArg, RenderArgs, StatsFormat, SwitchArg,
-    ViewArgs,
+    CompareArgs, FigureArgs, ModelArgs, PainterArg, PainterArgs, ParetoArgs, ProjectionArg, RenderArgs, StatsFormat,
+    SwitchArg, ViewArgs,
 };
 use super::parse::LightArg;
 
@@ -75,6 +76,9 @@ pub(super) struct RenderJob {
     pub(super) engine: Engine,
     pub(super) output: PathBuf,
     pub(super) background: Background,
+    pub(super) figure: Figure,
+    /// What replaces the units of the file.
+    pub(super) units: Units,
     pub(super) stats: Option<StatsFormat>,
     pub(super) max_error: Option<f64>,
     pub(super) verify: bool,
@@ -97,6 +101,7 @@ impl RenderJob {
         let [width, height] = args.size;
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
         region.check_within(args.size)?;
+        let (figure, units) = figure(args.figure, args.size, &settings, &args.output)?;
         let transfer = Transfer::new(args.model.transfer)?;
         let engine = match args.reference {
             true => Engine::Reference,
@@ -113,12 +118,26 @@ impl RenderJob {
             engine,
             output: args.output,
             background: args.background,
+            figure,
+            units,
             stats: args.stats,
             max_error: args.max_error,
             verify: args.verify,
             sample: args.sample,
         })
     }
+}
+
+/// What is drawn on a picture, and the units of what it shows.
+fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings, output: &Path) -> Result<(Figure, Units), Failure> {
+    let FigureArgs { scale_bar, axes, colour_bar: color_bar, title, caption, length_unit, value_unit } = args;
+    let figure = Figure { scale_bar, axes, color_bar, title, caption };
+    figure.validate(size, settings.model)?;
+    if !figure.is_empty() && output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")) {
+        let options = "--scale-bar, --axes, --colour-bar, --title and --caption";
+        return Err(Failure::Usage(format!("{options} are drawn on a .png: an .exr keeps the values of the picture")));
+    }
+    Ok((figure, Units { length: length_unit, value: value_unit }))
 }
 
 /// The settings of a picture.

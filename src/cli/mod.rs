@@ -75,6 +75,7 @@ fn flag(setting: &str) -> String {
         "sample_type" => "--type".to_owned(),
         "accumulation" => "--accumulate".to_owned(),
         "lighting" => "--light".to_owned(),
+        "color_bar" => "--colour-bar".to_owned(),
         other => format!("--{}", other.replace('_', "-")),
     }
 }

@@ -6,6 +6,7 @@ use std::time::Instant;
 use serde::Serialize;
 use voxsplat::accuracy::{Chosen, Estimate, Truth, choose};
 use voxsplat::camera::Camera;
+use voxsplat::figure::{Figure, Shown};
 use voxsplat::image::{Image, Note};
 use voxsplat::reference::Reference;
 use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
@@ -13,7 +14,7 @@ use voxsplat::settings::Settings;
 use voxsplat::stats::{Clock, StageTime, Stats};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::transfer::presets::{self, Suggestion};
-use voxsplat::volume::{Statistics, Volume};
+use voxsplat::volume::{Statistics, Units, Volume};
 use voxsplat::{demos, formats};
 
 use super::args::StatsFormat;
@@ -63,6 +64,7 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
         });
         let mut read = || {
             let volume = stages.time("load", || formats::load(&job.source, &job.load))?;
+            let volume = with_units(volume, &job.units);
             let (transfer, note) = transfer(&job.source, &job.transfer, &volume, &mut stages)?;
             Ok::<_, Failure>((volume, transfer, note))
         };
@@ -76,6 +78,10 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
     stages.0.append(&mut opening.0);
     let camera = Camera::new(&job.view, volume.grid(), job.size)?;
     let save = |image: &Image, notes: &[Note], stages: &mut Stages| {
+        let shown = Shown { volume: &volume, transfer: &transfer, camera: &camera, model: job.settings.model };
+        let draw = || job.figure.draw_region(image, job.region, job.background, &shown);
+        let drawn = if job.figure.is_empty() { None } else { Some(stages.time("figure", draw)?) };
+        let image = drawn.as_ref().unwrap_or(image);
         stages.time("encode", || image.save_with_notes(&job.output, job.background, notes))
     };
     match opened {
@@ -84,7 +90,7 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
             let (mut rendered, settings, estimate) = draw(&renderer, (&volume, &transfer), &camera, &job)?;
             let before = stages.0.len();
             let predicted = format!("{:.1e}", rendered.stats.predicted.error());
-            let mut notes = notes(&settings, vec![Note { name: "Predicted error", text: predicted }]);
+            let mut notes = notes(&settings, &job.figure, vec![Note { name: "Predicted error", text: predicted }]);
             notes.extend(estimate.map(|e| Note { name: "Estimated error", text: in_words(&e) }));
             save(&rendered.image, &notes, &mut stages)?;
             let after = stages.0.split_off(before);
@@ -109,7 +115,7 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
                     .render_region(&camera, job.region)
             })?;
             let exact = Note { name: "Predicted error", text: "none: rays integrated in f64".to_owned() };
-            save(&image, &notes(&job.settings, vec![exact]), &mut stages)?;
+            save(&image, &notes(&job.settings, &job.figure, vec![exact]), &mut stages)?;
             let stats =
                 ReferenceStats { painter: "reference", size: job.size, voxels: volume.grid().len(), stages: stages.0 };
             print_stats(job.stats, &stats, |stats| {
@@ -183,7 +189,7 @@ fn draw(
 }
 
 /// What the file of a picture says of how it was made.
-fn notes(settings: &Settings, of_errors: Vec<Note>) -> Vec<Note> {
+fn notes(settings: &Settings, figure: &Figure, of_errors: Vec<Note>) -> Vec<Note> {
     let software = format!("voxsplat {}", env!("CARGO_PKG_VERSION"));
     let mut options = vec!["--model".to_owned(), settings.model.to_string()];
     options.extend(options_of(settings));
@@ -191,7 +197,16 @@ fn notes(settings: &Settings, of_errors: Vec<Note>) -> Vec<Note> {
     let settings = format!("{}; lights: {light}", command_line(&options));
     let mut notes = vec![Note { name: "Software", text: software }, Note { name: "Settings", text: settings }];
     notes.extend(of_errors);
+    let texts = [("Title", &figure.title), ("Description", &figure.caption)];
+    notes.extend(texts.into_iter().filter_map(|(name, text)| Some(Note { name, text: text.clone()? })));
     notes
+}
+
+/// A volume whose units are those given, otherwise those of its file.
+fn with_units(volume: Volume, given: &Units) -> Volume {
+    let of_file = volume.units().clone();
+    let units = Units { length: given.length.clone().or(of_file.length), value: given.value.clone().or(of_file.value) };
+    volume.with_units(units)
 }
 
 /// What pixels other than those of the choice say of a picture.

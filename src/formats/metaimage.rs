@@ -11,9 +11,9 @@ use glam::DVec3;
 use super::decode::{Layout, lattice, read_samples};
 use super::input::Input;
 use super::multifile::DataFiles;
-use super::placement::Placement;
+use super::placement::{Placement, named_unit};
 use crate::error::{Error, Result};
-use crate::volume::{Endian, SampleType, Volume};
+use crate::volume::{Endian, SampleType, Units, Volume};
 
 /// The fields that a header may begin with. A file that begins otherwise is a MetaImage only by its extension.
 const FIRST_FIELDS: [&str; 9] =
@@ -88,7 +88,8 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
         }
     };
     // ITK does not apply this map but leaves it to its caller. It is how such files state Hounsfield units.
-    placement.volume(grid, samples)?.with_rescale(slope, intercept)
+    let units = Units { length: header.get(&["DistanceUnits"]).and_then(named_unit), value: None };
+    Ok(placement.volume(grid, samples)?.with_rescale(slope, intercept)?.with_units(units))
 }
 
 /// How to find the first sample of a data file.

@@ -67,6 +67,13 @@ impl Placement {
     }
 }
 
+/// A unit as a header names it; `None` if that is no name.
+pub(super) fn named_unit(text: &str) -> Option<String> {
+    let name = text.trim_matches(|c: char| c.is_whitespace() || c == '"');
+    let is_name = (1..=16).contains(&name.chars().count()) && !name.contains(|c: char| c.is_control() || c == '?');
+    is_name.then(|| name.to_owned())
+}
+
 /// Refuses a spacing of the user unless all three are finite and over 0.
 pub(super) fn check_spacing(spacing: [f64; 3]) -> Result<()> {
     if spacing.iter().all(|s| s.is_finite() && *s > 0.0) {

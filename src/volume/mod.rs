@@ -81,6 +81,16 @@ pub struct Volume {
     slope: f64,
     intercept: f64,
     oriented: bool,
+    units: Units,
+}
+
+/// The units that a file states, as it writes them.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Units {
+    /// Of world lengths, such as mm.
+    pub length: Option<String>,
+    /// Of values, such as HU.
+    pub value: Option<String>,
 }
 
 /// The part of a volume that clones share.
@@ -174,7 +184,7 @@ impl Volume {
     pub(crate) fn of(grid: Grid, stored: Stored) -> Result<Self> {
         check_count(&grid, stored.len())?;
         let data = Arc::new(Data::new(stored));
-        Ok(Self { grid, data, slope: 1.0, intercept: 0.0, oriented: false })
+        Ok(Self { grid, data, slope: 1.0, intercept: 0.0, oriented: false, units: Units::default() })
     }
 
     /// The same samples read as `slope * sample + intercept` (NIfTI's scl_slope and scl_inter, DICOM's rescale).
@@ -193,6 +203,13 @@ impl Volume {
     #[must_use]
     pub fn with_orientation_known(mut self) -> Self {
         self.oriented = true;
+        self
+    }
+
+    /// The same volume, with other units.
+    #[must_use]
+    pub fn with_units(mut self, units: Units) -> Self {
+        self.units = units;
         self
     }
 
@@ -310,6 +327,24 @@ impl Volume {
     #[must_use]
     pub fn is_oriented(&self) -> bool {
         self.oriented
+    }
+
+    /// The units that the file states.
+    #[must_use]
+    pub fn units(&self) -> &Units {
+        &self.units
+    }
+
+    /// The unit of world lengths: the one stated, otherwise of patient space millimetres, as DICOM has it.
+    #[must_use]
+    pub fn length_unit(&self) -> Option<&str> {
+        self.units.length.as_deref().or(self.oriented.then_some("mm"))
+    }
+
+    /// The unit of values, if it is stated.
+    #[must_use]
+    pub fn value_unit(&self) -> Option<&str> {
+        self.units.value.as_deref()
     }
 
     /// Refuses NaN and infinite samples: one of them would spoil every pixel that its kernel reaches.

@@ -92,6 +92,11 @@ fn wrong_arguments_are_one_line_and_exit_2() {
     refused("render demo:sphere -o a.png --dims 1,2", 2, "whole numbers");
     refused("render demo:sphere -o a.png --type u12", 2, "u16");
     refused("compare a.png b.png --tolerance -1", 2, "0 or over");
+    refused("render demo:sphere -o a.exr --axes", 2, "--title and --caption are drawn on a .png");
+    refused("render demo:sphere -o a.png --axes --size 64", 2, "--size: 64x64 pixels, expected sides of 128");
+    refused("render demo:sphere -o a.png --color-bar --model xray", 2, "--colour-bar: an X-ray is white");
+    refused("render demo:sphere -o a.png --title 骨", 2, "--title: the font has no '骨'");
+    refused("render demo:sphere -o a.png --length-unit mm", 2, "--scale-bar");
     // What is quoted is cut, and what is expected is not.
     let long = "x".repeat(100_000);
     refused(&format!("render demo:sphere -o a.png --kernel {long}"), 2, " ... ");
@@ -210,6 +215,19 @@ fn info_tells_what_a_raw_file_holds_and_how_to_render_it() {
     ] {
         assert!(text.contains(part), "{part}: {text}");
     }
+}
+
+#[test]
+fn a_figure_is_drawn_on_request() {
+    let dir = folder();
+    let options = "demo:vessels:16 --size 128 --region 0,0,128,64 --azimuth 30 -o";
+    rendered(dir.path(), &format!("{options} plain.png"));
+    rendered(dir.path(), &format!("{options} figure.png --scale-bar --axes --color-bar --title A --length-unit µm"));
+    let load = |name: &str| Image::load(dir.path().join(name)).unwrap();
+    let (plain, figure) = (load("plain.png"), load("figure.png"));
+    let changed = plain.pixels().iter().zip(figure.pixels()).filter(|(a, b)| a != b).count();
+    assert!((100..4000).contains(&changed), "{changed}");
+    assert!(std::fs::read(dir.path().join("figure.png")).unwrap().windows(5).any(|bytes| bytes == b"Title"));
 }
 
 #[test]

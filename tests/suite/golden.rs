@@ -10,6 +10,7 @@ use std::sync::{LazyLock, OnceLock};
 
 use glam::DVec3;
 use voxsplat::camera::{ProjectionKind, View};
+use voxsplat::figure::{Figure, Shown};
 use voxsplat::image::{Background, Image};
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
@@ -24,6 +25,7 @@ struct Golden {
     volume: &'static str,
     view: View,
     settings: Settings,
+    figure: Figure,
     outcome: OnceLock<Outcome>,
 }
 
@@ -36,12 +38,13 @@ struct Outcome {
 
 /// Each golden is a test of its own, and a row of the page.
 macro_rules! goldens {
-    ($($name:ident: $volume:literal, $view:expr, $settings:expr;)*) => {
+    ($($name:ident: $volume:literal, $view:expr, $settings:expr $(, $figure:expr)?;)*) => {
         static GOLDENS: LazyLock<Vec<Golden>> = LazyLock::new(|| vec![$(Golden {
             name: stringify!($name),
             volume: $volume,
             view: $view,
             settings: $settings,
+            figure: [$($figure,)? Figure::default()][0].clone(),
             outcome: OnceLock::new(),
         }),*]);
         $(#[test]
@@ -84,6 +87,8 @@ goldens! {
     rays_post_lit: "vessels", View { zoom: 1.5, ..turned(-40.0, 20.0) },
         Settings { shading: Shading::Post, lighting: headlight(), ..tiles() };
     rays_mip: "vessels", View { zoom: 1.5, ..turned(30.0, 10.0) }, Settings { model: Model::Mip, ..tiles() };
+    // What is drawn beside the volume; letters need a larger picture.
+    figure: "vessels", through_eye(30.0, turned(35.0, 25.0)), quads(), everything();
 }
 
 fn quads() -> Settings {
@@ -105,6 +110,11 @@ fn through_eye(fov: f64, view: View) -> View {
 fn lights() -> Option<Lighting> {
     let lights = vec![Light::Headlight, Light::Directional(DVec3::new(1.0, -0.5, 1.0))];
     Some(Lighting { lights, ..Lighting::default() })
+}
+
+fn everything() -> Figure {
+    let (title, caption) = (Some("A vessel tree".to_owned()), Some("Größe: α ≤ 1".to_owned()));
+    Figure { scale_bar: true, axes: true, color_bar: true, title, caption }
 }
 
 /// One step of 8 bits. Drivers and processors round differently, which may turn a value over the border of two steps.
@@ -134,7 +144,11 @@ impl Golden {
     fn outcome(&self) -> &Outcome {
         self.outcome.get_or_init(|| {
             let (volume, transfer) = demo(self.volume, 40);
-            let image = render(&volume, &transfer, &look(&self.view, &volume, [64, 56]), &self.settings);
+            let size = if self.figure.is_empty() { [64, 56] } else { [192, 160] };
+            let camera = look(&self.view, &volume, size);
+            let image = render(&volume, &transfer, &camera, &self.settings);
+            let shown = Shown { volume: &volume, transfer: &transfer, camera: &camera, model: self.settings.model };
+            let image = self.figure.draw(&image, Background::Transparent, &shown).unwrap();
             let path = pictures().join(format!("{}.png", self.name));
             if BLESSED.iter().any(|name| name == self.name) {
                 image.save(&path, Background::Transparent).unwrap();

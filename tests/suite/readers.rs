@@ -154,6 +154,37 @@ fn a_given_spacing_replaces_the_headers_and_keeps_its_directions() {
 }
 
 #[test]
+fn units_are_those_that_the_header_states() {
+    let folder = tempfile::tempdir().unwrap();
+    let units = |name: &str, bytes: &[u8]| {
+        let file = folder.path().join(name);
+        std::fs::write(&file, bytes).unwrap();
+        let volume = load(&file, &LoadOptions::default()).unwrap();
+        (volume.length_unit().map(str::to_owned), volume.value_unit().map(str::to_owned))
+    };
+    let some = |unit: &str| Some(unit.to_owned());
+    let bytes = |file: &str| std::fs::read(path(file)).unwrap();
+    // Codes of NIfTI-1; the higher bits are of time.
+    for (code, unit) in [(1, some("m")), (2 | 8, some("mm")), (3, some("µm")), (0, None)] {
+        let mut nifti = bytes("no-form.nii");
+        nifti[123] = code;
+        assert_eq!(units("a.nii", &nifti), (unit, None), "{code}");
+    }
+    let nrrd = |lines: &str| {
+        let text = format!("NRRD0005\ntype: uint8\ndimension: 3\nsizes: 1 2 1\nencoding: raw\n{lines}\n\n");
+        units("a.nrrd", &[text.as_bytes(), &[1, 2]].concat())
+    };
+    assert_eq!(nrrd("spacings: 1 1 1"), (None, None));
+    assert_eq!(nrrd("units: \"um\" \"um\" \"um\"\nsample units: \"HU\""), (some("um"), some("HU")));
+    assert_eq!(nrrd("units: \"um\" \"um\" \"mm\"\nsample units: ???"), (None, None));
+    let space = "space: LPS\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nsample units: g/cm³";
+    assert_eq!(nrrd(space), (some("mm"), some("g/cm³")));
+    assert_eq!(nrrd(&format!("{space}\nspace units: \"cm\" \"cm\" \"cm\"")).0, some("cm"));
+    let mha = String::from_utf8(bytes("text-f32.mha")).unwrap();
+    assert_eq!(units("a.mha", mha.replace("NDims", "DistanceUnits = um\nNDims").as_bytes()).0, some("um"));
+}
+
+#[test]
 fn content_decides_before_the_name_does() {
     let folder = tempfile::tempdir().unwrap();
     for (file, name) in

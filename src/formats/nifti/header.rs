@@ -27,6 +27,8 @@ pub(super) struct Header {
     pub(super) vox_offset: f64,
     pub(super) scl_slope: f64,
     pub(super) scl_inter: f64,
+    /// What lengths are in: its lowest three bits.
+    pub(super) xyzt_units: u8,
     pub(super) qform_code: i32,
     pub(super) sform_code: i32,
     /// `quatern_b`, `quatern_c`, `quatern_d`.
@@ -98,6 +100,7 @@ impl Header {
                 vox_offset: f.i64(168) as f64,
                 scl_slope: f.f64(176),
                 scl_inter: f.f64(184),
+                xyzt_units: f.i32(500) as u8,
                 qform_code: f.i32(344),
                 sform_code: f.i32(348),
                 quatern: std::array::from_fn(|i| f.f64(352 + 8 * i)),
@@ -116,6 +119,7 @@ impl Header {
                 vox_offset: f.f32(108),
                 scl_slope: f.f32(112),
                 scl_inter: f.f32(116),
+                xyzt_units: f.at::<1>(123)[0],
                 qform_code: f.i16(252).into(),
                 sform_code: f.i16(254).into(),
                 quatern: std::array::from_fn(|i| f.f32(256 + 4 * i)),

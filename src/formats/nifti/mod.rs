@@ -5,7 +5,8 @@
 //! name, reserves the memory that a header claims before it has seen the data, and needs nalgebra for affines. If a
 //! header is ambiguous, this reader does as nibabel does.
 //!
-//! Lengths stay in the unit of the file: `xyzt_units` is not applied, so a file in metres is not scaled to millimetres.
+//! Lengths stay in the unit of the file: `xyzt_units` names it and is not applied, so a file in metres is not scaled to
+//! millimetres.
 
 mod header;
 
@@ -19,7 +20,7 @@ use super::decode::{Layout, lattice, read_all};
 use super::input::Input;
 use super::placement::Placement;
 use crate::error::Result;
-use crate::volume::{SampleType, Volume};
+use crate::volume::{SampleType, Units, Volume};
 
 /// Factors from RAS, the world of NIfTI, to LPS, that of DICOM.
 const RAS_TO_LPS: DVec3 = DVec3::new(-1.0, -1.0, 1.0);
@@ -56,7 +57,14 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
     };
     let count = grid.len();
     let samples = read_all(input, count, sample_type, Layout::Binary(header.endian))?;
-    placement.volume(grid, samples)?.with_rescale(slope, intercept)
+    let length = match header.xyzt_units & 7 {
+        1 => Some("m"),
+        2 => Some("mm"),
+        3 => Some("µm"),
+        _ => None,
+    };
+    let units = Units { length: length.map(str::to_owned), value: None };
+    Ok(placement.volume(grid, samples)?.with_rescale(slope, intercept)?.with_units(units))
 }
 
 fn sample_type(header: &Header, input: &Input) -> Result<SampleType> {

@@ -11,9 +11,9 @@ use self::header::Header;
 use super::decode::{Layout, lattice, read_samples};
 use super::input::Input;
 use super::multifile::DataFiles;
-use super::placement::Placement;
+use super::placement::{Placement, named_unit};
 use crate::error::Result;
-use crate::volume::{Endian, SampleType, Volume};
+use crate::volume::{Endian, SampleType, Units, Volume};
 
 /// The `encoding:` of the samples.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -54,7 +54,21 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
             read_samples(&mut parts, n, count, sample_type, layout)?
         }
     };
-    placement.volume(grid, samples)
+    Ok(placement.volume(grid, samples)?.with_units(units(&header, axes)))
+}
+
+/// The units that the header states. A unit of length must be that of all three axes.
+fn units(header: &Header, axes: [usize; 3]) -> Units {
+    // Quoted, one for each axis; of the space, or of the samples.
+    let quoted = |name: &str, of: [usize; 3]| {
+        let units: Vec<&str> = header.get(name)?.split('"').skip(1).step_by(2).collect();
+        let [x, y, z] = of.map(|axis| units.get(axis).copied());
+        x.filter(|_| x == y && y == z).and_then(named_unit)
+    };
+    Units {
+        length: quoted("space units", [0, 1, 2]).or_else(|| quoted("units", axes)),
+        value: header.get("sample units").and_then(named_unit),
+    }
 }
 
 fn sample_type(header: &Header) -> Result<SampleType> {

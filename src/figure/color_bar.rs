@@ -1,0 +1,111 @@
+//! The colour bar: the colours of the transfer function over values, and a curve of their opacity.
+
+use glam::DVec2;
+
+use super::canvas::Canvas;
+use super::number::{label, ticks};
+use super::path::Path;
+use crate::error::{Error, Result};
+use crate::transfer::{ControlPoint, TransferFunction};
+
+/// The values that a bar shows: those of the control points, without clear ones at the ends.
+pub(super) fn range(transfer: &TransferFunction) -> Result<[f64; 2]> {
+    let points = transfer.points();
+    let clear = |p: &&ControlPoint| p.opacity <= 0.0;
+    // The last of the clear points is where opacity begins.
+    let first = points.iter().take_while(clear).count().saturating_sub(1);
+    let last = points.len() - 1 - points.iter().rev().take_while(clear).count().saturating_sub(1);
+    let visible = if first < last { [points[first].value, points[last].value] } else { transfer.range() };
+    let spread = |[low, high]: [f64; 2]| low < high && (high - low).is_finite();
+    [visible, transfer.range()].into_iter().find(|&range| spread(range)).ok_or_else(|| Error::Setting {
+        name: "color_bar",
+        reason: "the transfer function has one value, or values too far apart: there is no range to show".to_owned(),
+    })
+}
+
+/// The height of a bar in an area of a height: the unit is above, and below it says what the curve is.
+pub(super) fn room(height: f64, em: f64) -> f64 {
+    height - 3.0 * em
+}
+
+/// Draws the bar with its labels, against the right of the area between two corners and in the middle of its height.
+pub(super) fn draw(
+    canvas: &mut Canvas,
+    transfer: &TransferFunction,
+    unit: Option<&str>,
+    [least, most]: [DVec2; 2],
+) -> Result<()> {
+    let [low, high] = range(transfer)?;
+    let em = canvas.em;
+    let text = 0.9 * em;
+    let tall = room(most.y - least.y, em).min(16.0 * em).floor();
+    let top = (f64::midpoint(least.y, most.y) - tall / 2.0).round();
+    let (step, values) = ticks([low, high], (tall / (1.9 * em)).clamp(2.0, 6.0) as usize);
+    let labels: Vec<String> = values.iter().map(|&value| label(value, step)).collect();
+    let widest = labels.iter().map(|label| canvas.font.width(label, text)).fold(0.0, f64::max);
+    let right = (most.x - widest - 0.45 * em).floor();
+    let left = right - em.round();
+    let y_of = |value: f64| top + tall * (high - value) / (high - low);
+
+    // The curve of opacity, to the left; the largest opacity is as far from the bar as the panel is wide.
+    let rows = tall as u32;
+    let value_of = |y: f64| high - (high - low) * (y - top) / tall;
+    let places: Vec<f64> = (0..=rows).map(|row| top + f64::from(row)).collect();
+    let opacity = |y: f64| transfer.sample(value_of(y).clamp(low, high)).1;
+    let densest =
+        transfer.points().iter().filter(|p| (low..=high).contains(&p.value)).map(|p| p.opacity).fold(0.0, f64::max);
+    if densest > 0.0 {
+        let wide = 2.0 * em;
+        let curve: Vec<DVec2> = places.iter().map(|&y| DVec2::new(left - wide * opacity(y) / densest, y)).collect();
+        let panel = Path::rectangle(DVec2::new(left - wide, top), DVec2::new(left, top + tall));
+        canvas.ground(&panel);
+        let ends = [DVec2::new(left, top + tall), DVec2::new(left, top)];
+        canvas.fill(&Path::polygon(curve.iter().copied().chain(ends).collect()), canvas.ink, 0.3);
+        canvas.fill(&Path::line(&curve, (0.09 * em).max(1.0)), canvas.ink, 1.0);
+        // Two digits, without a last 0.
+        let number = label(densest, (densest / 10.0).min(0.1));
+        let said = format!("opacity 0–{}", if densest < 1.0 { number.trim_end_matches('0') } else { "1" });
+        canvas.write(&said, 0.8 * em, DVec2::new(right, top + tall + 0.85 * em), 1.0);
+    }
+
+    let frame = Path::rectangle(DVec2::new(left, top), DVec2::new(right, top + tall));
+    canvas.halo(&frame);
+    let thin = (em / 14.0).max(1.0);
+    for (value, label) in values.iter().zip(&labels) {
+        let y = y_of(*value).clamp(top + thin / 2.0, top + tall - thin / 2.0);
+        let tick = [DVec2::new(right, y - thin / 2.0), DVec2::new(right + 0.25 * em, y + thin / 2.0)];
+        canvas.fill_with_halo(&Path::rectangle(tick[0], tick[1]), canvas.ink);
+        canvas.write(label, text, DVec2::new(right + 0.45 * em, y), 0.0);
+    }
+    // Over the halos of its ticks.
+    for row in 0..rows {
+        let y = top + f64::from(row);
+        let color = transfer.sample(value_of(y + 0.5)).0;
+        canvas.fill(&Path::rectangle(DVec2::new(left, y), DVec2::new(right, y + 1.0)), color, 1.0);
+    }
+    if let Some(unit) = unit {
+        canvas.write(unit, text, DVec2::new(most.x, top - 0.9 * em), 1.0);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn range_of(points: &[(f64, f64)]) -> Result<[f64; 2]> {
+        let points = points.iter().map(|&(value, opacity)| ControlPoint { value, color: [1.0; 3], opacity }).collect();
+        range(&TransferFunction::new(points, None).unwrap())
+    }
+
+    #[test]
+    fn what_is_clear_is_left_out() {
+        assert_eq!(range_of(&[(0.0, 0.1), (2.0, 0.5)]).unwrap(), [0.0, 2.0]);
+        assert_eq!(range_of(&[(-9.0, 0.0), (0.0, 0.0), (2.0, 0.5), (3.0, 0.0), (9.0, 0.0)]).unwrap(), [0.0, 3.0]);
+        assert_eq!(range_of(&[(1.0, 0.0), (1.0, 0.5), (2.0, 0.5), (2.0, 0.0)]).unwrap(), [1.0, 2.0]);
+        assert_eq!(range_of(&[(1.0, 0.0), (5.0, 0.0)]).unwrap(), [1.0, 5.0]);
+        assert_eq!(range_of(&[(1.0, 0.0), (5.0, 0.0), (5.0, 1.0)]).unwrap(), [1.0, 5.0]);
+        assert!(range_of(&[(1.0, 0.5)]).unwrap_err().to_string().contains("no range to show"));
+        assert!(range_of(&[(f64::MIN, 0.5), (f64::MAX, 1.0)]).is_err());
+    }
+}

@@ -1,0 +1,372 @@
+//! What a picture needs to stand in a figure: a scale bar, axes, a colour bar, a title and a caption.
+//!
+//! They are drawn on the finished picture, in letters of Open Sans, and grow with the shorter side of the picture. On a
+//! dark background they are white, otherwise black, each with a halo that keeps it legible in front of the volume.
+//!
+//! ```no_run
+//! use voxsplat::figure::{Figure, Shown};
+//! # use voxsplat::{Background, Camera, Renderer, RendererOptions, Settings, TransferFunction, View, load};
+//! # fn main() -> voxsplat::Result<()> {
+//! # let volume = load("scan.nii.gz", &Default::default())?;
+//! # let transfer = TransferFunction::preset("ct-bone", &volume)?;
+//! # let settings = Settings::default();
+//! # let renderer = Renderer::new(&RendererOptions::default())?;
+//! # let scene = renderer.prepare(&volume, &transfer, &settings)?;
+//! # let camera = Camera::new(&View::default(), volume.grid(), [512, 512])?;
+//! let rendered = renderer.render(&scene, &camera, &settings)?;
+//! let figure = Figure { scale_bar: true, axes: true, title: Some("A head".to_owned()), ..Figure::default() };
+//! let shown = Shown { volume: &volume, transfer: &transfer, camera: &camera, model: settings.model };
+//! let background = Background::default();
+//! figure.draw(&rendered.image, background, &shown)?.save("figure.png", background)?;
+//! # Ok(())
+//! # }
+//! ```
+
+mod axes;
+mod canvas;
+mod color_bar;
+mod font;
+mod number;
+mod path;
+mod scale_bar;
+
+use glam::DVec2;
+
+use self::canvas::Canvas;
+use self::font::Font;
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+use crate::image::{Background, Image, Region};
+use crate::settings::Model;
+use crate::transfer::TransferFunction;
+use crate::volume::Volume;
+
+/// What is drawn on a picture; by default nothing.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Figure {
+    /// A bar of a round length (1, 2 or 5 times a power of ten) at the lower right, in the unit of
+    /// [`Volume::length_unit`], otherwise in voxels if they are 1 apart, or in units. With parallel rays it is true
+    /// everywhere; in perspective it is true at the depth of the camera's target, and says "at the centre".
+    pub scale_bar: bool,
+    /// The axes of the world at the lower left, as they are seen at the centre. If [`Volume::is_oriented`], their ends
+    /// have the letters of the patient: right and left, anterior and posterior, superior and inferior. Otherwise they
+    /// are X, Y and Z.
+    pub axes: bool,
+    /// The colours of the transfer function over the values that it shows, at the right, with a curve of its opacity
+    /// (of a slab one unit distance thick) and the unit of the values, if that is known. Colours are those without
+    /// light. An X-ray has none.
+    pub color_bar: bool,
+    /// Text above, in at most 3 lines.
+    pub title: Option<String>,
+    /// Text below, in at most 6 lines.
+    pub caption: Option<String>,
+}
+
+/// What a picture shows.
+#[derive(Debug, Clone, Copy)]
+pub struct Shown<'a> {
+    /// The volume.
+    pub volume: &'a Volume,
+    /// Its transfer function.
+    pub transfer: &'a TransferFunction,
+    /// The camera of the whole picture.
+    pub camera: &'a Camera,
+    /// What a pixel is.
+    pub model: Model,
+}
+
+/// The shortest side of a picture, in pixels, that letters fit on.
+const LEAST_SIDE: u32 = 128;
+/// The size of letters, as a share of the shorter side: 8 points in a picture 8 cm high.
+const EM: f64 = 0.035;
+/// The smallest letters that can be read, pixels.
+const LEAST_EM: f64 = 11.0;
+/// Space between the edge of the picture and what is drawn, in sizes of letters.
+const MARGIN: f64 = 0.8;
+/// The least height of a colour bar, in sizes of letters.
+const LEAST_BAR: f64 = 3.0;
+/// The most characters of a unit.
+const LONGEST_UNIT: usize = 16;
+/// The distance of lines of text, in sizes of letters.
+const LINE: f64 = 1.3;
+
+/// A text above or below, in lines.
+struct Text {
+    lines: Vec<String>,
+    /// Of the letters, pixels.
+    size: f64,
+}
+
+impl Text {
+    fn height(&self) -> f64 {
+        self.lines.len() as f64 * LINE * self.size
+    }
+
+    /// Writes the lines in the middle of a width, the first below `top`.
+    fn write(&self, canvas: &mut Canvas, width: f64, top: f64) {
+        for (i, line) in (0_u32..).zip(&self.lines) {
+            let y = top + (f64::from(i) + 0.5) * LINE * self.size;
+            canvas.write(line, self.size, DVec2::new(width / 2.0, y), 0.5);
+        }
+    }
+}
+
+impl Figure {
+    /// Whether nothing is drawn.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Refuses what cannot be drawn on a picture of a size (width, height) and a model.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if a text is too long or has a character that the font lacks, if a side of the picture is
+    /// under 128 pixels, or if a colour bar is asked for and there is no room for it, or it is of an X-ray.
+    pub fn validate(&self, size: [u32; 2], model: Model) -> Result<()> {
+        if self.is_empty() {
+            return Ok(());
+        }
+        if size.into_iter().any(|side| side < LEAST_SIDE) {
+            let [width, height] = size;
+            let reason = format!("{width}x{height} pixels, expected sides of {LEAST_SIDE} or more for a figure");
+            return Err(Error::Setting { name: "size", reason });
+        }
+        if self.color_bar && model == Model::Xray {
+            let reason = "an X-ray is white: it has no colours to show".to_owned();
+            return Err(Error::Setting { name: "color_bar", reason });
+        }
+        let texts = self.texts(&Font::new()?, size)?;
+        let ([top, foot], em) = (self.free(&texts, size), em(size));
+        if self.color_bar && color_bar::room(foot - top, em) < LEAST_BAR * em {
+            let reason = "there is no room for it: choose a larger picture, or shorter texts".to_owned();
+            return Err(Error::Setting { name: "color_bar", reason });
+        }
+        Ok(())
+    }
+
+    /// The rows between title and caption that a scale bar does not take.
+    fn free(&self, [title, caption]: &[Text; 2], size: [u32; 2]) -> [f64; 2] {
+        let em = em(size);
+        let bar = if self.scale_bar { scale_bar::height(em) } else { 0.0 };
+        [MARGIN * em + title.height(), f64::from(size[1]) - MARGIN * em - caption.height() - bar]
+    }
+
+    /// The title and the caption.
+    fn texts(&self, font: &Font, size: [u32; 2]) -> Result<[Text; 2]> {
+        let em = em(size);
+        let wide = f64::from(size[0]) - 2.0 * MARGIN * em;
+        let text = |name: &'static str, text: &Option<String>, size: f64, most: usize| {
+            let refused = |reason: String| Err(Error::Setting { name, reason });
+            let text = text.as_deref().unwrap_or_default();
+            if let Some(c) = text.chars().find(|&c| c.is_control() && c != '\n') {
+                return refused(format!("it has the control character {c:?}"));
+            }
+            if let Some(c) = font.lacks(text) {
+                return refused(format!("the font has no {c:?}: it has Latin, Greek and Cyrillic letters"));
+            }
+            let lines = font.lines(text, size, wide);
+            if lines.len() > most || lines.iter().any(|line| font.width(line, size) > wide) {
+                return refused(format!("it is too long: expected words that fit into {most} lines of the picture"));
+            }
+            Ok(Text { lines, size })
+        };
+        Ok([text("title", &self.title, 1.25 * em, 3)?, text("caption", &self.caption, 0.9 * em, 6)?])
+    }
+
+    /// A copy of a picture with all this drawn on it. If the background is a colour, what is drawn is opaque: save the
+    /// copy over the same background.
+    ///
+    /// # Errors
+    /// Those of [`Self::validate`]; [`Error::Setting`] if a unit has over 16 characters or one that the font lacks, if
+    /// a scale bar has no length because the camera's target is not in front of its eye, or a colour bar no range
+    /// because the transfer function has one value; [`Error::Image`] if the picture is not of the camera's size;
+    /// [`Error::Memory`] if there is no memory for the copy.
+    pub fn draw(&self, image: &Image, background: Background, shown: &Shown<'_>) -> Result<Image> {
+        let [width, height] = shown.camera.size;
+        self.draw_region(image, Region { x: 0, y: 0, width, height }, background, shown)
+    }
+
+    /// The same of a picture that [`Renderer::render_region`](crate::renderer::Renderer::render_region) made: the same
+    /// bytes as that region of the whole picture has.
+    ///
+    /// # Errors
+    /// Those of [`Self::draw`], and [`Error::Setting`] if the region reaches beyond the picture.
+    pub fn draw_region(
+        &self,
+        image: &Image,
+        region: Region,
+        background: Background,
+        shown: &Shown<'_>,
+    ) -> Result<Image> {
+        let size = shown.camera.size;
+        self.validate(size, shown.model)?;
+        region.check_within(size)?;
+        if [image.width(), image.height()] != [region.width, region.height] {
+            let [a, b, c, d] = [image.width(), image.height(), region.width, region.height];
+            return Err(Error::Image(format!("{a} x {b} pixels are not those of a region of {c} x {d}")));
+        }
+        let em = em(size);
+        let mut canvas = Canvas::new(image, region, background, em)?;
+        let texts = self.texts(&canvas.font, size)?;
+        let [top, foot] = self.free(&texts, size);
+        let [title, caption] = texts;
+        let units = [("length_unit", shown.volume.length_unit()), ("value_unit", shown.volume.value_unit())];
+        for (name, unit) in units.into_iter().filter_map(|(name, unit)| Some((name, unit?))) {
+            if unit.chars().count() > LONGEST_UNIT || canvas.font.lacks(unit).is_some() {
+                let reason = format!("{unit:?}, expected up to {LONGEST_UNIT} Latin, Greek or Cyrillic letters");
+                return Err(Error::Setting { name, reason });
+            }
+        }
+        let [width, height] = size.map(f64::from);
+        let margin = MARGIN * em;
+        title.write(&mut canvas, width, margin);
+        caption.write(&mut canvas, width, height - margin - caption.height());
+        let (left, right, low) = (margin, width - margin, height - margin - caption.height());
+        if self.axes {
+            axes::draw(&mut canvas, shown.camera, shown.volume.is_oriented(), DVec2::new(left, low));
+        }
+        if self.scale_bar {
+            scale_bar::draw(&mut canvas, shown, DVec2::new(right, low), 0.28 * width)?;
+        }
+        if self.color_bar {
+            let area = [DVec2::new(left, top), DVec2::new(right, foot)];
+            color_bar::draw(&mut canvas, shown.transfer, shown.volume.value_unit(), area)?;
+        }
+        Ok(canvas.into_image())
+    }
+}
+
+/// The size of letters on a picture, pixels.
+fn em([width, height]: [u32; 2]) -> f64 {
+    (EM * f64::from(width.min(height))).max(LEAST_EM)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{ProjectionKind, View};
+    use crate::transfer::ControlPoint;
+    use crate::volume::Units;
+
+    const WHOLE: Region = Region { x: 0, y: 0, width: 320, height: 200 };
+
+    fn volume() -> Volume {
+        let volume = Volume::from_slice([2; 3], [3.0; 3], &[0_u8; 8]).unwrap();
+        volume.with_units(Units { length: Some("mm".to_owned()), value: Some("HU".to_owned()) })
+    }
+
+    fn transfer() -> TransferFunction {
+        let point = |value, opacity| ControlPoint { value, color: [1.0, f64::max(value, 0.0) / 200.0, 0.0], opacity };
+        TransferFunction::new(vec![point(-100.0, 0.0), point(0.0, 0.0), point(200.0, 0.8)], None).unwrap()
+    }
+
+    fn everything() -> Figure {
+        let (title, caption) = (Some("A title".to_owned()), Some("Two\nlines".to_owned()));
+        Figure { scale_bar: true, axes: true, color_bar: true, title, caption }
+    }
+
+    /// A grey picture with a figure on it.
+    fn drawn(figure: &Figure, view: &View, background: Background, region: Region) -> Result<Image> {
+        let (volume, transfer) = (volume(), transfer());
+        let camera = Camera::new(view, volume.grid(), [WHOLE.width, WHOLE.height])?;
+        let shown = Shown { volume: &volume, transfer: &transfer, camera: &camera, model: Model::Composite };
+        let pixels = vec![[0.3, 0.3, 0.3, 0.6]; region.area() as usize];
+        figure.draw_region(&Image::new(region.width, region.height, pixels)?, region, background, &shown)
+    }
+
+    #[test]
+    fn by_default_nothing_is_drawn() {
+        for background in [Background::default(), Background::Transparent] {
+            let image = drawn(&Figure::default(), &View::default(), background, WHOLE).unwrap();
+            assert!(image.pixels().iter().all(|&pixel| pixel == [0.3, 0.3, 0.3, 0.6]));
+        }
+    }
+
+    #[test]
+    fn a_scale_bar_is_as_long_as_it_says() {
+        let perspective = ProjectionKind::Perspective { fov: 40.0 };
+        let figure = Figure { scale_bar: true, ..Figure::default() };
+        for (projection, height, text) in
+            [(ProjectionKind::Orthographic, 37.0, "10 mm"), (perspective, 61.7, "20 mm at the centre")]
+        {
+            let view = View { projection, view_height: Some(height), ..View::default() };
+            let (volume, transfer) = (volume(), transfer());
+            let camera = Camera::new(&view, volume.grid(), [320, 200]).unwrap();
+            let shown = Shown { volume: &volume, transfer: &transfer, camera: &camera, model: Model::Mip };
+            let bar = scale_bar::Bar::new(&shown, 0.28 * 320.0).unwrap();
+            let length: f64 = text.split(' ').next().unwrap().parse().unwrap();
+            assert_eq!(bar.text, text);
+            assert!((bar.pixels - length * 200.0 / height).abs() < 1e-9);
+            // White on black, in the lowest row that has any: as light adds up.
+            let image = Image::transparent(320, 200).unwrap();
+            let image = figure.draw(&image, Background::default(), &shown).unwrap();
+            let lengths = image.pixels().chunks_exact(320).rev();
+            let mut lengths = lengths.map(|row| row.iter().map(|p| crate::color::to_linear(p[0].into())).sum::<f64>());
+            let found = lengths.find(|&length| length > 1.0).unwrap();
+            assert!((found - bar.pixels).abs() < 0.01, "{found} {}", bar.pixels);
+        }
+    }
+
+    #[test]
+    fn a_region_of_a_figure_is_that_part_of_the_whole() {
+        let view = View { azimuth: 30.0, elevation: 20.0, ..View::default() };
+        for background in [Background::default(), Background::Transparent] {
+            let whole = drawn(&everything(), &view, background, WHOLE).unwrap();
+            for region in WHOLE.parts(77) {
+                let part = drawn(&everything(), &view, background, region).unwrap();
+                for (row, pixels) in part.pixels().chunks_exact(region.width as usize).enumerate() {
+                    let start = (region.y as usize + row) * 320 + region.x as usize;
+                    assert_eq!(pixels, &whole.pixels()[start..start + pixels.len()], "{region:?} {row}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn figures_show_on_every_background() {
+        for color in [[0.0; 3], [1.0; 3], [0.5; 3], [1.0, 1.0, 0.0], [0.0, 0.0, 0.7]] {
+            let figure = Figure { title: Some("H".to_owned()), ..Figure::default() };
+            let image = drawn(&figure, &View::default(), Background::Color(color), WHOLE).unwrap();
+            let bytes = image.to_rgba8(Background::Color(color));
+            let luminance = |p: &[u8]| crate::color::luminance([p[0], p[1], p[2]].map(|byte| f64::from(byte) / 255.0));
+            let (dark, bright) = bytes
+                .chunks_exact(4)
+                .map(luminance)
+                .fold((1.0_f64, 0.0_f64), |(dark, bright), l| (dark.min(l), bright.max(l)));
+            // Letters and their halo; WCAG asks for a contrast of 4.5 for text.
+            assert!((bright + 0.05) / (dark + 0.05) > 4.5, "{color:?}: {dark} {bright}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_drawn_is_refused() {
+        let refused = |figure: Figure, size, model| figure.validate(size, model).unwrap_err().to_string();
+        let title = |text: &str| Figure { title: Some(text.to_owned()), ..Figure::default() };
+        let composite = Model::Composite;
+        assert!(refused(title("a"), [127, 512], composite).contains("127x512 pixels, expected sides of 128"));
+        assert!(refused(title("骨"), [512; 2], composite).contains("the font has no '骨'"));
+        assert!(refused(title("a\u{7}"), [512; 2], composite).contains("control character"));
+        assert!(refused(title(&"word ".repeat(99)), [512; 2], composite).contains("title: it is too long"));
+        assert!(refused(title(&"w".repeat(99)), [512; 2], composite).contains("too long"));
+        assert!(refused(everything(), [512; 2], Model::Xray).contains("an X-ray is white"));
+        assert!(refused(everything(), [128; 2], composite).contains("no room"));
+        assert!(everything().validate([160; 2], composite).is_ok());
+        assert!(Figure { scale_bar: true, color_bar: true, ..Figure::default() }.validate([128; 2], composite).is_ok());
+        let behind = View { projection: ProjectionKind::Perspective { fov: 30.0 }, ..View::default() };
+        let volume = volume();
+        let mut camera = Camera::new(&behind, volume.grid(), [320, 200]).unwrap();
+        if let crate::camera::Projection::Perspective { distance, .. } = &mut camera.projection {
+            *distance = -1.0;
+        }
+        let shown = Shown { volume: &volume, transfer: &transfer(), camera: &camera, model: composite };
+        let image = Image::transparent(320, 200).unwrap();
+        let error = everything().draw(&image, Background::default(), &shown).unwrap_err();
+        assert!(error.to_string().contains("not in front of the eye"), "{error}");
+        let unit = volume.clone().with_units(Units { value: Some("骨".to_owned()), ..Units::default() });
+        let error = everything().draw(&image, Background::default(), &Shown { volume: &unit, ..shown }).unwrap_err();
+        assert!(error.to_string().contains("value_unit"), "{error}");
+        let small = Image::transparent(32, 20).unwrap();
+        assert!(everything().draw(&small, Background::default(), &shown).is_err());
+    }
+}
