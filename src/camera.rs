@@ -3,7 +3,8 @@
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::error::{Error, Result};
-use crate::vector::unit;
+pub use crate::framing::Ball;
+use crate::vector::{length, unit};
 use crate::volume::Grid;
 
 /// How a picture is projected.
@@ -31,13 +32,18 @@ pub struct View {
     pub up: DVec3,
     /// The direction from eye to target, in place of azimuth and elevation.
     pub direction: Option<DVec3>,
-    /// The world point in the middle of the picture; by default the volume's centre.
+    /// The world point in the middle of the picture; by default the centre of what is fitted.
     pub target: Option<DVec3>,
+    /// What is fitted to the picture: a ball, such as [`Ball::of_visible`], of the same size from every side; or if
+    /// `None`, the box of the volume, as it is seen from this side.
+    pub around: Option<Ball>,
+    /// Space around what is fitted: a fraction of the picture on each side, 0 to under 0.5.
+    pub margin: f64,
     /// Parallel or perspective rays.
     pub projection: ProjectionKind,
     /// Magnification of the fitted or stated size.
     pub zoom: f64,
-    /// World height that the picture spans at the target; fitted to the volume by default.
+    /// World height that the picture spans at the target; fitted by default.
     pub view_height: Option<f64>,
     /// World distance from eye to target; only perspective pictures depend on it.
     pub distance: Option<f64>,
@@ -52,6 +58,8 @@ impl Default for View {
             up: DVec3::Z,
             direction: None,
             target: None,
+            around: None,
+            margin: 0.02,
             projection: ProjectionKind::Orthographic,
             zoom: 1.0,
             view_height: None,
@@ -96,9 +104,6 @@ pub struct Camera {
     pub size: [u32; 2],
 }
 
-/// Space left around a fitted volume, as a fraction of the picture.
-const FIT_MARGIN: f64 = 0.02;
-
 /// The farthest that eye and target may be, in voxels: f32 holds it and its inverse.
 const MOST_VOXELS: f64 = 1e30;
 /// The smallest size of a pixel in voxels.
@@ -114,7 +119,8 @@ impl Camera {
 
     /// The camera of a view of a volume in a picture of `size` (width, height) pixels.
     ///
-    /// A view without height and distance is fitted: the box of the volume just fits into the picture.
+    /// A view without height and distance is fitted: the ball of [`View::around`] just fits into the picture, or the
+    /// box of the volume.
     ///
     /// # Errors
     /// [`Error::Camera`] if a number is not finite or out of its range, or `up` is parallel to the direction;
@@ -124,7 +130,8 @@ impl Camera {
         view.validate()?;
         let frame = view.frame()?;
         let (right, up, forward) = (frame.x_axis, frame.y_axis, -frame.z_axis);
-        let target = view.target.unwrap_or_else(|| grid.center());
+        let center = view.around.map_or_else(|| grid.center(), |ball| ball.center);
+        let target = view.target.unwrap_or(center);
         let aspect = f64::from(size[0]) / f64::from(size[1]);
         // Offsets of the corners from the target, in (right, up, forward).
         let from_target = grid.center() - target;
@@ -132,10 +139,17 @@ impl Camera {
             let d = c + from_target;
             DVec3::new(d.dot(right), d.dot(up), d.dot(forward))
         });
-        let fill = 1.0 - 2.0 * FIT_MARGIN;
+        let fill = 1.0 - 2.0 * view.margin;
+        // A ball around the target that holds the one to be fitted.
+        let ball = view.around.map(|ball| ball.radius + length(ball.center - target));
+        // The height of a picture is 2, a wide one is wider.
+        let narrow = aspect.min(1.0);
         let projection = match view.projection {
             ProjectionKind::Orthographic => {
                 let fitted = || {
+                    if let Some(radius) = ball {
+                        return 2.0 * radius / (fill * narrow);
+                    }
                     let half = corners.iter().fold(0.0_f64, |m, c| m.max(c.y.abs()).max(c.x.abs() / aspect));
                     2.0 * half / fill
                 };
@@ -145,6 +159,11 @@ impl Camera {
             ProjectionKind::Perspective { fov } => {
                 let tan = (fov.to_radians() / 2.0).tan();
                 let fitted = || {
+                    if let Some(radius) = ball {
+                        // Rays that touch the ball have this tangent, and the radius is the sine times the distance.
+                        let tangent = tan * fill * narrow;
+                        return radius * tangent.hypot(1.0) / tangent;
+                    }
                     // Corner (x, y, z) is inside if |y| <= fill tan (distance + z), and likewise across.
                     corners.iter().fold(0.0_f64, |m, c| m.max(c.y.abs().max(c.x.abs() / aspect) / (tan * fill) - c.z))
                 };
@@ -393,6 +412,14 @@ impl View {
             {
                 return error(format!("{name} is {value}, expected a number over 0"));
             }
+        }
+        if !(0.0..0.5).contains(&self.margin) {
+            return error(format!("margin is {}, expected 0 to under 0.5", self.margin));
+        }
+        if let Some(Ball { center, radius }) = self.around
+            && !(center.is_finite() && radius.is_finite() && radius > 0.0)
+        {
+            return error(format!("around is a ball of radius {radius} at {center}, expected a finite one over 0"));
         }
         for (name, value) in [("up", Some(self.up)), ("direction", self.direction)] {
             if let Some(value) = value

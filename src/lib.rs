@@ -43,6 +43,7 @@ pub mod demos;
 pub mod error;
 pub mod figure;
 pub mod formats;
+mod framing;
 mod gpu;
 pub mod image;
 pub mod kernel;

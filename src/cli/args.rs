@@ -96,6 +96,13 @@ pub(super) enum ProjectionArg {
     Perspective,
 }
 
+/// What a picture is fitted to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum FrameArg {
+    Visible,
+    Volume,
+}
+
 /// What draws the splats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum PainterArg {
@@ -138,7 +145,7 @@ pub(super) struct ViewArgs {
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true,
         conflicts_with_all = ["azimuth", "elevation"], help_heading = "View")]
     pub(super) direction: Option<DVec3>,
-    /// World point at the centre of the picture [default: the centre of the volume]
+    /// World point at the centre of the picture [default: the centre of what is framed]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true, help_heading = "View")]
     pub(super) target: Option<DVec3>,
     /// Parallel rays, or rays through one eye
@@ -151,11 +158,21 @@ pub(super) struct ViewArgs {
     #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = parse::positive, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) zoom: f64,
-    /// World height that the picture spans at the target [default: the volume just fits]
+    /// What the picture is fitted to: visible (a ball around all that the transfer function shows, which has the same
+    /// size from every side) or volume (the box of the lattice, as it is seen from this side) [default: visible, or
+    /// volume if --target, --view-height or --distance is given]
+    #[arg(long, value_name = "WHAT", help_heading = "View")]
+    pub(super) frame: Option<FrameArg>,
+    /// Space around what is fitted: a fraction of the picture on each side, 0 to under 0.5 [default: 0.02, with a
+    /// title or a caption 0.1]
+    #[arg(long, value_name = "FRACTION", value_parser = parse::tolerance, allow_hyphen_values = true,
+        help_heading = "View")]
+    pub(super) margin: Option<f64>,
+    /// World height that the picture spans at the target [default: what is framed just fits]
     #[arg(long, value_name = "LENGTH", value_parser = parse::positive, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) view_height: Option<f64>,
-    /// Perspective: world distance from the eye to the target [default: the volume just fits]
+    /// Perspective: world distance from the eye to the target [default: what is framed just fits]
     #[arg(long, value_name = "LENGTH", value_parser = parse::positive, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) distance: Option<f64>,

@@ -14,10 +14,13 @@ use voxsplat::volume::{Grid, Units};
 
 use super::Failure;
 use super::args::{
-    CompareArgs, FigureArgs, ModelArgs, PainterArg, PainterArgs, ParetoArgs, ProjectionArg, RenderArgs, StatsFormat,
-    SwitchArg, ViewArgs,
+    CompareArgs, FigureArgs, FrameArg, ModelArgs, PainterArg, PainterArgs, ParetoArgs, ProjectionArg, RenderArgs,
+    StatsFormat, SwitchArg, ViewArgs,
 };
 use super::parse::LightArg;
+
+/// The default space around what is fitted, if there are texts above or below.
+const FIGURE_MARGIN: f64 = 0.1;
 
 /// The default vertical field of view, degrees.
 const DEFAULT_FOV: f64 = 30.0;
@@ -68,6 +71,7 @@ pub(super) struct RenderJob {
     pub(super) load: LoadOptions,
     pub(super) transfer: Transfer,
     pub(super) view: View,
+    pub(super) frame: FrameArg,
     /// Width and height of the picture, pixels.
     pub(super) size: [u32; 2],
     /// The part of it that is wanted.
@@ -94,7 +98,10 @@ fn check_output(path: &Path) -> Result<(), Failure> {
 impl RenderJob {
     pub(super) fn new(args: RenderArgs) -> Result<Self, Failure> {
         let settings = settings(&args.model, painter(&args.painter)?, &args.view)?;
-        let view = view(&args.view)?;
+        let mut view = view(&args.view)?;
+        if args.view.margin.is_none() && (args.figure.title.is_some() || args.figure.caption.is_some()) {
+            view.margin = FIGURE_MARGIN;
+        }
         // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         check_output(&args.output)?;
@@ -112,6 +119,7 @@ impl RenderJob {
             source: args.input.source,
             transfer,
             view,
+            frame: frame(&args.view),
             size: args.size,
             region,
             settings,
@@ -224,6 +232,12 @@ fn lighting(args: &ModelArgs, up: DVec3) -> Result<Option<Lighting>, Failure> {
     Ok(Some(lighting))
 }
 
+/// What a picture is fitted to.
+fn frame(args: &ViewArgs) -> FrameArg {
+    let placed = args.target.is_some() || args.view_height.is_some() || args.distance.is_some();
+    args.frame.unwrap_or(if placed { FrameArg::Volume } else { FrameArg::Visible })
+}
+
 fn view(args: &ViewArgs) -> Result<View, Failure> {
     let projection = match args.projection {
         ProjectionArg::Perspective => ProjectionKind::Perspective { fov: args.fov.unwrap_or(DEFAULT_FOV) },
@@ -246,6 +260,8 @@ fn view(args: &ViewArgs) -> Result<View, Failure> {
         up: args.up.unwrap_or(View::default().up),
         direction: args.direction,
         target: args.target,
+        around: None,
+        margin: args.margin.unwrap_or(View::default().margin),
         projection,
         zoom: args.zoom,
         view_height: args.view_height,
@@ -261,6 +277,7 @@ pub(super) struct ParetoJob {
     pub(super) transfer: Transfer,
     /// The view asked for, and others.
     pub(super) views: Vec<View>,
+    pub(super) frame: FrameArg,
     /// Width and height of the pictures, pixels.
     pub(super) size: [u32; 2],
     pub(super) settings: Settings,
@@ -297,6 +314,7 @@ impl ParetoJob {
             source: args.input.source,
             transfer,
             views,
+            frame: frame(&args.view),
             size: args.size,
             settings,
             adapter: args.adapter,

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 use voxsplat::accuracy::{Chosen, Estimate, Truth, choose};
-use voxsplat::camera::Camera;
+use voxsplat::camera::{Ball, Camera, View};
 use voxsplat::figure::{Figure, Shown};
 use voxsplat::image::{Image, Note};
 use voxsplat::reference::Reference;
@@ -17,7 +17,7 @@ use voxsplat::transfer::presets::{self, Suggestion};
 use voxsplat::volume::{Statistics, Units, Volume};
 use voxsplat::{demos, formats};
 
-use super::args::StatsFormat;
+use super::args::{FrameArg, StatsFormat};
 use super::job::{Engine, RenderJob, Transfer};
 use super::options::{command_line, options_of};
 use super::progress::{self, Progress};
@@ -73,10 +73,12 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
     drop(progress);
     let (volume, transfer, note) = read?;
     if let Some(note) = note {
-        output::say(&note);
+        let frames = "; the picture frames what shows, and with --frame volume the whole volume";
+        output::say(&(note + if job.frame == FrameArg::Visible { frames } else { "" }));
     }
     stages.0.append(&mut opening.0);
-    let camera = Camera::new(&job.view, volume.grid(), job.size)?;
+    let around = stages.time("framing", || framed(job.frame, &volume, &transfer))?;
+    let camera = Camera::new(&View { around, ..job.view.clone() }, volume.grid(), job.size)?;
     let save = |image: &Image, notes: &[Note], stages: &mut Stages| {
         let shown = Shown { volume: &volume, transfer: &transfer, camera: &camera, model: job.settings.model };
         let draw = || job.figure.draw_region(image, job.region, job.background, &shown);
@@ -200,6 +202,14 @@ fn notes(settings: &Settings, figure: &Figure, of_errors: Vec<Note>) -> Vec<Note
     let texts = [("Title", &figure.title), ("Description", &figure.caption)];
     notes.extend(texts.into_iter().filter_map(|(name, text)| Some(Note { name, text: text.clone()? })));
     notes
+}
+
+/// The ball that a picture is fitted to; `None` is the box of the volume.
+pub(super) fn framed(frame: FrameArg, volume: &Volume, transfer: &TransferFunction) -> Result<Option<Ball>, Failure> {
+    Ok(match frame {
+        FrameArg::Volume => None,
+        FrameArg::Visible => Ball::of_visible(volume, transfer)?,
+    })
 }
 
 /// A volume whose units are those given, otherwise those of its file.

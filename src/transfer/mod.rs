@@ -216,6 +216,37 @@ impl TransferFunction {
         ])
     }
 
+    /// The ranges of values whose opacity is at least `least`, which is over 0: ascending and apart. Both ends are
+    /// included, and either may be infinite.
+    pub(crate) fn values_over(&self, least: f64) -> Vec<[f64; 2]> {
+        let over = |p: &ControlPoint| p.opacity >= least;
+        let [first, last] = [self.points[0], self.points[self.points.len() - 1]];
+        let below = over(&first).then_some([f64::NEG_INFINITY, first.value]);
+        let between = self.points.windows(2).filter_map(|pair| {
+            let [a, b] = [pair[0], pair[1]];
+            let crossing = || a.value + (b.value - a.value) * ((least - a.opacity) / (b.opacity - a.opacity));
+            match (over(&a), over(&b)) {
+                // Of a step, the later point holds.
+                (true, false) if a.value == b.value => Some([f64::NAN, a.value.next_down()]),
+                (true, true) => Some([a.value, b.value]),
+                (true, false) => Some([a.value, crossing()]),
+                (false, true) => Some([crossing(), b.value]),
+                (false, false) => None,
+            }
+        });
+        let above = over(&last).then_some([last.value, f64::INFINITY]);
+        let mut ranges: Vec<[f64; 2]> = Vec::new();
+        for [low, high] in below.into_iter().chain(between).chain(above) {
+            match ranges.last_mut() {
+                Some(before) if low.is_nan() => before[1] = before[1].min(high),
+                Some(before) if low <= before[1] => before[1] = before[1].max(high),
+                _ => ranges.push([low, high]),
+            }
+        }
+        ranges.retain(|[low, high]| low <= high);
+        ranges
+    }
+
     /// The largest opacity of any point.
     #[must_use]
     pub(crate) fn max_opacity(&self) -> f64 {
@@ -269,6 +300,22 @@ mod tests {
                 && !transfer.is_invisible([2.5, 2.6])
         );
         assert!(!transfer.is_invisible([5.0, f64::INFINITY]));
+    }
+
+    #[test]
+    fn values_over_an_opacity_are_ranges() {
+        let over = |points: &[(f64, f64)], least| {
+            let point = |&(value, opacity): &(f64, f64)| ControlPoint { value, color: [1.0; 3], opacity };
+            TransferFunction::new(points.iter().map(point).collect(), None).unwrap().values_over(least)
+        };
+        let (low, high) = (f64::NEG_INFINITY, f64::INFINITY);
+        assert_eq!(over(&[(1.0, 0.5)], 0.5), [[low, high]]);
+        assert!(over(&[(1.0, 0.4)], 0.5).is_empty());
+        assert_eq!(over(&[(0.0, 0.0), (2.0, 1.0), (4.0, 0.0), (5.0, 1.0)], 0.5), [[1.0, 3.0], [4.5, high]]);
+        // At a step, the later point holds.
+        let steps = [(0.0, 1.0), (1.0, 1.0), (1.0, 0.0), (2.0, 0.0), (2.0, 1.0), (3.0, 1.0), (3.0, 0.0)];
+        assert_eq!(over(&steps, 0.5), [[low, 1.0_f64.next_down()], [2.0, 3.0_f64.next_down()]]);
+        assert_eq!(over(&[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (1.0, 0.0)], 0.5), [[0.0; 2]; 0]);
     }
 
     #[test]

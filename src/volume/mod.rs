@@ -2,6 +2,7 @@
 
 mod bricks;
 mod grid;
+mod outline;
 mod pyramid;
 mod sample_type;
 mod statistics;

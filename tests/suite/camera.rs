@@ -1,7 +1,7 @@
 //! The conventions of cameras: which way angles turn, what is up, and how volumes are fitted into pictures.
 
 use glam::{DAffine3, DMat3, DVec3};
-use voxsplat::camera::{Camera, Projection, ProjectionKind, View};
+use voxsplat::camera::{Ball, Camera, Projection, ProjectionKind, View};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{PERSPECTIVE, PROJECTIONS, coordinates, look};
@@ -112,6 +112,32 @@ fn a_fitted_volume_just_fits() {
             }
         }
     }
+}
+
+#[test]
+fn a_fitted_ball_just_fits_from_every_side() {
+    let ball = Ball { center: DVec3::new(1.0, 2.0, -3.0), radius: 5.0 };
+    for projection in PROJECTIONS {
+        for size in [[40, 20], [20, 40], [30, 30]] {
+            let aspect = f64::from(size[0]) / f64::from(size[1]);
+            let views = [(0.0, 0.0), (30.0, 20.0), (130.0, -70.0)].map(|(azimuth, elevation)| {
+                let view = View { azimuth, elevation, around: Some(ball), margin: 0.1, projection, ..View::default() };
+                look(&view, &volume(), size)
+            });
+            for camera in views {
+                assert!(camera.target == ball.center && camera.projection == views[0].projection);
+                // The ray through the middle of the nearer border touches the ball.
+                let (sx, sy) = if aspect < 1.0 { (0.8 * aspect, 0.0) } else { (0.0, 0.8) };
+                let (origin, direction) = camera.ray(sx, sy);
+                let distance = (ball.center - origin).cross(direction).length();
+                assert!((distance - ball.radius).abs() < 1e-9, "{projection:?} {size:?}: {distance}");
+            }
+        }
+    }
+    // It fits around another target too.
+    let target = Some(ball.center + DVec3::X);
+    let camera = look(&View { around: Some(ball), margin: 0.0, target, ..View::default() }, &volume(), [9, 9]);
+    assert_eq!(camera.projection, Projection::Orthographic { half_height: 6.0 });
 }
 
 #[test]

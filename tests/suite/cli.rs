@@ -6,7 +6,7 @@ use std::process::{Command, Output, Stdio};
 
 use glam::DVec3;
 use tempfile::TempDir;
-use voxsplat::camera::{ProjectionKind, View};
+use voxsplat::camera::{Ball, ProjectionKind, View};
 use voxsplat::image::{Background, Image};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Resolution, Settings, Shading};
@@ -92,6 +92,7 @@ fn wrong_arguments_are_one_line_and_exit_2() {
     refused("render demo:sphere -o a.png --dims 1,2", 2, "whole numbers");
     refused("render demo:sphere -o a.png --type u12", 2, "u16");
     refused("compare a.png b.png --tolerance -1", 2, "0 or over");
+    refused("render demo:sphere -o a.png --margin 0.5", 2, "margin is 0.5, expected 0 to under 0.5");
     refused("render demo:sphere -o a.exr --axes", 2, "--title and --caption are drawn on a .png");
     refused("render demo:sphere -o a.png --axes --size 64", 2, "--size: 64x64 pixels, expected sides of 128");
     refused("render demo:sphere -o a.png --color-bar --model xray", 2, "--colour-bar: an X-ray is white");
@@ -362,7 +363,9 @@ fn assert_sphere(dir: &Path, arguments: &str, view: &View, settings: &Settings, 
     let output = rendered(dir, &format!("demo:sphere:24 --size 40x32 {arguments} -o program.png"));
     assert!(output.stdout.is_empty() && output.stderr.is_empty(), "{arguments}: {output:?}");
     let (volume, transfer) = demo("sphere", 24);
-    let image = picture(&volume, &transfer, &look(view, &volume, [40, 32]), settings).image;
+    let around = Ball::of_visible(&volume, &transfer).unwrap();
+    let camera = look(&View { around, ..view.clone() }, &volume, [40, 32]);
+    let image = picture(&volume, &transfer, &camera, settings).image;
     assert!(image.pixels().iter().any(|p| p[3] > 0.1));
     image.save(dir.join("library.png"), background).unwrap();
     let [program, library] = ["program.png", "library.png"].map(|name| Image::load(dir.join(name)).unwrap());
@@ -392,6 +395,30 @@ fn pictures_of_the_device_are_those_of_the_library() {
 }
 
 #[test]
+fn pictures_frame_what_shows_unless_they_are_placed() {
+    let dir = folder();
+    // A lattice in which one corner shows.
+    let mut samples = [0_u8; 16 * 16 * 16];
+    samples[..4].fill(255);
+    std::fs::write(dir.path().join("a.raw"), samples).unwrap();
+    let covered = |options: &str| {
+        let input = "a.raw --dims 16,16,16 --type u8 --transfer gray --size 32 -o a.exr";
+        rendered(dir.path(), &format!("{input} {options}"));
+        let image = Image::load(dir.path().join("a.exr")).unwrap();
+        image.pixels().iter().filter(|p| p[3] > 0.01).count()
+    };
+    let (visible, volume) = (covered(""), covered("--frame volume"));
+    assert!(visible > 4 * volume && volume > 0, "{visible} {volume}");
+    assert_eq!(covered("--frame visible"), visible);
+    assert!(covered("--margin 0.3") < visible / 2);
+    // The height of the volume's own frame.
+    assert_eq!(covered("--view-height 16.666666666666668"), volume);
+    assert!(covered("--view-height 16 --frame visible") > 0);
+    let perspective = "--projection perspective --fov 40";
+    assert!(covered(perspective) > 4 * covered(&format!("{perspective} --frame volume")));
+}
+
+#[test]
 fn lights_and_material_reach_the_picture() {
     let dir = folder();
     // An eye at azimuth 90 is on the side of +x, and the front at azimuth 0 on that of -y.
@@ -399,7 +426,8 @@ fn lights_and_material_reach_the_picture() {
     let lighting = Lighting { ambient: 0.1, diffuse: 0.6, specular: 0.3, shininess: 8.0, lights };
     let settings = Settings { shading: Shading::Post, lighting: Some(lighting), ..Settings::default() };
     let settings = with_quads(&settings, |_| ());
-    let arguments = "--painter quads --shading post --light headlight --light 90,0 --material 0.1,0.6,0.3,8";
+    let arguments = "--painter quads --shading post --light headlight --light 90,0 --material 0.1,0.6,0.3,8 \
+                     --frame volume";
     let output = rendered(dir.path(), &format!("demo:sphere:24 --size 40x32 {arguments} -o program.exr"));
     assert!(output.stdout.is_empty() && output.stderr.is_empty(), "{output:?}");
     let (volume, transfer) = demo("sphere", 24);

@@ -5,7 +5,7 @@ mod page;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use voxsplat::camera::Camera;
+use voxsplat::camera::{Camera, View};
 use voxsplat::image::{Background, Image};
 use voxsplat::report::{
     Errors, Marker, Measurement, Point, Study, Variant, difference_picture, front, plot, today, variants, write_file,
@@ -15,7 +15,7 @@ use voxsplat::{Renderer, RendererOptions, Volume, formats};
 use super::job::ParetoJob;
 use super::options::{command_line, options_of, without};
 use super::progress::{Progress, Remaining};
-use super::render::{Stages, transfer};
+use super::render::{Stages, framed, transfer};
 use super::stderr::silenced;
 use super::{Failure, output};
 
@@ -78,8 +78,10 @@ pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
         note.iter().for_each(|note| output::say(note));
         (volume, transfer)
     };
+    let around = framed(job.frame, &volume, &transfer)?;
+    let views = job.views.iter().map(|view| View { around, ..view.clone() });
     let cameras: Vec<Camera> =
-        job.views.iter().map(|view| Camera::new(view, volume.grid(), job.size)).collect::<Result<_, _>>()?;
+        views.map(|view| Camera::new(&view, volume.grid(), job.size)).collect::<Result<_, _>>()?;
     let options = RendererOptions { adapter: job.adapter.clone(), ..RendererOptions::default() };
     let renderer = silenced(|| Renderer::new(&options))?;
     let study = Study::new(&renderer, &volume, &transfer, &cameras, job.sample)?.with_patience(job.patience);

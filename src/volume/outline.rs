@@ -1,0 +1,92 @@
+//! The outermost voxels of a volume whose values are in given ranges.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::{Stored, ToF64, Volume, with_samples};
+use crate::error::Result;
+
+/// Columns and rows of voxels in a plane of a volume.
+type Places = Vec<[i64; 2]>;
+
+impl Volume {
+    /// The lattice points whose convex hull is that of all voxels with values in `ranges`, which ascend and are apart:
+    /// the corners of the hull of each plane of voxels along z.
+    pub(crate) fn outline(&self, ranges: &[[f64; 2]]) -> Result<Vec<DVec3>> {
+        let [width, height, depth] = self.grid.dims().map(|d| d as usize);
+        let plane = width * height;
+        let (slope, intercept) = (self.slope, self.intercept);
+        let shows = |raw: f64| {
+            let value = slope * raw + intercept;
+            ranges.get(ranges.partition_point(|range| range[1] < value)).is_some_and(|range| range[0] <= value)
+        };
+        let places = (0..depth).into_par_iter().map(|z| {
+            let range = z * plane..(z + 1) * plane;
+            match &self.data.stored {
+                Stored::Memory(samples) => Ok(with_samples!(&**samples, s => hull(&s[range], width, &shows))),
+                Stored::File(_) => self.read(range).map(|read| with_samples!(&read, s => hull(s, width, &shows))),
+            }
+        });
+        let places: Vec<Places> = places.collect::<Result<_>>()?;
+        let point = |z: usize| move |[x, y]: [i64; 2]| DVec3::new(x as f64, y as f64, z as f64);
+        Ok(places.into_iter().enumerate().flat_map(|(z, places)| places.into_iter().map(point(z))).collect())
+    }
+}
+
+/// The corners of the convex hull of the samples of a plane that show.
+fn hull<T: ToF64>(samples: &[T], width: usize, shows: &(impl Fn(f64) -> bool + Sync)) -> Places {
+    let (mut left, mut right) = (Places::new(), Places::new());
+    for (y, row) in samples.chunks_exact(width).enumerate() {
+        let shows = |v: &T| shows(v.to_f64());
+        if let (Some(first), Some(last)) = (row.iter().position(shows), row.iter().rposition(shows)) {
+            push(&mut left, [first as i64, y as i64], 1);
+            push(&mut right, [last as i64, y as i64], -1);
+        }
+    }
+    left.append(&mut right);
+    left
+}
+
+/// Adds a place below others to a chain that bends one way: `sense` is 1 for a left side, -1 for a right one.
+fn push(chain: &mut Places, place: [i64; 2], sense: i64) {
+    while let [.., a, b] = chain[..] {
+        let cross = (b[0] - a[0]) * (place[1] - a[1]) - (b[1] - a[1]) * (place[0] - a[0]);
+        // Place b lies within.
+        if cross * sense < 0 {
+            break;
+        }
+        chain.pop();
+    }
+    chain.push(place);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_outline_has_the_hull_of_what_shows() {
+        // Scattered voxels: every one of them lies in the hull of the outline, in each of many directions.
+        let mut state = 1_u32;
+        let mut next = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            state >> 24
+        };
+        let samples: Vec<u8> = (0..13 * 11 * 7).map(|_| if next() < 30 { 200 } else { 10 }).collect();
+        let volume = Volume::from_slice([13, 11, 7], [1.0; 3], &samples).unwrap();
+        let volume = volume.with_rescale(-2.0, 3.0).unwrap();
+        let outline = volume.outline(&[[-1e3, -300.0], [0.0, 1.0]]).unwrap();
+        let all: Vec<DVec3> = (0..samples.len())
+            .filter(|&i| samples[i] == 200)
+            .map(|i| DVec3::new((i % 13) as f64, (i / 13 % 11) as f64, (i / 143) as f64))
+            .collect();
+        assert!(outline.len() < all.len() && outline.iter().all(|p| all.contains(p)));
+        for i in 0..500 {
+            let t = f64::from(i);
+            let direction = DVec3::new(t.cos(), (1.7 * t).sin(), (0.3 * t).sin());
+            let farthest = |points: &[DVec3]| points.iter().map(|p| p.dot(direction)).fold(f64::MIN, f64::max);
+            assert_eq!(farthest(&outline), farthest(&all), "{direction}");
+        }
+        assert!(volume.outline(&[]).unwrap().is_empty());
+    }
+}
