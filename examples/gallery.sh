@@ -18,10 +18,10 @@ picture post-lit demo:marschner-lobb:96 $surface --shading post
 # shellcheck disable=SC2086
 picture shadows demo:marschner-lobb:96 ${surface%--light*} --light 90,30:5 --shadows on --light-size 8 \
     --azimuth 30 --elevation 45
-picture studio demo:vessels:160 --light studio --azimuth 30 --elevation 10 --zoom 1.8
+picture studio demo:vessels:160 --light studio --azimuth 30 --elevation 10
 picture narrow-pre demo:shell:96 --azimuth 30 --elevation 20
 picture narrow-post demo:shell:96 --azimuth 30 --elevation 20 --shading post
-picture xray demo:shepp-logan:160 --model xray --azimuth 20 --elevation 10 --zoom 1.3
+picture xray demo:shepp-logan:160 --model xray --azimuth 20 --elevation 10
 picture mip demo:vessels:160 --model mip --kernel kaiser-bessel --transfer inferno --azimuth 30 --elevation 10
 picture axis demo:marschner-lobb:48 --sheets axis --azimuth 44.8 --elevation 20
 picture additive demo:marschner-lobb:48 --sheets axis --accumulate additive --azimuth 44.9 --elevation 20
@@ -30,7 +30,9 @@ target/release/voxsplat compare docs/additive.png docs/additive-after.png --tole
 rm docs/additive-after.png
 picture inside demo:vessels:192 --light 40,50 --light headlight --projection perspective --fov 70 --distance 30 \
     --target 0,0,20
-pixels=512 picture figure demo:vessels:128 --azimuth 30 --elevation 20 --zoom 0.9 --background white \
+pixels=480 picture vessels demo:vessels:192 --azimuth 30 --elevation 20
+pixels=480 picture shepp-logan demo:shepp-logan:96 --azimuth 30 --elevation 20
+pixels=512 picture figure demo:vessels:128 --azimuth 30 --elevation 20 --background white \
     --scale-bar --axes --colour-bar --title 'A vessel tree' --caption 'demo:vessels:128, parallel rays'
 pixels=40 picture minified demo:vessels:256 --light headlight --azimuth 30 --elevation 10
 pixels=40 picture aliased demo:vessels:256 --light headlight --azimuth 30 --elevation 10 --antialiasing off

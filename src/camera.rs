@@ -3,8 +3,8 @@
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::error::{Error, Result};
-pub use crate::framing::Ball;
-use crate::vector::{length, unit};
+pub use crate::framing::Hull;
+use crate::vector::unit;
 use crate::volume::Grid;
 
 /// How a picture is projected.
@@ -34,9 +34,9 @@ pub struct View {
     pub direction: Option<DVec3>,
     /// The world point in the middle of the picture; by default the centre of what is fitted.
     pub target: Option<DVec3>,
-    /// What is fitted to the picture: a ball, such as [`Ball::of_visible`], of the same size from every side; or if
+    /// What is fitted to the picture: a hull, such as [`Hull::of_visible`], as if it were turned all around `up`; or if
     /// `None`, the box of the volume, as it is seen from this side.
-    pub around: Option<Ball>,
+    pub around: Option<Hull>,
     /// Space around what is fitted: a fraction of the picture on each side, 0 to under 0.5.
     pub margin: f64,
     /// Parallel or perspective rays.
@@ -119,7 +119,7 @@ impl Camera {
 
     /// The camera of a view of a volume in a picture of `size` (width, height) pixels.
     ///
-    /// A view without height and distance is fitted: the ball of [`View::around`] just fits into the picture, or the
+    /// A view without height and distance is fitted: the hull of [`View::around`] just fits into the picture, or the
     /// box of the volume.
     ///
     /// # Errors
@@ -130,8 +130,9 @@ impl Camera {
         view.validate()?;
         let frame = view.frame()?;
         let (right, up, forward) = (frame.x_axis, frame.y_axis, -frame.z_axis);
-        let center = view.around.map_or_else(|| grid.center(), |ball| ball.center);
-        let target = view.target.unwrap_or(center);
+        let axis = unit(view.up);
+        let center = || view.around.as_ref().map_or_else(|| grid.center(), |hull| hull.center(axis, up));
+        let target = view.target.unwrap_or_else(center);
         let aspect = f64::from(size[0]) / f64::from(size[1]);
         // Offsets of the corners from the target, in (right, up, forward).
         let from_target = grid.center() - target;
@@ -140,15 +141,16 @@ impl Camera {
             DVec3::new(d.dot(right), d.dot(up), d.dot(forward))
         });
         let fill = 1.0 - 2.0 * view.margin;
-        // A ball around the target that holds the one to be fitted.
-        let ball = view.around.map(|ball| ball.radius + length(ball.center - target));
-        // The height of a picture is 2, a wide one is wider.
-        let narrow = aspect.min(1.0);
+        // The most that the hull reaches, of the height of the picture; and with a width counted as a height.
+        let extent = |hull: &Hull, of: &dyn Fn(DVec3) -> DVec3| {
+            let sides = [up, -up, right / aspect, -right / aspect];
+            sides.into_iter().map(|side| hull.extent(target, axis, of(side))).fold(f64::NEG_INFINITY, f64::max)
+        };
         let projection = match view.projection {
             ProjectionKind::Orthographic => {
                 let fitted = || {
-                    if let Some(radius) = ball {
-                        return 2.0 * radius / (fill * narrow);
+                    if let Some(hull) = &view.around {
+                        return 2.0 * extent(hull, &|side| side) / fill;
                     }
                     let half = corners.iter().fold(0.0_f64, |m, c| m.max(c.y.abs()).max(c.x.abs() / aspect));
                     2.0 * half / fill
@@ -159,10 +161,9 @@ impl Camera {
             ProjectionKind::Perspective { fov } => {
                 let tan = (fov.to_radians() / 2.0).tan();
                 let fitted = || {
-                    if let Some(radius) = ball {
-                        // Rays that touch the ball have this tangent, and the radius is the sine times the distance.
-                        let tangent = tan * fill * narrow;
-                        return radius * tangent.hypot(1.0) / tangent;
+                    if let Some(hull) = &view.around {
+                        // A place p is inside if p . side <= fill tan (distance + p . forward).
+                        return extent(hull, &|side| side / (tan * fill) - forward);
                     }
                     // Corner (x, y, z) is inside if |y| <= fill tan (distance + z), and likewise across.
                     corners.iter().fold(0.0_f64, |m, c| m.max(c.y.abs().max(c.x.abs() / aspect) / (tan * fill) - c.z))
@@ -415,11 +416,6 @@ impl View {
         }
         if !(0.0..0.5).contains(&self.margin) {
             return error(format!("margin is {}, expected 0 to under 0.5", self.margin));
-        }
-        if let Some(Ball { center, radius }) = self.around
-            && !(center.is_finite() && radius.is_finite() && radius > 0.0)
-        {
-            return error(format!("around is a ball of radius {radius} at {center}, expected a finite one over 0"));
         }
         for (name, value) in [("up", Some(self.up)), ("direction", self.direction)] {
             if let Some(value) = value

@@ -1,30 +1,47 @@
 //! What a picture frames.
 
+use std::fmt;
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use crate::error::Result;
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
 
-/// A ball in the world. A view that is fitted around one is as far away whatever its direction, so a turntable keeps
-/// its scale.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ball {
-    /// Its middle.
-    pub center: DVec3,
-    /// Its radius, world units.
-    pub radius: f64,
+/// The convex hull of what a transfer function shows of a volume.
+///
+/// A view that is fitted around it has the same target and scale at every azimuth, so a turntable is steady: the hull
+/// counts as if it were turned all around [`View::up`](crate::camera::View::up).
+#[derive(Clone, PartialEq)]
+pub struct Hull {
+    /// The world point that the others are relative to.
+    origin: DVec3,
+    /// Voxels that have the corners of the hull among them.
+    points: Arc<[DVec3]>,
+    /// How far kernels reach beyond these voxels, and voxels between rows that were looked at.
+    reach: f64,
+}
+
+impl fmt::Debug for Hull {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Hull").field("origin", &self.origin).field("points", &self.points.len()).finish_non_exhaustive()
+    }
 }
 
 /// The least opacity that counts as visible, as a share of the largest of the transfer function.
 const VISIBLE: f64 = 0.01;
 
-/// Steps towards the smallest ball: its radius then is mostly within a hundredth of the smallest.
+/// The least cosine between the axis and the picture's up for places along the axis to be places up the picture.
+const LEAST_LEAN: f64 = 0.2;
+
+/// Steps towards the smallest circle: its radius then is mostly within a hundredth of the smallest.
 const STEPS: u32 = 200;
 
-impl Ball {
-    /// A ball around the voxels that a transfer function shows, hardly larger than the smallest; `None` if it shows
-    /// none. Voxels of less than a hundredth of the function's largest opacity do not count. Reads every sample.
+impl Hull {
+    /// The hull of the voxels that a transfer function shows; `None` if it shows none. Voxels of less than a hundredth
+    /// of the function's largest opacity do not count. In volumes of over 255 voxels along y or z only some rows are
+    /// looked at, so a thing of a few voxels may be missed.
     ///
     /// # Errors
     /// [`Error::Read`](crate::error::Error::Read) and [`Error::Memory`](crate::error::Error::Memory) if samples left in
@@ -35,57 +52,100 @@ impl Ball {
             return Ok(None);
         }
         let grid = volume.grid();
-        // In a unit in which squares neither overflow nor vanish.
-        let to_world = grid.local().to_world();
-        let mut points = volume.outline(&transfer.values_over(VISIBLE * most))?;
-        points.iter_mut().for_each(|point| *point = to_world.transform_point3(*point));
-        let Some(ball) = around(&points) else { return Ok(None) };
-        // Kernels reach beyond their voxels.
+        let to_world = grid.centered().to_world();
+        let points = volume.outline(&transfer.values_over(VISIBLE * most))?;
+        let points: Arc<[DVec3]> = points.into_iter().map(|point| to_world.transform_point3(point)).collect();
         let [x, y, z] = grid.spacing();
-        let center = grid.center() + ball.center * grid.unit();
-        Ok(Some(Self { center, radius: ball.radius * grid.unit() + x.max(y).max(z) }))
+        let [rows, planes] = volume.outline_steps().map(|n| n as f64);
+        let hull = Self { origin: grid.center(), points, reach: x.max(y * rows).max(z * planes) };
+        Ok((!hull.points.is_empty()).then_some(hull))
     }
-}
 
-/// A small ball around points (Badoiu and Clarkson 2003, "Smaller core-sets for balls"); `None` if there are none.
-fn around(points: &[DVec3]) -> Option<Ball> {
-    let least = points.iter().copied().reduce(DVec3::min)?;
-    let most = points.iter().copied().reduce(DVec3::max)?;
-    let farthest = |center: DVec3| {
-        let distances = points.iter().map(|&point| (center.distance_squared(point), point));
-        distances.fold((0.0, center), |best, next| if next.0 > best.0 { next } else { best })
-    };
-    let mut center = least.midpoint(most);
-    let mut best = Ball { center, radius: f64::INFINITY };
-    for step in 1..=STEPS {
-        let (squared, point) = farthest(center);
-        if squared.sqrt() < best.radius {
-            best = Ball { center, radius: squared.sqrt() };
+    /// The point of its axis along the unit vector `up` that is in the middle of a picture whose own unit vector up is
+    /// `top`. The axis goes through the centre of a small circle around it (Badoiu and Clarkson 2003, "Smaller
+    /// core-sets for balls").
+    pub(crate) fn center(&self, up: DVec3, top: DVec3) -> DVec3 {
+        let heights = || self.points.iter().map(|point| point.dot(up));
+        let (least, most) = (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));
+        let farthest = |center: DVec3| {
+            let distances = self.points.iter().map(|point| {
+                let point = point.reject_from_normalized(up);
+                (center.distance_squared(point), point)
+            });
+            distances.fold((0.0, center), |best, next| if next.0 > best.0 { next } else { best })
+        };
+        let mut center = DVec3::ZERO;
+        let mut best = (f64::INFINITY, center);
+        for step in 0..STEPS {
+            let (squared, point) = farthest(center);
+            if squared < best.0 {
+                best = (squared, center);
+            }
+            center += (point - center) / f64::from(step + 2);
         }
-        center += (point - center) / f64::from(step + 1);
+        let middle = self.origin + best.1 + up * f64::midpoint(least, most);
+        // From above, one end may be wider than the other and reach farther up or down.
+        let lean = top.dot(up);
+        let [above, below] = [top, -top].map(|side| self.extent(middle, up, side));
+        if lean > LEAST_LEAN { middle + up * ((above - below) / 2.0 / lean) } else { middle }
     }
-    Some(best)
+
+    /// How far it reaches from a target in a direction, whose length multiplies the result, once it has been turned all
+    /// around the unit vector `up` through the target.
+    pub(crate) fn extent(&self, target: DVec3, up: DVec3, direction: DVec3) -> f64 {
+        let (along, across) = (direction.dot(up), direction.reject_from_normalized(up).length());
+        let offset = self.origin - target;
+        let extents = self.points.iter().map(|&point| {
+            let point = point + offset;
+            point.dot(up) * along + point.reject_from_normalized(up).length() * across
+        });
+        extents.fold(f64::NEG_INFINITY, f64::max) + self.reach * direction.length()
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::{DAffine3, DMat3};
+
     use super::*;
     use crate::transfer::ControlPoint;
     use crate::volume::Grid;
-    use glam::{DAffine3, DMat3};
+
+    fn hull(points: &[DVec3]) -> Hull {
+        Hull { origin: DVec3::new(1.0, 2.0, 3.0), points: points.into(), reach: 0.5 }
+    }
 
     #[test]
-    fn balls_are_hardly_larger_than_the_smallest() {
-        let corners: Vec<DVec3> =
-            (0..8).map(|i| DVec3::new((i & 1).into(), (i >> 1 & 1).into(), (i >> 2).into())).collect();
-        let found = around(&corners).unwrap();
-        assert!(found.center.distance(DVec3::splat(0.5)) < 0.01 && found.radius < 1.01 * 0.75_f64.sqrt());
+    fn extents_are_those_of_the_turned_hull() {
+        let points = [DVec3::new(3.0, 4.0, 1.0), DVec3::new(-3.0, -4.0, 7.0)];
+        let hull = hull(&points);
+        let center = hull.center(DVec3::Z, DVec3::Z);
+        assert!(center.distance(DVec3::new(1.0, 2.0, 7.0)) < 0.05, "{center}");
+        // As far up as down in a picture from above, if the upper end is the wider.
+        let wide = self::hull(&[DVec3::new(3.0, 4.0, 1.0), DVec3::new(-3.0, -4.0, 1.0), DVec3::NEG_Z]);
+        let top = DVec3::new(0.0, 0.6, 0.8);
+        let center = wide.center(DVec3::Z, top);
+        let [above, below] = [top, -top].map(|side| wide.extent(center, DVec3::Z, side));
+        assert!((above - below).abs() < 1e-9 && center.z > 3.5, "{above} {below} {center}");
+        let extent = |direction| hull.extent(DVec3::new(1.0, 2.0, 7.0), DVec3::Z, direction);
+        assert!((extent(DVec3::Z) - 3.5).abs() < 1e-12 && (extent(DVec3::NEG_Z) - 3.5).abs() < 1e-12);
+        // Whatever the azimuth.
+        for angle in [0.0_f64, 0.3, 2.0] {
+            let around = DVec3::new(angle.cos(), angle.sin(), 0.0);
+            assert!((extent(around) - 5.5).abs() < 1e-12);
+            assert!((extent(2.0 * around) - 11.0).abs() < 1e-12);
+            let diagonal = (around + DVec3::Z) / 2.0_f64.sqrt();
+            assert!((extent(diagonal) - (8.0 / 2.0_f64.sqrt() + 0.5)).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn circles_are_hardly_larger_than_the_smallest() {
         // A cluster far from the middle of the box of all.
-        let line = [DVec3::ZERO, DVec3::X * 10.0, DVec3::new(5.0, 4.0, 0.0), DVec3::new(5.0, 4.0, 0.1)];
-        let found = around(&line).unwrap();
-        assert!(found.radius < 5.05 && line.iter().all(|p| p.distance(found.center) <= found.radius), "{found:?}");
-        assert_eq!(around(&[]), None);
-        assert_eq!(around(&[DVec3::ONE]), Some(Ball { center: DVec3::ONE, radius: 0.0 }));
+        let points = [DVec3::ZERO, DVec3::X * 10.0, DVec3::new(5.0, 4.0, 0.0), DVec3::new(5.0, 4.0, 0.1)];
+        let hull = hull(&points);
+        let radius = hull.extent(hull.center(DVec3::Z, DVec3::Z), DVec3::Z, DVec3::X) - 0.5;
+        assert!((5.0..5.05).contains(&radius), "{radius}");
     }
 
     #[test]
@@ -102,12 +162,14 @@ mod tests {
             let world = DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(unit)), DVec3::X * unit);
             let grid = Grid::new([20; 3], world).unwrap();
             let volume = Volume::from_slice([20; 3], [1.0; 3], &samples).unwrap().with_grid(grid).unwrap();
-            let ball = Ball::of_visible(&volume, &transfer).unwrap().unwrap();
-            assert!((ball.center / unit).distance(DVec3::new(7.0, 5.0, 6.0)) < 0.03, "{ball:?}");
-            assert!((ball.radius / unit - 3.0).abs() < 0.03, "{ball:?}");
+            let hull = Hull::of_visible(&volume, &transfer).unwrap().unwrap();
+            let center = hull.center(DVec3::Z, DVec3::Z);
+            assert!((center / unit).distance(DVec3::new(7.0, 5.0, 6.0)) < 0.03, "{center}");
+            let extents = [DVec3::X, DVec3::Z].map(|direction| hull.extent(center, DVec3::Z, direction) / unit);
+            assert!((extents[0] - 3.0).abs() < 0.03 && (extents[1] - 1.0).abs() < 1e-9, "{extents:?}");
         }
         let clear = TransferFunction::new(vec![point(150.0, 0.0), point(200.0, 1.0)], None).unwrap();
         let volume = Volume::from_slice([20; 3], [1.0; 3], &samples).unwrap();
-        assert_eq!(Ball::of_visible(&volume, &clear).unwrap(), None);
+        assert_eq!(Hull::of_visible(&volume, &clear).unwrap(), None);
     }
 }

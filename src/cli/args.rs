@@ -158,9 +158,9 @@ pub(super) struct ViewArgs {
     #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = parse::positive, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) zoom: f64,
-    /// What the picture is fitted to: visible (a ball around all that the transfer function shows, which has the same
-    /// size from every side) or volume (the box of the lattice, as it is seen from this side) [default: visible, or
-    /// volume if --target, --view-height or --distance is given]
+    /// What the picture is fitted to: visible (all that the transfer function shows, in one size at every azimuth) or
+    /// volume (the box of the lattice, as it is seen from this side) [default: visible, or volume if --target,
+    /// --view-height or --distance is given]
     #[arg(long, value_name = "WHAT", help_heading = "View")]
     pub(super) frame: Option<FrameArg>,
     /// Space around what is fitted: a fraction of the picture on each side, 0 to under 0.5 [default: 0.02, with a

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 use voxsplat::accuracy::{Chosen, Estimate, Truth, choose};
-use voxsplat::camera::{Ball, Camera, View};
+use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::figure::{Figure, Shown};
 use voxsplat::image::{Image, Note};
 use voxsplat::reference::Reference;
@@ -204,11 +204,11 @@ fn notes(settings: &Settings, figure: &Figure, of_errors: Vec<Note>) -> Vec<Note
     notes
 }
 
-/// The ball that a picture is fitted to; `None` is the box of the volume.
-pub(super) fn framed(frame: FrameArg, volume: &Volume, transfer: &TransferFunction) -> Result<Option<Ball>, Failure> {
+/// The hull that a picture is fitted to; `None` is the box of the volume.
+pub(super) fn framed(frame: FrameArg, volume: &Volume, transfer: &TransferFunction) -> Result<Option<Hull>, Failure> {
     Ok(match frame {
         FrameArg::Volume => None,
-        FrameArg::Visible => Ball::of_visible(volume, transfer)?,
+        FrameArg::Visible => Hull::of_visible(volume, transfer)?,
     })
 }
 

@@ -6,12 +6,21 @@ use rayon::prelude::*;
 use super::{Stored, ToF64, Volume, with_samples};
 use crate::error::Result;
 
+/// The rows and planes of a volume that are looked at, at least: places to within a hundredth suffice for a frame.
+const ROWS: usize = 128;
+
 /// Columns and rows of voxels in a plane of a volume.
 type Places = Vec<[i64; 2]>;
 
 impl Volume {
+    /// Every how many-th row along y and plane along z [`Self::outline`] looks at: some 128 to 256 of each.
+    pub(crate) fn outline_steps(&self) -> [usize; 2] {
+        let [_, height, depth] = self.grid.dims().map(|d| d as usize);
+        [height, depth].map(|d| (d / ROWS).max(1))
+    }
+
     /// The lattice points whose convex hull is that of all voxels with values in `ranges`, which ascend and are apart:
-    /// the corners of the hull of each plane of voxels along z.
+    /// the corners of the hull of each plane of voxels along z. Of large volumes, of the rows and planes looked at.
     pub(crate) fn outline(&self, ranges: &[[f64; 2]]) -> Result<Vec<DVec3>> {
         let [width, height, depth] = self.grid.dims().map(|d| d as usize);
         let plane = width * height;
@@ -20,23 +29,34 @@ impl Volume {
             let value = slope * raw + intercept;
             ranges.get(ranges.partition_point(|range| range[1] < value)).is_some_and(|range| range[0] <= value)
         };
-        let places = (0..depth).into_par_iter().map(|z| {
+        let [rows, planes] = self.outline_steps();
+        let planes: Vec<usize> = every(planes, depth).collect();
+        let places = planes.par_iter().map(|&z| {
             let range = z * plane..(z + 1) * plane;
             match &self.data.stored {
-                Stored::Memory(samples) => Ok(with_samples!(&**samples, s => hull(&s[range], width, &shows))),
-                Stored::File(_) => self.read(range).map(|read| with_samples!(&read, s => hull(s, width, &shows))),
+                Stored::Memory(samples) => Ok(with_samples!(&**samples, s => hull(&s[range], [width, rows], &shows))),
+                Stored::File(_) => {
+                    self.read(range).map(|read| with_samples!(&read, s => hull(s, [width, rows], &shows)))
+                }
             }
         });
         let places: Vec<Places> = places.collect::<Result<_>>()?;
         let point = |z: usize| move |[x, y]: [i64; 2]| DVec3::new(x as f64, y as f64, z as f64);
-        Ok(places.into_iter().enumerate().flat_map(|(z, places)| places.into_iter().map(point(z))).collect())
+        Ok(planes.into_iter().zip(places).flat_map(|(z, places)| places.into_iter().map(point(z))).collect())
     }
 }
 
-/// The corners of the convex hull of the samples of a plane that show.
-fn hull<T: ToF64>(samples: &[T], width: usize, shows: &(impl Fn(f64) -> bool + Sync)) -> Places {
+/// Every n-th of a count, and the last.
+fn every(n: usize, count: usize) -> impl Iterator<Item = usize> {
+    let last = count - 1;
+    (0..last).step_by(n).chain([last])
+}
+
+/// The corners of the convex hull of the samples of a plane that show, in every n-th row.
+fn hull<T: ToF64>(samples: &[T], [width, rows]: [usize; 2], shows: &(impl Fn(f64) -> bool + Sync)) -> Places {
     let (mut left, mut right) = (Places::new(), Places::new());
-    for (y, row) in samples.chunks_exact(width).enumerate() {
+    for y in every(rows, samples.len() / width) {
+        let row = &samples[y * width..(y + 1) * width];
         let shows = |v: &T| shows(v.to_f64());
         if let (Some(first), Some(last)) = (row.iter().position(shows), row.iter().rposition(shows)) {
             push(&mut left, [first as i64, y as i64], 1);
@@ -88,5 +108,17 @@ mod tests {
             assert_eq!(farthest(&outline), farthest(&all), "{direction}");
         }
         assert!(volume.outline(&[]).unwrap().is_empty());
+    }
+
+    #[test]
+    fn of_a_large_volume_some_rows_tell() {
+        let shows = |y: usize, z: usize| (101..=397).contains(&y) && (50..=298).contains(&z);
+        let samples: Vec<u8> = (0..300 * 400 * 2).map(|i| if shows(i / 2 % 400, i / 800) { 1 } else { 0 }).collect();
+        let volume = Volume::from_slice([2, 400, 300], [1.0; 3], &samples).unwrap();
+        assert_eq!(volume.outline_steps(), [3, 2]);
+        let outline = volume.outline(&[[1.0, 1.0]]).unwrap();
+        let least = outline.iter().copied().reduce(DVec3::min).unwrap();
+        let most = outline.iter().copied().reduce(DVec3::max).unwrap();
+        assert_eq!((least, most), (DVec3::new(0.0, 102.0, 50.0), DVec3::new(1.0, 396.0, 298.0)));
     }
 }

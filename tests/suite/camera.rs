@@ -1,10 +1,10 @@
 //! The conventions of cameras: which way angles turn, what is up, and how volumes are fitted into pictures.
 
 use glam::{DAffine3, DMat3, DVec3};
-use voxsplat::camera::{Ball, Camera, Projection, ProjectionKind, View};
+use voxsplat::camera::{Camera, Hull, Projection, ProjectionKind, View};
 use voxsplat::volume::{Grid, Samples, Volume};
 
-use crate::support::{PERSPECTIVE, PROJECTIONS, coordinates, look};
+use crate::support::{PERSPECTIVE, PROJECTIONS, coordinates, look, transfer};
 
 /// A box of 10 x 20 x 30 world units around a point that is not the origin.
 fn volume() -> Volume {
@@ -115,29 +115,49 @@ fn a_fitted_volume_just_fits() {
 }
 
 #[test]
-fn a_fitted_ball_just_fits_from_every_side() {
-    let ball = Ball { center: DVec3::new(1.0, 2.0, -3.0), radius: 5.0 };
-    for projection in PROJECTIONS {
-        for size in [[40, 20], [20, 40], [30, 30]] {
-            let aspect = f64::from(size[0]) / f64::from(size[1]);
-            let views = [(0.0, 0.0), (30.0, 20.0), (130.0, -70.0)].map(|(azimuth, elevation)| {
-                let view = View { azimuth, elevation, around: Some(ball), margin: 0.1, projection, ..View::default() };
-                look(&view, &volume(), size)
-            });
-            for camera in views {
-                assert!(camera.target == ball.center && camera.projection == views[0].projection);
-                // The ray through the middle of the nearer border touches the ball.
-                let (sx, sy) = if aspect < 1.0 { (0.8 * aspect, 0.0) } else { (0.0, 0.8) };
-                let (origin, direction) = camera.ray(sx, sy);
-                let distance = (ball.center - origin).cross(direction).length();
-                assert!((distance - ball.radius).abs() < 1e-9, "{projection:?} {size:?}: {distance}");
+fn what_shows_just_fits_at_every_azimuth() {
+    // A ring of voxels around z and one above, in a volume that is otherwise clear; voxels of 2 x 2 x 1.
+    let mut samples = vec![0_u8; 41 * 41 * 20];
+    let mut ring = Vec::new();
+    for z in [2, 3] {
+        for (y, x) in (0..41).flat_map(|y| (0..41).map(move |x| (y, x))) {
+            let (dx, dy) = (f64::from(x) - 24.0, f64::from(y) - 18.0);
+            if (11.5..=12.0).contains(&dx.hypot(dy)) || (z == 3 && (x, y) == (24, 18)) {
+                let z = if (x, y) == (24, 18) { 15 } else { z };
+                samples[(z * 41 + y as usize) * 41 + x as usize] = 9;
+                ring.push(DVec3::new(2.0 * f64::from(x), 2.0 * f64::from(y), z as f64));
             }
         }
     }
-    // It fits around another target too.
-    let target = Some(ball.center + DVec3::X);
-    let camera = look(&View { around: Some(ball), margin: 0.0, target, ..View::default() }, &volume(), [9, 9]);
-    assert_eq!(camera.projection, Projection::Orthographic { half_height: 6.0 });
+    let volume = Volume::from_slice([41, 41, 20], [2.0, 2.0, 1.0], &samples).unwrap();
+    let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (9.0, [1.0; 3], 0.5)], None);
+    let around = Hull::of_visible(&volume, &transfer).unwrap();
+    for projection in PROJECTIONS {
+        for size in [[40, 20], [20, 40], [30, 30]] {
+            let aspect = f64::from(size[0]) / f64::from(size[1]);
+            for (elevation, roll) in [(0.0, 0.0), (35.0, 0.0), (-70.0, 20.0)] {
+                let cameras = [0.0, 40.0, 200.0].map(|azimuth| {
+                    let around = around.clone();
+                    let view = View { azimuth, elevation, roll, around, margin: 0.1, projection, ..View::default() };
+                    look(&view, &volume, size)
+                });
+                for camera in cameras {
+                    let aside = (camera.target - DVec3::new(48.0, 36.0, 8.5)).truncate();
+                    assert!(aside.length() < 0.3, "{}", camera.target);
+                    assert!(camera.target.distance(cameras[0].target) < 1e-9);
+                    let [a, b] = [camera, cameras[0]].map(|camera| match camera.projection {
+                        Projection::Orthographic { half_height } => half_height,
+                        Projection::Perspective { distance, .. } => distance,
+                    });
+                    assert!((a / b - 1.0).abs() < 1e-12, "{a} {b}");
+                    // All fits, and touches the margin but for the reach of a kernel: 2 of a height of 6.5 or more.
+                    let places = ring.iter().map(|&point| projected(&camera, point));
+                    let most = places.fold(0.0_f64, |most, (x, y)| most.max(y.abs()).max(x.abs() / aspect));
+                    assert!((0.6..0.8).contains(&most), "{projection:?} {size:?} {elevation} {roll}: {most}");
+                }
+            }
+        }
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::process::{Command, Output, Stdio};
 
 use glam::DVec3;
 use tempfile::TempDir;
-use voxsplat::camera::{Ball, ProjectionKind, View};
+use voxsplat::camera::{Hull, ProjectionKind, View};
 use voxsplat::image::{Background, Image};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Resolution, Settings, Shading};
@@ -221,7 +221,7 @@ fn info_tells_what_a_raw_file_holds_and_how_to_render_it() {
 #[test]
 fn a_figure_is_drawn_on_request() {
     let dir = folder();
-    let options = "demo:vessels:16 --size 128 --region 0,0,128,64 --azimuth 30 -o";
+    let options = "demo:vessels:16 --size 128 --region 0,0,128,64 --margin 0.1 -o";
     rendered(dir.path(), &format!("{options} plain.png"));
     rendered(dir.path(), &format!("{options} figure.png --scale-bar --axes --color-bar --title A --length-unit µm"));
     let load = |name: &str| Image::load(dir.path().join(name)).unwrap();
@@ -363,7 +363,7 @@ fn assert_sphere(dir: &Path, arguments: &str, view: &View, settings: &Settings, 
     let output = rendered(dir, &format!("demo:sphere:24 --size 40x32 {arguments} -o program.png"));
     assert!(output.stdout.is_empty() && output.stderr.is_empty(), "{arguments}: {output:?}");
     let (volume, transfer) = demo("sphere", 24);
-    let around = Ball::of_visible(&volume, &transfer).unwrap();
+    let around = Hull::of_visible(&volume, &transfer).unwrap();
     let camera = look(&View { around, ..view.clone() }, &volume, [40, 32]);
     let image = picture(&volume, &transfer, &camera, settings).image;
     assert!(image.pixels().iter().any(|p| p[3] > 0.1));

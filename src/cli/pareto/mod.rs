@@ -79,7 +79,7 @@ pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
         (volume, transfer)
     };
     let around = framed(job.frame, &volume, &transfer)?;
-    let views = job.views.iter().map(|view| View { around, ..view.clone() });
+    let views = job.views.iter().map(|view| View { around: around.clone(), ..view.clone() });
     let cameras: Vec<Camera> =
         views.map(|view| Camera::new(&view, volume.grid(), job.size)).collect::<Result<_, _>>()?;
     let options = RendererOptions { adapter: job.adapter.clone(), ..RendererOptions::default() };
