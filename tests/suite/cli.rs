@@ -453,7 +453,7 @@ fn shadows_and_colours_of_lights_reach_the_picture() {
     let side = Light { color: [1.5, 0.75, 0.0], size: 12.0, ..Light::directional(DVec3::X) };
     let lighting = Lighting { lights: vec![side], shadows: 0.6, occlusion: Some(5.0), ..Lighting::default() };
     let settings = Settings { lighting: Some(lighting), ..Settings::default() };
-    let arguments = "--light 90,0:1.5,#ff8000 --shadows 0.6 --light-size 12 --occlusion 5";
+    let arguments = "--light 90,0:1.5,#ff8000 --shadows 0.6 --light-size 12 --occlusion 5 --frame volume";
     rendered(dir.path(), &format!("demo:vessels:32 --size 40x32 {arguments} -o program.exr"));
     let (volume, transfer) = demo("vessels", 32);
     let camera = look(&View::default(), &volume, [40, 32]);
@@ -461,7 +461,7 @@ fn shadows_and_colours_of_lights_reach_the_picture() {
     let library = picture(&volume, &transfer, &camera, &settings).image;
     // 0x80 is not quite a half.
     assert!(crate::support::errors(&program, &library).0 < 5e-3);
-    rendered(dir.path(), "demo:vessels:32 --size 40x32 --light studio -o studio.exr");
+    rendered(dir.path(), "demo:vessels:32 --size 40x32 --light studio --frame volume -o studio.exr");
     let view = View::default();
     let lighting = Some(Lighting::studio(view.forward().unwrap(), view.up));
     let library = picture(&volume, &transfer, &camera, &Settings { lighting, ..Settings::default() }).image;
