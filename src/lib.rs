@@ -27,7 +27,8 @@
 //! Names that most programs use are at the root. The rest is in modules: [`volume`] (samples on a lattice), [`formats`]
 //! (readers), [`demos`] (built-in volumes), [`transfer`] (functions, presets, JSON), [`kernel`], [`camera`],
 //! [`lighting`], [`settings`], [`renderer`] (the GPU), [`mod@reference`] (the same model integrated in f64, to measure
-//! against), [`accuracy`] (pictures that keep an error), [`report`] (differences of pictures, speed against error),
+//! against), [`accuracy`] (pictures that keep an error), [`reconstruction`] (the error of kernels), [`report`]
+//! (differences of pictures, speed against error),
 //! [`image`] (pictures and their files), [`stats`], [`progress`], [`adapter`] and [`error`].
 //!
 //! The features, on by default: `cli` builds the program `voxsplat`; `report` has plots of speed against error. A
@@ -49,6 +50,7 @@ mod memory;
 mod names;
 mod output;
 pub mod progress;
+pub mod reconstruction;
 pub mod reference;
 pub mod renderer;
 pub mod report;

@@ -133,6 +133,7 @@ fn settings(model: &ModelArgs, painter: Painter, view: &ViewArgs) -> Result<Sett
         level: model.level,
         kernel: model.kernel,
         normalization: model.normalization,
+        sharpness: model.sharpness,
         painter,
     };
     settings.validate()?;
