@@ -102,7 +102,7 @@ pub struct QuadsSettings {
     /// Thickness of a sheet in voxels, measured along the central ray; 0.05 to 64. If kernels grow (see
     /// [`Settings::antialiasing`]), it is multiplied by the growth of the nearest kernel. Sheets are thinner in wide
     /// fields of view, so that the most oblique ray is at most 2 times as long in a sheet, post-shaded 1.25 times; and
-    /// post-shaded, if the kernel's radius is under 2 voxels, by radius / 2.
+    /// post-shaded, if the kernel's radius is under 2 voxels, by radius / 2, and by 1 - [`Settings::sharpness`] / 2.
     pub sheet_thickness: f64,
     /// The format of the sheet buffers; `None` takes f32 wherever the adapter blends it, and f16 where not, which
     /// [`Stats::painter`](crate::stats::Stats::painter) tells.
@@ -196,11 +196,11 @@ pub struct Settings {
     pub normalization: Normalization,
     /// How much of the blur of the kernel is taken back, 0 (none) to 1.
     ///
-    /// A Gaussian of a standard deviation over 0.6 voxels becomes narrower, at 1 as narrow as 0.6. If scalars are
-    /// reconstructed (post-shading and maximum intensity), the samples are filtered besides, once for a scene, so that
-    /// at 1 the field passes through them as well as the kernel can, and overshoots beside edges. Noise grows: see
-    /// [`Stats::noise`](crate::stats::Stats::noise) and [`reconstruction`](crate::reconstruction). Other settings
-    /// speak of the kernel as it is then.
+    /// A Gaussian gives way to a blob of radius 2, which is as narrow as [`Kernel::KAISER_BESSEL`] at 1. If scalars are
+    /// reconstructed (post-shading and maximum intensity), the samples are filtered besides, once for a scene: at 1 the
+    /// field passes through them as well as the kernel can, and overshoots beside edges. Noise grows: see
+    /// [`Stats::noise`](crate::stats::Stats::noise) and [`reconstruction`](crate::reconstruction). Filtered samples
+    /// take 4 bytes each of host memory as long as the scene lives. Pre-shaded, a blob is refused.
     pub sharpness: f64,
     /// What draws the splats, with its own knobs.
     pub painter: Painter,
@@ -308,8 +308,7 @@ impl Settings {
         let sharpens = self.sharpness > 0.0;
         if sharpens && !self.is_post_shaded() && self.kernel.narrowed(1.0).is_none() {
             let reason = format!(
-                "a kernel {} becomes no narrower without ripple: expected 0, a Gaussian of a sigma over 0.6, or \
-                 post-shading",
+                "no kernel narrower than {} is without ripple: expected 0, a wider Gaussian, or post-shading",
                 self.kernel
             );
             return Err(Error::Setting { name: "sharpness", reason });

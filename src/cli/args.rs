@@ -192,8 +192,8 @@ pub(super) struct ModelArgs {
     #[arg(long, value_name = "KERNEL", default_value = "gaussian", value_parser = parse::kernel,
         help_heading = "Model")]
     pub(super) kernel: Kernel,
-    /// Take the blur of the kernel back: 0 (not at all) to 1. A Gaussian becomes narrower, 0.6 voxels at 1; with --shading
-    /// post or --model mip samples are filtered besides, so that the field passes through them. Noise grows with it
+    /// Take the blur of the kernel back: 0 (not at all) to 1. A Gaussian gives way to a narrower Kaiser-Bessel blob; with
+    /// --shading post or --model mip samples are filtered besides, so that the field passes through them. Noise grows
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "Model")]
     pub(super) sharpness: f64,

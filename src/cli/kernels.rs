@@ -18,9 +18,11 @@ pub(super) fn run(args: &KernelsArgs) -> Result<(), Failure> {
             let valid = |&shading: &Shading| {
                 shading == Shading::Post || Settings { kernel, sharpness, ..Settings::default() }.validate().is_ok()
             };
-            methods.extend(
-                shadings.into_iter().filter(valid).map(|shading| Method::Splats { kernel, sharpness, shading }),
-            );
+            methods.extend(shadings.into_iter().filter(valid).map(|shading| Method::Splats {
+                kernel,
+                sharpness,
+                shading,
+            }));
         }
     }
     let measured = methods.into_iter().map(|method| measure(args.signal, args.size, method));

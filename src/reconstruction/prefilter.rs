@@ -47,7 +47,9 @@ pub(crate) struct Prefilter {
 }
 
 /// Numbers that samples are filtered in.
-pub(crate) trait Real: Number + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Send + Sync {
+pub(crate) trait Real:
+    Number + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Send + Sync
+{
     fn of(value: f64) -> Self;
 }
 
@@ -79,8 +81,9 @@ impl Prefilter {
         if radius <= MAX_RADIUS {
             return Ok(());
         }
-        let reason =
-            format!("samples are not filtered for a kernel of radius {radius}: expected 0, or a radius up to {MAX_RADIUS}");
+        let reason = format!(
+            "samples are not filtered for a kernel of radius {radius}: expected 0, or a radius up to {MAX_RADIUS}"
+        );
         Err(Error::Setting { name: "sharpness", reason })
     }
 
@@ -275,24 +278,21 @@ impl Prefilter {
         let reach = self.reach as i64;
         // Rows at the same distance from the row in the middle weigh the same, whatever the place along the row.
         let squares = self.reach * self.reach;
-        let mut sums: Vec<Vec<T>> = vec![Vec::new(); squares + 1];
-        for k in -reach..=reach {
-            for j in -reach..=reach {
-                if (j * j + k * k) as usize <= squares {
-                    sums[(j * j + k * k) as usize].resize(nx + 2 * self.reach, T::of(0.0));
-                }
-            }
-        }
+        let mut sums = vec![vec![T::of(0.0); nx + 2 * self.reach]; squares + 1];
+        let mut rows: Vec<Vec<&[T]>> = vec![Vec::new(); squares + 1];
         for (y, out) in out.chunks_exact_mut(nx).enumerate() {
-            sums.iter_mut().for_each(|sum| sum.fill(T::of(0.0)));
+            rows.iter_mut().for_each(Vec::clear);
             for k in -reach..=reach {
                 let plane = planes(k);
                 for j in -reach..=reach {
-                    let Some(sum) = sums.get_mut((j * j + k * k) as usize) else { continue };
                     let at = (y as i64 + j).clamp(0, ny as i64 - 1) as usize;
-                    let row = &plane[at * nx..(at + 1) * nx];
-                    sum[self.reach..].iter_mut().zip(row).for_each(|(sum, &v)| *sum = *sum + v);
+                    if let Some(rows) = rows.get_mut((j * j + k * k) as usize) {
+                        rows.push(&plane[at * nx..(at + 1) * nx]);
+                    }
                 }
+            }
+            for (sum, rows) in sums.iter_mut().zip(&rows) {
+                add_up(rows, &mut sum[self.reach..][..nx]);
             }
             let row = &planes(0)[y * nx..(y + 1) * nx];
             match last {
@@ -302,7 +302,7 @@ impl Prefilter {
                 }
                 None => out.iter_mut().zip(row).for_each(|(out, &v)| *out = own * v),
             }
-            for (square, sum) in sums.iter_mut().enumerate().filter(|(_, sum)| !sum.is_empty()) {
+            for (square, sum) in sums.iter_mut().enumerate().filter(|(square, _)| !rows[*square].is_empty()) {
                 let (first, end) = (sum[self.reach], sum[self.reach + nx - 1]);
                 sum[..self.reach].fill(first);
                 sum[self.reach + nx..].fill(end);
@@ -322,18 +322,124 @@ impl Prefilter {
     }
 }
 
+/// The sum of rows: one, or a multiple of four, as many as there are lattice points on a circle.
+fn add_up<T: Real>(rows: &[&[T]], sum: &mut [T]) {
+    if let [row] = rows {
+        sum.copy_from_slice(row);
+    }
+    for (index, rows) in rows.chunks_exact(4).enumerate() {
+        let [a, b, c, d] = [rows[0], rows[1], rows[2], rows[3]];
+        let fours = a.iter().zip(b).zip(c.iter().zip(d)).map(|((&a, &b), (&c, &d))| (a + b) + (c + d));
+        if index == 0 {
+            sum.iter_mut().zip(fours).for_each(|(sum, four)| *sum = four);
+        } else {
+            sum.iter_mut().zip(fours).for_each(|(sum, four)| *sum = *sum + four);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    /// Values in 0..1 without order (splitmix64).
+    fn noise(count: usize) -> Vec<f64> {
+        let of = |index: usize| {
+            let z = (index as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        (0..count).map(of).collect()
+    }
+
+    fn values(volume: &Volume) -> Vec<f64> {
+        let memory = volume.in_memory().unwrap();
+        (0..memory.samples().len()).map(|index| memory.value(index)).collect()
+    }
+
+    /// The sum of kernels at each lattice point, coefficients repeated beyond the faces.
+    fn at_lattice_points(kernel: &Kernel, dims: [usize; 3], coefficients: &[f64]) -> Vec<f64> {
+        let reach = kernel.radius().ceil() as i64;
+        let range = || -reach..=reach;
+        let point = |index: usize| [index % dims[0], index / dims[0] % dims[1], index / (dims[0] * dims[1])];
+        let sum = |index: usize| {
+            let at = point(index);
+            let clamped = |axis: usize, step: i64| (at[axis] as i64 + step).clamp(0, dims[axis] as i64 - 1) as usize;
+            let mut sum = 0.0;
+            for k in range() {
+                for j in range() {
+                    for i in range() {
+                        let index = clamped(0, i) + dims[0] * (clamped(1, j) + dims[1] * clamped(2, k));
+                        sum += kernel.value((i * i + j * j + k * k) as f64) * coefficients[index];
+                    }
+                }
+            }
+            sum / kernel.integral()
+        };
+        (0..coefficients.len()).map(sum).collect()
+    }
+
+    fn filtered<T: Real>(kernel: &Kernel, dims: [usize; 3], samples: &[f64], base: f64) -> Vec<f64> {
+        let volume = Volume::from_slice(dims.map(|d| d as u32), [1.0; 3], samples).unwrap();
+        let filter = Prefilter::new(kernel, 1.0).unwrap();
+        values(&filter.apply::<T>(&volume, base, &Progress::default()).unwrap())
+    }
+
     #[test]
-    fn probe() {
-        for kernel in [Kernel::KAISER_BESSEL, Kernel::Gaussian{sigma:0.6,radius:2.0}, Kernel::Gaussian{sigma:0.8,radius:2.0},Kernel::Gaussian{sigma:0.96,radius:2.0}, Kernel::Gaussian{sigma:0.6,radius:2.1}, Kernel::Gaussian{sigma:0.5,radius:0.8}, Kernel::KaiserBessel{radius:3.0,alpha:10.4}, Kernel::KaiserBessel{radius:4.0,alpha:10.4}] {
-            let f = Prefilter::new(&kernel, 1.0).unwrap();
-            let s = f.spectrum();
-            let r = s.iter().filter(|b| **b>=LEAST).map(|b| (1.0-b*f.of_response(*b)).abs()).fold(0.0, f64::max);
-            let g = s.iter().map(|b| f.of_response(*b).abs()).fold(0.0, f64::max);
-            eprintln!("{kernel}: {:?} span {:?} degree {} error {r:.5} largest {g:.2}", kernel.narrowed(0.5), f.span, f.coefficients.len()-1);
+    fn the_blob_passes_through_any_samples_up_to_the_faces() {
+        let dims = [21, 17, 12];
+        let samples = noise(21 * 17 * 12);
+        let blob = Kernel::KAISER_BESSEL;
+        let field = at_lattice_points(&blob, dims, &filtered::<f64>(&blob, dims, &samples, 0.3));
+        let far = samples.iter().zip(&field).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(far < ACCURACY, "{far}");
+        let blurred = at_lattice_points(&blob, dims, &samples);
+        assert!(samples.iter().zip(&blurred).any(|(a, b)| (a - b).abs() > 0.3));
+    }
+
+    #[test]
+    fn constants_and_planes_stay() {
+        let dims = [30, 30, 30];
+        let point = |index: usize| [index % 30, index / 30 % 30, index / 900];
+        let samples: Vec<f64> = (0..27_000).map(point).map(|[x, y, z]| (2 * x + y) as f64 - 3.0 * z as f64).collect();
+        for kernel in [Kernel::KAISER_BESSEL, Kernel::Gaussian { sigma: 1.0, radius: 3.5 }] {
+            let constant = filtered::<f64>(&kernel, dims, &[5.0; 27_000], 0.0);
+            let field = at_lattice_points(&kernel, dims, &constant);
+            assert!(field.iter().all(|v| (v - 5.0).abs() < 1e-8), "{kernel}: {:?}", &field[..4]);
         }
+        let blob = Kernel::KAISER_BESSEL;
+        let field = at_lattice_points(&blob, dims, &filtered::<f64>(&blob, dims, &samples, 0.0));
+        for (index, (a, b)) in samples.iter().zip(&field).enumerate() {
+            let inside = point(index).iter().all(|place| (8..22).contains(place));
+            assert!((a - b).abs() < if inside { 1e-3 } else { 0.1 }, "{:?}: {a} {b}", point(index));
+        }
+    }
+
+    #[test]
+    fn single_precision_and_offsets_lose_nothing() {
+        let dims = [16, 9, 11];
+        let samples: Vec<f64> = noise(16 * 9 * 11).iter().map(|v| 1e9 + 1e-3 * v).collect();
+        let exact = filtered::<f64>(&Kernel::KAISER_BESSEL, dims, &samples, 1e9);
+        let single = filtered::<f32>(&Kernel::KAISER_BESSEL, dims, &samples, 1e9);
+        // A number near 1e9 has steps of 1.2e-7.
+        assert!(exact.iter().zip(&single).all(|(a, b)| (a - b).abs() < 2.5e-7));
+    }
+
+    #[test]
+    fn gains_are_bounded_whatever_the_kernel() {
+        let gaussian = |sigma, radius| Kernel::Gaussian { sigma, radius };
+        let blob = |radius, alpha| Kernel::KaiserBessel { radius, alpha };
+        for kernel in [gaussian(1.0, 2.0), gaussian(2.0, 4.0), gaussian(0.3, 0.5), blob(2.0, 2.0), blob(4.0, 0.0)] {
+            let filter = Prefilter::new(&kernel, 1.0).unwrap();
+            let worst = filter.spectrum().iter().map(|&b| filter.of_response(b).abs()).fold(0.0, f64::max);
+            assert!(worst < 1.3 / LEAST, "{kernel}: {worst}");
+            // A sharpness is a share of the change.
+            let half = Prefilter::new(&kernel, 0.5).unwrap();
+            let at = [1.0, 0.5, 2.0];
+            assert!((half.gain(at) - f64::midpoint(1.0, filter.gain(at))).abs() < 1e-12);
+        }
+        let error = Prefilter::new(&gaussian(1.0, 5.0), 1.0).unwrap_err().to_string();
+        assert!(error.contains("radius 5") && error.contains("up to 4"), "{error}");
     }
 }

@@ -81,6 +81,11 @@ fn wrong_arguments_are_one_line_and_exit_2() {
     refused("render demo:sphere -o a.png --direction 1,0,0 --azimuth 3", 2, "cannot be used with");
     refused("render demo:sphere -o a.png --kernel box", 2, "kaiser-bessel");
     refused("render demo:sphere -o a.png --kernel gaussian:0,2", 2, "sigma is 0");
+    refused("render demo:sphere -o a.png --sharpness 1.5", 2, "--sharpness: 1.5, expected 0 to 1");
+    refused("render demo:sphere -o a.png --sharpness -1", 2, "--sharpness: -1, expected 0 to 1");
+    refused("render demo:sphere -o a.png --sharpness 1 --kernel kaiser-bessel", 2, "or post-shading");
+    refused("kernels --size 1000", 2, "--size: 1000, expected 8 to 256");
+    refused("kernels --signal noise", 2, "marschner-lobb, gaussians, shepp-logan");
     refused("render demo:sphere -o a.png --sheet-thickness 100", 2, "--sheet-thickness: 100");
     refused("render demo:sphere -o a.png --table-error 1", 2, "--table-error: 1");
     refused("render demo:sphere -o a.png --sheets-per-pass 9", 2, "--sheets-per-pass: 9");

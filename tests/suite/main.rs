@@ -34,6 +34,7 @@ mod readers_errors;
 mod rendering;
 mod savings;
 mod scalar_cells;
+mod sharpness;
 mod soak;
 mod streaming;
 mod support;
