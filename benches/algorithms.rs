@@ -184,8 +184,9 @@ fn angle(
     let camera = Camera::new(&view, volume.grid(), [size; 2])?;
     // Diffuse light from five sides shows the components of the normal.
     let shown = |towards: DVec3| -> Outcome<Image> {
-        let lights = vec![Light::Directional(towards)];
-        let lighting = Some(Lighting { ambient: 0.0, diffuse: 1.0, specular: 0.0, shininess: 1.0, lights });
+        let lights = vec![Light::directional(towards)];
+        let lighting =
+            Some(Lighting { ambient: 0.0, diffuse: 1.0, specular: 0.0, shininess: 1.0, lights, ..Lighting::default() });
         let settings = Settings { lighting, ..settings.clone() };
         Ok(render(renderer, volume, &transfer, &camera, &settings)?.image)
     };

@@ -52,7 +52,7 @@ fn kinds() -> Vec<(&'static str, Settings, bool)> {
     let pre = Settings { antialiasing: false, ..Settings::default() };
     let post = Settings { shading: Shading::Post, ..pre.clone() };
     let lit = |settings: &Settings| {
-        let lights = vec![Light::Headlight];
+        let lights = vec![Light::HEADLIGHT];
         Settings { lighting: Some(Lighting { lights, ..Lighting::default() }), ..settings.clone() }
     };
     vec![

@@ -15,6 +15,10 @@ surface="--transfer examples/surface.json --light headlight --azimuth 30 --eleva
 picture lit-voxels demo:marschner-lobb:96 $surface
 # shellcheck disable=SC2086
 picture post-lit demo:marschner-lobb:96 $surface --shading post
+# shellcheck disable=SC2086
+picture shadows demo:marschner-lobb:96 ${surface%--light*} --light 90,30:5 --shadows on --light-size 8 \
+    --azimuth 30 --elevation 45
+picture studio demo:vessels:160 --light studio --azimuth 30 --elevation 10 --zoom 1.8
 picture narrow-pre demo:shell:96 --azimuth 30 --elevation 20
 picture narrow-post demo:shell:96 --azimuth 30 --elevation 20 --shading post
 picture xray demo:shepp-logan:160 --model xray --azimuth 20 --elevation 10 --zoom 1.3

@@ -13,7 +13,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let point = |value, opacity| ControlPoint { value, color: [0.9, 0.7, 0.5], opacity };
     let transfer = TransferFunction::new(vec![point(0.45, 0.0), point(0.55, 0.9)], None)?;
     let lighting = Lighting {
-        lights: vec![Light::Headlight, Light::Directional(DVec3::new(-1.0, -1.0, 2.0))],
+        lights: vec![Light::HEADLIGHT, Light::directional(DVec3::new(-1.0, -1.0, 2.0))],
         diffuse: 0.5,
         ..Lighting::default()
     };

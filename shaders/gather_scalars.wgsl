@@ -58,10 +58,11 @@ fn classify_slab(
     if is_invisible(means, rays.invisible) {
         return Before(INVISIBLE, before.end);
     }
-    var light = vec2f(1.0, 0.0);
+    var light = Shine(vec3f(1.0), vec3f(0.0));
     if LIGHTS > 0u {
         let g = (*ray).slab.xyz;
-        light = light_on(rays.gradient_x * g.x + rays.gradient_y * g.y + rays.gradient_z * g.z, geometry.to_eye);
+        let gradient = rays.gradient_x * g.x + rays.gradient_y * g.y + rays.gradient_z * g.z;
+        light = light_on(gradient, geometry.to_eye, UNSHADED);
     }
     let step = (part.y - part.x) / f32(rays.samples);
     let length = 0.5 * step * geometry.stretch / geometry.direction.z;

@@ -23,7 +23,7 @@ fn follows_in_macrocell(index: u32, place: u32, x: u32) -> bool {
 
 // The colour of a classified voxel under the lights.
 fn shaded_color(index: u32, words: vec2u) -> vec3f {
-    let appearance = splats[2u * index + 1u];
+    let appearance = splats[splat_at(index) + 1u];
     let color = splat_color(words.y, appearance.x);
     if LIGHTS == 0u {
         return color;
@@ -33,7 +33,7 @@ fn shaded_color(index: u32, words: vec2u) -> vec3f {
         let offset = splat_lattice(words) - pack.eye;
         to_eye = -normalize(pack.view_x * offset.x + pack.view_y * offset.y + pack.view_z * offset.z);
     }
-    return lit_splat(color, appearance.y, to_eye);
+    return lit_splat(color, appearance.y, splat_kept(index), to_eye);
 }
 
 @compute @workgroup_size(WORKGROUP)

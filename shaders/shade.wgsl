@@ -111,7 +111,7 @@ fn gradient_of(at: vec2u, sheet: i32) -> vec3f {
 }
 
 // The light on a surface across a gradient of the lattice.
-fn light_of(gradient: vec3f, ray: PixelRay) -> vec2f {
+fn light_of(gradient: vec3f, ray: PixelRay) -> Shine {
     // The transpose of the map from the view to the lattice takes gradients from the lattice to the view.
     let in_view =
         vec3f(dot(frame.grid_right, gradient), dot(frame.grid_up, gradient), dot(frame.grid_forward, gradient));
@@ -119,7 +119,7 @@ fn light_of(gradient: vec3f, ray: PixelRay) -> vec2f {
     if PERSPECTIVE {
         to_eye = -vec3f(ray.slope, 1.0) / ray.stretch;
     }
-    return light_on(in_view, to_eye);
+    return light_on(in_view, to_eye, UNSHADED);
 }
 
 // Pieces of half a sheet, which are lit alike; 1 if the mean of the sheet is classified.
@@ -168,7 +168,7 @@ fn with_sheet(
     let last = before_of(vec3f(before, means.xy), ray, z - frame.sheet_step);
     var result = pixel;
     if LIGHTS == 0u {
-        march_part(&result, m, part, last, SAMPLES, ray, vec2f(1.0, 0.0));
+        march_part(&result, m, part, last, SAMPLES, ray, Shine(vec3f(1.0), vec3f(0.0)));
         return result;
     }
     // Half by half, each lit by the gradient in its middle, on the line through the means beside the sheet. A sheet
@@ -198,7 +198,7 @@ fn march_part(
     before: Before,
     samples: u32,
     ray: PixelRay,
-    light: vec2f,
+    light: Shine,
 ) -> Before {
     let length = (part.y - part.x) / f32(samples) * frame.sheet_step * ray.stretch;
     return march_parabola(pixel, m, part, before, samples, length, shading.lookup, shading.invisible, light);

@@ -319,7 +319,8 @@ impl Renderer {
     /// What a painter asks of a scene for a layer of a picture. Adds the seconds that making it took.
     fn layer(&self, scene: &Scene, room: &Room, lattice: Lattice, seconds: &mut f64) -> Result<Layer> {
         let need = (room.need)(&lattice.view, &lattice.settings, lattice.weights);
-        let wanted = Wanted { settings: &lattice.settings, level: lattice.level, coarse: lattice.coarse, need };
+        let Lattice { settings, level, shadows, coarse, .. } = &lattice;
+        let wanted = Wanted { settings, level: *level, shadows: shadows.as_ref(), coarse: *coarse, need };
         let (drawable, took) = scene.drawable(&self.context, &self.pipelines, wanted, &self.progress)?;
         *seconds += took;
         let table = scene.table(&self.context, lattice.level);

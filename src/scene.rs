@@ -14,11 +14,13 @@ use crate::gpu::context::Context;
 use crate::gpu::painter::Room;
 use crate::gpu::scalars::{self, Asked, Emission, Emitted, Shows};
 use crate::gpu::scan::Scan;
+use crate::gpu::shadows::{Shadows, shaded};
 use crate::gpu::store::{Bricks, Store};
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, TransferTable};
 use crate::gpu::view::{Fade, ScalarNeed, ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
+use crate::lighting::shadow;
 use crate::progress::Progress;
 use crate::settings::{Level, Model, Settings};
 use crate::transfer::TransferFunction;
@@ -51,9 +53,16 @@ struct Voxels {
     /// Whether splats have normals.
     lit: bool,
     /// The voxels that show, once a picture has asked for them.
-    classified: Mutex<Option<Arc<Classified>>>,
+    classified: Mutex<Option<(Option<Shadows>, Arc<Classified>)>>,
     /// The cells of the levels that the picture before asked for.
-    cells: Mutex<Vec<(u32, Arc<Emitted>)>>,
+    cells: Mutex<Vec<CellsOf>>,
+}
+
+/// The cells of a level.
+struct CellsOf {
+    level: u32,
+    shadows: Option<Shadows>,
+    cells: Arc<Emitted>,
 }
 
 /// A volume as post-shading draws it.
@@ -89,6 +98,8 @@ pub(crate) struct Lattice {
     pub(crate) settings: Settings,
     pub(crate) weights: Weights,
     pub(crate) level: u32,
+    /// Unless all light arrives.
+    pub(crate) shadows: Option<Shadows>,
     /// If they are of scalars, which cells they are, and the kernel that voxels have as asked for.
     pub(crate) coarse: Option<(Coarse, Kernel, Normalization)>,
 }
@@ -105,6 +116,8 @@ pub(crate) struct Wanted<'a> {
     pub(crate) settings: &'a Settings,
     /// The level whose cells stand for the voxels of a pre-shaded scene.
     pub(crate) level: u32,
+    /// Which light is kept from them.
+    pub(crate) shadows: Option<&'a Shadows>,
     /// The cells that stand for those of a post-shaded one, and the kernel of its voxels.
     pub(crate) coarse: Option<(Coarse, Kernel, Normalization)>,
     /// How far the scalars of a post-shaded one must reach.
@@ -195,7 +208,7 @@ impl Scene {
     /// Classifies the voxels of a pre-shaded scene before a picture asks for them.
     pub(crate) fn classify(&self, context: &Context, pipelines: &Cache, progress: &Progress) -> Result<()> {
         if let Content::Splats(voxels) = &self.content {
-            let (_, seconds) = voxels.classified(context, pipelines, progress)?;
+            let (_, seconds) = voxels.classified(context, pipelines, None, progress)?;
             self.seconds.store(seconds.to_bits(), Ordering::Relaxed);
         }
         Ok(())
@@ -252,9 +265,12 @@ impl Scene {
             ViewGeometry::of_cells(camera, grid, settings, voxels.savings(), grown, fade)
         };
         if level == 0 {
-            return Ok(Lattice { view: view_of(&self.grid, &settings, 1.0), settings, weights, level, coarse: None });
+            let shadows = self.shadows(&settings, level, &self.grid);
+            let view = view_of(&self.grid, &settings, 1.0);
+            return Ok(Lattice { view, settings, weights, level, shadows, coarse: None });
         }
         let grid = cells::grid_of(&self.grid, level)?;
+        let shadows = self.shadows(&settings, level, &grid);
         let kernel = cells::kernel_of(&settings.kernel, growth, level);
         // Cells are divided by the integral of their kernel. What voxels are divided by beside theirs stays.
         let denser = settings.kernel.integral() / settings.normalization.divisor(&settings.kernel);
@@ -262,7 +278,30 @@ impl Scene {
         let grown = growth / f64::from(level).exp2();
         let settings = Settings { kernel, normalization: Normalization::Unit, ..settings }.with_sheets_of(grown);
         let view = view_of(&grid, &settings, grown);
-        Ok(Lattice { view, settings, weights: Weights { unit, ..weights }, level, coarse: None })
+        Ok(Lattice { view, settings, weights: Weights { unit, ..weights }, level, shadows, coarse: None })
+    }
+
+    /// Which light is kept from the cells of a level. Their kernels are the narrowest that cells can have, whatever the
+    /// view: light does not depend on it.
+    fn shadows(&self, settings: &Settings, level: u32, grid: &Grid) -> Option<Shadows> {
+        let Content::Splats(voxels) = &self.content else { return None };
+        let casting = settings.casting()?;
+        let mut kernel = settings.kernel;
+        let mut divisor = settings.normalization.divisor(&kernel);
+        if level > 0 {
+            let denser = kernel.integral() / divisor;
+            kernel = cells::kernel_of(&kernel, cells::least_growth(&kernel, level), level);
+            divisor = kernel.integral() / denser;
+        }
+        let lattice = shadow::Lattice {
+            kernel,
+            divisor,
+            dims: grid.dims().map(|n| n as usize),
+            to_world: grid.to_world().matrix3,
+            unit: voxels.transfer.unit_or(self.grid.min_spacing()),
+            voxels: f64::from(level).exp2(),
+        };
+        Some(Shadows { casting, lattice })
     }
 
     /// The cells of scalars that stand for voxels.
@@ -286,7 +325,14 @@ impl Scene {
         let mut view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings(), grown, None);
         // Cells at the faces may reach beyond them.
         view.faces = voxels.faces / coarse.size();
-        Ok(Lattice { view, settings, weights, level: coarse.level, coarse: Some((coarse, kernel, normalization)) })
+        Ok(Lattice {
+            view,
+            settings,
+            weights,
+            level: coarse.level,
+            shadows: None,
+            coarse: Some((coarse, kernel, normalization)),
+        })
     }
 
     /// Which cells of scalars stand for voxels; `None`: voxels do, or the cells of [`ScalarNeed::cut`].
@@ -313,7 +359,7 @@ impl Scene {
     pub(crate) fn keep_levels(&self, [nearest, farthest]: [u32; 2]) {
         if let Content::Splats(voxels) = &self.content {
             let mut cells = voxels.cells.lock().unwrap_or_else(PoisonError::into_inner);
-            cells.retain(|(level, _)| (nearest..=farthest).contains(level));
+            cells.retain(|cells| (nearest..=farthest).contains(&cells.level));
         }
     }
 
@@ -368,10 +414,10 @@ impl Scene {
         wanted: Wanted<'_>,
         progress: &Progress,
     ) -> Result<(Drawable, f64)> {
-        let Wanted { settings, level, coarse, need } = wanted;
+        let Wanted { settings, level, shadows, coarse, need } = wanted;
         let scalars = match &self.content {
-            Content::Splats(voxels) if level == 0 => return voxels.classified(context, pipelines, progress),
-            Content::Splats(voxels) => return voxels.cells(context, level, progress),
+            Content::Splats(voxels) if level == 0 => return voxels.classified(context, pipelines, shadows, progress),
+            Content::Splats(voxels) => return voxels.cells(context, level, shadows, progress),
             Content::Scalars(scalars) => scalars,
         };
         let (kernel, normalization) = coarse
@@ -417,40 +463,81 @@ impl Scalars {
 
 impl Voxels {
     /// The voxels that show.
-    fn classified(&self, context: &Context, pipelines: &Cache, progress: &Progress) -> Result<(Drawable, f64)> {
+    fn classified(
+        &self,
+        context: &Context,
+        pipelines: &Cache,
+        shadows: Option<&Shadows>,
+        progress: &Progress,
+    ) -> Result<(Drawable, f64)> {
         let lock = || self.classified.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(classified) = lock().as_ref() {
+        let held = lock().clone();
+        if let Some((of, classified)) = &held
+            && of.as_ref() == shadows
+        {
             return Ok((Drawable::Splats(Arc::clone(classified)), 0.0));
         }
         let (classified, seconds) = on_host(|| {
             context.guarded("classifying the volume", || {
-                // Such a device is the host, which classifies faster without it.
-                if context.info.is_software() {
-                    return HostClassifier::run(context, &self.volume, &self.transfer, self.lit, progress);
-                }
-                let scan = Scan::of(pipelines, context)?;
-                let classifier = pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
-                classifier.run(context, &scan, &self.volume, &self.transfer, self.lit, progress)
+                // What light keeps from voxels is told anew, which they are is not.
+                let classified = match held {
+                    Some((_, classified)) if shadows.is_some() => classified,
+                    // Such a device is the host, which classifies faster without it.
+                    _ if context.info.is_software() => {
+                        Arc::new(HostClassifier::run(context, &self.volume, &self.transfer, self.lit, progress)?)
+                    }
+                    _ => {
+                        let scan = Scan::of(pipelines, context)?;
+                        let classifier = pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
+                        let (volume, transfer) = (&self.volume, &self.transfer);
+                        Arc::new(classifier.run(context, &scan, volume, transfer, self.lit, progress)?)
+                    }
+                };
+                let Some(shadows) = shadows else { return Ok(classified) };
+                let stores = shaded(context, &classified.stores, shadows, progress)?;
+                Ok(Arc::new(Classified { stores, bricks: classified.bricks, kept: Cache::default() }))
             })
         });
-        let classified = Arc::new(classified?);
-        *lock() = Some(Arc::clone(&classified));
+        let classified = classified?;
+        *lock() = Some((shadows.cloned(), Arc::clone(&classified)));
         Ok((Drawable::Splats(classified), seconds))
     }
 
     /// The cells of a level.
-    fn cells(&self, context: &Context, level: u32, progress: &Progress) -> Result<(Drawable, f64)> {
+    fn cells(
+        &self,
+        context: &Context,
+        level: u32,
+        shadows: Option<&Shadows>,
+        progress: &Progress,
+    ) -> Result<(Drawable, f64)> {
         let lock = || self.cells.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, cells)) = lock().iter().find(|(of, _)| *of == level) {
+        let held = |of: &CellsOf| (of.level == level).then(|| (of.shadows.clone(), Arc::clone(&of.cells)));
+        let held = lock().iter().find_map(held);
+        if let Some((of, cells)) = &held
+            && of.as_ref() == shadows
+        {
             return Ok((Drawable::Emitted(Arc::clone(cells)), 0.0));
         }
         let (cells, seconds) = on_host(|| {
             context.guarded("classifying the volume", || {
-                Coarsening::new(&self.volume, &self.transfer, level, self.lit).emit(context, progress)
+                let cells = match held {
+                    Some((_, cells)) if shadows.is_some() => cells,
+                    _ => {
+                        let coarsening = Coarsening::new(&self.volume, &self.transfer, level, self.lit);
+                        Arc::new(coarsening.emit(context, progress)?)
+                    }
+                };
+                let Some(shadows) = shadows else { return Ok(cells) };
+                let stores = shaded(context, &cells.stores, shadows, progress)?;
+                let Emitted { voxels, bricks, .. } = *cells;
+                Ok(Arc::new(Emitted { stores, voxels, bricks, kept: Cache::default() }))
             })
         });
-        let cells = Arc::new(cells?);
-        lock().push((level, Arc::clone(&cells)));
+        let cells = cells?;
+        let mut all = lock();
+        all.retain(|cells| cells.level != level);
+        all.push(CellsOf { level, shadows: shadows.cloned(), cells: Arc::clone(&cells) });
         Ok((Drawable::Emitted(cells), seconds))
     }
 }

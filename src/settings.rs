@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::gpu::cells::MAX_LEVEL;
 use crate::kernel::{Kernel, Normalization};
-use crate::lighting::Lighting;
+use crate::lighting::{Casting, Lighting};
 use crate::names::named;
 use crate::reconstruction::Prefilter;
 
@@ -352,6 +352,11 @@ impl Settings {
                 "post-shading and maximum intensity add up scalars, additive does not go",
             ),
             (self.model != Model::Composite && self.lighting.is_some(), "lighting", "only the composite model is lit"),
+            (
+                post && self.casting().is_some(),
+                "shadows",
+                "light is kept from voxels: shadows and occlusion need pre-shading",
+            ),
             (xray && self.shading == Shading::Post, "shading", "an X-ray adds up voxels' extinction: it is pre-shaded"),
             (xray && axis, "sheets", "an X-ray has one sheet, axis does not go"),
             (xray && additive, "accumulation", "an X-ray is a sheet of optical depth, additive does not go"),
@@ -383,6 +388,11 @@ impl Settings {
         let Painter::Quads(quads) = self.painter else { return self };
         let sheet_thickness = (times * quads.sheet_thickness).clamp(0.05, 64.0);
         Self { painter: Painter::Quads(QuadsSettings { sheet_thickness, ..quads }), ..self }
+    }
+
+    /// Which light is kept from voxels; `None` if all of it arrives.
+    pub(crate) fn casting(&self) -> Option<Casting> {
+        self.lighting.as_ref().and_then(Lighting::casting)
     }
 
     /// The number of lights; 0 without light.

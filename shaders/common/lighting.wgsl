@@ -14,11 +14,23 @@ struct Lighting {
     specular: f32,
     // Unit vectors towards the lights. 0: the light is at the eye.
     lights: array<vec4f, 4>,
+    // Their red, green and blue.
+    colors: array<vec4f, 4>,
     shininess: f32,
 }
 
-// Diffuse (x) and specular (y) share of one light on a surface with a unit normal.
-fn light_from(light: vec3f, normal: vec3f, to_eye: vec3f) -> vec2f {
+// What light makes of a colour: it is multiplied by `diffuse`, and `specular` is added.
+struct Shine {
+    diffuse: vec3f,
+    specular: vec3f,
+}
+
+// All light arrives: of the lights that cast shadows (xyz) and of what is around (w).
+const UNSHADED = vec4f(1.0);
+
+// Diffuse (x) and specular (y) share of a light on a surface with a unit normal.
+fn light_from(index: u32, normal: vec3f, to_eye: vec3f) -> vec2f {
+    let light = lighting.lights[index].xyz;
     let towards = select(light, to_eye, all(light == vec3f(0.0)));
     let cosine = dot(normal, towards);
     if cosine <= 0.0 {
@@ -30,31 +42,45 @@ fn light_from(light: vec3f, normal: vec3f, to_eye: vec3f) -> vec2f {
     return vec2f(cosine, pow(max(highlight, 0.0), lighting.shininess));
 }
 
-// Of a surface across a gradient of any length: x, the factor of its colour, and y, the white that is added. Without a
-// gradient the colour stays as it is.
-fn light_on(gradient: vec3f, to_eye: vec3f) -> vec2f {
+// The light number `index`, of which the share `kept` arrives.
+fn shine_of(index: u32, normal: vec3f, to_eye: vec3f, kept: f32) -> Shine {
+    let shares = light_from(index, normal, to_eye) * kept;
+    let color = lighting.colors[index].rgb;
+    return Shine(color * shares.x, color * shares.y);
+}
+
+fn sum_of(a: Shine, b: Shine) -> Shine {
+    return Shine(a.diffuse + b.diffuse, a.specular + b.specular);
+}
+
+// The light on a surface across a gradient of any length, of which the shares `kept` arrive. Without a gradient there
+// is no surface: the colour is as bright as what arrives.
+fn light_on(gradient: vec3f, to_eye: vec3f, kept: vec4f) -> Shine {
     let largest = max(abs(gradient.x), max(abs(gradient.y), abs(gradient.z)));
+    let ambient = lighting.ambient * kept.w;
     if largest <= 0.0 {
-        return vec2f(1.0, 0.0);
+        let lost = dot(vec3f(1.0) - kept.xyz, vec3f(1.0)) / f32(max(LIGHTS, 1u));
+        let shown = 1.0 - lighting.ambient * (1.0 - kept.w) - (1.0 - lighting.ambient) * lost;
+        return Shine(vec3f(shown), vec3f(0.0));
     }
     // By its largest component first: squares of large and of small numbers leave the range of f32.
     let direction = gradient / largest;
     let facing = select(1.0, -1.0, dot(direction, to_eye) < 0.0);
     let normal = direction * (inverseSqrt(dot(direction, direction)) * facing);
-    var sum = light_from(lighting.lights[0].xyz, normal, to_eye);
+    var sum = shine_of(0u, normal, to_eye, kept.x);
     if LIGHTS > 1u {
-        sum += light_from(lighting.lights[1].xyz, normal, to_eye);
+        sum = sum_of(sum, shine_of(1u, normal, to_eye, kept.y));
     }
     if LIGHTS > 2u {
-        sum += light_from(lighting.lights[2].xyz, normal, to_eye);
+        sum = sum_of(sum, shine_of(2u, normal, to_eye, kept.z));
     }
     if LIGHTS > 3u {
-        sum += light_from(lighting.lights[3].xyz, normal, to_eye);
+        sum = sum_of(sum, shine_of(3u, normal, to_eye, 1.0));
     }
-    return vec2f(lighting.ambient + lighting.diffuse * sum.x, lighting.specular * sum.y);
+    return Shine(ambient + lighting.diffuse * sum.diffuse, lighting.specular * sum.specular);
 }
 
 // A colour under a light that light_on() gave.
-fn lit(color: vec3f, light: vec2f) -> vec3f {
-    return clamp(color * light.x + light.y, vec3f(0.0), vec3f(1.0));
+fn lit(color: vec3f, light: Shine) -> vec3f {
+    return clamp(color * light.diffuse + light.specular, vec3f(0.0), vec3f(1.0));
 }

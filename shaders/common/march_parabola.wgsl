@@ -38,7 +38,7 @@ fn march_parabola(
     length: f32,
     lookup: vec2f,
     invisible: vec2f,
-    light: vec2f,
+    light: Shine,
 ) -> Before {
     let step = (part.y - part.x) / f32(samples);
     let p = marched_parabola(means, step);

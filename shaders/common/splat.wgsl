@@ -19,6 +19,11 @@
 //     color               13 bits of red, then 14 of green, then the 5 low bits of blue
 //     normal              the direction of the world gradient, see common/normal.wgsl
 //
+// Where light is kept from voxels it takes two more:
+//
+//     kept                the shares of light that arrive, 16 bits each: of the first three lights, then of what is
+//                         around; 65535 is all of it
+//
 // `origins` are the lattice points at which the bricks of the store begin (xyz), 32^3 places each, and their level (w):
 // a place is a cell of 2^level voxels a side, which stands for them with one kernel in its middle.
 
@@ -32,14 +37,34 @@ fn splat_place(x: u32, y: u32, z: u32, brick: u32) -> u32 {
     return x | (y << 5u) | (z << 10u) | (brick << 15u);
 }
 
+// Classified voxels have the words `kept`.
+override SHADOWS: bool = false;
+
+// Where a splat begins.
+fn splat_at(index: u32) -> u32 {
+    if SCALARS && !GRADIENTS {
+        return index;
+    }
+    return index * select(2u, 3u, SHADOWS);
+}
+
 // The first two words of a splat.
 fn splat_words(index: u32) -> vec2u {
-    return splats[select(2u * index, index, SCALARS && !GRADIENTS)];
+    return splats[splat_at(index)];
+}
+
+// The shares of light that arrive at a classified voxel.
+fn splat_kept(index: u32) -> vec4f {
+    if !SHADOWS {
+        return vec4f(1.0);
+    }
+    let words = splats[splat_at(index) + 2u];
+    return vec4f(unpack2x16unorm(words.x), unpack2x16unorm(words.y));
 }
 
 // The gradient of a scalar that is lit.
 fn splat_gradient(index: u32) -> vec3f {
-    let words = splats[2u * index + 1u];
+    let words = splats[splat_at(index) + 1u];
     let low = bitcast<i32>(words.x);
     let high = bitcast<i32>(words.y);
     let y = (extractBits(high, 0u, 4u) << 14u) | i32(words.x >> 18u);

@@ -12,7 +12,7 @@ use voxsplat::reconstruction::Signal;
 use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Resolution, Shading, Sheets};
 use voxsplat::volume::{Endian, SampleType};
 
-use super::parse::{self, LightArg, one_of};
+use super::parse::{self, LightArg, Occlusion, one_of};
 
 /// Renders voxel volumes by splatting on the GPU.
 #[derive(Debug, Parser)]
@@ -180,14 +180,25 @@ pub(super) struct ModelArgs {
     #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = one_of(Shading::ALL, Shading::name),
         help_heading = "Model")]
     pub(super) shading: Shading,
-    /// Light surfaces: off, headlight (from the eye), or AZ,EL (from the position of an eye at that azimuth and
-    /// elevation, degrees); repeat the option for up to 4 lights [default: off]
+    /// Light surfaces: off, headlight (from the eye), AZ,EL (from the position of an eye at that azimuth and elevation,
+    /// degrees), or studio (key, fill and rim light around the first view, soft shadows, occlusion). Repeat the option
+    /// for up to 4 lights; :INTENSITY or :#RRGGBB behind headlight or AZ,EL changes them [default: off]
     #[arg(long, value_name = "LIGHT", value_parser = parse::light, allow_hyphen_values = true, help_heading = "Model")]
     pub(super) light: Vec<LightArg>,
     /// Material of lit surfaces: ambient, diffuse and specular share, 0 to 1, and shininess, 1 to 1000
     /// [default: 0.3,0.7,0.2,24]
     #[arg(long, value_name = "A,D,S,N", value_parser = parse::material, help_heading = "Model")]
     pub(super) material: Option<[f64; 4]>,
+    /// Shadows of the first three lights given by AZ,EL: on, off, or their strength, 0 to 1 [default: off; studio 0.85]
+    #[arg(long, value_name = "on|off|STRENGTH", value_parser = parse::strength, help_heading = "Model")]
+    pub(super) shadows: Option<f64>,
+    /// How large lights given by AZ,EL appear, across, degrees, 0 to 90: their shadows become soft [default: 0]
+    #[arg(long, value_name = "DEGREES", value_parser = parse::number, help_heading = "Model")]
+    pub(super) light_size: Option<f64>,
+    /// Ambient occlusion: voxels take the ambient light from each other within so many voxels, or off
+    /// [default: off; studio 8]
+    #[arg(long, value_name = "RADIUS|off", value_parser = parse::occlusion, help_heading = "Model")]
+    pub(super) occlusion: Option<Occlusion>,
     /// Reconstruction kernel, lengths in voxels: gaussian[:SIGMA,RADIUS] (1,2) or kaiser-bessel[:RADIUS,ALPHA] (2,10.4)
     #[arg(long, value_name = "KERNEL", default_value = "gaussian", value_parser = parse::kernel,
         help_heading = "Model")]

@@ -6,7 +6,7 @@ use glam::DVec3;
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image, Region};
-use voxsplat::lighting::{Light, Lighting};
+use voxsplat::lighting::{Light, Lighting, Source};
 use voxsplat::settings::{Painter, QuadsSettings, Settings, TilesSettings};
 use voxsplat::transfer::{TransferFunction, presets};
 use voxsplat::volume::Grid;
@@ -16,7 +16,7 @@ use super::args::{
     CompareArgs, ModelArgs, PainterArg, PainterArgs, ParetoArgs, ProjectionArg, RenderArgs, StatsFormat, SwitchArg,
     ViewArgs,
 };
-use super::parse::LightArg;
+use super::parse::{LightArg, Occlusion, PlaceArg};
 
 /// The default vertical field of view, degrees.
 const DEFAULT_FOV: f64 = 30.0;
@@ -89,8 +89,8 @@ fn check_output(path: &Path) -> Result<(), Failure> {
 
 impl RenderJob {
     pub(super) fn new(args: RenderArgs) -> Result<Self, Failure> {
-        let settings = settings(&args.model, painter(&args.painter)?, &args.view)?;
         let view = view(&args.view)?;
+        let settings = settings(&args.model, painter(&args.painter)?, &view)?;
         // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         check_output(&args.output)?;
@@ -122,11 +122,11 @@ impl RenderJob {
 }
 
 /// The settings of a picture.
-fn settings(model: &ModelArgs, painter: Painter, view: &ViewArgs) -> Result<Settings, Failure> {
+fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings, Failure> {
     let settings = Settings {
         model: model.model,
         shading: model.shading,
-        lighting: lighting(model, view.up.unwrap_or(View::default().up))?,
+        lighting: lighting(model, view)?,
         interslice: model.interslice,
         termination: model.termination,
         antialiasing: model.antialiasing == SwitchArg::On,
@@ -181,27 +181,53 @@ fn painter(args: &PainterArgs) -> Result<Painter, Failure> {
 }
 
 /// The lights and their material; `None` if there is no light.
-fn lighting(args: &ModelArgs, up: DVec3) -> Result<Option<Lighting>, Failure> {
+fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> {
+    let usage = |message: String| Err(Failure::Usage(message));
     let lit: Vec<LightArg> = args.light.iter().copied().filter(|l| *l != LightArg::Off).collect();
     if lit.is_empty() {
-        return match args.material {
-            Some(_) => Err(Failure::Usage("--material needs a --light".to_owned())),
+        let needing = [
+            ("material", args.material.is_some()),
+            ("shadows", args.shadows.is_some_and(|strength| strength > 0.0)),
+            ("light-size", args.light_size.is_some()),
+            ("occlusion", args.occlusion.is_some_and(|Occlusion(radius)| radius.is_some())),
+        ];
+        return match needing.into_iter().find(|(_, given)| *given) {
+            Some((name, _)) => usage(format!("--{name} needs a --light")),
             None => Ok(None),
         };
     }
     if lit.len() < args.light.len() {
-        return Err(Failure::Usage("--light: off does not go with other lights".to_owned()));
+        return usage("--light: off does not go with other lights".to_owned());
     }
-    let lights = lit.into_iter().map(|light| match light {
-        LightArg::From(azimuth, elevation) => {
-            View { azimuth, elevation, up, ..View::default() }.forward().map(|forward| Light::Directional(-forward))
+    let mut lighting = if lit.contains(&LightArg::Studio) {
+        if lit.len() > 1 {
+            return usage("--light: studio is all of the lights, no other goes with it".to_owned());
         }
-        _ => Ok(Light::Headlight),
-    });
-    let lights = lights.collect::<Result<_, _>>()?;
-    let mut lighting = Lighting { lights, ..Lighting::default() };
+        Lighting::studio(view.forward()?, view.up)
+    } else {
+        let mut lights = Vec::new();
+        for light in lit {
+            let LightArg::One(place, color) = light else { continue };
+            let light = match place {
+                PlaceArg::Eye => Light::HEADLIGHT,
+                PlaceArg::From(azimuth, elevation) => {
+                    let towards = -View { azimuth, elevation, up: view.up, ..View::default() }.forward()?;
+                    Light { size: args.light_size.unwrap_or(0.0), ..Light::directional(towards) }
+                }
+            };
+            lights.push(Light { color, ..light });
+        }
+        Lighting { lights, ..Lighting::default() }
+    };
     if let Some([ambient, diffuse, specular, shininess]) = args.material {
         lighting = Lighting { ambient, diffuse, specular, shininess, ..lighting };
+    }
+    lighting.shadows = args.shadows.unwrap_or(lighting.shadows);
+    if args.shadows.is_some_and(|strength| strength > 0.0) && lighting.lights.iter().all(|l| l.source == Source::Eye) {
+        return usage("--shadows: a headlight casts none, give a light by AZ,EL".to_owned());
+    }
+    if let Some(Occlusion(radius)) = args.occlusion {
+        lighting.occlusion = radius;
     }
     Ok(Some(lighting))
 }
@@ -260,8 +286,8 @@ const GOLDEN_ANGLE: f64 = 137.507_764_050_037_85;
 
 impl ParetoJob {
     pub(super) fn new(args: ParetoArgs) -> Result<Self, Failure> {
-        let settings = settings(&args.model, Painter::Auto, &args.view)?;
         let first = view(&args.view)?;
+        let settings = settings(&args.model, Painter::Auto, &first)?;
         Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         let turned = |i: u32| {
             let elevations = [0.0, 25.0, -35.0, 55.0, -15.0];

@@ -4,6 +4,7 @@ use std::str::FromStr;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
+use voxsplat::Background;
 use voxsplat::error::Error;
 use voxsplat::image::Region;
 use voxsplat::kernel::Kernel;
@@ -13,7 +14,15 @@ use voxsplat::settings::Level;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum LightArg {
     Off,
-    Headlight,
+    Studio,
+    /// A light with its colour.
+    One(PlaceArg, [f64; 3]),
+}
+
+/// Where a light is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum PlaceArg {
+    Eye,
     /// Azimuth and elevation in degrees, as those of an eye.
     From(f64, f64),
 }
@@ -95,18 +104,32 @@ pub(super) fn table(text: &str) -> Result<[u32; 2], String> {
     parsed.ok_or_else(|| "expected ROWSxTERMS, such as 256x8".to_owned())
 }
 
-/// `off`, `headlight` or `AZ,EL`.
+/// `off`, `studio`, or `headlight` or `AZ,EL` with `:INTENSITY`, `:#RRGGBB` or `:INTENSITY,#RRGGBB`.
 pub(super) fn light(text: &str) -> Result<LightArg, String> {
-    match text {
-        "off" => Ok(LightArg::Off),
-        "headlight" => Ok(LightArg::Headlight),
-        _ => match list::<f64>(text).as_deref() {
+    let expected = || "expected off, studio, headlight or AZ,EL in degrees; the last two with :INTENSITY or :#RRGGBB";
+    let (place, color) = text.split_once(':').map_or((text, None), |(place, color)| (place, Some(color)));
+    let place = match (place, color) {
+        ("off", None) => return Ok(LightArg::Off),
+        ("studio", None) => return Ok(LightArg::Studio),
+        ("headlight", _) => PlaceArg::Eye,
+        _ => match list::<f64>(place).as_deref() {
             Some(&[azimuth, elevation]) if azimuth.is_finite() && elevation.is_finite() => {
-                Ok(LightArg::From(azimuth, elevation))
+                PlaceArg::From(azimuth, elevation)
             }
-            _ => Err("expected off, headlight or AZ,EL in degrees".to_owned()),
+            _ => return Err(expected().to_owned()),
         },
+    };
+    let mut light = [1.0; 3];
+    for part in color.into_iter().flat_map(|color| color.split(',')) {
+        let intensity = part.parse().ok().filter(|n: &f64| n.is_finite()).map(|n| [n; 3]);
+        let factors = match (intensity, part.parse()) {
+            (Some(intensity), _) => intensity,
+            (None, Ok(Background::Color(color))) => color,
+            _ => return Err(expected().to_owned()),
+        };
+        light.iter_mut().zip(factors).for_each(|(light, factor)| *light *= factor);
     }
+    Ok(LightArg::One(place, light))
 }
 
 /// Ambient, diffuse, specular and shininess.
@@ -114,6 +137,27 @@ pub(super) fn material(text: &str) -> Result<[f64; 4], String> {
     list::<f64>(text)
         .and_then(|numbers| numbers.try_into().ok())
         .ok_or_else(|| "expected four numbers AMBIENT,DIFFUSE,SPECULAR,SHININESS".to_owned())
+}
+
+/// `on`, `off` or a number.
+pub(super) fn strength(text: &str) -> Result<f64, String> {
+    match text {
+        "on" => Ok(1.0),
+        "off" => Ok(0.0),
+        _ => number(text).map_err(|_| "expected on, off or a number from 0 to 1".to_owned()),
+    }
+}
+
+/// The value of `--occlusion`: a distance in voxels, or none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Occlusion(pub(super) Option<f64>);
+
+/// `off` or a number.
+pub(super) fn occlusion(text: &str) -> Result<Occlusion, String> {
+    if text == "off" {
+        return Ok(Occlusion(None));
+    }
+    number(text).map(|radius| Occlusion(Some(radius))).map_err(|_| "expected off or a radius in voxels".to_owned())
 }
 
 /// A finite number.

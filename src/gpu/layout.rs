@@ -12,6 +12,9 @@ pub(crate) struct Splat {
     pub normal: u32,
 }
 
+/// The words of a classified voxel that light is kept from: those of [`Splat`], and two more.
+pub(crate) const SHADED_WORDS: usize = 6;
+
 /// The words of a splat of a scalar that is not lit, and of one that is; shaders/common/splat.wgsl explains them.
 pub(crate) const SCALAR_WORDS: usize = 2;
 pub(crate) const LIT_SCALAR_WORDS: usize = 4;
@@ -167,6 +170,7 @@ pub(crate) struct Lighting {
     pub forward: [f32; 3],
     pub specular: f32,
     pub lights: [[f32; 4]; 4],
+    pub colors: [[f32; 4]; 4],
     pub shininess: f32,
     pub _pad: [u32; 3],
 }

@@ -23,6 +23,7 @@ pub(crate) mod scan;
 mod shaders;
 #[cfg(test)]
 mod shaders_test;
+pub(crate) mod shadows;
 mod splat;
 #[cfg(test)]
 mod stages_test;

@@ -50,7 +50,7 @@ fn device_nothing_that_is_left_out_changes_a_pixel() {
         ("view", renderer(Savings { view: false, ..all })),
         ("pixels", renderer(Savings { pixels: false, ..all })),
     ];
-    let lighting = Some(Lighting { lights: vec![Light::Headlight], ..Lighting::default() });
+    let lighting = Some(Lighting { lights: vec![Light::HEADLIGHT], ..Lighting::default() });
     let scenes = [
         ("pre-shaded", Model::Composite, Shading::Pre, None, 1.0),
         ("lit", Model::Composite, Shading::Pre, lighting.clone(), 1.0),

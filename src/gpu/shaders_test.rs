@@ -151,7 +151,7 @@ fn structs_are_laid_out_alike() {
         fade_out,
         sections
     });
-    same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, shininess });
+    same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, colors, shininess });
     same_layout!(Frame {
         lattice_center,
         radius,

@@ -137,12 +137,42 @@ pub(super) fn directions(xs: &[u32; LANES], step: [f32; 3], start: [f32; 3]) -> 
     [vx, vy, vz]
 }
 
+/// The place of the light from all around among the shares that are kept.
+const AROUND: usize = 3;
+
+/// The words `kept` of a splat.
+pub(super) fn packed_kept(shares: [f64; 4]) -> [u32; 2] {
+    let [a, b, c, d] = shares.map(|share| nearest(share.clamp(0.0, 1.0) as f32 * 65_535.0));
+    [a | b << 16, c | d << 16]
+}
+
+/// The shares of light that arrive at splats, given these words.
+pub(super) fn kept(low: &[u32; LANES], high: &[u32; LANES]) -> [Lanes; 4] {
+    let mut kept = [Lanes::default(); 4];
+    for i in 0..LANES {
+        let shares = [low[i] & 0xffff, low[i] >> 16, high[i] & 0xffff, high[i] >> 16];
+        (0..4).for_each(|share| kept[share][i] = shares[share] as i32 as f32 / 65_535.0);
+    }
+    kept
+}
+
 /// Lights splats of these colours, given the words of their normals and unit vectors to the eye in view coordinates:
 /// `lit_splat` in shaders/common/lit_splat.wgsl.
-pub(super) fn light(lighting: &Lighting, lights: u32, colors: &mut Vectors, words: &[u32; LANES], to_eye: &Vectors) {
+///
+/// `kept` are the shares of light that arrive, of the lights that cast shadows and of what is around; `None`: all.
+pub(super) fn light(
+    lighting: &Lighting,
+    lights: u32,
+    colors: &mut Vectors,
+    words: &[u32; LANES],
+    kept: Option<&[Lanes; 4]>,
+    to_eye: &Vectors,
+) {
     let normals = facing_normals(lighting, words, to_eye);
-    let (mut diffuse, mut specular) = (Lanes::default(), Lanes::default());
-    for &[x, y, z, _] in &lighting.lights[..lights as usize] {
+    let (mut diffuse, mut specular) = (Vectors::default(), Vectors::default());
+    for (number, (&[x, y, z, _], intensity)) in
+        lighting.lights[..lights as usize].iter().zip(&lighting.colors).enumerate()
+    {
         let towards = if [x, y, z] == [0.0; 3] { *to_eye } else { [[x; LANES], [y; LANES], [z; LANES]] };
         // In steps without a choice, which vectorise.
         let (mut cosines, mut shines) = (Lanes::default(), Lanes::default());
@@ -158,16 +188,39 @@ pub(super) fn light(lighting: &Lighting, lights: u32, colors: &mut Vectors, word
             *shine = power(*shine, lighting.shininess);
         }
         for i in 0..LANES {
-            diffuse[i] += cosines[i].max(0.0);
-            specular[i] += if cosines[i] > 0.0 { shines[i] } else { 0.0 };
+            shines[i] = if cosines[i] > 0.0 { shines[i] } else { 0.0 };
+            cosines[i] = cosines[i].max(0.0);
+        }
+        // The fourth light casts no shadow.
+        if let Some(kept) = kept
+            && number < AROUND
+        {
+            for i in 0..LANES {
+                cosines[i] *= kept[number][i];
+                shines[i] *= kept[number][i];
+            }
+        }
+        for channel in 0..3 {
+            for i in 0..LANES {
+                diffuse[channel][i] += intensity[channel] * cosines[i];
+                specular[channel][i] += intensity[channel] * shines[i];
+            }
         }
     }
-    for color in colors {
+    let (mut ambient, mut shown) = ([lighting.ambient; LANES], [1.0; LANES]);
+    if let Some(kept) = kept {
         for i in 0..LANES {
-            let lit = color[i] * (lighting.ambient + lighting.diffuse * diffuse[i]) + lighting.specular * specular[i];
+            ambient[i] *= kept[AROUND][i];
+            let lost = ((1.0 - kept[0][i]) + (1.0 - kept[1][i]) + (1.0 - kept[2][i])) / lights as f32;
+            shown[i] = 1.0 - lighting.ambient * (1.0 - kept[AROUND][i]) - (1.0 - lighting.ambient) * lost;
+        }
+    }
+    for (color, (diffuse, specular)) in colors.iter_mut().zip(diffuse.iter().zip(&specular)) {
+        for i in 0..LANES {
+            let lit = color[i] * (ambient[i] + lighting.diffuse * diffuse[i]) + lighting.specular * specular[i];
             // Without a normal there is no surface.
             let surface = normals[0][i].abs() + normals[1][i].abs() + normals[2][i].abs() > 0.0;
-            color[i] = if surface { lit.clamp(0.0, 1.0) } else { color[i] };
+            color[i] = if surface { lit.clamp(0.0, 1.0) } else { color[i] * shown[i] };
         }
     }
 }

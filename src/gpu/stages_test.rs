@@ -332,6 +332,7 @@ fn sort_matches_its_twin() {
                 grown: view.max_growth() > 1.0,
                 scalars: false,
                 gradients: false,
+                shadows: false,
             };
             let sorter = Sorter::new(&context, key);
             let frame = plan.frame(WHOLE);

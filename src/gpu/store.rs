@@ -12,7 +12,7 @@ use crate::memory::reserved;
 use crate::volume::BRICK_EDGE as EDGE;
 
 /// The bricks that splats were looked for in.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Bricks {
     /// Those of the volume and of the copies beyond its faces.
     pub(crate) all: u32,

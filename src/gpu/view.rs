@@ -7,7 +7,7 @@ use super::levels::Cut;
 use super::savings::Savings;
 use crate::camera::{Camera, Growth, Projection};
 use crate::image::Region;
-use crate::lighting::{Light, Lighting};
+use crate::lighting::{Lighting, Source};
 use crate::settings::{Model, Settings};
 use crate::volume::Grid;
 
@@ -290,14 +290,18 @@ impl ViewGeometry {
         let f3 = |v: DVec3| v.as_vec3().to_array();
         let mut lights = [[0.0; 4]; Lighting::MAX_LIGHTS];
         for (slot, light) in lights.iter_mut().zip(&lighting.lights) {
-            *slot = match light {
+            *slot = match light.source {
                 // Zeros: the shader takes the direction to the eye.
-                Light::Headlight => [0.0; 4],
-                Light::Directional(towards) => {
+                Source::Eye => [0.0; 4],
+                Source::Direction(towards) => {
                     let d = towards.normalize();
                     [d.dot(camera.right), d.dot(camera.up), d.dot(camera.forward), 0.0].map(|c| c as f32)
                 }
             };
+        }
+        let mut colors = [[0.0; 4]; Lighting::MAX_LIGHTS];
+        for (slot, light) in colors.iter_mut().zip(&lighting.lights) {
+            slot.iter_mut().zip(light.color).for_each(|(slot, c)| *slot = c as f32);
         }
         layout::Lighting {
             right: f3(camera.right),
@@ -307,6 +311,7 @@ impl ViewGeometry {
             forward: f3(camera.forward),
             specular: lighting.specular as f32,
             lights,
+            colors,
             shininess: lighting.shininess as f32,
             _pad: [0; 3],
         }

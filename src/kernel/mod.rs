@@ -3,7 +3,7 @@
 mod footprint;
 mod quadrature;
 
-pub(crate) use footprint::{FootprintTable, footprint_polynomial, section};
+pub(crate) use footprint::{FootprintTable, footprint_polynomial, section, section_by};
 
 use std::f64::consts::PI;
 use std::fmt;

@@ -7,7 +7,8 @@ use glam::{DMat3, DVec3};
 use super::cells::Cells;
 use super::walk::Viewer;
 use crate::error::{Error, Result};
-use crate::lighting::Lighting;
+use crate::lighting::shadow::{Caster, Lattice, Medium};
+use crate::lighting::{Lighting, Visibility};
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Samples, Volume};
@@ -37,6 +38,8 @@ pub(super) struct Splats {
     unit: f64,
     base: f64,
     lighting: Option<Lighting>,
+    /// Unless all light arrives.
+    shadows: Option<Shadows>,
     /// From gradients along the lattice axes to such in the world.
     to_world: DMat3,
     /// Whether weights are scalars, and the samples at the edge are repeated beyond it: post-shading and maximum
@@ -45,6 +48,18 @@ pub(super) struct Splats {
     emits: bool,
     pub(super) cells: Cells,
     bounds: Option<[[i64; 2]; 3]>,
+}
+
+/// What keeps light from voxels.
+struct Shadows {
+    medium: Medium<f64>,
+    caster: Caster<f64>,
+}
+
+impl std::fmt::Debug for Shadows {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Shadows")
+    }
 }
 
 impl Splats {
@@ -71,6 +86,29 @@ impl Splats {
             return Err(Error::Volume("values are further apart than a number can hold".to_owned()));
         }
         let bounds = cells.bounds(dims, counts);
+        let casting = settings.lighting.as_ref().filter(|_| !repeats).and_then(Lighting::casting);
+        let shadows = casting.map(|casting| {
+            let mut medium = Medium::new(dims)?;
+            for (index, opacity) in (0..dims.iter().product())
+                .map(|i| rescale.0 * samples.raw(i) + rescale.1)
+                .map(|v| transfer.sample(v).1)
+                .enumerate()
+            {
+                let tau = TransferFunction::extinction(opacity, unit);
+                if tau > 0.0 {
+                    medium.set([index % dims[0], index / dims[0] % dims[1], index / dims[0] / dims[1]], tau);
+                }
+            }
+            let lattice = Lattice {
+                kernel: settings.kernel,
+                divisor: settings.normalization.divisor(&settings.kernel),
+                dims,
+                to_world: volume.grid().to_world().matrix3,
+                unit: 1.0,
+                voxels: 1.0,
+            };
+            Ok::<_, Error>(Shadows { caster: Caster::new(&casting, &lattice), medium })
+        });
         Ok(Self {
             grid: volume.grid().centered(),
             dims,
@@ -80,6 +118,7 @@ impl Splats {
             unit,
             base,
             lighting: settings.lighting.clone(),
+            shadows: shadows.transpose()?,
             to_world: volume.grid().to_lattice().matrix3.transpose(),
             repeats,
             emits: settings.model != Model::Xray,
@@ -126,7 +165,7 @@ impl Splats {
     }
 
     /// What a voxel weighs for a viewer.
-    fn classify(&self, point: [usize; 3], viewer: Viewer) -> Weights {
+    fn classify(&self, point: [usize; 3], viewer: Viewer, visibility: &Visibility) -> Weights {
         let value = self.value(self.index(point));
         if self.repeats {
             let [x, y, z] = if self.lighting.is_some() { self.central_differences(point) } else { [0.0; 3] };
@@ -142,7 +181,7 @@ impl Splats {
         }
         if let Some(lighting) = &self.lighting {
             let place = self.grid.to_world().transform_point3(DVec3::from_array(point.map(|p| p as f64)));
-            color = lighting.shade(color, self.gradient(point), viewer.from(place));
+            color = lighting.shade(color, self.gradient(point), viewer.from(place), visibility);
         }
         let [red, green, blue] = color.map(|c| c * tau);
         [tau, red, green, blue]
@@ -241,9 +280,12 @@ impl Bricks {
         let [x, y, z] = std::array::from_fn(|a| first[a]..splats.dims[a].min(first[a] + EDGE));
         for k in z {
             for j in y.clone() {
+                let shares =
+                    splats.shadows.as_ref().map(|s| s.caster.shares::<EDGE>(&s.medium, [x.start, j, k], u32::MAX));
                 for i in x.clone() {
                     let at = (k % EDGE * EDGE + j % EDGE) * EDGE + i % EDGE;
-                    weights[at] = splats.classify([i, j, k], self.viewer);
+                    let visibility = shares.as_ref().map_or(Visibility::FULL, |s| Visibility::of(s, i % EDGE));
+                    weights[at] = splats.classify([i, j, k], self.viewer, &visibility);
                 }
             }
         }

@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3};
 use super::classify::Weights;
 use super::profile::{Gauss, Range, Scalar, Series};
 use super::walk::{Block, Cuts, MOMENTS, Piece};
-use crate::lighting::{Light, Lighting};
+use crate::lighting::{Lighting, Source, Visibility};
 use crate::transfer::TransferFunction;
 
 /// Optical depth of one step at most, for the exponential to be as well resolved as the kernel.
@@ -359,9 +359,9 @@ impl Classifier {
     /// side of the surface are the eye, each light, and the direction half way between them.
     pub(super) fn sides(&self, to_eye: DVec3) -> Vec<Weights> {
         let lights = self.lighting.iter().flat_map(|lighting| &lighting.lights);
-        let halves = lights.filter_map(|light| match *light {
-            Light::Headlight => None,
-            Light::Directional(towards) => Some([towards, to_eye + towards.normalize()]),
+        let halves = lights.filter_map(|light| match light.source {
+            Source::Eye => None,
+            Source::Direction(towards) => Some([towards, to_eye + towards.normalize()]),
         });
         let eye = self.lighting.as_ref().map(|_| to_eye);
         let directions = eye.into_iter().chain(halves.flatten());
@@ -380,7 +380,7 @@ impl Classifier {
             return [0.0; 4];
         }
         if let Some(lighting) = &self.lighting {
-            color = lighting.shade(color, self.to_world * DVec3::from_array(differences), to_eye);
+            color = lighting.shade(color, self.to_world * DVec3::from_array(differences), to_eye, &Visibility::FULL);
         }
         [tau, tau * color[0], tau * color[1], tau * color[2]]
     }

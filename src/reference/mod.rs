@@ -131,7 +131,7 @@ enum Method {
     /// They are extinction.
     Xray,
     /// They are the scalar, and its gradient if there is a light.
-    PostShaded(Classifier),
+    PostShaded(Box<Classifier>),
     /// They are the scalar, which the transfer function classifies relative to its base.
     Maximum(TransferFunction),
 }
@@ -151,18 +151,19 @@ impl Reference {
             None => None,
         };
         let volume = filtered.as_ref().unwrap_or(volume);
+        let settings = &Settings { kernel: settings.reconstruction_kernel(), ..settings.clone() };
         let grid = *volume.grid();
         let center = grid.center();
-        let (kernel, lighting) = (&settings.reconstruction_kernel(), &settings.lighting);
+        let Settings { kernel, lighting, .. } = settings;
         let method = match settings.model {
             Model::Xray => Method::Xray,
             Model::Mip => Method::Maximum(transfer.clone()),
-            Model::Composite if settings.is_post_shaded() => Method::PostShaded(Classifier::new(
+            Model::Composite if settings.is_post_shaded() => Method::PostShaded(Box::new(Classifier::new(
                 transfer,
                 transfer.unit_or(grid.min_spacing()),
                 lighting.as_ref(),
                 grid.to_lattice().matrix3,
-            )),
+            ))),
             Model::Composite => Method::PreShaded,
         };
         let reference = Self {

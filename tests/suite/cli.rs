@@ -382,8 +382,9 @@ fn pictures_of_the_device_are_those_of_the_library() {
 fn lights_and_material_reach_the_picture() {
     let dir = folder();
     // An eye at azimuth 90 is on the side of +x, and the front at azimuth 0 on that of -y.
-    let lights = vec![Light::Headlight, Light::Directional(DVec3::X)];
-    let lighting = Lighting { ambient: 0.1, diffuse: 0.6, specular: 0.3, shininess: 8.0, lights };
+    let lights = vec![Light::HEADLIGHT, Light::directional(DVec3::X)];
+    let lighting =
+        Lighting { ambient: 0.1, diffuse: 0.6, specular: 0.3, shininess: 8.0, lights, ..Lighting::default() };
     let settings = Settings { shading: Shading::Post, lighting: Some(lighting), ..Settings::default() };
     let settings = with_quads(&settings, |_| ());
     let arguments = "--painter quads --shading post --light headlight --light 90,0 --material 0.1,0.6,0.3,8";

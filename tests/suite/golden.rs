@@ -103,7 +103,7 @@ fn through_eye(fov: f64, view: View) -> View {
 }
 
 fn lights() -> Option<Lighting> {
-    let lights = vec![Light::Headlight, Light::Directional(DVec3::new(1.0, -0.5, 1.0))];
+    let lights = vec![Light::HEADLIGHT, Light::directional(DVec3::new(1.0, -0.5, 1.0))];
     Some(Lighting { lights, ..Lighting::default() })
 }
 

@@ -34,6 +34,7 @@ mod readers_errors;
 mod rendering;
 mod savings;
 mod scalar_cells;
+mod shadows;
 mod sharpness;
 mod soak;
 mod streaming;

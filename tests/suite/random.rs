@@ -249,7 +249,7 @@ fn settings(random: &mut Random) -> [Settings; 2] {
         Kernel::Gaussian { sigma: 1.2, radius: 3.0 },
         Kernel::KaiserBessel { radius: 1.5, alpha: 6.0 },
     ]);
-    let light = random.of(&[Some(Light::Headlight), None]).is_some();
+    let light = random.of(&[Some(Light::HEADLIGHT), None]).is_some();
     let settings = Settings {
         model,
         shading,

@@ -124,7 +124,7 @@ fn a_change_redoes_only_the_stages_that_depend_on_it() {
         let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
         let first = turn(&renderer, &scene, &volume, &settings, 10.0);
         // Another light: parameters.
-        let lighting = Lighting { lights: vec![Light::Directional(glam::DVec3::X)], ..Lighting::default() };
+        let lighting = Lighting { lights: vec![Light::directional(glam::DVec3::X)], ..Lighting::default() };
         let light = Settings { lighting: Some(lighting), ..settings.clone() };
         let stats = turn(&renderer, &scene, &volume, &light, 10.0);
         assert_eq!(stats.pipelines, first.pipelines);

@@ -5,6 +5,8 @@ use voxsplat::camera::View;
 use voxsplat::demos;
 use voxsplat::error::Error;
 use voxsplat::kernel::Kernel;
+use voxsplat::lighting::{Light, Lighting};
+use voxsplat::reference::Reference;
 use voxsplat::settings::{Model, Resolution, Settings, Shading};
 use voxsplat::volume::Grid;
 
@@ -75,10 +77,21 @@ fn sharper_pictures_are_closer_to_the_field_that_was_sampled() {
 fn pre_shaded_a_sharper_kernel_is_a_narrower_blob() {
     let (volume, transfer) = demo("vessels", 24);
     let camera = camera(20.0, PERSPECTIVE, &volume, 32);
-    let sharp = picture(&volume, &transfer, &camera, &Settings { sharpness: 1.0, ..Settings::default() });
-    let blob = Settings { kernel: Kernel::KAISER_BESSEL, ..Settings::default() };
-    let expected = picture(&volume, &transfer, &camera, &blob);
+    // Shadows are cast by kernels too.
+    let lights = vec![Light::directional(DVec3::new(0.4, -0.7, 1.0))];
+    let lit = Settings {
+        lighting: Some(Lighting { lights, shadows: 0.9, ..Lighting::default() }),
+        sharpness: 1.0,
+        ..Settings::default()
+    };
+    let blob = Settings { kernel: Kernel::KAISER_BESSEL, sharpness: 0.0, ..lit.clone() };
+    let [sharp, expected] = [&lit, &blob].map(|settings| picture(&volume, &transfer, &camera, settings));
     assert_eq!(sharp.image, expected.image);
+    let [sharp_truth, truth] = [&lit, &blob].map(|settings| {
+        let reference = Reference::new(&volume, &transfer, settings).unwrap().with_tolerance(Reference::TOLERANCE);
+        reference.pixels(&camera, &[[16, 16], [14, 20]]).unwrap()
+    });
+    assert_eq!(sharp_truth, truth);
     assert_eq!(expected.stats.noise, None);
     assert!((sharp.stats.noise.unwrap() - 0.395).abs() < 0.01, "{:?}", sharp.stats.noise);
     assert!(sharp.stats.to_string().contains("sharpness    1: noise 0."), "{}", sharp.stats);

@@ -38,12 +38,12 @@ pub(crate) fn transfer(points: &[(f64, [f64; 3], f64)], unit: Option<f64>) -> Tr
 }
 
 pub(crate) fn headlight() -> Option<Lighting> {
-    Some(Lighting { lights: vec![Light::Headlight], ..Lighting::default() })
+    Some(Lighting { lights: vec![Light::HEADLIGHT], ..Lighting::default() })
 }
 
 pub(crate) fn two_lights() -> Option<Lighting> {
-    let lights = vec![Light::Headlight, Light::Directional(DVec3::new(1.0, -0.3, 0.8))];
-    Some(Lighting { ambient: 0.2, diffuse: 0.5, specular: 0.3, shininess: 12.0, lights })
+    let lights = vec![Light::HEADLIGHT, Light::directional(DVec3::new(1.0, -0.3, 0.8))];
+    Some(Lighting { ambient: 0.2, diffuse: 0.5, specular: 0.3, shininess: 12.0, lights, ..Lighting::default() })
 }
 
 /// Quads, and nothing that is allowed to change a picture.

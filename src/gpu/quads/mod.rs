@@ -55,6 +55,8 @@ pub(crate) struct QuadsKey {
     pub(crate) additive: bool,
     /// The number of lights, on splats or on sheets of scalars.
     pub(crate) lights: u32,
+    /// Light is kept from splats.
+    pub(crate) shadows: bool,
     /// Pieces in which a sheet of scalars is classified.
     pub(crate) samples: u32,
     /// See [`TransferTable`].

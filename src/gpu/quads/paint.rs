@@ -72,6 +72,7 @@ impl<'a> Picture<'a> {
             axis: plan.is_axis_aligned(),
             additive: knobs.accumulation == Accumulation::Additive,
             lights: settings.light_count(),
+            shadows: settings.casting().is_some(),
             samples: if feed.is_scalar() { settings.samples_per_slab(knobs.sheet_thickness, PIECES) } else { 1 },
             crowded: job.transfer.is_some_and(|table| table.crowded),
             terminates: view.terminates(),
@@ -98,6 +99,7 @@ impl<'a> Picture<'a> {
             grown: self.key.grown,
             scalars: self.key.feed.is_scalar(),
             gradients: self.key.feed == Feed::LitScalars,
+            shadows: self.key.shadows,
         };
         let sorter = pipelines.get_or_make(sort, || Ok(Sorter::new(context, sort)))?;
         Ok((sorter, pipelines.get_or_make(self.key, || Quads::new(context, self.key))?))

@@ -28,6 +28,8 @@ pub(crate) struct SortKey {
     pub(crate) scalars: bool,
     /// Splats of scalars have gradients.
     pub(crate) gradients: bool,
+    /// Light is kept from classified voxels.
+    pub(crate) shadows: bool,
 }
 
 /// The pipelines of the sort.
@@ -93,6 +95,7 @@ impl Sorter {
             ("GROWN", flag(key.grown)),
             ("SCALARS", flag(key.scalars)),
             ("GRADIENTS", flag(key.gradients)),
+            ("SHADOWS", flag(key.shadows)),
         ];
         let module = module(context, shaders::SORT);
         let slots = [

@@ -263,6 +263,7 @@ fn pipeline(
     let vertex = [
         ("ADDITIVE", flag(key.additive)),
         ("LIGHTS", f64::from(key.splat_lights())),
+        ("SHADOWS", flag(key.shadows)),
         ("GRADIENTS", flag(key.feed == Feed::LitScalars)),
     ];
     let fragment = [("TEXELS", f64::from(key.footprint_terms / 4)), ("ROWS", f64::from(key.footprint_rows))];

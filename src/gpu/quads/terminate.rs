@@ -51,6 +51,7 @@ impl Terminator {
             ("GROWN", flag(key.grown)),
             ("SCALARS", flag(key.feed.is_scalar())),
             ("GRADIENTS", flag(key.feed == Feed::LitScalars)),
+            ("SHADOWS", flag(key.shadows)),
         ];
         let pipeline = |entry, constants: &[_]| compute(context, &module, "terminate", entry, &layout, constants);
         Self { tile: pipeline("tile", &[]), mark: pipeline("mark", &constants), layout }

@@ -133,7 +133,7 @@ impl<'a> Picture<'a> {
             .ok_or("tiles draws footprints that are polynomials of 8 terms to 5e-5, and this kernel's is none")?;
         let lights = settings.light_count();
         let voxel = match (settings.is_post_shaded(), lights) {
-            (false, lights) => Voxel::Color { lights },
+            (false, lights) => Voxel::Color { lights, shadows: settings.casting().is_some() },
             (true, 0) => Voxel::Scalar,
             (true, _) => Voxel::Gradient,
         };
@@ -278,7 +278,7 @@ impl<'a> Picture<'a> {
     /// Whether `packed`, made for an earlier picture, can be reused by a axis: as [`Self::serves`], and no light is
     /// baked into its colours, which may come from the eye.
     fn is_reusable(&self, packed: &Packed) -> bool {
-        let lit = matches!(packed.packing.voxel, Voxel::Color { lights: 1.. });
+        let lit = matches!(packed.packing.voxel, Voxel::Color { lights: 1.., .. });
         !lit && (0..self.ways.len()).any(|way| self.serves(way, packed))
     }
 

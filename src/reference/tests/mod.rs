@@ -8,7 +8,7 @@ use glam::{DAffine3, DMat3, DQuat};
 use super::*;
 use crate::camera::{ProjectionKind, View};
 use crate::kernel::Normalization;
-use crate::lighting::{Light, Lighting};
+use crate::lighting::{Light, Lighting, Visibility};
 use crate::settings::Shading;
 use crate::transfer::ControlPoint;
 use crate::volume::Samples;
@@ -291,7 +291,7 @@ fn a_lit_voxel_shows_its_shade() {
     let matrix = DMat3::from_cols(DVec3::new(0.5, 0.1, 0.0), DVec3::new(-0.2, 1.0, 0.3), DVec3::new(0.0, 0.4, 2.0));
     let (volume, transfer, gradient) = hill(matrix);
     let lighting = Lighting {
-        lights: vec![Light::Headlight, Light::Directional(DVec3::new(1.0, -2.0, 3.0))],
+        lights: vec![Light::HEADLIGHT, Light::directional(DVec3::new(1.0, -2.0, 3.0))],
         ..Lighting::default()
     };
     let lit = Settings { lighting: Some(lighting.clone()), ..Settings::default() };
@@ -301,7 +301,7 @@ fn a_lit_voxel_shows_its_shade() {
     let origin = center - direction * 3.0 + DVec3::new(0.2, 0.1, -0.3);
     for (two_sided, to_eye) in [(true, -direction), (false, (origin - center).normalize())] {
         let got = scene.ray(origin, direction, two_sided);
-        let shade = lighting.shade([0.5, 0.5, 0.25], gradient, to_eye);
+        let shade = lighting.shade([0.5, 0.5, 0.25], gradient, to_eye, &Visibility::FULL);
         let [r, g, b] = shade.map(|c| c * got.alpha());
         assert!(got.alpha() > 0.01);
         assert_close(got.rgba(), [r, g, b, got.alpha()], 1e-10, "shade");
@@ -331,7 +331,7 @@ fn wrong_settings_are_refused() {
 fn finer_steps_change_nothing() {
     let volume = crate::formats::load("demo:marschner-lobb:16", &crate::formats::LoadOptions::default()).unwrap();
     let transfer = crate::demos::demo_transfer("marschner-lobb").unwrap();
-    let lights = vec![Light::Headlight, Light::Directional(DVec3::new(0.2, -1.0, 0.5))];
+    let lights = vec![Light::HEADLIGHT, Light::directional(DVec3::new(0.2, -1.0, 0.5))];
     let light = Lighting { lights, ambient: 0.6, ..Lighting::default() };
     for (model, shading, lighting) in [
         (Model::Composite, Shading::Pre, None),

@@ -15,7 +15,7 @@ fn denser(transfer: &TransferFunction, volume: &Volume, times: f64) -> TransferF
 }
 
 fn lit() -> Option<Lighting> {
-    let lights = vec![Light::Headlight, Light::Directional(DVec3::new(0.2, -1.0, 0.5))];
+    let lights = vec![Light::HEADLIGHT, Light::directional(DVec3::new(0.2, -1.0, 0.5))];
     Some(Lighting { lights, ambient: 0.4, ..Lighting::default() })
 }
 

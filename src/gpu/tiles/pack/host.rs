@@ -82,10 +82,12 @@ impl HostStage<'_> {
                 }
                 splat::halves(&gradients, &scalars)
             }),
-            Voxel::Color { lights } => self.fill(recorder, volume, &bricks, |run| {
+            Voxel::Color { lights, shadows } => self.fill(recorder, volume, &bricks, |run| {
                 let (mut colors, densities) = splat::appearances(&run.column(0), &run.column(1));
                 if lights > 0 {
-                    splat::light(self.lit.lighting, lights, &mut colors, &run.column(2), &self.to_eye(run));
+                    let kept = shadows.then(|| splat::kept(&run.column(3), &run.column(4)));
+                    let to_eye = self.to_eye(run);
+                    splat::light(self.lit.lighting, lights, &mut colors, &run.column(2), kept.as_ref(), &to_eye);
                 }
                 let weights = densities.map(|density| density * scale);
                 for color in &mut colors {

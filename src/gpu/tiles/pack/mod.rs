@@ -22,8 +22,9 @@ use crate::error::Result;
 /// What is packed of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(super) enum Voxel {
-    /// Colour and density of classified voxels. The colours are lit already, by this number of lights.
-    Color { lights: u32 },
+    /// Colour and density of classified voxels. The colours are lit already, by this number of lights, some of whose
+    /// light may be kept from them.
+    Color { lights: u32, shadows: bool },
     /// The scalar.
     #[default]
     Scalar,
@@ -224,9 +225,11 @@ impl Packer {
         ];
         let stage = wgpu::ShaderStages::COMPUTE;
         let pack = layout(context, "pack", stage, &slots);
-        let lights = if let Voxel::Color { lights } = voxel { lights } else { 0 };
+        let (lights, shadows) =
+            if let Voxel::Color { lights, shadows } = voxel { (lights, shadows) } else { (0, false) };
         let constants = [
             ("LIGHTS", f64::from(lights)),
+            ("SHADOWS", flag(shadows)),
             ("SCALARS", flag(voxel.is_scalar())),
             ("GRADIENTS", flag(voxel == Voxel::Gradient)),
             // The direction to the eye is all that a perspective changes here.

@@ -1,0 +1,91 @@
+//! shadows: from splats to splats that know how much light arrives at them. On the host, for any adapter: once for each
+//! volume, transfer function and set of lights, not for each picture.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+
+use super::context::Context;
+use super::layout::{SHADED_WORDS, Splat};
+use super::splat::packed_kept;
+use super::store::{BrickSplats, HostBrick, Store, StoreBuilder};
+use crate::error::Result;
+use crate::lighting::Casting;
+use crate::lighting::shadow::{Caster, Lattice, Medium};
+use crate::memory::reserved;
+use crate::progress::Progress;
+use crate::volume::BRICK_EDGE as EDGE;
+
+/// Words of a lit splat without its place and without what it keeps of light.
+const LIT: usize = size_of::<Splat>() / 4 - 1;
+
+/// Which light is kept from the splats of a lattice of kernels.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Shadows {
+    pub(crate) casting: Casting,
+    pub(crate) lattice: Lattice,
+}
+
+/// The splats of stores, lit ones, with what of light arrives at each.
+pub(crate) fn shaded(
+    context: &Context,
+    stores: &[Store],
+    Shadows { casting, lattice }: &Shadows,
+    progress: &Progress,
+) -> Result<Vec<Store>> {
+    let held = stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
+    let bricks = stores.iter().zip(&held).flat_map(|(store, held)| store.bricks.iter().zip(held.iter()));
+    let bricks: Vec<(&BrickSplats, &HostBrick)> = bricks.collect();
+    let mut medium = Medium::<f32>::new(lattice.dims)?;
+    for (brick, held) in &bricks {
+        for (at, bits, words) in rows(brick, held) {
+            for (x, words) in places(bits).zip(words.chunks_exact(held.each)) {
+                medium.set([at[0] + x, at[1], at[2]], f32::from_bits(words[0] & 0xffff_ff00));
+            }
+        }
+    }
+    let caster = Caster::new(casting, lattice);
+    let done = AtomicUsize::new(0);
+    let shade = |(brick, held): &(&BrickSplats, &HostBrick)| -> Result<(HostBrick, BrickSplats)> {
+        let count = u64::from(held.count());
+        let mut shaded = reserved(count * (SHADED_WORDS - 1) as u64, || "splats of a brick".to_owned())?;
+        for (at, bits, words) in rows(brick, held) {
+            let shares = caster.shares::<EDGE>(&medium, at, bits);
+            for (x, words) in places(bits).zip(words.chunks_exact(held.each)) {
+                shaded.extend_from_slice(&words[..LIT]);
+                shaded.extend(packed_kept(shares.map(|share| share[x])));
+            }
+        }
+        let number = done.fetch_add(1, Ordering::Relaxed) + 1;
+        progress.report("casting shadows", number as f64 / bricks.len() as f64);
+        let bits: Vec<u32> = held.rows.iter().map(|row| row.bits).collect();
+        Ok((HostBrick::new(&bits, SHADED_WORDS - 1, shaded), **brick))
+    };
+    let shaded = bricks.par_iter().map(shade).collect::<Result<Vec<_>>>()?;
+    let mut stores = StoreBuilder::new(context, 4 * SHADED_WORDS as u64, u32::MAX);
+    for (splats, brick) in shaded {
+        let count = splats.count();
+        let (_, first) = stores.make_room(count, 1)?;
+        stores.add(splats, count, [BrickSplats { first, ..brick }]);
+    }
+    stores.finish()
+}
+
+/// The rows of a brick that have splats: the lattice point of their first place, the bits of the places, the words.
+fn rows<'a>(brick: &BrickSplats, held: &'a HostBrick) -> impl Iterator<Item = ([usize; 3], u32, &'a [u32])> {
+    let origin = brick.origin.map(|p| p as usize);
+    held.rows.iter().enumerate().filter(|(_, row)| row.bits != 0).map(move |(number, row)| {
+        let at = [origin[0], origin[1] + number % EDGE, origin[2] + number / EDGE];
+        let (first, count) = (row.first as usize, row.bits.count_ones() as usize);
+        (at, row.bits, &held.words[first * held.each..(first + count) * held.each])
+    })
+}
+
+/// The numbers of the bits that are set.
+fn places(mut bits: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let place = bits.trailing_zeros();
+        bits &= bits.wrapping_sub(1);
+        (place < u32::BITS).then_some(place as usize)
+    })
+}

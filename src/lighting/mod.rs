@@ -1,0 +1,315 @@
+//! Light on surfaces: two-sided Blinn-Phong with the gradient of the field as normal.
+
+pub(crate) mod shadow;
+
+use glam::DVec3;
+
+use self::shadow::Shares;
+use crate::error::{Error, Result};
+
+/// Where a light is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Source {
+    /// At the eye. No shadow of it can be seen, so it casts none.
+    Eye,
+    /// Infinitely far away: the world direction towards the light, of any length over 0.
+    Direction(DVec3),
+}
+
+/// A light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Light {
+    /// Where it is.
+    pub source: Source,
+    /// Its red, green and blue, 0 to [`Self::BRIGHTEST`]; 1, 1, 1 is white of intensity 1.
+    pub color: [f64; 3],
+    /// How large it appears, across, degrees, 0 to 90: the sun 0.5, a window 20. Only shadows tell: 0 casts hard ones.
+    pub size: f64,
+}
+
+impl Light {
+    /// A white light of intensity 1 at the eye.
+    pub const HEADLIGHT: Self = Self { source: Source::Eye, color: [1.0; 3], size: 0.0 };
+    /// The largest component of a colour.
+    pub const BRIGHTEST: f64 = 16.0;
+    /// The directions that stand for a light that is not a point.
+    const DIRECTIONS: u32 = 16;
+
+    /// A white light of intensity 1, infinitely far away in a world direction of any length over 0.
+    #[must_use]
+    pub const fn directional(towards: DVec3) -> Self {
+        Self { source: Source::Direction(towards), ..Self::HEADLIGHT }
+    }
+
+    /// World directions, unit length, spread evenly over what can be seen of the light (Vogel 1979, "A better way to
+    /// construct the sunflower head"); none if it is at the eye.
+    fn directions(&self) -> Vec<DVec3> {
+        let Source::Direction(towards) = self.source else { return Vec::new() };
+        let towards = towards.normalize();
+        if self.size <= 0.0 {
+            return vec![towards];
+        }
+        let (across, down) = towards.any_orthonormal_pair();
+        let narrowest = (self.size.to_radians() / 2.0).cos();
+        let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+        let direction = |i: u32| {
+            // Parts of the cap of equal area are parts of its height of equal length.
+            let cosine = 1.0 - (1.0 - narrowest) * (f64::from(i) + 0.5) / f64::from(Self::DIRECTIONS);
+            let sine = (1.0 - cosine * cosine).sqrt();
+            let (y, x) = (golden * f64::from(i)).sin_cos();
+            towards * cosine + (across * x + down * y) * sine
+        };
+        (0..Self::DIRECTIONS).map(direction).collect()
+    }
+}
+
+/// A material, the lights on it, and what of their light reaches it.
+///
+/// Let n be the unit normal (the direction of the gradient or its opposite, whichever faces the eye), v the direction
+/// to the eye, l the direction to a light of colour i and h = (v + l) / |v + l|. A point of colour c then shows
+///
+/// ```text
+/// c (ambient A + diffuse sum i L max(n.l, 0)) + specular sum i L max(n.h, 0)^shininess [n.l > 0]   clamped to 0..1
+/// ```
+///
+/// (Blinn 1977, "Models of light reflection for computer synthesized pictures"). L is the share of the light that
+/// reaches the point and A that of the light from all around ([`Visibility`]): 1 without shadows and without occlusion.
+/// If the gradient is 0 there is no surface, and the colour is c (ambient A + (1 - ambient) mean of L).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lighting {
+    /// Share of the colour that shows without any light, 0 to 1.
+    pub ambient: f64,
+    /// Share of the colour that a light adds if it falls straight on the surface, 0 to 1.
+    pub diffuse: f64,
+    /// Strength of the highlight, which has the light's colour, 0 to 1.
+    pub specular: f64,
+    /// Exponent of the highlight, 1 to 1000; a larger exponent makes it smaller and sharper.
+    pub shininess: f64,
+    /// The lights, 1 to [`Lighting::MAX_LIGHTS`].
+    pub lights: Vec<Light>,
+    /// How dark shadows are: 0, there are none, to 1, no light that is absorbed arrives. Of the first three lights; the
+    /// fourth, and one at the eye, casts none.
+    pub shadows: f64,
+    /// The distance within which voxels take the ambient light from each other, voxels, over 0; `None`: they do not.
+    pub occlusion: Option<f64>,
+}
+
+/// The most lights that cast shadows.
+pub(crate) const MAX_CASTING: usize = 3;
+
+/// The share of light that reaches a point, 0 to 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Visibility {
+    /// Of the lights, in order: exp(-D), where D is the optical depth on the way; of a light with a size the mean over
+    /// 16 directions. The fourth, and lights at the eye, have 1.
+    pub lights: [f64; Lighting::MAX_LIGHTS],
+    /// Of what is around: twice the mean of exp(-D) over all directions, at most 1, with D as far as
+    /// [`Lighting::occlusion`].
+    pub ambient: f64,
+}
+
+impl Visibility {
+    /// All light arrives.
+    pub const FULL: Self = Self { lights: [1.0; Lighting::MAX_LIGHTS], ambient: 1.0 };
+
+    pub(crate) fn of<const N: usize>(shares: &Shares<N>, index: usize) -> Self {
+        let mut visibility = Self { ambient: shares[MAX_CASTING][index], ..Self::FULL };
+        let lights = visibility.lights.iter_mut().zip(&shares[..MAX_CASTING]);
+        lights.for_each(|(light, shares)| *light = shares[index]);
+        visibility
+    }
+}
+
+/// Which light is kept from voxels.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Casting {
+    /// World directions to the lights, those of each.
+    lights: [Vec<DVec3>; MAX_CASTING],
+    strength: f64,
+    /// Voxels.
+    occlusion: Option<f64>,
+}
+
+impl Default for Lighting {
+    fn default() -> Self {
+        Self {
+            ambient: 0.3,
+            diffuse: 0.7,
+            specular: 0.2,
+            shininess: 24.0,
+            lights: vec![Light::HEADLIGHT],
+            shadows: 0.0,
+            occlusion: None,
+        }
+    }
+}
+
+impl Lighting {
+    /// The most lights accepted.
+    pub const MAX_LIGHTS: usize = 4;
+    /// The farthest that occlusion reaches, voxels.
+    pub const MAX_OCCLUSION: f64 = 256.0;
+
+    /// Refuses numbers out of range, no light or too many, and directions without length.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] that says what was given and what is accepted.
+    pub fn validate(&self) -> Result<()> {
+        let error = |name, reason: String| Err(Error::Setting { name, reason });
+        for (name, what, value, low, high) in [
+            ("material", "ambient", self.ambient, 0.0, 1.0),
+            ("material", "diffuse", self.diffuse, 0.0, 1.0),
+            ("material", "specular", self.specular, 0.0, 1.0),
+            ("material", "shininess", self.shininess, 1.0, 1000.0),
+            ("shadows", "strength", self.shadows, 0.0, 1.0),
+            ("occlusion", "radius", self.occlusion.unwrap_or(1.0), 0.5, Self::MAX_OCCLUSION),
+        ] {
+            if !(low..=high).contains(&value) {
+                return error(name, format!("{what} is {value}, expected {low} to {high}"));
+            }
+        }
+        if self.lights.is_empty() || self.lights.len() > Self::MAX_LIGHTS {
+            return error("light", format!("{} lights, expected 1 to {}", self.lights.len(), Self::MAX_LIGHTS));
+        }
+        for light in &self.lights {
+            if let Source::Direction(towards) = light.source
+                && !(towards.is_finite() && towards.length() > 0.0)
+            {
+                return error("light", format!("direction {towards} points nowhere"));
+            }
+            if !light.color.iter().all(|c| (0.0..=Light::BRIGHTEST).contains(c)) {
+                let reason = format!("colour {:?}, expected numbers from 0 to {}", light.color, Light::BRIGHTEST);
+                return error("light", reason);
+            }
+            if !(0.0..=90.0).contains(&light.size) {
+                return error("light_size", format!("{} degrees, expected 0 to 90", light.size));
+            }
+        }
+        Ok(())
+    }
+
+    /// Lights as a photographer sets them up, for an eye that looks `forward` with `up` upwards (world directions, not
+    /// parallel): a large warm key light from the upper left, which casts soft shadows, a weak cool fill light from the
+    /// right, which casts none, a rim light from behind, and a little from the eye. Voxels take the ambient light from
+    /// each other within 8 voxels. The lights stand still in the world if the eye moves on.
+    ///
+    /// The key light has twice the intensity of white: of what the eye sees of a surface, half lies in its own shadow.
+    #[must_use]
+    pub fn studio(forward: DVec3, up: DVec3) -> Self {
+        let forward = forward.normalize();
+        let right = forward.cross(up).normalize_or(forward.any_orthonormal_vector());
+        let up = right.cross(forward);
+        let light = |towards: [f64; 3], color: [f64; 3], size: f64| {
+            let towards = right * towards[0] + up * towards[1] - forward * towards[2];
+            Light { color, size, ..Light::directional(towards) }
+        };
+        let key = light([-0.55, 0.65, 0.6], [2.0, 1.94, 1.84], 10.0);
+        let rim = light([0.5, 0.6, -0.6], [0.9, 0.9, 1.0], 0.0);
+        let fill = light([0.8, 0.1, 0.7], [0.26, 0.28, 0.32], 0.0);
+        let front = Light { color: [0.15; 3], ..Light::HEADLIGHT };
+        Self {
+            ambient: 0.4,
+            diffuse: 0.7,
+            lights: vec![key, rim, front, fill],
+            shadows: 0.85,
+            occlusion: Some(8.0),
+            ..Self::default()
+        }
+    }
+
+    /// Which light is kept from voxels; `None` if all of it arrives.
+    pub(crate) fn casting(&self) -> Option<Casting> {
+        let mut lights: [Vec<DVec3>; MAX_CASTING] = Default::default();
+        if self.shadows > 0.0 {
+            lights.iter_mut().zip(&self.lights).for_each(|(towards, light)| *towards = light.directions());
+        }
+        let casts = self.occlusion.is_some() || lights.iter().any(|towards| !towards.is_empty());
+        casts.then_some(Casting { lights, strength: self.shadows, occlusion: self.occlusion })
+    }
+
+    /// The colour that a lit point shows. `color` is its own colour, `gradient` the gradient of the field in world
+    /// coordinates, of any length, `to_eye` the unit world direction to the eye, and `visibility` what of the light
+    /// arrives.
+    #[must_use]
+    pub fn shade(&self, color: [f64; 3], gradient: DVec3, to_eye: DVec3, visibility: &Visibility) -> [f64; 3] {
+        let length = gradient.length();
+        let ambient = self.ambient * visibility.ambient;
+        let lights = self.lights.iter().zip(visibility.lights);
+        if length <= 0.0 {
+            let kept = 1.0 - lights.map(|(_, kept)| 1.0 - kept).sum::<f64>() / self.lights.len() as f64;
+            let shown = 1.0 - self.ambient * (1.0 - visibility.ambient) - (1.0 - self.ambient) * (1.0 - kept);
+            return color.map(|c| c * shown);
+        }
+        let normal = gradient / if gradient.dot(to_eye) < 0.0 { -length } else { length };
+        let (mut diffuse, mut specular) = ([0.0; 3], [0.0; 3]);
+        for (light, kept) in lights {
+            let (towards, half_way) = match light.source {
+                Source::Eye => (to_eye, to_eye),
+                Source::Direction(towards) => {
+                    let towards = towards.normalize();
+                    (towards, (to_eye + towards).normalize_or_zero())
+                }
+            };
+            let cosine = normal.dot(towards);
+            if cosine > 0.0 {
+                let highlight = normal.dot(half_way).max(0.0);
+                // Whole exponents up to 1000 take a fraction of the time.
+                let highlight = if self.shininess.fract() == 0.0 {
+                    highlight.powi(self.shininess as i32)
+                } else {
+                    highlight.powf(self.shininess)
+                };
+                for (channel, intensity) in light.color.iter().enumerate() {
+                    diffuse[channel] += intensity * kept * cosine;
+                    specular[channel] += intensity * kept * highlight;
+                }
+            }
+        }
+        std::array::from_fn(|c| {
+            (color[c] * (ambient + self.diffuse * diffuse[c]) + self.specular * specular[c]).clamp(0.0, 1.0)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_sides_of_a_surface_are_lit_alike_by_a_headlight() {
+        let lighting = Lighting::default();
+        for gradient in [DVec3::new(0.3, -2.0, 0.4), DVec3::new(1e-9, 1e-9, 0.0)] {
+            let shown = |g: DVec3| lighting.shade([0.5, 0.2, 0.9], g, DVec3::NEG_Y, &Visibility::FULL);
+            assert_eq!(shown(gradient), shown(-gradient));
+        }
+    }
+
+    #[test]
+    fn a_light_from_the_side_leaves_the_other_side_in_shadow() {
+        let lighting = Lighting { lights: vec![Light::directional(DVec3::X * 3.0)], ..Lighting::default() };
+        let shown = |g: DVec3| lighting.shade([0.5; 3], g, DVec3::NEG_Y, &Visibility::FULL)[0];
+        let (lit, dark) = (shown(DVec3::new(1.0, -0.2, 0.0)), shown(DVec3::new(-1.0, -0.2, 0.0)));
+        assert!(lit > 0.45, "{lit}");
+        assert!((dark - 0.15).abs() < 1e-12, "{dark}");
+    }
+
+    #[test]
+    fn a_surface_that_faces_eye_and_light_is_brightest() {
+        let lighting = Lighting::default();
+        let shown = lighting.shade([0.5; 3], DVec3::Y, DVec3::Y, &Visibility::FULL);
+        assert!((shown[0] - (0.5 + 0.2)).abs() < 1e-12);
+        assert_eq!(lighting.shade([0.5, 0.4, 0.3], DVec3::ZERO, DVec3::Y, &Visibility::FULL), [0.5, 0.4, 0.3]);
+    }
+
+    #[test]
+    fn wrong_materials_are_refused() {
+        let wrong = [
+            Lighting { ambient: -0.1, ..Lighting::default() },
+            Lighting { shininess: f64::NAN, ..Lighting::default() },
+            Lighting { lights: vec![], ..Lighting::default() },
+            Lighting { lights: vec![Light::directional(DVec3::ZERO)], ..Lighting::default() },
+        ];
+        assert!(wrong.iter().all(|l| l.validate().is_err()));
+        assert!(Lighting::default().validate().is_ok());
+    }
+}

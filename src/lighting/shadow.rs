@@ -1,0 +1,436 @@
+//! Shadows: how much of the light of each lamp reaches the centre of a voxel, in closed form.
+//!
+//! The extinction that light passes is the field that pre-shading splats, a sum of kernels. So its integral from the
+//! centre of voxel j along the unit lattice direction d, as far as `reach`, is a sum of sections of kernels:
+//!
+//! ```text
+//! D_j = l / N sum_k tau_k S(k - j)        S(o) = integral from 0 to reach of h(|o - s d|) ds
+//! ```
+//!
+//! with h the kernel, N its divisor and l the world length of d. S depends on the offset between two lattice points
+//! alone. It is not 0 within a kernel's radius of the ray only, and a voxel's own kernel counts by half. So a
+//! direction is a list of offsets with weights, the same for every voxel of a volume, and D_j takes no sheets, no steps
+//! and no view. Rows of voxels are added up together.
+//!
+//! Splatters before shade one image of the light after another and look the voxel up there: Nulkar and Mueller 2001,
+//! "Splatting with shadows" (a volume of light, by sheets); Zhang and Crawfis 2003, "Shadows and soft shadows with
+//! participating media using splatting" (sheets half way between eye and light, anew in each view); Kniss et al. 2003,
+//! "A model for volume lighting and modeling", likewise for slices. Ray casters send a second ray from each sample.
+
+use std::ops::{AddAssign, Mul, Range};
+
+use glam::{DMat3, DVec3};
+
+use super::{Casting, MAX_CASTING};
+use crate::error::Result;
+use crate::kernel::{Kernel, section_by};
+use crate::memory::reserved;
+
+/// Optical depths beyond this are not told apart: no light of 1 passes that is 1e-7.
+const DARK: f64 = 16.0;
+
+/// Planes of the lattice whose offsets are added up before it is asked whether light is left.
+const CHUNK: i32 = 8;
+
+/// The edge of the blocks that are empty or not, in voxels.
+const BLOCK: usize = 8;
+
+/// Voxels of a row that are added up together, and the room at both ends of a row.
+const LANES: usize = 32;
+
+/// f32 for pictures, f64 for the truth.
+pub(crate) trait Real: Copy + Default + PartialOrd + AddAssign + Mul<Output = Self> + Send + Sync {
+    /// A number that no sum reaches.
+    const INFINITE: Self;
+    fn of(value: f64) -> Self;
+    fn to_f64(self) -> f64;
+}
+
+impl Real for f32 {
+    const INFINITE: Self = Self::INFINITY;
+    fn of(value: f64) -> Self {
+        value as Self
+    }
+    fn to_f64(self) -> f64 {
+        self.into()
+    }
+}
+
+impl Real for f64 {
+    const INFINITE: Self = Self::INFINITY;
+    fn of(value: f64) -> Self {
+        value
+    }
+    fn to_f64(self) -> f64 {
+        self
+    }
+}
+
+/// What absorbs light: a number for each voxel of a lattice, x fastest, with room for a run of voxels at both ends of a
+/// row.
+pub(crate) struct Medium<T> {
+    dims: [usize; 3],
+    values: Vec<T>,
+    /// Blocks along the axes, and whether there is anything in each.
+    blocks: [usize; 3],
+    occupied: Vec<bool>,
+}
+
+impl<T: Real> Medium<T> {
+    /// An empty one.
+    ///
+    /// # Errors
+    /// [`Error::Memory`](crate::Error::Memory) if there is no room for it: 4 or 8 bytes for each voxel.
+    pub(crate) fn new(dims: [usize; 3]) -> Result<Self> {
+        let count = (dims[0] + 2 * LANES) * dims[1] * dims[2];
+        let mut values = reserved(count as u64, || "what casts shadows".to_owned())?;
+        values.resize(count, T::default());
+        let blocks = dims.map(|n| n.div_ceil(BLOCK));
+        Ok(Self { dims, values, blocks, occupied: vec![false; blocks.iter().product()] })
+    }
+
+    /// Where the row of voxels begins, the room before it included.
+    fn row(&self, y: usize, z: usize) -> usize {
+        (self.dims[0] + 2 * LANES) * (y + self.dims[1] * z)
+    }
+
+    pub(crate) fn set(&mut self, [x, y, z]: [usize; 3], value: T) {
+        let at = self.row(y, z) + LANES + x;
+        self.values[at] = value;
+        let [nx, ny, _] = self.blocks;
+        self.occupied[x / BLOCK + nx * (y / BLOCK + ny * (z / BLOCK))] = true;
+    }
+
+    /// Whether there is anything between two points, both included; they may lie outside.
+    fn is_occupied(&self, low: [i32; 3], high: [i32; 3]) -> bool {
+        let range = |axis: usize| -> Range<usize> {
+            let last = self.dims[axis] as i32 - 1;
+            if high[axis] < 0 || low[axis] > last {
+                return 0..0;
+            }
+            low[axis].max(0) as usize / BLOCK..high[axis].min(last) as usize / BLOCK + 1
+        };
+        let [nx, ny, _] = self.blocks;
+        let (xs, ys, zs) = (range(0), range(1), range(2));
+        zs.into_iter().any(|z| ys.clone().any(|y| self.occupied[nx * (y + ny * z)..][xs.clone()].contains(&true)))
+    }
+
+    /// The optical depths of `N` voxels of a row from `start` on, of those that are `wanted` (a bit each, the first the
+    /// lowest). Depths over [`DARK`] may be anything over it, and those of the others are.
+    fn depths<const N: usize>(&self, ray: &Ray<T>, start: [i32; 3], wanted: u32) -> [T; N] {
+        let mut sums: [T; N] = std::array::from_fn(|i| if wanted >> i & 1 != 0 { T::default() } else { T::INFINITE });
+        let dark = T::of(DARK);
+        let [nx, ny, nz] = self.dims.map(|n| n as i32);
+        for chunk in &ray.chunks {
+            let low: [i32; 3] = std::array::from_fn(|axis| start[axis] + chunk.low[axis]);
+            let mut high: [i32; 3] = std::array::from_fn(|axis| start[axis] + chunk.high[axis]);
+            high[0] += N as i32 - 1;
+            // What lies beyond is farther out still: the lattice is convex.
+            let outside = |axis: usize| high[axis] < 0 || low[axis] >= self.dims[axis] as i32;
+            if (0..3).any(outside) {
+                break;
+            }
+            if !self.is_occupied(low, high) {
+                continue;
+            }
+            for &([dx, dy, dz], weight) in &ray.taps[chunk.taps.clone()] {
+                let (x, y, z) = (start[0] + dx, start[1] + dy, start[2] + dz);
+                // Outside of the lattice, or as far outside of the row as the run is long.
+                if y < 0 || z < 0 || y >= ny || z >= nz || x <= -(N as i32) || x >= nx {
+                    continue;
+                }
+                let at = self.row(y as usize, z as usize) + (x + LANES as i32) as usize;
+                for (sum, &value) in sums.iter_mut().zip(&self.values[at..at + N]) {
+                    *sum += weight * value;
+                }
+            }
+            if sums.iter().all(|sum| *sum > dark) {
+                break;
+            }
+        }
+        sums
+    }
+}
+
+/// The offsets and weights of a direction, the nearest first.
+struct Ray<T> {
+    taps: Vec<([i32; 3], T)>,
+    chunks: Vec<Chunk>,
+    /// The share of a mean that it has.
+    share: f64,
+}
+
+/// Some of the offsets, and the box around them, ends included.
+struct Chunk {
+    taps: Range<usize>,
+    low: [i32; 3],
+    high: [i32; 3],
+}
+
+impl<T: Real> Ray<T> {
+    /// The sections, times `scale`, of a ray along the unit lattice direction `along`, as far as `reach` voxels, in a
+    /// lattice of `dims` points.
+    fn new(kernel: &Kernel, dims: [usize; 3], along: DVec3, reach: f64, scale: f64, share: f64) -> Self {
+        let radius = kernel.radius();
+        let d = along.to_array();
+        // Of a quarter of the kernel's deviation or less: to 1e-11.
+        let panels = (4.0 * radius / kernel.variance().sqrt()).ceil() as u32;
+        let main = (0..3).fold(0, |most, axis| if d[axis].abs() > d[most].abs() { axis } else { most });
+        let [u, v] = [(main + 1) % 3, (main + 2) % 3];
+        // Kernels whose centres lie so far along the main axis are met by the ray.
+        let within = |length: f64| (length * d[main].abs() + radius).min(dims[main] as f64).floor() as i32;
+        let (behind, ahead) = (radius.floor() as i32, within(reach));
+        let mut ray = Self { taps: Vec::new(), chunks: Vec::new(), share };
+        // In a plane across the main axis kernels are met within an ellipse, at most so wide.
+        let wide = radius / d[main].abs();
+        for planes in (-behind..=ahead).step_by(CHUNK as usize) {
+            let first = ray.taps.len();
+            for plane in planes..=(planes + CHUNK - 1).min(ahead) {
+                let m = plane * if d[main] < 0.0 { -1 } else { 1 };
+                let center = along * (f64::from(m) / d[main]);
+                let range = |axis: usize| {
+                    let ends = [center[axis] - wide, center[axis] + wide];
+                    let most = dims[axis] as f64;
+                    ends[0].ceil().max(-most) as i32..=ends[1].floor().min(most) as i32
+                };
+                for (b, a) in range(v).flat_map(|b| range(u).map(move |a| (b, a))) {
+                    let mut offset = [0; 3];
+                    (offset[main], offset[u], offset[v]) = (m, a, b);
+                    let o = DVec3::from_array(offset.map(f64::from));
+                    let t = o.dot(along);
+                    let weight = section_by(kernel, o.length_squared() - t * t, [-t, reach - t], panels) * scale;
+                    if weight > 0.0 {
+                        ray.taps.push((offset, T::of(weight)));
+                    }
+                }
+            }
+            let taps = first..ray.taps.len();
+            if taps.is_empty() {
+                continue;
+            }
+            let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+            for (offset, _) in &ray.taps[taps.clone()] {
+                low = std::array::from_fn(|axis| low[axis].min(offset[axis]));
+                high = std::array::from_fn(|axis| high[axis].max(offset[axis]));
+            }
+            ray.chunks.push(Chunk { taps, low, high });
+        }
+        ray
+    }
+}
+
+/// What voxels keep of light, for each light that casts shadows, then of the light from all around; 0 to 1.
+pub(crate) type Shares<const N: usize> = [[f64; N]; MAX_CASTING + 1];
+
+/// A lattice of kernels with a length.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Lattice {
+    pub(crate) kernel: Kernel,
+    /// What sums of kernels are divided by.
+    pub(crate) divisor: f64,
+    pub(crate) dims: [usize; 3],
+    /// From the lattice to the world.
+    pub(crate) to_world: DMat3,
+    /// The world length that the numbers of a medium are per.
+    pub(crate) unit: f64,
+    /// Voxels that a step along its axes is.
+    pub(crate) voxels: f64,
+}
+
+/// The rays that voxels send out.
+pub(crate) struct Caster<T> {
+    /// For each light, then for the light from all around; none: all of it arrives.
+    rays: [Vec<Ray<T>>; MAX_CASTING + 1],
+    strength: f64,
+}
+
+impl<T: Real> Caster<T> {
+    pub(crate) fn new(casting: &Casting, lattice: &Lattice) -> Self {
+        let Lattice { kernel, divisor, dims, to_world, unit, voxels } = lattice;
+        let far = dims.iter().map(|&n| (n * n) as f64).sum::<f64>().sqrt() + kernel.radius();
+        let ray = |along: DVec3, reach: f64, share: f64| {
+            Ray::new(kernel, *dims, along, reach, (*to_world * along).length() / unit / divisor, share)
+        };
+        let to_lattice = to_world.inverse();
+        let mut rays: [Vec<Ray<T>>; MAX_CASTING + 1] = Default::default();
+        for (rays, towards) in rays.iter_mut().zip(&casting.lights) {
+            let share = 1.0 / towards.len().max(1) as f64;
+            rays.extend(towards.iter().map(|&towards| ray((to_lattice * towards).normalize(), far, share)));
+        }
+        if let Some(radius) = casting.occlusion {
+            let around = all_around();
+            rays[MAX_CASTING].extend(around.map(|(along, share)| ray(along, radius / voxels, share)));
+        }
+        Self { rays, strength: casting.strength }
+    }
+
+    /// What so many voxels of a row from `start` on keep, those that are `wanted`: a bit each, the first the lowest.
+    pub(crate) fn shares<const N: usize>(&self, medium: &Medium<T>, start: [usize; 3], wanted: u32) -> Shares<N> {
+        let start = start.map(|p| p as i32);
+        let mut shares = [[1.0; N]; MAX_CASTING + 1];
+        for (number, (rays, shares)) in self.rays.iter().zip(&mut shares).enumerate() {
+            if rays.is_empty() {
+                continue;
+            }
+            let mut means = [0.0; N];
+            for ray in rays {
+                let depths = medium.depths::<N>(ray, start, wanted);
+                for (mean, depth) in means.iter_mut().zip(depths) {
+                    // Cells of a level may absorb a little less than nothing.
+                    *mean += ray.share * (-depth.to_f64().max(0.0)).exp();
+                }
+            }
+            *shares = match number {
+                // Half of what is around a point of a plane is behind it.
+                MAX_CASTING => means.map(|mean| (2.0 * mean).min(1.0)),
+                _ => means.map(|mean| 1.0 - self.strength * (1.0 - mean)),
+            };
+        }
+        shares
+    }
+}
+
+/// The 26 directions to the neighbours of a lattice point with the weights of Lebedev's rule of degree 7 (Lebedev 1975,
+/// "Values of the nodes and weights of ninth to seventeenth order Gauss-Markov quadrature formulae invariant under the
+/// octahedron group with inversion"): 6 along axes, 12 along edges, 8 along diagonals.
+fn all_around() -> impl Iterator<Item = (DVec3, f64)> {
+    let weights = [1.0 / 21.0, 4.0 / 105.0, 9.0 / 280.0];
+    let steps = || (-1..=1).map(f64::from);
+    let directions = steps().flat_map(move |x| steps().flat_map(move |y| steps().map(move |z| DVec3::new(x, y, z))));
+    directions.filter(|d| *d != DVec3::ZERO).map(move |d| (d.normalize(), weights[d.length_squared() as usize - 1]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::Normalization;
+    use crate::reference::Reference;
+    use crate::settings::{Model, Settings};
+    use crate::transfer::{ControlPoint, TransferFunction};
+    use crate::volume::{Grid, Samples, Volume};
+    use glam::DAffine3;
+
+    const DIMS: [usize; 3] = [19, 14, 11];
+
+    /// A number from 0 to 1 of a lattice point, without order.
+    fn noise(index: usize) -> f64 {
+        ((index as f64 * 12.9898).sin() * 43_758.545_3).rem_euclid(1.0)
+    }
+
+    fn towards(lights: [DVec3; MAX_CASTING]) -> Casting {
+        Casting { lights: lights.map(|light| vec![light]), strength: 1.0, occlusion: None }
+    }
+
+    fn medium<T: Real>(dims: [usize; 3], of: impl Fn([usize; 3]) -> f64) -> Medium<T> {
+        let mut medium = Medium::new(dims).unwrap();
+        for index in 0..dims.iter().product() {
+            let at = [index % dims[0], index / dims[0] % dims[1], index / dims[0] / dims[1]];
+            medium.set(at, T::of(of(at)));
+        }
+        medium
+    }
+
+    fn lattice(kernel: Kernel, dims: [usize; 3], to_world: DMat3, unit: f64) -> Lattice {
+        Lattice { kernel, divisor: Normalization::Unit.divisor(&kernel), dims, to_world, unit, voxels: 1.0 }
+    }
+
+    #[test]
+    fn depths_are_the_integrals_of_the_reference() {
+        // A skewed lattice of unequal spacings, turned against the world.
+        let turned = DMat3::from_euler(glam::EulerRot::ZYX, 0.4, -0.3, 0.7);
+        let to_world = turned * DMat3::from_cols(DVec3::X, DVec3::new(0.1, 1.4, 0.0), DVec3::new(0.0, -0.2, 2.5));
+        let grid = Grid::new(DIMS.map(|n| n as u32), DAffine3::from_mat3_translation(to_world, DVec3::ONE)).unwrap();
+        let lights = [turned * DVec3::X, DVec3::new(0.3, -2.0, 0.9), DVec3::new(-1.0, -0.8, 1.1)].map(DVec3::normalize);
+        // One in three absorbs, from nearly nothing to a lot.
+        let tau = |i: usize| if i.is_multiple_of(3) { (8.0 * noise(i) - 7.0).exp() } else { 0.0 };
+        let unit = 1.7;
+        let samples: Vec<f64> = (0..DIMS.iter().product()).map(|i| -(-tau(i)).exp_m1()).collect();
+        let volume = Volume::new(grid, Samples::F64(samples)).unwrap();
+        let point = |value| ControlPoint { value, color: [1.0; 3], opacity: value };
+        let transfer = TransferFunction::new(vec![point(0.0), point(1.0)], Some(unit)).unwrap();
+        for kernel in [Kernel::default(), Kernel::KAISER_BESSEL, Kernel::Gaussian { sigma: 0.8, radius: 3.0 }] {
+            let settings = Settings { model: Model::Xray, kernel, antialiasing: false, ..Settings::default() };
+            let reference = Reference::new(&volume, &transfer, &settings).unwrap();
+            let lattice = lattice(kernel, DIMS, to_world, unit);
+            let at = |[x, y, z]: [usize; 3]| x + DIMS[0] * (y + DIMS[1] * z);
+            let exact = (medium::<f64>(DIMS, |p| tau(at(p))), Caster::new(&towards(lights), &lattice));
+            let rounded = (medium::<f32>(DIMS, |p| tau(at(p))), Caster::new(&towards(lights), &lattice));
+            for [y, z] in [[0, 0], [6, 5], [13, 10], [3, 8]] {
+                let exact = exact.1.shares::<19>(&exact.0, [0, y, z], u32::MAX);
+                let rounded = rounded.1.shares::<19>(&rounded.0, [0, y, z], u32::MAX);
+                for (number, light) in lights.into_iter().enumerate() {
+                    for x in 0..DIMS[0] {
+                        let place = grid.to_world().transform_point3(DVec3::new(x as f64, y as f64, z as f64));
+                        let depth = reference.ray(place, light, false).optical_depth;
+                        if depth > DARK {
+                            continue;
+                        }
+                        let [got, single] = [exact[number][x], rounded[number][x]].map(|share| -share.ln());
+                        assert!((got - depth).abs() < 1e-8 * (1.0 + depth), "{kernel:?} {number}: {got} for {depth}");
+                        assert!((single - depth).abs() <= 1e-4 * depth + 1e-6, "{number}: {single} for {depth}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn light_along_an_axis_is_a_running_sum() {
+        let dims = [24, 9, 9];
+        let tau = |x: usize| 0.01 + 0.2 * noise(x);
+        let kernel = Kernel::KAISER_BESSEL;
+        let caster =
+            Caster::<f64>::new(&towards([DVec3::X, -DVec3::X, DVec3::Y]), &lattice(kernel, dims, DMat3::IDENTITY, 1.0));
+        let shares = caster.shares::<24>(&medium(dims, |[x, ..]| tau(x)), [0, 4, 4], u32::MAX);
+        // Seen along x, the kernels of a plane add up to nearly 1 for each voxel: the blob ripples by 0.054 %.
+        let half_kernel: Vec<f64> = (-2..=2)
+            .map(|n| {
+                let planes = |y: i32, z: i32| section_by(&kernel, f64::from(y * y + z * z), [f64::from(-n), 99.0], 8);
+                let sum: f64 = (-2..=2).flat_map(|y| (-2..=2).map(move |z| planes(y, z))).sum();
+                sum / kernel.integral()
+            })
+            .collect();
+        for (x, share) in shares[0].iter().enumerate().take(20).skip(4) {
+            let nearby: f64 = (0..5).map(|n| half_kernel[n] * tau(x + n - 2)).sum();
+            let expected = nearby + (x + 3..24).map(tau).sum::<f64>();
+            let got = -share.ln();
+            assert!((got - expected).abs() < 2e-3 * expected, "{x}: {got} for {expected}");
+        }
+        // From both sides together: all of the row.
+        let both = |x: usize| -(shares[0][x] * shares[1][x]).ln();
+        assert!((4..20).all(|x| (both(x) - both(4)).abs() < 1e-9));
+    }
+
+    #[test]
+    fn nothing_that_absorbs_is_no_shadow() {
+        let lattice = lattice(Kernel::default(), [40, 8, 8], DMat3::IDENTITY, 1.0);
+        let casting = Casting { occlusion: Some(6.0), ..towards([DVec3::X, DVec3::Y, DVec3::new(1.0, 1.0, 1.0)]) };
+        let caster = Caster::<f32>::new(&casting, &lattice);
+        // A wall at the end of the rows.
+        let medium = medium(lattice.dims, |[x, ..]| if x == 39 { 3.0 } else { 0.0 });
+        let shares = caster.shares::<32>(&medium, [0, 4, 4], u32::MAX);
+        assert!(shares[0].iter().all(|&share| share < 0.1), "behind the wall {:?}", shares[0]);
+        assert!(shares[1].iter().all(|&share| share == 1.0), "beside it {:?}", shares[1]);
+        assert!(shares[3][..30].iter().all(|&share| share > 0.999), "far from it {:?}", shares[3]);
+        // Half of the directions are free at its surface, and none within.
+        let within = caster.shares::<1>(&medium, [39, 4, 4], u32::MAX)[3][0];
+        assert!((0.1..0.7).contains(&within), "{within}");
+    }
+
+    #[test]
+    fn all_around_is_exact_to_degree_seven() {
+        let mean = |f: &dyn Fn(DVec3) -> f64| all_around().map(|(d, share)| share * f(d)).sum::<f64>();
+        assert_eq!(all_around().count(), 26);
+        for (f, exact) in [
+            (&(|_| 1.0) as &dyn Fn(DVec3) -> f64, 1.0),
+            (&|d| d.x * d.x, 1.0 / 3.0),
+            (&|d| d.x.powi(4), 1.0 / 5.0),
+            (&|d| d.x.powi(2) * d.y.powi(2), 1.0 / 15.0),
+            (&|d| d.x.powi(6), 1.0 / 7.0),
+            (&|d| (d.x * d.y * d.z).powi(2), 1.0 / 105.0),
+            (&|d| d.x.powi(3) * d.y, 0.0),
+        ] {
+            assert!((mean(f) - exact).abs() < 1e-14);
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! Light that is kept from voxels: pictures against the f64 truth with light at voxel centres, and what users meet.
+
+use glam::DVec3;
+use voxsplat::camera::{Camera, View};
+use voxsplat::image::Image;
+use voxsplat::lighting::{Light, Lighting};
+use voxsplat::renderer::Rendered;
+use voxsplat::settings::{Level, Settings, Shading};
+use voxsplat::volume::{Grid, Samples, Volume};
+
+use crate::support::{
+    PROJECTIONS, RENDERER, camera, coordinates, demo, draw, errors, exact_quads, full, headlight, look, picture,
+    prepare, prepare_on, render, rms_covered, transfer,
+};
+use crate::truth::truth;
+
+/// Lights from above and from the side, with shadows; if `soft`, a large one and occlusion.
+fn shadows(soft: bool) -> Option<Lighting> {
+    let side = Light { color: [0.9, 0.6, 0.3], ..Light::directional(DVec3::new(-1.0, -0.4, 0.3)) };
+    let size = if soft { 20.0 } else { 0.0 };
+    let lights = vec![Light { size, ..Light::directional(DVec3::new(0.4, -0.7, 1.0)) }, side, Light::HEADLIGHT];
+    Some(Lighting { lights, shadows: 0.9, occlusion: soft.then_some(5.0), ..Lighting::default() })
+}
+
+/// The errors of colour are those without shadows: 1.5 times what was measured.
+#[test]
+fn both_painters_show_the_shadows_of_the_reference() {
+    for (name, [quads, tiles]) in [("vessels", [3e-3, 4e-3]), ("marschner-lobb", [2e-3, 2e-3])] {
+        let (volume, transfer) = demo(name, 24);
+        for (projection, soft) in [(PROJECTIONS[0], false), (PROJECTIONS[0], true), (PROJECTIONS[1], true)] {
+            let lit = |settings: Settings| Settings { lighting: shadows(soft), ..settings };
+            let camera = camera(30.0, projection, &volume, 40);
+            for (settings, limit) in [(lit(exact_quads()), quads), (lit(full()), tiles)] {
+                let expected = truth(&volume, &transfer, &camera, &settings);
+                let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings), &expected);
+                assert!(color < limit && alpha < 2e-4, "{name} {projection:?} {soft}: {color:e} {alpha:e}");
+            }
+        }
+    }
+}
+
+/// A ball of radius 6 over a plate 4 thick, in a lattice of 32^3: 1 in them and 0 elsewhere.
+fn ball_over_plate() -> Volume {
+    let inside = |i: usize| {
+        let [x, y, z] = [i % 32, i / 32 % 32, i / 1024].map(|p| p as f64 - 15.5);
+        z < -11.0 || x * x + y * y + (z + 2.0) * (z + 2.0) < 36.0
+    };
+    let samples = (0..32 * 32 * 32).map(|i| u8::from(inside(i))).collect();
+    Volume::new(Grid::axis_parallel([32; 3], [1.0; 3]).unwrap(), Samples::U8(samples)).unwrap()
+}
+
+#[test]
+fn a_ball_casts_its_shadow_on_a_plate() {
+    let volume = ball_over_plate();
+    let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], 0.4)], None);
+    // From the front and high above; the light comes from the left.
+    let light = Light::directional(DVec3::new(-1.0, 0.0, 1.0));
+    let lighting = |shadows| Some(Lighting { lights: vec![light], specular: 0.0, shadows, ..Lighting::default() });
+    let camera = look(&View { elevation: 70.0, ..View::default() }, &volume, [64; 2]);
+    let brightness = |strength: f64| -> Image {
+        let settings = Settings { lighting: lighting(strength), ..full() };
+        render(&volume, &transfer, &camera, &settings)
+    };
+    let (without, with) = (brightness(0.0), brightness(1.0));
+    // On the plate: beside the ball's shadow, and in it, where a ray at 45 degrees meets the ball.
+    let at = |image: &Image, x: f64, y: f64| {
+        let place = volume.grid().to_world().transform_point3(DVec3::new(x, y, 3.0));
+        let [column, row] = pixel_of(&camera, place);
+        f64::from(image.pixels()[(column + 64 * row) as usize][0])
+    };
+    let [lit, dark] = [[4.0, 4.0], [25.0, 15.5]].map(|[x, y]| at(&with, x, y) / at(&without, x, y));
+    assert!(lit > 0.5 && dark < 0.7 * lit, "lit {lit}, in the shadow {dark}");
+    // What is in the dark keeps the ambient light.
+    assert!(dark > 0.25, "{dark}");
+    let difference = errors(&brightness(1e-9), &without).0;
+    assert!(difference < 1e-4, "a shadow without strength: {difference}");
+}
+
+fn pixel_of(camera: &Camera, place: DVec3) -> [u32; 2] {
+    let offset = place - camera.target;
+    let nearest = (0..64 * 64).min_by(|&a, &b| {
+        let distance = |index: usize| {
+            let (x, y) = coordinates(index, camera);
+            (camera.ray(x, y).0 - camera.target - offset).reject_from(camera.forward).length()
+        };
+        distance(a).total_cmp(&distance(b))
+    });
+    let index = nearest.unwrap() as u32;
+    [index % 64, index / 64]
+}
+
+#[test]
+fn light_is_kept_while_the_eye_moves() {
+    let (volume, transfer) = demo("vessels", 24);
+    let settings = Settings { lighting: shadows(true), level: Level::At(0), ..full() };
+    let scene = prepare(&volume, &transfer, &settings);
+    let [front, side] = [20.0, 140.0].map(|azimuth| camera(azimuth, PROJECTIONS[0], &volume, 32));
+    let first = draw(&scene, &front, &settings);
+    let turned = draw(&scene, &side, &settings);
+    let classifies = |rendered: &Rendered| rendered.stats.stages.iter().any(|stage| stage.name == "classify");
+    assert!(!classifies(&turned), "light was found anew");
+    assert_eq!(draw(&scene, &front, &settings).image.pixels(), first.image.pixels());
+    // Another light on the same scene is another picture, and the first one comes back.
+    let other = Settings { lighting: shadows(false), ..settings.clone() };
+    assert!(errors(&draw(&scene, &front, &other).image, &first.image).0 > 0.02);
+    let plain = Settings { lighting: headlight(), ..settings.clone() };
+    assert!(errors(&draw(&scene, &front, &plain).image, &first.image).0 > 0.02);
+    assert_eq!(draw(&scene, &front, &settings).image.pixels(), first.image.pixels());
+}
+
+#[test]
+fn cells_are_in_the_shadow_of_cells() {
+    let (volume, transfer) = demo("shell", 64);
+    let settings = Settings { lighting: shadows(true), ..Settings::default() };
+    let camera = camera(30.0, PROJECTIONS[0], &volume, 40);
+    let at = |level| Settings { level: Level::At(level), ..settings.clone() };
+    let voxels = render(&volume, &transfer, &camera, &at(0));
+    let cells = picture(&volume, &transfer, &camera, &at(1));
+    assert_eq!(cells.stats.levels, [1, 1]);
+    let error = rms_covered(&cells.image, &voxels);
+    let without = render(&volume, &transfer, &camera, &Settings { lighting: headlight(), ..at(1) });
+    assert!(error < 8e-3 && rms_covered(&without, &voxels) > 4.0 * error, "{error:e}");
+}
+
+#[test]
+fn scalars_have_no_shadows() {
+    let (volume, transfer) = demo("sphere", 8);
+    let settings = Settings { shading: Shading::Post, lighting: shadows(false), ..Settings::default() };
+    let error = prepare_on(&RENDERER, &volume, &transfer, &settings).err().unwrap().to_string();
+    assert!(error.contains("shadows") && error.contains("pre-shading"), "{error}");
+}
+
+#[test]
+fn wrong_lights_are_refused() {
+    let light = |change: &dyn Fn(&mut Lighting)| {
+        let mut lighting = shadows(true).unwrap();
+        change(&mut lighting);
+        lighting.validate().unwrap_err().to_string()
+    };
+    for (error, part) in [
+        (light(&|l| l.shadows = 1.5), "shadows"),
+        (light(&|l| l.occlusion = Some(0.0)), "occlusion"),
+        (light(&|l| l.lights[0].size = 100.0), "light_size"),
+        (light(&|l| l.lights[0].color[1] = -1.0), "light"),
+        (light(&|l| l.lights[0].color[1] = f64::NAN), "light"),
+    ] {
+        assert!(error.starts_with(part), "{error}");
+    }
+}
