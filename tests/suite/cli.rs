@@ -445,3 +445,21 @@ fn devices_names_the_adapter_that_tests_run_on() {
     let columns = ["discrete", "integrated", "virtual", "other", "cpu"];
     assert!(own.is_some_and(|line| columns.iter().any(|kind| line.contains(kind))), "{table}");
 }
+
+#[test]
+fn kernels_are_measured_beside_interpolation() {
+    let dir = folder();
+    let output = voxsplat(dir.path(), "kernels --signal gaussians --size 16 --kernel kaiser-bessel --json");
+    let rows: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let methods: Vec<&str> = rows.as_array().unwrap().iter().map(|row| row["method"].as_str().unwrap()).collect();
+    assert_eq!(methods[..2], ["trilinear", "Catmull-Rom"]);
+    // Pre-shaded, a blob does not become narrower.
+    assert_eq!(
+        methods[3..],
+        ["kaiser-bessel", "kaiser-bessel, sharpness 0.5, post-shaded", "kaiser-bessel, sharpness 1, post-shaded"]
+    );
+    assert!(rows[5]["field"]["rms"].as_f64().unwrap() < rows[0]["field"]["rms"].as_f64().unwrap());
+    let table = stdout(&voxsplat(dir.path(), "kernels --size 16 --kernel gaussian --sharpness 1"));
+    assert_eq!(table.lines().count(), 6, "{table}");
+    assert!(table.contains("gaussian:1,2, sharpness 1, pre-shaded") && table.contains("half Nyquist"), "{table}");
+}
