@@ -115,7 +115,8 @@ impl Renderer {
     }
 
     /// Prepares a volume for pictures of these settings: of them, what counts is the model, the shading, whether
-    /// there is light, and of a sharper post-shaded picture the kernel and the sharpness. Voxels that cannot show are dropped.
+    /// there is light, and of a sharper post-shaded picture the kernel and the sharpness. Voxels that cannot show are
+    /// dropped.
     ///
     /// Pre-shaded voxels are classified here if the level is [`Level::At(0)`](Level::At). Otherwise the first picture
     /// tells whether voxels or cells are wanted, and takes that time. The file of a streamed volume must stay for it.

@@ -203,8 +203,9 @@ pub(super) struct ModelArgs {
     #[arg(long, value_name = "KERNEL", default_value = "gaussian", value_parser = parse::kernel,
         help_heading = "Model")]
     pub(super) kernel: Kernel,
-    /// Take the blur of the kernel back: 0 (not at all) to 1. A Gaussian gives way to a narrower Kaiser-Bessel blob; with
-    /// --shading post or --model mip samples are filtered besides, so that the field passes through them. Noise grows
+    /// Take the blur of the kernel back: 0 (not at all) to 1. A Gaussian gives way to a narrower Kaiser-Bessel blob;
+    /// with --shading post or --model mip samples are filtered besides, so that the field passes through them. Noise
+    /// grows
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "Model")]
     pub(super) sharpness: f64,
@@ -412,10 +413,10 @@ Examples:
 
 /// Show how well kernels reconstruct a signal that is known everywhere, with the usual interpolations beside them.
 ///
-/// Errors of the field are at points at least a voxel inside the outermost samples; errors of rays are of its mean along
-/// rays through that box. Ripple is the largest less the least value of a field of samples that are all 1. Blur is a
-/// variance along an axis, in voxels^2. Half Nyquist is what is left of waves that are four samples long. Noise is
-/// that of the field over that of the samples.
+/// Errors of the field are at points at least a voxel inside the outermost samples; errors of rays are of its mean
+/// along rays through that box. Ripple is the largest less the least value of a field of samples that are all 1. Blur
+/// is a variance along an axis, in voxels^2. Half Nyquist is what is left of waves that are four samples long. Noise
+/// is that of the field over that of the samples.
 #[derive(Debug, clap::Args)]
 #[command(after_help = KERNELS_EXAMPLES)]
 pub(super) struct KernelsArgs {

@@ -85,8 +85,8 @@ impl Kernel {
         }
     }
 
-    /// A narrower kernel in place of a Gaussian: a blob of radius 2, as broad as the Gaussian if it can be for a share of
-    /// 0, and [`Self::KAISER_BESSEL`] for 1. `None` if the kernel is a blob, or a Gaussian as narrow as that.
+    /// A narrower kernel in place of a Gaussian: a blob of radius 2, as broad as the Gaussian if it can be for a share
+    /// of 0, and [`Self::KAISER_BESSEL`] for 1. `None` if the kernel is a blob, or a Gaussian as narrow as that.
     ///
     /// A Gaussian as narrow would have ripple: 8.5 % with a sigma of 0.5. Blobs in between have at most 4.3 %.
     pub(crate) fn narrowed(&self, share: f64) -> Option<Self> {
