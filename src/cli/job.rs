@@ -7,8 +7,9 @@ use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image, Region};
 use voxsplat::lighting::{Light, Lighting, Source};
-use voxsplat::settings::{Painter, QuadsSettings, Settings, TilesSettings};
-use voxsplat::transfer::{TransferFunction, presets};
+use voxsplat::settings::{Model, Painter, QuadsSettings, Settings, TilesSettings};
+use voxsplat::transfer::TransferFunction;
+use voxsplat::transfer::presets::{self, Preset};
 use voxsplat::volume::Grid;
 
 use super::Failure;
@@ -26,8 +27,8 @@ const DEFAULT_FOV: f64 = 30.0;
 pub(super) enum Transfer {
     /// That of a built-in volume, otherwise the preset suggested by the values.
     Suggested,
-    /// A preset, by name.
-    Preset(&'static str),
+    /// A preset.
+    Preset(&'static Preset),
     /// From a file.
     Given(TransferFunction),
 }
@@ -37,7 +38,7 @@ impl Transfer {
         Ok(match given {
             None => Self::Suggested,
             Some(given) => match presets::PRESETS.iter().find(|preset| given == Path::new(preset.name)) {
-                Some(preset) => Self::Preset(preset.name),
+                Some(preset) => Self::Preset(preset),
                 None if is_file_name(&given) => Self::Given(TransferFunction::load(&given)?),
                 None => {
                     let known: Vec<&str> = presets::PRESETS.iter().map(|p| p.name).collect();
@@ -72,6 +73,8 @@ pub(super) struct RenderJob {
     /// The part of it that is wanted.
     pub(super) region: Region,
     pub(super) settings: Settings,
+    /// Whether there is studio light if the transfer function shows surfaces.
+    pub(super) chooses_light: bool,
     pub(super) engine: Engine,
     pub(super) output: PathBuf,
     pub(super) background: Background,
@@ -97,6 +100,8 @@ impl RenderJob {
         let [width, height] = args.size;
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
         region.check_within(args.size)?;
+        let chooses_light =
+            args.model.light.is_empty() && !settings.is_post_shaded() && settings.model == Model::Composite;
         let transfer = Transfer::new(args.model.transfer)?;
         let engine = match args.reference {
             true => Engine::Reference,
@@ -110,6 +115,7 @@ impl RenderJob {
             size: args.size,
             region,
             settings,
+            chooses_light,
             engine,
             output: args.output,
             background: args.background,
@@ -187,9 +193,9 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
     if lit.is_empty() {
         let needing = [
             ("material", args.material.is_some()),
-            ("shadows", args.shadows.is_some_and(|strength| strength > 0.0)),
+            ("shadows", args.shadows.is_some()),
             ("light-size", args.light_size.is_some()),
-            ("occlusion", args.occlusion.is_some_and(|Occlusion(radius)| radius.is_some())),
+            ("occlusion", args.occlusion.is_some()),
         ];
         return match needing.into_iter().find(|(_, given)| *given) {
             Some((name, _)) => usage(format!("--{name} needs a --light")),

@@ -7,12 +7,13 @@ use serde::Serialize;
 use voxsplat::accuracy::{Chosen, Estimate, Truth, choose};
 use voxsplat::camera::Camera;
 use voxsplat::image::{Image, Note};
+use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
 use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
 use voxsplat::settings::Settings;
 use voxsplat::stats::{Clock, StageTime, Stats};
 use voxsplat::transfer::TransferFunction;
-use voxsplat::transfer::presets::{self, Suggestion};
+use voxsplat::transfer::presets::{self, Preset, Suggestion};
 use voxsplat::volume::{Statistics, Volume};
 use voxsplat::{demos, formats};
 
@@ -45,7 +46,7 @@ struct ReferenceStats {
     stages: Vec<StageTime>,
 }
 
-pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
+pub(super) fn run(mut job: RenderJob) -> Result<(), Failure> {
     let mut stages = Stages::default();
     let mut opening = Stages::default();
     let progress = Progress::spinner("reading");
@@ -63,15 +64,19 @@ pub(super) fn run(job: RenderJob) -> Result<(), Failure> {
         });
         let mut read = || {
             let volume = stages.time("load", || formats::load(&job.source, &job.load))?;
-            let (transfer, note) = transfer(&job.source, &job.transfer, &volume, &mut stages)?;
-            Ok::<_, Failure>((volume, transfer, note))
+            let fitted = transfer(&job.source, &job.transfer, &volume, &mut stages)?;
+            Ok::<_, Failure>((volume, fitted))
         };
         (read(), device.map(|thread| thread.join()))
     });
     drop(progress);
-    let (volume, transfer, note) = read?;
+    let (volume, Fitted { transfer, preset, note }) = read?;
     if let Some(note) = note {
         output::say(&note);
+    }
+    if job.chooses_light && preset.is_some_and(|preset| preset.surfaces) {
+        job.settings.lighting = Some(Lighting::studio(job.view.forward()?, job.view.up));
+        output::say("note: --light studio is taken, as the preset shows surfaces; --light off is without");
     }
     stages.0.append(&mut opening.0);
     let camera = Camera::new(&job.view, volume.grid(), job.size)?;
@@ -223,23 +228,36 @@ fn print_stats<S: Serialize>(
     }
 }
 
-/// The transfer function of a job, and a note for the user if a preset was suggested.
+/// The transfer function of a job.
+pub(super) struct Fitted {
+    pub(super) transfer: TransferFunction,
+    /// The preset that it is.
+    preset: Option<&'static Preset>,
+    /// For the user, if it was suggested.
+    pub(super) note: Option<String>,
+}
+
+/// The transfer function of a job.
 pub(super) fn transfer(
     source: &Path,
     choice: &Transfer,
     volume: &Volume,
     stages: &mut Stages,
-) -> Result<(TransferFunction, Option<String>), Failure> {
+) -> Result<Fitted, Failure> {
     let mut statistics = || stages.time("statistics", || Statistics::of(volume));
     match choice {
-        Transfer::Given(transfer) => Ok((transfer.clone(), None)),
-        Transfer::Preset(name) => Ok((presets::preset(name, &statistics()?)?, None)),
+        Transfer::Given(transfer) => Ok(Fitted { transfer: transfer.clone(), preset: None, note: None }),
+        Transfer::Preset(preset) => {
+            let transfer = presets::preset(preset.name, &statistics()?)?;
+            Ok(Fitted { transfer, preset: Some(preset), note: None })
+        }
         Transfer::Suggested => {
-            if let Some(own) = demos::own_transfer(source) {
-                return Ok((own, None));
+            if let Some(transfer) = demos::own_transfer(source) {
+                return Ok(Fitted { transfer, preset: None, note: None });
             }
             let (transfer, Suggestion { name, reason }) = TransferFunction::for_volume(volume, &statistics()?)?;
-            Ok((transfer, Some(format!("note: --transfer {name} is taken, as {reason}"))))
+            let preset = presets::PRESETS.iter().find(|preset| preset.name == name);
+            Ok(Fitted { transfer, preset, note: Some(format!("note: --transfer {name} is taken, as {reason}")) })
         }
     }
 }

@@ -11,13 +11,16 @@ use super::splat::packed_kept;
 use super::store::{BrickSplats, HostBrick, Store, StoreBuilder};
 use crate::error::Result;
 use crate::lighting::Casting;
-use crate::lighting::shadow::{Caster, Lattice, Medium};
+use crate::lighting::shadow::{Block, Caster, Lattice, Medium};
 use crate::memory::reserved;
 use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
 
 /// Words of a lit splat without its place and without what it keeps of light.
 const LIT: usize = size_of::<Splat>() / 4 - 1;
+
+/// Planes of a brick that are added up together: what they read together stays in caches.
+const PLANES: usize = 4;
 
 /// Which light is kept from the splats of a lattice of kernels.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,16 +52,24 @@ pub(crate) fn shaded(
     let shade = |(brick, held): &(&BrickSplats, &HostBrick)| -> Result<(HostBrick, BrickSplats)> {
         let count = u64::from(held.count());
         let mut shaded = reserved(count * (SHADED_WORDS - 1) as u64, || "splats of a brick".to_owned())?;
-        for (at, bits, words) in rows(brick, held) {
-            let shares = caster.shares::<EDGE>(&medium, at, bits);
-            for (x, words) in places(bits).zip(words.chunks_exact(held.each)) {
-                shaded.extend_from_slice(&words[..LIT]);
-                shaded.extend(packed_kept(shares.map(|share| share[x])));
+        let bits: Vec<u32> = held.rows.iter().map(|row| row.bits).collect();
+        let [x, y, z] = brick.origin.map(|p| p as usize);
+        for (number, wanted) in bits.chunks_exact(EDGE * PLANES).enumerate() {
+            if wanted.iter().all(|&bits| bits == 0) {
+                continue;
+            }
+            let block = Block { start: [x, y, z + PLANES * number], down: EDGE, wanted };
+            let rows = &held.rows[EDGE * PLANES * number..];
+            for (row, shares) in rows.iter().zip(caster.shares::<EDGE>(&medium, &block)) {
+                let words = &held.words[row.first as usize * held.each..];
+                for (x, words) in places(row.bits).zip(words.chunks_exact(held.each)) {
+                    shaded.extend_from_slice(&words[..LIT]);
+                    shaded.extend(packed_kept(shares.map(|share| share[x])));
+                }
             }
         }
         let number = done.fetch_add(1, Ordering::Relaxed) + 1;
         progress.report("casting shadows", number as f64 / bricks.len() as f64);
-        let bits: Vec<u32> = held.rows.iter().map(|row| row.bits).collect();
         Ok((HostBrick::new(&bits, SHADED_WORDS - 1, shaded), **brick))
     };
     let shaded = bricks.par_iter().map(shade).collect::<Result<Vec<_>>>()?;

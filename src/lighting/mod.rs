@@ -33,7 +33,7 @@ impl Light {
     /// The largest component of a colour.
     pub const BRIGHTEST: f64 = 16.0;
     /// The directions that stand for a light that is not a point.
-    const DIRECTIONS: u32 = 16;
+    const DIRECTIONS: u32 = 12;
 
     /// A white light of intensity 1, infinitely far away in a world direction of any length over 0.
     #[must_use]
@@ -101,7 +101,7 @@ pub(crate) const MAX_CASTING: usize = 3;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Visibility {
     /// Of the lights, in order: exp(-D), where D is the optical depth on the way; of a light with a size the mean over
-    /// 16 directions. The fourth, and lights at the eye, have 1.
+    /// 12 directions. The fourth, and lights at the eye, have 1.
     pub lights: [f64; Lighting::MAX_LIGHTS],
     /// Of what is around: twice the mean of exp(-D) over all directions, at most 1, with D as far as
     /// [`Lighting::occlusion`].

@@ -20,6 +20,7 @@
 use std::ops::{AddAssign, Mul, Range};
 
 use glam::{DMat3, DVec3};
+use pulp::Arch;
 
 use super::{Casting, MAX_CASTING};
 use crate::error::Result;
@@ -74,6 +75,7 @@ pub(crate) struct Medium<T> {
     /// Blocks along the axes, and whether there is anything in each.
     blocks: [usize; 3],
     occupied: Vec<bool>,
+    arch: Arch,
 }
 
 impl<T: Real> Medium<T> {
@@ -86,7 +88,7 @@ impl<T: Real> Medium<T> {
         let mut values = reserved(count as u64, || "what casts shadows".to_owned())?;
         values.resize(count, T::default());
         let blocks = dims.map(|n| n.div_ceil(BLOCK));
-        Ok(Self { dims, values, blocks, occupied: vec![false; blocks.iter().product()] })
+        Ok(Self { dims, values, blocks, occupied: vec![false; blocks.iter().product()], arch: Arch::new() })
     }
 
     /// Where the row of voxels begins, the room before it included.
@@ -115,40 +117,84 @@ impl<T: Real> Medium<T> {
         zs.into_iter().any(|z| ys.clone().any(|y| self.occupied[nx * (y + ny * z)..][xs.clone()].contains(&true)))
     }
 
-    /// The optical depths of `N` voxels of a row from `start` on, of those that are `wanted` (a bit each, the first the
-    /// lowest). Depths over [`DARK`] may be anything over it, and those of the others are.
-    fn depths<const N: usize>(&self, ray: &Ray<T>, start: [i32; 3], wanted: u32) -> [T; N] {
-        let mut sums: [T; N] = std::array::from_fn(|i| if wanted >> i & 1 != 0 { T::default() } else { T::INFINITE });
+    /// The optical depths of rows of `N` voxels side by side, of those that are `wanted`. Depths over [`DARK`] may be
+    /// anything over it, and those of voxels that are not wanted are.
+    fn depths<const N: usize>(&self, ray: &Ray<T>, block: &Block<'_>, depths: &mut Vec<[T; N]>) {
+        depths.clear();
+        let begin = |bits: u32, i: usize| if bits >> i & 1 != 0 { T::default() } else { T::INFINITE };
+        depths.extend(block.wanted.iter().map(|&bits| std::array::from_fn(|i| begin(bits, i))));
+        self.arch.dispatch(Sum { medium: self, ray, block, depths });
+    }
+}
+
+/// Rows of voxels side by side.
+pub(crate) struct Block<'a> {
+    /// The lattice point of the first.
+    pub(crate) start: [usize; 3],
+    /// Rows along y.
+    pub(crate) down: usize,
+    /// Of each row, y before z, the bits of the voxels whose light is wanted, the first the lowest.
+    pub(crate) wanted: &'a [u32],
+}
+
+/// Adds a ray up. A type of its own, so that it is compiled for the widest vectors of the machine.
+struct Sum<'a, T, const N: usize> {
+    medium: &'a Medium<T>,
+    ray: &'a Ray<T>,
+    block: &'a Block<'a>,
+    depths: &'a mut [[T; N]],
+}
+
+impl<T: Real, const N: usize> pulp::WithSimd for Sum<'_, T, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Self { medium, ray, block, depths } = self;
         let dark = T::of(DARK);
-        let [nx, ny, nz] = self.dims.map(|n| n as i32);
+        let start = block.start.map(|p| p as i32);
+        let [nx, ny, nz] = medium.dims.map(|n| n as i32);
+        let reach = [N, block.down, block.wanted.len() / block.down].map(|n| n as i32 - 1);
+        let mut rows: Vec<(usize, i32, i32)> = (0..block.wanted.len())
+            .filter(|&row| block.wanted[row] != 0)
+            .map(|row| (row, start[1] + (row % block.down) as i32, start[2] + (row / block.down) as i32))
+            .collect();
         for chunk in &ray.chunks {
             let low: [i32; 3] = std::array::from_fn(|axis| start[axis] + chunk.low[axis]);
-            let mut high: [i32; 3] = std::array::from_fn(|axis| start[axis] + chunk.high[axis]);
-            high[0] += N as i32 - 1;
+            let high: [i32; 3] = std::array::from_fn(|axis| start[axis] + chunk.high[axis] + reach[axis]);
             // What lies beyond is farther out still: the lattice is convex.
-            let outside = |axis: usize| high[axis] < 0 || low[axis] >= self.dims[axis] as i32;
-            if (0..3).any(outside) {
+            if rows.is_empty() || (0..3).any(|axis| high[axis] < 0 || low[axis] >= medium.dims[axis] as i32) {
                 break;
             }
-            if !self.is_occupied(low, high) {
+            if !medium.is_occupied(low, high) {
                 continue;
             }
-            for &([dx, dy, dz], weight) in &ray.taps[chunk.taps.clone()] {
-                let (x, y, z) = (start[0] + dx, start[1] + dy, start[2] + dz);
-                // Outside of the lattice, or as far outside of the row as the run is long.
-                if y < 0 || z < 0 || y >= ny || z >= nz || x <= -(N as i32) || x >= nx {
-                    continue;
+            let taps = &ray.taps[chunk.taps.clone()];
+            // Rows of a block, and the part of the medium that they read, stay in the nearest cache.
+            let mut lit = 0;
+            for index in 0..rows.len() {
+                let (row, y, z) = rows[index];
+                let mut sums = depths[row];
+                for &([dx, dy, dz], weight) in taps {
+                    let (x, y, z) = (start[0] + dx, y + dy, z + dz);
+                    // Outside of the lattice, or as far outside of the row as the run is long.
+                    if y < 0 || z < 0 || y >= ny || z >= nz || x <= -(N as i32) || x >= nx {
+                        continue;
+                    }
+                    let at = medium.row(y as usize, z as usize) + (x + LANES as i32) as usize;
+                    // Products are added one by one: the sums are the same on every machine.
+                    for (sum, &value) in sums.iter_mut().zip(&medium.values[at..at + N]) {
+                        *sum += weight * value;
+                    }
                 }
-                let at = self.row(y as usize, z as usize) + (x + LANES as i32) as usize;
-                for (sum, &value) in sums.iter_mut().zip(&self.values[at..at + N]) {
-                    *sum += weight * value;
+                depths[row] = sums;
+                if !sums.iter().all(|sum| *sum > dark) {
+                    rows[lit] = rows[index];
+                    lit += 1;
                 }
             }
-            if sums.iter().all(|sum| *sum > dark) {
-                break;
-            }
+            rows.truncate(lit);
         }
-        sums
     }
 }
 
@@ -264,27 +310,28 @@ impl<T: Real> Caster<T> {
         Self { rays, strength: casting.strength }
     }
 
-    /// What so many voxels of a row from `start` on keep, those that are `wanted`: a bit each, the first the lowest.
-    pub(crate) fn shares<const N: usize>(&self, medium: &Medium<T>, start: [usize; 3], wanted: u32) -> Shares<N> {
-        let start = start.map(|p| p as i32);
-        let mut shares = [[1.0; N]; MAX_CASTING + 1];
-        for (number, (rays, shares)) in self.rays.iter().zip(&mut shares).enumerate() {
-            if rays.is_empty() {
-                continue;
-            }
-            let mut means = [0.0; N];
+    /// What the voxels of rows keep, of those that are wanted.
+    pub(crate) fn shares<const N: usize>(&self, medium: &Medium<T>, block: &Block<'_>) -> Vec<Shares<N>> {
+        let mut shares = vec![[[1.0; N]; MAX_CASTING + 1]; block.wanted.len()];
+        let (mut depths, mut means) = (Vec::new(), Vec::new());
+        for (number, rays) in self.rays.iter().enumerate().filter(|(_, rays)| !rays.is_empty()) {
+            means.clear();
+            means.resize(block.wanted.len(), [0.0; N]);
             for ray in rays {
-                let depths = medium.depths::<N>(ray, start, wanted);
-                for (mean, depth) in means.iter_mut().zip(depths) {
+                medium.depths::<N>(ray, block, &mut depths);
+                for (mean, depth) in means.as_flattened_mut().iter_mut().zip(depths.as_flattened()) {
+                    let depth = depth.to_f64();
                     // Cells of a level may absorb a little less than nothing.
-                    *mean += ray.share * (-depth.to_f64().max(0.0)).exp();
+                    *mean += if depth < DARK { ray.share * (-depth.max(0.0)).exp() } else { 0.0 };
                 }
             }
-            *shares = match number {
-                // Half of what is around a point of a plane is behind it.
-                MAX_CASTING => means.map(|mean| (2.0 * mean).min(1.0)),
-                _ => means.map(|mean| 1.0 - self.strength * (1.0 - mean)),
-            };
+            for (shares, means) in shares.iter_mut().zip(&means) {
+                shares[number] = match number {
+                    // Half of what is around a point of a plane is behind it.
+                    MAX_CASTING => means.map(|mean| (2.0 * mean).min(1.0)),
+                    _ => means.map(|mean| 1.0 - self.strength * (1.0 - mean)),
+                };
+            }
         }
         shares
     }
@@ -334,6 +381,10 @@ mod tests {
         Lattice { kernel, divisor: Normalization::Unit.divisor(&kernel), dims, to_world, unit, voxels: 1.0 }
     }
 
+    fn row<T: Real, const N: usize>(caster: &Caster<T>, medium: &Medium<T>, start: [usize; 3]) -> Shares<N> {
+        caster.shares(medium, &Block { start, down: 1, wanted: &[u32::MAX] })[0]
+    }
+
     #[test]
     fn depths_are_the_integrals_of_the_reference() {
         // A skewed lattice of unequal spacings, turned against the world.
@@ -356,8 +407,8 @@ mod tests {
             let exact = (medium::<f64>(DIMS, |p| tau(at(p))), Caster::new(&towards(lights), &lattice));
             let rounded = (medium::<f32>(DIMS, |p| tau(at(p))), Caster::new(&towards(lights), &lattice));
             for [y, z] in [[0, 0], [6, 5], [13, 10], [3, 8]] {
-                let exact = exact.1.shares::<19>(&exact.0, [0, y, z], u32::MAX);
-                let rounded = rounded.1.shares::<19>(&rounded.0, [0, y, z], u32::MAX);
+                let exact = row::<_, 19>(&exact.1, &exact.0, [0, y, z]);
+                let rounded = row::<_, 19>(&rounded.1, &rounded.0, [0, y, z]);
                 for (number, light) in lights.into_iter().enumerate() {
                     for x in 0..DIMS[0] {
                         let place = grid.to_world().transform_point3(DVec3::new(x as f64, y as f64, z as f64));
@@ -381,7 +432,7 @@ mod tests {
         let kernel = Kernel::KAISER_BESSEL;
         let caster =
             Caster::<f64>::new(&towards([DVec3::X, -DVec3::X, DVec3::Y]), &lattice(kernel, dims, DMat3::IDENTITY, 1.0));
-        let shares = caster.shares::<24>(&medium(dims, |[x, ..]| tau(x)), [0, 4, 4], u32::MAX);
+        let shares = row::<_, 24>(&caster, &medium(dims, |[x, ..]| tau(x)), [0, 4, 4]);
         // Seen along x, the kernels of a plane add up to nearly 1 for each voxel: the blob ripples by 0.054 %.
         let half_kernel: Vec<f64> = (-2..=2)
             .map(|n| {
@@ -408,12 +459,12 @@ mod tests {
         let caster = Caster::<f32>::new(&casting, &lattice);
         // A wall at the end of the rows.
         let medium = medium(lattice.dims, |[x, ..]| if x == 39 { 3.0 } else { 0.0 });
-        let shares = caster.shares::<32>(&medium, [0, 4, 4], u32::MAX);
+        let shares = row::<_, 32>(&caster, &medium, [0, 4, 4]);
         assert!(shares[0].iter().all(|&share| share < 0.1), "behind the wall {:?}", shares[0]);
         assert!(shares[1].iter().all(|&share| share == 1.0), "beside it {:?}", shares[1]);
         assert!(shares[3][..30].iter().all(|&share| share > 0.999), "far from it {:?}", shares[3]);
         // Half of the directions are free at its surface, and none within.
-        let within = caster.shares::<1>(&medium, [39, 4, 4], u32::MAX)[3][0];
+        let within = row::<_, 1>(&caster, &medium, [39, 4, 4])[3][0];
         assert!((0.1..0.7).contains(&within), "{within}");
     }
 

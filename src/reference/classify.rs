@@ -7,7 +7,7 @@ use glam::{DMat3, DVec3};
 use super::cells::Cells;
 use super::walk::Viewer;
 use crate::error::{Error, Result};
-use crate::lighting::shadow::{Caster, Lattice, Medium};
+use crate::lighting::shadow::{Block, Caster, Lattice, Medium, Shares};
 use crate::lighting::{Lighting, Visibility};
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
@@ -278,13 +278,14 @@ impl Bricks {
         }
         let mut weights = Box::new([CLEAR; EDGE * EDGE * EDGE]);
         let [x, y, z] = std::array::from_fn(|a| first[a]..splats.dims[a].min(first[a] + EDGE));
+        let block = Block { start: first, down: EDGE, wanted: &[u32::MAX; EDGE * EDGE] };
+        let shares = splats.shadows.as_ref().map(|s| s.caster.shares::<EDGE>(&s.medium, &block));
         for k in z {
             for j in y.clone() {
-                let shares =
-                    splats.shadows.as_ref().map(|s| s.caster.shares::<EDGE>(&s.medium, [x.start, j, k], u32::MAX));
                 for i in x.clone() {
                     let at = (k % EDGE * EDGE + j % EDGE) * EDGE + i % EDGE;
-                    let visibility = shares.as_ref().map_or(Visibility::FULL, |s| Visibility::of(s, i % EDGE));
+                    let row = |s: &Vec<Shares<EDGE>>| Visibility::of(&s[(k % EDGE) * EDGE + j % EDGE], i % EDGE);
+                    let visibility = shares.as_ref().map_or(Visibility::FULL, row);
                     weights[at] = splats.classify([i, j, k], self.viewer, &visibility);
                 }
             }

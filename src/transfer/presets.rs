@@ -15,27 +15,51 @@ pub struct Preset {
     pub name: &'static str,
     /// What it shows, in a few words.
     pub description: &'static str,
+    /// Whether it shows surfaces, which want light; otherwise all that there is, translucent.
+    pub surfaces: bool,
     build: fn(&Levels) -> Vec<ControlPoint>,
 }
 
 /// Every preset.
 pub const PRESETS: &[Preset] = &[
-    Preset { name: "ct-bone", description: "CT: opaque bone in clear flesh", build: ct_bone },
+    Preset { name: "ct-bone", description: "CT: opaque bone in clear flesh", surfaces: true, build: ct_bone },
     Preset {
         name: "ct-soft-tissue",
         description: "CT: translucent skin and organs, bone within",
+        surfaces: true,
         build: ct_soft_tissue,
     },
     Preset {
         name: "angiography",
         description: "CT or MR angiogram: vessels full of contrast agent",
+        surfaces: true,
         build: angiography,
     },
-    Preset { name: "mri", description: "MRI: all tissue translucent, bright tissue denser", build: mri },
-    Preset { name: "grayscale", description: "black to white, denser with value", build: grayscale },
-    Preset { name: "gray", description: "the colour map gray with a gentle ramp of opacity", build: gray },
-    Preset { name: "viridis", description: "the colour map viridis with a gentle ramp of opacity", build: viridis },
-    Preset { name: "inferno", description: "the colour map inferno with a gentle ramp of opacity", build: inferno },
+    Preset {
+        name: "mri",
+        description: "MRI: all tissue translucent, bright tissue denser",
+        surfaces: true,
+        build: mri,
+    },
+    Preset { name: "grayscale", description: "black to white, denser with value", surfaces: false, build: grayscale },
+    Preset {
+        name: "gray",
+        description: "the colour map gray with a gentle ramp of opacity",
+        surfaces: false,
+        build: gray,
+    },
+    Preset {
+        name: "viridis",
+        description: "the colour map viridis with a gentle ramp of opacity",
+        surfaces: false,
+        build: viridis,
+    },
+    Preset {
+        name: "inferno",
+        description: "the colour map inferno with a gentle ramp of opacity",
+        surfaces: false,
+        build: inferno,
+    },
 ];
 
 /// The preset `name`, fitted to a distribution of values.

@@ -331,6 +331,11 @@ fn a_file_without_transfer_says_what_was_taken() {
     let input = ramp(dir.path());
     let output = voxsplat(dir.path(), &format!("render {input} -o r.png --reference --size 8"));
     assert!(output.status.success());
+    let said = String::from_utf8(output.stderr).unwrap();
+    let notes: Vec<&str> = said.lines().collect();
+    assert!(notes[0].starts_with("voxsplat: note: --transfer ct-bone is taken"), "{said}");
+    assert!(notes[1].starts_with("voxsplat: note: --light studio is taken") && notes.len() == 2, "{said}");
+    let output = voxsplat(dir.path(), &format!("render {input} -o r.png --reference --size 8 --light off"));
     assert!(complaint(&output).starts_with("note: --transfer "));
     let own = voxsplat(dir.path(), "render demo:sphere:16 -o s.png --reference --size 8");
     assert!(own.status.success() && own.stderr.is_empty());
@@ -399,6 +404,57 @@ fn lights_and_material_reach_the_picture() {
     assert!(color < 1e-5 && alpha == 0.0, "{color:e} {alpha:e}");
     let unlit = picture(&volume, &transfer, &camera, &Settings { lighting: None, ..settings }).image;
     assert!(crate::support::errors(&unlit, &program).0 > 0.05);
+}
+
+#[test]
+fn shadows_and_colours_of_lights_reach_the_picture() {
+    let dir = folder();
+    let side = Light { color: [1.5, 0.75, 0.0], size: 12.0, ..Light::directional(DVec3::X) };
+    let lighting = Lighting { lights: vec![side], shadows: 0.6, occlusion: Some(5.0), ..Lighting::default() };
+    let settings = Settings { lighting: Some(lighting), ..Settings::default() };
+    let arguments = "--light 90,0:1.5,#ff8000 --shadows 0.6 --light-size 12 --occlusion 5";
+    rendered(dir.path(), &format!("demo:vessels:32 --size 40x32 {arguments} -o program.exr"));
+    let (volume, transfer) = demo("vessels", 32);
+    let camera = look(&View::default(), &volume, [40, 32]);
+    let program = Image::load(dir.path().join("program.exr")).unwrap();
+    let library = picture(&volume, &transfer, &camera, &settings).image;
+    // 0x80 is not quite a half.
+    assert!(crate::support::errors(&program, &library).0 < 5e-3);
+    rendered(dir.path(), "demo:vessels:32 --size 40x32 --light studio -o studio.exr");
+    let view = View::default();
+    let lighting = Some(Lighting::studio(view.forward().unwrap(), view.up));
+    let library = picture(&volume, &transfer, &camera, &Settings { lighting, ..Settings::default() }).image;
+    assert_eq!(Image::load(dir.path().join("studio.exr")).unwrap().pixels(), library.pixels());
+}
+
+#[test]
+fn presets_that_show_surfaces_are_lit_unless_told_not_to() {
+    let dir = folder();
+    rendered(dir.path(), "demo:vessels:24 --size 32 --transfer ct-bone -o lit.png");
+    rendered(dir.path(), "demo:vessels:24 --size 32 --transfer ct-bone --light studio -o studio.png");
+    rendered(dir.path(), "demo:vessels:24 --size 32 --transfer ct-bone --light off -o off.png");
+    rendered(dir.path(), "demo:vessels:24 --size 32 --transfer viridis -o field.png");
+    rendered(dir.path(), "demo:vessels:24 --size 32 --transfer viridis --light off -o unlit.png");
+    let pixels = |name: &str| image::open(dir.path().join(name)).unwrap().into_rgba8().into_raw();
+    assert_eq!(pixels("lit.png"), pixels("studio.png"));
+    assert_ne!(pixels("lit.png"), pixels("off.png"));
+    assert_eq!(pixels("field.png"), pixels("unlit.png"));
+}
+
+#[test]
+fn lights_that_cannot_be_are_refused() {
+    for (arguments, reason) in [
+        ("--shadows on", "--shadows needs a --light"),
+        ("--occlusion 4", "--occlusion needs a --light"),
+        ("--light-size 4", "--light-size needs a --light"),
+        ("--light headlight --shadows on", "a headlight casts none"),
+        ("--light studio --light headlight", "no other goes with it"),
+        ("--light 20", "expected off, studio, headlight or AZ,EL"),
+        ("--light 20,30:bright", "expected off, studio, headlight or AZ,EL"),
+        ("--light 20,30 --occlusion far", "expected off or a radius in voxels"),
+    ] {
+        refused(&format!("render demo:sphere:8 -o out.png {arguments}"), 2, reason);
+    }
 }
 
 #[test]

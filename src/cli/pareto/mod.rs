@@ -15,7 +15,7 @@ use voxsplat::{Renderer, RendererOptions, Volume, formats};
 use super::job::ParetoJob;
 use super::options::{command_line, options_of, without};
 use super::progress::{Progress, Remaining};
-use super::render::{Stages, transfer};
+use super::render::{Fitted, Stages, transfer};
 use super::stderr::silenced;
 use super::{Failure, output};
 
@@ -74,7 +74,7 @@ pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
         let volume = formats::load(&job.source, &job.load)?;
-        let (transfer, note) = transfer(&job.source, &job.transfer, &volume, &mut Stages::default())?;
+        let Fitted { transfer, note, .. } = transfer(&job.source, &job.transfer, &volume, &mut Stages::default())?;
         note.iter().for_each(|note| output::say(note));
         (volume, transfer)
     };
