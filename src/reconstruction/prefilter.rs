@@ -101,7 +101,7 @@ impl Prefilter {
             let square = square as f64;
             f64::midpoint(near(square - 1e-9), near(square + 1e-9)) / kernel.integral()
         };
-        let shells = (0..=reach * reach).map(at).collect();
+        let shells = (0..=(radius * radius).floor() as usize).map(at).collect();
         let mut filter = Self { shells, reach, span: [0.0; 2], coefficients: Vec::new() };
         let spectrum = filter.spectrum();
         let bounds = |[low, high]: [f64; 2], b: &f64| [low.min(*b), high.max(*b)];
@@ -277,9 +277,8 @@ impl Prefilter {
         let own = T::of(-times * (high + low) / (high - low));
         let reach = self.reach as i64;
         // Rows at the same distance from the row in the middle weigh the same, whatever the place along the row.
-        let squares = self.reach * self.reach;
-        let mut sums = vec![vec![T::of(0.0); nx + 2 * self.reach]; squares + 1];
-        let mut rows: Vec<Vec<&[T]>> = vec![Vec::new(); squares + 1];
+        let mut sums = vec![vec![T::of(0.0); nx + 2 * self.reach]; self.shells.len()];
+        let mut rows: Vec<Vec<&[T]>> = vec![Vec::new(); self.shells.len()];
         for (y, out) in out.chunks_exact_mut(nx).enumerate() {
             rows.iter_mut().for_each(Vec::clear);
             for k in -reach..=reach {
