@@ -193,7 +193,8 @@ impl Lighting {
     /// right, which casts none, a rim light from behind, and a little from the eye. Voxels take the ambient light from
     /// each other within 8 voxels. The lights stand still in the world if the eye moves on.
     ///
-    /// The key light has twice the intensity of white: of what the eye sees of a surface, half lies in its own shadow.
+    /// The key light has over twice the intensity of white: of what the eye sees of a surface, over half lies in
+    /// its own shadow.
     #[must_use]
     pub fn studio(forward: DVec3, up: DVec3) -> Self {
         let forward = forward.normalize();
@@ -203,10 +204,10 @@ impl Lighting {
             let towards = right * towards[0] + up * towards[1] - forward * towards[2];
             Light { color, size, ..Light::directional(towards) }
         };
-        let key = light([-0.55, 0.65, 0.6], [2.0, 1.94, 1.84], 10.0);
+        let key = light([-0.55, 0.65, 0.6], [2.4, 2.33, 2.21], 10.0);
         let rim = light([0.5, 0.6, -0.6], [0.9, 0.9, 1.0], 0.0);
-        let fill = light([0.8, 0.1, 0.7], [0.26, 0.28, 0.32], 0.0);
-        let front = Light { color: [0.15; 3], ..Light::HEADLIGHT };
+        let fill = light([0.8, 0.1, 0.7], [0.28, 0.28, 0.3], 0.0);
+        let front = Light { color: [0.25; 3], ..Light::HEADLIGHT };
         Self {
             ambient: 0.4,
             diffuse: 0.7,

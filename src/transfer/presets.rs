@@ -201,7 +201,7 @@ fn ct_bone(l: &Levels) -> Vec<ControlPoint> {
         let at = |f| between(l.bright, l.top, f);
         (between(l.object, l.bright, 0.75), at(0.05), at(0.45), l.top)
     };
-    points(&[(clear, 0x40_1a0c, 0.0), (soft, 0x6e_3c1e, 0.05), (hard, 0xc8_a070, 0.2), (top, 0xff_faf0, 0.45)])
+    points(&[(clear, 0x7c_4a30, 0.0), (soft, 0xa8_734a, 0.05), (hard, 0xd8_b488, 0.2), (top, 0xff_faf0, 0.45)])
 }
 
 fn ct_soft_tissue(l: &Levels) -> Vec<ControlPoint> {
