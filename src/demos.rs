@@ -164,7 +164,7 @@ fn spaced(name: &str, size: u32, spacing: [f64; 3]) -> Result<Volume> {
 }
 
 /// Samples a field over the cube [-1, 1]^3 at the centres of size^3 cells, x fastest.
-fn sampled<T: Send>(size: u32, field: impl Fn(DVec3) -> T + Sync) -> Vec<T> {
+pub(crate) fn sampled<T: Send>(size: u32, field: impl Fn(DVec3) -> T + Sync) -> Vec<T> {
     let at = |i: u32| (f64::from(i) + 0.5) / f64::from(size) * 2.0 - 1.0;
     (0..size)
         .into_par_iter()
@@ -176,13 +176,15 @@ fn sampled<T: Send>(size: u32, field: impl Fn(DVec3) -> T + Sync) -> Vec<T> {
 }
 
 /// Marschner and Lobb, "An evaluation of reconstruction filters for volume rendering" (1994), equation 2, with
-/// f_M = 6 and alpha = 0.25.
-fn marschner_lobb(size: u32) -> Samples {
+/// f_M = 6 and alpha = 0.25, at a point of the cube [-1, 1]^3.
+pub(crate) fn marschner_lobb_at(p: DVec3) -> f64 {
     let (frequency, alpha) = (6.0, 0.25);
-    Samples::F32(sampled(size, |p| {
-        let rho = (2.0 * PI * frequency * (PI * p.x.hypot(p.y) / 2.0).cos()).cos();
-        ((1.0 - (PI * p.z / 2.0).sin() + alpha * (1.0 + rho)) / (2.0 * (1.0 + alpha))) as f32
-    }))
+    let rho = (2.0 * PI * frequency * (PI * p.x.hypot(p.y) / 2.0).cos()).cos();
+    (1.0 - (PI * p.z / 2.0).sin() + alpha * (1.0 + rho)) / (2.0 * (1.0 + alpha))
+}
+
+fn marschner_lobb(size: u32) -> Samples {
+    Samples::F32(sampled(size, |p| marschner_lobb_at(p) as f32))
 }
 
 fn shell(size: u32) -> Samples {
@@ -216,18 +218,39 @@ const ELLIPSOIDS: [(f64, [f64; 3], [f64; 3], f64); 10] = [
     (0.1, [0.023, 0.046, 0.02], [0.06, -0.605, 0.0], 0.0),
 ];
 
+/// A point or a direction in the coordinates in which an ellipsoid is the unit ball around the origin.
+fn unit_ball((_, axes, _, turn): &(f64, [f64; 3], [f64; 3], f64), d: DVec3) -> DVec3 {
+    let (sin, cos) = turn.to_radians().sin_cos();
+    DVec3::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x, d.z) / DVec3::from_array(*axes)
+}
+
+/// The 3-D Shepp-Logan head at a point of the cube [-1, 1]^3.
+pub(crate) fn shepp_logan_at(p: DVec3) -> f64 {
+    let inside = |ellipsoid: &(f64, [f64; 3], [f64; 3], f64)| {
+        let (density, _, center, _) = *ellipsoid;
+        if unit_ball(ellipsoid, p - DVec3::from_array(center)).length_squared() <= 1.0 { density } else { 0.0 }
+    };
+    // Densities such as 1 - 0.8 - 0.2 sum to 5e-17 instead of 0, the density of air.
+    let sum: f64 = ELLIPSOIDS.iter().map(inside).sum();
+    if sum < 1e-9 { 0.0 } else { sum }
+}
+
+/// Its integral from `origin` over `length` along a unit vector.
+pub(crate) fn shepp_logan_chord(origin: DVec3, direction: DVec3, length: f64) -> f64 {
+    let chord = |ellipsoid: &(f64, [f64; 3], [f64; 3], f64)| {
+        let (density, _, center, _) = *ellipsoid;
+        let from = unit_ball(ellipsoid, origin - DVec3::from_array(center));
+        let along = unit_ball(ellipsoid, direction);
+        let (square, half) = (along.length_squared(), from.dot(along));
+        let root = (half * half - square * (from.length_squared() - 1.0)).max(0.0).sqrt();
+        let [enter, leave] = [-root, root].map(|root| ((root - half) / square).clamp(0.0, length));
+        density * (leave - enter)
+    };
+    ELLIPSOIDS.iter().map(chord).sum()
+}
+
 fn shepp_logan(size: u32) -> Samples {
-    Samples::F32(sampled(size, |p| {
-        let inside = |&(density, axes, center, turn): &(f64, [f64; 3], [f64; 3], f64)| {
-            let d = p - DVec3::from_array(center);
-            let (sin, cos) = turn.to_radians().sin_cos();
-            let turned = DVec3::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x, d.z);
-            if (turned / DVec3::from_array(axes)).length_squared() <= 1.0 { density } else { 0.0 }
-        };
-        // Densities such as 1 - 0.8 - 0.2 sum to 5e-17 instead of 0, the density of air.
-        let sum: f64 = ELLIPSOIDS.iter().map(inside).sum();
-        if sum < 1e-9 { 0.0 } else { sum as f32 }
-    }))
+    Samples::F32(sampled(size, |p| shepp_logan_at(p) as f32))
 }
 
 /// Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014): splitmix64.

@@ -27,9 +27,9 @@
 //! Names that most programs use are at the root. The rest is in modules: [`volume`] (samples on a lattice), [`formats`]
 //! (readers), [`demos`] (built-in volumes), [`transfer`] (functions, presets, JSON), [`kernel`], [`camera`],
 //! [`lighting`], [`settings`], [`renderer`] (the GPU), [`mod@reference`] (the same model integrated in f64, to measure
-//! against), [`accuracy`] (pictures that keep an error), [`report`] (differences of pictures, speed against error),
-//! [`image`] (pictures and their files), [`figure`] (scale bar, axes, colour bar and title on a picture),
-//! [`stats`], [`progress`], [`adapter`] and [`error`].
+//! against), [`accuracy`] (pictures that keep an error), [`reconstruction`] (the error of kernels), [`report`]
+//! (differences of pictures, speed against error), [`image`] (pictures and their files), [`figure`] (scale bar, axes,
+//! colour bar and title on a picture), [`stats`], [`progress`], [`adapter`] and [`error`].
 //!
 //! The features, on by default: `cli` builds the program `voxsplat`; `report` has plots of speed against error. A
 //! library needs `default-features = false`.
@@ -52,6 +52,7 @@ mod memory;
 mod names;
 mod output;
 pub mod progress;
+pub mod reconstruction;
 pub mod reference;
 pub mod renderer;
 pub mod report;

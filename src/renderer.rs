@@ -21,6 +21,7 @@ use crate::gpu::view::{ScalarNeed, ViewGeometry};
 use crate::image::Image;
 use crate::image::Region;
 use crate::progress::Progress;
+use crate::reconstruction;
 pub use crate::scene::Scene;
 use crate::scene::{Cells, Drawable, Lattice, Wanted};
 use crate::settings::{Level, Settings, Shading};
@@ -113,8 +114,9 @@ impl Renderer {
         &self.context.info
     }
 
-    /// Prepares a volume for pictures of these settings: of them, what counts is the model, the shading and whether
-    /// there is light. Voxels that cannot show are dropped.
+    /// Prepares a volume for pictures of these settings: of them, what counts is the model, the shading, whether
+    /// there is light, and of a sharper post-shaded picture the kernel and the sharpness. Voxels that cannot show are
+    /// dropped.
     ///
     /// Pre-shaded voxels are classified here if the level is [`Level::At(0)`](Level::At). Otherwise the first picture
     /// tells whether voxels or cells are wanted, and takes that time. The file of a streamed volume must stay for it.
@@ -127,7 +129,7 @@ impl Renderer {
         volume.check_finite()?;
         let context = &self.context;
         if settings.is_post_shaded() {
-            let prepare = || Scene::of_scalars(context, volume, transfer, settings);
+            let prepare = || Scene::of_scalars(context, volume, transfer, settings, &self.progress);
             return context.guarded("preparing the volume", prepare);
         }
         let scene = Scene::of_splats(context, volume, transfer, settings.lighting.is_some());
@@ -220,6 +222,8 @@ impl Renderer {
         settings.validate()?;
         let context = &self.context;
         scene.check(context, settings)?;
+        let noise = (settings.sharpness > 0.0).then(|| reconstruction::noise(settings)).transpose()?;
+        let settings = &Settings { kernel: settings.reconstruction_kernel(), ..settings.clone() };
         let before = context.traffic();
         camera.check_scale(scene.grid())?;
         let voxels = ViewGeometry::new(camera, scene.grid(), settings, context.savings);
@@ -299,6 +303,8 @@ impl Renderer {
             bytes_uploaded: bricks.bytes,
             kernel_growth: voxels.max_growth(),
             levels,
+            sharpness: settings.sharpness,
+            noise,
             footprint_error: painting.footprint_error(),
             predicted: Prediction::default(),
             scene_bytes: drawables().map(Drawable::bytes).sum(),

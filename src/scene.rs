@@ -67,7 +67,10 @@ struct CellsOf {
 
 /// A volume as post-shading draws it.
 struct Scalars {
+    /// The samples, filtered if the picture is to be sharper.
     volume: Volume,
+    /// What they are filtered for.
+    sharpened: Option<(Kernel, f64)>,
     /// The volume at lower resolutions, for kernels that have grown.
     pyramid: Pyramid,
     transfer: TransferFunction,
@@ -165,14 +168,23 @@ impl Scene {
         volume: &Volume,
         transfer: &TransferFunction,
         settings: &Settings,
+        progress: &Progress,
     ) -> Result<Self> {
         let shows = shows(settings);
-        let (largest, seconds) = on_host(|| scalars::largest(volume, transfer.base()));
-        let largest = largest?;
+        let (prepared, seconds) = on_host(|| {
+            let volume = match settings.prefilter()? {
+                Some(filter) => filter.apply::<f32>(volume, transfer.base(), progress)?,
+                None => volume.clone(),
+            };
+            Ok((scalars::largest(&volume, transfer.base())?, volume))
+        });
+        let (largest, volume) = prepared?;
         let reduction = Reduction::new(transfer, largest);
         let weights = Weights { max: reduction.length(largest), unit: 1.0, brightest: [1.0; 3] };
+        let grid = *volume.grid();
         let scalars = Scalars {
-            volume: volume.clone(),
+            volume,
+            sharpened: settings.sharpens(),
             pyramid: Pyramid::default(),
             transfer: transfer.clone(),
             reduction,
@@ -181,7 +193,7 @@ impl Scene {
             plateaus: OnceLock::new(),
             emitted: Mutex::new(None),
         };
-        Ok(Self::new(context, Content::Scalars(Box::new(scalars)), *volume.grid(), weights, seconds))
+        Ok(Self::new(context, Content::Scalars(Box::new(scalars)), grid, weights, seconds))
     }
 
     pub(crate) fn grid(&self) -> &Grid {
@@ -387,6 +399,9 @@ impl Scene {
             Content::Splats(voxels) if !voxels.lit && settings.lighting.is_some() => error("light", "without light"),
             Content::Scalars(_) if !settings.is_post_shaded() => error("shading", "for post-shading"),
             Content::Scalars(scalars) if scalars.shows != shows(settings) => error("model", "for another model"),
+            Content::Scalars(scalars) if scalars.sharpened != settings.sharpens() => {
+                error("sharpness", "for another sharpness, or for that of another kernel")
+            }
             _ => Ok(()),
         }
     }

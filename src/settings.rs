@@ -5,6 +5,7 @@ use crate::gpu::cells::MAX_LEVEL;
 use crate::kernel::{Kernel, Normalization};
 use crate::lighting::{Casting, Lighting};
 use crate::names::named;
+use crate::reconstruction::Prefilter;
 
 /// The format of the sheet buffers. The frame that they are composited into is always f32.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -101,7 +102,7 @@ pub struct QuadsSettings {
     /// Thickness of a sheet in voxels, measured along the central ray; 0.05 to 64. If kernels grow (see
     /// [`Settings::antialiasing`]), it is multiplied by the growth of the nearest kernel. Sheets are thinner in wide
     /// fields of view, so that the most oblique ray is at most 2 times as long in a sheet, post-shaded 1.25 times; and
-    /// post-shaded, if the kernel's radius is under 2 voxels, by radius / 2.
+    /// post-shaded, if the kernel's radius is under 2 voxels, by radius / 2, and by 1 - [`Settings::sharpness`] / 2.
     pub sheet_thickness: f64,
     /// The format of the sheet buffers; `None` takes f32 wherever the adapter blends it, and f16 where not, which
     /// [`Stats::painter`](crate::stats::Stats::painter) tells.
@@ -193,6 +194,14 @@ pub struct Settings {
     pub kernel: Kernel,
     /// What sums of kernels are divided by.
     pub normalization: Normalization,
+    /// How much of the blur of the kernel is taken back, 0 (none) to 1.
+    ///
+    /// A Gaussian gives way to a blob of radius 2, which is as narrow as [`Kernel::KAISER_BESSEL`] at 1. If scalars are
+    /// reconstructed (post-shading and maximum intensity), the samples are filtered besides, once for a scene: at 1 the
+    /// field passes through them as well as the kernel can, and overshoots beside edges. Noise grows: see
+    /// [`Stats::noise`](crate::stats::Stats::noise) and [`reconstruction`](crate::reconstruction). Filtered samples
+    /// take 4 bytes each of host memory as long as the scene lives. Pre-shaded, a blob is refused.
+    pub sharpness: f64,
     /// What draws the splats, with its own knobs.
     pub painter: Painter,
 }
@@ -209,6 +218,7 @@ impl Default for Settings {
             level: Level::default(),
             kernel: Kernel::default(),
             normalization: Normalization::default(),
+            sharpness: 0.0,
             painter: Painter::default(),
         }
     }
@@ -271,6 +281,8 @@ impl Settings {
     /// [`Error::Setting`] that names the setting, what was given and what is accepted.
     pub fn validate(&self) -> Result<()> {
         self.kernel.validate()?;
+        in_range("sharpness", self.sharpness, 0.0..=1.0, "")?;
+        self.check_sharpness()?;
         if !(0.0..1.0).contains(&self.termination) {
             let reason = format!("{}, expected 0 to under 1", self.termination);
             return Err(Error::Setting { name: "termination", reason });
@@ -289,6 +301,35 @@ impl Settings {
         let quads = self.quads();
         quads.validate()?;
         self.check_combination(&quads)
+    }
+
+    /// Refuses a sharpness that the kernel cannot have.
+    fn check_sharpness(&self) -> Result<()> {
+        let sharpens = self.sharpness > 0.0;
+        if sharpens && !self.is_post_shaded() && self.kernel.narrowed(1.0).is_none() {
+            let reason = format!(
+                "no kernel narrower than {} is without ripple: expected 0, a wider Gaussian, or post-shading",
+                self.kernel
+            );
+            return Err(Error::Setting { name: "sharpness", reason });
+        }
+        if sharpens && self.is_post_shaded() { Prefilter::check(&self.reconstruction_kernel()) } else { Ok(()) }
+    }
+
+    /// The kernel that reconstructs: the one asked for, or a narrower one if the picture is to be sharper.
+    #[must_use]
+    pub fn reconstruction_kernel(&self) -> Kernel {
+        if self.sharpness > 0.0 { self.kernel.narrowed(self.sharpness).unwrap_or(self.kernel) } else { self.kernel }
+    }
+
+    /// What the samples are filtered for: a kernel and a sharpness; `None`: they are not.
+    pub(crate) fn sharpens(&self) -> Option<(Kernel, f64)> {
+        (self.sharpness > 0.0 && self.is_post_shaded()).then(|| (self.reconstruction_kernel(), self.sharpness))
+    }
+
+    /// The filter of the samples.
+    pub(crate) fn prefilter(&self) -> Result<Option<Prefilter>> {
+        self.sharpens().map(|(kernel, sharpness)| Prefilter::new(&kernel, sharpness)).transpose()
     }
 
     /// Refuses what does not go together: one row for each rule.

@@ -84,6 +84,11 @@ pub struct Stats {
     /// voxels along each axis, where kernels have grown so far that they resolve no single voxels. Level 0 is the
     /// volume itself. Only post-shading and maximum intensity by the painter quads take coarser ones.
     pub levels: [u32; 2],
+    /// The sharpness asked for: see [`Settings::sharpness`](crate::settings::Settings::sharpness).
+    pub sharpness: f64,
+    /// Root mean square of the noise of the reconstructed field over that of the samples, if theirs is white; `None`
+    /// without sharpness.
+    pub noise: Option<f64>,
     /// Largest error of the footprints, as a fraction of their peak.
     pub footprint_error: f64,
     /// The error that is to be expected, by its causes.
@@ -240,6 +245,9 @@ impl Stats {
         };
         let rays = if self.perspective { "perspective" } else { "orthographic" };
         writeln!(f, "model        {}, {shading}, {light}, {rays}", self.model)?;
+        if let Some(noise) = self.noise {
+            writeln!(f, "sharpness    {}: noise {noise:.2} of that of the samples", self.sharpness)?;
+        }
         match self.levels {
             [_, 0] => {}
             [finest, coarsest] if finest == coarsest => {

@@ -56,9 +56,9 @@ const THINNER: [f64; 2] = [0.2, 0.8];
 /// one way after the other, the cheapest first, and compared with traced pixels, about `pixels` of them, until one is
 /// close enough.
 ///
-/// What is drawn stays: model, shading, kernel, light, normalisation and antialiasing. How it is drawn is chosen, but
-/// not what `settings` already say: a painter other than auto, a level other than auto, a termination other than the
-/// default.
+/// What is drawn stays: model, shading, kernel, sharpness, light, normalisation and antialiasing. How it is drawn is
+/// chosen, but not what `settings` already say: a painter other than auto, a level other than auto, a termination other
+/// than the default.
 ///
 /// # Errors
 /// [`Error::Setting`] if the bound is not over 0; those of [`Truth::trace`], [`Renderer::prepare`] and

@@ -8,6 +8,7 @@ use glam::DVec3;
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Region};
 use voxsplat::kernel::{Kernel, Normalization};
+use voxsplat::reconstruction::Signal;
 use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Resolution, Shading, Sheets};
 use voxsplat::volume::{Endian, SampleType};
 
@@ -39,6 +40,8 @@ pub(super) enum Command {
     Pareto(Box<ParetoArgs>),
     /// Show what a volume file holds and how to render it
     Info(InfoArgs),
+    /// Show how well kernels reconstruct a known signal
+    Kernels(KernelsArgs),
     /// Compare two pictures
     Compare(CompareArgs),
     /// List the graphics adapters, best first
@@ -218,6 +221,12 @@ pub(super) struct ModelArgs {
     #[arg(long, value_name = "KERNEL", default_value = "gaussian", value_parser = parse::kernel,
         help_heading = "Model")]
     pub(super) kernel: Kernel,
+    /// Take the blur of the kernel back: 0 (not at all) to 1. A Gaussian gives way to a narrower Kaiser-Bessel blob;
+    /// with --shading post or --model mip samples are filtered besides, so that the field passes through them. Noise
+    /// grows
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
+        help_heading = "Model")]
+    pub(super) sharpness: f64,
     /// Divisor of sums of kernels: the kernel's integral (unit), or its peak of 1 (historical, denser)
     #[arg(long, value_name = "HOW", default_value = "unit",
         value_parser = one_of(Normalization::ALL, Normalization::name), help_heading = "Model")]
@@ -442,6 +451,39 @@ pub(super) struct InfoArgs {
     pub(super) input: InputArgs,
     /// Print one JSON object
     #[arg(long, help_heading = "Output")]
+    pub(super) json: bool,
+}
+
+const KERNELS_EXAMPLES: &str = "\
+Examples:
+  voxsplat kernels
+  voxsplat kernels --signal shepp-logan --size 64
+  voxsplat kernels --kernel gaussian:0.7,2 --sharpness 0.5 --json";
+
+/// Show how well kernels reconstruct a signal that is known everywhere, with the usual interpolations beside them.
+///
+/// Errors of the field are at points at least a voxel inside the outermost samples; errors of rays are of its mean
+/// along rays through that box. Ripple is the largest less the least value of a field of samples that are all 1. Blur
+/// is a variance along an axis, in voxels^2. Half Nyquist is what is left of waves that are four samples long. Noise
+/// is that of the field over that of the samples.
+#[derive(Debug, clap::Args)]
+#[command(after_help = KERNELS_EXAMPLES)]
+pub(super) struct KernelsArgs {
+    /// The signal: marschner-lobb, gaussians or shepp-logan
+    #[arg(long, value_name = "SIGNAL", default_value = "marschner-lobb",
+        value_parser = one_of(Signal::ALL, Signal::name))]
+    pub(super) signal: Signal,
+    /// Samples along each axis, 8 to 256
+    #[arg(long, value_name = "N", default_value_t = 40)]
+    pub(super) size: u32,
+    /// The kernel, as for render [default: gaussian and kaiser-bessel]
+    #[arg(long, value_name = "KERNEL", value_parser = parse::kernel)]
+    pub(super) kernel: Option<Kernel>,
+    /// The sharpness, 0 to 1 [default: 0, 0.5 and 1]
+    #[arg(long, value_name = "S", value_parser = parse::number, allow_hyphen_values = true)]
+    pub(super) sharpness: Option<f64>,
+    /// Print a JSON array of objects
+    #[arg(long)]
     pub(super) json: bool,
 }
 

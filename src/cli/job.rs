@@ -166,6 +166,7 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         level: model.level,
         kernel: model.kernel,
         normalization: model.normalization,
+        sharpness: model.sharpness,
         painter,
     };
     settings.validate()?;

@@ -9,6 +9,7 @@ mod devices;
 mod histogram;
 mod info;
 mod job;
+mod kernels;
 mod options;
 mod output;
 mod pareto;
@@ -113,6 +114,7 @@ fn run(args: args::Args) -> Result<(), Failure> {
         args::Command::Render(args) => render::run(job::RenderJob::new(*args)?),
         args::Command::Pareto(args) => pareto::run(job::ParetoJob::new(*args)?),
         args::Command::Info(args) => info::run(&args),
+        args::Command::Kernels(args) => kernels::run(&args),
         args::Command::Compare(args) => compare::run(&job::CompareJob::new(args)?),
         args::Command::Devices => devices::run(),
     }

@@ -1,6 +1,5 @@
 //! Options from settings, to be copied into a command line.
 
-use voxsplat::kernel::Kernel;
 use voxsplat::settings::{
     Accumulation, Interslice, Level, Model, Painter, QuadsSettings, Resolution, Settings, Sheets, TilesSettings,
 };
@@ -15,14 +14,10 @@ pub(super) fn options_of(settings: &Settings) -> Vec<String> {
         add("shading", settings.shading.to_string());
     }
     if settings.kernel != default.kernel {
-        add(
-            "kernel",
-            match settings.kernel {
-                Kernel::Gaussian { sigma, radius } => format!("gaussian:{sigma},{radius}"),
-                Kernel::KAISER_BESSEL => "kaiser-bessel".to_owned(),
-                Kernel::KaiserBessel { radius, alpha } => format!("kaiser-bessel:{radius},{alpha}"),
-            },
-        );
+        add("kernel", settings.kernel.to_string());
+    }
+    if settings.sharpness != default.sharpness {
+        add("sharpness", settings.sharpness.to_string());
     }
     if let Level::At(level) = settings.level {
         add("level", level.to_string());

@@ -6,6 +6,7 @@ mod quadrature;
 pub(crate) use footprint::{FootprintTable, footprint_polynomial, section, section_by};
 
 use std::f64::consts::PI;
+use std::fmt;
 
 use crate::error::{Error, Result};
 use crate::names::named;
@@ -84,6 +85,26 @@ impl Kernel {
         }
     }
 
+    /// A narrower kernel in place of a Gaussian: a blob of radius 2, as broad as the Gaussian if it can be for a share
+    /// of 0, and [`Self::KAISER_BESSEL`] for 1. `None` if the kernel is a blob, or a Gaussian as narrow as that.
+    ///
+    /// A Gaussian as narrow would have ripple: 8.5 % with a sigma of 0.5. Blobs in between have at most 4.3 %.
+    pub(crate) fn narrowed(&self, share: f64) -> Option<Self> {
+        let Self::KaiserBessel { radius, alpha: narrowest } = Self::KAISER_BESSEL else { return None };
+        let blob = |alpha: f64| Self::KaiserBessel { radius, alpha };
+        let variance = self.variance();
+        if matches!(self, Self::KaiserBessel { .. }) || variance <= Self::KAISER_BESSEL.variance() {
+            return None;
+        }
+        // The variance falls with alpha.
+        let [mut low, mut high] = [0.0, narrowest];
+        while blob(low).variance() > variance && high - low > 1e-3 {
+            let middle = f64::midpoint(low, high);
+            if blob(middle).variance() > variance { low = middle } else { high = middle }
+        }
+        Some(blob(low + share * (narrowest - low)))
+    }
+
     /// The kernel at squared distance `rho2` (voxels^2) from its centre: 1 at 0, 0 outside the support.
     #[must_use]
     pub(crate) fn value(&self, rho2: f64) -> f64 {
@@ -122,6 +143,17 @@ impl Kernel {
         let half_chord = (self.radius() * self.radius() - r * r).max(0.0).sqrt();
         let end = t.clamp(-half_chord, half_chord);
         integrate(-half_chord, end, 64, |u| self.value(r * r + u * u))
+    }
+}
+
+/// As `--kernel` takes it.
+impl fmt::Display for Kernel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Gaussian { sigma, radius } => write!(f, "gaussian:{sigma},{radius}"),
+            Self::KAISER_BESSEL => f.write_str("kaiser-bessel"),
+            Self::KaiserBessel { radius, alpha } => write!(f, "kaiser-bessel:{radius},{alpha}"),
+        }
     }
 }
 

@@ -36,6 +36,9 @@
 //! **Maximum intensity.** With m the largest f on the ray's part in the box, alpha is the opacity of m over the largest
 //! of the transfer function and the pixel's colour that of m times alpha; no pixel if the ray misses the box.
 //!
+//! **Sharpness.** The kernel is [`Settings::reconstruction_kernel`]; the f_j of post-shading and of a maximum are the
+//! samples filtered for it, in f64, as the renderer filters them in f32.
+//!
 //! This is what splatting approximates by footprints and sheets; here there are neither: every ray is cut wherever it
 //! enters or leaves a kernel's support, and where f meets a control point; the pieces are integrated by Gauss's rule.
 //! Errors of optical depth and colour are about 1e-10 of their size, of lit post-shading 1e-9, of maxima 1e-12.
@@ -143,6 +146,12 @@ impl Reference {
     pub fn new(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Self> {
         settings.validate()?;
         volume.check_finite()?;
+        let filtered = match settings.prefilter()? {
+            Some(filter) => Some(filter.apply::<f64>(volume, transfer.base(), &Progress::default())?),
+            None => None,
+        };
+        let volume = filtered.as_ref().unwrap_or(volume);
+        let settings = &Settings { kernel: settings.reconstruction_kernel(), ..settings.clone() };
         let grid = *volume.grid();
         let center = grid.center();
         let Settings { kernel, lighting, .. } = settings;

@@ -177,6 +177,9 @@ pub fn front(measurements: &[Measurement], error: fn(&Errors) -> f64) -> Vec<usi
     timed.into_iter().map(|(.., index)| index).collect()
 }
 
+/// What a scene was prepared for: whether for post-shading, and what its samples were filtered for.
+type Prepared = (bool, Option<(Kernel, f64)>);
+
 /// A volume seen from several sides, to be drawn in several ways.
 pub struct Study<'a> {
     renderer: &'a Renderer,
@@ -187,7 +190,7 @@ pub struct Study<'a> {
     /// Seconds of a frame beyond which only the first view is drawn.
     patience: f64,
     /// The scene of the variant before, and what it was prepared for.
-    scene: Option<(Shading, Scene)>,
+    scene: Option<(Prepared, Scene)>,
 }
 
 impl<'a> Study<'a> {
@@ -320,13 +323,13 @@ impl<'a> Study<'a> {
     }
 
     fn draw(&mut self, camera: &Camera, settings: &Settings) -> Result<crate::renderer::Rendered> {
-        let shading = if settings.is_post_shaded() { Shading::Post } else { Shading::Pre };
-        let held = self.scene.take().filter(|(of, _)| *of == shading);
+        let prepared = (settings.is_post_shaded(), settings.sharpens());
+        let held = self.scene.take().filter(|(of, _)| *of == prepared);
         let scene = match held {
             Some((_, scene)) => scene,
             None => self.renderer.prepare(self.volume, self.transfer, settings)?,
         };
-        let (_, scene) = self.scene.insert((shading, scene));
+        let (_, scene) = self.scene.insert((prepared, scene));
         self.renderer.render(scene, camera, settings)
     }
 }

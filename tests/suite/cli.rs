@@ -81,6 +81,11 @@ fn wrong_arguments_are_one_line_and_exit_2() {
     refused("render demo:sphere -o a.png --direction 1,0,0 --azimuth 3", 2, "cannot be used with");
     refused("render demo:sphere -o a.png --kernel box", 2, "kaiser-bessel");
     refused("render demo:sphere -o a.png --kernel gaussian:0,2", 2, "sigma is 0");
+    refused("render demo:sphere -o a.png --sharpness 1.5", 2, "--sharpness: 1.5, expected 0 to 1");
+    refused("render demo:sphere -o a.png --sharpness -1", 2, "--sharpness: -1, expected 0 to 1");
+    refused("render demo:sphere -o a.png --sharpness 1 --kernel kaiser-bessel", 2, "or post-shading");
+    refused("kernels --size 1000", 2, "--size: 1000, expected 8 to 256");
+    refused("kernels --signal noise", 2, "marschner-lobb, gaussians, shepp-logan");
     refused("render demo:sphere -o a.png --sheet-thickness 100", 2, "--sheet-thickness: 100");
     refused("render demo:sphere -o a.png --table-error 1", 2, "--table-error: 1");
     refused("render demo:sphere -o a.png --sheets-per-pass 9", 2, "--sheets-per-pass: 9");
@@ -541,4 +546,22 @@ fn devices_names_the_adapter_that_tests_run_on() {
     let own = table.lines().find(|line| line.to_lowercase().contains(&adapter().to_lowercase()));
     let columns = ["discrete", "integrated", "virtual", "other", "cpu"];
     assert!(own.is_some_and(|line| columns.iter().any(|kind| line.contains(kind))), "{table}");
+}
+
+#[test]
+fn kernels_are_measured_beside_interpolation() {
+    let dir = folder();
+    let output = voxsplat(dir.path(), "kernels --signal gaussians --size 16 --kernel kaiser-bessel --json");
+    let rows: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let methods: Vec<&str> = rows.as_array().unwrap().iter().map(|row| row["method"].as_str().unwrap()).collect();
+    assert_eq!(methods[..2], ["trilinear", "Catmull-Rom"]);
+    // Pre-shaded, a blob does not become narrower.
+    assert_eq!(
+        methods[3..],
+        ["kaiser-bessel", "kaiser-bessel, sharpness 0.5, post-shaded", "kaiser-bessel, sharpness 1, post-shaded"]
+    );
+    assert!(rows[5]["field"]["rms"].as_f64().unwrap() < rows[0]["field"]["rms"].as_f64().unwrap());
+    let table = stdout(&voxsplat(dir.path(), "kernels --size 16 --kernel gaussian --sharpness 1"));
+    assert_eq!(table.lines().count(), 6, "{table}");
+    assert!(table.contains("gaussian:1,2, sharpness 1, pre-shaded") && table.contains("half Nyquist"), "{table}");
 }

@@ -35,6 +35,7 @@ mod rendering;
 mod savings;
 mod scalar_cells;
 mod shadows;
+mod sharpness;
 mod soak;
 mod streaming;
 mod support;

@@ -87,6 +87,8 @@ fn thickness(camera: &Camera, growths: [f64; 2], settings: &Settings, precision:
         _ => {
             let stretch = largest_stretch(camera) / MAX_STRETCH[usize::from(post)];
             let resolved = if post { (settings.kernel.radius() / RESOLVED_RADIUS).min(1.0) } else { 1.0 };
+            // Fields that pass through their samples bend more than blurred ones.
+            let resolved = if post { resolved * (1.0 - settings.sharpness / 2.0) } else { resolved };
             let thickness = settings.quads().sheet_thickness * resolved;
             let reached = 2.0 * settings.kernel.radius() * growths[1] / (growths[0] * thickness);
             thickness / stretch.min(MOST_REACHED / reached).max(1.0)
