@@ -23,7 +23,7 @@
 //! Prints per scene, picture and entry, as medians: wall time of the command that makes one picture, time of a frame,
 //! peak resident memory of that command, the error against the entry's own truth (rms over the colours of covered
 //! pixels, in steps of 8 bits), and the ratios to the best rival, of those with more than 8 bits. voxsplat's truth is
-//! its f64 reference, made once and kept in WORK/truth, which takes minutes. The truth of a rival is what
+//! its f64 reference to 1e-5 of a channel, made once and kept in WORK/truth. The truth of a rival is what
 //! `reference.py` of the scripts makes. Scenes without `truth` and pictures other than unlit ones have no error.
 //! `--write` keeps the tables in docs/measurements, each as soon as it is whole, and a plot of time against error.
 
@@ -295,7 +295,8 @@ fn child(race: &Race<'_>, curve: &[[f64; 5]], painter: &str) -> Outcome {
         } else {
             eprintln!("{}: the reference is made", scene.name);
             let camera = scene.camera(picture.kind, &volume, AZIMUTH)?;
-            let truth = Reference::new(&volume, &transfer, &settings)?.render(&camera)?;
+            let reference = Reference::new(&volume, &transfer, &settings)?.with_tolerance(Reference::TOLERANCE);
+            let truth = reference.render(&camera)?;
             std::fs::create_dir_all(options.work.join("truth"))?;
             truth.save(&kept, Background::Transparent)?;
             truth
