@@ -293,14 +293,8 @@ impl Scene {
             kernel = cells::kernel_of(&kernel, cells::least_growth(&kernel, level), level);
             divisor = kernel.integral() / denser;
         }
-        let lattice = shadow::Lattice {
-            kernel,
-            divisor,
-            dims: grid.dims().map(|n| n as usize),
-            to_world: grid.to_world().matrix3,
-            unit: voxels.transfer.unit_or(self.grid.min_spacing()),
-            voxels: f64::from(level).exp2(),
-        };
+        let unit = voxels.transfer.unit_or(self.grid.min_spacing());
+        let lattice = shadow::Lattice::new(grid, kernel, divisor, unit, f64::from(level).exp2());
         Some(Shadows { casting, lattice })
     }
 

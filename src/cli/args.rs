@@ -198,7 +198,7 @@ pub(super) struct ModelArgs {
         help_heading = "Model")]
     pub(super) shading: Shading,
     /// Light surfaces: off, headlight (from the eye), AZ,EL (from the position of an eye at that azimuth and elevation,
-    /// degrees), or studio (key, fill and rim light around the first view, soft shadows, occlusion). Repeat the option
+    /// degrees), or studio (key, fill and rim light around the view, soft shadows, occlusion). Repeat the option
     /// for up to 4 lights; :INTENSITY or :#RRGGBB behind headlight or AZ,EL changes them [default: studio for `render`,
     /// pre-shaded by a preset that shows surfaces; otherwise off]
     #[arg(long, value_name = "LIGHT", value_parser = parse::light, allow_hyphen_values = true, help_heading = "Model")]
@@ -210,7 +210,7 @@ pub(super) struct ModelArgs {
     /// Shadows of the first three lights given by AZ,EL: on, off, or their strength, 0 to 1 [default: off; studio 0.85]
     #[arg(long, value_name = "on|off|STRENGTH", value_parser = parse::strength, help_heading = "Model")]
     pub(super) shadows: Option<f64>,
-    /// How large lights given by AZ,EL appear, across, degrees, 0 to 90: their shadows become soft [default: 0]
+    /// How large lights that cast shadows appear, across, degrees, 0 to 90: shadows become soft [default: 0; studio 10]
     #[arg(long, value_name = "DEGREES", value_parser = parse::number, help_heading = "Model")]
     pub(super) light_size: Option<f64>,
     /// Ambient occlusion: voxels take the ambient light from each other within so many voxels, or off

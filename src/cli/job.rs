@@ -245,7 +245,7 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
                 PlaceArg::Eye => Light::HEADLIGHT,
                 PlaceArg::From(azimuth, elevation) => {
                     let towards = -View { azimuth, elevation, up: view.up, ..View::default() }.forward()?;
-                    Light { size: args.light_size.unwrap_or(0.0), ..Light::directional(towards) }
+                    Light::directional(towards)
                 }
             };
             lights.push(Light { color, ..light });
@@ -258,6 +258,12 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
     lighting.shadows = args.shadows.unwrap_or(lighting.shadows);
     if args.shadows.is_some_and(|strength| strength > 0.0) && lighting.lights.iter().all(|l| l.source == Source::Eye) {
         return usage("--shadows: a headlight casts none, give a light by AZ,EL".to_owned());
+    }
+    if let Some(size) = args.light_size {
+        if lighting.shadows == 0.0 {
+            return usage("--light-size shows in shadows alone: it needs --shadows".to_owned());
+        }
+        lighting.lights.iter_mut().filter(|light| light.source != Source::Eye).for_each(|light| light.size = size);
     }
     if let Some(Occlusion(radius)) = args.occlusion {
         lighting.occlusion = radius;

@@ -200,7 +200,13 @@ fn notes(settings: &Settings, figure: &Figure, of_errors: Vec<Note>) -> Vec<Note
     let software = format!("voxsplat {}", env!("CARGO_PKG_VERSION"));
     let mut options = vec!["--model".to_owned(), settings.model.to_string()];
     options.extend(options_of(settings));
-    let light = settings.lighting.as_ref().map_or(0, |lighting| lighting.lights.len());
+    let light = settings.lighting.as_ref().map_or_else(
+        || "none".to_owned(),
+        |Lighting { lights, shadows, occlusion, .. }| {
+            let around = occlusion.map_or_else(|| "off".to_owned(), |radius| radius.to_string());
+            format!("{}, shadows {shadows}, occlusion {around}", lights.len())
+        },
+    );
     let settings = format!("{}; lights: {light}", command_line(&options));
     let mut notes = vec![Note { name: "Software", text: software }, Note { name: "Settings", text: settings }];
     notes.extend(of_errors);

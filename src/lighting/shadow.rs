@@ -26,6 +26,7 @@ use super::{Casting, MAX_CASTING};
 use crate::error::Result;
 use crate::kernel::{Kernel, section_by};
 use crate::memory::reserved;
+use crate::volume::{Grid, ToF64};
 
 /// Optical depths beyond this are not told apart: no light of 1 passes that is 1e-7.
 const DARK: f64 = 16.0;
@@ -40,11 +41,10 @@ const BLOCK: usize = 8;
 const LANES: usize = 32;
 
 /// f32 for pictures, f64 for the truth.
-pub(crate) trait Real: Copy + Default + PartialOrd + AddAssign + Mul<Output = Self> + Send + Sync {
+pub(crate) trait Real: ToF64 + Default + PartialOrd + AddAssign + Mul<Output = Self> {
     /// A number that no sum reaches.
     const INFINITE: Self;
     fn of(value: f64) -> Self;
-    fn to_f64(self) -> f64;
 }
 
 impl Real for f32 {
@@ -52,18 +52,12 @@ impl Real for f32 {
     fn of(value: f64) -> Self {
         value as Self
     }
-    fn to_f64(self) -> f64 {
-        self.into()
-    }
 }
 
 impl Real for f64 {
     const INFINITE: Self = Self::INFINITY;
     fn of(value: f64) -> Self {
         value
-    }
-    fn to_f64(self) -> f64 {
-        self
     }
 }
 
@@ -275,12 +269,27 @@ pub(crate) struct Lattice {
     /// What sums of kernels are divided by.
     pub(crate) divisor: f64,
     pub(crate) dims: [usize; 3],
-    /// From the lattice to the world.
+    /// From the lattice to the world, which may be measured in any unit.
     pub(crate) to_world: DMat3,
-    /// The world length that the numbers of a medium are per.
+    /// The length in that world that the numbers of a medium are per.
     pub(crate) unit: f64,
     /// Voxels that a step along its axes is.
     pub(crate) voxels: f64,
+}
+
+impl Lattice {
+    /// The lattice of a grid, the numbers of whose medium are per `unit` of the world.
+    pub(crate) fn new(grid: &Grid, kernel: Kernel, divisor: f64, unit: f64, voxels: f64) -> Self {
+        // In a world measured in the grid's own unit: no unit of a file leaves the range of numbers.
+        Self {
+            kernel,
+            divisor,
+            dims: grid.dims().map(|n| n as usize),
+            to_world: grid.local().to_world().matrix3,
+            unit: unit / grid.unit(),
+            voxels,
+        }
+    }
 }
 
 /// The rays that voxels send out.
@@ -354,7 +363,7 @@ mod tests {
     use crate::reference::Reference;
     use crate::settings::{Model, Settings};
     use crate::transfer::{ControlPoint, TransferFunction};
-    use crate::volume::{Grid, Samples, Volume};
+    use crate::volume::{Samples, Volume};
     use glam::DAffine3;
 
     const DIMS: [usize; 3] = [19, 14, 11];
@@ -422,6 +431,27 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    #[test]
+    fn units_of_length_do_not_matter() {
+        let dims = [12, 6, 6];
+        let casting = towards([DVec3::X, DVec3::new(-0.3, 0.8, 0.5), DVec3::new(0.2, -1.0, 0.1)]);
+        let shares = |scale: f64| -> Shares<12> {
+            let spacings = [1.0, 1.5, 4.0].map(|spacing| spacing * scale);
+            let grid = Grid::axis_parallel(dims.map(|n| n as u32), spacings).unwrap();
+            let lattice = Lattice::new(&grid, Kernel::default(), 11.0, 2.0 * scale, 1.0);
+            row(
+                &Caster::<f32>::new(&casting, &lattice),
+                &medium(dims, |[x, y, z]| noise(x + 12 * (y + 6 * z))),
+                [0, 3, 3],
+            )
+        };
+        let metres = shares(1.0);
+        assert!(metres[0][0] < 0.9);
+        for power in [-280, 280] {
+            assert_eq!(shares(f64::from(power).exp2()), metres);
         }
     }
 

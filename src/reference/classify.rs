@@ -89,24 +89,15 @@ impl Splats {
         let casting = settings.lighting.as_ref().filter(|_| !repeats).and_then(Lighting::casting);
         let shadows = casting.map(|casting| {
             let mut medium = Medium::new(dims)?;
-            for (index, opacity) in (0..dims.iter().product())
-                .map(|i| rescale.0 * samples.raw(i) + rescale.1)
-                .map(|v| transfer.sample(v).1)
-                .enumerate()
-            {
+            for index in 0..dims.iter().product() {
+                let (_, opacity) = transfer.sample(rescale.0 * samples.raw(index) + rescale.1);
                 let tau = TransferFunction::extinction(opacity, unit);
                 if tau > 0.0 {
                     medium.set([index % dims[0], index / dims[0] % dims[1], index / dims[0] / dims[1]], tau);
                 }
             }
-            let lattice = Lattice {
-                kernel: settings.kernel,
-                divisor: settings.normalization.divisor(&settings.kernel),
-                dims,
-                to_world: volume.grid().to_world().matrix3,
-                unit: 1.0,
-                voxels: 1.0,
-            };
+            let divisor = settings.normalization.divisor(&settings.kernel);
+            let lattice = Lattice::new(volume.grid(), settings.kernel, divisor, 1.0, 1.0);
             Ok::<_, Error>(Shadows { caster: Caster::new(&casting, &lattice), medium })
         });
         Ok(Self {

@@ -494,6 +494,7 @@ fn lights_that_cannot_be_are_refused() {
         ("--occlusion 4", "--occlusion needs a --light"),
         ("--light-size 4", "--light-size needs a --light"),
         ("--light headlight --shadows on", "a headlight casts none"),
+        ("--light 20,30 --light-size 4", "--light-size shows in shadows alone"),
         ("--light studio --light headlight", "no other goes with it"),
         ("--light 20", "expected off, studio, headlight or AZ,EL"),
         ("--light 20,30:bright", "expected off, studio, headlight or AZ,EL"),
