@@ -1,8 +1,11 @@
 //! Transfer functions: from a scalar to a colour and an opacity.
 
+mod gradient;
 mod json;
 pub mod presets;
 
+pub use self::gradient::GradientPoint;
+pub(crate) use self::gradient::scaled_share;
 use crate::error::{Error, Result};
 
 /// A control point of a transfer function.
@@ -41,6 +44,7 @@ impl ControlPoint {
 pub struct TransferFunction {
     points: Vec<ControlPoint>,
     unit_distance: Option<f64>,
+    gradient: Vec<GradientPoint>,
 }
 
 impl TransferFunction {
@@ -85,7 +89,7 @@ impl TransferFunction {
         {
             return Err(Error::Transfer(format!("unit_distance {unit} is not a positive length")));
         }
-        Ok(Self { points, unit_distance })
+        Ok(Self { points, unit_distance, gradient: Vec::new() })
     }
 
     /// The error about too few or too many points.
