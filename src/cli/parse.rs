@@ -175,9 +175,8 @@ pub(super) fn gradient_opacity(text: &str) -> Result<GradientOpacity, String> {
         Some(GradientPoint { magnitude: number(magnitude.trim()).ok()?, opacity: number(opacity.trim()).ok()? })
     };
     let points: Option<Vec<GradientPoint>> = text.split(',').map(point).collect();
-    let points = points.ok_or(
-        "expected off, or MAGNITUDE:OPACITY pairs such as 10:0,50:1, magnitudes in values per world unit",
-    )?;
+    let points = points
+        .ok_or("expected off, or MAGNITUDE:OPACITY pairs such as 10:0,50:1, magnitudes in values per world unit")?;
     // Whether points go together does not depend on what they thin out.
     let any = ControlPoint { value: 0.0, color: [1.0; 3], opacity: 1.0 };
     let transfer = TransferFunction::new(vec![any], None).and_then(|any| any.with_gradient_opacity(points));

@@ -182,8 +182,7 @@ impl Classifier {
         let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
         let [gradient_x, gradient_y, gradient_z] = gradients(volume);
         let storage = wgpu::BufferUsages::STORAGE;
-        let steepness =
-            |&[sample, opacity]: &[f32; 2]| ControlPoint { sample, opacity, ..ControlPoint::zeroed() };
+        let steepness = |&[sample, opacity]: &[f32; 2]| ControlPoint { sample, opacity, ..ControlPoint::zeroed() };
         let all: Vec<ControlPoint> = points.iter().copied().chain(thinning.iter().map(steepness)).collect();
         let job = Job {
             context,
