@@ -11,6 +11,9 @@
 @group(0) @binding(4) var<uniform> lighting: Lighting;
 // The transfer function: see common/transfer.wgsl.
 @group(0) @binding(5) var transfer: texture_storage_2d<rgba32float, read>;
+// See common/light_volume.wgsl.
+@group(0) @binding(6) var light_volume: texture_3d<f32>;
+@group(0) @binding(7) var light_sampler: sampler;
 
 // Planes that kernels reach before and behind their own: 2, or 4.
 override REACH: i32 = 2;
@@ -34,7 +37,7 @@ fn advance(
         if MAXIMUM {
             update_maximum(ray, behind, geometry, part);
         } else {
-            composited = classify_slab(ray, before, behind, geometry, part);
+            composited = classify_slab(ray, before, behind, geometry, part, middle);
         }
     }
     (*ray).before = (*ray).slab;
@@ -52,12 +55,18 @@ fn means_of(ray: RayState, behind: vec4f, geometry: RayGeometry) -> vec3f {
     return vec3f(ray.before.w, ray.slab.w, behind.w) * mean_scale(geometry);
 }
 
+// The shares of light that arrive on a ray `plane` planes from plane 0.
+fn kept_on(geometry: RayGeometry, plane: f32) -> vec4f {
+    return kept_at(rays.to_light * vec4f(geometry.base + geometry.shear * plane, plane, 1.0));
+}
+
 fn classify_slab(
     ray: ptr<function, RayState>,
     before: Before,
     behind: vec4f,
     geometry: RayGeometry,
     part: vec2f,
+    middle: f32,
 ) -> Before {
     let means = means_of(*ray, behind, geometry);
     if is_invisible(means, rays.invisible) {
@@ -68,7 +77,7 @@ fn classify_slab(
     if LIGHTS > 0u {
         let g = (*ray).slab.xyz;
         let gradient = rays.gradient_x * g.x + rays.gradient_y * g.y + rays.gradient_z * g.z;
-        light = light_on(gradient, geometry.to_eye, UNSHADED);
+        light = light_on(gradient, geometry.to_eye, kept_on(geometry, middle));
         share = gradient_share(gradient * mean_scale(geometry), rays.gradient_lookup);
     }
     let step = (part.y - part.x) / f32(rays.samples);

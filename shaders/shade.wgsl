@@ -27,6 +27,8 @@ struct Shade {
     low: vec2u,
     // The pixel after the last.
     high: vec2u,
+    // From lattice coordinates from the middle of the box to the light volume.
+    to_light: mat4x3f,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
@@ -37,6 +39,9 @@ struct Shade {
 // The transfer function: see common/transfer.wgsl.
 @group(0) @binding(5) var transfer: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(6) var<storage, read_write> pixels: array<vec4f>;
+// See common/light_volume.wgsl.
+@group(0) @binding(7) var light_volume: texture_3d<f32>;
+@group(0) @binding(8) var light_sampler: sampler;
 
 // Means of consecutive sheets at a pixel: the last three of the batch before, then the four (a) or eight (a, b) of the
 // batch.
@@ -119,8 +124,13 @@ struct Surface {
     share: f32,
 }
 
-// The surface across a gradient of the lattice.
-fn surface_of(gradient: vec3f, ray: PixelRay) -> Surface {
+// The shares of light that arrive on a ray at view depth `z`.
+fn kept_on(ray: PixelRay, z: f32) -> vec4f {
+    return kept_at(shading.to_light * vec4f(ray.start + ray.direction * z, 1.0));
+}
+
+// The surface across a gradient of the lattice, at view depth `z`.
+fn surface_of(gradient: vec3f, ray: PixelRay, z: f32) -> Surface {
     // The transpose of the map from the view to the lattice takes gradients from the lattice to the view.
     let in_view =
         vec3f(dot(frame.grid_right, gradient), dot(frame.grid_up, gradient), dot(frame.grid_forward, gradient));
@@ -129,7 +139,7 @@ fn surface_of(gradient: vec3f, ray: PixelRay) -> Surface {
         to_eye = -vec3f(ray.slope, 1.0) / ray.stretch;
     }
     let share = gradient_share(in_view * frame.inverse_sheet_scale, shading.gradient_lookup);
-    return Surface(light_on(in_view, to_eye, UNSHADED), share);
+    return Surface(light_on(in_view, to_eye, kept_on(ray, z)), share);
 }
 
 // Pieces of half a sheet, which are lit alike; 1 if the mean of the sheet is classified.
@@ -191,11 +201,11 @@ fn with_sheet(
     var middle = last;
     let front = vec2f(part.x, min(part.y, 0.0));
     if front.x < front.y {
-        middle = march_part(&result, m, front, last, half_samples(), ray, surface_of(gradient - quarter, ray));
+        middle = march_part(&result, m, front, last, half_samples(), ray, surface_of(gradient - quarter, ray, z + 0.25 * frame.sheet_step));
     }
     let rear = vec2f(max(part.x, 0.0), part.y);
     if rear.x < rear.y {
-        march_part(&result, m, rear, middle, half_samples(), ray, surface_of(gradient + quarter, ray));
+        march_part(&result, m, rear, middle, half_samples(), ray, surface_of(gradient + quarter, ray, z + 0.75 * frame.sheet_step));
     }
     return result;
 }

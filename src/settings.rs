@@ -352,11 +352,6 @@ impl Settings {
                 "post-shading and maximum intensity add up scalars, additive does not go",
             ),
             (self.model != Model::Composite && self.lighting.is_some(), "lighting", "only the composite model is lit"),
-            (
-                post && self.casting().is_some(),
-                "shadows",
-                "light is kept from voxels: shadows and occlusion need pre-shading",
-            ),
             (xray && self.shading == Shading::Post, "shading", "an X-ray adds up voxels' extinction: it is pre-shaded"),
             (xray && axis, "sheets", "an X-ray has one sheet, axis does not go"),
             (xray && additive, "accumulation", "an X-ray is a sheet of optical depth, additive does not go"),

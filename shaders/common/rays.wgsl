@@ -128,6 +128,8 @@ struct Rays {
     fade_out: vec2f,
     // The place of the length of a gradient among bins: see common/transfer.wgsl.
     gradient_lookup: f32,
+    // From (a, b, plane) to the light volume.
+    to_light: mat4x3f,
     // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.
     sections: array<Section, 2u * FAR_SECTIONS>,
 }

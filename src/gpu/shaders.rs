@@ -35,6 +35,7 @@ const VECTORS: &str = include_str!("../../shaders/voxels/vectors.wgsl");
 const SCALARS: &str = include_str!("../../shaders/voxels/scalars.wgsl");
 const SCALARS_SOFTWARE: &str = include_str!("../../shaders/voxels/scalars_software.wgsl");
 const SCALAR_PAIRS: &str = include_str!("../../shaders/voxels/scalar_pairs.wgsl");
+const LIGHT_VOLUME: &str = include_str!("../../shaders/common/light_volume.wgsl");
 const TRANSFER: &str = include_str!("../../shaders/common/transfer.wgsl");
 const STORED_SPLAT: &str = include_str!("../../shaders/common/splat.wgsl");
 
@@ -64,7 +65,16 @@ pub(crate) const COMPOSITE: Shader =
     Shader { name: "composite", parts: &[include_str!("../../shaders/composite.wgsl"), FRAME, ABSORBED] };
 pub(crate) const SHADE: Shader = Shader {
     name: "shade",
-    parts: &[include_str!("../../shaders/shade.wgsl"), FRAME, PIXEL_RAY, MARCH_PARABOLA, TRANSFER, LIGHTING, ABSORBED],
+    parts: &[
+        include_str!("../../shaders/shade.wgsl"),
+        FRAME,
+        PIXEL_RAY,
+        MARCH_PARABOLA,
+        TRANSFER,
+        LIGHTING,
+        LIGHT_VOLUME,
+        ABSORBED,
+    ],
 };
 pub(crate) const RESOLVE: Shader =
     Shader { name: "resolve", parts: &[include_str!("../../shaders/resolve.wgsl"), FRAME, ABSORBED] };
@@ -102,6 +112,7 @@ pub(crate) const GATHER_SCALARS: Shader = Shader {
         MARCH_PARABOLA,
         TRANSFER,
         LIGHTING,
+        LIGHT_VOLUME,
         ABSORBED,
     ],
 };
@@ -119,6 +130,7 @@ pub(crate) const GATHER_SCALARS_SOFTWARE: Shader = Shader {
         MARCH_PARABOLA,
         TRANSFER,
         LIGHTING,
+        LIGHT_VOLUME,
         ABSORBED,
     ],
 };
@@ -135,6 +147,7 @@ pub(crate) const GATHER_GRADIENTS: Shader = Shader {
         MARCH_PARABOLA,
         TRANSFER,
         LIGHTING,
+        LIGHT_VOLUME,
         ABSORBED,
     ],
 };

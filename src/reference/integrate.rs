@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 
 use super::classify::Weights;
 use super::profile::{Gauss, Range, Scalar, Series};
-use super::walk::{Block, Cuts, MOMENTS, Piece};
+use super::walk::{Block, Cuts, LatticeRay, MOMENTS, Piece};
 use crate::lighting::{Lighting, Source, Visibility};
 use crate::transfer::TransferFunction;
 
@@ -368,13 +368,15 @@ impl Classifier {
         directions.map(|d| self.to_world.transpose() * d).map(|d| [0.0, d.x, d.y, d.z]).collect()
     }
 
-    /// Extinction and emission per world unit where the scalar and its differences along the lattice axes are these.
-    fn emission(&self, [scalar, differences @ ..]: Weights, to_eye: DVec3) -> Weights {
-        let (color, opacity) = self.transfer.sample(scalar);
-        self.lit(color, opacity, differences, to_eye)
-    }
-
-    fn lit(&self, mut color: [f64; 3], opacity: f64, differences: [f64; 3], to_eye: DVec3) -> Weights {
+    /// Extinction and emission per world unit where the transfer function gives this colour and opacity, the scalar's
+    /// differences along the lattice axes are these, and light arrives as `visibility` says.
+    fn lit(
+        &self,
+        (mut color, opacity): ([f64; 3], f64),
+        differences: [f64; 3],
+        to_eye: DVec3,
+        visibility: impl FnOnce() -> Visibility,
+    ) -> Weights {
         let mut tau = TransferFunction::extinction(opacity, self.unit);
         if tau <= 0.0 {
             return [0.0; 4];
@@ -384,17 +386,19 @@ impl Classifier {
             tau *= self.transfer.gradient_share(gradient.length());
         }
         if let Some(lighting) = &self.lighting {
-            color = lighting.shade(color, gradient, to_eye, &Visibility::FULL);
+            color = lighting.shade(color, gradient, to_eye, &visibility());
         }
         [tau, tau * color[0], tau * color[1], tau * color[2]]
     }
 }
 
 /// The integral of a field that is classified where it is reconstructed.
-#[derive(Debug)]
 pub(super) struct Classified<'a> {
     pub(super) sum: RayIntegral,
     pub(super) classifier: &'a Classifier,
+    pub(super) ray: LatticeRay,
+    /// What of the light arrives at a place in the lattice; `None`: all of it.
+    pub(super) arriving: Option<&'a dyn Fn(DVec3) -> Visibility>,
     /// Unit vector, world coordinates.
     pub(super) to_eye: DVec3,
     /// As the classifier gives them for that.
@@ -417,7 +421,8 @@ struct Stretch {
     scalar: Scalar,
     /// What has a sign that matters.
     sides: Vec<Scalar>,
-    /// Voxels per unit of x.
+    /// Where x is 0 along the ray, and voxels per unit of x.
+    middle: f64,
     half: f64,
 }
 
@@ -433,7 +438,7 @@ impl Classified<'_> {
         block.pieces(cuts, |piece| {
             self.empty(block.middle + block.half * piece.from);
             self.position = block.middle + block.half * piece.to;
-            !self.accuracy.is_opaque(&self.sum) && (self.coarse(block.half, piece) || self.piece(block, piece))
+            !self.accuracy.is_opaque(&self.sum) && (self.coarse(block, piece) || self.piece(block, piece))
         })
     }
 
@@ -443,17 +448,19 @@ impl Classified<'_> {
             series: *series,
             scalar: series.combined(&[1.0, 0.0, 0.0, 0.0]),
             sides: self.sides.iter().map(|side| series.combined(side)).collect(),
+            middle: block.middle,
             half: block.half,
         };
         self.split(&stretch, from, to)
     }
 
     /// Adds a piece so short that the tolerance allows for a rule of two nodes; false if it is not.
-    fn coarse(&mut self, half: f64, &Piece { series, from, to, curvature }: &Piece<'_>) -> bool {
+    fn coarse(&mut self, block: &Block<'_>, &Piece { series, from, to, curvature }: &Piece<'_>) -> bool {
         if self.accuracy.tolerance <= 0.0 {
             return false;
         }
         let allowed = self.accuracy.tolerance * self.sum.optical_depth.exp();
+        let half = block.half;
         let (middle, part) = (f64::midpoint(from, to), (to - from) / 2.0);
         let kernels = 2.0 * part * half / self.accuracy.scale;
         if kernels.powi(4) * ROUGH > allowed {
@@ -481,11 +488,13 @@ impl Classified<'_> {
         }
         let world = 2.0 * part * half * self.measure;
         let classifier = self.classifier;
-        let at = |[scalar, differences @ ..]: Weights| {
-            let (color, opacity) = segment.at(self.value(scalar));
-            classifier.lit(color, opacity, differences.map(|d| d / self.divisor), self.to_eye)
+        let at = |node: usize| {
+            let [scalar, differences @ ..] = sums[node];
+            let place = || block.middle + half * (middle + part * [-PAIR, PAIR][node]);
+            let differences = differences.map(|d| d / self.divisor);
+            classifier.lit(segment.at(self.value(scalar)), differences, self.to_eye, || self.visibility(place()))
         };
-        let field = sums.map(at);
+        let field = [0, 1].map(at);
         let most = field.iter().flatten().fold(0.0, |m: f64, f| m.max(f.abs()));
         let change = (0..4).map(|c| (field[0][c] - field[1][c]).abs()).fold(0.0, f64::max);
         if most * world > MAX_STEP_DEPTH || change.powi(4) * world * TURN > allowed * most.powi(3) {
@@ -611,8 +620,14 @@ impl Classified<'_> {
 
     fn emission(&self, stretch: &Stretch, x: f64) -> Weights {
         let [scalar, differences @ ..] = stretch.series.at(x);
-        let [x, y, z] = differences.map(|d| d / self.divisor);
-        self.classifier.emission([self.value(scalar), x, y, z], self.to_eye)
+        let classified = self.classifier.transfer.sample(self.value(scalar));
+        let visibility = || self.visibility(stretch.middle + stretch.half * x);
+        self.classifier.lit(classified, differences.map(|d| d / self.divisor), self.to_eye, visibility)
+    }
+
+    /// What of the light arrives at a place along the ray, in voxels.
+    fn visibility(&self, place: f64) -> Visibility {
+        self.arriving.map_or(Visibility::FULL, |at| at(self.ray.origin + self.ray.direction * place))
     }
 }
 

@@ -35,7 +35,7 @@
 //! ```
 //!
 //! Lit, the colour is shaded with the gradient reconstructed from the central differences of the extended lattice, for
-//! an eye back along the ray.
+//! an eye back along the ray, and the light that arrives at voxels as in pre-shading, trilinear between them.
 //!
 //! **Maximum intensity.** With m the largest f on the ray's part in the box, alpha is the opacity of m over the largest
 //! of the transfer function and the pixel's colour that of m times alpha; no pixel if the ray misses the box.
@@ -76,13 +76,12 @@ use crate::budget::{MAX_BLOCKS, MAX_CHORDS, MAX_RAY_CHORDS, too_much};
 use crate::camera::Camera;
 #[cfg(doc)]
 use crate::camera::Growth;
-#[cfg(doc)]
-use crate::error::Error;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::image::{Image, Region};
 use crate::kernel::Kernel;
 #[cfg(doc)]
 use crate::lighting::Lighting;
+use crate::lighting::{Casting, Visibility};
 use crate::progress::Progress;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
@@ -126,6 +125,8 @@ pub struct Reference {
     accuracy: Accuracy,
     antialiasing: bool,
     method: Method,
+    /// If light is found at every point: the field that it passes, and the lights.
+    light: Option<Box<(Self, Casting)>>,
     progress: Progress,
 }
 
@@ -191,9 +192,34 @@ impl Reference {
             },
             antialiasing: settings.antialiasing,
             method,
+            light: None,
             progress: Progress::default(),
         };
         Ok(reference.with_tolerance(0.0))
+    }
+
+    /// The same of another light, to tell what light at voxels leaves out: post-shaded, light passes the field as it is
+    /// reconstructed and classified on its way, instead of splats of classified voxels, and it is found at every point
+    /// that is lit, instead of at voxels. Occlusion stays that of voxels. Takes thousands of times as long.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`], and [`Error::Setting`] unless a post-shaded composite has light with shadows.
+    pub fn with_light_everywhere(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Self> {
+        let reference = Self::new(volume, transfer, settings)?;
+        let Some(casting) = settings.casting().filter(|_| settings.is_post_shaded()) else {
+            let reason = "light is found at every point of a post-shaded composite with shadows".to_owned();
+            return Err(Error::Setting { name: "shadows", reason });
+        };
+        let field = Self::new(volume, transfer, &Settings { lighting: None, ..settings.clone() })?;
+        Ok(Self { light: Some(Box::new((field.with_tolerance(Self::TOLERANCE), casting))), ..reference })
+    }
+
+    /// What of the light arrives at a place in the lattice, if light is found at every point.
+    fn visibility(&self, place: DVec3) -> Visibility {
+        let of_voxels = self.splats.visibility(place);
+        let Some((field, casting)) = self.light.as_deref() else { return of_voxels };
+        let world = self.grid.to_world().transform_point3(place) + self.center;
+        casting.visibility(of_voxels.ambient, |towards| field.ray(world, towards, false).optical_depth)
     }
 
     /// A tolerance far below what pictures err by, which takes a tenth of the time of an exact picture or less.
@@ -441,9 +467,18 @@ impl Rays<'_> {
                 sum
             }
             Method::PostShaded(classifier) => {
+                let of_voxels = |place| reference.splats.visibility(place);
+                let of_points = |place| reference.visibility(place);
+                let arriving: Option<&dyn Fn(DVec3) -> Visibility> = match &reference.light {
+                    _ if !reference.splats.has_shadows() => None,
+                    None => Some(&of_voxels),
+                    Some(_) => Some(&of_points),
+                };
                 let mut classified = Classified {
                     sum: RayIntegral::default(),
                     classifier,
+                    ray,
+                    arriving,
                     to_eye: -direction,
                     sides: classifier.sides(-direction),
                     measure,

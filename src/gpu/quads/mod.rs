@@ -21,9 +21,9 @@ use terminate::Terminator;
 
 use super::context::Context;
 use super::layout::{Area, Lighting};
+use super::light_volume::PostShading;
 use super::pipeline::{both, buffer_range};
 use super::recorder::{Readback, Recorder};
-use super::transfer::TransferTable;
 use crate::error::{Error, Result};
 use crate::settings::Precision;
 
@@ -62,6 +62,8 @@ pub(crate) struct QuadsKey {
     /// See [`TransferTable`].
     pub(crate) crowded: bool,
     pub(crate) thins: bool,
+    /// Light is kept from scalars.
+    pub(crate) post_shadows: bool,
     /// Opaque pixels hide splats.
     pub(crate) terminates: bool,
     pub(crate) precision: Precision,
@@ -126,8 +128,8 @@ impl Feed {
 struct Inputs<'a> {
     footprint: &'a wgpu::TextureView,
     lighting: Lighting,
-    /// What scalars are classified by.
-    transfer: Option<&'a TransferTable>,
+    /// What scalars are classified and lit by.
+    post: Option<&'a PostShading>,
 }
 
 /// What sheets are brought into.
@@ -263,7 +265,7 @@ impl Quads {
         sheets: &[SheetTextures],
         frame: Frame<'_>,
     ) -> Result<Bound<'_>> {
-        match (&self.consumer, inputs.transfer) {
+        match (&self.consumer, inputs.post) {
             (Consumer::Composite(stage), _) => Ok(Bound::Composite(stage.bind(context, target, &sheets[0], frame)?)),
             (Consumer::Shading(stage), Some(table)) => {
                 Ok(Bound::Shading(stage.bind(context, target, inputs, table, sheets, frame)?))

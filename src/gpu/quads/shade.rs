@@ -1,11 +1,14 @@
 //! shade: sheets of scalars into the frame, classified and lit per pixel; or their largest value.
 
+use glam::DAffine3;
+
 use super::super::context::Context;
-use super::super::layout::{Area, Shade};
+use super::super::layout::{Area, Shade, affine};
+use super::super::light_volume::PostShading;
 use super::super::pipeline::{Binding, bind, compute, flag, layout, module, texture_view};
 use super::super::recorder::{Recorder, flat};
 use super::super::shaders;
-use super::super::transfer::TransferTable;
+use super::super::view::half;
 use super::plan::Target;
 use super::splat::SheetTextures;
 use super::{DynamicUniforms, Feed, Frame, Inputs, QuadsKey};
@@ -48,13 +51,16 @@ impl ShadeStage {
             sheets,
             Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float),
             Binding::Write,
+            Binding::FilteredTexture(wgpu::TextureViewDimension::D3),
+            Binding::Sampler,
         ];
         let shade_layout = layout(context, "shade", stages, &slots);
         let shader = module(context, shaders::SHADE);
         let crowded = ("CROWDED", flag(key.crowded));
         let thins = ("GRADIENT_OPACITY", flag(key.thins));
         let constants = [("PERSPECTIVE", flag(key.perspective)), ("SHEETS", f64::from(key.sheets_per_pass))];
-        let shading = [("LIGHTS", f64::from(key.lights)), ("SAMPLES", f64::from(key.samples)), crowded, thins];
+        let shadows = ("SHADOWS", flag(key.post_shadows));
+        let shading = [("LIGHTS", f64::from(key.lights)), ("SAMPLES", f64::from(key.samples)), crowded, thins, shadows];
         let shading = [&constants[..], &shading].concat();
         let maximum = key.feed == Feed::Maximum;
         let (entry, constants) =
@@ -77,10 +83,11 @@ impl ShadeStage {
         context: &Context,
         target: Target<'_>,
         inputs: &Inputs<'_>,
-        table: &TransferTable,
+        post: &PostShading,
         sheets: &[SheetTextures],
         Frame { pixels, reached }: Frame<'_>,
     ) -> Result<Shaded<'a>> {
+        let table = &post.table;
         let drawn: Vec<bool> = reached.iter().map(|area| *area != Area::default()).chain([false]).collect();
         let base_is_invisible = table.invisible[0] <= table.invisible[1];
         let extent = target.extent();
@@ -95,6 +102,7 @@ impl ShadeStage {
                 of(batch.checked_sub(1)).joined(of(Some(batch)))
             })
             .collect();
+        let to_light = affine(&(post.to_light * DAffine3::from_translation(half(&target.plan.view.grid))));
         let parameters: Vec<_> = (0..drawn.len() as u32)
             .map(|batch| Shade {
                 // One sheet back: each is shaded when the next one is known.
@@ -106,6 +114,7 @@ impl ShadeStage {
                 lookup: table.lookup,
                 low: areas[batch as usize].low,
                 high: areas[batch as usize].high,
+                to_light,
             })
             .collect();
         let batches = DynamicUniforms::new(context, "shade.batches", &parameters)?;
@@ -121,6 +130,8 @@ impl ShadeStage {
                 texture_view(&sheets[parity].all),
                 texture_view(&table.texture),
                 pixels.as_entire_binding(),
+                texture_view(&post.light.texture),
+                wgpu::BindingResource::Sampler(&post.light.sampler),
             ];
             bind(context, "shade", &self.layout, &resources)
         };

@@ -3,10 +3,10 @@
 
 use super::super::context::Context;
 use super::super::layout::{self, TILE};
+use super::super::light_volume::PostShading;
 use super::super::pipeline::{self, Binding, bind, compute, flag, module, texture_view};
 use super::super::recorder::Recorder;
 use super::super::shaders;
-use super::super::transfer::TransferTable;
 use super::pack::{Packed, Voxel};
 use super::resample::FORMAT;
 use super::{Block, RayKind, TilesKey};
@@ -38,7 +38,7 @@ pub(super) struct Targets<'a> {
     /// The picture, to which every ray of a pixel adds.
     pub(super) pixels: &'a wgpu::Buffer,
     pub(super) lighting: &'a wgpu::Buffer,
-    pub(super) transfer: Option<&'a TransferTable>,
+    pub(super) post: Option<&'a PostShading>,
 }
 
 impl Stage {
@@ -117,7 +117,18 @@ impl Stage {
         let maximum = ("MAXIMUM", flag(key.model == Model::Mip));
         let lights = ("LIGHTS", f64::from(key.lights));
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
-        let bindings = [Binding::Uniform, volume, Binding::Read, Binding::Write, Binding::Uniform, transfer];
+        let light = Binding::FilteredTexture(wgpu::TextureViewDimension::D3);
+        let bindings = [
+            Binding::Uniform,
+            volume,
+            Binding::Read,
+            Binding::Write,
+            Binding::Uniform,
+            transfer,
+            light,
+            Binding::Sampler,
+        ];
+        let shadows = ("SHADOWS", flag(key.post_shadows));
         let scalars = ("SCALARS", 1.0);
         let (grown, reach) = (("GROWN", flag(key.grown)), ("REACH", f64::from(key.reach)));
         let crowded = ("CROWDED", flag(key.crowded));
@@ -127,7 +138,7 @@ impl Stage {
             shader,
             "gather",
             &bindings,
-            &[perspective, terms, texels, straight, scalars, maximum, lights, crowded, thins, grown, reach],
+            &[perspective, terms, texels, straight, scalars, maximum, lights, crowded, thins, shadows, grown, reach],
         )
     }
 }
@@ -145,8 +156,14 @@ pub(super) fn march(
     let rays = targets.rays.as_entire_binding();
     let mut resources = vec![rays, texture_view(&packed.volume), runs.as_entire_binding()];
     let pixels = targets.pixels.as_entire_binding();
-    match targets.transfer {
-        Some(table) => resources.extend([pixels, targets.lighting.as_entire_binding(), texture_view(&table.texture)]),
+    match targets.post {
+        Some(PostShading { table, light, .. }) => resources.extend([
+            pixels,
+            targets.lighting.as_entire_binding(),
+            texture_view(&table.texture),
+            texture_view(&light.texture),
+            wgpu::BindingResource::Sampler(&light.sampler),
+        ]),
         None => {
             let state = match targets.state {
                 RayTarget::Image(image) => texture_view(image),

@@ -5,7 +5,7 @@ mod parallel;
 mod perspective;
 
 use bytemuck::Zeroable;
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use super::super::layout::{self, MACROCELL, TILE};
 use super::super::view::{Fade, half};
@@ -98,6 +98,8 @@ pub(super) struct Classification {
     pub(super) invisible: [f32; 2],
     pub(super) lookup: [f32; 2],
     pub(super) gradient_lookup: f32,
+    /// From the lattice of the volume to where the light is that arrives.
+    pub(super) to_light: DAffine3,
     /// Places in a slab at which it is classified.
     pub(super) samples: u32,
     /// Whether empty space may show, so that nothing is skipped.
@@ -112,6 +114,14 @@ impl PackedBox<'_> {
         // Planes are numbered front to back: if rays run against m, from the last one of the box.
         let last_plane = f64::from(self.packing.dims[2]) - 1.0;
         axis.ordered(p - low) + if axis.flipped { DVec3::Z * last_plane } else { DVec3::ZERO }
+    }
+
+    /// From (a, b, plane) of the packed box to the lattice.
+    fn to_lattice(&self, axis: &PrincipalAxis) -> DAffine3 {
+        let of = |p: DVec3| self.placed(axis, self.grid.to_world().transform_point3(p));
+        let zero = of(DVec3::ZERO);
+        let [x, y, z] = DVec3::AXES.map(|unit| of(unit) - zero);
+        DAffine3::from_mat3_translation(DMat3::from_cols(x, y, z), zero).inverse()
     }
 
     /// The box of what shows, as its least and largest (a, b, plane).
@@ -190,9 +200,10 @@ impl RaySetup<'_> {
             ..layout::Rays::zeroed()
         };
         match self.scalars {
-            Some(Classification { invisible, lookup, gradient_lookup, samples, skip_nothing }) => {
+            Some(Classification { invisible, lookup, gradient_lookup, to_light, samples, skip_nothing }) => {
                 let unskipped = if skip_nothing { packing.dims[2] as i32 } else { 0 };
-                layout::Rays { invisible, lookup, gradient_lookup, samples, unskipped, ..uniforms }
+                let to_light = layout::affine(&(to_light * self.volume.to_lattice(axis)));
+                layout::Rays { invisible, lookup, gradient_lookup, to_light, samples, unskipped, ..uniforms }
             }
             None => uniforms,
         }
