@@ -6,6 +6,7 @@ use crate::kernel::{Kernel, Normalization};
 use crate::lighting::{Casting, Lighting};
 use crate::names::named;
 use crate::reconstruction::Prefilter;
+pub use crate::response::Response;
 
 /// The format of the sheet buffers. The frame that they are composited into is always f32.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -22,7 +23,8 @@ pub enum Model {
     /// Emission and absorption: C = integral of c tau exp(-integral of tau), alpha = 1 - exp(-integral of tau).
     #[default]
     Composite,
-    /// Absorption only: white of alpha = 1 - exp(-integral of tau). One sheet of whole footprints, exact.
+    /// Absorption only: what [`Settings::response`] makes of the integral of tau, by default white of alpha = 1 -
+    /// exp(-integral of tau). One sheet of whole footprints, exact.
     Xray,
     /// The colour of the largest reconstructed value on the ray, its alpha the opacity of that value over the largest
     /// opacity of the transfer function.
@@ -177,6 +179,8 @@ pub enum Level {
 pub struct Settings {
     /// What a pixel is.
     pub model: Model,
+    /// What an X-ray shows of the optical depth along a ray.
+    pub response: Response,
     /// When the transfer function is applied.
     pub shading: Shading,
     /// The light on surfaces; `None`: colours are those of the transfer function.
@@ -210,6 +214,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             model: Model::default(),
+            response: Response::default(),
             shading: Shading::default(),
             lighting: None,
             interslice: Interslice::default(),
@@ -287,6 +292,7 @@ impl Settings {
             let reason = format!("{}, expected 0 to under 1", self.termination);
             return Err(Error::Setting { name: "termination", reason });
         }
+        self.response.validate()?;
         if let Some(lighting) = &self.lighting {
             lighting.validate()?;
         }
@@ -357,6 +363,11 @@ impl Settings {
                 "shadows",
                 "light is kept from voxels: shadows and occlusion need pre-shading",
             ),
+            (
+                !xray && self.response != Response::default(),
+                "response",
+                "only an X-ray shows the optical depth of rays: expected absorption",
+            ),
             (xray && self.shading == Shading::Post, "shading", "an X-ray adds up voxels' extinction: it is pre-shaded"),
             (xray && axis, "sheets", "an X-ray has one sheet, axis does not go"),
             (xray && additive, "accumulation", "an X-ray is a sheet of optical depth, additive does not go"),
@@ -365,6 +376,11 @@ impl Settings {
             Some((_, name, reason)) => Err(Error::Setting { name, reason: reason.to_owned() }),
             None => Ok(()),
         }
+    }
+
+    /// RESPONSE and `curve` in shaders/common/response.wgsl.
+    pub(crate) fn xray_response(&self) -> (u32, [f32; 4]) {
+        if self.model == Model::Xray { self.response.for_shaders() } else { (0, [0.0; 4]) }
     }
 
     /// The knobs of the painter quads, if that draws the picture.

@@ -65,4 +65,6 @@ struct Frame {
     tile_size: u32,
     // By how much growth^2 shrinks at level n, over 4^n - 1.
     level_spread: f32,
+    // X-ray: see common/response.wgsl.
+    curve: vec4f,
 }

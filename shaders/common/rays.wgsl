@@ -126,6 +126,8 @@ struct Rays {
     // reciprocal; the growth at which nothing of it is left, and over how much it fades before.
     fade_in: vec2f,
     fade_out: vec2f,
+    // X-ray: see common/response.wgsl.
+    curve: vec4f,
     // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.
     sections: array<Section, 2u * FAR_SECTIONS>,
 }

@@ -9,7 +9,7 @@ use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Region};
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::reconstruction::Signal;
-use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Resolution, Shading, Sheets};
+use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Resolution, Response, Shading, Sheets};
 use voxsplat::volume::{Endian, SampleType};
 
 use super::parse::{self, LightArg, Occlusion, one_of};
@@ -193,6 +193,12 @@ pub(super) struct ModelArgs {
     #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = one_of(Model::ALL, Model::name),
         help_heading = "Model")]
     pub(super) model: Model,
+    /// X-ray: what a pixel shows of the optical depth of its ray: absorption (white of alpha 1 - exp(-depth)), window
+    /// (grey, linear from black at depth LOW to white at HIGH: 0,4), film (radiographic film on a light box: its
+    /// exposure, over that of half its density, and its contrast: 4,3), or depth (the depth itself, for an .exr)
+    #[arg(long, value_name = "absorption|window[:LOW,HIGH]|film[:EXPOSURE,GAMMA]|depth", default_value = "absorption",
+        value_parser = parse::response, help_heading = "Model")]
+    pub(super) response: Response,
     /// Classify and light voxels before reconstruction (pre: fast) or pixels after it (post: sharp)
     #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = one_of(Shading::ALL, Shading::name),
         help_heading = "Model")]
@@ -327,7 +333,7 @@ Examples:
   voxsplat render ct.nrrd -o skull.png --transfer ct-bone --projection perspective --fov 40
   voxsplat render engine.raw -o engine.png --dims 256,256,128 --type u8 --transfer viridis
   voxsplat render ct.nrrd -o lit.png --transfer ct-bone --shading post --light headlight
-  voxsplat render ct.nrrd -o film.png --model xray --azimuth 90
+  voxsplat render ct.nrrd -o film.png --model xray --response film --azimuth 90
   voxsplat render head.nii.gz -o truth.exr --reference --size 256
   voxsplat render ct.nrrd -o figure.png --scale-bar --axes --colour-bar --value-unit HU --title 'A skull'";
 

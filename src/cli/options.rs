@@ -13,6 +13,9 @@ pub(super) fn options_of(settings: &Settings) -> Vec<String> {
     if settings.model == Model::Composite && settings.shading != default.shading {
         add("shading", settings.shading.to_string());
     }
+    if settings.response != default.response {
+        add("response", settings.response.to_string());
+    }
     if settings.kernel != default.kernel {
         add("kernel", settings.kernel.to_string());
     }

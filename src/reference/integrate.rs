@@ -44,7 +44,8 @@ const ROUNDING: f64 = 1e-13;
 pub struct RayIntegral {
     /// C = integral of e(t) exp(-integral_0^t tau) dt, red, green and blue. X-ray and maximum intensity: their pixel.
     pub color: [f64; 3],
-    /// The integral of tau, up to the end or to where the transmittance fell under 1e-12 or a quarter of the tolerance.
+    /// The integral of tau, up to the end or to where the transmittance fell under 1e-12 or a quarter of the tolerance;
+    /// of an X-ray with another response than absorption, all of it.
     /// Maximum intensity: what has the alpha of its pixel, infinite for an alpha of 1.
     pub optical_depth: f64,
 }
@@ -157,16 +158,18 @@ pub(super) struct Emission<'a> {
     /// World units per voxel along the ray, over the kernel's divisor N.
     pub(super) measure: f64,
     pub(super) accuracy: &'a Accuracy,
+    /// Whether what is dense hides what is behind it. Otherwise the optical depth itself is asked for.
+    pub(super) hides: bool,
 }
 
 impl Emission<'_> {
     /// Adds a block; whether there is more to see.
     pub(super) fn block(&mut self, block: &Block<'_>, cuts: &mut Cuts) -> bool {
         let Accuracy { tolerance, rim, steps, .. } = *self.accuracy;
-        let seen = (-self.sum.optical_depth).exp();
+        let seen = if self.hides { (-self.sum.optical_depth).exp() } else { 1.0 };
         let jumps = block.unevenness(rim) * (2.0 * block.half * self.measure).powi(2);
         if tolerance > 0.0 && UNEVENNESS * jumps * seen <= tolerance && self.smooth(block) {
-            return !self.accuracy.is_opaque(&self.sum);
+            return !self.is_opaque();
         }
         block.pieces(cuts, |&Piece { series, from: a, to: b, .. }| {
             let parts = ((b - a) / 2.0 * steps).ceil();
@@ -188,7 +191,7 @@ impl Emission<'_> {
         let mut i = 0.0;
         while i < steps {
             let field = NODES.map(|c| series.at(2.0 * (i + c) / steps - 1.0).map(|x| x * self.measure));
-            if field.iter().any(|f| f[0] * length > MAX_STEP_DEPTH) {
+            if self.hides && field.iter().any(|f| f[0] * length > MAX_STEP_DEPTH) {
                 return false;
             }
             sum.append(&RayIntegral::step(&field, length));
@@ -210,16 +213,16 @@ impl Emission<'_> {
     fn part(&mut self, span: &Span<'_>, field: &[Weights; STAGES], a: f64, b: f64) -> bool {
         let length = span.length * (b - a);
         let count = (field.iter().map(|f| f[0]).fold(0.0, f64::max) * length / MAX_STEP_DEPTH).ceil();
-        if count <= 1.0 {
+        if count <= 1.0 || !self.hides {
             self.sum.append(&RayIntegral::step(field, length));
-            return !self.accuracy.is_opaque(&self.sum);
+            return !self.is_opaque();
         }
         // So many steps that the ray may be opaque long before the last: halves, of which the first may do. Fractions
         // stay apart where places in the block are rounded to one, so that depth grows in any material.
         let parts = if count > MAX_STEPS && b - a > f64::MIN_POSITIVE { 2.0 } else { count.min(MAX_STEPS) };
         let at = |i: f64| if i < parts { a + (b - a) * (i / parts) } else { b };
         let mut i = 0.0;
-        while i < parts && !self.accuracy.is_opaque(&self.sum) {
+        while i < parts && !self.is_opaque() {
             let (a, b) = (at(i), at(i + 1.0));
             let place = |x: f64| span.from + (span.to - span.from) * x;
             let field = self.field(span.series, place(a), place(b));
@@ -230,7 +233,11 @@ impl Emission<'_> {
             }
             i += 1.0;
         }
-        !self.accuracy.is_opaque(&self.sum)
+        !self.is_opaque()
+    }
+
+    fn is_opaque(&self) -> bool {
+        self.hides && self.accuracy.is_opaque(&self.sum)
     }
 
     /// Extinction and emission at the nodes of a step, per voxel of length along the ray.

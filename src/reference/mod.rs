@@ -20,7 +20,7 @@
 //! lattice axis is (f_(j+1) - f_(j-1)) / 2, a neighbour beyond the edge having the value at the edge, taken to the
 //! world by the transpose of the map from there.
 //!
-//! **X-ray.** The same tau; the pixel is (alpha, alpha, alpha, alpha).
+//! **X-ray.** The same tau; the pixel is [`Response::pixel`] of its integral, by default (alpha, alpha, alpha, alpha).
 //!
 //! **Composite, post-shaded** (Mueller, Moeller and Crawfis 1999, "Splatting without the blur"). The scalar is
 //! reconstructed, relative to b = [`TransferFunction::base`], over the lattice with its edge samples repeated outwards
@@ -81,7 +81,7 @@ use crate::kernel::Kernel;
 #[cfg(doc)]
 use crate::lighting::Lighting;
 use crate::progress::Progress;
-use crate::settings::{Model, Settings};
+use crate::settings::{Model, Response, Settings};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
 use cells::Map;
@@ -131,8 +131,8 @@ pub struct Reference {
 enum Method {
     /// They are extinction and emission; voxels are lit if there is a light.
     PreShaded,
-    /// They are extinction.
-    Xray,
+    /// They are extinction, of whose integral the pixel is made.
+    Xray(Response),
     /// They are the scalar, and its gradient if there is a light.
     PostShaded(Box<Classifier>),
     /// They are the scalar, which the transfer function classifies relative to its base.
@@ -159,7 +159,7 @@ impl Reference {
         let center = grid.center();
         let Settings { kernel, lighting, .. } = settings;
         let method = match settings.model {
-            Model::Xray => Method::Xray,
+            Model::Xray => Method::Xray(settings.response),
             Model::Mip => Method::Maximum(transfer.clone()),
             Model::Composite if settings.is_post_shaded() => Method::PostShaded(Box::new(Classifier::new(
                 transfer,
@@ -358,7 +358,7 @@ impl Reference {
         let seen = |seen: bool| f64::from(u8::from(seen));
         let map = |most: &(dyn Fn([f64; 2]) -> f64 + Sync)| self.splats.cells.map(sizes.reach, most);
         let transfer = self.splats.transfer();
-        if matches!(self.method, Method::PreShaded | Method::Xray) {
+        if matches!(self.method, Method::PreShaded | Method::Xray(_)) {
             return Some(map(&|range| seen(!transfer.is_invisible(range))));
         }
         // Sums of kernels, where all weights are 1.
@@ -424,16 +424,21 @@ impl Rays<'_> {
         let measure = 1.0 / ray.voxels_per_unit;
         let accuracy = &reference.accuracy;
         match &reference.method {
-            Method::PreShaded | Method::Xray => {
-                let mut emission =
-                    Emission { sum: RayIntegral::default(), measure: measure / reference.divisor, accuracy };
+            Method::PreShaded | Method::Xray(_) => {
+                let mut emission = Emission {
+                    sum: RayIntegral::default(),
+                    measure: measure / reference.divisor,
+                    accuracy,
+                    hides: !matches!(reference.method, Method::Xray(response) if response != Response::Absorption),
+                };
                 let bounds = reference.splats.bounds(self.sizes.layers);
                 if let Some(ray) = bounds.and_then(|bounds| ray.clipped(&bounds, self.sizes.reach)) {
                     self.parts(ray, 0.0, |part| self.blocks(part, scratch, |block, cuts| emission.block(block, cuts)));
                 }
                 let mut sum = emission.sum;
-                if matches!(reference.method, Method::Xray) {
-                    sum.color = [sum.alpha(); 3];
+                if let Method::Xray(response) = reference.method {
+                    let [red, green, blue, _] = response.pixel(sum.optical_depth);
+                    sum.color = [red, green, blue];
                 }
                 sum
             }
@@ -500,7 +505,11 @@ impl Tracer<'_> {
         let (sx, sy) = self.camera.image_coordinates(pixel);
         let (origin, direction) = self.camera.ray(sx, sy);
         let two_sided = self.camera.eye().is_none();
-        SCRATCH.with_borrow_mut(|scratch| self.rays.trace(origin, direction, two_sided, scratch)).rgba()
+        let sum = SCRATCH.with_borrow_mut(|scratch| self.rays.trace(origin, direction, two_sided, scratch));
+        match self.rays.reference.method {
+            Method::Xray(response) => response.pixel(sum.optical_depth),
+            _ => sum.rgba(),
+        }
     }
 }
 

@@ -46,6 +46,8 @@ pub(crate) enum Feed {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) struct QuadsKey {
     pub(crate) feed: Feed,
+    /// RESPONSE in shaders/common/response.wgsl.
+    pub(crate) response: u32,
     pub(crate) perspective: bool,
     /// Kernels grow.
     pub(crate) grown: bool,

@@ -67,6 +67,7 @@ impl<'a> Picture<'a> {
         };
         let key = QuadsKey {
             feed,
+            response: settings.xray_response().0,
             perspective: view.is_perspective(),
             grown: view.max_growth() > 1.0,
             axis: plan.is_axis_aligned(),

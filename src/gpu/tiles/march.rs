@@ -73,7 +73,7 @@ impl Stage {
             ("PERSPECTIVE", flag(key.perspective)),
             ("TERMS", f64::from(key.terms)),
             ("TEXELS", f64::from(key.texels)),
-            ("WHITE", flag(key.model == Model::Xray)),
+            ("RESPONSE", f64::from(key.response)),
             ("CURVED", flag(key.curved)),
             ("GROWN", flag(key.grown)),
             ("REACH", f64::from(key.reach)),
@@ -96,14 +96,14 @@ impl Stage {
                 RayKind::StraightBlocks(_) => ("straight", image),
                 _ => ("single", image),
             };
-            let white = ("WHITE", flag(key.model == Model::Xray));
+            let response = ("RESPONSE", f64::from(key.response));
             let grown = ("GROWN", flag(key.grown));
             let resampled = ("RESAMPLED", flag(key.rays == RayKind::Coarser));
             let layered = ("LAYERED", flag(key.rays == RayKind::Layered));
             let (curved, reach) = (("CURVED", flag(key.curved)), ("REACH", f64::from(key.reach)));
             let bindings = [Binding::Uniform, volume, Binding::Read, state, Binding::Write];
             let mut constants =
-                vec![perspective, terms, texels, straight, white, resampled, curved, grown, layered, reach];
+                vec![perspective, terms, texels, straight, response, resampled, curved, grown, layered, reach];
             if let RayKind::StraightBlocks(Block { across, rows }) = key.rays {
                 constants.extend([("ACROSS", f64::from(across)), ("ROWS", f64::from(rows))]);
             }

@@ -79,6 +79,8 @@ impl RayKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(crate) struct TilesKey {
     model: Model,
+    /// RESPONSE in shaders/common/response.wgsl.
+    response: u32,
     voxel: Voxel,
     lights: u32,
     perspective: bool,

@@ -89,6 +89,8 @@ pub(super) struct Optics {
     pub(super) max_depth: f64,
     /// The largest of each channel of colours.
     pub(super) brightest: [f64; 3],
+    /// Of an X-ray: `curve` in shaders/common/response.wgsl.
+    pub(super) curve: [f32; 4],
 }
 
 /// How scalars are classified.
@@ -164,6 +166,7 @@ impl RaySetup<'_> {
             density_scale: self.optics.density_scale.min(MAX_DENSITY_SCALE) as f32,
             opaque_depth: self.optics.opaque_depth.min(f64::from(f32::MAX)) as f32,
             brightest: self.optics.brightest.map(|c| c as f32),
+            curve: self.optics.curve,
             radius2: (radius * radius) as f32,
             box_low: f3(box_low),
             box_high: f3(box_high),
