@@ -18,6 +18,9 @@ override REACH: i32 = 2;
 // The largest scalar of a ray is classified, instead of every slab.
 override MAXIMUM: bool = false;
 
+// The mean scalar of a ray is classified.
+override MEAN: bool = false;
+
 // Composites the slab that waits in `ray`, now that the slab behind it is known. Its middle is `middle` planes from
 // plane 0. `before` is what was composited last.
 fn advance(
@@ -33,6 +36,9 @@ fn advance(
     if part.x < part.y {
         if MAXIMUM {
             update_maximum(ray, behind, geometry, part);
+        } else if MEAN {
+            // Skipped space is 0, the base, and adds nothing.
+            (*ray).color.x += integral_over(means_of(*ray, behind, geometry), part);
         } else {
             composited = classify_slab(ray, before, behind, geometry, part);
         }
@@ -95,8 +101,9 @@ fn is_opaque(ray: RayState) -> bool {
     return !MAXIMUM && ray.depth > rays.opaque_depth;
 }
 
-// Planes after the last of a run: kernels reach so many planes beyond it, and slabs are composited as many late.
-override FLUSH: i32 = 2 * REACH;
+// Planes after the last of a run: kernels reach so many planes beyond it, and slabs are composited as many late. A
+// plane more has the space behind it, which is 0, take part in the maximum.
+override FLUSH: i32 = 2 * REACH + i32(MAXIMUM);
 
 // The slabs that planes may still add to, the foremost first: two for each plane; and what was composited last.
 struct Slabs {
@@ -209,11 +216,16 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     let geometry = geometry_of(at);
     let ray = march_planes(tile, geometry, new_ray());
     var value = vec4f(ray.color, absorbed(ray.depth));
-    if MAXIMUM {
-        // A ray that met nothing but skipped space has 0, the base, as its largest scalar, and shows nothing.
-        let c = classified(ray.color.x, rays.lookup).value;
-        let inside = geometry.inside.x < geometry.inside.y;
-        value = select(vec4f(0.0), vec4f(c.rgb * c.a, c.a), inside);
+    if MAXIMUM || MEAN {
+        // A ray that met nothing but skipped space has 0, the base, as its largest scalar and as its mean.
+        var scalar = ray.color.x;
+        let planes = geometry.inside.y - geometry.inside.x;
+        if MEAN {
+            // Slabs are half a plane thick.
+            scalar *= 0.5 / max(planes, 1e-30);
+        }
+        let c = classified(scalar, rays.lookup).value;
+        value = select(vec4f(0.0), vec4f(c.rgb * c.a, c.a), planes > 0.0);
     }
     add_to_pixel(at, share * value);
 }

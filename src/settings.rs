@@ -7,6 +7,8 @@ use crate::lighting::{Casting, Lighting};
 use crate::names::named;
 use crate::reconstruction::Prefilter;
 pub use crate::response::Response;
+use crate::transfer::TransferFunction;
+use crate::volume::Volume;
 
 /// The format of the sheet buffers. The frame that they are composited into is always f32.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -26,12 +28,16 @@ pub enum Model {
     /// Absorption only: what [`Settings::response`] makes of the integral of tau, by default white of alpha = 1 -
     /// exp(-integral of tau). One sheet of whole footprints, exact.
     Xray,
-    /// The colour of the largest reconstructed value on the ray, its alpha the opacity of that value over the largest
-    /// opacity of the transfer function.
+    /// Maximum intensity projection: the colour of the largest reconstructed value on the ray's part in the box of the
+    /// voxels, its alpha the opacity of that value over the largest opacity of the transfer function.
     Mip,
+    /// Minimum intensity projection: the same of the smallest value. What is outside of the box does not count.
+    Minip,
+    /// Average intensity projection: the same of the mean value.
+    Average,
 }
 
-/// When the transfer function is applied. X-ray is always pre-shaded, a maximum intensity projection post-shaded.
+/// When the transfer function is applied. X-ray is always pre-shaded, projections of intensity are post-shaded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Shading {
     /// Each voxel is classified and lit, then extinction and emission are reconstructed. Fast, and blurs surfaces.
@@ -201,8 +207,8 @@ pub struct Settings {
     /// How much of the blur of the kernel is taken back, 0 (none) to 1.
     ///
     /// A Gaussian gives way to a blob of radius 2, which is as narrow as [`Kernel::KAISER_BESSEL`] at 1. If scalars are
-    /// reconstructed (post-shading and maximum intensity), the samples are filtered besides, once for a scene: at 1 the
-    /// field passes through them as well as the kernel can, and overshoots beside edges. Noise grows: see
+    /// reconstructed (post-shading and projections of intensity), the samples are filtered besides, once for a scene:
+    /// at 1 the field passes through them as well as the kernel can, and overshoots beside edges. Noise grows: see
     /// [`Stats::noise`](crate::stats::Stats::noise) and [`reconstruction`](crate::reconstruction). Filtered samples
     /// take 4 bytes each of host memory as long as the scene lives. Pre-shaded, a blob is refused.
     pub sharpness: f64,
@@ -230,7 +236,10 @@ impl Default for Settings {
 }
 
 named! { "precision", Precision { F16: "f16", F32: "f32" } }
-named! { "model", Model { Composite: "composite", Xray: "xray", Mip: "mip" } }
+named! {
+    "model",
+    Model { Composite: "composite", Xray: "xray", Mip: "mip", Minip: "minip", Average: "average" }
+}
 named! { "shading", Shading { Pre: "pre", Post: "post" } }
 named! { "sheets", Sheets { Image: "image", Axis: "axis" } }
 named! { "accumulation", Accumulation { OpticalDepth: "optical-depth", Additive: "additive" } }
@@ -351,11 +360,15 @@ impl Settings {
                 "level",
                 "cells of a level above 0 need image-aligned sheets of optical depth",
             ),
-            (post && axis, "sheets", "post-shading and maximum intensity need image-aligned sheets, axis does not go"),
+            (
+                post && axis,
+                "sheets",
+                "post-shading and projections of intensity need image-aligned sheets, axis does not go",
+            ),
             (
                 post && additive,
                 "accumulation",
-                "post-shading and maximum intensity add up scalars, additive does not go",
+                "post-shading and projections of intensity add up scalars, additive does not go",
             ),
             (self.model != Model::Composite && self.lighting.is_some(), "lighting", "only the composite model is lit"),
             (
@@ -424,13 +437,27 @@ impl Settings {
         }
     }
 
-    /// Whether sheets hold scalars that are classified per pixel: post-shading and maximum intensity.
+    /// Whether sheets hold scalars that are classified per pixel: post-shading and projections of intensity.
     #[must_use]
     pub fn is_post_shaded(&self) -> bool {
         match self.model {
             Model::Composite => self.shading == Shading::Post,
             Model::Xray => false,
-            Model::Mip => true,
+            Model::Mip | Model::Minip | Model::Average => true,
         }
+    }
+
+    /// The volume and the transfer function whose maximum is the minimum that is asked for: mirrored at 0. `None`: no
+    /// minimum is asked for.
+    pub(crate) fn mirrored(
+        &self,
+        volume: &Volume,
+        transfer: &TransferFunction,
+    ) -> Result<Option<(Volume, TransferFunction)>> {
+        if self.model != Model::Minip {
+            return Ok(None);
+        }
+        let (slope, intercept) = volume.rescale();
+        Ok(Some((volume.clone().with_rescale(-slope, -intercept)?, transfer.mirrored())))
     }
 }

@@ -35,6 +35,13 @@ fn is_invisible(m: vec3f, invisible: vec2f) -> bool {
     return is_invisible_range(min(m.x, min(m.y, m.z)), max(m.x, max(m.y, m.z)), invisible);
 }
 
+// The integral of the parabola over a part of the slab.
+fn integral_over(m: vec3f, part: vec2f) -> f32 {
+    let p = parabola(m);
+    let squares = dot(part, part) + part.x * part.y;
+    return (p.x + 0.5 * p.y * (part.x + part.y) + p.z * squares / 3.0) * (part.y - part.x);
+}
+
 // The largest value of the parabola in a part of the slab.
 fn largest_in(m: vec3f, part: vec2f) -> f32 {
     let p = parabola(m);
@@ -57,9 +64,9 @@ fn shown(largest: f32, m: vec3f, invisible: vec2f) -> f32 {
 override CROWDED: bool = false;
 
 // The transfer function as segments between knots, along each of which it counts as linear: colour times extinction and
-// extinction; of maxima colour and alpha. Rows of `transfer`, a column for each segment: the function where the segment
-// begins, its slope, its integral up to there, and the scalar there. A scalar at a knot belongs to the segment that
-// begins there.
+// extinction; of maxima and means colour and alpha. Rows of `transfer`, a column for each segment: the function where
+// the segment begins, its slope, its integral up to there, and the scalar there. A scalar at a knot belongs to the
+// segment that begins there.
 const VALUES: u32 = 0u;
 const SLOPES: u32 = 1u;
 const INTEGRALS: u32 = 2u;

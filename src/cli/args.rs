@@ -103,6 +103,7 @@ pub(super) enum ProjectionArg {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum FrameArg {
     Visible,
+    View,
     Volume,
 }
 
@@ -161,9 +162,9 @@ pub(super) struct ViewArgs {
     #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = parse::positive, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) zoom: f64,
-    /// What the picture is fitted to: visible (all that the transfer function shows, in one size at every azimuth) or
-    /// volume (the box of the lattice, as it is seen from this side) [default: visible, or volume if --target,
-    /// --view-height or --distance is given]
+    /// What the picture is fitted to: visible (all that the transfer function shows, in one size at every azimuth),
+    /// view (the same, as large as this view of it can be) or volume (the box of the lattice, as it is seen from this
+    /// side) [default: visible, or volume if --target, --view-height or --distance is given]
     #[arg(long, value_name = "WHAT", help_heading = "View")]
     pub(super) frame: Option<FrameArg>,
     /// Space around what is fitted: a fraction of the picture on each side, 0 to under 0.5 [default: 0.02, with a
@@ -188,8 +189,8 @@ pub(super) struct ModelArgs {
     /// grayscale, gray, viridis or inferno [default: suggested by the data; see `voxsplat info`]
     #[arg(long, value_name = "FILE.json|PRESET", help_heading = "Model")]
     pub(super) transfer: Option<PathBuf>,
-    /// What a pixel is: composite (emission and absorption), xray (absorption only, white) or mip (the largest value,
-    /// coloured by the transfer function)
+    /// What a pixel is: composite (emission and absorption), xray (absorption only, white), mip (the largest value of
+    /// its ray, coloured by the transfer function), minip (the smallest) or average (the mean)
     #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = one_of(Model::ALL, Model::name),
         help_heading = "Model")]
     pub(super) model: Model,
@@ -228,8 +229,8 @@ pub(super) struct ModelArgs {
         help_heading = "Model")]
     pub(super) kernel: Kernel,
     /// Take the blur of the kernel back: 0 (not at all) to 1. A Gaussian gives way to a narrower Kaiser-Bessel blob;
-    /// with --shading post or --model mip samples are filtered besides, so that the field passes through them. Noise
-    /// grows
+    /// with --shading post, --model mip, minip or average samples are filtered besides, so that the field passes
+    /// through them. Noise grows
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "Model")]
     pub(super) sharpness: f64,

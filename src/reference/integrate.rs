@@ -42,11 +42,11 @@ const ROUNDING: f64 = 1e-13;
 /// What a ray collects: colour (premultiplied) and optical depth.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RayIntegral {
-    /// C = integral of e(t) exp(-integral_0^t tau) dt, red, green and blue. X-ray and maximum intensity: their pixel.
+    /// C = integral of e(t) exp(-integral_0^t tau) dt, red, green and blue. Of the other models their pixel.
     pub color: [f64; 3],
     /// The integral of tau, up to the end or to where the transmittance fell under 1e-12 or a quarter of the tolerance;
     /// of an X-ray with another response than absorption, all of it.
-    /// Maximum intensity: what has the alpha of its pixel, infinite for an alpha of 1.
+    /// Projections of intensity: what has the alpha of its pixel, infinite for an alpha of 1.
     pub optical_depth: f64,
 }
 
@@ -615,6 +615,19 @@ impl Classified<'_> {
         let [scalar, differences @ ..] = stretch.series.at(x);
         let [x, y, z] = differences.map(|d| d / self.divisor);
         self.classifier.emission([self.value(scalar), x, y, z], self.to_eye)
+    }
+}
+
+/// The integral of the sum of splats over a ray, in voxels.
+#[derive(Debug)]
+pub(super) struct Integral(pub(super) f64);
+
+impl Integral {
+    pub(super) fn block(&mut self, block: &Block<'_>, cuts: &mut Cuts) {
+        block.pieces(cuts, |&Piece { series, from, to, .. }| {
+            self.0 += series.mean(from, to) * (to - from) * block.half;
+            true
+        });
     }
 }
 

@@ -37,12 +37,15 @@
 //! **Maximum intensity.** With m the largest f on the ray's part in the box, alpha is the opacity of m over the largest
 //! of the transfer function and the pixel's colour that of m times alpha; no pixel if the ray misses the box.
 //!
-//! **Sharpness.** The kernel is [`Settings::reconstruction_kernel`]; the f_j of post-shading and of a maximum are the
+//! **Minimum and average intensity.** The same with the smallest f, and with the mean of f over the ray's part in the
+//! box. A minimum is the maximum of -f_j by the transfer function mirrored at 0; b is the base of that.
+//!
+//! **Sharpness.** The kernel is [`Settings::reconstruction_kernel`]; the f_j of all but extinction are the
 //! samples filtered for it, in f64, as the renderer filters them in f32.
 //!
 //! This is what splatting approximates by footprints and sheets; here there are neither: every ray is cut wherever it
 //! enters or leaves a kernel's support, and where f meets a control point; the pieces are integrated by Gauss's rule.
-//! Errors of optical depth and colour are about 1e-10 of their size, of lit post-shading 1e-9, of maxima 1e-12.
+//! Errors of optical depth, colour and means are about 1e-10 of their size, of lit post-shading 1e-9, of maxima 1e-12.
 //! Sheets, accumulation, termination, precision and the footprint table are the renderer's affair and change nothing.
 //!
 //! A tolerance ([`Reference::with_tolerance`]) makes blocks longer. In pre-shading a chord that begins or ends in a
@@ -86,7 +89,7 @@ use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
 use cells::Map;
 use classify::{Bricks, Splats};
-use integrate::{Accuracy, Classified, Classifier, Emission, Maximum};
+use integrate::{Accuracy, Classified, Classifier, Emission, Integral, Maximum};
 use profile::{Gauss, Profile};
 use walk::{Cuts, LatticeRay, Scratch, Sight, Sizes, Viewer, Walk, blocks};
 
@@ -135,8 +138,10 @@ enum Method {
     Xray(Response),
     /// They are the scalar, and its gradient if there is a light.
     PostShaded(Box<Classifier>),
-    /// They are the scalar, which the transfer function classifies relative to its base.
+    /// They are the scalar, of which the transfer function classifies the largest, relative to its base.
     Maximum(TransferFunction),
+    /// The same of the mean.
+    Mean(TransferFunction),
 }
 
 impl Reference {
@@ -149,6 +154,8 @@ impl Reference {
     pub fn new(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Self> {
         settings.validate()?;
         volume.check_finite()?;
+        let mirrored = settings.mirrored(volume, transfer)?;
+        let (volume, transfer) = mirrored.as_ref().map_or((volume, transfer), |(volume, transfer)| (volume, transfer));
         let filtered = match settings.prefilter()? {
             Some(filter) => Some(filter.apply::<f64>(volume, transfer.base(), &Progress::default())?),
             None => None,
@@ -160,7 +167,8 @@ impl Reference {
         let Settings { kernel, lighting, .. } = settings;
         let method = match settings.model {
             Model::Xray => Method::Xray(settings.response),
-            Model::Mip => Method::Maximum(transfer.clone()),
+            Model::Mip | Model::Minip => Method::Maximum(transfer.clone()),
+            Model::Average => Method::Mean(transfer.clone()),
             Model::Composite if settings.is_post_shaded() => Method::PostShaded(Box::new(Classifier::new(
                 transfer,
                 transfer.unit_or(grid.min_spacing()),
@@ -328,6 +336,13 @@ impl Reference {
         rays.trace(origin, direction, two_sided, &mut Scratch::default())
     }
 
+    /// The pixel of the sum of splats that a projection keeps.
+    fn projected(&self, transfer: &TransferFunction, sum: f64) -> RayIntegral {
+        let most = transfer.max_opacity();
+        let (color, opacity) = transfer.sample(transfer.base() + sum / self.divisor);
+        RayIntegral::uniform(color, if most > 0.0 { opacity / most } else { 0.0 })
+    }
+
     fn sight(&self, sizes: Sizes) -> Sight<'_> {
         Sight { splats: &self.splats, radius: self.radius, sizes }
     }
@@ -335,7 +350,7 @@ impl Reference {
     /// A ray in the lattice; `None` if it misses the box that scalars exist in.
     fn lattice_ray(&self, origin: DVec3, direction: DVec3, two_sided: bool) -> Option<LatticeRay> {
         let ray = LatticeRay::new(&self.grid, origin, direction, two_sided);
-        if matches!(self.method, Method::PostShaded(_) | Method::Maximum(_)) {
+        if self.splats.repeats() {
             let lattice = self.grid.dims().map(|d| [0, i64::from(d) - 1]);
             return ray.clipped(&lattice, 0.5);
         }
@@ -361,9 +376,12 @@ impl Reference {
         if matches!(self.method, Method::PreShaded | Method::Xray(_)) {
             return Some(map(&|range| seen(!transfer.is_invisible(range))));
         }
+        let base = transfer.base();
+        if matches!(self.method, Method::Mean(_)) {
+            return Some(map(&|range| seen(range != [base; 2])));
+        }
         // Sums of kernels, where all weights are 1.
         let [least, most] = kernel_sums(&self.kernel, sizes.least, sizes.largest(self.radius))?;
-        let base = transfer.base();
         let field = |[low, high]: [f64; 2]| {
             let [low, high] = [low - base, high - base];
             [low * if low < 0.0 { most } else { least }, high * if high > 0.0 { most } else { least }]
@@ -480,10 +498,17 @@ impl Rays<'_> {
                     search(&mut maximum, part);
                     true
                 });
-                let most = transfer.max_opacity();
-                let sum = maximum.largest.unwrap_or_default();
-                let (color, opacity) = transfer.sample(transfer.base() + sum / reference.divisor);
-                RayIntegral::uniform(color, if most > 0.0 { opacity / most } else { 0.0 })
+                reference.projected(transfer, maximum.largest.unwrap_or_default())
+            }
+            Method::Mean(transfer) => {
+                let mut integral = Integral(0.0);
+                self.parts(ray, 0.0, |part| {
+                    self.blocks(part, scratch, |block, cuts| {
+                        integral.block(block, cuts);
+                        true
+                    })
+                });
+                reference.projected(transfer, integral.0 / (ray.end - ray.start))
             }
         }
     }

@@ -145,7 +145,7 @@ pub(crate) fn bound(
     settings: &Settings,
     rendered: &Rendered,
 ) -> Bound {
-    if settings.model == Model::Mip {
+    if matches!(settings.model, Model::Mip | Model::Minip) {
         return Bound { alpha: 1.0, color: 1.0, rms: UNEXPLAINED };
     }
     if settings.is_post_shaded() {

@@ -1,11 +1,13 @@
-//! Projections beside the composite: what an X-ray shows of optical depth.
+//! Projections beside the composite: what an X-ray shows of optical depth, minimum and average intensity.
 
+use glam::DVec3;
 use voxsplat::camera::{ProjectionKind, View};
-use voxsplat::kernel::Normalization;
+use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::settings::{Level, Model, Resolution, Response, Settings};
+use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{PERSPECTIVE, PROJECTIONS, camera, demo, errors, exact_quads, full, look, picture, render};
-use crate::support::{rms_covered, with_tiles};
+use crate::support::{rms_covered, thick, transfer, with_tiles};
 use crate::truth::truth;
 
 #[test]
@@ -57,5 +59,96 @@ fn layers_of_cells_add_up_to_the_depth() {
         assert!(got.stats.levels[0] < got.stats.levels[1], "{:?}", got.stats.levels);
         let rms = rms_covered(&got.image, &truth(&volume, &transfer, &camera, &settings));
         assert!(rms < 1e-2, "{response}: {rms:e}");
+    }
+}
+
+/// By quads in thin sheets, and by rays.
+fn both_painters(model: Model, kernel: Kernel) -> [Settings; 2] {
+    let quads = thick(&Settings { model, kernel, ..exact_quads() }, 0.25);
+    [with_tiles(&quads, Resolution::Full), quads]
+}
+
+#[test]
+fn minimum_and_average_follow_the_reference() {
+    // Grey over all values, so that nothing is invisible; and a function with a step.
+    let (volume, _) = demo("marschner-lobb", 24);
+    let [dark, light] = [[0.1, 0.0, 0.0], [1.0, 0.9, 0.8]];
+    let ramp = transfer(&[(0.0, dark, 0.0), (1.0, light, 0.9)], None);
+    let stepped = transfer(&[(0.0, dark, 0.2), (0.4, light, 0.4), (0.4, dark, 0.9), (1.0, light, 0.9)], None);
+    for (model, kernel, transfer, most) in [
+        (Model::Minip, Kernel::KAISER_BESSEL, &ramp, 6e-3),
+        (Model::Minip, Kernel::default(), &ramp, 2e-2),
+        (Model::Average, Kernel::KAISER_BESSEL, &ramp, 1.5e-3),
+        (Model::Average, Kernel::default(), &ramp, 4e-3),
+        (Model::Average, Kernel::KAISER_BESSEL, &stepped, 2e-2),
+    ] {
+        for projection in PROJECTIONS {
+            let camera = camera(33.0, projection, &volume, 40);
+            for settings in both_painters(model, kernel) {
+                let expected = truth(&volume, transfer, &camera, &settings);
+                let rms = rms_covered(&render(&volume, transfer, &camera, &settings), &expected);
+                println!("{model} {kernel} {projection:?} {:?}: {rms:e}", settings.painter);
+                assert!(rms < most, "{model} {kernel} {projection:?} {:?}: {rms:e}", settings.painter);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_minimum_is_the_maximum_of_what_is_mirrored() {
+    let (volume, transfer_function) = demo("marschner-lobb", 16);
+    let mirrored = volume.clone().with_rescale(-1.0, 0.0).unwrap();
+    let points: Vec<_> = transfer_function.points().iter().rev().map(|p| (-p.value, p.color, p.opacity)).collect();
+    let opposite = transfer(&points, None);
+    let camera = camera(33.0, PERSPECTIVE, &volume, 32);
+    for settings in both_painters(Model::Minip, Kernel::default()) {
+        let least = render(&volume, &transfer_function, &camera, &settings);
+        let most = render(&mirrored, &opposite, &camera, &Settings { model: Model::Mip, ..settings });
+        assert_eq!(least, most);
+    }
+}
+
+#[test]
+fn what_is_outside_of_the_box_does_not_count() {
+    // A ramp along x, and a transfer function that shows values as alpha. The box is that of the voxels, 1:1:10.
+    let size = 16;
+    let values: Vec<f32> = (0..size * size * size).map(|i| 1.0 + (i % size) as f32).collect();
+    let grid = Grid::axis_parallel([size; 3], [1.0, 1.0, 10.0]).unwrap();
+    let volume = Volume::new(grid, Samples::F32(values)).unwrap();
+    let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (16.0, [1.0; 3], 0.8)], None);
+    let along = |direction: DVec3| {
+        let view = View { direction: Some(direction), zoom: 2.0, ..View::default() };
+        look(&view, &volume, [9; 2])
+    };
+    for (model, of_ramp) in [(Model::Minip, 1.0), (Model::Mip, 16.0), (Model::Average, 8.5)] {
+        for settings in both_painters(model, Kernel::KAISER_BESSEL) {
+            for (direction, expected) in [(DVec3::X, of_ramp), (DVec3::NEG_X, of_ramp), (DVec3::Y, 8.5)] {
+                let picture = render(&volume, &transfer, &along(direction), &settings);
+                let middle = 16.0 * f64::from(picture.pixels()[40][3]);
+                let painter = &settings.painter;
+                // At the faces copies of the outermost voxels flatten the ramp. Kernels have ripples of 5e-4.
+                assert!((middle - expected).abs() < 0.03, "{model} {direction} {painter:?}: {middle} for {expected}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_mean_of_one_bright_voxel_is_exact() {
+    let mut values = vec![0.0_f32; 12 * 11 * 10];
+    values[5 + 12 * (5 + 11 * 4)] = 1.0;
+    let grid = Grid::axis_parallel([12, 11, 10], [1.0, 1.0, 3.0]).unwrap();
+    let volume = Volume::new(grid, Samples::F32(values)).unwrap();
+    let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (0.02, [1.0; 3], 0.8)], None);
+    for projection in PROJECTIONS {
+        let camera = camera(33.0, projection, &volume, 40);
+        for settings in both_painters(Model::Average, Kernel::default()) {
+            let expected = truth(&volume, &transfer, &camera, &settings);
+            let brightest = expected.pixels().iter().map(|p| p[3]).fold(0.0, f32::max);
+            assert!(brightest > 0.3, "{brightest}");
+            let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings), &expected);
+            let painter = &settings.painter;
+            assert!(color < 6e-4 && alpha < 6e-4, "{projection:?} {painter:?}: {color:e} {alpha:e}");
+        }
     }
 }

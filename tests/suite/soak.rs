@@ -28,7 +28,8 @@ fn turns() {
         ("pre, lit", "vessels", Settings { lighting: headlight(), ..base.clone() }),
         ("post", "sphere", Settings { shading: Shading::Post, ..base.clone() }),
         ("xray", "shepp-logan", Settings { model: Model::Xray, ..base.clone() }),
-        ("mip", "marschner-lobb", Settings { model: Model::Mip, ..base }),
+        ("mip", "marschner-lobb", Settings { model: Model::Mip, ..base.clone() }),
+        ("average", "marschner-lobb", Settings { model: Model::Average, ..base }),
     ];
     for (name, demo_name, quads) in scenes {
         let (volume, transfer) = demo(demo_name, 24);

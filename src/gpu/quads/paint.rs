@@ -49,7 +49,8 @@ impl<'a> Picture<'a> {
         let knobs = settings.quads();
         let feed = match settings.model {
             Model::Xray => Feed::Depth,
-            Model::Mip => Feed::Maximum,
+            Model::Mip | Model::Minip => Feed::Maximum,
+            Model::Average => Feed::Mean,
             Model::Composite if settings.is_post_shaded() && settings.lighting.is_some() => Feed::LitScalars,
             Model::Composite if settings.is_post_shaded() => Feed::Scalars,
             Model::Composite => Feed::Colors,

@@ -114,7 +114,8 @@ impl Stage {
             (Voxel::Scalar, false) => shaders::GATHER_SCALARS,
             _ => shaders::GATHER_GRADIENTS,
         };
-        let maximum = ("MAXIMUM", flag(key.model == Model::Mip));
+        let maximum = ("MAXIMUM", flag(matches!(key.model, Model::Mip | Model::Minip)));
+        let mean = ("MEAN", flag(key.model == Model::Average));
         let lights = ("LIGHTS", f64::from(key.lights));
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let bindings = [Binding::Uniform, volume, Binding::Read, Binding::Write, Binding::Uniform, transfer];
@@ -126,7 +127,7 @@ impl Stage {
             shader,
             "gather",
             &bindings,
-            &[perspective, terms, texels, straight, scalars, maximum, lights, crowded, grown, reach],
+            &[perspective, terms, texels, straight, scalars, maximum, mean, lights, crowded, grown, reach],
         )
     }
 }
