@@ -164,7 +164,7 @@ fn final_depth(ray: RayState) -> f32 {
 fn finished(ray: RayState) -> vec4f {
     let depth = final_depth(ray);
     if RESPONSE > 0u {
-        return response(depth, rays.curve);
+        return response(depth, rays.model);
     }
     let alpha = absorbed(depth);
     let color = ray.color * min(alpha / max(absorbed(ray.depth), 1e-30), 1.0);
@@ -263,7 +263,7 @@ fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
     gathered_before[index] = vec4f(value.rgb, final_depth(ray));
     var shown = vec4f(before.rgb, absorbed(before.w));
     if RESPONSE > 0u {
-        shown = response(before.w, rays.curve);
+        shown = response(before.w, rays.model);
     }
     add_to_pixel(at, share * (value - shown));
 }

@@ -35,7 +35,7 @@ fn advance(
     let part = clamp(2.0 * (geometry.inside - middle), vec2f(-0.5), vec2f(0.5));
     if part.x < part.y {
         if MAXIMUM {
-            update_maximum(ray, behind, geometry, part);
+            update_maximum(ray, behind, geometry, part, middle);
         } else if MEAN {
             // Skipped space is 0, the base, and adds nothing.
             (*ray).color.x += integral_over(means_of(*ray, behind, geometry), part);
@@ -83,11 +83,19 @@ fn add_sample(ray: ptr<function, Marched>, color: vec3f, depth: f32) {
     (*ray).transmittance *= exp(-depth);
 }
 
-fn update_maximum(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, part: vec2f) {
+fn update_maximum(
+    ray: ptr<function, RayState>,
+    behind: vec4f,
+    geometry: RayGeometry,
+    part: vec2f,
+    middle: f32,
+) {
     let means = means_of(*ray, behind, geometry);
-    let largest = shown(largest_in(means, part), means, rays.invisible);
-    (*ray).color.x = select(largest, max(largest, (*ray).color.x), (*ray).color.y > 0.0);
-    (*ray).color.y = 1.0;
+    let largest = largest_in(means, part);
+    let scalar = shown(largest.x, means, rays.invisible);
+    let so_far = (*ray).color;
+    let found = vec3f(scalar, 1.0, middle + 0.5 * largest.y);
+    (*ray).color = select(so_far, found, so_far.y <= 0.0 || scalar > so_far.x);
 }
 
 // A run of planes begins: nothing before it is pending.
@@ -96,9 +104,9 @@ fn begin_run(ray: ptr<function, RayState>) {
     (*ray).slab = vec4f(0.0);
 }
 
-// The largest scalar may be the last one.
+// The largest scalar may be the last one, and all count for the mean.
 fn is_opaque(ray: RayState) -> bool {
-    return !MAXIMUM && ray.depth > rays.opaque_depth;
+    return !MAXIMUM && !MEAN && ray.depth > rays.opaque_depth;
 }
 
 // Planes after the last of a run: kernels reach so many planes beyond it, and slabs are composited as many late. A
@@ -224,8 +232,9 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
             // Slabs are half a plane thick.
             scalar *= 0.5 / max(planes, 1e-30);
         }
-        let c = classified(scalar, rays.lookup).value;
-        value = select(vec4f(0.0), vec4f(c.rgb * c.a, c.a), planes > 0.0);
+        let place = vec3f(geometry.base + ray.color.z * geometry.shear, ray.color.z);
+        let depth = dot(rays.model.xyz, place) + rays.model.w;
+        value = select(vec4f(0.0), projected(scalar, depth, rays.lookup), planes > 0.0);
     }
     add_to_pixel(at, share * value);
 }

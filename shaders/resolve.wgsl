@@ -13,7 +13,7 @@ fn resolve(@builtin(global_invocation_id) id: vec3u) {
     // Cells may absorb a little less than nothing.
     let depth = max(pixel.a, 0.0);
     if RESPONSE > 0u {
-        pixels[index] = response(depth, frame.curve);
+        pixels[index] = response(depth, frame.model);
     } else {
         let alpha = absorbed(depth);
         pixels[index] = vec4f(clamp(pixel.rgb, vec3f(0.0), vec3f(alpha)), alpha);

@@ -254,18 +254,20 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
 // The mean is kept instead of the largest scalar.
 override MEAN: bool = false;
 
-// The largest scalar so far (x; y is 1 once there is one), or the integral (x) over a length in sheets (y), updated
-// with one more sheet.
-fn updated_projection(so_far: vec2f, means: vec3f, ray: PixelRay, z: f32) -> vec2f {
+// The largest scalar so far (x; y is 1 once there is one; z is its view depth), or the integral (x) over a length in
+// sheets (y), updated with one more sheet.
+fn updated_projection(so_far: vec3f, means: vec3f, ray: PixelRay, z: f32) -> vec3f {
     let part = part_of_sheet(ray, z);
     if part.x >= part.y {
         return so_far;
     }
     if MEAN {
-        return so_far + vec2f(integral_over(from_eye(means, z), part), part.y - part.x);
+        return so_far + vec3f(integral_over(from_eye(means, z), part), part.y - part.x, 0.0);
     }
-    let largest = shown(largest_in(from_eye(means, z), part), means, shading.invisible);
-    return vec2f(select(largest, max(largest, so_far.x), so_far.y > 0.0), 1.0);
+    let largest = largest_in(from_eye(means, z), part);
+    let scalar = shown(largest.x, means, shading.invisible);
+    let found = vec3f(scalar, 1.0, z + (largest.y + 0.5) * frame.sheet_step);
+    return select(so_far, found, so_far.y <= 0.0 || scalar > so_far.x);
 }
 
 @compute @workgroup_size(8, 8)
@@ -282,7 +284,7 @@ fn project(@builtin(global_invocation_id) id: vec3u) {
     let m = means_at(pixel_at);
     let step = frame.sheet_step;
     var z = shading.depth;
-    var so_far = updated_projection(pixels[index].xy, vec3f(m.before.yz, m.a.x), ray, z);
+    var so_far = updated_projection(pixels[index].xyz, vec3f(m.before.yz, m.a.x), ray, z);
     z += step;
     so_far = updated_projection(so_far, vec3f(m.before.z, m.a.xy), ray, z);
     z += step;
@@ -299,7 +301,7 @@ fn project(@builtin(global_invocation_id) id: vec3u) {
         z += step;
         so_far = updated_projection(so_far, m.b.yzw, ray, z);
     }
-    pixels[index] = vec4f(so_far, 0.0, 0.0);
+    pixels[index] = vec4f(so_far, 0.0);
 }
 
 // From the scalar that is kept to its colour.
@@ -312,7 +314,8 @@ fn resolve_projection(@builtin(global_invocation_id) id: vec3u) {
     let kept = pixels[index];
     var color = vec4f(0.0);
     if kept.y > 0.0 {
-        color = classified(select(kept.x, kept.x / kept.y, MEAN), shading.lookup).value;
+        let depth = frame.model.x * kept.z + frame.model.y;
+        color = projected(select(kept.x, kept.x / kept.y, MEAN), depth, shading.lookup);
     }
-    pixels[index] = vec4f(color.rgb * color.a, color.a);
+    pixels[index] = color;
 }

@@ -187,6 +187,10 @@ pub struct Settings {
     pub model: Model,
     /// What an X-ray shows of the optical depth along a ray.
     pub response: Response,
+    /// Whether the colours of a maximum or a minimum tell how deep it lies: red nearest, through yellow, green, cyan
+    /// and blue, to violet farthest, along the view and between the nearest and the farthest corner of the box of the
+    /// voxels. As bright as the brightest channel of the transfer function's colour, which gives alpha as well.
+    pub depth_coded: bool,
     /// When the transfer function is applied.
     pub shading: Shading,
     /// The light on surfaces; `None`: colours are those of the transfer function.
@@ -221,6 +225,7 @@ impl Default for Settings {
         Self {
             model: Model::default(),
             response: Response::default(),
+            depth_coded: false,
             shading: Shading::default(),
             lighting: None,
             interslice: Interslice::default(),
@@ -380,6 +385,11 @@ impl Settings {
                 !xray && self.response != Response::default(),
                 "response",
                 "only an X-ray shows the optical depth of rays: expected absorption",
+            ),
+            (
+                self.depth_coded && !matches!(self.model, Model::Mip | Model::Minip),
+                "depth_coded",
+                "only a maximum or a minimum lies at a depth: the model is neither mip nor minip",
             ),
             (xray && self.shading == Shading::Post, "shading", "an X-ray adds up voxels' extinction: it is pre-shaded"),
             (xray && axis, "sheets", "an X-ray has one sheet, axis does not go"),

@@ -200,6 +200,10 @@ pub(super) struct ModelArgs {
     #[arg(long, value_name = "absorption|window[:LOW,HIGH]|film[:EXPOSURE,GAMMA]|depth", default_value = "absorption",
         value_parser = parse::response, help_heading = "Model")]
     pub(super) response: Response,
+    /// Projections mip and minip: colours tell how deep the value lies, from red (nearest) to violet (farthest); the
+    /// transfer function tells how bright they are
+    #[arg(long, help_heading = "Model")]
+    pub(super) depth_coded: bool,
     /// Classify and light voxels before reconstruction (pre: fast) or pixels after it (post: sharp)
     #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = one_of(Shading::ALL, Shading::name),
         help_heading = "Model")]

@@ -156,6 +156,10 @@ fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings, output: &Path) 
     let FigureArgs { scale_bar, axes, colour_bar: color_bar, title, caption, length_unit, value_unit } = args;
     let figure = Figure { scale_bar, axes, color_bar, title, caption };
     figure.validate(size, settings.model)?;
+    if figure.color_bar && settings.depth_coded {
+        let message = "--colour-bar shows the colours of values, and with --depth-coded they are those of depths";
+        return Err(Failure::Usage(message.to_owned()));
+    }
     if !figure.is_empty() && is_exr(output) {
         let options = "--scale-bar, --axes, --colour-bar, --title and --caption";
         return Err(Failure::Usage(format!("{options} are drawn on a .png: an .exr keeps the values of the picture")));
@@ -168,6 +172,7 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
     let settings = Settings {
         model: model.model,
         response: model.response,
+        depth_coded: model.depth_coded,
         shading: model.shading,
         lighting: lighting(model, view)?,
         interslice: model.interslice,
@@ -346,6 +351,9 @@ impl ParetoJob {
     pub(super) fn new(args: ParetoArgs) -> Result<Self, Failure> {
         let first = view(&args.view)?;
         let settings = settings(&args.model, Painter::Auto, &first)?;
+        if settings.response == Response::Depth {
+            return Err(Failure::Usage("--response depth is no picture for a report: window shows it".to_owned()));
+        }
         Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         let turned = |i: u32| {
             let elevations = [0.0, 25.0, -35.0, 55.0, -15.0];

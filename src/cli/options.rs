@@ -65,6 +65,9 @@ pub(super) fn options_of(settings: &Settings) -> Vec<String> {
             }
         }
     }
+    if settings.depth_coded {
+        options.push("--depth-coded".to_owned());
+    }
     options
 }
 

@@ -111,7 +111,7 @@ pub(crate) struct Frame {
     pub tile_size: u32,
     pub level_spread: f32,
     pub _pad: u32,
-    pub curve: [f32; 4],
+    pub model: [f32; 4],
 }
 
 /// Parameters of `sort`; shaders/sort.wgsl.
@@ -279,7 +279,7 @@ pub(crate) struct Rays {
     pub fade_in: [f32; 2],
     pub fade_out: [f32; 2],
     pub _pad: [f32; 2],
-    pub curve: [f32; 4],
+    pub model: [f32; 4],
     /// Those of near slabs, then those of far ones.
     pub sections: [[[Section; SECTIONS]; SECTION_POWERS]; 2],
 }

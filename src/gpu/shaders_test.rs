@@ -149,7 +149,7 @@ fn structs_are_laid_out_alike() {
         growth_around,
         fade_in,
         fade_out,
-        curve,
+        model,
         sections
     });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, colors, shininess });
@@ -187,7 +187,7 @@ fn structs_are_laid_out_alike() {
         tiles,
         tile_size,
         level_spread,
-        curve,
+        model,
     });
 }
 

@@ -636,6 +636,8 @@ impl Integral {
 pub(super) struct Maximum {
     /// `None` before the first stretch.
     pub(super) largest: Option<f64>,
+    /// Where it is on the ray, in voxels.
+    pub(super) place: f64,
     /// Up to where the ray was searched.
     pub(super) position: f64,
 }
@@ -651,7 +653,8 @@ impl Maximum {
         block.pieces(cuts, |&Piece { series, from: a, to: b, .. }| {
             self.empty(block.middle + block.half * a);
             self.position = block.middle + block.half * b;
-            self.search(&series.combined(&[1.0, 0.0, 0.0, 0.0]), a, b);
+            let place = |x: f64| block.middle + block.half * x;
+            self.search(&series.combined(&[1.0, 0.0, 0.0, 0.0]), &place, a, b);
             true
         });
     }
@@ -659,29 +662,31 @@ impl Maximum {
     /// Looks at what is empty up to a position.
     pub(super) fn empty(&mut self, to: f64) {
         if to - self.position > GAP {
-            self.take(0.0);
+            self.take(0.0, self.position);
             self.position = to;
         }
     }
 
-    fn take(&mut self, value: f64) {
-        self.largest = Some(self.largest.map_or(value, |l| l.max(value)));
+    fn take(&mut self, value: f64, place: f64) {
+        if self.largest.is_none_or(|largest| value > largest) {
+            (self.largest, self.place) = (Some(value), place);
+        }
     }
 
     /// Branch and bound: parts that cannot hold the maximum are left alone.
-    fn search(&mut self, scalar: &Scalar, a: f64, b: f64) {
+    fn search(&mut self, scalar: &Scalar, place: &impl Fn(f64) -> f64, a: f64, b: f64) {
         let Range { middle, spread, monotone } = scalar.range(a, b);
         if self.largest.is_some_and(|l| middle + spread <= l) {
             return;
         }
-        self.take(middle);
+        self.take(middle, place(f64::midpoint(a, b)));
         if monotone {
-            self.take(scalar.at(a));
-            self.take(scalar.at(b));
+            self.take(scalar.at(a), place(a));
+            self.take(scalar.at(b), place(b));
         } else if spread > ROUNDING * middle.abs() {
             let middle = f64::midpoint(a, b);
-            self.search(scalar, a, middle);
-            self.search(scalar, middle, b);
+            self.search(scalar, place, a, middle);
+            self.search(scalar, place, middle, b);
         }
     }
 }

@@ -37,6 +37,10 @@
 //! **Maximum intensity.** With m the largest f on the ray's part in the box, alpha is the opacity of m over the largest
 //! of the transfer function and the pixel's colour that of m times alpha; no pixel if the ray misses the box.
 //!
+//! Coded by depth, the colour is the hue of the place x of m times the largest channel of the colour of m: with v the
+//! view's direction, h = 4.5 (1/2 + (x - middle of the box) . v / (depth of the box along v)), red, green and blue are
+//! |h - 3| - 1, 2 - |h - 2| and 2 - |h - 4|, each cut off at 0 and 1.
+//!
 //! **Minimum and average intensity.** The same with the smallest f, and with the mean of f over the ray's part in the
 //! box. A minimum is the maximum of -f_j by the transfer function mirrored at 0; b is the base of that.
 //!
@@ -125,6 +129,7 @@ pub struct Reference {
     longest: f64,
     accuracy: Accuracy,
     antialiasing: bool,
+    depth_coded: bool,
     method: Method,
     progress: Progress,
 }
@@ -195,6 +200,7 @@ impl Reference {
                 steps: 1.0,
             },
             antialiasing: settings.antialiasing,
+            depth_coded: settings.depth_coded,
             method,
             progress: Progress::default(),
         };
@@ -336,10 +342,23 @@ impl Reference {
         rays.trace(origin, direction, two_sided, &mut Scratch::default())
     }
 
-    /// The pixel of the sum of splats that a projection keeps.
-    fn projected(&self, transfer: &TransferFunction, sum: f64) -> RayIntegral {
+    /// The share of a lattice place in the depth of the box along a direction of view.
+    fn depth(&self, forward: DVec3, place: DVec3) -> f64 {
+        let gradient = self.grid.to_world().matrix3.transpose() * forward;
+        let dims = DVec3::from_array(self.grid.dims().map(f64::from));
+        0.5 + gradient.dot(place - (dims - 1.0) / 2.0) / gradient.abs().dot(dims)
+    }
+
+    /// The pixel of the sum of splats that a projection keeps, coded by its depth if there is one.
+    fn projected(&self, transfer: &TransferFunction, sum: f64, depth: Option<f64>) -> RayIntegral {
         let most = transfer.max_opacity();
-        let (color, opacity) = transfer.sample(transfer.base() + sum / self.divisor);
+        let (mut color, opacity) = transfer.sample(transfer.base() + sum / self.divisor);
+        if let Some(depth) = depth {
+            let h = 4.5 * depth.clamp(0.0, 1.0);
+            let hue = [(h - 3.0).abs() - 1.0, 2.0 - (h - 2.0).abs(), 2.0 - (h - 4.0).abs()];
+            let bright = color.into_iter().fold(0.0, f64::max);
+            color = hue.map(|channel| bright * channel.clamp(0.0, 1.0));
+        }
         RayIntegral::uniform(color, if most > 0.0 { opacity / most } else { 0.0 })
     }
 
@@ -365,7 +384,7 @@ impl Reference {
             Some(bricks) => Either::Shared(bricks),
             None => Either::Own(Bricks::new(&self.splats, viewer, rounded)),
         };
-        Rays { reference: self, sizes, bricks, map: if many { self.map(sizes) } else { None } }
+        Rays { reference: self, sizes, forward: direction, bricks, map: if many { self.map(sizes) } else { None } }
     }
 
     /// The most that can show at each place.
@@ -398,6 +417,8 @@ impl Reference {
 struct Rays<'a> {
     reference: &'a Reference,
     sizes: Sizes,
+    /// The direction of the view.
+    forward: DVec3,
     bricks: Either<'a>,
     map: Option<Map>,
 }
@@ -481,7 +502,7 @@ impl Rays<'_> {
                 classified.sum
             }
             Method::Maximum(transfer) => {
-                let mut maximum = Maximum { largest: None, position: ray.start };
+                let mut maximum = Maximum { largest: None, place: ray.start, position: ray.start };
                 let mut search = |maximum: &mut Maximum, part: LatticeRay| {
                     maximum.position = part.start;
                     self.blocks(part, scratch, |block, cuts| {
@@ -498,7 +519,9 @@ impl Rays<'_> {
                     search(&mut maximum, part);
                     true
                 });
-                reference.projected(transfer, maximum.largest.unwrap_or_default())
+                let place = ray.origin + ray.direction * maximum.place;
+                let depth = reference.depth_coded.then(|| reference.depth(self.forward, place));
+                reference.projected(transfer, maximum.largest.unwrap_or_default(), depth)
             }
             Method::Mean(transfer) => {
                 let mut integral = Integral(0.0);
@@ -508,7 +531,7 @@ impl Rays<'_> {
                         true
                     })
                 });
-                reference.projected(transfer, integral.0 / (ray.end - ray.start))
+                reference.projected(transfer, integral.0 / (ray.end - ray.start), None)
             }
         }
     }

@@ -77,7 +77,7 @@ fn minimum_and_average_follow_the_reference() {
     let stepped = transfer(&[(0.0, dark, 0.2), (0.4, light, 0.4), (0.4, dark, 0.9), (1.0, light, 0.9)], None);
     for (model, kernel, transfer, most) in [
         (Model::Minip, Kernel::KAISER_BESSEL, &ramp, 6e-3),
-        (Model::Minip, Kernel::default(), &ramp, 2e-2),
+        (Model::Minip, Kernel::default(), &ramp, 3e-2),
         (Model::Average, Kernel::KAISER_BESSEL, &ramp, 1.5e-3),
         (Model::Average, Kernel::default(), &ramp, 4e-3),
         (Model::Average, Kernel::KAISER_BESSEL, &stepped, 2e-2),
@@ -117,7 +117,7 @@ fn what_is_outside_of_the_box_does_not_count() {
     let volume = Volume::new(grid, Samples::F32(values)).unwrap();
     let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (16.0, [1.0; 3], 0.8)], None);
     let along = |direction: DVec3| {
-        let view = View { direction: Some(direction), zoom: 2.0, ..View::default() };
+        let view = View { direction: Some(direction), view_height: Some(8.0), ..View::default() };
         look(&view, &volume, [9; 2])
     };
     for (model, of_ramp) in [(Model::Minip, 1.0), (Model::Mip, 16.0), (Model::Average, 8.5)] {
@@ -149,6 +149,46 @@ fn the_mean_of_one_bright_voxel_is_exact() {
             let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings), &expected);
             let painter = &settings.painter;
             assert!(color < 6e-4 && alpha < 6e-4, "{projection:?} {painter:?}: {color:e} {alpha:e}");
+        }
+    }
+}
+
+#[test]
+fn colours_of_depth_follow_the_reference() {
+    let (volume, _) = demo("vessels", 32);
+    let ramp = transfer(&[(0.0, [0.1, 0.0, 0.0], 0.0), (100.0, [1.0, 0.9, 0.8], 0.9)], None);
+    for (model, azimuth) in [(Model::Mip, 30.0), (Model::Mip, 250.0), (Model::Minip, 120.0)] {
+        for projection in PROJECTIONS {
+            let camera = camera(azimuth, projection, &volume, 64);
+            for plain in both_painters(model, Kernel::KAISER_BESSEL) {
+                let settings = Settings { depth_coded: true, ..plain };
+                let expected = truth(&volume, &ramp, &camera, &settings);
+                let rms = rms_covered(&render(&volume, &ramp, &camera, &settings), &expected);
+                let painter = &settings.painter;
+                println!("{model} {azimuth} {projection:?} {painter:?}: {rms:e}");
+                // Single pixels have two maxima nearly alike, at different depths.
+                assert!(rms < 2e-2, "{model} {azimuth} {projection:?} {painter:?}: {rms:e}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_nearest_is_red_and_the_farthest_violet() {
+    // Bright planes at one end of a box that is seen along z from below.
+    let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], 0.9)], None);
+    for (bright, expected) in [(0, [1.0, 0.0, 0.0]), (8, [0.0, 1.0, 0.25]), (16, [1.0, 0.0, 1.0])] {
+        let values: Vec<f32> = (0..17_u32.pow(3)).map(|i| if i / (17 * 17) == bright { 1.0 } else { 0.0 }).collect();
+        let volume = Volume::new(Grid::axis_parallel([17; 3], [1.0; 3]).unwrap(), Samples::F32(values)).unwrap();
+        let view = View { direction: Some(DVec3::Z), up: DVec3::Y, view_height: Some(8.0), ..View::default() };
+        for settings in both_painters(Model::Mip, Kernel::KAISER_BESSEL) {
+            let settings = Settings { depth_coded: true, ..settings };
+            let picture = render(&volume, &transfer, &look(&view, &volume, [9; 2]), &settings);
+            let [r, g, b, a] = picture.pixels()[40].map(f64::from);
+            let color = [r / a, g / a, b / a];
+            // A plane's maximum is half a voxel off an end of the box, or up to a voxel in what repeats its end.
+            let off = (0..3).map(|c| (color[c] - expected[c]).abs()).fold(0.0, f64::max);
+            assert!(off < 0.3, "{bright} {:?}: {color:?}", settings.painter);
         }
     }
 }

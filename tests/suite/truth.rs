@@ -76,8 +76,19 @@ fn key(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: 
         hash.add(&memory.value(index).to_bits().to_le_bytes());
     }
     // Numbers are written with as many digits as it takes to tell them apart.
-    let Settings { model, response, shading, lighting, antialiasing, kernel, normalization, sharpness, .. } = settings;
-    let model = (model, response, shading, lighting, antialiasing, kernel, normalization, sharpness);
+    let Settings {
+        model,
+        response,
+        depth_coded,
+        shading,
+        lighting,
+        antialiasing,
+        kernel,
+        normalization,
+        sharpness,
+        ..
+    } = settings;
+    let model = (model, response, depth_coded, shading, lighting, antialiasing, kernel, normalization, sharpness);
     hash.add(format!("{:?} {transfer:?} {camera:?} {model:?}", volume.grid()).as_bytes());
     hash.0
 }

@@ -50,6 +50,8 @@ pub(crate) struct QuadsKey {
     pub(crate) feed: Feed,
     /// RESPONSE in shaders/common/response.wgsl.
     pub(crate) response: u32,
+    /// Colours are those of depth.
+    pub(crate) depth_coded: bool,
     pub(crate) perspective: bool,
     /// Kernels grow.
     pub(crate) grown: bool,

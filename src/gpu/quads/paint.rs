@@ -69,6 +69,7 @@ impl<'a> Picture<'a> {
         let key = QuadsKey {
             feed,
             response: settings.xray_response().0,
+            depth_coded: settings.depth_coded,
             perspective: view.is_perspective(),
             grown: view.max_growth() > 1.0,
             axis: plan.is_axis_aligned(),

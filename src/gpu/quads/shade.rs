@@ -60,7 +60,7 @@ impl ShadeStage {
         let (entry, constants) = if key.feed.projects() { ("project", &projection) } else { ("shade", &shading) };
         let shade = compute(context, &shader, "shade", entry, &shade_layout, constants);
         let (resolve_layout, resolve) = if key.feed.projects() {
-            let constants = [crowded, mean];
+            let constants = [crowded, mean, ("DEPTH_CODED", flag(key.depth_coded))];
             let pipeline = compute(context, &shader, "shade", "resolve_projection", &shade_layout, &constants);
             (shade_layout.clone(), pipeline)
         } else {

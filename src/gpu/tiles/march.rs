@@ -116,6 +116,7 @@ impl Stage {
         };
         let maximum = ("MAXIMUM", flag(matches!(key.model, Model::Mip | Model::Minip)));
         let mean = ("MEAN", flag(key.model == Model::Average));
+        let coded = ("DEPTH_CODED", flag(key.depth_coded));
         let lights = ("LIGHTS", f64::from(key.lights));
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let bindings = [Binding::Uniform, volume, Binding::Read, Binding::Write, Binding::Uniform, transfer];
@@ -127,7 +128,7 @@ impl Stage {
             shader,
             "gather",
             &bindings,
-            &[perspective, terms, texels, straight, scalars, maximum, mean, lights, crowded, grown, reach],
+            &[perspective, terms, texels, straight, scalars, maximum, mean, coded, lights, crowded, grown, reach],
         )
     }
 }

@@ -81,6 +81,8 @@ pub(crate) struct TilesKey {
     model: Model,
     /// RESPONSE in shaders/common/response.wgsl.
     response: u32,
+    /// Colours are those of depth.
+    depth_coded: bool,
     voxel: Voxel,
     lights: u32,
     perspective: bool,

@@ -184,6 +184,7 @@ impl<'a> Picture<'a> {
         TilesKey {
             model: settings.model,
             response: settings.xray_response().0,
+            depth_coded: settings.depth_coded,
             voxel: way.packing.voxel,
             lights: settings.light_count(),
             crowded: self.job.transfer.is_some_and(|table| table.crowded),
@@ -366,6 +367,7 @@ impl<'a> Picture<'a> {
                     _ => weights.brightest,
                 },
                 curve: settings.xray_response().1,
+                depth_coded: settings.depth_coded,
             },
             scalars,
         }

@@ -530,6 +530,7 @@ fn rays_meet_no_voxel_between_runs() {
                     max_depth: 0.1,
                     brightest: [1.0; 3],
                     curve: [0.0; 4],
+                    depth_coded: false,
                 },
                 scalars: None,
             };
