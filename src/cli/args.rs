@@ -12,7 +12,7 @@ use voxsplat::reconstruction::Signal;
 use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Resolution, Response, Shading, Sheets};
 use voxsplat::volume::{Endian, SampleType};
 
-use super::parse::{self, LightArg, Occlusion, one_of};
+use super::parse::{self, GradientOpacity, LightArg, Occlusion, one_of};
 
 /// Renders voxel volumes by splatting on the GPU.
 #[derive(Debug, Parser)]
@@ -189,6 +189,11 @@ pub(super) struct ModelArgs {
     /// grayscale, gray, viridis or inferno [default: suggested by the data; see `voxsplat info`]
     #[arg(long, value_name = "FILE.json|PRESET", help_heading = "Model")]
     pub(super) transfer: Option<PathBuf>,
+    /// Gradient opacity: opacities are multiplied by O, 0 to 1, where the value changes by M per world unit; linear
+    /// between the points, and constant beyond them. So flat insides become clear and surfaces stay. Or off
+    /// [default: what the transfer function has]
+    #[arg(long, value_name = "M:O,M:O,..|off", value_parser = parse::gradient_opacity, help_heading = "Model")]
+    pub(super) gradient_opacity: Option<GradientOpacity>,
     /// What a pixel is: composite (emission and absorption), xray (absorption only, white), mip (the largest value of
     /// its ray, coloured by the transfer function), minip (the smallest) or average (the mean)
     #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = one_of(Model::ALL, Model::name),

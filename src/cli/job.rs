@@ -18,7 +18,7 @@ use super::args::{
     CompareArgs, FigureArgs, FrameArg, ModelArgs, PainterArg, PainterArgs, ParetoArgs, ProjectionArg, RenderArgs,
     StatsFormat, SwitchArg, ViewArgs,
 };
-use super::parse::{LightArg, Occlusion, PlaceArg};
+use super::parse::{GradientOpacity, LightArg, Occlusion, PlaceArg};
 
 /// The default space around what is fitted, if there are texts above or below.
 const FIGURE_MARGIN: f64 = 0.1;
@@ -71,6 +71,8 @@ pub(super) struct RenderJob {
     pub(super) source: PathBuf,
     pub(super) load: LoadOptions,
     pub(super) transfer: Transfer,
+    /// What replaces the gradient opacity of the transfer function.
+    pub(super) gradient: Option<GradientOpacity>,
     pub(super) view: View,
     pub(super) frame: FrameArg,
     /// Width and height of the picture, pixels.
@@ -128,6 +130,7 @@ impl RenderJob {
             load: args.input.options(),
             source: args.input.source,
             transfer,
+            gradient: args.model.gradient_opacity,
             view,
             frame: frame(&args.view),
             size: args.size,
@@ -185,6 +188,9 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         painter,
     };
     settings.validate()?;
+    if model.model == Model::Mip && model.gradient_opacity.is_some() {
+        return Err(Failure::Usage("--gradient-opacity: a maximum intensity projection has none".to_owned()));
+    }
     Ok(settings)
 }
 
@@ -329,6 +335,8 @@ pub(super) struct ParetoJob {
     pub(super) source: PathBuf,
     pub(super) load: LoadOptions,
     pub(super) transfer: Transfer,
+    /// What replaces the gradient opacity of the transfer function.
+    pub(super) gradient: Option<GradientOpacity>,
     /// The view asked for, and others.
     pub(super) views: Vec<View>,
     pub(super) frame: FrameArg,
@@ -370,6 +378,7 @@ impl ParetoJob {
             load: args.input.options(),
             source: args.input.source,
             transfer,
+            gradient: args.model.gradient_opacity,
             views,
             frame: frame(&args.view),
             size: args.size,
