@@ -1,7 +1,8 @@
 // shade: post-shading (Mueller, Moeller and Crawfis 1999, "Splatting without the blur"). Sheets hold means of the
 // scalar: those of a batch, and the last two of the batch before. Each sheet is classified and lit for each pixel,
-// between its two neighbours, and composited; so shading is one sheet behind splatting. `maximum` keeps the largest
-// scalar instead. Scalars are relative to the transfer function's base, so that the space between splats is 0.
+// between its two neighbours, and composited; so shading is one sheet behind splatting. `project` keeps the largest
+// scalar instead, or the mean. Scalars are relative to the transfer function's base, so that the space between splats
+// is 0.
 
 // Sheets of a batch: 4 or 8. They are four to a layer; if they are lit, each is a layer of (gradient, scalar), and the
 // gradient is along the axes of the lattice.
@@ -270,18 +271,27 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     pixels[index] = pixel;
 }
 
-// The largest scalar so far (x; y is 1 once there is one), updated with one more sheet.
-fn updated_maximum(so_far: vec2f, means: vec3f, ray: PixelRay, z: f32) -> vec2f {
+// The mean is kept instead of the largest scalar.
+override MEAN: bool = false;
+
+// The largest scalar so far (x; y is 1 once there is one; z is its view depth), or the integral (x) over a length in
+// sheets (y), updated with one more sheet.
+fn updated_projection(so_far: vec3f, means: vec3f, ray: PixelRay, z: f32) -> vec3f {
     let part = part_of_sheet(ray, z);
     if part.x >= part.y {
         return so_far;
     }
-    let largest = shown(largest_in(from_eye(means, z), part), means, shading.invisible);
-    return vec2f(select(largest, max(largest, so_far.x), so_far.y > 0.0), 1.0);
+    if MEAN {
+        return so_far + vec3f(integral_over(from_eye(means, z), part), part.y - part.x, 0.0);
+    }
+    let largest = largest_in(from_eye(means, z), part);
+    let scalar = shown(largest.x, means, shading.invisible);
+    let found = vec3f(scalar, 1.0, z + (largest.y + 0.5) * frame.sheet_step);
+    return select(so_far, found, so_far.y <= 0.0 || scalar > so_far.x);
 }
 
 @compute @workgroup_size(8, 8)
-fn maximum(@builtin(global_invocation_id) id: vec3u) {
+fn project(@builtin(global_invocation_id) id: vec3u) {
     let pixel_at = shading.low + id.xy;
     if any(pixel_at >= shading.high) {
         return;
@@ -294,37 +304,38 @@ fn maximum(@builtin(global_invocation_id) id: vec3u) {
     let m = means_at(pixel_at);
     let step = frame.sheet_step;
     var z = shading.depth;
-    var so_far = updated_maximum(pixels[index].xy, vec3f(m.before.yz, m.a.x), ray, z);
+    var so_far = updated_projection(pixels[index].xyz, vec3f(m.before.yz, m.a.x), ray, z);
     z += step;
-    so_far = updated_maximum(so_far, vec3f(m.before.z, m.a.xy), ray, z);
+    so_far = updated_projection(so_far, vec3f(m.before.z, m.a.xy), ray, z);
     z += step;
-    so_far = updated_maximum(so_far, m.a.xyz, ray, z);
+    so_far = updated_projection(so_far, m.a.xyz, ray, z);
     z += step;
-    so_far = updated_maximum(so_far, m.a.yzw, ray, z);
+    so_far = updated_projection(so_far, m.a.yzw, ray, z);
     if SHEETS > 4u {
         z += step;
-        so_far = updated_maximum(so_far, vec3f(m.a.zw, m.b.x), ray, z);
+        so_far = updated_projection(so_far, vec3f(m.a.zw, m.b.x), ray, z);
         z += step;
-        so_far = updated_maximum(so_far, vec3f(m.a.w, m.b.xy), ray, z);
+        so_far = updated_projection(so_far, vec3f(m.a.w, m.b.xy), ray, z);
         z += step;
-        so_far = updated_maximum(so_far, m.b.xyz, ray, z);
+        so_far = updated_projection(so_far, m.b.xyz, ray, z);
         z += step;
-        so_far = updated_maximum(so_far, m.b.yzw, ray, z);
+        so_far = updated_projection(so_far, m.b.yzw, ray, z);
     }
-    pixels[index] = vec4f(so_far, 0.0, 0.0);
+    pixels[index] = vec4f(so_far, 0.0);
 }
 
-// From the largest scalar to its colour.
+// From the scalar that is kept to its colour.
 @compute @workgroup_size(8, 8)
-fn resolve_maximum(@builtin(global_invocation_id) id: vec3u) {
+fn resolve_projection(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= frame.region) {
         return;
     }
     let index = id.y * frame.region.x + id.x;
-    let largest = pixels[index];
+    let kept = pixels[index];
     var color = vec4f(0.0);
-    if largest.y > 0.0 {
-        color = classified(largest.x, shading.lookup).value;
+    if kept.y > 0.0 {
+        let depth = frame.model.x * kept.z + frame.model.y;
+        color = projected(select(kept.x, kept.x / kept.y, MEAN), depth, shading.lookup);
     }
-    pixels[index] = vec4f(color.rgb * color.a, color.a);
+    pixels[index] = color;
 }

@@ -125,6 +125,8 @@ impl Renderer {
     pub fn prepare(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Scene> {
         settings.validate()?;
         volume.check_finite()?;
+        let mirrored = settings.mirrored(volume, transfer)?;
+        let (volume, transfer) = mirrored.as_ref().map_or((volume, transfer), |(volume, transfer)| (volume, transfer));
         let context = &self.context;
         if settings.is_post_shaded() {
             let prepare = || Scene::of_scalars(context, volume, transfer, settings, &self.progress);

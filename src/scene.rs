@@ -78,6 +78,8 @@ struct Scalars {
     pyramid: Pyramid,
     transfer: TransferFunction,
     reduction: Reduction,
+    /// The model that it was prepared for.
+    model: Model,
     shows: Shows,
     /// What scalars are classified by, for cells of a level.
     table: Mutex<Option<(u32, Arc<TransferTable>)>>,
@@ -130,7 +132,12 @@ pub(crate) struct Wanted<'a> {
 }
 
 fn shows(settings: &Settings) -> Shows {
-    if settings.model == Model::Mip { Shows::Largest } else { Shows::Opaque }
+    match settings.model {
+        // The volume of a minimum is mirrored.
+        Model::Mip | Model::Minip => Shows::Largest,
+        Model::Average => Shows::Mean,
+        Model::Composite | Model::Xray => Shows::Opaque,
+    }
 }
 
 /// The distance that opacities are per, in units of [`Grid::local`].
@@ -193,6 +200,7 @@ impl Scene {
             pyramid: Pyramid::default(),
             transfer: transfer.clone(),
             reduction,
+            model: settings.model,
             shows,
             table: Mutex::default(),
             plateaus: OnceLock::new(),
@@ -360,7 +368,7 @@ impl Scene {
     pub(crate) fn drawn_with(&self, settings: &Settings) -> Settings {
         let mut settings = settings.clone();
         if let Content::Scalars(scalars) = &self.content
-            && scalars.shows == Shows::Opaque
+            && settings.model == Model::Composite
             && !scalars.transfer.gradient_opacity().is_empty()
         {
             settings.lighting.get_or_insert_with(Lighting::flat);
@@ -478,7 +486,7 @@ impl Scene {
             Content::Splats(_) if settings.is_post_shaded() => error("shading", "for pre-shading"),
             Content::Splats(voxels) if !voxels.lit && settings.lighting.is_some() => error("light", "without light"),
             Content::Scalars(_) if !settings.is_post_shaded() => error("shading", "for post-shading"),
-            Content::Scalars(scalars) if scalars.shows != shows(settings) => error("model", "for another model"),
+            Content::Scalars(scalars) if scalars.model != settings.model => error("model", "for another model"),
             Content::Scalars(scalars) if scalars.sharpened != settings.sharpens() => {
                 error("sharpness", "for another sharpness, or for that of another kernel")
             }

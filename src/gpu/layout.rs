@@ -122,6 +122,7 @@ pub(crate) struct Frame {
     pub tile_size: u32,
     pub level_spread: f32,
     pub _pad: u32,
+    pub model: [f32; 4],
 }
 
 /// Parameters of `sort`; shaders/sort.wgsl.
@@ -292,6 +293,7 @@ pub(crate) struct Rays {
     pub gradient_lookup: f32,
     pub _pad: f32,
     pub to_light: Affine,
+    pub model: [f32; 4],
     /// Those of near slabs, then those of far ones.
     pub sections: [[[Section; SECTIONS]; SECTION_POWERS]; 2],
 }

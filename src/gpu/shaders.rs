@@ -22,6 +22,7 @@ const LIGHTING: &str = include_str!("../../shaders/common/lighting.wgsl");
 const NORMAL: &str = include_str!("../../shaders/common/normal.wgsl");
 const PIXEL_RAY: &str = include_str!("../../shaders/common/pixel_ray.wgsl");
 const ABSORBED: &str = include_str!("../../shaders/common/absorbed.wgsl");
+const RESPONSE: &str = include_str!("../../shaders/common/response.wgsl");
 const DISPATCH: &str = include_str!("../../shaders/common/dispatch.wgsl");
 const FRAME: &str = include_str!("../../shaders/common/frame.wgsl");
 const PACKING: &str = include_str!("../../shaders/common/packing.wgsl");
@@ -77,7 +78,7 @@ pub(crate) const SHADE: Shader = Shader {
     ],
 };
 pub(crate) const RESOLVE: Shader =
-    Shader { name: "resolve", parts: &[include_str!("../../shaders/resolve.wgsl"), FRAME, ABSORBED] };
+    Shader { name: "resolve", parts: &[include_str!("../../shaders/resolve.wgsl"), FRAME, RESPONSE, ABSORBED] };
 pub(crate) const PACK: Shader = Shader {
     name: "pack",
     parts: &[include_str!("../../shaders/pack.wgsl"), PACKING, STORED_SPLAT, LIT_SPLAT, LIGHTING, NORMAL, DISPATCH],
@@ -94,6 +95,7 @@ pub(crate) const GATHER: Shader = Shader {
         VECTORS,
         RAYS,
         PACKING,
+        RESPONSE,
         ABSORBED,
     ],
 };

@@ -152,6 +152,7 @@ fn structs_are_laid_out_alike() {
         fade_out,
         gradient_lookup,
         to_light,
+        model,
         sections
     });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, colors, shininess });
@@ -189,6 +190,7 @@ fn structs_are_laid_out_alike() {
         tiles,
         tile_size,
         level_spread,
+        model,
     });
 }
 

@@ -114,7 +114,7 @@ impl TransferTable {
                 let [r, g, b] = color.map(|c| c * extinction);
                 [r, g, b, extinction]
             }
-            Shows::Largest => {
+            Shows::Largest | Shows::Mean => {
                 let [r, g, b] = color;
                 [r, g, b, opacity / transfer.max_opacity().max(f64::MIN_POSITIVE)]
             }
@@ -144,7 +144,7 @@ impl TransferTable {
     }
 }
 
-/// Colour times extinction, and extinction; of maxima colour and alpha.
+/// Colour times extinction, and extinction; of maxima and means colour and alpha.
 type Value = [f64; 4];
 
 fn mixed(a: Value, b: Value, f: f64) -> Value {

@@ -17,8 +17,8 @@ use crate::volume::{Grid, Samples, Volume};
 ///
 /// * pre-shading: extinction per world unit, then emission in red, green and blue (colour times extinction), of which
 ///   X-ray leaves the emission 0;
-/// * post-shading and maximum intensity: scalar less base, then the scalar's central differences along the lattice
-///   axes, 0 where neither light nor opacity depends on them.
+/// * post-shading and projections of intensity: scalar less base, then the scalar's central differences along the
+///   lattice axes, 0 where neither light nor opacity depends on them.
 pub(super) type Weights = [f64; 4];
 
 /// The weight of voxels that do not count.
@@ -42,8 +42,8 @@ pub(super) struct Splats {
     shadows: Option<Shadows>,
     /// From gradients along the lattice axes to such in the world.
     to_world: DMat3,
-    /// Whether weights are scalars, and the samples at the edge are repeated beyond it: post-shading and maximum
-    /// intensity.
+    /// Whether weights are scalars, and the samples at the edge are repeated beyond it: post-shading and projections
+    /// of intensity.
     repeats: bool,
     emits: bool,
     /// Whether what is reconstructed is composited, not the largest taken.
@@ -150,6 +150,11 @@ impl Splats {
     /// Whether gradients are reconstructed beside scalars.
     fn has_gradients(&self) -> bool {
         self.lighting.is_some() || (self.composites && !self.transfer.gradient_opacity().is_empty())
+    }
+
+    /// Whether scalars are reconstructed, in the box of the voxels.
+    pub(super) fn repeats(&self) -> bool {
+        self.repeats
     }
 
     pub(super) fn transfer(&self) -> &TransferFunction {

@@ -42,10 +42,11 @@ const ROUNDING: f64 = 1e-13;
 /// What a ray collects: colour (premultiplied) and optical depth.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RayIntegral {
-    /// C = integral of e(t) exp(-integral_0^t tau) dt, red, green and blue. X-ray and maximum intensity: their pixel.
+    /// C = integral of e(t) exp(-integral_0^t tau) dt, red, green and blue. Of the other models their pixel.
     pub color: [f64; 3],
-    /// The integral of tau, up to the end or to where the transmittance fell under 1e-12 or a quarter of the tolerance.
-    /// Maximum intensity: what has the alpha of its pixel, infinite for an alpha of 1.
+    /// The integral of tau, up to the end or to where the transmittance fell under 1e-12 or a quarter of the tolerance;
+    /// of an X-ray with another response than absorption, all of it.
+    /// Projections of intensity: what has the alpha of its pixel, infinite for an alpha of 1.
     pub optical_depth: f64,
 }
 
@@ -157,16 +158,18 @@ pub(super) struct Emission<'a> {
     /// World units per voxel along the ray, over the kernel's divisor N.
     pub(super) measure: f64,
     pub(super) accuracy: &'a Accuracy,
+    /// Whether what is dense hides what is behind it. Otherwise the optical depth itself is asked for.
+    pub(super) hides: bool,
 }
 
 impl Emission<'_> {
     /// Adds a block; whether there is more to see.
     pub(super) fn block(&mut self, block: &Block<'_>, cuts: &mut Cuts) -> bool {
         let Accuracy { tolerance, rim, steps, .. } = *self.accuracy;
-        let seen = (-self.sum.optical_depth).exp();
+        let seen = if self.hides { (-self.sum.optical_depth).exp() } else { 1.0 };
         let jumps = block.unevenness(rim) * (2.0 * block.half * self.measure).powi(2);
         if tolerance > 0.0 && UNEVENNESS * jumps * seen <= tolerance && self.smooth(block) {
-            return !self.accuracy.is_opaque(&self.sum);
+            return !self.is_opaque();
         }
         block.pieces(cuts, |&Piece { series, from: a, to: b, .. }| {
             let parts = ((b - a) / 2.0 * steps).ceil();
@@ -188,7 +191,7 @@ impl Emission<'_> {
         let mut i = 0.0;
         while i < steps {
             let field = NODES.map(|c| series.at(2.0 * (i + c) / steps - 1.0).map(|x| x * self.measure));
-            if field.iter().any(|f| f[0] * length > MAX_STEP_DEPTH) {
+            if self.hides && field.iter().any(|f| f[0] * length > MAX_STEP_DEPTH) {
                 return false;
             }
             sum.append(&RayIntegral::step(&field, length));
@@ -210,16 +213,16 @@ impl Emission<'_> {
     fn part(&mut self, span: &Span<'_>, field: &[Weights; STAGES], a: f64, b: f64) -> bool {
         let length = span.length * (b - a);
         let count = (field.iter().map(|f| f[0]).fold(0.0, f64::max) * length / MAX_STEP_DEPTH).ceil();
-        if count <= 1.0 {
+        if count <= 1.0 || !self.hides {
             self.sum.append(&RayIntegral::step(field, length));
-            return !self.accuracy.is_opaque(&self.sum);
+            return !self.is_opaque();
         }
         // So many steps that the ray may be opaque long before the last: halves, of which the first may do. Fractions
         // stay apart where places in the block are rounded to one, so that depth grows in any material.
         let parts = if count > MAX_STEPS && b - a > f64::MIN_POSITIVE { 2.0 } else { count.min(MAX_STEPS) };
         let at = |i: f64| if i < parts { a + (b - a) * (i / parts) } else { b };
         let mut i = 0.0;
-        while i < parts && !self.accuracy.is_opaque(&self.sum) {
+        while i < parts && !self.is_opaque() {
             let (a, b) = (at(i), at(i + 1.0));
             let place = |x: f64| span.from + (span.to - span.from) * x;
             let field = self.field(span.series, place(a), place(b));
@@ -230,7 +233,11 @@ impl Emission<'_> {
             }
             i += 1.0;
         }
-        !self.accuracy.is_opaque(&self.sum)
+        !self.is_opaque()
+    }
+
+    fn is_opaque(&self) -> bool {
+        self.hides && self.accuracy.is_opaque(&self.sum)
     }
 
     /// Extinction and emission at the nodes of a step, per voxel of length along the ray.
@@ -631,11 +638,26 @@ impl Classified<'_> {
     }
 }
 
+/// The integral of the sum of splats over a ray, in voxels.
+#[derive(Debug)]
+pub(super) struct Integral(pub(super) f64);
+
+impl Integral {
+    pub(super) fn block(&mut self, block: &Block<'_>, cuts: &mut Cuts) {
+        block.pieces(cuts, |&Piece { series, from, to, .. }| {
+            self.0 += series.mean(from, to) * (to - from) * block.half;
+            true
+        });
+    }
+}
+
 /// The largest sum of splats on a ray; 0 where it is empty.
 #[derive(Debug)]
 pub(super) struct Maximum {
     /// `None` before the first stretch.
     pub(super) largest: Option<f64>,
+    /// Where it is on the ray, in voxels.
+    pub(super) place: f64,
     /// Up to where the ray was searched.
     pub(super) position: f64,
 }
@@ -651,7 +673,8 @@ impl Maximum {
         block.pieces(cuts, |&Piece { series, from: a, to: b, .. }| {
             self.empty(block.middle + block.half * a);
             self.position = block.middle + block.half * b;
-            self.search(&series.combined(&[1.0, 0.0, 0.0, 0.0]), a, b);
+            let place = |x: f64| block.middle + block.half * x;
+            self.search(&series.combined(&[1.0, 0.0, 0.0, 0.0]), &place, a, b);
             true
         });
     }
@@ -659,29 +682,31 @@ impl Maximum {
     /// Looks at what is empty up to a position.
     pub(super) fn empty(&mut self, to: f64) {
         if to - self.position > GAP {
-            self.take(0.0);
+            self.take(0.0, self.position);
             self.position = to;
         }
     }
 
-    fn take(&mut self, value: f64) {
-        self.largest = Some(self.largest.map_or(value, |l| l.max(value)));
+    fn take(&mut self, value: f64, place: f64) {
+        if self.largest.is_none_or(|largest| value > largest) {
+            (self.largest, self.place) = (Some(value), place);
+        }
     }
 
     /// Branch and bound: parts that cannot hold the maximum are left alone.
-    fn search(&mut self, scalar: &Scalar, a: f64, b: f64) {
+    fn search(&mut self, scalar: &Scalar, place: &impl Fn(f64) -> f64, a: f64, b: f64) {
         let Range { middle, spread, monotone } = scalar.range(a, b);
         if self.largest.is_some_and(|l| middle + spread <= l) {
             return;
         }
-        self.take(middle);
+        self.take(middle, place(f64::midpoint(a, b)));
         if monotone {
-            self.take(scalar.at(a));
-            self.take(scalar.at(b));
+            self.take(scalar.at(a), place(a));
+            self.take(scalar.at(b), place(b));
         } else if spread > ROUNDING * middle.abs() {
             let middle = f64::midpoint(a, b);
-            self.search(scalar, a, middle);
-            self.search(scalar, middle, b);
+            self.search(scalar, place, a, middle);
+            self.search(scalar, place, middle, b);
         }
     }
 }

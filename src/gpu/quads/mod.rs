@@ -40,12 +40,18 @@ pub(crate) enum Feed {
     LitScalars,
     /// Means of the scalar, of which the largest is kept.
     Maximum,
+    /// Means of the scalar, whose mean is kept.
+    Mean,
 }
 
 /// What the pipelines are specialised for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) struct QuadsKey {
     pub(crate) feed: Feed,
+    /// RESPONSE in shaders/common/response.wgsl.
+    pub(crate) response: u32,
+    /// Colours are those of depth.
+    pub(crate) depth_coded: bool,
     pub(crate) perspective: bool,
     /// Kernels grow.
     pub(crate) grown: bool,
@@ -98,19 +104,24 @@ impl Feed {
         };
         match self {
             Self::Colors | Self::LitScalars => 4 * channel,
-            Self::Depth | Self::Scalars | Self::Maximum => channel,
+            Self::Depth | Self::Scalars | Self::Maximum | Self::Mean => channel,
         }
     }
 
     /// Whether sheets hold scalars.
     fn is_scalar(self) -> bool {
-        matches!(self, Self::Scalars | Self::LitScalars | Self::Maximum)
+        matches!(self, Self::Scalars | Self::LitScalars | Self::Maximum | Self::Mean)
+    }
+
+    /// Whether one scalar of a ray is classified: then all of the ray counts, what shows nothing too.
+    fn projects(self) -> bool {
+        matches!(self, Self::Maximum | Self::Mean)
     }
 
     /// Sheets that share an attachment.
     fn sheets_per_attachment(self) -> u32 {
         match self {
-            Self::Scalars | Self::Maximum => 4,
+            Self::Scalars | Self::Maximum | Self::Mean => 4,
             Self::Colors | Self::LitScalars | Self::Depth => 1,
         }
     }
@@ -119,7 +130,7 @@ impl Feed {
     fn batch_sizes(self) -> &'static [u32] {
         match self {
             Self::Colors | Self::Depth => &[8, 4, 1],
-            Self::Scalars | Self::LitScalars | Self::Maximum => &[8, 4],
+            Self::Scalars | Self::LitScalars | Self::Maximum | Self::Mean => &[8, 4],
         }
     }
 }

@@ -49,7 +49,8 @@ impl<'a> Picture<'a> {
         let knobs = settings.quads();
         let feed = match settings.model {
             Model::Xray => Feed::Depth,
-            Model::Mip => Feed::Maximum,
+            Model::Mip | Model::Minip => Feed::Maximum,
+            Model::Average => Feed::Mean,
             Model::Composite if settings.is_post_shaded() && settings.lighting.is_some() => Feed::LitScalars,
             Model::Composite if settings.is_post_shaded() => Feed::Scalars,
             Model::Composite => Feed::Colors,
@@ -67,6 +68,8 @@ impl<'a> Picture<'a> {
         };
         let key = QuadsKey {
             feed,
+            response: settings.xray_response().0,
+            depth_coded: settings.depth_coded,
             perspective: view.is_perspective(),
             grown: view.max_growth() > 1.0,
             axis: plan.is_axis_aligned(),

@@ -73,7 +73,7 @@ impl Stage {
             ("PERSPECTIVE", flag(key.perspective)),
             ("TERMS", f64::from(key.terms)),
             ("TEXELS", f64::from(key.texels)),
-            ("WHITE", flag(key.model == Model::Xray)),
+            ("RESPONSE", f64::from(key.response)),
             ("CURVED", flag(key.curved)),
             ("GROWN", flag(key.grown)),
             ("REACH", f64::from(key.reach)),
@@ -96,14 +96,14 @@ impl Stage {
                 RayKind::StraightBlocks(_) => ("straight", image),
                 _ => ("single", image),
             };
-            let white = ("WHITE", flag(key.model == Model::Xray));
+            let response = ("RESPONSE", f64::from(key.response));
             let grown = ("GROWN", flag(key.grown));
             let resampled = ("RESAMPLED", flag(key.rays == RayKind::Coarser));
             let layered = ("LAYERED", flag(key.rays == RayKind::Layered));
             let (curved, reach) = (("CURVED", flag(key.curved)), ("REACH", f64::from(key.reach)));
             let bindings = [Binding::Uniform, volume, Binding::Read, state, Binding::Write];
             let mut constants =
-                vec![perspective, terms, texels, straight, white, resampled, curved, grown, layered, reach];
+                vec![perspective, terms, texels, straight, response, resampled, curved, grown, layered, reach];
             if let RayKind::StraightBlocks(Block { across, rows }) = key.rays {
                 constants.extend([("ACROSS", f64::from(across)), ("ROWS", f64::from(rows))]);
             }
@@ -114,7 +114,9 @@ impl Stage {
             (Voxel::Scalar, false) => shaders::GATHER_SCALARS,
             _ => shaders::GATHER_GRADIENTS,
         };
-        let maximum = ("MAXIMUM", flag(key.model == Model::Mip));
+        let maximum = ("MAXIMUM", flag(matches!(key.model, Model::Mip | Model::Minip)));
+        let mean = ("MEAN", flag(key.model == Model::Average));
+        let coded = ("DEPTH_CODED", flag(key.depth_coded));
         let lights = ("LIGHTS", f64::from(key.lights));
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let light = Binding::FilteredTexture(wgpu::TextureViewDimension::D3);
@@ -138,7 +140,22 @@ impl Stage {
             shader,
             "gather",
             &bindings,
-            &[perspective, terms, texels, straight, scalars, maximum, lights, crowded, thins, shadows, grown, reach],
+            &[
+                perspective,
+                terms,
+                texels,
+                straight,
+                scalars,
+                maximum,
+                mean,
+                coded,
+                lights,
+                crowded,
+                thins,
+                shadows,
+                grown,
+                reach,
+            ],
         )
     }
 }

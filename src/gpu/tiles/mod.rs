@@ -79,6 +79,10 @@ impl RayKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(crate) struct TilesKey {
     model: Model,
+    /// RESPONSE in shaders/common/response.wgsl.
+    response: u32,
+    /// Colours are those of depth.
+    depth_coded: bool,
     voxel: Voxel,
     lights: u32,
     perspective: bool,

@@ -15,6 +15,7 @@ use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Til
 use crate::error::Result;
 use crate::image::Region;
 use crate::kernel::Kernel;
+use crate::response::Response;
 use crate::settings::{Model, Painter, Resolution, Settings};
 use crate::stats::{RaySpacing, TilesStats};
 
@@ -50,6 +51,9 @@ const PIECES: f64 = 3.0;
 /// The least radius of kernels of scalars, in voxels: the fitted parts of narrower ones in slabs of half a plane err by
 /// half of what they are (a maximum of gaussian:0.25,0.5 by 0.26, rms).
 const MIN_SCALAR_RADIUS: f64 = 1.0;
+
+/// Optical depth over alpha is never more.
+const BRIGHTEST_DEPTH: f64 = 1e30;
 
 /// Radii that are more than they may be by this factor are so by rounding.
 const ROUNDING: f64 = 1.0 + 1e-6;
@@ -179,6 +183,8 @@ impl<'a> Picture<'a> {
         let reach = |way: &Way| most * self.kernel.radius() / (1.0 - way.axis.lean.powi(2)).sqrt();
         TilesKey {
             model: settings.model,
+            response: settings.xray_response().0,
+            depth_coded: settings.depth_coded,
             voxel: way.packing.voxel,
             lights: settings.light_count(),
             crowded: self.job.post.is_some_and(|post| post.table.crowded),
@@ -358,8 +364,14 @@ impl<'a> Picture<'a> {
                 density_scale: 1.0 / (divisor * weights.unit),
                 opaque_depth: view.opaque_depth,
                 max_depth: max_depth(&self.job),
-                // An X-ray is white, whatever the colours of the transfer function.
-                brightest: if settings.model == Model::Xray { [1.0; 3] } else { weights.brightest },
+                // An X-ray is white, whatever the colours of the transfer function, or as bright as it is deep.
+                brightest: match (settings.model, settings.response) {
+                    (Model::Xray, Response::Depth) => [BRIGHTEST_DEPTH; 3],
+                    (Model::Xray, _) => [1.0; 3],
+                    _ => weights.brightest,
+                },
+                curve: settings.xray_response().1,
+                depth_coded: settings.depth_coded,
             },
             scalars,
         }

@@ -89,6 +89,10 @@ pub(super) struct Optics {
     pub(super) max_depth: f64,
     /// The largest of each channel of colours.
     pub(super) brightest: [f64; 3],
+    /// Of an X-ray: `curve` in shaders/common/response.wgsl.
+    pub(super) curve: [f32; 4],
+    /// Colours are those of depth.
+    pub(super) depth_coded: bool,
 }
 
 /// How scalars are classified.
@@ -133,6 +137,15 @@ impl PackedBox<'_> {
 }
 
 impl RaySetup<'_> {
+    /// The share of a place (a, b, plane) in the depth of the box: `model` in shaders/common/rays.wgsl.
+    fn depth(&self, axis: &PrincipalAxis) -> [f32; 4] {
+        let PackedBox { grid, faces, .. } = self.volume;
+        let gradient = grid.to_world().matrix3.transpose() * self.camera.forward;
+        let across = axis.ordered(gradient) / (2.0 * gradient.abs().dot(faces));
+        let middle = self.volume.placed(axis, grid.to_world().transform_point3(half(grid)));
+        across.extend(0.5 - across.dot(middle)).as_vec4().to_array()
+    }
+
     /// Plane coordinates (see shaders/common/frame.wgsl) of a point of the image, given in pixels from its top left
     /// corner.
     fn plane(&self, p: DVec2) -> DVec2 {
@@ -175,6 +188,7 @@ impl RaySetup<'_> {
             density_scale: self.optics.density_scale.min(MAX_DENSITY_SCALE) as f32,
             opaque_depth: self.optics.opaque_depth.min(f64::from(f32::MAX)) as f32,
             brightest: self.optics.brightest.map(|c| c as f32),
+            model: if self.optics.depth_coded { self.depth(axis) } else { self.optics.curve },
             radius2: (radius * radius) as f32,
             box_low: f3(box_low),
             box_high: f3(box_high),
