@@ -10,6 +10,7 @@ use voxsplat::image::{Background, Region};
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::reconstruction::Signal;
 use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Resolution, Shading, Sheets};
+use voxsplat::transfer::Window;
 use voxsplat::volume::{Endian, SampleType};
 
 use super::parse::{self, LightArg, Occlusion, one_of};
@@ -184,10 +185,23 @@ pub(super) struct ViewArgs {
 /// What a picture shows.
 #[derive(Debug, clap::Args)]
 pub(super) struct ModelArgs {
-    /// Transfer function: a FILE.json, or a preset that adapts to the data: ct-bone, ct-soft-tissue, angiography, mri,
-    /// grayscale, gray, viridis or inferno [default: suggested by the data; see `voxsplat info`]
-    #[arg(long, value_name = "FILE.json|PRESET", help_heading = "Model")]
+    /// Transfer function: a preset that adapts to the data (ct-bone, ct-soft-tissue, angiography, mri, grayscale, gray,
+    /// viridis or inferno), or a file: this program's JSON, ParaView's JSON or XML, Slicer's .vp, .vp.json or presets.xml,
+    /// niivue's or napari's JSON; #NAME chooses from a file of several [default: suggested by the data; see `voxsplat
+    /// info`]
+    #[arg(long, value_name = "FILE[#NAME]|PRESET", help_heading = "Model")]
     pub(super) transfer: Option<PathBuf>,
+    /// The colours of a map over --window, with a gentle ramp of opacity: gray, viridis, inferno, magma, plasma, cividis
+    /// or turbo; of Crameri batlow, batlowK, devon, oslo, lajolla, lipari, navia, hawaii, acton, tokyo, davos, vik, roma,
+    /// berlin or cork; of cmocean thermal, haline, solar, ice, deep, dense, matter, amp, balance or curl; or of a file as
+    /// for --transfer
+    #[arg(long, alias = "color-map", value_name = "NAME|FILE", conflicts_with = "transfer", help_heading = "Model")]
+    pub(super) colour_map: Option<PathBuf>,
+    /// Values from LEVEL - WIDTH/2 to LEVEL + WIDTH/2: there begins and ends the transfer function or the colour map
+    /// [default: as the file states; of colour maps, the values of the foreground]
+    #[arg(long, value_name = "LEVEL,WIDTH", value_parser = parse::window, allow_hyphen_values = true,
+        help_heading = "Model")]
+    pub(super) window: Option<Window>,
     /// What a pixel is: composite (emission and absorption), xray (absorption only, white) or mip (the largest value,
     /// coloured by the transfer function)
     #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = one_of(Model::ALL, Model::name),
@@ -355,6 +369,9 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::library::<Background>,
         help_heading = "Output")]
     pub(super) background: Background,
+    /// Write the transfer function too: .json for this program, .vp.json or .vp for 3D Slicer
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    pub(super) save_transfer: Option<PathBuf>,
     /// Print statistics and the time of each stage, as a table or as one JSON object; put it after VOLUME
     #[arg(long, value_name = "FORMAT", num_args = 0..=1, default_missing_value = "table", help_heading = "Output")]
     pub(super) stats: Option<StatsFormat>,

@@ -9,8 +9,9 @@ use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image, Region};
 use voxsplat::lighting::{Light, Lighting, Source};
 use voxsplat::settings::{Model, Painter, QuadsSettings, Settings, TilesSettings};
-use voxsplat::transfer::TransferFunction;
+use voxsplat::transfer::maps::{self, ColorMap};
 use voxsplat::transfer::presets::{self, Preset};
+use voxsplat::transfer::{Imported, TransferFunction, Window};
 use voxsplat::volume::{Grid, Units};
 
 use super::Failure;
@@ -28,31 +29,47 @@ const DEFAULT_FOV: f64 = 30.0;
 
 /// The choice of a transfer function.
 #[derive(Debug)]
-pub(super) enum Transfer {
+pub(super) enum TransferChoice {
     /// That of a built-in volume, otherwise the preset suggested by the values.
     Suggested,
     /// A preset.
     Preset(&'static Preset),
-    /// From a file.
-    Given(TransferFunction),
+    /// From a file, or a colour map.
+    Given(Box<Imported>),
+}
+
+/// A transfer function to be fitted to a volume.
+#[derive(Debug)]
+pub(super) struct Transfer {
+    pub(super) choice: TransferChoice,
+    /// The values that it begins and ends at.
+    pub(super) window: Option<Window>,
 }
 
 impl Transfer {
-    fn new(given: Option<PathBuf>) -> Result<Self, Failure> {
-        Ok(match given {
-            None => Self::Suggested,
-            Some(given) => match presets::PRESETS.iter().find(|preset| given == Path::new(preset.name)) {
-                Some(preset) => Self::Preset(preset),
-                None if is_file_name(&given) => Self::Given(TransferFunction::load(&given)?),
+    fn new(args: &ModelArgs) -> Result<Self, Failure> {
+        let window = args.window;
+        let given = |imported| TransferChoice::Given(Box::new(imported));
+        let choice = match (&args.transfer, &args.colour_map) {
+            (Some(name), _) => match presets::PRESETS.iter().find(|preset| name == Path::new(preset.name)) {
+                Some(preset) => TransferChoice::Preset(preset),
+                None if is_file_name(name) => given(Imported::load(name)?),
                 None => {
                     let known: Vec<&str> = presets::PRESETS.iter().map(|p| p.name).collect();
                     let known = known.join(", ");
-                    return Err(Failure::Usage(format!(
-                        "--transfer: {given:?}, expected a FILE.json or one of {known}"
-                    )));
+                    return Err(Failure::Usage(format!("--transfer: {name:?}, expected a file or one of {known}")));
                 }
             },
-        })
+            (None, Some(name)) if is_file_name(name) => given(Imported::of_map(&ColorMap::load(name)?)?),
+            (None, Some(name)) => {
+                let map = maps::find(&name.to_string_lossy());
+                given(Imported::of_map(&map.map_err(|e| Failure::Usage(format!("--colour-map: {e}")))?)?)
+            }
+            // A window alone is that of a radiologist: grey values.
+            (None, None) if window.is_some() => given(Imported::of_map(&maps::find("gray")?)?),
+            (None, None) => TransferChoice::Suggested,
+        };
+        Ok(Self { choice, window })
     }
 }
 
@@ -86,6 +103,7 @@ pub(super) struct RenderJob {
     pub(super) figure: Figure,
     /// What replaces the units of the file.
     pub(super) units: Units,
+    pub(super) save_transfer: Option<PathBuf>,
     pub(super) stats: Option<StatsFormat>,
     pub(super) max_error: Option<f64>,
     pub(super) verify: bool,
@@ -108,13 +126,16 @@ impl RenderJob {
         // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         check_output(&args.output)?;
+        if let Some(path) = &args.save_transfer {
+            TransferFunction::check_output(path).map_err(|e| Failure::Usage(format!("--save-transfer: {e}")))?;
+        }
         let [width, height] = args.size;
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
         region.check_within(args.size)?;
         let (figure, units) = figure(args.figure, args.size, &settings, &args.output)?;
         let chooses_light =
             args.model.light.is_empty() && !settings.is_post_shaded() && settings.model == Model::Composite;
-        let transfer = Transfer::new(args.model.transfer)?;
+        let transfer = Transfer::new(&args.model)?;
         let engine = match args.reference {
             true => Engine::Reference,
             false => Engine::Device { adapter: args.adapter },
@@ -134,6 +155,7 @@ impl RenderJob {
             background: args.background,
             figure,
             units,
+            save_transfer: args.save_transfer,
             stats: args.stats,
             max_error: args.max_error,
             verify: args.verify,
@@ -173,10 +195,12 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
     Ok(settings)
 }
 
-/// Whether the text must mean a file. Then a missing file is reported, instead of an unknown preset.
+/// Whether the text must mean a file. Then a missing file is reported, instead of an unknown name.
 fn is_file_name(text: &Path) -> bool {
     let lossy = text.to_string_lossy();
-    lossy.to_lowercase().ends_with(".json") || lossy.contains(['/', '\\']) || text.is_file()
+    let file = lossy.split('#').next().unwrap_or_default().to_lowercase();
+    let endings = [".json", ".vp", ".xml"];
+    endings.iter().any(|ending| file.ends_with(ending)) || lossy.contains(['/', '\\', '#']) || text.is_file()
 }
 
 /// The painter asked for, with its options. An option of a painter chooses that painter.
@@ -347,7 +371,7 @@ impl ParetoJob {
             }
         };
         let views = std::iter::once(first.clone()).chain((1..args.views).map(turned)).collect();
-        let transfer = Transfer::new(args.model.transfer)?;
+        let transfer = Transfer::new(&args.model)?;
         Ok(Self {
             load: args.input.options(),
             source: args.input.source,

@@ -9,6 +9,7 @@ use voxsplat::error::Error;
 use voxsplat::image::Region;
 use voxsplat::kernel::Kernel;
 use voxsplat::settings::Level;
+use voxsplat::transfer::Window;
 
 /// The value of `--light`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,6 +64,16 @@ pub(super) fn vector(text: &str) -> Result<DVec3, String> {
         .map(DVec3::from_array)
         .filter(|v| v.is_finite())
         .ok_or_else(|| "expected three numbers X,Y,Z".to_owned())
+}
+
+/// A window, `LEVEL,WIDTH`.
+pub(super) fn window(text: &str) -> Result<Window, String> {
+    let window = match list::<f64>(text).as_deref() {
+        Some(&[level, width]) => Some(Window { level, width }),
+        _ => None,
+    };
+    let valid = window.filter(|window| window.ends().is_ok());
+    valid.ok_or_else(|| "expected two numbers LEVEL,WIDTH, the width over 0".to_owned())
 }
 
 /// Distances between samples, `X,Y,Z`.

@@ -13,13 +13,14 @@ use voxsplat::reference::Reference;
 use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
 use voxsplat::settings::Settings;
 use voxsplat::stats::{Clock, StageTime, Stats};
-use voxsplat::transfer::TransferFunction;
 use voxsplat::transfer::presets::{self, Preset, Suggestion};
+use voxsplat::transfer::{Imported, TransferFunction, Window};
 use voxsplat::volume::{Statistics, Units, Volume};
 use voxsplat::{demos, formats};
 
 use super::args::{FrameArg, StatsFormat};
-use super::job::{Engine, RenderJob, Transfer};
+use super::info::short;
+use super::job::{Engine, RenderJob, Transfer, TransferChoice};
 use super::options::{command_line, options_of};
 use super::progress::{self, Progress};
 use super::stderr::silenced;
@@ -72,10 +73,20 @@ pub(super) fn run(mut job: RenderJob) -> Result<(), Failure> {
         (read(), device.map(|thread| thread.join()))
     });
     drop(progress);
-    let (volume, Fitted { transfer, preset, note }) = read?;
-    if let Some(note) = note {
+    let (volume, Fitted { transfer, preset, suggested, notes: found }) = read?;
+    if let Some(note) = suggested {
         let frames = "; the picture frames what shows, and with --frame volume the whole volume";
         output::say(&(note + if job.frame == FrameArg::Visible { frames } else { "" }));
+    }
+    found.iter().for_each(|note| output::say(note));
+    if let TransferChoice::Given(imported) = &job.transfer.choice
+        && let Some(material) = imported.material.filter(|_| job.chooses_light)
+    {
+        let material = material.map(short).join(",");
+        output::say(&format!("note: the file asks for light: --light headlight --material {material}"));
+    }
+    if let Some(path) = &job.save_transfer {
+        transfer.save(path, volume.grid())?;
     }
     if job.chooses_light && preset.is_some_and(|preset| preset.surfaces) {
         job.settings.lighting = Some(Lighting::studio(job.view.forward()?, job.view.up));
@@ -264,31 +275,72 @@ pub(super) struct Fitted {
     pub(super) transfer: TransferFunction,
     /// The preset that it is.
     preset: Option<&'static Preset>,
-    /// For the user, if it was suggested.
-    pub(super) note: Option<String>,
+    /// For the user: why it was suggested, if it was.
+    suggested: Option<String>,
+    /// For the user: what was found out.
+    notes: Vec<String>,
+}
+
+impl Fitted {
+    fn new(transfer: TransferFunction) -> Self {
+        Self { transfer, preset: None, suggested: None, notes: Vec::new() }
+    }
+
+    /// All that the user should know of it.
+    pub(super) fn notes(&self) -> impl Iterator<Item = &String> {
+        self.suggested.iter().chain(&self.notes)
+    }
 }
 
 /// The transfer function of a job.
 pub(super) fn transfer(
     source: &Path,
-    choice: &Transfer,
+    asked: &Transfer,
     volume: &Volume,
     stages: &mut Stages,
 ) -> Result<Fitted, Failure> {
     let mut statistics = || stages.time("statistics", || Statistics::of(volume));
-    match choice {
-        Transfer::Given(transfer) => Ok(Fitted { transfer: transfer.clone(), preset: None, note: None }),
-        Transfer::Preset(preset) => {
-            let transfer = presets::preset(preset.name, &statistics()?)?;
-            Ok(Fitted { transfer, preset: Some(preset), note: None })
+    let fitted = match &asked.choice {
+        TransferChoice::Given(imported) => {
+            let window = match asked.window {
+                None if imported.fits => Window::of(&statistics()?),
+                given => given,
+            };
+            let transfer = imported.placed(volume.grid(), window.as_ref())?;
+            let notes = notes_on(imported, &transfer, asked.window.is_some(), volume);
+            return Ok(Fitted { notes, ..Fitted::new(transfer) });
         }
-        Transfer::Suggested => {
+        TransferChoice::Preset(preset) => {
+            let transfer = presets::preset(preset.name, &statistics()?)?;
+            Fitted { preset: Some(preset), ..Fitted::new(transfer) }
+        }
+        TransferChoice::Suggested => {
             if let Some(transfer) = demos::own_transfer(source) {
-                return Ok(Fitted { transfer, preset: None, note: None });
+                return Ok(Fitted::new(transfer));
             }
             let (transfer, Suggestion { name, reason }) = TransferFunction::for_volume(volume, &statistics()?)?;
             let preset = presets::PRESETS.iter().find(|preset| preset.name == name);
-            Ok(Fitted { transfer, preset, note: Some(format!("note: --transfer {name} is taken, as {reason}")) })
+            let suggested = Some(format!("note: --transfer {name} is taken, as {reason}"));
+            Fitted { preset, suggested, ..Fitted::new(transfer) }
         }
+    };
+    Ok(match &asked.window {
+        Some(window) => Fitted { transfer: fitted.transfer.stretched(window)?, ..fitted },
+        None => fitted,
+    })
+}
+
+/// What a transfer function from a file leaves open, and how it was filled.
+fn notes_on(imported: &Imported, transfer: &TransferFunction, windowed: bool, volume: &Volume) -> Vec<String> {
+    let mut notes: Vec<String> = imported.notes.iter().map(|note| format!("note: transfer function: {note}")).collect();
+    if let (true, Some(unit)) = (imported.mean_spacing, transfer.unit_distance()) {
+        let length = volume.length_unit().unwrap_or("world units");
+        let thickness = format!("slabs {} {length} thick, the mean spacing", short(unit));
+        notes.push(format!("note: transfer function: its opacities are taken for {thickness}, as none is stated"));
     }
+    if imported.fits && !windowed {
+        let [low, high] = transfer.range().map(short);
+        notes.push(format!("note: colours run from {low} to {high}, the foreground; --window LEVEL,WIDTH places them"));
+    }
+    notes
 }

@@ -42,4 +42,5 @@ mod support;
 mod tiles;
 mod tiles_hard;
 mod tiles_rays;
+mod transfer;
 mod truth;
