@@ -42,9 +42,14 @@ fn advance(
     return composited;
 }
 
+// What makes the sum of a slab a mean.
+fn mean_scale(geometry: RayGeometry) -> f32 {
+    return 2.0 * rays.density_scale * geometry.direction.z;
+}
+
 // Means of the scalar in the slab that waits, in the slab before it and in the slab behind it.
 fn means_of(ray: RayState, behind: vec4f, geometry: RayGeometry) -> vec3f {
-    return vec3f(ray.before.w, ray.slab.w, behind.w) * (2.0 * rays.density_scale * geometry.direction.z);
+    return vec3f(ray.before.w, ray.slab.w, behind.w) * mean_scale(geometry);
 }
 
 fn classify_slab(
@@ -59,13 +64,15 @@ fn classify_slab(
         return Before(INVISIBLE, before.end);
     }
     var light = Shine(vec3f(1.0), vec3f(0.0));
+    var share = 1.0;
     if LIGHTS > 0u {
         let g = (*ray).slab.xyz;
         let gradient = rays.gradient_x * g.x + rays.gradient_y * g.y + rays.gradient_z * g.z;
         light = light_on(gradient, geometry.to_eye, UNSHADED);
+        share = gradient_share(gradient * mean_scale(geometry), rays.gradient_lookup);
     }
     let step = (part.y - part.x) / f32(rays.samples);
-    let length = 0.5 * step * geometry.stretch / geometry.direction.z;
+    let length = 0.5 * step * share * geometry.stretch / geometry.direction.z;
     return march_parabola(ray, means, part, before, rays.samples, length, rays.lookup, rays.invisible, light);
 }
 

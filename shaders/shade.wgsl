@@ -17,6 +17,8 @@ struct Shade {
     previous: f32,
     // The same of this batch.
     current: f32,
+    // Place of the length of a gradient in the table of the transfer function: length * gradient_lookup.
+    gradient_lookup: f32,
     // The scalars around 0 at which nothing shows, from x to y, ends included; none if x > y.
     invisible: vec2f,
     // Place of a scalar in the table of the transfer function: scalar * x + y.
@@ -110,8 +112,15 @@ fn gradient_of(at: vec2u, sheet: i32) -> vec3f {
     return textureLoad(current, at, sheet, 0).rgb * shading.current;
 }
 
-// The light on a surface across a gradient of the lattice.
-fn light_of(gradient: vec3f, ray: PixelRay) -> Shine {
+// What a gradient makes of what is there.
+struct Surface {
+    light: Shine,
+    // The share of extinction that stays.
+    share: f32,
+}
+
+// The surface across a gradient of the lattice.
+fn surface_of(gradient: vec3f, ray: PixelRay) -> Surface {
     // The transpose of the map from the view to the lattice takes gradients from the lattice to the view.
     let in_view =
         vec3f(dot(frame.grid_right, gradient), dot(frame.grid_up, gradient), dot(frame.grid_forward, gradient));
@@ -119,7 +128,8 @@ fn light_of(gradient: vec3f, ray: PixelRay) -> Shine {
     if PERSPECTIVE {
         to_eye = -vec3f(ray.slope, 1.0) / ray.stretch;
     }
-    return light_on(in_view, to_eye, UNSHADED);
+    let share = gradient_share(in_view * frame.inverse_sheet_scale, shading.gradient_lookup);
+    return Surface(light_on(in_view, to_eye, UNSHADED), share);
 }
 
 // Pieces of half a sheet, which are lit alike; 1 if the mean of the sheet is classified.
@@ -168,7 +178,7 @@ fn with_sheet(
     let last = before_of(vec3f(before, means.xy), ray, z - frame.sheet_step);
     var result = pixel;
     if LIGHTS == 0u {
-        march_part(&result, m, part, last, SAMPLES, ray, Shine(vec3f(1.0), vec3f(0.0)));
+        march_part(&result, m, part, last, SAMPLES, ray, Surface(Shine(vec3f(1.0), vec3f(0.0)), 1.0));
         return result;
     }
     // Half by half, each lit by the gradient in its middle, on the line through the means beside the sheet. A sheet
@@ -181,11 +191,11 @@ fn with_sheet(
     var middle = last;
     let front = vec2f(part.x, min(part.y, 0.0));
     if front.x < front.y {
-        middle = march_part(&result, m, front, last, half_samples(), ray, light_of(gradient - quarter, ray));
+        middle = march_part(&result, m, front, last, half_samples(), ray, surface_of(gradient - quarter, ray));
     }
     let rear = vec2f(max(part.x, 0.0), part.y);
     if rear.x < rear.y {
-        march_part(&result, m, rear, middle, half_samples(), ray, light_of(gradient + quarter, ray));
+        march_part(&result, m, rear, middle, half_samples(), ray, surface_of(gradient + quarter, ray));
     }
     return result;
 }
@@ -198,10 +208,10 @@ fn march_part(
     before: Before,
     samples: u32,
     ray: PixelRay,
-    light: Shine,
+    surface: Surface,
 ) -> Before {
-    let length = (part.y - part.x) / f32(samples) * frame.sheet_step * ray.stretch;
-    return march_parabola(pixel, m, part, before, samples, length, shading.lookup, shading.invisible, light);
+    let length = (part.y - part.x) / f32(samples) * frame.sheet_step * ray.stretch * surface.share;
+    return march_parabola(pixel, m, part, before, samples, length, shading.lookup, shading.invisible, surface.light);
 }
 
 // Colour (rgb) and optical depth (a) so far.

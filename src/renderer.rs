@@ -223,7 +223,8 @@ impl Renderer {
         let context = &self.context;
         scene.check(context, settings)?;
         let noise = (settings.sharpness > 0.0).then(|| reconstruction::noise(settings)).transpose()?;
-        let settings = &Settings { kernel: settings.reconstruction_kernel(), ..settings.clone() };
+        let lights = settings.light_count();
+        let settings = &Settings { kernel: settings.reconstruction_kernel(), ..scene.drawn_with(settings) };
         let before = context.traffic();
         camera.check_scale(scene.grid())?;
         let voxels = ViewGeometry::new(camera, scene.grid(), settings, context.savings);
@@ -290,7 +291,7 @@ impl Renderer {
             model: settings.model,
             shading: if settings.is_post_shaded() { Shading::Post } else { Shading::Pre },
             perspective: voxels.is_perspective(),
-            lights: settings.light_count(),
+            lights,
             size: camera.size,
             pixels_covered: regions.iter().map(|(_, part)| part.area()).sum(),
             parts: regions.len() as u32,

@@ -20,7 +20,7 @@ use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, TransferTable};
 use crate::gpu::view::{Fade, ScalarNeed, ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
-use crate::lighting::shadow;
+use crate::lighting::{Lighting, shadow};
 use crate::progress::Progress;
 use crate::settings::{Level, Model, Settings};
 use crate::transfer::TransferFunction;
@@ -349,6 +349,19 @@ impl Scene {
         }
     }
 
+    /// The settings as painters draw the scene: where extinction depends on gradients that are reconstructed, they are
+    /// those of a lit scene, of a light that changes no colour.
+    pub(crate) fn drawn_with(&self, settings: &Settings) -> Settings {
+        let mut settings = settings.clone();
+        if let Content::Scalars(scalars) = &self.content
+            && scalars.shows == Shows::Opaque
+            && !scalars.transfer.gradient_opacity().is_empty()
+        {
+            settings.lighting.get_or_insert_with(Lighting::flat);
+        }
+        settings
+    }
+
     /// Drops what stands for the voxels of a pre-shaded scene at other levels than these, the nearest and the farthest.
     pub(crate) fn keep_levels(&self, [nearest, farthest]: [u32; 2]) {
         if let Content::Splats(voxels) = &self.content {
@@ -372,9 +385,12 @@ impl Scene {
             return Some(Arc::clone(table));
         }
         // The local unit of length goes with cells.
-        let unit = local_unit(&scalars.transfer, &self.grid) / f64::from(level).exp2();
+        let size = f64::from(level).exp2();
+        let unit = local_unit(&scalars.transfer, &self.grid) / size;
+        // Gradients of cells are per cell.
+        let steepness = self.grid.unit() * size;
         let Scalars { transfer, reduction, shows, .. } = scalars.as_ref();
-        let table = Arc::new(TransferTable::new(context, transfer, reduction, *shows, unit));
+        let table = Arc::new(TransferTable::new(context, transfer, reduction, *shows, unit, steepness));
         *held = Some((level, Arc::clone(&table)));
         Some(table)
     }

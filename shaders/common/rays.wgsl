@@ -126,6 +126,8 @@ struct Rays {
     // reciprocal; the growth at which nothing of it is left, and over how much it fades before.
     fade_in: vec2f,
     fade_out: vec2f,
+    // The place of the length of a gradient among bins: see common/transfer.wgsl.
+    gradient_lookup: f32,
     // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.
     sections: array<Section, 2u * FAR_SECTIONS>,
 }

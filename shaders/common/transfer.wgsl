@@ -68,6 +68,21 @@ const STARTS: u32 = 3u;
 // behind it.
 const BINS: u32 = 4u;
 const BIN_COUNT: u32 = 4096u;
+// As many bins of lengths of gradients: gradient opacity where a bin begins (x) and where it ends (y).
+const GRADIENTS: u32 = 5u;
+
+// Whether extinction depends on gradients.
+override GRADIENT_OPACITY: bool = false;
+
+// The share of extinction that stays. length * lookup is the place of a gradient's length among the bins.
+fn gradient_share(gradient: vec3f, lookup: f32) -> f32 {
+    if !GRADIENT_OPACITY {
+        return 1.0;
+    }
+    let place = clamp(length(gradient) * lookup, 0.0, f32(BIN_COUNT) - 0.5);
+    let bin = textureLoad(transfer, vec2u(u32(place), GRADIENTS));
+    return mix(bin.x, bin.y, min(fract(place), 1.0));
+}
 
 // The transfer function at a scalar.
 struct Classified {

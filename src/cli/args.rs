@@ -13,7 +13,7 @@ use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Reso
 use voxsplat::transfer::Window;
 use voxsplat::volume::{Endian, SampleType};
 
-use super::parse::{self, LightArg, Occlusion, one_of};
+use super::parse::{self, GradientOpacity, LightArg, Occlusion, one_of};
 
 /// Renders voxel volumes by splatting on the GPU.
 #[derive(Debug, Parser)]
@@ -202,6 +202,11 @@ pub(super) struct ModelArgs {
     #[arg(long, value_name = "LEVEL,WIDTH", value_parser = parse::window, allow_hyphen_values = true,
         help_heading = "Model")]
     pub(super) window: Option<Window>,
+    /// Gradient opacity: opacities are multiplied by O, 0 to 1, where the value changes by M per world unit; linear
+    /// between the points, and constant beyond them. So flat insides become clear and surfaces stay. Or off
+    /// [default: what the transfer function has]
+    #[arg(long, value_name = "M:O,M:O,..|off", value_parser = parse::gradient_opacity, help_heading = "Model")]
+    pub(super) gradient_opacity: Option<GradientOpacity>,
     /// What a pixel is: composite (emission and absorption), xray (absorption only, white) or mip (the largest value,
     /// coloured by the transfer function)
     #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = one_of(Model::ALL, Model::name),

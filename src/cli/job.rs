@@ -19,7 +19,7 @@ use super::args::{
     CompareArgs, FigureArgs, FrameArg, ModelArgs, PainterArg, PainterArgs, ParetoArgs, ProjectionArg, RenderArgs,
     StatsFormat, SwitchArg, ViewArgs,
 };
-use super::parse::{LightArg, Occlusion, PlaceArg};
+use super::parse::{GradientOpacity, LightArg, Occlusion, PlaceArg};
 
 /// The default space around what is fitted, if there are texts above or below.
 const FIGURE_MARGIN: f64 = 0.1;
@@ -44,6 +44,8 @@ pub(super) struct Transfer {
     pub(super) choice: TransferChoice,
     /// The values that it begins and ends at.
     pub(super) window: Option<Window>,
+    /// What replaces its gradient opacity.
+    pub(super) gradient: Option<GradientOpacity>,
 }
 
 impl Transfer {
@@ -69,7 +71,7 @@ impl Transfer {
             (None, None) if window.is_some() => given(Imported::of_map(&maps::find("gray")?)?),
             (None, None) => TransferChoice::Suggested,
         };
-        Ok(Self { choice, window })
+        Ok(Self { choice, window, gradient: args.gradient_opacity.clone() })
     }
 }
 
@@ -192,6 +194,9 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         painter,
     };
     settings.validate()?;
+    if model.model == Model::Mip && model.gradient_opacity.is_some() {
+        return Err(Failure::Usage("--gradient-opacity: a maximum intensity projection has none".to_owned()));
+    }
     Ok(settings)
 }
 

@@ -9,7 +9,7 @@ use voxsplat::error::Error;
 use voxsplat::image::Region;
 use voxsplat::kernel::Kernel;
 use voxsplat::settings::Level;
-use voxsplat::transfer::Window;
+use voxsplat::transfer::{ControlPoint, GradientPoint, TransferFunction, Window};
 
 /// The value of `--light`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -171,6 +171,28 @@ pub(super) fn occlusion(text: &str) -> Result<Occlusion, String> {
     number(text).map(|radius| Occlusion(Some(radius))).map_err(|_| "expected off or a radius in voxels".to_owned())
 }
 
+/// The value of `--gradient-opacity`; off has no points.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct GradientOpacity(pub(super) Vec<GradientPoint>);
+
+/// `off`, or pairs `MAGNITUDE:OPACITY`.
+pub(super) fn gradient_opacity(text: &str) -> Result<GradientOpacity, String> {
+    if text == "off" {
+        return Ok(GradientOpacity(Vec::new()));
+    }
+    let point = |pair: &str| {
+        let (magnitude, opacity) = pair.split_once(':')?;
+        Some(GradientPoint { magnitude: number(magnitude.trim()).ok()?, opacity: number(opacity.trim()).ok()? })
+    };
+    let points: Option<Vec<GradientPoint>> = text.split(',').map(point).collect();
+    let points = points
+        .ok_or("expected off, or MAGNITUDE:OPACITY pairs such as 10:0,50:1, magnitudes in values per world unit")?;
+    // Whether points go together does not depend on what they thin out.
+    let any = ControlPoint { value: 0.0, color: [1.0; 3], opacity: 1.0 };
+    let transfer = TransferFunction::new(vec![any], None).and_then(|any| any.with_gradient_opacity(points));
+    transfer.map(|transfer| GradientOpacity(transfer.gradient_opacity().to_vec())).map_err(reason)
+}
+
 /// A finite number.
 pub(super) fn number(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(|| "expected a finite number".to_owned())
@@ -233,6 +255,16 @@ mod tests {
         assert_eq!(vector("-1,0, 2.5"), Ok(DVec3::new(-1.0, 0.0, 2.5)));
         for bad in ["", "1,2", "1,2,3,4", "1,nan,2", "a,b,c"] {
             assert!(vector(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn gradient_opacities() {
+        let point = |magnitude, opacity| GradientPoint { magnitude, opacity };
+        assert_eq!(gradient_opacity("1:0, 2.5:1"), Ok(GradientOpacity(vec![point(1.0, 0.0), point(2.5, 1.0)])));
+        assert_eq!(gradient_opacity("off"), Ok(GradientOpacity(Vec::new())));
+        for bad in ["", "1", "1:2", "2:0,1:1", "a:1", "-1:0"] {
+            assert!(gradient_opacity(bad).is_err(), "{bad}");
         }
     }
 

@@ -22,6 +22,7 @@ use super::args::{FrameArg, StatsFormat};
 use super::info::short;
 use super::job::{Engine, RenderJob, Transfer, TransferChoice};
 use super::options::{command_line, options_of};
+use super::parse::GradientOpacity;
 use super::progress::{self, Progress};
 use super::stderr::silenced;
 use super::{Failure, output};
@@ -299,6 +300,13 @@ pub(super) fn transfer(
     volume: &Volume,
     stages: &mut Stages,
 ) -> Result<Fitted, Failure> {
+    let fitted = fitted(source, asked, volume, stages)?;
+    let Some(GradientOpacity(points)) = &asked.gradient else { return Ok(fitted) };
+    Ok(Fitted { transfer: fitted.transfer.with_gradient_opacity(points.clone())?, ..fitted })
+}
+
+/// The same with the gradient opacity that it has.
+fn fitted(source: &Path, asked: &Transfer, volume: &Volume, stages: &mut Stages) -> Result<Fitted, Failure> {
     let mut statistics = || stages.time("statistics", || Statistics::of(volume));
     let fitted = match &asked.choice {
         TransferChoice::Given(imported) => {

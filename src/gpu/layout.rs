@@ -57,6 +57,8 @@ pub(crate) struct Classify {
     pub sample_origin: f32,
     pub gradient_z: [f32; 3],
     pub first_brick: u32,
+    pub gradient_points: u32,
+    pub _pad: [u32; 3],
     pub inline_points: [ControlPoint; MAX_INLINE_POINTS],
 }
 
@@ -199,7 +201,7 @@ pub(crate) struct Shade {
     pub depth: f32,
     pub previous: f32,
     pub current: f32,
-    pub _pad: u32,
+    pub gradient_lookup: f32,
     pub invisible: [f32; 2],
     pub lookup: [f32; 2],
     pub low: [u32; 2],
@@ -277,7 +279,8 @@ pub(crate) struct Rays {
     pub growth_around: f32,
     pub fade_in: [f32; 2],
     pub fade_out: [f32; 2],
-    pub _pad: [f32; 2],
+    pub gradient_lookup: f32,
+    pub _pad: f32,
     /// Those of near slabs, then those of far ones.
     pub sections: [[[Section; SECTIONS]; SECTION_POWERS]; 2],
 }

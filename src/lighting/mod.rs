@@ -147,6 +147,11 @@ impl Default for Lighting {
 impl Lighting {
     /// The most lights accepted.
     pub const MAX_LIGHTS: usize = 4;
+    /// A light that changes no colour.
+    pub(crate) fn flat() -> Self {
+        Self { ambient: 1.0, diffuse: 0.0, specular: 0.0, ..Self::default() }
+    }
+
     /// The farthest that occlusion reaches, voxels.
     pub const MAX_OCCLUSION: f64 = 256.0;
 

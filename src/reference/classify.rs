@@ -18,7 +18,7 @@ use crate::volume::{Grid, Samples, Volume};
 /// * pre-shading: extinction per world unit, then emission in red, green and blue (colour times extinction), of which
 ///   X-ray leaves the emission 0;
 /// * post-shading and maximum intensity: scalar less base, then the scalar's central differences along the lattice
-///   axes, 0 where there is no light.
+///   axes, 0 where neither light nor opacity depends on them.
 pub(super) type Weights = [f64; 4];
 
 /// The weight of voxels that do not count.
@@ -46,6 +46,8 @@ pub(super) struct Splats {
     /// intensity.
     repeats: bool,
     emits: bool,
+    /// Whether what is reconstructed is composited, not the largest taken.
+    composites: bool,
     pub(super) cells: Cells,
     bounds: Option<[[i64; 2]; 3]>,
 }
@@ -86,21 +88,7 @@ impl Splats {
             return Err(Error::Volume("values are further apart than a number can hold".to_owned()));
         }
         let bounds = cells.bounds(dims, counts);
-        let casting = settings.lighting.as_ref().filter(|_| !repeats).and_then(Lighting::casting);
-        let shadows = casting.map(|casting| {
-            let mut medium = Medium::new(dims)?;
-            for index in 0..dims.iter().product() {
-                let (_, opacity) = transfer.sample(rescale.0 * samples.raw(index) + rescale.1);
-                let tau = TransferFunction::extinction(opacity, unit);
-                if tau > 0.0 {
-                    medium.set([index % dims[0], index / dims[0] % dims[1], index / dims[0] / dims[1]], tau);
-                }
-            }
-            let divisor = settings.normalization.divisor(&settings.kernel);
-            let lattice = Lattice::new(volume.grid(), settings.kernel, divisor, 1.0, 1.0);
-            Ok::<_, Error>(Shadows { caster: Caster::new(&casting, &lattice), medium })
-        });
-        Ok(Self {
+        let mut splats = Self {
             grid: volume.grid().centered(),
             dims,
             samples,
@@ -109,13 +97,29 @@ impl Splats {
             unit,
             base,
             lighting: settings.lighting.clone(),
-            shadows: shadows.transpose()?,
+            shadows: None,
             to_world: volume.grid().to_lattice().matrix3.transpose(),
             repeats,
             emits: settings.model != Model::Xray,
+            composites: settings.model == Model::Composite,
             cells,
             bounds,
-        })
+        };
+        let casting = settings.lighting.as_ref().filter(|_| !repeats).and_then(Lighting::casting);
+        if let Some(casting) = casting {
+            let mut medium = Medium::new(dims)?;
+            for index in 0..dims.iter().product() {
+                let point = [index % dims[0], index / dims[0] % dims[1], index / dims[0] / dims[1]];
+                let tau = splats.extinction(splats.transfer.sample(splats.value(index)).1, point);
+                if tau > 0.0 {
+                    medium.set(point, tau);
+                }
+            }
+            let divisor = settings.normalization.divisor(&settings.kernel);
+            let lattice = Lattice::new(volume.grid(), settings.kernel, divisor, 1.0, 1.0);
+            splats.shadows = Some(Shadows { caster: Caster::new(&casting, &lattice), medium });
+        }
+        Ok(splats)
     }
 
     /// Whether weights depend on who looks.
@@ -125,7 +129,12 @@ impl Splats {
 
     /// Whether more than extinction or scalar counts.
     pub(super) fn channels(&self) -> usize {
-        if self.emits && (!self.repeats || self.lighting.is_some()) { 4 } else { 1 }
+        if self.emits && (!self.repeats || self.has_gradients()) { 4 } else { 1 }
+    }
+
+    /// Whether gradients are reconstructed beside scalars.
+    fn has_gradients(&self) -> bool {
+        self.lighting.is_some() || (self.composites && !self.transfer.gradient_opacity().is_empty())
     }
 
     pub(super) fn transfer(&self) -> &TransferFunction {
@@ -155,15 +164,24 @@ impl Splats {
         self.to_world * DVec3::from_array(self.central_differences(point))
     }
 
+    /// The extinction of a voxel whose value has some opacity, per world unit.
+    fn extinction(&self, opacity: f64, point: [usize; 3]) -> f64 {
+        let tau = TransferFunction::extinction(opacity, self.unit);
+        if tau <= 0.0 || self.transfer.gradient_opacity().is_empty() {
+            return tau;
+        }
+        tau * self.transfer.gradient_share(self.gradient(point).length())
+    }
+
     /// What a voxel weighs for a viewer.
     fn classify(&self, point: [usize; 3], viewer: Viewer, visibility: &Visibility) -> Weights {
         let value = self.value(self.index(point));
         if self.repeats {
-            let [x, y, z] = if self.lighting.is_some() { self.central_differences(point) } else { [0.0; 3] };
+            let [x, y, z] = if self.has_gradients() { self.central_differences(point) } else { [0.0; 3] };
             return [value - self.base, x, y, z];
         }
         let (mut color, opacity) = self.transfer.sample(value);
-        let tau = TransferFunction::extinction(opacity, self.unit);
+        let tau = self.extinction(opacity, point);
         if tau <= 0.0 {
             return CLEAR;
         }

@@ -375,12 +375,16 @@ impl Classifier {
     }
 
     fn lit(&self, mut color: [f64; 3], opacity: f64, differences: [f64; 3], to_eye: DVec3) -> Weights {
-        let tau = TransferFunction::extinction(opacity, self.unit);
+        let mut tau = TransferFunction::extinction(opacity, self.unit);
         if tau <= 0.0 {
             return [0.0; 4];
         }
+        let gradient = self.to_world * DVec3::from_array(differences);
+        if !self.transfer.gradient_opacity().is_empty() {
+            tau *= self.transfer.gradient_share(gradient.length());
+        }
         if let Some(lighting) = &self.lighting {
-            color = lighting.shade(color, self.to_world * DVec3::from_array(differences), to_eye, &Visibility::FULL);
+            color = lighting.shade(color, gradient, to_eye, &Visibility::FULL);
         }
         [tau, tau * color[0], tau * color[1], tau * color[2]]
     }
@@ -504,7 +508,8 @@ impl Classified<'_> {
         if to - self.position > GAP {
             let length = (to - self.position) * self.measure;
             let (color, opacity) = self.classifier.transfer.sample(self.classifier.base);
-            let optical_depth = TransferFunction::extinction(opacity, self.classifier.unit) * length;
+            let share = self.classifier.transfer.gradient_share(0.0);
+            let optical_depth = TransferFunction::extinction(opacity, self.classifier.unit) * share * length;
             let alpha = -(-optical_depth).exp_m1();
             self.sum.append(&RayIntegral { color: color.map(|c| c * alpha), optical_depth });
             self.position = to;

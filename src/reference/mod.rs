@@ -20,6 +20,9 @@
 //! lattice axis is (f_(j+1) - f_(j-1)) / 2, a neighbour beyond the edge having the value at the edge, taken to the
 //! world by the transpose of the map from there.
 //!
+//! With gradient opacity ([`TransferFunction::gradient_opacity`]) tau_j is multiplied by the share that belongs to the
+//! length of that gradient; post-shaded, tau is, by that of the gradient reconstructed there.
+//!
 //! **X-ray.** The same tau; the pixel is (alpha, alpha, alpha, alpha).
 //!
 //! **Composite, post-shaded** (Mueller, Moeller and Crawfis 1999, "Splatting without the blur"). The scalar is

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use super::TransferFunction;
+use super::{GradientPoint, TransferFunction};
 use crate::error::{Error, Result};
 use crate::output::write_atomically;
 use crate::volume::Grid;
@@ -55,15 +55,15 @@ impl TransferFunction {
         let path = path.as_ref();
         let text = match Format::of(path)? {
             Format::Own => self.to_json(),
-            Format::SlicerJson => self.to_slicer_json(self.unit_or(grid.min_spacing())),
-            Format::SlicerText => self.to_slicer_vp(),
+            Format::SlicerJson => self.to_slicer_json(grid),
+            Format::SlicerText => self.to_slicer_vp(grid),
         };
         write_atomically(path, |file| file.write_all(text.as_bytes()))
     }
 
     /// The function as a `.vp` of 3D Slicer, without light. The format has no unit distance.
     #[must_use]
-    pub fn to_slicer_vp(&self) -> String {
+    pub fn to_slicer_vp(&self, grid: &Grid) -> String {
         let list = |numbers: Vec<f64>| {
             let words: Vec<String> = std::iter::once(numbers.len().to_string())
                 .chain(numbers.iter().map(|number| format!("{number:?}")))
@@ -71,22 +71,23 @@ impl TransferFunction {
             words.join(" ")
         };
         let opacities = self.points().iter().flat_map(|p| [p.value, p.opacity]).collect();
+        let gradient = self.gradient_for_slicer(grid).iter().flat_map(|p| [p.magnitude, p.opacity]).collect();
         let colors = self.points().iter().flat_map(|p| [p.value, p.color[0], p.color[1], p.color[2]]).collect();
-        format!("1\n0\n0.9\n0.1\n0.2\n10\n{}\n4 0 1 255 1\n{}\n", list(opacities), list(colors))
+        format!("1\n0\n0.9\n0.1\n0.2\n10\n{}\n{}\n{}\n", list(opacities), list(gradient), list(colors))
     }
 
-    /// The function as a `.vp.json` of 3D Slicer, without light, for slabs `unit_distance` thick.
+    /// The function as a `.vp.json` of 3D Slicer, without light.
     #[must_use]
-    pub fn to_slicer_json(&self, unit_distance: f64) -> String {
-        let shape = |at: f64| json!({"x": at, "midpoint": 0.5, "sharpness": 0.0});
+    pub fn to_slicer_json(&self, grid: &Grid) -> String {
         let with = |at: f64, key: &str, value: Value| {
-            let mut point = shape(at);
+            let mut point = json!({"x": at, "midpoint": 0.5, "sharpness": 0.0});
             point[key] = value;
             point
         };
         let colors: Vec<Value> = self.points().iter().map(|p| with(p.value, "color", json!(p.color))).collect();
         let opacities: Vec<Value> = self.points().iter().map(|p| with(p.value, "y", json!(p.opacity))).collect();
-        let gradient = [with(0.0, "y", json!(1.0)), with(255.0, "y", json!(1.0))];
+        let gradient = self.gradient_for_slicer(grid);
+        let gradient: Vec<Value> = gradient.iter().map(|p| with(p.magnitude, "y", json!(p.opacity))).collect();
         let property = json!({
             "effectiveRange": self.range(),
             "independentComponents": true,
@@ -96,12 +97,23 @@ impl TransferFunction {
                 "shade": false,
                 "lighting": {"diffuse": 0.9, "ambient": 0.1, "specular": 0.2, "specularPower": 10.0},
                 "disableGradientOpacity": false,
-                "scalarOpacityUnitDistance": unit_distance,
+                "scalarOpacityUnitDistance": self.unit_or(grid.min_spacing()),
                 "rgbTransferFunction": {"type": "colorTransferFunction", "points": colors},
                 "scalarOpacity": {"type": "piecewiseFunction", "points": opacities},
                 "gradientOpacity": {"type": "piecewiseFunction", "points": gradient},
             }],
         });
         format!("{:#}\n", json!({"@schema": SCHEMA, "volumeProperties": [property]}))
+    }
+
+    /// Gradient opacity over differences of a mean spacing. Slicer wants points, so none are two of opacity 1.
+    fn gradient_for_slicer(&self, grid: &Grid) -> Vec<GradientPoint> {
+        let plain = [0.0, 255.0].map(|magnitude| GradientPoint { magnitude, opacity: 1.0 });
+        let spacing = grid.mean_spacing();
+        let over = |p: &GradientPoint| GradientPoint { magnitude: p.magnitude * spacing, ..*p };
+        match self.gradient_opacity() {
+            [] => plain.to_vec(),
+            points => points.iter().map(over).collect(),
+        }
     }
 }

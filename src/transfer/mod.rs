@@ -1,15 +1,17 @@
 //! Transfer functions: from a scalar to a colour and an opacity.
 
 mod export;
+mod gradient;
 mod import;
 mod json;
 pub mod maps;
 pub mod presets;
 mod window;
 
-pub use import::Imported;
-pub use window::Window;
-
+pub use self::gradient::GradientPoint;
+pub(crate) use self::gradient::scaled_share;
+pub use self::import::Imported;
+pub use self::window::Window;
 use crate::error::{Error, Result};
 
 /// A control point of a transfer function.
@@ -48,6 +50,7 @@ impl ControlPoint {
 pub struct TransferFunction {
     points: Vec<ControlPoint>,
     unit_distance: Option<f64>,
+    gradient: Vec<GradientPoint>,
 }
 
 impl TransferFunction {
@@ -88,7 +91,7 @@ impl TransferFunction {
                 .map_err(|reason| Error::Transfer(format!("point {}: {reason}", i + 1)))?;
         }
         unit_distance.map_or(Ok(()), Self::check_unit)?;
-        Ok(Self { points, unit_distance })
+        Ok(Self { points, unit_distance, gradient: Vec::new() })
     }
 
     fn check_unit(unit: f64) -> Result<()> {

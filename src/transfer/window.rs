@@ -1,6 +1,6 @@
 //! Transfer functions moved to other values.
 
-use super::{ControlPoint, TransferFunction, presets};
+use super::{ControlPoint, GradientPoint, TransferFunction, presets};
 use crate::error::{Error, Result};
 use crate::volume::Statistics;
 
@@ -37,6 +37,7 @@ impl Window {
 
 impl TransferFunction {
     /// The same colours and opacities with the first point at the lower end of a window and the last at its upper end.
+    /// Gradient opacity keeps to its surfaces: its magnitudes grow as the range does.
     ///
     /// ```
     /// use voxsplat::transfer::{TransferFunction, Window, maps};
@@ -58,7 +59,15 @@ impl TransferFunction {
         // Halves, as the range may be that of f64.
         let share = |value: f64| (value / 2.0 - first / 2.0) / (last / 2.0 - first / 2.0);
         let point = |p: &ControlPoint| ControlPoint { value: presets::between(low, high, share(p.value)), ..*p };
-        Ok(Self { points: self.points.iter().map(point).collect(), ..self.clone() })
+        let grown = (high / 2.0 - low / 2.0) / (last / 2.0 - first / 2.0);
+        Self { points: self.points.iter().map(point).collect(), ..self.clone() }.with_steeper_gradients(grown)
+    }
+
+    /// The same with the opacities of gradient opacity at magnitudes so many times as large.
+    pub(super) fn with_steeper_gradients(self, times: f64) -> Result<Self> {
+        let steeper = |p: &GradientPoint| GradientPoint { magnitude: p.magnitude * times, ..*p };
+        let gradient = self.gradient.iter().map(steeper).collect();
+        self.with_gradient_opacity(gradient)
     }
 
     /// The same function with the opacities of slabs `unit_distance` thick, in world units.
@@ -82,7 +91,7 @@ mod tests {
             TransferFunction::new(vec![point(0.0, 0.0), point(0.5, 0.5), point(1.0, 1.0)], Some(2.0)).unwrap();
         let moved = transfer.stretched(&Window { level: 100.0, width: 50.0 }).unwrap();
         assert_eq!(moved.points(), [point(75.0, 0.0), point(100.0, 0.5), point(125.0, 1.0)]);
-        assert_eq!(moved.unit_distance(), Some(2.0));
+        assert_eq!((moved.unit_distance(), moved.gradient_opacity()[0].magnitude), (Some(2.0), 100.0));
         for window in [[1.0, 0.0], [1.0, -1.0], [f64::NAN, 1.0], [1e300, 1.0], [0.0, f64::INFINITY]] {
             assert!(transfer.stretched(&Window { level: window[0], width: window[1] }).is_err(), "{window:?}");
         }

@@ -23,6 +23,7 @@ mod demos;
 mod embed;
 mod fuzz;
 mod golden;
+mod gradient_opacity;
 mod hard;
 mod hard_quads;
 mod hostile;

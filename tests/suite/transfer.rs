@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 use voxsplat::transfer::maps::{self, ColorMap};
-use voxsplat::transfer::{Imported, TransferFunction, Window};
+use voxsplat::transfer::{GradientPoint, Imported, TransferFunction, Window};
 use voxsplat::volume::{Grid, Statistics};
 
 use crate::support::demo;
@@ -33,6 +33,7 @@ fn files_of_other_programs_have_the_colours_and_opacities_that_these_give_them()
         assert_eq!(imported.transfer.unit_distance(), expected.get("unit").and_then(Value::as_f64), "{name}");
         let material = expected.get("material").map(|m| serde_json::from_value::<[f64; 4]>(m.clone()).unwrap());
         assert_eq!(imported.material, material, "{name}");
+        assert_eq!(imported.transfer.gradient_opacity().len(), if flag("gradient") { 3 } else { 0 }, "{name}");
         let rows: Vec<[Option<f64>; 5]> = serde_json::from_value(expected["rows"].clone()).unwrap();
         let mut most: f64 = 0.0;
         for row in &rows {
@@ -98,11 +99,20 @@ fn opacities_without_a_thickness_are_for_the_mean_spacing() {
 fn what_is_written_for_slicer_is_read_back() {
     let (volume, _) = demo("shepp-logan", 16);
     let transfer = TransferFunction::preset("viridis", &volume).unwrap();
-    let read = Imported::parse(&transfer.to_slicer_json(0.75), None).unwrap();
-    assert_eq!((read.transfer.points(), read.transfer.unit_distance()), (transfer.points(), Some(0.75)));
+    let grid = Grid::axis_parallel([4; 3], [0.5, 1.0, 1.5]).unwrap();
+    let read = Imported::parse(&transfer.to_slicer_json(&grid), None).unwrap();
+    assert_eq!((read.transfer.points(), read.transfer.unit_distance()), (transfer.points(), Some(0.5)));
     assert_eq!((read.fits, read.mean_spacing, read.material), (false, false, None));
-    let read = Imported::parse(&transfer.to_slicer_vp(), None).unwrap();
+    assert!(read.transfer.gradient_opacity().is_empty());
+    let read = Imported::parse(&transfer.to_slicer_vp(&grid), None).unwrap();
     assert_eq!((read.transfer.points(), read.mean_spacing), (transfer.points(), true));
+    // Magnitudes are over a world unit here and over a mean spacing there.
+    let edges = [(4.0, 0.0), (40.0, 1.0)].map(|(magnitude, opacity)| GradientPoint { magnitude, opacity });
+    let transfer = transfer.with_unit_distance(0.5).unwrap().with_gradient_opacity(edges.to_vec()).unwrap();
+    let wide = Grid::axis_parallel([4; 3], [1.0, 2.0, 3.0]).unwrap();
+    let read = Imported::parse(&transfer.to_slicer_json(&wide), None).unwrap();
+    assert_eq!(read.transfer.gradient_opacity()[1].magnitude, 80.0);
+    assert_eq!(read.placed(&wide, None).unwrap(), transfer);
 }
 
 #[test]

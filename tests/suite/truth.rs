@@ -16,8 +16,16 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::Volume;
 
 /// Files or folders of `src/` on which the reference's pictures depend, without their endings.
-const SOURCES: [&str; 7] =
-    ["camera", "kernel", "lighting", "reconstruction/prefilter", "reference", "transfer/mod", "volume"];
+const SOURCES: [&str; 8] = [
+    "camera",
+    "kernel",
+    "lighting",
+    "reconstruction/prefilter",
+    "reference",
+    "transfer/mod",
+    "transfer/gradient",
+    "volume",
+];
 
 /// The picture that the reference integrates.
 pub(crate) fn truth(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Image {

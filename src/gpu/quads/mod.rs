@@ -61,6 +61,7 @@ pub(crate) struct QuadsKey {
     pub(crate) samples: u32,
     /// See [`TransferTable`].
     pub(crate) crowded: bool,
+    pub(crate) thins: bool,
     /// Opaque pixels hide splats.
     pub(crate) terminates: bool,
     pub(crate) precision: Precision,

@@ -75,6 +75,7 @@ impl<'a> Picture<'a> {
             shadows: settings.casting().is_some(),
             samples: if feed.is_scalar() { settings.samples_per_slab(knobs.sheet_thickness, PIECES) } else { 1 },
             crowded: job.transfer.is_some_and(|table| table.crowded),
+            thins: job.transfer.is_some_and(|table| table.thins),
             terminates: view.terminates(),
             precision,
             sheets_per_pass: sheets_per_pass(context, knobs.sheets_per_pass, feed, precision)?,

@@ -52,8 +52,9 @@ impl ShadeStage {
         let shade_layout = layout(context, "shade", stages, &slots);
         let shader = module(context, shaders::SHADE);
         let crowded = ("CROWDED", flag(key.crowded));
+        let thins = ("GRADIENT_OPACITY", flag(key.thins));
         let constants = [("PERSPECTIVE", flag(key.perspective)), ("SHEETS", f64::from(key.sheets_per_pass))];
-        let shading = [("LIGHTS", f64::from(key.lights)), ("SAMPLES", f64::from(key.samples)), crowded];
+        let shading = [("LIGHTS", f64::from(key.lights)), ("SAMPLES", f64::from(key.samples)), crowded, thins];
         let shading = [&constants[..], &shading].concat();
         let maximum = key.feed == Feed::Maximum;
         let (entry, constants) =
@@ -100,7 +101,7 @@ impl ShadeStage {
                 depth: (target.plan.sheet_depth(batch * self.key.sheets_per_pass) - target.plan.sheet_step()) as f32,
                 previous: f32::from(u8::from(batch > 0 && drawn[batch as usize - 1])),
                 current: f32::from(u8::from(drawn[batch as usize])),
-                _pad: 0,
+                gradient_lookup: table.gradient_lookup,
                 invisible: table.invisible,
                 lookup: table.lookup,
                 low: areas[batch as usize].low,

@@ -121,12 +121,13 @@ impl Stage {
         let scalars = ("SCALARS", 1.0);
         let (grown, reach) = (("GROWN", flag(key.grown)), ("REACH", f64::from(key.reach)));
         let crowded = ("CROWDED", flag(key.crowded));
+        let thins = ("GRADIENT_OPACITY", flag(key.thins));
         Self::new(
             context,
             shader,
             "gather",
             &bindings,
-            &[perspective, terms, texels, straight, scalars, maximum, lights, crowded, grown, reach],
+            &[perspective, terms, texels, straight, scalars, maximum, lights, crowded, thins, grown, reach],
         )
     }
 }

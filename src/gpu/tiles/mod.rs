@@ -96,6 +96,7 @@ pub(crate) struct TilesKey {
     packs_on_host: bool,
     /// See [`TransferTable`](super::transfer::TransferTable).
     crowded: bool,
+    thins: bool,
 }
 
 /// The pipelines of the painter.

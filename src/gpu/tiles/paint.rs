@@ -182,6 +182,7 @@ impl<'a> Picture<'a> {
             voxel: way.packing.voxel,
             lights: settings.light_count(),
             crowded: self.job.transfer.is_some_and(|table| table.crowded),
+            thins: self.job.transfer.is_some_and(|table| table.thins),
             perspective: view.is_perspective(),
             grown: most > 1.0,
             packs_on_host: way.packing.is_for_host(self.job.context, self.job.splats()),
@@ -332,6 +333,7 @@ impl<'a> Picture<'a> {
         let scalars = transfer.map(|table| Classification {
             invisible: table.invisible,
             lookup: table.lookup,
+            gradient_lookup: table.gradient_lookup,
             // Slabs of scalars are half a plane thick.
             samples: settings.samples_per_slab(axis.slab_voxels() / 2.0, PIECES),
             skip_nothing: !shows_nothing_else(&self.job),

@@ -13,7 +13,7 @@ use serde_json::Value;
 use super::maps::ColorMap;
 pub(super) use curve::merged;
 
-use super::{TransferFunction, Window};
+use super::{GradientPoint, TransferFunction, Window};
 use crate::error::{Error, Result};
 use crate::source;
 use crate::volume::Grid;
@@ -46,6 +46,8 @@ pub struct Imported {
     pub fits: bool,
     /// Whether its opacities are for slabs as thick as the mean spacing, as the file states no thickness.
     pub mean_spacing: bool,
+    /// Whether the magnitudes of its gradient opacity are differences over a mean spacing, as VTK's are.
+    pub gradient_of_spacing: bool,
     /// Ambient, diffuse and specular share and shininess of light from the eye, if the file asks for it.
     pub material: Option<[f64; 4]>,
     /// What the file holds and the function does not, a sentence each.
@@ -70,7 +72,14 @@ impl Imported {
         match Content::of(text)? {
             Content::Own => unnamed(name).and_then(|()| {
                 let transfer = TransferFunction::from_json(text)?;
-                Ok(Self { transfer, fits: false, mean_spacing: false, material: None, notes: Vec::new() })
+                Ok(Self {
+                    transfer,
+                    fits: false,
+                    mean_spacing: false,
+                    gradient_of_spacing: false,
+                    material: None,
+                    notes: Vec::new(),
+                })
             }),
             content => found(content, name)?.imported(),
         }
@@ -82,7 +91,14 @@ impl Imported {
     /// Those of [`ColorMap::transfer`].
     pub fn of_map(map: &ColorMap) -> Result<Self> {
         let transfer = map.transfer()?;
-        Ok(Self { transfer, fits: true, mean_spacing: false, material: None, notes: Vec::new() })
+        Ok(Self {
+            transfer,
+            fits: true,
+            mean_spacing: false,
+            gradient_of_spacing: false,
+            material: None,
+            notes: Vec::new(),
+        })
     }
 
     /// The function at the values of data: stretched over a window, if one is given.
@@ -98,7 +114,10 @@ impl Imported {
             }
             None => self.transfer.clone(),
         };
-        if self.mean_spacing { transfer.with_unit_distance(mean_spacing(grid)) } else { Ok(transfer) }
+        let spacing = grid.mean_spacing();
+        let transfer =
+            if self.gradient_of_spacing { transfer.with_steeper_gradients(1.0 / spacing)? } else { transfer };
+        if self.mean_spacing { transfer.with_unit_distance(spacing) } else { Ok(transfer) }
     }
 
     /// What `read` makes of the text of a file and of the name behind it.
@@ -133,11 +152,6 @@ impl ColorMap {
             Self::new(colors)
         })
     }
-}
-
-/// The mean distance between samples, in world units.
-fn mean_spacing(grid: &Grid) -> f64 {
-    grid.spacing().iter().sum::<f64>() / 3.0
 }
 
 /// What kind of file a text is.
@@ -214,13 +228,15 @@ struct Found {
     /// Whether values are those of data; otherwise they are places in a window.
     placed: bool,
     unit_distance: Option<f64>,
+    /// Magnitudes are differences over a mean spacing, as VTK's are.
+    gradient: Vec<GradientPoint>,
     material: Option<[f64; 4]>,
     notes: Vec<String>,
 }
 
 impl Found {
     fn imported(self) -> Result<Imported> {
-        let Self { colors, opacities, placed, unit_distance, material, mut notes } = self;
+        let Self { colors, opacities, placed, unit_distance, gradient, material, mut notes } = self;
         let (transfer, fits, mean_spacing) = match (colors, opacities) {
             (Some(colors), Some(opacities)) => {
                 let transfer = TransferFunction::new(merged(&colors, &opacities), unit_distance)?;
@@ -238,7 +254,9 @@ impl Found {
             }
             (None, None) => return Err(Error::Transfer("it has neither colours nor opacities".to_owned())),
         };
-        Ok(Imported { transfer, fits, mean_spacing, material, notes })
+        let gradient_of_spacing = !gradient.is_empty();
+        let transfer = transfer.with_gradient_opacity(gradient)?;
+        Ok(Imported { transfer, fits, mean_spacing, gradient_of_spacing, material, notes })
     }
 }
 

@@ -7,6 +7,7 @@ use super::curve::{Node, colors, opacities};
 use super::space::Space;
 use super::{Found, chosen, fault, groups, number, numbers, opaque};
 use crate::error::Result;
+use crate::transfer::GradientPoint;
 
 /// What a `.vp` and an element of a preset file state.
 struct Property<'a> {
@@ -142,8 +143,10 @@ fn node<const N: usize>(point: &Value, value: [f64; N]) -> Result<Node<N>> {
 impl Found {
     /// Keeps opacities over gradients, if they say anything.
     fn take_gradient(&mut self, nodes: Vec<Node<1>>) {
-        if !opaque(&opacities(nodes)) {
-            self.notes.push("its gradient opacity is left out".to_owned());
+        let line = opacities(nodes);
+        if !opaque(&line) {
+            let point = |(magnitude, [opacity]): (f64, [f64; 1])| GradientPoint { magnitude, opacity };
+            self.gradient = line.into_iter().map(point).collect();
         }
     }
 }

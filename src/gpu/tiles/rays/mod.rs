@@ -97,6 +97,7 @@ pub(super) struct Classification {
     /// See [`TransferTable`](super::super::transfer::TransferTable).
     pub(super) invisible: [f32; 2],
     pub(super) lookup: [f32; 2],
+    pub(super) gradient_lookup: f32,
     /// Places in a slab at which it is classified.
     pub(super) samples: u32,
     /// Whether empty space may show, so that nothing is skipped.
@@ -189,9 +190,9 @@ impl RaySetup<'_> {
             ..layout::Rays::zeroed()
         };
         match self.scalars {
-            Some(Classification { invisible, lookup, samples, skip_nothing }) => {
+            Some(Classification { invisible, lookup, gradient_lookup, samples, skip_nothing }) => {
                 let unskipped = if skip_nothing { packing.dims[2] as i32 } else { 0 };
-                layout::Rays { invisible, lookup, samples, unskipped, ..uniforms }
+                layout::Rays { invisible, lookup, gradient_lookup, samples, unskipped, ..uniforms }
             }
             None => uniforms,
         }
