@@ -7,7 +7,7 @@ use crate::transfer::ControlPoint;
 const TOLERANCE: f64 = 1e-3;
 
 /// The most times that a stretch between two points is halved.
-const HALVINGS: u32 = 8;
+const HALVINGS: u32 = 12;
 
 /// A point of a curve. How the curve runs to the next point is told as VTK does.
 #[derive(Debug, Clone, Copy, PartialEq)]
