@@ -19,7 +19,9 @@ use super::args::{
     CompareArgs, FigureArgs, FrameArg, ModelArgs, PainterArg, PainterArgs, ParetoArgs, ProjectionArg, RenderArgs,
     StatsFormat, SwitchArg, ViewArgs,
 };
+use super::destination::{Destination, STREAM};
 use super::parse::{GradientOpacity, LightArg, Occlusion, PlaceArg};
+use super::scene::SceneFile;
 
 /// The default space around what is fitted, if there are texts above or below.
 const FIGURE_MARGIN: f64 = 0.1;
@@ -28,7 +30,7 @@ const FIGURE_MARGIN: f64 = 0.1;
 const DEFAULT_FOV: f64 = 30.0;
 
 /// The choice of a transfer function.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) enum TransferChoice {
     /// That of a built-in volume, otherwise the preset suggested by the values.
     Suggested,
@@ -39,7 +41,7 @@ pub(super) enum TransferChoice {
 }
 
 /// A transfer function to be fitted to a volume.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Transfer {
     pub(super) choice: TransferChoice,
     /// The values that it begins and ends at.
@@ -56,6 +58,9 @@ impl Transfer {
             (Some(name), _) => match presets::PRESETS.iter().find(|preset| name == Path::new(preset.name)) {
                 Some(preset) => TransferChoice::Preset(preset),
                 None if is_file_name(name) => given(Imported::load(name)?),
+                None if name.to_string_lossy().starts_with('{') => {
+                    given(Imported::parse(&name.to_string_lossy(), None)?)
+                }
                 None => {
                     let known: Vec<&str> = presets::PRESETS.iter().map(|p| p.name).collect();
                     let known = known.join(", ");
@@ -76,7 +81,7 @@ impl Transfer {
 }
 
 /// The way to make the picture.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) enum Engine {
     /// Splatting on a graphics adapter.
     Device { adapter: Option<String> },
@@ -85,7 +90,7 @@ pub(super) enum Engine {
 }
 
 /// A picture to render.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct RenderJob {
     pub(super) source: PathBuf,
     pub(super) load: LoadOptions,
@@ -100,12 +105,13 @@ pub(super) struct RenderJob {
     /// Whether there is studio light if the transfer function shows surfaces.
     pub(super) chooses_light: bool,
     pub(super) engine: Engine,
-    pub(super) output: PathBuf,
+    pub(super) output: Destination,
     pub(super) background: Background,
     pub(super) figure: Figure,
     /// What replaces the units of the file.
     pub(super) units: Units,
     pub(super) save_transfer: Option<PathBuf>,
+    pub(super) save_scene: Option<SceneFile>,
     pub(super) stats: Option<StatsFormat>,
     pub(super) max_error: Option<f64>,
     pub(super) verify: bool,
@@ -113,13 +119,21 @@ pub(super) struct RenderJob {
     pub(super) sample: u32,
 }
 
-/// Refuses an output that cannot be written, before the work.
-fn check_output(path: &Path) -> Result<(), Failure> {
-    Image::check_output(path).map_err(|e| Failure::Usage(format!("{e:#}")))
-}
-
 impl RenderJob {
-    pub(super) fn new(args: RenderArgs) -> Result<Self, Failure> {
+    /// A picture that goes where its arguments say.
+    pub(super) fn new(mut args: RenderArgs) -> Result<Self, Failure> {
+        let Some(output) = args.output.take() else {
+            return Err(Failure::Usage("--output FILE is missing: where the picture goes (see --help)".to_owned()));
+        };
+        let output = Destination::checked(output)?;
+        if output == Destination::Stdout && args.stats.is_some() {
+            return Err(Failure::Usage("--stats: standard output takes the picture".to_owned()));
+        }
+        Self::with_output(args, output)
+    }
+
+    /// A picture that goes to `output`.
+    pub(super) fn with_output(args: RenderArgs, output: Destination) -> Result<Self, Failure> {
         let mut view = view(&args.view)?;
         if args.view.margin.is_none() && (args.figure.title.is_some() || args.figure.caption.is_some()) {
             view.margin = FIGURE_MARGIN;
@@ -127,14 +141,13 @@ impl RenderJob {
         let settings = settings(&args.model, painter(&args.painter)?, &view)?;
         // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
-        check_output(&args.output)?;
         if let Some(path) = &args.save_transfer {
             TransferFunction::check_output(path).map_err(|e| Failure::Usage(format!("--save-transfer: {e}")))?;
         }
         let [width, height] = args.size;
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
         region.check_within(args.size)?;
-        let (figure, units) = figure(args.figure, args.size, &settings, &args.output)?;
+        let (figure, units) = figure(args.figure, args.size, &settings, &output)?;
         let chooses_light =
             args.model.light.is_empty() && !settings.is_post_shaded() && settings.model == Model::Composite;
         let transfer = Transfer::new(&args.model)?;
@@ -153,11 +166,12 @@ impl RenderJob {
             settings,
             chooses_light,
             engine,
-            output: args.output,
+            output,
             background: args.background,
             figure,
             units,
             save_transfer: args.save_transfer,
+            save_scene: None,
             stats: args.stats,
             max_error: args.max_error,
             verify: args.verify,
@@ -167,11 +181,16 @@ impl RenderJob {
 }
 
 /// What is drawn on a picture, and the units of what it shows.
-fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings, output: &Path) -> Result<(Figure, Units), Failure> {
+fn figure(
+    args: FigureArgs,
+    size: [u32; 2],
+    settings: &Settings,
+    output: &Destination,
+) -> Result<(Figure, Units), Failure> {
     let FigureArgs { scale_bar, axes, colour_bar: color_bar, title, caption, length_unit, value_unit } = args;
     let figure = Figure { scale_bar, axes, color_bar, title, caption };
     figure.validate(size, settings.model)?;
-    if !figure.is_empty() && output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")) {
+    if !figure.is_empty() && output.keeps_values() {
         let options = "--scale-bar, --axes, --colour-bar, --title and --caption";
         return Err(Failure::Usage(format!("{options} are drawn on a .png: an .exr keeps the values of the picture")));
     }
@@ -203,6 +222,9 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
 /// Whether the text must mean a file. Then a missing file is reported, instead of an unknown name.
 fn is_file_name(text: &Path) -> bool {
     let lossy = text.to_string_lossy();
+    if lossy.starts_with('{') || lossy == STREAM {
+        return lossy == STREAM;
+    }
     let file = lossy.split('#').next().unwrap_or_default().to_lowercase();
     let endings = [".json", ".vp", ".xml"];
     endings.iter().any(|ending| file.ends_with(ending)) || lossy.contains(['/', '\\', '#']) || text.is_file()
@@ -409,7 +431,7 @@ pub(super) struct CompareJob {
 impl CompareJob {
     pub(super) fn new(args: CompareArgs) -> Result<Self, Failure> {
         if let Some(path) = &args.difference {
-            check_output(path)?;
+            Image::check_output(path).map_err(|e| Failure::Usage(format!("{e:#}")))?;
         }
         let CompareArgs { a, b, tolerance, difference, json } = args;
         Ok(Self { a, b, tolerance, difference, json })

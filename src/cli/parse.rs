@@ -109,6 +109,13 @@ pub(super) fn region(text: &str) -> Result<Region, String> {
     }
 }
 
+/// A part of a whole, `I/N`, counted from 1.
+pub(super) fn part(text: &str) -> Result<[u32; 2], String> {
+    let parsed = text.split_once('/').and_then(|(i, n)| Some([i.trim().parse().ok()?, n.trim().parse().ok()?]));
+    let valid = parsed.filter(|&[i, n]: &[u32; 2]| (1..=n).contains(&i));
+    valid.ok_or_else(|| "expected I/N, such as 2/8, I from 1 to N".to_owned())
+}
+
 /// Rows and terms of a table, `RxT`.
 pub(super) fn table(text: &str) -> Result<[u32; 2], String> {
     let parsed = text.split_once(['x', 'X']).and_then(|(r, t)| Some([r.trim().parse().ok()?, t.trim().parse().ok()?]));

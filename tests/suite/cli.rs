@@ -15,7 +15,7 @@ use crate::adapter::adapter;
 use crate::support::{demo, look, picture, with_quads, with_tiles};
 
 /// Runs the program in `dir`; arguments are parted by blanks.
-fn voxsplat(dir: &Path, arguments: &str) -> Output {
+pub(crate) fn voxsplat(dir: &Path, arguments: &str) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
     command.current_dir(dir).args(arguments.split_whitespace()).output().unwrap()
 }
@@ -29,16 +29,16 @@ fn rendered(dir: &Path, arguments: &str) -> Output {
     output
 }
 
-fn folder() -> TempDir {
+pub(crate) fn folder() -> TempDir {
     tempfile::tempdir().unwrap()
 }
 
-fn stdout(output: &Output) -> String {
+pub(crate) fn stdout(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).unwrap()
 }
 
 /// The one line that the program said, without its name; other lines are the driver's.
-fn complaint(output: &Output) -> String {
+pub(crate) fn complaint(output: &Output) -> String {
     let stderr = String::from_utf8(output.stderr.clone()).unwrap();
     let own: Vec<&str> = stderr.lines().filter_map(|l| l.strip_prefix("voxsplat: ")).collect();
     assert_eq!(own.len(), 1, "expected one line: {stderr}");
@@ -46,7 +46,7 @@ fn complaint(output: &Output) -> String {
     own[0].to_owned()
 }
 
-fn refused(arguments: &str, code: i32, reason: &str) {
+pub(crate) fn refused(arguments: &str, code: i32, reason: &str) {
     let dir = folder();
     let output = voxsplat(dir.path(), arguments);
     let said = complaint(&output);
@@ -56,7 +56,7 @@ fn refused(arguments: &str, code: i32, reason: &str) {
 }
 
 /// 4 x 3 x 2 samples of u8 from 0 to 23 in `ramp.raw`.
-fn ramp(dir: &Path) -> String {
+pub(crate) fn ramp(dir: &Path) -> String {
     std::fs::write(dir.join("ramp.raw"), (0..24).collect::<Vec<u8>>()).unwrap();
     "ramp.raw --dims 4,3,2 --type u8".to_owned()
 }

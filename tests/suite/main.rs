@@ -35,6 +35,7 @@ mod readers_errors;
 mod rendering;
 mod savings;
 mod scalar_cells;
+mod scenes;
 mod shadows;
 mod sharpness;
 mod soak;

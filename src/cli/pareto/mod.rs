@@ -86,7 +86,7 @@ pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
     let renderer = silenced(|| Renderer::new(&options))?;
     let study = Study::new(&renderer, &volume, &transfer, &cameras, job.sample)?.with_patience(job.patience);
     let words = std::env::args_os().skip(2).map(|word| word.to_string_lossy().into_owned());
-    let base = without(words, &OWN, &["--resume"]);
+    let base = without(words, &OWN, &["--resume", "--quiet", "-q"]);
     let adapter = renderer.adapter();
     let subject = Subject {
         command: command_line(&base),
