@@ -6,8 +6,8 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 
-/// Opens a regular file, or standard input if `path` is `-` or leads there. The second value is the length of the file in bytes;
-/// `None` if standard input is a stream.
+/// Opens a regular file, or standard input if `path` is `-` or leads there. The second value is the length of the file
+/// in bytes; `None` if standard input is a stream.
 ///
 /// Other files are refused before they are opened: to open a pipe waits for its other end, and to open a device can
 /// start it.

@@ -62,7 +62,7 @@ pub(super) fn jobs(
     let path = &args.input.source;
     let in_scene = |failure: Failure| match failure {
         Failure::Usage(reason) => Failure::Usage(format!("{}: {reason}", path.display())),
-        failed => failed,
+        Failure::Failed(reason) => Failure::Failed(format!("{}: {reason}", path.display())),
     };
     let lines = read(path, command, &given(command, matches)).map_err(in_scene)?;
     if lines.len() > 1 && args.save_scene.is_some() {
@@ -124,7 +124,7 @@ fn overlaid(command: &Command, base: &[Given], over: &[Given]) -> Vec<Given> {
 
 /// The command lines of a scene, with options that replace its own.
 fn read(path: &Path, command: &Command, over: &[Given]) -> Result<Vec<Vec<OsString>>, Failure> {
-    let failed = |reason: String| Failure::Failed(format!("{}: {reason}", path.display()));
+    let failed = Failure::Failed;
     let length = std::fs::metadata(path).map_err(|e| failed(e.to_string()))?.len();
     if length > MAX_BYTES {
         return Err(failed(format!("is too large: expected at most {MAX_BYTES} bytes")));

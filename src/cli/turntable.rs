@@ -146,7 +146,8 @@ fn read_key_frames(path: &Path) -> Result<Vec<KeyFrame>, Failure> {
     Ok(keys)
 }
 
-/// The views of frames: straight from one key frame to the next, and as the nearest before the first and after the last.
+/// The views of frames: straight from one key frame to the next, and as the nearest before the first and after the
+/// last.
 fn views_of(base: &View, keys: &[KeyFrame], frames: u32) -> Vec<View> {
     let of = |value: fn(&KeyFrame) -> Option<f64>, default: f64| {
         let known: Vec<(f64, f64)> = keys.iter().filter_map(|k| Some((f64::from(k.frame), value(k)?))).collect();

@@ -71,8 +71,8 @@ enum Sink<W: Write> {
 }
 
 impl<W: Write> Film<W> {
-    /// A film of so many frames of `size` (width, height) pixels, at `rate` frames a second. A GIF shows frames for whole
-    /// hundredths of a second.
+    /// A film of so many frames of `size` (width, height) pixels, at `rate` frames a second. A GIF shows frames for
+    /// whole hundredths of a second.
     ///
     /// # Errors
     /// [`Error::Setting`] if a side is 0 or over [`Camera::MAX_SIZE`], there are no frames, or the rate is not 0.1 to

@@ -4,6 +4,8 @@ use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
+use voxsplat::image::Image;
+
 use crate::cli::{complaint, folder, ramp, refused, stdout, voxsplat};
 
 /// Options of a small picture that needs no device.
@@ -108,8 +110,10 @@ fn a_scene_may_have_several_outputs() {
         ("b.png", "--size 8x4 --azimuth 70"),
         ("c.exr", "--size 8 --direction 0,1,0 --transfer grayscale"),
     ] {
-        let single = made(dir.path(), &format!("render {input} --reference -o {file} {options}"), file);
-        assert!(std::fs::read(dir.path().join("in").join(file)).unwrap() == single, "{file}");
+        made(dir.path(), &format!("render {input} --reference -o {file} {options}"), file);
+        let [of_scene, single] =
+            [dir.path().join("in"), dir.path().to_owned()].map(|f| Image::load(f.join(file)).unwrap());
+        assert!(of_scene == single, "{file}");
     }
     let said = complaint(&voxsplat(dir.path(), "render in/s.json -o d.png"));
     assert!(said.contains("the scene has 3 outputs of its own"), "{said}");
@@ -124,11 +128,16 @@ fn a_scene_that_is_wrong_is_refused_with_the_nearest_name() {
     scene_refused(r#"{"volume": "demo:sphere:8", "size": "big"}"#, "WIDTHxHEIGHT");
     scene_refused(r#"{"volume": "demo:sphere:8", "outputs": []}"#, "a list of objects");
     scene_refused(r#"{"volume": "demo:sphere:8", "outputs": [{"spacing": 1}]}"#, "for the whole scene");
-    scene_refused(r#"{"volume": "demo:sphere:8", "transfer": {"points": []}}"#, "0 control points");
     let dir = folder();
-    std::fs::write(dir.path().join("s.json"), "{]").unwrap();
-    let output = voxsplat(dir.path(), "render s.json -o a.png");
-    assert!(complaint(&output).contains("no scene, which is a JSON object"), "{:?}", output.status);
+    for (scene, reason) in [
+        ("{]", "s.json: no scene, which is a JSON object"),
+        (r#"{"volume": "demo:sphere:8", "transfer": {"points": []}}"#, "s.json: transfer function: 0 control points"),
+    ] {
+        std::fs::write(dir.path().join("s.json"), scene).unwrap();
+        let output = voxsplat(dir.path(), "render s.json -o a.png");
+        assert!(complaint(&output).contains(reason), "{reason}: {:?}", output.status);
+        assert_eq!(output.status.code(), Some(1), "{reason}");
+    }
     refused("render demo:sphere", 2, "--output FILE is missing");
 }
 

@@ -1,7 +1,7 @@
 //! Curves between points, as straight lines between more points.
 
 use super::space::Space;
-use crate::transfer::ControlPoint;
+use crate::transfer::{ControlPoint, TransferFunction};
 
 /// The most by which a channel of a straight line is off the curve: a quarter of an 8-bit step.
 const TOLERANCE: f64 = 1e-3;
@@ -16,7 +16,7 @@ pub(super) struct Node<const N: usize> {
     pub(super) value: [f64; N],
     /// Where on the way to the next point the value is half way, 0 to 1.
     pub(super) midpoint: f64,
-    /// 0 is a straight line, 1 a step at the midpoint.
+    /// 0 is a straight line, 1 nearly a step at the midpoint.
     pub(super) sharpness: f64,
 }
 
@@ -46,32 +46,34 @@ type Line<const N: usize> = Vec<(f64, [f64; N])>;
 
 /// The line of a curve of opacities.
 pub(super) fn opacities(nodes: Vec<Node<1>>) -> Line<1> {
-    line(nodes, |a, b, s| [(1.0 - s) * a[0] + s * b[0]])
+    line(nodes, false, |a, b, s| [(1.0 - s) * a[0] + s * b[0]])
 }
 
 /// The line of a curve of colours.
-pub(super) fn colors(mut nodes: Vec<Node<3>>, space: Space) -> Line<3> {
-    if space == Space::Step {
-        nodes.iter_mut().for_each(|node| (node.midpoint, node.sharpness) = (1.0, 1.0));
-    }
-    line(nodes, |a, b, s| space.between(a, b, s))
+pub(super) fn colors(nodes: Vec<Node<3>>, space: Space) -> Line<3> {
+    line(nodes, space == Space::Step, |a, b, s| space.between(a, b, s))
 }
 
-fn line<const N: usize>(mut nodes: Vec<Node<N>>, between: impl Fn([f64; N], [f64; N], f64) -> [f64; N]) -> Line<N> {
+fn line<const N: usize>(
+    mut nodes: Vec<Node<N>>,
+    steps: bool,
+    between: impl Fn([f64; N], [f64; N], f64) -> [f64; N],
+) -> Line<N> {
     // As VTK does; points at the same place stay in order.
     nodes.sort_by(|a, b| a.at.total_cmp(&b.at));
     let mut line = Vec::with_capacity(nodes.len());
     for (i, node) in nodes.iter().enumerate() {
         line.push((node.at, node.value));
         let Some(next) = nodes.get(i + 1).filter(|next| next.at > node.at) else { continue };
-        let at = |s: f64| node.at + (next.at - node.at) * s;
-        if node.sharpness > 0.99 {
-            let step = at(node.midpoint.clamp(0.0, 1.0));
-            line.extend([(step, node.value), (step, next.value)]);
-        } else {
-            let curve = |s: f64| between(node.value, next.value, node.share(s));
-            halve(&curve, [0.0, 1.0], [node.value, next.value], HALVINGS, &mut |s, value| line.push((at(s), value)));
+        if steps {
+            line.push((next.at, node.value));
+            continue;
         }
+        let at = |s: f64| node.at + (next.at - node.at) * s;
+        let curve = |s: f64| between(node.value, next.value, node.share(s));
+        // What is longer is refused, whatever it looks like.
+        let halvings = if line.len() > TransferFunction::MAX_POINTS { 0 } else { HALVINGS };
+        halve(&curve, [0.0, 1.0], [node.value, next.value], halvings, &mut |s, value| line.push((at(s), value)));
     }
     line
 }
@@ -151,14 +153,17 @@ mod tests {
     }
 
     #[test]
-    fn a_sharp_point_is_a_step_and_a_straight_line_needs_no_points() {
+    fn curves_take_the_points_that_they_need() {
         let node = |at, value, sharpness| Node { at, value: [value], midpoint: 0.25, sharpness };
-        assert_eq!(
-            opacities(vec![node(0.0, 0.0, 1.0), node(4.0, 1.0, 0.0)]),
-            [(0.0, [0.0]), (1.0, [0.0]), (1.0, [1.0]), (4.0, [1.0])]
-        );
         assert_eq!(opacities(vec![Node::plain(4.0, [1.0]), Node::plain(0.0, [0.0])]), [(0.0, [0.0]), (4.0, [1.0])]);
-        let curved = opacities(vec![node(0.0, 0.0, 0.5), node(4.0, 1.0, 0.0)]);
-        assert!((8..80).contains(&curved.len()) && curved.is_sorted_by(|a, b| a.0 <= b.0), "{curved:?}");
+        for sharpness in [0.5, 1.0] {
+            let curved = opacities(vec![node(0.0, 0.0, sharpness), node(4.0, 1.0, 0.0)]);
+            assert!((8..80).contains(&curved.len()) && curved.is_sorted_by(|a, b| a.0 <= b.0), "{curved:?}");
+        }
+        let steps = colors(vec![Node::plain(0.0, [0.1; 3]), Node::plain(1.0, [0.2; 3])], Space::Step);
+        assert_eq!(steps, [(0.0, [0.1; 3]), (1.0, [0.1; 3]), (1.0, [0.2; 3])]);
+        // What no function holds is not drawn out further.
+        let many = (0..20_000).map(|i| node(f64::from(i), f64::from(i % 2), 0.5)).collect();
+        assert!(opacities(many).len() < 40_000);
     }
 }

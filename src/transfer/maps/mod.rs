@@ -45,8 +45,8 @@ impl ColorMap {
         }
     }
 
-    /// The colours over values from 0 to 1, with a gentle ramp of opacity: a tenth of the square of the value, for slabs
-    /// as thick as the smallest spacing. [`TransferFunction::stretched`] moves it to the values of data.
+    /// The colours over values from 0 to 1, with a gentle ramp of opacity: a tenth of the square of the value, for
+    /// slabs as thick as the smallest spacing. [`TransferFunction::stretched`] moves it to the values of data.
     ///
     /// # Errors
     /// [`Error::Transfer`] if there are over [`TransferFunction::MAX_POINTS`] colours.
