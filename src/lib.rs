@@ -58,6 +58,7 @@ pub mod reconstruction;
 pub mod reference;
 pub mod renderer;
 pub mod report;
+mod response;
 mod scene;
 pub mod settings;
 mod source;

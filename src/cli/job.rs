@@ -8,7 +8,7 @@ use voxsplat::figure::Figure;
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image, Region};
 use voxsplat::lighting::{Light, Lighting, Source};
-use voxsplat::settings::{Model, Painter, QuadsSettings, Settings, TilesSettings};
+use voxsplat::settings::{Model, Painter, QuadsSettings, Response, Settings, TilesSettings};
 use voxsplat::transfer::maps::{self, ColorMap};
 use voxsplat::transfer::presets::{self, Preset};
 use voxsplat::transfer::{Imported, TransferFunction, Window};
@@ -141,6 +141,11 @@ impl RenderJob {
         let settings = settings(&args.model, painter(&args.painter)?, &view)?;
         // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
+        if settings.response == Response::Depth && !output.keeps_values() {
+            return Err(Failure::Usage(
+                "--response depth is for an .exr: a .png holds 0 to 1, window shows it".to_owned(),
+            ));
+        }
         if let Some(path) = &args.save_transfer {
             TransferFunction::check_output(path).map_err(|e| Failure::Usage(format!("--save-transfer: {e}")))?;
         }
@@ -190,6 +195,10 @@ fn figure(
     let FigureArgs { scale_bar, axes, colour_bar: color_bar, title, caption, length_unit, value_unit } = args;
     let figure = Figure { scale_bar, axes, color_bar, title, caption };
     figure.validate(size, settings.model)?;
+    if figure.color_bar && settings.depth_coded {
+        let message = "--colour-bar shows the colours of values, and with --depth-coded they are those of depths";
+        return Err(Failure::Usage(message.to_owned()));
+    }
     if !figure.is_empty() && output.keeps_values() {
         let options = "--scale-bar, --axes, --colour-bar, --title and --caption";
         return Err(Failure::Usage(format!("{options} are drawn on a .png: an .exr keeps the values of the picture")));
@@ -201,6 +210,8 @@ fn figure(
 fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings, Failure> {
     let settings = Settings {
         model: model.model,
+        response: model.response,
+        depth_coded: model.depth_coded,
         shading: model.shading,
         lighting: lighting(model, view)?,
         interslice: model.interslice,
@@ -387,6 +398,9 @@ impl ParetoJob {
     pub(super) fn new(args: ParetoArgs) -> Result<Self, Failure> {
         let first = view(&args.view)?;
         let settings = settings(&args.model, Painter::Auto, &first)?;
+        if settings.response == Response::Depth {
+            return Err(Failure::Usage("--response depth is no picture for a report: window shows it".to_owned()));
+        }
         Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         let turned = |i: u32| {
             let elevations = [0.0, 25.0, -35.0, 55.0, -15.0];

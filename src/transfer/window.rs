@@ -87,8 +87,9 @@ mod tests {
     #[test]
     fn a_window_moves_values_alone() {
         let point = |value, opacity| ControlPoint { value, color: [opacity; 3], opacity };
-        let transfer =
-            TransferFunction::new(vec![point(0.0, 0.0), point(0.5, 0.5), point(1.0, 1.0)], Some(2.0)).unwrap();
+        let gradient = vec![GradientPoint { magnitude: 2.0, opacity: 0.5 }];
+        let points = vec![point(0.0, 0.0), point(0.5, 0.5), point(1.0, 1.0)];
+        let transfer = TransferFunction::new(points, Some(2.0)).unwrap().with_gradient_opacity(gradient).unwrap();
         let moved = transfer.stretched(&Window { level: 100.0, width: 50.0 }).unwrap();
         assert_eq!(moved.points(), [point(75.0, 0.0), point(100.0, 0.5), point(125.0, 1.0)]);
         assert_eq!((moved.unit_distance(), moved.gradient_opacity()[0].magnitude), (Some(2.0), 100.0));

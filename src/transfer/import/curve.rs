@@ -66,7 +66,7 @@ fn line<const N: usize>(
         line.push((node.at, node.value));
         let Some(next) = nodes.get(i + 1).filter(|next| next.at > node.at) else { continue };
         if steps {
-            line.push((next.at, node.value));
+            line.push((node.at, next.value));
             continue;
         }
         let at = |s: f64| node.at + (next.at - node.at) * s;
@@ -161,7 +161,7 @@ mod tests {
             assert!((8..80).contains(&curved.len()) && curved.is_sorted_by(|a, b| a.0 <= b.0), "{curved:?}");
         }
         let steps = colors(vec![Node::plain(0.0, [0.1; 3]), Node::plain(1.0, [0.2; 3])], Space::Step);
-        assert_eq!(steps, [(0.0, [0.1; 3]), (1.0, [0.1; 3]), (1.0, [0.2; 3])]);
+        assert_eq!(steps, [(0.0, [0.1; 3]), (0.0, [0.2; 3]), (1.0, [0.2; 3])]);
         // What no function holds is not drawn out further.
         let many = (0..20_000).map(|i| node(f64::from(i), f64::from(i % 2), 0.5)).collect();
         assert!(opacities(many).len() < 40_000);

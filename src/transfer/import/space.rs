@@ -18,7 +18,7 @@ pub(super) enum Space {
     /// Moreland 2009, "Diverging color maps for scientific visualization": polar Lab, through white if both ends are
     /// saturated and differ in hue.
     Diverging,
-    /// The colour of the lower point up to the next.
+    /// The colour of the upper point from the lower one on.
     Step,
 }
 
@@ -47,7 +47,7 @@ impl Space {
     pub(super) fn between(self, a: [f64; 3], b: [f64; 3], s: f64) -> [f64; 3] {
         match self {
             Self::Rgb => mixed(a, b, s),
-            Self::Step => a,
+            Self::Step => b,
             Self::Lab => lab_to_rgb(mixed(rgb_to_lab(a), rgb_to_lab(b), s)),
             Self::Hsv { wrap } => {
                 let (mut a, mut b) = (rgb_to_hsv(a), rgb_to_hsv(b));
