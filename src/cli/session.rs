@@ -28,8 +28,8 @@ pub(super) struct Session {
     renderer: Option<Renderer>,
     /// What the last picture was made of.
     prepared: Option<Prepared>,
-    /// What the last picture was fitted to.
-    visible: Option<(TransferFunction, Option<Hull>)>,
+    /// What the last picture was fitted to, and how that was found.
+    framed: Option<(FrameArg, TransferFunction, Option<Hull>)>,
     /// What the user has been told.
     said: Vec<String>,
 }
@@ -92,7 +92,7 @@ impl Session {
         stages.append(opening);
         let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
         let renderer = opened.transpose()?;
-        Ok((Self { volume, renderer, prepared: None, visible: None, said: Vec::new() }, fitted))
+        Ok((Self { volume, renderer, prepared: None, framed: None, said: Vec::new() }, fitted))
     }
 
     /// Tells the user a note once.
@@ -130,13 +130,11 @@ impl Session {
         transfer: &TransferFunction,
         stages: &mut Stages,
     ) -> Result<Picture, Failure> {
-        let around = match &self.visible {
-            Some((of, hull)) if job.frame == FrameArg::Visible && of == transfer => hull.clone(),
+        let around = match &self.framed {
+            Some((frame, of, hull)) if *frame == job.frame && of == transfer => hull.clone(),
             _ => stages.time("framing", || framed(job.frame, &self.volume, transfer))?,
         };
-        if job.frame == FrameArg::Visible {
-            self.visible = Some((transfer.clone(), around.clone()));
-        }
+        self.framed = Some((job.frame, transfer.clone(), around.clone()));
         let camera = Camera::new(&View { around, ..job.view.clone() }, self.volume.grid(), job.size)?;
         let (image, settings, estimate, stats) = match &self.renderer {
             Some(renderer) => {
