@@ -129,14 +129,13 @@ pub(super) enum StatsFormat {
 /// Where the eye is.
 #[derive(Debug, clap::Args)]
 pub(super) struct ViewArgs {
-    /// Rotate the eye about the up direction by DEG degrees, from the front of the volume
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
-        help_heading = "View")]
-    pub(super) azimuth: f64,
-    /// Raise the eye towards the up direction by DEG degrees
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
-        help_heading = "View")]
-    pub(super) elevation: f64,
+    /// Rotate the eye about the up direction by DEG degrees, from the front of the volume [default: 0; `render` takes
+    /// 30 for a file without orientation if no side is asked for]
+    #[arg(long, value_name = "DEG", value_parser = parse::number, allow_hyphen_values = true, help_heading = "View")]
+    pub(super) azimuth: Option<f64>,
+    /// Raise the eye towards the up direction by DEG degrees [default: 0; 20 where the azimuth is 30 by default]
+    #[arg(long, value_name = "DEG", value_parser = parse::number, allow_hyphen_values = true, help_heading = "View")]
+    pub(super) elevation: Option<f64>,
     /// Rotate the camera about its viewing direction by DEG degrees, counter-clockwise
     #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "View")]
@@ -181,11 +180,20 @@ pub(super) struct ViewArgs {
     pub(super) distance: Option<f64>,
 }
 
+impl ViewArgs {
+    /// Whether no option says from which side to look, or what is up.
+    pub(super) fn says_no_side(&self) -> bool {
+        let Self { azimuth, elevation, roll, up, direction, .. } = self;
+        azimuth.is_none() && elevation.is_none() && *roll == 0.0 && up.is_none() && direction.is_none()
+    }
+}
+
 /// What a picture shows.
 #[derive(Debug, clap::Args)]
 pub(super) struct ModelArgs {
-    /// Transfer function: a FILE.json, or a preset that adapts to the data: ct-bone, ct-soft-tissue, angiography, mri,
-    /// grayscale, gray, viridis or inferno [default: suggested by the data; see `voxsplat info`]
+    /// Transfer function: a FILE.json, or a preset that adapts to the data: ct-bone, ct-skin, ct-muscle,
+    /// ct-soft-tissue, ct-lung, angiography, mri, mr-brain, pet, activation, fluorescence, field, grayscale, gray,
+    /// viridis or inferno [default: suggested by the data; see `voxsplat info`]
     #[arg(long, value_name = "FILE.json|PRESET", help_heading = "Model")]
     pub(super) transfer: Option<PathBuf>,
     /// Gradient opacity: opacities are multiplied by O, 0 to 1, where the value changes by M per world unit; linear
@@ -209,7 +217,7 @@ pub(super) struct ModelArgs {
     #[arg(long, value_name = "LIGHT", value_parser = parse::light, allow_hyphen_values = true, help_heading = "Model")]
     pub(super) light: Vec<LightArg>,
     /// Material of lit surfaces: ambient, diffuse and specular share, 0 to 1, and shininess, 1 to 1000
-    /// [default: 0.3,0.7,0.2,24]
+    /// [default: 0.3,0.7,0.2,24; studio 0.4,0.7,0.2,24; `render` takes that of a preset that shows surfaces]
     #[arg(long, value_name = "A,D,S,N", value_parser = parse::material, help_heading = "Model")]
     pub(super) material: Option<[f64; 4]>,
     /// Shadows of the first three lights given by AZ,EL: on, off, or their strength, 0 to 1 [default: off; studio 0.85]

@@ -82,6 +82,12 @@ pub(super) struct RenderJob {
     pub(super) settings: Settings,
     /// Whether there is studio light if the transfer function shows surfaces.
     pub(super) chooses_light: bool,
+    /// Whether the transfer function's preset chooses the material.
+    pub(super) chooses_material: bool,
+    /// Whether studio light was asked for.
+    pub(super) studio: bool,
+    /// Whether the view is oblique if the file states no orientation.
+    pub(super) chooses_view: bool,
     pub(super) engine: Engine,
     pub(super) output: PathBuf,
     pub(super) background: Background,
@@ -132,6 +138,9 @@ impl RenderJob {
             region,
             settings,
             chooses_light,
+            chooses_material: args.model.material.is_none(),
+            studio: args.model.light.contains(&LightArg::Studio),
+            chooses_view: args.view.says_no_side(),
             engine,
             output: args.output,
             background: args.background,
@@ -299,8 +308,8 @@ fn view(args: &ViewArgs) -> Result<View, Failure> {
         return Err(Failure::Usage("--up and --direction need a length over 0".to_owned()));
     }
     Ok(View {
-        azimuth: args.azimuth,
-        elevation: args.elevation,
+        azimuth: args.azimuth.unwrap_or_default(),
+        elevation: args.elevation.unwrap_or_default(),
         roll: args.roll,
         up: args.up.unwrap_or(View::default().up),
         direction: args.direction,

@@ -14,7 +14,7 @@ use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
 use voxsplat::settings::Settings;
 use voxsplat::stats::{Clock, StageTime, Stats};
 use voxsplat::transfer::TransferFunction;
-use voxsplat::transfer::presets::{self, Preset, Suggestion};
+use voxsplat::transfer::presets::{self, Material, Suggestion};
 use voxsplat::volume::{Statistics, Units, Volume};
 use voxsplat::{demos, formats};
 
@@ -25,6 +25,9 @@ use super::parse::GradientOpacity;
 use super::progress::{self, Progress};
 use super::stderr::silenced;
 use super::{Failure, output};
+
+/// Azimuth and elevation of a view that shows three sides of a box, degrees.
+const OBLIQUE: [f64; 2] = [30.0, 20.0];
 
 /// Host times of the stages, in the order in which they ran.
 #[derive(Default)]
@@ -73,15 +76,13 @@ pub(super) fn run(mut job: RenderJob) -> Result<(), Failure> {
         (read(), device.map(|thread| thread.join()))
     });
     drop(progress);
-    let (volume, Fitted { transfer, preset, note }) = read?;
+    let (volume, Fitted { transfer, material, note }) = read?;
     if let Some(note) = note {
         let frames = "; the picture frames what shows, and with --frame volume the whole volume";
         output::say(&(note + if job.frame == FrameArg::Visible { frames } else { "" }));
     }
-    if job.chooses_light && preset.is_some_and(|preset| preset.surfaces) {
-        job.settings.lighting = Some(Lighting::studio(job.view.forward()?, job.view.up));
-        output::say("note: --light studio is taken, as the preset shows surfaces; --light off is without");
-    }
+    choose_view(&mut job, &volume);
+    choose_light(&mut job, material)?;
     stages.0.append(&mut opening.0);
     let around = stages.time("framing", || framed(job.frame, &volume, &transfer))?;
     let camera = Camera::new(&View { around, ..job.view.clone() }, volume.grid(), job.size)?;
@@ -137,6 +138,42 @@ pub(super) fn run(mut job: RenderJob) -> Result<(), Failure> {
             })
         }
     }
+}
+
+/// Looks from an oblique side at a volume whose file states no orientation, unless a side was asked for: of a box whose
+/// front means nothing the front hides most.
+fn choose_view(job: &mut RenderJob, volume: &Volume) {
+    let flat = volume.grid().dims().contains(&1);
+    if job.chooses_view && !flat && !volume.is_oriented() && demos::own_transfer(&job.source).is_none() {
+        let [azimuth, elevation] = OBLIQUE;
+        (job.view.azimuth, job.view.elevation) = (azimuth, elevation);
+        output::say(&format!(
+            "note: --azimuth {azimuth} --elevation {elevation} is taken, as the file states no orientation; \
+             --azimuth 0 is the front"
+        ));
+    }
+}
+
+/// Takes studio light for a material if nothing was said of light, places it about the view, and takes the material if
+/// nothing was said of it.
+fn choose_light(job: &mut RenderJob, material: Option<Material>) -> Result<(), Failure> {
+    let studio = Lighting::studio(job.view.forward()?, job.view.up);
+    match &mut job.settings.lighting {
+        Some(lighting) if job.studio => {
+            let placed = lighting.lights.iter_mut().zip(studio.lights);
+            placed.for_each(|(light, there)| light.source = there.source);
+        }
+        Some(_) => {}
+        None if job.chooses_light && material.is_some() => {
+            job.settings.lighting = Some(studio);
+            output::say("note: --light studio is taken, as the preset shows surfaces; --light off is without");
+        }
+        None => return Ok(()),
+    }
+    if let (true, Some(material)) = (job.chooses_material, material) {
+        job.settings.lighting = job.settings.lighting.take().map(|lighting| material.lit(lighting));
+    }
+    Ok(())
 }
 
 /// Statistics of a picture by the renderer, and what traced pixels say of it.
@@ -263,8 +300,8 @@ fn print_stats<S: Serialize>(
 /// The transfer function of a job.
 pub(super) struct Fitted {
     pub(super) transfer: TransferFunction,
-    /// The preset that it is.
-    preset: Option<&'static Preset>,
+    /// The material that its preset asks for.
+    material: Option<Material>,
     /// For the user, if it was suggested.
     pub(super) note: Option<String>,
 }
@@ -285,18 +322,18 @@ pub(super) fn transfer(
 fn fitted(source: &Path, choice: &Transfer, volume: &Volume, stages: &mut Stages) -> Result<Fitted, Failure> {
     let mut statistics = || stages.time("statistics", || Statistics::of(volume));
     match choice {
-        Transfer::Given(transfer) => Ok(Fitted { transfer: transfer.clone(), preset: None, note: None }),
+        Transfer::Given(transfer) => Ok(Fitted { transfer: transfer.clone(), material: None, note: None }),
         Transfer::Preset(preset) => {
-            let transfer = presets::preset(preset.name, &statistics()?)?;
-            Ok(Fitted { transfer, preset: Some(preset), note: None })
+            let transfer = presets::preset(preset.name, volume, &statistics()?)?;
+            Ok(Fitted { transfer, material: preset.material, note: None })
         }
         Transfer::Suggested => {
             if let Some(transfer) = demos::own_transfer(source) {
-                return Ok(Fitted { transfer, preset: None, note: None });
+                return Ok(Fitted { transfer, material: None, note: None });
             }
             let (transfer, Suggestion { name, reason }) = TransferFunction::for_volume(volume, &statistics()?)?;
-            let preset = presets::PRESETS.iter().find(|preset| preset.name == name);
-            Ok(Fitted { transfer, preset, note: Some(format!("note: --transfer {name} is taken, as {reason}")) })
+            let material = presets::find(name)?.material;
+            Ok(Fitted { transfer, material, note: Some(format!("note: --transfer {name} is taken, as {reason}")) })
         }
     }
 }
