@@ -231,15 +231,14 @@ pub(super) struct ModelArgs {
     #[arg(long, value_name = "RADIUS|off", value_parser = parse::occlusion, help_heading = "Model")]
     pub(super) occlusion: Option<Occlusion>,
     /// Reconstruction kernel, lengths in voxels: gaussian[:SIGMA,RADIUS] (1,2) or kaiser-bessel[:RADIUS,ALPHA] (2,10.4)
-    #[arg(long, value_name = "KERNEL", default_value = "gaussian", value_parser = parse::kernel,
-        help_heading = "Model")]
-    pub(super) kernel: Kernel,
+    /// [default: gaussian]
+    #[arg(long, value_name = "KERNEL", value_parser = parse::kernel, help_heading = "Model")]
+    pub(super) kernel: Option<Kernel>,
     /// Take the blur of the kernel back: 0 (not at all) to 1. A Gaussian gives way to a narrower Kaiser-Bessel blob;
     /// with --shading post or --model mip samples are filtered besides, so that the field passes through them. Noise
-    /// grows
-    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
-        help_heading = "Model")]
-    pub(super) sharpness: f64,
+    /// grows [default: 0; `render` takes 0.5 for a preset that shows surfaces, pre-shaded, if no kernel is asked for]
+    #[arg(long, value_name = "S", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Model")]
+    pub(super) sharpness: Option<f64>,
     /// Divisor of sums of kernels: the kernel's integral (unit), or its peak of 1 (historical, denser)
     #[arg(long, value_name = "HOW", default_value = "unit",
         value_parser = one_of(Normalization::ALL, Normalization::name), help_heading = "Model")]

@@ -82,6 +82,8 @@ pub(super) struct RenderJob {
     pub(super) settings: Settings,
     /// Whether there is studio light if the transfer function shows surfaces.
     pub(super) chooses_light: bool,
+    /// Whether the picture is sharper than with the kernel itself if the transfer function shows surfaces.
+    pub(super) chooses_sharpness: bool,
     /// Whether the transfer function's preset chooses the material.
     pub(super) chooses_material: bool,
     /// Whether studio light was asked for.
@@ -120,8 +122,10 @@ impl RenderJob {
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
         region.check_within(args.size)?;
         let (figure, units) = figure(args.figure, args.size, &settings, &args.output)?;
-        let chooses_light =
-            args.model.light.is_empty() && !settings.is_post_shaded() && settings.model == Model::Composite;
+        // Shadows and occlusion need pre-shading.
+        let pre_shaded = !settings.is_post_shaded() && settings.model == Model::Composite;
+        let chooses_light = args.model.light.is_empty() && pre_shaded;
+        let chooses_sharpness = args.model.kernel.is_none() && args.model.sharpness.is_none() && pre_shaded;
         let transfer = Transfer::new(args.model.transfer)?;
         let engine = match args.reference {
             true => Engine::Reference,
@@ -138,6 +142,7 @@ impl RenderJob {
             region,
             settings,
             chooses_light,
+            chooses_sharpness,
             chooses_material: args.model.material.is_none(),
             studio: args.model.light.contains(&LightArg::Studio),
             chooses_view: args.view.says_no_side(),
@@ -176,9 +181,9 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         termination: model.termination,
         antialiasing: model.antialiasing == SwitchArg::On,
         level: model.level,
-        kernel: model.kernel,
+        kernel: model.kernel.unwrap_or_default(),
         normalization: model.normalization,
-        sharpness: model.sharpness,
+        sharpness: model.sharpness.unwrap_or_default(),
         painter,
     };
     settings.validate()?;

@@ -54,7 +54,7 @@ pub const PRESETS: &[Preset] = &[
     Preset {
         name: "ct-bone",
         description: "CT: opaque bone in clear flesh",
-        material: material(0.45, 0.9, 0.2, 24.0),
+        material: material(0.4, 0.8, 0.2, 24.0),
         build: ct_bone,
         gradient: &[],
     },
@@ -379,7 +379,7 @@ fn ct_bone(l: &Levels) -> Vec<ControlPoint> {
     } else {
         (between(l.object, l.bright, 0.75), l.bright, between(l.bright, l.top, 0.4), l.top)
     };
-    points(&[(clear, 0xa0_6c48, 0.0), (soft, 0xd8_b088, 0.12), (hard, 0xf2_e0c4, 0.35), (top, 0xff_fcf6, 0.6)])
+    points(&[(clear, 0xa0_6c48, 0.0), (soft, 0xd8_b088, 0.12), (hard, 0xf2_e0c4, 0.35), (top, 0xff_f8ec, 0.6)])
 }
 
 fn ct_skin(l: &Levels) -> Vec<ControlPoint> {
