@@ -173,8 +173,8 @@ fn gradient_opacity_of_a_preset_keeps_to_the_size_of_voxels_and_values() {
     assert!(first.len() >= 2 && first[0].opacity < 0.5 && first.last().unwrap().opacity == 1.0);
     // A step of the whole range over two voxels keeps all of its opacity.
     assert!(first.last().unwrap().magnitude < 950.0, "{first:?}");
-    for (a, b) in first.iter().zip(steps(10.0, 0.25)) {
-        assert!((a.magnitude * 40.0 - b.magnitude).abs() <= 1e-9 * b.magnitude && a.opacity == b.opacity);
+    for (a, b) in first.iter().zip(steps(0.1, 0.25)) {
+        assert!((a.magnitude * 0.4 - b.magnitude).abs() <= 1e-9 * b.magnitude && a.opacity == b.opacity);
     }
 }
 
@@ -248,6 +248,7 @@ fn scores() -> Volume {
 #[test]
 fn suggestions_follow_the_values() {
     let shifted = volume(classes(&[(600, 100.0), (350, 1140.0), (50, 2000.0)], 30.0));
+    let above = volume(classes(&[(500, 130.0), (250, 500.0), (250, 800.0)], 29.0));
     let field = made(1.0, |_, p| p);
     let stated = made(1.0, |place, p| if place < 0.9 { 0.0 } else { 3.0 + p })
         .with_units(Units { value: Some("t".to_owned()), ..Units::default() });
@@ -282,7 +283,8 @@ fn suggestions_follow_the_values() {
         ("Hounsfield units", ct(), "ct-bone", "Hounsfield"),
         ("CT, air at 100", shifted, "ct-bone", "bright minority"),
         ("CT, windowed", oriented(counted(0.8, windowed)), "ct-bone", "bright minority"),
-        ("two tissues", mri(), "mri", "no bright minority"),
+        ("two tissues", mri(), "mri", "background is noise"),
+        ("two tissues over an offset", above, "mri", "no bright minority"),
         ("T2", oriented(counted(1.2, t2)), "mri", "background is noise"),
         ("masked brain", oriented(counted(1.0, masked)), "mr-brain", "masked"),
         ("MR angiogram", oriented(counted(0.6, vessels)), "angiography", "far brighter"),
@@ -329,7 +331,10 @@ fn json_errors_name_the_point_and_the_line() {
         (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2]")), "point 1 (line 1): invalid length 2"),
         (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2, 0]")), "must lie in 0..1"),
         (format!("{{\"points\": [{good},\n{}]}}", good.replace(": 1,", ": 0.5,")), "point 2 (line 2): value 0.5 comes"),
-        (format!("{{\"points\": [{good}], \"units\": 1}}"), "expected `unit_distance` or `points`"),
+        (
+            format!("{{\"points\": [{good}], \"units\": 1}}"),
+            "expected one of `unit_distance`, `points`, `gradient_opacity`",
+        ),
         (format!("{{\"points\": [{good}], \"unit_distance\": 0}}"), "unit_distance 0"),
         ("{\"points\": []}".to_owned(), "0 control points"),
         ("{}".to_owned(), "missing field `points`"),
