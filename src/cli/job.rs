@@ -8,7 +8,7 @@ use voxsplat::figure::Figure;
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image, Region};
 use voxsplat::lighting::{Light, Lighting, Source};
-use voxsplat::settings::{Model, Painter, QuadsSettings, Settings, TilesSettings};
+use voxsplat::settings::{Model, Painter, QuadsSettings, Response, Settings, TilesSettings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::transfer::presets::{self, Preset};
 use voxsplat::volume::{Grid, Units};
@@ -118,11 +118,16 @@ impl RenderJob {
         // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         check_output(&args.output)?;
+        if settings.response == Response::Depth && !is_exr(&args.output) {
+            return Err(Failure::Usage(
+                "--response depth is for an .exr: a .png holds 0 to 1, window shows it".to_owned(),
+            ));
+        }
         let [width, height] = args.size;
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
         region.check_within(args.size)?;
         let (figure, units) = figure(args.figure, args.size, &settings, &args.output)?;
-        // Shadows and occlusion need pre-shading.
+        // A post-shaded picture is left as it is asked for.
         let pre_shaded = !settings.is_post_shaded() && settings.model == Model::Composite;
         let chooses_light = args.model.light.is_empty() && pre_shaded;
         let chooses_sharpness = args.model.kernel.is_none() && args.model.sharpness.is_none() && pre_shaded;
@@ -159,12 +164,20 @@ impl RenderJob {
     }
 }
 
+fn is_exr(output: &Path) -> bool {
+    output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
+}
+
 /// What is drawn on a picture, and the units of what it shows.
 fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings, output: &Path) -> Result<(Figure, Units), Failure> {
     let FigureArgs { scale_bar, axes, colour_bar: color_bar, title, caption, length_unit, value_unit } = args;
     let figure = Figure { scale_bar, axes, color_bar, title, caption };
     figure.validate(size, settings.model)?;
-    if !figure.is_empty() && output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")) {
+    if figure.color_bar && settings.depth_coded {
+        let message = "--colour-bar shows the colours of values, and with --depth-coded they are those of depths";
+        return Err(Failure::Usage(message.to_owned()));
+    }
+    if !figure.is_empty() && is_exr(output) {
         let options = "--scale-bar, --axes, --colour-bar, --title and --caption";
         return Err(Failure::Usage(format!("{options} are drawn on a .png: an .exr keeps the values of the picture")));
     }
@@ -175,6 +188,8 @@ fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings, output: &Path) 
 fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings, Failure> {
     let settings = Settings {
         model: model.model,
+        response: model.response,
+        depth_coded: model.depth_coded,
         shading: model.shading,
         lighting: lighting(model, view)?,
         interslice: model.interslice,
@@ -358,6 +373,9 @@ impl ParetoJob {
     pub(super) fn new(args: ParetoArgs) -> Result<Self, Failure> {
         let first = view(&args.view)?;
         let settings = settings(&args.model, Painter::Auto, &first)?;
+        if settings.response == Response::Depth {
+            return Err(Failure::Usage("--response depth is no picture for a report: window shows it".to_owned()));
+        }
         Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         let turned = |i: u32| {
             let elevations = [0.0, 25.0, -35.0, 55.0, -15.0];

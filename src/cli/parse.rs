@@ -8,7 +8,7 @@ use voxsplat::Background;
 use voxsplat::error::Error;
 use voxsplat::image::Region;
 use voxsplat::kernel::Kernel;
-use voxsplat::settings::Level;
+use voxsplat::settings::{Level, Response};
 use voxsplat::transfer::{ControlPoint, GradientPoint, TransferFunction};
 
 /// The value of `--light`.
@@ -208,16 +208,7 @@ pub(super) fn level(text: &str) -> Result<Level, String> {
 
 /// `gaussian[:SIGMA,RADIUS]` or `kaiser-bessel[:RADIUS,ALPHA]`.
 pub(super) fn kernel(text: &str) -> Result<Kernel, String> {
-    let (name, numbers) = text.split_once(':').map_or((text, None), |(name, numbers)| (name, Some(numbers)));
-    let numbers: Option<[f64; 2]> = match numbers {
-        None => None,
-        Some(numbers) => Some(
-            list(numbers)
-                .and_then(|n| n.try_into().ok())
-                .ok_or_else(|| format!("expected two numbers after {name}:, found {numbers:?}"))?,
-        ),
-    };
-    let kernel = match (name, numbers) {
+    let kernel = match name_and_pair(text)? {
         ("gaussian", None) => Kernel::default(),
         ("gaussian", Some([sigma, radius])) => Kernel::Gaussian { sigma, radius },
         ("kaiser-bessel", None) => Kernel::KAISER_BESSEL,
@@ -225,6 +216,27 @@ pub(super) fn kernel(text: &str) -> Result<Kernel, String> {
         _ => return Err("expected gaussian[:SIGMA,RADIUS] or kaiser-bessel[:RADIUS,ALPHA]".to_owned()),
     };
     kernel.validate().map(|()| kernel).map_err(reason)
+}
+
+/// `absorption`, `depth`, `window[:LOW,HIGH]` or `film[:EXPOSURE,GAMMA]`.
+pub(super) fn response(text: &str) -> Result<Response, String> {
+    let response = match name_and_pair(text)? {
+        ("absorption", None) => Response::Absorption,
+        ("depth", None) => Response::Depth,
+        ("window", None) => Response::WINDOW,
+        ("window", Some([low, high])) => Response::Window { low, high },
+        ("film", None) => Response::FILM,
+        ("film", Some([exposure, gamma])) => Response::Film { exposure, gamma },
+        _ => return Err("expected absorption, depth, window[:LOW,HIGH] or film[:EXPOSURE,GAMMA]".to_owned()),
+    };
+    response.validate().map(|()| response).map_err(reason)
+}
+
+/// `NAME` or `NAME:NUMBER,NUMBER`.
+fn name_and_pair(text: &str) -> Result<(&str, Option<[f64; 2]>), String> {
+    let Some((name, numbers)) = text.split_once(':') else { return Ok((text, None)) };
+    let pair = list(numbers).and_then(|n| n.try_into().ok());
+    Ok((name, Some(pair.ok_or_else(|| format!("expected two numbers after {name}:, found {numbers:?}"))?)))
 }
 
 #[cfg(test)]
@@ -265,6 +277,17 @@ mod tests {
         assert_eq!(kernel("kaiser-bessel:2,8"), Ok(Kernel::KaiserBessel { radius: 2.0, alpha: 8.0 }));
         for bad in ["box", "gaussian:", "gaussian:1", "gaussian:0,2", "kaiser-bessel:99,2", "gaussian:nan,1"] {
             assert!(kernel(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn responses() {
+        for given in [Response::Absorption, Response::Depth, Response::WINDOW, Response::FILM] {
+            assert_eq!(response(&given.to_string()), Ok(given));
+        }
+        assert_eq!(response("film"), Ok(Response::FILM));
+        for bad in ["white", "depth:1,2", "window:4,1", "film:0,3", "film:8"] {
+            assert!(response(bad).is_err(), "{bad}");
         }
     }
 }

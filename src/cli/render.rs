@@ -268,6 +268,7 @@ pub(super) fn framed(frame: FrameArg, volume: &Volume, transfer: &TransferFuncti
     Ok(match frame {
         FrameArg::Volume => None,
         FrameArg::Visible => Hull::of_visible(volume, transfer)?,
+        FrameArg::View => Hull::of_visible(volume, transfer)?.map(Hull::from_one_side),
     })
 }
 

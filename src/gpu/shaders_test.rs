@@ -72,7 +72,7 @@ fn structs_are_laid_out_alike() {
     same_layout!(ControlPoint { color, sample, opacity });
     same_layout!(Sort { blocks, batches, sheets_per_batch });
     same_layout!(Batch { depth, first_sheet });
-    same_layout!(Shade { depth, previous, current, gradient_lookup, invisible, lookup, low, high });
+    same_layout!(Shade { depth, previous, current, gradient_lookup, invisible, lookup, low, high, to_light });
     same_layout!(Area { low, high });
     same_layout!(Present { corner, row });
     same_layout!(Terminate { first, count });
@@ -151,6 +151,8 @@ fn structs_are_laid_out_alike() {
         fade_in,
         fade_out,
         gradient_lookup,
+        to_light,
+        model,
         sections
     });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, colors, shininess });
@@ -188,6 +190,7 @@ fn structs_are_laid_out_alike() {
         tiles,
         tile_size,
         level_spread,
+        model,
     });
 }
 

@@ -46,6 +46,11 @@ impl Reduction {
         self.factor
     }
 
+    /// The value of a scalar.
+    pub(crate) fn value(&self, scalar: f32) -> f64 {
+        self.base + f64::from(scalar) / self.factor
+    }
+
     /// The scalar of a value.
     pub(crate) fn scalar(&self, value: f64) -> f32 {
         self.length(value - self.base) as f32
@@ -109,7 +114,7 @@ impl TransferTable {
                 let [r, g, b] = color.map(|c| c * extinction);
                 [r, g, b, extinction]
             }
-            Shows::Largest => {
+            Shows::Largest | Shows::Mean => {
                 let [r, g, b] = color;
                 [r, g, b, opacity / transfer.max_opacity().max(f64::MIN_POSITIVE)]
             }
@@ -139,7 +144,7 @@ impl TransferTable {
     }
 }
 
-/// Colour times extinction, and extinction; of maxima colour and alpha.
+/// Colour times extinction, and extinction; of maxima and means colour and alpha.
 type Value = [f64; 4];
 
 fn mixed(a: Value, b: Value, f: f64) -> Value {

@@ -130,6 +130,19 @@ pub(crate) struct Casting {
     occlusion: Option<f64>,
 }
 
+impl Casting {
+    /// What arrives at a point, given the ambient share and the optical depth towards a light in a world direction, as
+    /// [`shadow`](self::shadow) has it.
+    pub(crate) fn visibility(&self, ambient: f64, depth: impl Fn(DVec3) -> f64) -> Visibility {
+        let mut visibility = Visibility { ambient, ..Visibility::FULL };
+        for (share, towards) in visibility.lights.iter_mut().zip(&self.lights).filter(|(_, t)| !t.is_empty()) {
+            let mean = towards.iter().map(|&t| (-depth(t)).exp()).sum::<f64>() / towards.len() as f64;
+            *share = 1.0 - self.strength * (1.0 - mean);
+        }
+        visibility
+    }
+}
+
 impl Default for Lighting {
     fn default() -> Self {
         Self {

@@ -17,8 +17,8 @@ use crate::volume::{Grid, Samples, Volume};
 ///
 /// * pre-shading: extinction per world unit, then emission in red, green and blue (colour times extinction), of which
 ///   X-ray leaves the emission 0;
-/// * post-shading and maximum intensity: scalar less base, then the scalar's central differences along the lattice
-///   axes, 0 where neither light nor opacity depends on them.
+/// * post-shading and projections of intensity: scalar less base, then the scalar's central differences along the
+///   lattice axes, 0 where neither light nor opacity depends on them.
 pub(super) type Weights = [f64; 4];
 
 /// The weight of voxels that do not count.
@@ -42,8 +42,8 @@ pub(super) struct Splats {
     shadows: Option<Shadows>,
     /// From gradients along the lattice axes to such in the world.
     to_world: DMat3,
-    /// Whether weights are scalars, and the samples at the edge are repeated beyond it: post-shading and maximum
-    /// intensity.
+    /// Whether weights are scalars, and the samples at the edge are repeated beyond it: post-shading and projections
+    /// of intensity.
     repeats: bool,
     emits: bool,
     /// Whether what is reconstructed is composited, not the largest taken.
@@ -56,6 +56,21 @@ pub(super) struct Splats {
 struct Shadows {
     medium: Medium<f64>,
     caster: Caster<f64>,
+    /// What arrives at voxels, brick by brick, where it was asked for.
+    bricks: Vec<OnceLock<Vec<Shares<EDGE>>>>,
+}
+
+impl Shadows {
+    /// What arrives at the voxels of the brick that begins at a lattice point, row by row.
+    fn shares(&self, start: [usize; 3]) -> Vec<Shares<EDGE>> {
+        let block = Block { start, down: EDGE, wanted: &[u32::MAX; EDGE * EDGE] };
+        self.caster.shares::<EDGE>(&self.medium, &block)
+    }
+}
+
+/// Bricks along the axes of a lattice.
+fn brick_counts(dims: [usize; 3]) -> [usize; 3] {
+    dims.map(|d| d.div_ceil(EDGE))
 }
 
 impl std::fmt::Debug for Shadows {
@@ -105,8 +120,7 @@ impl Splats {
             cells,
             bounds,
         };
-        let casting = settings.lighting.as_ref().filter(|_| !repeats).and_then(Lighting::casting);
-        if let Some(casting) = casting {
+        if let Some(casting) = settings.lighting.as_ref().and_then(Lighting::casting) {
             let mut medium = Medium::new(dims)?;
             for index in 0..dims.iter().product() {
                 let point = [index % dims[0], index / dims[0] % dims[1], index / dims[0] / dims[1]];
@@ -117,7 +131,8 @@ impl Splats {
             }
             let divisor = settings.normalization.divisor(&settings.kernel);
             let lattice = Lattice::new(volume.grid(), settings.kernel, divisor, 1.0, 1.0);
-            splats.shadows = Some(Shadows { caster: Caster::new(&casting, &lattice), medium });
+            let bricks = (0..brick_counts(dims).iter().product()).map(|_| OnceLock::new()).collect();
+            splats.shadows = Some(Shadows { caster: Caster::new(&casting, &lattice), medium, bricks });
         }
         Ok(splats)
     }
@@ -135,6 +150,11 @@ impl Splats {
     /// Whether gradients are reconstructed beside scalars.
     fn has_gradients(&self) -> bool {
         self.lighting.is_some() || (self.composites && !self.transfer.gradient_opacity().is_empty())
+    }
+
+    /// Whether scalars are reconstructed, in the box of the voxels.
+    pub(super) fn repeats(&self) -> bool {
+        self.repeats
     }
 
     pub(super) fn transfer(&self) -> &TransferFunction {
@@ -162,6 +182,37 @@ impl Splats {
     /// The gradient of the scalar at a voxel, world coordinates.
     pub(super) fn gradient(&self, point: [usize; 3]) -> DVec3 {
         self.to_world * DVec3::from_array(self.central_differences(point))
+    }
+
+    /// What of the light arrives at a place in the lattice: trilinear between voxels, beyond the outermost as there.
+    pub(super) fn visibility(&self, place: DVec3) -> Visibility {
+        let Some(shadows) = &self.shadows else { return Visibility::FULL };
+        let counts = brick_counts(self.dims);
+        let last = DVec3::from_array(self.dims.map(|d| (d - 1) as f64));
+        let place = place.clamp(DVec3::ZERO, last);
+        let first = place.floor().min((last - 1.0).max(DVec3::ZERO));
+        let beyond = place - first;
+        let mut visibility = Visibility { lights: [0.0; Lighting::MAX_LIGHTS], ambient: 0.0 };
+        for corner in 0..8 {
+            let offset = [0, 1, 2].map(|axis| corner >> axis & 1);
+            let weight: f64 =
+                (0..3).map(|axis| if offset[axis] == 1 { beyond[axis] } else { 1.0 - beyond[axis] }).product();
+            if weight <= 0.0 {
+                continue;
+            }
+            let [i, j, k] = [0, 1, 2].map(|axis| first[axis] as usize + offset[axis]);
+            let brick = ((k / EDGE) * counts[1] + j / EDGE) * counts[0] + i / EDGE;
+            let shares = shadows.bricks[brick].get_or_init(|| shadows.shares([i, j, k].map(|p| p / EDGE * EDGE)));
+            let arrives = Visibility::of(&shares[(k % EDGE) * EDGE + j % EDGE], i % EDGE);
+            visibility.lights.iter_mut().zip(arrives.lights).for_each(|(sum, share)| *sum += weight * share);
+            visibility.ambient += weight * arrives.ambient;
+        }
+        visibility
+    }
+
+    /// Whether light is kept from voxels.
+    pub(super) fn has_shadows(&self) -> bool {
+        self.shadows.is_some()
     }
 
     /// The extinction of a voxel whose value has some opacity, per world unit.
@@ -239,7 +290,7 @@ impl Brick {
 
 impl Bricks {
     pub(super) fn new(splats: &Splats, viewer: Viewer, rounded: bool) -> Self {
-        let counts = splats.dims.map(|d| d.div_ceil(EDGE));
+        let counts = brick_counts(splats.dims);
         let bricks = (0..counts.iter().product()).map(|_| OnceLock::new()).collect();
         Self { viewer, rounded, counts, bricks }
     }
@@ -287,8 +338,7 @@ impl Bricks {
         }
         let mut weights = Box::new([CLEAR; EDGE * EDGE * EDGE]);
         let [x, y, z] = std::array::from_fn(|a| first[a]..splats.dims[a].min(first[a] + EDGE));
-        let block = Block { start: first, down: EDGE, wanted: &[u32::MAX; EDGE * EDGE] };
-        let shares = splats.shadows.as_ref().map(|s| s.caster.shares::<EDGE>(&s.medium, &block));
+        let shares = splats.shadows.as_ref().filter(|_| !splats.repeats).map(|shadows| shadows.shares(first));
         for k in z {
             for j in y.clone() {
                 for i in x.clone() {

@@ -189,6 +189,13 @@ impl TransferFunction {
         p.iter().find(|q| self.sample(q.value).1 <= 0.0).unwrap_or(&p[0]).value
     }
 
+    /// The function that gives every value what this one gives its opposite. (At a step itself the other side holds.)
+    #[must_use]
+    pub(crate) fn mirrored(&self) -> Self {
+        let points = self.points.iter().rev().map(|p| ControlPoint { value: -p.value, ..*p }).collect();
+        Self { points, ..self.clone() }
+    }
+
     /// Whether no value of a range has opacity. Both ends are included, and either may be infinite.
     #[must_use]
     pub(crate) fn is_invisible(&self, [low, high]: [f64; 2]) -> bool {

@@ -58,7 +58,8 @@ fn cells_are_thinned_out_as_their_voxels_are() {
         let [thin, plain] = [&thin, &plain].map(|transfer| render(&volume, transfer, &camera, &at(0)));
         let effect = rms_covered(&thin, &plain);
         println!("{shading:?}: {with:e}, without {without:e}, effect {effect:e}");
-        assert!(with < 1.5 * without + 2e-3, "{shading:?}: {with:e}, without {without:e}");
+        // Post-shaded, the gradients of cells are a little shorter than those of voxels.
+        assert!(with < 1.5 * without + 4e-3, "{shading:?}: {with:e}, without {without:e}");
         assert!(effect > 3e-2, "{shading:?}: {effect:e}");
     }
 }

@@ -29,6 +29,7 @@ mod hard_quads;
 mod hostile;
 mod post_light;
 mod presets;
+mod projections;
 mod random;
 mod readers;
 mod readers_errors;
