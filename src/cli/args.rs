@@ -149,16 +149,15 @@ pub(super) enum StatsFormat {
 /// Where the eye is.
 #[derive(Debug, clap::Args)]
 pub(super) struct ViewArgs {
-    /// Rotate the eye about the up direction by DEG degrees, from the front of the volume
-    #[arg(long, alias = "camera-azimuth-angle", value_name = "DEG", default_value_t = 0.0,
-        value_parser = parse::number, allow_hyphen_values = true,
-        help_heading = "View")]
-    pub(super) azimuth: f64,
-    /// Raise the eye towards the up direction by DEG degrees
-    #[arg(long, alias = "camera-elevation-angle", value_name = "DEG", default_value_t = 0.0,
-        value_parser = parse::number, allow_hyphen_values = true,
-        help_heading = "View")]
-    pub(super) elevation: f64,
+    /// Rotate the eye about the up direction by DEG degrees, from the front of the volume [default: 0; `render` takes
+    /// 30 for a file without orientation if no side is asked for]
+    #[arg(long, alias = "camera-azimuth-angle", value_name = "DEG", value_parser = parse::number,
+        allow_hyphen_values = true, help_heading = "View")]
+    pub(super) azimuth: Option<f64>,
+    /// Raise the eye towards the up direction by DEG degrees [default: 0; 20 where the azimuth is 30 by default]
+    #[arg(long, alias = "camera-elevation-angle", value_name = "DEG", value_parser = parse::number,
+        allow_hyphen_values = true, help_heading = "View")]
+    pub(super) elevation: Option<f64>,
     /// Rotate the camera about its viewing direction by DEG degrees, counter-clockwise
     #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "View")]
@@ -208,13 +207,21 @@ pub(super) struct ViewArgs {
     pub(super) distance: Option<f64>,
 }
 
+impl ViewArgs {
+    /// Whether no option says from which side to look, or what is up.
+    pub(super) fn says_no_side(&self) -> bool {
+        let Self { azimuth, elevation, roll, up, direction, .. } = self;
+        azimuth.is_none() && elevation.is_none() && *roll == 0.0 && up.is_none() && direction.is_none()
+    }
+}
+
 /// What a picture shows.
 #[derive(Debug, clap::Args)]
 pub(super) struct ModelArgs {
-    /// Transfer function: a preset that adapts to the data (ct-bone, ct-soft-tissue, angiography, mri, grayscale, gray,
-    /// viridis or inferno), or a file: this program's JSON, ParaView's JSON or XML, Slicer's .vp, .vp.json or
-    /// presets.xml, niivue's or napari's JSON; #NAME chooses from a file of several [default: suggested by the data;
-    /// see `voxsplat info`]
+    /// Transfer function: a preset that adapts to the data (ct-bone, ct-skin, ct-muscle, ct-soft-tissue, ct-lung,
+    /// angiography, mri, mr-brain, pet, activation, fluorescence, field, grayscale, gray, viridis or inferno), or a
+    /// file: this program's JSON, ParaView's JSON or XML, Slicer's .vp, .vp.json or presets.xml, niivue's or napari's
+    /// JSON; #NAME chooses from a file of several [default: suggested by the data; see `voxsplat info`]
     #[arg(long, value_name = "FILE[#NAME]|PRESET", help_heading = "Model")]
     pub(super) transfer: Option<PathBuf>,
     /// The colours of a map over --window, with a gentle ramp of opacity: gray, viridis, inferno, magma, plasma,
@@ -259,7 +266,7 @@ pub(super) struct ModelArgs {
     #[arg(long, value_name = "LIGHT", value_parser = parse::light, allow_hyphen_values = true, help_heading = "Model")]
     pub(super) light: Vec<LightArg>,
     /// Material of lit surfaces: ambient, diffuse and specular share, 0 to 1, and shininess, 1 to 1000
-    /// [default: 0.3,0.7,0.2,24]
+    /// [default: 0.3,0.7,0.2,24; studio 0.4,0.7,0.2,24; `render` takes that of a preset that shows surfaces]
     #[arg(long, value_name = "A,D,S,N", value_parser = parse::material, help_heading = "Model")]
     pub(super) material: Option<[f64; 4]>,
     /// Shadows of the first three lights given by AZ,EL: on, off, or their strength, 0 to 1 [default: off; studio 0.85]
@@ -273,15 +280,15 @@ pub(super) struct ModelArgs {
     #[arg(long, value_name = "RADIUS|off", value_parser = parse::occlusion, help_heading = "Model")]
     pub(super) occlusion: Option<Occlusion>,
     /// Reconstruction kernel, lengths in voxels: gaussian[:SIGMA,RADIUS] (1,2) or kaiser-bessel[:RADIUS,ALPHA] (2,10.4)
-    #[arg(long, value_name = "KERNEL", default_value = "gaussian", value_parser = parse::kernel,
-        help_heading = "Model")]
-    pub(super) kernel: Kernel,
+    /// [default: gaussian]
+    #[arg(long, value_name = "KERNEL", value_parser = parse::kernel, help_heading = "Model")]
+    pub(super) kernel: Option<Kernel>,
     /// Take the blur of the kernel back: 0 (not at all) to 1. A Gaussian gives way to a narrower Kaiser-Bessel blob;
     /// with --shading post, --model mip, minip or average samples are filtered besides, so that the field passes
-    /// through them. Noise grows
-    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
-        help_heading = "Model")]
-    pub(super) sharpness: f64,
+    /// through them. Noise grows [default: 0; `render` takes 0.5 for a preset that shows surfaces, pre-shaded, if no
+    /// kernel is asked for]
+    #[arg(long, value_name = "S", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Model")]
+    pub(super) sharpness: Option<f64>,
     /// Divisor of sums of kernels: the kernel's integral (unit), or its peak of 1 (historical, denser)
     #[arg(long, value_name = "HOW", default_value = "unit",
         value_parser = one_of(Normalization::ALL, Normalization::name), help_heading = "Model")]

@@ -104,6 +104,14 @@ pub(super) struct RenderJob {
     pub(super) settings: Settings,
     /// Whether there is studio light if the transfer function shows surfaces.
     pub(super) chooses_light: bool,
+    /// Whether the picture is sharper than with the kernel itself if the transfer function shows surfaces.
+    pub(super) chooses_sharpness: bool,
+    /// Whether the transfer function's preset chooses the material.
+    pub(super) chooses_material: bool,
+    /// Whether studio light was asked for.
+    pub(super) studio: bool,
+    /// Whether the view is oblique if the file states no orientation.
+    pub(super) chooses_view: bool,
     pub(super) engine: Engine,
     pub(super) output: Destination,
     pub(super) background: Background,
@@ -153,8 +161,11 @@ impl RenderJob {
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
         region.check_within(args.size)?;
         let (figure, units) = figure(args.figure, args.size, &settings, &output)?;
-        let chooses_light =
-            args.model.light.is_empty() && !settings.is_post_shaded() && settings.model == Model::Composite;
+        let composite = settings.model == Model::Composite;
+        let chooses_light = args.model.light.is_empty() && composite;
+        // Post-shaded, samples would be filtered: noise is left as it is unless that is asked for.
+        let chooses_sharpness =
+            args.model.kernel.is_none() && args.model.sharpness.is_none() && composite && !settings.is_post_shaded();
         let transfer = Transfer::new(&args.model)?;
         let engine = match args.reference {
             true => Engine::Reference,
@@ -170,6 +181,10 @@ impl RenderJob {
             region,
             settings,
             chooses_light,
+            chooses_sharpness,
+            chooses_material: args.model.material.is_none(),
+            studio: args.model.light.contains(&LightArg::Studio),
+            chooses_view: args.view.says_no_side(),
             engine,
             output,
             background: args.background,
@@ -218,9 +233,9 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         termination: model.termination,
         antialiasing: model.antialiasing == SwitchArg::On,
         level: model.level,
-        kernel: model.kernel,
+        kernel: model.kernel.unwrap_or_default(),
         normalization: model.normalization,
-        sharpness: model.sharpness,
+        sharpness: model.sharpness.unwrap_or_default(),
         painter,
     };
     settings.validate()?;
@@ -355,8 +370,8 @@ fn view(args: &ViewArgs) -> Result<View, Failure> {
         return Err(Failure::Usage("--up and --direction need a length over 0".to_owned()));
     }
     Ok(View {
-        azimuth: args.azimuth,
-        elevation: args.elevation,
+        azimuth: args.azimuth.unwrap_or_default(),
+        elevation: args.elevation.unwrap_or_default(),
         roll: args.roll,
         up: args.up.unwrap_or(View::default().up),
         direction: args.direction,

@@ -299,7 +299,7 @@ fn fitted(source: &Path, asked: &Transfer, volume: &Volume, stages: &mut Stages)
             return Ok(Fitted { notes, ..Fitted::new(transfer) });
         }
         TransferChoice::Preset(preset) => {
-            let transfer = presets::preset(preset.name, &statistics()?)?;
+            let transfer = presets::preset(preset.name, volume, &statistics()?)?;
             Fitted { preset: Some(preset), ..Fitted::new(transfer) }
         }
         TransferChoice::Suggested => {
@@ -307,7 +307,7 @@ fn fitted(source: &Path, asked: &Transfer, volume: &Volume, stages: &mut Stages)
                 return Ok(Fitted::new(transfer));
             }
             let (transfer, Suggestion { name, reason }) = TransferFunction::for_volume(volume, &statistics()?)?;
-            let preset = presets::PRESETS.iter().find(|preset| preset.name == name);
+            let preset = Some(presets::find(name)?);
             let suggested = Some(format!("note: --transfer {name} is taken, as {reason}"));
             Fitted { preset, suggested, ..Fitted::new(transfer) }
         }

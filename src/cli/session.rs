@@ -3,7 +3,6 @@
 use voxsplat::accuracy::Estimate;
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::figure::Shown;
-use voxsplat::formats;
 use voxsplat::image::{Image, Note};
 use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
@@ -11,7 +10,9 @@ use voxsplat::renderer::{Renderer, RendererOptions, Scene};
 use voxsplat::settings::Settings;
 use voxsplat::stats::Stats;
 use voxsplat::transfer::TransferFunction;
+use voxsplat::transfer::presets::Material;
 use voxsplat::volume::Volume;
+use voxsplat::{demos, formats};
 
 use super::args::FrameArg;
 use super::info::short;
@@ -20,6 +21,13 @@ use super::progress::{self, Progress};
 use super::render::{Fitted, Stages, draw, framed, in_words, notes, transfer, with_units};
 use super::stderr::silenced;
 use super::{Failure, output};
+
+/// Azimuth and elevation of a view that shows three sides of a box, degrees.
+const OBLIQUE: [f64; 2] = [30.0, 20.0];
+
+/// The sharpness of a picture of surfaces: crisper edges in the time that a frame takes without, and less of the noise
+/// than 1 shows.
+const SHARPNESS: f64 = 0.5;
 
 /// What pictures of one volume share.
 pub(super) struct Session {
@@ -116,9 +124,52 @@ impl Session {
             let material = material.map(short).join(",");
             self.say(format!("note: the file asks for light: --light headlight --material {material}"));
         }
-        if job.chooses_light && fitted.preset.is_some_and(|preset| preset.surfaces) {
-            job.settings.lighting = Some(Lighting::studio(job.view.forward()?, job.view.up));
-            self.say("note: --light studio is taken, as the preset shows surfaces; --light off is without".to_owned());
+        self.choose_view(job);
+        let material = fitted.preset.and_then(|preset| preset.material);
+        self.choose_light(job, material)?;
+        if job.chooses_sharpness && material.is_some() {
+            job.settings.sharpness = SHARPNESS;
+            self.say(format!(
+                "note: --sharpness {SHARPNESS} is taken, as the preset shows surfaces; --sharpness 0 is without"
+            ));
+        }
+        Ok(())
+    }
+
+    /// Looks from an oblique side at a volume whose file states no orientation, unless a side was asked for: of a box
+    /// whose front means nothing the front hides most.
+    fn choose_view(&mut self, job: &mut RenderJob) {
+        let flat = self.volume.grid().dims().contains(&1);
+        let has_front = flat || self.volume.is_oriented() || demos::own_transfer(&job.source).is_some();
+        if job.chooses_view && !has_front {
+            let [azimuth, elevation] = OBLIQUE;
+            (job.view.azimuth, job.view.elevation) = (azimuth, elevation);
+            self.say(format!(
+                "note: --azimuth {azimuth} --elevation {elevation} is taken, as the file states no orientation; \
+                 --azimuth 0 is the front"
+            ));
+        }
+    }
+
+    /// Takes studio light for a material if nothing was said of light, places it about the view, and takes the material
+    /// if nothing was said of it.
+    fn choose_light(&mut self, job: &mut RenderJob, material: Option<Material>) -> Result<(), Failure> {
+        let studio = Lighting::studio(job.view.forward()?, job.view.up);
+        match &mut job.settings.lighting {
+            Some(lighting) if job.studio => {
+                let placed = lighting.lights.iter_mut().zip(studio.lights);
+                placed.for_each(|(light, there)| light.source = there.source);
+            }
+            Some(_) => {}
+            None if job.chooses_light && material.is_some() => {
+                job.settings.lighting = Some(studio);
+                let note = "note: --light studio is taken, as the preset shows surfaces; --light off is without";
+                self.say(note.to_owned());
+            }
+            None => return Ok(()),
+        }
+        if let (true, Some(material)) = (job.chooses_material, material) {
+            job.settings.lighting = job.settings.lighting.take().map(|lighting| material.lit(lighting));
         }
         Ok(())
     }

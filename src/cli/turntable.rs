@@ -104,12 +104,14 @@ impl TurntableJob {
             RenderJob::with_output(args, Destination::File(output))
         };
         let mut jobs = scene::jobs(render, matches, first)?;
-        let Some(first) = jobs.pop().filter(|_| jobs.is_empty()) else {
+        let Some(mut first) = jobs.pop().filter(|_| jobs.is_empty()) else {
             return usage("a turntable takes a scene of one picture");
         };
         if first.stats.is_some() || first.verify || first.save_scene.is_some() {
             return usage("--stats, --verify and --save-scene are for a picture, not for a turntable");
         }
+        // It looks from all sides.
+        first.chooses_view = false;
         let target = Target::new(path.take(), format)?;
         if !matches!(target, Target::Files(_)) {
             if first.background == Background::Transparent {

@@ -359,8 +359,11 @@ fn a_file_without_transfer_says_what_was_taken() {
     let said = String::from_utf8(output.stderr).unwrap();
     let notes: Vec<&str> = said.lines().collect();
     assert!(notes[0].starts_with("voxsplat: note: --transfer ct-bone is taken"), "{said}");
-    assert!(notes[1].starts_with("voxsplat: note: --light studio is taken") && notes.len() == 2, "{said}");
-    let output = voxsplat(dir.path(), &format!("render {input} -o r.png --reference --size 8 --light off"));
+    assert!(notes[1].starts_with("voxsplat: note: --azimuth 30 --elevation 20 is taken"), "{said}");
+    assert!(notes[2].starts_with("voxsplat: note: --light studio is taken"), "{said}");
+    assert!(notes[3].starts_with("voxsplat: note: --sharpness 0.5 is taken") && notes.len() == 4, "{said}");
+    let without = "--light off --azimuth 0 --sharpness 0";
+    let output = voxsplat(dir.path(), &format!("render {input} -o r.png --reference --size 8 {without}"));
     assert!(complaint(&output).starts_with("note: --transfer "));
     let own = voxsplat(dir.path(), "render demo:sphere:16 -o s.png --reference --size 8");
     assert!(own.status.success() && own.stderr.is_empty());
@@ -418,7 +421,7 @@ fn pictures_frame_what_shows_unless_they_are_placed() {
     samples[..4].fill(255);
     std::fs::write(dir.path().join("a.raw"), samples).unwrap();
     let covered = |options: &str| {
-        let input = "a.raw --dims 16,16,16 --type u8 --transfer gray --size 32 -o a.exr";
+        let input = "a.raw --dims 16,16,16 --type u8 --transfer gray --azimuth 0 --size 32 -o a.exr";
         rendered(dir.path(), &format!("{input} {options}"));
         let image = Image::load(dir.path().join("a.exr")).unwrap();
         image.pixels().iter().filter(|p| p[3] > 0.01).count()
@@ -489,8 +492,50 @@ fn presets_that_show_surfaces_are_lit_unless_told_not_to() {
     rendered(dir.path(), "demo:vessels:24 --size 32 --transfer viridis --light off -o unlit.png");
     let pixels = |name: &str| image::open(dir.path().join(name)).unwrap().into_rgba8().into_raw();
     assert_eq!(pixels("lit.png"), pixels("studio.png"));
+    rendered(dir.path(), "demo:vessels:24 --size 32 --transfer ct-bone --sharpness 0.5 -o sharp.png");
+    rendered(dir.path(), "demo:vessels:24 --size 32 --transfer ct-bone --kernel gaussian -o blurred.png");
+    assert_eq!(pixels("lit.png"), pixels("sharp.png"));
+    assert_ne!(pixels("lit.png"), pixels("blurred.png"));
     assert_ne!(pixels("lit.png"), pixels("off.png"));
     assert_eq!(pixels("field.png"), pixels("unlit.png"));
+}
+
+#[test]
+fn materials_are_those_of_the_preset_unless_they_are_given() {
+    let dir = folder();
+    let pixels = |options: &str| {
+        rendered(
+            dir.path(),
+            &format!("demo:vessels:24 --size 32 --transfer ct-skin --light headlight {options} -o a.exr"),
+        );
+        Image::load(dir.path().join("a.exr")).unwrap().pixels().to_vec()
+    };
+    assert_eq!(pixels(""), pixels("--material 0.45,0.9,0.12,12"));
+    assert_ne!(pixels(""), pixels("--material 0.3,0.7,0.2,24"));
+}
+
+#[test]
+fn what_has_no_orientation_is_seen_from_an_oblique_side_unless_a_side_is_asked_for() {
+    let dir = folder();
+    let samples: Vec<u8> = (0..16 * 12 * 8_u32).map(|i| (i * 7 % 256) as u8).collect();
+    std::fs::write(dir.path().join("a.raw"), samples).unwrap();
+    let picture = |options: &str| {
+        let output = rendered(dir.path(), &format!("a.raw --type u8 --transfer ct-skin --size 24 {options} -o a.exr"));
+        let said = String::from_utf8(output.stderr).unwrap();
+        (Image::load(dir.path().join("a.exr")).unwrap().pixels().to_vec(), said.contains("note: --azimuth 30"))
+    };
+    let box_shaped = "--dims 16,12,8";
+    let (oblique, noted) = picture(box_shaped);
+    assert!(noted);
+    let side = format!("{box_shaped} --azimuth 30 --elevation 20");
+    assert_eq!(picture(&side), (oblique.clone(), false));
+    // Lights of a studio stand about the view that is taken.
+    assert_eq!(picture(&format!("{box_shaped} --light studio")), (oblique.clone(), true));
+    for options in ["--azimuth 0", "--elevation 0", "--roll 10", "--up 0,0,1", "--direction 0,1,0"] {
+        let (seen, noted) = picture(&format!("{box_shaped} {options}"));
+        assert!(seen != oblique && !noted, "{options}");
+    }
+    assert!(!picture("--dims 48,32,1").1, "a slice shows nothing from the side");
 }
 
 #[test]
