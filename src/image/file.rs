@@ -160,7 +160,9 @@ impl Image {
         // The encoder seeks, so it needs a buffer.
         let mut file = Cursor::new(Vec::new());
         image.write().to_buffered(&mut file).map_err(io::Error::other)?;
-        Ok(file.into_inner())
+        let mut bytes = file.into_inner();
+        sort_attributes(&mut bytes);
+        Ok(bytes)
     }
 
     /// Reads a PNG or EXR picture. The alpha of a PNG is straight, that of an EXR premultiplied.
@@ -233,6 +235,26 @@ fn channels(pixel: &[u8], count: u8) -> [f32; 4] {
     }
 }
 
+/// Sorts the attributes in the header of an encoded EXR with one part by their names: the encoder keeps them in a hash
+/// map, so that the bytes of one picture would differ from run to run. The header keeps its length.
+fn sort_attributes(bytes: &mut [u8]) {
+    // Behind the magic number and the version: name, type, both ending in 0, size in four bytes, value; a 0 ends them.
+    let begin = 8;
+    let mut records: Vec<Vec<u8>> = Vec::new();
+    let mut at = begin;
+    while bytes.get(at).is_some_and(|&byte| byte != 0) {
+        let after_text = |at: usize| bytes[at..].iter().position(|&byte| byte == 0).map(|length| at + length + 1);
+        let Some(size_at) = after_text(at).and_then(after_text) else { return };
+        let Some(&[a, b, c, d]) = bytes[size_at..].first_chunk() else { return };
+        let end = size_at + 4 + u32::from_le_bytes([a, b, c, d]) as usize;
+        let Some(record) = bytes.get(at..end) else { return };
+        records.push(record.to_vec());
+        at = end;
+    }
+    records.sort_unstable();
+    bytes[begin..at].copy_from_slice(&records.concat());
+}
+
 /// Refuses an EXR whose header claims more than the largest picture. The decoder reserves the memory that the header
 /// claims, for every layer, before it looks at the pixels.
 fn check_exr(path: &Path, bytes: &[u8]) -> Result<()> {
@@ -290,6 +312,14 @@ mod tests {
         let meta = exr::meta::MetaData::read_from_file(&path, false).unwrap();
         let attributes = &meta.headers[0].own_attributes.other;
         assert_eq!(attributes[b"Software".as_slice()], AttributeValue::Text("a renderer".into()));
+        // The encoder's order is another each time.
+        let notes: Vec<Note> = ["A", "B", "C", "D", "E", "F", "G", "H"]
+            .map(|name| Note { name, text: name.repeat(3) })
+            .into_iter()
+            .collect();
+        let encoded = || sample().exr(&notes).unwrap();
+        let first = encoded();
+        assert!((0..8).all(|_| encoded() == first), "bytes differ");
     }
 
     #[test]
