@@ -1,8 +1,10 @@
 //! Readers: from the name of a volume to the volume.
 
 mod decode;
+mod fields;
 mod input;
 mod metaimage;
+mod mrc;
 mod multifile;
 mod nifti;
 mod npy;
@@ -62,6 +64,7 @@ enum Format {
     Nifti,
     MetaImage,
     Npy,
+    Mrc,
 }
 
 impl Format {
@@ -71,6 +74,7 @@ impl Format {
             Self::Nifti => "NIfTI",
             Self::MetaImage => "MetaImage",
             Self::Npy => "NumPy",
+            Self::Mrc => "MRC",
         }
     }
 
@@ -84,6 +88,8 @@ impl Format {
             Some(Self::Nifti)
         } else if metaimage::is_metaimage(head) {
             Some(Self::MetaImage)
+        } else if mrc::is_mrc(head) {
+            Some(Self::Mrc)
         } else {
             None
         }
@@ -99,13 +105,16 @@ impl Format {
             "nii" | "hdr" => Some(Self::Nifti),
             "mha" | "mhd" => Some(Self::MetaImage),
             "npy" => Some(Self::Npy),
+            "mrc" | "mrcs" | "map" | "ccp4" | "rec" | "st" | "ali" => Some(Self::Mrc),
             _ => None,
         }
     }
 }
 
-/// Loads a volume: a file in NRRD, NIfTI, MetaImage or NumPy format, a file of bare samples, or the built-in volume
+/// Loads a volume: a file of one of the formats below, a file of bare samples, or the built-in volume
 /// `demo:NAME[:SIZE]` (see [`demos`]).
+///
+/// The formats are NRRD, NIfTI, MetaImage, NumPy and MRC.
 ///
 /// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
 /// may be compressed with gzip. Files of bare samples need `dims` and `sample_type`. For all other files these two are
@@ -174,6 +183,7 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
         Format::Nifti => nifti::read(input, spacing),
         Format::MetaImage => metaimage::read(input, spacing),
         Format::Npy => npy::read(input, spacing),
+        Format::Mrc => mrc::read(input, spacing),
     }
 }
 
@@ -231,7 +241,7 @@ fn unknown(input: &Input, head: &[u8]) -> Error {
             input.error(format!("is a {name} file, {reason}"))
         }
         None => {
-            let error = input.error("is not a NRRD, NIfTI, MetaImage or NumPy file");
+            let error = input.error("is not a NRRD, NIfTI, MetaImage, NumPy or MRC file");
             hinted(error, Hint::GiveDimsAndSampleType)
         }
     }

@@ -1,6 +1,7 @@
 //! Every format, encoding and type is read as the reference implementations read it.
 //!
-//! The files and what nibabel, pynrrd, SimpleITK and NumPy say about them are written by tests/data/volumes/make.py.
+//! The files and what nibabel, pynrrd, SimpleITK, NumPy and mrcfile say about them are written by
+//! tests/data/volumes/make.py and make_more.py.
 
 use std::path::PathBuf;
 
@@ -19,11 +20,16 @@ struct Expected {
     oriented: bool,
     slope: f64,
     intercept: f64,
+    /// Of lengths, "" if none is stated; not compared if the table does not have it.
+    unit: Option<String>,
 }
 
 fn expected() -> Vec<Expected> {
-    let text = std::fs::read_to_string(path("expected.json")).unwrap();
-    serde_json::from_str(&text).unwrap()
+    let table =
+        |name: &str| -> Vec<Expected> { serde_json::from_str(&std::fs::read_to_string(path(name)).unwrap()).unwrap() };
+    let mut all = table("expected.json");
+    all.extend(table("expected-more.json"));
+    all
 }
 
 pub(crate) fn path(file: &str) -> String {
@@ -47,6 +53,7 @@ fn samples(sample_type: &str) -> Samples {
         "i64" => Samples::I64(filled(|n| 300_000_000_000_000_000 * (n - 30) + 1)),
         "f32" => Samples::F32(filled(|n| n as f32 * 0.25 - 3.125)),
         "f64" => Samples::F64(filled(|n| n as f64 / 3.0 - 7.1)),
+        "nibble" => Samples::U8(filled(|n| (n % 16) as u8)),
         other => panic!("unknown type {other}"),
     }
 }
@@ -80,6 +87,9 @@ fn every_file_is_read_as_by_the_reference_implementation() {
         assert_eq!(volume.rescale(), (e.slope, e.intercept), "{}", e.file);
         assert_eq!(volume.is_oriented(), e.oriented, "{}", e.file);
         assert_affine(&volume, &e.affine, &e.file);
+        if let Some(unit) = &e.unit {
+            assert_eq!(volume.units().length.as_deref().unwrap_or_default(), unit, "{}", e.file);
+        }
     }
 }
 

@@ -240,6 +240,34 @@ fn broken_nifti_headers_say_what_is_wrong() {
 }
 
 #[test]
+fn broken_mrc_headers_say_what_is_wrong() {
+    let word = |number: i32| number.to_le_bytes();
+    let cases: [(usize, [u8; 4], &str); 10] = [
+        (0, word(0), "dimension 1 is 0"),
+        (8, word(-5), "dimension 3 is -5"),
+        (8, word(6), "144 bytes, 120 are there"),
+        (8, word(60_000), "1440000 bytes, 120 are there"),
+        (12, word(4), "complex"),
+        (12, word(16), "RGB"),
+        (12, word(5), "mode 5 is not read"),
+        (92, word(-1), "extended header of -1 bytes"),
+        (92, word(1000), "ends before byte 1000"),
+        (68, word(1), "axes 1, 1, 3"),
+    ];
+    for (at, bytes, words) in cases {
+        assert_refused("a.mrc", &changed("raw-i16.mrc", at, &bytes), words);
+    }
+    assert_refused("a.mrc", &changed("raw-i16.mrc", 28, &[0; 4]), "spacing of axis 1 is inf");
+    assert_refused("a.mrc", &changed("oblique-cell.map", 52, &10_f32.to_le_bytes()), "do not span space");
+    let volumes = [word(401), word(0)].concat();
+    let mut stack = changed("raw-i16.mrc", 88, &volumes);
+    stack[36] = 1;
+    assert_refused("a.mrc", &stack, "holds 5 volumes");
+    assert_refused("a.mrc", &std::fs::read(path("raw-i16.mrc")).unwrap()[..1000], "header has 1000 of 1024 bytes");
+    assert_refused("a.mrc", &[0xff; 2000], "not an MRC file");
+}
+
+#[test]
 fn broken_metaimage_and_numpy_headers_say_what_is_wrong() {
     let good = "NDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n";
     let file = |text: &str| [text.as_bytes(), &[7; 8]].concat();
