@@ -18,12 +18,15 @@ pub struct Place(PathBuf);
 pub type Target = fn(&Place, &[u8]) -> bool;
 
 /// Every target by name, with the endings of the fixtures that it begins from.
-pub const TARGETS: [(&str, Target, &[&str]); 10] = [
+pub const TARGETS: [(&str, Target, &[&str]); 13] = [
     ("nrrd", |place, bytes| place.volume("fuzzed.nrrd", bytes), &[".nrrd", ".nhdr"]),
     ("nifti", |place, bytes| place.volume("fuzzed.nii", bytes), &[".nii", ".nii.gz", ".hdr", ".hdr.gz"]),
     ("metaimage", |place, bytes| place.volume("fuzzed.mha", bytes), &[".mha", ".mhd"]),
     ("npy", |place, bytes| place.volume("fuzzed.npy", bytes), &[".npy", ".npy.gz"]),
     ("mrc", |place, bytes| place.volume("fuzzed.mrc", bytes), &[".mrc", ".map", ".ccp4", ".mrc.gz"]),
+    ("vti", |place, bytes| place.volume("fuzzed.vti", bytes), &[".vti"]),
+    ("vtk", |place, bytes| place.volume("fuzzed.vtk", bytes), &[".vtk"]),
+    ("tiff", |place, bytes| place.volume("fuzzed.tif", bytes), &[".tif", ".tiff"]),
     ("raw", Place::raw, &[".raw", ".img", ".raw.gz"]),
     ("data", Place::data, &[".raw.gz", ".zraw", ".z", ".raw"]),
     ("transfer", Place::transfer, &[".json"]),

@@ -51,7 +51,7 @@ pub(super) enum Command {
 /// The volume, and what its file does not state.
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
-    /// A volume file (NRRD, NIfTI, MetaImage, NumPy, MRC, raw) or a built-in volume, demo:NAME[:SIZE]
+    /// A volume file (NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF, raw) or a built-in volume, demo:NAME[:SIZE]
     #[arg(value_name = "VOLUME")]
     pub(super) source: PathBuf,
     /// Raw files: samples along x (fastest), y and z

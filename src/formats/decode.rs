@@ -68,9 +68,14 @@ pub(super) fn read_all(input: Input, count: u64, sample_type: SampleType, layout
 pub(super) fn read_halves(input: Input, count: u64, layout: Layout) -> Result<Stored> {
     let path = input.path().to_owned();
     let halves: Vec<u16> = read(&mut std::iter::once(Ok(input)), 1, count, layout)?;
-    let mut floats = reserved(count, || samples_in(&path))?;
+    Ok(Stored::Memory(Arc::new(Samples::F32(of_halves(halves, &path)?))))
+}
+
+/// The numbers of 16-bit floating point with these bits.
+pub(super) fn of_halves(halves: Vec<u16>, path: &Path) -> Result<Vec<f32>> {
+    let mut floats = reserved(halves.len() as u64, || samples_in(path))?;
     halves.into_par_iter().map(|bits| half::f16::from_bits(bits).to_f32()).collect_into_vec(&mut floats);
-    Ok(Stored::Memory(Arc::new(Samples::F32(floats))))
+    Ok(floats)
 }
 
 /// What memory for samples of a file is for.

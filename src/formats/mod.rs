@@ -10,12 +10,16 @@ mod nifti;
 mod npy;
 mod nrrd;
 mod placement;
+mod tiff;
+mod vtk;
+mod xml;
 
 use std::path::Path;
 
 use decode::{Layout, lattice, read_all};
 use input::{Input, hinted};
 use placement::{Placement, check_spacing};
+use vtk::{image_data, legacy};
 
 use crate::demos;
 use crate::error::{Error, Hint, Result};
@@ -65,6 +69,9 @@ enum Format {
     MetaImage,
     Npy,
     Mrc,
+    Vti,
+    Vtk,
+    Tiff,
 }
 
 impl Format {
@@ -75,6 +82,9 @@ impl Format {
             Self::MetaImage => "MetaImage",
             Self::Npy => "NumPy",
             Self::Mrc => "MRC",
+            Self::Vti => "VTK XML",
+            Self::Vtk => "legacy VTK",
+            Self::Tiff => "TIFF",
         }
     }
 
@@ -90,6 +100,12 @@ impl Format {
             Some(Self::MetaImage)
         } else if mrc::is_mrc(head) {
             Some(Self::Mrc)
+        } else if head.starts_with(legacy::MAGIC) {
+            Some(Self::Vtk)
+        } else if image_data::is_vtk_xml(head) {
+            Some(Self::Vti)
+        } else if tiff::is_tiff(head) {
+            Some(Self::Tiff)
         } else {
             None
         }
@@ -106,6 +122,9 @@ impl Format {
             "mha" | "mhd" => Some(Self::MetaImage),
             "npy" => Some(Self::Npy),
             "mrc" | "mrcs" | "map" | "ccp4" | "rec" | "st" | "ali" => Some(Self::Mrc),
+            "vti" => Some(Self::Vti),
+            "vtk" => Some(Self::Vtk),
+            "tif" | "tiff" => Some(Self::Tiff),
             _ => None,
         }
     }
@@ -114,7 +133,8 @@ impl Format {
 /// Loads a volume: a file of one of the formats below, a file of bare samples, or the built-in volume
 /// `demo:NAME[:SIZE]` (see [`demos`]).
 ///
-/// The formats are NRRD, NIfTI, MetaImage, NumPy and MRC.
+/// The formats are NRRD, NIfTI, MetaImage, NumPy, MRC, ImageData of VTK, and TIFF. A folder is read if it holds TIFF
+/// files: in natural order, in which 9 goes before 10, they are the sections of a volume.
 ///
 /// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
 /// may be compressed with gzip. Files of bare samples need `dims` and `sample_type`. For all other files these two are
@@ -157,6 +177,9 @@ fn load_from(source: &Path, options: &LoadOptions) -> Result<Volume> {
 }
 
 fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
+    if path.is_dir() {
+        return load_folder(path, options);
+    }
     let mut input = Input::open(path)?;
     let head = input.peek(nifti::HEADER_SIZE)?;
     if head.is_empty() {
@@ -184,7 +207,49 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
         Format::MetaImage => metaimage::read(input, spacing),
         Format::Npy => npy::read(input, spacing),
         Format::Mrc => mrc::read(input, spacing),
+        Format::Vti => image_data::read(input, spacing),
+        Format::Vtk => legacy::read(input, spacing),
+        Format::Tiff => tiff::read(input, spacing),
     }
+}
+
+/// Reads the sections that are files of a folder.
+fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
+    let read_error = |source| Error::Read { path: folder.to_owned(), source };
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(read_error)? {
+        let path = entry.map_err(read_error)?.path();
+        // Other files may lie beside the sections, such as notes and previews.
+        let is_section = path.is_file() && Format::of_name(&path) == Some(Format::Tiff);
+        if is_section && Format::of_content(&Input::open(&path)?.peek(4)?) == Some(Format::Tiff) {
+            files.push(path);
+        }
+    }
+    if files.is_empty() {
+        return Err(Error::format(folder, "is a directory without TIFF files, expected a regular file"));
+    }
+    refuse_raw_options(folder, options, "a folder")?;
+    files.sort_by_cached_key(|path| natural(&path.file_name().unwrap_or_default().to_string_lossy()));
+    tiff::read_files(folder, &files, options.spacing)
+}
+
+/// A key that sorts names with numbers as people do: runs of digits are numbers, and 9 goes before 10.
+fn natural(name: &str) -> Vec<(String, usize, String)> {
+    let mut key = Vec::new();
+    let mut rest = name;
+    while !rest.is_empty() {
+        let text_end = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
+        let (text, after) = rest.split_at(text_end);
+        let digits_end = after.find(|c: char| !c.is_ascii_digit()).unwrap_or(after.len());
+        let (digits, after) = after.split_at(digits_end);
+        // Of numbers without leading zeros the one with more digits is the larger.
+        let number = digits.trim_start_matches('0');
+        key.push((text.to_lowercase(), number.len(), number.to_owned()));
+        rest = after;
+    }
+    // Names that differ in leading zeros and capitals alone keep one order.
+    key.push((name.to_owned(), 0, String::new()));
+    key
 }
 
 /// Refuses options for bare samples on any other source: they would contradict its header.
@@ -224,13 +289,10 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
 
 /// The error about a file of no known format.
 fn unknown(input: &Input, head: &[u8]) -> Error {
-    let formats: [(usize, &[u8], &str); 9] = [
+    let formats: [(usize, &[u8], &str); 6] = [
         (128, b"DICM", "DICOM"),
-        (0, b"II*\0", "TIFF"),
-        (0, b"MM\0*", "TIFF"),
         (0, b"\x89HDF", "HDF5"),
         (0, b"CDF", "NetCDF"),
-        (0, b"# vtk", "VTK"),
         (0, b"<?xml", "XML"),
         (0, b"\x89PNG", "PNG"),
         (0, b"PK\x03\x04", "ZIP"),
@@ -241,8 +303,26 @@ fn unknown(input: &Input, head: &[u8]) -> Error {
             input.error(format!("is a {name} file, {reason}"))
         }
         None => {
-            let error = input.error("is not a NRRD, NIfTI, MetaImage, NumPy or MRC file");
+            let error = input.error("is not a NRRD, NIfTI, MetaImage, NumPy, MRC, VTK or TIFF file");
             hinted(error, Hint::GiveDimsAndSampleType)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::natural;
+
+    #[test]
+    fn names_are_sorted_as_people_do() {
+        let sorted =
+            ["a.tif", "slice2.tif", "slice09.tif", "Slice9.tif", "slice10.tif", "slice10b.tif", "t1z10", "t2z9"];
+        let mut names = sorted;
+        names.reverse();
+        names.sort_by_cached_key(|name| natural(name));
+        assert_eq!(names[4..], sorted[4..]);
+        assert_eq!((names[0], names[1]), ("a.tif", "slice2.tif"));
+        // Digits without end are a number too.
+        assert!(natural(&"1".repeat(99)) < natural(&"2".repeat(99)));
     }
 }

@@ -1,7 +1,7 @@
 //! Every format, encoding and type is read as the reference implementations read it.
 //!
-//! The files and what nibabel, pynrrd, SimpleITK, NumPy and mrcfile say about them are written by
-//! tests/data/volumes/make.py and make_more.py.
+//! The files and what nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK and tifffile say about them
+//! are written by tests/data/volumes/make.py and make_more.py.
 
 use std::path::PathBuf;
 
@@ -96,7 +96,7 @@ fn every_file_is_read_as_by_the_reference_implementation() {
 #[test]
 fn the_table_covers_every_type_in_every_format() {
     let all = expected();
-    for extension in [".nrrd", ".nii", ".mha", ".npy"] {
+    for extension in [".nrrd", ".nii", ".mha", ".npy", ".vti", ".vtk", ".tif"] {
         for sample_type in SampleType::ALL {
             let found = all.iter().any(|e| e.file.ends_with(extension) && e.sample_type == sample_type.name());
             assert!(found, "{sample_type} in {extension}");
@@ -117,6 +117,24 @@ fn the_image_of_a_nifti_pair_stands_for_the_pair() {
         assert_eq!((a.grid(), a.rescale()), (b.grid(), b.rescale()));
         assert_eq!(a.in_memory().unwrap().samples(), b.in_memory().unwrap().samples());
     }
+}
+
+#[test]
+fn a_folder_of_sections_is_read_in_natural_order() {
+    let folder = tempfile::tempdir().unwrap();
+    for z in 8..13 {
+        let name = format!("section-{z}.tiff");
+        std::fs::copy(path(&name), folder.path().join(&name)).unwrap();
+    }
+    std::fs::write(folder.path().join("notes.txt"), "notes").unwrap();
+    std::fs::write(folder.path().join("empty.tif"), "").unwrap();
+    let options = LoadOptions { spacing: Some([0.5, 0.75, 2.0]), ..LoadOptions::default() };
+    let volume = load(folder.path(), &options).unwrap();
+    assert_eq!((volume.grid().dims(), volume.grid().spacing()), ([3, 4, 5], [0.5, 0.75, 2.0]));
+    assert_eq!(volume.in_memory().unwrap().samples(), &samples("i16"));
+    std::fs::copy(path("deflate-f32.tif"), folder.path().join("section-13.tif")).unwrap();
+    let error = load(folder.path(), &options).unwrap_err().to_string();
+    assert!(error.contains("section-13.tif") && error.contains("3 x 4 f32"), "{error}");
 }
 
 #[test]

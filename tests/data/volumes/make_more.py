@@ -3,7 +3,7 @@
 expected-more.json: what the reference implementations read there. It is to be run after make.py, whose samples these
 volumes have.
 
-    pip install numpy==2.4.6 mrcfile==1.5.4
+    pip install numpy==2.4.6 mrcfile==1.5.4 vtk==9.7.2 tifffile==2026.3.3 imagecodecs==2026.3.6
     python make_more.py
 
 Affines are 3 x 4, from lattice to world, as in expected.json.
@@ -16,6 +16,9 @@ from pathlib import Path
 
 import mrcfile
 import numpy as np
+import tifffile
+import vtk
+from vtk.util import numpy_support
 
 os.chdir(Path(__file__).parent)
 DIMS = (3, 4, 5)
@@ -141,6 +144,144 @@ by_hand("nibbles.mrc", "raw-i8.mrc", "nibble", [(12, bytes([101, 0, 0, 0]))], ni
 by_hand("imod.mrc", "raw-i8.mrc", "u8", [(152, b"IMOD"), (156, bytes(4))], zyx("u8").tobytes())
 by_hand("no-cell.mrc", "raw-i16.mrc", "i16", [(40, bytes(12)), (64, bytes(12)), (196, bytes(12)), (212, bytes(4))],
         affine=np.eye(4), unit="")
+
+
+# --- VTK ----------------------------------------------------------------------------------------------------------
+
+# A rotation in thirds, as in make.py.
+ROTATION = np.array([[2, -1, 2], [2, 2, -1], [-1, 2, 2]]) / 3
+
+
+def vtk_image(name, direction=np.eye(3), cells=False, first=(0, 0, 0), decoys=()):
+    """An image with the samples as its active scalars, behind arrays that are not meant."""
+    image = vtk.vtkImageData()
+    last = [a + n - (0 if cells else 1) for a, n in zip(first, DIMS)]
+    image.SetExtent(first[0], last[0], first[1], last[1], first[2], last[2])
+    image.SetSpacing(*SPACING)
+    image.SetOrigin(*ORIGIN)
+    image.SetDirectionMatrix(*np.asarray(direction, float).flatten())
+    attributes = image.GetCellData() if cells else image.GetPointData()
+    for decoy, data in decoys:
+        array = numpy_support.numpy_to_vtk(data, deep=True)
+        array.SetName(decoy)
+        attributes.AddArray(array)
+    array = numpy_support.numpy_to_vtk(zyx(name).flatten(), deep=True)
+    array.SetName("samples of a test")
+    attributes.AddArray(array)
+    attributes.SetActiveScalars(array.GetName())
+    return image
+
+
+def check_vtk(file, name, reader):
+    reader.SetFileName(file)
+    reader.Update()
+    image = reader.GetOutput()
+    first = image.GetExtent()[::2]
+    cells = image.GetPointData().GetScalars() is None
+    data = image.GetCellData() if cells else image.GetPointData()
+    direction = image.GetDirectionMatrix()
+    matrix = np.array([[direction.GetElement(r, c) for c in range(3)] for r in range(3)]) * image.GetSpacing()
+    shift = np.array(first) + (0.5 if cells else 0)
+    origin = np.array(image.GetOrigin()) + matrix @ shift
+    scalars = data.GetScalars() or data.GetArray(data.GetNumberOfArrays() - 1)
+    got = numpy_support.vtk_to_numpy(scalars).reshape(DIMS[::-1])
+    add(file, name, np.column_stack([matrix, origin]), got)
+
+
+def vti(file, name, mode, compressor=None, wide=True, big=False, base64=False, **options):
+    writer = vtk.vtkXMLImageDataWriter()
+    writer.SetFileName(file)
+    writer.SetInputData(vtk_image(name, **options))
+    {"ascii": writer.SetDataModeToAscii, "binary": writer.SetDataModeToBinary,
+     "appended": writer.SetDataModeToAppended}[mode]()
+    {None: writer.SetCompressorTypeToNone, "zlib": writer.SetCompressorTypeToZLib,
+     "lz4": writer.SetCompressorTypeToLZ4}[compressor]()
+    # The least that VTK takes: the samples are in several blocks.
+    writer.SetBlockSize(64)
+    writer.SetEncodeAppendedData(base64)
+    writer.SetHeaderTypeToUInt64() if wide else writer.SetHeaderTypeToUInt32()
+    writer.SetByteOrderToBigEndian() if big else writer.SetByteOrderToLittleEndian()
+    writer.Write()
+    check_vtk(file, name, vtk.vtkXMLImageDataReader())
+
+
+vectors = ("vectors", np.arange(3.0 * N).reshape(N, 3))
+before = ("before", np.arange(N, dtype=np.int32))
+for t in TYPES:
+    vti(f"raw-{t}.vti", t, "appended")
+vti("ascii-i16.vti", "i16", "ascii", direction=ROTATION)
+vti("ascii-f32.vti", "f32", "ascii", decoys=[before])
+vti("base64-i16.vti", "i16", "binary", wide=False, decoys=[vectors, before])
+vti("base64-zlib-f64.vti", "f64", "binary", "zlib", first=(2, -3, 4), direction=ROTATION)
+vti("zlib-i16.vti", "i16", "appended", "zlib", decoys=[before])
+vti("lz4-f32.vti", "f32", "appended", "lz4", big=True)
+vti("lz4-base64-u16.vti", "u16", "appended", "lz4", wide=False, base64=True, decoys=[before])
+vti("cells-u8.vti", "u8", "appended", cells=True, first=(1, 0, 0), direction=ROTATION)
+
+
+def legacy(file, name, binary, **options):
+    writer = vtk.vtkStructuredPointsWriter()
+    writer.SetFileName(file)
+    writer.SetInputData(vtk_image(name, **options))
+    writer.SetFileTypeToBinary() if binary else writer.SetFileTypeToASCII()
+    writer.Write()
+    check_vtk(file, name, vtk.vtkStructuredPointsReader())
+
+
+for t in TYPES:
+    legacy(f"raw-{t}.vtk", t, binary=True)
+legacy("ascii-i16.vtk", "i16", binary=False, decoys=[vectors, before])
+legacy("ascii-f32.vtk", "f32", binary=False, cells=True)
+legacy("decoys-i16.vtk", "i16", binary=True, decoys=[vectors])
+
+
+# --- TIFF ---------------------------------------------------------------------------------------------------------
+
+def tif(file, name, check=None, spacing=(1, 1, 1), unit="", dtype=None, **options):
+    data = zyx(name) if dtype is None else zyx(name).astype(dtype)
+    tifffile.imwrite(file, data, metadata=options.pop("metadata", None), software=False, **options)
+    check_tif(file, name, spacing, unit)
+
+
+def check_tif(file, name, spacing, unit):
+    got = tifffile.imread(file)
+    add(file, name, diagonal(spacing), got.reshape(DIMS[::-1]).astype(TYPES[name]), unit=unit)
+
+
+GREY = dict(photometric="minisblack")
+for t in TYPES:
+    tif(f"raw-{t}.tif", t, **GREY)
+for t in ["i16", "f32"]:
+    tif(f"big-{t}.tif", t, byteorder=">", bigtiff=True, **GREY)
+tif("half.tif", "f32", dtype=np.float16, **GREY)
+tif("lzw-u8.tif", "u8", compression="lzw", **GREY)
+tif("packbits-u8.tif", "u8", compression="packbits", **GREY)
+tif("deflate-i16.tif", "i16", compression="zlib", predictor=True, rowsperstrip=2, **GREY)
+tif("deflate-f32.tif", "f32", compression="zlib", **GREY)
+tif("tiles-u16.tif", "u16", tile=(16, 16), **GREY)
+# ImageJ: pixels per micron in the resolution; one directory if the stack is contiguous.
+tif("imagej-u16.tif", "u16", spacing=(0.5, 0.25, 2), unit="µm", imagej=True, resolution=(2, 4),
+    metadata={"axes": "ZYX", "spacing": 2.0, "unit": "um"})
+tif("ome-i16.ome.tif", "i16", spacing=(0.5, 0.75, 2), unit="µm", ome=True,
+    metadata={"axes": "ZYX", "PhysicalSizeX": 0.5, "PhysicalSizeY": 0.75, "PhysicalSizeZ": 2.0,
+              "UUID": "00000000-0000-0000-0000-000000000000"}, **GREY)
+# A preview between the pages, as slide scanners write it.
+with tifffile.TiffWriter("preview-i16.tif") as out:
+    for z in range(5):
+        out.write(zyx("i16")[z], metadata=None, software=False, compression="zlib", **GREY)
+        if z == 1:
+            out.write(zyx("i16")[z, ::2, ::2], metadata=None, software=False, subfiletype=1, **GREY)
+got = np.stack([page.asarray() for page in tifffile.TiffFile("preview-i16.tif").pages if page.subfiletype == 0])
+add("preview-i16.tif", "i16", np.eye(4), got)
+# ImageJ's stack of over 4 GB: one directory, and the sections behind one another.
+one = Path("one-directory.tif")
+tifffile.imwrite(one, zyx("i16").astype(">i2")[0], byteorder=">", software=False, metadata=None,
+                 description="ImageJ=1.54f\nimages=5\nslices=5\nspacing=3.0\nunit=mm\n", **GREY)
+one.write_bytes(one.read_bytes() + zyx("i16").astype(">i2")[1:].tobytes())
+add("one-directory.tif", "i16", diagonal((1, 1, 3)), tifffile.imread(one), unit="mm")
+# The sections of a folder, whose natural order is not that of the alphabet.
+for z in range(5):
+    tifffile.imwrite(f"section-{z + 8}.tiff", zyx("i16")[z], metadata=None, software=False, compression="zlib", **GREY)
 
 
 expected.sort(key=lambda e: e["file"])
