@@ -1,12 +1,13 @@
 //! What shadows take: once for a set of lights, and in each frame of a turntable.
 //!
 //! ```text
-//! cargo bench --bench shadows -- [VOLUME...] [--size PIXELS] [--frames N] [--write]
+//! cargo bench --bench shadows -- [VOLUME...] [--size PIXELS] [--frames N] [--shading pre|post] [--truths] [--write]
 //! ```
 //!
 //! Volumes are files or `demo:NAME:SIZE`, with the transfer function that they have or that is suggested. A directional
 //! light is drawn without shadows, with hard ones and with soft ones; then studio light. Turntables alternate, and each
-//! has a frame that is not timed first.
+//! has a frame that is not timed first. `--truths` compares two truths instead, post-shaded: light found at voxels and
+//! light found at every point.
 
 #![allow(clippy::print_stdout, reason = "printing its table is what this program is for")]
 
@@ -17,11 +18,41 @@ use std::time::Instant;
 use common::{Arguments, Outcome, Report, median, own_or_suggested};
 use glam::DVec3;
 use voxsplat::lighting::{Light, Lighting};
+use voxsplat::reference::Reference;
+use voxsplat::report::compare;
+use voxsplat::settings::Shading;
 use voxsplat::{Camera, LoadOptions, Renderer, RendererOptions, Scene, Settings, View, load};
 
 /// The volumes of the table.
 const VOLUMES: [&str; 5] =
     ["demo:vessels:128", "demo:shell:128", "demo:marschner-lobb:96", "demo:shepp-logan:160", "demo:vessels:256"];
+
+/// The volumes whose truths are compared.
+const TRUTHS: [&str; 4] = ["demo:vessels:24", "demo:marschner-lobb:24", "demo:sphere:24", "demo:shepp-logan:24"];
+
+/// What light at voxels leaves out: pictures of 24 x 24 pixels in a hard light from the side.
+fn compare_truths(report: &mut Report, volumes: &[String]) -> Outcome {
+    report.line("| volume | light at voxels against light at every point, rms over covered pixels | shadows make |");
+    report.line("|---|---|---|");
+    for source in volumes {
+        let volume = load(source, &LoadOptions::default())?;
+        let transfer = own_or_suggested(source, &volume)?;
+        let view = View { azimuth: 30.0, elevation: 20.0, ..View::default() };
+        let camera = Camera::new(&view, volume.grid(), [24; 2])?;
+        let settings = |shadows| {
+            let light = Light { color: [2.0; 3], ..Light::directional(DVec3::new(-0.5, -0.7, 0.6)) };
+            let lighting = Some(Lighting { lights: vec![light], shadows, ..Lighting::default() });
+            Settings { shading: Shading::Post, lighting, ..Settings::default() }
+        };
+        let truth = |reference: Reference| reference.with_tolerance(1e-3).render(&camera);
+        let everywhere = truth(Reference::with_light_everywhere(&volume, &transfer, &settings(1.0))?)?;
+        let [at_voxels, without] = [1.0, 0.0].map(|s| Reference::new(&volume, &transfer, &settings(s)).and_then(truth));
+        let (at_voxels, without) = (at_voxels?, without?);
+        let rms = |image| compare(image, &everywhere, 0.0).map(|comparison| comparison.rms_covered);
+        report.line(format_args!("| {source} | {:.1e} | {:.1e} |", rms(&at_voxels)?, rms(&without)?));
+    }
+    Ok(())
+}
 
 /// The names and the lights.
 fn ways() -> Outcome<Vec<(&'static str, Lighting)>> {
@@ -42,12 +73,18 @@ fn main() -> Outcome {
     let mut arguments = Arguments::of_process();
     let size: u32 = arguments.option("--size")?.unwrap_or(512);
     let frames: usize = arguments.option("--frames")?.unwrap_or(7);
+    let shading: Shading = arguments.option("--shading")?.unwrap_or_default();
+    let truths = arguments.flag("--truths");
     let mut volumes = arguments.positional()?.to_vec();
     if volumes.is_empty() {
-        volumes = VOLUMES.map(str::to_owned).to_vec();
+        volumes = if truths { TRUTHS.map(str::to_owned).to_vec() } else { VOLUMES.map(str::to_owned).to_vec() };
     }
     let mut report = Report::new("shadows", &arguments);
     let renderer = Renderer::new(&RendererOptions::default())?;
+    if truths {
+        compare_truths(&mut report, &volumes)?;
+        return report.finish(renderer.adapter());
+    }
     report.line("| volume | light | once, s | frame, ms | frame over that without shadows |");
     report.line("|---|---|---|---|---|");
     for source in &volumes {
@@ -59,7 +96,7 @@ fn main() -> Outcome {
         };
         let mut prepared: Vec<(&str, Settings, Scene, f64, Vec<f64>)> = Vec::new();
         for (name, lighting) in ways()? {
-            let settings = Settings { lighting: Some(lighting), ..Settings::default() };
+            let settings = Settings { shading, lighting: Some(lighting), ..Settings::default() };
             let scene = renderer.prepare(&volume, &transfer, &settings)?;
             let once = renderer.render(&scene, &camera(27.0)?, &settings)?.stats.seconds("classify").unwrap_or(0.0);
             prepared.push((name, settings, scene, once, Vec::new()));

@@ -26,7 +26,10 @@ picture studio demo:vessels:160 --light studio --azimuth 30 --elevation 10
 picture narrow-pre demo:shell:96 --azimuth 30 --elevation 20
 picture narrow-post demo:shell:96 --azimuth 30 --elevation 20 --shading post
 picture xray demo:shepp-logan:160 --model xray --azimuth 20 --elevation 10
+picture film demo:shepp-logan:160 --model xray --response film --azimuth 20 --elevation 10
 picture mip demo:vessels:160 --model mip --kernel kaiser-bessel --transfer inferno --azimuth 30 --elevation 10
+picture depth-coded demo:vessels:160 --model mip --depth-coded --kernel kaiser-bessel --transfer grayscale \
+    --azimuth 30 --elevation 10
 picture axis demo:marschner-lobb:48 --sheets axis --azimuth 44.8 --elevation 20
 picture additive demo:marschner-lobb:48 --sheets axis --accumulate additive --azimuth 44.9 --elevation 20
 picture additive-after demo:marschner-lobb:48 --sheets axis --accumulate additive --azimuth 45.1 --elevation 20

@@ -4,8 +4,10 @@
 
 // How a sample is stored: 0 u8, 1 i8, 2 u16, 3 i16, 4 f32.
 override SAMPLE_TYPE: u32 = 0u;
-// Whether splats get normals. If so, bricks come with a layer of their neighbours' voxels around them.
+// Whether splats get normals.
 override LIT: bool = false;
+// Whether extinction depends on gradients.
+override GRADIENT_OPACITY: bool = false;
 // Whether voxels that show nothing become splats too.
 override KEEP_INVISIBLE: bool = false;
 // Number of control points, if there are at most MAX_INLINE_POINTS. A sample is then compared with one after the other,
@@ -32,6 +34,8 @@ struct Classify {
     gradient_z: vec3f,
     // Number of the first brick of this batch among the bricks of the store.
     first_brick: u32,
+    // Control points of gradient opacity, behind the others: `sample` is the length of a gradient of samples.
+    gradient_points: u32,
     inline_points: array<ControlPoint, MAX_INLINE_POINTS>,
 }
 
@@ -124,9 +128,14 @@ fn density(opacity: f32) -> f32 {
     return -log(1.0 - a);
 }
 
+// Whether bricks come with a layer of their neighbours' voxels around them, for gradients.
+fn has_halo() -> bool {
+    return LIT || GRADIENT_OPACITY;
+}
+
 // Voxels along the side of a brick as it is stored.
 fn stored_edge() -> u32 {
-    return select(EDGE, EDGE + 2u, LIT);
+    return select(EDGE, EDGE + 2u, has_halo());
 }
 
 // A row of a brick, along x.
@@ -147,7 +156,7 @@ fn brick_row(index: u32) -> BrickRow {
     let z = index / EDGE % EDGE;
     let point = origins[brick].xyz + vec3u(0u, y, z);
     let edge = stored_edge();
-    let halo = u32(LIT);
+    let halo = u32(has_halo());
     let first = ((brick * edge + z + halo) * edge + y + halo) * edge + halo;
     if any(point >= classify.dims) {
         return BrickRow(brick, point, first, 0u);
@@ -155,8 +164,9 @@ fn brick_row(index: u32) -> BrickRow {
     return BrickRow(brick, point, first, min(EDGE, classify.dims.x - point.x));
 }
 
-// The direction of the world gradient at a sample, by central differences, of any length; 0 if there is none.
-fn gradient(i: u32) -> vec3f {
+// The world gradient at a sample, by central differences: a vector of moderate length, and what it is to be multiplied
+// by; 0 if there is none.
+fn gradient(i: u32) -> vec4f {
     let row = stored_edge();
     let plane = row * row;
     let x = sample_at(i + 1u) - sample_at(i - 1u);
@@ -164,11 +174,47 @@ fn gradient(i: u32) -> vec3f {
     let z = sample_at(i + plane) - sample_at(i - plane);
     let largest = max(abs(x), max(abs(y), abs(z)));
     if largest <= 0.0 {
-        return vec3f(0.0);
+        return vec4f(0.0);
     }
     // Neither the unit of the samples nor that of the world takes it out of the range of f32.
     let d = vec3f(x, y, z) / largest;
-    return classify.gradient_x * d.x + classify.gradient_y * d.y + classify.gradient_z * d.z;
+    let direction = classify.gradient_x * d.x + classify.gradient_y * d.y + classify.gradient_z * d.z;
+    return vec4f(direction, 0.5 * largest);
+}
+
+// The share of extinction that stays at a gradient.
+fn gradient_share(gradient: vec4f) -> f32 {
+    let magnitude = min(length(gradient.xyz) * gradient.w, FAR);
+    var above = 0u;
+    var end = classify.gradient_points;
+    while above < end {
+        let middle = (above + end) / 2u;
+        if control_points[classify.points + middle].sample <= magnitude {
+            above = middle + 1u;
+        } else {
+            end = middle;
+        }
+    }
+    let a = control_points[classify.points + max(above, 1u) - 1u];
+    let b = control_points[classify.points + min(above, classify.gradient_points - 1u)];
+    let width = b.sample - a.sample;
+    var f = 0.0;
+    if width > 0.0 {
+        f = clamp((magnitude - a.sample) / width, 0.0, 1.0);
+    }
+    return a.opacity + (b.opacity - a.opacity) * f;
+}
+
+// Whether a sample shows.
+fn shows(i: u32) -> bool {
+    if KEEP_INVISIBLE {
+        return true;
+    }
+    let opaque = transfer(sample_at(i) - classify.sample_origin).a > 0.0;
+    if !GRADIENT_OPACITY || !opaque {
+        return opaque;
+    }
+    return gradient_share(gradient(i)) > 0.0;
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -180,8 +226,7 @@ fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) grou
     let row = brick_row(index);
     var visible = 0u;
     for (var i = 0u; i < row.count; i++) {
-        let shows = KEEP_INVISIBLE || transfer(sample_at(row.first + i) - classify.sample_origin).a > 0.0;
-        visible |= u32(shows) << i;
+        visible |= u32(shows(row.first + i)) << i;
     }
     seen[index] = visible;
     places[index] = countOneBits(visible);
@@ -200,11 +245,15 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
         let i = firstTrailingBit(rest);
         let classified = transfer(sample_at(row.first + i) - classify.sample_origin);
         let at = splat_place(i, row.point.y % EDGE, row.point.z % EDGE, classify.first_brick + row.brick);
-        let appearance = packed_appearance(classified.rgb, density(classified.a));
+        var density = density(classified.a);
+        if GRADIENT_OPACITY {
+            density *= gradient_share(gradient(row.first + i));
+        }
+        let appearance = packed_appearance(classified.rgb, density);
         splats[2u * place] = vec2u(at, appearance.x);
         splats[2u * place + 1u].x = appearance.y;
         if LIT {
-            splats[2u * place + 1u].y = pack_normal(gradient(row.first + i));
+            splats[2u * place + 1u].y = pack_normal(gradient(row.first + i).xyz);
         }
         place += 1u;
     }

@@ -26,8 +26,6 @@
 // For each pixel, what its ray has gathered in the layers before: premultiplied colour and optical depth.
 @group(0) @binding(3) var<storage, read_write> gathered_before: array<vec4f>;
 
-// X-ray: white.
-override WHITE: bool = false;
 // The rays of `single` go through an intermediate image.
 override RESAMPLED: bool = false;
 
@@ -157,11 +155,20 @@ fn begin_run(ray: ptr<function, RayState>) {
     (*ray).before = vec4f(0.0);
 }
 
-// The premultiplied colour of a ray that has ended. What the last slab lacks is left over: it is taken from the depth.
+// The optical depth of a ray that has ended. What the last slab lacks is left over: it is taken from the depth.
+fn final_depth(ray: RayState) -> f32 {
+    return max(ray.depth + min(ray.slab.w, 0.0), 0.0);
+}
+
+// The premultiplied colour of a ray that has ended.
 fn finished(ray: RayState) -> vec4f {
-    let alpha = absorbed(max(ray.depth + min(ray.slab.w, 0.0), 0.0));
+    let depth = final_depth(ray);
+    if RESPONSE > 0u {
+        return response(depth, rays.model);
+    }
+    let alpha = absorbed(depth);
     let color = ray.color * min(alpha / max(absorbed(ray.depth), 1e-30), 1.0);
-    return vec4f(select(clamp(color, vec3f(0.0), rays.brightest * alpha), vec3f(alpha), WHITE), alpha);
+    return vec4f(clamp(color, vec3f(0.0), rays.brightest * alpha), alpha);
 }
 
 // Planes after the last of a run: kernels reach so many slabs beyond it, and slabs are composited a plane later still.
@@ -253,8 +260,12 @@ fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
     ray.transmittance = exp(-before.w);
     ray = march_planes(tile, geometry, ray);
     let value = finished(ray);
-    gathered_before[index] = vec4f(value.rgb, max(ray.depth + min(ray.slab.w, 0.0), 0.0));
-    add_to_pixel(at, share * (value - vec4f(before.rgb, absorbed(before.w))));
+    gathered_before[index] = vec4f(value.rgb, final_depth(ray));
+    var shown = vec4f(before.rgb, absorbed(before.w));
+    if RESPONSE > 0u {
+        shown = response(before.w, rays.model);
+    }
+    add_to_pixel(at, share * (value - shown));
 }
 
 // The rays of pixels that the intermediate images do not show well enough: a workgroup for each tile of the list.

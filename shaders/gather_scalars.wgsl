@@ -11,12 +11,18 @@
 @group(0) @binding(4) var<uniform> lighting: Lighting;
 // The transfer function: see common/transfer.wgsl.
 @group(0) @binding(5) var transfer: texture_storage_2d<rgba32float, read>;
+// See common/light_volume.wgsl.
+@group(0) @binding(6) var light_volume: texture_3d<f32>;
+@group(0) @binding(7) var light_sampler: sampler;
 
 // Planes that kernels reach before and behind their own: 2, or 4.
 override REACH: i32 = 2;
 
 // The largest scalar of a ray is classified, instead of every slab.
 override MAXIMUM: bool = false;
+
+// The mean scalar of a ray is classified.
+override MEAN: bool = false;
 
 // Composites the slab that waits in `ray`, now that the slab behind it is known. Its middle is `middle` planes from
 // plane 0. `before` is what was composited last.
@@ -32,9 +38,12 @@ fn advance(
     let part = clamp(2.0 * (geometry.inside - middle), vec2f(-0.5), vec2f(0.5));
     if part.x < part.y {
         if MAXIMUM {
-            update_maximum(ray, behind, geometry, part);
+            update_maximum(ray, behind, geometry, part, middle);
+        } else if MEAN {
+            // Skipped space is 0, the base, and adds nothing.
+            (*ray).color.x += integral_over(means_of(*ray, behind, geometry), part);
         } else {
-            composited = classify_slab(ray, before, behind, geometry, part);
+            composited = classify_slab(ray, before, behind, geometry, part, middle);
         }
     }
     (*ray).before = (*ray).slab;
@@ -42,9 +51,19 @@ fn advance(
     return composited;
 }
 
+// What makes the sum of a slab a mean.
+fn mean_scale(geometry: RayGeometry) -> f32 {
+    return 2.0 * rays.density_scale * geometry.direction.z;
+}
+
 // Means of the scalar in the slab that waits, in the slab before it and in the slab behind it.
 fn means_of(ray: RayState, behind: vec4f, geometry: RayGeometry) -> vec3f {
-    return vec3f(ray.before.w, ray.slab.w, behind.w) * (2.0 * rays.density_scale * geometry.direction.z);
+    return vec3f(ray.before.w, ray.slab.w, behind.w) * mean_scale(geometry);
+}
+
+// The shares of light that arrive on a ray `plane` planes from plane 0.
+fn kept_on(geometry: RayGeometry, plane: f32) -> vec4f {
+    return kept_at(rays.to_light * vec4f(geometry.base + geometry.shear * plane, plane, 1.0));
 }
 
 fn classify_slab(
@@ -53,19 +72,22 @@ fn classify_slab(
     behind: vec4f,
     geometry: RayGeometry,
     part: vec2f,
+    middle: f32,
 ) -> Before {
     let means = means_of(*ray, behind, geometry);
     if is_invisible(means, rays.invisible) {
         return Before(INVISIBLE, before.end);
     }
     var light = Shine(vec3f(1.0), vec3f(0.0));
+    var share = 1.0;
     if LIGHTS > 0u {
         let g = (*ray).slab.xyz;
         let gradient = rays.gradient_x * g.x + rays.gradient_y * g.y + rays.gradient_z * g.z;
-        light = light_on(gradient, geometry.to_eye, UNSHADED);
+        light = light_on(gradient, geometry.to_eye, kept_on(geometry, middle));
+        share = gradient_share(gradient * mean_scale(geometry), rays.gradient_lookup);
     }
     let step = (part.y - part.x) / f32(rays.samples);
-    let length = 0.5 * step * geometry.stretch / geometry.direction.z;
+    let length = 0.5 * step * share * geometry.stretch / geometry.direction.z;
     return march_parabola(ray, means, part, before, rays.samples, length, rays.lookup, rays.invisible, light);
 }
 
@@ -77,11 +99,19 @@ fn add_sample(ray: ptr<function, Marched>, color: vec3f, depth: f32) {
     (*ray).transmittance *= exp(-depth);
 }
 
-fn update_maximum(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, part: vec2f) {
+fn update_maximum(
+    ray: ptr<function, RayState>,
+    behind: vec4f,
+    geometry: RayGeometry,
+    part: vec2f,
+    middle: f32,
+) {
     let means = means_of(*ray, behind, geometry);
-    let largest = shown(largest_in(means, part), means, rays.invisible);
-    (*ray).color.x = select(largest, max(largest, (*ray).color.x), (*ray).color.y > 0.0);
-    (*ray).color.y = 1.0;
+    let largest = largest_in(means, part);
+    let scalar = shown(largest.x, means, rays.invisible);
+    let so_far = (*ray).color;
+    let found = vec3f(scalar, 1.0, middle + 0.5 * largest.y);
+    (*ray).color = select(so_far, found, so_far.y <= 0.0 || scalar > so_far.x);
 }
 
 // A run of planes begins: nothing before it is pending.
@@ -90,13 +120,14 @@ fn begin_run(ray: ptr<function, RayState>) {
     (*ray).slab = vec4f(0.0);
 }
 
-// The largest scalar may be the last one.
+// The largest scalar may be the last one, and all count for the mean.
 fn is_opaque(ray: RayState) -> bool {
-    return !MAXIMUM && ray.depth > rays.opaque_depth;
+    return !MAXIMUM && !MEAN && ray.depth > rays.opaque_depth;
 }
 
-// Planes after the last of a run: kernels reach so many planes beyond it, and slabs are composited as many late.
-override FLUSH: i32 = 2 * REACH;
+// Planes after the last of a run: kernels reach so many planes beyond it, and slabs are composited as many late. A
+// plane more has the space behind it, which is 0, take part in the maximum.
+override FLUSH: i32 = 2 * REACH + i32(MAXIMUM);
 
 // The slabs that planes may still add to, the foremost first: two for each plane; and what was composited last.
 struct Slabs {
@@ -209,11 +240,17 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     let geometry = geometry_of(at);
     let ray = march_planes(tile, geometry, new_ray());
     var value = vec4f(ray.color, absorbed(ray.depth));
-    if MAXIMUM {
-        // A ray that met nothing but skipped space has 0, the base, as its largest scalar, and shows nothing.
-        let c = classified(ray.color.x, rays.lookup).value;
-        let inside = geometry.inside.x < geometry.inside.y;
-        value = select(vec4f(0.0), vec4f(c.rgb * c.a, c.a), inside);
+    if MAXIMUM || MEAN {
+        // A ray that met nothing but skipped space has 0, the base, as its largest scalar and as its mean.
+        var scalar = ray.color.x;
+        let planes = geometry.inside.y - geometry.inside.x;
+        if MEAN {
+            // Slabs are half a plane thick.
+            scalar *= 0.5 / max(planes, 1e-30);
+        }
+        let place = vec3f(geometry.base + ray.color.z * geometry.shear, ray.color.z);
+        let depth = dot(rays.model.xyz, place) + rays.model.w;
+        value = select(vec4f(0.0), projected(scalar, depth, rays.lookup), planes > 0.0);
     }
     add_to_pixel(at, share * value);
 }

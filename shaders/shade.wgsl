@@ -1,7 +1,8 @@
 // shade: post-shading (Mueller, Moeller and Crawfis 1999, "Splatting without the blur"). Sheets hold means of the
 // scalar: those of a batch, and the last two of the batch before. Each sheet is classified and lit for each pixel,
-// between its two neighbours, and composited; so shading is one sheet behind splatting. `maximum` keeps the largest
-// scalar instead. Scalars are relative to the transfer function's base, so that the space between splats is 0.
+// between its two neighbours, and composited; so shading is one sheet behind splatting. `project` keeps the largest
+// scalar instead, or the mean. Scalars are relative to the transfer function's base, so that the space between splats
+// is 0.
 
 // Sheets of a batch: 4 or 8. They are four to a layer; if they are lit, each is a layer of (gradient, scalar), and the
 // gradient is along the axes of the lattice.
@@ -17,6 +18,8 @@ struct Shade {
     previous: f32,
     // The same of this batch.
     current: f32,
+    // Place of the length of a gradient in the table of the transfer function: length * gradient_lookup.
+    gradient_lookup: f32,
     // The scalars around 0 at which nothing shows, from x to y, ends included; none if x > y.
     invisible: vec2f,
     // Place of a scalar in the table of the transfer function: scalar * x + y.
@@ -25,6 +28,8 @@ struct Shade {
     low: vec2u,
     // The pixel after the last.
     high: vec2u,
+    // From lattice coordinates from the middle of the box to the light volume.
+    to_light: mat4x3f,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
@@ -35,6 +40,9 @@ struct Shade {
 // The transfer function: see common/transfer.wgsl.
 @group(0) @binding(5) var transfer: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(6) var<storage, read_write> pixels: array<vec4f>;
+// See common/light_volume.wgsl.
+@group(0) @binding(7) var light_volume: texture_3d<f32>;
+@group(0) @binding(8) var light_sampler: sampler;
 
 // Means of consecutive sheets at a pixel: the last three of the batch before, then the four (a) or eight (a, b) of the
 // batch.
@@ -110,8 +118,20 @@ fn gradient_of(at: vec2u, sheet: i32) -> vec3f {
     return textureLoad(current, at, sheet, 0).rgb * shading.current;
 }
 
-// The light on a surface across a gradient of the lattice.
-fn light_of(gradient: vec3f, ray: PixelRay) -> Shine {
+// What a gradient makes of what is there.
+struct Surface {
+    light: Shine,
+    // The share of extinction that stays.
+    share: f32,
+}
+
+// The shares of light that arrive on a ray at view depth `z`.
+fn kept_on(ray: PixelRay, z: f32) -> vec4f {
+    return kept_at(shading.to_light * vec4f(ray.start + ray.direction * z, 1.0));
+}
+
+// The surface across a gradient of the lattice, at view depth `z`.
+fn surface_of(gradient: vec3f, ray: PixelRay, z: f32) -> Surface {
     // The transpose of the map from the view to the lattice takes gradients from the lattice to the view.
     let in_view =
         vec3f(dot(frame.grid_right, gradient), dot(frame.grid_up, gradient), dot(frame.grid_forward, gradient));
@@ -119,7 +139,8 @@ fn light_of(gradient: vec3f, ray: PixelRay) -> Shine {
     if PERSPECTIVE {
         to_eye = -vec3f(ray.slope, 1.0) / ray.stretch;
     }
-    return light_on(in_view, to_eye, UNSHADED);
+    let share = gradient_share(in_view * frame.inverse_sheet_scale, shading.gradient_lookup);
+    return Surface(light_on(in_view, to_eye, kept_on(ray, z)), share);
 }
 
 // Pieces of half a sheet, which are lit alike; 1 if the mean of the sheet is classified.
@@ -168,7 +189,7 @@ fn with_sheet(
     let last = before_of(vec3f(before, means.xy), ray, z - frame.sheet_step);
     var result = pixel;
     if LIGHTS == 0u {
-        march_part(&result, m, part, last, SAMPLES, ray, Shine(vec3f(1.0), vec3f(0.0)));
+        march_part(&result, m, part, last, SAMPLES, ray, Surface(Shine(vec3f(1.0), vec3f(0.0)), 1.0));
         return result;
     }
     // Half by half, each lit by the gradient in its middle, on the line through the means beside the sheet. A sheet
@@ -181,11 +202,11 @@ fn with_sheet(
     var middle = last;
     let front = vec2f(part.x, min(part.y, 0.0));
     if front.x < front.y {
-        middle = march_part(&result, m, front, last, half_samples(), ray, light_of(gradient - quarter, ray));
+        middle = march_part(&result, m, front, last, half_samples(), ray, surface_of(gradient - quarter, ray, z + 0.25 * frame.sheet_step));
     }
     let rear = vec2f(max(part.x, 0.0), part.y);
     if rear.x < rear.y {
-        march_part(&result, m, rear, middle, half_samples(), ray, light_of(gradient + quarter, ray));
+        march_part(&result, m, rear, middle, half_samples(), ray, surface_of(gradient + quarter, ray, z + 0.75 * frame.sheet_step));
     }
     return result;
 }
@@ -198,10 +219,10 @@ fn march_part(
     before: Before,
     samples: u32,
     ray: PixelRay,
-    light: Shine,
+    surface: Surface,
 ) -> Before {
-    let length = (part.y - part.x) / f32(samples) * frame.sheet_step * ray.stretch;
-    return march_parabola(pixel, m, part, before, samples, length, shading.lookup, shading.invisible, light);
+    let length = (part.y - part.x) / f32(samples) * frame.sheet_step * ray.stretch * surface.share;
+    return march_parabola(pixel, m, part, before, samples, length, shading.lookup, shading.invisible, surface.light);
 }
 
 // Colour (rgb) and optical depth (a) so far.
@@ -250,18 +271,27 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     pixels[index] = pixel;
 }
 
-// The largest scalar so far (x; y is 1 once there is one), updated with one more sheet.
-fn updated_maximum(so_far: vec2f, means: vec3f, ray: PixelRay, z: f32) -> vec2f {
+// The mean is kept instead of the largest scalar.
+override MEAN: bool = false;
+
+// The largest scalar so far (x; y is 1 once there is one; z is its view depth), or the integral (x) over a length in
+// sheets (y), updated with one more sheet.
+fn updated_projection(so_far: vec3f, means: vec3f, ray: PixelRay, z: f32) -> vec3f {
     let part = part_of_sheet(ray, z);
     if part.x >= part.y {
         return so_far;
     }
-    let largest = shown(largest_in(from_eye(means, z), part), means, shading.invisible);
-    return vec2f(select(largest, max(largest, so_far.x), so_far.y > 0.0), 1.0);
+    if MEAN {
+        return so_far + vec3f(integral_over(from_eye(means, z), part), part.y - part.x, 0.0);
+    }
+    let largest = largest_in(from_eye(means, z), part);
+    let scalar = shown(largest.x, means, shading.invisible);
+    let found = vec3f(scalar, 1.0, z + (largest.y + 0.5) * frame.sheet_step);
+    return select(so_far, found, so_far.y <= 0.0 || scalar > so_far.x);
 }
 
 @compute @workgroup_size(8, 8)
-fn maximum(@builtin(global_invocation_id) id: vec3u) {
+fn project(@builtin(global_invocation_id) id: vec3u) {
     let pixel_at = shading.low + id.xy;
     if any(pixel_at >= shading.high) {
         return;
@@ -274,37 +304,38 @@ fn maximum(@builtin(global_invocation_id) id: vec3u) {
     let m = means_at(pixel_at);
     let step = frame.sheet_step;
     var z = shading.depth;
-    var so_far = updated_maximum(pixels[index].xy, vec3f(m.before.yz, m.a.x), ray, z);
+    var so_far = updated_projection(pixels[index].xyz, vec3f(m.before.yz, m.a.x), ray, z);
     z += step;
-    so_far = updated_maximum(so_far, vec3f(m.before.z, m.a.xy), ray, z);
+    so_far = updated_projection(so_far, vec3f(m.before.z, m.a.xy), ray, z);
     z += step;
-    so_far = updated_maximum(so_far, m.a.xyz, ray, z);
+    so_far = updated_projection(so_far, m.a.xyz, ray, z);
     z += step;
-    so_far = updated_maximum(so_far, m.a.yzw, ray, z);
+    so_far = updated_projection(so_far, m.a.yzw, ray, z);
     if SHEETS > 4u {
         z += step;
-        so_far = updated_maximum(so_far, vec3f(m.a.zw, m.b.x), ray, z);
+        so_far = updated_projection(so_far, vec3f(m.a.zw, m.b.x), ray, z);
         z += step;
-        so_far = updated_maximum(so_far, vec3f(m.a.w, m.b.xy), ray, z);
+        so_far = updated_projection(so_far, vec3f(m.a.w, m.b.xy), ray, z);
         z += step;
-        so_far = updated_maximum(so_far, m.b.xyz, ray, z);
+        so_far = updated_projection(so_far, m.b.xyz, ray, z);
         z += step;
-        so_far = updated_maximum(so_far, m.b.yzw, ray, z);
+        so_far = updated_projection(so_far, m.b.yzw, ray, z);
     }
-    pixels[index] = vec4f(so_far, 0.0, 0.0);
+    pixels[index] = vec4f(so_far, 0.0);
 }
 
-// From the largest scalar to its colour.
+// From the scalar that is kept to its colour.
 @compute @workgroup_size(8, 8)
-fn resolve_maximum(@builtin(global_invocation_id) id: vec3u) {
+fn resolve_projection(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= frame.region) {
         return;
     }
     let index = id.y * frame.region.x + id.x;
-    let largest = pixels[index];
+    let kept = pixels[index];
     var color = vec4f(0.0);
-    if largest.y > 0.0 {
-        color = classified(largest.x, shading.lookup).value;
+    if kept.y > 0.0 {
+        let depth = frame.model.x * kept.z + frame.model.y;
+        color = projected(select(kept.x, kept.x / kept.y, MEAN), depth, shading.lookup);
     }
-    pixels[index] = vec4f(color.rgb * color.a, color.a);
+    pixels[index] = color;
 }

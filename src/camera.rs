@@ -34,8 +34,8 @@ pub struct View {
     pub direction: Option<DVec3>,
     /// The world point in the middle of the picture; by default the centre of what is fitted.
     pub target: Option<DVec3>,
-    /// What is fitted to the picture: a hull, such as [`Hull::of_visible`], as if it were turned all around `up`; or if
-    /// `None`, the box of the volume, as it is seen from this side.
+    /// What is fitted to the picture: a hull, such as [`Hull::of_visible`], as if it were turned all around `up`, or
+    /// [from one side](Hull::from_one_side); or if `None`, the box of the volume, as it is seen from this side.
     pub around: Option<Hull>,
     /// Space around what is fitted: a fraction of the picture on each side, 0 to under 0.5.
     pub margin: f64,
@@ -131,26 +131,38 @@ impl Camera {
         let frame = view.frame()?;
         let (right, up, forward) = (frame.x_axis, frame.y_axis, -frame.z_axis);
         let axis = unit(view.up);
-        let center = || view.around.as_ref().map_or_else(|| grid.center(), |hull| hull.center(axis, up));
-        let target = view.target.unwrap_or_else(center);
         let aspect = f64::from(size[0]) / f64::from(size[1]);
+        let fill = 1.0 - 2.0 * view.margin;
+        // In perspective a place p is inside of a side of the picture if p . limit(side) <= distance, and for parallel
+        // rays if it is at most what half the height spans.
+        let (tan, limit): (f64, &dyn Fn(DVec3) -> DVec3) = match view.projection {
+            ProjectionKind::Orthographic => (1.0, &|side| side),
+            ProjectionKind::Perspective { fov } => {
+                let tan = (fov.to_radians() / 2.0).tan();
+                (tan * fill, &move |side| side / (tan * fill) - forward)
+            }
+        };
+        let center = |hull: &Hull| {
+            let shift = |side: DVec3, wide: f64| [side * (wide * tan), limit(side / wide), limit(-side / wide)];
+            hull.target(axis, up, [[forward, forward, -forward], shift(right, aspect), shift(up, 1.0)])
+        };
+        let target = view.target.unwrap_or_else(|| view.around.as_ref().map_or_else(|| grid.center(), center));
         // Offsets of the corners from the target, in (right, up, forward).
         let from_target = grid.center() - target;
         let corners = grid.corners_from_center(0.5).map(|c| {
             let d = c + from_target;
             DVec3::new(d.dot(right), d.dot(up), d.dot(forward))
         });
-        let fill = 1.0 - 2.0 * view.margin;
         // The most that the hull reaches, of the height of the picture; and with a width counted as a height.
-        let extent = |hull: &Hull, of: &dyn Fn(DVec3) -> DVec3| {
+        let extent = |hull: &Hull| {
             let sides = [up, -up, right / aspect, -right / aspect];
-            sides.into_iter().map(|side| hull.extent(target, axis, of(side))).fold(f64::NEG_INFINITY, f64::max)
+            sides.into_iter().map(|side| hull.extent(target, axis, limit(side))).fold(f64::NEG_INFINITY, f64::max)
         };
         let projection = match view.projection {
             ProjectionKind::Orthographic => {
                 let fitted = || {
                     if let Some(hull) = &view.around {
-                        return 2.0 * extent(hull, &|side| side) / fill;
+                        return 2.0 * extent(hull) / fill;
                     }
                     let half = corners.iter().fold(0.0_f64, |m, c| m.max(c.y.abs()).max(c.x.abs() / aspect));
                     2.0 * half / fill
@@ -162,8 +174,7 @@ impl Camera {
                 let tan = (fov.to_radians() / 2.0).tan();
                 let fitted = || {
                     if let Some(hull) = &view.around {
-                        // A place p is inside if p . side <= fill tan (distance + p . forward).
-                        return extent(hull, &|side| side / (tan * fill) - forward);
+                        return extent(hull);
                     }
                     // Corner (x, y, z) is inside if |y| <= fill tan (distance + z), and likewise across.
                     corners.iter().fold(0.0_f64, |m, c| m.max(c.y.abs().max(c.x.abs() / aspect) / (tan * fill) - c.z))

@@ -12,7 +12,7 @@ use crate::volume::Volume;
 /// The convex hull of what a transfer function shows of a volume.
 ///
 /// A view that is fitted around it has the same target and scale at every azimuth, so a turntable is steady: the hull
-/// counts as if it were turned all around [`View::up`](crate::camera::View::up).
+/// counts as if it were turned all around [`View::up`](crate::camera::View::up), unless it is [`Self::from_one_side`].
 #[derive(Clone, PartialEq)]
 pub struct Hull {
     /// The world point that the others are relative to.
@@ -21,6 +21,8 @@ pub struct Hull {
     points: Arc<[DVec3]>,
     /// How far kernels reach beyond these voxels, and voxels between rows that were looked at.
     reach: f64,
+    /// Whether it counts as if it were turned all around an axis.
+    turned: bool,
 }
 
 impl fmt::Debug for Hull {
@@ -57,14 +59,34 @@ impl Hull {
         let points: Arc<[DVec3]> = points.into_iter().map(|point| to_world.transform_point3(point)).collect();
         let [x, y, z] = grid.spacing();
         let [rows, planes] = volume.outline_steps().map(|n| n as f64);
-        let hull = Self { origin: grid.center(), points, reach: x.max(y * rows).max(z * planes) };
+        let hull = Self { origin: grid.center(), points, reach: x.max(y * rows).max(z * planes), turned: true };
         Ok((!hull.points.is_empty()).then_some(hull))
+    }
+
+    /// The same, to be fitted as it is seen from the side of the view: it fills the picture, and every view has a
+    /// target and a scale of its own.
+    #[must_use]
+    pub fn from_one_side(self) -> Self {
+        Self { turned: false, ..self }
+    }
+
+    /// The point that a view has in the middle of its picture, whose own unit vector up is `top`. Each of `shifts` is a
+    /// vector, and two directions in which the hull must reach alike. By the vector the point moves for each unit that
+    /// it reaches farther in the first than halfway between the two.
+    pub(crate) fn target(&self, up: DVec3, top: DVec3, shifts: [[DVec3; 3]; 3]) -> DVec3 {
+        if self.turned {
+            return self.center(up, top);
+        }
+        shifts.into_iter().fold(self.origin, |target, [shift, to, from]| {
+            let [to, from] = [to, from].map(|direction| self.extent(target, up, direction));
+            target + shift * ((to - from) / 2.0)
+        })
     }
 
     /// The point of its axis along the unit vector `up` that is in the middle of a picture whose own unit vector up is
     /// `top`. The axis goes through the centre of a small circle around it (Badoiu and Clarkson 2003, "Smaller
     /// core-sets for balls").
-    pub(crate) fn center(&self, up: DVec3, top: DVec3) -> DVec3 {
+    fn center(&self, up: DVec3, top: DVec3) -> DVec3 {
         let heights = || self.points.iter().map(|point| point.dot(up));
         let (least, most) = (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));
         let farthest = |center: DVec3| {
@@ -91,12 +113,15 @@ impl Hull {
     }
 
     /// How far it reaches from a target in a direction, whose length multiplies the result, once it has been turned all
-    /// around the unit vector `up` through the target.
+    /// around the unit vector `up` through the target if it is to be.
     pub(crate) fn extent(&self, target: DVec3, up: DVec3, direction: DVec3) -> f64 {
         let (along, across) = (direction.dot(up), direction.reject_from_normalized(up).length());
         let offset = self.origin - target;
         let extents = self.points.iter().map(|&point| {
             let point = point + offset;
+            if !self.turned {
+                return point.dot(direction);
+            }
             point.dot(up) * along + point.reject_from_normalized(up).length() * across
         });
         extents.fold(f64::NEG_INFINITY, f64::max) + self.reach * direction.length()
@@ -108,11 +133,12 @@ mod tests {
     use glam::{DAffine3, DMat3};
 
     use super::*;
+    use crate::camera::{Camera, Projection, ProjectionKind, View};
     use crate::transfer::ControlPoint;
     use crate::volume::Grid;
 
     fn hull(points: &[DVec3]) -> Hull {
-        Hull { origin: DVec3::new(1.0, 2.0, 3.0), points: points.into(), reach: 0.5 }
+        Hull { origin: DVec3::new(1.0, 2.0, 3.0), points: points.into(), reach: 0.5, turned: true }
     }
 
     #[test]
@@ -146,6 +172,41 @@ mod tests {
         let hull = hull(&points);
         let radius = hull.extent(hull.center(DVec3::Z, DVec3::Z), DVec3::Z, DVec3::X) - 0.5;
         assert!((5.0..5.05).contains(&radius), "{radius}");
+    }
+
+    #[test]
+    fn from_one_side_opposite_ends_touch_opposite_sides() {
+        let points = [DVec3::new(9.0, 1.0, 2.0), DVec3::new(-1.0, 4.0, -3.0), DVec3::new(2.0, -8.0, 0.5), DVec3::ZERO];
+        let hull = Hull { reach: 0.0, ..hull(&points) }.from_one_side();
+        let grid = Grid::axis_parallel([1; 3], [1.0; 3]).unwrap();
+        for (size, projection) in [
+            ([300, 100], ProjectionKind::Orthographic),
+            ([100, 300], ProjectionKind::Orthographic),
+            ([300, 100], ProjectionKind::Perspective { fov: 60.0 }),
+            ([100, 300], ProjectionKind::Perspective { fov: 60.0 }),
+        ] {
+            let around = Some(hull.clone());
+            let view = View { azimuth: 30.0, elevation: 20.0, projection, around, margin: 0.1, ..View::default() };
+            let camera = Camera::new(&view, &grid, size).unwrap();
+            let places = points.map(|point| {
+                let d = point + hull.origin - camera.target;
+                let half_height = match camera.projection {
+                    Projection::Orthographic { half_height } => half_height,
+                    Projection::Perspective { tan_half_fov, distance } => {
+                        tan_half_fov * (distance + d.dot(camera.forward))
+                    }
+                };
+                let aspect = f64::from(size[0]) / f64::from(size[1]);
+                [d.dot(camera.right) / (half_height * aspect), d.dot(camera.up) / half_height]
+            });
+            let ends = [0, 1].map(|axis| {
+                let along = || places.iter().map(|place| place[axis]);
+                [-along().fold(f64::INFINITY, f64::min), along().fold(f64::NEG_INFINITY, f64::max)]
+            });
+            let touched = ends.iter().filter(|[a, b]| (a - 0.8).abs() < 1e-9 && (b - 0.8).abs() < 1e-9).count();
+            let inside = ends.iter().flatten().all(|end| *end < 0.8 + 1e-9);
+            assert!(touched >= 1 && inside, "{size:?} {projection:?}: {ends:?}");
+        }
     }
 
     #[test]

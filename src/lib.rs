@@ -56,6 +56,7 @@ pub mod reconstruction;
 pub mod reference;
 pub mod renderer;
 pub mod report;
+mod response;
 mod scene;
 pub mod settings;
 mod source;

@@ -72,13 +72,13 @@ mod tests {
             assert_eq!(model.name().parse::<Model>().unwrap(), model);
             assert_eq!(serde_json::to_string(&model).unwrap(), format!("\"{model}\""));
         }
-        assert_eq!(Model::ALL.len(), 3);
+        assert_eq!(Model::ALL.len(), 5);
     }
 
     #[test]
     fn a_wrong_name_is_told_the_right_ones() {
         let error = "rays".parse::<Model>().unwrap_err().to_string();
-        assert_eq!(error, "model: \"rays\", expected composite, xray or mip");
+        assert_eq!(error, "model: \"rays\", expected composite, xray, mip, minip or average");
         let error = "Additive".parse::<Accumulation>().unwrap_err().to_string();
         assert!(error.ends_with("expected optical-depth or additive"), "{error}");
     }

@@ -1,7 +1,5 @@
 //! Renderer (a device), what it prepares (a scene), and pictures.
 
-use std::sync::Arc;
-
 use crate::accuracy::Prediction;
 use crate::adapter::AdapterInfo;
 use crate::camera::Camera;
@@ -11,12 +9,12 @@ use crate::error::Result;
 use crate::gpu::cache::Cache;
 use crate::gpu::choice::Choice;
 use crate::gpu::context::{self, Context, PIXEL_BYTES};
+use crate::gpu::light_volume::PostShading;
 use crate::gpu::painter::{Begun, Job, Room};
 use crate::gpu::present::{self, Present};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::store::Bricks;
 use crate::gpu::timing::on_host;
-use crate::gpu::transfer::TransferTable;
 use crate::gpu::view::{ScalarNeed, ViewGeometry};
 use crate::image::Image;
 use crate::image::Region;
@@ -64,8 +62,8 @@ pub struct Rendered {
 struct Layer {
     lattice: Lattice,
     need: ScalarNeed,
-    /// What scalars are classified by.
-    table: Option<Arc<TransferTable>>,
+    /// What scalars are classified and lit by.
+    post: Option<PostShading>,
     drawable: Drawable,
 }
 
@@ -127,6 +125,8 @@ impl Renderer {
     pub fn prepare(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Scene> {
         settings.validate()?;
         volume.check_finite()?;
+        let mirrored = settings.mirrored(volume, transfer)?;
+        let (volume, transfer) = mirrored.as_ref().map_or((volume, transfer), |(volume, transfer)| (volume, transfer));
         let context = &self.context;
         if settings.is_post_shaded() {
             let prepare = || Scene::of_scalars(context, volume, transfer, settings, &self.progress);
@@ -223,7 +223,8 @@ impl Renderer {
         let context = &self.context;
         scene.check(context, settings)?;
         let noise = (settings.sharpness > 0.0).then(|| reconstruction::noise(settings)).transpose()?;
-        let settings = &Settings { kernel: settings.reconstruction_kernel(), ..settings.clone() };
+        let lights = settings.light_count();
+        let settings = &Settings { kernel: settings.reconstruction_kernel(), ..scene.drawn_with(settings) };
         let before = context.traffic();
         camera.check_scale(scene.grid())?;
         let voxels = ViewGeometry::new(camera, scene.grid(), settings, context.savings);
@@ -290,7 +291,7 @@ impl Renderer {
             model: settings.model,
             shading: if settings.is_post_shaded() { Shading::Post } else { Shading::Pre },
             perspective: voxels.is_perspective(),
-            lights: settings.light_count(),
+            lights,
             size: camera.size,
             pixels_covered: regions.iter().map(|(_, part)| part.area()).sum(),
             parts: regions.len() as u32,
@@ -307,7 +308,8 @@ impl Renderer {
             noise,
             footprint_error: painting.footprint_error(),
             predicted: Prediction::default(),
-            scene_bytes: drawables().map(Drawable::bytes).sum(),
+            scene_bytes: drawables().map(Drawable::bytes).sum::<u64>()
+                + nearest.post.as_ref().map_or(0, |p| p.light.bytes),
             frame_bytes: traffic.allocated - before.allocated,
             bytes_sent: traffic.sent - before.sent,
             pipelines: traffic.pipelines,
@@ -324,12 +326,13 @@ impl Renderer {
         let wanted = Wanted { settings, level: *level, shadows: shadows.as_ref(), coarse: *coarse, need };
         let (drawable, took) = scene.drawable(&self.context, &self.pipelines, wanted, &self.progress)?;
         *seconds += took;
-        let table = scene.table(&self.context, lattice.level);
-        Ok(Layer { lattice, need, table, drawable })
+        let (post, took) = scene.post_shading(&self.context, &self.pipelines, &lattice, &self.progress)?;
+        *seconds += took;
+        Ok(Layer { lattice, need, post, drawable })
     }
 
     fn job<'a>(&'a self, layer: &'a Layer) -> Job<'a> {
-        let Layer { lattice, need, table, drawable } = layer;
+        let Layer { lattice, need, post, drawable } = layer;
         Job {
             context: &self.context,
             pipelines: &self.pipelines,
@@ -338,7 +341,7 @@ impl Renderer {
             kept: drawable.kept(),
             stores: drawable.stores(),
             weights: lattice.weights,
-            transfer: table.as_deref(),
+            post: post.as_ref(),
             padding: need.padding,
         }
     }

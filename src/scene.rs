@@ -3,6 +3,8 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use glam::DAffine3;
+
 use crate::accuracy::Facts;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -11,6 +13,7 @@ use crate::gpu::cells::{self, Coarsening};
 use crate::gpu::classify::{Classified, Classifier, HostClassifier};
 use crate::gpu::coarse::{self, Coarse};
 use crate::gpu::context::Context;
+use crate::gpu::light_volume::{self, Classification, LightVolume, PostShading};
 use crate::gpu::painter::Room;
 use crate::gpu::scalars::{self, Asked, Emission, Emitted, Shows};
 use crate::gpu::scan::Scan;
@@ -20,7 +23,7 @@ use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, TransferTable};
 use crate::gpu::view::{Fade, ScalarNeed, ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
-use crate::lighting::shadow;
+use crate::lighting::{Lighting, shadow};
 use crate::progress::Progress;
 use crate::settings::{Level, Model, Settings};
 use crate::transfer::TransferFunction;
@@ -75,11 +78,15 @@ struct Scalars {
     pyramid: Pyramid,
     transfer: TransferFunction,
     reduction: Reduction,
+    /// The model that it was prepared for.
+    model: Model,
     shows: Shows,
     /// What scalars are classified by, for cells of a level.
     table: Mutex<Option<(u32, Arc<TransferTable>)>>,
     /// Whether things of one value show; empty until a lit picture asks.
     plateaus: OnceLock<bool>,
+    /// The light that arrives, for the lights of the picture before.
+    light: Mutex<Option<(Shadows, Arc<LightVolume>)>>,
     /// The splats of the picture before, drawn again unless a picture needs others.
     emitted: Mutex<Option<(Asked, Arc<Emitted>)>>,
 }
@@ -125,7 +132,12 @@ pub(crate) struct Wanted<'a> {
 }
 
 fn shows(settings: &Settings) -> Shows {
-    if settings.model == Model::Mip { Shows::Largest } else { Shows::Opaque }
+    match settings.model {
+        // The volume of a minimum is mirrored.
+        Model::Mip | Model::Minip => Shows::Largest,
+        Model::Average => Shows::Mean,
+        Model::Composite | Model::Xray => Shows::Opaque,
+    }
 }
 
 /// The distance that opacities are per, in units of [`Grid::local`].
@@ -188,9 +200,11 @@ impl Scene {
             pyramid: Pyramid::default(),
             transfer: transfer.clone(),
             reduction,
+            model: settings.model,
             shows,
             table: Mutex::default(),
             plateaus: OnceLock::new(),
+            light: Mutex::new(None),
             emitted: Mutex::new(None),
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), grid, weights, seconds))
@@ -349,6 +363,19 @@ impl Scene {
         }
     }
 
+    /// The settings as painters draw the scene: where extinction depends on gradients that are reconstructed, they are
+    /// those of a lit scene, of a light that changes no colour.
+    pub(crate) fn drawn_with(&self, settings: &Settings) -> Settings {
+        let mut settings = settings.clone();
+        if let Content::Scalars(scalars) = &self.content
+            && settings.model == Model::Composite
+            && !scalars.transfer.gradient_opacity().is_empty()
+        {
+            settings.lighting.get_or_insert_with(Lighting::flat);
+        }
+        settings
+    }
+
     /// Drops what stands for the voxels of a pre-shaded scene at other levels than these, the nearest and the farthest.
     pub(crate) fn keep_levels(&self, [nearest, farthest]: [u32; 2]) {
         if let Content::Splats(voxels) = &self.content {
@@ -363,20 +390,87 @@ impl Scene {
     }
 
     /// What scalars are classified by on a lattice of cells of a level.
-    pub(crate) fn table(&self, context: &Context, level: u32) -> Option<Arc<TransferTable>> {
-        let Content::Scalars(scalars) = &self.content else { return None };
+    fn table(&self, context: &Context, scalars: &Scalars, level: u32) -> Arc<TransferTable> {
         let mut held = scalars.table.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((of, table)) = held.as_ref()
             && *of == level
         {
-            return Some(Arc::clone(table));
+            return Arc::clone(table);
         }
         // The local unit of length goes with cells.
-        let unit = local_unit(&scalars.transfer, &self.grid) / f64::from(level).exp2();
-        let Scalars { transfer, reduction, shows, .. } = scalars.as_ref();
-        let table = Arc::new(TransferTable::new(context, transfer, reduction, *shows, unit));
+        let size = f64::from(level).exp2();
+        let unit = local_unit(&scalars.transfer, &self.grid) / size;
+        // Gradients of cells are per cell.
+        let steepness = self.grid.unit() * size;
+        let Scalars { transfer, reduction, shows, .. } = scalars;
+        let table = Arc::new(TransferTable::new(context, transfer, reduction, *shows, unit, steepness));
         *held = Some((level, Arc::clone(&table)));
-        Some(table)
+        table
+    }
+
+    /// What a lattice of a post-shaded scene is classified and lit by, and the seconds it took to find the light, 0 if
+    /// the scene held it; `None` for classified voxels.
+    pub(crate) fn post_shading(
+        &self,
+        context: &Context,
+        pipelines: &Cache,
+        lattice: &Lattice,
+        progress: &Progress,
+    ) -> Result<(Option<PostShading>, f64)> {
+        let Content::Scalars(scalars) = &self.content else { return Ok((None, 0.0)) };
+        let table = self.table(context, scalars, lattice.level);
+        let Some(casting) = lattice.settings.casting() else {
+            let light = pipelines.get_or_make((), || Ok(LightVolume::none(context)))?;
+            let to_light = DAffine3::IDENTITY;
+            return Ok((Some(PostShading { table, light, shadows: false, to_light }), 0.0));
+        };
+        let (kernel, normalization) = lattice.kernel_of_voxels();
+        let (coarse, grid) = self.lit_cells(&kernel, lattice.level)?;
+        let denser = kernel.integral() / normalization.divisor(&kernel);
+        let cells = coarse.map_or(kernel, |(cells, growth)| cells.kernel(growth));
+        let unit = scalars.transfer.unit_or(self.grid.min_spacing());
+        let voxels = coarse.map_or(1.0, |(cells, _)| cells.size());
+        let lattice_of_light = shadow::Lattice::new(&grid, cells, cells.integral() / denser, unit, voxels);
+        let shadows = Shadows { casting, lattice: lattice_of_light };
+        let post = |light: &Arc<LightVolume>| {
+            let to_light =
+                light.from_lattice(&lattice.coarse.map_or(Ok(self.grid), |(cells, ..)| cells.grid(&self.grid))?);
+            Ok(Some(PostShading { table: Arc::clone(&table), light: Arc::clone(light), shadows: true, to_light }))
+        };
+        let lock = || scalars.light.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, light)) = lock().as_ref()
+            && *of == shadows
+        {
+            return Ok((post(light)?, 0.0));
+        }
+        let (light, seconds) = on_host(|| {
+            context.guarded("casting shadows", || {
+                // All that a place which may show is lit by lies between voxels so near.
+                let need = ScalarNeed { influence: kernel.radius() + 2.0, ..ScalarNeed::NONE };
+                let lit = !scalars.transfer.gradient_opacity().is_empty();
+                let coarse = coarse.map(|(cells, _)| cells);
+                let emitted = scalars.emit(context, &Asked { kernel, normalization, need, lit, coarse }, progress)?;
+                let Scalars { transfer, reduction, .. } = scalars.as_ref();
+                LightVolume::new(context, &emitted, &grid, &Classification { transfer, reduction }, &shadows, progress)
+            })
+        });
+        let light = Arc::new(light?);
+        *lock() = Some((shadows, Arc::clone(&light)));
+        Ok((post(&light)?, seconds))
+    }
+
+    /// The lattice that the light of a post-shaded picture is found on: voxels, or cells and the growth of the kernels
+    /// that they stand for. It is no finer than that of the picture, and no larger than a light volume may be.
+    fn lit_cells(&self, kernel: &Kernel, level: u32) -> Result<(Option<(Coarse, f64)>, Grid)> {
+        for level in level..=cells::MAX_LEVEL {
+            let growth = cells::least_growth(kernel, level);
+            let coarse = (level > 0).then(|| (Coarse::new(kernel, growth, Some(level)), growth));
+            let grid = coarse.map_or(Ok(self.grid), |(cells, _)| cells.grid(&self.grid))?;
+            if grid.len() <= light_volume::MAX_CELLS {
+                return Ok((coarse, grid));
+            }
+        }
+        Err(Error::Volume("no light volume has room for as many voxels".to_owned()))
     }
 
     /// Refuses a scene of another device, and settings that it was not prepared for.
@@ -392,7 +486,7 @@ impl Scene {
             Content::Splats(_) if settings.is_post_shaded() => error("shading", "for pre-shading"),
             Content::Splats(voxels) if !voxels.lit && settings.lighting.is_some() => error("light", "without light"),
             Content::Scalars(_) if !settings.is_post_shaded() => error("shading", "for post-shading"),
-            Content::Scalars(scalars) if scalars.shows != shows(settings) => error("model", "for another model"),
+            Content::Scalars(scalars) if scalars.model != settings.model => error("model", "for another model"),
             Content::Scalars(scalars) if scalars.sharpened != settings.sharpens() => {
                 error("sharpness", "for another sharpness, or for that of another kernel")
             }
@@ -414,8 +508,7 @@ impl Scene {
             Content::Splats(voxels) => return voxels.cells(context, level, shadows, progress),
             Content::Scalars(scalars) => scalars,
         };
-        let (kernel, normalization) = coarse
-            .map_or((settings.kernel, settings.normalization), |(_, kernel, normalization)| (kernel, normalization));
+        let (kernel, normalization) = kernel_of_voxels(settings, coarse);
         let coarse = coarse.map(|(coarse, ..)| coarse);
         let asked = Asked { kernel, normalization, need, lit: settings.lighting.is_some(), coarse };
         let lock = || scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
@@ -425,20 +518,25 @@ impl Scene {
             return Ok((Drawable::Emitted(Arc::clone(emitted)), 0.0));
         }
         // Not under the lock: who emits waits for a pool of threads, which may hand it work that asks for the lock.
-        let (emitted, seconds) = on_host(|| {
-            context.guarded("emitting scalars", || {
-                let Scalars { volume, pyramid, transfer, reduction, shows, .. } = scalars.as_ref();
-                let emission = Emission::new(context, volume, transfer, reduction, *shows, &asked)?;
-                emission.emit(context, pyramid, progress)
-            })
-        });
+        let (emitted, seconds) =
+            on_host(|| context.guarded("emitting scalars", || scalars.emit(context, &asked, progress)));
         let emitted = Arc::new(emitted?);
         *lock() = Some((asked, Arc::clone(&emitted)));
         Ok((Drawable::Emitted(emitted), seconds))
     }
 }
 
+/// The kernel of voxels in a picture that may be drawn of cells, and what sums of it are divided by.
+fn kernel_of_voxels(settings: &Settings, coarse: Option<(Coarse, Kernel, Normalization)>) -> (Kernel, Normalization) {
+    let given = (settings.kernel, settings.normalization);
+    coarse.map_or(given, |(_, kernel, normalization)| (kernel, normalization))
+}
+
 impl Lattice {
+    fn kernel_of_voxels(&self) -> (Kernel, Normalization) {
+        kernel_of_voxels(&self.settings, self.coarse)
+    }
+
     /// Why a painter does not draw it, `None` if it does.
     pub(crate) fn refusal(&self, room: &Room) -> Option<String> {
         (room.refusal)(&self.view, &self.settings)
@@ -446,6 +544,12 @@ impl Lattice {
 }
 
 impl Scalars {
+    /// The splats of scalars that are asked for.
+    fn emit(&self, context: &Context, asked: &Asked, progress: &Progress) -> Result<Emitted> {
+        let Self { volume, pyramid, transfer, reduction, shows, .. } = self;
+        Emission::new(context, volume, transfer, reduction, *shows, asked)?.emit(context, pyramid, progress)
+    }
+
     fn has_plateaus(&self) -> Result<bool> {
         if let Some(known) = self.plateaus.get() {
             return Ok(*known);

@@ -6,6 +6,9 @@ use crate::kernel::{Kernel, Normalization};
 use crate::lighting::{Casting, Lighting};
 use crate::names::named;
 use crate::reconstruction::Prefilter;
+pub use crate::response::Response;
+use crate::transfer::TransferFunction;
+use crate::volume::Volume;
 
 /// The format of the sheet buffers. The frame that they are composited into is always f32.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -22,14 +25,19 @@ pub enum Model {
     /// Emission and absorption: C = integral of c tau exp(-integral of tau), alpha = 1 - exp(-integral of tau).
     #[default]
     Composite,
-    /// Absorption only: white of alpha = 1 - exp(-integral of tau). One sheet of whole footprints, exact.
+    /// Absorption only: what [`Settings::response`] makes of the integral of tau, by default white of alpha = 1 -
+    /// exp(-integral of tau). One sheet of whole footprints, exact.
     Xray,
-    /// The colour of the largest reconstructed value on the ray, its alpha the opacity of that value over the largest
-    /// opacity of the transfer function.
+    /// Maximum intensity projection: the colour of the largest reconstructed value on the ray's part in the box of the
+    /// voxels, its alpha the opacity of that value over the largest opacity of the transfer function.
     Mip,
+    /// Minimum intensity projection: the same of the smallest value. What is outside of the box does not count.
+    Minip,
+    /// Average intensity projection: the same of the mean value.
+    Average,
 }
 
-/// When the transfer function is applied. X-ray is always pre-shaded, a maximum intensity projection post-shaded.
+/// When the transfer function is applied. X-ray is always pre-shaded, projections of intensity are post-shaded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Shading {
     /// Each voxel is classified and lit, then extinction and emission are reconstructed. Fast, and blurs surfaces.
@@ -177,6 +185,12 @@ pub enum Level {
 pub struct Settings {
     /// What a pixel is.
     pub model: Model,
+    /// What an X-ray shows of the optical depth along a ray.
+    pub response: Response,
+    /// Whether the colours of a maximum or a minimum tell how deep it lies: red nearest, through yellow, green, cyan
+    /// and blue, to violet farthest, along the view and between the nearest and the farthest corner of the box of the
+    /// voxels. As bright as the brightest channel of the transfer function's colour, which gives alpha as well.
+    pub depth_coded: bool,
     /// When the transfer function is applied.
     pub shading: Shading,
     /// The light on surfaces; `None`: colours are those of the transfer function.
@@ -197,8 +211,8 @@ pub struct Settings {
     /// How much of the blur of the kernel is taken back, 0 (none) to 1.
     ///
     /// A Gaussian gives way to a blob of radius 2, which is as narrow as [`Kernel::KAISER_BESSEL`] at 1. If scalars are
-    /// reconstructed (post-shading and maximum intensity), the samples are filtered besides, once for a scene: at 1 the
-    /// field passes through them as well as the kernel can, and overshoots beside edges. Noise grows: see
+    /// reconstructed (post-shading and projections of intensity), the samples are filtered besides, once for a scene:
+    /// at 1 the field passes through them as well as the kernel can, and overshoots beside edges. Noise grows: see
     /// [`Stats::noise`](crate::stats::Stats::noise) and [`reconstruction`](crate::reconstruction). Filtered samples
     /// take 4 bytes each of host memory as long as the scene lives. Pre-shaded, a blob is refused.
     pub sharpness: f64,
@@ -210,6 +224,8 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             model: Model::default(),
+            response: Response::default(),
+            depth_coded: false,
             shading: Shading::default(),
             lighting: None,
             interslice: Interslice::default(),
@@ -225,7 +241,10 @@ impl Default for Settings {
 }
 
 named! { "precision", Precision { F16: "f16", F32: "f32" } }
-named! { "model", Model { Composite: "composite", Xray: "xray", Mip: "mip" } }
+named! {
+    "model",
+    Model { Composite: "composite", Xray: "xray", Mip: "mip", Minip: "minip", Average: "average" }
+}
 named! { "shading", Shading { Pre: "pre", Post: "post" } }
 named! { "sheets", Sheets { Image: "image", Axis: "axis" } }
 named! { "accumulation", Accumulation { OpticalDepth: "optical-depth", Additive: "additive" } }
@@ -287,6 +306,7 @@ impl Settings {
             let reason = format!("{}, expected 0 to under 1", self.termination);
             return Err(Error::Setting { name: "termination", reason });
         }
+        self.response.validate()?;
         if let Some(lighting) = &self.lighting {
             lighting.validate()?;
         }
@@ -345,17 +365,26 @@ impl Settings {
                 "level",
                 "cells of a level above 0 need image-aligned sheets of optical depth",
             ),
-            (post && axis, "sheets", "post-shading and maximum intensity need image-aligned sheets, axis does not go"),
+            (
+                post && axis,
+                "sheets",
+                "post-shading and projections of intensity need image-aligned sheets, axis does not go",
+            ),
             (
                 post && additive,
                 "accumulation",
-                "post-shading and maximum intensity add up scalars, additive does not go",
+                "post-shading and projections of intensity add up scalars, additive does not go",
             ),
             (self.model != Model::Composite && self.lighting.is_some(), "lighting", "only the composite model is lit"),
             (
-                post && self.casting().is_some(),
-                "shadows",
-                "light is kept from voxels: shadows and occlusion need pre-shading",
+                !xray && self.response != Response::default(),
+                "response",
+                "only an X-ray shows the optical depth of rays: expected absorption",
+            ),
+            (
+                self.depth_coded && !matches!(self.model, Model::Mip | Model::Minip),
+                "depth_coded",
+                "only a maximum or a minimum lies at a depth: the model is neither mip nor minip",
             ),
             (xray && self.shading == Shading::Post, "shading", "an X-ray adds up voxels' extinction: it is pre-shaded"),
             (xray && axis, "sheets", "an X-ray has one sheet, axis does not go"),
@@ -365,6 +394,11 @@ impl Settings {
             Some((_, name, reason)) => Err(Error::Setting { name, reason: reason.to_owned() }),
             None => Ok(()),
         }
+    }
+
+    /// RESPONSE and `curve` in shaders/common/response.wgsl.
+    pub(crate) fn xray_response(&self) -> (u32, [f32; 4]) {
+        if self.model == Model::Xray { self.response.for_shaders() } else { (0, [0.0; 4]) }
     }
 
     /// The knobs of the painter quads, if that draws the picture.
@@ -408,13 +442,27 @@ impl Settings {
         }
     }
 
-    /// Whether sheets hold scalars that are classified per pixel: post-shading and maximum intensity.
+    /// Whether sheets hold scalars that are classified per pixel: post-shading and projections of intensity.
     #[must_use]
     pub fn is_post_shaded(&self) -> bool {
         match self.model {
             Model::Composite => self.shading == Shading::Post,
             Model::Xray => false,
-            Model::Mip => true,
+            Model::Mip | Model::Minip | Model::Average => true,
         }
+    }
+
+    /// The volume and the transfer function whose maximum is the minimum that is asked for: mirrored at 0. `None`: no
+    /// minimum is asked for.
+    pub(crate) fn mirrored(
+        &self,
+        volume: &Volume,
+        transfer: &TransferFunction,
+    ) -> Result<Option<(Volume, TransferFunction)>> {
+        if self.model != Model::Minip {
+            return Ok(None);
+        }
+        let (slope, intercept) = volume.rescale();
+        Ok(Some((volume.clone().with_rescale(-slope, -intercept)?, transfer.mirrored())))
     }
 }

@@ -42,6 +42,12 @@ impl Arguments {
         Self { left, given, write }
     }
 
+    /// Whether a flag is given.
+    #[allow(dead_code, reason = "not every harness has flags of its own")]
+    pub(crate) fn flag(&mut self, name: &str) -> bool {
+        take_flag(&mut self.left, name)
+    }
+
     /// The value of an option, if it is given.
     pub(crate) fn option<T: FromStr<Err: Error + 'static>>(&mut self, name: &str) -> Outcome<Option<T>> {
         let Some(at) = self.left.iter().position(|a| a == name) else { return Ok(None) };

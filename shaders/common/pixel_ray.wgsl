@@ -9,6 +9,9 @@ struct PixelRay {
     inside: vec2f,
     // World length along the ray per unit of view depth.
     stretch: f32,
+    // Lattice coordinates from the middle of the box at view depth 0, and their change per unit of view depth.
+    start: vec3f,
+    direction: vec3f,
 }
 
 fn pixel_ray(pixel: vec2u) -> PixelRay {
@@ -36,5 +39,5 @@ fn pixel_ray(pixel: vec2u) -> PixelRay {
     let near = min(a, b);
     let far = max(a, b);
     let inside = vec2f(max(max(near.x, near.y), max(near.z, nearest)), min(far.x, min(far.y, far.z)));
-    return PixelRay(slope, inside, stretch);
+    return PixelRay(slope, inside, stretch, start, direction);
 }

@@ -39,7 +39,8 @@ struct RayGeometry {
 
 // What a ray has gathered.
 struct RayState {
-    // Premultiplied colour. Of the largest scalar: color.x is the scalar, and color.y is 1 once there is one.
+    // Premultiplied colour. Of the largest scalar: color.x is the scalar, color.y is 1 once there is one, and color.z
+    // is its place, in planes. Of the mean: color.x is the sum over slabs.
     color: vec3f,
     // Optical depth, and exp of minus it.
     depth: f32,

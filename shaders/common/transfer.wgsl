@@ -35,13 +35,23 @@ fn is_invisible(m: vec3f, invisible: vec2f) -> bool {
     return is_invisible_range(min(m.x, min(m.y, m.z)), max(m.x, max(m.y, m.z)), invisible);
 }
 
-// The largest value of the parabola in a part of the slab.
-fn largest_in(m: vec3f, part: vec2f) -> f32 {
+// The integral of the parabola over a part of the slab.
+fn integral_over(m: vec3f, part: vec2f) -> f32 {
     let p = parabola(m);
-    var largest = max(p.x + (p.y + p.z * part.x) * part.x, p.x + (p.y + p.z * part.y) * part.y);
+    let squares = dot(part, part) + part.x * part.y;
+    return (p.x + 0.5 * p.y * (part.x + part.y) + p.z * squares / 3.0) * (part.y - part.x);
+}
+
+// The largest value of the parabola in a part of the slab, and its place.
+fn largest_in(m: vec3f, part: vec2f) -> vec2f {
+    let p = parabola(m);
+    let first = p.x + (p.y + p.z * part.x) * part.x;
+    let last = p.x + (p.y + p.z * part.y) * part.y;
+    var largest = select(vec2f(first, part.x), vec2f(last, part.y), last > first);
     if p.z < 0.0 {
         let u = clamp(-0.5 * p.y / p.z, part.x, part.y);
-        largest = max(largest, p.x + (p.y + p.z * u) * u);
+        let value = p.x + (p.y + p.z * u) * u;
+        largest = select(largest, vec2f(value, u), value > largest.x);
     }
     return largest;
 }
@@ -57,9 +67,9 @@ fn shown(largest: f32, m: vec3f, invisible: vec2f) -> f32 {
 override CROWDED: bool = false;
 
 // The transfer function as segments between knots, along each of which it counts as linear: colour times extinction and
-// extinction; of maxima colour and alpha. Rows of `transfer`, a column for each segment: the function where the segment
-// begins, its slope, its integral up to there, and the scalar there. A scalar at a knot belongs to the segment that
-// begins there.
+// extinction; of maxima and means colour and alpha. Rows of `transfer`, a column for each segment: the function where
+// the segment begins, its slope, its integral up to there, and the scalar there. A scalar at a knot belongs to the
+// segment that begins there.
 const VALUES: u32 = 0u;
 const SLOPES: u32 = 1u;
 const INTEGRALS: u32 = 2u;
@@ -68,6 +78,21 @@ const STARTS: u32 = 3u;
 // behind it.
 const BINS: u32 = 4u;
 const BIN_COUNT: u32 = 4096u;
+// As many bins of lengths of gradients: gradient opacity where a bin begins (x) and where it ends (y).
+const GRADIENTS: u32 = 5u;
+
+// Whether extinction depends on gradients.
+override GRADIENT_OPACITY: bool = false;
+
+// The share of extinction that stays. length * lookup is the place of a gradient's length among the bins.
+fn gradient_share(gradient: vec3f, lookup: f32) -> f32 {
+    if !GRADIENT_OPACITY {
+        return 1.0;
+    }
+    let place = clamp(length(gradient) * lookup, 0.0, f32(BIN_COUNT) - 0.5);
+    let bin = textureLoad(transfer, vec2u(u32(place), GRADIENTS));
+    return mix(bin.x, bin.y, min(fract(place), 1.0));
+}
 
 // The transfer function at a scalar.
 struct Classified {
@@ -108,4 +133,23 @@ fn mean_between(a: Classified, b: Classified) -> vec4f {
     // If the scalars are nearly alike, the difference of integrals is lost to rounding.
     let alike = a.segment == b.segment || abs(apart) <= 1e-4 * (abs(a.scalar) + abs(b.scalar));
     return select((b.integral - a.integral) / select(apart, 1.0, alike), 0.5 * (a.value + b.value), alike);
+}
+
+// Colours tell the depth of the scalar that a projection keeps. The transfer function tells how bright they are.
+override DEPTH_CODED: bool = false;
+
+// The hue of a depth: red at 0, through yellow, green, cyan and blue, to violet at 1.
+fn hue(depth: f32) -> vec3f {
+    let h = 4.5 * saturate(depth);
+    return saturate(vec3f(abs(h - 3.0) - 1.0, 2.0 - abs(h - 2.0), 2.0 - abs(h - 4.0)));
+}
+
+// The premultiplied pixel of the scalar that a projection keeps.
+fn projected(scalar: f32, depth: f32, lookup: vec2f) -> vec4f {
+    let c = classified(scalar, lookup).value;
+    var color = c.rgb;
+    if DEPTH_CODED {
+        color = max(c.r, max(c.g, c.b)) * hue(depth);
+    }
+    return vec4f(color * c.a, c.a);
 }

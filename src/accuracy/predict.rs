@@ -98,7 +98,7 @@ impl Prediction {
         let lit = stats.lights > 0;
         let scalars = stats.shading == Shading::Post;
         let xray = stats.model == Model::Xray;
-        let mip = stats.model == Model::Mip;
+        let mip = matches!(stats.model, Model::Mip | Model::Minip);
         let Facts { contrast, depth, voxel } = *facts;
         let thickness = match &stats.painter {
             PainterStats::Quads(quads) => quads.sheet_thickness,

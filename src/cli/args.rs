@@ -9,10 +9,10 @@ use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Region};
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::reconstruction::Signal;
-use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Resolution, Shading, Sheets};
+use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Resolution, Response, Shading, Sheets};
 use voxsplat::volume::{Endian, SampleType};
 
-use super::parse::{self, LightArg, Occlusion, one_of};
+use super::parse::{self, GradientOpacity, LightArg, Occlusion, one_of};
 
 /// Renders voxel volumes by splatting on the GPU.
 #[derive(Debug, Parser)]
@@ -103,6 +103,7 @@ pub(super) enum ProjectionArg {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum FrameArg {
     Visible,
+    View,
     Volume,
 }
 
@@ -161,9 +162,9 @@ pub(super) struct ViewArgs {
     #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = parse::positive, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) zoom: f64,
-    /// What the picture is fitted to: visible (all that the transfer function shows, in one size at every azimuth) or
-    /// volume (the box of the lattice, as it is seen from this side) [default: visible, or volume if --target,
-    /// --view-height or --distance is given]
+    /// What the picture is fitted to: visible (all that the transfer function shows, in one size at every azimuth),
+    /// view (the same, as large as this view of it can be) or volume (the box of the lattice, as it is seen from this
+    /// side) [default: visible, or volume if --target, --view-height or --distance is given]
     #[arg(long, value_name = "WHAT", help_heading = "View")]
     pub(super) frame: Option<FrameArg>,
     /// Space around what is fitted: a fraction of the picture on each side, 0 to under 0.5 [default: 0.02, with a
@@ -188,11 +189,26 @@ pub(super) struct ModelArgs {
     /// grayscale, gray, viridis or inferno [default: suggested by the data; see `voxsplat info`]
     #[arg(long, value_name = "FILE.json|PRESET", help_heading = "Model")]
     pub(super) transfer: Option<PathBuf>,
-    /// What a pixel is: composite (emission and absorption), xray (absorption only, white) or mip (the largest value,
-    /// coloured by the transfer function)
+    /// Gradient opacity: opacities are multiplied by O, 0 to 1, where the value changes by M per world unit; linear
+    /// between the points, and constant beyond them. So flat insides become clear and surfaces stay. Or off
+    /// [default: what the transfer function has]
+    #[arg(long, value_name = "M:O,M:O,..|off", value_parser = parse::gradient_opacity, help_heading = "Model")]
+    pub(super) gradient_opacity: Option<GradientOpacity>,
+    /// What a pixel is: composite (emission and absorption), xray (absorption only, white), mip (the largest value of
+    /// its ray, coloured by the transfer function), minip (the smallest) or average (the mean)
     #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = one_of(Model::ALL, Model::name),
         help_heading = "Model")]
     pub(super) model: Model,
+    /// X-ray: what a pixel shows of the optical depth of its ray: absorption (white of alpha 1 - exp(-depth)), window
+    /// (grey, linear from black at depth LOW to white at HIGH: 0,4), film (radiographic film on a light box: its
+    /// exposure, over that of half its density, and its contrast: 4,3), or depth (the depth itself, for an .exr)
+    #[arg(long, value_name = "absorption|window[:LOW,HIGH]|film[:EXPOSURE,GAMMA]|depth", default_value = "absorption",
+        value_parser = parse::response, help_heading = "Model")]
+    pub(super) response: Response,
+    /// Projections mip and minip: colours tell how deep the value lies, from red (nearest) to violet (farthest); the
+    /// transfer function tells how bright they are
+    #[arg(long, help_heading = "Model")]
+    pub(super) depth_coded: bool,
     /// Classify and light voxels before reconstruction (pre: fast) or pixels after it (post: sharp)
     #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = one_of(Shading::ALL, Shading::name),
         help_heading = "Model")]
@@ -222,8 +238,8 @@ pub(super) struct ModelArgs {
         help_heading = "Model")]
     pub(super) kernel: Kernel,
     /// Take the blur of the kernel back: 0 (not at all) to 1. A Gaussian gives way to a narrower Kaiser-Bessel blob;
-    /// with --shading post or --model mip samples are filtered besides, so that the field passes through them. Noise
-    /// grows
+    /// with --shading post, --model mip, minip or average samples are filtered besides, so that the field passes
+    /// through them. Noise grows
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "Model")]
     pub(super) sharpness: f64,
@@ -327,7 +343,7 @@ Examples:
   voxsplat render ct.nrrd -o skull.png --transfer ct-bone --projection perspective --fov 40
   voxsplat render engine.raw -o engine.png --dims 256,256,128 --type u8 --transfer viridis
   voxsplat render ct.nrrd -o lit.png --transfer ct-bone --shading post --light headlight
-  voxsplat render ct.nrrd -o film.png --model xray --azimuth 90
+  voxsplat render ct.nrrd -o film.png --model xray --response film --azimuth 90
   voxsplat render head.nii.gz -o truth.exr --reference --size 256
   voxsplat render ct.nrrd -o figure.png --scale-bar --axes --colour-bar --value-unit HU --title 'A skull'";
 

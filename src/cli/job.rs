@@ -8,7 +8,7 @@ use voxsplat::figure::Figure;
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image, Region};
 use voxsplat::lighting::{Light, Lighting, Source};
-use voxsplat::settings::{Model, Painter, QuadsSettings, Settings, TilesSettings};
+use voxsplat::settings::{Model, Painter, QuadsSettings, Response, Settings, TilesSettings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::transfer::presets::{self, Preset};
 use voxsplat::volume::{Grid, Units};
@@ -18,7 +18,7 @@ use super::args::{
     CompareArgs, FigureArgs, FrameArg, ModelArgs, PainterArg, PainterArgs, ParetoArgs, ProjectionArg, RenderArgs,
     StatsFormat, SwitchArg, ViewArgs,
 };
-use super::parse::{LightArg, Occlusion, PlaceArg};
+use super::parse::{GradientOpacity, LightArg, Occlusion, PlaceArg};
 
 /// The default space around what is fitted, if there are texts above or below.
 const FIGURE_MARGIN: f64 = 0.1;
@@ -71,6 +71,8 @@ pub(super) struct RenderJob {
     pub(super) source: PathBuf,
     pub(super) load: LoadOptions,
     pub(super) transfer: Transfer,
+    /// What replaces the gradient opacity of the transfer function.
+    pub(super) gradient: Option<GradientOpacity>,
     pub(super) view: View,
     pub(super) frame: FrameArg,
     /// Width and height of the picture, pixels.
@@ -108,6 +110,11 @@ impl RenderJob {
         // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         check_output(&args.output)?;
+        if settings.response == Response::Depth && !is_exr(&args.output) {
+            return Err(Failure::Usage(
+                "--response depth is for an .exr: a .png holds 0 to 1, window shows it".to_owned(),
+            ));
+        }
         let [width, height] = args.size;
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
         region.check_within(args.size)?;
@@ -123,6 +130,7 @@ impl RenderJob {
             load: args.input.options(),
             source: args.input.source,
             transfer,
+            gradient: args.model.gradient_opacity,
             view,
             frame: frame(&args.view),
             size: args.size,
@@ -142,12 +150,20 @@ impl RenderJob {
     }
 }
 
+fn is_exr(output: &Path) -> bool {
+    output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
+}
+
 /// What is drawn on a picture, and the units of what it shows.
 fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings, output: &Path) -> Result<(Figure, Units), Failure> {
     let FigureArgs { scale_bar, axes, colour_bar: color_bar, title, caption, length_unit, value_unit } = args;
     let figure = Figure { scale_bar, axes, color_bar, title, caption };
     figure.validate(size, settings.model)?;
-    if !figure.is_empty() && output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")) {
+    if figure.color_bar && settings.depth_coded {
+        let message = "--colour-bar shows the colours of values, and with --depth-coded they are those of depths";
+        return Err(Failure::Usage(message.to_owned()));
+    }
+    if !figure.is_empty() && is_exr(output) {
         let options = "--scale-bar, --axes, --colour-bar, --title and --caption";
         return Err(Failure::Usage(format!("{options} are drawn on a .png: an .exr keeps the values of the picture")));
     }
@@ -158,6 +174,8 @@ fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings, output: &Path) 
 fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings, Failure> {
     let settings = Settings {
         model: model.model,
+        response: model.response,
+        depth_coded: model.depth_coded,
         shading: model.shading,
         lighting: lighting(model, view)?,
         interslice: model.interslice,
@@ -170,6 +188,9 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         painter,
     };
     settings.validate()?;
+    if model.model == Model::Mip && model.gradient_opacity.is_some() {
+        return Err(Failure::Usage("--gradient-opacity: a maximum intensity projection has none".to_owned()));
+    }
     Ok(settings)
 }
 
@@ -314,6 +335,8 @@ pub(super) struct ParetoJob {
     pub(super) source: PathBuf,
     pub(super) load: LoadOptions,
     pub(super) transfer: Transfer,
+    /// What replaces the gradient opacity of the transfer function.
+    pub(super) gradient: Option<GradientOpacity>,
     /// The view asked for, and others.
     pub(super) views: Vec<View>,
     pub(super) frame: FrameArg,
@@ -336,6 +359,9 @@ impl ParetoJob {
     pub(super) fn new(args: ParetoArgs) -> Result<Self, Failure> {
         let first = view(&args.view)?;
         let settings = settings(&args.model, Painter::Auto, &first)?;
+        if settings.response == Response::Depth {
+            return Err(Failure::Usage("--response depth is no picture for a report: window shows it".to_owned()));
+        }
         Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         let turned = |i: u32| {
             let elevations = [0.0, 25.0, -35.0, 55.0, -15.0];
@@ -352,6 +378,7 @@ impl ParetoJob {
             load: args.input.options(),
             source: args.input.source,
             transfer,
+            gradient: args.model.gradient_opacity,
             views,
             frame: frame(&args.view),
             size: args.size,

@@ -13,6 +13,9 @@ pub(super) fn options_of(settings: &Settings) -> Vec<String> {
     if settings.model == Model::Composite && settings.shading != default.shading {
         add("shading", settings.shading.to_string());
     }
+    if settings.response != default.response {
+        add("response", settings.response.to_string());
+    }
     if settings.kernel != default.kernel {
         add("kernel", settings.kernel.to_string());
     }
@@ -61,6 +64,9 @@ pub(super) fn options_of(settings: &Settings) -> Vec<String> {
                 add("sheets-per-pass", sheets.to_string());
             }
         }
+    }
+    if settings.depth_coded {
+        options.push("--depth-coded".to_owned());
     }
     options
 }

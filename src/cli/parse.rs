@@ -8,7 +8,8 @@ use voxsplat::Background;
 use voxsplat::error::Error;
 use voxsplat::image::Region;
 use voxsplat::kernel::Kernel;
-use voxsplat::settings::Level;
+use voxsplat::settings::{Level, Response};
+use voxsplat::transfer::{ControlPoint, GradientPoint, TransferFunction};
 
 /// The value of `--light`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -160,6 +161,28 @@ pub(super) fn occlusion(text: &str) -> Result<Occlusion, String> {
     number(text).map(|radius| Occlusion(Some(radius))).map_err(|_| "expected off or a radius in voxels".to_owned())
 }
 
+/// The value of `--gradient-opacity`; off has no points.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct GradientOpacity(pub(super) Vec<GradientPoint>);
+
+/// `off`, or pairs `MAGNITUDE:OPACITY`.
+pub(super) fn gradient_opacity(text: &str) -> Result<GradientOpacity, String> {
+    if text == "off" {
+        return Ok(GradientOpacity(Vec::new()));
+    }
+    let point = |pair: &str| {
+        let (magnitude, opacity) = pair.split_once(':')?;
+        Some(GradientPoint { magnitude: number(magnitude.trim()).ok()?, opacity: number(opacity.trim()).ok()? })
+    };
+    let points: Option<Vec<GradientPoint>> = text.split(',').map(point).collect();
+    let points = points
+        .ok_or("expected off, or MAGNITUDE:OPACITY pairs such as 10:0,50:1, magnitudes in values per world unit")?;
+    // Whether points go together does not depend on what they thin out.
+    let any = ControlPoint { value: 0.0, color: [1.0; 3], opacity: 1.0 };
+    let transfer = TransferFunction::new(vec![any], None).and_then(|any| any.with_gradient_opacity(points));
+    transfer.map(|transfer| GradientOpacity(transfer.gradient_opacity().to_vec())).map_err(reason)
+}
+
 /// A finite number.
 pub(super) fn number(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(|| "expected a finite number".to_owned())
@@ -185,16 +208,7 @@ pub(super) fn level(text: &str) -> Result<Level, String> {
 
 /// `gaussian[:SIGMA,RADIUS]` or `kaiser-bessel[:RADIUS,ALPHA]`.
 pub(super) fn kernel(text: &str) -> Result<Kernel, String> {
-    let (name, numbers) = text.split_once(':').map_or((text, None), |(name, numbers)| (name, Some(numbers)));
-    let numbers: Option<[f64; 2]> = match numbers {
-        None => None,
-        Some(numbers) => Some(
-            list(numbers)
-                .and_then(|n| n.try_into().ok())
-                .ok_or_else(|| format!("expected two numbers after {name}:, found {numbers:?}"))?,
-        ),
-    };
-    let kernel = match (name, numbers) {
+    let kernel = match name_and_pair(text)? {
         ("gaussian", None) => Kernel::default(),
         ("gaussian", Some([sigma, radius])) => Kernel::Gaussian { sigma, radius },
         ("kaiser-bessel", None) => Kernel::KAISER_BESSEL,
@@ -202,6 +216,27 @@ pub(super) fn kernel(text: &str) -> Result<Kernel, String> {
         _ => return Err("expected gaussian[:SIGMA,RADIUS] or kaiser-bessel[:RADIUS,ALPHA]".to_owned()),
     };
     kernel.validate().map(|()| kernel).map_err(reason)
+}
+
+/// `absorption`, `depth`, `window[:LOW,HIGH]` or `film[:EXPOSURE,GAMMA]`.
+pub(super) fn response(text: &str) -> Result<Response, String> {
+    let response = match name_and_pair(text)? {
+        ("absorption", None) => Response::Absorption,
+        ("depth", None) => Response::Depth,
+        ("window", None) => Response::WINDOW,
+        ("window", Some([low, high])) => Response::Window { low, high },
+        ("film", None) => Response::FILM,
+        ("film", Some([exposure, gamma])) => Response::Film { exposure, gamma },
+        _ => return Err("expected absorption, depth, window[:LOW,HIGH] or film[:EXPOSURE,GAMMA]".to_owned()),
+    };
+    response.validate().map(|()| response).map_err(reason)
+}
+
+/// `NAME` or `NAME:NUMBER,NUMBER`.
+fn name_and_pair(text: &str) -> Result<(&str, Option<[f64; 2]>), String> {
+    let Some((name, numbers)) = text.split_once(':') else { return Ok((text, None)) };
+    let pair = list(numbers).and_then(|n| n.try_into().ok());
+    Ok((name, Some(pair.ok_or_else(|| format!("expected two numbers after {name}:, found {numbers:?}"))?)))
 }
 
 #[cfg(test)]
@@ -226,12 +261,33 @@ mod tests {
     }
 
     #[test]
+    fn gradient_opacities() {
+        let point = |magnitude, opacity| GradientPoint { magnitude, opacity };
+        assert_eq!(gradient_opacity("1:0, 2.5:1"), Ok(GradientOpacity(vec![point(1.0, 0.0), point(2.5, 1.0)])));
+        assert_eq!(gradient_opacity("off"), Ok(GradientOpacity(Vec::new())));
+        for bad in ["", "1", "1:2", "2:0,1:1", "a:1", "-1:0"] {
+            assert!(gradient_opacity(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
     fn kernels() {
         assert_eq!(kernel("gaussian"), Ok(Kernel::default()));
         assert_eq!(kernel("gaussian:0.7,2.5"), Ok(Kernel::Gaussian { sigma: 0.7, radius: 2.5 }));
         assert_eq!(kernel("kaiser-bessel:2,8"), Ok(Kernel::KaiserBessel { radius: 2.0, alpha: 8.0 }));
         for bad in ["box", "gaussian:", "gaussian:1", "gaussian:0,2", "kaiser-bessel:99,2", "gaussian:nan,1"] {
             assert!(kernel(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn responses() {
+        for given in [Response::Absorption, Response::Depth, Response::WINDOW, Response::FILM] {
+            assert_eq!(response(&given.to_string()), Ok(given));
+        }
+        assert_eq!(response("film"), Ok(Response::FILM));
+        for bad in ["white", "depth:1,2", "window:4,1", "film:0,3", "film:8"] {
+            assert!(response(bad).is_err(), "{bad}");
         }
     }
 }

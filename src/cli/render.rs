@@ -21,6 +21,7 @@ use voxsplat::{demos, formats};
 use super::args::{FrameArg, StatsFormat};
 use super::job::{Engine, RenderJob, Transfer};
 use super::options::{command_line, options_of};
+use super::parse::GradientOpacity;
 use super::progress::{self, Progress};
 use super::stderr::silenced;
 use super::{Failure, output};
@@ -66,7 +67,7 @@ pub(super) fn run(mut job: RenderJob) -> Result<(), Failure> {
         let mut read = || {
             let volume = stages.time("load", || formats::load(&job.source, &job.load))?;
             let volume = with_units(volume, &job.units);
-            let fitted = transfer(&job.source, &job.transfer, &volume, &mut stages)?;
+            let fitted = transfer(&job.source, (&job.transfer, job.gradient.as_ref()), &volume, &mut stages)?;
             Ok::<_, Failure>((volume, fitted))
         };
         (read(), device.map(|thread| thread.join()))
@@ -220,6 +221,7 @@ pub(super) fn framed(frame: FrameArg, volume: &Volume, transfer: &TransferFuncti
     Ok(match frame {
         FrameArg::Volume => None,
         FrameArg::Visible => Hull::of_visible(volume, transfer)?,
+        FrameArg::View => Hull::of_visible(volume, transfer)?.map(Hull::from_one_side),
     })
 }
 
@@ -271,10 +273,17 @@ pub(super) struct Fitted {
 /// The transfer function of a job.
 pub(super) fn transfer(
     source: &Path,
-    choice: &Transfer,
+    (choice, gradient): (&Transfer, Option<&GradientOpacity>),
     volume: &Volume,
     stages: &mut Stages,
 ) -> Result<Fitted, Failure> {
+    let fitted = fitted(source, choice, volume, stages)?;
+    let Some(GradientOpacity(points)) = gradient else { return Ok(fitted) };
+    Ok(Fitted { transfer: fitted.transfer.with_gradient_opacity(points.clone())?, ..fitted })
+}
+
+/// The same with the gradient opacity that it has.
+fn fitted(source: &Path, choice: &Transfer, volume: &Volume, stages: &mut Stages) -> Result<Fitted, Failure> {
     let mut statistics = || stages.time("statistics", || Statistics::of(volume));
     match choice {
         Transfer::Given(transfer) => Ok(Fitted { transfer: transfer.clone(), preset: None, note: None }),

@@ -21,7 +21,7 @@ use crate::error::Result;
 use crate::kernel::Kernel;
 use crate::memory::reserved;
 use crate::progress::Progress;
-use crate::transfer::TransferFunction;
+use crate::transfer::{TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Grid, Number, Samples, ToF64, Volume, with_samples};
 
 /// Cells to either side of a voxel among which it is shared.
@@ -333,12 +333,23 @@ pub(crate) struct Coarsening<'a> {
     volume: &'a Volume,
     filter: Filter,
     classification: Classification<'a>,
-    /// If there is light: the scalars and the world gradients of the lattice coordinates.
-    light: Option<(Relative, [Vec3; 3])>,
+    /// Whether cells have normals.
+    lit: bool,
+    /// If light or opacity depends on gradients.
+    steepness: Option<Steepness>,
     /// Cells along each axis.
     dims: [usize; 3],
     /// Cells that absorb less are left out, per unit distance.
     least: f32,
+}
+
+/// What gradients are made of.
+struct Steepness {
+    scalars: Relative,
+    /// World gradients of the lattice coordinates.
+    gradients: [Vec3; 3],
+    /// Gradient opacity, of gradients of scalars; empty: extinction does not depend on them.
+    thinning: Vec<[f32; 2]>,
 }
 
 /// What a cell must absorb to be kept, of the most that a voxel can.
@@ -347,12 +358,16 @@ const LEAST: f64 = 1.0 / 1024.0;
 impl<'a> Coarsening<'a> {
     pub(crate) fn new(volume: &'a Volume, transfer: &'a TransferFunction, level: u32, lit: bool) -> Self {
         let gradients = volume.grid().local().to_lattice().matrix3.transpose();
-        let scalars = || Relative::new(volume, Reduction::new(transfer, 1.0));
+        let reduction = Reduction::new(transfer, 1.0);
+        let thinning = transfer.scaled_gradient_opacity(reduction.factor() * volume.grid().unit());
+        let steep = lit || !thinning.is_empty();
+        let gradients = [0, 1, 2].map(|axis| gradients.col(axis).as_vec3());
         Self {
             volume,
             filter: Filter::new(level, 0.0, &[1.0], REACH),
             classification: Classification::new(volume, transfer),
-            light: lit.then(|| (scalars(), [0, 1, 2].map(|axis| gradients.col(axis).as_vec3()))),
+            lit,
+            steepness: steep.then(|| Steepness { scalars: Relative::new(volume, reduction), gradients, thinning }),
             dims: dims_of(volume.grid(), level),
             least: (TransferFunction::extinction(transfer.max_opacity(), 1.0) * LEAST) as f32,
         }
@@ -366,7 +381,7 @@ impl<'a> Coarsening<'a> {
         let mut rows = 0;
         // The rows that a row of bricks reads, beyond those of a brick of voxels.
         let halo = (self.filter.voxels(0, EDGE as i64).count() - EDGE).div_ceil(2);
-        let row = |j, k| if self.light.is_some() { self.row::<LIT>([j, k]) } else { self.row::<PLAIN>([j, k]) };
+        let row = |j, k| if self.lit { self.row::<LIT>([j, k]) } else { self.row::<PLAIN>([j, k]) };
         self.volume.for_each_row([down, deep], halo, &row, &mut |bricks| {
             for (splats, brick) in bricks {
                 let count = splats.count();
@@ -413,9 +428,7 @@ impl<'a> Coarsening<'a> {
                     continue;
                 }
                 shows = true;
-                if N == LIT {
-                    slices.add_directions([y, z], shown.clone(), inside);
-                }
+                slices.apply_gradients([y, z], shown.clone(), inside);
                 let reached = self.filter.reached(&shown, across);
                 let narrow = &mut narrow[reached.clone()];
                 let start = reached.start * self.filter.size;
@@ -510,7 +523,7 @@ impl<const N: usize> Block<N> {
     }
 }
 
-/// Some rows of the planes of voxels at hand; with light also the rows and planes beside them.
+/// Some rows of the planes of voxels at hand; for gradients also the rows and planes beside them.
 struct Slices<'a> {
     coarsening: &'a Coarsening<'a>,
     rows: Range<i64>,
@@ -522,16 +535,16 @@ struct Slice {
     /// The first row.
     first: i64,
     samples: Samples,
-    /// Of all rows, if there is light; the outermost of a row twice.
+    /// Of all rows, for gradients; the outermost of a row twice.
     scalars: Vec<f32>,
 }
 
 impl Slices<'_> {
     /// Reads the plane `z`, which is the first or follows the one before.
     fn advance(&mut self, z: i64) -> Result<()> {
-        let Coarsening { volume, light, .. } = self.coarsening;
+        let Coarsening { volume, steepness, .. } = self.coarsening;
         let [nx, ny, nz] = volume.grid().dims().map(i64::from);
-        let beside = i64::from(light.is_some());
+        let beside = i64::from(steepness.is_some());
         self.slices.retain(|slice| slice.z >= z - beside);
         let first = (self.rows.start - beside).max(0);
         let end = (self.rows.end + beside).min(ny);
@@ -541,7 +554,7 @@ impl Slices<'_> {
             }
             let samples = volume.read(((z * ny + first) * nx) as usize..((z * ny + end) * nx) as usize)?;
             let mut scalars = Vec::new();
-            if let Some((of, _)) = light {
+            if let Some(Steepness { scalars: of, .. }) = steepness {
                 scalars = reserved((end - first) as u64 * (nx as u64 + 2), || "scalars of a plane".to_owned())?;
                 with_samples!(&samples, s => for row in s.chunks_exact(nx as usize) {
                     let row = row.first().into_iter().chain(row).chain(row.last());
@@ -561,10 +574,10 @@ impl Slices<'_> {
         with_samples!(&slice.samples, s => self.coarsening.classification.row(&s[start..start + count], voxels))
     }
 
-    /// Adds the directions of gradients, times density, to some voxels of a row: central differences, as if the
-    /// outermost voxels went on beyond the faces.
-    fn add_directions<const N: usize>(&self, [y, z]: [i64; 2], shown: Range<usize>, voxels: &mut [[f32; N]]) {
-        let Some((_, gradients)) = self.coarsening.light else { return };
+    /// Takes from some voxels of a row what gradient opacity takes and adds, if they are lit, the directions of
+    /// gradients, times density: central differences, as if the outermost voxels went on beyond the faces.
+    fn apply_gradients<const N: usize>(&self, [y, z]: [i64; 2], shown: Range<usize>, voxels: &mut [[f32; N]]) {
+        let Some(Steepness { gradients, thinning, .. }) = &self.coarsening.steepness else { return };
         let [_, ny, nz] = self.coarsening.volume.grid().dims().map(i64::from);
         let width = voxels.len() + 2;
         let row = |y: i64, z: i64| {
@@ -583,9 +596,17 @@ impl Slices<'_> {
                 differences
             };
             let differences = [difference(here, here, 2), difference(below, above, 1), difference(before, behind, 1)];
-            let directions = directions(gradients, differences);
-            for (at, voxel) in voxels[run].iter_mut().enumerate() {
-                (0..3).for_each(|axis| voxel[4 + axis] = directions[axis][at] * voxel[3]);
+            let (directions, magnitudes) = directions(*gradients, differences);
+            if !thinning.is_empty() {
+                for (voxel, magnitude) in voxels[run.clone()].iter_mut().zip(magnitudes) {
+                    let share = scaled_share(thinning, magnitude);
+                    voxel.iter_mut().for_each(|channel| *channel *= share);
+                }
+            }
+            if N == LIT {
+                for (at, voxel) in voxels[run].iter_mut().enumerate() {
+                    (0..3).for_each(|axis| voxel[4 + axis] = directions[axis][at] * voxel[3]);
+                }
             }
         }
     }
@@ -594,21 +615,25 @@ impl Slices<'_> {
 /// Voxels whose directions are found together.
 const RUN: usize = 16;
 
-/// Differences along the axes of the lattice to directions in the world, of length 1 or 0.
-fn directions([gx, gy, gz]: [Vec3; 3], [dx, dy, dz]: [[f32; RUN]; 3]) -> [[f32; RUN]; 3] {
+/// Differences of neighbours along the axes of the lattice to gradients in the world: directions of length 1 or 0, and
+/// magnitudes.
+fn directions([gx, gy, gz]: [Vec3; 3], [dx, dy, dz]: [[f32; RUN]; 3]) -> ([[f32; RUN]; 3], [f32; RUN]) {
     let mut directions = [[0.0; RUN]; 3];
+    let mut magnitudes = [0.0; RUN];
     for at in 0..RUN {
         // By the largest, so that no square leaves the range of f32.
         let most = dx[at].abs().max(dy[at].abs()).max(dz[at].abs());
         let scale = if most > f32::MIN_POSITIVE && most < f32::MAX { 1.0 / most } else { 0.0 };
         let gradient = gx * (scale * dx[at]) + gy * (scale * dy[at]) + gz * (scale * dz[at]);
         let square = gradient.length_squared();
-        let unit = if square > 0.0 { gradient / square.sqrt() } else { Vec3::ZERO };
+        let length = square.sqrt();
+        let unit = if length > 0.0 { gradient / length } else { Vec3::ZERO };
+        magnitudes[at] = 0.5 * length * most;
         directions[0][at] = unit.x;
         directions[1][at] = unit.y;
         directions[2][at] = unit.z;
     }
-    directions
+    (directions, magnitudes)
 }
 
 #[cfg(test)]

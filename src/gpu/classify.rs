@@ -10,13 +10,13 @@ use super::pipeline::{Binding, bind, compute, flag, layout, module};
 use super::recorder::Recorder;
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
-use super::splat::{density, packed_appearance, packed_normal};
+use super::splat::{density, packed_appearance, packed_normal, with_density};
 use super::store::{BrickSplats, Bricks, HostBrick, Part, Splats, Store, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::Result;
 use crate::memory::reserved;
 use crate::progress::Progress;
-use crate::transfer::{self, TransferFunction};
+use crate::transfer::{self, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
 
 /// Bricks of one batch, a million voxels: the memory that preparing a scene takes besides its splats, and far within
@@ -95,6 +95,12 @@ impl SampleCoding {
         transfer.points().iter().map(point).collect()
     }
 
+    /// The control points of gradient opacity, of gradients of samples on a lattice of this unit of length.
+    fn gradient_points(&self, transfer: &TransferFunction, unit: f64) -> Vec<[f32; 2]> {
+        let scale = self.reduction.map_or(1.0 / self.slope.abs(), |reduction| reduction.factor());
+        transfer.scaled_gradient_opacity(scale * unit)
+    }
+
     /// A value of the transfer function as the shader compares it with samples.
     fn point(&self, value: f64) -> f32 {
         match &self.reduction {
@@ -159,6 +165,7 @@ impl Classifier {
         let savings = context.savings;
         let coding = SampleCoding::new(volume, transfer);
         let points = coding.points(transfer);
+        let thinning = coding.gradient_points(transfer, volume.grid().unit());
         // So few points are part of the pipeline, which is made for their number.
         let mut few = [ControlPoint::zeroed(); MAX_INLINE_POINTS];
         let is_few = points.len() <= MAX_INLINE_POINTS;
@@ -168,19 +175,22 @@ impl Classifier {
         let constants = [
             ("SAMPLE_TYPE", f64::from(coding.sample_type)),
             ("LIT", flag(lit)),
+            ("GRADIENT_OPACITY", flag(!thinning.is_empty())),
             ("KEEP_INVISIBLE", flag(!savings.voxels)),
             ("INLINE_POINTS", if is_few { points.len() as f64 } else { 0.0 }),
         ];
         let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
         let [gradient_x, gradient_y, gradient_z] = gradients(volume);
         let storage = wgpu::BufferUsages::STORAGE;
+        let steepness = |&[sample, opacity]: &[f32; 2]| ControlPoint { sample, opacity, ..ControlPoint::zeroed() };
+        let all: Vec<ControlPoint> = points.iter().copied().chain(thinning.iter().map(steepness)).collect();
         let job = Job {
             context,
             scan,
             layout: &self.layout,
             count: pipeline("count"),
             emit: pipeline("emit"),
-            points: context.upload("classify.control_points", bytemuck::cast_slice(&points), storage)?,
+            points: context.upload("classify.control_points", bytemuck::cast_slice(&all), storage)?,
             parameters: Classify {
                 dims: volume.grid().dims(),
                 bricks: 0,
@@ -190,12 +200,15 @@ impl Classifier {
                 sample_origin: coding.origin as f32,
                 gradient_z,
                 first_brick: 0,
+                gradient_points: thinning.len() as u32,
+                _pad: [0; 3],
                 inline_points: few,
             },
         };
         let mut batch = BrickBatch::default();
         let mut stores = StoreBuilder::new(context, STRIDE, JOINED);
-        let bricks = each_brick(context, volume, transfer, lit, &coding, progress, &Ok, &mut |([x, y, z], bytes)| {
+        let halo = lit || !thinning.is_empty();
+        let bricks = each_brick(context, volume, transfer, halo, &coding, progress, &Ok, &mut |([x, y, z], bytes)| {
             batch.origins.push([x, y, z, 0]);
             batch.bytes.extend_from_slice(&bytes);
             if batch.origins.len() == BATCH { job.run(&std::mem::take(&mut batch), &mut stores) } else { Ok(()) }
@@ -213,7 +226,7 @@ fn each_brick<B: Send>(
     context: &Context,
     volume: &Volume,
     transfer: &TransferFunction,
-    lit: bool,
+    halo: bool,
     coding: &SampleCoding,
     progress: &Progress,
     make: &(dyn Fn(Brick) -> Result<B> + Sync),
@@ -228,7 +241,7 @@ fn each_brick<B: Send>(
     };
     let total = volume.bricks().into_iter().product::<u32>();
     let made = |brick: Brick| Ok((brick.1.len() as u64, make(brick)?));
-    volume.for_each_brick(&shows, usize::from(lit), coding, &made, &mut |brick| {
+    volume.for_each_brick(&shows, usize::from(halo), coding, &made, &mut |brick| {
         bricks.all += 1;
         if let Some((bytes, brick)) = brick {
             bricks.uploaded += 1;
@@ -360,6 +373,8 @@ pub(crate) struct HostClassifier {
     gradients: [[f32; 3]; 3],
     dims: [u32; 3],
     lit: bool,
+    /// Gradient opacity, of gradients of samples; empty: extinction does not depend on them.
+    thinning: Vec<[f32; 2]>,
     keep_invisible: bool,
     /// What becomes of each sample of 8 and 16 bits, by its bits.
     table: Vec<Entry>,
@@ -369,6 +384,7 @@ pub(crate) struct HostClassifier {
 #[derive(Debug, Clone, Copy)]
 struct Entry {
     sample: f32,
+    density: f32,
     /// Words of the splat; `None`: it does not show.
     appearance: Option<[u32; 2]>,
 }
@@ -390,6 +406,7 @@ impl HostClassifier {
             gradients: gradients(volume),
             dims: volume.grid().dims(),
             lit,
+            thinning: coding.gradient_points(transfer, volume.grid().unit()),
             keep_invisible: !context.savings.voxels,
             table: Vec::new(),
         };
@@ -402,7 +419,8 @@ impl HostClassifier {
         };
         let mut stores = StoreBuilder::new(context, STRIDE, JOINED);
         let make = |brick: Brick| classifier.brick(brick);
-        let bricks = each_brick(context, volume, transfer, lit, &coding, progress, &make, &mut |(brick, splats)| {
+        let halo = classifier.has_halo();
+        let bricks = each_brick(context, volume, transfer, halo, &coding, progress, &make, &mut |(brick, splats)| {
             let count = splats.count();
             if count > 0 {
                 let (_, first) = stores.make_room(count, 1)?;
@@ -413,6 +431,11 @@ impl HostClassifier {
         Ok(Classified { stores: stores.finish()?, bricks, kept: Cache::default() })
     }
 
+    /// Whether bricks come with a layer of their neighbours' voxels around them, for gradients.
+    fn has_halo(&self) -> bool {
+        self.lit || !self.thinning.is_empty()
+    }
+
     fn table(&self, count: u32, sample: impl Fn(u32) -> f32 + Sync) -> Vec<Entry> {
         (0..count).into_par_iter().map(|bits| self.entry(sample(bits))).collect()
     }
@@ -420,7 +443,8 @@ impl HostClassifier {
     fn entry(&self, sample: f32) -> Entry {
         let (color, opacity) = self.transfer(sample - self.origin);
         let shows = self.keep_invisible || opacity > 0.0;
-        Entry { sample, appearance: shows.then(|| packed_appearance(color, density(opacity))) }
+        let density = density(opacity);
+        Entry { sample, density, appearance: shows.then(|| packed_appearance(color, density)) }
     }
 
     /// `transfer` in shaders/classify.wgsl.
@@ -443,17 +467,17 @@ impl HostClassifier {
         match self.coding.sample_type {
             0 | 1 => {
                 let entry = |bits: u8| self.table[usize::from(bits)];
-                self.splats(origin, &bytes, |bits| entry(bits).sample, |bits| entry(bits).appearance)
+                self.splats(origin, &bytes, |bits| entry(bits).sample, entry)
             }
             2 | 3 => {
                 let samples: Vec<u16> = bytemuck::pod_collect_to_vec(&bytes);
                 let entry = |bits: u16| self.table[usize::from(bits)];
-                self.splats(origin, &samples, |bits| entry(bits).sample, |bits| entry(bits).appearance)
+                self.splats(origin, &samples, |bits| entry(bits).sample, entry)
             }
             _ => {
                 let samples: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);
                 let sample = |sample: f32| sample.clamp(-FAR as f32, FAR as f32);
-                self.splats(origin, &samples, sample, |value| self.entry(sample(value)).appearance)
+                self.splats(origin, &samples, sample, |value| self.entry(sample(value)))
             }
         }
     }
@@ -464,9 +488,9 @@ impl HostClassifier {
         origin: [u32; 3],
         samples: &[T],
         sample: impl Fn(T) -> f32,
-        appearance: impl Fn(T) -> Option<[u32; 2]>,
+        entry: impl Fn(T) -> Entry,
     ) -> Result<(BrickSplats, HostBrick)> {
-        let halo = usize::from(self.lit);
+        let halo = usize::from(self.has_halo());
         let edge = EDGE + 2 * halo;
         let each = if self.lit { 3 } else { 2 };
         let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min((self.dims[axis] - origin[axis]) as usize));
@@ -477,14 +501,24 @@ impl HostClassifier {
                 let start = halo + edge * (y + halo + edge * (z + halo));
                 let row = &mut bits[y + EDGE * z];
                 for (x, &value) in samples[start..][..nx].iter().enumerate() {
-                    let Some(appearance) = appearance(value) else { continue };
+                    let Entry { density, appearance: Some(mut appearance), .. } = entry(value) else { continue };
+                    let gradient = || {
+                        let at = |i: usize| sample(samples[i]);
+                        let i = start + x;
+                        self.gradient([1, edge, edge * edge].map(|step| at(i + step) - at(i - step)))
+                    };
+                    let gradient = if halo > 0 { gradient() } else { ([0.0; 3], 0.0) };
+                    if !self.thinning.is_empty() {
+                        let share = self.share(gradient);
+                        if share <= 0.0 && !self.keep_invisible {
+                            continue;
+                        }
+                        appearance = with_density(appearance, density * share);
+                    }
                     *row |= 1 << x;
                     words.extend(appearance);
                     if self.lit {
-                        let at = |i: usize| sample(samples[i]);
-                        let i = start + x;
-                        let steps = [1, edge, edge * edge].map(|step| at(i + step) - at(i - step));
-                        words.push(packed_normal(self.gradient(steps)));
+                        words.push(packed_normal(gradient.0));
                     }
                 }
             }
@@ -493,14 +527,20 @@ impl HostClassifier {
         Ok((BrickSplats::new(origin, 0, bits.iter().copied()), HostBrick::new(&bits, each, words)))
     }
 
-    /// `gradient` in shaders/classify.wgsl, of the differences along the axes of the lattice.
-    fn gradient(&self, steps: [f32; 3]) -> [f32; 3] {
+    /// `gradient_share` in shaders/classify.wgsl.
+    fn share(&self, ([x, y, z], times): ([f32; 3], f32)) -> f32 {
+        scaled_share(&self.thinning, ((x * x + y * y + z * z).sqrt() * times).min(FAR as f32))
+    }
+
+    /// `gradient` in shaders/classify.wgsl, of the differences along the axes of the lattice: a vector, and what it is
+    /// to be multiplied by.
+    fn gradient(&self, steps: [f32; 3]) -> ([f32; 3], f32) {
         let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
         if largest <= 0.0 {
-            return [0.0; 3];
+            return ([0.0; 3], 0.0);
         }
         let d = steps.map(|step| step / largest);
         let [x, y, z] = self.gradients;
-        [0, 1, 2].map(|i| x[i] * d[0] + y[i] * d[1] + z[i] * d[2])
+        ([0, 1, 2].map(|i| x[i] * d[0] + y[i] * d[1] + z[i] * d[2]), 0.5 * largest)
     }
 }

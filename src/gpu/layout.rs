@@ -1,6 +1,7 @@
 //! The structs that Rust and WGSL share, in one place; a test compares names, offsets and sizes with the shaders.
 
 use bytemuck::{Pod, Zeroable};
+use glam::DAffine3;
 
 /// A classified voxel; shaders/common/splat.wgsl explains the words.
 #[repr(C)]
@@ -45,6 +46,14 @@ pub(crate) fn place([x, y, z]: [u32; 3], brick: u32) -> u32 {
 /// The most bricks that a place can tell apart.
 pub(crate) const MAX_BRICKS: usize = 1 << (u32::BITS - BRICK_SHIFT);
 
+/// An affine map as a matrix of 4 columns and 3 rows: x, y, z and what is added. The last number of each is not read.
+pub(crate) type Affine = [[f32; 4]; 4];
+
+/// An affine map as shaders have it.
+pub(crate) fn affine(map: &DAffine3) -> Affine {
+    [map.x_axis, map.y_axis, map.z_axis, map.translation].map(|column| column.as_vec3().extend(0.0).to_array())
+}
+
 /// Parameters of `classify`; shaders/classify.wgsl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -57,6 +66,8 @@ pub(crate) struct Classify {
     pub sample_origin: f32,
     pub gradient_z: [f32; 3],
     pub first_brick: u32,
+    pub gradient_points: u32,
+    pub _pad: [u32; 3],
     pub inline_points: [ControlPoint; MAX_INLINE_POINTS],
 }
 
@@ -111,6 +122,7 @@ pub(crate) struct Frame {
     pub tile_size: u32,
     pub level_spread: f32,
     pub _pad: u32,
+    pub model: [f32; 4],
 }
 
 /// Parameters of `sort`; shaders/sort.wgsl.
@@ -199,11 +211,12 @@ pub(crate) struct Shade {
     pub depth: f32,
     pub previous: f32,
     pub current: f32,
-    pub _pad: u32,
+    pub gradient_lookup: f32,
     pub invisible: [f32; 2],
     pub lookup: [f32; 2],
     pub low: [u32; 2],
     pub high: [u32; 2],
+    pub to_light: Affine,
 }
 
 /// The parts of a kernel in four slabs, by m0, m1 and m2; shaders/common/rays.wgsl.
@@ -277,7 +290,10 @@ pub(crate) struct Rays {
     pub growth_around: f32,
     pub fade_in: [f32; 2],
     pub fade_out: [f32; 2],
-    pub _pad: [f32; 2],
+    pub gradient_lookup: f32,
+    pub _pad: f32,
+    pub to_light: Affine,
+    pub model: [f32; 4],
     /// Those of near slabs, then those of far ones.
     pub sections: [[[Section; SECTIONS]; SECTION_POWERS]; 2],
 }

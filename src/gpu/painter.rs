@@ -5,9 +5,9 @@
 
 use super::cache::Cache;
 use super::context::Context;
+use super::light_volume::PostShading;
 use super::recorder::Recorder;
 use super::store::Store;
-use super::transfer::TransferTable;
 use super::view::{ScalarNeed, ViewGeometry, Weights};
 use crate::error::Result;
 use crate::image::Region;
@@ -39,8 +39,8 @@ pub(crate) struct Job<'a> {
     /// The splats.
     pub(crate) stores: &'a [Store],
     pub(crate) weights: Weights,
-    /// What scalars are classified by; `None` for classified voxels.
-    pub(crate) transfer: Option<&'a TransferTable>,
+    /// What scalars are classified and lit by; `None` for classified voxels.
+    pub(crate) post: Option<&'a PostShading>,
     /// Layers of the lattice beyond the faces of the volume.
     pub(crate) padding: u32,
 }

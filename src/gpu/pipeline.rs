@@ -17,6 +17,9 @@ pub(super) enum Binding {
     Write,
     /// A float texture, read without filtering.
     Texture(wgpu::TextureViewDimension),
+    /// A float texture, read between texels, and what reads it.
+    FilteredTexture(wgpu::TextureViewDimension),
+    Sampler,
     /// A texture of unsigned integers.
     IntegerTexture(wgpu::TextureViewDimension),
     /// A storage texture that is read, faster than others are on software Vulkan: they look up their level each time.
@@ -42,6 +45,10 @@ impl Binding {
             Self::Texture(view_dimension) => {
                 texture(wgpu::TextureSampleType::Float { filterable: false }, view_dimension)
             }
+            Self::FilteredTexture(view_dimension) => {
+                texture(wgpu::TextureSampleType::Float { filterable: true }, view_dimension)
+            }
+            Self::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
             Self::IntegerTexture(view_dimension) => texture(wgpu::TextureSampleType::Uint, view_dimension),
             Self::ReadTexture(format) => wgpu::BindingType::StorageTexture {
                 access: wgpu::StorageTextureAccess::ReadOnly,

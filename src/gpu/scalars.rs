@@ -57,6 +57,8 @@ pub(crate) enum Shows {
     Opaque,
     /// The largest value, if it has opacity. Smaller values only matter for not being larger.
     Largest,
+    /// The mean of all values.
+    Mean,
 }
 
 /// Splats that were made on the host, of scalars or of cells, on the device.
@@ -112,6 +114,7 @@ impl Invisible {
             Shows::Largest => around
                 .filter(|_| transfer.is_invisible([f64::NEG_INFINITY, base]))
                 .map(|[_, high]| [f64::NEG_INFINITY, high]),
+            Shows::Mean => None,
         };
         // Empty if every value is visible.
         let ends = ends.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);

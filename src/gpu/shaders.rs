@@ -22,6 +22,7 @@ const LIGHTING: &str = include_str!("../../shaders/common/lighting.wgsl");
 const NORMAL: &str = include_str!("../../shaders/common/normal.wgsl");
 const PIXEL_RAY: &str = include_str!("../../shaders/common/pixel_ray.wgsl");
 const ABSORBED: &str = include_str!("../../shaders/common/absorbed.wgsl");
+const RESPONSE: &str = include_str!("../../shaders/common/response.wgsl");
 const DISPATCH: &str = include_str!("../../shaders/common/dispatch.wgsl");
 const FRAME: &str = include_str!("../../shaders/common/frame.wgsl");
 const PACKING: &str = include_str!("../../shaders/common/packing.wgsl");
@@ -35,6 +36,7 @@ const VECTORS: &str = include_str!("../../shaders/voxels/vectors.wgsl");
 const SCALARS: &str = include_str!("../../shaders/voxels/scalars.wgsl");
 const SCALARS_SOFTWARE: &str = include_str!("../../shaders/voxels/scalars_software.wgsl");
 const SCALAR_PAIRS: &str = include_str!("../../shaders/voxels/scalar_pairs.wgsl");
+const LIGHT_VOLUME: &str = include_str!("../../shaders/common/light_volume.wgsl");
 const TRANSFER: &str = include_str!("../../shaders/common/transfer.wgsl");
 const STORED_SPLAT: &str = include_str!("../../shaders/common/splat.wgsl");
 
@@ -64,10 +66,19 @@ pub(crate) const COMPOSITE: Shader =
     Shader { name: "composite", parts: &[include_str!("../../shaders/composite.wgsl"), FRAME, ABSORBED] };
 pub(crate) const SHADE: Shader = Shader {
     name: "shade",
-    parts: &[include_str!("../../shaders/shade.wgsl"), FRAME, PIXEL_RAY, MARCH_PARABOLA, TRANSFER, LIGHTING, ABSORBED],
+    parts: &[
+        include_str!("../../shaders/shade.wgsl"),
+        FRAME,
+        PIXEL_RAY,
+        MARCH_PARABOLA,
+        TRANSFER,
+        LIGHTING,
+        LIGHT_VOLUME,
+        ABSORBED,
+    ],
 };
 pub(crate) const RESOLVE: Shader =
-    Shader { name: "resolve", parts: &[include_str!("../../shaders/resolve.wgsl"), FRAME, ABSORBED] };
+    Shader { name: "resolve", parts: &[include_str!("../../shaders/resolve.wgsl"), FRAME, RESPONSE, ABSORBED] };
 pub(crate) const PACK: Shader = Shader {
     name: "pack",
     parts: &[include_str!("../../shaders/pack.wgsl"), PACKING, STORED_SPLAT, LIT_SPLAT, LIGHTING, NORMAL, DISPATCH],
@@ -84,6 +95,7 @@ pub(crate) const GATHER: Shader = Shader {
         VECTORS,
         RAYS,
         PACKING,
+        RESPONSE,
         ABSORBED,
     ],
 };
@@ -102,6 +114,7 @@ pub(crate) const GATHER_SCALARS: Shader = Shader {
         MARCH_PARABOLA,
         TRANSFER,
         LIGHTING,
+        LIGHT_VOLUME,
         ABSORBED,
     ],
 };
@@ -119,6 +132,7 @@ pub(crate) const GATHER_SCALARS_SOFTWARE: Shader = Shader {
         MARCH_PARABOLA,
         TRANSFER,
         LIGHTING,
+        LIGHT_VOLUME,
         ABSORBED,
     ],
 };
@@ -135,6 +149,7 @@ pub(crate) const GATHER_GRADIENTS: Shader = Shader {
         MARCH_PARABOLA,
         TRANSFER,
         LIGHTING,
+        LIGHT_VOLUME,
         ABSORBED,
     ],
 };

@@ -66,12 +66,13 @@ fn structs_are_laid_out_alike() {
         sample_origin,
         gradient_z,
         first_brick,
+        gradient_points,
         inline_points
     });
     same_layout!(ControlPoint { color, sample, opacity });
     same_layout!(Sort { blocks, batches, sheets_per_batch });
     same_layout!(Batch { depth, first_sheet });
-    same_layout!(Shade { depth, previous, current, invisible, lookup, low, high });
+    same_layout!(Shade { depth, previous, current, gradient_lookup, invisible, lookup, low, high, to_light });
     same_layout!(Area { low, high });
     same_layout!(Present { corner, row });
     same_layout!(Terminate { first, count });
@@ -149,6 +150,9 @@ fn structs_are_laid_out_alike() {
         growth_around,
         fade_in,
         fade_out,
+        gradient_lookup,
+        to_light,
+        model,
         sections
     });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, colors, shininess });
@@ -186,6 +190,7 @@ fn structs_are_laid_out_alike() {
         tiles,
         tile_size,
         level_spread,
+        model,
     });
 }
 

@@ -83,7 +83,7 @@ pub(crate) fn shaded(
 }
 
 /// The rows of a brick that have splats: the lattice point of their first place, the bits of the places, the words.
-fn rows<'a>(brick: &BrickSplats, held: &'a HostBrick) -> impl Iterator<Item = ([usize; 3], u32, &'a [u32])> {
+pub(super) fn rows<'a>(brick: &BrickSplats, held: &'a HostBrick) -> impl Iterator<Item = ([usize; 3], u32, &'a [u32])> {
     let origin = brick.origin.map(|p| p as usize);
     held.rows.iter().enumerate().filter(|(_, row)| row.bits != 0).map(move |(number, row)| {
         let at = [origin[0], origin[1] + number % EDGE, origin[2] + number / EDGE];
@@ -93,7 +93,7 @@ fn rows<'a>(brick: &BrickSplats, held: &'a HostBrick) -> impl Iterator<Item = ([
 }
 
 /// The numbers of the bits that are set.
-fn places(mut bits: u32) -> impl Iterator<Item = usize> {
+pub(super) fn places(mut bits: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let place = bits.trailing_zeros();
         bits &= bits.wrapping_sub(1);

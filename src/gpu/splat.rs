@@ -31,6 +31,11 @@ pub(super) fn packed_appearance(color: [f32; 3], density: f32) -> [u32; 2] {
     [rounded | b >> 5, r | g << 13 | b << 27]
 }
 
+/// The same words with another density.
+pub(super) fn with_density([density_blue, color]: [u32; 2], density: f32) -> [u32; 2] {
+    [density.to_bits().wrapping_add(128) & 0xffff_ff00 | density_blue & 0xff, color]
+}
+
 /// 1 with the sign of a number, of 0 too.
 fn sign_or_one(v: f32) -> f32 {
     if v >= 0.0 { 1.0 } else { -1.0 }

@@ -21,7 +21,7 @@ use crate::kernel::FootprintTable;
 use crate::progress::Progress;
 use crate::renderer::{Renderer, RendererOptions};
 use crate::settings::{Accumulation, Level, Model, Painter, Precision, QuadsSettings, Settings, Sheets};
-use crate::transfer::{ControlPoint, TransferFunction};
+use crate::transfer::{ControlPoint, GradientPoint, TransferFunction};
 use crate::volume::{Grid, Samples, Volume};
 
 fn context() -> Context {
@@ -62,11 +62,14 @@ fn classify_on_the_host_matches_the_device() {
     }
     let (mut splats, mut other) = (0, 0);
     for samples in each!(U8: u8, I8: i8, U16: u16, I16: i16, I32: i32, F32: f32) {
-        for (slope, lit) in [(1.0, false), (0.37, true), (-1.0, true)] {
-            let what = format!("{} {slope}", samples.sample_type());
+        for (slope, lit, thins) in [(1.0, false, false), (0.37, true, false), (-1.0, true, true), (0.5, false, true)] {
+            let what = format!("{} {slope} {lit} {thins}", samples.sample_type());
             let grid = Grid::axis_parallel(dims, [1.0, 0.8, 1.7]).unwrap();
             let volume = Volume::new(grid, samples.clone()).unwrap().with_rescale(slope, 0.5).unwrap();
-            let (transfer, progress) = (steps(), Progress::default());
+            let point = |magnitude, opacity| GradientPoint { magnitude, opacity };
+            let thinning = if thins { vec![point(1.013, 0.0), point(4.0, 0.7), point(20.0, 1.0)] } else { Vec::new() };
+            let transfer = steps().with_gradient_opacity(thinning).unwrap();
+            let progress = Progress::default();
             let device = Classifier::new(&context);
             let device = device.run(&context, &Scan::new(&context), &volume, &transfer, lit, &progress).unwrap();
             let host = HostClassifier::run(&context, &volume, &transfer, lit, &progress).unwrap();

@@ -5,8 +5,10 @@ use super::scalars::Shows;
 use crate::transfer::{ControlPoint, TransferFunction};
 
 /// Rows of the texture, as in shaders/common/transfer.wgsl.
-const ROWS: usize = 5;
-/// Equal bins of scalars that lead to segments.
+const ROWS: usize = 6;
+/// The row of the bins of scalars.
+const BIN_ROW: usize = 4;
+/// Equal bins of scalars that lead to segments; as many of lengths of gradients.
 const BINS: usize = 4096;
 /// The most segments: textures of every device are as wide.
 const MAX_SEGMENTS: usize = 8192;
@@ -37,6 +39,16 @@ impl Reduction {
         let extent = if extent > 0.0 { extent } else { largest };
         let exponent = extent.clamp(f64::MIN_POSITIVE, f64::MAX).log2().floor();
         Self { base, factor: (-exponent).clamp(-1020.0, 1020.0).exp2() }
+    }
+
+    /// Scalars for each unit of value.
+    pub(crate) fn factor(&self) -> f64 {
+        self.factor
+    }
+
+    /// The value of a scalar.
+    pub(crate) fn value(&self, scalar: f32) -> f64 {
+        self.base + f64::from(scalar) / self.factor
     }
 
     /// The scalar of a value.
@@ -80,16 +92,21 @@ pub(crate) struct TransferTable {
     pub(crate) lookup: [f32; 2],
     /// Whether a bin lies in more than two segments.
     pub(crate) crowded: bool,
+    /// Whether extinction depends on gradients, and the place of a gradient's length among its bins: length times this.
+    pub(crate) thins: bool,
+    pub(crate) gradient_lookup: f32,
 }
 
 impl TransferTable {
-    /// Opacities are per `unit`, in local lengths (see [`Grid::local`](crate::volume::Grid)): so is extinction.
+    /// Opacities are per `unit`, in local lengths (see [`Grid::local`](crate::volume::Grid)): so is extinction. A value
+    /// per world unit is `steepness` as the painters reconstruct gradients of values.
     pub(crate) fn new(
         context: &Context,
         transfer: &TransferFunction,
         reduction: &Reduction,
         shows: Shows,
         unit: f64,
+        steepness: f64,
     ) -> Self {
         let value = |color: [f64; 3], opacity: f64| match shows {
             Shows::Opaque => {
@@ -97,14 +114,22 @@ impl TransferTable {
                 let [r, g, b] = color.map(|c| c * extinction);
                 [r, g, b, extinction]
             }
-            Shows::Largest => {
+            Shows::Largest | Shows::Mean => {
                 let [r, g, b] = color;
                 [r, g, b, opacity / transfer.max_opacity().max(f64::MIN_POSITIVE)]
             }
         };
         let segments = Segments::new(knots(transfer), reduction, &value);
-        let (texels, lookup, crowded) = segments.texels();
+        let (mut texels, lookup, crowded) = segments.texels();
         let width = (texels.len() / 4 / ROWS) as u32;
+        let steepest = transfer.gradient_opacity().last().map_or(0.0, |p| p.magnitude);
+        let share = |place: usize| transfer.gradient_share(steepest * place as f64 / BINS as f64) as f32;
+        let gradients = texels.len() - 4 * width as usize;
+        for (bin, texel) in texels[gradients..].chunks_exact_mut(4).take(BINS).enumerate() {
+            texel[..2].copy_from_slice(&[share(bin), share(bin + 1)]);
+        }
+        let most = steepest * steepness * reduction.factor;
+        let gradient_lookup = if most > 0.0 { BINS as f64 / most } else { 0.0 };
         let around = transfer.invisible_around(reduction.base);
         let end =
             |value: f64| if value.is_finite() { reduction.scalar(value) } else { value.signum() as f32 * f32::MAX };
@@ -113,11 +138,13 @@ impl TransferTable {
             invisible: around.map_or([1.0, -1.0], |ends| ends.map(end)),
             lookup,
             crowded,
+            thins: !transfer.gradient_opacity().is_empty(),
+            gradient_lookup: gradient_lookup.min(f64::from(f32::MAX)) as f32,
         }
     }
 }
 
-/// Colour times extinction, and extinction; of maxima colour and alpha.
+/// Colour times extinction, and extinction; of maxima and means colour and alpha.
 type Value = [f64; 4];
 
 fn mixed(a: Value, b: Value, f: f64) -> Value {
@@ -211,7 +238,7 @@ impl Segments {
         let Self(segments) = self;
         let width = segments.len().max(BINS);
         let mut texels = vec![[0.0_f32; 4]; width * ROWS];
-        let (rows, bins) = texels.split_at_mut(width * (ROWS - 1));
+        let (rows, bins) = texels.split_at_mut(width * BIN_ROW);
         // Integrals are told from the base on, where scalars are the most precise.
         let integrals = self.integrals();
         // The first segment has no start: its integral is told from its end.

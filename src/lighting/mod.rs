@@ -130,6 +130,19 @@ pub(crate) struct Casting {
     occlusion: Option<f64>,
 }
 
+impl Casting {
+    /// What arrives at a point, given the ambient share and the optical depth towards a light in a world direction, as
+    /// [`shadow`](self::shadow) has it.
+    pub(crate) fn visibility(&self, ambient: f64, depth: impl Fn(DVec3) -> f64) -> Visibility {
+        let mut visibility = Visibility { ambient, ..Visibility::FULL };
+        for (share, towards) in visibility.lights.iter_mut().zip(&self.lights).filter(|(_, t)| !t.is_empty()) {
+            let mean = towards.iter().map(|&t| (-depth(t)).exp()).sum::<f64>() / towards.len() as f64;
+            *share = 1.0 - self.strength * (1.0 - mean);
+        }
+        visibility
+    }
+}
+
 impl Default for Lighting {
     fn default() -> Self {
         Self {
@@ -147,6 +160,11 @@ impl Default for Lighting {
 impl Lighting {
     /// The most lights accepted.
     pub const MAX_LIGHTS: usize = 4;
+    /// A light that changes no colour.
+    pub(crate) fn flat() -> Self {
+        Self { ambient: 1.0, diffuse: 0.0, specular: 0.0, ..Self::default() }
+    }
+
     /// The farthest that occlusion reaches, voxels.
     pub const MAX_OCCLUSION: f64 = 256.0;
 

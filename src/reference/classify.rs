@@ -17,8 +17,8 @@ use crate::volume::{Grid, Samples, Volume};
 ///
 /// * pre-shading: extinction per world unit, then emission in red, green and blue (colour times extinction), of which
 ///   X-ray leaves the emission 0;
-/// * post-shading and maximum intensity: scalar less base, then the scalar's central differences along the lattice
-///   axes, 0 where there is no light.
+/// * post-shading and projections of intensity: scalar less base, then the scalar's central differences along the
+///   lattice axes, 0 where neither light nor opacity depends on them.
 pub(super) type Weights = [f64; 4];
 
 /// The weight of voxels that do not count.
@@ -42,10 +42,12 @@ pub(super) struct Splats {
     shadows: Option<Shadows>,
     /// From gradients along the lattice axes to such in the world.
     to_world: DMat3,
-    /// Whether weights are scalars, and the samples at the edge are repeated beyond it: post-shading and maximum
-    /// intensity.
+    /// Whether weights are scalars, and the samples at the edge are repeated beyond it: post-shading and projections
+    /// of intensity.
     repeats: bool,
     emits: bool,
+    /// Whether what is reconstructed is composited, not the largest taken.
+    composites: bool,
     pub(super) cells: Cells,
     bounds: Option<[[i64; 2]; 3]>,
 }
@@ -54,6 +56,21 @@ pub(super) struct Splats {
 struct Shadows {
     medium: Medium<f64>,
     caster: Caster<f64>,
+    /// What arrives at voxels, brick by brick, where it was asked for.
+    bricks: Vec<OnceLock<Vec<Shares<EDGE>>>>,
+}
+
+impl Shadows {
+    /// What arrives at the voxels of the brick that begins at a lattice point, row by row.
+    fn shares(&self, start: [usize; 3]) -> Vec<Shares<EDGE>> {
+        let block = Block { start, down: EDGE, wanted: &[u32::MAX; EDGE * EDGE] };
+        self.caster.shares::<EDGE>(&self.medium, &block)
+    }
+}
+
+/// Bricks along the axes of a lattice.
+fn brick_counts(dims: [usize; 3]) -> [usize; 3] {
+    dims.map(|d| d.div_ceil(EDGE))
 }
 
 impl std::fmt::Debug for Shadows {
@@ -86,21 +103,7 @@ impl Splats {
             return Err(Error::Volume("values are further apart than a number can hold".to_owned()));
         }
         let bounds = cells.bounds(dims, counts);
-        let casting = settings.lighting.as_ref().filter(|_| !repeats).and_then(Lighting::casting);
-        let shadows = casting.map(|casting| {
-            let mut medium = Medium::new(dims)?;
-            for index in 0..dims.iter().product() {
-                let (_, opacity) = transfer.sample(rescale.0 * samples.raw(index) + rescale.1);
-                let tau = TransferFunction::extinction(opacity, unit);
-                if tau > 0.0 {
-                    medium.set([index % dims[0], index / dims[0] % dims[1], index / dims[0] / dims[1]], tau);
-                }
-            }
-            let divisor = settings.normalization.divisor(&settings.kernel);
-            let lattice = Lattice::new(volume.grid(), settings.kernel, divisor, 1.0, 1.0);
-            Ok::<_, Error>(Shadows { caster: Caster::new(&casting, &lattice), medium })
-        });
-        Ok(Self {
+        let mut splats = Self {
             grid: volume.grid().centered(),
             dims,
             samples,
@@ -109,13 +112,29 @@ impl Splats {
             unit,
             base,
             lighting: settings.lighting.clone(),
-            shadows: shadows.transpose()?,
+            shadows: None,
             to_world: volume.grid().to_lattice().matrix3.transpose(),
             repeats,
             emits: settings.model != Model::Xray,
+            composites: settings.model == Model::Composite,
             cells,
             bounds,
-        })
+        };
+        if let Some(casting) = settings.lighting.as_ref().and_then(Lighting::casting) {
+            let mut medium = Medium::new(dims)?;
+            for index in 0..dims.iter().product() {
+                let point = [index % dims[0], index / dims[0] % dims[1], index / dims[0] / dims[1]];
+                let tau = splats.extinction(splats.transfer.sample(splats.value(index)).1, point);
+                if tau > 0.0 {
+                    medium.set(point, tau);
+                }
+            }
+            let divisor = settings.normalization.divisor(&settings.kernel);
+            let lattice = Lattice::new(volume.grid(), settings.kernel, divisor, 1.0, 1.0);
+            let bricks = (0..brick_counts(dims).iter().product()).map(|_| OnceLock::new()).collect();
+            splats.shadows = Some(Shadows { caster: Caster::new(&casting, &lattice), medium, bricks });
+        }
+        Ok(splats)
     }
 
     /// Whether weights depend on who looks.
@@ -125,7 +144,17 @@ impl Splats {
 
     /// Whether more than extinction or scalar counts.
     pub(super) fn channels(&self) -> usize {
-        if self.emits && (!self.repeats || self.lighting.is_some()) { 4 } else { 1 }
+        if self.emits && (!self.repeats || self.has_gradients()) { 4 } else { 1 }
+    }
+
+    /// Whether gradients are reconstructed beside scalars.
+    fn has_gradients(&self) -> bool {
+        self.lighting.is_some() || (self.composites && !self.transfer.gradient_opacity().is_empty())
+    }
+
+    /// Whether scalars are reconstructed, in the box of the voxels.
+    pub(super) fn repeats(&self) -> bool {
+        self.repeats
     }
 
     pub(super) fn transfer(&self) -> &TransferFunction {
@@ -155,15 +184,55 @@ impl Splats {
         self.to_world * DVec3::from_array(self.central_differences(point))
     }
 
+    /// What of the light arrives at a place in the lattice: trilinear between voxels, beyond the outermost as there.
+    pub(super) fn visibility(&self, place: DVec3) -> Visibility {
+        let Some(shadows) = &self.shadows else { return Visibility::FULL };
+        let counts = brick_counts(self.dims);
+        let last = DVec3::from_array(self.dims.map(|d| (d - 1) as f64));
+        let place = place.clamp(DVec3::ZERO, last);
+        let first = place.floor().min((last - 1.0).max(DVec3::ZERO));
+        let beyond = place - first;
+        let mut visibility = Visibility { lights: [0.0; Lighting::MAX_LIGHTS], ambient: 0.0 };
+        for corner in 0..8 {
+            let offset = [0, 1, 2].map(|axis| corner >> axis & 1);
+            let weight: f64 =
+                (0..3).map(|axis| if offset[axis] == 1 { beyond[axis] } else { 1.0 - beyond[axis] }).product();
+            if weight <= 0.0 {
+                continue;
+            }
+            let [i, j, k] = [0, 1, 2].map(|axis| first[axis] as usize + offset[axis]);
+            let brick = ((k / EDGE) * counts[1] + j / EDGE) * counts[0] + i / EDGE;
+            let shares = shadows.bricks[brick].get_or_init(|| shadows.shares([i, j, k].map(|p| p / EDGE * EDGE)));
+            let arrives = Visibility::of(&shares[(k % EDGE) * EDGE + j % EDGE], i % EDGE);
+            visibility.lights.iter_mut().zip(arrives.lights).for_each(|(sum, share)| *sum += weight * share);
+            visibility.ambient += weight * arrives.ambient;
+        }
+        visibility
+    }
+
+    /// Whether light is kept from voxels.
+    pub(super) fn has_shadows(&self) -> bool {
+        self.shadows.is_some()
+    }
+
+    /// The extinction of a voxel whose value has some opacity, per world unit.
+    fn extinction(&self, opacity: f64, point: [usize; 3]) -> f64 {
+        let tau = TransferFunction::extinction(opacity, self.unit);
+        if tau <= 0.0 || self.transfer.gradient_opacity().is_empty() {
+            return tau;
+        }
+        tau * self.transfer.gradient_share(self.gradient(point).length())
+    }
+
     /// What a voxel weighs for a viewer.
     fn classify(&self, point: [usize; 3], viewer: Viewer, visibility: &Visibility) -> Weights {
         let value = self.value(self.index(point));
         if self.repeats {
-            let [x, y, z] = if self.lighting.is_some() { self.central_differences(point) } else { [0.0; 3] };
+            let [x, y, z] = if self.has_gradients() { self.central_differences(point) } else { [0.0; 3] };
             return [value - self.base, x, y, z];
         }
         let (mut color, opacity) = self.transfer.sample(value);
-        let tau = TransferFunction::extinction(opacity, self.unit);
+        let tau = self.extinction(opacity, point);
         if tau <= 0.0 {
             return CLEAR;
         }
@@ -221,7 +290,7 @@ impl Brick {
 
 impl Bricks {
     pub(super) fn new(splats: &Splats, viewer: Viewer, rounded: bool) -> Self {
-        let counts = splats.dims.map(|d| d.div_ceil(EDGE));
+        let counts = brick_counts(splats.dims);
         let bricks = (0..counts.iter().product()).map(|_| OnceLock::new()).collect();
         Self { viewer, rounded, counts, bricks }
     }
@@ -269,8 +338,7 @@ impl Bricks {
         }
         let mut weights = Box::new([CLEAR; EDGE * EDGE * EDGE]);
         let [x, y, z] = std::array::from_fn(|a| first[a]..splats.dims[a].min(first[a] + EDGE));
-        let block = Block { start: first, down: EDGE, wanted: &[u32::MAX; EDGE * EDGE] };
-        let shares = splats.shadows.as_ref().map(|s| s.caster.shares::<EDGE>(&s.medium, &block));
+        let shares = splats.shadows.as_ref().filter(|_| !splats.repeats).map(|shadows| shadows.shares(first));
         for k in z {
             for j in y.clone() {
                 for i in x.clone() {

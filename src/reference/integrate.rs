@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 
 use super::classify::Weights;
 use super::profile::{Gauss, Range, Scalar, Series};
-use super::walk::{Block, Cuts, MOMENTS, Piece};
+use super::walk::{Block, Cuts, LatticeRay, MOMENTS, Piece};
 use crate::lighting::{Lighting, Source, Visibility};
 use crate::transfer::TransferFunction;
 
@@ -42,10 +42,11 @@ const ROUNDING: f64 = 1e-13;
 /// What a ray collects: colour (premultiplied) and optical depth.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RayIntegral {
-    /// C = integral of e(t) exp(-integral_0^t tau) dt, red, green and blue. X-ray and maximum intensity: their pixel.
+    /// C = integral of e(t) exp(-integral_0^t tau) dt, red, green and blue. Of the other models their pixel.
     pub color: [f64; 3],
-    /// The integral of tau, up to the end or to where the transmittance fell under 1e-12 or a quarter of the tolerance.
-    /// Maximum intensity: what has the alpha of its pixel, infinite for an alpha of 1.
+    /// The integral of tau, up to the end or to where the transmittance fell under 1e-12 or a quarter of the tolerance;
+    /// of an X-ray with another response than absorption, all of it.
+    /// Projections of intensity: what has the alpha of its pixel, infinite for an alpha of 1.
     pub optical_depth: f64,
 }
 
@@ -157,16 +158,18 @@ pub(super) struct Emission<'a> {
     /// World units per voxel along the ray, over the kernel's divisor N.
     pub(super) measure: f64,
     pub(super) accuracy: &'a Accuracy,
+    /// Whether what is dense hides what is behind it. Otherwise the optical depth itself is asked for.
+    pub(super) hides: bool,
 }
 
 impl Emission<'_> {
     /// Adds a block; whether there is more to see.
     pub(super) fn block(&mut self, block: &Block<'_>, cuts: &mut Cuts) -> bool {
         let Accuracy { tolerance, rim, steps, .. } = *self.accuracy;
-        let seen = (-self.sum.optical_depth).exp();
+        let seen = if self.hides { (-self.sum.optical_depth).exp() } else { 1.0 };
         let jumps = block.unevenness(rim) * (2.0 * block.half * self.measure).powi(2);
         if tolerance > 0.0 && UNEVENNESS * jumps * seen <= tolerance && self.smooth(block) {
-            return !self.accuracy.is_opaque(&self.sum);
+            return !self.is_opaque();
         }
         block.pieces(cuts, |&Piece { series, from: a, to: b, .. }| {
             let parts = ((b - a) / 2.0 * steps).ceil();
@@ -188,7 +191,7 @@ impl Emission<'_> {
         let mut i = 0.0;
         while i < steps {
             let field = NODES.map(|c| series.at(2.0 * (i + c) / steps - 1.0).map(|x| x * self.measure));
-            if field.iter().any(|f| f[0] * length > MAX_STEP_DEPTH) {
+            if self.hides && field.iter().any(|f| f[0] * length > MAX_STEP_DEPTH) {
                 return false;
             }
             sum.append(&RayIntegral::step(&field, length));
@@ -210,16 +213,16 @@ impl Emission<'_> {
     fn part(&mut self, span: &Span<'_>, field: &[Weights; STAGES], a: f64, b: f64) -> bool {
         let length = span.length * (b - a);
         let count = (field.iter().map(|f| f[0]).fold(0.0, f64::max) * length / MAX_STEP_DEPTH).ceil();
-        if count <= 1.0 {
+        if count <= 1.0 || !self.hides {
             self.sum.append(&RayIntegral::step(field, length));
-            return !self.accuracy.is_opaque(&self.sum);
+            return !self.is_opaque();
         }
         // So many steps that the ray may be opaque long before the last: halves, of which the first may do. Fractions
         // stay apart where places in the block are rounded to one, so that depth grows in any material.
         let parts = if count > MAX_STEPS && b - a > f64::MIN_POSITIVE { 2.0 } else { count.min(MAX_STEPS) };
         let at = |i: f64| if i < parts { a + (b - a) * (i / parts) } else { b };
         let mut i = 0.0;
-        while i < parts && !self.accuracy.is_opaque(&self.sum) {
+        while i < parts && !self.is_opaque() {
             let (a, b) = (at(i), at(i + 1.0));
             let place = |x: f64| span.from + (span.to - span.from) * x;
             let field = self.field(span.series, place(a), place(b));
@@ -230,7 +233,11 @@ impl Emission<'_> {
             }
             i += 1.0;
         }
-        !self.accuracy.is_opaque(&self.sum)
+        !self.is_opaque()
+    }
+
+    fn is_opaque(&self) -> bool {
+        self.hides && self.accuracy.is_opaque(&self.sum)
     }
 
     /// Extinction and emission at the nodes of a step, per voxel of length along the ray.
@@ -368,29 +375,37 @@ impl Classifier {
         directions.map(|d| self.to_world.transpose() * d).map(|d| [0.0, d.x, d.y, d.z]).collect()
     }
 
-    /// Extinction and emission per world unit where the scalar and its differences along the lattice axes are these.
-    fn emission(&self, [scalar, differences @ ..]: Weights, to_eye: DVec3) -> Weights {
-        let (color, opacity) = self.transfer.sample(scalar);
-        self.lit(color, opacity, differences, to_eye)
-    }
-
-    fn lit(&self, mut color: [f64; 3], opacity: f64, differences: [f64; 3], to_eye: DVec3) -> Weights {
-        let tau = TransferFunction::extinction(opacity, self.unit);
+    /// Extinction and emission per world unit where the transfer function gives this colour and opacity, the scalar's
+    /// differences along the lattice axes are these, and light arrives as `visibility` says.
+    fn lit(
+        &self,
+        (mut color, opacity): ([f64; 3], f64),
+        differences: [f64; 3],
+        to_eye: DVec3,
+        visibility: impl FnOnce() -> Visibility,
+    ) -> Weights {
+        let mut tau = TransferFunction::extinction(opacity, self.unit);
         if tau <= 0.0 {
             return [0.0; 4];
         }
+        let gradient = self.to_world * DVec3::from_array(differences);
+        if !self.transfer.gradient_opacity().is_empty() {
+            tau *= self.transfer.gradient_share(gradient.length());
+        }
         if let Some(lighting) = &self.lighting {
-            color = lighting.shade(color, self.to_world * DVec3::from_array(differences), to_eye, &Visibility::FULL);
+            color = lighting.shade(color, gradient, to_eye, &visibility());
         }
         [tau, tau * color[0], tau * color[1], tau * color[2]]
     }
 }
 
 /// The integral of a field that is classified where it is reconstructed.
-#[derive(Debug)]
 pub(super) struct Classified<'a> {
     pub(super) sum: RayIntegral,
     pub(super) classifier: &'a Classifier,
+    pub(super) ray: LatticeRay,
+    /// What of the light arrives at a place in the lattice; `None`: all of it.
+    pub(super) arriving: Option<&'a dyn Fn(DVec3) -> Visibility>,
     /// Unit vector, world coordinates.
     pub(super) to_eye: DVec3,
     /// As the classifier gives them for that.
@@ -413,7 +428,8 @@ struct Stretch {
     scalar: Scalar,
     /// What has a sign that matters.
     sides: Vec<Scalar>,
-    /// Voxels per unit of x.
+    /// Where x is 0 along the ray, and voxels per unit of x.
+    middle: f64,
     half: f64,
 }
 
@@ -429,7 +445,7 @@ impl Classified<'_> {
         block.pieces(cuts, |piece| {
             self.empty(block.middle + block.half * piece.from);
             self.position = block.middle + block.half * piece.to;
-            !self.accuracy.is_opaque(&self.sum) && (self.coarse(block.half, piece) || self.piece(block, piece))
+            !self.accuracy.is_opaque(&self.sum) && (self.coarse(block, piece) || self.piece(block, piece))
         })
     }
 
@@ -439,17 +455,19 @@ impl Classified<'_> {
             series: *series,
             scalar: series.combined(&[1.0, 0.0, 0.0, 0.0]),
             sides: self.sides.iter().map(|side| series.combined(side)).collect(),
+            middle: block.middle,
             half: block.half,
         };
         self.split(&stretch, from, to)
     }
 
     /// Adds a piece so short that the tolerance allows for a rule of two nodes; false if it is not.
-    fn coarse(&mut self, half: f64, &Piece { series, from, to, curvature }: &Piece<'_>) -> bool {
+    fn coarse(&mut self, block: &Block<'_>, &Piece { series, from, to, curvature }: &Piece<'_>) -> bool {
         if self.accuracy.tolerance <= 0.0 {
             return false;
         }
         let allowed = self.accuracy.tolerance * self.sum.optical_depth.exp();
+        let half = block.half;
         let (middle, part) = (f64::midpoint(from, to), (to - from) / 2.0);
         let kernels = 2.0 * part * half / self.accuracy.scale;
         if kernels.powi(4) * ROUGH > allowed {
@@ -477,11 +495,13 @@ impl Classified<'_> {
         }
         let world = 2.0 * part * half * self.measure;
         let classifier = self.classifier;
-        let at = |[scalar, differences @ ..]: Weights| {
-            let (color, opacity) = segment.at(self.value(scalar));
-            classifier.lit(color, opacity, differences.map(|d| d / self.divisor), self.to_eye)
+        let at = |node: usize| {
+            let [scalar, differences @ ..] = sums[node];
+            let place = || block.middle + half * (middle + part * [-PAIR, PAIR][node]);
+            let differences = differences.map(|d| d / self.divisor);
+            classifier.lit(segment.at(self.value(scalar)), differences, self.to_eye, || self.visibility(place()))
         };
-        let field = sums.map(at);
+        let field = [0, 1].map(at);
         let most = field.iter().flatten().fold(0.0, |m: f64, f| m.max(f.abs()));
         let change = (0..4).map(|c| (field[0][c] - field[1][c]).abs()).fold(0.0, f64::max);
         if most * world > MAX_STEP_DEPTH || change.powi(4) * world * TURN > allowed * most.powi(3) {
@@ -504,7 +524,8 @@ impl Classified<'_> {
         if to - self.position > GAP {
             let length = (to - self.position) * self.measure;
             let (color, opacity) = self.classifier.transfer.sample(self.classifier.base);
-            let optical_depth = TransferFunction::extinction(opacity, self.classifier.unit) * length;
+            let share = self.classifier.transfer.gradient_share(0.0);
+            let optical_depth = TransferFunction::extinction(opacity, self.classifier.unit) * share * length;
             let alpha = -(-optical_depth).exp_m1();
             self.sum.append(&RayIntegral { color: color.map(|c| c * alpha), optical_depth });
             self.position = to;
@@ -606,8 +627,27 @@ impl Classified<'_> {
 
     fn emission(&self, stretch: &Stretch, x: f64) -> Weights {
         let [scalar, differences @ ..] = stretch.series.at(x);
-        let [x, y, z] = differences.map(|d| d / self.divisor);
-        self.classifier.emission([self.value(scalar), x, y, z], self.to_eye)
+        let classified = self.classifier.transfer.sample(self.value(scalar));
+        let visibility = || self.visibility(stretch.middle + stretch.half * x);
+        self.classifier.lit(classified, differences.map(|d| d / self.divisor), self.to_eye, visibility)
+    }
+
+    /// What of the light arrives at a place along the ray, in voxels.
+    fn visibility(&self, place: f64) -> Visibility {
+        self.arriving.map_or(Visibility::FULL, |at| at(self.ray.origin + self.ray.direction * place))
+    }
+}
+
+/// The integral of the sum of splats over a ray, in voxels.
+#[derive(Debug)]
+pub(super) struct Integral(pub(super) f64);
+
+impl Integral {
+    pub(super) fn block(&mut self, block: &Block<'_>, cuts: &mut Cuts) {
+        block.pieces(cuts, |&Piece { series, from, to, .. }| {
+            self.0 += series.mean(from, to) * (to - from) * block.half;
+            true
+        });
     }
 }
 
@@ -616,6 +656,8 @@ impl Classified<'_> {
 pub(super) struct Maximum {
     /// `None` before the first stretch.
     pub(super) largest: Option<f64>,
+    /// Where it is on the ray, in voxels.
+    pub(super) place: f64,
     /// Up to where the ray was searched.
     pub(super) position: f64,
 }
@@ -631,7 +673,8 @@ impl Maximum {
         block.pieces(cuts, |&Piece { series, from: a, to: b, .. }| {
             self.empty(block.middle + block.half * a);
             self.position = block.middle + block.half * b;
-            self.search(&series.combined(&[1.0, 0.0, 0.0, 0.0]), a, b);
+            let place = |x: f64| block.middle + block.half * x;
+            self.search(&series.combined(&[1.0, 0.0, 0.0, 0.0]), &place, a, b);
             true
         });
     }
@@ -639,29 +682,31 @@ impl Maximum {
     /// Looks at what is empty up to a position.
     pub(super) fn empty(&mut self, to: f64) {
         if to - self.position > GAP {
-            self.take(0.0);
+            self.take(0.0, self.position);
             self.position = to;
         }
     }
 
-    fn take(&mut self, value: f64) {
-        self.largest = Some(self.largest.map_or(value, |l| l.max(value)));
+    fn take(&mut self, value: f64, place: f64) {
+        if self.largest.is_none_or(|largest| value > largest) {
+            (self.largest, self.place) = (Some(value), place);
+        }
     }
 
     /// Branch and bound: parts that cannot hold the maximum are left alone.
-    fn search(&mut self, scalar: &Scalar, a: f64, b: f64) {
+    fn search(&mut self, scalar: &Scalar, place: &impl Fn(f64) -> f64, a: f64, b: f64) {
         let Range { middle, spread, monotone } = scalar.range(a, b);
         if self.largest.is_some_and(|l| middle + spread <= l) {
             return;
         }
-        self.take(middle);
+        self.take(middle, place(f64::midpoint(a, b)));
         if monotone {
-            self.take(scalar.at(a));
-            self.take(scalar.at(b));
+            self.take(scalar.at(a), place(a));
+            self.take(scalar.at(b), place(b));
         } else if spread > ROUNDING * middle.abs() {
             let middle = f64::midpoint(a, b);
-            self.search(scalar, a, middle);
-            self.search(scalar, middle, b);
+            self.search(scalar, place, a, middle);
+            self.search(scalar, place, middle, b);
         }
     }
 }

@@ -20,7 +20,10 @@
 //! lattice axis is (f_(j+1) - f_(j-1)) / 2, a neighbour beyond the edge having the value at the edge, taken to the
 //! world by the transpose of the map from there.
 //!
-//! **X-ray.** The same tau; the pixel is (alpha, alpha, alpha, alpha).
+//! With gradient opacity ([`TransferFunction::gradient_opacity`]) tau_j is multiplied by the share that belongs to the
+//! length of that gradient; post-shaded, tau is, by that of the gradient reconstructed there.
+//!
+//! **X-ray.** The same tau; the pixel is [`Response::pixel`] of its integral, by default (alpha, alpha, alpha, alpha).
 //!
 //! **Composite, post-shaded** (Mueller, Moeller and Crawfis 1999, "Splatting without the blur"). The scalar is
 //! reconstructed, relative to b = [`TransferFunction::base`], over the lattice with its edge samples repeated outwards
@@ -32,17 +35,24 @@
 //! ```
 //!
 //! Lit, the colour is shaded with the gradient reconstructed from the central differences of the extended lattice, for
-//! an eye back along the ray.
+//! an eye back along the ray, and the light that arrives at voxels as in pre-shading, trilinear between them.
 //!
 //! **Maximum intensity.** With m the largest f on the ray's part in the box, alpha is the opacity of m over the largest
 //! of the transfer function and the pixel's colour that of m times alpha; no pixel if the ray misses the box.
 //!
-//! **Sharpness.** The kernel is [`Settings::reconstruction_kernel`]; the f_j of post-shading and of a maximum are the
+//! Coded by depth, the colour is the hue of the place x of m times the largest channel of the colour of m: with v the
+//! view's direction, h = 4.5 (1/2 + (x - middle of the box) . v / (depth of the box along v)), red, green and blue are
+//! |h - 3| - 1, 2 - |h - 2| and 2 - |h - 4|, each cut off at 0 and 1.
+//!
+//! **Minimum and average intensity.** The same with the smallest f, and with the mean of f over the ray's part in the
+//! box. A minimum is the maximum of -f_j by the transfer function mirrored at 0; b is the base of that.
+//!
+//! **Sharpness.** The kernel is [`Settings::reconstruction_kernel`]; the f_j of all but extinction are the
 //! samples filtered for it, in f64, as the renderer filters them in f32.
 //!
 //! This is what splatting approximates by footprints and sheets; here there are neither: every ray is cut wherever it
 //! enters or leaves a kernel's support, and where f meets a control point; the pieces are integrated by Gauss's rule.
-//! Errors of optical depth and colour are about 1e-10 of their size, of lit post-shading 1e-9, of maxima 1e-12.
+//! Errors of optical depth, colour and means are about 1e-10 of their size, of lit post-shading 1e-9, of maxima 1e-12.
 //! Sheets, accumulation, termination, precision and the footprint table are the renderer's affair and change nothing.
 //!
 //! A tolerance ([`Reference::with_tolerance`]) makes blocks longer. In pre-shading a chord that begins or ends in a
@@ -73,20 +83,19 @@ use crate::budget::{MAX_BLOCKS, MAX_CHORDS, MAX_RAY_CHORDS, too_much};
 use crate::camera::Camera;
 #[cfg(doc)]
 use crate::camera::Growth;
-#[cfg(doc)]
-use crate::error::Error;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::image::{Image, Region};
 use crate::kernel::Kernel;
 #[cfg(doc)]
 use crate::lighting::Lighting;
+use crate::lighting::{Casting, Visibility};
 use crate::progress::Progress;
-use crate::settings::{Model, Settings};
+use crate::settings::{Model, Response, Settings};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
 use cells::Map;
 use classify::{Bricks, Splats};
-use integrate::{Accuracy, Classified, Classifier, Emission, Maximum};
+use integrate::{Accuracy, Classified, Classifier, Emission, Integral, Maximum};
 use profile::{Gauss, Profile};
 use walk::{Cuts, LatticeRay, Scratch, Sight, Sizes, Viewer, Walk, blocks};
 
@@ -122,7 +131,10 @@ pub struct Reference {
     longest: f64,
     accuracy: Accuracy,
     antialiasing: bool,
+    depth_coded: bool,
     method: Method,
+    /// If light is found at every point: the field that it passes, and the lights.
+    light: Option<Box<(Self, Casting)>>,
     progress: Progress,
 }
 
@@ -131,12 +143,14 @@ pub struct Reference {
 enum Method {
     /// They are extinction and emission; voxels are lit if there is a light.
     PreShaded,
-    /// They are extinction.
-    Xray,
+    /// They are extinction, of whose integral the pixel is made.
+    Xray(Response),
     /// They are the scalar, and its gradient if there is a light.
     PostShaded(Box<Classifier>),
-    /// They are the scalar, which the transfer function classifies relative to its base.
+    /// They are the scalar, of which the transfer function classifies the largest, relative to its base.
     Maximum(TransferFunction),
+    /// The same of the mean.
+    Mean(TransferFunction),
 }
 
 impl Reference {
@@ -149,6 +163,8 @@ impl Reference {
     pub fn new(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Self> {
         settings.validate()?;
         volume.check_finite()?;
+        let mirrored = settings.mirrored(volume, transfer)?;
+        let (volume, transfer) = mirrored.as_ref().map_or((volume, transfer), |(volume, transfer)| (volume, transfer));
         let filtered = match settings.prefilter()? {
             Some(filter) => Some(filter.apply::<f64>(volume, transfer.base(), &Progress::default())?),
             None => None,
@@ -159,8 +175,9 @@ impl Reference {
         let center = grid.center();
         let Settings { kernel, lighting, .. } = settings;
         let method = match settings.model {
-            Model::Xray => Method::Xray,
-            Model::Mip => Method::Maximum(transfer.clone()),
+            Model::Xray => Method::Xray(settings.response),
+            Model::Mip | Model::Minip => Method::Maximum(transfer.clone()),
+            Model::Average => Method::Mean(transfer.clone()),
             Model::Composite if settings.is_post_shaded() => Method::PostShaded(Box::new(Classifier::new(
                 transfer,
                 transfer.unit_or(grid.min_spacing()),
@@ -187,10 +204,36 @@ impl Reference {
                 steps: 1.0,
             },
             antialiasing: settings.antialiasing,
+            depth_coded: settings.depth_coded,
             method,
+            light: None,
             progress: Progress::default(),
         };
         Ok(reference.with_tolerance(0.0))
+    }
+
+    /// The same of another light, to tell what light at voxels leaves out: post-shaded, light passes the field as it is
+    /// reconstructed and classified on its way, instead of splats of classified voxels, and it is found at every point
+    /// that is lit, instead of at voxels. Occlusion stays that of voxels. Takes thousands of times as long.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`], and [`Error::Setting`] unless a post-shaded composite has light with shadows.
+    pub fn with_light_everywhere(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Self> {
+        let reference = Self::new(volume, transfer, settings)?;
+        let Some(casting) = settings.casting().filter(|_| settings.is_post_shaded()) else {
+            let reason = "light is found at every point of a post-shaded composite with shadows".to_owned();
+            return Err(Error::Setting { name: "shadows", reason });
+        };
+        let field = Self::new(volume, transfer, &Settings { lighting: None, ..settings.clone() })?;
+        Ok(Self { light: Some(Box::new((field.with_tolerance(Self::TOLERANCE), casting))), ..reference })
+    }
+
+    /// What of the light arrives at a place in the lattice, if light is found at every point.
+    fn visibility(&self, place: DVec3) -> Visibility {
+        let of_voxels = self.splats.visibility(place);
+        let Some((field, casting)) = self.light.as_deref() else { return of_voxels };
+        let world = self.grid.to_world().transform_point3(place) + self.center;
+        casting.visibility(of_voxels.ambient, |towards| field.ray(world, towards, false).optical_depth)
     }
 
     /// A tolerance far below what pictures err by, which takes a tenth of the time of an exact picture or less.
@@ -328,6 +371,26 @@ impl Reference {
         rays.trace(origin, direction, two_sided, &mut Scratch::default())
     }
 
+    /// The share of a lattice place in the depth of the box along a direction of view.
+    fn depth(&self, forward: DVec3, place: DVec3) -> f64 {
+        let gradient = self.grid.to_world().matrix3.transpose() * forward;
+        let dims = DVec3::from_array(self.grid.dims().map(f64::from));
+        0.5 + gradient.dot(place - (dims - 1.0) / 2.0) / gradient.abs().dot(dims)
+    }
+
+    /// The pixel of the sum of splats that a projection keeps, coded by its depth if there is one.
+    fn projected(&self, transfer: &TransferFunction, sum: f64, depth: Option<f64>) -> RayIntegral {
+        let most = transfer.max_opacity();
+        let (mut color, opacity) = transfer.sample(transfer.base() + sum / self.divisor);
+        if let Some(depth) = depth {
+            let h = 4.5 * depth.clamp(0.0, 1.0);
+            let hue = [(h - 3.0).abs() - 1.0, 2.0 - (h - 2.0).abs(), 2.0 - (h - 4.0).abs()];
+            let bright = color.into_iter().fold(0.0, f64::max);
+            color = hue.map(|channel| bright * channel.clamp(0.0, 1.0));
+        }
+        RayIntegral::uniform(color, if most > 0.0 { opacity / most } else { 0.0 })
+    }
+
     fn sight(&self, sizes: Sizes) -> Sight<'_> {
         Sight { splats: &self.splats, radius: self.radius, sizes }
     }
@@ -335,7 +398,7 @@ impl Reference {
     /// A ray in the lattice; `None` if it misses the box that scalars exist in.
     fn lattice_ray(&self, origin: DVec3, direction: DVec3, two_sided: bool) -> Option<LatticeRay> {
         let ray = LatticeRay::new(&self.grid, origin, direction, two_sided);
-        if matches!(self.method, Method::PostShaded(_) | Method::Maximum(_)) {
+        if self.splats.repeats() {
             let lattice = self.grid.dims().map(|d| [0, i64::from(d) - 1]);
             return ray.clipped(&lattice, 0.5);
         }
@@ -350,7 +413,7 @@ impl Reference {
             Some(bricks) => Either::Shared(bricks),
             None => Either::Own(Bricks::new(&self.splats, viewer, rounded)),
         };
-        Rays { reference: self, sizes, bricks, map: if many { self.map(sizes) } else { None } }
+        Rays { reference: self, sizes, forward: direction, bricks, map: if many { self.map(sizes) } else { None } }
     }
 
     /// The most that can show at each place.
@@ -358,12 +421,15 @@ impl Reference {
         let seen = |seen: bool| f64::from(u8::from(seen));
         let map = |most: &(dyn Fn([f64; 2]) -> f64 + Sync)| self.splats.cells.map(sizes.reach, most);
         let transfer = self.splats.transfer();
-        if matches!(self.method, Method::PreShaded | Method::Xray) {
+        if matches!(self.method, Method::PreShaded | Method::Xray(_)) {
             return Some(map(&|range| seen(!transfer.is_invisible(range))));
+        }
+        let base = transfer.base();
+        if matches!(self.method, Method::Mean(_)) {
+            return Some(map(&|range| seen(range != [base; 2])));
         }
         // Sums of kernels, where all weights are 1.
         let [least, most] = kernel_sums(&self.kernel, sizes.least, sizes.largest(self.radius))?;
-        let base = transfer.base();
         let field = |[low, high]: [f64; 2]| {
             let [low, high] = [low - base, high - base];
             [low * if low < 0.0 { most } else { least }, high * if high > 0.0 { most } else { least }]
@@ -380,6 +446,8 @@ impl Reference {
 struct Rays<'a> {
     reference: &'a Reference,
     sizes: Sizes,
+    /// The direction of the view.
+    forward: DVec3,
     bricks: Either<'a>,
     map: Option<Map>,
 }
@@ -424,23 +492,37 @@ impl Rays<'_> {
         let measure = 1.0 / ray.voxels_per_unit;
         let accuracy = &reference.accuracy;
         match &reference.method {
-            Method::PreShaded | Method::Xray => {
-                let mut emission =
-                    Emission { sum: RayIntegral::default(), measure: measure / reference.divisor, accuracy };
+            Method::PreShaded | Method::Xray(_) => {
+                let mut emission = Emission {
+                    sum: RayIntegral::default(),
+                    measure: measure / reference.divisor,
+                    accuracy,
+                    hides: !matches!(reference.method, Method::Xray(response) if response != Response::Absorption),
+                };
                 let bounds = reference.splats.bounds(self.sizes.layers);
                 if let Some(ray) = bounds.and_then(|bounds| ray.clipped(&bounds, self.sizes.reach)) {
                     self.parts(ray, 0.0, |part| self.blocks(part, scratch, |block, cuts| emission.block(block, cuts)));
                 }
                 let mut sum = emission.sum;
-                if matches!(reference.method, Method::Xray) {
-                    sum.color = [sum.alpha(); 3];
+                if let Method::Xray(response) = reference.method {
+                    let [red, green, blue, _] = response.pixel(sum.optical_depth);
+                    sum.color = [red, green, blue];
                 }
                 sum
             }
             Method::PostShaded(classifier) => {
+                let of_voxels = |place| reference.splats.visibility(place);
+                let of_points = |place| reference.visibility(place);
+                let arriving: Option<&dyn Fn(DVec3) -> Visibility> = match &reference.light {
+                    _ if !reference.splats.has_shadows() => None,
+                    None => Some(&of_voxels),
+                    Some(_) => Some(&of_points),
+                };
                 let mut classified = Classified {
                     sum: RayIntegral::default(),
                     classifier,
+                    ray,
+                    arriving,
                     to_eye: -direction,
                     sides: classifier.sides(-direction),
                     measure,
@@ -458,7 +540,7 @@ impl Rays<'_> {
                 classified.sum
             }
             Method::Maximum(transfer) => {
-                let mut maximum = Maximum { largest: None, position: ray.start };
+                let mut maximum = Maximum { largest: None, place: ray.start, position: ray.start };
                 let mut search = |maximum: &mut Maximum, part: LatticeRay| {
                     maximum.position = part.start;
                     self.blocks(part, scratch, |block, cuts| {
@@ -475,10 +557,19 @@ impl Rays<'_> {
                     search(&mut maximum, part);
                     true
                 });
-                let most = transfer.max_opacity();
-                let sum = maximum.largest.unwrap_or_default();
-                let (color, opacity) = transfer.sample(transfer.base() + sum / reference.divisor);
-                RayIntegral::uniform(color, if most > 0.0 { opacity / most } else { 0.0 })
+                let place = ray.origin + ray.direction * maximum.place;
+                let depth = reference.depth_coded.then(|| reference.depth(self.forward, place));
+                reference.projected(transfer, maximum.largest.unwrap_or_default(), depth)
+            }
+            Method::Mean(transfer) => {
+                let mut integral = Integral(0.0);
+                self.parts(ray, 0.0, |part| {
+                    self.blocks(part, scratch, |block, cuts| {
+                        integral.block(block, cuts);
+                        true
+                    })
+                });
+                reference.projected(transfer, integral.0 / (ray.end - ray.start), None)
             }
         }
     }
@@ -500,7 +591,11 @@ impl Tracer<'_> {
         let (sx, sy) = self.camera.image_coordinates(pixel);
         let (origin, direction) = self.camera.ray(sx, sy);
         let two_sided = self.camera.eye().is_none();
-        SCRATCH.with_borrow_mut(|scratch| self.rays.trace(origin, direction, two_sided, scratch)).rgba()
+        let sum = SCRATCH.with_borrow_mut(|scratch| self.rays.trace(origin, direction, two_sided, scratch));
+        match self.rays.reference.method {
+            Method::Xray(response) => response.pixel(sum.optical_depth),
+            _ => sum.rgba(),
+        }
     }
 }
 

@@ -234,6 +234,13 @@ impl Series {
         sum
     }
 
+    /// The mean of the first weight from a to b.
+    pub(super) fn mean(&self, a: f64, b: f64) -> f64 {
+        let (middle, half) = (f64::midpoint(a, b), (b - a) / 2.0);
+        // The first term at a node is half of the weight.
+        GAUSS.nodes.iter().zip(&GAUSS.terms).map(|(x, terms)| terms[0] * self.at(middle + half * x)[0]).sum()
+    }
+
     /// One polynomial: the weights, each times its factor, added up.
     pub(super) fn combined(&self, factors: &Weights) -> Scalar {
         let products = self.0.map(|term| std::array::from_fn::<_, 4, _>(|c| term[c] * factors[c]));

@@ -2,7 +2,8 @@
 //!
 //! ```json
 //! {"unit_distance": 1.0, "points": [{"value": 0, "color": "#rrggbb", "opacity": 0.0},
-//!                                   {"value": 1, "color": [1.0, 0.9, 0.8], "opacity": 0.4}]}
+//!                                   {"value": 1, "color": [1.0, 0.9, 0.8], "opacity": 0.4}],
+//!  "gradient_opacity": [{"magnitude": 0, "opacity": 0.0}, {"magnitude": 20, "opacity": 1.0}]}
 //! ```
 
 use std::fmt;
@@ -11,7 +12,7 @@ use std::path::Path;
 use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
 use serde_json::value::RawValue;
 
-use super::{ControlPoint, TransferFunction};
+use super::{ControlPoint, GradientPoint, TransferFunction};
 use crate::color;
 use crate::error::{Error, Result};
 use crate::source;
@@ -21,12 +22,21 @@ const MAX_BYTES: u64 = 4 << 20;
 
 /// The file. Points stay text until each is parsed by itself, so an error can name the point and its line.
 #[derive(serde::Deserialize)]
-#[serde(deny_unknown_fields, expecting = "an object with the keys `points` and `unit_distance`")]
+#[serde(deny_unknown_fields, expecting = "an object with the keys `points`, `unit_distance` and `gradient_opacity`")]
 struct Document<'a> {
     #[serde(default)]
     unit_distance: Option<f64>,
     #[serde(borrow)]
     points: Vec<&'a RawValue>,
+    #[serde(default)]
+    gradient_opacity: Vec<Steepness>,
+}
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields, expecting = "an object with the keys `magnitude` and `opacity`")]
+struct Steepness {
+    magnitude: f64,
+    opacity: f64,
 }
 
 #[derive(serde::Deserialize)]
@@ -101,7 +111,9 @@ impl TransferFunction {
             point.check(points.last()).map_err(|reason| error(line, &reason))?;
             points.push(point);
         }
-        Self::new(points, document.unit_distance)
+        let steepness = |Steepness { magnitude, opacity }| GradientPoint { magnitude, opacity };
+        let gradient = document.gradient_opacity.into_iter().map(steepness).collect();
+        Self::new(points, document.unit_distance)?.with_gradient_opacity(gradient)
     }
 
     /// Reads a transfer function from a JSON file.
@@ -132,7 +144,15 @@ impl TransferFunction {
             })
             .collect();
         let unit = self.unit_distance.map(|u| format!("  \"unit_distance\": {},\n", number(u))).unwrap_or_default();
-        format!("{{\n{unit}  \"points\": [\n{}\n  ]\n}}\n", points.join(",\n"))
+        let steepness = |p: &GradientPoint| {
+            format!("    {{\"magnitude\": {}, \"opacity\": {}}}", number(p.magnitude), number(p.opacity))
+        };
+        let gradient: Vec<String> = self.gradient.iter().map(steepness).collect();
+        let gradient = match gradient.as_slice() {
+            [] => String::new(),
+            points => format!(",\n  \"gradient_opacity\": [\n{}\n  ]", points.join(",\n")),
+        };
+        format!("{{\n{unit}  \"points\": [\n{}\n  ]{gradient}\n}}\n", points.join(",\n"))
     }
 }
 

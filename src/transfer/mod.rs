@@ -1,8 +1,11 @@
 //! Transfer functions: from a scalar to a colour and an opacity.
 
+mod gradient;
 mod json;
 pub mod presets;
 
+pub use self::gradient::GradientPoint;
+pub(crate) use self::gradient::scaled_share;
 use crate::error::{Error, Result};
 
 /// A control point of a transfer function.
@@ -41,6 +44,7 @@ impl ControlPoint {
 pub struct TransferFunction {
     points: Vec<ControlPoint>,
     unit_distance: Option<f64>,
+    gradient: Vec<GradientPoint>,
 }
 
 impl TransferFunction {
@@ -85,7 +89,7 @@ impl TransferFunction {
         {
             return Err(Error::Transfer(format!("unit_distance {unit} is not a positive length")));
         }
-        Ok(Self { points, unit_distance })
+        Ok(Self { points, unit_distance, gradient: Vec::new() })
     }
 
     /// The error about too few or too many points.
@@ -183,6 +187,13 @@ impl TransferFunction {
             return f64::midpoint(a.value, b.value);
         }
         p.iter().find(|q| self.sample(q.value).1 <= 0.0).unwrap_or(&p[0]).value
+    }
+
+    /// The function that gives every value what this one gives its opposite. (At a step itself the other side holds.)
+    #[must_use]
+    pub(crate) fn mirrored(&self) -> Self {
+        let points = self.points.iter().rev().map(|p| ControlPoint { value: -p.value, ..*p }).collect();
+        Self { points, ..self.clone() }
     }
 
     /// Whether no value of a range has opacity. Both ends are included, and either may be infinite.

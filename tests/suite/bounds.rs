@@ -145,8 +145,10 @@ pub(crate) fn bound(
     settings: &Settings,
     rendered: &Rendered,
 ) -> Bound {
-    if settings.model == Model::Mip {
-        return Bound { alpha: 1.0, color: 1.0, rms: UNEXPLAINED };
+    if matches!(settings.model, Model::Mip | Model::Minip) {
+        // Gaussians are cut off, and sums of them have narrow dips between the rims: minima lie there.
+        let rms = if settings.model == Model::Minip { 2.0 * UNEXPLAINED } else { UNEXPLAINED };
+        return Bound { alpha: 1.0, color: 1.0, rms };
     }
     if settings.is_post_shaded() {
         let slope = slope(transfer, range_of(volume, transfer), volume.grid().min_spacing());

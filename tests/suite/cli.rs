@@ -101,6 +101,12 @@ fn wrong_arguments_are_one_line_and_exit_2() {
     refused("render demo:sphere -o a.exr --axes", 2, "--title and --caption are drawn on a .png");
     refused("render demo:sphere -o a.png --axes --size 64", 2, "--size: 64x64 pixels, expected sides of 128");
     refused("render demo:sphere -o a.png --color-bar --model xray", 2, "--colour-bar: an X-ray is white");
+    refused("render demo:sphere -o a.png --model xray --response depth", 2, "a .png holds 0 to 1");
+    refused("render demo:sphere -o a.png --model xray --response film:0,3", 2, "an exposure of 0");
+    refused("render demo:sphere -o a.png --response film", 2, "only an X-ray");
+    refused("pareto demo:sphere -o a --model xray --response depth", 2, "no picture for a report");
+    refused("render demo:sphere -o a.png --depth-coded", 2, "neither mip nor minip");
+    refused("render demo:sphere -o a.png --model mip --depth-coded --colour-bar", 2, "those of depths");
     refused("render demo:sphere -o a.png --title 骨", 2, "--title: the font has no '骨'");
     refused("render demo:sphere -o a.png --length-unit mm", 2, "--scale-bar");
     // What is quoted is cut, and what is expected is not.

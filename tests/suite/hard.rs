@@ -24,15 +24,17 @@ struct Case {
     settings: Settings,
 }
 
-/// Pre-shaded, lit, post-shaded, X-ray and maximum.
-fn models(base: &Settings) -> [(&'static str, Settings); 5] {
+/// Pre-shaded, lit, post-shaded, X-ray, maximum, minimum and average.
+fn models(base: &Settings) -> [(&'static str, Settings); 7] {
     let base = base.clone();
     [
         ("pre", base.clone()),
         ("lit", Settings { lighting: headlight(), ..base.clone() }),
         ("post", Settings { shading: Shading::Post, level: Level::Auto, ..base.clone() }),
         ("xray", Settings { model: Model::Xray, ..base.clone() }),
-        ("mip", Settings { model: Model::Mip, level: Level::Auto, ..base }),
+        ("mip", Settings { model: Model::Mip, level: Level::Auto, ..base.clone() }),
+        ("minip", Settings { model: Model::Minip, level: Level::Auto, ..base.clone() }),
+        ("average", Settings { model: Model::Average, level: Level::Auto, ..base }),
     ]
 }
 
@@ -55,14 +57,14 @@ fn hold(cases: Vec<Case>, wanted: &[&str]) {
                         format!("{e} FAILS")
                     }
                 };
-                println!("{name:<28} {model:<5} {row}");
+                println!("{name:<28} {model:<7} {row}");
             }
         }
     }
     assert!(failures.is_empty(), "{} fail:\n{}", failures.len(), failures.join("\n"));
 }
 
-const ALL: [&str; 5] = ["pre", "lit", "post", "xray", "mip"];
+const ALL: [&str; 7] = ["pre", "lit", "post", "xray", "mip", "minip", "average"];
 
 /// A soft ball with a hard core, in a lattice of 12 x 11 x 10.
 fn ball(to_world: DAffine3) -> Volume {

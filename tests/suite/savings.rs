@@ -85,6 +85,7 @@ fn only_what_a_scene_needs_is_made_and_sent() {
         (Settings { lighting: headlight(), ..pre.clone() }, 11),
         (post.clone(), 8),
         (Settings { model: Model::Mip, ..pre.clone() }, 8),
+        (Settings { model: Model::Average, ..pre.clone() }, 8),
     ];
     for (settings, pipelines) in scenes {
         let renderer = new_renderer();

@@ -4,7 +4,7 @@
 use std::process::Command;
 
 use voxsplat::camera::View;
-use voxsplat::settings::{Model, Resolution, Settings, Shading};
+use voxsplat::settings::{Model, Resolution, Response, Settings, Shading};
 
 use crate::support::{demo, draw_on, exact_quads, headlight, look, new_renderer, prepare_on, with_tiles};
 
@@ -28,7 +28,10 @@ fn turns() {
         ("pre, lit", "vessels", Settings { lighting: headlight(), ..base.clone() }),
         ("post", "sphere", Settings { shading: Shading::Post, ..base.clone() }),
         ("xray", "shepp-logan", Settings { model: Model::Xray, ..base.clone() }),
-        ("mip", "marschner-lobb", Settings { model: Model::Mip, ..base }),
+        ("mip", "marschner-lobb", Settings { model: Model::Mip, ..base.clone() }),
+        ("depth", "vessels", Settings { model: Model::Mip, depth_coded: true, ..base.clone() }),
+        ("film", "shepp-logan", Settings { model: Model::Xray, response: Response::FILM, ..base.clone() }),
+        ("average", "marschner-lobb", Settings { model: Model::Average, ..base }),
     ];
     for (name, demo_name, quads) in scenes {
         let (volume, transfer) = demo(demo_name, 24);

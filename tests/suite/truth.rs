@@ -16,8 +16,17 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::Volume;
 
 /// Files or folders of `src/` on which the reference's pictures depend, without their endings.
-const SOURCES: [&str; 7] =
-    ["camera", "kernel", "lighting", "reconstruction/prefilter", "reference", "transfer/mod", "volume"];
+const SOURCES: [&str; 9] = [
+    "camera",
+    "kernel",
+    "lighting",
+    "reconstruction/prefilter",
+    "reference",
+    "response",
+    "transfer/mod",
+    "transfer/gradient",
+    "volume",
+];
 
 /// The picture that the reference integrates.
 pub(crate) fn truth(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Image {
@@ -76,8 +85,19 @@ fn key(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: 
         hash.add(&memory.value(index).to_bits().to_le_bytes());
     }
     // Numbers are written with as many digits as it takes to tell them apart.
-    let Settings { model, shading, lighting, antialiasing, kernel, normalization, sharpness, .. } = settings;
-    let model = (model, shading, lighting, antialiasing, kernel, normalization, sharpness);
+    let Settings {
+        model,
+        response,
+        depth_coded,
+        shading,
+        lighting,
+        antialiasing,
+        kernel,
+        normalization,
+        sharpness,
+        ..
+    } = settings;
+    let model = (model, response, depth_coded, shading, lighting, antialiasing, kernel, normalization, sharpness);
     hash.add(format!("{:?} {transfer:?} {camera:?} {model:?}", volume.grid()).as_bytes());
     hash.0
 }
@@ -126,7 +146,7 @@ fn decode(bytes: &[u8]) -> Option<Vec<[f32; 4]>> {
 mod tests {
     use voxsplat::camera::ProjectionKind;
     use voxsplat::kernel::Kernel;
-    use voxsplat::settings::Model;
+    use voxsplat::settings::{Model, Response};
 
     use super::*;
     use crate::support::{camera, demo, exact_quads, thick};
@@ -167,6 +187,7 @@ mod tests {
             key(&volume, &transfer, &turned, &settings),
             key(&volume, &transfer, &Camera { size: [8, 9], ..seen }, &settings),
             key(&volume, &transfer, &seen, &Settings { model: Model::Xray, ..settings.clone() }),
+            key(&volume, &transfer, &seen, &Settings { response: Response::FILM, ..settings.clone() }),
             key(&volume, &transfer, &seen, &Settings { kernel: Kernel::KAISER_BESSEL, ..settings.clone() }),
             key(&volume, &transfer, &seen, &Settings { sharpness: 0.5, ..settings.clone() }),
             key(&volume, &transfer, &seen, &Settings { antialiasing: false, ..settings }),

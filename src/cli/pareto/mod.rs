@@ -74,7 +74,8 @@ pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
         let volume = formats::load(&job.source, &job.load)?;
-        let Fitted { transfer, note, .. } = transfer(&job.source, &job.transfer, &volume, &mut Stages::default())?;
+        let choice = (&job.transfer, job.gradient.as_ref());
+        let Fitted { transfer, note, .. } = transfer(&job.source, choice, &volume, &mut Stages::default())?;
         note.iter().for_each(|note| output::say(note));
         (volume, transfer)
     };

@@ -43,9 +43,9 @@ impl CompositeStage {
         };
         let shader = module(context, shaders::COMPOSITE);
         let composite = compute(context, &shader, "composite", entry, &composite_layout, constants);
-        let white = [("WHITE", flag(key.feed == Feed::Depth))];
+        let response = [("RESPONSE", f64::from(key.response))];
         let shader = module(context, shaders::RESOLVE);
-        let resolve = compute(context, &shader, "resolve", "resolve", &resolve_layout, &white);
+        let resolve = compute(context, &shader, "resolve", "resolve", &resolve_layout, &response);
         Self { composite_layout, composite, resolve_layout, resolve }
     }
 

@@ -21,9 +21,9 @@ use terminate::Terminator;
 
 use super::context::Context;
 use super::layout::{Area, Lighting};
+use super::light_volume::PostShading;
 use super::pipeline::{both, buffer_range};
 use super::recorder::{Readback, Recorder};
-use super::transfer::TransferTable;
 use crate::error::{Error, Result};
 use crate::settings::Precision;
 
@@ -40,12 +40,18 @@ pub(crate) enum Feed {
     LitScalars,
     /// Means of the scalar, of which the largest is kept.
     Maximum,
+    /// Means of the scalar, whose mean is kept.
+    Mean,
 }
 
 /// What the pipelines are specialised for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) struct QuadsKey {
     pub(crate) feed: Feed,
+    /// RESPONSE in shaders/common/response.wgsl.
+    pub(crate) response: u32,
+    /// Colours are those of depth.
+    pub(crate) depth_coded: bool,
     pub(crate) perspective: bool,
     /// Kernels grow.
     pub(crate) grown: bool,
@@ -61,6 +67,9 @@ pub(crate) struct QuadsKey {
     pub(crate) samples: u32,
     /// See [`TransferTable`].
     pub(crate) crowded: bool,
+    pub(crate) thins: bool,
+    /// Light is kept from scalars.
+    pub(crate) post_shadows: bool,
     /// Opaque pixels hide splats.
     pub(crate) terminates: bool,
     pub(crate) precision: Precision,
@@ -95,19 +104,24 @@ impl Feed {
         };
         match self {
             Self::Colors | Self::LitScalars => 4 * channel,
-            Self::Depth | Self::Scalars | Self::Maximum => channel,
+            Self::Depth | Self::Scalars | Self::Maximum | Self::Mean => channel,
         }
     }
 
     /// Whether sheets hold scalars.
     fn is_scalar(self) -> bool {
-        matches!(self, Self::Scalars | Self::LitScalars | Self::Maximum)
+        matches!(self, Self::Scalars | Self::LitScalars | Self::Maximum | Self::Mean)
+    }
+
+    /// Whether one scalar of a ray is classified: then all of the ray counts, what shows nothing too.
+    fn projects(self) -> bool {
+        matches!(self, Self::Maximum | Self::Mean)
     }
 
     /// Sheets that share an attachment.
     fn sheets_per_attachment(self) -> u32 {
         match self {
-            Self::Scalars | Self::Maximum => 4,
+            Self::Scalars | Self::Maximum | Self::Mean => 4,
             Self::Colors | Self::LitScalars | Self::Depth => 1,
         }
     }
@@ -116,7 +130,7 @@ impl Feed {
     fn batch_sizes(self) -> &'static [u32] {
         match self {
             Self::Colors | Self::Depth => &[8, 4, 1],
-            Self::Scalars | Self::LitScalars | Self::Maximum => &[8, 4],
+            Self::Scalars | Self::LitScalars | Self::Maximum | Self::Mean => &[8, 4],
         }
     }
 }
@@ -125,8 +139,8 @@ impl Feed {
 struct Inputs<'a> {
     footprint: &'a wgpu::TextureView,
     lighting: Lighting,
-    /// What scalars are classified by.
-    transfer: Option<&'a TransferTable>,
+    /// What scalars are classified and lit by.
+    post: Option<&'a PostShading>,
 }
 
 /// What sheets are brought into.
@@ -262,7 +276,7 @@ impl Quads {
         sheets: &[SheetTextures],
         frame: Frame<'_>,
     ) -> Result<Bound<'_>> {
-        match (&self.consumer, inputs.transfer) {
+        match (&self.consumer, inputs.post) {
             (Consumer::Composite(stage), _) => Ok(Bound::Composite(stage.bind(context, target, &sheets[0], frame)?)),
             (Consumer::Shading(stage), Some(table)) => {
                 Ok(Bound::Shading(stage.bind(context, target, inputs, table, sheets, frame)?))

@@ -49,7 +49,8 @@ impl<'a> Picture<'a> {
         let knobs = settings.quads();
         let feed = match settings.model {
             Model::Xray => Feed::Depth,
-            Model::Mip => Feed::Maximum,
+            Model::Mip | Model::Minip => Feed::Maximum,
+            Model::Average => Feed::Mean,
             Model::Composite if settings.is_post_shaded() && settings.lighting.is_some() => Feed::LitScalars,
             Model::Composite if settings.is_post_shaded() => Feed::Scalars,
             Model::Composite => Feed::Colors,
@@ -67,14 +68,18 @@ impl<'a> Picture<'a> {
         };
         let key = QuadsKey {
             feed,
+            response: settings.xray_response().0,
+            depth_coded: settings.depth_coded,
             perspective: view.is_perspective(),
             grown: view.max_growth() > 1.0,
             axis: plan.is_axis_aligned(),
             additive: knobs.accumulation == Accumulation::Additive,
             lights: settings.light_count(),
-            shadows: settings.casting().is_some(),
+            shadows: !feed.is_scalar() && settings.casting().is_some(),
+            post_shadows: job.post.is_some_and(|post| post.shadows),
             samples: if feed.is_scalar() { settings.samples_per_slab(knobs.sheet_thickness, PIECES) } else { 1 },
-            crowded: job.transfer.is_some_and(|table| table.crowded),
+            crowded: job.post.is_some_and(|post| post.table.crowded),
+            thins: job.post.is_some_and(|post| post.table.thins),
             terminates: view.terminates(),
             precision,
             sheets_per_pass: sheets_per_pass(context, knobs.sheets_per_pass, feed, precision)?,
@@ -127,7 +132,7 @@ impl Painting for Picture<'_> {
         let inputs = Inputs {
             footprint: self.footprint.get_or_insert_with(|| footprint_texture(context, &self.table)),
             lighting: view.lighting(settings.lighting.as_ref()),
-            transfer: self.job.transfer,
+            post: self.job.post,
         };
         let plan = &self.plan;
         let frame = context.upload("frame", bytemuck::bytes_of(&plan.frame(region)), wgpu::BufferUsages::UNIFORM)?;

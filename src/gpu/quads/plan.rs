@@ -45,6 +45,8 @@ pub(crate) struct Plan<'a> {
     section_scale: f64,
     sheet_scale: f64,
     kernel: Kernel,
+    /// See shaders/common/frame.wgsl.
+    model: [f32; 4],
     /// Cells may stand for voxels of scalars.
     takes_cells: bool,
 }
@@ -195,6 +197,11 @@ impl<'a> Plan<'a> {
             section_scale: sheet_scale / (divisor * weights.unit),
             sheet_scale,
             kernel: settings.kernel,
+            model: if settings.depth_coded {
+                [(0.5 / view.gradients[2].abs().dot(view.faces)) as f32, 0.5, 0.0, 0.0]
+            } else {
+                settings.xray_response().1
+            },
             takes_cells: settings.level == Level::Auto,
         };
         plan.padding = plan.scalar_need().padding;
@@ -357,6 +364,7 @@ impl<'a> Plan<'a> {
             tile_size: self.tile_size(),
             level_spread: (spread(1) / (3.0 * self.kernel.variance())) as f32,
             _pad: 0,
+            model: self.model,
         }
     }
 }

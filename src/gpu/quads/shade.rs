@@ -1,11 +1,14 @@
-//! shade: sheets of scalars into the frame, classified and lit per pixel; or their largest value.
+//! shade: sheets of scalars into the frame, classified and lit per pixel; or their largest value or mean.
+
+use glam::DAffine3;
 
 use super::super::context::Context;
-use super::super::layout::{Area, Shade};
+use super::super::layout::{Area, Shade, affine};
+use super::super::light_volume::PostShading;
 use super::super::pipeline::{Binding, bind, compute, flag, layout, module, texture_view};
 use super::super::recorder::{Recorder, flat};
 use super::super::shaders;
-use super::super::transfer::TransferTable;
+use super::super::view::half;
 use super::plan::Target;
 use super::splat::SheetTextures;
 use super::{DynamicUniforms, Feed, Frame, Inputs, QuadsKey};
@@ -48,19 +51,24 @@ impl ShadeStage {
             sheets,
             Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float),
             Binding::Write,
+            Binding::FilteredTexture(wgpu::TextureViewDimension::D3),
+            Binding::Sampler,
         ];
         let shade_layout = layout(context, "shade", stages, &slots);
         let shader = module(context, shaders::SHADE);
         let crowded = ("CROWDED", flag(key.crowded));
+        let thins = ("GRADIENT_OPACITY", flag(key.thins));
         let constants = [("PERSPECTIVE", flag(key.perspective)), ("SHEETS", f64::from(key.sheets_per_pass))];
-        let shading = [("LIGHTS", f64::from(key.lights)), ("SAMPLES", f64::from(key.samples)), crowded];
+        let shadows = ("SHADOWS", flag(key.post_shadows));
+        let shading = [("LIGHTS", f64::from(key.lights)), ("SAMPLES", f64::from(key.samples)), crowded, thins, shadows];
         let shading = [&constants[..], &shading].concat();
-        let maximum = key.feed == Feed::Maximum;
-        let (entry, constants) =
-            if maximum { ("maximum", constants.as_slice()) } else { ("shade", shading.as_slice()) };
+        let mean = ("MEAN", flag(key.feed == Feed::Mean));
+        let projection = [&constants[..], &[mean]].concat();
+        let (entry, constants) = if key.feed.projects() { ("project", &projection) } else { ("shade", &shading) };
         let shade = compute(context, &shader, "shade", entry, &shade_layout, constants);
-        let (resolve_layout, resolve) = if maximum {
-            let pipeline = compute(context, &shader, "shade", "resolve_maximum", &shade_layout, &[crowded]);
+        let (resolve_layout, resolve) = if key.feed.projects() {
+            let constants = [crowded, mean, ("DEPTH_CODED", flag(key.depth_coded))];
+            let pipeline = compute(context, &shader, "shade", "resolve_projection", &shade_layout, &constants);
             (shade_layout.clone(), pipeline)
         } else {
             let resolve_layout = layout(context, "resolve", stages, &[Binding::Uniform, Binding::Write]);
@@ -76,35 +84,37 @@ impl ShadeStage {
         context: &Context,
         target: Target<'_>,
         inputs: &Inputs<'_>,
-        table: &TransferTable,
+        post: &PostShading,
         sheets: &[SheetTextures],
         Frame { pixels, reached }: Frame<'_>,
     ) -> Result<Shaded<'a>> {
+        let table = &post.table;
         let drawn: Vec<bool> = reached.iter().map(|area| *area != Area::default()).chain([false]).collect();
         let base_is_invisible = table.invisible[0] <= table.invisible[1];
         let extent = target.extent();
-        // Pixels that neither batch reaches hold the base. They are shaded only if the base shows or may be the
-        // maximum.
+        // Pixels that neither batch reaches hold the base. They are shaded only if the base shows or counts.
         let areas: Vec<Area> = (0..drawn.len())
             .map(|batch| {
-                if !base_is_invisible || self.key.feed == Feed::Maximum {
+                if !base_is_invisible || self.key.feed.projects() {
                     return Area { low: [0, 0], high: extent };
                 }
                 let of = |batch: Option<usize>| batch.and_then(|b| reached.get(b)).copied().unwrap_or_default();
                 of(batch.checked_sub(1)).joined(of(Some(batch)))
             })
             .collect();
+        let to_light = affine(&(post.to_light * DAffine3::from_translation(half(&target.plan.view.grid))));
         let parameters: Vec<_> = (0..drawn.len() as u32)
             .map(|batch| Shade {
                 // One sheet back: each is shaded when the next one is known.
                 depth: (target.plan.sheet_depth(batch * self.key.sheets_per_pass) - target.plan.sheet_step()) as f32,
                 previous: f32::from(u8::from(batch > 0 && drawn[batch as usize - 1])),
                 current: f32::from(u8::from(drawn[batch as usize])),
-                _pad: 0,
+                gradient_lookup: table.gradient_lookup,
                 invisible: table.invisible,
                 lookup: table.lookup,
                 low: areas[batch as usize].low,
                 high: areas[batch as usize].high,
+                to_light,
             })
             .collect();
         let batches = DynamicUniforms::new(context, "shade.batches", &parameters)?;
@@ -120,13 +130,16 @@ impl ShadeStage {
                 texture_view(&sheets[parity].all),
                 texture_view(&table.texture),
                 pixels.as_entire_binding(),
+                texture_view(&post.light.texture),
+                wgpu::BindingResource::Sampler(&post.light.sampler),
             ];
             bind(context, "shade", &self.layout, &resources)
         };
         let groups = [group(0), group(1)];
-        let resolve = match self.key.feed {
-            Feed::Maximum => group(0),
-            _ => bind(context, "resolve", &self.resolve_layout, &[frame.clone(), pixels.as_entire_binding()]),
+        let resolve = if self.key.feed.projects() {
+            group(0)
+        } else {
+            bind(context, "resolve", &self.resolve_layout, &[frame.clone(), pixels.as_entire_binding()])
         };
         Ok(Shaded {
             stage: self,
@@ -147,8 +160,8 @@ impl Shaded<'_> {
     pub(super) fn batch(&self, recorder: &mut Recorder<'_>, batch: u32) {
         let index = batch as usize;
         let before = index.checked_sub(1).is_some_and(|before| self.drawn[before]);
-        // Places that no splat reaches hold the base: it may show, and be the largest value of a ray.
-        if !before && !self.drawn[index] && self.base_is_invisible && self.stage.key.feed != Feed::Maximum {
+        // Places that no splat reaches hold the base: it may show, or be the largest value of a ray.
+        if !before && !self.drawn[index] && self.base_is_invisible && !self.stage.key.feed.projects() {
             return;
         }
         let offsets = [self.batches.offset(batch)];
@@ -161,7 +174,7 @@ impl Shaded<'_> {
     /// Shades the last sheet, after which there is none, and makes the frame a picture.
     pub(super) fn resolve(&self, recorder: &mut Recorder<'_>) {
         self.batch(recorder, self.drawn.len() as u32 - 1);
-        let offsets: &[u32] = if self.stage.key.feed == Feed::Maximum { &[0] } else { &[] };
+        let offsets: &[u32] = if self.stage.key.feed.projects() { &[0] } else { &[] };
         recorder.dispatch("resolve", &self.stage.resolve, &self.resolve, offsets, flat(self.workgroups));
     }
 }

@@ -65,7 +65,7 @@ impl QuadsKey {
         match self.feed {
             Feed::Colors | Feed::LitScalars => format!("feed_{}", self.sheets_per_pass),
             Feed::Depth => "feed_depth".to_owned(),
-            Feed::Scalars | Feed::Maximum => format!("scalars_{}", self.sheets_per_pass),
+            Feed::Scalars | Feed::Maximum | Feed::Mean => format!("scalars_{}", self.sheets_per_pass),
         }
     }
 }

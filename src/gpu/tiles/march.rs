@@ -3,10 +3,10 @@
 
 use super::super::context::Context;
 use super::super::layout::{self, TILE};
+use super::super::light_volume::PostShading;
 use super::super::pipeline::{self, Binding, bind, compute, flag, module, texture_view};
 use super::super::recorder::Recorder;
 use super::super::shaders;
-use super::super::transfer::TransferTable;
 use super::pack::{Packed, Voxel};
 use super::resample::FORMAT;
 use super::{Block, RayKind, TilesKey};
@@ -38,7 +38,7 @@ pub(super) struct Targets<'a> {
     /// The picture, to which every ray of a pixel adds.
     pub(super) pixels: &'a wgpu::Buffer,
     pub(super) lighting: &'a wgpu::Buffer,
-    pub(super) transfer: Option<&'a TransferTable>,
+    pub(super) post: Option<&'a PostShading>,
 }
 
 impl Stage {
@@ -73,7 +73,7 @@ impl Stage {
             ("PERSPECTIVE", flag(key.perspective)),
             ("TERMS", f64::from(key.terms)),
             ("TEXELS", f64::from(key.texels)),
-            ("WHITE", flag(key.model == Model::Xray)),
+            ("RESPONSE", f64::from(key.response)),
             ("CURVED", flag(key.curved)),
             ("GROWN", flag(key.grown)),
             ("REACH", f64::from(key.reach)),
@@ -96,14 +96,14 @@ impl Stage {
                 RayKind::StraightBlocks(_) => ("straight", image),
                 _ => ("single", image),
             };
-            let white = ("WHITE", flag(key.model == Model::Xray));
+            let response = ("RESPONSE", f64::from(key.response));
             let grown = ("GROWN", flag(key.grown));
             let resampled = ("RESAMPLED", flag(key.rays == RayKind::Coarser));
             let layered = ("LAYERED", flag(key.rays == RayKind::Layered));
             let (curved, reach) = (("CURVED", flag(key.curved)), ("REACH", f64::from(key.reach)));
             let bindings = [Binding::Uniform, volume, Binding::Read, state, Binding::Write];
             let mut constants =
-                vec![perspective, terms, texels, straight, white, resampled, curved, grown, layered, reach];
+                vec![perspective, terms, texels, straight, response, resampled, curved, grown, layered, reach];
             if let RayKind::StraightBlocks(Block { across, rows }) = key.rays {
                 constants.extend([("ACROSS", f64::from(across)), ("ROWS", f64::from(rows))]);
             }
@@ -114,19 +114,48 @@ impl Stage {
             (Voxel::Scalar, false) => shaders::GATHER_SCALARS,
             _ => shaders::GATHER_GRADIENTS,
         };
-        let maximum = ("MAXIMUM", flag(key.model == Model::Mip));
+        let maximum = ("MAXIMUM", flag(matches!(key.model, Model::Mip | Model::Minip)));
+        let mean = ("MEAN", flag(key.model == Model::Average));
+        let coded = ("DEPTH_CODED", flag(key.depth_coded));
         let lights = ("LIGHTS", f64::from(key.lights));
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
-        let bindings = [Binding::Uniform, volume, Binding::Read, Binding::Write, Binding::Uniform, transfer];
+        let light = Binding::FilteredTexture(wgpu::TextureViewDimension::D3);
+        let bindings = [
+            Binding::Uniform,
+            volume,
+            Binding::Read,
+            Binding::Write,
+            Binding::Uniform,
+            transfer,
+            light,
+            Binding::Sampler,
+        ];
+        let shadows = ("SHADOWS", flag(key.post_shadows));
         let scalars = ("SCALARS", 1.0);
         let (grown, reach) = (("GROWN", flag(key.grown)), ("REACH", f64::from(key.reach)));
         let crowded = ("CROWDED", flag(key.crowded));
+        let thins = ("GRADIENT_OPACITY", flag(key.thins));
         Self::new(
             context,
             shader,
             "gather",
             &bindings,
-            &[perspective, terms, texels, straight, scalars, maximum, lights, crowded, grown, reach],
+            &[
+                perspective,
+                terms,
+                texels,
+                straight,
+                scalars,
+                maximum,
+                mean,
+                coded,
+                lights,
+                crowded,
+                thins,
+                shadows,
+                grown,
+                reach,
+            ],
         )
     }
 }
@@ -144,8 +173,14 @@ pub(super) fn march(
     let rays = targets.rays.as_entire_binding();
     let mut resources = vec![rays, texture_view(&packed.volume), runs.as_entire_binding()];
     let pixels = targets.pixels.as_entire_binding();
-    match targets.transfer {
-        Some(table) => resources.extend([pixels, targets.lighting.as_entire_binding(), texture_view(&table.texture)]),
+    match targets.post {
+        Some(PostShading { table, light, .. }) => resources.extend([
+            pixels,
+            targets.lighting.as_entire_binding(),
+            texture_view(&table.texture),
+            texture_view(&light.texture),
+            wgpu::BindingResource::Sampler(&light.sampler),
+        ]),
         None => {
             let state = match targets.state {
                 RayTarget::Image(image) => texture_view(image),

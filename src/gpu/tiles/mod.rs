@@ -79,6 +79,10 @@ impl RayKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(crate) struct TilesKey {
     model: Model,
+    /// RESPONSE in shaders/common/response.wgsl.
+    response: u32,
+    /// Colours are those of depth.
+    depth_coded: bool,
     voxel: Voxel,
     lights: u32,
     perspective: bool,
@@ -96,6 +100,9 @@ pub(crate) struct TilesKey {
     packs_on_host: bool,
     /// See [`TransferTable`](super::transfer::TransferTable).
     crowded: bool,
+    thins: bool,
+    /// Light is kept from scalars.
+    post_shadows: bool,
 }
 
 /// The pipelines of the painter.
@@ -159,7 +166,7 @@ impl Tiles {
                     state: &state,
                     pixels: &canvas.pixels,
                     lighting: &lighting,
-                    transfer: picture.job.transfer,
+                    post: picture.job.post,
                 };
                 march(recorder, &self.skip, &self.gather, packed, &pixel_rays.uniforms, &targets)?;
                 count(&mut marched, &pixel_rays);
@@ -179,7 +186,7 @@ impl Tiles {
                     state: &RayTarget::Image(image.textures[0].clone()),
                     pixels: &canvas.pixels,
                     lighting: &lighting,
-                    transfer: None,
+                    post: None,
                 };
                 march(recorder, &self.skip, &self.gather, packed, &rays.uniforms, &targets)?;
                 resampler.run(recorder, &image, &canvas.pixels, &refinement, [region.width, region.height]);

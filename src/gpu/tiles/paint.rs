@@ -15,6 +15,7 @@ use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Til
 use crate::error::Result;
 use crate::image::Region;
 use crate::kernel::Kernel;
+use crate::response::Response;
 use crate::settings::{Model, Painter, Resolution, Settings};
 use crate::stats::{RaySpacing, TilesStats};
 
@@ -50,6 +51,9 @@ const PIECES: f64 = 3.0;
 /// The least radius of kernels of scalars, in voxels: the fitted parts of narrower ones in slabs of half a plane err by
 /// half of what they are (a maximum of gaussian:0.25,0.5 by 0.26, rms).
 const MIN_SCALAR_RADIUS: f64 = 1.0;
+
+/// Optical depth over alpha is never more.
+const BRIGHTEST_DEPTH: f64 = 1e30;
 
 /// Radii that are more than they may be by this factor are so by rounding.
 const ROUNDING: f64 = 1.0 + 1e-6;
@@ -120,7 +124,7 @@ pub(super) struct Way {
 impl<'a> Picture<'a> {
     /// Says why if it cannot be: the volume does not fit into a texture, or the kernel's footprint is no polynomial.
     fn new(job: Job<'a>) -> std::result::Result<Self, String> {
-        let Job { context, view, settings, stores, transfer, .. } = job;
+        let Job { context, view, settings, stores, post, .. } = job;
         if settings.is_post_shaded() && job.weights.max > MAX_SCALAR {
             return Err(
                 "tiles draws values of which none is far beyond all that shows: parts of kernels are fitted, and \
@@ -152,7 +156,7 @@ impl<'a> Picture<'a> {
         let packings: Option<Vec<Packing>> = packings.collect();
         let packings = packings.ok_or("tiles packs the volume into a texture, which this volume outgrows")?;
         let dense = max_depth(&job) > DENSE;
-        let kind = match transfer {
+        let kind = match post {
             Some(_) => SlabKind::Scalars,
             None if dense => SlabKind::DenseColors,
             None => SlabKind::Colors,
@@ -179,9 +183,13 @@ impl<'a> Picture<'a> {
         let reach = |way: &Way| most * self.kernel.radius() / (1.0 - way.axis.lean.powi(2)).sqrt();
         TilesKey {
             model: settings.model,
+            response: settings.xray_response().0,
+            depth_coded: settings.depth_coded,
             voxel: way.packing.voxel,
             lights: settings.light_count(),
-            crowded: self.job.transfer.is_some_and(|table| table.crowded),
+            crowded: self.job.post.is_some_and(|post| post.table.crowded),
+            thins: self.job.post.is_some_and(|post| post.table.thins),
+            post_shadows: self.job.post.is_some_and(|post| post.shadows),
             perspective: view.is_perspective(),
             grown: most > 1.0,
             packs_on_host: way.packing.is_for_host(self.job.context, self.job.splats()),
@@ -210,10 +218,10 @@ impl<'a> Picture<'a> {
 
     /// Whether some pixels do without rays of their own.
     fn is_resampled(&self) -> bool {
-        let Job { settings, transfer, .. } = self.job;
+        let Job { settings, post, .. } = self.job;
         // What is classified has edges that only the rays of pixels keep; rays that are shared reach two voxels.
         let full = resolution(settings, self.job.context.info.is_software()) == Resolution::Full;
-        let per_pixel = full || transfer.is_some() || self.kernel.radius() > MAX_RADIUS || self.is_layered();
+        let per_pixel = full || post.is_some() || self.kernel.radius() > MAX_RADIUS || self.is_layered();
         !per_pixel && self.ways.iter().any(|way| self.setup(way).pixel_share(&way.axis) < 1.0)
     }
 
@@ -252,8 +260,8 @@ impl<'a> Picture<'a> {
     /// Pixels whose straight rays share the voxels that they meet. On GPUs and of scalars, none do: see [`resolution`];
     /// and what takes time there is to classify.
     fn block(&self, way: &Way) -> Option<Block> {
-        let Job { context, transfer, .. } = self.job;
-        if transfer.is_some() || !context.info.is_software() {
+        let Job { context, post, .. } = self.job;
+        if post.is_some() || !context.info.is_software() {
             return None;
         }
         self.setup(way).block(&way.axis, self.whole())
@@ -328,10 +336,12 @@ impl<'a> Picture<'a> {
     }
 
     fn setup<'s>(&'s self, Way { axis, packing, sections }: &'s Way) -> RaySetup<'s> {
-        let Job { view, settings, weights, transfer, padding, .. } = self.job;
-        let scalars = transfer.map(|table| Classification {
-            invisible: table.invisible,
-            lookup: table.lookup,
+        let Job { view, settings, weights, post, padding, .. } = self.job;
+        let scalars = post.map(|post| Classification {
+            invisible: post.table.invisible,
+            lookup: post.table.lookup,
+            gradient_lookup: post.table.gradient_lookup,
+            to_light: post.to_light,
             // Slabs of scalars are half a plane thick.
             samples: settings.samples_per_slab(axis.slab_voxels() / 2.0, PIECES),
             skip_nothing: !shows_nothing_else(&self.job),
@@ -354,8 +364,14 @@ impl<'a> Picture<'a> {
                 density_scale: 1.0 / (divisor * weights.unit),
                 opaque_depth: view.opaque_depth,
                 max_depth: max_depth(&self.job),
-                // An X-ray is white, whatever the colours of the transfer function.
-                brightest: if settings.model == Model::Xray { [1.0; 3] } else { weights.brightest },
+                // An X-ray is white, whatever the colours of the transfer function, or as bright as it is deep.
+                brightest: match (settings.model, settings.response) {
+                    (Model::Xray, Response::Depth) => [BRIGHTEST_DEPTH; 3],
+                    (Model::Xray, _) => [1.0; 3],
+                    _ => weights.brightest,
+                },
+                curve: settings.xray_response().1,
+                depth_coded: settings.depth_coded,
             },
             scalars,
         }
@@ -397,7 +413,7 @@ fn max_depth(job: &Job<'_>) -> f64 {
 
 /// Whether places without splats, at the transfer function's base, show nothing.
 fn shows_nothing_else(job: &Job<'_>) -> bool {
-    job.transfer.is_none_or(|table| table.invisible[0] <= table.invisible[1])
+    job.post.is_none_or(|post| post.table.invisible[0] <= post.table.invisible[1])
 }
 
 impl Picture<'_> {
@@ -433,7 +449,7 @@ impl Picture<'_> {
             let rays = images.iter().map(|rays| rays.uniforms.size.into_iter().map(u64::from).product::<u64>());
             (rays.sum::<u64>() + beside) * u64::from(way.packing.dims[2])
         };
-        let each = if self.job.transfer.is_some() { SCALAR_PLANE_WORK } else { PLANE_WORK };
+        let each = if self.job.post.is_some() { SCALAR_PLANE_WORK } else { PLANE_WORK };
         let work: u128 = self.ways.iter().map(|way| u128::from(each) * u128::from(planes(way))).sum();
         (u128::from(MAX_WORK) * u128::from(self.whole().area()) / work.max(1)) as u64
     }
@@ -459,7 +475,7 @@ impl Picture<'_> {
 
     /// What it took.
     pub(super) fn stats(&self) -> TilesStats {
-        let per_plane = if self.job.transfer.is_some() { 2 } else { 1 };
+        let per_plane = if self.job.post.is_some() { 2 } else { 1 };
         let (slabs, slab_thickness) = self.ways.first().map_or((0, 0.0), |Way { axis, packing, .. }| {
             (packing.dims[2] * per_plane, axis.slab() / f64::from(per_plane))
         });

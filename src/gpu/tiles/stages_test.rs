@@ -524,7 +524,14 @@ fn rays_meet_no_voxel_between_runs() {
                     most: 1.0,
                     fade: None,
                 },
-                optics: Optics { density_scale: 1.0, opaque_depth: f64::INFINITY, max_depth: 0.1, brightest: [1.0; 3] },
+                optics: Optics {
+                    density_scale: 1.0,
+                    opaque_depth: f64::INFINITY,
+                    max_depth: 0.1,
+                    brightest: [1.0; 3],
+                    curve: [0.0; 4],
+                    depth_coded: false,
+                },
                 scalars: None,
             };
             let images = Rays::of_images(&setup, axis, region);

@@ -324,7 +324,7 @@ fn gradients_at_the_edge_take_the_edge_for_its_neighbour() {
 fn wrong_settings_are_refused() {
     let volume = bumps();
     let wrong = Settings { lighting: Some(Lighting::default()), model: Model::Mip, ..Settings::default() };
-    assert!(matches!(Reference::new(&volume, &tones(), &wrong), Err(crate::error::Error::Setting { .. })));
+    assert!(matches!(Reference::new(&volume, &tones(), &wrong), Err(Error::Setting { .. })));
 }
 
 #[test]

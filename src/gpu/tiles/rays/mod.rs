@@ -5,7 +5,7 @@ mod parallel;
 mod perspective;
 
 use bytemuck::Zeroable;
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use super::super::layout::{self, MACROCELL, TILE};
 use super::super::view::{Fade, half};
@@ -89,6 +89,10 @@ pub(super) struct Optics {
     pub(super) max_depth: f64,
     /// The largest of each channel of colours.
     pub(super) brightest: [f64; 3],
+    /// Of an X-ray: `curve` in shaders/common/response.wgsl.
+    pub(super) curve: [f32; 4],
+    /// Colours are those of depth.
+    pub(super) depth_coded: bool,
 }
 
 /// How scalars are classified.
@@ -97,6 +101,9 @@ pub(super) struct Classification {
     /// See [`TransferTable`](super::super::transfer::TransferTable).
     pub(super) invisible: [f32; 2],
     pub(super) lookup: [f32; 2],
+    pub(super) gradient_lookup: f32,
+    /// From the lattice of the volume to where the light is that arrives.
+    pub(super) to_light: DAffine3,
     /// Places in a slab at which it is classified.
     pub(super) samples: u32,
     /// Whether empty space may show, so that nothing is skipped.
@@ -113,6 +120,14 @@ impl PackedBox<'_> {
         axis.ordered(p - low) + if axis.flipped { DVec3::Z * last_plane } else { DVec3::ZERO }
     }
 
+    /// From (a, b, plane) of the packed box to the lattice.
+    fn to_lattice(&self, axis: &PrincipalAxis) -> DAffine3 {
+        let of = |p: DVec3| self.placed(axis, self.grid.to_world().transform_point3(p));
+        let zero = of(DVec3::ZERO);
+        let [x, y, z] = DVec3::AXES.map(|unit| of(unit) - zero);
+        DAffine3::from_mat3_translation(DMat3::from_cols(x, y, z), zero).inverse()
+    }
+
     /// The box of what shows, as its least and largest (a, b, plane).
     fn bounds(&self, axis: &PrincipalAxis) -> [DVec3; 2] {
         let ends = [-self.faces, self.faces].map(|end| half(self.grid) + end);
@@ -122,6 +137,15 @@ impl PackedBox<'_> {
 }
 
 impl RaySetup<'_> {
+    /// The share of a place (a, b, plane) in the depth of the box: `model` in shaders/common/rays.wgsl.
+    fn depth(&self, axis: &PrincipalAxis) -> [f32; 4] {
+        let PackedBox { grid, faces, .. } = self.volume;
+        let gradient = grid.to_world().matrix3.transpose() * self.camera.forward;
+        let across = axis.ordered(gradient) / (2.0 * gradient.abs().dot(faces));
+        let middle = self.volume.placed(axis, grid.to_world().transform_point3(half(grid)));
+        across.extend(0.5 - across.dot(middle)).as_vec4().to_array()
+    }
+
     /// Plane coordinates (see shaders/common/frame.wgsl) of a point of the image, given in pixels from its top left
     /// corner.
     fn plane(&self, p: DVec2) -> DVec2 {
@@ -164,6 +188,7 @@ impl RaySetup<'_> {
             density_scale: self.optics.density_scale.min(MAX_DENSITY_SCALE) as f32,
             opaque_depth: self.optics.opaque_depth.min(f64::from(f32::MAX)) as f32,
             brightest: self.optics.brightest.map(|c| c as f32),
+            model: if self.optics.depth_coded { self.depth(axis) } else { self.optics.curve },
             radius2: (radius * radius) as f32,
             box_low: f3(box_low),
             box_high: f3(box_high),
@@ -189,9 +214,10 @@ impl RaySetup<'_> {
             ..layout::Rays::zeroed()
         };
         match self.scalars {
-            Some(Classification { invisible, lookup, samples, skip_nothing }) => {
+            Some(Classification { invisible, lookup, gradient_lookup, to_light, samples, skip_nothing }) => {
                 let unskipped = if skip_nothing { packing.dims[2] as i32 } else { 0 };
-                layout::Rays { invisible, lookup, samples, unskipped, ..uniforms }
+                let to_light = layout::affine(&(to_light * self.volume.to_lattice(axis)));
+                layout::Rays { invisible, lookup, gradient_lookup, to_light, samples, unskipped, ..uniforms }
             }
             None => uniforms,
         }

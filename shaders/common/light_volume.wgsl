@@ -1,0 +1,13 @@
+// The light that arrives at each place of a field of scalars: shares of it at voxels or cells, linear between them. The
+// bindings are those of a stage that uses it.
+
+// Whether light is kept from the field.
+override SHADOWS: bool = false;
+
+// The shares that arrive at a place of the texture: of the lights that cast shadows (xyz) and of what is around (w).
+fn kept_at(place: vec3f) -> vec4f {
+    if !SHADOWS {
+        return UNSHADED;
+    }
+    return textureSampleLevel(light_volume, light_sampler, place, 0.0);
+}

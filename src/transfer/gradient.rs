@@ -1,0 +1,119 @@
+//! Gradient opacity: how much of its opacity a value keeps where the scalar changes so fast.
+
+use super::TransferFunction;
+use crate::error::{Error, Result};
+
+/// A control point of gradient opacity.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GradientPoint {
+    /// The length of the scalar's gradient: value per world unit, 0 or more.
+    pub magnitude: f64,
+    /// The share of extinction that stays, 0 to 1.
+    pub opacity: f64,
+}
+
+impl TransferFunction {
+    /// The same with gradient opacity, piecewise linear in the length of the gradient and constant beyond its ends:
+    /// extinction is multiplied by it (Levoy 1988, "Display of surfaces from volume data"; VTK's gradient opacity in
+    /// the limit of short steps). What is flat, like the inside of organs, gives way to what has a surface. No points:
+    /// extinction stays as it is. A maximum intensity projection has none.
+    ///
+    /// ```
+    /// use voxsplat::transfer::{ControlPoint, GradientPoint, TransferFunction};
+    ///
+    /// let point = |magnitude, opacity| GradientPoint { magnitude, opacity };
+    /// let skin = ControlPoint { value: 0.0, color: [0.9, 0.7, 0.6], opacity: 0.3 };
+    /// let transfer = TransferFunction::new(vec![skin], None)?
+    ///     .with_gradient_opacity(vec![point(10.0, 0.0), point(50.0, 1.0)])?;
+    /// assert_eq!(transfer.gradient_share(30.0), 0.5);
+    /// # Ok::<(), voxsplat::error::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::Transfer`] if there are more than [`Self::MAX_POINTS`], magnitudes are not finite, negative or not in
+    /// ascending order, or an opacity is outside 0..1.
+    pub fn with_gradient_opacity(self, points: Vec<GradientPoint>) -> Result<Self> {
+        if points.len() > Self::MAX_POINTS {
+            return Err(Self::wrong_count(points.len()));
+        }
+        let mut before = 0.0;
+        for (number, GradientPoint { magnitude, opacity }) in points.iter().enumerate() {
+            let error = |reason: String| Err(Error::Transfer(format!("gradient point {}: {reason}", number + 1)));
+            if !(magnitude.is_finite() && *magnitude >= before) {
+                return error(format!("magnitude {magnitude} comes after {before}: magnitudes must ascend from 0"));
+            }
+            if !(0.0..=1.0).contains(opacity) {
+                return error(format!("opacity {opacity} must lie in 0..1"));
+            }
+            before = *magnitude;
+        }
+        Ok(Self { gradient: points, ..self })
+    }
+
+    /// The control points of gradient opacity, magnitudes ascending; none if extinction is as it is everywhere.
+    #[must_use]
+    pub fn gradient_opacity(&self) -> &[GradientPoint] {
+        &self.gradient
+    }
+
+    /// The share of extinction that stays where the gradient is so long, value per world unit.
+    #[must_use]
+    pub fn gradient_share(&self, magnitude: f64) -> f64 {
+        share(&self.gradient, magnitude, |p| (p.magnitude, p.opacity))
+    }
+
+    /// Gradient opacity as shaders and their twins see it, whose gradients are `scale` times as long: pairs of
+    /// magnitude and share.
+    pub(crate) fn scaled_gradient_opacity(&self, scale: f64) -> Vec<[f32; 2]> {
+        let scaled = |p: &GradientPoint| [(p.magnitude * scale).min(1e36) as f32, p.opacity as f32];
+        self.gradient.iter().map(scaled).collect()
+    }
+}
+
+/// What pairs of [`TransferFunction::scaled_gradient_opacity`] say of a magnitude.
+pub(crate) fn scaled_share(points: &[[f32; 2]], magnitude: f32) -> f32 {
+    let share = share(points, f64::from(magnitude), |&[m, share]| (f64::from(m), f64::from(share)));
+    share as f32
+}
+
+/// Linear between points, constant beyond them. Of points of one magnitude the last holds from there on.
+fn share<T>(points: &[T], magnitude: f64, of: impl Fn(&T) -> (f64, f64)) -> f64 {
+    let above = points.partition_point(|p| of(p).0 <= magnitude);
+    let (Some(a), Some(b)) = (points.get(above.saturating_sub(1)), points.get(above).or(points.last())) else {
+        return 1.0;
+    };
+    let ((low, first), (high, last)) = (of(a), of(b));
+    let f = if high > low { ((magnitude - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 };
+    first + (last - first) * f
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transfer::ControlPoint;
+
+    fn with(points: &[(f64, f64)]) -> Result<TransferFunction> {
+        let all = ControlPoint { value: 0.0, color: [1.0; 3], opacity: 0.5 };
+        let point = |&(magnitude, opacity): &(f64, f64)| GradientPoint { magnitude, opacity };
+        TransferFunction::new(vec![all], None)?.with_gradient_opacity(points.iter().map(point).collect())
+    }
+
+    #[test]
+    fn shares_are_linear_between_points() {
+        let transfer = with(&[(1.0, 0.2), (3.0, 1.0), (3.0, 0.5)]).unwrap();
+        for (magnitude, share) in [(0.0, 0.2), (1.0, 0.2), (2.0, 0.6), (3.0, 0.5), (9.0, 0.5), (f64::INFINITY, 0.5)] {
+            assert!((transfer.gradient_share(magnitude) - share).abs() < 1e-12, "{magnitude}");
+            let scaled = transfer.scaled_gradient_opacity(1e-3);
+            assert!((f64::from(scaled_share(&scaled, (magnitude * 1e-3) as f32)) - share).abs() < 1e-6, "{magnitude}");
+        }
+        assert_eq!(with(&[]).unwrap().gradient_share(5.0), 1.0);
+    }
+
+    #[test]
+    fn wrong_points_are_refused() {
+        for points in [[(-1.0, 0.5), (1.0, 1.0)], [(2.0, 0.5), (1.0, 1.0)], [(0.0, 0.5), (1.0, 1.5)]] {
+            let error = with(&points).unwrap_err().to_string();
+            assert!(error.contains("gradient point"), "{error}");
+        }
+    }
+}
