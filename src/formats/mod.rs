@@ -1,6 +1,7 @@
 //! Readers: from the name of a volume to the volume.
 
 mod decode;
+mod dicom;
 mod fields;
 mod input;
 mod metaimage;
@@ -14,7 +15,7 @@ mod tiff;
 mod vtk;
 mod xml;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use decode::{Layout, lattice, read_all};
 use input::{Input, hinted};
@@ -42,6 +43,8 @@ pub struct LoadOptions {
     /// The finite number that replaces NaN and infinite samples; `None` makes such samples an error. They are
     /// transparent if the transfer function gives this number no opacity.
     pub replace_nan: Option<f64>,
+    /// The series of a folder of DICOM files that holds several, counted from 1 in the order of their numbers.
+    pub series: Option<u32>,
     /// The largest volume, in bytes of samples, that is always read into memory; 4 MiB by default. A larger one stays
     /// in its file if its samples are uncompressed and in one piece there, and is read brick by brick.
     pub stream_over: u64,
@@ -56,6 +59,7 @@ impl Default for LoadOptions {
             endian: None,
             offset: 0,
             replace_nan: None,
+            series: None,
             stream_over: 4 << 20,
         }
     }
@@ -72,6 +76,7 @@ enum Format {
     Vti,
     Vtk,
     Tiff,
+    Dicom,
 }
 
 impl Format {
@@ -85,6 +90,7 @@ impl Format {
             Self::Vti => "VTK XML",
             Self::Vtk => "legacy VTK",
             Self::Tiff => "TIFF",
+            Self::Dicom => "DICOM",
         }
     }
 
@@ -106,6 +112,8 @@ impl Format {
             Some(Self::Vti)
         } else if tiff::is_tiff(head) {
             Some(Self::Tiff)
+        } else if dicom::is_dicom(head) {
+            Some(Self::Dicom)
         } else {
             None
         }
@@ -133,8 +141,9 @@ impl Format {
 /// Loads a volume: a file of one of the formats below, a file of bare samples, or the built-in volume
 /// `demo:NAME[:SIZE]` (see [`demos`]).
 ///
-/// The formats are NRRD, NIfTI, MetaImage, NumPy, MRC, ImageData of VTK, and TIFF. A folder is read if it holds TIFF
-/// files: in natural order, in which 9 goes before 10, they are the sections of a volume.
+/// The formats are NRRD, NIfTI, MetaImage, NumPy, MRC, ImageData of VTK, TIFF and uncompressed DICOM. A folder is read
+/// if it holds DICOM files, whose slices are sorted by position, or TIFF files, which are sections in natural order: 9
+/// goes before 10.
 ///
 /// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
 /// may be compressed with gzip. Files of bare samples need `dims` and `sample_type`. For all other files these two are
@@ -210,27 +219,36 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
         Format::Vti => image_data::read(input, spacing),
         Format::Vtk => legacy::read(input, spacing),
         Format::Tiff => tiff::read(input, spacing),
+        Format::Dicom => dicom::read_files(path, &[path.to_owned()], options.series, spacing),
     }
 }
 
 /// Reads the sections that are files of a folder.
 fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
     let read_error = |source| Error::Read { path: folder.to_owned(), source };
-    let mut files = Vec::new();
+    let (mut sections, mut slices) = (Vec::new(), Vec::new());
     for entry in std::fs::read_dir(folder).map_err(read_error)? {
         let path = entry.map_err(read_error)?.path();
-        // Other files may lie beside the sections, such as notes and previews.
-        let is_section = path.is_file() && Format::of_name(&path) == Some(Format::Tiff);
-        if is_section && Format::of_content(&Input::open(&path)?.peek(4)?) == Some(Format::Tiff) {
-            files.push(path);
+        if !path.is_file() {
+            continue;
+        }
+        // Other files may lie beside the slices, such as notes and previews.
+        match Format::of_content(&Input::open(&path)?.peek(nifti::HEADER_SIZE)?) {
+            Some(Format::Tiff) if Format::of_name(&path) == Some(Format::Tiff) => sections.push(path),
+            Some(Format::Dicom) => slices.push(path),
+            _ => {}
         }
     }
-    if files.is_empty() {
-        return Err(Error::format(folder, "is a directory without TIFF files, expected a regular file"));
-    }
     refuse_raw_options(folder, options, "a folder")?;
-    files.sort_by_cached_key(|path| natural(&path.file_name().unwrap_or_default().to_string_lossy()));
-    tiff::read_files(folder, &files, options.spacing)
+    let name = |path: &PathBuf| natural(&path.file_name().unwrap_or_default().to_string_lossy());
+    sections.sort_by_cached_key(name);
+    slices.sort_by_cached_key(name);
+    match (sections.is_empty(), slices.is_empty()) {
+        (true, true) => Err(Error::format(folder, "is a directory without TIFF or DICOM files")),
+        (false, true) => tiff::read_files(folder, &sections, options.spacing),
+        (true, false) => dicom::read_files(folder, &slices, options.series, options.spacing),
+        (false, false) => Err(Error::format(folder, "holds TIFF and DICOM files: give each a folder of its own")),
+    }
 }
 
 /// A key that sorts names with numbers as people do: runs of digits are numbers, and 9 goes before 10.
@@ -289,8 +307,7 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
 
 /// The error about a file of no known format.
 fn unknown(input: &Input, head: &[u8]) -> Error {
-    let formats: [(usize, &[u8], &str); 6] = [
-        (128, b"DICM", "DICOM"),
+    let formats: [(usize, &[u8], &str); 5] = [
         (0, b"\x89HDF", "HDF5"),
         (0, b"CDF", "NetCDF"),
         (0, b"<?xml", "XML"),
@@ -303,7 +320,7 @@ fn unknown(input: &Input, head: &[u8]) -> Error {
             input.error(format!("is a {name} file, {reason}"))
         }
         None => {
-            let error = input.error("is not a NRRD, NIfTI, MetaImage, NumPy, MRC, VTK or TIFF file");
+            let error = input.error("is not a NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF or DICOM file");
             hinted(error, Hint::GiveDimsAndSampleType)
         }
     }

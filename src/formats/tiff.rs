@@ -30,6 +30,9 @@ const MAX_EXPANSION: u64 = 4096;
 /// The largest table or text of a directory, in bytes: positions of 65535 strips and a long OME-XML.
 const MAX_VALUE: usize = 16 << 20;
 
+/// The largest strip or tile, in bytes.
+const MAX_STRIP: usize = 1 << 30;
+
 /// Whether these are the first bytes of a TIFF or BigTIFF file.
 pub(super) fn is_tiff(head: &[u8]) -> bool {
     [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| head.starts_with(*magic))
@@ -43,7 +46,7 @@ pub(super) fn read(input: Input, spacing: Option<[f64; 3]>) -> Result<Volume> {
     let path = input.path().to_owned();
     let stack = Stack::open(&path)?;
     let sections = stack.sections();
-    read_stacks(&path, &stack, &[path.clone()], sections, spacing)
+    read_stacks(&path, &stack, std::slice::from_ref(&path), sections, spacing)
 }
 
 /// Reads the volume whose sections are in these files.
@@ -197,8 +200,9 @@ impl Stack {
         let length = file.metadata().map_err(|source| Error::Read { path: path.to_owned(), source })?.len();
         let limit = usize::try_from(length.saturating_mul(MAX_EXPANSION)).unwrap_or(usize::MAX);
         let mut limits = Limits::default();
-        limits.decoding_buffer_size = limit;
-        limits.intermediate_buffer_size = limit;
+        // The first is of texts too, for which memory is taken at once.
+        limits.decoding_buffer_size = MAX_VALUE.min(limit);
+        limits.intermediate_buffer_size = MAX_STRIP.min(limit);
         limits.ifd_value_size = MAX_VALUE.min(limit);
         let decoder = Decoder::new(BufReader::new(file)).map_err(|error| failed(path, error))?;
         let mut decoder = decoder.with_limits(limits);

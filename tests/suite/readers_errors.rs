@@ -8,7 +8,7 @@ use voxsplat::formats::{LoadOptions, load};
 use voxsplat::volume::SampleType;
 
 use crate::fuzz::targets::assert_one_line;
-use crate::readers::path;
+use crate::readers::{folder_of, path};
 
 /// Loads `bytes` from a file of that name; the error's message.
 fn refused(name: &str, bytes: &[u8]) -> String {
@@ -53,7 +53,7 @@ fn files_that_are_no_volume_are_named() {
     assert_refused("a.mha", b"some bytes", "not \"Field = value\"");
     assert_refused("a.nrrd", b"NRRD0009\n", "NRRD0001 to NRRD0005");
     let dicom = [vec![0; 128], b"DICM".to_vec(), vec![0; 500]].concat();
-    assert_refused("a.dcm", &dicom, "DICOM");
+    assert_refused("a.dcm", &dicom, "is damaged");
     let analyze = [348_u32.to_le_bytes().to_vec(), vec![0; 344]].concat();
     assert_refused("a.hdr", &analyze, "ANALYZE");
 
@@ -377,6 +377,46 @@ fn broken_tiff_files_say_what_is_wrong() {
     assert_refused("a.tif", &whole[..whole.len() / 2], "cut short");
     assert_refused("a.tif", b"II*\0\x08\0\0\0\0\0\0\0\0\0", "");
     assert_refused("a.tif", &gzip(&whole), "decompressed");
+}
+
+#[test]
+fn broken_dicom_files_say_what_is_wrong() {
+    let whole = std::fs::read(path("enhanced-i16.dcm")).unwrap();
+    let replaced = |from: &[u8], to: &[u8]| {
+        let at = whole.windows(from.len()).rposition(|window| window == from).unwrap();
+        [&whole[..at], to, &whole[at + from.len()..]].concat()
+    };
+    let syntax = b"1.2.840.10008.1.2.1\0";
+    let cases: [(&[u8], &[u8], &str); 8] = [
+        (syntax, b"1.2.840.10008.1.2.5\0", "compressed by RLE"),
+        (syntax, b"1.2.840.10008.1.2.9\0", ""),
+        (b"\x28\0\x10\0US\x02\0\x04", b"\x28\0\x10\0US\x02\0\x05", "150 bytes, 120 are there"),
+        (b"\x28\0\x10\0US\x02\0\x04", b"\x28\0\x10\0US\x02\0\0", "dimension 2 is 0"),
+        (b"\x28\0\x02\0US\x02\0\x01", b"\x28\0\x02\0US\x02\0\x03", "3 channels"),
+        (b"34.5", b"32.5", "two slices at one position"),
+        (b"38.5", b"40.5", "1 slices are missing between"),
+        (b"38.5", b"39.5", "unequally spaced: 2.4000"),
+    ];
+    for (from, to, words) in cases {
+        let bytes = replaced(from, to);
+        if words.is_empty() {
+            // An unknown transfer syntax is taken for one without compression.
+            assert!(load_ok(&bytes));
+        } else {
+            assert_refused("a.dcm", &bytes, words);
+        }
+    }
+    assert_refused("a.dcm", &whole[..whole.len() - 1], "cut short");
+    assert_refused("a.dcm", &whole[..1000], "");
+    // In the order of their positions: c, e, b, a, d.
+    let folder = folder_of(&["ct-a.dcm", "ct-c.dcm", "ct-d.dcm", "ct-e.dcm"]);
+    let says = message(folder.path(), &LoadOptions::default());
+    assert!(says.contains("1 slices are missing between ct-e.dcm and ct-a.dcm"), "{says}");
+    std::fs::copy(path("ct-a.dcm"), folder.path().join("ct-b.dcm")).unwrap();
+    let says = message(folder.path(), &LoadOptions::default());
+    assert!(says.contains("two slices at one position: ct-a.dcm and ct-b.dcm"), "{says}");
+    std::fs::copy(path("raw-u8.tif"), folder.path().join("a.tif")).unwrap();
+    assert!(message(folder.path(), &LoadOptions::default()).contains("TIFF and DICOM"));
 }
 
 #[test]

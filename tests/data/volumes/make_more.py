@@ -3,7 +3,7 @@
 expected-more.json: what the reference implementations read there. It is to be run after make.py, whose samples these
 volumes have.
 
-    pip install numpy==2.4.6 mrcfile==1.5.4 vtk==9.7.2 tifffile==2026.3.3 imagecodecs==2026.3.6
+    pip install numpy==2.4.6 mrcfile==1.5.4 vtk==9.7.2 tifffile==2026.3.3 imagecodecs==2026.3.6 pydicom==3.0.2
     python make_more.py
 
 Affines are 3 x 4, from lattice to world, as in expected.json.
@@ -16,6 +16,7 @@ from pathlib import Path
 
 import mrcfile
 import numpy as np
+import pydicom
 import tifffile
 import vtk
 from vtk.util import numpy_support
@@ -282,6 +283,99 @@ add("one-directory.tif", "i16", diagonal((1, 1, 3)), tifffile.imread(one), unit=
 # The sections of a folder, whose natural order is not that of the alphabet.
 for z in range(5):
     tifffile.imwrite(f"section-{z + 8}.tiff", zyx("i16")[z], metadata=None, software=False, compression="zlib", **GREY)
+
+
+# --- DICOM --------------------------------------------------------------------------------------------------------
+
+def dataset(data, syntax=pydicom.uid.ExplicitVRLittleEndian, series=1, frames=None, kind="PRIMARY"):
+    """A dataset with pixels; its UIDs are fixed, so that a file only changes when what it says does."""
+    meta = pydicom.dataset.FileMetaDataset()
+    meta.TransferSyntaxUID = syntax
+    meta.MediaStorageSOPClassUID = "1.2.840.10008.5.1.4.1.1.2"
+    meta.MediaStorageSOPInstanceUID = "1.2.826.0.1.3680043.8.498.9"
+    out = pydicom.Dataset()
+    out.file_meta = meta
+    out.SOPClassUID, out.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
+    out.Modality, out.SeriesDescription, out.SeriesNumber = "CT", f"series {series}", series
+    out.SeriesInstanceUID = f"1.2.826.0.1.3680043.8.498.{series}"
+    out.ImageType = ["ORIGINAL", kind, "AXIAL"]
+    out.Rows, out.Columns = data.shape[-2:]
+    out.SamplesPerPixel, out.PhotometricInterpretation = 1, "MONOCHROME2"
+    out.BitsAllocated = out.BitsStored = 8 * data.dtype.itemsize
+    out.HighBit = out.BitsStored - 1
+    out.PixelRepresentation = int(data.dtype.kind == "i")
+    if frames:
+        out.NumberOfFrames = frames
+    # A sequence with tags that are those of the image, as icons have them.
+    icon = pydicom.Dataset()
+    icon.Rows, icon.Columns, icon.BitsAllocated, icon.PixelRepresentation = 1, 1, 8, 0
+    icon.PixelData = b"\0\0"
+    out.IconImageSequence = [icon]
+    big = syntax == pydicom.uid.ExplicitVRBigEndian
+    pixels = data.astype(data.dtype.newbyteorder(">" if big else "<")).tobytes()
+    out.PixelData = pixels + b"\0" * (len(pixels) % 2)
+    out["PixelData"].VR = "OB" if data.dtype.itemsize == 1 and not big else "OW"
+    return out
+
+
+def save(file, out):
+    pydicom.dcmwrite(file, out, enforce_file_format=True)
+
+
+def check_dicom(file, name, affine, **options):
+    got = pydicom.dcmread(file).pixel_array
+    add(file, name, affine, got, **options)
+
+
+# A tilted gantry: slices lie askew to the direction in which they follow one another.
+PLANE = [1, 0, 0, 0, 0.8, 0.6]
+for z, letter in enumerate("cebad"):
+    out = dataset(zyx("i16")[z])
+    out.ImageOrientationPatient, out.PixelSpacing = PLANE, [0.75, 0.5]
+    out.ImagePositionPatient = [10, -20, 30.5 + 2 * z]
+    out.RescaleSlope, out.RescaleIntercept = 0.5, -1000
+    save(f"ct-{letter}.dcm", out)
+out = dataset(zyx("i16")[0][:2], kind="LOCALIZER")
+out.ImageOrientationPatient, out.ImagePositionPatient = [1, 0, 0, 0, 0, -1], [0, 0, 0]
+save("scout.dcm", out)
+out = dataset(zyx("u8")[0], series=2)
+out.ImageOrientationPatient, out.ImagePositionPatient = PLANE, [0, 0, 0]
+save("other.dcm", out)
+
+
+def item(**elements):
+    out = pydicom.Dataset()
+    for name, value in elements.items():
+        setattr(out, name, value)
+    return out
+
+
+def enhanced(file, name, syntax):
+    out = dataset(zyx(name), syntax, frames=5)
+    out.SharedFunctionalGroupsSequence = [item(
+        PixelMeasuresSequence=[item(PixelSpacing=[0.75, 0.5], SliceThickness=5)],
+        PlaneOrientationSequence=[item(ImageOrientationPatient=PLANE)],
+        PixelValueTransformationSequence=[item(RescaleSlope=2, RescaleIntercept=-7)],
+    )]
+    out.PerFrameFunctionalGroupsSequence = [item(
+        PlanePositionSequence=[item(ImagePositionPatient=[10, -20, 30.5 + 2 * z])],
+    ) for z in range(5)]
+    save(file, out)
+    sheared = [[0.5, 0, 0, 10], [0, 0.75 * 0.8, 0, -20], [0, 0.75 * 0.6, 2, 30.5]]
+    check_dicom(file, name, sheared, oriented=True, slope=2.0, intercept=-7.0)
+
+
+enhanced("enhanced-i16.dcm", "i16", pydicom.uid.ExplicitVRLittleEndian)
+enhanced("enhanced-big-u16.dcm", "u16", pydicom.uid.ExplicitVRBigEndian)
+enhanced("enhanced-implicit-i8.dcm", "i8", pydicom.uid.ImplicitVRLittleEndian)
+out = dataset(zyx("u8"), pydicom.uid.ImplicitVRLittleEndian, frames=5)
+out.PixelSpacing = [0.75, 0.5]
+save("frames-u8.dcm", out)
+check_dicom("frames-u8.dcm", "u8", diagonal((0.5, 0.75, 1)))
+# 12 bits in 16, with others above them; the reference masks them too.
+out = dataset(zyx("u8").astype(np.uint16) | 0xF000, frames=5)
+out.BitsStored, out.HighBit = 12, 11
+save("bits-u8.dcm", out)
 
 
 expected.sort(key=lambda e: e["file"])
