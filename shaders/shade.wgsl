@@ -202,11 +202,13 @@ fn with_sheet(
     var middle = last;
     let front = vec2f(part.x, min(part.y, 0.0));
     if front.x < front.y {
-        middle = march_part(&result, m, front, last, half_samples(), ray, surface_of(gradient - quarter, ray, z + 0.25 * frame.sheet_step));
+        let surface = surface_of(gradient - quarter, ray, z + 0.25 * frame.sheet_step);
+        middle = march_part(&result, m, front, last, half_samples(), ray, surface);
     }
     let rear = vec2f(max(part.x, 0.0), part.y);
     if rear.x < rear.y {
-        march_part(&result, m, rear, middle, half_samples(), ray, surface_of(gradient + quarter, ray, z + 0.75 * frame.sheet_step));
+        let surface = surface_of(gradient + quarter, ray, z + 0.75 * frame.sheet_step);
+        march_part(&result, m, rear, middle, half_samples(), ray, surface);
     }
     return result;
 }

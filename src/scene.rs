@@ -433,8 +433,7 @@ impl Scene {
         let lattice_of_light = shadow::Lattice::new(&grid, cells, cells.integral() / denser, unit, voxels);
         let shadows = Shadows { casting, lattice: lattice_of_light };
         let post = |light: &Arc<LightVolume>| {
-            let to_light =
-                light.from_lattice(&lattice.coarse.map_or(Ok(self.grid), |(cells, ..)| cells.grid(&self.grid))?);
+            let to_light = light.map_from(&lattice.coarse.map_or(Ok(self.grid), |(cells, ..)| cells.grid(&self.grid))?);
             Ok(Some(PostShading { table: Arc::clone(&table), light: Arc::clone(light), shadows: true, to_light }))
         };
         let lock = || scalars.light.lock().unwrap_or_else(PoisonError::into_inner);

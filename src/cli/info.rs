@@ -96,7 +96,7 @@ impl Info {
             (None, "a built-in volume has its own transfer function".to_owned())
         } else {
             let Suggestion { name, reason } = presets::suggest(volume, statistics);
-            match presets::preset(name, statistics) {
+            match presets::preset(name, volume, statistics) {
                 Ok(_) => (Some(name), reason),
                 Err(_) => (None, format!("no preset fits: {reason}; write one, and give --transfer FILE.json")),
             }
@@ -166,7 +166,7 @@ impl Info {
 }
 
 /// Up to four digits after the point; scientific notation for very small and very large numbers.
-fn short(value: f64) -> String {
+pub(super) fn short(value: f64) -> String {
     let size = value.abs();
     if value == value.trunc() && size < 1e15 {
         format!("{value}")

@@ -140,7 +140,7 @@ impl LightVolume {
     }
 
     /// The map from a lattice to the texture.
-    pub(crate) fn from_lattice(&self, grid: &Grid) -> DAffine3 {
+    pub(crate) fn map_from(&self, grid: &Grid) -> DAffine3 {
         self.from_world * grid.to_world()
     }
 

@@ -15,7 +15,7 @@ use crate::adapter::adapter;
 use crate::support::{demo, look, picture, with_quads, with_tiles};
 
 /// Runs the program in `dir`; arguments are parted by blanks.
-fn voxsplat(dir: &Path, arguments: &str) -> Output {
+pub(crate) fn voxsplat(dir: &Path, arguments: &str) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
     command.current_dir(dir).args(arguments.split_whitespace()).output().unwrap()
 }
@@ -29,16 +29,16 @@ fn rendered(dir: &Path, arguments: &str) -> Output {
     output
 }
 
-fn folder() -> TempDir {
+pub(crate) fn folder() -> TempDir {
     tempfile::tempdir().unwrap()
 }
 
-fn stdout(output: &Output) -> String {
+pub(crate) fn stdout(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).unwrap()
 }
 
 /// The one line that the program said, without its name; other lines are the driver's.
-fn complaint(output: &Output) -> String {
+pub(crate) fn complaint(output: &Output) -> String {
     let stderr = String::from_utf8(output.stderr.clone()).unwrap();
     let own: Vec<&str> = stderr.lines().filter_map(|l| l.strip_prefix("voxsplat: ")).collect();
     assert_eq!(own.len(), 1, "expected one line: {stderr}");
@@ -46,7 +46,7 @@ fn complaint(output: &Output) -> String {
     own[0].to_owned()
 }
 
-fn refused(arguments: &str, code: i32, reason: &str) {
+pub(crate) fn refused(arguments: &str, code: i32, reason: &str) {
     let dir = folder();
     let output = voxsplat(dir.path(), arguments);
     let said = complaint(&output);
@@ -56,7 +56,7 @@ fn refused(arguments: &str, code: i32, reason: &str) {
 }
 
 /// 4 x 3 x 2 samples of u8 from 0 to 23 in `ramp.raw`.
-fn ramp(dir: &Path) -> String {
+pub(crate) fn ramp(dir: &Path) -> String {
     std::fs::write(dir.join("ramp.raw"), (0..24).collect::<Vec<u8>>()).unwrap();
     "ramp.raw --dims 4,3,2 --type u8".to_owned()
 }
@@ -359,8 +359,11 @@ fn a_file_without_transfer_says_what_was_taken() {
     let said = String::from_utf8(output.stderr).unwrap();
     let notes: Vec<&str> = said.lines().collect();
     assert!(notes[0].starts_with("voxsplat: note: --transfer ct-bone is taken"), "{said}");
-    assert!(notes[1].starts_with("voxsplat: note: --light studio is taken") && notes.len() == 2, "{said}");
-    let output = voxsplat(dir.path(), &format!("render {input} -o r.png --reference --size 8 --light off"));
+    assert!(notes[1].starts_with("voxsplat: note: --azimuth 30 --elevation 20 is taken"), "{said}");
+    assert!(notes[2].starts_with("voxsplat: note: --light studio is taken"), "{said}");
+    assert!(notes[3].starts_with("voxsplat: note: --sharpness 0.5 is taken") && notes.len() == 4, "{said}");
+    let without = "--light off --azimuth 0 --sharpness 0";
+    let output = voxsplat(dir.path(), &format!("render {input} -o r.png --reference --size 8 {without}"));
     assert!(complaint(&output).starts_with("note: --transfer "));
     let own = voxsplat(dir.path(), "render demo:sphere:16 -o s.png --reference --size 8");
     assert!(own.status.success() && own.stderr.is_empty());
@@ -418,7 +421,7 @@ fn pictures_frame_what_shows_unless_they_are_placed() {
     samples[..4].fill(255);
     std::fs::write(dir.path().join("a.raw"), samples).unwrap();
     let covered = |options: &str| {
-        let input = "a.raw --dims 16,16,16 --type u8 --transfer gray --size 32 -o a.exr";
+        let input = "a.raw --dims 16,16,16 --type u8 --transfer gray --azimuth 0 --size 32 -o a.exr";
         rendered(dir.path(), &format!("{input} {options}"));
         let image = Image::load(dir.path().join("a.exr")).unwrap();
         image.pixels().iter().filter(|p| p[3] > 0.01).count()
@@ -489,8 +492,50 @@ fn presets_that_show_surfaces_are_lit_unless_told_not_to() {
     rendered(dir.path(), "demo:vessels:24 --size 32 --transfer viridis --light off -o unlit.png");
     let pixels = |name: &str| image::open(dir.path().join(name)).unwrap().into_rgba8().into_raw();
     assert_eq!(pixels("lit.png"), pixels("studio.png"));
+    rendered(dir.path(), "demo:vessels:24 --size 32 --transfer ct-bone --sharpness 0.5 -o sharp.png");
+    rendered(dir.path(), "demo:vessels:24 --size 32 --transfer ct-bone --kernel gaussian -o blurred.png");
+    assert_eq!(pixels("lit.png"), pixels("sharp.png"));
+    assert_ne!(pixels("lit.png"), pixels("blurred.png"));
     assert_ne!(pixels("lit.png"), pixels("off.png"));
     assert_eq!(pixels("field.png"), pixels("unlit.png"));
+}
+
+#[test]
+fn materials_are_those_of_the_preset_unless_they_are_given() {
+    let dir = folder();
+    let pixels = |options: &str| {
+        rendered(
+            dir.path(),
+            &format!("demo:vessels:24 --size 32 --transfer ct-skin --light headlight {options} -o a.exr"),
+        );
+        Image::load(dir.path().join("a.exr")).unwrap().pixels().to_vec()
+    };
+    assert_eq!(pixels(""), pixels("--material 0.45,0.9,0.12,12"));
+    assert_ne!(pixels(""), pixels("--material 0.3,0.7,0.2,24"));
+}
+
+#[test]
+fn what_has_no_orientation_is_seen_from_an_oblique_side_unless_a_side_is_asked_for() {
+    let dir = folder();
+    let samples: Vec<u8> = (0..16 * 12 * 8_u32).map(|i| (i * 7 % 256) as u8).collect();
+    std::fs::write(dir.path().join("a.raw"), samples).unwrap();
+    let picture = |options: &str| {
+        let output = rendered(dir.path(), &format!("a.raw --type u8 --transfer ct-skin --size 24 {options} -o a.exr"));
+        let said = String::from_utf8(output.stderr).unwrap();
+        (Image::load(dir.path().join("a.exr")).unwrap().pixels().to_vec(), said.contains("note: --azimuth 30"))
+    };
+    let box_shaped = "--dims 16,12,8";
+    let (oblique, noted) = picture(box_shaped);
+    assert!(noted);
+    let side = format!("{box_shaped} --azimuth 30 --elevation 20");
+    assert_eq!(picture(&side), (oblique.clone(), false));
+    // Lights of a studio stand about the view that is taken.
+    assert_eq!(picture(&format!("{box_shaped} --light studio")), (oblique.clone(), true));
+    for options in ["--azimuth 0", "--elevation 0", "--roll 10", "--up 0,0,1", "--direction 0,1,0"] {
+        let (seen, noted) = picture(&format!("{box_shaped} {options}"));
+        assert!(seen != oblique && !noted, "{options}");
+    }
+    assert!(!picture("--dims 48,32,1").1, "a slice shows nothing from the side");
 }
 
 #[test]
@@ -571,4 +616,39 @@ fn kernels_are_measured_beside_interpolation() {
     let table = stdout(&voxsplat(dir.path(), "kernels --size 16 --kernel gaussian --sharpness 1"));
     assert_eq!(table.lines().count(), 6, "{table}");
     assert!(table.contains("gaussian:1,2, sharpness 1, pre-shaded") && table.contains("half Nyquist"), "{table}");
+}
+
+#[test]
+fn transfer_functions_of_other_programs_are_drawn_and_written() {
+    let dir = folder();
+    let input = ramp(dir.path());
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/transfer");
+    let render = |name: &str, options: &str| {
+        let output = voxsplat(dir.path(), &format!("render {input} -o {name}.exr --reference --size 4 {options}"));
+        assert!(output.status.success(), "{options}: {}", String::from_utf8_lossy(&output.stderr));
+        let said = String::from_utf8(output.stderr).unwrap();
+        (Image::load(dir.path().join(format!("{name}.exr"))).unwrap(), said)
+    };
+    std::fs::copy(data.join("slicer.vp"), dir.path().join("a.vp")).unwrap();
+    std::fs::copy(data.join("paraview.json"), dir.path().join("maps.json")).unwrap();
+    let (picture, said) = render("a", "--transfer a.vp --save-transfer b.vp.json --window 12,24");
+    assert!(said.contains("slabs 1 world units thick, the mean spacing"), "{said}");
+    assert!(said.contains("--light headlight --material 0.1,0.9,0.2,10"), "{said}");
+    assert!(picture.pixels().iter().any(|pixel| pixel[3] > 0.0));
+    let (again, said) = render("b", "--transfer b.vp.json");
+    assert_eq!((again, said.as_str()), (picture, ""));
+    let (fitted, said) = render("c", "--transfer maps.json#Lab");
+    assert!(said.contains("gentle ramp") && said.contains("colours run from") && said.contains("--window"), "{said}");
+    let (placed, said) = render("d", "--colour-map maps.json#Lab --window 12,24");
+    assert!(said.is_empty() && placed != fitted, "{said}");
+    // A window alone is grey.
+    assert_eq!(render("e", "--window 12,24").0, render("f", "--colour-map gray --window 12,24").0);
+    refused("render demo:sphere -o a.png --window 1,0", 2, "the width over 0");
+    refused("render demo:sphere -o a.png --colour-map batlov", 2, "batlow");
+    refused("render demo:sphere -o a.png --transfer gray --colour-map batlow", 2, "cannot be used with");
+    refused("render demo:sphere -o a.png --save-transfer a.txt", 2, "written as .json, .vp.json or .vp");
+    refused("render demo:sphere -o a.png --transfer a.vp", 1, "cannot read a.vp");
+    std::fs::write(dir.path().join("flat.raw"), [7; 8]).unwrap();
+    let output = voxsplat(dir.path(), "render flat.raw --dims 2,2,2 --type u8 -o a.png --colour-map vik");
+    assert!(complaint(&output).contains("--window: a colour map needs one"), "{:?}", output.status);
 }

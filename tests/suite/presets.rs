@@ -1,9 +1,11 @@
 //! Statistics, presets and transfer files.
 
 use rayon::ThreadPoolBuilder;
-use voxsplat::transfer::presets::{PRESETS, preset, suggest};
+use voxsplat::lighting::Lighting;
+use voxsplat::settings::Settings;
+use voxsplat::transfer::presets::{PRESETS, find, preset, suggest};
 use voxsplat::transfer::{ControlPoint, TransferFunction};
-use voxsplat::volume::{Grid, Samples, Statistics, Volume};
+use voxsplat::volume::{Grid, Samples, Statistics, Units, Volume};
 
 fn volume(samples: Samples) -> Volume {
     let grid = Grid::axis_parallel([samples.len() as u32, 1, 1], [1.0; 3]).unwrap();
@@ -99,10 +101,11 @@ fn odd_volumes_have_statistics() {
 fn presets_of_extreme_ranges_do_not_panic() {
     // A range past that of f64, and the ends of 64-bit integers.
     for samples in [Samples::F64(vec![-1.7e308, 0.0, 1.7e308]), Samples::U64(vec![0, 1, u64::MAX])] {
-        let s = Statistics::of(&volume(samples)).unwrap();
+        let volume = volume(samples);
+        let s = Statistics::of(&volume).unwrap();
         assert_eq!(s.histogram().iter().sum::<u64>(), 3);
         for p in PRESETS {
-            match preset(p.name, &s) {
+            match preset(p.name, &volume, &s) {
                 Ok(transfer) => assert!(transfer.points().iter().all(|p| p.value.is_finite()), "{}", p.name),
                 Err(e) => assert!(!e.to_string().contains('\n'), "{e}"),
             }
@@ -127,8 +130,9 @@ fn presets_are_clear_in_the_background_and_denser_with_value() {
     for volume in [ct(), mri()] {
         let s = Statistics::of(&volume).unwrap();
         let limit = s.background().unwrap().limit;
-        for p in PRESETS {
-            let transfer = preset(p.name, &s).unwrap();
+        // A band of values, and the two ends.
+        for p in PRESETS.iter().filter(|p| !["ct-lung", "activation"].contains(&p.name)) {
+            let transfer = preset(p.name, &volume, &s).unwrap();
             assert!(transfer.points().len() >= 2 && transfer.unit_distance().is_none());
             assert!(transfer.points().windows(2).all(|w| w[0].opacity <= w[1].opacity), "{}", p.name);
             for value in [s.min - 1e6, s.min, (s.min + limit) / 2.0, limit] {
@@ -141,31 +145,160 @@ fn presets_are_clear_in_the_background_and_denser_with_value() {
 
 #[test]
 fn ct_presets_take_hounsfield_units_at_their_word() {
-    let transfer = preset("ct-bone", &Statistics::of(&ct()).unwrap()).unwrap();
-    assert_eq!(transfer.sample(60.0).1, 0.0);
-    assert!(transfer.sample(900.0).1 > 0.2);
-    let soft = preset("ct-soft-tissue", &Statistics::of(&ct()).unwrap()).unwrap();
-    assert!((0.001..0.03).contains(&soft.sample(40.0).1));
+    let transfer = |name| TransferFunction::preset(name, &ct()).unwrap();
+    let opacity = |name, value: f64| transfer(name).sample(value).1;
+    assert_eq!(opacity("ct-bone", 60.0), 0.0);
+    assert!(opacity("ct-bone", 900.0) > 0.2);
+    assert!((0.001..0.1).contains(&opacity("ct-soft-tissue", 40.0)));
+    assert!(opacity("ct-skin", -100.0) >= 0.5);
+    assert!(opacity("ct-muscle", -100.0) == 0.0 && opacity("ct-muscle", 60.0) > 0.2);
+    assert!(opacity("ct-lung", -400.0) > 0.1 && opacity("ct-lung", -800.0) > 0.0);
+    assert!([-1000.0, 0.0, 60.0, 900.0].iter().all(|&value| opacity("ct-lung", value) == 0.0));
+    // A file may state them where values do not show them.
+    let flesh = volume(classes(&[(500, 0.0), (500, 60.0)], 9.0));
+    let stated = flesh.with_units(Units { value: Some("HU".to_owned()), ..Units::default() });
+    assert_eq!(TransferFunction::preset("ct-bone", &stated).unwrap().points(), transfer("ct-bone").points());
+}
+
+#[test]
+fn gradient_opacity_of_a_preset_keeps_to_the_size_of_voxels_and_values() {
+    let steps = |unit: f64, spacing: f64| {
+        let samples = classes(&[(600, 0.0), (350, 1040.0), (50, 1900.0)], 30.0);
+        let Samples::I16(samples) = samples else { unreachable!() };
+        let volume = Volume::from_slice([samples.len() as u32, 1, 1], [2.0 * spacing, spacing, spacing], &samples);
+        let volume = volume.unwrap().with_rescale(unit, 0.0).unwrap();
+        TransferFunction::preset("ct-soft-tissue", &volume).unwrap().gradient_opacity().to_vec()
+    };
+    let first = steps(1.0, 1.0);
+    assert!(first.len() >= 2 && first[0].opacity < 0.5 && first.last().unwrap().opacity == 1.0);
+    // A step of the whole range over two voxels keeps all of its opacity.
+    assert!(first.last().unwrap().magnitude < 950.0, "{first:?}");
+    for (a, b) in first.iter().zip(steps(0.1, 0.25)) {
+        assert!((a.magnitude * 0.4 - b.magnitude).abs() <= 1e-9 * b.magnitude && a.opacity == b.opacity);
+    }
+}
+
+#[test]
+fn statistics_show_from_three_standard_deviations_on_both_sides_of_zero() {
+    let opacity = |volume: &Volume, value: f64| TransferFunction::preset("activation", volume).unwrap().sample(value).1;
+    for volume in [scores(), scores().with_units(Units { value: Some("z".to_owned()), ..Units::default() })] {
+        for value in [-7.0, -4.5, 4.5, 7.0] {
+            assert!(opacity(&volume, value) > 0.2, "{value}");
+        }
+        assert!([-2.0, 0.0, 2.0].iter().all(|&value| opacity(&volume, value) == 0.0));
+    }
+    let color = TransferFunction::preset("activation", &scores()).unwrap();
+    assert!(color.sample(5.0).0[0] > 0.5 && color.sample(-5.0).0[2] > 0.5);
+}
+
+#[test]
+fn every_material_can_be_lit() {
+    for p in PRESETS {
+        assert_eq!(find(p.name).unwrap().description, p.description);
+        let Some(material) = p.material else { continue };
+        let lighting = Some(material.lit(Lighting::default()));
+        Settings { lighting, ..Settings::default() }.validate().unwrap();
+    }
+    assert!(find("ct-wood").is_err());
 }
 
 #[test]
 fn presets_need_a_name_and_a_range() {
-    let s = Statistics::of(&mri()).unwrap();
-    assert!(preset("ct-wood", &s).unwrap_err().to_string().contains("ct-bone"));
-    let one = Statistics::of(&volume(Samples::U8(vec![5; 4]))).unwrap();
-    assert!(preset("mri", &one).unwrap_err().to_string().contains("all 5"));
+    assert!(TransferFunction::preset("ct-wood", &mri()).unwrap_err().to_string().contains("ct-bone"));
+    let one = volume(Samples::U8(vec![5; 4]));
+    assert!(TransferFunction::preset("mri", &one).unwrap_err().to_string().contains("all 5"));
+}
+
+/// Values that a function of two independent numbers in 0..1 makes, and the spacing of a volume of them.
+fn made(spacing: f64, of: impl Fn(f64, f64) -> f64) -> Volume {
+    let noise = noise(80_000);
+    let values: Vec<f32> = noise.chunks(2).map(|n| of(n[0], n[1]) as f32).collect();
+    Volume::from_slice([100, 100, 4], [spacing, spacing, 2.0 * spacing], &values).unwrap()
+}
+
+/// The same as unsigned integers.
+fn counted(spacing: f64, of: impl Fn(f64, f64) -> f64) -> Volume {
+    let made = made(spacing, of);
+    let values: Vec<u16> = (0..40_000).map(|i| made.in_memory().unwrap().value(i).round() as u16).collect();
+    Volume::from_slice([100, 100, 4], [spacing, spacing, 2.0 * spacing], &values).unwrap()
+}
+
+/// A normally distributed number from one in 0..1 (Tukey's lambda distribution of 0.14).
+fn normal(p: f64) -> f64 {
+    let p = p.clamp(1e-6, 1.0 - 1e-6);
+    4.91 * (p.powf(0.14) - (1.0 - p).powf(0.14))
+}
+
+/// The magnitude of complex noise, from a number in 0..1.
+fn rayleigh(p: f64) -> f64 {
+    (-2.0 * (1.0 - p).max(1e-9).ln()).sqrt()
+}
+
+/// A map of z scores in a masked brain: noise, and one in 25 voxels active.
+fn scores() -> Volume {
+    made(2.0, |place, p| match place {
+        0.0..0.7 => 0.0,
+        0.7..0.98 => normal(p),
+        0.98..0.993 => 4.0 + 4.0 * p,
+        _ => -4.0 - 3.0 * p,
+    })
+    .with_orientation_known()
 }
 
 #[test]
 fn suggestions_follow_the_values() {
-    let of = |volume: &Volume| suggest(volume, &Statistics::of(volume).unwrap()).name;
-    assert_eq!(of(&ct()), "ct-bone");
-    assert_eq!(of(&mri()), "mri");
     let shifted = volume(classes(&[(600, 100.0), (350, 1140.0), (50, 2000.0)], 30.0));
-    assert_eq!(of(&shifted), "ct-bone");
-    let field = volume(Samples::F32(noise(1000).iter().map(|&n| n as f32).collect()));
-    assert_eq!(of(&field), "viridis");
-    assert_eq!(of(&volume(Samples::U8(vec![7; 8]))), "grayscale");
+    let above = volume(classes(&[(500, 130.0), (250, 500.0), (250, 800.0)], 29.0));
+    let field = made(1.0, |_, p| p);
+    let stated = made(1.0, |place, p| if place < 0.9 { 0.0 } else { 3.0 + p })
+        .with_units(Units { value: Some("t".to_owned()), ..Units::default() });
+    let uptake = |place: f64, p: f64| match place {
+        0.0..0.7 => 20.0 * p,
+        0.7..0.95 => 500.0 + 400.0 * p,
+        0.95..0.998 => 2000.0 + 1000.0 * p,
+        _ => 6000.0 + 12000.0 * p,
+    };
+    let vessels = |place: f64, p: f64| match place {
+        0.0..0.5 => 12.0 * rayleigh(p),
+        0.5..0.99 => 200.0 + 15.0 * normal(p),
+        _ => 500.0 + 250.0 * p,
+    };
+    let t2 = |place: f64, p: f64| match place {
+        0.0..0.6 => 9.0 * rayleigh(p),
+        0.6..0.93 => 220.0 + 30.0 * normal(p),
+        _ => 640.0 + 25.0 * normal(p),
+    };
+    let masked = |place: f64, p: f64| if place < 0.55 { 0.0 } else { 40.0 + 160.0 * p };
+    let windowed = |place: f64, p: f64| match place {
+        0.0..0.65 => 0.0,
+        0.65..0.93 => 105.0 + 5.0 * normal(p),
+        _ => 200.0 + 55.0 * p,
+    };
+    let cells = |place: f64, p: f64| match place {
+        0.0..0.9 => 110.0 + 9.0 * normal(p),
+        _ => 150.0 - 400.0 * (1.0 - p).max(1e-3).ln(),
+    };
+    let oriented = |volume: Volume| volume.with_orientation_known();
+    for (what, volume, name, reason) in [
+        ("Hounsfield units", ct(), "ct-bone", "Hounsfield"),
+        ("CT, air at 100", shifted, "ct-bone", "bright minority"),
+        ("CT, windowed", oriented(counted(0.8, windowed)), "ct-bone", "bright minority"),
+        ("two tissues", mri(), "mri", "background is noise"),
+        ("two tissues over an offset", above, "mri", "no bright minority"),
+        ("T2", oriented(counted(1.2, t2)), "mri", "background is noise"),
+        ("masked brain", oriented(counted(1.0, masked)), "mr-brain", "masked"),
+        ("MR angiogram", oriented(counted(0.6, vessels)), "angiography", "far brighter"),
+        ("PET", oriented(counted(4.0, uptake)), "pet", "voxels of 4.0 mm"),
+        ("PET, real numbers", oriented(made(4.0, uptake)), "pet", "voxels of 4.0 mm"),
+        ("t, stated", stated, "activation", "statistics (t)"),
+        ("z, not stated", scores(), "activation", "lie about 0"),
+        ("microscopy", counted(0.3, cells), "fluorescence", "microscopy"),
+        ("field", field, "field", "no scan"),
+        ("constant", volume(Samples::U8(vec![7; 8])), "grayscale", "all values are 7"),
+    ] {
+        let suggestion = suggest(&volume, &Statistics::of(&volume).unwrap());
+        assert!(suggestion.name == name && suggestion.reason.contains(reason), "{what}: {suggestion:?}");
+    }
 }
 
 #[test]
@@ -198,7 +331,10 @@ fn json_errors_name_the_point_and_the_line() {
         (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2]")), "point 1 (line 1): invalid length 2"),
         (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2, 0]")), "must lie in 0..1"),
         (format!("{{\"points\": [{good},\n{}]}}", good.replace(": 1,", ": 0.5,")), "point 2 (line 2): value 0.5 comes"),
-        (format!("{{\"points\": [{good}], \"units\": 1}}"), "expected `unit_distance` or `points`"),
+        (
+            format!("{{\"points\": [{good}], \"units\": 1}}"),
+            "expected one of `unit_distance`, `points`, `gradient_opacity`",
+        ),
         (format!("{{\"points\": [{good}], \"unit_distance\": 0}}"), "unit_distance 0"),
         ("{\"points\": []}".to_owned(), "0 control points"),
         ("{}".to_owned(), "missing field `points`"),

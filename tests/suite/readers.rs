@@ -253,6 +253,14 @@ fn units_are_those_that_the_header_states() {
         nifti[123] = code;
         assert_eq!(units("a.nii", &nifti), (unit, None), "{code}");
     }
+    // The intent code of NIfTI-1 and of NIfTI-2: which statistic values are.
+    for (code, unit) in [(2, some("r")), (3, some("t")), (4, some("F")), (5, some("z")), (0, None), (1007, None)] {
+        for (file, at) in [("no-form.nii", 68), ("nifti2-i16.nii", 504)] {
+            let mut nifti = bytes(file);
+            nifti[at..at + 2].copy_from_slice(&i16::to_le_bytes(code));
+            assert_eq!(units("a.nii", &nifti).1, unit, "{file}, {code}");
+        }
+    }
     let nrrd = |lines: &str| {
         let text = format!("NRRD0005\ntype: uint8\ndimension: 3\nsizes: 1 2 1\nencoding: raw\n{lines}\n\n");
         units("a.nrrd", &[text.as_bytes(), &[1, 2]].concat())

@@ -30,6 +30,8 @@ pub(super) struct Header {
     pub(super) scl_inter: f64,
     /// What lengths are in: its lowest three bits.
     pub(super) xyzt_units: u8,
+    /// What values are.
+    pub(super) intent_code: i32,
     pub(super) qform_code: i32,
     pub(super) sform_code: i32,
     /// `quatern_b`, `quatern_c`, `quatern_d`.
@@ -102,6 +104,7 @@ impl Header {
                 scl_slope: f.f64(176),
                 scl_inter: f.f64(184),
                 xyzt_units: f.i32(500) as u8,
+                intent_code: f.i32(504),
                 qform_code: f.i32(344),
                 sform_code: f.i32(348),
                 quatern: std::array::from_fn(|i| f.f64(352 + 8 * i)),
@@ -121,6 +124,7 @@ impl Header {
                 scl_slope: f.f32(112),
                 scl_inter: f.f32(116),
                 xyzt_units: f.u8(123),
+                intent_code: f.i16(68).into(),
                 qform_code: f.i16(252).into(),
                 sform_code: f.i16(254).into(),
                 quatern: std::array::from_fn(|i| f.f32(256 + 4 * i)),

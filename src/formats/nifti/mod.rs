@@ -63,7 +63,14 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
         3 => Some("µm"),
         _ => None,
     };
-    let units = Units { length: length.map(str::to_owned), value: None };
+    let value = match header.intent_code {
+        2 => Some("r"),
+        3 => Some("t"),
+        4 => Some("F"),
+        5 => Some("z"),
+        _ => None,
+    };
+    let units = Units { length: length.map(str::to_owned), value: value.map(str::to_owned) };
     Ok(placement.volume(grid, samples)?.with_rescale(slope, intercept)?.with_units(units))
 }
 

@@ -121,7 +121,7 @@ impl PackedBox<'_> {
     }
 
     /// From (a, b, plane) of the packed box to the lattice.
-    fn to_lattice(&self, axis: &PrincipalAxis) -> DAffine3 {
+    fn map_to_lattice(&self, axis: &PrincipalAxis) -> DAffine3 {
         let of = |p: DVec3| self.placed(axis, self.grid.to_world().transform_point3(p));
         let zero = of(DVec3::ZERO);
         let [x, y, z] = DVec3::AXES.map(|unit| of(unit) - zero);
@@ -216,7 +216,7 @@ impl RaySetup<'_> {
         match self.scalars {
             Some(Classification { invisible, lookup, gradient_lookup, to_light, samples, skip_nothing }) => {
                 let unskipped = if skip_nothing { packing.dims[2] as i32 } else { 0 };
-                let to_light = layout::affine(&(to_light * self.volume.to_lattice(axis)));
+                let to_light = layout::affine(&(to_light * self.volume.map_to_lattice(axis)));
                 layout::Rays { invisible, lookup, gradient_lookup, to_light, samples, unskipped, ..uniforms }
             }
             None => uniforms,
