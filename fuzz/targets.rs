@@ -18,11 +18,16 @@ pub struct Place(PathBuf);
 pub type Target = fn(&Place, &[u8]) -> bool;
 
 /// Every target by name, with the endings of the fixtures that it begins from.
-pub const TARGETS: [(&str, Target, &[&str]); 9] = [
+pub const TARGETS: [(&str, Target, &[&str]); 14] = [
     ("nrrd", |place, bytes| place.volume("fuzzed.nrrd", bytes), &[".nrrd", ".nhdr"]),
     ("nifti", |place, bytes| place.volume("fuzzed.nii", bytes), &[".nii", ".nii.gz", ".hdr", ".hdr.gz"]),
     ("metaimage", |place, bytes| place.volume("fuzzed.mha", bytes), &[".mha", ".mhd"]),
     ("npy", |place, bytes| place.volume("fuzzed.npy", bytes), &[".npy", ".npy.gz"]),
+    ("mrc", |place, bytes| place.volume("fuzzed.mrc", bytes), &[".mrc", ".map", ".ccp4", ".mrc.gz"]),
+    ("vti", |place, bytes| place.volume("fuzzed.vti", bytes), &[".vti"]),
+    ("vtk", |place, bytes| place.volume("fuzzed.vtk", bytes), &[".vtk"]),
+    ("tiff", |place, bytes| place.volume("fuzzed.tif", bytes), &[".tif", ".tiff"]),
+    ("dicom", |place, bytes| place.volume("fuzzed.dcm", bytes), &[".dcm"]),
     ("raw", Place::raw, &[".raw", ".img", ".raw.gz"]),
     ("data", Place::data, &[".raw.gz", ".zraw", ".z", ".raw"]),
     ("transfer", Place::transfer, &[".json", ".vp", ".xml"]),
@@ -83,6 +88,7 @@ impl Place {
             offset: u64::from(skip).saturating_pow(u32::from(order >> 4)),
             spacing: (order & 2 == 0).then(|| std::array::from_fn(|a| 10_f64.powi(i32::from(options[8 + a]) - 128))),
             replace_nan: (replace & 1 == 0).then(|| 10_f64.powi(i32::from(replace) - 128)),
+            series: None,
             stream_over: u64::from(replace),
         };
         checked(load(self.written("fuzzed.bytes", samples), &options))

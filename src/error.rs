@@ -121,6 +121,8 @@ pub enum Hint {
     GiveSpacing,
     /// Some samples are NaN or infinite: choose a number that takes their place.
     ReplaceNonFinite,
+    /// The folder holds several series: choose one.
+    ChooseSeries,
 }
 
 impl fmt::Display for Hint {
@@ -131,6 +133,7 @@ impl fmt::Display for Hint {
             Self::GiveDimsAndSampleType => "for bare samples set LoadOptions::dims and LoadOptions::sample_type",
             Self::GiveSpacing => "set LoadOptions::spacing",
             Self::ReplaceNonFinite => "set LoadOptions::replace_nan or call Volume::with_non_finite_replaced",
+            Self::ChooseSeries => "set LoadOptions::series",
         })
     }
 }

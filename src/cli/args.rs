@@ -69,8 +69,8 @@ pub(super) enum Command {
 /// The volume, and what its file does not state.
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
-    /// A volume file (NRRD, NIfTI, MetaImage, NumPy, raw), - for standard input, or a built-in volume,
-    /// demo:NAME[:SIZE]; for render also a scene, FILE.json
+    /// A volume: a file (NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF, DICOM, raw), a folder of DICOM or TIFF files, -
+    /// for standard input, or a built-in volume, demo:NAME[:SIZE]; for render also a scene, FILE.json
     #[arg(value_name = "VOLUME")]
     pub(super) source: PathBuf,
     /// Raw files: samples along x (fastest), y and z
@@ -93,6 +93,9 @@ pub(super) struct InputArgs {
     /// transfer function gives VALUE no opacity
     #[arg(long, value_name = "VALUE", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Input")]
     pub(super) replace_nan: Option<f64>,
+    /// Folders of DICOM files: which of several series, counted from 1; without this option they are listed
+    #[arg(long, value_name = "N", help_heading = "Input")]
+    pub(super) series: Option<u32>,
     /// Read a volume of more than MIB MiB piece by piece from its file, if that is uncompressed
     #[arg(long, value_name = "MIB", default_value_t = 4, help_heading = "Input")]
     pub(super) stream_over: u64,
@@ -107,6 +110,7 @@ impl InputArgs {
             endian: self.endian,
             offset: self.offset,
             replace_nan: self.replace_nan,
+            series: self.series,
             stream_over: self.stream_over.saturating_mul(1 << 20),
         }
     }

@@ -187,6 +187,7 @@ fn command(input: &InputArgs, preset: Option<&str>) -> String {
     option("offset", (input.offset > 0).then(|| input.offset.to_string()));
     option("spacing", input.spacing.map(|s| s.map(|s| s.to_string()).join(",")));
     option("replace-nan", input.replace_nan.map(|v| v.to_string()));
+    option("series", input.series.map(|n| n.to_string()));
     option("transfer", preset.map(str::to_owned));
     let name = match input.source.to_str().and_then(|source| source.strip_prefix("demo:")) {
         Some(name) => name.split(':').next().unwrap_or(name).to_owned(),

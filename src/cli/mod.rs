@@ -69,6 +69,7 @@ fn in_flags(error: &Error) -> String {
             Hint::GiveDimsAndSampleType => format!("for bare samples give --dims X,Y,Z and --type {}", sample_types()),
             Hint::GiveSpacing => "give --spacing X,Y,Z".to_owned(),
             Hint::ReplaceNonFinite => "replace them with --replace-nan VALUE".to_owned(),
+            Hint::ChooseSeries => "choose one with --series N".to_owned(),
             other => other.to_string(),
         };
     }

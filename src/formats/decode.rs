@@ -1,12 +1,14 @@
 //! Samples from the bytes of one or more files, at the width they have there.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use super::input::Input;
 use crate::error::{Error, Result};
-use crate::volume::{Endian, FileSamples, MAX_DIM, Number, SampleType, Stored, with_type};
+use crate::memory::reserved;
+use crate::volume::{Endian, FileSamples, MAX_DIM, Number, SampleType, Samples, Stored, with_type};
 
 /// The encoding of samples in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,6 +61,26 @@ fn read_into_memory(
 /// As [`read_samples`], from one file.
 pub(super) fn read_all(input: Input, count: u64, sample_type: SampleType, layout: Layout) -> Result<Stored> {
     read_samples(&mut std::iter::once(Ok(input)), 1, count, sample_type, layout)
+}
+
+/// Reads numbers of 16-bit floating point from one file. They have no sample type of their own: f32 holds each of them
+/// exactly.
+pub(super) fn read_halves(input: Input, count: u64, layout: Layout) -> Result<Stored> {
+    let path = input.path().to_owned();
+    let halves: Vec<u16> = read(&mut std::iter::once(Ok(input)), 1, count, layout)?;
+    Ok(Stored::Memory(Arc::new(Samples::F32(of_halves(halves, &path)?))))
+}
+
+/// The numbers of 16-bit floating point with these bits.
+pub(super) fn of_halves(halves: Vec<u16>, path: &Path) -> Result<Vec<f32>> {
+    let mut floats = reserved(halves.len() as u64, || samples_in(path))?;
+    halves.into_par_iter().map(|bits| half::f16::from_bits(bits).to_f32()).collect_into_vec(&mut floats);
+    Ok(floats)
+}
+
+/// What memory for samples of a file is for.
+pub(super) fn samples_in(path: &Path) -> String {
+    format!("the samples of {}", path.display())
 }
 
 /// Reads straight into the vector that becomes the volume, without a second copy.
@@ -149,7 +171,7 @@ fn read_text<T: Number>(input: &mut Input, count: u64, samples: &mut Vec<T>) -> 
 }
 
 /// The dimensions of a lattice from a header, each checked to be in the range that a grid accepts; missing ones are 1.
-pub(super) fn lattice(path: &std::path::Path, sizes: &[i64]) -> Result<[u32; 3]> {
+pub(super) fn lattice(path: &Path, sizes: &[i64]) -> Result<[u32; 3]> {
     let dim = |axis: usize| {
         let size = sizes.get(axis).copied().unwrap_or(1);
         match u32::try_from(size) {

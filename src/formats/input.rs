@@ -15,7 +15,7 @@ const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
 /// Deflate expands at most 1032 to 1 (zlib's technical notes, <https://zlib.net/zlib_tech.html>). It bounds what a
 /// compressed file can hold, so a header that claims more is refused before memory is reserved.
-const MAX_EXPANSION: u64 = 1032;
+pub(super) const MAX_EXPANSION: u64 = 1032;
 
 /// The longest header line that is read, in bytes: a longer line is not text.
 const MAX_LINE: u64 = 1 << 20;
@@ -130,7 +130,16 @@ impl Input {
         self
     }
 
-    fn decompressed(mut self, f: impl FnOnce(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
+    /// Decodes base64 (RFC 4648); blanks between digits are skipped, and what follows padding is decoded as well.
+    pub(super) fn unbase64(mut self) -> Self {
+        self.left = self.left.map(|n| n / 4 * 3 + 3);
+        self.plain = None;
+        self.reader = Box::new(BufReader::new(Unbase64 { digits: self.reader }));
+        self
+    }
+
+    /// Decompresses the stream that begins here.
+    pub(super) fn decompressed(mut self, f: impl FnOnce(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
         self.left = self.left.map(|n| n.saturating_mul(MAX_EXPANSION).saturating_add(1 << 16));
         self.plain = None;
         self.reader = f(self.reader);
@@ -186,6 +195,34 @@ impl Input {
         }
         line.pop_if(|c| *c == b'\r');
         Ok(Some(String::from_utf8_lossy(&line).into_owned()))
+    }
+
+    /// Skips all up to and including the next byte of this value.
+    pub(super) fn skip_past(&mut self, byte: u8) -> Result<()> {
+        let passed = self.reader.skip_until(byte).map_err(|e| self.io_error(e))?;
+        self.left = self.left.map(|left| left.saturating_sub(passed as u64));
+        Ok(())
+    }
+
+    /// What is between the next `<` and the `>` after it; `None` at the end of the file. A comment ends with its own
+    /// mark.
+    pub(super) fn tag(&mut self) -> Result<Option<String>> {
+        self.skip_past(b'<')?;
+        let mut tag = Vec::new();
+        loop {
+            let before = tag.len();
+            let room = MAX_LINE.saturating_sub(before as u64);
+            (&mut self.reader).take(room).read_until(b'>', &mut tag).map_err(|e| self.io_error(e))?;
+            self.left = self.left.map(|left| left.saturating_sub((tag.len() - before) as u64));
+            match tag.pop_if(|c| *c == b'>') {
+                Some(_) if tag.starts_with(b"!--") && !tag.ends_with(b"--") => tag.push(b'>'),
+                Some(_) => return Ok(Some(String::from_utf8_lossy(&tag).into_owned())),
+                None if tag.len() as u64 == MAX_LINE => {
+                    return Err(self.error(format!("has an XML tag of over {MAX_LINE} bytes")));
+                }
+                None => return Ok(None),
+            }
+        }
     }
 
     /// The next `n` bytes; an error if there are fewer.
@@ -284,6 +321,63 @@ pub(super) fn hinted(mut error: Error, way_out: Hint) -> Error {
 /// A reader with a buffer of 64 KiB.
 fn buffered(reader: impl Read + 'static) -> Box<dyn BufRead> {
     Box::new(BufReader::with_capacity(1 << 16, reader))
+}
+
+/// Reads bytes from base64.
+struct Unbase64 {
+    digits: Box<dyn BufRead>,
+}
+
+impl Unbase64 {
+    /// The next four digits, as up to three bytes.
+    fn next(&mut self) -> io::Result<([u8; 3], usize)> {
+        let (mut bits, mut digits, mut padding) = (0_u32, 0, 0);
+        let mut c = [0];
+        while digits < 4 {
+            if self.digits.read(&mut c)? == 0 {
+                // An end within four digits leaves their bytes out: whoever needs them reports it.
+                return Ok(([0; 3], 0));
+            }
+            let digit = match c[0] {
+                b'A'..=b'Z' if padding == 0 => c[0] - b'A',
+                b'a'..=b'z' if padding == 0 => c[0] - b'a' + 26,
+                b'0'..=b'9' if padding == 0 => c[0] - b'0' + 52,
+                b'+' if padding == 0 => 62,
+                b'/' if padding == 0 => 63,
+                b'=' if digits >= 2 => {
+                    padding += 1;
+                    0
+                }
+                c if c.is_ascii_whitespace() => continue,
+                // The tag after the text.
+                b'<' if digits == 0 => return Ok(([0; 3], 0)),
+                c => {
+                    let reason = format!("{:?} is no digit of base64", char::from(c));
+                    return Err(io::Error::new(io::ErrorKind::InvalidData, reason));
+                }
+            };
+            bits = bits << 6 | u32::from(digit);
+            digits += 1;
+        }
+        let [_, bytes @ ..] = bits.to_be_bytes();
+        Ok((bytes, 3 - padding))
+    }
+}
+
+impl Read for Unbase64 {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        let mut done = 0;
+        // Whole groups alone; the buffer around this reader has room for many.
+        while out.len() - done >= 3 {
+            let (bytes, n) = self.next()?;
+            out[done..done + n].copy_from_slice(&bytes[..n]);
+            done += n;
+            if n < 3 {
+                break;
+            }
+        }
+        Ok(done)
+    }
 }
 
 /// Reads bytes from pairs of hexadecimal digits.

@@ -1,19 +1,26 @@
 //! Readers: from the name of a volume to the volume.
 
 mod decode;
+mod dicom;
+mod fields;
 mod input;
 mod metaimage;
+mod mrc;
 mod multifile;
 mod nifti;
 mod npy;
 mod nrrd;
 mod placement;
+mod tiff;
+mod vtk;
+mod xml;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use decode::{Layout, lattice, read_all};
 use input::{Input, hinted};
 use placement::{Placement, check_spacing};
+use vtk::{image_data, legacy};
 
 use crate::demos;
 use crate::error::{Error, Hint, Result};
@@ -36,6 +43,8 @@ pub struct LoadOptions {
     /// The finite number that replaces NaN and infinite samples; `None` makes such samples an error. They are
     /// transparent if the transfer function gives this number no opacity.
     pub replace_nan: Option<f64>,
+    /// The series of a folder of DICOM files that holds several, counted from 1 in the order of their numbers.
+    pub series: Option<u32>,
     /// The largest volume, in bytes of samples, that is always read into memory; 4 MiB by default. A larger one stays
     /// in its file if its samples are uncompressed and in one piece there, and is read brick by brick.
     pub stream_over: u64,
@@ -50,6 +59,7 @@ impl Default for LoadOptions {
             endian: None,
             offset: 0,
             replace_nan: None,
+            series: None,
             stream_over: 4 << 20,
         }
     }
@@ -62,6 +72,11 @@ enum Format {
     Nifti,
     MetaImage,
     Npy,
+    Mrc,
+    Vti,
+    Vtk,
+    Tiff,
+    Dicom,
 }
 
 impl Format {
@@ -71,6 +86,11 @@ impl Format {
             Self::Nifti => "NIfTI",
             Self::MetaImage => "MetaImage",
             Self::Npy => "NumPy",
+            Self::Mrc => "MRC",
+            Self::Vti => "VTK XML",
+            Self::Vtk => "legacy VTK",
+            Self::Tiff => "TIFF",
+            Self::Dicom => "DICOM",
         }
     }
 
@@ -84,6 +104,16 @@ impl Format {
             Some(Self::Nifti)
         } else if metaimage::is_metaimage(head) {
             Some(Self::MetaImage)
+        } else if mrc::is_mrc(head) {
+            Some(Self::Mrc)
+        } else if head.starts_with(legacy::MAGIC) {
+            Some(Self::Vtk)
+        } else if image_data::is_vtk_xml(head) {
+            Some(Self::Vti)
+        } else if tiff::is_tiff(head) {
+            Some(Self::Tiff)
+        } else if dicom::is_dicom(head) {
+            Some(Self::Dicom)
         } else {
             None
         }
@@ -99,13 +129,21 @@ impl Format {
             "nii" | "hdr" => Some(Self::Nifti),
             "mha" | "mhd" => Some(Self::MetaImage),
             "npy" => Some(Self::Npy),
+            "mrc" | "mrcs" | "map" | "ccp4" | "rec" | "st" | "ali" => Some(Self::Mrc),
+            "vti" => Some(Self::Vti),
+            "vtk" => Some(Self::Vtk),
+            "tif" | "tiff" => Some(Self::Tiff),
             _ => None,
         }
     }
 }
 
-/// Loads a volume: a file in NRRD, NIfTI, MetaImage or NumPy format, a file of bare samples, or the built-in volume
+/// Loads a volume: a file of one of the formats below, a file of bare samples, or the built-in volume
 /// `demo:NAME[:SIZE]` (see [`demos`]).
+///
+/// The formats are NRRD, NIfTI, MetaImage, NumPy, MRC, ImageData of VTK, TIFF and uncompressed DICOM. A folder is read
+/// if it holds DICOM files, whose slices are sorted by position, or TIFF files, which are sections in natural order: 9
+/// goes before 10.
 ///
 /// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
 /// may be compressed with gzip. Files of bare samples need `dims` and `sample_type`. For all other files these two are
@@ -148,6 +186,9 @@ fn load_from(source: &Path, options: &LoadOptions) -> Result<Volume> {
 }
 
 fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
+    if path.is_dir() {
+        return load_folder(path, options);
+    }
     let mut input = Input::open(path)?;
     let head = input.peek(nifti::HEADER_SIZE)?;
     if head.is_empty() {
@@ -174,7 +215,59 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
         Format::Nifti => nifti::read(input, spacing),
         Format::MetaImage => metaimage::read(input, spacing),
         Format::Npy => npy::read(input, spacing),
+        Format::Mrc => mrc::read(input, spacing),
+        Format::Vti => image_data::read(input, spacing),
+        Format::Vtk => legacy::read(input, spacing),
+        Format::Tiff => tiff::read(input, spacing),
+        Format::Dicom => dicom::read_files(path, &[path.to_owned()], options.series, spacing),
     }
+}
+
+/// Reads the sections that are files of a folder.
+fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
+    let read_error = |source| Error::Read { path: folder.to_owned(), source };
+    let (mut sections, mut slices) = (Vec::new(), Vec::new());
+    for entry in std::fs::read_dir(folder).map_err(read_error)? {
+        let path = entry.map_err(read_error)?.path();
+        if !path.is_file() {
+            continue;
+        }
+        // Other files may lie beside the slices, such as notes and previews.
+        match Format::of_content(&Input::open(&path)?.peek(nifti::HEADER_SIZE)?) {
+            Some(Format::Tiff) if Format::of_name(&path) == Some(Format::Tiff) => sections.push(path),
+            Some(Format::Dicom) => slices.push(path),
+            _ => {}
+        }
+    }
+    refuse_raw_options(folder, options, "a folder")?;
+    let name = |path: &PathBuf| natural(&path.file_name().unwrap_or_default().to_string_lossy());
+    sections.sort_by_cached_key(name);
+    slices.sort_by_cached_key(name);
+    match (sections.is_empty(), slices.is_empty()) {
+        (true, true) => Err(Error::format(folder, "is a directory without TIFF or DICOM files")),
+        (false, true) => tiff::read_files(folder, &sections, options.spacing),
+        (true, false) => dicom::read_files(folder, &slices, options.series, options.spacing),
+        (false, false) => Err(Error::format(folder, "holds TIFF and DICOM files: give each a folder of its own")),
+    }
+}
+
+/// A key that sorts names with numbers as people do: runs of digits are numbers, and 9 goes before 10.
+fn natural(name: &str) -> Vec<(String, usize, String)> {
+    let mut key = Vec::new();
+    let mut rest = name;
+    while !rest.is_empty() {
+        let text_end = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
+        let (text, after) = rest.split_at(text_end);
+        let digits_end = after.find(|c: char| !c.is_ascii_digit()).unwrap_or(after.len());
+        let (digits, after) = after.split_at(digits_end);
+        // Of numbers without leading zeros the one with more digits is the larger.
+        let number = digits.trim_start_matches('0');
+        key.push((text.to_lowercase(), number.len(), number.to_owned()));
+        rest = after;
+    }
+    // Names that differ in leading zeros and capitals alone keep one order.
+    key.push((name.to_owned(), 0, String::new()));
+    key
 }
 
 /// Refuses options for bare samples on any other source: they would contradict its header.
@@ -214,13 +307,9 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
 
 /// The error about a file of no known format.
 fn unknown(input: &Input, head: &[u8]) -> Error {
-    let formats: [(usize, &[u8], &str); 9] = [
-        (128, b"DICM", "DICOM"),
-        (0, b"II*\0", "TIFF"),
-        (0, b"MM\0*", "TIFF"),
+    let formats: [(usize, &[u8], &str); 5] = [
         (0, b"\x89HDF", "HDF5"),
         (0, b"CDF", "NetCDF"),
-        (0, b"# vtk", "VTK"),
         (0, b"<?xml", "XML"),
         (0, b"\x89PNG", "PNG"),
         (0, b"PK\x03\x04", "ZIP"),
@@ -231,8 +320,26 @@ fn unknown(input: &Input, head: &[u8]) -> Error {
             input.error(format!("is a {name} file, {reason}"))
         }
         None => {
-            let error = input.error("is not a NRRD, NIfTI, MetaImage or NumPy file");
+            let error = input.error("is not a NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF or DICOM file");
             hinted(error, Hint::GiveDimsAndSampleType)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::natural;
+
+    #[test]
+    fn names_are_sorted_as_people_do() {
+        let sorted =
+            ["a.tif", "slice2.tif", "slice09.tif", "Slice9.tif", "slice10.tif", "slice10b.tif", "t1z10", "t2z9"];
+        let mut names = sorted;
+        names.reverse();
+        names.sort_by_cached_key(|name| natural(name));
+        assert_eq!(names[4..], sorted[4..]);
+        assert_eq!((names[0], names[1]), ("a.tif", "slice2.tif"));
+        // Digits without end are a number too.
+        assert!(natural(&"1".repeat(99)) < natural(&"2".repeat(99)));
     }
 }

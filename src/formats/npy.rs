@@ -6,12 +6,11 @@
 //! The crate `npyz` 0.9 is not used: it multiplies the shape unchecked (an overflow panics in a debug build), reserves
 //! up to 4 GiB because the header's length says so, and reads sample by sample.
 
-use std::path::Path;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::decode::{self, Layout, lattice, read_all};
+use super::decode::{Layout, lattice, read_all, read_halves, samples_in};
 use super::input::Input;
 use super::placement::Placement;
 use crate::error::Result;
@@ -74,25 +73,13 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
             return Err(input.error(reason));
         }
     };
-    let stored = if kind == "f2" {
-        // Halves have no sample type of their own: f32 holds each of them exactly.
-        let halves: Vec<u16> = decode::read(&mut std::iter::once(Ok(input)), 1, count, layout)?;
-        let mut floats = reserved(count, samples_in(&path))?;
-        halves.into_par_iter().map(|bits| half::f16::from_bits(bits).to_f32()).collect_into_vec(&mut floats);
-        Stored::Memory(Arc::new(Samples::F32(floats)))
-    } else {
-        read_all(input, count, sample_type, layout)?
-    };
+    let stored =
+        if kind == "f2" { read_halves(input, count, layout)? } else { read_all(input, count, sample_type, layout)? };
     let stored = match header.fortran_order {
-        true => Stored::Memory(Arc::new(x_fastest(&stored.into_samples()?, dims, samples_in(&path))?)),
+        true => Stored::Memory(Arc::new(x_fastest(&stored.into_samples()?, dims, || samples_in(&path))?)),
         false => stored,
     };
     placement.volume(grid, stored)
-}
-
-/// What memory for samples of a file is for.
-fn samples_in(path: &Path) -> impl Fn() -> String {
-    move || format!("the samples of {}", path.display())
 }
 
 /// Reorders samples from z fastest to x fastest.

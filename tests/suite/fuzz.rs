@@ -3,7 +3,7 @@
 //!
 //! Execution n of a target is the same in every run. `VOXSPLAT_FUZZ_RUNS` is the number of executions of all targets
 //! together; the long run has 1 000 000. `VOXSPLAT_FUZZ_FIRST` is the number of the first execution of each target, to
-//! repeat one that failed.
+//! repeat one that failed. `VOXSPLAT_FUZZ_TARGET` names the one target that is run.
 
 #[path = "../../fuzz/targets.rs"]
 #[allow(unreachable_pub, reason = "the file is shared with the crate of cargo-fuzz")]
@@ -269,11 +269,13 @@ fn changed_files_end_in_a_value_or_in_one_line() {
 
 #[expect(clippy::print_stdout, reason = "the long run is read by who started it")]
 fn execute() {
-    let runs = number("VOXSPLAT_FUZZ_RUNS").unwrap_or(RUNS).div_ceil(TARGETS.len());
+    let only = std::env::var("VOXSPLAT_FUZZ_TARGET").ok();
+    let targets: Vec<_> = TARGETS.into_iter().filter(|(name, ..)| only.as_deref().is_none_or(|o| o == *name)).collect();
+    let runs = number("VOXSPLAT_FUZZ_RUNS").unwrap_or(RUNS).div_ceil(targets.len());
     let first = number("VOXSPLAT_FUZZ_FIRST").unwrap_or(0);
     let folder = tempfile::tempdir().unwrap();
     let place = Place::new(folder.path(), Path::new(&path(""))).unwrap();
-    for (name, target, endings) in TARGETS {
+    for (name, target, endings) in targets {
         let seeds = seeds(name, endings);
         let accepted = seeds.iter().filter(|seed| target(&place, seed)).count();
         assert!(accepted > 0, "{name}: no seed is accepted");

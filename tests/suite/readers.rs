@@ -1,6 +1,7 @@
 //! Every format, encoding and type is read as the reference implementations read it.
 //!
-//! The files and what nibabel, pynrrd, SimpleITK and NumPy say about them are written by tests/data/volumes/make.py.
+//! The files and what nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom say
+//! about them are written by tests/data/volumes/make.py and make_more.py.
 
 use std::path::PathBuf;
 
@@ -19,11 +20,16 @@ struct Expected {
     oriented: bool,
     slope: f64,
     intercept: f64,
+    /// Of lengths, "" if none is stated; not compared if the table does not have it.
+    unit: Option<String>,
 }
 
 fn expected() -> Vec<Expected> {
-    let text = std::fs::read_to_string(path("expected.json")).unwrap();
-    serde_json::from_str(&text).unwrap()
+    let table =
+        |name: &str| -> Vec<Expected> { serde_json::from_str(&std::fs::read_to_string(path(name)).unwrap()).unwrap() };
+    let mut all = table("expected.json");
+    all.extend(table("expected-more.json"));
+    all
 }
 
 pub(crate) fn path(file: &str) -> String {
@@ -47,6 +53,7 @@ fn samples(sample_type: &str) -> Samples {
         "i64" => Samples::I64(filled(|n| 300_000_000_000_000_000 * (n - 30) + 1)),
         "f32" => Samples::F32(filled(|n| n as f32 * 0.25 - 3.125)),
         "f64" => Samples::F64(filled(|n| n as f64 / 3.0 - 7.1)),
+        "nibble" => Samples::U8(filled(|n| (n % 16) as u8)),
         other => panic!("unknown type {other}"),
     }
 }
@@ -80,13 +87,16 @@ fn every_file_is_read_as_by_the_reference_implementation() {
         assert_eq!(volume.rescale(), (e.slope, e.intercept), "{}", e.file);
         assert_eq!(volume.is_oriented(), e.oriented, "{}", e.file);
         assert_affine(&volume, &e.affine, &e.file);
+        if let Some(unit) = &e.unit {
+            assert_eq!(volume.units().length.as_deref().unwrap_or_default(), unit, "{}", e.file);
+        }
     }
 }
 
 #[test]
 fn the_table_covers_every_type_in_every_format() {
     let all = expected();
-    for extension in [".nrrd", ".nii", ".mha", ".npy"] {
+    for extension in [".nrrd", ".nii", ".mha", ".npy", ".vti", ".vtk", ".tif"] {
         for sample_type in SampleType::ALL {
             let found = all.iter().any(|e| e.file.ends_with(extension) && e.sample_type == sample_type.name());
             assert!(found, "{sample_type} in {extension}");
@@ -107,6 +117,79 @@ fn the_image_of_a_nifti_pair_stands_for_the_pair() {
         assert_eq!((a.grid(), a.rescale()), (b.grid(), b.rescale()));
         assert_eq!(a.in_memory().unwrap().samples(), b.in_memory().unwrap().samples());
     }
+}
+
+#[test]
+fn a_folder_of_sections_is_read_in_natural_order() {
+    let folder = tempfile::tempdir().unwrap();
+    for z in 8..13 {
+        let name = format!("section-{z}.tiff");
+        std::fs::copy(path(&name), folder.path().join(&name)).unwrap();
+    }
+    std::fs::write(folder.path().join("notes.txt"), "notes").unwrap();
+    std::fs::write(folder.path().join("empty.tif"), "").unwrap();
+    let options = LoadOptions { spacing: Some([0.5, 0.75, 2.0]), ..LoadOptions::default() };
+    let volume = load(folder.path(), &options).unwrap();
+    assert_eq!((volume.grid().dims(), volume.grid().spacing()), ([3, 4, 5], [0.5, 0.75, 2.0]));
+    assert_eq!(volume.in_memory().unwrap().samples(), &samples("i16"));
+    std::fs::copy(path("deflate-f32.tif"), folder.path().join("section-13.tif")).unwrap();
+    let error = load(folder.path(), &options).unwrap_err().to_string();
+    assert!(error.contains("section-13.tif") && error.contains("3 x 4 f32"), "{error}");
+}
+
+/// A folder with copies of fixtures.
+pub(crate) fn folder_of(files: &[&str]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for file in files {
+        std::fs::copy(path(file), folder.path().join(file)).unwrap();
+    }
+    folder
+}
+
+#[test]
+fn slices_of_a_tilted_gantry_are_sorted_by_position() {
+    let slices = ["ct-a.dcm", "ct-b.dcm", "ct-c.dcm", "ct-d.dcm", "ct-e.dcm", "scout.dcm"];
+    let folder = folder_of(&slices);
+    std::fs::write(folder.path().join("notes.txt"), "notes").unwrap();
+    let check = |options: &LoadOptions| {
+        let volume = load(folder.path(), options).unwrap();
+        assert_eq!(volume.in_memory().unwrap().samples(), &samples("i16"));
+        assert_eq!((volume.rescale(), volume.is_oriented(), volume.value_unit()), ((0.5, -1000.0), true, Some("HU")));
+        // The third axis is no normal of the first two.
+        assert_affine(&volume, &[[0.5, 0.0, 0.0, 10.0], [0.0, 0.6, 0.0, -20.0], [0.0, 0.45, 2.0, 30.5]], "tilted");
+    };
+    check(&LoadOptions::default());
+    std::fs::copy(path("other.dcm"), folder.path().join("other.dcm")).unwrap();
+    check(&LoadOptions { series: Some(1), ..LoadOptions::default() });
+    let other = load(folder.path(), &LoadOptions { series: Some(2), ..LoadOptions::default() }).unwrap();
+    assert_eq!(other.grid().dims(), [3, 4, 1]);
+    let error = format!("{:#}", load(folder.path(), &LoadOptions::default()).unwrap_err());
+    assert!(error.contains("1 is CT \"series 1\" of 6 files, 2 is CT \"series 2\" of 1 files"), "{error}");
+    assert!(error.contains("set LoadOptions::series"), "{error}");
+    let error = load(folder.path(), &LoadOptions { series: Some(3), ..LoadOptions::default() }).unwrap_err();
+    assert!(error.to_string().starts_with("series: 3, but "), "{error}");
+}
+
+#[test]
+fn slices_with_maps_of_their_own_become_values() {
+    let folder = folder_of(&["ct-a.dcm", "ct-b.dcm", "ct-c.dcm", "ct-d.dcm", "ct-e.dcm"]);
+    let file = folder.path().join("ct-c.dcm");
+    let mut bytes = std::fs::read(&file).unwrap();
+    let at = bytes.windows(4).rposition(|window| window == b"0.5 ").unwrap();
+    bytes[at..at + 4].copy_from_slice(b"0.25");
+    std::fs::write(&file, bytes).unwrap();
+    let volume = load(folder.path(), &LoadOptions::default()).unwrap();
+    let Samples::I16(stored) = samples("i16") else { panic!() };
+    let expected = stored.iter().enumerate().map(|(n, &s)| f32::from(s) * if n < 12 { 0.25 } else { 0.5 } - 1000.0);
+    assert_eq!(volume.in_memory().unwrap().samples(), &Samples::F32(expected.collect()));
+    assert_eq!(volume.rescale(), (1.0, 0.0));
+}
+
+#[test]
+fn bits_beside_the_pixels_are_masked() {
+    let volume = read("bits-u8.dcm");
+    let Samples::U8(bytes) = samples("u8") else { panic!() };
+    assert_eq!(volume.in_memory().unwrap().samples(), &Samples::U16(bytes.into_iter().map(u16::from).collect()));
 }
 
 #[test]

@@ -8,7 +8,7 @@ use voxsplat::formats::{LoadOptions, load};
 use voxsplat::volume::SampleType;
 
 use crate::fuzz::targets::assert_one_line;
-use crate::readers::path;
+use crate::readers::{folder_of, path};
 
 /// Loads `bytes` from a file of that name; the error's message.
 fn refused(name: &str, bytes: &[u8]) -> String {
@@ -53,7 +53,7 @@ fn files_that_are_no_volume_are_named() {
     assert_refused("a.mha", b"some bytes", "not \"Field = value\"");
     assert_refused("a.nrrd", b"NRRD0009\n", "NRRD0001 to NRRD0005");
     let dicom = [vec![0; 128], b"DICM".to_vec(), vec![0; 500]].concat();
-    assert_refused("a.dcm", &dicom, "DICOM");
+    assert_refused("a.dcm", &dicom, "is damaged");
     let analyze = [348_u32.to_le_bytes().to_vec(), vec![0; 344]].concat();
     assert_refused("a.hdr", &analyze, "ANALYZE");
 
@@ -171,6 +171,12 @@ fn load_ok(bytes: &[u8]) -> bool {
     load(file.to_str().unwrap(), &LoadOptions::default()).is_ok()
 }
 
+fn gzip(data: &[u8]) -> Vec<u8> {
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    encoder.write_all(data).unwrap();
+    encoder.finish().unwrap()
+}
+
 #[test]
 fn what_is_harmless_is_accepted() {
     let data = [7; 8];
@@ -179,11 +185,6 @@ fn what_is_harmless_is_accepted() {
     assert!(load_ok(&nrrd(&format!("{NRRD}\n# \u{fc}\nkey:=1\nkey:=2"), &data)), "comments and repeated keys");
     let latin1 = [b"NRRD0004\ncontent: M\xfcller\n".as_slice(), NRRD.as_bytes(), b"\n\n", &data].concat();
     assert!(load_ok(&latin1), "a header that is not UTF-8");
-    let gzip = |data: &[u8]| {
-        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
-        encoder.write_all(data).unwrap();
-        encoder.finish().unwrap()
-    };
     let header = NRRD.replace("raw", "gzip");
     assert!(load_ok(&nrrd(&header, &[gzip(&data), b"more".to_vec()].concat())), "bytes after the gzip stream");
     assert!(load_ok(&nrrd(&header, &[gzip(&data[..3]), gzip(&data[3..])].concat())), "two gzip members");
@@ -237,6 +238,185 @@ fn broken_nifti_headers_say_what_is_wrong() {
     std::fs::write(&file, changed("qform.nii", pixdim + 4, &[0; 4])).unwrap();
     let options = LoadOptions { spacing: Some([1.0; 3]), ..LoadOptions::default() };
     assert!(load(file.to_str().unwrap(), &options).is_ok());
+}
+
+#[test]
+fn broken_mrc_headers_say_what_is_wrong() {
+    let word = |number: i32| number.to_le_bytes();
+    let cases: [(usize, [u8; 4], &str); 10] = [
+        (0, word(0), "dimension 1 is 0"),
+        (8, word(-5), "dimension 3 is -5"),
+        (8, word(6), "144 bytes, 120 are there"),
+        (8, word(60_000), "1440000 bytes, 120 are there"),
+        (12, word(4), "complex"),
+        (12, word(16), "RGB"),
+        (12, word(5), "mode 5 is not read"),
+        (92, word(-1), "extended header of -1 bytes"),
+        (92, word(1000), "ends before byte 1000"),
+        (68, word(1), "axes 1, 1, 3"),
+    ];
+    for (at, bytes, words) in cases {
+        assert_refused("a.mrc", &changed("raw-i16.mrc", at, &bytes), words);
+    }
+    assert_refused("a.mrc", &changed("raw-i16.mrc", 28, &[0; 4]), "spacing of axis 1 is inf");
+    assert_refused("a.mrc", &changed("oblique-cell.map", 52, &10_f32.to_le_bytes()), "do not span space");
+    let volumes = [word(401), word(0)].concat();
+    let mut stack = changed("raw-i16.mrc", 88, &volumes);
+    stack[36] = 1;
+    assert_refused("a.mrc", &stack, "holds 5 volumes");
+    assert_refused("a.mrc", &std::fs::read(path("raw-i16.mrc")).unwrap()[..1000], "header has 1000 of 1024 bytes");
+    assert_refused("a.mrc", &[0xff; 2000], "not an MRC file");
+}
+
+#[test]
+fn broken_vtk_files_say_what_is_wrong() {
+    let replaced = |file: &str, from: &str, to: &str| {
+        let bytes = std::fs::read(path(file)).unwrap();
+        let at = bytes.windows(from.len()).position(|window| window == from.as_bytes()).expect(from);
+        [&bytes[..at], to.as_bytes(), &bytes[at + from.len()..]].concat()
+    };
+    let cases = [
+        ("raw-i16.vti", "ImageData", "UnstructuredGrid", "expected ImageData"),
+        ("raw-i16.vti", "LittleEndian", "Middle", "byte_order is \"Middle\""),
+        ("raw-i16.vti", "UInt64", "UInt16", "header_type is \"UInt16\""),
+        ("raw-i16.vti", "header_type", "compressor=\"vtkLZMADataCompressor\" a", "save it with ZLib"),
+        ("raw-i16.vti", "Extent=\"0 2 0 3 0 4\"", "Extent=\"0 2 0 3\"", "WholeExtent is \"0 2 0 3\""),
+        ("raw-i16.vti", "WholeExtent=\"0 2 0 3 0 4\"", "WholeExtent=\"0 2 0 3 0 5\"", "several pieces"),
+        ("raw-i16.vti", "0.5 0.75 2", "0.5 0 2", "spacing of axis 2 is 0"),
+        ("raw-i16.vti", "1 0 0 0 1 0", "1 0 0 1 0 0", "do not span space"),
+        ("raw-i16.vti", "type=\"Int16\"", "type=\"String\"", "type \"String\""),
+        ("raw-i16.vti", "format=\"appended\"", "format=\"\"", "format \"\""),
+        ("raw-i16.vti", "Name=\"", "NumberOfComponents=\"3\" Name=\"", "has 3 numbers per sample"),
+        ("raw-i16.vti", "Name=\"", "Name=\"a", "no array of scalars"),
+        ("raw-i16.vti", "offset=\"0\"", "offset=\"x\"", "offset is \"x\""),
+        ("raw-i16.vti", "offset=\"0\"", "offset=\"999\"", "ends before byte 999"),
+        ("raw-i16.vti", "AppendedData", "Appended", "no appended data"),
+        ("ascii-i16.vti", "-28000", "x", "\"x\", which is not a number"),
+        ("ascii-i16.vti", "-28000", "", "which is not a number"),
+        ("base64-i16.vti", "eAAAA", "e!", "no digit of base64"),
+        ("raw-i16.vtk", "BINARY", "OCTAL", "expected ASCII or BINARY"),
+        ("raw-i16.vtk", "STRUCTURED_POINTS", "POLYDATA", "expected STRUCTURED_POINTS"),
+        ("raw-i16.vtk", "DIMENSIONS 3 4 5", "DIMENSIONS 3 4 6", "144 bytes, 12"),
+        ("raw-i16.vtk", "DIMENSIONS 3 4 5", "DIMENSIONS 3 4", "not understood"),
+        ("raw-i16.vtk", "DIMENSIONS 3 4 5", "", "dimension 1 is 0"),
+        ("raw-i16.vtk", " short", " bit", "type \"bit\""),
+        ("raw-i16.vtk", "LOOKUP_TABLE", "TABLE", "expected LOOKUP_TABLE"),
+    ];
+    for (file, from, to, words) in cases {
+        assert_refused("a", &replaced(file, from, to), words);
+    }
+    // An array before the scalars, as bytes and as text.
+    let header = |coding: &str| {
+        format!(
+            "# vtk DataFile Version 3.0\n\n{coding}\nDATASET STRUCTURED_POINTS\nDIMENSIONS 2 1 1\nPOINT_DATA 2\n\
+             FIELD FieldData 2\nflow 3 2 short\n"
+        )
+    };
+    assert!(load_ok(&[header("BINARY").as_bytes(), &[0; 12], b"\nct 1 2 char\n", &[7, 9]].concat()));
+    assert!(load_ok(&[header("ASCII").as_bytes(), b"1 2 3 4 5 6\nct 1 2 char\n7 9\n"].concat()));
+    // Blocks that are cut short, changed, or claim more than they can hold.
+    let blocks = std::fs::read(path("zlib-i16.vti")).unwrap();
+    let start = blocks.windows(2).rposition(|window| window == b" _").unwrap() + 2 + 216;
+    let changed = |at: usize, bytes: &[u8]| {
+        let mut blocks = blocks.clone();
+        blocks[start + at..start + at + bytes.len()].copy_from_slice(bytes);
+        blocks
+    };
+    assert!(load_ok(&changed(0, &[])));
+    assert_refused("a", &changed(0, &[0xff; 8]), "compressed blocks");
+    assert_refused("a", &changed(8, &[0xff; 7]), "decompress to");
+    assert_refused("a", &changed(24, &[0xff; 7]), "cut short");
+    assert_refused("a", &changed(16, &[5]), "a block of 6 bytes, expected 5");
+    assert_refused("a", &blocks[..blocks.len() - 60], "cut short");
+}
+
+#[test]
+fn broken_tiff_files_say_what_is_wrong() {
+    // Changes the value of a tag in every directory of a little-endian file.
+    let tagged = |file: &str, tag: u16, value: u32| {
+        let mut bytes = std::fs::read(path(file)).unwrap();
+        let word = |bytes: &[u8], at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+        let mut directory = word(&bytes, 4);
+        while directory > 0 {
+            let count = usize::from(u16::from_le_bytes(bytes[directory..directory + 2].try_into().unwrap()));
+            for entry in (0..count).map(|n| directory + 2 + 12 * n) {
+                if bytes[entry..entry + 2] == tag.to_le_bytes() {
+                    bytes[entry + 8..entry + 12].copy_from_slice(&value.to_le_bytes());
+                }
+            }
+            directory = word(&bytes, directory + 2 + 12 * count);
+        }
+        bytes
+    };
+    let (width, bits, compression, photometric, channels, strip) = (256, 258, 259, 262, 277, 273);
+    let cases = [
+        ("deflate-i16.tif", width, 0, "not read"),
+        ("deflate-i16.tif", width, 60_000, "cut short"),
+        ("deflate-f32.tif", width, 1_000_000, "dimension 1 is 1000000"),
+        ("raw-i16.tif", bits, 12, "samples of 12 bits"),
+        ("raw-i16.tif", compression, 34_712, "not read"),
+        ("raw-i16.tif", photometric, 0, "0 is white"),
+        ("raw-i16.tif", photometric, 3, "palette"),
+        ("raw-i16.tif", channels, 3, "3 channels per sample"),
+        ("raw-i16.tif", strip, 4_000_000, ""),
+    ];
+    for (file, tag, value, words) in cases {
+        assert_refused("a.tif", &tagged(file, tag, value), words);
+    }
+    let with_text = |file: &str, from: &str, to: &str| {
+        let mut bytes = std::fs::read(path(file)).unwrap();
+        let at = bytes.windows(from.len()).position(|window| window == from.as_bytes()).expect(from);
+        bytes[at..at + from.len()].copy_from_slice(to.as_bytes());
+        bytes
+    };
+    assert_refused("a.tif", &with_text("ome-i16.ome.tif", "SizeC=\"1\"", "SizeC=\"2\""), "2 channels at 1 points");
+    assert_refused("a.tif", &with_text("ome-i16.ome.tif", "SizeZ=\"5\"", "SizeZ=\"4\""), "states 4 sections");
+    assert_refused("a.tif", &with_text("one-directory.tif", "slices", "frames"), "1 channels at 5 points");
+    assert_refused("a.tif", &with_text("one-directory.tif", "images=5", "images=9"), "216 bytes, 120 are there");
+    let whole = std::fs::read(path("deflate-i16.tif")).unwrap();
+    assert_refused("a.tif", &whole[..whole.len() / 2], "cut short");
+    assert_refused("a.tif", b"II*\0\x08\0\0\0\0\0\0\0\0\0", "");
+    assert_refused("a.tif", &gzip(&whole), "decompressed");
+}
+
+#[test]
+fn broken_dicom_files_say_what_is_wrong() {
+    let whole = std::fs::read(path("enhanced-i16.dcm")).unwrap();
+    let replaced = |from: &[u8], to: &[u8]| {
+        let at = whole.windows(from.len()).rposition(|window| window == from).unwrap();
+        [&whole[..at], to, &whole[at + from.len()..]].concat()
+    };
+    let syntax = b"1.2.840.10008.1.2.1\0";
+    let cases: [(&[u8], &[u8], &str); 8] = [
+        (syntax, b"1.2.840.10008.1.2.5\0", "compressed by RLE"),
+        (syntax, b"1.2.840.10008.1.2.9\0", ""),
+        (b"\x28\0\x10\0US\x02\0\x04", b"\x28\0\x10\0US\x02\0\x05", "150 bytes, 120 are there"),
+        (b"\x28\0\x10\0US\x02\0\x04", b"\x28\0\x10\0US\x02\0\0", "dimension 2 is 0"),
+        (b"\x28\0\x02\0US\x02\0\x01", b"\x28\0\x02\0US\x02\0\x03", "3 channels"),
+        (b"34.5", b"32.5", "two slices at one position"),
+        (b"38.5", b"40.5", "1 slices are missing between"),
+        (b"38.5", b"39.5", "unequally spaced: 2.4000"),
+    ];
+    for (from, to, words) in cases {
+        let bytes = replaced(from, to);
+        if words.is_empty() {
+            // An unknown transfer syntax is taken for one without compression.
+            assert!(load_ok(&bytes));
+        } else {
+            assert_refused("a.dcm", &bytes, words);
+        }
+    }
+    assert_refused("a.dcm", &whole[..whole.len() - 1], "cut short");
+    assert_refused("a.dcm", &whole[..1000], "");
+    // In the order of their positions: c, e, b, a, d.
+    let folder = folder_of(&["ct-a.dcm", "ct-c.dcm", "ct-d.dcm", "ct-e.dcm"]);
+    let says = message(folder.path(), &LoadOptions::default());
+    assert!(says.contains("1 slices are missing between ct-e.dcm and ct-a.dcm"), "{says}");
+    std::fs::copy(path("ct-a.dcm"), folder.path().join("ct-b.dcm")).unwrap();
+    let says = message(folder.path(), &LoadOptions::default());
+    assert!(says.contains("two slices at one position: ct-a.dcm and ct-b.dcm"), "{says}");
+    std::fs::copy(path("raw-u8.tif"), folder.path().join("a.tif")).unwrap();
+    assert!(message(folder.path(), &LoadOptions::default()).contains("TIFF and DICOM"));
 }
 
 #[test]

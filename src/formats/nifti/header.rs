@@ -1,6 +1,7 @@
 //! The fixed layout of the two NIfTI headers.
 
 use crate::error::Result;
+use crate::formats::fields::Fields;
 use crate::formats::input::Input;
 use crate::volume::Endian;
 
@@ -122,7 +123,7 @@ impl Header {
                 vox_offset: f.f32(108),
                 scl_slope: f.f32(112),
                 scl_inter: f.f32(116),
-                xyzt_units: f.at::<1>(123)[0],
+                xyzt_units: f.u8(123),
                 intent_code: f.i16(68).into(),
                 qform_code: f.i16(252).into(),
                 sform_code: f.i16(254).into(),
@@ -136,41 +137,5 @@ impl Header {
     /// World distance between samples. The sform has its own, all other placements use this.
     pub(super) fn spacing(&self) -> [f64; 3] {
         [self.pixdim[1], self.pixdim[2], self.pixdim[3]]
-    }
-}
-
-/// Numbers at byte offsets of a header. All offsets are constants inside it; bytes past the end would read as 0.
-struct Fields<'a> {
-    bytes: &'a [u8],
-    endian: Endian,
-}
-
-impl Fields<'_> {
-    fn at<const N: usize>(&self, offset: usize) -> [u8; N] {
-        let mut bytes = self.bytes.get(offset..).and_then(|b| b.first_chunk::<N>()).copied().unwrap_or([0; N]);
-        if self.endian == Endian::Big {
-            bytes.reverse();
-        }
-        bytes
-    }
-
-    fn i16(&self, offset: usize) -> i16 {
-        i16::from_le_bytes(self.at(offset))
-    }
-
-    fn i32(&self, offset: usize) -> i32 {
-        i32::from_le_bytes(self.at(offset))
-    }
-
-    fn i64(&self, offset: usize) -> i64 {
-        i64::from_le_bytes(self.at(offset))
-    }
-
-    fn f32(&self, offset: usize) -> f64 {
-        f32::from_le_bytes(self.at(offset)).into()
-    }
-
-    fn f64(&self, offset: usize) -> f64 {
-        f64::from_le_bytes(self.at(offset))
     }
 }
