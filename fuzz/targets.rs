@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use voxsplat::error::{Error, Result};
 use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::Image;
-use voxsplat::transfer::TransferFunction;
-use voxsplat::volume::{Endian, SampleType, Statistics, Volume};
+use voxsplat::transfer::{Imported, TransferFunction, Window};
+use voxsplat::volume::{Endian, Grid, SampleType, Statistics, Volume};
 
 /// The folder in which files are written for the readers, with the fixtures that headers may name.
 pub struct Place(PathBuf);
@@ -25,7 +25,7 @@ pub const TARGETS: [(&str, Target, &[&str]); 9] = [
     ("npy", |place, bytes| place.volume("fuzzed.npy", bytes), &[".npy", ".npy.gz"]),
     ("raw", Place::raw, &[".raw", ".img", ".raw.gz"]),
     ("data", Place::data, &[".raw.gz", ".zraw", ".z", ".raw"]),
-    ("transfer", Place::transfer, &[".json"]),
+    ("transfer", Place::transfer, &[".json", ".vp", ".xml"]),
     ("png", |place, bytes| place.picture("fuzzed.png", bytes), &[".png"]),
     ("exr", |place, bytes| place.picture("fuzzed.exr", bytes), &[".exr"]),
 ];
@@ -97,8 +97,11 @@ impl Place {
     }
 
     fn transfer(&self, bytes: &[u8]) -> bool {
-        let read = TransferFunction::load(self.written("fuzzed.json", bytes));
-        accepted(read).is_some_and(|transfer| {
+        accepted(Imported::load(self.written("fuzzed.json", bytes))).is_some_and(|imported| {
+            let grid = Grid::axis_parallel([2; 3], [0.5, 1.0, 2.0]);
+            let window = Window { level: 10.0, width: 20.0 };
+            grid.iter().for_each(|grid| drop(accepted(imported.placed(grid, Some(&window)))));
+            let transfer = imported.transfer;
             let again = TransferFunction::from_json(&transfer.to_json());
             assert!(again.is_ok_and(|again| again == transfer), "what is written is not what is read");
             let [first, last] = transfer.range();

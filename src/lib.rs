@@ -29,10 +29,10 @@
 //! [`lighting`], [`settings`], [`renderer`] (the GPU), [`mod@reference`] (the same model integrated in f64, to measure
 //! against), [`accuracy`] (pictures that keep an error), [`reconstruction`] (the error of kernels), [`report`]
 //! (differences of pictures, speed against error), [`image`] (pictures and their files), [`figure`] (scale bar, axes,
-//! colour bar and title on a picture), [`stats`], [`progress`], [`adapter`] and [`error`].
+//! colour bar and title on a picture), `film` (GIF, APNG and Y4M), [`stats`], [`progress`], [`adapter`] and [`error`].
 //!
-//! The features, on by default: `cli` builds the program `voxsplat`; `report` has plots of speed against error. A
-//! library needs `default-features = false`.
+//! The features, on by default: `cli` builds the program `voxsplat`; `film` writes films; `report` has plots of speed
+//! against error. A library needs `default-features = false`.
 
 pub mod accuracy;
 pub mod adapter;
@@ -42,6 +42,8 @@ mod color;
 pub mod demos;
 pub mod error;
 pub mod figure;
+#[cfg(feature = "film")]
+pub mod film;
 pub mod formats;
 mod framing;
 mod gpu;

@@ -1,13 +1,13 @@
 //! Files that are read: regular files, and whatever standard input is.
 
 use std::fs::{File, Metadata};
-use std::io::Read;
+use std::io::{IsTerminal, Read};
 use std::path::Path;
 
 use crate::error::{Error, Result};
 
-/// Opens a regular file, or standard input if `path` leads there. The second value is the length of the file in bytes;
-/// `None` if standard input is a stream.
+/// Opens a regular file, or standard input if `path` is `-` or leads there. The second value is the length of the file
+/// in bytes; `None` if standard input is a stream.
 ///
 /// Other files are refused before they are opened: to open a pipe waits for its other end, and to open a device can
 /// start it.
@@ -17,6 +17,12 @@ use crate::error::{Error, Result};
 /// socket or a device.
 pub(crate) fn open(path: &Path) -> Result<(File, Option<u64>)> {
     let read_error = |source| Error::Read { path: path.to_owned(), source };
+    if path == Path::new("-") {
+        if std::io::stdin().is_terminal() {
+            return Err(Error::format(path, "standard input is a terminal, expected a pipe or a file"));
+        }
+        return Ok((stream().map_err(read_error)?, None));
+    }
     let meta = std::fs::metadata(path).map_err(read_error)?;
     if !meta.is_file() {
         return match standard_input(&meta) {
@@ -68,12 +74,22 @@ fn special(_: &Metadata) -> &'static str {
     "device"
 }
 
+/// Standard input.
+fn stream() -> std::io::Result<File> {
+    #[cfg(unix)]
+    let owned = std::os::fd::AsFd::as_fd(&std::io::stdin()).try_clone_to_owned();
+    #[cfg(windows)]
+    let owned = std::os::windows::io::AsHandle::as_handle(&std::io::stdin()).try_clone_to_owned();
+    #[cfg(not(any(unix, windows)))]
+    let owned = Err::<File, _>(std::io::Error::from(std::io::ErrorKind::Unsupported));
+    owned.map(File::from)
+}
+
 /// Standard input, if it is the file that `meta` describes.
 #[cfg(unix)]
 fn standard_input(meta: &Metadata) -> Option<File> {
-    use std::os::fd::AsFd;
     use std::os::unix::fs::MetadataExt;
-    let stream = File::from(std::io::stdin().as_fd().try_clone_to_owned().ok()?);
+    let stream = stream().ok()?;
     let its = stream.metadata().ok()?;
     (!meta.is_dir() && (its.dev(), its.ino()) == (meta.dev(), meta.ino())).then_some(stream)
 }

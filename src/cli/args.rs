@@ -5,11 +5,13 @@ use std::path::PathBuf;
 use clap::builder::NonEmptyStringValueParser;
 use clap::{Parser, Subcommand, ValueEnum};
 use glam::DVec3;
+use voxsplat::film::Format;
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Region};
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::reconstruction::Signal;
 use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Resolution, Response, Shading, Sheets};
+use voxsplat::transfer::Window;
 use voxsplat::volume::{Endian, SampleType};
 
 use super::parse::{self, GradientOpacity, LightArg, Occlusion, one_of};
@@ -21,6 +23,9 @@ use super::parse::{self, GradientOpacity, LightArg, Occlusion, one_of};
 pub(super) struct Args {
     #[command(subcommand)]
     pub(super) command: Command,
+    /// Print results and errors alone: no notes, no progress
+    #[arg(short, long, global = true)]
+    pub(super) quiet: bool,
 }
 
 const MAIN_EXAMPLES: &str = "\
@@ -30,12 +35,15 @@ Examples:
   voxsplat render scan.nii.gz -o scan.png --transfer ct-bone --azimuth 30
   voxsplat pareto scan.nii.gz -o speed-against-error
 
-Exit codes: 0 done, 1 failed (compare: the pictures differ), 2 wrong arguments.";
+Exit codes: 0 done, 1 failed (compare: the pictures differ; --max-error: broken), 2 wrong arguments;
+128 and its number if a signal ends it. Output has no colours, with NO_COLOR and without.";
 
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
     /// Render a volume to a picture
     Render(Box<RenderArgs>),
+    /// Turn a volume: a picture or a frame of a film for each view
+    Turntable(Box<TurntableArgs>),
     /// Draw a volume in many ways, and report their speed against their error
     Pareto(Box<ParetoArgs>),
     /// Show what a volume file holds and how to render it
@@ -46,12 +54,23 @@ pub(super) enum Command {
     Compare(CompareArgs),
     /// List the graphics adapters, best first
     Devices,
+    /// Print completions for a shell: bash, elvish, fish, powershell or zsh
+    Completions {
+        /// The shell
+        shell: clap_complete::Shell,
+    },
+    /// Print the manual page of the program or of a command, for man -l
+    Man {
+        /// A command, such as render
+        command: Option<String>,
+    },
 }
 
 /// The volume, and what its file does not state.
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
-    /// A volume file (NRRD, NIfTI, MetaImage, NumPy, raw) or a built-in volume, demo:NAME[:SIZE]
+    /// A volume file (NRRD, NIfTI, MetaImage, NumPy, raw), - for standard input, or a built-in volume,
+    /// demo:NAME[:SIZE]; for render also a scene, FILE.json
     #[arg(value_name = "VOLUME")]
     pub(super) source: PathBuf,
     /// Raw files: samples along x (fastest), y and z
@@ -131,11 +150,13 @@ pub(super) enum StatsFormat {
 #[derive(Debug, clap::Args)]
 pub(super) struct ViewArgs {
     /// Rotate the eye about the up direction by DEG degrees, from the front of the volume
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
+    #[arg(long, alias = "camera-azimuth-angle", value_name = "DEG", default_value_t = 0.0,
+        value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) azimuth: f64,
     /// Raise the eye towards the up direction by DEG degrees
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
+    #[arg(long, alias = "camera-elevation-angle", value_name = "DEG", default_value_t = 0.0,
+        value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) elevation: f64,
     /// Rotate the camera about its viewing direction by DEG degrees, counter-clockwise
@@ -143,23 +164,28 @@ pub(super) struct ViewArgs {
         help_heading = "View")]
     pub(super) roll: f64,
     /// World direction that is up in the picture [default: 0,0,1]
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true, help_heading = "View")]
+    #[arg(long, alias = "camera-view-up", value_name = "X,Y,Z", value_parser = parse::vector,
+        allow_hyphen_values = true, help_heading = "View")]
     pub(super) up: Option<DVec3>,
     /// World direction from the eye to the target; replaces azimuth and elevation
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true,
+    #[arg(long, alias = "camera-direction", value_name = "X,Y,Z", value_parser = parse::vector,
+        allow_hyphen_values = true,
         conflicts_with_all = ["azimuth", "elevation"], help_heading = "View")]
     pub(super) direction: Option<DVec3>,
     /// World point at the centre of the picture [default: the centre of what is framed]
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true, help_heading = "View")]
+    #[arg(long, alias = "camera-focal-point", value_name = "X,Y,Z", value_parser = parse::vector,
+        allow_hyphen_values = true, help_heading = "View")]
     pub(super) target: Option<DVec3>,
     /// Parallel rays, or rays through one eye
     #[arg(long, value_name = "KIND", default_value = "orthographic", help_heading = "View")]
     pub(super) projection: ProjectionArg,
     /// Perspective: vertical field of view in degrees, over 0 and under 180 [default: 30]
-    #[arg(long, value_name = "DEG", value_parser = parse::positive, allow_hyphen_values = true, help_heading = "View")]
+    #[arg(long, alias = "camera-view-angle", value_name = "DEG", value_parser = parse::positive,
+        allow_hyphen_values = true, help_heading = "View")]
     pub(super) fov: Option<f64>,
     /// Magnify by F
-    #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = parse::positive, allow_hyphen_values = true,
+    #[arg(long, alias = "camera-zoom-factor", value_name = "F", default_value_t = 1.0, value_parser = parse::positive,
+        allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) zoom: f64,
     /// What the picture is fitted to: visible (all that the transfer function shows, in one size at every azimuth),
@@ -185,10 +211,23 @@ pub(super) struct ViewArgs {
 /// What a picture shows.
 #[derive(Debug, clap::Args)]
 pub(super) struct ModelArgs {
-    /// Transfer function: a FILE.json, or a preset that adapts to the data: ct-bone, ct-soft-tissue, angiography, mri,
-    /// grayscale, gray, viridis or inferno [default: suggested by the data; see `voxsplat info`]
-    #[arg(long, value_name = "FILE.json|PRESET", help_heading = "Model")]
+    /// Transfer function: a preset that adapts to the data (ct-bone, ct-soft-tissue, angiography, mri, grayscale, gray,
+    /// viridis or inferno), or a file: this program's JSON, ParaView's JSON or XML, Slicer's .vp, .vp.json or
+    /// presets.xml, niivue's or napari's JSON; #NAME chooses from a file of several [default: suggested by the data;
+    /// see `voxsplat info`]
+    #[arg(long, value_name = "FILE[#NAME]|PRESET", help_heading = "Model")]
     pub(super) transfer: Option<PathBuf>,
+    /// The colours of a map over --window, with a gentle ramp of opacity: gray, viridis, inferno, magma, plasma,
+    /// cividis or turbo; of Crameri batlow, batlowK, devon, oslo, lajolla, lipari, navia, hawaii, acton, tokyo, davos,
+    /// vik, roma, berlin or cork; of cmocean thermal, haline, solar, ice, deep, dense, matter, amp, balance or curl; or
+    /// of a file as for --transfer
+    #[arg(long, alias = "color-map", value_name = "NAME|FILE", conflicts_with = "transfer", help_heading = "Model")]
+    pub(super) colour_map: Option<PathBuf>,
+    /// Values from LEVEL - WIDTH/2 to LEVEL + WIDTH/2: there begins and ends the transfer function or the colour map
+    /// [default: as the file states; of colour maps, the values of the foreground]
+    #[arg(long, value_name = "LEVEL,WIDTH", value_parser = parse::window, allow_hyphen_values = true,
+        help_heading = "Model")]
+    pub(super) window: Option<Window>,
     /// Gradient opacity: opacities are multiplied by O, 0 to 1, where the value changes by M per world unit; linear
     /// between the points, and constant beyond them. So flat insides become clear and surfaces stay. Or off
     /// [default: what the transfer function has]
@@ -356,9 +395,10 @@ pub(super) struct RenderArgs {
     #[command(flatten)]
     pub(super) input: InputArgs,
 
-    /// Picture to write: .png, 8 bits per channel, or .exr, 32-bit float with premultiplied alpha
+    /// Picture to write: .png, 8 bits per channel, or .exr, 32-bit float with premultiplied alpha; - is a PNG on
+    /// standard output. Needed, unless a scene has outputs of its own
     #[arg(short, long, value_name = "FILE", help_heading = "Output")]
-    pub(super) output: PathBuf,
+    pub(super) output: Option<PathBuf>,
     /// Pixels across and down, or one number for both; 1 to 32768
     #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = parse::size, help_heading = "Output")]
     pub(super) size: [u32; 2],
@@ -368,9 +408,16 @@ pub(super) struct RenderArgs {
         help_heading = "Output")]
     pub(super) region: Option<Region>,
     /// Background of a PNG: #rrggbb, a name such as white, r,g,b in 0..1, or transparent
-    #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::library::<Background>,
+    #[arg(long, aliases = ["background-color", "bg-color"], value_name = "COLOUR", default_value = "black",
+        value_parser = parse::library::<Background>,
         help_heading = "Output")]
     pub(super) background: Background,
+    /// Write all options as a scene, FILE.json: `voxsplat render FILE.json -o PICTURE` makes the same picture
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    pub(super) save_scene: Option<PathBuf>,
+    /// Write the transfer function too: .json for this program, .vp.json or .vp for 3D Slicer
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    pub(super) save_transfer: Option<PathBuf>,
     /// Print statistics and the time of each stage, as a table or as one JSON object; put it after VOLUME
     #[arg(long, value_name = "FORMAT", num_args = 0..=1, default_missing_value = "table", help_heading = "Output")]
     pub(super) stats: Option<StatsFormat>,
@@ -403,6 +450,48 @@ pub(super) struct RenderArgs {
     /// devices have no effect
     #[arg(long, help_heading = "Device")]
     pub(super) reference: bool,
+}
+
+const TURNTABLE_EXAMPLES: &str = "\
+-o is DIR/{frame}.png or .exr (a file for each frame), FILE.gif (256 colours for all frames), FILE.apng, FILE.y4m, or -
+for standard output. All options of render hold, and a scene is taken in place of a volume.
+
+Examples:
+  voxsplat turntable head.nii.gz --frames 72 -o head.gif --size 512 --elevation 15
+  voxsplat turntable ct.nrrd --frames 360 -o frames/{frame}.png --part 2/8 --resume
+  voxsplat turntable ct.nrrd --frames 100 -o - --key-frames path.json | ffmpeg -i - ct.mp4";
+
+/// Turn a volume: a picture or a frame of a film for each view.
+#[derive(Debug, clap::Args)]
+#[command(after_help = TURNTABLE_EXAMPLES)]
+pub(super) struct TurntableArgs {
+    #[command(flatten)]
+    pub(super) render: RenderArgs,
+    /// Frames of the whole turn
+    #[arg(long, value_name = "N", default_value_t = 36, value_parser = clap::value_parser!(u32).range(1..=100_000),
+        help_heading = "Turntable")]
+    pub(super) frames: u32,
+    /// Degrees that the eye goes around, from --azimuth on; the last frame is one step before the end
+    #[arg(long, value_name = "DEG", default_value_t = 360.0, value_parser = parse::number, allow_hyphen_values = true,
+        help_heading = "Turntable")]
+    pub(super) turn: f64,
+    /// Views to go through in place of a turn: a JSON list of objects with frame (from 0) and any of azimuth,
+    /// elevation, roll and zoom
+    #[arg(long, value_name = "FILE", conflicts_with = "turn", help_heading = "Turntable")]
+    pub(super) key_frames: Option<PathBuf>,
+    /// Frames a second of a film, 0.1 to 1000
+    #[arg(long, value_name = "N", default_value_t = 25.0, value_parser = parse::positive, allow_hyphen_values = true,
+        help_heading = "Turntable")]
+    pub(super) rate: f64,
+    /// Format of a film, gif, apng or y4m [default: by the name of the file; y4m for -]
+    #[arg(long, value_name = "FORMAT", value_parser = one_of(Format::ALL, Format::name), help_heading = "Turntable")]
+    pub(super) format: Option<Format>,
+    /// Make the I-th of N parts of the frames, for batch systems
+    #[arg(long, value_name = "I/N", value_parser = parse::part, help_heading = "Turntable")]
+    pub(super) part: Option<[u32; 2]>,
+    /// Leave out frames whose files are there
+    #[arg(long, help_heading = "Turntable")]
+    pub(super) resume: bool,
 }
 
 const PARETO_EXAMPLES: &str = "\

@@ -166,7 +166,7 @@ impl Info {
 }
 
 /// Up to four digits after the point; scientific notation for very small and very large numbers.
-fn short(value: f64) -> String {
+pub(super) fn short(value: f64) -> String {
     let size = value.abs();
     if value == value.trunc() && size < 1e15 {
         format!("{value}")

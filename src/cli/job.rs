@@ -9,8 +9,9 @@ use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image, Region};
 use voxsplat::lighting::{Light, Lighting, Source};
 use voxsplat::settings::{Model, Painter, QuadsSettings, Response, Settings, TilesSettings};
-use voxsplat::transfer::TransferFunction;
+use voxsplat::transfer::maps::{self, ColorMap};
 use voxsplat::transfer::presets::{self, Preset};
+use voxsplat::transfer::{Imported, TransferFunction, Window};
 use voxsplat::volume::{Grid, Units};
 
 use super::Failure;
@@ -18,7 +19,9 @@ use super::args::{
     CompareArgs, FigureArgs, FrameArg, ModelArgs, PainterArg, PainterArgs, ParetoArgs, ProjectionArg, RenderArgs,
     StatsFormat, SwitchArg, ViewArgs,
 };
+use super::destination::{Destination, STREAM};
 use super::parse::{GradientOpacity, LightArg, Occlusion, PlaceArg};
+use super::scene::SceneFile;
 
 /// The default space around what is fitted, if there are texts above or below.
 const FIGURE_MARGIN: f64 = 0.1;
@@ -27,37 +30,58 @@ const FIGURE_MARGIN: f64 = 0.1;
 const DEFAULT_FOV: f64 = 30.0;
 
 /// The choice of a transfer function.
-#[derive(Debug)]
-pub(super) enum Transfer {
+#[derive(Debug, Clone)]
+pub(super) enum TransferChoice {
     /// That of a built-in volume, otherwise the preset suggested by the values.
     Suggested,
     /// A preset.
     Preset(&'static Preset),
-    /// From a file.
-    Given(TransferFunction),
+    /// From a file, or a colour map.
+    Given(Box<Imported>),
+}
+
+/// A transfer function to be fitted to a volume.
+#[derive(Debug, Clone)]
+pub(super) struct Transfer {
+    pub(super) choice: TransferChoice,
+    /// The values that it begins and ends at.
+    pub(super) window: Option<Window>,
+    /// What replaces its gradient opacity.
+    pub(super) gradient: Option<GradientOpacity>,
 }
 
 impl Transfer {
-    fn new(given: Option<PathBuf>) -> Result<Self, Failure> {
-        Ok(match given {
-            None => Self::Suggested,
-            Some(given) => match presets::PRESETS.iter().find(|preset| given == Path::new(preset.name)) {
-                Some(preset) => Self::Preset(preset),
-                None if is_file_name(&given) => Self::Given(TransferFunction::load(&given)?),
+    fn new(args: &ModelArgs) -> Result<Self, Failure> {
+        let window = args.window;
+        let given = |imported| TransferChoice::Given(Box::new(imported));
+        let choice = match (&args.transfer, &args.colour_map) {
+            (Some(name), _) => match presets::PRESETS.iter().find(|preset| name == Path::new(preset.name)) {
+                Some(preset) => TransferChoice::Preset(preset),
+                None if is_file_name(name) => given(Imported::load(name)?),
+                None if name.to_string_lossy().starts_with('{') => {
+                    given(Imported::parse(&name.to_string_lossy(), None)?)
+                }
                 None => {
                     let known: Vec<&str> = presets::PRESETS.iter().map(|p| p.name).collect();
                     let known = known.join(", ");
-                    return Err(Failure::Usage(format!(
-                        "--transfer: {given:?}, expected a FILE.json or one of {known}"
-                    )));
+                    return Err(Failure::Usage(format!("--transfer: {name:?}, expected a file or one of {known}")));
                 }
             },
-        })
+            (None, Some(name)) if is_file_name(name) => given(Imported::of_map(&ColorMap::load(name)?)?),
+            (None, Some(name)) => {
+                let map = maps::find(&name.to_string_lossy());
+                given(Imported::of_map(&map.map_err(|e| Failure::Usage(format!("--colour-map: {e}")))?)?)
+            }
+            // A window alone is that of a radiologist: grey values.
+            (None, None) if window.is_some() => given(Imported::of_map(&maps::find("gray")?)?),
+            (None, None) => TransferChoice::Suggested,
+        };
+        Ok(Self { choice, window, gradient: args.gradient_opacity.clone() })
     }
 }
 
 /// The way to make the picture.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) enum Engine {
     /// Splatting on a graphics adapter.
     Device { adapter: Option<String> },
@@ -66,13 +90,11 @@ pub(super) enum Engine {
 }
 
 /// A picture to render.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct RenderJob {
     pub(super) source: PathBuf,
     pub(super) load: LoadOptions,
     pub(super) transfer: Transfer,
-    /// What replaces the gradient opacity of the transfer function.
-    pub(super) gradient: Option<GradientOpacity>,
     pub(super) view: View,
     pub(super) frame: FrameArg,
     /// Width and height of the picture, pixels.
@@ -83,11 +105,13 @@ pub(super) struct RenderJob {
     /// Whether there is studio light if the transfer function shows surfaces.
     pub(super) chooses_light: bool,
     pub(super) engine: Engine,
-    pub(super) output: PathBuf,
+    pub(super) output: Destination,
     pub(super) background: Background,
     pub(super) figure: Figure,
     /// What replaces the units of the file.
     pub(super) units: Units,
+    pub(super) save_transfer: Option<PathBuf>,
+    pub(super) save_scene: Option<SceneFile>,
     pub(super) stats: Option<StatsFormat>,
     pub(super) max_error: Option<f64>,
     pub(super) verify: bool,
@@ -95,13 +119,21 @@ pub(super) struct RenderJob {
     pub(super) sample: u32,
 }
 
-/// Refuses an output that cannot be written, before the work.
-fn check_output(path: &Path) -> Result<(), Failure> {
-    Image::check_output(path).map_err(|e| Failure::Usage(format!("{e:#}")))
-}
-
 impl RenderJob {
-    pub(super) fn new(args: RenderArgs) -> Result<Self, Failure> {
+    /// A picture that goes where its arguments say.
+    pub(super) fn new(mut args: RenderArgs) -> Result<Self, Failure> {
+        let Some(output) = args.output.take() else {
+            return Err(Failure::Usage("--output FILE is missing: where the picture goes (see --help)".to_owned()));
+        };
+        let output = Destination::checked(output)?;
+        if output == Destination::Stdout && args.stats.is_some() {
+            return Err(Failure::Usage("--stats: standard output takes the picture".to_owned()));
+        }
+        Self::with_output(args, output)
+    }
+
+    /// A picture that goes to `output`.
+    pub(super) fn with_output(args: RenderArgs, output: Destination) -> Result<Self, Failure> {
         let mut view = view(&args.view)?;
         if args.view.margin.is_none() && (args.figure.title.is_some() || args.figure.caption.is_some()) {
             view.margin = FIGURE_MARGIN;
@@ -109,19 +141,21 @@ impl RenderJob {
         let settings = settings(&args.model, painter(&args.painter)?, &view)?;
         // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
-        check_output(&args.output)?;
-        if settings.response == Response::Depth && !is_exr(&args.output) {
+        if settings.response == Response::Depth && !output.keeps_values() {
             return Err(Failure::Usage(
                 "--response depth is for an .exr: a .png holds 0 to 1, window shows it".to_owned(),
             ));
         }
+        if let Some(path) = &args.save_transfer {
+            TransferFunction::check_output(path).map_err(|e| Failure::Usage(format!("--save-transfer: {e}")))?;
+        }
         let [width, height] = args.size;
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
         region.check_within(args.size)?;
-        let (figure, units) = figure(args.figure, args.size, &settings, &args.output)?;
+        let (figure, units) = figure(args.figure, args.size, &settings, &output)?;
         let chooses_light =
             args.model.light.is_empty() && !settings.is_post_shaded() && settings.model == Model::Composite;
-        let transfer = Transfer::new(args.model.transfer)?;
+        let transfer = Transfer::new(&args.model)?;
         let engine = match args.reference {
             true => Engine::Reference,
             false => Engine::Device { adapter: args.adapter },
@@ -130,7 +164,6 @@ impl RenderJob {
             load: args.input.options(),
             source: args.input.source,
             transfer,
-            gradient: args.model.gradient_opacity,
             view,
             frame: frame(&args.view),
             size: args.size,
@@ -138,10 +171,12 @@ impl RenderJob {
             settings,
             chooses_light,
             engine,
-            output: args.output,
+            output,
             background: args.background,
             figure,
             units,
+            save_transfer: args.save_transfer,
+            save_scene: None,
             stats: args.stats,
             max_error: args.max_error,
             verify: args.verify,
@@ -150,12 +185,13 @@ impl RenderJob {
     }
 }
 
-fn is_exr(output: &Path) -> bool {
-    output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
-}
-
 /// What is drawn on a picture, and the units of what it shows.
-fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings, output: &Path) -> Result<(Figure, Units), Failure> {
+fn figure(
+    args: FigureArgs,
+    size: [u32; 2],
+    settings: &Settings,
+    output: &Destination,
+) -> Result<(Figure, Units), Failure> {
     let FigureArgs { scale_bar, axes, colour_bar: color_bar, title, caption, length_unit, value_unit } = args;
     let figure = Figure { scale_bar, axes, color_bar, title, caption };
     figure.validate(size, settings.model)?;
@@ -163,7 +199,7 @@ fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings, output: &Path) 
         let message = "--colour-bar shows the colours of values, and with --depth-coded they are those of depths";
         return Err(Failure::Usage(message.to_owned()));
     }
-    if !figure.is_empty() && is_exr(output) {
+    if !figure.is_empty() && output.keeps_values() {
         let options = "--scale-bar, --axes, --colour-bar, --title and --caption";
         return Err(Failure::Usage(format!("{options} are drawn on a .png: an .exr keeps the values of the picture")));
     }
@@ -194,10 +230,15 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
     Ok(settings)
 }
 
-/// Whether the text must mean a file. Then a missing file is reported, instead of an unknown preset.
+/// Whether the text must mean a file. Then a missing file is reported, instead of an unknown name.
 fn is_file_name(text: &Path) -> bool {
     let lossy = text.to_string_lossy();
-    lossy.to_lowercase().ends_with(".json") || lossy.contains(['/', '\\']) || text.is_file()
+    if lossy.starts_with('{') || lossy == STREAM {
+        return lossy == STREAM;
+    }
+    let file = lossy.split('#').next().unwrap_or_default().to_lowercase();
+    let endings = [".json", ".vp", ".xml"];
+    endings.iter().any(|ending| file.ends_with(ending)) || lossy.contains(['/', '\\', '#']) || text.is_file()
 }
 
 /// The painter asked for, with its options. An option of a painter chooses that painter.
@@ -335,8 +376,6 @@ pub(super) struct ParetoJob {
     pub(super) source: PathBuf,
     pub(super) load: LoadOptions,
     pub(super) transfer: Transfer,
-    /// What replaces the gradient opacity of the transfer function.
-    pub(super) gradient: Option<GradientOpacity>,
     /// The view asked for, and others.
     pub(super) views: Vec<View>,
     pub(super) frame: FrameArg,
@@ -373,12 +412,11 @@ impl ParetoJob {
             }
         };
         let views = std::iter::once(first.clone()).chain((1..args.views).map(turned)).collect();
-        let transfer = Transfer::new(args.model.transfer)?;
+        let transfer = Transfer::new(&args.model)?;
         Ok(Self {
             load: args.input.options(),
             source: args.input.source,
             transfer,
-            gradient: args.model.gradient_opacity,
             views,
             frame: frame(&args.view),
             size: args.size,
@@ -407,7 +445,7 @@ pub(super) struct CompareJob {
 impl CompareJob {
     pub(super) fn new(args: CompareArgs) -> Result<Self, Failure> {
         if let Some(path) = &args.difference {
-            check_output(path)?;
+            Image::check_output(path).map_err(|e| Failure::Usage(format!("{e:#}")))?;
         }
         let CompareArgs { a, b, tolerance, difference, json } = args;
         Ok(Self { a, b, tolerance, difference, json })

@@ -5,25 +5,30 @@
 
 mod args;
 mod compare;
+mod destination;
 mod devices;
 mod histogram;
 mod info;
 mod job;
 mod kernels;
+mod manual;
 mod options;
 mod output;
 mod pareto;
 mod parse;
 mod progress;
 mod render;
+mod scene;
+mod session;
 mod signals;
 mod stderr;
+mod turntable;
 
 use std::error::Error as _;
 use std::process::ExitCode;
 
-use clap::Parser;
 use clap::error::ErrorKind;
+use clap::{CommandFactory, FromArgMatches};
 use voxsplat::error::{Error, Hint};
 use voxsplat::volume::SampleType;
 
@@ -88,8 +93,10 @@ fn sample_types() -> String {
 
 /// Parses the arguments, runs the command, reports its failure.
 pub(crate) fn main() -> ExitCode {
-    let result = match args::Args::try_parse() {
-        Ok(args) => run(args),
+    let parsed = args::Args::command().try_get_matches();
+    let parsed = parsed.and_then(|matches| Ok((args::Args::from_arg_matches(&matches)?, matches)));
+    let result = match parsed {
+        Ok((args, matches)) => run(args, &matches),
         Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             output::print(&error.render().to_string())
         }
@@ -98,25 +105,33 @@ pub(crate) fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure::Failed(message)) => {
-            output::say(&message);
+            output::complain(&message);
             ExitCode::from(1)
         }
         Err(Failure::Usage(message)) => {
-            output::say(&message);
+            output::complain(&message);
             ExitCode::from(2)
         }
     }
 }
 
-fn run(args: args::Args) -> Result<(), Failure> {
+fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
     signals::watch();
+    if args.quiet {
+        output::be_quiet();
+    }
+    // What was given is told apart from defaults by the matches of the command itself.
+    let matches = matches.subcommand().map_or(matches, |(_, matches)| matches);
     match args.command {
-        args::Command::Render(args) => render::run(job::RenderJob::new(*args)?),
+        args::Command::Render(args) => render::run(scene::jobs(*args, matches, job::RenderJob::new)?),
+        args::Command::Turntable(args) => turntable::run(turntable::TurntableJob::new(*args, matches)?),
         args::Command::Pareto(args) => pareto::run(job::ParetoJob::new(*args)?),
         args::Command::Info(args) => info::run(&args),
         args::Command::Kernels(args) => kernels::run(&args),
         args::Command::Compare(args) => compare::run(&job::CompareJob::new(args)?),
         args::Command::Devices => devices::run(),
+        args::Command::Completions { shell } => manual::completions(shell),
+        args::Command::Man { command } => manual::page(command.as_deref()),
     }
 }
 

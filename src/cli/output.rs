@@ -1,13 +1,32 @@
 //! Standard output and standard error.
 
 use std::io::{self, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::Failure;
 
+/// Whether only results and errors are printed.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// Prints results and errors alone from here on.
+pub(super) fn be_quiet() {
+    QUIET.store(true, Ordering::Relaxed);
+}
+
+/// Whether only results and errors are printed.
+pub(super) fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
 /// Writes a result to stdout. A closed pipe, as from `| head`, is not a failure.
 pub(super) fn print(text: &str) -> Result<(), Failure> {
+    print_bytes(text.as_bytes())
+}
+
+/// Writes bytes to stdout.
+pub(super) fn print_bytes(bytes: &[u8]) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+    match out.write_all(bytes).and_then(|()| out.flush()) {
         Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Failed(format!("cannot write to stdout: {e}"))),
         _ => Ok(()),
     }
@@ -22,8 +41,15 @@ pub(super) fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
 /// The most characters of a message: two paths of the longest names, and what is said of them.
 const MAX_MESSAGE: usize = 10_000;
 
-/// Writes one line to stderr. A failure to do so is ignored: it cannot be reported.
+/// Writes a note of one line to stderr, unless it is to be quiet.
 pub(super) fn say(message: &str) {
+    if !is_quiet() {
+        complain(message);
+    }
+}
+
+/// Writes one line to stderr. A failure to do so is ignored: it cannot be reported.
+pub(super) fn complain(message: &str) {
     let words: Vec<&str> = message.split_whitespace().collect();
     let mut line = words.join(" ");
     // It may quote an argument of any length. The end states what is expected.

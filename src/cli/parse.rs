@@ -9,7 +9,7 @@ use voxsplat::error::Error;
 use voxsplat::image::Region;
 use voxsplat::kernel::Kernel;
 use voxsplat::settings::{Level, Response};
-use voxsplat::transfer::{ControlPoint, GradientPoint, TransferFunction};
+use voxsplat::transfer::{ControlPoint, GradientPoint, TransferFunction, Window};
 
 /// The value of `--light`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,6 +66,16 @@ pub(super) fn vector(text: &str) -> Result<DVec3, String> {
         .ok_or_else(|| "expected three numbers X,Y,Z".to_owned())
 }
 
+/// A window, `LEVEL,WIDTH`.
+pub(super) fn window(text: &str) -> Result<Window, String> {
+    let window = match list::<f64>(text).as_deref() {
+        Some(&[level, width]) => Some(Window { level, width }),
+        _ => None,
+    };
+    let valid = window.filter(|window| window.ends().is_ok());
+    valid.ok_or_else(|| "expected two numbers LEVEL,WIDTH, the width over 0".to_owned())
+}
+
 /// Distances between samples, `X,Y,Z`.
 pub(super) fn spacing(text: &str) -> Result<[f64; 3], String> {
     three(text)
@@ -97,6 +107,13 @@ pub(super) fn region(text: &str) -> Result<Region, String> {
         Some([x, y, width, height]) if width > 0 && height > 0 => Ok(Region { x, y, width, height }),
         _ => Err("expected four whole numbers X,Y,W,H, pixels from the top left, W and H over 0".to_owned()),
     }
+}
+
+/// A part of a whole, `I/N`, counted from 1.
+pub(super) fn part(text: &str) -> Result<[u32; 2], String> {
+    let parsed = text.split_once('/').and_then(|(i, n)| Some([i.trim().parse().ok()?, n.trim().parse().ok()?]));
+    let valid = parsed.filter(|&[i, n]: &[u32; 2]| (1..=n).contains(&i));
+    valid.ok_or_else(|| "expected I/N, such as 2/8, I from 1 to N".to_owned())
 }
 
 /// Rows and terms of a table, `RxT`.

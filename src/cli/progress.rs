@@ -1,10 +1,12 @@
-//! Progress on stderr, if stderr is a terminal.
+//! Progress on stderr, if stderr is a terminal and notes are wanted.
 
 use std::io::{IsTerminal, stderr};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
+
+use super::output::is_quiet;
 
 /// Steps of the bar.
 const STEPS: u64 = 1000;
@@ -14,7 +16,7 @@ pub(super) struct Progress(ProgressBar);
 
 impl Progress {
     fn new(bar: ProgressBar, template: &str, what: &'static str) -> Self {
-        if !stderr().is_terminal() {
+        if is_quiet() || !stderr().is_terminal() {
             return Self(ProgressBar::hidden());
         }
         if let Ok(style) = ProgressStyle::with_template(template) {

@@ -5,25 +5,24 @@ use std::time::Instant;
 
 use serde::Serialize;
 use voxsplat::accuracy::{Chosen, Estimate, Truth, choose};
-use voxsplat::camera::{Camera, Hull, View};
-use voxsplat::figure::{Figure, Shown};
+use voxsplat::camera::{Camera, Hull};
+use voxsplat::demos;
+use voxsplat::figure::Figure;
 use voxsplat::image::{Image, Note};
 use voxsplat::lighting::Lighting;
-use voxsplat::reference::Reference;
-use voxsplat::renderer::{Rendered, Renderer, RendererOptions};
+use voxsplat::renderer::{Rendered, Renderer};
 use voxsplat::settings::Settings;
 use voxsplat::stats::{Clock, StageTime, Stats};
-use voxsplat::transfer::TransferFunction;
 use voxsplat::transfer::presets::{self, Preset, Suggestion};
+use voxsplat::transfer::{Imported, TransferFunction, Window};
 use voxsplat::volume::{Statistics, Units, Volume};
-use voxsplat::{demos, formats};
 
 use super::args::{FrameArg, StatsFormat};
-use super::job::{Engine, RenderJob, Transfer};
+use super::info::short;
+use super::job::{RenderJob, Transfer, TransferChoice};
 use super::options::{command_line, options_of};
 use super::parse::GradientOpacity;
-use super::progress::{self, Progress};
-use super::stderr::silenced;
+use super::session::{Picture, Prepared, Session};
 use super::{Failure, output};
 
 /// Host times of the stages, in the order in which they ran.
@@ -31,11 +30,16 @@ use super::{Failure, output};
 pub(super) struct Stages(Vec<StageTime>);
 
 impl Stages {
-    fn time<T>(&mut self, name: &'static str, work: impl FnOnce() -> T) -> T {
+    pub(super) fn time<T>(&mut self, name: &'static str, work: impl FnOnce() -> T) -> T {
         let start = Instant::now();
         let result = work();
         self.0.push(StageTime { name, seconds: start.elapsed().as_secs_f64(), clock: Clock::Host });
         result
+    }
+
+    /// The stages of both, one after the other.
+    pub(super) fn append(&mut self, mut later: Self) {
+        self.0.append(&mut later.0);
     }
 }
 
@@ -48,94 +52,71 @@ struct ReferenceStats {
     stages: Vec<StageTime>,
 }
 
-pub(super) fn run(mut job: RenderJob) -> Result<(), Failure> {
-    let mut stages = Stages::default();
-    let mut opening = Stages::default();
-    let progress = Progress::spinner("reading");
-    // Opening the driver takes about as long as reading a small volume, so both run at once. The driver is silenced
-    // meanwhile, and with it this process: notes are printed afterwards.
-    let (read, opened) = std::thread::scope(|scope| {
-        let adapter = match &job.engine {
-            Engine::Device { adapter } => Some(adapter.clone()),
-            Engine::Reference => None,
-        };
-        let device = adapter.map(|adapter| {
-            let opening = &mut opening;
-            let open = move || silenced(|| Renderer::new(&RendererOptions { adapter, progress: progress::reporter() }));
-            scope.spawn(move || opening.time("device", open))
-        });
-        let mut read = || {
-            let volume = stages.time("load", || formats::load(&job.source, &job.load))?;
-            let volume = with_units(volume, &job.units);
-            let fitted = transfer(&job.source, (&job.transfer, job.gradient.as_ref()), &volume, &mut stages)?;
-            Ok::<_, Failure>((volume, fitted))
-        };
-        (read(), device.map(|thread| thread.join()))
-    });
-    drop(progress);
-    let (volume, Fitted { transfer, preset, note }) = read?;
-    if let Some(note) = note {
-        let frames = "; the picture frames what shows, and with --frame volume the whole volume";
-        output::say(&(note + if job.frame == FrameArg::Visible { frames } else { "" }));
-    }
-    if job.chooses_light && preset.is_some_and(|preset| preset.surfaces) {
-        job.settings.lighting = Some(Lighting::studio(job.view.forward()?, job.view.up));
-        output::say("note: --light studio is taken, as the preset shows surfaces; --light off is without");
-    }
-    stages.0.append(&mut opening.0);
-    let around = stages.time("framing", || framed(job.frame, &volume, &transfer))?;
-    let camera = Camera::new(&View { around, ..job.view.clone() }, volume.grid(), job.size)?;
-    let save = |image: &Image, notes: &[Note], stages: &mut Stages| {
-        let shown = Shown { volume: &volume, transfer: &transfer, camera: &camera, model: job.settings.model };
-        let draw = || job.figure.draw_region(image, job.region, job.background, &shown);
-        let drawn = if job.figure.is_empty() { None } else { Some(stages.time("figure", draw)?) };
-        let image = drawn.as_ref().unwrap_or(image);
-        stages.time("encode", || image.save_with_notes(&job.output, job.background, notes))
-    };
-    match opened {
-        Some(opened) => {
-            let renderer = opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
-            let (mut rendered, settings, estimate) = draw(&renderer, (&volume, &transfer), &camera, &job)?;
-            let before = stages.0.len();
-            let predicted = format!("{:.1e}", rendered.stats.predicted.error());
-            let mut notes = notes(&settings, &job.figure, vec![Note { name: "Predicted error", text: predicted }]);
-            notes.extend(estimate.map(|e| Note { name: "Estimated error", text: in_words(&e) }));
-            save(&rendered.image, &notes, &mut stages)?;
-            let after = stages.0.split_off(before);
-            rendered.stats.stages.splice(0..0, stages.0);
-            rendered.stats.stages.extend(after);
-            let verified = job.verify.then(|| verify(&rendered.image, (&volume, &transfer), &camera, &settings, &job));
-            let verified = verified.transpose()?;
-            let broken = verified.filter(|verified| job.max_error.is_some_and(|bound| verified.interval[0] > bound));
-            print_stats(job.stats, &RenderStats { stats: rendered.stats, estimate, verified }, RenderStats::to_text)?;
-            match (broken, job.max_error) {
-                (Some(verified), Some(bound)) => {
-                    Err(Failure::Failed(format!("--max-error {bound} is broken: {}", in_words(&verified))))
-                }
-                _ => Ok(()),
+/// Makes the pictures of jobs of one volume and one device.
+pub(super) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
+    let mut shared: Option<Session> = None;
+    for mut job in jobs {
+        let mut stages = Stages::default();
+        let (session, fitted) = match &mut shared {
+            Some(session) => {
+                let fitted = transfer(&job.source, &job.transfer, &session.volume, &mut stages)?;
+                (session, fitted)
             }
+            None => {
+                let (session, fitted) = Session::open(&job, &mut stages)?;
+                (shared.insert(session), fitted)
+            }
+        };
+        session.complete(&mut job, &fitted)?;
+        if let Some(path) = &job.save_transfer {
+            fitted.transfer.save(path, session.volume.grid())?;
         }
-        None => {
-            let image = stages.time("integrate", || {
-                Reference::new(&volume, &transfer, &job.settings)?
-                    .with_tolerance(Reference::TOLERANCE)
-                    .with_progress(progress::reporter())
-                    .render_region(&camera, job.region)
-            })?;
-            let exact = Note { name: "Predicted error", text: "none: rays integrated in f64".to_owned() };
-            save(&image, &notes(&job.settings, &job.figure, vec![exact]), &mut stages)?;
-            let stats =
-                ReferenceStats { painter: "reference", size: job.size, voxels: volume.grid().len(), stages: stages.0 };
-            print_stats(job.stats, &stats, |stats| {
-                let times: String = stats
-                    .stages
-                    .iter()
-                    .map(|s| format!("{:<12} {:>9.3} ms  (host clock)\n", s.name, s.seconds * 1e3))
-                    .collect();
-                let [width, height] = stats.size;
-                format!("painter      reference (f64)\npicture      {width} x {height} px\n{times}")
-            })
+        let picture = session.picture(&job, &fitted.transfer, &mut stages)?;
+        let image = picture.image();
+        stages.time("encode", || job.output.write(image, job.background, &picture.notes))?;
+        if let Some(scene) = &job.save_scene {
+            scene.save(&job, &fitted)?;
         }
+        report(&job, &fitted.transfer, &session.volume, picture, stages)?;
+    }
+    Ok(())
+}
+
+/// Prints what was asked for of a finished picture, and holds it to its bound.
+fn report(
+    job: &RenderJob,
+    transfer: &TransferFunction,
+    volume: &Volume,
+    picture: Picture,
+    stages: Stages,
+) -> Result<(), Failure> {
+    let Picture { image, camera, settings, estimate, stats, .. } = picture;
+    let Some(mut stats) = stats else {
+        let stats =
+            ReferenceStats { painter: "reference", size: job.size, voxels: volume.grid().len(), stages: stages.0 };
+        return print_stats(job.stats, &stats, |stats| {
+            let times: String = stats
+                .stages
+                .iter()
+                .map(|s| format!("{:<12} {:>9.3} ms  (host clock)\n", s.name, s.seconds * 1e3))
+                .collect();
+            let [width, height] = stats.size;
+            format!("painter      reference (f64)\npicture      {width} x {height} px\n{times}")
+        });
+    };
+    // What is done with the picture comes after what the renderer did.
+    let (before, after): (Vec<_>, Vec<_>) =
+        stages.0.into_iter().partition(|s| s.name != "figure" && s.name != "encode");
+    stats.stages.splice(0..0, before);
+    stats.stages.extend(after);
+    let verified = job.verify.then(|| verify(&image, (volume, transfer), &camera, &settings, job)).transpose()?;
+    let broken = verified.filter(|verified| job.max_error.is_some_and(|bound| verified.interval[0] > bound));
+    print_stats(job.stats, &RenderStats { stats, estimate, verified }, RenderStats::to_text)?;
+    match (broken, job.max_error) {
+        (Some(verified), Some(bound)) => {
+            Err(Failure::Failed(format!("--max-error {bound} is broken: {}", in_words(&verified))))
+        }
+        _ => Ok(()),
     }
 }
 
@@ -162,7 +143,7 @@ impl RenderStats {
 }
 
 /// An estimate as a person reads it.
-fn in_words(estimate: &Estimate) -> String {
+pub(super) fn in_words(estimate: &Estimate) -> String {
     let Estimate { pixels, error, interval: [low, high], rms, max } = estimate;
     format!(
         "99.9 % of the covered pixels err by at most {error:.1e} (95 % confidence: {low:.1e} to {high:.1e}), rms \
@@ -170,16 +151,25 @@ fn in_words(estimate: &Estimate) -> String {
     )
 }
 
-/// The picture of a job, by the settings asked for or by those that an error asks for, which a note names.
-fn draw(
+/// A picture, the settings that it was made by, and what traced pixels said of them.
+type Drawn = (Rendered, Settings, Option<Estimate>);
+
+/// The picture of a job, by the settings asked for or by those that an error asks for, which a note names. What was
+/// prepared is for the next picture.
+pub(super) fn draw(
     renderer: &Renderer,
     (volume, transfer): (&Volume, &TransferFunction),
     camera: &Camera,
     job: &RenderJob,
-) -> Result<(Rendered, Settings, Option<Estimate>), Failure> {
+    prepared: Option<Prepared>,
+) -> Result<(Drawn, Option<Prepared>), Failure> {
     let Some(max_error) = job.max_error else {
-        let scene = renderer.prepare(volume, transfer, &job.settings)?;
-        return Ok((renderer.render_region(&scene, camera, &job.settings, job.region)?, job.settings.clone(), None));
+        let prepared = match prepared {
+            Some(prepared) => prepared,
+            None => Prepared::new(transfer, &job.settings, renderer.prepare(volume, transfer, &job.settings)?),
+        };
+        let rendered = renderer.render_region(&prepared.scene, camera, &job.settings, job.region)?;
+        return Ok(((rendered, job.settings.clone(), None), Some(prepared)));
     };
     let Chosen { settings, rendered, estimate, keeps, tried } =
         choose(renderer, (volume, transfer), camera, &job.settings, max_error, job.sample)?;
@@ -193,11 +183,11 @@ fn draw(
             tried.len()
         ),
     });
-    Ok((rendered, settings, Some(estimate)))
+    Ok(((rendered, settings, Some(estimate)), None))
 }
 
 /// What the file of a picture says of how it was made.
-fn notes(settings: &Settings, figure: &Figure, of_errors: Vec<Note>) -> Vec<Note> {
+pub(super) fn notes(settings: &Settings, figure: &Figure, of_errors: Vec<Note>) -> Vec<Note> {
     let software = format!("voxsplat {}", env!("CARGO_PKG_VERSION"));
     let mut options = vec!["--model".to_owned(), settings.model.to_string()];
     options.extend(options_of(settings));
@@ -226,7 +216,7 @@ pub(super) fn framed(frame: FrameArg, volume: &Volume, transfer: &TransferFuncti
 }
 
 /// A volume whose units are those given, otherwise those of its file.
-fn with_units(volume: Volume, given: &Units) -> Volume {
+pub(super) fn with_units(volume: Volume, given: &Units) -> Volume {
     let of_file = volume.units().clone();
     let units = Units { length: given.length.clone().or(of_file.length), value: given.value.clone().or(of_file.value) };
     volume.with_units(units)
@@ -265,39 +255,80 @@ fn print_stats<S: Serialize>(
 pub(super) struct Fitted {
     pub(super) transfer: TransferFunction,
     /// The preset that it is.
-    preset: Option<&'static Preset>,
-    /// For the user, if it was suggested.
-    pub(super) note: Option<String>,
+    pub(super) preset: Option<&'static Preset>,
+    /// For the user: why it was suggested, if it was.
+    pub(super) suggested: Option<String>,
+    /// For the user: what was found out.
+    pub(super) notes: Vec<String>,
+}
+
+impl Fitted {
+    fn new(transfer: TransferFunction) -> Self {
+        Self { transfer, preset: None, suggested: None, notes: Vec::new() }
+    }
+
+    /// All that the user should know of it.
+    pub(super) fn notes(&self) -> impl Iterator<Item = &String> {
+        self.suggested.iter().chain(&self.notes)
+    }
 }
 
 /// The transfer function of a job.
 pub(super) fn transfer(
     source: &Path,
-    (choice, gradient): (&Transfer, Option<&GradientOpacity>),
+    asked: &Transfer,
     volume: &Volume,
     stages: &mut Stages,
 ) -> Result<Fitted, Failure> {
-    let fitted = fitted(source, choice, volume, stages)?;
-    let Some(GradientOpacity(points)) = gradient else { return Ok(fitted) };
+    let fitted = fitted(source, asked, volume, stages)?;
+    let Some(GradientOpacity(points)) = &asked.gradient else { return Ok(fitted) };
     Ok(Fitted { transfer: fitted.transfer.with_gradient_opacity(points.clone())?, ..fitted })
 }
 
 /// The same with the gradient opacity that it has.
-fn fitted(source: &Path, choice: &Transfer, volume: &Volume, stages: &mut Stages) -> Result<Fitted, Failure> {
+fn fitted(source: &Path, asked: &Transfer, volume: &Volume, stages: &mut Stages) -> Result<Fitted, Failure> {
     let mut statistics = || stages.time("statistics", || Statistics::of(volume));
-    match choice {
-        Transfer::Given(transfer) => Ok(Fitted { transfer: transfer.clone(), preset: None, note: None }),
-        Transfer::Preset(preset) => {
-            let transfer = presets::preset(preset.name, &statistics()?)?;
-            Ok(Fitted { transfer, preset: Some(preset), note: None })
+    let fitted = match &asked.choice {
+        TransferChoice::Given(imported) => {
+            let window = match asked.window {
+                None if imported.fits => Window::of(&statistics()?),
+                given => given,
+            };
+            let transfer = imported.placed(volume.grid(), window.as_ref())?;
+            let notes = notes_on(imported, &transfer, asked.window.is_some(), volume);
+            return Ok(Fitted { notes, ..Fitted::new(transfer) });
         }
-        Transfer::Suggested => {
+        TransferChoice::Preset(preset) => {
+            let transfer = presets::preset(preset.name, &statistics()?)?;
+            Fitted { preset: Some(preset), ..Fitted::new(transfer) }
+        }
+        TransferChoice::Suggested => {
             if let Some(transfer) = demos::own_transfer(source) {
-                return Ok(Fitted { transfer, preset: None, note: None });
+                return Ok(Fitted::new(transfer));
             }
             let (transfer, Suggestion { name, reason }) = TransferFunction::for_volume(volume, &statistics()?)?;
             let preset = presets::PRESETS.iter().find(|preset| preset.name == name);
-            Ok(Fitted { transfer, preset, note: Some(format!("note: --transfer {name} is taken, as {reason}")) })
+            let suggested = Some(format!("note: --transfer {name} is taken, as {reason}"));
+            Fitted { preset, suggested, ..Fitted::new(transfer) }
         }
+    };
+    Ok(match &asked.window {
+        Some(window) => Fitted { transfer: fitted.transfer.stretched(window)?, ..fitted },
+        None => fitted,
+    })
+}
+
+/// What a transfer function from a file leaves open, and how it was filled.
+fn notes_on(imported: &Imported, transfer: &TransferFunction, windowed: bool, volume: &Volume) -> Vec<String> {
+    let mut notes: Vec<String> = imported.notes.iter().map(|note| format!("note: transfer function: {note}")).collect();
+    if let (true, Some(unit)) = (imported.mean_spacing, transfer.unit_distance()) {
+        let length = volume.length_unit().unwrap_or("world units");
+        let thickness = format!("slabs {} {length} thick, the mean spacing", short(unit));
+        notes.push(format!("note: transfer function: its opacities are taken for {thickness}, as none is stated"));
     }
+    if imported.fits && !windowed {
+        let [low, high] = transfer.range().map(short);
+        notes.push(format!("note: colours run from {low} to {high}, the foreground; --window LEVEL,WIDTH places them"));
+    }
+    notes
 }

@@ -95,7 +95,15 @@ impl Image {
     /// # Errors
     /// [`Error::Image`] if it cannot be encoded; [`Error::Memory`] if there is no memory for it.
     pub fn to_png(&self, background: Background) -> Result<Vec<u8>> {
-        self.encoded(ImageFormat::Png, background, &[], "a PNG")?
+        self.to_png_with_notes(background, &[])
+    }
+
+    /// The same, with notes as [`Self::save_with_notes`] writes them.
+    ///
+    /// # Errors
+    /// Those of [`Self::to_png`].
+    pub fn to_png_with_notes(&self, background: Background, notes: &[Note]) -> Result<Vec<u8>> {
+        self.encoded(ImageFormat::Png, background, notes, "a PNG")?
             .map_err(|e| Error::Image(format!("it cannot be encoded: {e}")))
     }
 

@@ -1,11 +1,17 @@
 //! Transfer functions: from a scalar to a colour and an opacity.
 
+mod export;
 mod gradient;
+mod import;
 mod json;
+pub mod maps;
 pub mod presets;
+mod window;
 
 pub use self::gradient::GradientPoint;
 pub(crate) use self::gradient::scaled_share;
+pub use self::import::Imported;
+pub use self::window::Window;
 use crate::error::{Error, Result};
 
 /// A control point of a transfer function.
@@ -84,12 +90,15 @@ impl TransferFunction {
             p.check(i.checked_sub(1).map(|before| &points[before]))
                 .map_err(|reason| Error::Transfer(format!("point {}: {reason}", i + 1)))?;
         }
-        if let Some(unit) = unit_distance
-            && !(unit.is_finite() && unit > 0.0)
-        {
-            return Err(Error::Transfer(format!("unit_distance {unit} is not a positive length")));
-        }
+        unit_distance.map_or(Ok(()), Self::check_unit)?;
         Ok(Self { points, unit_distance, gradient: Vec::new() })
+    }
+
+    fn check_unit(unit: f64) -> Result<()> {
+        if unit.is_finite() && unit > 0.0 {
+            return Ok(());
+        }
+        Err(Error::Transfer(format!("unit_distance {unit} is not a positive length")))
     }
 
     /// The error about too few or too many points.

@@ -181,8 +181,13 @@ impl Levels {
     }
 }
 
+/// The values of the foreground, up to its 99.5th percentile; `None` if all values are the same.
+pub(super) fn foreground(statistics: &Statistics) -> Option<[f64; 2]> {
+    Levels::of(statistics).map(|levels| [levels.background, levels.high])
+}
+
 /// Linear interpolation from `a` (f = 0) to `b` (f = 1).
-fn between(a: f64, b: f64, f: f64) -> f64 {
+pub(super) fn between(a: f64, b: f64, f: f64) -> f64 {
     let width = b - a;
     // Between the ends of the range of f64 the width overflows.
     if width.is_finite() { a + width * f } else { a * (1.0 - f) + b * f }

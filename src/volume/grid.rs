@@ -129,6 +129,12 @@ impl Grid {
         x.min(y).min(z)
     }
 
+    /// The mean of the three spacings.
+    #[must_use]
+    pub fn mean_spacing(&self) -> f64 {
+        self.spacing().iter().sum::<f64>() / 3.0
+    }
+
     /// The world position of the centre of the lattice.
     #[must_use]
     pub fn center(&self) -> DVec3 {

@@ -15,7 +15,7 @@ use crate::adapter::adapter;
 use crate::support::{demo, look, picture, with_quads, with_tiles};
 
 /// Runs the program in `dir`; arguments are parted by blanks.
-fn voxsplat(dir: &Path, arguments: &str) -> Output {
+pub(crate) fn voxsplat(dir: &Path, arguments: &str) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
     command.current_dir(dir).args(arguments.split_whitespace()).output().unwrap()
 }
@@ -29,16 +29,16 @@ fn rendered(dir: &Path, arguments: &str) -> Output {
     output
 }
 
-fn folder() -> TempDir {
+pub(crate) fn folder() -> TempDir {
     tempfile::tempdir().unwrap()
 }
 
-fn stdout(output: &Output) -> String {
+pub(crate) fn stdout(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).unwrap()
 }
 
 /// The one line that the program said, without its name; other lines are the driver's.
-fn complaint(output: &Output) -> String {
+pub(crate) fn complaint(output: &Output) -> String {
     let stderr = String::from_utf8(output.stderr.clone()).unwrap();
     let own: Vec<&str> = stderr.lines().filter_map(|l| l.strip_prefix("voxsplat: ")).collect();
     assert_eq!(own.len(), 1, "expected one line: {stderr}");
@@ -46,7 +46,7 @@ fn complaint(output: &Output) -> String {
     own[0].to_owned()
 }
 
-fn refused(arguments: &str, code: i32, reason: &str) {
+pub(crate) fn refused(arguments: &str, code: i32, reason: &str) {
     let dir = folder();
     let output = voxsplat(dir.path(), arguments);
     let said = complaint(&output);
@@ -56,7 +56,7 @@ fn refused(arguments: &str, code: i32, reason: &str) {
 }
 
 /// 4 x 3 x 2 samples of u8 from 0 to 23 in `ramp.raw`.
-fn ramp(dir: &Path) -> String {
+pub(crate) fn ramp(dir: &Path) -> String {
     std::fs::write(dir.join("ramp.raw"), (0..24).collect::<Vec<u8>>()).unwrap();
     "ramp.raw --dims 4,3,2 --type u8".to_owned()
 }
@@ -571,4 +571,39 @@ fn kernels_are_measured_beside_interpolation() {
     let table = stdout(&voxsplat(dir.path(), "kernels --size 16 --kernel gaussian --sharpness 1"));
     assert_eq!(table.lines().count(), 6, "{table}");
     assert!(table.contains("gaussian:1,2, sharpness 1, pre-shaded") && table.contains("half Nyquist"), "{table}");
+}
+
+#[test]
+fn transfer_functions_of_other_programs_are_drawn_and_written() {
+    let dir = folder();
+    let input = ramp(dir.path());
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/transfer");
+    let render = |name: &str, options: &str| {
+        let output = voxsplat(dir.path(), &format!("render {input} -o {name}.exr --reference --size 4 {options}"));
+        assert!(output.status.success(), "{options}: {}", String::from_utf8_lossy(&output.stderr));
+        let said = String::from_utf8(output.stderr).unwrap();
+        (Image::load(dir.path().join(format!("{name}.exr"))).unwrap(), said)
+    };
+    std::fs::copy(data.join("slicer.vp"), dir.path().join("a.vp")).unwrap();
+    std::fs::copy(data.join("paraview.json"), dir.path().join("maps.json")).unwrap();
+    let (picture, said) = render("a", "--transfer a.vp --save-transfer b.vp.json --window 12,24");
+    assert!(said.contains("slabs 1 world units thick, the mean spacing"), "{said}");
+    assert!(said.contains("--light headlight --material 0.1,0.9,0.2,10"), "{said}");
+    assert!(picture.pixels().iter().any(|pixel| pixel[3] > 0.0));
+    let (again, said) = render("b", "--transfer b.vp.json");
+    assert_eq!((again, said.as_str()), (picture, ""));
+    let (fitted, said) = render("c", "--transfer maps.json#Lab");
+    assert!(said.contains("gentle ramp") && said.contains("colours run from") && said.contains("--window"), "{said}");
+    let (placed, said) = render("d", "--colour-map maps.json#Lab --window 12,24");
+    assert!(said.is_empty() && placed != fitted, "{said}");
+    // A window alone is grey.
+    assert_eq!(render("e", "--window 12,24").0, render("f", "--colour-map gray --window 12,24").0);
+    refused("render demo:sphere -o a.png --window 1,0", 2, "the width over 0");
+    refused("render demo:sphere -o a.png --colour-map batlov", 2, "batlow");
+    refused("render demo:sphere -o a.png --transfer gray --colour-map batlow", 2, "cannot be used with");
+    refused("render demo:sphere -o a.png --save-transfer a.txt", 2, "written as .json, .vp.json or .vp");
+    refused("render demo:sphere -o a.png --transfer a.vp", 1, "cannot read a.vp");
+    std::fs::write(dir.path().join("flat.raw"), [7; 8]).unwrap();
+    let output = voxsplat(dir.path(), "render flat.raw --dims 2,2,2 --type u8 -o a.png --colour-map vik");
+    assert!(complaint(&output).contains("--window: a colour map needs one"), "{:?}", output.status);
 }

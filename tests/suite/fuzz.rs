@@ -220,7 +220,12 @@ fn seeds(target: &str, endings: &[&str]) -> Vec<Vec<u8>> {
         }
         "transfer" => {
             let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-            vec![read(&root.join("examples/surface.json")), read(&root.join("benches/sparse.json"))]
+            let own = ["examples/surface.json", "benches/sparse.json"].map(|file| root.join(file));
+            let folder = std::fs::read_dir(root.join("tests/data/transfer")).unwrap();
+            let mut others: Vec<_> = folder.map(|entry| entry.unwrap().path()).collect();
+            others.retain(|file| fits(file) && !file.ends_with("expected.json"));
+            others.sort();
+            own.iter().chain(&others).map(|file| read(file)).collect()
         }
         "png" | "exr" => {
             let folder = tempfile::tempdir().unwrap();

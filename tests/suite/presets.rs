@@ -198,7 +198,7 @@ fn json_errors_name_the_point_and_the_line() {
         (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2]")), "point 1 (line 1): invalid length 2"),
         (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2, 0]")), "must lie in 0..1"),
         (format!("{{\"points\": [{good},\n{}]}}", good.replace(": 1,", ": 0.5,")), "point 2 (line 2): value 0.5 comes"),
-        (format!("{{\"points\": [{good}], \"units\": 1}}"), "expected `unit_distance` or `points`"),
+        (format!("{{\"points\": [{good}], \"units\": 1}}"), "expected one of `unit_distance`, `points`"),
         (format!("{{\"points\": [{good}], \"unit_distance\": 0}}"), "unit_distance 0"),
         ("{\"points\": []}".to_owned(), "0 control points"),
         ("{}".to_owned(), "missing field `points`"),

@@ -15,7 +15,7 @@ use voxsplat::{Renderer, RendererOptions, Volume, formats};
 use super::job::ParetoJob;
 use super::options::{command_line, options_of, without};
 use super::progress::{Progress, Remaining};
-use super::render::{Fitted, Stages, framed, transfer};
+use super::render::{Stages, framed, transfer};
 use super::stderr::silenced;
 use super::{Failure, output};
 
@@ -74,10 +74,9 @@ pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
         let volume = formats::load(&job.source, &job.load)?;
-        let choice = (&job.transfer, job.gradient.as_ref());
-        let Fitted { transfer, note, .. } = transfer(&job.source, choice, &volume, &mut Stages::default())?;
-        note.iter().for_each(|note| output::say(note));
-        (volume, transfer)
+        let fitted = transfer(&job.source, &job.transfer, &volume, &mut Stages::default())?;
+        fitted.notes().for_each(|note| output::say(note));
+        (volume, fitted.transfer)
     };
     let around = framed(job.frame, &volume, &transfer)?;
     let views = job.views.iter().map(|view| View { around: around.clone(), ..view.clone() });
@@ -87,7 +86,7 @@ pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
     let renderer = silenced(|| Renderer::new(&options))?;
     let study = Study::new(&renderer, &volume, &transfer, &cameras, job.sample)?.with_patience(job.patience);
     let words = std::env::args_os().skip(2).map(|word| word.to_string_lossy().into_owned());
-    let base = without(words, &OWN, &["--resume"]);
+    let base = without(words, &OWN, &["--resume", "--quiet", "-q"]);
     let adapter = renderer.adapter();
     let subject = Subject {
         command: command_line(&base),

@@ -1,0 +1,290 @@
+//! Scene files: the options of a picture by their names, as JSON.
+//!
+//! A scene becomes the words of a command line and is read by the parser of command lines, so it holds whatever that
+//! takes. Paths in a scene are relative to its folder.
+
+use std::ffi::{OsStr, OsString};
+use std::path::{Component, Path, PathBuf};
+
+use clap::builder::ValueHint;
+use clap::parser::ValueSource;
+use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory, FromArgMatches};
+use serde_json::{Map, Value};
+use voxsplat::report::write_file;
+use voxsplat::transfer::TransferFunction;
+
+use super::args::{Args, RenderArgs};
+use super::destination::STREAM;
+use super::job::{RenderJob, TransferChoice};
+use super::render::Fitted;
+use super::{Failure, args, in_one_line};
+
+/// The largest scene file that is read, in bytes.
+const MAX_BYTES: u64 = 16 << 20;
+
+/// The key of the volume, which has no option.
+const VOLUME: &str = "volume";
+/// The key of the version that wrote the scene.
+const VERSION: &str = "voxsplat";
+/// The key of several pictures.
+const OUTPUTS: &str = "outputs";
+
+/// Options that say where a picture goes and what is told of it, not what it shows.
+const OF_A_RUN: [&str; 6] = ["output", "save-scene", "save-transfer", "stats", "quiet", "help"];
+/// Options that pictures of one volume and one device share, besides those of the input.
+const SHARED: [&str; 5] = ["adapter", "reference", "length-unit", "value-unit", "save-scene"];
+/// Options that make the transfer function.
+const OF_TRANSFER: [&str; 4] = ["transfer", "colour-map", "window", "gradient-opacity"];
+
+/// An option by its long name, with its values; a flag has none.
+type Given = (String, Vec<OsString>);
+
+/// A scene to be written when its picture is done.
+#[derive(Debug, Clone)]
+pub(super) struct SceneFile {
+    path: PathBuf,
+    options: Vec<Given>,
+}
+
+/// The pictures that `render` is asked for: one, or those of a scene. `job` makes each of its arguments.
+pub(super) fn jobs(
+    args: RenderArgs,
+    matches: &ArgMatches,
+    job: impl Fn(RenderArgs) -> Result<RenderJob, Failure>,
+) -> Result<Vec<RenderJob>, Failure> {
+    let mut program = Args::command();
+    program.build();
+    let Some(command) = program.find_subcommand("render") else { return Ok(Vec::new()) };
+    let is_scene = args.input.source.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
+    if !is_scene || args.input.dims.is_some() {
+        return Ok(vec![with_scene(args, given(command, matches), &job)?]);
+    }
+    let path = &args.input.source;
+    let in_scene = |failure: Failure| match failure {
+        Failure::Usage(reason) => Failure::Usage(format!("{}: {reason}", path.display())),
+        Failure::Failed(reason) => Failure::Failed(format!("{}: {reason}", path.display())),
+    };
+    let lines = read(path, command, &given(command, matches)).map_err(in_scene)?;
+    if lines.len() > 1 && args.save_scene.is_some() {
+        return Err(Failure::Usage("--save-scene: a scene of several outputs is there already".to_owned()));
+    }
+    let parsed = |words: &Vec<OsString>| {
+        let failed = |e: clap::Error| Failure::Usage(in_one_line(&e.render().to_string()));
+        let matches = Args::command().try_get_matches_from(words).map_err(failed)?;
+        let options = matches.subcommand_matches("render").map(|matches| given(command, matches)).unwrap_or_default();
+        match Args::from_arg_matches(&matches).map_err(failed)?.command {
+            args::Command::Render(args) => with_scene(*args, options, &job),
+            _ => Err(Failure::Usage("it is not about a picture".to_owned())),
+        }
+    };
+    lines.iter().map(|words| parsed(words).map_err(in_scene)).collect()
+}
+
+/// A job with the scene that it is to write.
+fn with_scene(
+    args: RenderArgs,
+    options: Vec<Given>,
+    job: &impl Fn(RenderArgs) -> Result<RenderJob, Failure>,
+) -> Result<RenderJob, Failure> {
+    let scene = args.save_scene.clone().map(|path| SceneFile { path, options });
+    if scene.is_some() && args.input.source == Path::new(STREAM) {
+        return Err(Failure::Usage("--save-scene: standard input cannot be named in a file".to_owned()));
+    }
+    Ok(RenderJob { save_scene: scene, ..job(args)? })
+}
+
+/// The options that a command line gives, without the defaults.
+fn given(command: &Command, matches: &ArgMatches) -> Vec<Given> {
+    let asked = |arg: &&Arg| matches.value_source(arg.get_id().as_str()) == Some(ValueSource::CommandLine);
+    let option = |arg: &Arg| {
+        let raw = arg.get_action().takes_values().then(|| matches.get_raw(arg.get_id().as_str())).flatten();
+        Some((arg.get_long()?.to_owned(), raw.into_iter().flatten().map(OsStr::to_owned).collect()))
+    };
+    command.get_arguments().filter(asked).filter_map(option).collect()
+}
+
+/// The option of a name.
+fn option<'a>(command: &'a Command, name: &str) -> Option<&'a Arg> {
+    let called = |arg: &&Arg| {
+        arg.get_long() == Some(name) || arg.get_all_aliases().is_some_and(|aliases| aliases.contains(&name))
+    };
+    command.get_arguments().find(called)
+}
+
+/// Options with others in front: those of the same name, or that do not go with them, give way.
+fn overlaid(command: &Command, base: &[Given], over: &[Given]) -> Vec<Given> {
+    let gives_way = |name: &str| {
+        over.iter().any(|(other, _)| {
+            let conflicts = option(command, other).map(|arg| command.get_arg_conflicts_with(arg)).unwrap_or_default();
+            other == name || conflicts.iter().any(|arg| arg.get_long() == Some(name))
+        })
+    };
+    base.iter().filter(|(name, _)| !gives_way(name)).chain(over).cloned().collect()
+}
+
+/// The command lines of a scene, with options that replace its own.
+fn read(path: &Path, command: &Command, over: &[Given]) -> Result<Vec<Vec<OsString>>, Failure> {
+    let failed = Failure::Failed;
+    let length = std::fs::metadata(path).map_err(|e| failed(e.to_string()))?.len();
+    if length > MAX_BYTES {
+        return Err(failed(format!("is too large: expected at most {MAX_BYTES} bytes")));
+    }
+    let text = std::fs::read_to_string(path).map_err(|e| failed(e.to_string()))?;
+    let mut scene: Map<String, Value> =
+        serde_json::from_str(&text).map_err(|e| failed(format!("no scene, which is a JSON object: {e}")))?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    scene.remove(VERSION);
+    let volume = match scene.remove(VOLUME) {
+        Some(Value::String(volume)) => found(folder, &volume, true),
+        _ => return Err(Failure::Usage(format!("{VOLUME:?} is missing: a scene names its volume"))),
+    };
+    let outputs = match scene.remove(OUTPUTS) {
+        None => vec![Map::new()],
+        Some(Value::Array(outputs)) if !outputs.is_empty() => {
+            let object = |output: Value| match output {
+                Value::Object(output) => Ok(output),
+                _ => Err(Failure::Usage(format!("{OUTPUTS:?} has objects, each an output with options of its own"))),
+            };
+            outputs.into_iter().map(object).collect::<Result<_, _>>()?
+        }
+        Some(_) => return Err(Failure::Usage(format!("{OUTPUTS:?}: expected a list of objects"))),
+    };
+    if outputs.len() > 1 && over.iter().any(|(name, _)| name == "output") {
+        return Err(Failure::Usage(format!("--output: the scene has {} outputs of its own", outputs.len())));
+    }
+    let options = |map: &Map<String, Value>| -> Result<Vec<Given>, Failure> {
+        let options = map.iter().map(|(key, value)| words(command, folder, key, value));
+        Ok(options.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
+    };
+    let base = options(&scene)?;
+    let line = |output: &Map<String, Value>| {
+        let shared = |name: &str| {
+            let of_input = option(command, name).is_some_and(|arg| arg.get_help_heading() == Some("Input"));
+            of_input || SHARED.contains(&name) || name == VOLUME
+        };
+        if let Some(name) = output.keys().find(|name| shared(name)) {
+            return Err(Failure::Usage(format!("{name:?} is for the whole scene, not for one of its outputs")));
+        }
+        let given = overlaid(command, &overlaid(command, &base, &options(output)?), over);
+        let mut line: Vec<OsString> = vec!["voxsplat".into(), "render".into()];
+        for (name, values) in given {
+            let flag = || OsString::from(format!("--{name}"));
+            if values.is_empty() {
+                line.push(flag());
+            }
+            line.extend(values.iter().map(|value| {
+                let mut word = flag();
+                word.push("=");
+                word.push(value);
+                word
+            }));
+        }
+        line.extend(["--".into(), volume.clone()]);
+        Ok(line)
+    };
+    outputs.iter().map(line).collect()
+}
+
+/// The option that a key of a scene stands for; `None` for a flag that is off.
+fn words(command: &Command, folder: &Path, key: &str, value: &Value) -> Result<Option<Given>, Failure> {
+    let arg = option(command, key);
+    let name = arg.and_then(Arg::get_long).unwrap_or(key).to_owned();
+    let fault = |expected: &str| Failure::Usage(format!("{key:?}: {value}, expected {expected}"));
+    let word = |value: &Value| match value {
+        Value::String(text) => Ok(text.clone()),
+        Value::Number(number) => Ok(number.to_string()),
+        _ => Err(fault("texts and numbers")),
+    };
+    let is_flag = arg.is_some_and(|arg| !arg.get_action().takes_values());
+    let texts = match value {
+        Value::Bool(on) if is_flag => return Ok(on.then_some((name, Vec::new()))),
+        _ if is_flag => return Err(fault("true or false")),
+        Value::Object(_) if name == OF_TRANSFER[0] => vec![value.to_string()],
+        Value::Array(values) => {
+            let words = values.iter().map(word).collect::<Result<Vec<_>, _>>()?;
+            let repeats = arg.is_some_and(|arg| matches!(arg.get_action(), ArgAction::Append));
+            if repeats { words } else { vec![words.join(",")] }
+        }
+        value => vec![word(value)?],
+    };
+    let is_path = arg.is_some_and(|arg| arg.get_value_hint() == ValueHint::AnyPath);
+    let in_folder = |text: String| match is_path && !value.is_object() {
+        // A name may be that of a preset or a colour map.
+        true => found(folder, &text, !OF_TRANSFER.contains(&name.as_str())),
+        false => text.into(),
+    };
+    let values = texts.into_iter().map(in_folder).collect();
+    Ok(Some((name, values)))
+}
+
+/// The path that a text in a scene means. If it may be a name too, it is a path if there is such a file.
+fn found(folder: &Path, text: &str, is_path: bool) -> OsString {
+    let file = folder.join(text.split('#').next().unwrap_or_default());
+    let stays = text == STREAM || text.starts_with("demo:");
+    if !stays && (is_path || file.is_file()) { folder.join(text).into() } else { text.into() }
+}
+
+impl SceneFile {
+    /// Writes the scene of a job whose transfer function has been found.
+    pub(super) fn save(&self, job: &RenderJob, fitted: &Fitted) -> Result<(), Failure> {
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let volume = relative(folder, &job.source);
+        let volume = text(volume.as_os_str())?;
+        let mut fields = vec![
+            (VERSION.to_owned(), Value::from(env!("CARGO_PKG_VERSION")).to_string()),
+            (VOLUME.to_owned(), Value::from(volume).to_string()),
+        ];
+        // A file may change or vanish: what it held is kept. Presets adapt to the data, here and elsewhere.
+        let inlined = matches!(job.transfer.choice, TransferChoice::Given(_));
+        match fitted.preset {
+            _ if inlined => fields.push((OF_TRANSFER[0].to_owned(), indented(&fitted.transfer))),
+            Some(preset) => fields.push((OF_TRANSFER[0].to_owned(), Value::from(preset.name).to_string())),
+            None => {}
+        }
+        let kept = |name: &str| match OF_TRANSFER.contains(&name) {
+            true => !inlined && name != OF_TRANSFER[0],
+            false => !OF_A_RUN.contains(&name),
+        };
+        for (name, values) in self.options.iter().filter(|(name, _)| kept(name)) {
+            let values = values.iter().map(|value| Ok(literal(text(value)?)));
+            let mut values = values.collect::<Result<Vec<Value>, Failure>>()?;
+            let value = match values.len() {
+                0 => Value::Bool(true),
+                1 => values.swap_remove(0),
+                _ => Value::Array(values),
+            };
+            fields.push((name.clone(), value.to_string()));
+        }
+        let fields: Vec<String> = fields.iter().map(|(name, value)| format!("  \"{name}\": {value}")).collect();
+        Ok(write_file(&self.path, format!("{{\n{}\n}}\n", fields.join(",\n")).as_bytes())?)
+    }
+}
+
+/// A transfer function as a value in a scene.
+fn indented(transfer: &TransferFunction) -> String {
+    transfer.to_json().trim_end().replace('\n', "\n  ")
+}
+
+/// A value of an option as a number, if it reads back as the same text.
+fn literal(text: &str) -> Value {
+    match serde_json::from_str::<serde_json::Number>(text) {
+        Ok(number) if number.to_string() == text => Value::Number(number),
+        _ => Value::from(text),
+    }
+}
+
+fn text(value: &OsStr) -> Result<&str, Failure> {
+    value.to_str().ok_or_else(|| Failure::Failed(format!("--save-scene: {value:?} is not Unicode, as JSON is")))
+}
+
+/// A path as it is seen from a folder, if both are on one drive.
+fn relative(folder: &Path, path: &Path) -> PathBuf {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let (Ok(folder), Ok(file)) = (folder.canonicalize(), path.canonicalize()) else { return path.to_owned() };
+    let shared = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
+    if shared == 0 {
+        return file;
+    }
+    let up = folder.components().skip(shared).map(|_| Component::ParentDir);
+    up.chain(file.components().skip(shared)).collect()
+}

@@ -1,0 +1,180 @@
+//! A volume in memory and a device, for one picture after another.
+
+use voxsplat::accuracy::Estimate;
+use voxsplat::camera::{Camera, Hull, View};
+use voxsplat::figure::Shown;
+use voxsplat::formats;
+use voxsplat::image::{Image, Note};
+use voxsplat::lighting::Lighting;
+use voxsplat::reference::Reference;
+use voxsplat::renderer::{Renderer, RendererOptions, Scene};
+use voxsplat::settings::Settings;
+use voxsplat::stats::Stats;
+use voxsplat::transfer::TransferFunction;
+use voxsplat::volume::Volume;
+
+use super::args::FrameArg;
+use super::info::short;
+use super::job::{Engine, RenderJob, TransferChoice};
+use super::progress::{self, Progress};
+use super::render::{Fitted, Stages, draw, framed, in_words, notes, transfer, with_units};
+use super::stderr::silenced;
+use super::{Failure, output};
+
+/// What pictures of one volume share.
+pub(super) struct Session {
+    pub(super) volume: Volume,
+    /// `None` if the reference makes the pictures.
+    renderer: Option<Renderer>,
+    /// What the last picture was made of.
+    prepared: Option<Prepared>,
+    /// What the last picture was fitted to, and how that was found.
+    framed: Option<(FrameArg, TransferFunction, Option<Hull>)>,
+    /// What the user has been told.
+    said: Vec<String>,
+}
+
+/// A scene, and what it was prepared with.
+pub(super) struct Prepared {
+    transfer: TransferFunction,
+    settings: Settings,
+    pub(super) scene: Scene,
+}
+
+/// A picture, and how it was made.
+pub(super) struct Picture {
+    /// As rendered, without figure.
+    pub(super) image: Image,
+    /// With the figure, if there is one.
+    drawn: Option<Image>,
+    pub(super) camera: Camera,
+    pub(super) settings: Settings,
+    pub(super) notes: Vec<Note>,
+    pub(super) estimate: Option<Estimate>,
+    /// Those of the renderer; `None` if the reference made the picture.
+    pub(super) stats: Option<Stats>,
+}
+
+impl Picture {
+    /// The picture as it is written.
+    pub(super) fn image(&self) -> &Image {
+        self.drawn.as_ref().unwrap_or(&self.image)
+    }
+}
+
+impl Session {
+    /// Reads the volume of a job and opens its device. The transfer function is that of the job.
+    pub(super) fn open(job: &RenderJob, stages: &mut Stages) -> Result<(Self, Fitted), Failure> {
+        let mut opening = Stages::default();
+        let progress = Progress::spinner("reading");
+        // Opening the driver takes about as long as reading a small volume, so both run at once. The driver is silenced
+        // meanwhile, and with it this process: notes are printed afterwards.
+        let (read, opened) = std::thread::scope(|scope| {
+            let adapter = match &job.engine {
+                Engine::Device { adapter } => Some(adapter.clone()),
+                Engine::Reference => None,
+            };
+            let device = adapter.map(|adapter| {
+                let opening = &mut opening;
+                let options = RendererOptions { adapter, progress: progress::reporter() };
+                scope.spawn(move || opening.time("device", || silenced(|| Renderer::new(&options))))
+            });
+            let mut read = || {
+                let volume = stages.time("load", || formats::load(&job.source, &job.load))?;
+                let volume = with_units(volume, &job.units);
+                let fitted = transfer(&job.source, &job.transfer, &volume, stages)?;
+                Ok::<_, Failure>((volume, fitted))
+            };
+            (read(), device.map(|thread| thread.join()))
+        });
+        drop(progress);
+        let (volume, fitted) = read?;
+        stages.append(opening);
+        let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
+        let renderer = opened.transpose()?;
+        Ok((Self { volume, renderer, prepared: None, framed: None, said: Vec::new() }, fitted))
+    }
+
+    /// Tells the user a note once.
+    fn say(&mut self, note: String) {
+        if !self.said.contains(&note) {
+            output::say(&note);
+            self.said.push(note);
+        }
+    }
+
+    /// Tells what was found out for a job, and completes it with the light that suits its transfer function.
+    pub(super) fn complete(&mut self, job: &mut RenderJob, fitted: &Fitted) -> Result<(), Failure> {
+        if let Some(note) = &fitted.suggested {
+            let frames = "; the picture frames what shows, and with --frame volume the whole volume";
+            self.say(format!("{note}{}", if job.frame == FrameArg::Visible { frames } else { "" }));
+        }
+        fitted.notes.iter().for_each(|note| self.say(note.clone()));
+        if let TransferChoice::Given(imported) = &job.transfer.choice
+            && let Some(material) = imported.material.filter(|_| job.chooses_light)
+        {
+            let material = material.map(short).join(",");
+            self.say(format!("note: the file asks for light: --light headlight --material {material}"));
+        }
+        if job.chooses_light && fitted.preset.is_some_and(|preset| preset.surfaces) {
+            job.settings.lighting = Some(Lighting::studio(job.view.forward()?, job.view.up));
+            self.say("note: --light studio is taken, as the preset shows surfaces; --light off is without".to_owned());
+        }
+        Ok(())
+    }
+
+    /// Makes the picture of a job.
+    pub(super) fn picture(
+        &mut self,
+        job: &RenderJob,
+        transfer: &TransferFunction,
+        stages: &mut Stages,
+    ) -> Result<Picture, Failure> {
+        let around = match &self.framed {
+            Some((frame, of, hull)) if *frame == job.frame && of == transfer => hull.clone(),
+            _ => stages.time("framing", || framed(job.frame, &self.volume, transfer))?,
+        };
+        self.framed = Some((job.frame, transfer.clone(), around.clone()));
+        let camera = Camera::new(&View { around, ..job.view.clone() }, self.volume.grid(), job.size)?;
+        let (image, settings, estimate, stats) = match &self.renderer {
+            Some(renderer) => {
+                let prepared = self.prepared.take().filter(|prepared| prepared.serves(transfer, &job.settings));
+                let (drawn, prepared) = draw(renderer, (&self.volume, transfer), &camera, job, prepared)?;
+                self.prepared = prepared;
+                let (rendered, settings, estimate) = drawn;
+                (rendered.image, settings, estimate, Some(rendered.stats))
+            }
+            None => {
+                let image = stages.time("integrate", || {
+                    Reference::new(&self.volume, transfer, &job.settings)?
+                        .with_tolerance(Reference::TOLERANCE)
+                        .with_progress(progress::reporter())
+                        .render_region(&camera, job.region)
+                })?;
+                (image, job.settings.clone(), None, None)
+            }
+        };
+        let predicted = match &stats {
+            Some(stats) => format!("{:.1e}", stats.predicted.error()),
+            None => "none: rays integrated in f64".to_owned(),
+        };
+        let mut notes = notes(&settings, &job.figure, vec![Note { name: "Predicted error", text: predicted }]);
+        notes.extend(estimate.map(|e| Note { name: "Estimated error", text: in_words(&e) }));
+        let shown = Shown { volume: &self.volume, transfer, camera: &camera, model: job.settings.model };
+        let figure = || job.figure.draw_region(&image, job.region, job.background, &shown);
+        let drawn = if job.figure.is_empty() { None } else { Some(stages.time("figure", figure)?) };
+        Ok(Picture { image, drawn, camera, settings, notes, estimate, stats })
+    }
+}
+
+impl Prepared {
+    pub(super) fn new(transfer: &TransferFunction, settings: &Settings, scene: Scene) -> Self {
+        Self { transfer: transfer.clone(), settings: settings.clone(), scene }
+    }
+
+    /// Whether a picture of other settings can be made of the scene.
+    fn serves(&self, transfer: &TransferFunction, settings: &Settings) -> bool {
+        let of = |s: &Settings| (s.model, s.shading, s.lighting.is_some(), s.kernel, s.sharpness, s.level);
+        self.transfer == *transfer && of(&self.settings) == of(settings)
+    }
+}

@@ -1,0 +1,329 @@
+//! Films: pictures of one size as GIF, APNG or Y4M.
+
+mod palette;
+
+use std::fs::File;
+use std::io::{self, BufWriter, Read, Seek, Write};
+use std::path::Path;
+
+use palette::Histogram;
+
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+use crate::image::{Background, Image};
+use crate::names::named;
+use crate::output::{check_writable, write_atomically};
+
+/// The format of a film.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// 256 colours for all frames, in an ordered pattern, endless.
+    Gif,
+    /// Animated PNG: every colour, endless.
+    Apng,
+    /// Uncompressed YUV (BT.601, 4:4:4) for encoders of video, such as `ffmpeg -i -`.
+    Y4m,
+}
+
+named!("format", Format { Gif: "gif", Apng: "apng", Y4m: "y4m" });
+
+impl Format {
+    /// The format that the extension of a path stands for.
+    #[must_use]
+    pub fn of(path: &Path) -> Option<Self> {
+        let extension = path.extension()?.to_str()?.to_lowercase();
+        Self::ALL.into_iter().find(|format| format.name() == extension)
+    }
+}
+
+/// A film that is being written, frame after frame.
+///
+/// ```
+/// use voxsplat::film::{Film, Format};
+/// use voxsplat::{Background, Image};
+///
+/// let mut bytes = Vec::new();
+/// let mut film = Film::new(&mut bytes, Format::Y4m, [2, 1], 2, 25.0)?;
+/// for light in [0.0, 1.0] {
+///     film.add(&Image::new(2, 1, vec![[light, light, light, 1.0]; 2])?, Background::default())?;
+/// }
+/// film.finish()?;
+/// assert!(bytes.starts_with(b"YUV4MPEG2 W2 H1 F25000:1000"));
+/// # Ok::<(), voxsplat::error::Error>(())
+/// ```
+pub struct Film<W: Write> {
+    size: [u32; 2],
+    frames: u32,
+    added: u32,
+    sink: Sink<W>,
+}
+
+enum Sink<W: Write> {
+    /// Frames wait in a file until their palette is known.
+    Gif {
+        out: W,
+        waiting: BufWriter<File>,
+        histogram: Box<Histogram>,
+        hundredths: u16,
+    },
+    Apng(png::Writer<W>),
+    Y4m(W),
+}
+
+impl<W: Write> Film<W> {
+    /// A film of so many frames of `size` (width, height) pixels, at `rate` frames a second. A GIF shows frames for
+    /// whole hundredths of a second.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if a side is 0 or over [`Camera::MAX_SIZE`], there are no frames, or the rate is not 0.1 to
+    /// 1000; [`Error::Image`] if the head of the film cannot be written.
+    pub fn new(mut out: W, format: Format, size: [u32; 2], frames: u32, rate: f64) -> Result<Self> {
+        let [width, height] = size;
+        let setting = |name, reason| Err(Error::Setting { name, reason });
+        if size.iter().any(|side| !(1..=Camera::MAX_SIZE).contains(side)) {
+            return setting("size", format!("{width}x{height}, expected 1 to {} pixels", Camera::MAX_SIZE));
+        }
+        if frames == 0 {
+            return setting("frames", "0, expected 1 or more".to_owned());
+        }
+        if !(0.1..=1000.0).contains(&rate) {
+            return setting("rate", format!("{rate}, expected 0.1 to 1000 frames a second"));
+        }
+        let thousandths = (rate * 1000.0).round();
+        let sink = match format {
+            Format::Gif => {
+                let waiting = BufWriter::new(tempfile::tempfile().map_err(failed)?);
+                let hundredths = (100.0 / rate).round().max(1.0) as u16;
+                Sink::Gif { out, waiting, histogram: Box::default(), hundredths }
+            }
+            Format::Apng => {
+                let mut encoder = png::Encoder::new(out, width, height);
+                encoder.set_color(png::ColorType::Rgb);
+                encoder.set_depth(png::BitDepth::Eight);
+                encoder.set_compression(png::Compression::Fast);
+                encoder.set_filter(png::Filter::Adaptive);
+                encoder.set_animated(frames, 0).map_err(failed)?;
+                let milliseconds = (1000.0 / rate).round().clamp(1.0, f64::from(u16::MAX));
+                encoder.set_frame_delay(milliseconds as u16, 1000).map_err(failed)?;
+                Sink::Apng(encoder.write_header().map_err(failed)?)
+            }
+            Format::Y4m => {
+                let head = format!("YUV4MPEG2 W{width} H{height} F{thousandths}:1000 Ip A1:1 C444\n");
+                out.write_all(head.as_bytes()).map_err(failed)?;
+                Sink::Y4m(out)
+            }
+        };
+        Ok(Self { size, frames, added: 0, sink })
+    }
+
+    /// Adds the next frame, over an opaque background.
+    ///
+    /// # Errors
+    /// [`Error::Image`] if the picture is of another size or one too many, or it cannot be written;
+    /// [`Error::Setting`] if the background is transparent.
+    pub fn add(&mut self, image: &Image, background: Background) -> Result<()> {
+        if background == Background::Transparent {
+            let reason = "transparent, expected a colour: films have no alpha".to_owned();
+            return Err(Error::Setting { name: "background", reason });
+        }
+        if [image.width(), image.height()] != self.size || self.added == self.frames {
+            let [width, height] = self.size;
+            let reason = format!("a film of {} frames of {width} x {height} pixels has no place for it", self.frames);
+            return Err(Error::Image(reason));
+        }
+        self.added += 1;
+        let rgba = image.to_rgba8(background);
+        let pixels = rgba.chunks_exact(4).map(|pixel| [pixel[0], pixel[1], pixel[2]]);
+        match &mut self.sink {
+            Sink::Gif { waiting, histogram, .. } => {
+                let bytes: Vec<u8> = pixels.inspect(|pixel| histogram.count(*pixel)).flatten().collect();
+                waiting.write_all(&bytes).map_err(failed)
+            }
+            Sink::Apng(writer) => {
+                let bytes: Vec<u8> = pixels.flatten().collect();
+                writer.write_image_data(&bytes).map_err(failed)
+            }
+            Sink::Y4m(out) => {
+                let yuv: Vec<[u8; 3]> = pixels.map(yuv).collect();
+                let mut frame = b"FRAME\n".to_vec();
+                (0..3).for_each(|plane| frame.extend(yuv.iter().map(|pixel| pixel[plane])));
+                out.write_all(&frame).map_err(failed)
+            }
+        }
+    }
+
+    /// Completes the film.
+    ///
+    /// # Errors
+    /// [`Error::Image`] if frames are missing, or the end cannot be written.
+    pub fn finish(self) -> Result<()> {
+        if self.added < self.frames {
+            return Err(Error::Image(format!("the film has {} of {} frames", self.added, self.frames)));
+        }
+        match self.sink {
+            Sink::Gif { out, waiting, histogram, hundredths } => {
+                let mut waiting = waiting.into_inner().map_err(|e| failed(e.into_error()))?;
+                waiting.rewind().map_err(failed)?;
+                let [width, height] = self.size.map(|side| side as u16);
+                let palette = histogram.palette();
+                let mut encoder = gif::Encoder::new(out, width, height, &palette.bytes()).map_err(failed)?;
+                encoder.set_repeat(gif::Repeat::Infinite).map_err(failed)?;
+                let mut pixels = vec![0; usize::from(width) * usize::from(height) * 3];
+                for _ in 0..self.frames {
+                    waiting.read_exact(&mut pixels).map_err(failed)?;
+                    let indices = palette.indices(&pixels, usize::from(width));
+                    let mut frame = gif::Frame::from_indexed_pixels(width, height, indices, None);
+                    frame.delay = hundredths;
+                    encoder.write_frame(&frame).map_err(failed)?;
+                }
+                let mut out = encoder.into_inner().map_err(failed)?;
+                out.flush().map_err(failed)
+            }
+            Sink::Apng(writer) => writer.finish().map_err(failed),
+            Sink::Y4m(mut out) => out.flush().map_err(failed),
+        }
+    }
+}
+
+/// What an encoder or the system says.
+fn failed(error: impl std::fmt::Display) -> Error {
+    Error::Image(format!("the film cannot be written: {error}"))
+}
+
+/// Luma and chroma of a colour, limited range (ITU-R BT.601).
+fn yuv(rgb: [u8; 3]) -> [u8; 3] {
+    let [r, g, b] = rgb.map(|c| f32::from(c) / 255.0);
+    let luma = 0.299 * r + 0.587 * g + 0.114 * b;
+    let limited = [16.0 + 219.0 * luma, 128.0 + 224.0 * (b - luma) / 1.772, 128.0 + 224.0 * (r - luma) / 1.402];
+    limited.map(|c| c.round() as u8)
+}
+
+/// A film in a file, which appears whole or not at all.
+pub struct FilmFile {
+    film: Film<File>,
+    file: File,
+}
+
+impl FilmFile {
+    /// Refuses a path that cannot be written, before the work.
+    ///
+    /// # Errors
+    /// [`Error::Output`] and [`Error::Write`] as [`Image::check_output`].
+    pub fn check(path: impl AsRef<Path>) -> Result<()> {
+        check_writable(path.as_ref())
+    }
+
+    /// A film as [`Film::new`]. Its frames wait in a temporary file.
+    ///
+    /// # Errors
+    /// Those of [`Film::new`].
+    pub fn new(format: Format, size: [u32; 2], frames: u32, rate: f64) -> Result<Self> {
+        let file = tempfile::tempfile().map_err(failed)?;
+        Ok(Self { film: Film::new(file.try_clone().map_err(failed)?, format, size, frames, rate)?, file })
+    }
+
+    /// As [`Film::add`].
+    ///
+    /// # Errors
+    /// Those of [`Film::add`].
+    pub fn add(&mut self, image: &Image, background: Background) -> Result<()> {
+        self.film.add(image, background)
+    }
+
+    /// Completes the film and gives it its name.
+    ///
+    /// # Errors
+    /// Those of [`Film::finish`]; [`Error::Output`] and [`Error::Write`] if the file cannot be written.
+    pub fn save(self, path: impl AsRef<Path>) -> Result<()> {
+        self.film.finish()?;
+        write_atomically(path.as_ref(), |target| {
+            let mut written = &self.file;
+            written.rewind()?;
+            io::copy(&mut written, target).map(drop)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frames() -> Vec<Image> {
+        let ramp = |frame: usize| {
+            let pixel = |i: usize| {
+                let (x, y) = ((i % 32) as f32 / 31.0, (i / 32) as f32 / 15.0);
+                [x, y, frame as f32 / 2.0, 1.0]
+            };
+            Image::new(32, 16, (0..512).map(pixel).collect()).unwrap()
+        };
+        (0..3).map(ramp).collect()
+    }
+
+    fn film(format: Format) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut film = Film::new(&mut bytes, format, [32, 16], 3, 12.5).unwrap();
+        frames().iter().for_each(|frame| film.add(frame, Background::default()).unwrap());
+        film.finish().unwrap();
+        bytes
+    }
+
+    /// The root of the mean square of differences of channels, 0 to 255.
+    fn off(frame: &Image, pixels: &[u8]) -> f64 {
+        let rgba = frame.to_rgba8(Background::default());
+        let rgb = rgba.chunks_exact(4).flat_map(|p| &p[..3]);
+        let squares: f64 = rgb.zip(pixels).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum();
+        (squares / pixels.len() as f64).sqrt()
+    }
+
+    #[test]
+    fn a_gif_has_every_frame_in_one_palette() {
+        let bytes = film(Format::Gif);
+        let mut options = gif::DecodeOptions::new();
+        options.set_color_output(gif::ColorOutput::Indexed);
+        let mut decoder = options.read_info(bytes.as_slice()).unwrap();
+        let palette = decoder.global_palette().unwrap().to_vec();
+        for frame in frames() {
+            let read = decoder.read_next_frame().unwrap().unwrap();
+            assert_eq!((read.delay, read.palette.is_none()), (8, true));
+            let pixels: Vec<u8> =
+                read.buffer.iter().flat_map(|&i| palette[3 * usize::from(i)..][..3].to_vec()).collect();
+            // 1536 colours in 256.
+            assert!(off(&frame, &pixels) < 12.0, "{}", off(&frame, &pixels));
+        }
+        assert!(decoder.read_next_frame().unwrap().is_none());
+    }
+
+    #[test]
+    fn an_apng_has_every_colour() {
+        let bytes = film(Format::Apng);
+        let mut reader = png::Decoder::new(io::Cursor::new(&bytes)).read_info().unwrap();
+        assert_eq!(reader.info().animation_control.unwrap().num_frames, 3);
+        for frame in frames() {
+            let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+            reader.next_frame(&mut pixels).unwrap();
+            assert_eq!(off(&frame, &pixels), 0.0);
+            assert_eq!(reader.info().frame_control.unwrap().delay_num, 80);
+        }
+    }
+
+    #[test]
+    fn y4m_has_three_planes_a_frame() {
+        let bytes = film(Format::Y4m);
+        let head = b"YUV4MPEG2 W32 H16 F12500:1000 Ip A1:1 C444\n";
+        assert!(bytes.starts_with(head));
+        assert_eq!(bytes.len(), head.len() + 3 * (b"FRAME\n".len() + 3 * 512));
+        assert_eq!([yuv([0; 3]), yuv([255; 3]), yuv([255, 0, 0])], [[16, 128, 128], [235, 128, 128], [81, 90, 240]]);
+    }
+
+    #[test]
+    fn what_makes_no_film_is_refused() {
+        let frame = &frames()[0];
+        let new = |size, frames, rate| Film::new(Vec::new(), Format::Y4m, size, frames, rate);
+        assert!(new([0, 1], 1, 25.0).is_err() && new([1, 1], 0, 25.0).is_err() && new([1, 1], 1, f64::NAN).is_err());
+        assert!(new([8, 8], 1, 25.0).unwrap().add(frame, Background::default()).is_err());
+        let mut film = new([32, 16], 2, 25.0).unwrap();
+        assert!(film.add(frame, Background::Transparent).unwrap_err().to_string().contains("no alpha"));
+        film.add(frame, Background::default()).unwrap();
+        assert!(film.finish().unwrap_err().to_string().ends_with("has 1 of 2 frames"));
+    }
+}

@@ -1,0 +1,169 @@
+//! Curves between points, as straight lines between more points.
+
+use super::space::Space;
+use crate::transfer::{ControlPoint, TransferFunction};
+
+/// The most by which a channel of a straight line is off the curve: a quarter of an 8-bit step.
+const TOLERANCE: f64 = 1e-3;
+
+/// The most times that a stretch between two points is halved.
+const HALVINGS: u32 = 12;
+
+/// A point of a curve. How the curve runs to the next point is told as VTK does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Node<const N: usize> {
+    pub(super) at: f64,
+    pub(super) value: [f64; N],
+    /// Where on the way to the next point the value is half way, 0 to 1.
+    pub(super) midpoint: f64,
+    /// 0 is a straight line, 1 nearly a step at the midpoint.
+    pub(super) sharpness: f64,
+}
+
+impl<const N: usize> Node<N> {
+    /// A point with a straight line to the next.
+    pub(super) fn plain(at: f64, value: [f64; N]) -> Self {
+        Self { at, value, midpoint: 0.5, sharpness: 0.0 }
+    }
+
+    /// The share of the next point at the share `s` of the way (`vtkPiecewiseFunction::GetTable`).
+    fn share(&self, s: f64) -> f64 {
+        let middle = self.midpoint.clamp(1e-5, 1.0 - 1e-5);
+        let s = if s < middle { 0.5 * s / middle } else { 0.5 + 0.5 * (s - middle) / (1.0 - middle) };
+        if self.sharpness < 0.01 {
+            return s;
+        }
+        let steep = 1.0 + 10.0 * self.sharpness;
+        let s = if s < 0.5 { 0.5 * (2.0 * s).powf(steep) } else { 1.0 - 0.5 * (2.0 * (1.0 - s)).powf(steep) };
+        // A cubic with the same slope at both ends.
+        let (ss, sss) = (s * s, s * s * s);
+        (3.0 * ss - 2.0 * sss + (2.0 * sss - 3.0 * ss + s) * (1.0 - self.sharpness)).clamp(0.0, 1.0)
+    }
+}
+
+/// A line through points, values ascending; two points at one value are a step.
+type Line<const N: usize> = Vec<(f64, [f64; N])>;
+
+/// The line of a curve of opacities.
+pub(super) fn opacities(nodes: Vec<Node<1>>) -> Line<1> {
+    line(nodes, false, |a, b, s| [(1.0 - s) * a[0] + s * b[0]])
+}
+
+/// The line of a curve of colours.
+pub(super) fn colors(nodes: Vec<Node<3>>, space: Space) -> Line<3> {
+    line(nodes, space == Space::Step, |a, b, s| space.between(a, b, s))
+}
+
+fn line<const N: usize>(
+    mut nodes: Vec<Node<N>>,
+    steps: bool,
+    between: impl Fn([f64; N], [f64; N], f64) -> [f64; N],
+) -> Line<N> {
+    // As VTK does; points at the same place stay in order.
+    nodes.sort_by(|a, b| a.at.total_cmp(&b.at));
+    let mut line = Vec::with_capacity(nodes.len());
+    for (i, node) in nodes.iter().enumerate() {
+        line.push((node.at, node.value));
+        let Some(next) = nodes.get(i + 1).filter(|next| next.at > node.at) else { continue };
+        if steps {
+            line.push((node.at, next.value));
+            continue;
+        }
+        let at = |s: f64| node.at + (next.at - node.at) * s;
+        let curve = |s: f64| between(node.value, next.value, node.share(s));
+        // What is longer is refused, whatever it looks like.
+        let halvings = if line.len() > TransferFunction::MAX_POINTS { 0 } else { HALVINGS };
+        halve(&curve, [0.0, 1.0], [node.value, next.value], halvings, &mut |s, value| line.push((at(s), value)));
+    }
+    line
+}
+
+/// Gives out the points within a stretch of a curve that a line needs.
+fn halve<const N: usize>(
+    curve: &impl Fn(f64) -> [f64; N],
+    [from, to]: [f64; 2],
+    [first, last]: [[f64; N]; 2],
+    halvings: u32,
+    out: &mut impl FnMut(f64, [f64; N]),
+) {
+    let off = |share: f64| {
+        let value = curve(from + (to - from) * share);
+        (0..N).map(|c| (value[c] - first[c] - (last[c] - first[c]) * share).abs()).fold(0.0, f64::max)
+    };
+    if halvings == 0 || (1..8).all(|eighths| off(f64::from(eighths) / 8.0) <= TOLERANCE) {
+        return;
+    }
+    let middle = f64::midpoint(from, to);
+    let value = curve(middle);
+    halve(curve, [from, middle], [first, value], halvings - 1, out);
+    out(middle, value);
+    halve(curve, [middle, to], [value, last], halvings - 1, out);
+}
+
+/// Control points that have the colours of one line and the opacities of another. Neither is empty.
+pub(in crate::transfer) fn merged(colors: &[(f64, [f64; 3])], opacities: &[(f64, [f64; 1])]) -> Vec<ControlPoint> {
+    let mut values: Vec<f64> = colors.iter().map(|c| c.0).chain(opacities.iter().map(|o| o.0)).collect();
+    values.sort_by(f64::total_cmp);
+    values.dedup();
+    let mut points = Vec::with_capacity(values.len());
+    for value in values {
+        let (color, opacity) = (sides(colors, value), sides(opacities, value));
+        let point = |side: usize| ControlPoint {
+            value,
+            color: color[side].map(|c| c.clamp(0.0, 1.0)),
+            opacity: opacity[side][0].clamp(0.0, 1.0),
+        };
+        points.push(point(0));
+        if color[0] != color[1] || opacity[0] != opacity[1] {
+            points.push(point(1));
+        }
+    }
+    points
+}
+
+/// What a line is just below a value, and from there on.
+fn sides<const N: usize>(line: &[(f64, [f64; N])], value: f64) -> [[f64; N]; 2] {
+    let (first, beyond) = (line.partition_point(|p| p.0 < value), line.partition_point(|p| p.0 <= value));
+    if first < beyond {
+        return [line[first].1, line[beyond - 1].1];
+    }
+    let between = match (first.checked_sub(1), line.get(first)) {
+        (Some(a), Some(b)) => {
+            let a = line[a];
+            let s = (value - a.0) / (b.0 - a.0);
+            std::array::from_fn(|c| a.1[c] + (b.1[c] - a.1[c]) * s)
+        }
+        (Some(a), None) => line[a].1,
+        (None, _) => line[0].1,
+    };
+    [between; 2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_meet_in_the_points_of_both() {
+        let colors = [(0.0, [0.0; 3]), (10.0, [1.0; 3])];
+        let opacities = [(5.0, [0.0]), (5.0, [0.5]), (20.0, [0.5])];
+        let points: Vec<(f64, f64, f64)> =
+            merged(&colors, &opacities).iter().map(|p| (p.value, p.color[0], p.opacity)).collect();
+        assert_eq!(points, [(0.0, 0.0, 0.0), (5.0, 0.5, 0.0), (5.0, 0.5, 0.5), (10.0, 1.0, 0.5), (20.0, 1.0, 0.5)]);
+    }
+
+    #[test]
+    fn curves_take_the_points_that_they_need() {
+        let node = |at, value, sharpness| Node { at, value: [value], midpoint: 0.25, sharpness };
+        assert_eq!(opacities(vec![Node::plain(4.0, [1.0]), Node::plain(0.0, [0.0])]), [(0.0, [0.0]), (4.0, [1.0])]);
+        for sharpness in [0.5, 1.0] {
+            let curved = opacities(vec![node(0.0, 0.0, sharpness), node(4.0, 1.0, 0.0)]);
+            assert!((8..80).contains(&curved.len()) && curved.is_sorted_by(|a, b| a.0 <= b.0), "{curved:?}");
+        }
+        let steps = colors(vec![Node::plain(0.0, [0.1; 3]), Node::plain(1.0, [0.2; 3])], Space::Step);
+        assert_eq!(steps, [(0.0, [0.1; 3]), (0.0, [0.2; 3]), (1.0, [0.2; 3])]);
+        // What no function holds is not drawn out further.
+        let many = (0..20_000).map(|i| node(f64::from(i), f64::from(i % 2), 0.5)).collect();
+        assert!(opacities(many).len() < 40_000);
+    }
+}

@@ -1,0 +1,193 @@
+//! The spaces in which other programs interpolate colours, with the constants of VTK: its maps are tuned to them.
+
+use std::f64::consts::PI;
+
+use super::fault;
+use crate::color::{from_linear, to_linear};
+use crate::error::Result;
+
+/// How colours between two points are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum Space {
+    #[default]
+    Rgb,
+    /// Hue, saturation and value; with `wrap` hues take the shorter way around.
+    Hsv { wrap: bool },
+    /// CIE L*a*b* for a white of (0.9505, 1, 1.089).
+    Lab,
+    /// Moreland 2009, "Diverging color maps for scientific visualization": polar Lab, through white if both ends are
+    /// saturated and differ in hue.
+    Diverging,
+    /// The colour of the upper point from the lower one on.
+    Step,
+}
+
+impl Space {
+    /// The space of a name of ParaView, and what is not as the name says.
+    pub(super) fn named(name: &str, wrap: bool) -> Result<(Self, Option<&'static str>)> {
+        Ok(match name.to_lowercase().as_str() {
+            "rgb" => (Self::Rgb, None),
+            "hsv" => (Self::Hsv { wrap }, None),
+            "wrapped" => (Self::Hsv { wrap: true }, None),
+            "lab" | "cielab" => (Self::Lab, None),
+            "ciede2000" | "lab/ciede2000" => {
+                (Self::Lab, Some("colours between points are mixed in Lab, without the paths of CIEDE2000"))
+            }
+            "diverging" => (Self::Diverging, None),
+            "step" => (Self::Step, None),
+            _ => {
+                return Err(fault(format!(
+                    "colour space {name:?}, expected RGB, HSV, Wrapped, Lab, Diverging or Step"
+                )));
+            }
+        })
+    }
+
+    /// The colour a share `s` of the way from `a` to `b`, both in 0..1.
+    pub(super) fn between(self, a: [f64; 3], b: [f64; 3], s: f64) -> [f64; 3] {
+        match self {
+            Self::Rgb => mixed(a, b, s),
+            Self::Step => b,
+            Self::Lab => lab_to_rgb(mixed(rgb_to_lab(a), rgb_to_lab(b), s)),
+            Self::Hsv { wrap } => {
+                let (mut a, mut b) = (rgb_to_hsv(a), rgb_to_hsv(b));
+                if wrap && (a[0] - b[0]).abs() > 0.5 {
+                    if a[0] > b[0] { a[0] -= 1.0 } else { b[0] -= 1.0 }
+                }
+                hsv_to_rgb(mixed(a, b, s))
+            }
+            Self::Diverging => diverging(a, b, s),
+        }
+    }
+}
+
+fn mixed(a: [f64; 3], b: [f64; 3], s: f64) -> [f64; 3] {
+    std::array::from_fn(|c| (1.0 - s) * a[c] + s * b[c])
+}
+
+fn rgb_to_hsv(rgb: [f64; 3]) -> [f64; 3] {
+    let [r, g, b] = rgb;
+    let (most, least) = (r.max(g).max(b), r.min(g).min(b));
+    let range = most - least;
+    if range <= 0.0 {
+        return [0.0, 0.0, most];
+    }
+    let sixth = if r >= most {
+        (g - b) / range
+    } else if g >= most {
+        2.0 + (b - r) / range
+    } else {
+        4.0 + (r - g) / range
+    };
+    [(sixth / 6.0).rem_euclid(1.0), range / most, most]
+}
+
+fn hsv_to_rgb([hue, saturation, value]: [f64; 3]) -> [f64; 3] {
+    // Each channel is full over a third of the circle, and falls off over a sixth on both sides.
+    [0.0, 1.0 / 3.0, 2.0 / 3.0].map(|center| {
+        let away = (hue - center).rem_euclid(1.0);
+        let away = 6.0 * away.min(1.0 - away);
+        value * (1.0 - saturation * (away - 1.0).clamp(0.0, 1.0))
+    })
+}
+
+/// The white of Lab.
+const WHITE: [f64; 3] = [0.9505, 1.0, 1.089];
+
+fn rgb_to_lab(rgb: [f64; 3]) -> [f64; 3] {
+    let [r, g, b] = rgb.map(to_linear);
+    let xyz = [
+        0.4124 * r + 0.3576 * g + 0.1805 * b,
+        0.2126 * r + 0.7152 * g + 0.0722 * b,
+        0.0193 * r + 0.1192 * g + 0.9505 * b,
+    ];
+    let root = |c: usize| {
+        let share = xyz[c] / WHITE[c];
+        if share > 0.008_856 { share.cbrt() } else { 7.787 * share + 16.0 / 116.0 }
+    };
+    let [x, y, z] = [root(0), root(1), root(2)];
+    [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
+}
+
+fn lab_to_rgb([l, a, b]: [f64; 3]) -> [f64; 3] {
+    let y = (l + 16.0) / 116.0;
+    let cube = |root: f64| if root.powi(3) > 0.008_856 { root.powi(3) } else { (root - 16.0 / 116.0) / 7.787 };
+    let [x, y, z] = [y + a / 500.0, y, y - b / 200.0].map(cube);
+    let [x, y, z] = [x * WHITE[0], y * WHITE[1], z * WHITE[2]];
+    let rgb = [
+        3.2406 * x - 1.5372 * y - 0.4986 * z,
+        -0.9689 * x + 1.8758 * y + 0.0415 * z,
+        0.0557 * x - 0.2040 * y + 1.0570 * z,
+    ]
+    .map(from_linear);
+    // Colours out of gamut keep their hue.
+    let most = rgb.into_iter().fold(1.0, f64::max);
+    rgb.map(|c| c.max(0.0) / most)
+}
+
+/// Magnitude, saturation and hue: polar coordinates of Lab.
+fn rgb_to_msh(rgb: [f64; 3]) -> [f64; 3] {
+    let [l, a, b] = rgb_to_lab(rgb);
+    let m = (l * l + a * a + b * b).sqrt();
+    let s = if m > 0.001 { (l / m).clamp(-1.0, 1.0).acos() } else { 0.0 };
+    [m, s, if s > 0.001 { b.atan2(a) } else { 0.0 }]
+}
+
+fn msh_to_rgb([m, s, h]: [f64; 3]) -> [f64; 3] {
+    lab_to_rgb([m * s.cos(), m * s.sin() * h.cos(), m * s.sin() * h.sin()])
+}
+
+/// The saturation from which a hue counts.
+const SATURATED: f64 = 0.05;
+
+fn diverging(a: [f64; 3], b: [f64; 3], s: f64) -> [f64; 3] {
+    let (mut a, mut b, mut s) = (rgb_to_msh(a), rgb_to_msh(b), s);
+    let apart = (a[2] - b[2]).abs().rem_euclid(2.0 * PI);
+    if a[1] > SATURATED && b[1] > SATURATED && apart.min(2.0 * PI - apart) > 0.33 * PI {
+        let white = [a[0].max(b[0]).max(88.0), 0.0, 0.0];
+        if s < 0.5 {
+            (b, s) = (white, 2.0 * s);
+        } else {
+            (a, s) = (white, 2.0 * s - 1.0);
+        }
+    }
+    // An end without saturation has no hue of its own.
+    if a[1] < SATURATED && b[1] > SATURATED {
+        a[2] = spun(b, a[0]);
+    } else if b[1] < SATURATED && a[1] > SATURATED {
+        b[2] = spun(a, b[0]);
+    }
+    msh_to_rgb(mixed(a, b, s))
+}
+
+/// The hue towards which a saturated colour runs if the other end has none, of magnitude `to`.
+fn spun([m, s, h]: [f64; 3], to: f64) -> f64 {
+    if m >= to - 0.1 {
+        return h;
+    }
+    let spin = s * (to * to - m * m).sqrt() / (m * s.sin());
+    if h > -0.3 * PI { h + spin } else { h - spin }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spaces_keep_their_ends() {
+        let colors = [[0.23, 0.3, 0.75], [0.7, 0.02, 0.15], [0.5; 3], [1.0, 1.0, 0.0], [0.0; 3], [0.2, 0.9, 0.4]];
+        let spaces = [Space::Rgb, Space::Hsv { wrap: false }, Space::Hsv { wrap: true }, Space::Lab, Space::Diverging];
+        for space in spaces {
+            for a in colors {
+                for b in colors {
+                    for (end, s) in [(a, 0.0), (b, 1.0)] {
+                        let found = space.between(a, b, s);
+                        let off = (0..3).map(|c| (found[c] - end[c]).abs()).fold(0.0, f64::max);
+                        // The matrices to and from XYZ have four digits.
+                        assert!(off < 2e-3, "{space:?} {a:?} {b:?}: {found:?}");
+                    }
+                }
+            }
+        }
+    }
+}
