@@ -107,11 +107,14 @@ fn update_maximum(
     middle: f32,
 ) {
     let means = means_of(*ray, behind, geometry);
-    let largest = largest_in(means, part);
-    let scalar = shown(largest.x, means, rays.invisible);
+    let largest = shown(largest_in(means, part), means, rays.invisible);
     let so_far = (*ray).color;
-    let found = vec3f(scalar, 1.0, middle + 0.5 * largest.y);
-    (*ray).color = select(so_far, found, so_far.y <= 0.0 || scalar > so_far.x);
+    if DEPTH_CODED {
+        let is_larger = so_far.y <= 0.0 || largest > so_far.x;
+        (*ray).color.z = select(so_far.z, middle + 0.5 * place_of_largest(means, part), is_larger);
+    }
+    (*ray).color.x = select(largest, max(largest, so_far.x), so_far.y > 0.0);
+    (*ray).color.y = 1.0;
 }
 
 // A run of planes begins: nothing before it is pending.
@@ -125,9 +128,8 @@ fn is_opaque(ray: RayState) -> bool {
     return !MAXIMUM && !MEAN && ray.depth > rays.opaque_depth;
 }
 
-// Planes after the last of a run: kernels reach so many planes beyond it, and slabs are composited as many late. A
-// plane more has the space behind it, which is 0, take part in the maximum.
-override FLUSH: i32 = 2 * REACH + i32(MAXIMUM);
+// Planes after the last of a run: kernels reach so many planes beyond it, and slabs are composited as many late.
+override FLUSH: i32 = 2 * REACH;
 
 // The slabs that planes may still add to, the foremost first: two for each plane; and what was composited last.
 struct Slabs {

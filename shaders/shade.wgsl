@@ -286,10 +286,14 @@ fn updated_projection(so_far: vec3f, means: vec3f, ray: PixelRay, z: f32) -> vec
     if MEAN {
         return so_far + vec3f(integral_over(from_eye(means, z), part), part.y - part.x, 0.0);
     }
-    let largest = largest_in(from_eye(means, z), part);
-    let scalar = shown(largest.x, means, shading.invisible);
-    let found = vec3f(scalar, 1.0, z + (largest.y + 0.5) * frame.sheet_step);
-    return select(so_far, found, so_far.y <= 0.0 || scalar > so_far.x);
+    let m = from_eye(means, z);
+    let largest = shown(largest_in(m, part), means, shading.invisible);
+    var depth = 0.0;
+    if DEPTH_CODED {
+        let is_larger = so_far.y <= 0.0 || largest > so_far.x;
+        depth = select(so_far.z, z + (place_of_largest(m, part) + 0.5) * frame.sheet_step, is_larger);
+    }
+    return vec3f(select(largest, max(largest, so_far.x), so_far.y > 0.0), 1.0, depth);
 }
 
 @compute @workgroup_size(8, 8)

@@ -42,18 +42,23 @@ fn integral_over(m: vec3f, part: vec2f) -> f32 {
     return (p.x + 0.5 * p.y * (part.x + part.y) + p.z * squares / 3.0) * (part.y - part.x);
 }
 
-// The largest value of the parabola in a part of the slab, and its place.
-fn largest_in(m: vec3f, part: vec2f) -> vec2f {
+// The largest value of the parabola in a part of the slab.
+fn largest_in(m: vec3f, part: vec2f) -> f32 {
     let p = parabola(m);
-    let first = p.x + (p.y + p.z * part.x) * part.x;
-    let last = p.x + (p.y + p.z * part.y) * part.y;
-    var largest = select(vec2f(first, part.x), vec2f(last, part.y), last > first);
+    var largest = max(p.x + (p.y + p.z * part.x) * part.x, p.x + (p.y + p.z * part.y) * part.y);
     if p.z < 0.0 {
         let u = clamp(-0.5 * p.y / p.z, part.x, part.y);
-        let value = p.x + (p.y + p.z * u) * u;
-        largest = select(largest, vec2f(value, u), value > largest.x);
+        largest = max(largest, p.x + (p.y + p.z * u) * u);
     }
     return largest;
+}
+
+// The place of that value.
+fn place_of_largest(m: vec3f, part: vec2f) -> f32 {
+    let p = parabola(m);
+    let end = select(part.x, part.y, p.y + p.z * (part.x + part.y) > 0.0);
+    let top = clamp(-0.5 * p.y / select(-1.0, p.z, p.z < 0.0), part.x, part.y);
+    return select(end, top, p.z < 0.0);
 }
 
 // The largest value of a slab with means `m`, clamped to what is invisible if no mean is larger: then only the parabola

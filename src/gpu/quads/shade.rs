@@ -63,11 +63,12 @@ impl ShadeStage {
         let shading = [("LIGHTS", f64::from(key.lights)), ("SAMPLES", f64::from(key.samples)), crowded, thins, shadows];
         let shading = [&constants[..], &shading].concat();
         let mean = ("MEAN", flag(key.feed == Feed::Mean));
-        let projection = [&constants[..], &[mean]].concat();
+        let coded = ("DEPTH_CODED", flag(key.depth_coded));
+        let projection = [&constants[..], &[mean, coded]].concat();
         let (entry, constants) = if key.feed.projects() { ("project", &projection) } else { ("shade", &shading) };
         let shade = compute(context, &shader, "shade", entry, &shade_layout, constants);
         let (resolve_layout, resolve) = if key.feed.projects() {
-            let constants = [crowded, mean, ("DEPTH_CODED", flag(key.depth_coded))];
+            let constants = [crowded, mean, coded];
             let pipeline = compute(context, &shader, "shade", "resolve_projection", &shade_layout, &constants);
             (shade_layout.clone(), pipeline)
         } else {
