@@ -145,9 +145,9 @@ fn a_scene_that_is_wrong_is_refused_with_the_nearest_name() {
 fn a_picture_goes_to_standard_output_and_a_volume_comes_from_standard_input() {
     let dir = folder();
     let input = ramp(dir.path());
-    let file = made(dir.path(), &format!("render {input} {SMALL} -o a.png --transfer gray"), "a.png");
+    let file = made(dir.path(), &format!("render {input} {SMALL} -o a.png --transfer gray --azimuth 0"), "a.png");
     let bytes = std::fs::read(dir.path().join("ramp.raw")).unwrap();
-    let line = format!("render - --dims 4,3,2 --type u8 {SMALL} -o - --transfer gray");
+    let line = format!("render - --dims 4,3,2 --type u8 {SMALL} -o - --transfer gray --azimuth 0");
     let output = fed(dir.path(), &line, &bytes);
     assert!(output.status.success() && output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(output.stdout == file);
