@@ -2,7 +2,9 @@
 
 use voxsplat::accuracy::Estimate;
 use voxsplat::camera::{Camera, Hull, View};
+use voxsplat::demos;
 use voxsplat::figure::Shown;
+use voxsplat::formats;
 use voxsplat::image::{Image, Note};
 use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
@@ -10,9 +12,7 @@ use voxsplat::renderer::{Renderer, RendererOptions, Scene};
 use voxsplat::settings::Settings;
 use voxsplat::stats::Stats;
 use voxsplat::transfer::TransferFunction;
-use voxsplat::transfer::presets::Material;
 use voxsplat::volume::Volume;
-use voxsplat::{demos, formats};
 
 use super::args::FrameArg;
 use super::info::short;
@@ -111,7 +111,7 @@ impl Session {
         }
     }
 
-    /// Tells what was found out for a job, and completes it with the light that suits its transfer function.
+    /// Tells what was found out for a job, and completes it with the view, the light and the sharpness that suit it.
     pub(super) fn complete(&mut self, job: &mut RenderJob, fitted: &Fitted) -> Result<(), Failure> {
         if let Some(note) = &fitted.suggested {
             let frames = "; the picture frames what shows, and with --frame volume the whole volume";
@@ -124,53 +124,39 @@ impl Session {
             let material = material.map(short).join(",");
             self.say(format!("note: the file asks for light: --light headlight --material {material}"));
         }
-        self.choose_view(job);
-        let material = fitted.preset.and_then(|preset| preset.material);
-        self.choose_light(job, material)?;
-        if job.chooses_sharpness && material.is_some() {
+        self.choose_view(job)?;
+        let Some(material) = fitted.preset.and_then(|preset| preset.material) else { return Ok(()) };
+        if job.chooses_light {
+            job.settings.lighting = Some(Lighting::studio(job.view.forward()?, job.view.up));
+            self.say("note: --light studio is taken, as the preset shows surfaces; --light off is without".to_owned());
+        }
+        if job.chooses_material {
+            job.settings.lighting = job.settings.lighting.take().map(|lighting| material.lit(lighting));
+        }
+        if job.chooses_sharpness {
             job.settings.sharpness = SHARPNESS;
-            self.say(format!(
-                "note: --sharpness {SHARPNESS} is taken, as the preset shows surfaces; --sharpness 0 is without"
-            ));
+            let without = "as the preset shows surfaces; --sharpness 0 is without";
+            self.say(format!("note: --sharpness {SHARPNESS} is taken, {without}"));
         }
         Ok(())
     }
 
     /// Looks from an oblique side at a volume whose file states no orientation, unless a side was asked for: of a box
-    /// whose front means nothing the front hides most.
-    fn choose_view(&mut self, job: &mut RenderJob) {
+    /// whose front means nothing the front hides most. Studio light comes along.
+    fn choose_view(&mut self, job: &mut RenderJob) -> Result<(), Failure> {
         let flat = self.volume.grid().dims().contains(&1);
-        let has_front = flat || self.volume.is_oriented() || demos::own_transfer(&job.source).is_some();
-        if job.chooses_view && !has_front {
-            let [azimuth, elevation] = OBLIQUE;
-            (job.view.azimuth, job.view.elevation) = (azimuth, elevation);
-            self.say(format!(
-                "note: --azimuth {azimuth} --elevation {elevation} is taken, as the file states no orientation; \
-                 --azimuth 0 is the front"
-            ));
+        if !job.chooses_view || flat || self.volume.is_oriented() || demos::own_transfer(&job.source).is_some() {
+            return Ok(());
         }
-    }
-
-    /// Takes studio light for a material if nothing was said of light, places it about the view, and takes the material
-    /// if nothing was said of it.
-    fn choose_light(&mut self, job: &mut RenderJob, material: Option<Material>) -> Result<(), Failure> {
-        let studio = Lighting::studio(job.view.forward()?, job.view.up);
-        match &mut job.settings.lighting {
-            Some(lighting) if job.studio => {
-                let placed = lighting.lights.iter_mut().zip(studio.lights);
-                placed.for_each(|(light, there)| light.source = there.source);
-            }
-            Some(_) => {}
-            None if job.chooses_light && material.is_some() => {
-                job.settings.lighting = Some(studio);
-                let note = "note: --light studio is taken, as the preset shows surfaces; --light off is without";
-                self.say(note.to_owned());
-            }
-            None => return Ok(()),
+        let [azimuth, elevation] = OBLIQUE;
+        (job.view.azimuth, job.view.elevation) = (azimuth, elevation);
+        if let Some(lighting) = job.settings.lighting.as_mut().filter(|_| job.studio) {
+            let studio = Lighting::studio(job.view.forward()?, job.view.up);
+            let placed = lighting.lights.iter_mut().zip(studio.lights);
+            placed.for_each(|(light, there)| light.source = there.source);
         }
-        if let (true, Some(material)) = (job.chooses_material, material) {
-            job.settings.lighting = job.settings.lighting.take().map(|lighting| material.lit(lighting));
-        }
+        let taken = format!("note: --azimuth {azimuth} --elevation {elevation} is taken");
+        self.say(format!("{taken}, as the file states no orientation; --azimuth 0 is the front"));
         Ok(())
     }
 

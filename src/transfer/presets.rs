@@ -171,7 +171,7 @@ pub const PRESETS: &[Preset] = &[
 /// [`Error::Transfer`] if there is no such preset (the message lists them), or if all values are the same.
 pub fn preset(name: &str, volume: &Volume, statistics: &Statistics) -> Result<TransferFunction> {
     let preset = find(name)?;
-    let levels = Levels::of(volume, statistics).ok_or_else(|| {
+    let levels = Levels::of(volume.value_unit(), statistics).ok_or_else(|| {
         Error::Transfer(format!(
             "preset {name} adapts to the range of the values, but they are all {}: give control points instead",
             statistics.min
@@ -209,7 +209,7 @@ pub struct Suggestion {
 pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
     let say = |name, reason: String| Suggestion { name, reason };
     let &Statistics { min, max, mean, std_dev, .. } = statistics;
-    if is_hounsfield(volume, statistics) {
+    if is_hounsfield(volume.value_unit(), statistics) {
         return say("ct-bone", format!("values from {min} to {max} look like Hounsfield units"));
     }
     if let Some(unit) = volume.value_unit().filter(|unit| STATISTICS.contains(unit)) {
@@ -219,7 +219,7 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
     if volume.sample_type().is_float() && !oriented {
         return say("field", "real numbers without a patient orientation: no scan, a field".to_owned());
     }
-    let Some(levels) = Levels::of(volume, statistics) else {
+    let Some(levels) = Levels::of(volume.value_unit(), statistics) else {
         return say("grayscale", format!("all values are {min}"));
     };
     let rounded = |value: f64| (value * 1e4).round() / 1e4;
@@ -296,8 +296,8 @@ impl TransferFunction {
 
 /// Whether values are Hounsfield units, or look like them: air (-1000) is far below 0, and bone or contrast agent far
 /// above it. Values far outside the range of scanners are another quantity.
-fn is_hounsfield(volume: &Volume, s: &Statistics) -> bool {
-    volume.value_unit() == Some("HU") || s.min < -200.0 && s.max > 300.0 && s.min >= -10_000.0 && s.max <= 100_000.0
+fn is_hounsfield(unit: Option<&str>, s: &Statistics) -> bool {
+    unit == Some("HU") || s.min < -200.0 && s.max > 300.0 && s.min >= -10_000.0 && s.max <= 100_000.0
 }
 
 /// The values at which presets place their points, ascending but for the last two; neighbours may be equal.
@@ -322,9 +322,10 @@ struct Levels {
 }
 
 impl Levels {
-    fn of(volume: &Volume, s: &Statistics) -> Option<Self> {
-        let [background, high] = foreground(s)?;
+    /// Those of values of a unit, if it is known.
+    fn of(unit: Option<&str>, s: &Statistics) -> Option<Self> {
         let object = s.otsu(f64::NEG_INFINITY)?;
+        let background = s.background()?.limit.min(object);
         let mut vessel = s.otsu(background).unwrap_or(object).max(object);
         while s.fraction_above(vessel) > s.fraction_above(background) / 4.0
             && let Some(above) = s.otsu(vessel).filter(|above| *above > vessel)
@@ -333,15 +334,16 @@ impl Levels {
         }
         let bright = s.otsu(object).unwrap_or(object);
         let top = s.quantile_above(bright, 0.999).max(bright).max(vessel);
+        let high = s.quantile_above(background, 0.995).max(background);
         let far = s.quantile_above(0.0, 0.998).max(-s.quantile(0.0005));
         let strongest = if far > 0.0 { far } else { s.min.abs().max(s.max.abs()) };
         // Half of normally distributed noise is within 0.6745 standard deviations, and 0.3 % beyond 3. A z score or a
         // Student's t of 3 is one that chance brings about as often.
-        let scores = volume.value_unit().is_some_and(|unit| unit != "r" && STATISTICS.contains(&unit));
+        let scores = unit.is_some_and(|unit| unit != "r" && STATISTICS.contains(&unit));
         let noise = if scores { 3.0 } else { s.quantile_above(background.max(0.0), 0.5) / 0.6745 * 3.0 };
         let significant = if noise > 0.0 { noise.min(strongest / 2.0) } else { strongest / 2.0 };
         Some(Self {
-            hounsfield: is_hounsfield(volume, s),
+            hounsfield: is_hounsfield(unit, s),
             background,
             object,
             vessel,
@@ -361,9 +363,7 @@ impl Levels {
 
 /// The values of the foreground, up to its 99.5th percentile; `None` if all values are the same.
 pub(super) fn foreground(statistics: &Statistics) -> Option<[f64; 2]> {
-    let object = statistics.otsu(f64::NEG_INFINITY)?;
-    let background = statistics.background()?.limit.min(object);
-    Some([background, statistics.quantile_above(background, 0.995).max(background)])
+    Levels::of(None, statistics).map(|levels| [levels.background, levels.high])
 }
 
 /// Linear interpolation from `a` (f = 0) to `b` (f = 1).
