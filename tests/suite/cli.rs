@@ -624,7 +624,8 @@ fn transfer_functions_of_other_programs_are_drawn_and_written() {
     let input = ramp(dir.path());
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/transfer");
     let render = |name: &str, options: &str| {
-        let output = voxsplat(dir.path(), &format!("render {input} -o {name}.exr --reference --size 4 {options}"));
+        let output =
+            voxsplat(dir.path(), &format!("render {input} -o {name}.exr --reference --size 4 --azimuth 0 {options}"));
         assert!(output.status.success(), "{options}: {}", String::from_utf8_lossy(&output.stderr));
         let said = String::from_utf8(output.stderr).unwrap();
         (Image::load(dir.path().join(format!("{name}.exr"))).unwrap(), said)
