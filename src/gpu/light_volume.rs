@@ -36,6 +36,7 @@ pub(crate) struct LightVolume {
     pub(crate) sampler: wgpu::Sampler,
     /// From the world to the texture, which reaches from 0 to 1.
     from_world: DAffine3,
+    /// What a scene takes for it.
     pub(crate) bytes: u64,
 }
 
@@ -150,7 +151,7 @@ impl LightVolume {
         let (format, dimension) = (wgpu::TextureFormat::Rgba16Float, wgpu::TextureDimension::D3);
         let texture = context.texture("light_volume", format, [1; 3], dimension, usage);
         let texture = texture.create_view(&Default::default());
-        Self { texture, sampler: sampler(context), from_world: DAffine3::IDENTITY, bytes: 8 }
+        Self { texture, sampler: sampler(context), from_world: DAffine3::IDENTITY, bytes: 0 }
     }
 }
 

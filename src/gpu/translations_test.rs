@@ -75,8 +75,26 @@ fn sets(shader: &str, entry: &str, module: &Module) -> Vec<PipelineConstants> {
             set.insert(name.clone(), value);
             set
         };
-        sets.iter().flat_map(|set| values(shader, entry, &name).iter().map(move |&value| with(set, value))).collect()
+        let all = sets.iter().flat_map(|set| values(shader, entry, &name).iter().map(move |&value| with(set, value)));
+        all.filter(happens).collect()
     })
+}
+
+/// Whether constants that are there go together: only composites are lit, only what is lit has gradients, and only an
+/// extreme has a depth.
+fn happens(set: &PipelineConstants) -> bool {
+    let is = |name: &str| set.get(name).map(|&value| value != 0.0);
+    let lit = is("LIGHTS");
+    let of_scalars = is("MAXIMUM").is_some() || is("SAMPLES").is_some();
+    let of_light = ["GRADIENT_OPACITY", "SHADOWS"].map(is).contains(&Some(true));
+    let projects = ["MAXIMUM", "MEAN", "DEPTH_CODED"].map(is).contains(&Some(true));
+    let never = [
+        of_scalars && of_light && lit == Some(false),
+        projects && lit == Some(true),
+        is("MEAN") == Some(true) && is("MAXIMUM") == Some(true),
+        is("DEPTH_CODED") == Some(true) && is("MAXIMUM") == Some(false),
+    ];
+    !never.contains(&true)
 }
 
 /// Words of SPIR-V, and the text of MSL and HLSL, with the checks of indices that wgpu asks for.
