@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::context::Context;
 use super::scalars::Emitted;
-use super::shadows::{Shadows, places, rows};
+use super::shadows::{PLANES, Shadows, places, rows};
 use super::splat;
 use super::store::{BrickSplats, HostBrick};
 use super::transfer::{Reduction, TransferTable};
@@ -26,9 +26,6 @@ use crate::volume::{BRICK_EDGE as EDGE, Grid};
 
 /// The most cells of a light volume, 8 bytes each: coarser ones stand for those of larger lattices.
 pub(crate) const MAX_CELLS: u64 = 1 << 25;
-
-/// Planes of a brick that are added up together.
-const PLANES: usize = 4;
 
 /// The light that arrives, as a texture.
 pub(crate) struct LightVolume {

@@ -20,7 +20,7 @@ use crate::volume::BRICK_EDGE as EDGE;
 const LIT: usize = size_of::<Splat>() / 4 - 1;
 
 /// Planes of a brick that are added up together: what they read together stays in caches.
-const PLANES: usize = 4;
+pub(super) const PLANES: usize = 4;
 
 /// Which light is kept from the splats of a lattice of kernels.
 #[derive(Debug, Clone, PartialEq)]

@@ -141,33 +141,23 @@ fn pixel_of(camera: &Camera, place: DVec3) -> [u32; 2] {
 #[test]
 fn light_is_kept_while_the_eye_moves() {
     let (volume, transfer) = demo("vessels", 24);
-    let settings = Settings { lighting: shadows(true), level: Level::At(0), ..full() };
-    let scene = prepare(&volume, &transfer, &settings);
-    let [front, side] = [20.0, 140.0].map(|azimuth| camera(azimuth, PROJECTIONS[0], &volume, 32));
-    let first = draw(&scene, &front, &settings);
-    let turned = draw(&scene, &side, &settings);
-    let classifies = |rendered: &Rendered| rendered.stats.stages.iter().any(|stage| stage.name == "classify");
-    assert!(!classifies(&turned), "light was found anew");
-    assert_eq!(draw(&scene, &front, &settings).image.pixels(), first.image.pixels());
-    // Another light on the same scene is another picture, and the first one comes back.
-    let other = Settings { lighting: shadows(false), ..settings.clone() };
-    assert!(errors(&draw(&scene, &front, &other).image, &first.image).0 > 0.02);
-    let plain = Settings { lighting: headlight(), ..settings.clone() };
-    assert!(errors(&draw(&scene, &front, &plain).image, &first.image).0 > 0.02);
-    assert_eq!(draw(&scene, &front, &settings).image.pixels(), first.image.pixels());
-}
-
-#[test]
-fn light_is_kept_from_scalars_while_the_eye_moves() {
-    let (volume, transfer) = demo("vessels", 24);
-    let settings = Settings { shading: Shading::Post, lighting: shadows(true), ..full() };
-    let scene = prepare(&volume, &transfer, &settings);
-    let [front, side] = [20.0, 140.0].map(|azimuth| camera(azimuth, PROJECTIONS[0], &volume, 32));
-    let first = draw(&scene, &front, &settings);
-    let turned = draw(&scene, &side, &settings);
-    let classifies = |rendered: &Rendered| rendered.stats.stages.iter().any(|stage| stage.name == "classify");
-    assert!(!classifies(&turned), "light was found anew");
-    assert_eq!(draw(&scene, &front, &settings).image.pixels(), first.image.pixels());
+    for shading in [Shading::Pre, Shading::Post] {
+        let settings = Settings { shading, lighting: shadows(true), level: Level::At(0), ..full() };
+        let scene = prepare(&volume, &transfer, &settings);
+        let [front, side] = [20.0, 140.0].map(|azimuth| camera(azimuth, PROJECTIONS[0], &volume, 32));
+        let first = draw(&scene, &front, &settings);
+        let turned = draw(&scene, &side, &settings);
+        let classifies = |rendered: &Rendered| rendered.stats.stages.iter().any(|stage| stage.name == "classify");
+        assert!(!classifies(&turned), "{shading:?}: light was found anew");
+        assert_eq!(draw(&scene, &front, &settings).image.pixels(), first.image.pixels());
+        // Another light on the same scene is another picture, and the first one comes back.
+        for lighting in [shadows(false), headlight()] {
+            let other = Settings { lighting, ..settings.clone() };
+            let change = errors(&draw(&scene, &front, &other).image, &first.image).0;
+            assert!(change > 0.02, "{shading:?}: {change}");
+        }
+        assert_eq!(draw(&scene, &front, &settings).image.pixels(), first.image.pixels());
+    }
 }
 
 /// A picture of cells of scalars reads the light of cells.
