@@ -239,8 +239,8 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         painter,
     };
     settings.validate()?;
-    if model.model == Model::Mip && model.gradient_opacity.is_some() {
-        return Err(Failure::Usage("--gradient-opacity: a maximum intensity projection has none".to_owned()));
+    if !matches!(model.model, Model::Composite | Model::Xray) && model.gradient_opacity.is_some() {
+        return Err(Failure::Usage("--gradient-opacity: projections of intensity have none".to_owned()));
     }
     Ok(settings)
 }

@@ -16,7 +16,7 @@ impl TransferFunction {
     /// The same with gradient opacity, piecewise linear in the length of the gradient and constant beyond its ends:
     /// extinction is multiplied by it (Levoy 1988, "Display of surfaces from volume data"; VTK's gradient opacity in
     /// the limit of short steps). What is flat, like the inside of organs, gives way to what has a surface. No points:
-    /// extinction stays as it is. A maximum intensity projection has none.
+    /// extinction stays as it is. Projections of intensity have none.
     ///
     /// ```
     /// use voxsplat::transfer::{ControlPoint, GradientPoint, TransferFunction};
