@@ -88,6 +88,8 @@ impl Place {
             offset: u64::from(skip).saturating_pow(u32::from(order >> 4)),
             spacing: (order & 2 == 0).then(|| std::array::from_fn(|a| 10_f64.powi(i32::from(options[8 + a]) - 128))),
             replace_nan: (replace & 1 == 0).then(|| 10_f64.powi(i32::from(replace) - 128)),
+            time: None,
+            channel: None,
             series: None,
             stream_over: u64::from(replace),
         };

@@ -93,6 +93,9 @@ pub(super) struct InputArgs {
     /// transfer function gives VALUE no opacity
     #[arg(long, value_name = "VALUE", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Input")]
     pub(super) replace_nan: Option<f64>,
+    /// Files of several points in time: which of them, counted from 0 [default: 0]
+    #[arg(long, value_name = "N", help_heading = "Input")]
+    pub(super) time: Option<u32>,
     /// Folders of DICOM files: which of several series, counted from 1; without this option they are listed
     #[arg(long, value_name = "N", help_heading = "Input")]
     pub(super) series: Option<u32>,
@@ -110,6 +113,8 @@ impl InputArgs {
             endian: self.endian,
             offset: self.offset,
             replace_nan: self.replace_nan,
+            time: self.time,
+            channel: None,
             series: self.series,
             stream_over: self.stream_over.saturating_mul(1 << 20),
         }

@@ -4,7 +4,7 @@ use voxsplat::accuracy::Estimate;
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::demos;
 use voxsplat::figure::Shown;
-use voxsplat::formats;
+use voxsplat::formats::{self, LoadOptions};
 use voxsplat::image::{Image, Note};
 use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
@@ -70,6 +70,17 @@ impl Picture {
     }
 }
 
+/// Tells which point in time was taken of a file of several.
+pub(super) fn say_choice(volume: &Volume, options: &LoadOptions) {
+    let times = volume.contents().times;
+    if times > 1 && options.time.is_none() {
+        output::say(&format!(
+            "note: the file holds {times} points in time: --time 0; choose another by 1 to {}",
+            times - 1
+        ));
+    }
+}
+
 impl Session {
     /// Reads the volume of a job and opens its device. The transfer function is that of the job.
     pub(super) fn open(job: &RenderJob, stages: &mut Stages) -> Result<(Self, Fitted), Failure> {
@@ -97,6 +108,7 @@ impl Session {
         });
         drop(progress);
         let (volume, fitted) = read?;
+        say_choice(&volume, &job.load);
         stages.append(opening);
         let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
         let renderer = opened.transpose()?;

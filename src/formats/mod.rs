@@ -11,6 +11,7 @@ mod nifti;
 mod npy;
 mod nrrd;
 mod placement;
+mod selection;
 mod tiff;
 mod vtk;
 mod xml;
@@ -20,6 +21,7 @@ use std::path::{Path, PathBuf};
 use decode::{Layout, lattice, read_all};
 use input::{Input, hinted};
 use placement::{Placement, check_spacing};
+use selection::{Pick, chosen};
 use vtk::{image_data, legacy};
 
 use crate::demos;
@@ -43,6 +45,11 @@ pub struct LoadOptions {
     /// The finite number that replaces NaN and infinite samples; `None` makes such samples an error. They are
     /// transparent if the transfer function gives this number no opacity.
     pub replace_nan: Option<f64>,
+    /// The point in time of a file that holds several, counted from 0; `None` is the first.
+    pub time: Option<u32>,
+    /// The channel of a file that holds several, counted from 0; without it such a file is an error. Which there are
+    /// [`Volume::contents`] tells, of any one of them.
+    pub channel: Option<u32>,
     /// The series of a folder of DICOM files that holds several, counted from 1 in the order of their numbers.
     pub series: Option<u32>,
     /// The largest volume, in bytes of samples, that is always read into memory; 4 MiB by default. A larger one stays
@@ -59,6 +66,8 @@ impl Default for LoadOptions {
             endian: None,
             offset: 0,
             replace_nan: None,
+            time: None,
+            channel: None,
             series: None,
             stream_over: 4 << 20,
         }
@@ -141,7 +150,9 @@ impl Format {
 /// Loads a volume: a file of one of the formats below, a file of bare samples, or the built-in volume
 /// `demo:NAME[:SIZE]` (see [`demos`]).
 ///
-/// The formats are NRRD, NIfTI, MetaImage, NumPy, MRC, ImageData of VTK, TIFF and uncompressed DICOM. A folder is read
+/// The formats are NRRD, NIfTI, MetaImage, NumPy, MRC, ImageData of VTK, TIFF and uncompressed DICOM. Of a file with
+/// several points in time or channels `time` and `channel` choose one; [`Volume::contents`] tells how many there are. A
+/// folder is read
 /// if it holds DICOM files, whose slices are sorted by position, or TIFF files, which are sections in natural order: 9
 /// goes before 10.
 ///
@@ -173,6 +184,7 @@ fn load_from(source: &Path, options: &LoadOptions) -> Result<Volume> {
     let mut volume = match demos::name_in(source) {
         Some(demo) => {
             refuse_raw_options(source, options, "a built-in volume")?;
+            chosen(source, options, 1, 1)?;
             demos::parsed(demo, options.spacing)?
         }
         None => load_file(source, options)?,
@@ -209,17 +221,16 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
     }
     let Some(format) = content.or(Format::of_name(path)) else { return read_raw(input, &head, options) };
     refuse_raw_options(path, options, &format!("a {} file", format.name()))?;
-    let spacing = options.spacing;
     match format {
-        Format::Nrrd => nrrd::read(input, spacing),
-        Format::Nifti => nifti::read(input, spacing),
-        Format::MetaImage => metaimage::read(input, spacing),
-        Format::Npy => npy::read(input, spacing),
-        Format::Mrc => mrc::read(input, spacing),
-        Format::Vti => image_data::read(input, spacing),
-        Format::Vtk => legacy::read(input, spacing),
-        Format::Tiff => tiff::read(input, spacing),
-        Format::Dicom => dicom::read_files(path, &[path.to_owned()], options.series, spacing),
+        Format::Nrrd => nrrd::read(input, options),
+        Format::Nifti => nifti::read(input, options),
+        Format::MetaImage => metaimage::read(input, options),
+        Format::Npy => npy::read(input, options),
+        Format::Mrc => mrc::read(input, options),
+        Format::Vti => image_data::read(input, options),
+        Format::Vtk => legacy::read(input, options),
+        Format::Tiff => tiff::read(input, options),
+        Format::Dicom => dicom::read_files(path, &[path.to_owned()], options),
     }
 }
 
@@ -245,8 +256,8 @@ fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
     slices.sort_by_cached_key(name);
     match (sections.is_empty(), slices.is_empty()) {
         (true, true) => Err(Error::format(folder, "is a directory without TIFF or DICOM files")),
-        (false, true) => tiff::read_files(folder, &sections, options.spacing),
-        (true, false) => dicom::read_files(folder, &slices, options.series, options.spacing),
+        (false, true) => tiff::read_files(folder, &sections, options),
+        (true, false) => dicom::read_files(folder, &slices, options),
         (false, false) => Err(Error::format(folder, "holds TIFF and DICOM files: give each a folder of its own")),
     }
 }
@@ -299,10 +310,10 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
     let placement = Placement::axis_parallel([1.0; 3]);
     let grid = placement.grid(&path, dims, options.spacing)?;
     input.skip(options.offset)?;
-    let count = grid.len();
     let layout = Layout::Binary(options.endian.unwrap_or_default());
-    let samples = read_all(input, count, sample_type, layout)?;
-    placement.volume(grid, samples)
+    let contents = chosen(&path, options, 1, 1)?;
+    let samples = read_all(input, &Pick::all(grid.len()), sample_type, layout)?;
+    Ok(placement.volume(grid, samples)?.with_contents(contents))
 }
 
 /// The error about a file of no known format.

@@ -1,7 +1,7 @@
 //! Every format, encoding and type is read as the reference implementations read it.
 //!
 //! The files and what nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom say
-//! about them are written by tests/data/volumes/make.py and make_more.py.
+//! about them are written by tests/data/volumes/make.py, make_more.py and make_several.py.
 
 use std::path::PathBuf;
 
@@ -91,6 +91,106 @@ fn every_file_is_read_as_by_the_reference_implementation() {
             assert_eq!(volume.units().length.as_deref().unwrap_or_default(), unit, "{}", e.file);
         }
     }
+}
+
+/// What a file of several volumes holds.
+#[derive(Deserialize)]
+struct Several {
+    file: String,
+    #[serde(rename = "type")]
+    sample_type: String,
+    channels: u32,
+    times: u32,
+    affine: [[f64; 4]; 3],
+    oriented: bool,
+    unit: String,
+    labels: Vec<String>,
+}
+
+/// The samples of a volume among several, as in make_several.py.
+fn shifted(sample_type: &str, channel: u32, time: u32) -> Samples {
+    let places = (7 * channel + 13 * time) as usize % 60;
+    match samples(sample_type) {
+        Samples::U8(mut s) => {
+            s.rotate_left(places);
+            Samples::U8(s)
+        }
+        Samples::U16(mut s) => {
+            s.rotate_left(places);
+            Samples::U16(s)
+        }
+        Samples::I16(mut s) => {
+            s.rotate_left(places);
+            Samples::I16(s)
+        }
+        Samples::F32(mut s) => {
+            s.rotate_left(places);
+            Samples::F32(s)
+        }
+        _ => panic!("{sample_type}"),
+    }
+}
+
+#[test]
+fn every_channel_at_every_time_is_read_as_by_the_reference_implementation() {
+    let all: Vec<Several> =
+        serde_json::from_str(&std::fs::read_to_string(path("expected-several.json")).unwrap()).unwrap();
+    assert!(all.len() >= 20, "{} files", all.len());
+    for e in &all {
+        let file = path(&e.file);
+        let error = load(&file, &LoadOptions::default()).map(drop).map_err(|error| format!("{error:#}"));
+        match error {
+            Ok(()) => assert_eq!(e.channels, 1, "{}", e.file),
+            Err(error) => {
+                let says = format!("has {} channels per sample: set LoadOptions::channel", e.channels);
+                assert!(error.ends_with(&says), "{error}");
+            }
+        }
+        for (channel, time) in (0..e.channels).flat_map(|c| (0..e.times).map(move |t| (c, t))) {
+            for stream_over in [0, 1 << 20] {
+                let options =
+                    LoadOptions { channel: Some(channel), time: Some(time), stream_over, ..LoadOptions::default() };
+                let volume = load(&file, &options).unwrap();
+                assert_eq!(volume.grid().dims(), [3, 4, 5], "{}", e.file);
+                let what = format!("{}, channel {channel}, time {time}", e.file);
+                let expected = shifted(&e.sample_type, channel, time);
+                assert_eq!(volume.in_memory().unwrap().samples(), &expected, "{what}");
+                let contents = volume.contents();
+                assert_eq!((contents.channel, contents.channels), (channel, e.channels), "{what}");
+                assert_eq!((contents.time, contents.times), (time, e.times), "{what}");
+                let label = |channel: &voxsplat::volume::Channel| {
+                    let [r, g, b] = channel.color.unwrap();
+                    format!("{} #{r:02x}{g:02x}{b:02x}", channel.name.as_deref().unwrap())
+                };
+                assert_eq!(contents.labels.iter().map(label).collect::<Vec<_>>(), e.labels, "{what}");
+                assert_eq!(volume.is_oriented(), e.oriented, "{what}");
+                assert_eq!(volume.units().length.as_deref().unwrap_or_default(), e.unit, "{what}");
+                assert_affine(&volume, &e.affine, &what);
+            }
+        }
+        for (name, options) in [
+            ("time", LoadOptions { channel: Some(0), time: Some(e.times), ..LoadOptions::default() }),
+            ("channel", LoadOptions { channel: Some(e.channels), ..LoadOptions::default() }),
+        ] {
+            let error = load(&file, &options).unwrap_err().to_string();
+            assert!(error.starts_with(&format!("{name}: ")), "{error}");
+        }
+    }
+}
+
+#[test]
+fn an_array_whose_last_axis_is_short_has_channels() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.npy");
+    let header = "{'descr': '|u1', 'fortran_order': False, 'shape': (5, 6, 7, 2), }";
+    let mut bytes = b"\x93NUMPY\x01\0".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend((0..420).map(|n| if n % 2 == 0 { 1 } else { (n / 2) as u8 }));
+    std::fs::write(&file, bytes).unwrap();
+    let volume = load(&file, &LoadOptions { channel: Some(1), ..LoadOptions::default() }).unwrap();
+    assert_eq!(volume.grid().dims(), [7, 6, 5]);
+    assert_eq!(volume.in_memory().unwrap().samples(), &Samples::U8((0..210).map(|n| n as u8).collect()));
 }
 
 #[test]

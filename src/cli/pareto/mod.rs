@@ -16,6 +16,7 @@ use super::job::ParetoJob;
 use super::options::{command_line, options_of, without};
 use super::progress::{Progress, Remaining};
 use super::render::{Stages, framed, transfer};
+use super::session::say_choice;
 use super::stderr::silenced;
 use super::{Failure, output};
 
@@ -74,6 +75,7 @@ pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
         let volume = formats::load(&job.source, &job.load)?;
+        say_choice(&volume, &job.load);
         let fitted = transfer(&job.source, &job.transfer, &volume, &mut Stages::default())?;
         fitted.notes().for_each(|note| output::say(note));
         (volume, fitted.transfer)
