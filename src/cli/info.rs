@@ -5,7 +5,7 @@ use std::ffi::OsStr;
 use glam::DVec3;
 use serde::Serialize;
 use voxsplat::demos;
-use voxsplat::formats::{self, LoadOptions};
+use voxsplat::formats::{self, LoadOptions, PyramidLevel};
 use voxsplat::transfer::presets::{self, Suggestion};
 use voxsplat::volume::{Channel, Grid, Statistics, Volume};
 
@@ -50,6 +50,10 @@ struct Info {
     times: u32,
     /// The point in time that is described.
     time: u32,
+    /// The levels of the file's pyramid.
+    levels: u32,
+    /// The level that is described.
+    level: u32,
     /// The channels of the file.
     channels: u32,
     /// The channel that is described.
@@ -115,7 +119,9 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
         let options = args.input.options();
         // A file of several channels is described by its first.
         let channel = options.channel.or(Some(0));
-        let volume = formats::load(&args.input.source, &LoadOptions { channel, ..options })?;
+        // A pyramid by a level that is soon read.
+        let level = if args.input.pyramid.is_none() { PyramidLevel::Pixels(512.0) } else { options.level };
+        let volume = formats::load(&args.input.source, &LoadOptions { channel, level, ..options })?;
         let statistics = Statistics::of(&volume)?;
         (volume, statistics)
     };
@@ -162,6 +168,8 @@ impl Info {
             reason,
             times: contents.times,
             time: contents.time,
+            levels: contents.levels,
+            level: contents.level,
             channels: contents.channels,
             channel: contents.channel,
             labels: contents.labels.iter().map(Label::of).collect(),
@@ -179,6 +187,9 @@ impl Info {
         line("samples", format!("{}, {} bytes", self.sample_type, self.bytes));
         if self.times > 1 {
             line("times", format!("0 to {}: {} is described", self.times - 1, self.time));
+        }
+        if self.levels > 1 {
+            line("pyramid", format!("levels 0 to {}: {} is described", self.levels - 1, self.level));
         }
         if self.channels > 1 {
             line("channels", format!("0 to {}: {} is described", self.channels - 1, self.channel));
@@ -238,6 +249,7 @@ fn command(input: &InputArgs, preset: Option<&str>) -> String {
     option("spacing", input.spacing.map(|s| s.map(|s| s.to_string()).join(",")));
     option("replace-nan", input.replace_nan.map(|v| v.to_string()));
     option("time", input.time.map(|n| n.to_string()));
+    option("pyramid", input.pyramid.map(|n| n.to_string()));
     option("series", input.series.map(|n| n.to_string()));
     option("transfer", preset.map(str::to_owned));
     let name = match input.source.to_str().and_then(|source| source.strip_prefix("demo:")) {

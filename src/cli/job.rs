@@ -172,7 +172,7 @@ impl RenderJob {
             false => Engine::Device { adapter: args.adapter },
         };
         Ok(Self {
-            load: args.input.options(),
+            load: args.input.options_for(&args.view, args.size),
             source: args.input.source,
             transfer,
             view,
@@ -436,7 +436,7 @@ impl ParetoJob {
         let views = std::iter::once(first.clone()).chain((1..args.views).map(turned)).collect();
         let transfer = Transfer::new(&args.model)?;
         Ok(Self {
-            load: args.input.options(),
+            load: args.input.options_for(&args.view, args.size),
             source: args.input.source,
             transfer,
             views,

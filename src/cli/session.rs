@@ -4,7 +4,7 @@ use voxsplat::accuracy::Estimate;
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::demos;
 use voxsplat::figure::Shown;
-use voxsplat::formats::{self, LoadOptions};
+use voxsplat::formats::{self, LoadOptions, PyramidLevel};
 use voxsplat::image::{Image, Note};
 use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
@@ -12,7 +12,7 @@ use voxsplat::renderer::{Renderer, RendererOptions, Scene};
 use voxsplat::settings::Settings;
 use voxsplat::stats::Stats;
 use voxsplat::transfer::TransferFunction;
-use voxsplat::volume::Volume;
+use voxsplat::volume::{Contents, Volume};
 
 use super::args::FrameArg;
 use super::info::short;
@@ -70,13 +70,17 @@ impl Picture {
     }
 }
 
-/// Tells which point in time was taken of a file of several.
+/// Tells which of the volumes of a file was taken if that was not asked for.
 pub(super) fn say_choice(volume: &Volume, options: &LoadOptions) {
-    let times = volume.contents().times;
-    if times > 1 && options.time.is_none() {
+    let Contents { times, level, levels, .. } = volume.contents();
+    if *times > 1 && options.time.is_none() {
+        output::say(&format!("note: --time 0: the file holds {times} points in time, 0 to {}", times - 1));
+    }
+    if *levels > 1 && !matches!(options.level, PyramidLevel::At(_)) {
+        let [x, y, z] = volume.grid().dims();
+        let most = levels - 1;
         output::say(&format!(
-            "note: the file holds {times} points in time: --time 0; choose another by 1 to {}",
-            times - 1
+            "note: --pyramid {level}: {x} x {y} x {z} samples are as fine as pixels; levels 0 to {most}"
         ));
     }
 }

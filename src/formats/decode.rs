@@ -20,6 +20,49 @@ pub(super) enum Layout {
     Text,
 }
 
+/// What a sample is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Whole(SampleType),
+    /// 16-bit floating point. It has no sample type of its own: f32 holds each of its numbers exactly.
+    Half,
+}
+
+impl Kind {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Whole(sample_type) => sample_type.name(),
+            Self::Half => "f16",
+        }
+    }
+
+    /// Bytes of a sample.
+    pub(super) fn size(self) -> usize {
+        match self {
+            Self::Whole(sample_type) => sample_type.size(),
+            Self::Half => 2,
+        }
+    }
+
+    /// By the letters of NumPy, such as i2.
+    pub(super) fn of_numpy(letters: &str) -> Option<Self> {
+        Some(Self::Whole(match letters {
+            "u1" | "b1" => SampleType::U8,
+            "i1" => SampleType::I8,
+            "u2" => SampleType::U16,
+            "i2" => SampleType::I16,
+            "u4" => SampleType::U32,
+            "i4" => SampleType::I32,
+            "u8" => SampleType::U64,
+            "i8" => SampleType::I64,
+            "f4" => SampleType::F32,
+            "f8" => SampleType::F64,
+            "f2" => return Some(Self::Half),
+            _ => return None,
+        }))
+    }
+}
+
 /// The files of a volume, each opened at its first sample when its turn comes.
 pub(super) type Parts<'a> = &'a mut dyn Iterator<Item = Result<Input>>;
 
@@ -65,9 +108,16 @@ pub(super) fn read_all(input: Input, pick: &Pick, sample_type: SampleType, layou
     read_samples(&mut std::iter::once(Ok(input)), 1, pick, sample_type, layout)
 }
 
-/// Reads numbers of 16-bit floating point from one file. They have no sample type of their own: f32 holds each of them
-/// exactly.
-pub(super) fn read_halves(input: Input, pick: &Pick, layout: Layout) -> Result<Stored> {
+/// As [`read_all`], of samples of a kind.
+pub(super) fn read_kind(input: Input, pick: &Pick, kind: Kind, layout: Layout) -> Result<Stored> {
+    match kind {
+        Kind::Whole(sample_type) => read_all(input, pick, sample_type, layout),
+        Kind::Half => read_halves(input, pick, layout),
+    }
+}
+
+/// Reads numbers of 16-bit floating point from one file.
+fn read_halves(input: Input, pick: &Pick, layout: Layout) -> Result<Stored> {
     let path = input.path().to_owned();
     let halves: Vec<u16> = read(&mut std::iter::once(Ok(input)), 1, pick, layout)?;
     Ok(Stored::Memory(Arc::new(Samples::F32(of_halves(halves, &path)?))))

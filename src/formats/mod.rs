@@ -15,6 +15,7 @@ mod selection;
 mod tiff;
 mod vtk;
 mod xml;
+mod zarr;
 
 use std::path::{Path, PathBuf};
 
@@ -27,6 +28,17 @@ use vtk::{image_data, legacy};
 use crate::demos;
 use crate::error::{Error, Hint, Result};
 use crate::volume::{Endian, SampleType, Volume};
+
+/// Which level of a pyramid is read: of a file that holds the same volume at several resolutions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum PyramidLevel {
+    /// The level of this number; 0 is the finest.
+    At(u32),
+    /// The coarsest level whose samples are no coarser than pixels, if the longest edge of the volume spans so many.
+    Pixels(f64),
+    /// The coarsest level whose samples are no further apart than this world length.
+    PixelSize(f64),
+}
 
 /// What the caller knows about a file, or wants done to its samples. The default is to believe its header.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,6 +64,8 @@ pub struct LoadOptions {
     pub channel: Option<u32>,
     /// The series of a folder of DICOM files that holds several, counted from 1 in the order of their numbers.
     pub series: Option<u32>,
+    /// The level of a pyramid; the finest by default.
+    pub level: PyramidLevel,
     /// The largest volume, in bytes of samples, that is always read into memory; 4 MiB by default. A larger one stays
     /// in its file if its samples are uncompressed and in one piece there, and is read brick by brick.
     pub stream_over: u64,
@@ -69,6 +83,7 @@ impl Default for LoadOptions {
             time: None,
             channel: None,
             series: None,
+            level: PyramidLevel::At(0),
             stream_over: 4 << 20,
         }
     }
@@ -152,9 +167,9 @@ impl Format {
 ///
 /// The formats are NRRD, NIfTI, MetaImage, NumPy, MRC, ImageData of VTK, TIFF and uncompressed DICOM. Of a file with
 /// several points in time or channels `time` and `channel` choose one; [`Volume::contents`] tells how many there are. A
-/// folder is read
-/// if it holds DICOM files, whose slices are sorted by position, or TIFF files, which are sections in natural order: 9
-/// goes before 10.
+/// folder is read if it holds DICOM files, whose slices are sorted by position, or TIFF files, which are sections in
+/// natural order: 9 goes before 10; and if it is an array of Zarr 2 or 3 or an image of OME-Zarr, of whose pyramid `level`
+/// chooses.
 ///
 /// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
 /// may be compressed with gzip. Files of bare samples need `dims` and `sample_type`. For all other files these two are
@@ -201,6 +216,9 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
     if path.is_dir() {
         return load_folder(path, options);
     }
+    if let Some(folder) = zarr::folder_of(path) {
+        return load_folder(folder, options);
+    }
     let mut input = Input::open(path)?;
     let head = input.peek(nifti::HEADER_SIZE)?;
     if head.is_empty() {
@@ -236,6 +254,10 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
 
 /// Reads the sections that are files of a folder.
 fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
+    if zarr::is_zarr(folder) {
+        refuse_raw_options(folder, options, "a folder")?;
+        return zarr::read(folder, options);
+    }
     let read_error = |source| Error::Read { path: folder.to_owned(), source };
     let (mut sections, mut slices) = (Vec::new(), Vec::new());
     for entry in std::fs::read_dir(folder).map_err(read_error)? {
@@ -255,7 +277,7 @@ fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
     sections.sort_by_cached_key(name);
     slices.sort_by_cached_key(name);
     match (sections.is_empty(), slices.is_empty()) {
-        (true, true) => Err(Error::format(folder, "is a directory without TIFF or DICOM files")),
+        (true, true) => Err(Error::format(folder, "is a directory without TIFF or DICOM files, and no OME-Zarr")),
         (false, true) => tiff::read_files(folder, &sections, options),
         (true, false) => dicom::read_files(folder, &slices, options),
         (false, false) => Err(Error::format(folder, "holds TIFF and DICOM files: give each a folder of its own")),

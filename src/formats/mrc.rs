@@ -11,7 +11,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::LoadOptions;
-use super::decode::{self, Layout, lattice, read_all, read_halves, samples_in};
+use super::decode::{self, Kind, Layout, lattice, read_all, read_kind, samples_in};
 use super::fields::Fields;
 use super::input::Input;
 use super::placement::Placement;
@@ -53,7 +53,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     };
     let header = Fields { bytes: &bytes, endian };
     let path = input.path().to_owned();
-    let kind = Kind::of(&header, &input)?;
+    let mode = Mode::of(&header, &input)?;
     let mut sizes = [0, 4, 8].map(|at| i64::from(header.i32(at)));
     // A stack of volumes has as many sections as all of them together.
     let (space_group, in_volume) = (header.i32(88), i64::from(header.i32(36)));
@@ -66,7 +66,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     }
     let dims = lattice(&path, &sizes)?;
     let [x, y, z] = sizes;
-    let coloured = matches!(kind, Kind::Colours);
+    let coloured = matches!(mode, Mode::Colours);
     let channels = if coloured { 3 } else { 1 };
     let axes = [(Role::Channel, channels), (Role::Space, x), (Role::Space, y), (Role::Space, z), (Role::Time, times)];
     let (pick, mut contents) = picked(&path, &axes, options)?;
@@ -81,35 +81,34 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     }
     input.skip(extended as u64)?;
     let layout = Layout::Binary(endian);
-    let samples = match kind {
-        Kind::Whole(sample_type) => read_all(input, &pick, sample_type, layout)?,
-        Kind::Half => read_halves(input, &pick, layout)?,
-        Kind::Colours => read_all(input, &pick, SampleType::U8, layout)?,
-        Kind::Nibble => nibbles(input, dims, contents.time, &path)?,
+    let samples = match mode {
+        Mode::Kind(kind) => read_kind(input, &pick, kind, layout)?,
+        Mode::Colours => read_all(input, &pick, SampleType::U8, layout)?,
+        Mode::Nibble => nibbles(input, dims, contents.time, &path)?,
     };
     Ok(placement.volume(grid, samples)?.with_units(units).with_contents(contents))
 }
 
 /// What a sample is.
-enum Kind {
-    Whole(SampleType),
-    /// 16-bit floating point.
-    Half,
+enum Mode {
+    Kind(Kind),
     /// 4 bits; each row begins at a byte.
     Nibble,
     /// Red, green and blue in bytes.
     Colours,
 }
 
-impl Kind {
+impl Mode {
     fn of(header: &Fields<'_>, input: &Input) -> Result<Self> {
         let refused = match header.i32(12) {
-            0 if header.i32(152) == IMOD_STAMP && header.i32(156) & 1 == 0 => return Ok(Self::Whole(SampleType::U8)),
-            0 => return Ok(Self::Whole(SampleType::I8)),
-            1 => return Ok(Self::Whole(SampleType::I16)),
-            2 => return Ok(Self::Whole(SampleType::F32)),
-            6 => return Ok(Self::Whole(SampleType::U16)),
-            12 => return Ok(Self::Half),
+            0 if header.i32(152) == IMOD_STAMP && header.i32(156) & 1 == 0 => {
+                return Ok(Self::Kind(Kind::Whole(SampleType::U8)));
+            }
+            0 => return Ok(Self::Kind(Kind::Whole(SampleType::I8))),
+            1 => return Ok(Self::Kind(Kind::Whole(SampleType::I16))),
+            2 => return Ok(Self::Kind(Kind::Whole(SampleType::F32))),
+            6 => return Ok(Self::Kind(Kind::Whole(SampleType::U16))),
+            12 => return Ok(Self::Kind(Kind::Half)),
             16 => return Ok(Self::Colours),
             101 => return Ok(Self::Nibble),
             3 | 4 => "complex numbers",

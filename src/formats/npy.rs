@@ -12,13 +12,13 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::LoadOptions;
-use super::decode::{Layout, lattice, read_all, read_halves, samples_in};
+use super::decode::{Kind, Layout, lattice, read_kind, samples_in};
 use super::input::Input;
 use super::placement::Placement;
 use super::selection::{guessed, picked, spatial};
 use crate::error::Result;
 use crate::memory::reserved;
-use crate::volume::{Endian, Number, SampleType, Samples, Stored, Volume, with_samples};
+use crate::volume::{Endian, Number, Samples, Stored, Volume, with_samples};
 
 /// The first bytes of a .npy file.
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
@@ -67,25 +67,10 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
         _ => Endian::NATIVE,
     };
     let layout = Layout::Binary(endian);
-    let sample_type = match kind {
-        "u1" | "b1" => SampleType::U8,
-        "i1" => SampleType::I8,
-        "u2" => SampleType::U16,
-        "i2" => SampleType::I16,
-        "u4" => SampleType::U32,
-        "i4" => SampleType::I32,
-        "u8" => SampleType::U64,
-        "i8" => SampleType::I64,
-        "f4" | "f2" => SampleType::F32,
-        "f8" => SampleType::F64,
-        _ => {
-            let reason =
-                format!("has samples of type {:?}: save it as integers or floats, one per voxel", header.descr);
-            return Err(input.error(reason));
-        }
-    };
-    let stored =
-        if kind == "f2" { read_halves(input, &pick, layout)? } else { read_all(input, &pick, sample_type, layout)? };
+    let kind = Kind::of_numpy(kind).ok_or_else(|| {
+        input.error(format!("has samples of type {:?}: save it as integers or floats, one per voxel", header.descr))
+    })?;
+    let stored = read_kind(input, &pick, kind, layout)?;
     let stored = match header.fortran_order {
         true => Stored::Memory(Arc::new(x_fastest(&stored.into_samples()?, dims, || samples_in(&path))?)),
         false => stored,

@@ -18,7 +18,7 @@ use tiff::decoder::{Decoder, Limits};
 use tiff::tags::{ByteOrder, Tag};
 
 use super::LoadOptions;
-use super::decode::{Layout, lattice, of_halves, read_all, read_halves, samples_in};
+use super::decode::{Kind, Layout, lattice, of_halves, read_kind, samples_in};
 use super::input::Input;
 use super::placement::{Placement, named_unit, plain_name};
 use super::selection::{Axes, Pick, Role, colours, picked};
@@ -99,10 +99,7 @@ fn read_stacks(
         ([file], Some(first)) => {
             let mut input = Input::open(file)?;
             input.skip(first)?;
-            match stack.kind {
-                Kind::Whole(sample_type) => read_all(input, &pick, sample_type, Layout::Binary(stack.endian))?,
-                Kind::Half => read_halves(input, &pick, Layout::Binary(stack.endian))?,
-            }
+            read_kind(input, &pick, stack.kind, Layout::Binary(stack.endian))?
         }
         _ => {
             let page = u64::from(stack.size[0]) * u64::from(stack.size[1]) * u64::from(stack.samples);
@@ -183,23 +180,6 @@ fn decoded<T: Number>(path: &Path, files: &[PathBuf], pick: &Pick, page: u64) ->
         ));
     }
     Ok(samples)
-}
-
-/// What a sample is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Whole(SampleType),
-    /// 16-bit floating point.
-    Half,
-}
-
-impl Kind {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Whole(sample_type) => sample_type.name(),
-            Self::Half => "f16",
-        }
-    }
 }
 
 /// The directories of a file.

@@ -108,11 +108,15 @@ pub struct Contents {
     pub time: u32,
     /// The number of points in time.
     pub times: u32,
+    /// The level of a pyramid that the volume is; 0 is the finest.
+    pub level: u32,
+    /// The number of levels.
+    pub levels: u32,
 }
 
 impl Default for Contents {
     fn default() -> Self {
-        Self { channel: 0, channels: 1, labels: Vec::new(), time: 0, times: 1 }
+        Self { channel: 0, channels: 1, labels: Vec::new(), time: 0, times: 1, level: 0, levels: 1 }
     }
 }
 

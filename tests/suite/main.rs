@@ -48,3 +48,4 @@ mod tiles_hard;
 mod tiles_rays;
 mod transfer;
 mod truth;
+mod zarr;

@@ -68,7 +68,7 @@ fn affine(volume: &Volume) -> [[f64; 4]; 3] {
     std::array::from_fn(|r| [m.matrix3.x_axis[r], m.matrix3.y_axis[r], m.matrix3.z_axis[r], m.translation[r]])
 }
 
-fn assert_affine(volume: &Volume, expected: &[[f64; 4]; 3], what: &str) {
+pub(crate) fn assert_affine(volume: &Volume, expected: &[[f64; 4]; 3], what: &str) {
     let found = affine(volume);
     for (f, e) in found.iter().flatten().zip(expected.iter().flatten()) {
         // The reference multiplies in another order: a few roundings of f64.
