@@ -11,11 +11,14 @@ use voxsplat::image::Image;
 use voxsplat::transfer::{Imported, TransferFunction, Window};
 use voxsplat::volume::{Endian, Grid, SampleType, Statistics, Volume};
 
+/// Files with their contents.
+type Files = Vec<(PathBuf, Vec<u8>)>;
+
 /// The folder in which files are written for the readers, with the fixtures that headers may name.
 pub struct Place {
     folder: PathBuf,
     /// The files of the folders of Zarr, with their contents.
-    zarr: Vec<(PathBuf, Vec<(PathBuf, Vec<u8>)>)>,
+    zarr: Vec<(PathBuf, Files)>,
 }
 
 /// A function that is fuzzed. It returns whether the bytes were accepted.
@@ -139,7 +142,7 @@ impl Place {
 
     /// What [`Place::zarr`] begins from.
     pub fn zarr_seeds(&self) -> Vec<Vec<u8>> {
-        let of = |(folder, (_, files)): (usize, &(PathBuf, Vec<(PathBuf, Vec<u8>)>))| {
+        let of = |(folder, (_, files)): (usize, &(PathBuf, Files))| {
             let seed = |(file, (_, content)): (usize, &(PathBuf, Vec<u8>))| {
                 [&[folder as u8, file as u8], content.as_slice()].concat()
             };
@@ -175,7 +178,7 @@ impl Place {
 }
 
 /// Copies a folder, and notes its files and their contents.
-fn copied(from: &Path, to: &Path, files: &mut Vec<(PathBuf, Vec<u8>)>) -> std::io::Result<()> {
+fn copied(from: &Path, to: &Path, files: &mut Files) -> std::io::Result<()> {
     std::fs::create_dir_all(to)?;
     for entry in std::fs::read_dir(from)? {
         let entry = entry?;

@@ -96,7 +96,8 @@ pub(super) struct InputArgs {
     /// Files of several points in time: which of them, counted from 0 [default: 0]
     #[arg(long, value_name = "N", help_heading = "Input")]
     pub(super) time: Option<u32>,
-    /// Folders of DICOM files, or of OME-Zarr by Bio-Formats: which of several series, counted from 1; without this option they are listed
+    /// Folders of DICOM files, or of OME-Zarr by Bio-Formats: which of several series, counted from 1; without this
+    /// option those of DICOM are listed
     #[arg(long, value_name = "N", help_heading = "Input")]
     pub(super) series: Option<u32>,
     /// OME-Zarr: which level of the pyramid of resolutions, 0 is the finest [default: the coarsest whose samples are no

@@ -168,8 +168,8 @@ impl Format {
 /// The formats are NRRD, NIfTI, MetaImage, NumPy, MRC, ImageData of VTK, TIFF and uncompressed DICOM. Of a file with
 /// several points in time or channels `time` and `channel` choose one; [`Volume::contents`] tells how many there are. A
 /// folder is read if it holds DICOM files, whose slices are sorted by position, or TIFF files, which are sections in
-/// natural order: 9 goes before 10; and if it is an array of Zarr 2 or 3 or an image of OME-Zarr, of whose pyramid `level`
-/// chooses.
+/// natural order: 9 goes before 10; and if it is an array of Zarr 2 or 3 or an image of OME-Zarr, of whose
+/// pyramid `level` chooses.
 ///
 /// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
 /// may be compressed with gzip. Files of bare samples need `dims` and `sample_type`. For all other files these two are

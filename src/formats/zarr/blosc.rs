@@ -175,7 +175,7 @@ pub(super) fn unshuffled(bytes: &[u8], element: usize) -> Vec<u8> {
 /// of 8 stay as they are.
 fn bits_unshuffled(bytes: Vec<u8>, element: usize) -> Vec<u8> {
     let count = bytes.len() / element;
-    if count == 0 || count % 8 != 0 {
+    if count == 0 || !count.is_multiple_of(8) {
         return bytes;
     }
     let mut out = bytes.clone();

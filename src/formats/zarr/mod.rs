@@ -1,8 +1,8 @@
 //! Zarr 2 and 3, and OME-Zarr 0.4 and 0.5: a folder of chunks (<https://zarr-specs.readthedocs.io>,
 //! <https://ngff.openmicroscopy.org>).
 //!
-//! An image of OME is a pyramid: the same volume at several resolutions. The coarsest that is fine enough is read, chunk
-//! by chunk; of shards, which are files of many chunks, only the chunks that are needed.
+//! An image of OME is a pyramid: the same volume at several resolutions. The coarsest that is fine enough is read,
+//! chunk by chunk; of shards, which are files of many chunks, only the chunks that are needed.
 //!
 //! The crate `zarrs` is not used: it takes 133 packages. What Zarr needs is small: JSON, and codecs of which all but
 //! Blosc's container are crates of their own.
