@@ -25,7 +25,7 @@ pub struct Place {
 pub type Target = fn(&Place, &[u8]) -> bool;
 
 /// Every target by name, with the endings of the fixtures that it begins from.
-pub const TARGETS: [(&str, Target, &[&str]); 15] = [
+pub const TARGETS: &[(&str, Target, &[&str])] = &[
     ("nrrd", |place, bytes| place.volume("fuzzed.nrrd", bytes), &[".nrrd", ".nhdr"]),
     ("nifti", |place, bytes| place.volume("fuzzed.nii", bytes), &[".nii", ".nii.gz", ".hdr", ".hdr.gz"]),
     ("metaimage", |place, bytes| place.volume("fuzzed.mha", bytes), &[".mha", ".mhd"]),
@@ -35,6 +35,8 @@ pub const TARGETS: [(&str, Target, &[&str]); 15] = [
     ("vtk", |place, bytes| place.volume("fuzzed.vtk", bytes), &[".vtk"]),
     ("tiff", |place, bytes| place.volume("fuzzed.tif", bytes), &[".tif", ".tiff"]),
     ("dicom", |place, bytes| place.volume("fuzzed.dcm", bytes), &[".dcm"]),
+    #[cfg(feature = "hdf5")]
+    ("hdf5", |place, bytes| place.volume("fuzzed.h5", bytes), &[".h5", ".nc", ".mat"]),
     ("zarr", Place::zarr, &[]),
     ("raw", Place::raw, &[".raw", ".img", ".raw.gz"]),
     ("data", Place::data, &[".raw.gz", ".zraw", ".z", ".raw"]),

@@ -125,6 +125,8 @@ pub enum Hint {
     ChooseSeries,
     /// The file has several channels: choose one.
     ChooseChannel,
+    /// The file has several data sets: name one behind the name of the file.
+    ChooseDataset,
 }
 
 impl fmt::Display for Hint {
@@ -137,6 +139,7 @@ impl fmt::Display for Hint {
             Self::ReplaceNonFinite => "set LoadOptions::replace_nan or call Volume::with_non_finite_replaced",
             Self::ChooseSeries => "set LoadOptions::series",
             Self::ChooseChannel => "set LoadOptions::channel",
+            Self::ChooseDataset => "load FILE:/PATH/OF/SET",
         })
     }
 }

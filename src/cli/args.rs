@@ -69,8 +69,9 @@ pub(super) enum Command {
 /// The volume, and what its file does not state.
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
-    /// A volume: a file (NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF, DICOM, raw), a folder of DICOM or TIFF files or
-    /// of Zarr, - for standard input, or a built-in volume, demo:NAME[:SIZE]; for render also a scene, FILE.json
+    /// A volume: a file (NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF, DICOM, raw; HDF5 or NetCDF, also as
+    /// FILE:/SET), a folder of DICOM or TIFF files or of Zarr, - for standard input, or a built-in volume,
+    /// demo:NAME[:SIZE]; for render also a scene, FILE.json
     #[arg(value_name = "VOLUME")]
     pub(super) source: PathBuf,
     /// Raw files: samples along x (fastest), y and z

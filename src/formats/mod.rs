@@ -3,6 +3,8 @@
 mod decode;
 mod dicom;
 mod fields;
+#[cfg(feature = "hdf5")]
+mod hdf5;
 mod input;
 mod metaimage;
 mod mrc;
@@ -101,6 +103,7 @@ enum Format {
     Vtk,
     Tiff,
     Dicom,
+    Hdf5,
 }
 
 impl Format {
@@ -115,6 +118,7 @@ impl Format {
             Self::Vtk => "legacy VTK",
             Self::Tiff => "TIFF",
             Self::Dicom => "DICOM",
+            Self::Hdf5 => "HDF5 or NetCDF",
         }
     }
 
@@ -138,6 +142,8 @@ impl Format {
             Some(Self::Tiff)
         } else if dicom::is_dicom(head) {
             Some(Self::Dicom)
+        } else if is_hdf5(head) {
+            Some(Self::Hdf5)
         } else {
             None
         }
@@ -169,7 +175,8 @@ impl Format {
 /// several points in time or channels `time` and `channel` choose one; [`Volume::contents`] tells how many there are. A
 /// folder is read if it holds DICOM files, whose slices are sorted by position, or TIFF files, which are sections in
 /// natural order: 9 goes before 10; and if it is an array of Zarr 2 or 3 or an image of OME-Zarr, of whose
-/// pyramid `level` chooses.
+/// pyramid `level` chooses. `FILE:SET` is a data set of HDF5 or NetCDF, which need the feature `hdf5`; without a name
+/// the only volume in the file is read.
 ///
 /// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
 /// may be compressed with gzip. Files of bare samples need `dims` and `sample_type`. For all other files these two are
@@ -202,7 +209,10 @@ fn load_from(source: &Path, options: &LoadOptions) -> Result<Volume> {
             chosen(source, options, 1, 1)?;
             demos::parsed(demo, options.spacing)?
         }
-        None => load_file(source, options)?,
+        None => match with_inside(source) {
+            Some((file, inside)) => load_file(&file, Some(&inside), options)?,
+            None => load_file(source, None, options)?,
+        },
     };
     volume = volume.loaded(options.stream_over)?;
     if let Some(value) = options.replace_nan {
@@ -212,7 +222,13 @@ fn load_from(source: &Path, options: &LoadOptions) -> Result<Volume> {
     Ok(volume)
 }
 
-fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
+/// The file and the data set of `FILE:SET`, if there is such a file and none of the whole name.
+fn with_inside(source: &Path) -> Option<(PathBuf, String)> {
+    let (file, inside) = source.to_str()?.rsplit_once(':')?;
+    (!inside.is_empty() && !source.exists() && Path::new(file).is_file()).then(|| (file.into(), inside.to_owned()))
+}
+
+fn load_file(path: &Path, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
     if path.is_dir() {
         return load_folder(path, options);
     }
@@ -232,13 +248,18 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
         && nifti::is_image_name(path)
         && let Some(header) = nifti::header_of_image(path)
     {
-        return load_file(&header, options);
+        return load_file(&header, inside, options);
     }
     if content.is_none() && nifti::is_analyze(&head) && Format::of_name(path) == Some(Format::Nifti) {
         return Err(input.error("is in ANALYZE 7.5 format, which is not read: convert it to NIfTI"));
     }
     let Some(format) = content.or(Format::of_name(path)) else { return read_raw(input, &head, options) };
     refuse_raw_options(path, options, &format!("a {} file", format.name()))?;
+    if let Some(inside) = inside
+        && format != Format::Hdf5
+    {
+        return Err(input.error(format!("is a {} file, which has no data set {inside:?}", format.name())));
+    }
     match format {
         Format::Nrrd => nrrd::read(input, options),
         Format::Nifti => nifti::read(input, options),
@@ -249,7 +270,22 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
         Format::Vtk => legacy::read(input, options),
         Format::Tiff => tiff::read(input, options),
         Format::Dicom => dicom::read_files(path, &[path.to_owned()], options),
+        Format::Hdf5 => read_hdf5(&input, inside, options),
     }
+}
+
+/// Whether these are the first bytes of HDF5, of HDF5 by MATLAB, or of NetCDF.
+fn is_hdf5(head: &[u8]) -> bool {
+    let magics: [&[u8]; 5] = [b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3 MAT-file", b"CDF\x01", b"CDF\x02", b"CDF\x05"];
+    magics.iter().any(|magic| head.starts_with(magic))
+}
+
+#[cfg(feature = "hdf5")]
+use hdf5::read as read_hdf5;
+
+#[cfg(not(feature = "hdf5"))]
+fn read_hdf5(input: &Input, _: Option<&str>, _: &LoadOptions) -> Result<Volume> {
+    Err(input.error("is a HDF5 or NetCDF file, and this build has no reader of it: build it with the feature hdf5"))
 }
 
 /// Reads the sections that are files of a folder.
@@ -340,20 +376,15 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
 
 /// The error about a file of no known format.
 fn unknown(input: &Input, head: &[u8]) -> Error {
-    let formats: [(usize, &[u8], &str); 5] = [
-        (0, b"\x89HDF", "HDF5"),
-        (0, b"CDF", "NetCDF"),
-        (0, b"<?xml", "XML"),
-        (0, b"\x89PNG", "PNG"),
-        (0, b"PK\x03\x04", "ZIP"),
-    ];
+    let formats: [(usize, &[u8], &str); 3] = [(0, b"<?xml", "XML"), (0, b"\x89PNG", "PNG"), (0, b"PK\x03\x04", "ZIP")];
     match formats.iter().find(|(at, magic, _)| head.get(*at..).is_some_and(|h| h.starts_with(magic))) {
         Some((_, _, name)) => {
             let reason = "which is not read: convert it to NRRD, NIfTI, MetaImage or NumPy (.npy)";
             input.error(format!("is a {name} file, {reason}"))
         }
         None => {
-            let error = input.error("is not a NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF or DICOM file");
+            let error =
+                input.error("is not a NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF, DICOM, HDF5 or NetCDF file");
             hinted(error, Hint::GiveDimsAndSampleType)
         }
     }

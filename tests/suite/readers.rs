@@ -133,8 +133,12 @@ fn shifted(sample_type: &str, channel: u32, time: u32) -> Samples {
 
 #[test]
 fn every_channel_at_every_time_is_read_as_by_the_reference_implementation() {
-    let all: Vec<Several> =
-        serde_json::from_str(&std::fs::read_to_string(path("expected-several.json")).unwrap()).unwrap();
+    let table =
+        |name: &str| -> Vec<Several> { serde_json::from_str(&std::fs::read_to_string(path(name)).unwrap()).unwrap() };
+    let mut all = table("expected-several.json");
+    if cfg!(feature = "hdf5") {
+        all.extend(table("expected-hdf5.json"));
+    }
     assert!(all.len() >= 20, "{} files", all.len());
     for e in &all {
         let file = path(&e.file);
@@ -176,6 +180,57 @@ fn every_channel_at_every_time_is_read_as_by_the_reference_implementation() {
             assert!(error.starts_with(&format!("{name}: ")), "{error}");
         }
     }
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn scales_and_fill_values_of_netcdf_are_applied() {
+    let error = format!("{:#}", load(path("packed-i16.nc"), &LoadOptions::default()).unwrap_err());
+    assert!(error.contains("1 samples are NaN"), "{error}");
+    let options = LoadOptions { replace_nan: Some(0.0), ..LoadOptions::default() };
+    let volume = load(path("packed-i16.nc"), &options).unwrap();
+    assert_eq!((volume.rescale(), volume.value_unit()), ((0.5, 273.0), Some("K")));
+    let Samples::I16(stored) = samples("i16") else { panic!() };
+    let values = volume.in_memory().unwrap();
+    assert_eq!(values.value(0), 0.0);
+    assert!((1..60).all(|n| values.value(n) == f64::from(stored[n]) * 0.5 + 273.0));
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn a_data_set_is_chosen_by_its_path() {
+    let error = format!("{:#}", load(path("two.h5"), &LoadOptions::default()).unwrap_err());
+    assert!(error.contains("holds 2 data sets: /raw/first of 5 x 4 x 3, /raw/second of 5 x 4 x 3"), "{error}");
+    assert!(error.contains("FILE:/PATH"), "{error}");
+    let error = load(format!("{}:/third", path("two.h5")), &LoadOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("has no data set \"/third\": there are /table of 4, /raw/first"), "{error}");
+    let error = load(format!("{}:/a", path("raw-i16.nrrd")), &LoadOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("is a NRRD file, which has no data set \"/a\""), "{error}");
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn broken_hdf5_files_say_what_is_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut refused = 0;
+    for file in ["plain-i16.h5", "chunks-f32.h5", "four-i16.nc", "record-f32.nc"] {
+        let bytes = std::fs::read(path(file)).unwrap();
+        for length in [9, 100, bytes.len() / 2, bytes.len() - 9] {
+            let cut = folder.path().join(file);
+            std::fs::write(&cut, &bytes[..length]).unwrap();
+            match load(&cut, &LoadOptions::default()) {
+                // What was cut off need not be needed.
+                Ok(volume) => {
+                    assert_eq!(volume.in_memory().unwrap().samples(), read(file).in_memory().unwrap().samples())
+                }
+                Err(error) => {
+                    refused += 1;
+                    crate::fuzz::targets::assert_one_line(&error);
+                }
+            }
+        }
+    }
+    assert!(refused >= 12, "{refused} of 16");
 }
 
 #[test]
