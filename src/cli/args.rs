@@ -470,11 +470,12 @@ pub(super) struct RenderArgs {
 }
 
 const TURNTABLE_EXAMPLES: &str = "\
--o is DIR/{frame}.png or .exr (a file for each frame), FILE.gif (256 colours for all frames), FILE.apng, FILE.y4m, or -
-for standard output. All options of render hold, and a scene is taken in place of a volume.
+-o is DIR/{frame}.png or .exr (a file for each frame), FILE.gif (256 colours for all frames), FILE.apng, FILE.y4m,
+FILE.html (a page that turns when it is dragged), or - for standard output. All options of render hold, and a scene is taken in place of a volume.
 
 Examples:
   voxsplat turntable head.nii.gz --frames 72 -o head.gif --size 512 --elevation 15
+  voxsplat turntable ct.nrrd --frames 72 -o ct.html --size 512 --scale-bar
   voxsplat turntable ct.nrrd --frames 360 -o frames/{frame}.png --part 2/8 --resume
   voxsplat turntable ct.nrrd --frames 100 -o - --key-frames path.json | ffmpeg -i - ct.mp4";
 
@@ -500,7 +501,7 @@ pub(super) struct TurntableArgs {
     #[arg(long, value_name = "N", default_value_t = 25.0, value_parser = parse::positive, allow_hyphen_values = true,
         help_heading = "Turntable")]
     pub(super) rate: f64,
-    /// Format of a film, gif, apng or y4m [default: by the name of the file; y4m for -]
+    /// Format of a film, gif, apng, y4m or html [default: by the name of the file; y4m for -]
     #[arg(long, value_name = "FORMAT", value_parser = one_of(Format::ALL, Format::name), help_heading = "Turntable")]
     pub(super) format: Option<Format>,
     /// Make the I-th of N parts of the frames, for batch systems
