@@ -265,9 +265,9 @@ pub(super) struct ModelArgs {
     pub(super) shading: Shading,
     /// Light surfaces: off, headlight (from the eye), AZ,EL (from the position of an eye at that azimuth and elevation,
     /// degrees), @X,Y,Z (at a place in the world, as bright at any distance), or studio (key, fill and rim light around
-    /// the view, soft shadows, occlusion). Repeat the option for up to 4 lights; :INTENSITY or :#RRGGBB behind all but
-    /// the last changes them [default: studio for `render`
-    /// by a preset that shows surfaces; otherwise off]
+    /// the view, soft shadows, occlusion; in a turntable it stands still, and studio:eye comes along with the eye).
+    /// Repeat the option for up to 4 lights; :INTENSITY or :#RRGGBB behind all but the last changes them [default:
+    /// studio for `render` by a preset that shows surfaces; otherwise off]
     #[arg(long, value_name = "LIGHT", value_parser = parse::light, allow_hyphen_values = true, help_heading = "Model")]
     pub(super) light: Vec<LightArg>,
     /// Material of lit surfaces: ambient, diffuse and specular share, 0 to 1, and shininess, 1 to 1000

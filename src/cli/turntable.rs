@@ -119,6 +119,7 @@ impl TurntableJob {
         }
         // It looks from all sides.
         first.chooses_view = false;
+        first.light_follows |= first.chooses_light;
         let target = Target::new(path.take(), format)?;
         if !matches!(target, Target::Files(_)) {
             if first.background == Background::Transparent {
@@ -234,7 +235,7 @@ fn make(
     let progress = Remaining::new("frames", wanted.len());
     for (done, &frame) in wanted.iter().enumerate() {
         progress.at(done, &format!("frame {} of {}", frame + 1, views.len()));
-        // Studio light comes with the eye.
+        // Studio light may come with the eye.
         let mut job = RenderJob { view: views[frame as usize].clone(), ..first.clone() };
         session.complete(&mut job, fitted)?;
         let picture = session.picture(&job, &fitted.transfer, &mut Stages::default())?;
