@@ -110,6 +110,8 @@ pub(super) struct RenderJob {
     pub(super) chooses_material: bool,
     /// Whether studio light was asked for.
     pub(super) studio: bool,
+    /// Whether studio light comes along with the eye, in a turntable.
+    pub(super) light_follows: bool,
     /// Whether the view is oblique if the file states no orientation.
     pub(super) chooses_view: bool,
     pub(super) engine: Engine,
@@ -183,7 +185,8 @@ impl RenderJob {
             chooses_light,
             chooses_sharpness,
             chooses_material: args.model.material.is_none(),
-            studio: args.model.light.contains(&LightArg::Studio),
+            studio: args.model.light.iter().any(|light| matches!(light, LightArg::Studio(_))),
+            light_follows: args.model.light.contains(&LightArg::Studio(true)),
             chooses_view: args.view.says_no_side(),
             engine,
             output,
@@ -310,7 +313,7 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
     if lit.len() < args.light.len() {
         return usage("--light: off does not go with other lights".to_owned());
     }
-    let mut lighting = if lit.contains(&LightArg::Studio) {
+    let mut lighting = if lit.iter().any(|light| matches!(light, LightArg::Studio(_))) {
         if lit.len() > 1 {
             return usage("--light: studio is all of the lights, no other goes with it".to_owned());
         }
