@@ -560,6 +560,8 @@ pub(super) struct ParetoArgs {
     #[arg(long, value_name = "FILE", help_heading = "Measurement")]
     pub(super) rivals: Option<PathBuf>,
     #[command(flatten)]
+    pub(super) figure: FigureArgs,
+    #[command(flatten)]
     pub(super) view: ViewArgs,
     #[command(flatten)]
     pub(super) model: ModelArgs,
