@@ -16,6 +16,7 @@ mod options;
 mod output;
 mod pareto;
 mod parse;
+mod preview;
 mod progress;
 mod render;
 mod scene;

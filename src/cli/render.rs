@@ -74,6 +74,9 @@ pub(super) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
         let picture = session.picture(&job, &fitted.transfer, &mut stages)?;
         let image = picture.image();
         stages.time("encode", || job.output.write(image, job.background, &picture.notes))?;
+        if let Some(preview) = job.preview {
+            preview.show(image, job.background)?;
+        }
         if let Some(scene) = &job.save_scene {
             scene.save(&job, &fitted)?;
         }
