@@ -16,6 +16,7 @@ use voxsplat::transfer::TransferFunction;
 use super::args::{Args, RenderArgs};
 use super::destination::STREAM;
 use super::job::{RenderJob, TransferChoice};
+use super::layers::LABELS;
 use super::render::Fitted;
 use super::{Failure, args, in_one_line};
 
@@ -236,6 +237,9 @@ impl SceneFile {
         ];
         // A file may change or vanish: what it held is kept. Presets adapt to the data, here and elsewhere.
         let inlined = matches!(job.transfer.choice, TransferChoice::Given(_));
+        if matches!(job.transfer.choice, TransferChoice::Labels) {
+            fields.push((OF_TRANSFER[0].to_owned(), Value::from(LABELS).to_string()));
+        }
         match fitted.preset {
             _ if inlined => fields.push((OF_TRANSFER[0].to_owned(), indented(&fitted.transfer))),
             Some(preset) => fields.push((OF_TRANSFER[0].to_owned(), Value::from(preset.name).to_string())),
