@@ -277,6 +277,10 @@ pub(super) struct ModelArgs {
     /// Shadows of the first three lights given by AZ,EL: on, off, or their strength, 0 to 1 [default: off; studio 0.85]
     #[arg(long, value_name = "on|off|STRENGTH", value_parser = parse::strength, help_heading = "Model")]
     pub(super) shadows: Option<f64>,
+    /// How far from a voxel shadows and occlusion begin, voxels, 0 to 16. Nearer matter keeps no light from it, so
+    /// opaque surfaces that face a light are lit; at 0 they lie in their own shadow [default: 1.5]
+    #[arg(long, value_name = "VOXELS", value_parser = parse::number, help_heading = "Model")]
+    pub(super) shadow_bias: Option<f64>,
     /// How large lights that cast shadows appear, across, degrees, 0 to 90: shadows become soft [default: 0; studio 10]
     #[arg(long, value_name = "DEGREES", value_parser = parse::number, help_heading = "Model")]
     pub(super) light_size: Option<f64>,

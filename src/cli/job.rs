@@ -316,6 +316,7 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
         let needing = [
             ("material", args.material.is_some()),
             ("shadows", args.shadows.is_some()),
+            ("shadow-bias", args.shadow_bias.is_some()),
             ("light-size", args.light_size.is_some()),
             ("occlusion", args.occlusion.is_some()),
         ];
@@ -362,6 +363,12 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
     }
     if let Some(Occlusion(radius)) = args.occlusion {
         lighting.occlusion = radius;
+    }
+    if let Some(bias) = args.shadow_bias {
+        if lighting.shadows == 0.0 && lighting.occlusion.is_none() {
+            return usage("--shadow-bias shows in shadows and occlusion alone: it needs either".to_owned());
+        }
+        lighting.shadow_bias = bias;
     }
     Ok(Some(lighting))
 }

@@ -71,6 +71,10 @@ impl Target {
             (Some(_), _) if format.is_some() => usage(format!("--format: {FRAME} asks for a file for each frame")),
             (Some(name), _) => {
                 let first = PathBuf::from(numbered(name, 0, 1));
+                // A folder for the frames is made. If it cannot be, the check says what is wrong.
+                if let Some(folder) = first.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+                    let _ = std::fs::create_dir(folder);
+                }
                 Destination::checked(first)?;
                 Ok(Self::Files(name.to_owned()))
             }

@@ -90,6 +90,10 @@ pub struct Lighting {
     /// How dark shadows are: 0, there are none, to 1, no light that is absorbed arrives. Of the first three lights; the
     /// fourth, and one at the eye, casts none.
     pub shadows: f64,
+    /// How far from a voxel's centre what keeps light from it begins, voxels, 0 to [`Self::MAX_BIAS`]. At 0 the half of
+    /// the voxel itself that faces the light counts, so the surface of opaque matter lies in its own shadow. At 1.5 or
+    /// more surfaces that face the light are lit, whatever their extinction.
+    pub shadow_bias: f64,
     /// The distance within which voxels take the ambient light from each other, voxels, over 0; `None`: they do not.
     pub occlusion: Option<f64>,
 }
@@ -127,10 +131,17 @@ pub(crate) struct Casting {
     lights: [Vec<DVec3>; MAX_CASTING],
     strength: f64,
     /// Voxels.
+    bias: f64,
+    /// Voxels.
     occlusion: Option<f64>,
 }
 
 impl Casting {
+    /// Where what keeps light from a voxel begins, voxels from its centre.
+    pub(crate) fn bias(&self) -> f64 {
+        self.bias
+    }
+
     /// What arrives at a point, given the ambient share and the optical depth towards a light in a world direction, as
     /// [`shadow`](self::shadow) has it.
     pub(crate) fn visibility(&self, ambient: f64, depth: impl Fn(DVec3) -> f64) -> Visibility {
@@ -152,6 +163,7 @@ impl Default for Lighting {
             shininess: 24.0,
             lights: vec![Light::HEADLIGHT],
             shadows: 0.0,
+            shadow_bias: 1.5,
             occlusion: None,
         }
     }
@@ -164,6 +176,9 @@ impl Lighting {
     pub(crate) fn flat() -> Self {
         Self { ambient: 1.0, diffuse: 0.0, specular: 0.0, ..Self::default() }
     }
+
+    /// The farthest from a voxel that what keeps light from it begins, voxels.
+    pub const MAX_BIAS: f64 = 16.0;
 
     /// The farthest that occlusion reaches, voxels.
     pub const MAX_OCCLUSION: f64 = 256.0;
@@ -180,6 +195,7 @@ impl Lighting {
             ("material", "specular", self.specular, 0.0, 1.0),
             ("material", "shininess", self.shininess, 1.0, 1000.0),
             ("shadows", "strength", self.shadows, 0.0, 1.0),
+            ("shadow_bias", "distance", self.shadow_bias, 0.0, Self::MAX_BIAS),
             ("occlusion", "radius", self.occlusion.unwrap_or(1.0), 0.5, Self::MAX_OCCLUSION),
         ] {
             if !(low..=high).contains(&value) {
@@ -210,9 +226,6 @@ impl Lighting {
     /// parallel): a large warm key light from the upper left, which casts soft shadows, a weak cool fill light from the
     /// right, which casts none, a rim light from behind, and a little from the eye. Voxels take the ambient light from
     /// each other within 8 voxels. The lights stand still in the world if the eye moves on.
-    ///
-    /// The key light has over twice the intensity of white: of what the eye sees of a surface, over half lies in
-    /// its own shadow.
     #[must_use]
     pub fn studio(forward: DVec3, up: DVec3) -> Self {
         let forward = forward.normalize();
@@ -222,7 +235,7 @@ impl Lighting {
             let towards = right * towards[0] + up * towards[1] - forward * towards[2];
             Light { color, size, ..Light::directional(towards) }
         };
-        let key = light([-0.55, 0.65, 0.6], [2.4, 2.33, 2.21], 10.0);
+        let key = light([-0.55, 0.65, 0.6], [1.35, 1.31, 1.24], 10.0);
         let rim = light([0.5, 0.6, -0.6], [0.9, 0.9, 1.0], 0.0);
         let fill = light([0.8, 0.1, 0.7], [0.28, 0.28, 0.3], 0.0);
         let front = Light { color: [0.25; 3], ..Light::HEADLIGHT };
@@ -243,7 +256,7 @@ impl Lighting {
             lights.iter_mut().zip(&self.lights).for_each(|(towards, light)| *towards = light.directions());
         }
         let casts = self.occlusion.is_some() || lights.iter().any(|towards| !towards.is_empty());
-        casts.then_some(Casting { lights, strength: self.shadows, occlusion: self.occlusion })
+        casts.then_some(Casting { lights, strength: self.shadows, bias: self.shadow_bias, occlusion: self.occlusion })
     }
 
     /// The colour that a lit point shows. `color` is its own colour, `gradient` the gradient of the field in world

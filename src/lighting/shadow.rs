@@ -4,13 +4,13 @@
 //! centre of voxel j along the unit lattice direction d, as far as `reach`, is a sum of sections of kernels:
 //!
 //! ```text
-//! D_j = l / N sum_k tau_k S(k - j)        S(o) = integral from 0 to reach of h(|o - s d|) ds
+//! D_j = l / N sum_k tau_k S(k - j)        S(o) = integral from b to reach of h(|o - s d|) ds
 //! ```
 //!
-//! with h the kernel, N its divisor and l the world length of d. S depends on the offset between two lattice points
-//! alone. It is not 0 within a kernel's radius of the ray only, and a voxel's own kernel counts by half. So a
-//! direction is a list of offsets with weights, the same for every voxel of a volume, and D_j takes no sheets, no steps
-//! and no view. Rows of voxels are added up together.
+//! with h the kernel, N its divisor, l the world length of d and b the bias. S depends on the offset of two lattice
+//! points alone. It is not 0 within a kernel's radius of the ray only, and without bias a voxel's own kernel counts by
+//! half. So a direction is a list of offsets with weights, the same for every voxel of a volume, and D_j takes no
+//! sheets, no steps and no view. Rows of voxels are added up together.
 //!
 //! Splatters before shade one image of the light after another and look the voxel up there: Nulkar and Mueller 2001,
 //! "Splatting with shadows" (a volume of light, by sheets); Zhang and Crawfis 2003, "Shadows and soft shadows with
@@ -208,9 +208,9 @@ struct Chunk {
 }
 
 impl<T: Real> Ray<T> {
-    /// The sections, times `scale`, of a ray along the unit lattice direction `along`, as far as `reach` voxels, in a
-    /// lattice of `dims` points.
-    fn new(kernel: &Kernel, dims: [usize; 3], along: DVec3, reach: f64, scale: f64, share: f64) -> Self {
+    /// The sections, times `scale`, of a ray along the unit lattice direction `along`, between two distances in voxels,
+    /// in a lattice of `dims` points.
+    fn new(kernel: &Kernel, dims: [usize; 3], along: DVec3, between: [f64; 2], scale: f64, share: f64) -> Self {
         let radius = kernel.radius();
         let d = along.to_array();
         // Of a quarter of the kernel's deviation or less: to 1e-11.
@@ -219,7 +219,7 @@ impl<T: Real> Ray<T> {
         let [u, v] = [(main + 1) % 3, (main + 2) % 3];
         // Kernels whose centres lie so far along the main axis are met by the ray.
         let within = |length: f64| (length * d[main].abs() + radius).min(dims[main] as f64).floor() as i32;
-        let (behind, ahead) = (radius.floor() as i32, within(reach));
+        let (behind, ahead) = (radius.floor() as i32, within(between[1]));
         let mut ray = Self { taps: Vec::new(), chunks: Vec::new(), share };
         // In a plane across the main axis kernels are met within an ellipse, at most so wide.
         let wide = radius / d[main].abs();
@@ -238,7 +238,7 @@ impl<T: Real> Ray<T> {
                     (offset[main], offset[u], offset[v]) = (m, a, b);
                     let o = DVec3::from_array(offset.map(f64::from));
                     let t = o.dot(along);
-                    let weight = section_by(kernel, o.length_squared() - t * t, [-t, reach - t], panels) * scale;
+                    let weight = section_by(kernel, o.length_squared() - t * t, between.map(|s| s - t), panels) * scale;
                     if weight > 0.0 {
                         ray.taps.push((offset, T::of(weight)));
                     }
@@ -303,8 +303,10 @@ impl<T: Real> Caster<T> {
     pub(crate) fn new(casting: &Casting, lattice: &Lattice) -> Self {
         let Lattice { kernel, divisor, dims, to_world, unit, voxels } = lattice;
         let far = dims.iter().map(|&n| (n * n) as f64).sum::<f64>().sqrt() + kernel.radius();
+        let bias = casting.bias / voxels;
         let ray = |along: DVec3, reach: f64, share: f64| {
-            Ray::new(kernel, *dims, along, reach, (*to_world * along).length() / unit / divisor, share)
+            let between = [bias.min(reach), reach];
+            Ray::new(kernel, *dims, along, between, (*to_world * along).length() / unit / divisor, share)
         };
         let to_lattice = to_world.inverse();
         let mut rays: [Vec<Ray<T>>; MAX_CASTING + 1] = Default::default();
@@ -374,7 +376,7 @@ mod tests {
     }
 
     fn towards(lights: [DVec3; MAX_CASTING]) -> Casting {
-        Casting { lights: lights.map(|light| vec![light]), strength: 1.0, occlusion: None }
+        Casting { lights: lights.map(|light| vec![light]), strength: 1.0, bias: 0.0, occlusion: None }
     }
 
     fn medium<T: Real>(dims: [usize; 3], of: impl Fn([usize; 3]) -> f64) -> Medium<T> {
@@ -413,15 +415,16 @@ mod tests {
             let reference = Reference::new(&volume, &transfer, &settings).unwrap();
             let lattice = lattice(kernel, DIMS, to_world, unit);
             let at = |[x, y, z]: [usize; 3]| x + DIMS[0] * (y + DIMS[1] * z);
-            let exact = (medium::<f64>(DIMS, |p| tau(at(p))), Caster::new(&towards(lights), &lattice));
-            let rounded = (medium::<f32>(DIMS, |p| tau(at(p))), Caster::new(&towards(lights), &lattice));
-            for [y, z] in [[0, 0], [6, 5], [13, 10], [3, 8]] {
-                let exact = row::<_, 19>(&exact.1, &exact.0, [0, y, z]);
-                let rounded = row::<_, 19>(&rounded.1, &rounded.0, [0, y, z]);
+            let media = (medium::<f64>(DIMS, |p| tau(at(p))), medium::<f32>(DIMS, |p| tau(at(p))));
+            for ([y, z], bias) in [([0, 0], 0.0), ([6, 5], 0.0), ([13, 10], 2.25), ([3, 8], 0.6)] {
+                let casting = Casting { bias, ..towards(lights) };
+                let exact = row::<_, 19>(&Caster::new(&casting, &lattice), &media.0, [0, y, z]);
+                let rounded = row::<_, 19>(&Caster::new(&casting, &lattice), &media.1, [0, y, z]);
                 for (number, light) in lights.into_iter().enumerate() {
                     for x in 0..DIMS[0] {
                         let place = grid.to_world().transform_point3(DVec3::new(x as f64, y as f64, z as f64));
-                        let depth = reference.ray(place, light, false).optical_depth;
+                        let begin = bias / (grid.to_lattice().matrix3 * light).length();
+                        let depth = reference.ray(place + begin * light, light, false).optical_depth;
                         if depth > DARK {
                             continue;
                         }

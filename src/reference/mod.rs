@@ -254,7 +254,11 @@ impl Reference {
         let of_voxels = self.splats.visibility(place);
         let Some((field, casting)) = self.light.as_deref() else { return of_voxels };
         let world = self.grid.to_world().transform_point3(place) + self.center;
-        casting.visibility(of_voxels.ambient, |towards| field.ray(world, towards, false).optical_depth)
+        let to_lattice = self.grid.to_lattice().matrix3;
+        casting.visibility(of_voxels.ambient, |towards| {
+            let begin = casting.bias() / (to_lattice * towards).length();
+            field.ray(world + begin * towards, towards, false).optical_depth
+        })
     }
 
     /// A tolerance far below what pictures err by, which takes a tenth of the time of an exact picture or less.
