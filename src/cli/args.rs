@@ -226,7 +226,8 @@ pub(super) struct ModelArgs {
     /// Transfer function: a preset that adapts to the data (ct-bone, ct-skin, ct-muscle, ct-soft-tissue, ct-lung,
     /// angiography, mri, mr-brain, pet, activation, fluorescence, field, grayscale, gray, viridis or inferno), or a
     /// file: this program's JSON, ParaView's JSON or XML, Slicer's .vp, .vp.json or presets.xml, niivue's or napari's
-    /// JSON; #NAME chooses from a file of several; or labels: values are labels, see --label-table [default: suggested by the data; see `voxsplat info`]
+    /// JSON; #NAME chooses from a file of several; or labels: values are labels [default: suggested by the
+    /// data; see `voxsplat info`]
     #[arg(long, value_name = "FILE[#NAME]|PRESET", help_heading = "Model")]
     pub(super) transfer: Option<PathBuf>,
     /// The colours of a map over --window, with a gentle ramp of opacity: gray, viridis, inferno, magma, plasma,

@@ -30,8 +30,8 @@ enum LookArg {
 
 /// `WHICH:OPACITY`, `WHICH:on`, `WHICH:off` or `WHICH:COLOUR`.
 pub(super) fn label(text: &str) -> Result<LabelArg, String> {
-    let expected = "expected WHICH:LOOK; WHICH is all, numbers such as 1,4,7-9, or a name, and LOOK an opacity from 0 to \
-                    1, on, off or a colour";
+    let expected = "expected WHICH:LOOK; WHICH is all, numbers such as 1,4,7-9, or a name, and LOOK an opacity from 0 \
+                    to 1, on, off or a colour";
     let (which, look) = text.rsplit_once(':').ok_or(expected)?;
     let look = match (look, look.parse::<f64>(), look.parse()) {
         ("on", ..) => LookArg::Opacity(1.0),
@@ -116,15 +116,20 @@ impl LayersJob {
     }
 }
 
-/// `FILE` or `FILE:LABELS`; without labels all but 0.
-fn masked(text: &Path) -> Result<(PathBuf, Which), Failure> {
-    let all = || Ok((text.to_owned(), Which::All));
-    let Some((file, labels)) = text.to_str().and_then(|text| text.rsplit_once(':')) else { return all() };
-    match labels.parse() {
+/// `FILE` or `FILE:LABELS`: the file, and the rest from the colon on.
+pub(super) fn parted(text: &Path) -> (PathBuf, &str) {
+    let parts = text.to_str().and_then(|text| Some((text, text.rfind(':')?)));
+    match parts.map(|(text, at)| (&text[..at], &text[at..], text[at + 1..].parse())) {
+        Some((file, labels, Ok(Which::All | Which::Numbers(_)))) => (PathBuf::from(file), labels),
         // A path with a colon in it, such as C:\mask.nrrd, means itself.
-        Ok(Which::Name(_)) | Err(_) => all(),
-        Ok(which) => Ok((PathBuf::from(file), which)),
+        _ => (text.to_owned(), ""),
     }
+}
+
+/// The file of a mask and its labels: all but 0 if none are given.
+fn masked(text: &Path) -> Result<(PathBuf, Which), Failure> {
+    let (file, labels) = parted(text);
+    Ok((file, labels.strip_prefix(':').map_or(Ok(Which::All), str::parse)?))
 }
 
 /// Reads a volume of labels. NaN is label 0.

@@ -18,7 +18,7 @@ use super::destination::STREAM;
 use super::job::{RenderJob, TransferChoice};
 use super::layers::LABELS;
 use super::render::Fitted;
-use super::{Failure, args, in_one_line};
+use super::{Failure, args, in_one_line, layers};
 
 /// The largest scene file that is read, in bytes.
 const MAX_BYTES: u64 = 16 << 20;
@@ -36,6 +36,9 @@ const OF_A_RUN: [&str; 6] = ["output", "save-scene", "save-transfer", "stats", "
 const SHARED: [&str; 5] = ["adapter", "reference", "length-unit", "value-unit", "save-scene"];
 /// Options that make the transfer function.
 const OF_TRANSFER: [&str; 4] = ["transfer", "colour-map", "window", "gradient-opacity"];
+
+/// Options that name files of labels, which may have labels behind them.
+const OF_FILES: [&str; 3] = ["labels", "label-table", "mask"];
 
 /// An option by its long name, with its values; a flag has none.
 type Given = (String, Vec<OsString>);
@@ -250,7 +253,11 @@ impl SceneFile {
             false => !OF_A_RUN.contains(&name),
         };
         for (name, values) in self.options.iter().filter(|(name, _)| kept(name)) {
-            let values = values.iter().map(|value| Ok(literal(text(value)?)));
+            let placed = |value: &OsString| match OF_FILES.contains(&name.as_str()) {
+                true => moved(folder, value),
+                false => Ok(text(value)?.to_owned()),
+            };
+            let values = values.iter().map(|value| Ok(literal(&placed(value)?)));
             let mut values = values.collect::<Result<Vec<Value>, Failure>>()?;
             let value = match values.len() {
                 0 => Value::Bool(true),
@@ -275,6 +282,13 @@ fn literal(text: &str) -> Value {
         Ok(number) if number.to_string() == text => Value::Number(number),
         _ => Value::from(text),
     }
+}
+
+/// The name of a file, maybe with labels behind it, as it is seen from a folder.
+fn moved(folder: &Path, value: &OsStr) -> Result<String, Failure> {
+    let (file, labels) = layers::parted(Path::new(value));
+    let file = relative(folder, &file);
+    Ok(text(file.as_os_str())?.to_owned() + labels)
 }
 
 fn text(value: &OsStr) -> Result<&str, Failure> {

@@ -321,9 +321,9 @@ impl<'a> Classification<'a> {
 
     /// What a voxel emits.
     pub(super) fn emission<T: Number>(&self, sample: T) -> Emission {
-        match bytemuck::bytes_of(&sample) {
-            &[bits] if !self.table.is_empty() => self.table[usize::from(bits)],
-            &[a, b] if !self.table.is_empty() => self.table[usize::from(u16::from_ne_bytes([a, b]))],
+        match *bytemuck::bytes_of(&sample) {
+            [bits] if !self.table.is_empty() => self.table[usize::from(bits)],
+            [a, b] if !self.table.is_empty() => self.table[usize::from(u16::from_ne_bytes([a, b]))],
             _ => self.of(sample.to_f64()),
         }
     }

@@ -298,34 +298,24 @@ fn slopes(voxels: &[Voxel]) -> [Vec<f32>; 3] {
     let plane = WITH_HALO * WITH_HALO;
     let field: Vec<f32> = voxels.iter().map(|voxel| voxel[3]).collect();
     // Along x, then y, then z: each pass takes the halo of its axis off.
-    let along = |field: &[f32], slope: Option<&[f32]>, lines: usize, stride: usize| {
+    let along = |field: &[f32], is_slope: bool, lines: usize, stride: usize| {
+        let (weights, sign) = if is_slope { (&slope, -1.0) } else { (&smooth, 1.0) };
         let mut out = vec![0.0; lines * EDGE * stride];
         for (out, line) in out.chunks_exact_mut(EDGE * stride).zip(field.chunks_exact(WITH_HALO * stride)) {
             let at = |k: usize| &line[k * stride..][..EDGE * stride];
-            match slope {
-                Some(weights) => {
-                    for k in 1..=REACH {
-                        let pairs = at(REACH + k).iter().zip(at(REACH - k));
-                        out.iter_mut().zip(pairs).for_each(|(out, (b, a))| *out += weights[k] * (b - a));
-                    }
-                }
-                None => {
-                    out.iter_mut().zip(at(REACH)).for_each(|(out, v)| *out = smooth[0] * v);
-                    for k in 1..=REACH {
-                        let pairs = at(REACH + k).iter().zip(at(REACH - k));
-                        out.iter_mut().zip(pairs).for_each(|(out, (b, a))| *out += smooth[k] * (b + a));
-                    }
-                }
+            out.iter_mut().zip(at(REACH)).for_each(|(out, v)| *out = weights[0] * v);
+            for (k, weight) in weights.iter().enumerate().skip(1) {
+                let pairs = at(REACH + k).iter().zip(at(REACH - k));
+                out.iter_mut().zip(pairs).for_each(|(out, (b, a))| *out += weight * (b + sign * a));
             }
         }
         out
     };
-    let x = |slope| along(&field, slope, plane, 1);
-    let y = |field: &[f32], slope| along(field, slope, WITH_HALO, EDGE);
-    let z = |field: &[f32], slope| along(field, slope, 1, EDGE * EDGE);
-    let slope = Some(&slope[..]);
-    let (across, smoothed) = (x(slope), x(None));
-    [z(&y(&across, None), None), z(&y(&smoothed, slope), None), z(&y(&smoothed, None), slope)]
+    let x = |is_slope| along(&field, is_slope, plane, 1);
+    let y = |field: &[f32], is_slope| along(field, is_slope, WITH_HALO, EDGE);
+    let z = |field: &[f32], is_slope| along(field, is_slope, 1, EDGE * EDGE);
+    let (across, smoothed) = (x(true), x(false));
+    [z(&y(&across, false), false), z(&y(&smoothed, true), false), z(&y(&smoothed, false), true)]
 }
 
 #[cfg(test)]

@@ -72,8 +72,9 @@ pub(crate) struct Look {
     pub(crate) opacity: f64,
 }
 
-/// The opacity of a label that is opaque: three voxels of it hide all but a tenth of a thousandth of what is behind.
-const OPAQUE: f64 = 0.95;
+/// The opacity of a label that is opaque: three voxels of it hide all but a hundredth of what is behind, and show fewer
+/// of the steps between voxels than denser ones.
+const OPAQUE: f64 = 0.8;
 
 /// The golden ratio's fraction: multiples of it are spread evenly around a circle, however many there are.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
