@@ -7,6 +7,7 @@ use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::figure::Figure;
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image, Region};
+use voxsplat::layers::Layers;
 use voxsplat::lighting::{Light, Lighting, Source};
 use voxsplat::settings::{Model, Painter, QuadsSettings, Response, Settings, TilesSettings};
 use voxsplat::transfer::maps::{self, ColorMap};
@@ -184,6 +185,9 @@ impl RenderJob {
             return Err(Failure::Usage(message.to_owned()));
         }
         let layers = LayersJob::new(&args.layers, alone)?;
+        if !layers.is_plain() {
+            Layers::check_settings(&settings)?;
+        }
         let engine = match args.reference {
             true => Engine::Reference,
             false => Engine::Device { adapter: args.adapter },

@@ -253,28 +253,29 @@ impl Layers {
         Facts::of(&colors, self.max_density() / self.unit(), self.grid())
     }
 
-    /// Refuses settings that several layers are not drawn by, and values that are no numbers.
+    /// Refuses settings that layers are not drawn by, and values that are no numbers.
     pub(crate) fn check(&self, settings: &Settings) -> Result<()> {
         for layer in &self.layers {
             if let Matter::Scalars { volume, .. } = &layer.matter {
                 volume.check_finite()?;
             }
         }
-        if self.plain().is_some() {
-            return Ok(());
-        }
-        let refused = |name, what: &str| {
-            let reason = format!("{what}: labels, masks and several channels are drawn pre-shaded, voxel by voxel");
-            Err(Error::Setting { name, reason })
+        if self.plain().is_some() { Ok(()) } else { Self::check_settings(settings) }
+    }
+
+    /// Refuses settings that layers are not drawn by, unless they are one volume alone.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] of post-shading, projections of intensity and cells of a level above 0.
+    pub fn check_settings(settings: &Settings) -> Result<()> {
+        let (name, what) = match settings {
+            Settings { model: Model::Mip | Model::Minip | Model::Average, .. } => ("model", settings.model.name()),
+            _ if settings.is_post_shaded() => ("shading", "post"),
+            Settings { level: Level::At(1..), .. } => ("level", "over 0"),
+            _ => return Ok(()),
         };
-        match settings {
-            Settings { model: Model::Composite, .. } if settings.is_post_shaded() => refused("shading", "post"),
-            Settings { model: Model::Mip | Model::Minip | Model::Average, .. } => {
-                refused("model", "a projection of intensity")
-            }
-            Settings { level: Level::At(1..), .. } => refused("level", "cells of a level above 0"),
-            _ => Ok(()),
-        }
+        let reason = format!("{what}, and labels and masks are drawn voxel by voxel, pre-shaded");
+        Err(Error::Setting { name, reason })
     }
 }
 

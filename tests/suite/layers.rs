@@ -167,8 +167,8 @@ fn what_layers_are_not_drawn_by_is_refused() {
     let (layers, layer) = (&scenes()[0], Layer::labels(&labels(), &looks()).unwrap());
     let prepared = |settings: &Settings| RENDERER.prepare_layers(layers, settings).map(drop);
     refused(prepared(&Settings { shading: Shading::Post, ..Settings::default() }), "shading", "post");
-    refused(prepared(&Settings { model: Model::Mip, ..Settings::default() }), "model", "projection");
-    refused(prepared(&Settings { level: Level::At(1), ..Settings::default() }), "level", "cells");
+    refused(prepared(&Settings { model: Model::Mip, ..Settings::default() }), "model", "mip, and labels");
+    refused(prepared(&Settings { level: Level::At(1), ..Settings::default() }), "level", "over 0");
     let (other, transfer) = demo("sphere", 16);
     refused(Layers::of(&other, &transfer).with(layer).map(drop), "labels", "34 x 34 x 34, expected that of the volume");
     let scan = Layer::scalars(&scan().0, &transfer);
