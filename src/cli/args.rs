@@ -266,8 +266,9 @@ pub(super) struct ModelArgs {
         help_heading = "Model")]
     pub(super) shading: Shading,
     /// Light surfaces: off, headlight (from the eye), AZ,EL (from the position of an eye at that azimuth and elevation,
-    /// degrees), or studio (key, fill and rim light around the view, soft shadows, occlusion). Repeat the option
-    /// for up to 4 lights; :INTENSITY or :#RRGGBB behind headlight or AZ,EL changes them [default: studio for `render`
+    /// degrees), @X,Y,Z (at a place in the world, as bright at any distance), or studio (key, fill and rim light around
+    /// the view, soft shadows, occlusion). Repeat the option for up to 4 lights; :INTENSITY or :#RRGGBB behind all but
+    /// the last changes them [default: studio for `render`
     /// by a preset that shows surfaces; otherwise off]
     #[arg(long, value_name = "LIGHT", value_parser = parse::light, allow_hyphen_values = true, help_heading = "Model")]
     pub(super) light: Vec<LightArg>,
@@ -275,14 +276,15 @@ pub(super) struct ModelArgs {
     /// [default: 0.3,0.7,0.2,24; studio 0.4,0.7,0.2,24; `render` takes that of a preset that shows surfaces]
     #[arg(long, value_name = "A,D,S,N", value_parser = parse::material, help_heading = "Model")]
     pub(super) material: Option<[f64; 4]>,
-    /// Shadows of the first three lights given by AZ,EL: on, off, or their strength, 0 to 1 [default: off; studio 0.85]
+    /// Shadows of the first three lights given by AZ,EL or @X,Y,Z: on, off, or their strength, 0 to 1 [default: off;
+    /// studio 0.85]
     #[arg(long, value_name = "on|off|STRENGTH", value_parser = parse::strength, help_heading = "Model")]
     pub(super) shadows: Option<f64>,
     /// How far from a voxel shadows and occlusion begin, voxels, 0 to 16. Nearer matter keeps no light from it, so
     /// opaque surfaces that face a light are lit; at 0 they lie in their own shadow [default: 1.5]
     #[arg(long, value_name = "VOXELS", value_parser = parse::number, help_heading = "Model")]
     pub(super) shadow_bias: Option<f64>,
-    /// How large lights that cast shadows appear, across, degrees, 0 to 90: shadows become soft [default: 0; studio 10]
+    /// How large lights given by AZ,EL appear, across, degrees, 0 to 90: shadows become soft [default: 0; studio 10]
     #[arg(long, value_name = "DEGREES", value_parser = parse::number, help_heading = "Model")]
     pub(super) light_size: Option<f64>,
     /// Ambient occlusion: voxels take the ambient light from each other within so many voxels, or off

@@ -347,6 +347,7 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
                     let towards = -View { azimuth, elevation, up: view.up, ..View::default() }.forward()?;
                     Light::directional(towards)
                 }
+                PlaceArg::At(place) => Light::at(DVec3::from_array(place)),
             };
             lights.push(Light { color, ..light });
         }
@@ -357,13 +358,18 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
     }
     lighting.shadows = args.shadows.unwrap_or(lighting.shadows);
     if args.shadows.is_some_and(|strength| strength > 0.0) && lighting.lights.iter().all(|l| l.source == Source::Eye) {
-        return usage("--shadows: a headlight casts none, give a light by AZ,EL".to_owned());
+        return usage("--shadows: a headlight casts none, give a light by AZ,EL or @X,Y,Z".to_owned());
     }
     if let Some(size) = args.light_size {
         if lighting.shadows == 0.0 {
             return usage("--light-size shows in shadows alone: it needs --shadows".to_owned());
         }
-        lighting.lights.iter_mut().filter(|light| light.source != Source::Eye).for_each(|light| light.size = size);
+        let is_far = |light: &&mut Light| matches!(light.source, Source::Direction(_));
+        let mut far = lighting.lights.iter_mut().filter(is_far).peekable();
+        if far.peek().is_none() {
+            return usage("--light-size: a light at a place is a point, it needs a light by AZ,EL".to_owned());
+        }
+        far.for_each(|light| light.size = size);
     }
     if let Some(Occlusion(radius)) = args.occlusion {
         lighting.occlusion = radius;

@@ -115,7 +115,7 @@ impl Splats {
             transfer: transfer.clone(),
             unit,
             base,
-            lighting: settings.lighting.clone(),
+            lighting: settings.lighting.as_ref().map(|lighting| lighting.seen_from(volume.grid().center())),
             shadows: None,
             to_world: volume.grid().to_lattice().matrix3.transpose(),
             repeats,
@@ -125,7 +125,7 @@ impl Splats {
             bounds,
             media: None,
         };
-        splats.with_shadows(settings)
+        splats.with_shadows(volume.grid(), settings)
     }
 
     /// Several layers, pre-shaded.
@@ -147,7 +147,7 @@ impl Splats {
             transfer: TransferFunction::new(vec![clear], None)?,
             unit: layers.unit(),
             base: 0.0,
-            lighting: settings.lighting.clone(),
+            lighting: settings.lighting.as_ref().map(|lighting| lighting.seen_from(grid.center())),
             shadows: None,
             to_world: grid.to_lattice().matrix3.transpose(),
             repeats: false,
@@ -157,11 +157,11 @@ impl Splats {
             bounds,
             media: Some(media),
         };
-        splats.with_shadows(settings)
+        splats.with_shadows(grid, settings)
     }
 
     /// The same with what keeps light from voxels, if any does.
-    fn with_shadows(mut self, settings: &Settings) -> Result<Self> {
+    fn with_shadows(mut self, grid: &Grid, settings: &Settings) -> Result<Self> {
         let dims = self.dims;
         if let Some(casting) = settings.lighting.as_ref().and_then(Lighting::casting) {
             let mut medium = Medium::new(dims)?;
@@ -173,7 +173,7 @@ impl Splats {
                 }
             }
             let divisor = settings.normalization.divisor(&settings.kernel);
-            let lattice = Lattice::new(&self.grid, settings.kernel, divisor, 1.0, 1.0);
+            let lattice = Lattice::new(grid, settings.kernel, divisor, 1.0, 1.0);
             let bricks = (0..brick_counts(dims).iter().product()).map(|_| OnceLock::new()).collect();
             self.shadows = Some(Shadows { caster: Caster::new(&casting, &lattice), medium, bricks });
         }
@@ -303,7 +303,7 @@ impl Splats {
         }
         if let Some(lighting) = &self.lighting {
             let place = self.grid.to_world().transform_point3(DVec3::from_array(point.map(|p| p as f64)));
-            color = lighting.shade(color, normal, viewer.from(place), visibility);
+            color = lighting.shade(color, normal, place, viewer.from(place), visibility);
         }
         let [red, green, blue] = color.map(|c| c * tau);
         [tau, red, green, blue]

@@ -179,12 +179,9 @@ impl Reference {
             Model::Xray => Method::Xray(settings.response),
             Model::Mip | Model::Minip => Method::Maximum(transfer.clone()),
             Model::Average => Method::Mean(transfer.clone()),
-            Model::Composite if settings.is_post_shaded() => Method::PostShaded(Box::new(Classifier::new(
-                transfer,
-                transfer.unit_or(grid.min_spacing()),
-                lighting,
-                grid.to_lattice().matrix3,
-            ))),
+            Model::Composite if settings.is_post_shaded() => {
+                Method::PostShaded(Box::new(Classifier::new(transfer, lighting, &grid)))
+            }
             Model::Composite => Method::PreShaded,
         };
         Ok(Self::of(&grid, Splats::new(volume, transfer, settings)?, method, settings))
@@ -255,9 +252,14 @@ impl Reference {
         let Some((field, casting)) = self.light.as_deref() else { return of_voxels };
         let world = self.grid.to_world().transform_point3(place) + self.center;
         let to_lattice = self.grid.to_lattice().matrix3;
-        casting.visibility(of_voxels.ambient, |towards| {
+        casting.visibility(world, of_voxels.ambient, |towards, reach| {
             let begin = casting.bias() / (to_lattice * towards).length();
-            field.ray(world + begin * towards, towards, false).optical_depth
+            let beyond = |distance: f64| field.ray(world + distance * towards, towards, false).optical_depth;
+            match reach.is_finite() {
+                true if reach <= begin => 0.0,
+                true => beyond(begin) - beyond(reach),
+                false => beyond(begin),
+            }
         })
     }
 

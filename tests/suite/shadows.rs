@@ -89,6 +89,34 @@ fn both_painters_show_the_shadows_of_the_reference() {
     }
 }
 
+/// A light at a place shines on each voxel from another side.
+#[test]
+fn both_painters_show_lights_at_places() {
+    let (volume, transfer) = demo("vessels", 24);
+    let corner = volume.grid().to_world().transform_point3(DVec3::new(22.0, -4.0, 26.0));
+    let lights = vec![Light { color: [1.5, 1.2, 0.9], ..Light::at(corner) }, Light::HEADLIGHT];
+    let lighting = Some(Lighting { lights, shadows: 0.9, ..Lighting::default() });
+    for (shading, [quads, tiles]) in [(Shading::Pre, [5e-4, 5e-4]), (Shading::Post, [7e-3, 9e-3])] {
+        for projection in PROJECTIONS {
+            let camera = camera(30.0, projection, &volume, 40);
+            for (settings, limit) in [(exact_quads(), quads), (full(), tiles)] {
+                let settings = Settings { shading, lighting: lighting.clone(), ..settings };
+                let expected = truth(&volume, &transfer, &camera, &settings);
+                let image = render(&volume, &transfer, &camera, &settings);
+                let error = rms_covered(&image, &expected);
+                let parallel = Lighting {
+                    lights: vec![Light::directional(corner), Light::HEADLIGHT],
+                    ..lighting.clone().unwrap()
+                };
+                let other = Settings { lighting: Some(parallel), ..settings };
+                let effect = rms_covered(&render(&volume, &transfer, &camera, &other), &expected);
+                println!("{shading:?} {projection:?}: {error:e}, effect {effect:e}");
+                assert!(error < limit && effect > 2.0 * error, "{shading:?} {projection:?}: {error:e}, {effect:e}");
+            }
+        }
+    }
+}
+
 /// A ball of radius 6 over a plate 4 thick, in a lattice of 32^3: 1 in them and 0 elsewhere.
 fn ball_over_plate() -> Volume {
     let inside = |i: usize| {
