@@ -122,6 +122,8 @@ pub(super) struct RenderJob {
     pub(super) chooses_material: bool,
     /// Whether studio light was asked for.
     pub(super) studio: bool,
+    /// Whether studio light comes along with the eye, in a turntable.
+    pub(super) light_follows: bool,
     /// Whether the view is oblique if the file states no orientation.
     pub(super) chooses_view: bool,
     pub(super) engine: Engine,
@@ -172,7 +174,7 @@ impl RenderJob {
         let [width, height] = args.size;
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
         region.check_within(args.size)?;
-        let (figure, units) = figure(args.figure, args.size, &settings, &output)?;
+        let (figure, units) = figure(args.figure, args.size, &settings, output.keeps_values())?;
         let composite = settings.model == Model::Composite;
         let chooses_light = args.model.light.is_empty() && composite;
         // Post-shaded, samples would be filtered: noise is left as it is unless that is asked for.
@@ -205,7 +207,8 @@ impl RenderJob {
             chooses_light,
             chooses_sharpness,
             chooses_material: args.model.material.is_none(),
-            studio: args.model.light.contains(&LightArg::Studio),
+            studio: args.model.light.iter().any(|light| matches!(light, LightArg::Studio(_))),
+            light_follows: args.model.light.contains(&LightArg::Studio(true)),
             chooses_view: args.view.says_no_side(),
             engine,
             output,
@@ -227,7 +230,7 @@ fn figure(
     args: FigureArgs,
     size: [u32; 2],
     settings: &Settings,
-    output: &Destination,
+    keeps_values: bool,
 ) -> Result<(Figure, Units), Failure> {
     let FigureArgs { scale_bar, axes, colour_bar: color_bar, title, caption, length_unit, value_unit } = args;
     let figure = Figure { scale_bar, axes, color_bar, title, caption };
@@ -236,7 +239,7 @@ fn figure(
         let message = "--colour-bar shows the colours of values, and with --depth-coded they are those of depths";
         return Err(Failure::Usage(message.to_owned()));
     }
-    if !figure.is_empty() && output.keeps_values() {
+    if !figure.is_empty() && keeps_values {
         let options = "--scale-bar, --axes, --colour-bar, --title and --caption";
         return Err(Failure::Usage(format!("{options} are drawn on a .png: an .exr keeps the values of the picture")));
     }
@@ -332,7 +335,7 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
     if lit.len() < args.light.len() {
         return usage("--light: off does not go with other lights".to_owned());
     }
-    let mut lighting = if lit.contains(&LightArg::Studio) {
+    let mut lighting = if lit.iter().any(|light| matches!(light, LightArg::Studio(_))) {
         if lit.len() > 1 {
             return usage("--light: studio is all of the lights, no other goes with it".to_owned());
         }
@@ -439,6 +442,9 @@ pub(super) struct ParetoJob {
     pub(super) patience: f64,
     pub(super) resume: bool,
     pub(super) rivals: Option<PathBuf>,
+    /// What is drawn on the pictures of the page.
+    pub(super) figure: Figure,
+    pub(super) units: Units,
 }
 
 /// The golden angle, degrees: steps of it spread any number of views evenly.
@@ -452,6 +458,7 @@ impl ParetoJob {
             return Err(Failure::Usage("--response depth is no picture for a report: window shows it".to_owned()));
         }
         Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
+        let (figure, units) = figure(args.figure, args.size, &settings, false)?;
         let turned = |i: u32| {
             let elevations = [0.0, 25.0, -35.0, 55.0, -15.0];
             View {
@@ -478,6 +485,8 @@ impl ParetoJob {
             directory: args.output,
             repeats: args.repeats,
             sample: args.sample,
+            figure,
+            units,
             patience: args.patience,
             resume: args.resume,
             rivals: args.rivals,

@@ -130,11 +130,15 @@ impl Session {
             self.say(format!("note: the file asks for light: --light headlight --material {material}"));
         }
         self.choose_view(job)?;
+        if job.light_follows {
+            place_studio(job)?;
+        }
         let material = fitted.preset.and_then(|preset| preset.material);
         if job.chooses_light && (material.is_some() || job.layers.has_labels()) {
             job.settings.lighting = Some(Lighting::studio(job.view.forward()?, job.view.up));
+            let name = if job.light_follows { "studio:eye" } else { "studio" };
             let surfaces = if material.is_some() { "the preset shows surfaces" } else { "labels have surfaces" };
-            self.say(format!("note: --light studio is taken, as {surfaces}; --light off is without"));
+            self.say(format!("note: --light {name} is taken, as {surfaces}; --light off is without"));
         }
         let Some(material) = material else { return Ok(()) };
         if job.chooses_material {
@@ -157,11 +161,7 @@ impl Session {
         }
         let [azimuth, elevation] = OBLIQUE;
         (job.view.azimuth, job.view.elevation) = (azimuth, elevation);
-        if let Some(lighting) = job.settings.lighting.as_mut().filter(|_| job.studio) {
-            let studio = Lighting::studio(job.view.forward()?, job.view.up);
-            let placed = lighting.lights.iter_mut().zip(studio.lights);
-            placed.for_each(|(light, there)| light.source = there.source);
-        }
+        place_studio(job)?;
         let taken = format!("note: --azimuth {azimuth} --elevation {elevation} is taken");
         self.say(format!("{taken}, as the file states no orientation; --azimuth 0 is the front"));
         Ok(())
@@ -232,6 +232,16 @@ impl Session {
         let drawn = if job.figure.is_empty() { None } else { Some(stages.time("figure", figure)?) };
         Ok(Picture { image, drawn, camera, settings, notes, estimate, stats })
     }
+}
+
+/// Places studio light, if a job asks for it, around its view.
+fn place_studio(job: &mut RenderJob) -> Result<(), Failure> {
+    if let Some(lighting) = job.settings.lighting.as_mut().filter(|_| job.studio) {
+        let studio = Lighting::studio(job.view.forward()?, job.view.up);
+        let placed = lighting.lights.iter_mut().zip(studio.lights);
+        placed.for_each(|(light, there)| light.source = there.source);
+    }
+    Ok(())
 }
 
 impl Prepared {

@@ -139,6 +139,8 @@ fn the_report_is_whole_and_goes_on_where_it_was_interrupted() {
     assert!(read("time-rms.svg").contains("</svg>") && read("time-p999.svg").contains("</svg>"));
     assert!(String::from_utf8_lossy(&output.stdout).contains("report: report/report.html"));
 
+    let small = run(dir.path(), &format!("{command} --scale-bar"));
+    assert!(small.status.code() == Some(2) && said(&small).contains("for a figure"), "{}", said(&small));
     let missing = run(dir.path(), "pareto missing.nrrd -o other");
     assert!(missing.status.code() == Some(1) && !dir.path().join("other").exists(), "{}", said(&missing));
 
