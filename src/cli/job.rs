@@ -7,6 +7,7 @@ use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::figure::Figure;
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image, Region};
+use voxsplat::layers::Layers;
 use voxsplat::lighting::{Light, Lighting, Source};
 use voxsplat::settings::{Model, Painter, QuadsSettings, Response, Settings, TilesSettings};
 use voxsplat::transfer::maps::{self, ColorMap};
@@ -20,6 +21,7 @@ use super::args::{
     StatsFormat, SwitchArg, ViewArgs,
 };
 use super::destination::{Destination, STREAM};
+use super::layers::{LABELS, LayersJob};
 use super::parse::{GradientOpacity, LightArg, Occlusion, PlaceArg};
 use super::preview::Preview;
 use super::scene::SceneFile;
@@ -39,6 +41,8 @@ pub(super) enum TransferChoice {
     Preset(&'static Preset),
     /// From a file, or a colour map.
     Given(Box<Imported>),
+    /// None: values are labels.
+    Labels,
 }
 
 /// A transfer function to be fitted to a volume.
@@ -56,6 +60,13 @@ impl Transfer {
         let window = args.window;
         let given = |imported| TransferChoice::Given(Box::new(imported));
         let choice = match (&args.transfer, &args.colour_map) {
+            (Some(name), _) if name == Path::new(LABELS) => {
+                if window.is_some() || args.gradient_opacity.is_some() {
+                    let message = "--window and --gradient-opacity are for values, not for labels";
+                    return Err(Failure::Usage(message.to_owned()));
+                }
+                TransferChoice::Labels
+            }
             (Some(name), _) => match presets::PRESETS.iter().find(|preset| name == Path::new(preset.name)) {
                 Some(preset) => TransferChoice::Preset(preset),
                 None if is_file_name(name) => given(Imported::load(name)?),
@@ -96,6 +107,7 @@ pub(super) struct RenderJob {
     pub(super) source: PathBuf,
     pub(super) load: LoadOptions,
     pub(super) transfer: Transfer,
+    pub(super) layers: LayersJob,
     pub(super) view: View,
     pub(super) frame: FrameArg,
     /// Width and height of the picture, pixels.
@@ -182,6 +194,15 @@ impl RenderJob {
         let chooses_sharpness =
             args.model.kernel.is_none() && args.model.sharpness.is_none() && composite && !settings.is_post_shaded();
         let transfer = Transfer::new(&args.model)?;
+        let alone = matches!(transfer.choice, TransferChoice::Labels);
+        if alone && (figure.color_bar || args.save_transfer.is_some()) {
+            let message = "--colour-bar and --save-transfer are for transfer functions, not for labels";
+            return Err(Failure::Usage(message.to_owned()));
+        }
+        let layers = LayersJob::new(&args.layers, alone)?;
+        if !layers.is_plain() {
+            Layers::check_settings(&settings)?;
+        }
         let engine = match args.reference {
             true => Engine::Reference,
             false => Engine::Device { adapter: args.adapter },
@@ -190,6 +211,7 @@ impl RenderJob {
             load: args.input.options_for(&args.view, args.size),
             source: args.input.source,
             transfer,
+            layers,
             view,
             frame: frame(&args.view),
             size: args.size,
@@ -462,6 +484,9 @@ impl ParetoJob {
         };
         let views = std::iter::once(first.clone()).chain((1..args.views).map(turned)).collect();
         let transfer = Transfer::new(&args.model)?;
+        if matches!(transfer.choice, TransferChoice::Labels) {
+            return Err(Failure::Usage("--transfer labels is for render and turntable".to_owned()));
+        }
         Ok(Self {
             load: args.input.options_for(&args.view, args.size),
             source: args.input.source,

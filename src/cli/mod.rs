@@ -11,6 +11,7 @@ mod histogram;
 mod info;
 mod job;
 mod kernels;
+mod layers;
 mod manual;
 mod options;
 mod output;

@@ -233,12 +233,13 @@ fn make(
     sender: &SyncSender<Done>,
 ) -> Result<(), Failure> {
     let progress = Remaining::new("frames", wanted.len());
+    let layers = session.layers(first, &fitted.transfer, &mut Stages::default())?;
     for (done, &frame) in wanted.iter().enumerate() {
         progress.at(done, &format!("frame {} of {}", frame + 1, views.len()));
         // Studio light may come with the eye.
         let mut job = RenderJob { view: views[frame as usize].clone(), ..first.clone() };
         session.complete(&mut job, fitted)?;
-        let picture = session.picture(&job, &fitted.transfer, &mut Stages::default())?;
+        let picture = session.picture(&job, &layers, &fitted.transfer, &mut Stages::default())?;
         let image = picture.image().clone();
         if sender.send(Done { frame, image, notes: picture.notes }).is_err() {
             break;

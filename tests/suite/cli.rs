@@ -257,6 +257,32 @@ fn info_in_json_is_one_object() {
 }
 
 #[test]
+fn info_lists_labels() {
+    let dir = folder();
+    let input = ramp(dir.path());
+    std::fs::write(dir.path().join("l.txt"), "7 255 0 0 0.5 1 1 \"Left kidney\"\n").unwrap();
+    let options = format!("info {input} --spacing 1,2,2.5 --labels --label-table l.txt");
+    let text = stdout(&voxsplat(dir.path(), &options));
+    let line = text.lines().find(|line| line.contains("Left kidney")).unwrap();
+    assert_eq!(line.split_whitespace().collect::<Vec<_>>(), ["7", "#ff0000", "0.5", "1", "5", "Left", "kidney"]);
+    assert_eq!(text.lines().count(), 25);
+    let json = voxsplat(dir.path(), &format!("{options} --json"));
+    let listed: serde_json::Value = serde_json::from_slice(&json.stdout).unwrap();
+    assert_eq!((&listed[7]["name"], &listed[7]["voxels"]), (&"Left kidney".into(), &1.into()));
+}
+
+#[test]
+fn options_of_labels_go_together() {
+    let refused = |options: &str, reason: &str| refused(&format!("render demo:sphere:8 -o a.png {options}"), 2, reason);
+    refused("--label 3:off", "--label needs --labels FILE or --transfer labels");
+    refused("--transfer labels --label 3", "expected WHICH:LOOK");
+    refused("--transfer labels --labels a.nrrd", "one of labels itself");
+    refused("--transfer labels --window 1,2", "not for labels");
+    refused("--transfer labels --colour-bar", "not for labels");
+    refused("--transfer labels --shading post", "pre-shaded");
+}
+
+#[test]
 fn the_command_that_info_gives_is_quoted_for_a_shell() {
     let dir = folder();
     std::fs::write(dir.path().join("my scan's.raw"), [0, 1, 2, 3, 4, 5, 6, 7]).unwrap();

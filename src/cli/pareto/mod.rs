@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use voxsplat::camera::{Camera, View};
 use voxsplat::figure::Shown;
 use voxsplat::image::{Background, Image};
+use voxsplat::layers::Layers;
 use voxsplat::report::{
     Errors, Marker, Measurement, Point, Study, Variant, difference_picture, front, plot, today, variants, write_file,
 };
@@ -81,7 +82,7 @@ pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
         fitted.notes().for_each(|note| output::say(note));
         (volume, fitted.transfer)
     };
-    let around = framed(job.frame, &volume, &transfer)?;
+    let around = framed(job.frame, &Layers::of(&volume, &transfer))?;
     let views = job.views.iter().map(|view| View { around: around.clone(), ..view.clone() });
     let cameras: Vec<Camera> =
         views.map(|view| Camera::new(&view, volume.grid(), job.size)).collect::<Result<_, _>>()?;
