@@ -49,6 +49,7 @@ mod framing;
 mod gpu;
 pub mod image;
 pub mod kernel;
+pub mod layers;
 pub mod lighting;
 mod memory;
 mod names;

@@ -14,7 +14,9 @@ use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Reso
 use voxsplat::transfer::Window;
 use voxsplat::volume::{Endian, SampleType};
 
+use super::layers::{LabelArg, label};
 use super::parse::{self, GradientOpacity, LightArg, Occlusion, one_of};
+use super::preview::Preview;
 
 /// Renders voxel volumes by splatting on the GPU.
 #[derive(Debug, Parser)]
@@ -248,7 +250,8 @@ pub(super) struct ModelArgs {
     /// Transfer function: a preset that adapts to the data (ct-bone, ct-skin, ct-muscle, ct-soft-tissue, ct-lung,
     /// angiography, mri, mr-brain, pet, activation, fluorescence, field, grayscale, gray, viridis or inferno), or a
     /// file: this program's JSON, ParaView's JSON or XML, Slicer's .vp, .vp.json or presets.xml, niivue's or napari's
-    /// JSON; #NAME chooses from a file of several [default: suggested by the data; see `voxsplat info`]
+    /// JSON; #NAME chooses from a file of several; or labels: values are labels [default: suggested by the
+    /// data; see `voxsplat info`]
     #[arg(long, value_name = "FILE[#NAME]|PRESET", help_heading = "Model")]
     pub(super) transfer: Option<PathBuf>,
     /// The colours of a map over --window, with a gentle ramp of opacity: gray, viridis, inferno, magma, plasma,
@@ -344,6 +347,29 @@ pub(super) struct ModelArgs {
     pub(super) level: Level,
 }
 
+/// Labels, and what of the volume shows.
+#[derive(Debug, clap::Args)]
+pub(super) struct LayerArgs {
+    /// Draw the labels of a volume on the same lattice too; extinctions add. (A volume of labels alone: --transfer
+    /// labels.) Label 0 is clear. Pre-shaded
+    #[arg(long, value_name = "FILE", help_heading = "Labels")]
+    pub(super) labels: Option<PathBuf>,
+    /// Names, colours and opacities of labels: an ITK-SNAP label description, a 3D Slicer colour table (.ctbl, .csv), a
+    /// FreeSurfer lookup table or a BIDS .tsv [default: distinct colours]
+    #[arg(long, value_name = "FILE", help_heading = "Labels")]
+    pub(super) label_table: Option<PathBuf>,
+    /// What labels look like: WHICH is all, numbers (1,4,7-9) or a name of the table, LOOK an opacity from 0 to 1, on,
+    /// off or a colour. Repeat the option; later ones win: --label all:0.2 --label 3:on
+    #[arg(long, value_name = "WHICH:LOOK", value_parser = label, allow_hyphen_values = true, help_heading = "Labels")]
+    pub(super) label: Vec<LabelArg>,
+    /// Multiply the opacities of all labels by F, 0 to 1
+    #[arg(long, value_name = "F", value_parser = parse::number, help_heading = "Labels")]
+    pub(super) label_opacity: Option<f64>,
+    /// Show the volume only where another one on the same lattice has a label other than 0, or one of LABELS (1,4,7-9)
+    #[arg(long, value_name = "FILE[:LABELS]", help_heading = "Labels")]
+    pub(super) mask: Option<PathBuf>,
+}
+
 /// What draws it.
 #[derive(Debug, clap::Args)]
 pub(super) struct PainterArgs {
@@ -424,6 +450,7 @@ Examples:
   voxsplat render ct.nrrd -o lit.png --transfer ct-bone --shading post --light headlight
   voxsplat render ct.nrrd -o film.png --model xray --response film --azimuth 90
   voxsplat render head.nii.gz -o truth.exr --reference --size 256
+  voxsplat render ct.nrrd -o organs.png --labels organs.nrrd --label-table organs.ctbl --label all:0.5
   voxsplat render ct.nrrd -o figure.png --scale-bar --axes --colour-bar --value-unit HU --title 'A skull'";
 
 /// Render a volume to a picture.
@@ -436,9 +463,13 @@ pub(super) struct RenderArgs {
     pub(super) input: InputArgs,
 
     /// Picture to write: .png, 8 bits per channel, or .exr, 32-bit float with premultiplied alpha; - is a PNG on
-    /// standard output. Needed, unless a scene has outputs of its own
+    /// standard output. Needed, unless there is a --preview or a scene has outputs of its own
     #[arg(short, long, value_name = "FILE", help_heading = "Output")]
     pub(super) output: Option<PathBuf>,
+    /// Show the picture in the terminal: by kitty's or iTerm2's protocol if it is known to take either, otherwise in
+    /// half blocks; put it after VOLUME
+    #[arg(long, value_name = "HOW", num_args = 0..=1, default_missing_value = "auto", help_heading = "Output")]
+    pub(super) preview: Option<Preview>,
     /// Pixels across and down, or one number for both; 1 to 32768
     #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = parse::size, help_heading = "Output")]
     pub(super) size: [u32; 2],
@@ -468,6 +499,8 @@ pub(super) struct RenderArgs {
     pub(super) view: ViewArgs,
     #[command(flatten)]
     pub(super) model: ModelArgs,
+    #[command(flatten)]
+    pub(super) layers: LayerArgs,
     #[command(flatten)]
     pub(super) painter: PainterArgs,
 
@@ -583,6 +616,8 @@ pub(super) struct ParetoArgs {
     #[arg(long, value_name = "FILE", help_heading = "Measurement")]
     pub(super) rivals: Option<PathBuf>,
     #[command(flatten)]
+    pub(super) figure: FigureArgs,
+    #[command(flatten)]
     pub(super) view: ViewArgs,
     #[command(flatten)]
     pub(super) model: ModelArgs,
@@ -596,6 +631,12 @@ pub(super) struct ParetoArgs {
 pub(super) struct InfoArgs {
     #[command(flatten)]
     pub(super) input: InputArgs,
+    /// List labels with their colours, voxels and volumes in place of the rest
+    #[arg(long, help_heading = "Labels")]
+    pub(super) labels: bool,
+    /// Names, colours and opacities of labels, as for render
+    #[arg(long, value_name = "FILE", requires = "labels", help_heading = "Labels")]
+    pub(super) label_table: Option<PathBuf>,
     /// Print one JSON object
     #[arg(long, help_heading = "Output")]
     pub(super) json: bool,

@@ -11,7 +11,7 @@ use voxsplat::volume::{Channel, Grid, Statistics, Volume};
 
 use super::args::{InfoArgs, InputArgs};
 use super::progress::Progress;
-use super::{Failure, histogram, output};
+use super::{Failure, histogram, layers, output};
 
 /// The properties of a volume. Field names are the keys of the JSON.
 #[derive(Serialize)]
@@ -114,6 +114,14 @@ impl Orientation {
 }
 
 pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
+    if args.labels {
+        let mut options = args.input.options();
+        options.replace_nan = options.replace_nan.or(Some(0.0));
+        let volume = formats::load(&args.input.source, &options)?;
+        let listed = layers::list(&volume, &layers::looks(args.label_table.as_deref(), &[], 1.0)?)?;
+        let unit = volume.length_unit().map_or_else(|| "volume".to_owned(), |unit| format!("{unit}^3"));
+        return if args.json { output::print_json(&listed) } else { layers::print(&listed, &unit) };
+    }
     let (volume, statistics) = {
         let _progress = Progress::spinner("reading");
         let options = args.input.options();

@@ -8,7 +8,7 @@ mod sample_type;
 mod statistics;
 mod stored;
 
-pub(crate) use bricks::{Brick, EDGE as BRICK_EDGE, RowCoding};
+pub(crate) use bricks::{Brick, EDGE as BRICK_EDGE, RowCoding, Strip};
 pub use grid::{Grid, MAX_DIM};
 pub(crate) use pyramid::{Level, Pyramid, spread};
 pub use sample_type::{Endian, Sample, SampleType};
@@ -305,6 +305,11 @@ impl Volume {
         stored.replace_non_finite(raw);
         self.data = Arc::new(Data { finite: OnceLock::from(true), ..Data::new(stored) });
         Ok(self)
+    }
+
+    /// Whether another volume has the same samples on the same grid, shared with a clone.
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.data, &other.data) && self.grid == other.grid && self.rescale() == other.rescale()
     }
 
     /// The lattice and its position in the world.

@@ -28,6 +28,7 @@ mod gradient_opacity;
 mod hard;
 mod hard_quads;
 mod hostile;
+mod layers;
 mod post_light;
 mod presets;
 mod projections;

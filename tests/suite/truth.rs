@@ -16,9 +16,10 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::Volume;
 
 /// Files or folders of `src/` on which the reference's pictures depend, without their endings.
-const SOURCES: [&str; 9] = [
+const SOURCES: [&str; 10] = [
     "camera",
     "kernel",
+    "layers",
     "lighting",
     "reconstruction/prefilter",
     "reference",
