@@ -31,9 +31,9 @@
 //! (differences of pictures, speed against error), [`image`] (pictures and their files), [`figure`] (scale bar, axes,
 //! colour bar and title on a picture), `film` (GIF, APNG and Y4M), [`stats`], [`progress`], [`adapter`] and [`error`].
 //!
-//! The features, on by default: `cli` builds the program `voxsplat`; `film` writes films; `hdf5` reads HDF5 and NetCDF;
-//! `jpeg2000` reads JPEG 2000 in DICOM; `report` has plots of speed against error. A library needs
-//! `default-features = false`.
+//! The features, on by default: `cli` builds the program `voxsplat`; `film` writes films; `jpeg2000` reads JPEG 2000 in
+//! DICOM; `report` has plots of speed against error. A library needs `default-features = false`. `hdf5`, which reads HDF5
+//! and NetCDF, is not on by default.
 
 pub mod accuracy;
 pub mod adapter;

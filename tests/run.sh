@@ -6,4 +6,4 @@ cd "$(dirname "$0")/.."
 # shellcheck source=tests/setup.sh
 . ./tests/setup.sh
 [ $# -gt 0 ] || set -- -- --include-ignored
-cargo test --locked "$@"
+cargo test --features hdf5 --locked "$@"

@@ -285,7 +285,7 @@ use hdf5::read as read_hdf5;
 
 #[cfg(not(feature = "hdf5"))]
 fn read_hdf5(input: &Input, _: Option<&str>, _: &LoadOptions) -> Result<Volume> {
-    Err(input.error("is a HDF5 or NetCDF file, and this build has no reader of it: build it with the feature hdf5"))
+    Err(input.error("is a HDF5 or NetCDF file, and this build has no reader of it: build it with --features hdf5"))
 }
 
 /// Reads the sections that are files of a folder.

@@ -217,7 +217,7 @@ fn unpack_jpeg(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<(), S
 
 #[cfg(not(feature = "jpeg2000"))]
 fn unpack_jpeg_2000(_: &[u8], _: Size, _: &mut Vec<u64>) -> Result<(), String> {
-    Err("this build has no decoder of it: build it with the feature jpeg2000".to_owned())
+    Err("this build has no decoder of it: build it with --features jpeg2000".to_owned())
 }
 
 #[cfg(feature = "jpeg2000")]
