@@ -31,8 +31,8 @@
 //! (differences of pictures, speed against error), [`image`] (pictures and their files), [`figure`] (scale bar, axes,
 //! colour bar and title on a picture), `film` (GIF, APNG and Y4M), [`stats`], [`progress`], [`adapter`] and [`error`].
 //!
-//! The features, on by default: `cli` builds the program `voxsplat`; `film` writes films; `report` has plots of speed
-//! against error. A library needs `default-features = false`.
+//! The features, on by default: `cli` builds the program `voxsplat`; `film` writes films; `hdf5` reads HDF5 and NetCDF;
+//! `report` has plots of speed against error. A library needs `default-features = false`.
 
 pub mod accuracy;
 pub mod adapter;

@@ -6,7 +6,7 @@ use clap::builder::NonEmptyStringValueParser;
 use clap::{Parser, Subcommand, ValueEnum};
 use glam::DVec3;
 use voxsplat::film::Format;
-use voxsplat::formats::LoadOptions;
+use voxsplat::formats::{LoadOptions, PyramidLevel};
 use voxsplat::image::{Background, Region};
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::reconstruction::Signal;
@@ -70,8 +70,9 @@ pub(super) enum Command {
 /// The volume, and what its file does not state.
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
-    /// A volume: a file (NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF, DICOM, raw), a folder of DICOM or TIFF files, -
-    /// for standard input, or a built-in volume, demo:NAME[:SIZE]; for render also a scene, FILE.json
+    /// A volume: a file (NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF, DICOM, raw; HDF5 or NetCDF, also as
+    /// FILE:/SET), a folder of DICOM or TIFF files or of Zarr, - for standard input, or a built-in volume,
+    /// demo:NAME[:SIZE]; for render also a scene, FILE.json
     #[arg(value_name = "VOLUME")]
     pub(super) source: PathBuf,
     /// Raw files: samples along x (fastest), y and z
@@ -94,15 +95,34 @@ pub(super) struct InputArgs {
     /// transfer function gives VALUE no opacity
     #[arg(long, value_name = "VALUE", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Input")]
     pub(super) replace_nan: Option<f64>,
-    /// Folders of DICOM files: which of several series, counted from 1; without this option they are listed
+    /// Files of several points in time: which of them, counted from 0 [default: 0]
+    #[arg(long, value_name = "N", help_heading = "Input")]
+    pub(super) time: Option<u32>,
+    /// Folders of DICOM files, or of OME-Zarr by Bio-Formats: which of several series, counted from 1; without this
+    /// option those of DICOM are listed
     #[arg(long, value_name = "N", help_heading = "Input")]
     pub(super) series: Option<u32>,
+    /// OME-Zarr: which level of the pyramid of resolutions, 0 is the finest [default: the coarsest whose samples are no
+    /// coarser than pixels]
+    #[arg(long, value_name = "N", help_heading = "Input")]
+    pub(super) pyramid: Option<u32>,
     /// Read a volume of more than MIB MiB piece by piece from its file, if that is uncompressed
     #[arg(long, value_name = "MIB", default_value_t = 4, help_heading = "Input")]
     pub(super) stream_over: u64,
 }
 
 impl InputArgs {
+    /// The options for a picture: of a pyramid, the level that its pixels need.
+    pub(super) fn options_for(&self, view: &ViewArgs, size: [u32; 2]) -> LoadOptions {
+        let options = self.options();
+        let level = match (self.pyramid, view.view_height) {
+            (Some(_), _) => options.level,
+            (None, Some(height)) => PyramidLevel::PixelSize(height / view.zoom / f64::from(size[1])),
+            (None, None) => PyramidLevel::Pixels(f64::from(size[0].max(size[1])) * view.zoom),
+        };
+        LoadOptions { level, ..options }
+    }
+
     pub(super) fn options(&self) -> LoadOptions {
         LoadOptions {
             dims: self.dims,
@@ -111,7 +131,10 @@ impl InputArgs {
             endian: self.endian,
             offset: self.offset,
             replace_nan: self.replace_nan,
+            time: self.time,
+            channel: None,
             series: self.series,
+            level: self.pyramid.map_or(LoadOptions::default().level, PyramidLevel::At),
             stream_over: self.stream_over.saturating_mul(1 << 20),
         }
     }

@@ -195,7 +195,7 @@ impl RenderJob {
             false => Engine::Device { adapter: args.adapter },
         };
         Ok(Self {
-            load: args.input.options(),
+            load: args.input.options_for(&args.view, args.size),
             source: args.input.source,
             transfer,
             layers,
@@ -474,7 +474,7 @@ impl ParetoJob {
             return Err(Failure::Usage("--transfer labels is for render and turntable".to_owned()));
         }
         Ok(Self {
-            load: args.input.options(),
+            load: args.input.options_for(&args.view, args.size),
             source: args.input.source,
             transfer,
             views,

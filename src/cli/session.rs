@@ -6,7 +6,7 @@ use voxsplat::accuracy::Estimate;
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::demos;
 use voxsplat::figure::Shown;
-use voxsplat::formats;
+use voxsplat::formats::{self, LoadOptions, PyramidLevel};
 use voxsplat::image::{Image, Note};
 use voxsplat::layers::Layers;
 use voxsplat::lighting::Lighting;
@@ -15,7 +15,7 @@ use voxsplat::renderer::{Renderer, RendererOptions, Scene};
 use voxsplat::settings::Settings;
 use voxsplat::stats::Stats;
 use voxsplat::transfer::TransferFunction;
-use voxsplat::volume::Volume;
+use voxsplat::volume::{Contents, Volume};
 
 use super::args::FrameArg;
 use super::info::short;
@@ -75,6 +75,21 @@ impl Picture {
     }
 }
 
+/// Tells which of the volumes of a file was taken if that was not asked for.
+pub(super) fn say_choice(volume: &Volume, options: &LoadOptions) {
+    let Contents { times, level, levels, .. } = volume.contents();
+    if *times > 1 && options.time.is_none() {
+        output::say(&format!("note: --time 0: the file holds {times} points in time, 0 to {}", times - 1));
+    }
+    if *levels > 1 && !matches!(options.level, PyramidLevel::At(_)) {
+        let [x, y, z] = volume.grid().dims();
+        let most = levels - 1;
+        output::say(&format!(
+            "note: --pyramid {level}: {x} x {y} x {z} samples are as fine as pixels; levels 0 to {most}"
+        ));
+    }
+}
+
 impl Session {
     /// Reads the volume of a job and opens its device. The transfer function is that of the job.
     pub(super) fn open(job: &RenderJob, stages: &mut Stages) -> Result<(Self, Fitted), Failure> {
@@ -102,6 +117,7 @@ impl Session {
         });
         drop(progress);
         let (volume, fitted) = read?;
+        say_choice(&volume, &job.load);
         stages.append(opening);
         let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
         let renderer = opened.transpose()?;

@@ -49,3 +49,4 @@ mod tiles_hard;
 mod tiles_rays;
 mod transfer;
 mod truth;
+mod zarr;

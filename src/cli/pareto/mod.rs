@@ -18,6 +18,7 @@ use super::job::ParetoJob;
 use super::options::{command_line, options_of, without};
 use super::progress::{Progress, Remaining};
 use super::render::{Stages, framed, transfer, with_units};
+use super::session::say_choice;
 use super::stderr::silenced;
 use super::{Failure, output};
 
@@ -76,6 +77,7 @@ pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
         let volume = with_units(formats::load(&job.source, &job.load)?, &job.units);
+        say_choice(&volume, &job.load);
         let fitted = transfer(&job.source, &job.transfer, &volume, &mut Stages::default())?;
         fitted.notes().for_each(|note| output::say(note));
         (volume, fitted.transfer)
