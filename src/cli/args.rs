@@ -16,6 +16,7 @@ use voxsplat::volume::{Endian, SampleType};
 
 use super::layers::{LabelArg, label};
 use super::parse::{self, GradientOpacity, LightArg, Occlusion, one_of};
+use super::preview::Preview;
 
 /// Renders voxel volumes by splatting on the GPU.
 #[derive(Debug, Parser)]
@@ -462,9 +463,13 @@ pub(super) struct RenderArgs {
     pub(super) input: InputArgs,
 
     /// Picture to write: .png, 8 bits per channel, or .exr, 32-bit float with premultiplied alpha; - is a PNG on
-    /// standard output. Needed, unless a scene has outputs of its own
+    /// standard output. Needed, unless there is a --preview or a scene has outputs of its own
     #[arg(short, long, value_name = "FILE", help_heading = "Output")]
     pub(super) output: Option<PathBuf>,
+    /// Show the picture in the terminal: by kitty's or iTerm2's protocol if it is known to take either, otherwise in
+    /// half blocks; put it after VOLUME
+    #[arg(long, value_name = "HOW", num_args = 0..=1, default_missing_value = "auto", help_heading = "Output")]
+    pub(super) preview: Option<Preview>,
     /// Pixels across and down, or one number for both; 1 to 32768
     #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = parse::size, help_heading = "Output")]
     pub(super) size: [u32; 2],

@@ -23,6 +23,7 @@ use super::args::{
 use super::destination::{Destination, STREAM};
 use super::layers::{LABELS, LayersJob};
 use super::parse::{GradientOpacity, LightArg, Occlusion, PlaceArg};
+use super::preview::Preview;
 use super::scene::SceneFile;
 
 /// The default space around what is fitted, if there are texts above or below.
@@ -128,6 +129,8 @@ pub(super) struct RenderJob {
     pub(super) chooses_view: bool,
     pub(super) engine: Engine,
     pub(super) output: Destination,
+    /// How it is shown in the terminal too.
+    pub(super) preview: Option<Preview>,
     pub(super) background: Background,
     pub(super) figure: Figure,
     /// What replaces the units of the file.
@@ -144,12 +147,22 @@ pub(super) struct RenderJob {
 impl RenderJob {
     /// A picture that goes where its arguments say.
     pub(super) fn new(mut args: RenderArgs) -> Result<Self, Failure> {
-        let Some(output) = args.output.take() else {
-            return Err(Failure::Usage("--output FILE is missing: where the picture goes (see --help)".to_owned()));
+        let output = match (args.output.take(), args.preview) {
+            (Some(output), _) => Destination::checked(output)?,
+            (None, Some(_)) => Destination::Preview,
+            (None, None) => {
+                let missing = "--output FILE is missing: where the picture goes (see --help)";
+                return Err(Failure::Usage(missing.to_owned()));
+            }
         };
-        let output = Destination::checked(output)?;
         if output == Destination::Stdout && args.stats.is_some() {
             return Err(Failure::Usage("--stats: standard output takes the picture".to_owned()));
+        }
+        if output == Destination::Stdout && args.preview.is_some() {
+            return Err(Failure::Usage("--preview: standard output takes the picture".to_owned()));
+        }
+        if args.preview.is_some() && args.stats == Some(StatsFormat::Json) {
+            return Err(Failure::Usage("--preview: standard output takes --stats json".to_owned()));
         }
         Self::with_output(args, output)
     }
@@ -212,6 +225,7 @@ impl RenderJob {
             chooses_view: args.view.says_no_side(),
             engine,
             output,
+            preview: args.preview.map(Preview::resolved).transpose()?,
             background: args.background,
             figure,
             units,

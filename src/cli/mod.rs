@@ -17,6 +17,7 @@ mod options;
 mod output;
 mod pareto;
 mod parse;
+mod preview;
 mod progress;
 mod render;
 mod scene;

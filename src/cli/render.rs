@@ -76,6 +76,9 @@ pub(super) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
         let picture = session.picture(&job, &layers, &fitted.transfer, &mut stages)?;
         let image = picture.image();
         stages.time("encode", || job.output.write(image, job.background, &picture.notes))?;
+        if let Some(preview) = job.preview {
+            preview.show(image, job.background)?;
+        }
         if let Some(scene) = &job.save_scene {
             scene.save(&job, &fitted)?;
         }

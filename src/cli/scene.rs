@@ -31,7 +31,7 @@ const VERSION: &str = "voxsplat";
 const OUTPUTS: &str = "outputs";
 
 /// Options that say where a picture goes and what is told of it, not what it shows.
-const OF_A_RUN: [&str; 6] = ["output", "save-scene", "save-transfer", "stats", "quiet", "help"];
+const OF_A_RUN: [&str; 7] = ["output", "preview", "save-scene", "save-transfer", "stats", "quiet", "help"];
 /// Options that pictures of one volume and one device share, besides those of the input.
 const SHARED: [&str; 5] = ["adapter", "reference", "length-unit", "value-unit", "save-scene"];
 /// Options that make the transfer function.

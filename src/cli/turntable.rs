@@ -114,8 +114,8 @@ impl TurntableJob {
         let Some(mut first) = jobs.pop().filter(|_| jobs.is_empty()) else {
             return usage("a turntable takes a scene of one picture");
         };
-        if first.stats.is_some() || first.verify || first.save_scene.is_some() {
-            return usage("--stats, --verify and --save-scene are for a picture, not for a turntable");
+        if first.stats.is_some() || first.verify || first.save_scene.is_some() || first.preview.is_some() {
+            return usage("--stats, --verify, --preview and --save-scene are for a picture, not for a turntable");
         }
         // It looks from all sides.
         first.chooses_view = false;

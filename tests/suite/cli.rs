@@ -573,10 +573,10 @@ fn lights_that_cannot_be_are_refused() {
         ("--light headlight --shadows on", "a headlight casts none"),
         ("--light 20,30 --light-size 4", "--light-size shows in shadows alone"),
         ("--light studio --light headlight", "no other goes with it"),
-        ("--light 20", "expected off, studio, headlight, AZ,EL"),
-        ("--light @1,2", "expected off, studio, headlight, AZ,EL"),
+        ("--light 20", "expected off, studio, studio:eye, headlight, AZ,EL"),
+        ("--light @1,2", "expected off, studio, studio:eye, headlight, AZ,EL"),
         ("--light @1,2,3 --shadows on --light-size 4", "a light at a place is a point"),
-        ("--light 20,30:bright", "expected off, studio, headlight, AZ,EL"),
+        ("--light 20,30:bright", "expected off, studio, studio:eye, headlight, AZ,EL"),
         ("--light 20,30 --occlusion far", "expected off or a radius in voxels"),
     ] {
         refused(&format!("render demo:sphere:8 -o out.png {arguments}"), 2, reason);
@@ -615,6 +615,19 @@ fn stats_of_the_device_are_a_table_or_one_object() {
         let mut columns = voxels.split_whitespace();
         assert_eq!((columns.next(), columns.next()), (Some(grouped(kept).as_str()), Some(grouped(dropped).as_str())));
     }
+}
+
+#[test]
+fn a_preview_is_printed_where_it_is_asked_for() {
+    let dir = folder();
+    let text = stdout(&rendered(dir.path(), "demo:sphere:8 --size 16 --preview blocks"));
+    assert_eq!((text.lines().count(), text.matches('\u{2580}').count()), (8, 128));
+    let both = stdout(&rendered(dir.path(), "demo:sphere:8 --size 16 --preview kitty -o a.png"));
+    assert!(both.starts_with("\x1b_Ga=T,f=100,") && dir.path().join("a.png").is_file());
+    refused("render demo:sphere:8 --preview", 2, "standard output is no terminal");
+    refused("render demo:sphere:8 --preview blocks -o -", 2, "standard output takes the picture");
+    refused("render demo:sphere:8 --preview blocks --stats json", 2, "standard output takes --stats json");
+    refused("turntable demo:sphere:8 --frames 4 -o a.gif --preview blocks", 2, "not for a turntable");
 }
 
 #[test]
