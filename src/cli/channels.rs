@@ -9,9 +9,9 @@ use voxsplat::layers::Layer;
 use voxsplat::transfer::{ControlPoint, TransferFunction, Window};
 use voxsplat::volume::{Channel, SampleType, Statistics, Volume};
 
+use super::Failure;
 use super::info::short;
 use super::job::{Transfer, TransferChoice};
-use super::{Failure, output};
 
 /// A channel to be drawn.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,23 +46,39 @@ const COLOR_TOP: f64 = 0.4;
 /// Steps of the ramp of opacity, which is the square of the place in the window.
 const STEPS: u32 = 16;
 
-/// The volume of a job, and what is drawn in place of its values if it has several channels.
+/// What a file holds.
+pub(super) struct Loaded {
+    /// The volume, or the first of its channels.
+    pub(super) volume: Volume,
+    /// What is drawn in place of its values, if there are several channels.
+    pub(super) layers: Vec<Layer>,
+    /// For the user: how.
+    pub(super) note: Option<String>,
+}
+
+impl From<Volume> for Loaded {
+    fn from(volume: Volume) -> Self {
+        Self { volume, layers: Vec::new(), note: None }
+    }
+}
+
+/// Reads the volume of a job, and of several channels those that it asks for.
 pub(super) fn load(
     source: &Path,
     options: &LoadOptions,
     asked: &[ChannelArg],
     transfer: &Transfer,
-) -> Result<(Volume, Vec<Layer>), Failure> {
+) -> Result<Loaded, Failure> {
     let of = |number: u32| formats::load(source, &LoadOptions { channel: Some(number), ..*options });
     let values = matches!(transfer.choice, TransferChoice::Suggested) || transfer.is_window();
     if let [only] = asked
         && (only.color.is_none() || !values)
     {
-        return Ok((of(only.number)?, Vec::new()));
+        return Ok(of(only.number)?.into());
     }
     // What the file holds the first of its channels tells.
     let first = match (asked, values) {
-        ([], false) => return Ok((formats::load(source, options)?, Vec::new())),
+        ([], false) => return Ok(formats::load(source, options)?.into()),
         ([], true) => of(0)?,
         ([first, ..], true) => of(first.number)?,
         (_, false) => {
@@ -72,17 +88,17 @@ pub(super) fn load(
     };
     let contents = first.contents().clone();
     if asked.is_empty() && contents.channels == 1 {
-        return Ok((first, Vec::new()));
+        return Ok(first.into());
     }
     let named = |at: usize, name: &str| contents.labels.get(at).and_then(|l| l.name.as_deref()) == Some(name);
     if asked.is_empty() && ["red", "green", "blue"].into_iter().enumerate().all(|(at, name)| named(at, name)) {
         let alpha = (contents.channels == 4).then(|| of(3)).transpose()?;
         let layer = colors([&first, &of(1)?, &of(2)?], alpha.as_ref(), transfer.window.as_ref())?;
-        return Ok((first, vec![layer]));
+        return Ok(Loaded { volume: first, layers: vec![layer], note: None });
     }
     if asked.is_empty() && contents.channels > MOST {
         // Its error says how many there are.
-        return Ok((formats::load(source, options)?, Vec::new()));
+        return Ok(formats::load(source, options)?.into());
     }
     let all: Vec<ChannelArg> = match asked {
         [] => (0..contents.channels).map(|number| ChannelArg { number, color: None }).collect(),
@@ -104,8 +120,8 @@ pub(super) fn load(
     if layers.is_empty() {
         return Err(Error::Volume("all values of every channel are the same".to_owned()).into());
     }
-    output::say(&format!("note: --channel {}", said.join(", --channel ")));
-    Ok((first, layers))
+    let note = Some(format!("note: --channel {}", said.join(", --channel ")));
+    Ok(Loaded { volume: first, layers, note })
 }
 
 /// The values that a channel is shown from and to: those asked for, those of its file, those of its foreground.

@@ -111,13 +111,13 @@ impl Session {
             });
             let mut read = || {
                 let load = || channels::load(&job.source, &job.load, &job.channels, &job.transfer);
-                let (volume, channels) = stages.time("load", load)?;
+                let channels::Loaded { volume, layers, note } = stages.time("load", load)?;
                 let volume = with_units(volume, &job.units);
-                let fitted = match channels.as_slice() {
+                let fitted = match layers.as_slice() {
                     [] => transfer(&job.source, &job.transfer, &volume, stages)?,
-                    _ => Fitted::clear()?,
+                    _ => Fitted { notes: note.into_iter().collect(), ..Fitted::clear()? },
                 };
-                Ok::<_, Failure>((volume, channels, fitted))
+                Ok::<_, Failure>((volume, layers, fitted))
             };
             (read(), device.map(|thread| thread.join()))
         });

@@ -112,9 +112,9 @@ impl Layer {
         Ok(Self { matter: Matter::Labels { volume: volume.clone(), looks: looks.into() }, mask: None })
     }
 
-    /// Voxels in colours of their own: red, green and blue, `white` where they are brightest. The transfer function says
-    /// how opaque they are, by their `alpha` or, if there is none, by their luminance (ITU-R BT.709); its colours do not
-    /// count.
+    /// Voxels in colours of their own: red, green and blue, `white` where they are brightest. The transfer function
+    /// says how opaque they are, by their `alpha` or, if there is none, by their luminance (ITU-R BT.709); its colours
+    /// do not count.
     ///
     /// # Errors
     /// [`Error::Setting`] if the lattices differ or `white` is not over 0.
