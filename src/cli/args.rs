@@ -285,6 +285,9 @@ pub(super) struct ModelArgs {
     /// transfer function tells how bright they are
     #[arg(long, help_heading = "Model")]
     pub(super) depth_coded: bool,
+    /// Projection mip: what is farther away counts less, down to exp(-A) of itself at the far end of the box, 0 to 20
+    #[arg(long, value_name = "A", default_value_t = 0.0, value_parser = parse::number, help_heading = "Model")]
+    pub(super) attenuation: f64,
     /// Classify and light voxels before reconstruction (pre: fast) or pixels after it (post: sharp)
     #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = one_of(Shading::ALL, Shading::name),
         help_heading = "Model")]

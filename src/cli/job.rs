@@ -266,6 +266,7 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         model: model.model,
         response: model.response,
         depth_coded: model.depth_coded,
+        attenuation: model.attenuation,
         shading: model.shading,
         lighting: lighting(model, view)?,
         interslice: model.interslice,

@@ -97,7 +97,7 @@ use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
 use cells::Map;
 use classify::{Bricks, Splats};
-use integrate::{Accuracy, Classified, Classifier, Emission, Integral, Maximum};
+use integrate::{Accuracy, Classified, Classifier, Emission, Fade, Integral, Maximum};
 use profile::{Gauss, Profile};
 use walk::{Cuts, LatticeRay, Scratch, Sight, Sizes, Viewer, Walk, blocks};
 
@@ -134,6 +134,7 @@ pub struct Reference {
     accuracy: Accuracy,
     antialiasing: bool,
     depth_coded: bool,
+    attenuation: f64,
     method: Method,
     /// If light is found at every point: the field that it passes, and the lights.
     light: Option<Box<(Self, Casting)>>,
@@ -223,6 +224,7 @@ impl Reference {
             },
             antialiasing: settings.antialiasing,
             depth_coded: settings.depth_coded,
+            attenuation: settings.attenuation,
             method,
             light: None,
             progress: Progress::default(),
@@ -405,6 +407,15 @@ impl Reference {
         0.5 + gradient.dot(place - (dims - 1.0) / 2.0) / gradient.abs().dot(dims)
     }
 
+    /// What a maximum is attenuated by along a ray.
+    fn fade(&self, forward: DVec3, ray: &LatticeRay) -> Fade {
+        if self.attenuation <= 0.0 {
+            return Fade::default();
+        }
+        let [start, next] = [0.0, 1.0].map(|place| self.depth(forward, ray.origin + ray.direction * place));
+        Fade { start: self.attenuation * start, slope: (self.attenuation * (next - start)).max(0.0) }
+    }
+
     /// The pixel of the sum of splats that a projection keeps, coded by its depth if there is one.
     fn projected(&self, transfer: &TransferFunction, sum: f64, depth: Option<f64>) -> RayIntegral {
         let most = transfer.max_opacity();
@@ -567,7 +578,8 @@ impl Rays<'_> {
                 classified.sum
             }
             Method::Maximum(transfer) => {
-                let mut maximum = Maximum { largest: None, place: ray.start, position: ray.start };
+                let fade = reference.fade(self.forward, &ray);
+                let mut maximum = Maximum { largest: None, place: ray.start, position: ray.start, fade };
                 let mut search = |maximum: &mut Maximum, part: LatticeRay| {
                     maximum.position = part.start;
                     self.blocks(part, scratch, |block, cuts| {

@@ -90,6 +90,7 @@ fn key(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: 
         model,
         response,
         depth_coded,
+        attenuation,
         shading,
         lighting,
         antialiasing,
@@ -98,7 +99,8 @@ fn key(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: 
         sharpness,
         ..
     } = settings;
-    let model = (model, response, depth_coded, shading, lighting, antialiasing, kernel, normalization, sharpness);
+    let model =
+        (model, response, depth_coded, attenuation, shading, lighting, antialiasing, kernel, normalization, sharpness);
     hash.add(format!("{:?} {transfer:?} {camera:?} {model:?}", volume.grid()).as_bytes());
     hash.0
 }
