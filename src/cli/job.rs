@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::clip::Clip;
 use voxsplat::figure::Figure;
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image, Region};
@@ -229,6 +230,7 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         depth_coded: model.depth_coded,
         shading: model.shading,
         lighting: lighting(model, view)?,
+        clip: Clip::default(),
         interslice: model.interslice,
         termination: model.termination,
         antialiasing: model.antialiasing == SwitchArg::On,

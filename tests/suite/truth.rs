@@ -16,8 +16,9 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::Volume;
 
 /// Files or folders of `src/` on which the reference's pictures depend, without their endings.
-const SOURCES: [&str; 9] = [
+const SOURCES: [&str; 10] = [
     "camera",
+    "clip",
     "kernel",
     "lighting",
     "reconstruction/prefilter",

@@ -60,11 +60,13 @@ impl ShadeStage {
         let thins = ("GRADIENT_OPACITY", flag(key.thins));
         let constants = [("PERSPECTIVE", flag(key.perspective)), ("SHEETS", f64::from(key.sheets_per_pass))];
         let shadows = ("SHADOWS", flag(key.post_shadows));
-        let shading = [("LIGHTS", f64::from(key.lights)), ("SAMPLES", f64::from(key.samples)), crowded, thins, shadows];
+        let clip = ("CLIP_PLANES", f64::from(key.clip_planes));
+        let shading =
+            [clip, ("LIGHTS", f64::from(key.lights)), ("SAMPLES", f64::from(key.samples)), crowded, thins, shadows];
         let shading = [&constants[..], &shading].concat();
         let mean = ("MEAN", flag(key.feed == Feed::Mean));
         let coded = ("DEPTH_CODED", flag(key.depth_coded));
-        let projection = [&constants[..], &[mean, coded]].concat();
+        let projection = [&constants[..], &[clip, mean, coded]].concat();
         let (entry, constants) = if key.feed.projects() { ("project", &projection) } else { ("shade", &shading) };
         let shade = compute(context, &shader, "shade", entry, &shade_layout, constants);
         let (resolve_layout, resolve) = if key.feed.projects() {

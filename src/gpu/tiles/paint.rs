@@ -9,7 +9,7 @@ use super::super::view::{ScalarNeed, ViewGeometry, Weights};
 use super::axis::PrincipalAxis;
 use super::layers::Layers;
 use super::pack::{Lit, Packed, Packing, Voxel};
-use super::parts::{Footprint, Sections, SlabKind};
+use super::parts::{Cuts, Footprint, Sections, SlabKind};
 use super::rays::{Classification, FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
 use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
@@ -119,6 +119,7 @@ pub(super) struct Way {
     pub(super) axis: PrincipalAxis,
     packing: Packing,
     sections: Sections,
+    cuts: Cuts,
 }
 
 impl<'a> Picture<'a> {
@@ -163,7 +164,13 @@ impl<'a> Picture<'a> {
         };
         let ways = axes.into_iter().zip(packings).filter(|(_, packing)| !packing.is_empty()).map(|(axis, packing)| {
             let sections = Sections::new(&kernel, &view.camera, &axis, kind, view.depth_growth().1);
-            Way { axis, packing, sections }
+            let cuts = match kind {
+                SlabKind::Colors | SlabKind::DenseColors if !view.clip.is_empty() => {
+                    Cuts::new(&kernel, &view.camera, &axis, kind, view.depth_growth().1)
+                }
+                _ => Cuts::NONE,
+            };
+            Way { axis, packing, sections, cuts }
         });
         let ways = ways.collect();
         let lighting = view.lighting(settings.lighting.as_ref());
@@ -203,6 +210,7 @@ impl<'a> Picture<'a> {
             // n texels serve a reach of up to n - 1/2 voxels; of the largest kernels, along the rays that lean most,
             // it is 5.9.
             texels: (self.ways.iter().map(reach).fold(0.0, f64::max) + 0.5).floor().clamp(2.0, 6.0) as u32 + 1,
+            clip_planes: view.clip.len() as u32,
             rays: match self.is_resampled() {
                 _ if self.is_layered() => RayKind::Layered,
                 true if view.is_perspective() => RayKind::Coarser,
@@ -335,7 +343,7 @@ impl<'a> Picture<'a> {
         Ok(Arc::new(pipelines.packer.run(recorder, stores, packing, &lit, weights.max, over)?))
     }
 
-    fn setup<'s>(&'s self, Way { axis, packing, sections }: &'s Way) -> RaySetup<'s> {
+    fn setup<'s>(&'s self, Way { axis, packing, sections, cuts }: &'s Way) -> RaySetup<'s> {
         let Job { view, settings, weights, post, padding, .. } = self.job;
         let scalars = post.map(|post| Classification {
             invisible: post.table.invisible,
@@ -351,11 +359,12 @@ impl<'a> Picture<'a> {
         RaySetup {
             camera: &view.camera,
             size: view.camera.size,
-            volume: PackedBox { grid: &view.grid, packing: *packing, padding, faces: view.faces },
+            volume: PackedBox { grid: &view.grid, packing: *packing, padding, faces: view.faces, clip: &view.clip },
             kernel: FittedKernel {
                 kernel: self.kernel,
                 footprint: &self.footprint,
                 sections,
+                cuts,
                 growth,
                 most,
                 fade: view.fade,

@@ -12,8 +12,9 @@ use super::super::view::{Fade, half};
 use super::Block;
 use super::axis::{PrincipalAxis, smoothstep, unordered};
 use super::pack::Packing;
-use super::parts::{Footprint, Sections};
+use super::parts::{Cuts, Footprint, Sections};
 use crate::camera::{Camera, Growth, Projection};
+use crate::clip::Side;
 use crate::image::Region;
 use crate::kernel::{Kernel, section};
 use crate::volume::Grid;
@@ -63,6 +64,8 @@ pub(super) struct PackedBox<'a> {
     pub(super) padding: u32,
     /// See [`ViewGeometry::faces`](super::super::view::ViewGeometry).
     pub(super) faces: DVec3,
+    /// What is not cut away.
+    pub(super) clip: &'a [Side],
 }
 
 /// A kernel as rays evaluate it.
@@ -71,6 +74,7 @@ pub(super) struct FittedKernel<'a> {
     pub(super) kernel: Kernel,
     pub(super) footprint: &'a Footprint,
     pub(super) sections: &'a Sections,
+    pub(super) cuts: &'a Cuts,
     /// How it grows with its depth before an eye, and the largest growth. The growth of parallel rays is the kernel's.
     pub(super) growth: Growth,
     pub(super) most: f64,
@@ -128,6 +132,16 @@ impl PackedBox<'_> {
         DAffine3::from_mat3_translation(DMat3::from_cols(x, y, z), zero).inverse()
     }
 
+    /// The planes that cut rays, as linear functions of (a, b, plane).
+    fn clip_planes(&self, axis: &PrincipalAxis) -> layout::ClipPlanes {
+        let to_lattice = self.map_to_lattice(axis);
+        let origin = to_lattice.translation - half(self.grid);
+        let plane = |(gradient, value): &Side| {
+            (to_lattice.matrix3.transpose() * *gradient).extend(gradient.dot(origin) + value)
+        };
+        layout::clip_planes(self.clip.iter().map(plane))
+    }
+
     /// The box of what shows, as its least and largest (a, b, plane).
     fn bounds(&self, axis: &PrincipalAxis) -> [DVec3; 2] {
         let ends = [-self.faces, self.faces].map(|end| half(self.grid) + end);
@@ -172,7 +186,7 @@ impl RaySetup<'_> {
     /// The uniforms that do not depend on the projection; 0 where they do.
     fn uniforms(&self, axis: &PrincipalAxis, region: Region) -> layout::Rays {
         let PackedBox { grid, packing, .. } = self.volume;
-        let FittedKernel { kernel, footprint, sections, most, .. } = self.kernel;
+        let FittedKernel { kernel, footprint, sections, cuts, most, .. } = self.kernel;
         let radius = kernel.radius();
         let coefficient = |n: usize| footprint.coefficients.get(n).map_or(0.0, |&c| c as f32);
         // View coordinates of a gradient along each axis of the lattice: the transpose of what maps view to lattice.
@@ -211,6 +225,9 @@ impl RaySetup<'_> {
             fade_in,
             fade_out,
             sections: sections.0,
+            clip_planes: self.volume.clip_planes(axis),
+            cut_steps: cuts.steps as f32,
+            cuts: cuts.tables,
             ..layout::Rays::zeroed()
         };
         match self.scalars {
