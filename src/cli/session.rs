@@ -2,6 +2,7 @@
 
 use voxsplat::accuracy::Estimate;
 use voxsplat::camera::{Camera, Hull, View};
+use voxsplat::clip::Clip;
 use voxsplat::demos;
 use voxsplat::figure::Shown;
 use voxsplat::formats;
@@ -37,7 +38,7 @@ pub(super) struct Session {
     /// What the last picture was made of.
     prepared: Option<Prepared>,
     /// What the last picture was fitted to, and how that was found.
-    framed: Option<(FrameArg, TransferFunction, Option<Hull>)>,
+    framed: Option<(FrameArg, Clip, TransferFunction, Option<Hull>)>,
     /// What the user has been told.
     said: Vec<String>,
 }
@@ -125,6 +126,7 @@ impl Session {
             self.say(format!("note: the file asks for light: --light headlight --material {material}"));
         }
         self.choose_view(job)?;
+        job.settings.clip = job.clip.of(&self.volume)?;
         let Some(material) = fitted.preset.and_then(|preset| preset.material) else { return Ok(()) };
         if job.chooses_light {
             job.settings.lighting = Some(Lighting::studio(job.view.forward()?, job.view.up));
@@ -167,11 +169,12 @@ impl Session {
         transfer: &TransferFunction,
         stages: &mut Stages,
     ) -> Result<Picture, Failure> {
+        let inside = &job.settings.clip;
         let around = match &self.framed {
-            Some((frame, of, hull)) if *frame == job.frame && of == transfer => hull.clone(),
-            _ => stages.time("framing", || framed(job.frame, &self.volume, transfer))?,
+            Some((frame, clip, of, hull)) if *frame == job.frame && clip == inside && of == transfer => hull.clone(),
+            _ => stages.time("framing", || framed(job.frame, &self.volume, transfer, inside))?,
         };
-        self.framed = Some((job.frame, transfer.clone(), around.clone()));
+        self.framed = Some((job.frame, inside.clone(), transfer.clone(), around.clone()));
         let camera = Camera::new(&View { around, ..job.view.clone() }, self.volume.grid(), job.size)?;
         let (image, settings, estimate, stats) = match &self.renderer {
             Some(renderer) => {

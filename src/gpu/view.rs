@@ -207,6 +207,15 @@ impl ViewGeometry {
         middle + reach > fade.begins[0] && middle - reach < fade.ends[1]
     }
 
+    /// Whether voxels of a box may take part in what is not cut away. The box is that of a lattice which has so many
+    /// copies beyond its faces: so far beyond kernels scalars matter.
+    pub(super) fn may_show(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
+        let [low, high] = bounds.map(|p| DVec3::from_array(p.map(f64::from)) - f64::from(padding) - half(&self.grid));
+        let (middle, size) = ((low + high - 1.0) / 2.0, (high - low - 1.0) / 2.0);
+        let reach = self.max_radius() + f64::from(padding);
+        self.clip.iter().all(|(gradient, value)| gradient.dot(middle) + value + gradient.abs().dot(size) + reach >= 0.0)
+    }
+
     /// The growth of every kernel along parallel rays; 1 in perspective.
     pub(super) fn parallel_growth(&self) -> f64 {
         if self.is_perspective() { 1.0 } else { self.max_growth() }

@@ -7,6 +7,7 @@ use std::process::{Command, Output, Stdio};
 use glam::DVec3;
 use tempfile::TempDir;
 use voxsplat::camera::{Hull, ProjectionKind, View};
+use voxsplat::clip::Clip;
 use voxsplat::image::{Background, Image};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Resolution, Settings, Shading};
@@ -382,7 +383,7 @@ fn assert_sphere(dir: &Path, arguments: &str, view: &View, settings: &Settings, 
     let output = rendered(dir, &format!("demo:sphere:24 --size 40x32 {arguments} -o program.png"));
     assert!(output.stdout.is_empty() && output.stderr.is_empty(), "{arguments}: {output:?}");
     let (volume, transfer) = demo("sphere", 24);
-    let around = Hull::of_visible(&volume, &transfer).unwrap();
+    let around = Hull::of_visible(&volume, &transfer, &Clip::default()).unwrap();
     let camera = look(&View { around, ..view.clone() }, &volume, [40, 32]);
     let image = picture(&volume, &transfer, &camera, settings).image;
     assert!(image.pixels().iter().any(|p| p[3] > 0.1));

@@ -150,6 +150,7 @@ impl<'a> Picture<'a> {
             let pyramid = axis.pyramid(&view.camera, &view.grid, view.camera.size, job.padding);
             let seen = |bounds| {
                 view.layer_holds(bounds, job.padding)
+                    && view.may_show(bounds, job.padding)
                     && pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, view.max_radius() + 1.0))
             };
             Packing::new(context, stores, dims, whole, seen, axis.axes, voxel)
