@@ -83,51 +83,29 @@ fn parts_of(section: Section, sums: Moments) -> Parts {
     );
 }
 
-// A table of cuts at a place so far before the plane of kernels, between the leans of two tables. `power` is 0 for the
-// values of kernels as asked for, 1 and 2 for what growth changes.
-fn cut_between(power: u32, place: f32, lean: vec2f) -> vec3f {
-    // The last step ends just before the last entry.
-    let entry = min(place * rays.cut_steps, f32(CUTS) - 1.001);
-    let step = u32(lean.x);
-    let first = (power * SECTIONS + step) * CUTS + u32(entry);
-    let near = mix(rays.cuts[first].xyz, rays.cuts[first + 1u].xyz, fract(entry));
-    if !PERSPECTIVE {
-        return near;
-    }
-    let far = mix(rays.cuts[first + CUTS].xyz, rays.cuts[first + CUTS + 1u].xyz, fract(entry));
-    return mix(near, far, fract(lean.x)) / vec3f(1.0, lean.y, lean.y * lean.y);
-}
-
-// What of the kernels of plane `plane` lies before a place, in planes from there.
-fn before_cut(place: f32, sums: Moments, geometry: RayGeometry, plane: i32) -> vec4f {
-    let distance = abs(place);
-    var by = cut_between(0u, distance, geometry.lean);
-    if GROWN {
-        let t = clamp(growth_at(geometry, plane), 1.0, rays.growth_most) - 1.0;
-        by += t * (cut_between(1u, distance, geometry.lean) + t * cut_between(2u, distance, geometry.lean));
-    }
-    var even = by.x * sums.m0;
-    if CURVED {
-        even += by.z * sums.m2;
-    }
-    // Behind the plane what is not before the cut is what would be before its mirror image.
-    return select(even, sums.m0 - even, place > 0.0) + by.y * sums.m1;
-}
-
-// The part of the slabs before a border, which is `part` unless the border is cut away.
+// The part of the slabs before a border: `part`, unless the border is cut away.
 fn up_to(border: f32, part: vec4f, ends: vec2f, first: vec4f, last: vec4f) -> vec4f {
     return select(select(part, first, border <= ends.x), last, border >= ends.y);
 }
 
-// What is left of the parts of the kernels of a plane between two planes that cut the ray: slabs end there.
-fn cut_parts(parts: Parts, sums: Moments, geometry: RayGeometry, cut: vec2f, plane: i32) -> Parts {
-    let ends = vec2f(cut.x, max(cut.x, cut.y)) - f32(plane);
-    let reach = f32(CUTS - 1u) / rays.cut_steps;
+// What is left of the parts of the kernels of a plane where planes cut the ray: slabs end there. What is before each
+// cut is added up voxel by voxel, so the optical depth of what is left is exact. `all` is that of whole kernels, of which
+// `share` counts.
+fn cut_parts(parts: Parts, all: vec4f, share: f32, geometry: RayGeometry, plane: i32, end: i32) -> Parts {
+    let ends = vec2f(geometry.cut.x, max(geometry.cut.x, geometry.cut.y)) - f32(plane);
+    // A kernel of radius R begins at most R (1 + tan) cos before its plane, at an angle of the ray to m.
+    let reach = sqrt(2.0 * rays.radius2) * rays.growth_most;
     if ends.x <= -reach && ends.y >= reach {
         return parts;
     }
-    let first = before_cut(ends.x, sums, geometry, plane);
-    let last = before_cut(ends.y, sums, geometry, plane);
+    var first = select(vec4f(0.0), all, ends.x >= reach);
+    if abs(ends.x) < reach {
+        first = share * gathered_up_to(ends.x, geometry, plane, end);
+    }
+    var last = select(vec4f(0.0), all, ends.y >= reach);
+    if abs(ends.y) < reach {
+        last = share * gathered_up_to(ends.y, geometry, plane, end);
+    }
     let b0 = parts.ahead4;
     let b1 = b0 + parts.ahead3;
     let b2 = b1 + parts.ahead2;
@@ -265,15 +243,23 @@ fn layer_share(geometry: RayGeometry, plane: i32) -> f32 {
 }
 
 // Adds a plane to the slabs that its kernels reach, and composites the slab before the foremost of these.
-fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, all: Moments, geometry: RayGeometry, plane: i32) {
+fn feed(
+    ray: ptr<function, RayState>,
+    slabs: ptr<function, Slabs>,
+    all: Moments,
+    geometry: RayGeometry,
+    plane: i32,
+    end: i32,
+) {
     var sums = all;
+    var share = 1.0;
     if LAYERED {
-        let share = layer_share(geometry, plane);
+        share = layer_share(geometry, plane);
         sums = Moments(share * all.m0, share * all.m1, share * all.m2);
     }
     var parts = parts_of(section_at(geometry.near, geometry, plane), sums);
     if CLIP_PLANES > 0u {
-        parts = cut_parts(parts, sums, geometry, geometry.cut, plane);
+        parts = cut_parts(parts, sums.m0, share, geometry, plane, end);
     }
     let pending = *slabs;
     var complete = pending.s1 + parts.ahead3;
@@ -296,7 +282,8 @@ fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, all: Moments,
 @compute @workgroup_size(64)
 fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
     let at = point_of(tile, lane);
-    let share = share_of(line_of(at));
+    // An image of parallel rays gets its share as a whole.
+    let share = select(share_of(line_of(at)), 1.0, RESAMPLED && !PERSPECTIVE);
     if PERSPECTIVE && share == 0.0 {
         return;
     }
@@ -363,19 +350,9 @@ struct NearSlabs {
     s3: vec4f,
 }
 
-// `feed` of such kernels, for a ray that is cut by two planes.
-fn feed_near(
-    ray: ptr<function, RayState>,
-    slabs: ptr<function, NearSlabs>,
-    sums: Moments,
-    geometry: RayGeometry,
-    cut: vec2f,
-    plane: i32,
-) {
-    var parts = parts_of(geometry.near.as_asked, sums);
-    if CLIP_PLANES > 0u {
-        parts = cut_parts(parts, sums, geometry, cut, plane);
-    }
+// `feed` of such kernels.
+fn feed_near(ray: ptr<function, RayState>, slabs: ptr<function, NearSlabs>, sums: Moments, geometry: RayGeometry) {
+    let parts = parts_of(geometry.near.as_asked, sums);
     let pending = *slabs;
     advance(ray, pending.s0 + parts.ahead2, geometry);
     *slabs = NearSlabs(
@@ -392,28 +369,6 @@ fn restart(ray: ptr<function, RayState>, slabs: ptr<function, NearSlabs>) {
     *slabs = NearSlabs();
 }
 
-// The planes between which eight rays are not cut away.
-struct EightCuts {
-    c0: vec2f,
-    c1: vec2f,
-    c2: vec2f,
-    c3: vec2f,
-    c4: vec2f,
-    c5: vec2f,
-    c6: vec2f,
-    c7: vec2f,
-}
-
-// The planes of a run that can matter to one of eight rays: those of `run` within reach of what is not cut away.
-fn planes_of_eight(run: vec2i, cuts: EightCuts) -> vec2i {
-    if CLIP_PLANES == 0u {
-        return run;
-    }
-    let low = min(min(min(cuts.c0, cuts.c1), min(cuts.c2, cuts.c3)), min(min(cuts.c4, cuts.c5), min(cuts.c6, cuts.c7)));
-    let high = max(max(max(cuts.c0, cuts.c1), max(cuts.c2, cuts.c3)), max(max(cuts.c4, cuts.c5), max(cuts.c6, cuts.c7)));
-    return vec2i(max(run.x, i32(low.x) - REACH - 1), min(run.y, i32(high.y) + REACH + 2));
-}
-
 // The least optical depth of eight rays.
 fn least(a: vec4f, b: vec4f) -> f32 {
     let m = min(a, b);
@@ -425,16 +380,6 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
     let at = first_ray(tile) + vec2u(0u, lane * rays.phases.y);
     let geometry = geometry_of(at);
     let direction = geometry.direction.xy;
-    let cuts = EightCuts(
-        cut_of(geometry.base + vec2f(0.0, 0.0), geometry.shear),
-        cut_of(geometry.base + vec2f(1.0, 0.0), geometry.shear),
-        cut_of(geometry.base + vec2f(2.0, 0.0), geometry.shear),
-        cut_of(geometry.base + vec2f(3.0, 0.0), geometry.shear),
-        cut_of(geometry.base + vec2f(4.0, 0.0), geometry.shear),
-        cut_of(geometry.base + vec2f(5.0, 0.0), geometry.shear),
-        cut_of(geometry.base + vec2f(6.0, 0.0), geometry.shear),
-        cut_of(geometry.base + vec2f(7.0, 0.0), geometry.shear),
-    );
     var ray0 = new_ray();
     var ray1 = new_ray();
     var ray2 = new_ray();
@@ -457,8 +402,7 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
         if run.y == 0 {
             break;
         }
-        let planes = planes_of_eight(run, cuts);
-        let end = min(planes.y, rays.voxels.z);
+        let end = min(run.y, rays.voxels.z);
         restart(&ray0, &slabs0);
         restart(&ray1, &slabs1);
         restart(&ray2, &slabs2);
@@ -467,7 +411,7 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
         restart(&ray5, &slabs5);
         restart(&ray6, &slabs6);
         restart(&ray7, &slabs7);
-        for (var plane = planes.x; plane < planes.y + FLUSH_EIGHT; plane++) {
+        for (var plane = run.x; plane < run.y + FLUSH_EIGHT; plane++) {
             let center = geometry.base + geometry.shear * f32(plane);
             let rows = rows_of(plane, end, center.y, geometry.footprint_half.y);
             let origin = plane_texel(plane);
@@ -511,14 +455,14 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
                 add_row(&sums6, w, v6, v7, v8, v9, v10, v11);
                 add_row(&sums7, w, v7, v8, v9, v10, v11, v12);
             }
-            feed_near(&ray0, &slabs0, sums0, geometry, cuts.c0, plane);
-            feed_near(&ray1, &slabs1, sums1, geometry, cuts.c1, plane);
-            feed_near(&ray2, &slabs2, sums2, geometry, cuts.c2, plane);
-            feed_near(&ray3, &slabs3, sums3, geometry, cuts.c3, plane);
-            feed_near(&ray4, &slabs4, sums4, geometry, cuts.c4, plane);
-            feed_near(&ray5, &slabs5, sums5, geometry, cuts.c5, plane);
-            feed_near(&ray6, &slabs6, sums6, geometry, cuts.c6, plane);
-            feed_near(&ray7, &slabs7, sums7, geometry, cuts.c7, plane);
+            feed_near(&ray0, &slabs0, sums0, geometry);
+            feed_near(&ray1, &slabs1, sums1, geometry);
+            feed_near(&ray2, &slabs2, sums2, geometry);
+            feed_near(&ray3, &slabs3, sums3, geometry);
+            feed_near(&ray4, &slabs4, sums4, geometry);
+            feed_near(&ray5, &slabs5, sums5, geometry);
+            feed_near(&ray6, &slabs6, sums6, geometry);
+            feed_near(&ray7, &slabs7, sums7, geometry);
             depth = least(
                 vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
                 vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),
@@ -652,12 +596,6 @@ fn block_moments(w: BlockWeights, v: BlockVoxels) -> Moments {
     return Moments(sum, vec4f(0.0), vec4f(0.0));
 }
 
-// The planes between which ray `number` of a block is not cut away.
-fn cut_of_block(geometry: RayGeometry, number: u32) -> vec2f {
-    let base = geometry.base + f32(number % ACROSS) * rays.step_x + f32(number / ACROSS) * rays.step_y;
-    return cut_of(base, geometry.shear);
-}
-
 fn add_ray(first: vec2u, number: u32, ray: RayState) {
     add_to_pixel(first + vec2u(number % ACROSS, number / ACROSS), rays.share * finished(ray));
 }
@@ -679,16 +617,6 @@ fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) t
     for (var number = 0u; number < 8u; number++) {
         weights[number] = block_weights(d, number);
     }
-    let cuts = EightCuts(
-        cut_of_block(geometry, 0u),
-        cut_of_block(geometry, 1u),
-        cut_of_block(geometry, 2u),
-        cut_of_block(geometry, 3u),
-        cut_of_block(geometry, 4u),
-        cut_of_block(geometry, 5u),
-        cut_of_block(geometry, 6u),
-        cut_of_block(geometry, 7u),
-    );
     var ray0 = new_ray();
     var ray1 = new_ray();
     var ray2 = new_ray();
@@ -711,8 +639,7 @@ fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) t
         if run.y == 0 {
             break;
         }
-        let planes = planes_of_eight(run, cuts);
-        let end = min(planes.y, rays.voxels.z);
+        let end = min(run.y, rays.voxels.z);
         restart(&ray0, &slabs0);
         restart(&ray1, &slabs1);
         restart(&ray2, &slabs2);
@@ -721,18 +648,18 @@ fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) t
         restart(&ray5, &slabs5);
         restart(&ray6, &slabs6);
         restart(&ray7, &slabs7);
-        for (var plane = planes.x; plane < planes.y + FLUSH_EIGHT; plane++) {
+        for (var plane = run.x; plane < run.y + FLUSH_EIGHT; plane++) {
             // Behind the run the rows before the plane, which are zeros.
             let row = select(-i32(ROWS), first.y, plane < end);
             let v = block_voxels(vec2i(first.x >> 1u, row), odd, plane_texel(plane));
-            feed_near(&ray0, &slabs0, block_moments(weights[0], v), geometry, cuts.c0, plane);
-            feed_near(&ray1, &slabs1, block_moments(weights[1], v), geometry, cuts.c1, plane);
-            feed_near(&ray2, &slabs2, block_moments(weights[2], v), geometry, cuts.c2, plane);
-            feed_near(&ray3, &slabs3, block_moments(weights[3], v), geometry, cuts.c3, plane);
-            feed_near(&ray4, &slabs4, block_moments(weights[4], v), geometry, cuts.c4, plane);
-            feed_near(&ray5, &slabs5, block_moments(weights[5], v), geometry, cuts.c5, plane);
-            feed_near(&ray6, &slabs6, block_moments(weights[6], v), geometry, cuts.c6, plane);
-            feed_near(&ray7, &slabs7, block_moments(weights[7], v), geometry, cuts.c7, plane);
+            feed_near(&ray0, &slabs0, block_moments(weights[0], v), geometry);
+            feed_near(&ray1, &slabs1, block_moments(weights[1], v), geometry);
+            feed_near(&ray2, &slabs2, block_moments(weights[2], v), geometry);
+            feed_near(&ray3, &slabs3, block_moments(weights[3], v), geometry);
+            feed_near(&ray4, &slabs4, block_moments(weights[4], v), geometry);
+            feed_near(&ray5, &slabs5, block_moments(weights[5], v), geometry);
+            feed_near(&ray6, &slabs6, block_moments(weights[6], v), geometry);
+            feed_near(&ray7, &slabs7, block_moments(weights[7], v), geometry);
             depth = least(
                 vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
                 vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),

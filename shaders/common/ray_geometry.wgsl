@@ -28,9 +28,6 @@ struct RayGeometry {
     // The parts of kernels in near slabs, and in far ones.
     near: GrowingSection,
     far: GrowingSection,
-    // Where they are in tables of sections and of cuts: steps from the first (x), and the ray's lean (y), which is the
-    // unit of s there.
-    lean: vec2f,
     // The growth of a kernel where the ray meets plane 0, and its change from plane to plane.
     growth: vec2f,
     // The planes, as real numbers, between which the ray counts: of scalars in front of the eye and inside the box; of
@@ -83,8 +80,8 @@ fn geometry_of(point: vec2u) -> RayGeometry {
     let line = line_of(point);
     var geometry = RayGeometry(line.base, line.shear, rays.direction, rays.stretch, rays.footprint_half, rays.row_half,
         rays.row_slope, GrowingSection(rays.sections[0], Section(), Section()),
-        GrowingSection(rays.sections[FAR_SECTIONS], Section(), Section()), vec2f(0.0, 1.0), vec2f(1.0, 0.0),
-        vec2f(-FAR, FAR), vec2f(-FAR, FAR), vec3f(0.0, 0.0, -1.0));
+        GrowingSection(rays.sections[FAR_SECTIONS], Section(), Section()), vec2f(1.0, 0.0), vec2f(-FAR, FAR),
+        vec2f(-FAR, FAR), vec3f(0.0, 0.0, -1.0));
     if PERSPECTIVE {
         let per_length = inverseSqrt(dot(line.heading, line.heading));
         let d = line.heading * per_length;
@@ -102,7 +99,6 @@ fn geometry_of(point: vec2u) -> RayGeometry {
         // The last step ends just before the last entry, so that step + 1 is an entry.
         let place = clamp(lean * SECTION_STEPS, 0.0, f32(SECTIONS) - 1.001);
         let step = u32(place);
-        geometry.lean = vec2f(place, lean);
         geometry.near = sections_between(step, place - f32(step), lean);
         geometry.far = sections_between(step + FAR_SECTIONS, place - f32(step), lean);
         let slope_along = dot(rays.growth_slope, vec3f(line.shear, 1.0));
@@ -144,12 +140,12 @@ fn geometry_of(point: vec2u) -> RayGeometry {
     return geometry;
 }
 
-// The point of an invocation's ray, in a tile of 8 x 8 neighbours. Eight invocations in a row, which software marches
+// The point of an invocation's ray, in a tile of 8 x 8 rays. Eight invocations in a row, which software marches
 // together, are a block of 4 x 2 points: their rays end at more nearly the same depth than those of a row do.
 fn point_of(tile: vec3u, lane: u32) -> vec2u {
     let x = (lane & 3u) | ((lane >> 1u) & 4u);
     let y = ((lane >> 2u) & 1u) | ((lane >> 3u) & 6u);
-    return tile.xy * 8u + vec2u(x, y);
+    return first_ray(tile) + vec2u(x, y) * rays.phases;
 }
 
 // Run number `slot` of a tile: its first plane, and the one after its last. (0, 0) if there are no more runs, or if the

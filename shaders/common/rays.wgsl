@@ -31,9 +31,6 @@ const SECTION_POWERS: u32 = 3u;
 // Where the tables of the slabs that only wide kernels of scalars reach begin.
 const FAR_SECTIONS: u32 = SECTIONS * SECTION_POWERS;
 
-// Entries of a table of cuts, at equal steps from the plane of kernels to as far as they reach along a ray.
-const CUTS: u32 = 25u;
-
 struct Rays {
     // Parallel rays: base coordinates of point (0, 0) of the intermediate image, and the steps to its neighbours. Rays
     // through one eye: the same in plane `middle.z`, from `middle` and times the component of `heading` along m.
@@ -134,8 +131,6 @@ struct Rays {
     fade_out: vec2f,
     // The place of the length of a gradient among bins: see common/transfer.wgsl.
     gradient_lookup: f32,
-    // Entries of a table of cuts per plane.
-    cut_steps: f32,
     // From (a, b, plane) to the light volume.
     to_light: mat4x3f,
     // What the model takes. X-ray: `curve` of common/response.wgsl. Coded by depth: the share of a place (a, b, plane)
@@ -146,9 +141,6 @@ struct Rays {
     // What is on the inner side of a clipping plane, at (a, b, plane): dot(xyz, (a, b, plane)) + w >= 0. See
     // common/clip.wgsl.
     clip_planes: array<vec4f, MAX_CLIP_PLANES>,
-    // The parts of kernels of colours before a cut, which lies before their plane: by m0 (x), m1 (y) and m2 (z). Tables
-    // as those of `sections`.
-    cuts: array<vec4f, FAR_SECTIONS * CUTS>,
 }
 
 // The parts of a kernel that lie in four slabs before its centre: its footprint times (by_m0 + by_m1 s + by_m2

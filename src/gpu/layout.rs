@@ -237,8 +237,6 @@ pub(crate) type Section = [[f32; 4]; 3];
 /// Entries of a table of sections, and tables; SECTIONS and SECTION_POWERS in shaders/common/rays.wgsl.
 pub(crate) const SECTIONS: usize = 9;
 pub(crate) const SECTION_POWERS: usize = 3;
-/// Entries of a table of cuts; CUTS in shaders/common/rays.wgsl.
-pub(crate) const CUTS: usize = 25;
 
 /// Side in voxels of a macrocell, which rays skip as a whole; MACROCELL in shaders/common/packing.wgsl.
 pub(crate) const MACROCELL: u32 = 4;
@@ -306,13 +304,12 @@ pub(crate) struct Rays {
     pub fade_in: [f32; 2],
     pub fade_out: [f32; 2],
     pub gradient_lookup: f32,
-    pub cut_steps: f32,
+    pub _pad: f32,
     pub to_light: Affine,
     pub model: [f32; 4],
     /// Those of near slabs, then those of far ones.
     pub sections: [[[Section; SECTIONS]; SECTION_POWERS]; 2],
     pub clip_planes: ClipPlanes,
-    pub cuts: [[[[f32; 4]; CUTS]; SECTIONS]; SECTION_POWERS],
 }
 
 /// How splats are packed for the painter `tiles`; each field is explained in shaders/common/packing.wgsl.

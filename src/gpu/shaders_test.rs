@@ -151,12 +151,10 @@ fn structs_are_laid_out_alike() {
         fade_in,
         fade_out,
         gradient_lookup,
-        cut_steps,
         to_light,
         model,
         sections,
-        clip_planes,
-        cuts
+        clip_planes
     });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, colors, shininess });
     same_layout!(Frame {
@@ -215,8 +213,6 @@ fn constants_are_those_of_the_host() {
             "{name}: {constant} is not {value}"
         );
     }
-    let cuts = format!("const CUTS: u32 = {}u;", super::layout::CUTS);
-    assert!(super::shaders::GATHER.source().contains(&cuts), "CUTS");
     let planes = format!("const MAX_CLIP_PLANES: u32 = {}u;", crate::clip::Clip::MAX_PLANES);
     assert!(super::shaders::SPLAT.source().contains(&planes), "MAX_CLIP_PLANES");
     for (constant, value) in [("MARGIN", super::layout::MARGIN), ("MACROCELL", super::layout::MACROCELL)] {

@@ -9,7 +9,7 @@ use super::super::view::{ScalarNeed, ViewGeometry, Weights};
 use super::axis::PrincipalAxis;
 use super::layers::Layers;
 use super::pack::{Lit, Packed, Packing, Voxel};
-use super::parts::{Cuts, Footprint, Sections, SlabKind};
+use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{Classification, FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
 use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
@@ -119,7 +119,6 @@ pub(super) struct Way {
     pub(super) axis: PrincipalAxis,
     packing: Packing,
     sections: Sections,
-    cuts: Cuts,
 }
 
 impl<'a> Picture<'a> {
@@ -165,13 +164,7 @@ impl<'a> Picture<'a> {
         };
         let ways = axes.into_iter().zip(packings).filter(|(_, packing)| !packing.is_empty()).map(|(axis, packing)| {
             let sections = Sections::new(&kernel, &view.camera, &axis, kind, view.depth_growth().1);
-            let cuts = match kind {
-                SlabKind::Colors | SlabKind::DenseColors if !view.clip.is_empty() => {
-                    Cuts::new(&kernel, &view.camera, &axis, kind, view.depth_growth().1)
-                }
-                _ => Cuts::NONE,
-            };
-            Way { axis, packing, sections, cuts }
+            Way { axis, packing, sections }
         });
         let ways = ways.collect();
         let lighting = view.lighting(settings.lighting.as_ref());
@@ -214,7 +207,8 @@ impl<'a> Picture<'a> {
             clip_planes: view.clip.len() as u32,
             rays: match self.is_resampled() {
                 _ if self.is_layered() => RayKind::Layered,
-                true if view.is_perspective() => RayKind::Coarser,
+                // Rays that share footprints are not cut.
+                true if view.is_perspective() || !view.clip.is_empty() => RayKind::Coarser,
                 true => RayKind::Shared,
                 false if self.is_straight(way) => match self.block(way) {
                     Some(block) => RayKind::StraightBlocks(block),
@@ -269,8 +263,8 @@ impl<'a> Picture<'a> {
     /// Pixels whose straight rays share the voxels that they meet. On GPUs and of scalars, none do: see [`resolution`];
     /// and what takes time there is to classify.
     fn block(&self, way: &Way) -> Option<Block> {
-        let Job { context, post, .. } = self.job;
-        if post.is_some() || !context.info.is_software() {
+        let Job { context, view, post, .. } = self.job;
+        if post.is_some() || !view.clip.is_empty() || !context.info.is_software() {
             return None;
         }
         self.setup(way).block(&way.axis, self.whole())
@@ -344,7 +338,7 @@ impl<'a> Picture<'a> {
         Ok(Arc::new(pipelines.packer.run(recorder, stores, packing, &lit, weights.max, over)?))
     }
 
-    fn setup<'s>(&'s self, Way { axis, packing, sections, cuts }: &'s Way) -> RaySetup<'s> {
+    fn setup<'s>(&'s self, Way { axis, packing, sections }: &'s Way) -> RaySetup<'s> {
         let Job { view, settings, weights, post, padding, .. } = self.job;
         let scalars = post.map(|post| Classification {
             invisible: post.table.invisible,
@@ -365,7 +359,6 @@ impl<'a> Picture<'a> {
                 kernel: self.kernel,
                 footprint: &self.footprint,
                 sections,
-                cuts,
                 growth,
                 most,
                 fade: view.fade,

@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use super::super::layout;
 use super::axis::PrincipalAxis;
 use crate::camera::{Camera, Projection};
-use crate::kernel::{Kernel, footprint_polynomial, section, section_by};
+use crate::kernel::{Kernel, footprint_polynomial, section};
 
 /// Terms of the footprint's polynomial: the first of these that is accurate enough.
 const TERMS: [usize; 2] = [6, 8];
@@ -100,7 +100,8 @@ impl Sections {
             }
             return Self(powers);
         }
-        let range = growth_range(most);
+        // Nodes that are so close that differences are rounding are put farther apart.
+        let range = (most - 1.0).max(0.01);
         let least = table(1.0);
         let nodes = (most > 1.0).then(|| [0.5, 1.0].map(|part| table(1.0 + part * range)));
         for (half, powers) in powers.iter_mut().enumerate() {
@@ -109,8 +110,9 @@ impl Sections {
                 powers[0][step] = low;
                 let Some([between, high]) = nodes.map(|nodes| nodes.map(|table| table[step][half])) else { continue };
                 for (term, slab) in (0..3).flat_map(|term| (0..4).map(move |slab| (term, slab))) {
-                    [powers[1][step][term][slab], powers[2][step][term][slab]] =
-                        parabola([low, between, high].map(|section| section[term][slab]), range);
+                    let [low, between, high] = [low, between, high].map(|section| f64::from(section[term][slab]));
+                    powers[1][step][term][slab] = ((4.0 * between - high - 3.0 * low) / range) as f32;
+                    powers[2][step][term][slab] = (2.0 * (high - 2.0 * between + low) / (range * range)) as f32;
                 }
             }
         }
@@ -118,95 +120,13 @@ impl Sections {
     }
 }
 
-/// The range of growths less 1 that parabolas in it go through three nodes of. Nodes that are so close that differences
-/// are rounding are put farther apart.
-fn growth_range(most: f64) -> f64 {
-    (most - 1.0).max(0.01)
-}
-
-/// The coefficients of x and of x^2 of the parabola through values at 0, in the middle and at the end of a range.
-fn parabola(values: [f32; 3], range: f64) -> [f32; 2] {
-    let [low, between, high] = values.map(f64::from);
-    let coefficients =
-        [(4.0 * between - high - 3.0 * low) / range, 2.0 * (high - 2.0 * between + low) / (range * range)];
-    coefficients.map(|c| c as f32)
-}
-
-/// The parts of kernels of colours before cuts through them: `Rays::cuts` of the shaders.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Cuts {
-    /// Entries of a table per plane.
-    pub(super) steps: f64,
-    pub(super) tables: [[Table; layout::SECTIONS]; layout::SECTION_POWERS],
-}
-
-/// Parts before cuts at equal steps from the plane of the kernels: by m0, m1 and m2.
-type Table = [[f32; 4]; layout::CUTS];
-
-impl Cuts {
-    /// Where nothing is cut.
-    pub(super) const NONE: Self =
-        Self { steps: 1.0, tables: [[[[0.0; 4]; layout::CUTS]; layout::SECTIONS]; layout::SECTION_POWERS] };
-
-    /// `most` is the largest growth of rays through one eye.
-    pub(super) fn new(kernel: &Kernel, camera: &Camera, axis: &PrincipalAxis, kind: SlabKind, most: f64) -> Self {
-        // A kernel of radius R begins at most R (1 + tan) cos before its plane, at an angle of the ray to m.
-        let reach = kernel.radius() * most * 2.0_f64.sqrt();
-        let steps = (layout::CUTS - 1) as f64 / reach;
-        let mut tables = Self::NONE.tables;
-        if let Projection::Orthographic { .. } = camera.projection {
-            tables[0][0] = cuts(kernel, axis.direction, kind, steps, 1.0);
-            return Self { steps, tables };
-        }
-        let range = growth_range(most);
-        let lean = |step: usize, growth: f64| {
-            let lean = lean_of(step);
-            cuts(&kernel.grown(growth), DVec3::new(0.0, lean, 1.0).normalize(), kind, steps, lean)
-        };
-        for step in 0..layout::SECTIONS {
-            tables[0][step] = lean(step, 1.0);
-            if most > 1.0 {
-                let [between, high] = [0.5, 1.0].map(|part| lean(step, 1.0 + part * range));
-                for (entry, term) in (0..layout::CUTS).flat_map(|entry| (0..3).map(move |term| (entry, term))) {
-                    let values = [tables[0][step][entry][term], between[entry][term], high[entry][term]];
-                    [tables[1][step][entry][term], tables[2][step][entry][term]] = parabola(values, range);
-                }
-            }
-        }
-        Self { steps, tables }
-    }
-}
-
-/// The parts of a kernel before cuts, with s in units of `lean`.
-fn cuts(kernel: &Kernel, direction: DVec3, kind: SlabKind, steps: f64, lean: f64) -> Table {
-    /// Places along each side of the square around the ray.
-    const SIDE: i32 = 25;
-    // From one cut to the next: parts of what lies between them add up to those of all before. What is so thin is
-    // smooth.
-    let place = |entry: usize| -(entry as f64) / steps;
-    let slabs: Vec<[f64; 2]> = (0..layout::CUTS).map(|entry| [place(entry + 1), place(entry)]).collect();
-    let fits = fits(kernel, direction, kind.terms(), &slabs, SIDE, 1);
-    let mut sum = DVec3::ZERO;
-    let mut table = Table::default();
-    for (slot, fit) in table.iter_mut().zip(fits).rev() {
-        *slot = (sum * DVec3::new(1.0, lean, lean * lean)).extend(0.0).as_vec4().to_array();
-        sum += fit;
-    }
-    table
-}
-
-/// The length of the shear of rays that an entry of the tables of sections and of cuts is for. Rays along m have no fit
-/// over s. The entry for them is that of a lean of 1e-3: in units of the lean, which s is twice at most, its linear
-/// terms are below 4e-4 of the footprint, and 0 is their limit.
-fn lean_of(step: usize) -> f64 {
-    (LARGEST_SHEAR * step as f64 / (layout::SECTIONS - 1) as f64).max(1e-3)
-}
-
 /// An entry of the table of sections: those of every ray whose shear has this length, its lean, with s in units of the
 /// lean. In this unit the coefficients change smoothly towards rays along m, which meet all kernels of a plane at s =
 /// 0.
 fn section_step(step: usize, kernel: &Kernel, kind: SlabKind) -> NearAndFar {
-    let lean = lean_of(step);
+    // Rays along m have no fit over s. The entry for them is that of a lean of 1e-3: in units of the lean, which s is
+    // twice at most, its linear terms are below 4e-4 of the footprint, and 0 is their limit.
+    let lean = (LARGEST_SHEAR * step as f64 / (layout::SECTIONS - 1) as f64).max(1e-3);
     let both = sections(kernel, DVec3::new(0.0, lean, 1.0).normalize(), kind);
     let lean = lean as f32;
     both.map(|[x, y, z]| [x, y.map(|c| c * lean), z.map(|c| c * lean * lean)])
@@ -223,29 +143,18 @@ fn section_step(step: usize, kernel: &Kernel, kind: SlabKind) -> NearAndFar {
 fn sections(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> NearAndFar {
     /// Places along each side of the square around the ray: more change the fractions by less than 1e-3.
     const SIDE: i32 = 25;
-    // Others are out of reach: what is left of a kernel there counts to its own slab.
-    let reached = |slab: &[f64; 2]| if -slab[1] < kernel.radius() { *slab } else { [0.0; 2] };
-    let slabs: Vec<[f64; 2]> = kind.slabs().iter().map(reached).collect();
-    let fits = fits(kernel, direction, kind.terms(), &slabs, SIDE, 2);
-    [0, 4].map(|first| {
-        let four: [_; 4] = std::array::from_fn(|slab| fits.get(first + slab).copied().unwrap_or_default().as_vec3());
-        [four.map(|fit| fit.x), four.map(|fit| fit.y), four.map(|fit| fit.z)]
-    })
-}
-
-/// The parts of a kernel between planes, given along m from its own: x, y and z of each. `panels` are those of the
-/// quadrature along a ray in a slab.
-fn fits(kernel: &Kernel, direction: DVec3, terms: usize, slabs: &[[f64; 2]], side: i32, panels: u32) -> Vec<DVec3> {
     let radius = kernel.radius();
     let reach = radius / direction.z;
     // Only s^0 for rays along m, which meet all kernels of a plane at s = 0.
-    let terms = if direction.z > 1.0 - 1e-9 { 1 } else { terms };
+    let terms = if direction.z > 1.0 - 1e-9 { 1 } else { kind.terms() };
     // The normal equations: sums of products of the footprint times powers of s, and of these times each part.
     let mut normal = DMat3::ZERO;
-    let mut parts = vec![DVec3::ZERO; slabs.len()];
-    for i in 0..side {
-        for j in 0..side {
-            let place = |n: i32| reach * (f64::from(2 * n + 1) / f64::from(side) - 1.0);
+    let mut parts = [DVec3::ZERO; 8];
+    // Others are out of reach.
+    let reached = |slab: &[f64; 2]| -slab[1] < radius;
+    for i in 0..SIDE {
+        for j in 0..SIDE {
+            let place = |n: i32| reach * (f64::from(2 * n + 1) / f64::from(SIDE) - 1.0);
             let (du, dv) = (place(i), place(j));
             let s = du * direction.x + dv * direction.y;
             let r2 = du * du + dv * dv - s * s;
@@ -254,12 +163,8 @@ fn fits(kernel: &Kernel, direction: DVec3, terms: usize, slabs: &[[f64; 2]], sid
             }
             let powers = DVec3::new(1.0, s, s * s) * section(kernel, r2, -radius, radius);
             normal += DMat3::from_cols(powers * powers.x, powers * powers.y, powers * powers.z);
-            let chord = (radius * radius - r2).sqrt();
-            for (sum, slab) in parts.iter_mut().zip(slabs) {
-                let [near, far] = slab.map(|plane| plane / direction.z - s);
-                if near < chord && far > -chord {
-                    *sum += powers * section_by(kernel, r2, [near, far], panels);
-                }
+            for (sum, slab) in parts.iter_mut().zip(kind.slabs()).filter(|(_, slab)| reached(slab)) {
+                *sum += powers * section(kernel, r2, slab[0] / direction.z - s, slab[1] / direction.z - s);
             }
         }
     }
@@ -269,10 +174,14 @@ fn fits(kernel: &Kernel, direction: DVec3, terms: usize, slabs: &[[f64; 2]], sid
         let keep = DVec3::ONE - axis;
         normal = DMat3::from_cols(normal.x_axis * keep, normal.y_axis * keep, normal.z_axis * keep);
         *normal.col_mut(unused) = axis;
-        parts.iter_mut().for_each(|part| *part *= keep);
+        parts = parts.map(|part| part * keep);
     }
     let solve = normal.inverse();
-    parts.into_iter().map(|part| solve * part).collect()
+    let fits = parts.map(|part| (solve * part).as_vec3());
+    [0, 4].map(|first| {
+        let four: [_; 4] = std::array::from_fn(|slab| fits[first + slab]);
+        [four.map(|fit| fit.x), four.map(|fit| fit.y), four.map(|fit| fit.z)]
+    })
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ use super::TilesKey;
 use super::axis::PrincipalAxis;
 use super::march::{Stage, find_runs};
 use super::pack::{Lit, Packed, Packer, Packing, Voxel};
-use super::parts::{Cuts, Footprint, Sections, SlabKind};
+use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
 use super::resample::{ESTIMATES, FORMAT, IntermediateImage, Resampler};
 use crate::camera::{Camera, Growth, ProjectionKind, View};
@@ -521,7 +521,6 @@ fn rays_meet_no_voxel_between_runs() {
                     kernel,
                     footprint: &footprint,
                     sections: &sections,
-                    cuts: &Cuts::NONE,
                     growth: Growth::NONE,
                     most: 1.0,
                     fade: None,

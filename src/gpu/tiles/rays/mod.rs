@@ -12,7 +12,7 @@ use super::super::view::{Fade, half};
 use super::Block;
 use super::axis::{PrincipalAxis, smoothstep, unordered};
 use super::pack::Packing;
-use super::parts::{Cuts, Footprint, Sections};
+use super::parts::{Footprint, Sections};
 use crate::camera::{Camera, Growth, Projection};
 use crate::clip::Side;
 use crate::image::Region;
@@ -74,7 +74,6 @@ pub(super) struct FittedKernel<'a> {
     pub(super) kernel: Kernel,
     pub(super) footprint: &'a Footprint,
     pub(super) sections: &'a Sections,
-    pub(super) cuts: &'a Cuts,
     /// How it grows with its depth before an eye, and the largest growth. The growth of parallel rays is the kernel's.
     pub(super) growth: Growth,
     pub(super) most: f64,
@@ -186,7 +185,7 @@ impl RaySetup<'_> {
     /// The uniforms that do not depend on the projection; 0 where they do.
     fn uniforms(&self, axis: &PrincipalAxis, region: Region) -> layout::Rays {
         let PackedBox { grid, packing, .. } = self.volume;
-        let FittedKernel { kernel, footprint, sections, cuts, most, .. } = self.kernel;
+        let FittedKernel { kernel, footprint, sections, most, .. } = self.kernel;
         let radius = kernel.radius();
         let coefficient = |n: usize| footprint.coefficients.get(n).map_or(0.0, |&c| c as f32);
         // View coordinates of a gradient along each axis of the lattice: the transpose of what maps view to lattice.
@@ -226,8 +225,6 @@ impl RaySetup<'_> {
             fade_out,
             sections: sections.0,
             clip_planes: self.volume.clip_planes(axis),
-            cut_steps: cuts.steps as f32,
-            cuts: cuts.tables,
             ..layout::Rays::zeroed()
         };
         match self.scalars {
