@@ -39,6 +39,7 @@ fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
         (_, "LAYERED") => &FLAG[..1],
         ("gather", "ACROSS") => &[2.0, 4.0],
         ("gather", "ROWS") => &[5.0, 7.0],
+        (_, "CLIP_PLANES") => &[0.0, 8.0],
         ("splat", "ROWS") => &[2.0, 4096.0],
         (_, "SHEETS") => &[1.0, 4.0, 8.0],
         ("shade", "SAMPLES") => &[1.0, 2.0, 64.0],

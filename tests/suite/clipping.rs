@@ -13,8 +13,8 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    PERSPECTIVE, PROJECTIONS, camera, demo, draw, exact_quads, full, look, picture, prepare, render, rms_covered,
-    thick, transfer, with_tiles,
+    PERSPECTIVE, PROJECTIONS, by_tiles, camera, demo, draw, exact_quads, full, look, picture, prepare, render,
+    rms_covered, thick, transfer, with_tiles,
 };
 use crate::truth::truth;
 
@@ -72,7 +72,7 @@ impl Shift for DAffine3 {
 }
 
 #[test]
-#[ignore = "slow: 96 pictures beside the reference"]
+#[ignore = "slow: 432 pictures beside the reference"]
 fn cut_pictures_are_those_of_the_reference() {
     let lit = Some(Lighting { lights: vec![Light::HEADLIGHT], ..Lighting::default() });
     let base = Settings { antialiasing: false, level: Level::At(0), termination: 0.0, ..Settings::default() };
@@ -113,8 +113,9 @@ fn cut_pictures_are_those_of_the_reference() {
                         let line = format!(
                             "{name} {projection:?} {model} {painter} {cut_name}: {rms:.1e} (usual {usual:.1e}), max {max:.1e} ({usual_max:.1e})"
                         );
-                        println!("{line}");
-                        if rms > 2.0 * usual + 1e-3 {
+                        // The mean of a ray that cuts off a piece thinner than a slab is that of a bit of a parabola.
+                        let thin = if settings.model == Model::Average { 4e-3 } else { 0.0 };
+                        if rms > 1.6 * usual + 1e-4 + thin {
                             failures.push(line);
                         }
                     }
@@ -123,6 +124,27 @@ fn cut_pictures_are_those_of_the_reference() {
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn intermediate_images_are_cut_as_pixels_are() {
+    let (volume, transfer) = demo("marschner-lobb", 32);
+    let center = volume.grid().center();
+    let scene = prepare(&volume, &transfer, &full());
+    // An oblique cut, one along the rays, and both with a third.
+    let seen = camera(30.0, ProjectionKind::Orthographic, &volume, 224);
+    let normals = [DVec3::new(0.5, 0.7, -0.4), seen.right, DVec3::new(-0.3, 0.1, 1.0)];
+    let planes = normals.map(|normal| Plane::through(center, normal).unwrap());
+    for planes in [&planes[..1], &planes[1..2], &planes[..]] {
+        let cut = Clip::new(planes.to_vec()).unwrap();
+        let [capped, full] = [with_tiles(&full(), Resolution::Capped), full()]
+            .map(|settings| draw(&scene, &seen, &clipped(&settings, &cut)));
+        let rays = by_tiles(&capped).rays;
+        assert!(rays < by_tiles(&full).rays / 4, "{rays} rays");
+        let largest = compare(&capped.image, &full.image, 0.0).unwrap().max_channel.into_iter().fold(0.0, f64::max);
+        let rms = rms_covered(&capped.image, &full.image);
+        assert!(rms < 1.5e-3 && largest < 2.5e-2, "{} planes: {rms:e}, at most {largest:e}", planes.len());
+    }
 }
 
 /// The boxes of two cells along each axis, front to back along parallel rays.
@@ -176,22 +198,20 @@ fn disjoint_boxes_composited_are_the_whole() {
             let whole = integrated(&Clip::default());
             let of_boxes = composited(boxes.iter().map(integrated));
             let apart = largest_difference(&whole, &of_boxes, 0..4);
-            println!("reference {shading}: {apart:.1e}");
-            assert!(apart < 1e-8, "reference {shading}: {apart:e}");
+            assert!(apart < 1e-9, "reference {shading}: {apart:e}");
             // Painters: pre-shaded alpha is that of whole kernels. Colours within a sheet or slab know no order.
             let thin = thick(&settings, 0.25);
             let tiles = Settings { shading, ..full() };
             for (painter, settings, alpha, colors) in
-                [("quads", &settings, 1e-6, 4e-3), ("quads, thin", &thin, 1e-6, 3e-4), ("tiles", &tiles, 4e-6, 8e-3)]
+                [("quads", &settings, 1e-6, 4e-4), ("quads, thin", &thin, 1e-6, 1e-5), ("tiles", &tiles, 4e-6, 2e-3)]
             {
                 let scene = prepare(&volume, &transfer, settings);
                 let drawn = |clip: &Clip| as_f64(&draw(&scene, &seen, &clipped(settings, clip)).image);
                 let (whole, of_boxes) = (drawn(&Clip::default()), composited(boxes.iter().map(drawn)));
                 let apart = [0..3, 3..4].map(|channels| largest_difference(&whole, &of_boxes, channels));
-                println!("{painter} {shading}: {apart:?}");
-                if shading == Shading::Pre {
-                    assert!(apart[1] < alpha && apart[0] < colors, "{painter}: {apart:?}");
-                }
+                // Post-shaded, a slab that is cut is classified in two parts: errors are those of classification.
+                let [colors, alpha] = if shading == Shading::Pre { [colors, alpha] } else { [3e-3; 2] };
+                assert!(apart[1] < alpha && apart[0] < colors, "{painter} {shading}: {apart:?}");
             }
         }
     }
@@ -213,14 +233,14 @@ fn a_slab_of_one_material_has_the_alpha_of_its_thickness() {
             let seen = look(&view, &volume, [33; 2]);
             let (_, along) = seen.ray(0.0, 0.0);
             let expected = 1.0 - (-tau * thickness / along.dot(normal).abs()).exp();
-            for (shading, limit) in [(Shading::Pre, 2e-3), (Shading::Post, 1e-5)] {
+            // The blob ripples by 5e-4, and parts of kernels are fitted. Ends of the slab are rounded to 1e-6 of a voxel.
+            for (shading, limit) in [(Shading::Pre, 2e-3), (Shading::Post, 2e-4 + 4e-6 / thickness)] {
                 let settings = Settings { shading, kernel: Kernel::KAISER_BESSEL, ..exact_quads() };
                 let tiles = Settings { shading, kernel: Kernel::KAISER_BESSEL, ..full() };
                 for (painter, settings) in [("quads", settings), ("tiles", tiles)] {
                     let image = render(&volume, &transfer, &seen, &clipped(&settings, &cut));
                     let [_, _, _, alpha] = image.pixels()[33 * 16 + 16];
                     let off = (f64::from(alpha) - expected).abs() / expected;
-                    println!("{painter} {shading} {projection:?} {thickness}: {off:.1e}");
                     assert!(off < limit, "{painter} {shading} {projection:?} {thickness}: {alpha} {expected}");
                 }
             }
@@ -280,12 +300,12 @@ fn what_is_cut_away_casts_no_shadow() {
             let opened = draw(&scene, &seen, &clipped(&settings, &cut)).image;
             let alone = render(&ball, &transfer, &seen, &clipped(&settings, &cut));
             let [difference, before] = [&opened, &shaded].map(|image| rms_covered(image, &alone));
-            assert!(difference < 1e-4 && before > 0.1, "{shading} {difference:e} {before:e}");
+            // Post-shaded, light is read between voxels from a texture as large as what shows: software Vulkan rounds
+            // such places, by more than the cut changes.
+            let limit = if shading == Shading::Pre { 1e-4 } else { 2e-2 };
+            assert!(difference < limit && before > 0.1, "{shading} {difference:e} {before:e}");
             let reference = Reference::new(&both, &transfer, &clipped(&settings, &cut)).unwrap();
             let error = rms_covered(&opened, &reference.render(&seen).unwrap());
-            let usual =
-                rms_covered(&alone, &Reference::new(&ball, &transfer, &settings).unwrap().render(&seen).unwrap());
-            println!("{shading} against the reference: {error:.1e}, without a plate {usual:.1e}");
             assert!(error < if shading == Shading::Pre { 2e-3 } else { 2e-2 }, "{shading} {error:e}");
         }
     }
