@@ -20,7 +20,7 @@ picture blurred demo:marschner-lobb:40 $surface --shading post
 # shellcheck disable=SC2086
 picture sharp demo:marschner-lobb:40 $surface --shading post --sharpness 1
 # shellcheck disable=SC2086
-picture shadows demo:marschner-lobb:96 ${surface%--light*} --light 90,30:5 --shadows on --light-size 8 \
+picture shadows demo:marschner-lobb:96 ${surface%--light*} --light 90,30:1.5 --shadows on --light-size 8 \
     --azimuth 30 --elevation 45
 picture studio demo:vessels:160 --light studio --azimuth 30 --elevation 10
 picture narrow-pre demo:shell:96 --azimuth 30 --elevation 20

@@ -61,6 +61,11 @@ fn means_of(ray: RayState, behind: vec4f, geometry: RayGeometry) -> vec3f {
     return vec3f(ray.before.w, ray.slab.w, behind.w) * mean_scale(geometry);
 }
 
+// The place in the lattice of a ray, `plane` planes from plane 0.
+fn place_on(geometry: RayGeometry, plane: f32) -> vec3f {
+    return rays.to_lattice * vec4f(geometry.base + geometry.shear * plane, plane, 1.0);
+}
+
 // The shares of light that arrive on a ray `plane` planes from plane 0.
 fn kept_on(geometry: RayGeometry, plane: f32) -> vec4f {
     return kept_at(rays.to_light * vec4f(geometry.base + geometry.shear * plane, plane, 1.0));
@@ -83,7 +88,7 @@ fn classify_slab(
     if LIGHTS > 0u {
         let g = (*ray).slab.xyz;
         let gradient = rays.gradient_x * g.x + rays.gradient_y * g.y + rays.gradient_z * g.z;
-        light = light_on(gradient, geometry.to_eye, kept_on(geometry, middle));
+        light = light_on(gradient, place_on(geometry, middle), geometry.to_eye, kept_on(geometry, middle));
         share = gradient_share(gradient * mean_scale(geometry), rays.gradient_lookup);
     }
     let step = (part.y - part.x) / f32(rays.samples);

@@ -33,7 +33,7 @@ fn shaded_color(index: u32, words: vec2u) -> vec3f {
         let offset = splat_lattice(words) - pack.eye;
         to_eye = -normalize(pack.view_x * offset.x + pack.view_y * offset.y + pack.view_z * offset.z);
     }
-    return lit_splat(color, appearance.y, splat_kept(index), to_eye);
+    return lit_splat(color, appearance.y, splat_kept(index), splat_lattice(words), to_eye);
 }
 
 @compute @workgroup_size(WORKGROUP)

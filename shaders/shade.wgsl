@@ -140,7 +140,7 @@ fn surface_of(gradient: vec3f, ray: PixelRay, z: f32) -> Surface {
         to_eye = -vec3f(ray.slope, 1.0) / ray.stretch;
     }
     let share = gradient_share(in_view * frame.inverse_sheet_scale, shading.gradient_lookup);
-    return Surface(light_on(in_view, to_eye, kept_on(ray, z)), share);
+    return Surface(light_on(in_view, ray.start + ray.direction * z, to_eye, kept_on(ray, z)), share);
 }
 
 // Pieces of half a sheet, which are lit alike; 1 if the mean of the sheet is classified.

@@ -94,7 +94,7 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
         let appearance = splats[splat_at(entry) + 1u];
         var color = splat_color(words.y, appearance.x);
         if LIGHTS > 0u {
-            color = lit_splat(color, appearance.y, splat_kept(entry), to_eye_from(center));
+            color = lit_splat(color, appearance.y, splat_kept(entry), lattice, to_eye_from(center));
         }
         emission = vec4f(color * density, density);
     }

@@ -430,6 +430,11 @@ impl Settings {
     }
 
     /// Which light is kept from voxels; `None` if all of it arrives.
+    /// Whether some light is at a place.
+    pub(crate) fn has_point_lights(&self) -> bool {
+        self.lighting.as_ref().is_some_and(Lighting::has_points)
+    }
+
     pub(crate) fn casting(&self) -> Option<Casting> {
         self.lighting.as_ref().and_then(Lighting::casting)
     }

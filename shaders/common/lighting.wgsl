@@ -3,6 +3,8 @@
 
 // Number of lights; with 0 colours stay as they are.
 override LIGHTS: u32 = 0u;
+// Some light is at a place.
+override POINT_LIGHTS: bool = false;
 
 struct Lighting {
     // World axes of the view.
@@ -12,10 +14,13 @@ struct Lighting {
     diffuse: f32,
     forward: vec3f,
     specular: f32,
-    // Unit vectors towards the lights. 0: the light is at the eye.
+    // Unit vectors towards the lights. 0: the light is at the eye. With w = 1 their places, view coordinates from the
+    // middle of the lattice.
     lights: array<vec4f, 4>,
     // Their red, green and blue.
     colors: array<vec4f, 4>,
+    // From the lattice to such places.
+    from_lattice: mat4x3f,
     shininess: f32,
 }
 
@@ -28,10 +33,23 @@ struct Shine {
 // All light arrives: of the lights that cast shadows (xyz) and of what is around (w).
 const UNSHADED = vec4f(1.0);
 
+// The unit vector from a place towards a light.
+fn towards_light(index: u32, place: vec3f, to_eye: vec3f) -> vec3f {
+    let light = lighting.lights[index];
+    var towards = light.xyz;
+    if POINT_LIGHTS {
+        let way = light.xyz - place;
+        let square = dot(way, way);
+        // At the light itself it comes from the eye.
+        let unit = select(to_eye, way * inverseSqrt(square), square > 1e-20);
+        towards = select(towards, unit, light.w > 0.0);
+    }
+    return select(towards, to_eye, all(light == vec4f(0.0)));
+}
+
 // Diffuse (x) and specular (y) share of a light on a surface with a unit normal.
-fn light_from(index: u32, normal: vec3f, to_eye: vec3f) -> vec2f {
-    let light = lighting.lights[index].xyz;
-    let towards = select(light, to_eye, all(light == vec3f(0.0)));
+fn light_from(index: u32, normal: vec3f, place: vec3f, to_eye: vec3f) -> vec2f {
+    let towards = towards_light(index, place, to_eye);
     let cosine = dot(normal, towards);
     if cosine <= 0.0 {
         return vec2f(0.0);
@@ -43,8 +61,8 @@ fn light_from(index: u32, normal: vec3f, to_eye: vec3f) -> vec2f {
 }
 
 // The light number `index`, of which the share `kept` arrives.
-fn shine_of(index: u32, normal: vec3f, to_eye: vec3f, kept: f32) -> Shine {
-    let shares = light_from(index, normal, to_eye) * kept;
+fn shine_of(index: u32, normal: vec3f, place: vec3f, to_eye: vec3f, kept: f32) -> Shine {
+    let shares = light_from(index, normal, place, to_eye) * kept;
     let color = lighting.colors[index].rgb;
     return Shine(color * shares.x, color * shares.y);
 }
@@ -54,8 +72,8 @@ fn sum_of(a: Shine, b: Shine) -> Shine {
 }
 
 // The light on a surface across a gradient of any length, of which the shares `kept` arrive. Without a gradient there
-// is no surface: the colour is as bright as what arrives.
-fn light_on(gradient: vec3f, to_eye: vec3f, kept: vec4f) -> Shine {
+// is no surface: the colour is as bright as what arrives. `point` is the place of the surface in the lattice.
+fn light_on(gradient: vec3f, point: vec3f, to_eye: vec3f, kept: vec4f) -> Shine {
     let largest = max(abs(gradient.x), max(abs(gradient.y), abs(gradient.z)));
     let ambient = lighting.ambient * kept.w;
     if largest <= 0.0 {
@@ -67,15 +85,16 @@ fn light_on(gradient: vec3f, to_eye: vec3f, kept: vec4f) -> Shine {
     let direction = gradient / largest;
     let facing = select(1.0, -1.0, dot(direction, to_eye) < 0.0);
     let normal = direction * (inverseSqrt(dot(direction, direction)) * facing);
-    var sum = shine_of(0u, normal, to_eye, kept.x);
+    let place = lighting.from_lattice * vec4f(point, 1.0);
+    var sum = shine_of(0u, normal, place, to_eye, kept.x);
     if LIGHTS > 1u {
-        sum = sum_of(sum, shine_of(1u, normal, to_eye, kept.y));
+        sum = sum_of(sum, shine_of(1u, normal, place, to_eye, kept.y));
     }
     if LIGHTS > 2u {
-        sum = sum_of(sum, shine_of(2u, normal, to_eye, kept.z));
+        sum = sum_of(sum, shine_of(2u, normal, place, to_eye, kept.z));
     }
     if LIGHTS > 3u {
-        sum = sum_of(sum, shine_of(3u, normal, to_eye, 1.0));
+        sum = sum_of(sum, shine_of(3u, normal, place, to_eye, 1.0));
     }
     return Shine(ambient + lighting.diffuse * sum.diffuse, lighting.specular * sum.specular);
 }

@@ -266,9 +266,10 @@ pub(super) struct ModelArgs {
         help_heading = "Model")]
     pub(super) shading: Shading,
     /// Light surfaces: off, headlight (from the eye), AZ,EL (from the position of an eye at that azimuth and elevation,
-    /// degrees), or studio (key, fill and rim light around the view, soft shadows, occlusion). Repeat the option
-    /// for up to 4 lights; :INTENSITY or :#RRGGBB behind headlight or AZ,EL changes them [default: studio for `render`
-    /// by a preset that shows surfaces; otherwise off]
+    /// degrees), @X,Y,Z (at a place in the world, as bright at any distance), or studio (key, fill and rim light around
+    /// the view, soft shadows, occlusion; in a turntable it stands still, and studio:eye comes along with the eye).
+    /// Repeat the option for up to 4 lights; :INTENSITY or :#RRGGBB behind all but the last changes them [default:
+    /// studio for `render` by a preset that shows surfaces; otherwise off]
     #[arg(long, value_name = "LIGHT", value_parser = parse::light, allow_hyphen_values = true, help_heading = "Model")]
     pub(super) light: Vec<LightArg>,
     /// Material of lit surfaces: ambient, diffuse and specular share, 0 to 1, and shininess, 1 to 1000
@@ -289,10 +290,15 @@ pub(super) struct ModelArgs {
     /// lattice, counted from 0, and so on. Without a number a range reaches to the face of the volume: 10:20,:,40:
     #[arg(long, value_name = "I0:I1,J0:J1,K0:K1", value_parser = clip::crop, help_heading = "Model")]
     pub(super) crop: Option<[Voxels; 3]>,
-    /// Shadows of the first three lights given by AZ,EL: on, off, or their strength, 0 to 1 [default: off; studio 0.85]
+    /// Shadows of the first three lights given by AZ,EL or @X,Y,Z: on, off, or their strength, 0 to 1 [default: off;
+    /// studio 0.85]
     #[arg(long, value_name = "on|off|STRENGTH", value_parser = parse::strength, help_heading = "Model")]
     pub(super) shadows: Option<f64>,
-    /// How large lights that cast shadows appear, across, degrees, 0 to 90: shadows become soft [default: 0; studio 10]
+    /// How far from a voxel shadows and occlusion begin, voxels, 0 to 16. Nearer matter keeps no light from it, so
+    /// opaque surfaces that face a light are lit; at 0 they lie in their own shadow [default: 1.5]
+    #[arg(long, value_name = "VOXELS", value_parser = parse::number, help_heading = "Model")]
+    pub(super) shadow_bias: Option<f64>,
+    /// How large lights given by AZ,EL appear, across, degrees, 0 to 90: shadows become soft [default: 0; studio 10]
     #[arg(long, value_name = "DEGREES", value_parser = parse::number, help_heading = "Model")]
     pub(super) light_size: Option<f64>,
     /// Ambient occlusion: voxels take the ambient light from each other within so many voxels, or off
@@ -481,11 +487,13 @@ pub(super) struct RenderArgs {
 }
 
 const TURNTABLE_EXAMPLES: &str = "\
--o is DIR/{frame}.png or .exr (a file for each frame), FILE.gif (256 colours for all frames), FILE.apng, FILE.y4m, or -
-for standard output. All options of render hold, and a scene is taken in place of a volume.
+-o is DIR/{frame}.png or .exr (a file for each frame), FILE.gif (256 colours for all frames), FILE.apng, FILE.y4m,
+FILE.html (a page that turns when it is dragged), or - for standard output. All options of render hold, and a scene is
+taken in place of a volume.
 
 Examples:
   voxsplat turntable head.nii.gz --frames 72 -o head.gif --size 512 --elevation 15
+  voxsplat turntable ct.nrrd --frames 72 -o ct.html --size 512 --scale-bar
   voxsplat turntable ct.nrrd --frames 360 -o frames/{frame}.png --part 2/8 --resume
   voxsplat turntable ct.nrrd --frames 100 -o - --key-frames path.json | ffmpeg -i - ct.mp4";
 
@@ -511,7 +519,7 @@ pub(super) struct TurntableArgs {
     #[arg(long, value_name = "N", default_value_t = 25.0, value_parser = parse::positive, allow_hyphen_values = true,
         help_heading = "Turntable")]
     pub(super) rate: f64,
-    /// Format of a film, gif, apng or y4m [default: by the name of the file; y4m for -]
+    /// Format of a film, gif, apng, y4m or html [default: by the name of the file; y4m for -]
     #[arg(long, value_name = "FORMAT", value_parser = one_of(Format::ALL, Format::name), help_heading = "Turntable")]
     pub(super) format: Option<Format>,
     /// Make the I-th of N parts of the frames, for batch systems

@@ -113,6 +113,8 @@ pub(super) struct RenderJob {
     pub(super) chooses_material: bool,
     /// Whether studio light was asked for.
     pub(super) studio: bool,
+    /// Whether studio light comes along with the eye, in a turntable.
+    pub(super) light_follows: bool,
     /// Whether the view is oblique if the file states no orientation.
     pub(super) chooses_view: bool,
     pub(super) engine: Engine,
@@ -187,7 +189,8 @@ impl RenderJob {
             chooses_light,
             chooses_sharpness,
             chooses_material: args.model.material.is_none(),
-            studio: args.model.light.contains(&LightArg::Studio),
+            studio: args.model.light.iter().any(|light| matches!(light, LightArg::Studio(_))),
+            light_follows: args.model.light.contains(&LightArg::Studio(true)),
             chooses_view: args.view.says_no_side(),
             engine,
             output,
@@ -307,6 +310,7 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
         let needing = [
             ("material", args.material.is_some()),
             ("shadows", args.shadows.is_some()),
+            ("shadow-bias", args.shadow_bias.is_some()),
             ("light-size", args.light_size.is_some()),
             ("occlusion", args.occlusion.is_some()),
         ];
@@ -318,7 +322,7 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
     if lit.len() < args.light.len() {
         return usage("--light: off does not go with other lights".to_owned());
     }
-    let mut lighting = if lit.contains(&LightArg::Studio) {
+    let mut lighting = if lit.iter().any(|light| matches!(light, LightArg::Studio(_))) {
         if lit.len() > 1 {
             return usage("--light: studio is all of the lights, no other goes with it".to_owned());
         }
@@ -333,6 +337,7 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
                     let towards = -View { azimuth, elevation, up: view.up, ..View::default() }.forward()?;
                     Light::directional(towards)
                 }
+                PlaceArg::At(place) => Light::at(DVec3::from_array(place)),
             };
             lights.push(Light { color, ..light });
         }
@@ -343,16 +348,27 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
     }
     lighting.shadows = args.shadows.unwrap_or(lighting.shadows);
     if args.shadows.is_some_and(|strength| strength > 0.0) && lighting.lights.iter().all(|l| l.source == Source::Eye) {
-        return usage("--shadows: a headlight casts none, give a light by AZ,EL".to_owned());
+        return usage("--shadows: a headlight casts none, give a light by AZ,EL or @X,Y,Z".to_owned());
     }
     if let Some(size) = args.light_size {
         if lighting.shadows == 0.0 {
             return usage("--light-size shows in shadows alone: it needs --shadows".to_owned());
         }
-        lighting.lights.iter_mut().filter(|light| light.source != Source::Eye).for_each(|light| light.size = size);
+        let is_far = |light: &&mut Light| matches!(light.source, Source::Direction(_));
+        let mut far = lighting.lights.iter_mut().filter(is_far).peekable();
+        if far.peek().is_none() {
+            return usage("--light-size: a light at a place is a point, it needs a light by AZ,EL".to_owned());
+        }
+        far.for_each(|light| light.size = size);
     }
     if let Some(Occlusion(radius)) = args.occlusion {
         lighting.occlusion = radius;
+    }
+    if let Some(bias) = args.shadow_bias {
+        if lighting.shadows == 0.0 && lighting.occlusion.is_none() {
+            return usage("--shadow-bias shows in shadows and occlusion alone: it needs either".to_owned());
+        }
+        lighting.shadow_bias = bias;
     }
     Ok(Some(lighting))
 }

@@ -15,7 +15,8 @@ use voxsplat::transfer::{ControlPoint, GradientPoint, TransferFunction, Window};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum LightArg {
     Off,
-    Studio,
+    /// Whether it comes along with the eye.
+    Studio(bool),
     /// A light with its colour.
     One(PlaceArg, [f64; 3]),
 }
@@ -26,6 +27,8 @@ pub(super) enum PlaceArg {
     Eye,
     /// Azimuth and elevation in degrees, as those of an eye.
     From(f64, f64),
+    /// A place in the world.
+    At([f64; 3]),
 }
 
 /// Parses a value of the library. The error is without the option's name, which `clap` adds.
@@ -122,14 +125,23 @@ pub(super) fn table(text: &str) -> Result<[u32; 2], String> {
     parsed.ok_or_else(|| "expected ROWSxTERMS, such as 256x8".to_owned())
 }
 
-/// `off`, `studio`, or `headlight` or `AZ,EL` with `:INTENSITY`, `:#RRGGBB` or `:INTENSITY,#RRGGBB`.
+/// `off`, `studio`, `studio:eye`, or `headlight`, `AZ,EL` or `@X,Y,Z` with `:INTENSITY`, `:#RRGGBB` or
+/// `:INTENSITY,#RRGGBB`.
 pub(super) fn light(text: &str) -> Result<LightArg, String> {
-    let expected = || "expected off, studio, headlight or AZ,EL in degrees; the last two with :INTENSITY or :#RRGGBB";
+    let expected = || {
+        "expected off, studio, studio:eye, headlight, AZ,EL in degrees or @X,Y,Z; the last three with :INTENSITY or \
+         :#RRGGBB"
+    };
     let (place, color) = text.split_once(':').map_or((text, None), |(place, color)| (place, Some(color)));
     let place = match (place, color) {
         ("off", None) => return Ok(LightArg::Off),
-        ("studio", None) => return Ok(LightArg::Studio),
+        ("studio", None) => return Ok(LightArg::Studio(false)),
+        ("studio", Some("eye")) => return Ok(LightArg::Studio(true)),
         ("headlight", _) => PlaceArg::Eye,
+        _ if place.starts_with('@') => match list::<f64>(&place[1..]).as_deref() {
+            Some(&[x, y, z]) if [x, y, z].iter().all(|c| c.is_finite()) => PlaceArg::At([x, y, z]),
+            _ => return Err(expected().to_owned()),
+        },
         _ => match list::<f64>(place).as_deref() {
             Some(&[azimuth, elevation]) if azimuth.is_finite() && elevation.is_finite() => {
                 PlaceArg::From(azimuth, elevation)

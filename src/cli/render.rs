@@ -199,9 +199,9 @@ pub(super) fn notes(settings: &Settings, figure: &Figure, of_errors: Vec<Note>) 
     }
     let light = settings.lighting.as_ref().map_or_else(
         || "none".to_owned(),
-        |Lighting { lights, shadows, occlusion, .. }| {
+        |Lighting { lights, shadows, shadow_bias, occlusion, .. }| {
             let around = occlusion.map_or_else(|| "off".to_owned(), |radius| radius.to_string());
-            format!("{}, shadows {shadows}, occlusion {around}", lights.len())
+            format!("{}, shadows {shadows}, bias {shadow_bias}, occlusion {around}", lights.len())
         },
     );
     let settings = format!("{}; lights: {light}", command_line(&options));

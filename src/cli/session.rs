@@ -127,10 +127,14 @@ impl Session {
         }
         self.choose_view(job)?;
         job.settings.clip = job.clip.of(&self.volume)?;
+        if job.light_follows {
+            place_studio(job)?;
+        }
         let Some(material) = fitted.preset.and_then(|preset| preset.material) else { return Ok(()) };
         if job.chooses_light {
             job.settings.lighting = Some(Lighting::studio(job.view.forward()?, job.view.up));
-            self.say("note: --light studio is taken, as the preset shows surfaces; --light off is without".to_owned());
+            let name = if job.light_follows { "studio:eye" } else { "studio" };
+            self.say(format!("note: --light {name} is taken, as the preset shows surfaces; --light off is without"));
         }
         if job.chooses_material {
             job.settings.lighting = job.settings.lighting.take().map(|lighting| material.lit(lighting));
@@ -152,11 +156,7 @@ impl Session {
         }
         let [azimuth, elevation] = OBLIQUE;
         (job.view.azimuth, job.view.elevation) = (azimuth, elevation);
-        if let Some(lighting) = job.settings.lighting.as_mut().filter(|_| job.studio) {
-            let studio = Lighting::studio(job.view.forward()?, job.view.up);
-            let placed = lighting.lights.iter_mut().zip(studio.lights);
-            placed.for_each(|(light, there)| light.source = there.source);
-        }
+        place_studio(job)?;
         let taken = format!("note: --azimuth {azimuth} --elevation {elevation} is taken");
         self.say(format!("{taken}, as the file states no orientation; --azimuth 0 is the front"));
         Ok(())
@@ -205,6 +205,16 @@ impl Session {
         let drawn = if job.figure.is_empty() { None } else { Some(stages.time("figure", figure)?) };
         Ok(Picture { image, drawn, camera, settings, notes, estimate, stats })
     }
+}
+
+/// Places studio light, if a job asks for it, around its view.
+fn place_studio(job: &mut RenderJob) -> Result<(), Failure> {
+    if let Some(lighting) = job.settings.lighting.as_mut().filter(|_| job.studio) {
+        let studio = Lighting::studio(job.view.forward()?, job.view.up);
+        let placed = lighting.lights.iter_mut().zip(studio.lights);
+        placed.for_each(|(light, there)| light.source = there.source);
+    }
+    Ok(())
 }
 
 impl Prepared {

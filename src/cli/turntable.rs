@@ -15,6 +15,7 @@ use voxsplat::image::{Background, Image, Note};
 use super::args::{RenderArgs, TurntableArgs};
 use super::destination::{Destination, STREAM};
 use super::job::RenderJob;
+use super::options::command_line;
 use super::progress::Remaining;
 use super::render::{Fitted, Stages};
 use super::session::Session;
@@ -62,7 +63,9 @@ pub(super) struct TurntableJob {
 impl Target {
     fn new(path: Option<PathBuf>, format: Option<Format>) -> Result<Self, Failure> {
         let usage = |reason: String| Err(Failure::Usage(reason));
-        let Some(path) = path else { return usage("--output is missing: DIR/{frame}.png, FILE.gif or -".to_owned()) };
+        let Some(path) = path else {
+            return usage("--output is missing: DIR/{frame}.png, FILE.gif, FILE.html or -".to_owned());
+        };
         if path == Path::new(STREAM) {
             Destination::stdout()?;
             return Ok(Self::Stream(format.unwrap_or(Format::Y4m)));
@@ -71,6 +74,10 @@ impl Target {
             (Some(_), _) if format.is_some() => usage(format!("--format: {FRAME} asks for a file for each frame")),
             (Some(name), _) => {
                 let first = PathBuf::from(numbered(name, 0, 1));
+                // A folder for the frames is made. If it cannot be, the check says what is wrong.
+                if let Some(folder) = first.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+                    let _ = std::fs::create_dir(folder);
+                }
                 Destination::checked(first)?;
                 Ok(Self::Files(name.to_owned()))
             }
@@ -80,7 +87,7 @@ impl Target {
             }
             (None, None) => usage(format!(
                 "--output: {path:?}, expected a name with {FRAME} such as frames/{FRAME}.png, FILE.gif, FILE.apng, \
-                 FILE.y4m, or - for standard output"
+                 FILE.y4m, FILE.html, or - for standard output"
             )),
         }
     }
@@ -112,6 +119,7 @@ impl TurntableJob {
         }
         // It looks from all sides.
         first.chooses_view = false;
+        first.light_follows |= first.chooses_light;
         let target = Target::new(path.take(), format)?;
         if !matches!(target, Target::Files(_)) {
             if first.background == Background::Transparent {
@@ -227,7 +235,7 @@ fn make(
     let progress = Remaining::new("frames", wanted.len());
     for (done, &frame) in wanted.iter().enumerate() {
         progress.at(done, &format!("frame {} of {}", frame + 1, views.len()));
-        // Studio light comes with the eye.
+        // Studio light may come with the eye.
         let mut job = RenderJob { view: views[frame as usize].clone(), ..first.clone() };
         session.complete(&mut job, fitted)?;
         let picture = session.picture(&job, &fitted.transfer, &mut Stages::default())?;
@@ -255,16 +263,29 @@ fn write(
         }
         Target::Film(path, format) => {
             let mut film = FilmFile::new(*format, size, count, rate)?;
-            frames.into_iter().try_for_each(|done| film.add(&done.image, background))?;
+            for Done { image, notes, .. } in frames {
+                film.add(&image, background)?;
+                film.describe(described(notes));
+            }
             film.save(path)?;
         }
         Target::Stream(format) => {
             let mut film = Film::new(BufWriter::new(stdout()), *format, size, count, rate)?;
-            frames.into_iter().try_for_each(|done| film.add(&done.image, background))?;
+            for Done { image, notes, .. } in frames {
+                film.add(&image, background)?;
+                film.describe(described(notes));
+            }
             film.finish()?;
         }
     }
     Ok(())
+}
+
+/// What a page says of its frames: the command, and what the file of the last picture would say.
+fn described(notes: Vec<Note>) -> Vec<String> {
+    let words: Vec<String> = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+    let command = format!("voxsplat {}", command_line(&words));
+    std::iter::once(command).chain(notes.into_iter().map(|Note { name, text }| format!("{name}: {text}"))).collect()
 }
 
 #[cfg(test)]

@@ -1,11 +1,13 @@
-//! Films: pictures of one size as GIF, APNG or Y4M.
+//! Films: pictures of one size as GIF, APNG, Y4M or a page that turns when it is dragged.
 
+mod page;
 mod palette;
 
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, Write};
 use std::path::Path;
 
+use page::Page;
 use palette::Histogram;
 
 use crate::camera::Camera;
@@ -23,9 +25,11 @@ pub enum Format {
     Apng,
     /// Uncompressed YUV (BT.601, 4:4:4) for encoders of video, such as `ffmpeg -i -`.
     Y4m,
+    /// One HTML page with every frame in it, as PNG, which turns when it is dragged.
+    Html,
 }
 
-named!("format", Format { Gif: "gif", Apng: "apng", Y4m: "y4m" });
+named!("format", Format { Gif: "gif", Apng: "apng", Y4m: "y4m", Html: "html" });
 
 impl Format {
     /// The format that the extension of a path stands for.
@@ -55,6 +59,7 @@ pub struct Film<W: Write> {
     size: [u32; 2],
     frames: u32,
     added: u32,
+    lines: Vec<String>,
     sink: Sink<W>,
 }
 
@@ -68,6 +73,7 @@ enum Sink<W: Write> {
     },
     Apng(png::Writer<W>),
     Y4m(W),
+    Html(Page<W>),
 }
 
 impl<W: Write> Film<W> {
@@ -112,8 +118,14 @@ impl<W: Write> Film<W> {
                 out.write_all(head.as_bytes()).map_err(failed)?;
                 Sink::Y4m(out)
             }
+            Format::Html => Sink::Html(Page::new(out, size, rate).map_err(failed)?),
         };
-        Ok(Self { size, frames, added: 0, sink })
+        Ok(Self { size, frames, added: 0, lines: Vec::new(), sink })
+    }
+
+    /// Lines of text for a film that has room for them: a page.
+    pub fn describe(&mut self, lines: Vec<String>) {
+        self.lines = lines;
     }
 
     /// Adds the next frame, over an opaque background.
@@ -149,6 +161,7 @@ impl<W: Write> Film<W> {
                 (0..3).for_each(|plane| frame.extend(yuv.iter().map(|pixel| pixel[plane])));
                 out.write_all(&frame).map_err(failed)
             }
+            Sink::Html(page) => page.add(&pixels.flatten().collect::<Vec<u8>>()).map_err(failed),
         }
     }
 
@@ -181,6 +194,7 @@ impl<W: Write> Film<W> {
             }
             Sink::Apng(writer) => writer.finish().map_err(failed),
             Sink::Y4m(mut out) => out.flush().map_err(failed),
+            Sink::Html(page) => page.finish(&self.lines).map_err(failed),
         }
     }
 }
@@ -228,6 +242,11 @@ impl FilmFile {
     /// Those of [`Film::add`].
     pub fn add(&mut self, image: &Image, background: Background) -> Result<()> {
         self.film.add(image, background)
+    }
+
+    /// As [`Film::describe`].
+    pub fn describe(&mut self, lines: Vec<String>) {
+        self.film.describe(lines);
     }
 
     /// Completes the film and gives it its name.
@@ -303,6 +322,28 @@ mod tests {
             reader.next_frame(&mut pixels).unwrap();
             assert_eq!(off(&frame, &pixels), 0.0);
             assert_eq!(reader.info().frame_control.unwrap().delay_num, 80);
+        }
+    }
+
+    #[test]
+    fn a_page_has_every_frame_and_what_is_said_of_them() {
+        let mut bytes = Vec::new();
+        let mut film = Film::new(&mut bytes, Format::Html, [32, 16], 3, 12.5).unwrap();
+        frames().iter().for_each(|frame| film.add(frame, Background::default()).unwrap());
+        film.describe(vec!["a <b> & {delay}".to_owned()]);
+        film.finish().unwrap();
+        let text = String::from_utf8(bytes).unwrap();
+        assert!(text.contains("<p>a &lt;b&gt; &amp; {delay}</p>") && text.contains("show(frame + 1), 80)"), "{text}");
+        assert!(!text.contains("http"), "asks for something of the network");
+        let listed = text.split("const frames = [\n").nth(1).unwrap().split("];").next().unwrap();
+        let files: Vec<&str> = listed.lines().map(|line| line.trim_matches(['"', ','])).collect();
+        assert_eq!(files.len(), 3);
+        for (file, frame) in files.into_iter().zip(frames()) {
+            let file = base64::Engine::decode(&base64::engine::general_purpose::STANDARD, file).unwrap();
+            let mut reader = png::Decoder::new(io::Cursor::new(&file)).read_info().unwrap();
+            let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+            reader.next_frame(&mut pixels).unwrap();
+            assert_eq!(off(&frame, &pixels), 0.0);
         }
     }
 

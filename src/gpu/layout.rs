@@ -196,6 +196,7 @@ pub(crate) struct Lighting {
     pub specular: f32,
     pub lights: [[f32; 4]; 4],
     pub colors: [[f32; 4]; 4],
+    pub from_lattice: Affine,
     pub shininess: f32,
     pub _pad: [u32; 3],
 }
@@ -306,6 +307,7 @@ pub(crate) struct Rays {
     pub gradient_lookup: f32,
     pub _pad: f32,
     pub to_light: Affine,
+    pub to_lattice: Affine,
     pub model: [f32; 4],
     /// Those of near slabs, then those of far ones.
     pub sections: [[[Section; SECTIONS]; SECTION_POWERS]; 2],

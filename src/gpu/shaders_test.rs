@@ -152,11 +152,12 @@ fn structs_are_laid_out_alike() {
         fade_out,
         gradient_lookup,
         to_light,
+        to_lattice,
         model,
         sections,
         clip_planes
     });
-    same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, colors, shininess });
+    same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, colors, from_lattice, shininess });
     same_layout!(Frame {
         lattice_center,
         radius,

@@ -142,6 +142,28 @@ pub(super) fn directions(xs: &[u32; LANES], step: [f32; 3], start: [f32; 3]) -> 
     [vx, vy, vz]
 }
 
+/// The places of lattice points in the coordinates of lights.
+pub(super) fn places(lighting: &Lighting, xs: &[u32; LANES], y: u32, z: u32) -> Vectors {
+    let [along_x, along_y, along_z, origin] = lighting.from_lattice;
+    std::array::from_fn(|axis| {
+        let start = along_y[axis] * y as f32 + along_z[axis] * z as f32 + origin[axis];
+        xs.map(|x| along_x[axis] * x as i32 as f32 + start)
+    })
+}
+
+/// Unit vectors from places towards a light; to the eye at the light itself.
+fn converging(light: [f32; 3], places: &Vectors, to_eye: &Vectors) -> Vectors {
+    let mut towards = *to_eye;
+    for i in 0..LANES {
+        let way = [0, 1, 2].map(|axis| light[axis] - places[axis][i]);
+        let square = way[0] * way[0] + way[1] * way[1] + way[2] * way[2];
+        if square > 1e-20 {
+            (0..3).for_each(|axis| towards[axis][i] = way[axis] / square.sqrt());
+        }
+    }
+    towards
+}
+
 /// The place of the light from all around among the shares that are kept.
 const AROUND: usize = 3;
 
@@ -165,20 +187,26 @@ pub(super) fn kept(low: &[u32; LANES], high: &[u32; LANES]) -> [Lanes; 4] {
 /// `lit_splat` in shaders/common/lit_splat.wgsl.
 ///
 /// `kept` are the shares of light that arrive, of the lights that cast shadows and of what is around; `None`: all.
+/// `places` are those of the splats; `None`: no light is at a place.
 pub(super) fn light(
     lighting: &Lighting,
     lights: u32,
     colors: &mut Vectors,
     words: &[u32; LANES],
     kept: Option<&[Lanes; 4]>,
+    places: Option<&Vectors>,
     to_eye: &Vectors,
 ) {
     let normals = facing_normals(lighting, words, to_eye);
     let (mut diffuse, mut specular) = (Vectors::default(), Vectors::default());
-    for (number, (&[x, y, z, _], intensity)) in
+    for (number, (&[x, y, z, w], intensity)) in
         lighting.lights[..lights as usize].iter().zip(&lighting.colors).enumerate()
     {
-        let towards = if [x, y, z] == [0.0; 3] { *to_eye } else { [[x; LANES], [y; LANES], [z; LANES]] };
+        let towards = match places {
+            Some(places) if w > 0.0 => converging([x, y, z], places, to_eye),
+            _ if [x, y, z] == [0.0; 3] => *to_eye,
+            _ => [[x; LANES], [y; LANES], [z; LANES]],
+        };
         // In steps without a choice, which vectorise.
         let (mut cosines, mut shines) = (Lanes::default(), Lanes::default());
         for i in 0..LANES {

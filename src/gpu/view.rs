@@ -1,6 +1,6 @@
 //! The geometry of one picture that every painter needs, in f64: camera, lattice, pixels, growth of kernels, light.
 
-use glam::DVec3;
+use glam::{DAffine3, DMat3, DVec3};
 
 use super::layout;
 use super::levels::Cut;
@@ -66,6 +66,9 @@ impl ScalarNeed {
     }
 }
 
+/// The farthest that a light at a place is taken to be, in half diagonals of the lattice: there it errs by 1e-6.
+const FARTHEST_LIGHT: f64 = 1e6;
+
 /// The share of a layer in a picture of several, by the growth that its own kernels have at a depth: it begins, is
 /// whole, fades, and ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,6 +90,8 @@ impl Fade {
 pub(crate) struct ViewGeometry {
     /// World length of a local one.
     pub(super) unit: f64,
+    /// The middle of the lattice in the world.
+    center: DVec3,
     pub(super) camera: Camera,
     pub(super) grid: Grid,
     /// Radius of the kernel as asked for, in voxels.
@@ -130,7 +135,7 @@ impl ViewGeometry {
         grown: f64,
         fade: Option<Fade>,
     ) -> Self {
-        let unit = grid.unit();
+        let (unit, center) = (grid.unit(), grid.center());
         let clip = settings.clip.sides(grid);
         let (camera, grid) = (&camera.local(grid), &grid.local());
         let to_world = grid.to_world().matrix3;
@@ -153,6 +158,7 @@ impl ViewGeometry {
         let beyond = if settings.is_post_shaded() { 0.5 } else { settings.kernel.radius() * growths[1] };
         Self {
             unit,
+            center,
             camera: *camera,
             grid: *grid,
             radius: settings.kernel.radius(),
@@ -301,7 +307,14 @@ impl ViewGeometry {
         (right > x && bottom > y).then(|| Region { x, y, width: right - x, height: bottom - y })
     }
 
-    /// Material and lights in view coordinates; all zero if there is no light.
+    /// From the lattice to view coordinates from its middle.
+    pub(super) fn map_of_lattice(&self) -> DAffine3 {
+        let Camera { right, up, forward, .. } = self.camera;
+        let to_view = DMat3::from_cols(right, up, forward).transpose() * self.grid.to_world().matrix3;
+        DAffine3::from_mat3_translation(to_view, -(to_view * half(&self.grid)))
+    }
+
+    /// Material and lights in view coordinates; all zero if there is no light. Places are those of the lattice.
     pub(super) fn lighting(&self, lighting: Option<&Lighting>) -> layout::Lighting {
         let Some(lighting) = lighting else { return layout::Lighting::default() };
         let camera = &self.camera;
@@ -314,6 +327,12 @@ impl ViewGeometry {
                 Source::Direction(towards) => {
                     let d = towards.normalize();
                     [d.dot(camera.right), d.dot(camera.up), d.dot(camera.forward), 0.0].map(|c| c as f32)
+                }
+                Source::Point(place) => {
+                    let d = (place - self.center) / self.unit;
+                    // Farther out, light is parallel in f32: squares stay in its range.
+                    let d = d.clamp_length_max(FARTHEST_LIGHT * half(&self.grid).length().max(1.0));
+                    [d.dot(camera.right), d.dot(camera.up), d.dot(camera.forward), 1.0].map(|c| c as f32)
                 }
             };
         }
@@ -330,6 +349,7 @@ impl ViewGeometry {
             specular: lighting.specular as f32,
             lights,
             colors,
+            from_lattice: layout::affine(&self.map_of_lattice()),
             shininess: lighting.shininess as f32,
             _pad: [0; 3],
         }

@@ -144,7 +144,6 @@ impl FootprintTable {
 
     /// The section of the kernel between t0 and t1 (voxels along the ray from its closest point) of a ray at squared
     /// distance r2 from the centre, as the shaders evaluate it but in f64.
-    #[cfg(test)]
     pub(crate) fn section(&self, radius: f64, r2: f64, t0: f64, t1: f64) -> f64 {
         let c2 = radius * radius - r2;
         if c2 <= 0.0 {

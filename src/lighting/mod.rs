@@ -14,6 +14,8 @@ pub enum Source {
     Eye,
     /// Infinitely far away: the world direction towards the light, of any length over 0.
     Direction(DVec3),
+    /// At a place in the world. It is as bright at any distance; its size is 0.
+    Point(DVec3),
 }
 
 /// A light.
@@ -41,13 +43,22 @@ impl Light {
         Self { source: Source::Direction(towards), ..Self::HEADLIGHT }
     }
 
-    /// World directions, unit length, spread evenly over what can be seen of the light (Vogel 1979, "A better way to
-    /// construct the sunflower head"); none if it is at the eye.
-    fn directions(&self) -> Vec<DVec3> {
-        let Source::Direction(towards) = self.source else { return Vec::new() };
-        let towards = towards.normalize();
+    /// A white light of intensity 1 at a place in the world.
+    #[must_use]
+    pub const fn at(place: DVec3) -> Self {
+        Self { source: Source::Point(place), ..Self::HEADLIGHT }
+    }
+
+    /// Where light comes from: none if it is at the eye; of a light with a size world directions, unit length, spread
+    /// evenly over what can be seen of it (Vogel 1979, "A better way to construct the sunflower head").
+    fn origin(&self) -> Origin {
+        let towards = match self.source {
+            Source::Eye => return Origin::default(),
+            Source::Point(place) => return Origin::Point(place),
+            Source::Direction(towards) => towards.normalize(),
+        };
         if self.size <= 0.0 {
-            return vec![towards];
+            return Origin::Directions(vec![towards]);
         }
         let (across, down) = towards.any_orthonormal_pair();
         let narrowest = (self.size.to_radians() / 2.0).cos();
@@ -59,7 +70,7 @@ impl Light {
             let (y, x) = (golden * f64::from(i)).sin_cos();
             towards * cosine + (across * x + down * y) * sine
         };
-        (0..Self::DIRECTIONS).map(direction).collect()
+        Origin::Directions((0..Self::DIRECTIONS).map(direction).collect())
     }
 }
 
@@ -90,6 +101,10 @@ pub struct Lighting {
     /// How dark shadows are: 0, there are none, to 1, no light that is absorbed arrives. Of the first three lights; the
     /// fourth, and one at the eye, casts none.
     pub shadows: f64,
+    /// How far from a voxel's centre what keeps light from it begins, voxels, 0 to [`Self::MAX_BIAS`]. At 0 the half of
+    /// the voxel itself that faces the light counts, so the surface of opaque matter lies in its own shadow. At 1.5 or
+    /// more surfaces that face the light are lit, whatever their extinction.
+    pub shadow_bias: f64,
     /// The distance within which voxels take the ambient light from each other, voxels, over 0; `None`: they do not.
     pub occlusion: Option<f64>,
 }
@@ -120,23 +135,59 @@ impl Visibility {
     }
 }
 
+/// Where the light that is kept from voxels comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Origin {
+    /// World directions; none: all of it arrives.
+    Directions(Vec<DVec3>),
+    /// A place in the world.
+    Point(DVec3),
+}
+
+impl Default for Origin {
+    fn default() -> Self {
+        Self::Directions(Vec::new())
+    }
+}
+
+impl Origin {
+    fn is_none(&self) -> bool {
+        matches!(self, Self::Directions(towards) if towards.is_empty())
+    }
+}
+
 /// Which light is kept from voxels.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Casting {
-    /// World directions to the lights, those of each.
-    lights: [Vec<DVec3>; MAX_CASTING],
+    /// The origins of the lights.
+    lights: [Origin; MAX_CASTING],
     strength: f64,
+    /// Voxels.
+    bias: f64,
     /// Voxels.
     occlusion: Option<f64>,
 }
 
 impl Casting {
-    /// What arrives at a point, given the ambient share and the optical depth towards a light in a world direction, as
-    /// [`shadow`](self::shadow) has it.
-    pub(crate) fn visibility(&self, ambient: f64, depth: impl Fn(DVec3) -> f64) -> Visibility {
+    /// Where what keeps light from a voxel begins, voxels from its centre.
+    pub(crate) fn bias(&self) -> f64 {
+        self.bias
+    }
+
+    /// What arrives at a point of the world, given the ambient share and the optical depth from the point in a unit
+    /// direction as far as a distance, as [`shadow`](self::shadow) has it.
+    pub(crate) fn visibility(&self, point: DVec3, ambient: f64, depth: impl Fn(DVec3, f64) -> f64) -> Visibility {
         let mut visibility = Visibility { ambient, ..Visibility::FULL };
-        for (share, towards) in visibility.lights.iter_mut().zip(&self.lights).filter(|(_, t)| !t.is_empty()) {
-            let mean = towards.iter().map(|&t| (-depth(t)).exp()).sum::<f64>() / towards.len() as f64;
+        for (share, origin) in visibility.lights.iter_mut().zip(&self.lights).filter(|(_, o)| !o.is_none()) {
+            let mean = match origin {
+                Origin::Directions(towards) => {
+                    towards.iter().map(|&t| (-depth(t, f64::INFINITY)).exp()).sum::<f64>() / towards.len() as f64
+                }
+                &Origin::Point(place) => {
+                    let distance = place.distance(point);
+                    (-depth((place - point).normalize_or_zero(), distance)).exp()
+                }
+            };
             *share = 1.0 - self.strength * (1.0 - mean);
         }
         visibility
@@ -152,6 +203,7 @@ impl Default for Lighting {
             shininess: 24.0,
             lights: vec![Light::HEADLIGHT],
             shadows: 0.0,
+            shadow_bias: 1.5,
             occlusion: None,
         }
     }
@@ -164,6 +216,9 @@ impl Lighting {
     pub(crate) fn flat() -> Self {
         Self { ambient: 1.0, diffuse: 0.0, specular: 0.0, ..Self::default() }
     }
+
+    /// The farthest from a voxel that what keeps light from it begins, voxels.
+    pub const MAX_BIAS: f64 = 16.0;
 
     /// The farthest that occlusion reaches, voxels.
     pub const MAX_OCCLUSION: f64 = 256.0;
@@ -180,6 +235,7 @@ impl Lighting {
             ("material", "specular", self.specular, 0.0, 1.0),
             ("material", "shininess", self.shininess, 1.0, 1000.0),
             ("shadows", "strength", self.shadows, 0.0, 1.0),
+            ("shadow_bias", "distance", self.shadow_bias, 0.0, Self::MAX_BIAS),
             ("occlusion", "radius", self.occlusion.unwrap_or(1.0), 0.5, Self::MAX_OCCLUSION),
         ] {
             if !(low..=high).contains(&value) {
@@ -190,10 +246,17 @@ impl Lighting {
             return error("light", format!("{} lights, expected 1 to {}", self.lights.len(), Self::MAX_LIGHTS));
         }
         for light in &self.lights {
-            if let Source::Direction(towards) = light.source
-                && !(towards.is_finite() && towards.length() > 0.0)
-            {
-                return error("light", format!("direction {towards} points nowhere"));
+            match light.source {
+                Source::Direction(towards) if !(towards.is_finite() && towards.length() > 0.0) => {
+                    return error("light", format!("direction {towards} points nowhere"));
+                }
+                Source::Point(place) if !place.is_finite() => {
+                    return error("light", format!("place {place}, expected finite numbers"));
+                }
+                Source::Point(_) if light.size > 0.0 => {
+                    return error("light_size", "a light at a place is a point".to_owned());
+                }
+                _ => (),
             }
             if !light.color.iter().all(|c| (0.0..=Light::BRIGHTEST).contains(c)) {
                 let reason = format!("colour {:?}, expected numbers from 0 to {}", light.color, Light::BRIGHTEST);
@@ -210,9 +273,6 @@ impl Lighting {
     /// parallel): a large warm key light from the upper left, which casts soft shadows, a weak cool fill light from the
     /// right, which casts none, a rim light from behind, and a little from the eye. Voxels take the ambient light from
     /// each other within 8 voxels. The lights stand still in the world if the eye moves on.
-    ///
-    /// The key light has over twice the intensity of white: of what the eye sees of a surface, over half lies in
-    /// its own shadow.
     #[must_use]
     pub fn studio(forward: DVec3, up: DVec3) -> Self {
         let forward = forward.normalize();
@@ -222,7 +282,7 @@ impl Lighting {
             let towards = right * towards[0] + up * towards[1] - forward * towards[2];
             Light { color, size, ..Light::directional(towards) }
         };
-        let key = light([-0.55, 0.65, 0.6], [2.4, 2.33, 2.21], 10.0);
+        let key = light([-0.55, 0.65, 0.6], [1.35, 1.31, 1.24], 10.0);
         let rim = light([0.5, 0.6, -0.6], [0.9, 0.9, 1.0], 0.0);
         let fill = light([0.8, 0.1, 0.7], [0.28, 0.28, 0.3], 0.0);
         let front = Light { color: [0.25; 3], ..Light::HEADLIGHT };
@@ -238,19 +298,42 @@ impl Lighting {
 
     /// Which light is kept from voxels; `None` if all of it arrives.
     pub(crate) fn casting(&self) -> Option<Casting> {
-        let mut lights: [Vec<DVec3>; MAX_CASTING] = Default::default();
+        let mut lights: [Origin; MAX_CASTING] = Default::default();
         if self.shadows > 0.0 {
-            lights.iter_mut().zip(&self.lights).for_each(|(towards, light)| *towards = light.directions());
+            lights.iter_mut().zip(&self.lights).for_each(|(origin, light)| *origin = light.origin());
         }
-        let casts = self.occlusion.is_some() || lights.iter().any(|towards| !towards.is_empty());
-        casts.then_some(Casting { lights, strength: self.shadows, occlusion: self.occlusion })
+        let casts = self.occlusion.is_some() || lights.iter().any(|origin| !origin.is_none());
+        casts.then_some(Casting { lights, strength: self.shadows, bias: self.shadow_bias, occlusion: self.occlusion })
+    }
+
+    /// Whether some light is at a place.
+    pub(crate) fn has_points(&self) -> bool {
+        self.lights.iter().any(|light| matches!(light.source, Source::Point(_)))
+    }
+
+    /// The same lights in a world that begins elsewhere: at `origin`.
+    pub(crate) fn seen_from(&self, origin: DVec3) -> Self {
+        let mut lighting = self.clone();
+        for light in &mut lighting.lights {
+            if let Source::Point(place) = &mut light.source {
+                *place -= origin;
+            }
+        }
+        lighting
     }
 
     /// The colour that a lit point shows. `color` is its own colour, `gradient` the gradient of the field in world
-    /// coordinates, of any length, `to_eye` the unit world direction to the eye, and `visibility` what of the light
-    /// arrives.
+    /// coordinates, of any length, `place` the point in the world, `to_eye` the unit world direction to the eye, and
+    /// `visibility` what of the light arrives.
     #[must_use]
-    pub fn shade(&self, color: [f64; 3], gradient: DVec3, to_eye: DVec3, visibility: &Visibility) -> [f64; 3] {
+    pub fn shade(
+        &self,
+        color: [f64; 3],
+        gradient: DVec3,
+        place: DVec3,
+        to_eye: DVec3,
+        visibility: &Visibility,
+    ) -> [f64; 3] {
         let length = gradient.length();
         let ambient = self.ambient * visibility.ambient;
         let lights = self.lights.iter().zip(visibility.lights);
@@ -262,12 +345,15 @@ impl Lighting {
         let normal = gradient / if gradient.dot(to_eye) < 0.0 { -length } else { length };
         let (mut diffuse, mut specular) = ([0.0; 3], [0.0; 3]);
         for (light, kept) in lights {
-            let (towards, half_way) = match light.source {
-                Source::Eye => (to_eye, to_eye),
-                Source::Direction(towards) => {
-                    let towards = towards.normalize();
-                    (towards, (to_eye + towards).normalize_or_zero())
-                }
+            let towards = match light.source {
+                Source::Eye => to_eye,
+                Source::Direction(towards) => towards.normalize(),
+                // At the light itself it comes from the eye.
+                Source::Point(light) => (light - place).try_normalize().unwrap_or(to_eye),
+            };
+            let half_way = match light.source {
+                Source::Eye => to_eye,
+                _ => (to_eye + towards).normalize_or_zero(),
             };
             let cosine = normal.dot(towards);
             if cosine > 0.0 {
@@ -298,7 +384,7 @@ mod tests {
     fn both_sides_of_a_surface_are_lit_alike_by_a_headlight() {
         let lighting = Lighting::default();
         for gradient in [DVec3::new(0.3, -2.0, 0.4), DVec3::new(1e-9, 1e-9, 0.0)] {
-            let shown = |g: DVec3| lighting.shade([0.5, 0.2, 0.9], g, DVec3::NEG_Y, &Visibility::FULL);
+            let shown = |g: DVec3| lighting.shade([0.5, 0.2, 0.9], g, DVec3::ZERO, DVec3::NEG_Y, &Visibility::FULL);
             assert_eq!(shown(gradient), shown(-gradient));
         }
     }
@@ -306,18 +392,33 @@ mod tests {
     #[test]
     fn a_light_from_the_side_leaves_the_other_side_in_shadow() {
         let lighting = Lighting { lights: vec![Light::directional(DVec3::X * 3.0)], ..Lighting::default() };
-        let shown = |g: DVec3| lighting.shade([0.5; 3], g, DVec3::NEG_Y, &Visibility::FULL)[0];
+        let shown = |g: DVec3| lighting.shade([0.5; 3], g, DVec3::ZERO, DVec3::NEG_Y, &Visibility::FULL)[0];
         let (lit, dark) = (shown(DVec3::new(1.0, -0.2, 0.0)), shown(DVec3::new(-1.0, -0.2, 0.0)));
         assert!(lit > 0.45, "{lit}");
         assert!((dark - 0.15).abs() < 1e-12, "{dark}");
     }
 
     #[test]
+    fn a_light_at_a_place_lights_what_faces_it() {
+        let lighting = Lighting { lights: vec![Light::at(DVec3::new(2.0, 0.0, 0.0))], ..Lighting::default() };
+        let directional = |towards: DVec3| Lighting { lights: vec![Light::directional(towards)], ..lighting.clone() };
+        for place in [DVec3::ZERO, DVec3::new(2.0, 1.0, -3.0), DVec3::new(7.0, -4.0, 0.5)] {
+            let gradient = DVec3::new(0.4, -1.0, 0.3);
+            let shown = |l: &Lighting| l.shade([0.5; 3], gradient, place, DVec3::NEG_Y, &Visibility::FULL);
+            assert_eq!(shown(&lighting), shown(&directional(DVec3::new(2.0, 0.0, 0.0) - place)));
+        }
+        assert!(Lighting { lights: vec![Light { size: 3.0, ..Light::at(DVec3::X) }], ..lighting }.validate().is_err());
+    }
+
+    #[test]
     fn a_surface_that_faces_eye_and_light_is_brightest() {
         let lighting = Lighting::default();
-        let shown = lighting.shade([0.5; 3], DVec3::Y, DVec3::Y, &Visibility::FULL);
+        let shown = lighting.shade([0.5; 3], DVec3::Y, DVec3::ZERO, DVec3::Y, &Visibility::FULL);
         assert!((shown[0] - (0.5 + 0.2)).abs() < 1e-12);
-        assert_eq!(lighting.shade([0.5, 0.4, 0.3], DVec3::ZERO, DVec3::Y, &Visibility::FULL), [0.5, 0.4, 0.3]);
+        assert_eq!(
+            lighting.shade([0.5, 0.4, 0.3], DVec3::ZERO, DVec3::ZERO, DVec3::Y, &Visibility::FULL),
+            [0.5, 0.4, 0.3]
+        );
     }
 
     #[test]

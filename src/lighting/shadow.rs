@@ -4,13 +4,14 @@
 //! centre of voxel j along the unit lattice direction d, as far as `reach`, is a sum of sections of kernels:
 //!
 //! ```text
-//! D_j = l / N sum_k tau_k S(k - j)        S(o) = integral from 0 to reach of h(|o - s d|) ds
+//! D_j = l / N sum_k tau_k S(k - j)        S(o) = integral from b to reach of h(|o - s d|) ds
 //! ```
 //!
-//! with h the kernel, N its divisor and l the world length of d. S depends on the offset between two lattice points
-//! alone. It is not 0 within a kernel's radius of the ray only, and a voxel's own kernel counts by half. So a
-//! direction is a list of offsets with weights, the same for every voxel of a volume, and D_j takes no sheets, no steps
-//! and no view. Rows of voxels are added up together.
+//! with h the kernel, N its divisor, l the world length of d and b the bias. S depends on the offset of two lattice
+//! points alone. It is not 0 within a kernel's radius of the ray only, and without bias a voxel's own kernel counts by
+//! half. So a direction is a list of offsets with weights, the same for every voxel of a volume, and D_j takes no
+//! sheets, no steps and no view. Rows of voxels are added up together. From a light at a place each voxel has a
+//! direction and a `reach` of its own: its sections are looked up one by one.
 //!
 //! Splatters before shade one image of the light after another and look the voxel up there: Nulkar and Mueller 2001,
 //! "Splatting with shadows" (a volume of light, by sheets); Zhang and Crawfis 2003, "Shadows and soft shadows with
@@ -19,12 +20,12 @@
 
 use std::ops::{AddAssign, Mul, Range};
 
-use glam::{DMat3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 use pulp::Arch;
 
-use super::{Casting, MAX_CASTING};
+use super::{Casting, MAX_CASTING, Origin};
 use crate::error::Result;
-use crate::kernel::{Kernel, section_by};
+use crate::kernel::{FootprintTable, Kernel, section_by};
 use crate::memory::reserved;
 use crate::volume::{Grid, ToF64};
 
@@ -95,6 +96,10 @@ impl<T: Real> Medium<T> {
         self.values[at] = value;
         let [nx, ny, _] = self.blocks;
         self.occupied[x / BLOCK + nx * (y / BLOCK + ny * (z / BLOCK))] = true;
+    }
+
+    fn value(&self, [x, y, z]: [usize; 3]) -> T {
+        self.values[self.row(y, z) + LANES + x]
     }
 
     /// Whether there is anything between two points, both included; they may lie outside.
@@ -208,9 +213,9 @@ struct Chunk {
 }
 
 impl<T: Real> Ray<T> {
-    /// The sections, times `scale`, of a ray along the unit lattice direction `along`, as far as `reach` voxels, in a
-    /// lattice of `dims` points.
-    fn new(kernel: &Kernel, dims: [usize; 3], along: DVec3, reach: f64, scale: f64, share: f64) -> Self {
+    /// The sections, times `scale`, of a ray along the unit lattice direction `along`, between two distances in voxels,
+    /// in a lattice of `dims` points.
+    fn new(kernel: &Kernel, dims: [usize; 3], along: DVec3, between: [f64; 2], scale: f64, share: f64) -> Self {
         let radius = kernel.radius();
         let d = along.to_array();
         // Of a quarter of the kernel's deviation or less: to 1e-11.
@@ -219,7 +224,7 @@ impl<T: Real> Ray<T> {
         let [u, v] = [(main + 1) % 3, (main + 2) % 3];
         // Kernels whose centres lie so far along the main axis are met by the ray.
         let within = |length: f64| (length * d[main].abs() + radius).min(dims[main] as f64).floor() as i32;
-        let (behind, ahead) = (radius.floor() as i32, within(reach));
+        let (behind, ahead) = (radius.floor() as i32, within(between[1]));
         let mut ray = Self { taps: Vec::new(), chunks: Vec::new(), share };
         // In a plane across the main axis kernels are met within an ellipse, at most so wide.
         let wide = radius / d[main].abs();
@@ -238,7 +243,7 @@ impl<T: Real> Ray<T> {
                     (offset[main], offset[u], offset[v]) = (m, a, b);
                     let o = DVec3::from_array(offset.map(f64::from));
                     let t = o.dot(along);
-                    let weight = section_by(kernel, o.length_squared() - t * t, [-t, reach - t], panels) * scale;
+                    let weight = section_by(kernel, o.length_squared() - t * t, between.map(|s| s - t), panels) * scale;
                     if weight > 0.0 {
                         ray.taps.push((offset, T::of(weight)));
                     }
@@ -269,6 +274,8 @@ pub(crate) struct Lattice {
     /// What sums of kernels are divided by.
     pub(crate) divisor: f64,
     pub(crate) dims: [usize; 3],
+    /// From the world of lights to the lattice.
+    pub(crate) to_lattice: DAffine3,
     /// From the lattice to the world, which may be measured in any unit.
     pub(crate) to_world: DMat3,
     /// The length in that world that the numbers of a medium are per.
@@ -285,6 +292,7 @@ impl Lattice {
             kernel,
             divisor,
             dims: grid.dims().map(|n| n as usize),
+            to_lattice: grid.to_lattice(),
             to_world: grid.local().to_world().matrix3,
             unit: unit / grid.unit(),
             voxels,
@@ -294,27 +302,130 @@ impl Lattice {
 
 /// The rays that voxels send out.
 pub(crate) struct Caster<T> {
-    /// For each light, then for the light from all around; none: all of it arrives.
-    rays: [Vec<Ray<T>>; MAX_CASTING + 1],
+    /// For each light, then for the light from all around.
+    rays: [Rays<T>; MAX_CASTING + 1],
     strength: f64,
+}
+
+/// Where the rays of a light go.
+enum Rays<T> {
+    /// The same way from every voxel; none: all of it arrives.
+    Along(Vec<Ray<T>>),
+    /// To a place.
+    To(Converging),
+}
+
+/// Rays to a place in the lattice.
+struct Converging {
+    place: DVec3,
+    table: FootprintTable,
+    radius: f64,
+    /// Voxels.
+    bias: f64,
+    to_world: DMat3,
+    /// What sections are multiplied by for each world unit that a voxel of their ray is long.
+    scale: f64,
+}
+
+impl Converging {
+    /// The largest error of the table of sections, of the peak.
+    const TABLE_ERROR: f64 = 1e-6;
+
+    fn new(place: DVec3, lattice: &Lattice, bias: f64) -> Self {
+        let Lattice { kernel, divisor, to_world, unit, .. } = *lattice;
+        let table = FootprintTable::new(&kernel, Self::TABLE_ERROR);
+        // Kernels too narrow in their support for that have the finest one.
+        let table = table.unwrap_or_else(|_| FootprintTable::with_size(&kernel, 4096, 16));
+        Self { place, table, radius: kernel.radius(), bias, to_world, scale: 1.0 / unit / divisor }
+    }
+
+    /// The optical depth from a voxel to the place, or a depth over [`DARK`].
+    fn depth<T: Real>(&self, medium: &Medium<T>, from: [usize; 3]) -> f64 {
+        let way = self.place - DVec3::from_array(from.map(|p| p as f64));
+        let distance = way.length();
+        if distance <= self.bias {
+            return 0.0;
+        }
+        let along = way / distance;
+        let d = along.to_array();
+        let scale = (self.to_world * along).length() * self.scale;
+        let main = (0..3).fold(0, |most, axis| if d[axis].abs() > d[most].abs() { axis } else { most });
+        let [u, v] = [(main + 1) % 3, (main + 2) % 3];
+        let (ahead, room) = if d[main] > 0.0 { (1, medium.dims[main] - 1 - from[main]) } else { (-1, from[main]) };
+        let last = (distance * d[main].abs() + self.radius).min(room as f64).floor() as i32;
+        // In a plane across the main axis kernels are met within an ellipse, at most so wide.
+        let wide = self.radius / d[main].abs();
+        let range = |axis: usize, center: f64| {
+            let middle = from[axis] as f64 + center;
+            let end = (medium.dims[axis] - 1) as f64;
+            (middle - wide).ceil().max(0.0) as i32..=(middle + wide).floor().min(end) as i32
+        };
+        let from = from.map(|p| p as i32);
+        let mut sum = 0.0;
+        for planes in (-(self.radius as i32)..=last).step_by(CHUNK as usize) {
+            let ends = [planes, (planes + CHUNK - 1).min(last)].map(|n| f64::from(n * ahead) / d[main]);
+            let corner = |axis: usize, at: f64| from[axis] + (d[axis] * at).floor() as i32;
+            let reach = wide.ceil() as i32 + 1;
+            let low = std::array::from_fn(|a| corner(a, ends[0]).min(corner(a, ends[1])) - reach);
+            let high = std::array::from_fn(|a| corner(a, ends[0]).max(corner(a, ends[1])) + reach);
+            if !medium.is_occupied(low, high) {
+                continue;
+            }
+            for plane in planes..=(planes + CHUNK - 1).min(last) {
+                let mut at = from;
+                at[main] += plane * ahead;
+                if at[main] < 0 || at[main] >= medium.dims[main] as i32 {
+                    continue;
+                }
+                let center = along * (f64::from(plane * ahead) / d[main]);
+                for b in range(v, center.to_array()[v]) {
+                    for a in range(u, center.to_array()[u]) {
+                        (at[u], at[v]) = (a, b);
+                        let value = medium.value(at.map(|p| p as usize)).to_f64();
+                        if value == 0.0 {
+                            continue;
+                        }
+                        let o = DVec3::from_array([0, 1, 2].map(|axis| f64::from(at[axis] - from[axis])));
+                        let t = o.dot(along);
+                        let r2 = o.length_squared() - t * t;
+                        sum += value * self.table.section(self.radius, r2, self.bias - t, distance - t);
+                    }
+                }
+            }
+            if sum * scale > DARK {
+                break;
+            }
+        }
+        sum * scale
+    }
 }
 
 impl<T: Real> Caster<T> {
     pub(crate) fn new(casting: &Casting, lattice: &Lattice) -> Self {
-        let Lattice { kernel, divisor, dims, to_world, unit, voxels } = lattice;
+        let Lattice { kernel, divisor, dims, to_world, unit, voxels, .. } = lattice;
         let far = dims.iter().map(|&n| (n * n) as f64).sum::<f64>().sqrt() + kernel.radius();
+        let bias = casting.bias / voxels;
         let ray = |along: DVec3, reach: f64, share: f64| {
-            Ray::new(kernel, *dims, along, reach, (*to_world * along).length() / unit / divisor, share)
+            let between = [bias.min(reach), reach];
+            Ray::new(kernel, *dims, along, between, (*to_world * along).length() / unit / divisor, share)
         };
         let to_lattice = to_world.inverse();
-        let mut rays: [Vec<Ray<T>>; MAX_CASTING + 1] = Default::default();
-        for (rays, towards) in rays.iter_mut().zip(&casting.lights) {
-            let share = 1.0 / towards.len().max(1) as f64;
-            rays.extend(towards.iter().map(|&towards| ray((to_lattice * towards).normalize(), far, share)));
+        let mut rays = [const { Rays::Along(Vec::new()) }; MAX_CASTING + 1];
+        for (rays, origin) in rays.iter_mut().zip(&casting.lights) {
+            *rays = match origin {
+                Origin::Directions(towards) => {
+                    let share = 1.0 / towards.len().max(1) as f64;
+                    let ray = |&towards: &DVec3| ray((to_lattice * towards).normalize(), far, share);
+                    Rays::Along(towards.iter().map(ray).collect())
+                }
+                &Origin::Point(place) => {
+                    Rays::To(Converging::new(lattice.to_lattice.transform_point3(place), lattice, bias))
+                }
+            };
         }
         if let Some(radius) = casting.occlusion {
-            let around = all_around();
-            rays[MAX_CASTING].extend(around.map(|(along, share)| ray(along, radius / voxels, share)));
+            let around = all_around().map(|(along, share)| ray(along, radius / voxels, share));
+            rays[MAX_CASTING] = Rays::Along(around.collect());
         }
         Self { rays, strength: casting.strength }
     }
@@ -323,15 +434,29 @@ impl<T: Real> Caster<T> {
     pub(crate) fn shares<const N: usize>(&self, medium: &Medium<T>, block: &Block<'_>) -> Vec<Shares<N>> {
         let mut shares = vec![[[1.0; N]; MAX_CASTING + 1]; block.wanted.len()];
         let (mut depths, mut means) = (Vec::new(), Vec::new());
-        for (number, rays) in self.rays.iter().enumerate().filter(|(_, rays)| !rays.is_empty()) {
+        // Cells of a level may absorb a little less than nothing.
+        let share = |depth: f64| if depth < DARK { (-depth.max(0.0)).exp() } else { 0.0 };
+        for (number, rays) in self.rays.iter().enumerate() {
             means.clear();
             means.resize(block.wanted.len(), [0.0; N]);
-            for ray in rays {
-                medium.depths::<N>(ray, block, &mut depths);
-                for (mean, depth) in means.as_flattened_mut().iter_mut().zip(depths.as_flattened()) {
-                    let depth = depth.to_f64();
-                    // Cells of a level may absorb a little less than nothing.
-                    *mean += if depth < DARK { ray.share * (-depth.max(0.0)).exp() } else { 0.0 };
+            match rays {
+                Rays::Along(rays) if rays.is_empty() => continue,
+                Rays::Along(rays) => {
+                    for ray in rays {
+                        medium.depths::<N>(ray, block, &mut depths);
+                        for (mean, depth) in means.as_flattened_mut().iter_mut().zip(depths.as_flattened()) {
+                            *mean += ray.share * share(depth.to_f64());
+                        }
+                    }
+                }
+                Rays::To(place) => {
+                    let [x, y, z] = block.start;
+                    for (row, (means, bits)) in means.iter_mut().zip(block.wanted).enumerate() {
+                        let [y, z] = [y + row % block.down, z + row / block.down];
+                        for (i, mean) in means.iter_mut().enumerate().filter(|(i, _)| bits >> i & 1 != 0) {
+                            *mean = share(place.depth(medium, [x + i, y, z]));
+                        }
+                    }
                 }
             }
             for (shares, means) in shares.iter_mut().zip(&means) {
@@ -374,7 +499,12 @@ mod tests {
     }
 
     fn towards(lights: [DVec3; MAX_CASTING]) -> Casting {
-        Casting { lights: lights.map(|light| vec![light]), strength: 1.0, occlusion: None }
+        Casting {
+            lights: lights.map(|light| Origin::Directions(vec![light])),
+            strength: 1.0,
+            bias: 0.0,
+            occlusion: None,
+        }
     }
 
     fn medium<T: Real>(dims: [usize; 3], of: impl Fn([usize; 3]) -> f64) -> Medium<T> {
@@ -387,7 +517,15 @@ mod tests {
     }
 
     fn lattice(kernel: Kernel, dims: [usize; 3], to_world: DMat3, unit: f64) -> Lattice {
-        Lattice { kernel, divisor: Normalization::Unit.divisor(&kernel), dims, to_world, unit, voxels: 1.0 }
+        Lattice {
+            kernel,
+            divisor: Normalization::Unit.divisor(&kernel),
+            dims,
+            to_lattice: DAffine3::from_mat3(to_world.inverse()),
+            to_world,
+            unit,
+            voxels: 1.0,
+        }
     }
 
     fn row<T: Real, const N: usize>(caster: &Caster<T>, medium: &Medium<T>, start: [usize; 3]) -> Shares<N> {
@@ -411,17 +549,33 @@ mod tests {
         for kernel in [Kernel::default(), Kernel::KAISER_BESSEL, Kernel::Gaussian { sigma: 0.8, radius: 3.0 }] {
             let settings = Settings { model: Model::Xray, kernel, antialiasing: false, ..Settings::default() };
             let reference = Reference::new(&volume, &transfer, &settings).unwrap();
-            let lattice = lattice(kernel, DIMS, to_world, unit);
+            let lattice = Lattice { to_lattice: grid.to_lattice(), ..lattice(kernel, DIMS, to_world, unit) };
             let at = |[x, y, z]: [usize; 3]| x + DIMS[0] * (y + DIMS[1] * z);
-            let exact = (medium::<f64>(DIMS, |p| tau(at(p))), Caster::new(&towards(lights), &lattice));
-            let rounded = (medium::<f32>(DIMS, |p| tau(at(p))), Caster::new(&towards(lights), &lattice));
-            for [y, z] in [[0, 0], [6, 5], [13, 10], [3, 8]] {
-                let exact = row::<_, 19>(&exact.1, &exact.0, [0, y, z]);
-                let rounded = row::<_, 19>(&rounded.1, &rounded.0, [0, y, z]);
+            let media = (medium::<f64>(DIMS, |p| tau(at(p))), medium::<f32>(DIMS, |p| tau(at(p))));
+            // Beside the lattice, and in it.
+            for (light, bias) in [([-3.0, 16.0, 4.5], 0.0), ([8.2, 6.0, 4.1], 0.5)] {
+                let light = grid.to_world().transform_point3(DVec3::from_array(light));
+                let mut casting = Casting { bias, ..towards(lights) };
+                casting.lights[0] = Origin::Point(light);
+                let shares = row::<_, 19>(&Caster::new(&casting, &lattice), &media.0, [0, 6, 4]);
+                for (x, share) in shares[0].iter().enumerate() {
+                    let place = grid.to_world().transform_point3(DVec3::new(x as f64, 6.0, 4.0));
+                    let way = (light - place).normalize();
+                    let begin = bias / (grid.to_lattice().matrix3 * way).length();
+                    let beyond = |distance: f64| reference.ray(place + distance * way, way, false).optical_depth;
+                    let depth = beyond(begin) - beyond(place.distance(light).max(begin));
+                    assert!((-share.ln() - depth).abs() <= 1e-4 * depth + 1e-6, "{share} for {depth}");
+                }
+            }
+            for ([y, z], bias) in [([0, 0], 0.0), ([6, 5], 0.0), ([13, 10], 2.25), ([3, 8], 0.6)] {
+                let casting = Casting { bias, ..towards(lights) };
+                let exact = row::<_, 19>(&Caster::new(&casting, &lattice), &media.0, [0, y, z]);
+                let rounded = row::<_, 19>(&Caster::new(&casting, &lattice), &media.1, [0, y, z]);
                 for (number, light) in lights.into_iter().enumerate() {
                     for x in 0..DIMS[0] {
                         let place = grid.to_world().transform_point3(DVec3::new(x as f64, y as f64, z as f64));
-                        let depth = reference.ray(place, light, false).optical_depth;
+                        let begin = bias / (grid.to_lattice().matrix3 * light).length();
+                        let depth = reference.ray(place + begin * light, light, false).optical_depth;
                         if depth > DARK {
                             continue;
                         }

@@ -112,7 +112,7 @@ impl Splats {
             transfer: transfer.clone(),
             unit,
             base,
-            lighting: settings.lighting.clone(),
+            lighting: settings.lighting.as_ref().map(|lighting| lighting.seen_from(volume.grid().center())),
             shadows: None,
             to_world: volume.grid().to_lattice().matrix3.transpose(),
             repeats,
@@ -244,7 +244,7 @@ impl Splats {
         }
         if let Some(lighting) = &self.lighting {
             let place = self.grid.to_world().transform_point3(DVec3::from_array(point.map(|p| p as f64)));
-            color = lighting.shade(color, self.gradient(point), viewer.from(place), visibility);
+            color = lighting.shade(color, self.gradient(point), place, viewer.from(place), visibility);
         }
         let [red, green, blue] = color.map(|c| c * tau);
         [tau, red, green, blue]

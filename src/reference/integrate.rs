@@ -1,12 +1,13 @@
 //! The integrals of the models along one ray.
 
-use glam::{DMat3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 
 use super::classify::Weights;
 use super::profile::{Gauss, Range, Scalar, Series};
 use super::walk::{Block, Cuts, LatticeRay, MOMENTS, Piece};
 use crate::lighting::{Lighting, Source, Visibility};
 use crate::transfer::TransferFunction;
+use crate::volume::Grid;
 
 /// Optical depth of one step at most, for the exponential to be as well resolved as the kernel.
 const MAX_STEP_DEPTH: f64 = 0.25;
@@ -264,6 +265,8 @@ pub(super) struct Classifier {
     /// What is between them, and before and after: one more.
     segments: Vec<Segment>,
     lighting: Option<Lighting>,
+    /// From the lattice to the world of the lights.
+    grid: DAffine3,
     /// From gradients along the lattice axes to such in the world.
     to_world: DMat3,
 }
@@ -325,7 +328,8 @@ impl Segment {
 }
 
 impl Classifier {
-    pub(super) fn new(transfer: &TransferFunction, unit: f64, lighting: Option<&Lighting>, to_lattice: DMat3) -> Self {
+    /// Lights are at places from the middle of the grid.
+    pub(super) fn new(transfer: &TransferFunction, lighting: Option<&Lighting>, grid: &Grid) -> Self {
         let points = transfer.points();
         let mut kinks: Vec<f64> = points.iter().map(|p| p.value).collect();
         // Where opacities are cut off, too.
@@ -338,11 +342,12 @@ impl Classifier {
         Self {
             segments: segments(transfer, &kinks),
             transfer: transfer.clone(),
-            unit,
+            unit: transfer.unit_or(grid.min_spacing()),
             base: transfer.base(),
             kinks,
-            lighting: lighting.cloned(),
-            to_world: to_lattice.transpose(),
+            lighting: lighting.map(|lighting| lighting.seen_from(grid.center())),
+            grid: grid.centered().to_world(),
+            to_world: grid.to_lattice().matrix3.transpose(),
         }
     }
 
@@ -367,7 +372,8 @@ impl Classifier {
     pub(super) fn sides(&self, to_eye: DVec3) -> Vec<Weights> {
         let lights = self.lighting.iter().flat_map(|lighting| &lighting.lights);
         let halves = lights.filter_map(|light| match light.source {
-            Source::Eye => None,
+            // Of a light at a place it changes along the ray: steps find where.
+            Source::Eye | Source::Point(_) => None,
             Source::Direction(towards) => Some([towards, to_eye + towards.normalize()]),
         });
         let eye = self.lighting.as_ref().map(|_| to_eye);
@@ -381,6 +387,7 @@ impl Classifier {
         &self,
         (mut color, opacity): ([f64; 3], f64),
         differences: [f64; 3],
+        place: DVec3,
         to_eye: DVec3,
         visibility: impl FnOnce() -> Visibility,
     ) -> Weights {
@@ -393,7 +400,8 @@ impl Classifier {
             tau *= self.transfer.gradient_share(gradient.length());
         }
         if let Some(lighting) = &self.lighting {
-            color = lighting.shade(color, gradient, to_eye, &visibility());
+            let place = self.grid.transform_point3(place);
+            color = lighting.shade(color, gradient, place, to_eye, &visibility());
         }
         [tau, tau * color[0], tau * color[1], tau * color[2]]
     }
@@ -497,9 +505,9 @@ impl Classified<'_> {
         let classifier = self.classifier;
         let at = |node: usize| {
             let [scalar, differences @ ..] = sums[node];
-            let place = || block.middle + half * (middle + part * [-PAIR, PAIR][node]);
+            let place = self.place(block.middle + half * (middle + part * [-PAIR, PAIR][node]));
             let differences = differences.map(|d| d / self.divisor);
-            classifier.lit(segment.at(self.value(scalar)), differences, self.to_eye, || self.visibility(place()))
+            classifier.lit(segment.at(self.value(scalar)), differences, place, self.to_eye, || self.visibility(place))
         };
         let field = [0, 1].map(at);
         let most = field.iter().flatten().fold(0.0, |m: f64, f| m.max(f.abs()));
@@ -628,13 +636,19 @@ impl Classified<'_> {
     fn emission(&self, stretch: &Stretch, x: f64) -> Weights {
         let [scalar, differences @ ..] = stretch.series.at(x);
         let classified = self.classifier.transfer.sample(self.value(scalar));
-        let visibility = || self.visibility(stretch.middle + stretch.half * x);
-        self.classifier.lit(classified, differences.map(|d| d / self.divisor), self.to_eye, visibility)
+        let place = self.place(stretch.middle + stretch.half * x);
+        let differences = differences.map(|d| d / self.divisor);
+        self.classifier.lit(classified, differences, place, self.to_eye, || self.visibility(place))
     }
 
-    /// What of the light arrives at a place along the ray, in voxels.
-    fn visibility(&self, place: f64) -> Visibility {
-        self.arriving.map_or(Visibility::FULL, |at| at(self.ray.origin + self.ray.direction * place))
+    /// The place in the lattice so many voxels along the ray.
+    fn place(&self, along: f64) -> DVec3 {
+        self.ray.origin + self.ray.direction * along
+    }
+
+    /// What of the light arrives at a place in the lattice.
+    fn visibility(&self, place: DVec3) -> Visibility {
+        self.arriving.map_or(Visibility::FULL, |at| at(place))
     }
 }
 

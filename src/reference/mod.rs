@@ -185,12 +185,9 @@ impl Reference {
             Model::Xray => Method::Xray(settings.response),
             Model::Mip | Model::Minip => Method::Maximum(transfer.clone()),
             Model::Average => Method::Mean(transfer.clone()),
-            Model::Composite if settings.is_post_shaded() => Method::PostShaded(Box::new(Classifier::new(
-                transfer,
-                transfer.unit_or(grid.min_spacing()),
-                lighting.as_ref(),
-                grid.to_lattice().matrix3,
-            ))),
+            Model::Composite if settings.is_post_shaded() => {
+                Method::PostShaded(Box::new(Classifier::new(transfer, lighting.as_ref(), &grid)))
+            }
             Model::Composite => Method::PreShaded,
         };
         let reference = Self {
@@ -241,7 +238,16 @@ impl Reference {
         let of_voxels = self.splats.visibility(place);
         let Some((field, casting)) = self.light.as_deref() else { return of_voxels };
         let world = self.grid.to_world().transform_point3(place) + self.center;
-        casting.visibility(of_voxels.ambient, |towards| field.ray(world, towards, false).optical_depth)
+        let to_lattice = self.grid.to_lattice().matrix3;
+        casting.visibility(world, of_voxels.ambient, |towards, reach| {
+            let begin = casting.bias() / (to_lattice * towards).length();
+            let beyond = |distance: f64| field.ray(world + distance * towards, towards, false).optical_depth;
+            match reach.is_finite() {
+                true if reach <= begin => 0.0,
+                true => beyond(begin) - beyond(reach),
+                false => beyond(begin),
+            }
+        })
     }
 
     /// A tolerance far below what pictures err by, which takes a tenth of the time of an exact picture or less.

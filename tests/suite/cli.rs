@@ -548,8 +548,10 @@ fn lights_that_cannot_be_are_refused() {
         ("--light headlight --shadows on", "a headlight casts none"),
         ("--light 20,30 --light-size 4", "--light-size shows in shadows alone"),
         ("--light studio --light headlight", "no other goes with it"),
-        ("--light 20", "expected off, studio, headlight or AZ,EL"),
-        ("--light 20,30:bright", "expected off, studio, headlight or AZ,EL"),
+        ("--light 20", "expected off, studio, headlight, AZ,EL"),
+        ("--light @1,2", "expected off, studio, headlight, AZ,EL"),
+        ("--light @1,2,3 --shadows on --light-size 4", "a light at a place is a point"),
+        ("--light 20,30:bright", "expected off, studio, headlight, AZ,EL"),
         ("--light 20,30 --occlusion far", "expected off or a radius in voxels"),
     ] {
         refused(&format!("render demo:sphere:8 -o out.png {arguments}"), 2, reason);

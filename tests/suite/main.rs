@@ -19,6 +19,7 @@ mod cells;
 mod classification;
 mod cli;
 mod clipping;
+mod commands;
 mod cost;
 mod demos;
 mod embed;

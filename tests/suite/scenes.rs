@@ -197,6 +197,15 @@ fn a_turntable_is_the_pictures_of_its_views() {
         let single = made(dir.path(), &line, "a.png");
         assert!(std::fs::read(dir.path().join(format!("000{frame}.png"))).unwrap() == single, "{frame}");
     }
+    // Studio light stands still, or comes along with the eye.
+    let frame = |light: &str| {
+        assert!(turn(&format!("-o {{frame}}.png --transfer gray --light {light}")).status.success());
+        std::fs::read(dir.path().join("0001.png")).unwrap()
+    };
+    let [still, follows] = ["studio", "studio:eye"].map(frame);
+    let line = format!("render {input} {SMALL} -o a.png --azimuth 90 --transfer gray --light studio");
+    assert!(follows == made(dir.path(), &line, "a.png") && follows != still);
+    assert!(turn("-o {frame}.png --azimuth 10 --transfer ct-bone").status.success());
     // A part of the frames, and of these what is not there.
     let time = |name: &str| std::fs::metadata(dir.path().join(name)).and_then(|meta| meta.modified()).ok();
     let names = ["0000.png", "0001.png", "0002.png", "0003.png"];
@@ -208,6 +217,9 @@ fn a_turntable_is_the_pictures_of_its_views() {
     assert!(after[3].is_some());
     assert!(turn("-o a.gif --transfer gray").status.success());
     assert!(std::fs::read(dir.path().join("a.gif")).unwrap().starts_with(b"GIF89a"));
+    assert!(turn("-o a.html --transfer gray").status.success());
+    let page = std::fs::read_to_string(dir.path().join("a.html")).unwrap();
+    assert!(page.starts_with("<!doctype html>") && page.contains("<p>voxsplat turntable "));
     std::fs::write(dir.path().join("k.json"), r#"[{"frame": 0, "zoom": 1}, {"frame": 3, "zoom": 2}]"#).unwrap();
     let film = turn("-o - --transfer gray --key-frames k.json");
     assert_eq!(film.stdout.len(), "YUV4MPEG2 W8 H8 F25000:1000 Ip A1:1 C444\n".len() + 4 * (6 + 3 * 64));

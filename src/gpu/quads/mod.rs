@@ -61,6 +61,8 @@ pub(crate) struct QuadsKey {
     pub(crate) additive: bool,
     /// The number of lights, on splats or on sheets of scalars.
     pub(crate) lights: u32,
+    /// Some light is at a place.
+    pub(crate) point_lights: bool,
     /// Light is kept from splats.
     pub(crate) shadows: bool,
     /// Pieces in which a sheet of scalars is classified.

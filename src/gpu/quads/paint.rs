@@ -75,6 +75,7 @@ impl<'a> Picture<'a> {
             axis: plan.is_axis_aligned(),
             additive: knobs.accumulation == Accumulation::Additive,
             lights: settings.light_count(),
+            point_lights: settings.has_point_lights(),
             shadows: !feed.is_scalar() && settings.casting().is_some(),
             post_shadows: job.post.is_some_and(|post| post.shadows),
             samples: if feed.is_scalar() { settings.samples_per_slab(knobs.sheet_thickness, PIECES) } else { 1 },

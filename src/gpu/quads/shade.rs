@@ -3,7 +3,7 @@
 use glam::DAffine3;
 
 use super::super::context::Context;
-use super::super::layout::{Area, Shade, affine};
+use super::super::layout::{Area, Lighting, Shade, affine};
 use super::super::light_volume::PostShading;
 use super::super::pipeline::{Binding, bind, compute, flag, layout, module, texture_view};
 use super::super::recorder::{Recorder, flat};
@@ -60,9 +60,9 @@ impl ShadeStage {
         let thins = ("GRADIENT_OPACITY", flag(key.thins));
         let constants = [("PERSPECTIVE", flag(key.perspective)), ("SHEETS", f64::from(key.sheets_per_pass))];
         let shadows = ("SHADOWS", flag(key.post_shadows));
+        let lights = [("LIGHTS", f64::from(key.lights)), ("POINT_LIGHTS", flag(key.point_lights))];
         let clip = ("CLIP_PLANES", f64::from(key.clip_planes));
-        let shading =
-            [clip, ("LIGHTS", f64::from(key.lights)), ("SAMPLES", f64::from(key.samples)), crowded, thins, shadows];
+        let shading = [clip, lights[0], lights[1], ("SAMPLES", f64::from(key.samples)), crowded, thins, shadows];
         let shading = [&constants[..], &shading].concat();
         let mean = ("MEAN", flag(key.feed == Feed::Mean));
         let coded = ("DEPTH_CODED", flag(key.depth_coded));
@@ -121,8 +121,11 @@ impl ShadeStage {
             })
             .collect();
         let batches = DynamicUniforms::new(context, "shade.batches", &parameters)?;
-        let lighting =
-            context.upload("shade.lighting", bytemuck::bytes_of(&inputs.lighting), wgpu::BufferUsages::UNIFORM)?;
+        // Rays are in the lattice from its middle.
+        let view = &target.plan.view;
+        let from_middle = view.map_of_lattice() * DAffine3::from_translation(half(&view.grid));
+        let lighting = Lighting { from_lattice: affine(&from_middle), ..inputs.lighting };
+        let lighting = context.upload("shade.lighting", bytemuck::bytes_of(&lighting), wgpu::BufferUsages::UNIFORM)?;
         let frame = target.frame.as_entire_binding();
         let group = |parity: usize| {
             let resources = [

@@ -265,6 +265,7 @@ fn pipeline(
     let vertex = [
         ("ADDITIVE", flag(key.additive)),
         ("LIGHTS", f64::from(key.splat_lights())),
+        ("POINT_LIGHTS", flag(key.point_lights)),
         ("SHADOWS", flag(key.shadows)),
         ("GRADIENTS", flag(key.feed == Feed::LitScalars)),
     ];

@@ -120,6 +120,7 @@ impl Stage {
         let mean = ("MEAN", flag(key.model == Model::Average));
         let coded = ("DEPTH_CODED", flag(key.depth_coded));
         let lights = ("LIGHTS", f64::from(key.lights));
+        let points = ("POINT_LIGHTS", flag(key.point_lights));
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let light = Binding::FilteredTexture(wgpu::TextureViewDimension::D3);
         let bindings = [
@@ -152,6 +153,7 @@ impl Stage {
                 mean,
                 coded,
                 lights,
+                points,
                 crowded,
                 thins,
                 shadows,

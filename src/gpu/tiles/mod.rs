@@ -85,6 +85,8 @@ pub(crate) struct TilesKey {
     depth_coded: bool,
     voxel: Voxel,
     lights: u32,
+    /// Some light is at a place.
+    point_lights: bool,
     perspective: bool,
     /// Kernels grow with their depth before the eye.
     grown: bool,
@@ -119,7 +121,7 @@ pub(crate) struct Tiles {
 impl Tiles {
     pub(crate) fn new(context: &Context, key: TilesKey) -> Result<Self> {
         let rest = || {
-            let packer = Packer::new(context, key.voxel, key.perspective, key.packs_on_host);
+            let packer = Packer::new(context, key.voxel, key.perspective, key.point_lights, key.packs_on_host);
             (
                 packer,
                 Stage::skip(context, key),

@@ -188,6 +188,7 @@ impl<'a> Picture<'a> {
             depth_coded: settings.depth_coded,
             voxel: way.packing.voxel,
             lights: settings.light_count(),
+            point_lights: settings.has_point_lights(),
             crowded: self.job.post.is_some_and(|post| post.table.crowded),
             thins: self.job.post.is_some_and(|post| post.table.thins),
             post_shadows: self.job.post.is_some_and(|post| post.shadows),

@@ -224,7 +224,7 @@ fn store<const N: usize>(context: &Context, words: impl Fn([u32; 3]) -> [u32; N]
 }
 
 fn packed(context: &Context, store: Store, axes: [usize; 3], voxel: Voxel, max_weight: f64) -> Packed {
-    let packer = Packer::new(context, voxel, false, context.info.is_software());
+    let packer = Packer::new(context, voxel, false, false, context.info.is_software());
     packed_by(context, &packer, store, axes, voxel, max_weight, |_| true)
 }
 
@@ -246,8 +246,9 @@ fn packed_by(
         ambient: 0.3,
         diffuse: 0.6,
         specular: 0.4,
-        // The first light is at the eye.
-        lights: [[0.0; 4], [0.6, 0.0, -0.8, 0.0], [-0.6, 0.64, 0.48, 0.0], [0.0, -1.0, 0.0, 0.0]],
+        // The first light is at the eye, the last may be at a place.
+        lights: [[0.0; 4], [0.6, 0.0, -0.8, 0.0], [-0.6, 0.64, 0.48, 0.0], [4.0, -7.0, 2.0, 1.0]],
+        from_lattice: [[1.0, 0.1, -0.2, 0.0], [0.0, 0.9, 0.3, 0.0], [0.2, -0.3, 1.1, 0.0], [-9.0, -7.0, 4.0, 0.0]],
         shininess: 24.0,
         ..Lighting::default()
     };
@@ -287,8 +288,9 @@ fn packing_on_the_host_matches_the_device() {
             assert_occupied(&context, &packed);
             read_volume(&context, &packed.volume)
         };
-        let device = run(&Packer::on_device(&context, voxel, perspective));
-        let host = run(&Packer::Host { perspective });
+        let points = number == 4;
+        let device = run(&Packer::on_device(&context, voxel, perspective, points));
+        let host = run(&Packer::Host { perspective, points });
         if !matches!(voxel, Voxel::Color { lights: 1.., .. }) {
             assert_eq!(host, device, "{axes:?} {voxel:?}");
             continue;

@@ -291,7 +291,11 @@ fn a_lit_voxel_shows_its_shade() {
     let matrix = DMat3::from_cols(DVec3::new(0.5, 0.1, 0.0), DVec3::new(-0.2, 1.0, 0.3), DVec3::new(0.0, 0.4, 2.0));
     let (volume, transfer, gradient) = hill(matrix);
     let lighting = Lighting {
-        lights: vec![Light::HEADLIGHT, Light::directional(DVec3::new(1.0, -2.0, 3.0))],
+        lights: vec![
+            Light::HEADLIGHT,
+            Light::directional(DVec3::new(1.0, -2.0, 3.0)),
+            Light::at(DVec3::new(-4.0, 3.0, 9.0)),
+        ],
         ..Lighting::default()
     };
     let lit = Settings { lighting: Some(lighting.clone()), ..Settings::default() };
@@ -301,7 +305,7 @@ fn a_lit_voxel_shows_its_shade() {
     let origin = center - direction * 3.0 + DVec3::new(0.2, 0.1, -0.3);
     for (two_sided, to_eye) in [(true, -direction), (false, (origin - center).normalize())] {
         let got = scene.ray(origin, direction, two_sided);
-        let shade = lighting.shade([0.5, 0.5, 0.25], gradient, to_eye, &Visibility::FULL);
+        let shade = lighting.shade([0.5, 0.5, 0.25], gradient, center, to_eye, &Visibility::FULL);
         let [r, g, b] = shade.map(|c| c * got.alpha());
         assert!(got.alpha() > 0.01);
         assert_close(got.rgba(), [r, g, b, got.alpha()], 1e-10, "shade");

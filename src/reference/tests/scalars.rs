@@ -76,9 +76,10 @@ impl Plain<'_> {
         let length = (to - from) / f64::from(steps);
         let (mut color, mut depth) = (DVec3::ZERO, 0.0_f64);
         for i in 0..steps {
-            let (f, g) = self.at(origin + direction * (from + (f64::from(i) + 0.5) * length));
+            let place = origin + direction * (from + (f64::from(i) + 0.5) * length);
+            let (f, g) = self.at(place);
             let (c, opacity) = transfer.sample(f);
-            let c = lighting.map_or(c, |l| l.shade(c, g, -direction, &Visibility::FULL));
+            let c = lighting.map_or(c, |l| l.shade(c, g, place, -direction, &Visibility::FULL));
             let d = TransferFunction::extinction(opacity, unit) * length;
             color += DVec3::from_array(c) * -(-d).exp_m1() * (-depth).exp();
             depth += d;
@@ -106,7 +107,10 @@ const WIDE: Kernel = Kernel::Gaussian { sigma: 1.0, radius: 5.0 };
 fn post_shading_is_its_definition() {
     let volume = bumps();
     let transfer = ramp(&[(-0.6, 0.5), (-0.3, 0.0), (0.1, 0.0), (0.4, 0.8), (0.5, 0.1), (0.9, 0.9)], 0.5);
-    let lighting = Lighting { lights: vec![Light::directional(DVec3::new(0.2, -1.0, 0.5))], ..Lighting::default() };
+    let lighting = Lighting {
+        lights: vec![Light::directional(DVec3::new(0.2, -1.0, 0.5)), Light::at(DVec3::new(3.0, -8.0, 5.0))],
+        ..Lighting::default()
+    };
     for (kernel, normalization, lighting) in [
         (Kernel::default(), Normalization::Unit, None),
         (WIDE, Normalization::Unit, Some(lighting)),

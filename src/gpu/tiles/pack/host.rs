@@ -27,6 +27,8 @@ pub(super) struct HostStage<'a> {
     pub(super) packing: &'a Packing,
     pub(super) lit: &'a Lit<'a>,
     pub(super) perspective: bool,
+    /// Some light is at a place.
+    pub(super) points: bool,
     pub(super) parameters: &'a Pack,
 }
 
@@ -87,7 +89,10 @@ impl HostStage<'_> {
                 if lights > 0 {
                     let kept = shadows.then(|| splat::kept(&run.column(3), &run.column(4)));
                     let to_eye = self.to_eye(run);
-                    splat::light(self.lit.lighting, lights, &mut colors, &run.column(2), kept.as_ref(), &to_eye);
+                    let lighting = self.lit.lighting;
+                    let places = self.points.then(|| splat::places(lighting, &run.xs, run.y, run.z));
+                    let words = run.column(2);
+                    splat::light(lighting, lights, &mut colors, &words, kept.as_ref(), places.as_ref(), &to_eye);
                 }
                 let weights = densities.map(|density| density * scale);
                 for color in &mut colors {

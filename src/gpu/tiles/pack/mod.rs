@@ -194,9 +194,10 @@ pub(super) enum Packer {
         layout: wgpu::BindGroupLayout,
         voxels: wgpu::ComputePipeline,
     },
-    /// The twin on the host, and whether rays go through one eye.
+    /// The twin on the host, whether rays go through one eye, and whether some light is at a place.
     Host {
         perspective: bool,
+        points: bool,
     },
 }
 
@@ -210,11 +211,12 @@ pub(super) struct Lit<'a> {
 }
 
 impl Packer {
-    pub(super) fn new(context: &Context, voxel: Voxel, perspective: bool, on_host: bool) -> Self {
-        if on_host { Self::Host { perspective } } else { Self::on_device(context, voxel, perspective) }
+    pub(super) fn new(context: &Context, voxel: Voxel, perspective: bool, points: bool, on_host: bool) -> Self {
+        if on_host { Self::Host { perspective, points } } else { Self::on_device(context, voxel, perspective, points) }
     }
 
-    pub(super) fn on_device(context: &Context, voxel: Voxel, perspective: bool) -> Self {
+    /// `points`: some light is at a place.
+    pub(super) fn on_device(context: &Context, voxel: Voxel, perspective: bool, points: bool) -> Self {
         let slots = [
             Binding::Uniform,
             Binding::Uniform,
@@ -229,6 +231,7 @@ impl Packer {
             if let Voxel::Color { lights, shadows } = voxel { (lights, shadows) } else { (0, false) };
         let constants = [
             ("LIGHTS", f64::from(lights)),
+            ("POINT_LIGHTS", flag(points && lights > 0)),
             ("SHADOWS", flag(shadows)),
             ("SCALARS", flag(voxel.is_scalar())),
             ("GRADIENTS", flag(voxel == Voxel::Gradient)),
@@ -282,8 +285,8 @@ impl Packer {
                 let stage = DeviceStage { layout, voxels, stores, packing: &packing, lighting };
                 stage.run(recorder, parameters, &volume, &occupied)?;
             }
-            &Self::Host { perspective } => {
-                let stage = HostStage { packing: &packing, lit, perspective, parameters: &parameters };
+            &Self::Host { perspective, points } => {
+                let stage = HostStage { packing: &packing, lit, perspective, points, parameters: &parameters };
                 recorder.on_host("pack", |recorder| stage.run(recorder, stores, &volume, &occupied))?;
             }
         }

@@ -230,8 +230,10 @@ impl RaySetup<'_> {
         match self.scalars {
             Some(Classification { invisible, lookup, gradient_lookup, to_light, samples, skip_nothing }) => {
                 let unskipped = if skip_nothing { packing.dims[2] as i32 } else { 0 };
-                let to_light = layout::affine(&(to_light * self.volume.map_to_lattice(axis)));
-                layout::Rays { invisible, lookup, gradient_lookup, to_light, samples, unskipped, ..uniforms }
+                let map = self.volume.map_to_lattice(axis);
+                let [to_light, to_lattice] = [to_light * map, map].map(|map| layout::affine(&map));
+                let of_light = layout::Rays { gradient_lookup, to_light, to_lattice, ..uniforms };
+                layout::Rays { invisible, lookup, samples, unskipped, ..of_light }
             }
             None => uniforms,
         }

@@ -1,0 +1,54 @@
+//! A page that turns when it is dragged: one HTML file with all frames in it, which asks nothing of the network.
+
+use std::io::{self, Write};
+
+use base64::display::Base64Display;
+use base64::engine::general_purpose::STANDARD;
+
+/// What stands before the frames.
+const HEAD: &str = include_str!("page_head.html");
+/// What stands behind them.
+const TAIL: &str = include_str!("page_tail.html");
+
+/// A page that is being written.
+pub(super) struct Page<W> {
+    out: W,
+    size: [u32; 2],
+    /// Milliseconds a frame, when it plays.
+    delay: u32,
+}
+
+impl<W: Write> Page<W> {
+    /// Begins a page.
+    pub(super) fn new(mut out: W, size: [u32; 2], rate: f64) -> io::Result<Self> {
+        out.write_all(HEAD.as_bytes())?;
+        Ok(Self { out, size, delay: (1000.0 / rate).round().max(1.0) as u32 })
+    }
+
+    /// Adds a frame of RGB bytes.
+    pub(super) fn add(&mut self, rgb: &[u8]) -> io::Result<()> {
+        let mut file = Vec::new();
+        let mut encoder = png::Encoder::new(&mut file, self.size[0], self.size[1]);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_filter(png::Filter::Adaptive);
+        encoder.write_header()?.write_image_data(rgb)?;
+        writeln!(self.out, "\"{}\",", Base64Display::new(&file, &STANDARD))
+    }
+
+    /// Ends the page with lines of text below the picture.
+    pub(super) fn finish(mut self, lines: &[String]) -> io::Result<()> {
+        let [width, height] = self.size;
+        let lines: String = lines.iter().map(|line| format!("<p>{}</p>\n", escaped(line))).collect();
+        let tail = TAIL.replace("{width}", &width.to_string()).replace("{height}", &height.to_string());
+        let tail = tail.replace("{delay}", &self.delay.to_string());
+        // Last, for a line may say anything.
+        self.out.write_all(tail.replacen("{lines}", &lines, 1).as_bytes())?;
+        self.out.flush()
+    }
+}
+
+/// A text as HTML.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
