@@ -162,8 +162,8 @@ impl Clip {
     }
 }
 
-/// A half-space of a lattice, as (gradient, value in the middle of the lattice) of a linear function: points inside have
-/// values of 0 and more. Of clipping planes the gradient has length 1.
+/// A half-space of a lattice, as (gradient, value in the middle of the lattice) of a linear function: points inside
+/// have values of 0 and more. Of clipping planes the gradient has length 1.
 pub(crate) type Side = (DVec3, f64);
 
 /// Whether a point, from the middle of the lattice, is on the inner side of all.

@@ -42,9 +42,9 @@ const LEAST_LEAN: f64 = 0.2;
 const STEPS: u32 = 200;
 
 impl Hull {
-    /// The hull of the voxels that a transfer function shows and that are not cut away; `None` if there are none. Voxels of less than a hundredth
-    /// of the function's largest opacity do not count. In volumes of over 255 voxels along y or z only some rows are
-    /// looked at, so a thing of a few voxels may be missed.
+    /// The hull of the voxels that a transfer function shows and that are not cut away; `None` if there are none.
+    /// Voxels of less than a hundredth of the function's largest opacity do not count. In volumes of over 255 voxels
+    /// along y or z only some rows are looked at, so a thing of a few voxels may be missed.
     ///
     /// # Errors
     /// [`Error::Read`](crate::error::Error::Read) and [`Error::Memory`](crate::error::Error::Memory) if samples left in

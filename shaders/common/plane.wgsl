@@ -242,10 +242,11 @@ fn add_pair(sums: ptr<function, Moments>, row: VoxelRow, texel: i32, direction: 
     (*sums).m2 += w.z * v + x.z * u;
 }
 
-// What of the kernels of a plane is on a ray before a place, in planes from there; 0 if the plane is not before `end`.
-fn gathered_up_to(place: f32, geometry: RayGeometry, plane: i32, end: i32) -> vec4f {
+// What of the kernels of a plane is before a place, in planes from there, on the ray that meets plane 0 at `base`; 0 if
+// the plane is not before `end`.
+fn gathered_up_to(place: f32, base: vec2f, geometry: RayGeometry, plane: i32, end: i32) -> vec4f {
     let direction = geometry.direction;
-    let center = geometry.base + geometry.shear * f32(plane);
+    let center = base + geometry.shear * f32(plane);
     let growth = growth_at(geometry, plane);
     let reach = reach_at(growth);
     let rows = rows_of(plane, end, center.y, geometry.footprint_half.y * reach);

@@ -140,12 +140,12 @@ fn geometry_of(point: vec2u) -> RayGeometry {
     return geometry;
 }
 
-// The point of an invocation's ray, in a tile of 8 x 8 rays. Eight invocations in a row, which software marches
+// The point of an invocation's ray, in a tile of 8 x 8 neighbours. Eight invocations in a row, which software marches
 // together, are a block of 4 x 2 points: their rays end at more nearly the same depth than those of a row do.
 fn point_of(tile: vec3u, lane: u32) -> vec2u {
     let x = (lane & 3u) | ((lane >> 1u) & 4u);
     let y = ((lane >> 2u) & 1u) | ((lane >> 3u) & 6u);
-    return first_ray(tile) + vec2u(x, y) * rays.phases;
+    return tile.xy * 8u + vec2u(x, y);
 }
 
 // Run number `slot` of a tile: its first plane, and the one after its last. (0, 0) if there are no more runs, or if the

@@ -276,9 +276,9 @@ pub(super) struct ModelArgs {
     /// [default: 0.3,0.7,0.2,24; studio 0.4,0.7,0.2,24; `render` takes that of a preset that shows surfaces]
     #[arg(long, value_name = "A,D,S,N", value_parser = parse::material, help_heading = "Model")]
     pub(super) material: Option<[f64; 4]>,
-    /// Cut away what lies beyond a plane. What lies in the world direction NX,NY,NZ stays: of a plane through the middle
-    /// of the volume, at the distance D from the origin of the world, or through the point X,Y,Z. Or the side of the
-    /// patient that stays: L, R, A, P, S or I. Repeat the option for more planes, 8 with those of boxes
+    /// Cut away what lies beyond a plane. What lies in the world direction NX,NY,NZ stays: of a plane through the
+    /// middle of the volume, at the distance D from the origin of the world, or through the point X,Y,Z. Or the side
+    /// of the patient that stays: L, R, A, P, S or I. Repeat the option for more planes, 8 with those of boxes
     #[arg(long, alias = "clip-plane", value_name = "NX,NY,NZ[,D|,X,Y,Z]|SIDE", value_parser = clip::clip,
         allow_hyphen_values = true, help_heading = "Model")]
     pub(super) clip: Vec<ClipArg>,

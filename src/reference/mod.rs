@@ -47,9 +47,9 @@
 //! **Minimum and average intensity.** The same with the smallest f, and with the mean of f over the ray's part in the
 //! box. A minimum is the maximum of -f_j by the transfer function mirrored at 0; b is the base of that.
 //!
-//! **Clipping.** Of a ray counts the part on the inner side of all planes of [`Settings::clip`]: tau and e are 0 beyond,
-//! no value there is largest or smallest, and a mean is that of the part. Voxels whose centres are cut away keep no
-//! light from others.
+//! **Clipping.** Of a ray counts the part on the inner side of all planes of [`Settings::clip`]: tau and e are 0
+//! beyond, no value there is largest or smallest, and a mean is that of the part. Voxels whose centres are cut away
+//! keep no light from others.
 //!
 //! **Sharpness.** The kernel is [`Settings::reconstruction_kernel`]; the f_j of all but extinction are the
 //! samples filtered for it, in f64, as the renderer filters them in f32.

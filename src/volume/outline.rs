@@ -23,8 +23,8 @@ impl Volume {
     }
 
     /// The lattice points whose convex hull is that of all voxels with values in `ranges`, which ascend and are apart:
-    /// the corners of the hull of each plane of voxels along z. Of large volumes, of the rows and planes looked at. Only
-    /// what is on the inner side of all `sides` counts.
+    /// the corners of the hull of each plane of voxels along z. Of large volumes, of the rows and planes looked at.
+    /// Only what is on the inner side of all `sides` counts.
     pub(crate) fn outline(&self, ranges: &[[f64; 2]], sides: &[Side]) -> Result<Vec<DVec3>> {
         let [width, height, depth] = self.grid.dims().map(|d| d as usize);
         let plane = width * height;

@@ -111,7 +111,8 @@ fn cut_pictures_are_those_of_the_reference() {
                     for ((painter, settings), (usual, usual_max)) in painters.iter().zip(&uncut) {
                         let (rms, max) = error(settings, &cut, &expected);
                         let line = format!(
-                            "{name} {projection:?} {model} {painter} {cut_name}: {rms:.1e} (usual {usual:.1e}), max {max:.1e} ({usual_max:.1e})"
+                            "{name} {projection:?} {model} {painter} {cut_name}: {rms:.1e} (usual {usual:.1e}), \
+                             max {max:.1e} ({usual_max:.1e})"
                         );
                         // The mean of a ray that cuts off a piece thinner than a slab is that of a bit of a parabola.
                         let thin = if settings.model == Model::Average { 4e-3 } else { 0.0 };
@@ -233,7 +234,7 @@ fn a_slab_of_one_material_has_the_alpha_of_its_thickness() {
             let seen = look(&view, &volume, [33; 2]);
             let (_, along) = seen.ray(0.0, 0.0);
             let expected = 1.0 - (-tau * thickness / along.dot(normal).abs()).exp();
-            // The blob ripples by 5e-4, and parts of kernels are fitted. Ends of the slab are rounded to 1e-6 of a voxel.
+            // The blob ripples by 5e-4, and parts of kernels are fitted. The ends are rounded to 1e-6 of a voxel.
             for (shading, limit) in [(Shading::Pre, 2e-3), (Shading::Post, 2e-4 + 4e-6 / thickness)] {
                 let settings = Settings { shading, kernel: Kernel::KAISER_BESSEL, ..exact_quads() };
                 let tiles = Settings { shading, kernel: Kernel::KAISER_BESSEL, ..full() };

@@ -208,8 +208,7 @@ impl<'a> Picture<'a> {
             clip_planes: view.clip.len() as u32,
             rays: match self.is_resampled() {
                 _ if self.is_layered() => RayKind::Layered,
-                // Rays that share footprints are not cut.
-                true if view.is_perspective() || !view.clip.is_empty() => RayKind::Coarser,
+                true if view.is_perspective() => RayKind::Coarser,
                 true => RayKind::Shared,
                 false if self.is_straight(way) => match self.block(way) {
                     Some(block) => RayKind::StraightBlocks(block),
@@ -264,8 +263,8 @@ impl<'a> Picture<'a> {
     /// Pixels whose straight rays share the voxels that they meet. On GPUs and of scalars, none do: see [`resolution`];
     /// and what takes time there is to classify.
     fn block(&self, way: &Way) -> Option<Block> {
-        let Job { context, view, post, .. } = self.job;
-        if post.is_some() || !view.clip.is_empty() || !context.info.is_software() {
+        let Job { context, post, .. } = self.job;
+        if post.is_some() || !context.info.is_software() {
             return None;
         }
         self.setup(way).block(&way.axis, self.whole())
