@@ -22,6 +22,7 @@ use std::time::Instant;
 use common::{Arguments, Outcome, Report, median, own_or_suggested};
 use voxsplat::accuracy::{Truth, choose};
 use voxsplat::kernel::Kernel;
+use voxsplat::layers::Layers;
 use voxsplat::lighting::Lighting;
 use voxsplat::settings::{Level, Model, Painter, QuadsSettings, Resolution, Shading, TilesSettings};
 use voxsplat::transfer::ControlPoint;
@@ -151,9 +152,9 @@ struct Row {
 }
 
 fn row(renderer: &Renderer, c: &Combination, report: &mut Report, seed: u64) -> Outcome<Row> {
-    let (scene_of, at) = ((&c.volume, &c.transfer), &c.camera);
-    let chosen = choose(renderer, scene_of, at, &c.settings, c.bound, CHOOSING)?;
-    let truth = Truth::trace(&c.volume, &c.transfer, at, &c.settings, CHECKING)?;
+    let (scene_of, at) = (Layers::of(&c.volume, &c.transfer), &c.camera);
+    let chosen = choose(renderer, &scene_of, at, &c.settings, c.bound, CHOOSING)?;
+    let truth = Truth::trace(&scene_of, at, &c.settings, CHECKING)?;
     let error = truth.estimate(&chosen.rendered.image)?.error;
     let scene = renderer.prepare(&c.volume, &c.transfer, &c.settings)?;
     let own = seconds(renderer, &scene, c, &chosen.settings)?;

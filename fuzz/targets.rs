@@ -6,19 +6,26 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use voxsplat::error::{Error, Result};
-use voxsplat::formats::{LoadOptions, load};
+use voxsplat::formats::{LoadOptions, PyramidLevel, load};
 use voxsplat::image::Image;
 use voxsplat::transfer::{Imported, TransferFunction, Window};
 use voxsplat::volume::{Endian, Grid, SampleType, Statistics, Volume};
 
+/// Files with their contents.
+type Files = Vec<(PathBuf, Vec<u8>)>;
+
 /// The folder in which files are written for the readers, with the fixtures that headers may name.
-pub struct Place(PathBuf);
+pub struct Place {
+    folder: PathBuf,
+    /// The files of the folders of Zarr, with their contents.
+    zarr: Vec<(PathBuf, Files)>,
+}
 
 /// A function that is fuzzed. It returns whether the bytes were accepted.
 pub type Target = fn(&Place, &[u8]) -> bool;
 
 /// Every target by name, with the endings of the fixtures that it begins from.
-pub const TARGETS: [(&str, Target, &[&str]); 14] = [
+pub const TARGETS: &[(&str, Target, &[&str])] = &[
     ("nrrd", |place, bytes| place.volume("fuzzed.nrrd", bytes), &[".nrrd", ".nhdr"]),
     ("nifti", |place, bytes| place.volume("fuzzed.nii", bytes), &[".nii", ".nii.gz", ".hdr", ".hdr.gz"]),
     ("metaimage", |place, bytes| place.volume("fuzzed.mha", bytes), &[".mha", ".mhd"]),
@@ -28,6 +35,9 @@ pub const TARGETS: [(&str, Target, &[&str]); 14] = [
     ("vtk", |place, bytes| place.volume("fuzzed.vtk", bytes), &[".vtk"]),
     ("tiff", |place, bytes| place.volume("fuzzed.tif", bytes), &[".tif", ".tiff"]),
     ("dicom", |place, bytes| place.volume("fuzzed.dcm", bytes), &[".dcm"]),
+    #[cfg(feature = "hdf5")]
+    ("hdf5", |place, bytes| place.volume("fuzzed.h5", bytes), &[".h5", ".nc", ".mat"]),
+    ("zarr", Place::zarr, &[]),
     ("raw", Place::raw, &[".raw", ".img", ".raw.gz"]),
     ("data", Place::data, &[".raw.gz", ".zraw", ".z", ".raw"]),
     ("transfer", Place::transfer, &[".json", ".vp", ".xml"]),
@@ -57,11 +67,23 @@ impl Place {
             let field = if name.ends_with(".mhd") { "ElementDataFile = " } else { "data file: " };
             std::fs::write(folder.join(format!("fuzzed-{name}")), format!("{header}{field}fuzzed.data\n"))?;
         }
-        Ok(Self(folder.to_owned()))
+        let mut zarr = Vec::new();
+        for entry in std::fs::read_dir(fixtures.join("../zarr"))? {
+            let from = entry?.path();
+            if from.is_dir() {
+                let to = folder.join(from.file_name().unwrap_or_default());
+                let mut files = Vec::new();
+                copied(&from, &to, &mut files)?;
+                files.sort();
+                zarr.push((to, files));
+            }
+        }
+        zarr.sort();
+        Ok(Self { folder: folder.to_owned(), zarr })
     }
 
     fn written(&self, name: &str, bytes: &[u8]) -> PathBuf {
-        let path = self.0.join(name);
+        let path = self.folder.join(name);
         // Truncating the last file first would flush it to the disk, which takes milliseconds.
         let file = File::options().write(true).create(true).truncate(false).open(&path);
         file.and_then(|mut file| {
@@ -88,7 +110,10 @@ impl Place {
             offset: u64::from(skip).saturating_pow(u32::from(order >> 4)),
             spacing: (order & 2 == 0).then(|| std::array::from_fn(|a| 10_f64.powi(i32::from(options[8 + a]) - 128))),
             replace_nan: (replace & 1 == 0).then(|| 10_f64.powi(i32::from(replace) - 128)),
+            time: None,
+            channel: None,
             series: None,
+            level: PyramidLevel::At(0),
             stream_over: u64::from(replace),
         };
         checked(load(self.written("fuzzed.bytes", samples), &options))
@@ -99,7 +124,33 @@ impl Place {
         let Some((&choice, bytes)) = bytes.split_first() else { return false };
         self.written("fuzzed.data", bytes);
         let (name, _) = HEADERS[usize::from(choice) % HEADERS.len()];
-        checked(load(self.0.join(format!("fuzzed-{name}")), &LoadOptions::default()))
+        checked(load(self.folder.join(format!("fuzzed-{name}")), &LoadOptions::default()))
+    }
+
+    /// Bytes of a file of a folder of Zarr; the first two choose the folder and the file.
+    fn zarr(&self, bytes: &[u8]) -> bool {
+        let Some(([folder, file], bytes)) = bytes.split_first_chunk::<2>().map(|(choice, bytes)| (*choice, bytes))
+        else {
+            return false;
+        };
+        let (folder, files) = &self.zarr[usize::from(folder) % self.zarr.len()];
+        let (file, content) = &files[usize::from(file) % files.len()];
+        std::fs::write(file, bytes).expect("the folder of the fuzzed files can be written to");
+        let options = LoadOptions { channel: Some(0), ..LoadOptions::default() };
+        let accepted = checked(load(folder, &options));
+        std::fs::write(file, content).expect("the folder of the fuzzed files can be written to");
+        accepted
+    }
+
+    /// What [`Place::zarr`] begins from.
+    pub fn zarr_seeds(&self) -> Vec<Vec<u8>> {
+        let of = |(folder, (_, files)): (usize, &(PathBuf, Files))| {
+            let seed = |(file, (_, content)): (usize, &(PathBuf, Vec<u8>))| {
+                [&[folder as u8, file as u8], content.as_slice()].concat()
+            };
+            files.iter().enumerate().map(seed).collect::<Vec<_>>()
+        };
+        self.zarr.iter().enumerate().flat_map(of).collect()
     }
 
     fn transfer(&self, bytes: &[u8]) -> bool {
@@ -126,6 +177,23 @@ impl Place {
             true
         })
     }
+}
+
+/// Copies a folder, and notes its files and their contents.
+fn copied(from: &Path, to: &Path, files: &mut Files) -> std::io::Result<()> {
+    std::fs::create_dir_all(to)?;
+    for entry in std::fs::read_dir(from)? {
+        let entry = entry?;
+        let (from, to) = (entry.path(), to.join(entry.file_name()));
+        if from.is_dir() {
+            copied(&from, &to, files)?;
+        } else {
+            let content = std::fs::read(from)?;
+            std::fs::write(&to, &content)?;
+            files.push((to, content));
+        }
+    }
+    Ok(())
 }
 
 /// Reads all of a volume, and what `info` says of it.

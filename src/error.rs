@@ -123,6 +123,10 @@ pub enum Hint {
     ReplaceNonFinite,
     /// The folder holds several series: choose one.
     ChooseSeries,
+    /// The file has several channels: choose one.
+    ChooseChannel,
+    /// The file has several data sets: name one behind the name of the file.
+    ChooseDataset,
 }
 
 impl fmt::Display for Hint {
@@ -134,6 +138,8 @@ impl fmt::Display for Hint {
             Self::GiveSpacing => "set LoadOptions::spacing",
             Self::ReplaceNonFinite => "set LoadOptions::replace_nan or call Volume::with_non_finite_replaced",
             Self::ChooseSeries => "set LoadOptions::series",
+            Self::ChooseChannel => "set LoadOptions::channel",
+            Self::ChooseDataset => "load FILE:/PATH/OF/SET",
         })
     }
 }

@@ -54,14 +54,26 @@ impl Hull {
         if most <= 0.0 {
             return Ok(None);
         }
+        Self::of_values(volume, &transfer.values_over(VISIBLE * most), clip)
+    }
+
+    /// The same of the voxels with values in some ranges, which ascend and are apart.
+    pub(crate) fn of_values(volume: &Volume, ranges: &[[f64; 2]], clip: &Clip) -> Result<Option<Self>> {
         let grid = volume.grid();
         let to_world = grid.centered().to_world();
-        let points = volume.outline(&transfer.values_over(VISIBLE * most), &clip.sides(grid))?;
+        let points = volume.outline(ranges, &clip.sides(grid))?;
         let points: Arc<[DVec3]> = points.into_iter().map(|point| to_world.transform_point3(point)).collect();
         let [x, y, z] = grid.spacing();
         let [rows, planes] = volume.outline_steps().map(|n| n as f64);
         let hull = Self { origin: grid.center(), points, reach: x.max(y * rows).max(z * planes), turned: true };
         Ok((!hull.points.is_empty()).then_some(hull))
+    }
+
+    /// The hull of both.
+    pub(crate) fn and(&self, other: &Self) -> Self {
+        let offset = other.origin - self.origin;
+        let points = self.points.iter().copied().chain(other.points.iter().map(|&point| point + offset)).collect();
+        Self { points, reach: self.reach.max(other.reach), ..self.clone() }
     }
 
     /// The same, to be fitted as it is seen from the side of the view: it fills the picture, and every view has a

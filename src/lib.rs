@@ -32,8 +32,8 @@
 //! bar, axes, colour bar and title on a picture), `film` (GIF, APNG and Y4M), [`stats`], [`progress`], [`adapter`] and
 //! [`error`].
 //!
-//! The features, on by default: `cli` builds the program `voxsplat`; `film` writes films; `report` has plots of speed
-//! against error. A library needs `default-features = false`.
+//! The features, on by default: `cli` builds the program `voxsplat`; `film` writes films; `hdf5` reads HDF5 and NetCDF;
+//! `report` has plots of speed against error. A library needs `default-features = false`.
 
 pub mod accuracy;
 pub mod adapter;
@@ -51,6 +51,7 @@ mod framing;
 mod gpu;
 pub mod image;
 pub mod kernel;
+pub mod layers;
 pub mod lighting;
 mod memory;
 mod names;

@@ -18,6 +18,7 @@ use crate::gpu::timing::on_host;
 use crate::gpu::view::{ScalarNeed, ViewGeometry};
 use crate::image::Image;
 use crate::image::Region;
+use crate::layers::Layers;
 use crate::progress::Progress;
 use crate::reconstruction;
 pub use crate::scene::Scene;
@@ -132,9 +133,28 @@ impl Renderer {
             let prepare = || Scene::of_scalars(context, volume, transfer, settings, &self.progress);
             return context.guarded("preparing the volume", prepare);
         }
-        let scene = Scene::of_splats(context, volume, transfer, settings.lighting.is_some());
+        self.prepared(&Layers::of(volume, transfer), settings)
+    }
+
+    /// Prepares layers for pre-shaded pictures; one volume alone as [`Self::prepare`] does. Several layers are always
+    /// classified on the host, and drawn of voxels.
+    ///
+    /// # Errors
+    /// Those of [`Self::prepare`], and [`Error::Setting`] if several layers are to be post-shaded, projected or drawn
+    /// of cells.
+    pub fn prepare_layers(&self, layers: &Layers, settings: &Settings) -> Result<Scene> {
+        if let Some((volume, transfer)) = layers.plain() {
+            return self.prepare(volume, transfer, settings);
+        }
+        settings.validate()?;
+        layers.check(settings)?;
+        self.prepared(layers, settings)
+    }
+
+    fn prepared(&self, layers: &Layers, settings: &Settings) -> Result<Scene> {
+        let scene = Scene::of_splats(&self.context, layers, settings.lighting.is_some());
         if settings.level == Level::At(0) {
-            scene.classify(context, &self.pipelines, &self.progress)?;
+            scene.classify(&self.context, &self.pipelines, &self.progress)?;
         }
         Ok(scene)
     }

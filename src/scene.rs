@@ -13,6 +13,7 @@ use crate::gpu::cells::{self, Coarsening};
 use crate::gpu::classify::{Classified, Classifier, HostClassifier};
 use crate::gpu::coarse::{self, Coarse};
 use crate::gpu::context::Context;
+use crate::gpu::layers;
 use crate::gpu::light_volume::{self, Classification, LightVolume, PostShading};
 use crate::gpu::painter::Room;
 use crate::gpu::scalars::{self, Asked, Emission, Emitted, Shows};
@@ -23,6 +24,7 @@ use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, TransferTable};
 use crate::gpu::view::{Fade, ScalarNeed, ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
+use crate::layers::Layers;
 use crate::lighting::{Lighting, shadow};
 use crate::progress::Progress;
 use crate::settings::{Level, Model, Settings};
@@ -51,8 +53,7 @@ enum Content {
 
 /// A volume as pre-shading draws it.
 struct Voxels {
-    volume: Volume,
-    transfer: TransferFunction,
+    layers: Layers,
     /// Whether splats have normals.
     lit: bool,
     /// The voxels that show, once a picture has asked for them.
@@ -148,30 +149,25 @@ fn local_unit(transfer: &TransferFunction, grid: &Grid) -> f64 {
 impl Scene {
     fn new(context: &Context, content: Content, grid: Grid, weights: Weights, seconds: f64) -> Self {
         let seconds = AtomicU64::new(seconds.to_bits());
-        let transfer = match &content {
-            Content::Splats(voxels) => &voxels.transfer,
-            Content::Scalars(scalars) => &scalars.transfer,
+        let facts = match &content {
+            Content::Splats(voxels) => voxels.layers.facts(),
+            Content::Scalars(scalars) => Layers::of(&scalars.volume, &scalars.transfer).facts(),
         };
-        let facts = Facts::of(transfer, &grid);
         Self { content, grid, weights, facts, seconds, device: context.id }
     }
 
     /// A scene of classified voxels. They are classified when a picture asks for them: which, depends on the picture.
-    pub(crate) fn of_splats(context: &Context, volume: &Volume, transfer: &TransferFunction, lit: bool) -> Self {
+    pub(crate) fn of_splats(context: &Context, layers: &Layers, lit: bool) -> Self {
+        let grid = *layers.grid();
         let weights = Weights {
-            max: TransferFunction::extinction(transfer.max_opacity(), 1.0),
-            unit: local_unit(transfer, volume.grid()),
+            max: layers.max_density(),
+            unit: layers.unit() / grid.unit(),
             // Light may turn any colour white.
-            brightest: if lit { [1.0; 3] } else { transfer.brightest() },
+            brightest: if lit { [1.0; 3] } else { layers.brightest() },
         };
-        let voxels = Voxels {
-            volume: volume.clone(),
-            transfer: transfer.clone(),
-            lit,
-            classified: Mutex::new(None),
-            cells: Mutex::new(Vec::new()),
-        };
-        Self::new(context, Content::Splats(Box::new(voxels)), *volume.grid(), weights, 0.0)
+        let voxels =
+            Voxels { layers: layers.clone(), lit, classified: Mutex::new(None), cells: Mutex::new(Vec::new()) };
+        Self::new(context, Content::Splats(Box::new(voxels)), grid, weights, 0.0)
     }
 
     /// A scene of scalars: all of post-shading that does not depend on the camera.
@@ -243,7 +239,7 @@ impl Scene {
         }
         let levels = match settings.level {
             Level::At(level) => [level; 2],
-            Level::Auto if !settings.takes_cells() => [0; 2],
+            Level::Auto if !settings.takes_cells() || !self.has_cells() => [0; 2],
             Level::Auto => {
                 let farthest = if layers { voxels.max_growth() } else { voxels.min_growth() };
                 [voxels.min_growth(), farthest].map(|growth| cells::level_of(&settings.kernel, growth, &self.grid))
@@ -253,6 +249,11 @@ impl Scene {
         let of_level = |level| self.lattice(level, levels, voxels, settings, camera);
         let behind = (nearest + 1..=farthest).map(of_level).collect::<Result<Vec<Lattice>>>()?;
         Ok(Cells { nearest: of_level(nearest)?, behind })
+    }
+
+    /// Whether cells can stand for voxels.
+    pub(crate) fn has_cells(&self) -> bool {
+        !matches!(&self.content, Content::Splats(voxels) if voxels.layers.plain().is_none())
     }
 
     /// The cells of one of the levels from the nearest to the farthest.
@@ -307,7 +308,7 @@ impl Scene {
             kernel = cells::kernel_of(&kernel, cells::least_growth(&kernel, level), level);
             divisor = kernel.integral() / denser;
         }
-        let unit = voxels.transfer.unit_or(self.grid.min_spacing());
+        let unit = voxels.layers.unit();
         let lattice = shadow::Lattice::new(grid, kernel, divisor, unit, f64::from(level).exp2());
         Some(Shadows { casting, lattice, clip: settings.clip.sides(grid) })
     }
@@ -485,6 +486,7 @@ impl Scene {
         match &self.content {
             Content::Splats(_) if settings.is_post_shaded() => error("shading", "for pre-shading"),
             Content::Splats(voxels) if !voxels.lit && settings.lighting.is_some() => error("light", "without light"),
+            Content::Splats(voxels) => voxels.layers.check(settings),
             Content::Scalars(_) if !settings.is_post_shaded() => error("shading", "for post-shading"),
             Content::Scalars(scalars) if scalars.model != settings.model => error("model", "for another model"),
             Content::Scalars(scalars) if scalars.sharpened != settings.sharpens() => {
@@ -580,16 +582,18 @@ impl Voxels {
                 // What light keeps from voxels is told anew, which they are is not.
                 let classified = match held {
                     Some((_, classified)) if shadows.is_some() => classified,
-                    // Such a device is the host, which classifies faster without it.
-                    _ if context.info.is_software() => {
-                        Arc::new(HostClassifier::run(context, &self.volume, &self.transfer, self.lit, progress)?)
-                    }
-                    _ => {
-                        let scan = Scan::of(pipelines, context)?;
-                        let classifier = pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
-                        let (volume, transfer) = (&self.volume, &self.transfer);
-                        Arc::new(classifier.run(context, &scan, volume, transfer, self.lit, progress)?)
-                    }
+                    _ => Arc::new(match self.layers.plain() {
+                        None => layers::classified(context, &self.layers, self.lit, progress)?,
+                        // Such a device is the host, which classifies faster without it.
+                        Some((volume, transfer)) if context.info.is_software() => {
+                            HostClassifier::run(context, volume, transfer, self.lit, progress)?
+                        }
+                        Some((volume, transfer)) => {
+                            let scan = Scan::of(pipelines, context)?;
+                            let classifier = pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
+                            classifier.run(context, &scan, volume, transfer, self.lit, progress)?
+                        }
+                    }),
                 };
                 let Some(shadows) = shadows else { return Ok(classified) };
                 let stores = shaded(context, &classified.stores, shadows, progress)?;
@@ -622,7 +626,10 @@ impl Voxels {
                 let cells = match held {
                     Some((_, cells)) if shadows.is_some() => cells,
                     _ => {
-                        let coarsening = Coarsening::new(&self.volume, &self.transfer, level, self.lit);
+                        let Some((volume, transfer)) = self.layers.plain() else {
+                            return Err(Error::Volume("several layers have no cells".to_owned()));
+                        };
+                        let coarsening = Coarsening::new(volume, transfer, level, self.lit);
                         Arc::new(coarsening.emit(context, progress)?)
                     }
                 };

@@ -4,10 +4,9 @@ use super::{Estimate, Truth};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::gpu::cells::MAX_LEVEL;
+use crate::layers::Layers;
 use crate::renderer::{Rendered, Renderer, Scene};
 use crate::settings::{Level, Model, Painter, QuadsSettings, Resolution, Settings, TilesSettings};
-use crate::transfer::TransferFunction;
-use crate::volume::Volume;
 
 /// Settings that were tried, and what came of it.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,11 +60,11 @@ const THINNER: [f64; 2] = [0.2, 0.8];
 /// than the default.
 ///
 /// # Errors
-/// [`Error::Setting`] if the bound is not over 0; those of [`Truth::trace`], [`Renderer::prepare`] and
+/// [`Error::Setting`] if the bound is not over 0; those of [`Truth::trace`], [`Renderer::prepare_layers`] and
 /// [`Renderer::render`].
 pub fn choose(
     renderer: &Renderer,
-    (volume, transfer): (&Volume, &TransferFunction),
+    layers: &Layers,
     camera: &Camera,
     settings: &Settings,
     max_error: f64,
@@ -79,8 +78,8 @@ pub fn choose(
     if base.termination == Settings::default().termination {
         base.termination = rounded_down(TERMINATION * max_error).min(0.01);
     }
-    let scene = renderer.prepare(volume, transfer, &base)?;
-    let truth = Truth::trace(volume, transfer, camera, &base, pixels)?;
+    let scene = renderer.prepare_layers(layers, &base)?;
+    let truth = Truth::trace(layers, camera, &base, pixels)?;
     let bound = MARGIN * max_error;
     let mut search = Search { renderer, scene, camera, truth, bound, tried: Vec::new(), best: None };
     let first = search.draw(&base)?;
@@ -147,7 +146,7 @@ impl Search<'_> {
     fn coarser(&mut self, base: &Settings, first: &Trial) -> Result<()> {
         let coarse = self.bound >= LEAST_OF_CELLS && first.splats >= MANY_SPLATS && base.level == Level::Auto;
         let one_eye = base.is_post_shaded() && self.camera.eye().is_some();
-        if coarse && !one_eye {
+        if coarse && !one_eye && self.scene.has_cells() {
             for level in first.level + 1..=(first.level + COARSER).min(MAX_LEVEL) {
                 if !self.draw(&Settings { level: Level::At(level), ..base.clone() })?.keeps {
                     break;

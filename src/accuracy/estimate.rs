@@ -5,11 +5,10 @@ use serde::Serialize;
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::image::Image;
+use crate::layers::Layers;
 use crate::reference::Reference;
 use crate::report::{Sample, covered_differences, percentile};
 use crate::settings::Settings;
-use crate::transfer::TransferFunction;
-use crate::volume::Volume;
 
 /// The fraction of covered pixels that keep the error of a picture.
 const FRACTION: f64 = 0.999;
@@ -50,15 +49,9 @@ impl Truth {
     /// covered; all, if there are no more. At most 16 times as many are traced.
     ///
     /// # Errors
-    /// Those of [`Reference::new`] and [`Reference::pixels`].
-    pub fn trace(
-        volume: &Volume,
-        transfer: &TransferFunction,
-        camera: &Camera,
-        settings: &Settings,
-        pixels: u32,
-    ) -> Result<Self> {
-        let reference = Reference::new(volume, transfer, settings)?.with_tolerance(TOLERANCE);
+    /// Those of [`Reference::of_layers`] and [`Reference::pixels`].
+    pub fn trace(layers: &Layers, camera: &Camera, settings: &Settings, pixels: u32) -> Result<Self> {
+        let reference = Reference::of_layers(layers, settings)?.with_tolerance(TOLERANCE);
         let traced = |count: u32| {
             let sample = Sample::new(camera.size, count);
             let traced = reference.pixels(camera, &sample.pixels())?;

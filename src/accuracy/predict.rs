@@ -5,7 +5,6 @@ use serde::Serialize;
 use crate::gpu::cells::least_growth;
 use crate::settings::{Accumulation, Interslice, Model, Precision, Settings, Shading, Sheets};
 use crate::stats::{PainterStats, RaySpacing, Stats};
-use crate::transfer::TransferFunction;
 use crate::volume::Grid;
 
 /// The predicted error of a picture, cause by cause: what 99.9 % of the covered pixels keep, 0 to 1.
@@ -70,25 +69,16 @@ pub(crate) struct Facts {
 }
 
 impl Facts {
-    pub(crate) fn of(transfer: &TransferFunction, grid: &Grid) -> Self {
-        let points = transfer.points();
-        let shows = |i: usize| {
-            let from = i.saturating_sub(1);
-            points[from..(i + 2).min(points.len())].iter().any(|point| point.opacity > 0.0)
-        };
-        let visible: Vec<[f64; 3]> = (0..points.len()).filter(|&i| shows(i)).map(|i| points[i].color).collect();
+    /// Of the colours that show, and the largest extinction of a voxel, per world unit.
+    pub(crate) fn of(colors: &[[f64; 3]], extinction: f64, grid: &Grid) -> Self {
         let range = |c: usize| {
-            let [low, high] = visible
+            let [low, high] = colors
                 .iter()
                 .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], color| [low.min(color[c]), high.max(color[c])]);
             (high - low).max(0.0)
         };
         let voxel = grid.min_spacing();
-        Self {
-            contrast: (0..3).map(range).fold(0.0, f64::max),
-            depth: TransferFunction::extinction(transfer.max_opacity(), transfer.unit_or(voxel)) * voxel,
-            voxel,
-        }
+        Self { contrast: (0..3).map(range).fold(0.0, f64::max), depth: extinction * voxel, voxel }
     }
 }
 

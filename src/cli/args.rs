@@ -7,7 +7,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 use glam::DVec3;
 use voxsplat::clip::Clip;
 use voxsplat::film::Format;
-use voxsplat::formats::LoadOptions;
+use voxsplat::formats::{LoadOptions, PyramidLevel};
 use voxsplat::image::{Background, Region};
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::reconstruction::Signal;
@@ -16,7 +16,9 @@ use voxsplat::transfer::Window;
 use voxsplat::volume::{Endian, SampleType};
 
 use super::clip::{self, ClipArg, Voxels};
+use super::layers::{LabelArg, label};
 use super::parse::{self, GradientOpacity, LightArg, Occlusion, one_of};
+use super::preview::Preview;
 
 /// Renders voxel volumes by splatting on the GPU.
 #[derive(Debug, Parser)]
@@ -71,8 +73,9 @@ pub(super) enum Command {
 /// The volume, and what its file does not state.
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
-    /// A volume: a file (NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF, DICOM, raw), a folder of DICOM or TIFF files, -
-    /// for standard input, or a built-in volume, demo:NAME[:SIZE]; for render also a scene, FILE.json
+    /// A volume: a file (NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF, DICOM, raw; HDF5 or NetCDF, also as
+    /// FILE:/SET), a folder of DICOM or TIFF files or of Zarr, - for standard input, or a built-in volume,
+    /// demo:NAME[:SIZE]; for render also a scene, FILE.json
     #[arg(value_name = "VOLUME")]
     pub(super) source: PathBuf,
     /// Raw files: samples along x (fastest), y and z
@@ -95,15 +98,34 @@ pub(super) struct InputArgs {
     /// transfer function gives VALUE no opacity
     #[arg(long, value_name = "VALUE", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Input")]
     pub(super) replace_nan: Option<f64>,
-    /// Folders of DICOM files: which of several series, counted from 1; without this option they are listed
+    /// Files of several points in time: which of them, counted from 0 [default: 0]
+    #[arg(long, value_name = "N", help_heading = "Input")]
+    pub(super) time: Option<u32>,
+    /// Folders of DICOM files, or of OME-Zarr by Bio-Formats: which of several series, counted from 1; without this
+    /// option those of DICOM are listed
     #[arg(long, value_name = "N", help_heading = "Input")]
     pub(super) series: Option<u32>,
+    /// OME-Zarr: which level of the pyramid of resolutions, 0 is the finest [default: the coarsest whose samples are no
+    /// coarser than pixels]
+    #[arg(long, value_name = "N", help_heading = "Input")]
+    pub(super) pyramid: Option<u32>,
     /// Read a volume of more than MIB MiB piece by piece from its file, if that is uncompressed
     #[arg(long, value_name = "MIB", default_value_t = 4, help_heading = "Input")]
     pub(super) stream_over: u64,
 }
 
 impl InputArgs {
+    /// The options for a picture: of a pyramid, the level that its pixels need.
+    pub(super) fn options_for(&self, view: &ViewArgs, size: [u32; 2]) -> LoadOptions {
+        let options = self.options();
+        let level = match (self.pyramid, view.view_height) {
+            (Some(_), _) => options.level,
+            (None, Some(height)) => PyramidLevel::PixelSize(height / view.zoom / f64::from(size[1])),
+            (None, None) => PyramidLevel::Pixels(f64::from(size[0].max(size[1])) * view.zoom),
+        };
+        LoadOptions { level, ..options }
+    }
+
     pub(super) fn options(&self) -> LoadOptions {
         LoadOptions {
             dims: self.dims,
@@ -112,7 +134,10 @@ impl InputArgs {
             endian: self.endian,
             offset: self.offset,
             replace_nan: self.replace_nan,
+            time: self.time,
+            channel: None,
             series: self.series,
+            level: self.pyramid.map_or(LoadOptions::default().level, PyramidLevel::At),
             stream_over: self.stream_over.saturating_mul(1 << 20),
         }
     }
@@ -227,7 +252,8 @@ pub(super) struct ModelArgs {
     /// Transfer function: a preset that adapts to the data (ct-bone, ct-skin, ct-muscle, ct-soft-tissue, ct-lung,
     /// angiography, mri, mr-brain, pet, activation, fluorescence, field, grayscale, gray, viridis or inferno), or a
     /// file: this program's JSON, ParaView's JSON or XML, Slicer's .vp, .vp.json or presets.xml, niivue's or napari's
-    /// JSON; #NAME chooses from a file of several [default: suggested by the data; see `voxsplat info`]
+    /// JSON; #NAME chooses from a file of several; or labels: values are labels [default: suggested by the
+    /// data; see `voxsplat info`]
     #[arg(long, value_name = "FILE[#NAME]|PRESET", help_heading = "Model")]
     pub(super) transfer: Option<PathBuf>,
     /// The colours of a map over --window, with a gentle ramp of opacity: gray, viridis, inferno, magma, plasma,
@@ -337,6 +363,29 @@ pub(super) struct ModelArgs {
     pub(super) level: Level,
 }
 
+/// Labels, and what of the volume shows.
+#[derive(Debug, clap::Args)]
+pub(super) struct LayerArgs {
+    /// Draw the labels of a volume on the same lattice too; extinctions add. (A volume of labels alone: --transfer
+    /// labels.) Label 0 is clear. Pre-shaded
+    #[arg(long, value_name = "FILE", help_heading = "Labels")]
+    pub(super) labels: Option<PathBuf>,
+    /// Names, colours and opacities of labels: an ITK-SNAP label description, a 3D Slicer colour table (.ctbl, .csv), a
+    /// FreeSurfer lookup table or a BIDS .tsv [default: distinct colours]
+    #[arg(long, value_name = "FILE", help_heading = "Labels")]
+    pub(super) label_table: Option<PathBuf>,
+    /// What labels look like: WHICH is all, numbers (1,4,7-9) or a name of the table, LOOK an opacity from 0 to 1, on,
+    /// off or a colour. Repeat the option; later ones win: --label all:0.2 --label 3:on
+    #[arg(long, value_name = "WHICH:LOOK", value_parser = label, allow_hyphen_values = true, help_heading = "Labels")]
+    pub(super) label: Vec<LabelArg>,
+    /// Multiply the opacities of all labels by F, 0 to 1
+    #[arg(long, value_name = "F", value_parser = parse::number, help_heading = "Labels")]
+    pub(super) label_opacity: Option<f64>,
+    /// Show the volume only where another one on the same lattice has a label other than 0, or one of LABELS (1,4,7-9)
+    #[arg(long, value_name = "FILE[:LABELS]", help_heading = "Labels")]
+    pub(super) mask: Option<PathBuf>,
+}
+
 /// What draws it.
 #[derive(Debug, clap::Args)]
 pub(super) struct PainterArgs {
@@ -418,6 +467,7 @@ Examples:
   voxsplat render head.nii.gz -o half.png --clip R --light studio
   voxsplat render ct.nrrd -o film.png --model xray --response film --azimuth 90
   voxsplat render head.nii.gz -o truth.exr --reference --size 256
+  voxsplat render ct.nrrd -o organs.png --labels organs.nrrd --label-table organs.ctbl --label all:0.5
   voxsplat render ct.nrrd -o figure.png --scale-bar --axes --colour-bar --value-unit HU --title 'A skull'";
 
 /// Render a volume to a picture.
@@ -430,9 +480,13 @@ pub(super) struct RenderArgs {
     pub(super) input: InputArgs,
 
     /// Picture to write: .png, 8 bits per channel, or .exr, 32-bit float with premultiplied alpha; - is a PNG on
-    /// standard output. Needed, unless a scene has outputs of its own
+    /// standard output. Needed, unless there is a --preview or a scene has outputs of its own
     #[arg(short, long, value_name = "FILE", help_heading = "Output")]
     pub(super) output: Option<PathBuf>,
+    /// Show the picture in the terminal: by kitty's or iTerm2's protocol if it is known to take either, otherwise in
+    /// half blocks; put it after VOLUME
+    #[arg(long, value_name = "HOW", num_args = 0..=1, default_missing_value = "auto", help_heading = "Output")]
+    pub(super) preview: Option<Preview>,
     /// Pixels across and down, or one number for both; 1 to 32768
     #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = parse::size, help_heading = "Output")]
     pub(super) size: [u32; 2],
@@ -462,6 +516,8 @@ pub(super) struct RenderArgs {
     pub(super) view: ViewArgs,
     #[command(flatten)]
     pub(super) model: ModelArgs,
+    #[command(flatten)]
+    pub(super) layers: LayerArgs,
     #[command(flatten)]
     pub(super) painter: PainterArgs,
 
@@ -577,6 +633,8 @@ pub(super) struct ParetoArgs {
     #[arg(long, value_name = "FILE", help_heading = "Measurement")]
     pub(super) rivals: Option<PathBuf>,
     #[command(flatten)]
+    pub(super) figure: FigureArgs,
+    #[command(flatten)]
     pub(super) view: ViewArgs,
     #[command(flatten)]
     pub(super) model: ModelArgs,
@@ -590,6 +648,12 @@ pub(super) struct ParetoArgs {
 pub(super) struct InfoArgs {
     #[command(flatten)]
     pub(super) input: InputArgs,
+    /// List labels with their colours, voxels and volumes in place of the rest
+    #[arg(long, help_heading = "Labels")]
+    pub(super) labels: bool,
+    /// Names, colours and opacities of labels, as for render
+    #[arg(long, value_name = "FILE", requires = "labels", help_heading = "Labels")]
+    pub(super) label_table: Option<PathBuf>,
     /// Print one JSON object
     #[arg(long, help_heading = "Output")]
     pub(super) json: bool,

@@ -17,6 +17,8 @@ pub(super) enum Destination {
     Stdout,
     /// A file, in the format of its extension.
     File(PathBuf),
+    /// The preview in the terminal alone.
+    Preview,
 }
 
 impl Destination {
@@ -42,7 +44,7 @@ impl Destination {
     /// Whether it keeps the values of a picture, not what a screen shows of them.
     pub(super) fn keeps_values(&self) -> bool {
         match self {
-            Self::Stdout => false,
+            Self::Stdout | Self::Preview => false,
             Self::File(path) => path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")),
         }
     }
@@ -51,6 +53,7 @@ impl Destination {
     pub(super) fn write(&self, image: &Image, background: Background, notes: &[Note]) -> Result<(), Failure> {
         match self {
             Self::Stdout => output::print_bytes(&image.to_png_with_notes(background, notes)?),
+            Self::Preview => Ok(()),
             Self::File(path) => Ok(image.save_with_notes(path, background, notes)?),
         }
     }

@@ -4,13 +4,14 @@ use std::ffi::OsStr;
 
 use glam::DVec3;
 use serde::Serialize;
+use voxsplat::demos;
+use voxsplat::formats::{self, LoadOptions, PyramidLevel};
 use voxsplat::transfer::presets::{self, Suggestion};
-use voxsplat::volume::{Grid, Statistics, Volume};
-use voxsplat::{demos, formats};
+use voxsplat::volume::{Channel, Grid, Statistics, Volume};
 
 use super::args::{InfoArgs, InputArgs};
 use super::progress::Progress;
-use super::{Failure, histogram, output};
+use super::{Failure, histogram, layers, output};
 
 /// The properties of a volume. Field names are the keys of the JSON.
 #[derive(Serialize)]
@@ -45,8 +46,31 @@ struct Info {
     /// fits.
     preset: Option<&'static str>,
     reason: String,
+    /// The points in time of the file.
+    times: u32,
+    /// The point in time that is described.
+    time: u32,
+    /// The levels of the file's pyramid.
+    levels: u32,
+    /// The level that is described.
+    level: u32,
+    /// The channels of the file.
+    channels: u32,
+    /// The channel that is described.
+    channel: u32,
+    /// What the file says of its channels; empty if it says nothing.
+    labels: Vec<Label>,
     /// `None` if the volume needs a transfer function that the user must write.
     command: Option<String>,
+}
+
+/// What the file says of a channel.
+#[derive(Serialize)]
+struct Label {
+    name: Option<String>,
+    /// As #rrggbb.
+    color: Option<String>,
+    window: Option<[f64; 2]>,
 }
 
 /// The directions of the lattice axes in the patient.
@@ -56,6 +80,19 @@ struct Orientation {
     axes: String,
     /// The largest angle between a lattice axis and the patient axis of its letter, degrees.
     oblique: f64,
+}
+
+impl Label {
+    fn of(channel: &Channel) -> Self {
+        let color = channel.color.map(|[r, g, b]| format!("#{r:02x}{g:02x}{b:02x}"));
+        Self { name: channel.name.clone(), color, window: channel.window }
+    }
+
+    /// The name, the colour and the window, as far as they are stated.
+    fn text(&self) -> String {
+        let window = self.window.map(|[low, high]| format!("{} to {}", short(low), short(high)));
+        [self.name.clone(), self.color.clone(), window].into_iter().flatten().collect::<Vec<_>>().join(" ")
+    }
 }
 
 impl Orientation {
@@ -77,9 +114,22 @@ impl Orientation {
 }
 
 pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
+    if args.labels {
+        let mut options = args.input.options();
+        options.replace_nan = options.replace_nan.or(Some(0.0));
+        let volume = formats::load(&args.input.source, &options)?;
+        let listed = layers::list(&volume, &layers::looks(args.label_table.as_deref(), &[], 1.0)?)?;
+        let unit = volume.length_unit().map_or_else(|| "volume".to_owned(), |unit| format!("{unit}^3"));
+        return if args.json { output::print_json(&listed) } else { layers::print(&listed, &unit) };
+    }
     let (volume, statistics) = {
         let _progress = Progress::spinner("reading");
-        let volume = formats::load(&args.input.source, &args.input.options())?;
+        let options = args.input.options();
+        // A file of several channels is described by its first.
+        let channel = options.channel.or(Some(0));
+        // A pyramid by a level that is soon read.
+        let level = if args.input.pyramid.is_none() { PyramidLevel::Pixels(512.0) } else { options.level };
+        let volume = formats::load(&args.input.source, &LoadOptions { channel, level, ..options })?;
         let statistics = Statistics::of(&volume)?;
         (volume, statistics)
     };
@@ -101,7 +151,7 @@ impl Info {
                 Err(_) => (None, format!("no preset fits: {reason}; write one, and give --transfer FILE.json")),
             }
         };
-        let spacing = grid.spacing();
+        let (spacing, contents) = (grid.spacing(), volume.contents());
         Self {
             source: input.source.to_string_lossy().into_owned(),
             dims: grid.dims(),
@@ -124,6 +174,13 @@ impl Info {
             background: statistics.background().map(|b| [b.limit, b.fraction]),
             preset,
             reason,
+            times: contents.times,
+            time: contents.time,
+            levels: contents.levels,
+            level: contents.level,
+            channels: contents.channels,
+            channel: contents.channel,
+            labels: contents.labels.iter().map(Label::of).collect(),
             command: (own || preset.is_some()).then(|| command(input, preset)),
         }
     }
@@ -136,6 +193,18 @@ impl Info {
         let [x, y, z] = self.dims;
         line("lattice", format!("{x} x {y} x {z} = {} voxels", self.voxels));
         line("samples", format!("{}, {} bytes", self.sample_type, self.bytes));
+        if self.times > 1 {
+            line("times", format!("0 to {}: {} is described", self.times - 1, self.time));
+        }
+        if self.levels > 1 {
+            line("pyramid", format!("levels 0 to {}: {} is described", self.levels - 1, self.level));
+        }
+        if self.channels > 1 {
+            line("channels", format!("0 to {}: {} is described", self.channels - 1, self.channel));
+            for (n, label) in self.labels.iter().enumerate() {
+                line("", format!("{n} {}", label.text()));
+            }
+        }
         if (self.slope, self.intercept) != (1.0, 0.0) {
             line("values", format!("{} * sample + {}", short(self.slope), short(self.intercept)));
         }
@@ -187,6 +256,8 @@ fn command(input: &InputArgs, preset: Option<&str>) -> String {
     option("offset", (input.offset > 0).then(|| input.offset.to_string()));
     option("spacing", input.spacing.map(|s| s.map(|s| s.to_string()).join(",")));
     option("replace-nan", input.replace_nan.map(|v| v.to_string()));
+    option("time", input.time.map(|n| n.to_string()));
+    option("pyramid", input.pyramid.map(|n| n.to_string()));
     option("series", input.series.map(|n| n.to_string()));
     option("transfer", preset.map(str::to_owned));
     let name = match input.source.to_str().and_then(|source| source.strip_prefix("demo:")) {

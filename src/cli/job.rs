@@ -7,6 +7,7 @@ use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::figure::Figure;
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image, Region};
+use voxsplat::layers::Layers;
 use voxsplat::lighting::{Light, Lighting, Source};
 use voxsplat::settings::{Model, Painter, QuadsSettings, Response, Settings, TilesSettings};
 use voxsplat::transfer::maps::{self, ColorMap};
@@ -21,7 +22,9 @@ use super::args::{
 };
 use super::clip::ClipChoice;
 use super::destination::{Destination, STREAM};
+use super::layers::{LABELS, LayersJob};
 use super::parse::{GradientOpacity, LightArg, Occlusion, PlaceArg};
+use super::preview::Preview;
 use super::scene::SceneFile;
 
 /// The default space around what is fitted, if there are texts above or below.
@@ -39,6 +42,8 @@ pub(super) enum TransferChoice {
     Preset(&'static Preset),
     /// From a file, or a colour map.
     Given(Box<Imported>),
+    /// None: values are labels.
+    Labels,
 }
 
 /// A transfer function to be fitted to a volume.
@@ -56,6 +61,13 @@ impl Transfer {
         let window = args.window;
         let given = |imported| TransferChoice::Given(Box::new(imported));
         let choice = match (&args.transfer, &args.colour_map) {
+            (Some(name), _) if name == Path::new(LABELS) => {
+                if window.is_some() || args.gradient_opacity.is_some() {
+                    let message = "--window and --gradient-opacity are for values, not for labels";
+                    return Err(Failure::Usage(message.to_owned()));
+                }
+                TransferChoice::Labels
+            }
             (Some(name), _) => match presets::PRESETS.iter().find(|preset| name == Path::new(preset.name)) {
                 Some(preset) => TransferChoice::Preset(preset),
                 None if is_file_name(name) => given(Imported::load(name)?),
@@ -96,6 +108,7 @@ pub(super) struct RenderJob {
     pub(super) source: PathBuf,
     pub(super) load: LoadOptions,
     pub(super) transfer: Transfer,
+    pub(super) layers: LayersJob,
     pub(super) view: View,
     pub(super) frame: FrameArg,
     /// Width and height of the picture, pixels.
@@ -119,6 +132,8 @@ pub(super) struct RenderJob {
     pub(super) chooses_view: bool,
     pub(super) engine: Engine,
     pub(super) output: Destination,
+    /// How it is shown in the terminal too.
+    pub(super) preview: Option<Preview>,
     pub(super) background: Background,
     pub(super) figure: Figure,
     /// What replaces the units of the file.
@@ -135,12 +150,22 @@ pub(super) struct RenderJob {
 impl RenderJob {
     /// A picture that goes where its arguments say.
     pub(super) fn new(mut args: RenderArgs) -> Result<Self, Failure> {
-        let Some(output) = args.output.take() else {
-            return Err(Failure::Usage("--output FILE is missing: where the picture goes (see --help)".to_owned()));
+        let output = match (args.output.take(), args.preview) {
+            (Some(output), _) => Destination::checked(output)?,
+            (None, Some(_)) => Destination::Preview,
+            (None, None) => {
+                let missing = "--output FILE is missing: where the picture goes (see --help)";
+                return Err(Failure::Usage(missing.to_owned()));
+            }
         };
-        let output = Destination::checked(output)?;
         if output == Destination::Stdout && args.stats.is_some() {
             return Err(Failure::Usage("--stats: standard output takes the picture".to_owned()));
+        }
+        if output == Destination::Stdout && args.preview.is_some() {
+            return Err(Failure::Usage("--preview: standard output takes the picture".to_owned()));
+        }
+        if args.preview.is_some() && args.stats == Some(StatsFormat::Json) {
+            return Err(Failure::Usage("--preview: standard output takes --stats json".to_owned()));
         }
         Self::with_output(args, output)
     }
@@ -165,21 +190,31 @@ impl RenderJob {
         let [width, height] = args.size;
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
         region.check_within(args.size)?;
-        let (figure, units) = figure(args.figure, args.size, &settings, &output)?;
+        let (figure, units) = figure(args.figure, args.size, &settings, output.keeps_values())?;
         let composite = settings.model == Model::Composite;
         let chooses_light = args.model.light.is_empty() && composite;
         // Post-shaded, samples would be filtered: noise is left as it is unless that is asked for.
         let chooses_sharpness =
             args.model.kernel.is_none() && args.model.sharpness.is_none() && composite && !settings.is_post_shaded();
         let transfer = Transfer::new(&args.model)?;
+        let alone = matches!(transfer.choice, TransferChoice::Labels);
+        if alone && (figure.color_bar || args.save_transfer.is_some()) {
+            let message = "--colour-bar and --save-transfer are for transfer functions, not for labels";
+            return Err(Failure::Usage(message.to_owned()));
+        }
+        let layers = LayersJob::new(&args.layers, alone)?;
+        if !layers.is_plain() {
+            Layers::check_settings(&settings)?;
+        }
         let engine = match args.reference {
             true => Engine::Reference,
             false => Engine::Device { adapter: args.adapter },
         };
         Ok(Self {
-            load: args.input.options(),
+            load: args.input.options_for(&args.view, args.size),
             source: args.input.source,
             transfer,
+            layers,
             view,
             frame: frame(&args.view),
             size: args.size,
@@ -194,6 +229,7 @@ impl RenderJob {
             chooses_view: args.view.says_no_side(),
             engine,
             output,
+            preview: args.preview.map(Preview::resolved).transpose()?,
             background: args.background,
             figure,
             units,
@@ -212,7 +248,7 @@ fn figure(
     args: FigureArgs,
     size: [u32; 2],
     settings: &Settings,
-    output: &Destination,
+    keeps_values: bool,
 ) -> Result<(Figure, Units), Failure> {
     let FigureArgs { scale_bar, axes, colour_bar: color_bar, title, caption, length_unit, value_unit } = args;
     let figure = Figure { scale_bar, axes, color_bar, title, caption };
@@ -221,7 +257,7 @@ fn figure(
         let message = "--colour-bar shows the colours of values, and with --depth-coded they are those of depths";
         return Err(Failure::Usage(message.to_owned()));
     }
-    if !figure.is_empty() && output.keeps_values() {
+    if !figure.is_empty() && keeps_values {
         let options = "--scale-bar, --axes, --colour-bar, --title and --caption";
         return Err(Failure::Usage(format!("{options} are drawn on a .png: an .exr keeps the values of the picture")));
     }
@@ -430,6 +466,9 @@ pub(super) struct ParetoJob {
     pub(super) patience: f64,
     pub(super) resume: bool,
     pub(super) rivals: Option<PathBuf>,
+    /// What is drawn on the pictures of the page.
+    pub(super) figure: Figure,
+    pub(super) units: Units,
 }
 
 /// The golden angle, degrees: steps of it spread any number of views evenly.
@@ -443,6 +482,7 @@ impl ParetoJob {
             return Err(Failure::Usage("--response depth is no picture for a report: window shows it".to_owned()));
         }
         Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
+        let (figure, units) = figure(args.figure, args.size, &settings, false)?;
         let turned = |i: u32| {
             let elevations = [0.0, 25.0, -35.0, 55.0, -15.0];
             View {
@@ -454,8 +494,11 @@ impl ParetoJob {
         };
         let views = std::iter::once(first.clone()).chain((1..args.views).map(turned)).collect();
         let transfer = Transfer::new(&args.model)?;
+        if matches!(transfer.choice, TransferChoice::Labels) {
+            return Err(Failure::Usage("--transfer labels is for render and turntable".to_owned()));
+        }
         Ok(Self {
-            load: args.input.options(),
+            load: args.input.options_for(&args.view, args.size),
             source: args.input.source,
             transfer,
             views,
@@ -467,6 +510,8 @@ impl ParetoJob {
             directory: args.output,
             repeats: args.repeats,
             sample: args.sample,
+            figure,
+            units,
             patience: args.patience,
             resume: args.resume,
             rivals: args.rivals,

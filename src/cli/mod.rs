@@ -12,11 +12,13 @@ mod histogram;
 mod info;
 mod job;
 mod kernels;
+mod layers;
 mod manual;
 mod options;
 mod output;
 mod pareto;
 mod parse;
+mod preview;
 mod progress;
 mod render;
 mod scene;
@@ -71,6 +73,8 @@ fn in_flags(error: &Error) -> String {
             Hint::GiveSpacing => "give --spacing X,Y,Z".to_owned(),
             Hint::ReplaceNonFinite => "replace them with --replace-nan VALUE".to_owned(),
             Hint::ChooseSeries => "choose one with --series N".to_owned(),
+            Hint::ChooseChannel => "choose one with --channel N".to_owned(),
+            Hint::ChooseDataset => "give one as FILE:/PATH/OF/SET".to_owned(),
             other => other.to_string(),
         };
     }

@@ -11,12 +11,13 @@ use voxsplat::clip::Clip;
 use voxsplat::demos;
 use voxsplat::figure::Figure;
 use voxsplat::image::{Image, Note};
+use voxsplat::layers::Layers;
 use voxsplat::lighting::Lighting;
 use voxsplat::renderer::{Rendered, Renderer};
 use voxsplat::settings::Settings;
 use voxsplat::stats::{Clock, StageTime, Stats};
 use voxsplat::transfer::presets::{self, Preset, Suggestion};
-use voxsplat::transfer::{Imported, TransferFunction, Window};
+use voxsplat::transfer::{ControlPoint, Imported, TransferFunction, Window};
 use voxsplat::volume::{Statistics, Units, Volume};
 
 use super::args::{FrameArg, StatsFormat};
@@ -73,29 +74,27 @@ pub(super) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
         if let Some(path) = &job.save_transfer {
             fitted.transfer.save(path, session.volume.grid())?;
         }
-        let picture = session.picture(&job, &fitted.transfer, &mut stages)?;
+        let layers = session.layers(&job, &fitted.transfer, &mut stages)?;
+        let picture = session.picture(&job, &layers, &fitted.transfer, &mut stages)?;
         let image = picture.image();
         stages.time("encode", || job.output.write(image, job.background, &picture.notes))?;
+        if let Some(preview) = job.preview {
+            preview.show(image, job.background)?;
+        }
         if let Some(scene) = &job.save_scene {
             scene.save(&job, &fitted)?;
         }
-        report(&job, &fitted.transfer, &session.volume, picture, stages)?;
+        report(&job, &layers, picture, stages)?;
     }
     Ok(())
 }
 
 /// Prints what was asked for of a finished picture, and holds it to its bound.
-fn report(
-    job: &RenderJob,
-    transfer: &TransferFunction,
-    volume: &Volume,
-    picture: Picture,
-    stages: Stages,
-) -> Result<(), Failure> {
+fn report(job: &RenderJob, layers: &Layers, picture: Picture, stages: Stages) -> Result<(), Failure> {
     let Picture { image, camera, settings, estimate, stats, .. } = picture;
     let Some(mut stats) = stats else {
         let stats =
-            ReferenceStats { painter: "reference", size: job.size, voxels: volume.grid().len(), stages: stages.0 };
+            ReferenceStats { painter: "reference", size: job.size, voxels: layers.grid().len(), stages: stages.0 };
         return print_stats(job.stats, &stats, |stats| {
             let times: String = stats
                 .stages
@@ -111,7 +110,7 @@ fn report(
         stages.0.into_iter().partition(|s| s.name != "figure" && s.name != "encode");
     stats.stages.splice(0..0, before);
     stats.stages.extend(after);
-    let verified = job.verify.then(|| verify(&image, (volume, transfer), &camera, &settings, job)).transpose()?;
+    let verified = job.verify.then(|| verify(&image, layers, &camera, &settings, job)).transpose()?;
     let broken = verified.filter(|verified| job.max_error.is_some_and(|bound| verified.interval[0] > bound));
     print_stats(job.stats, &RenderStats { stats, estimate, verified }, RenderStats::to_text)?;
     match (broken, job.max_error) {
@@ -160,7 +159,7 @@ type Drawn = (Rendered, Settings, Option<Estimate>);
 /// prepared is for the next picture.
 pub(super) fn draw(
     renderer: &Renderer,
-    (volume, transfer): (&Volume, &TransferFunction),
+    layers: &Layers,
     camera: &Camera,
     job: &RenderJob,
     prepared: Option<Prepared>,
@@ -168,13 +167,13 @@ pub(super) fn draw(
     let Some(max_error) = job.max_error else {
         let prepared = match prepared {
             Some(prepared) => prepared,
-            None => Prepared::new(transfer, &job.settings, renderer.prepare(volume, transfer, &job.settings)?),
+            None => Prepared::new(layers, &job.settings, renderer.prepare_layers(layers, &job.settings)?),
         };
         let rendered = renderer.render_region(&prepared.scene, camera, &job.settings, job.region)?;
         return Ok(((rendered, job.settings.clone(), None), Some(prepared)));
     };
     let Chosen { settings, rendered, estimate, keeps, tried } =
-        choose(renderer, (volume, transfer), camera, &job.settings, max_error, job.sample)?;
+        choose(renderer, layers, camera, &job.settings, max_error, job.sample)?;
     let options = command_line(&options_of(&settings));
     let options = if options.is_empty() { "the defaults".to_owned() } else { options };
     let said = in_words(&estimate);
@@ -213,16 +212,11 @@ pub(super) fn notes(settings: &Settings, figure: &Figure, of_errors: Vec<Note>) 
 }
 
 /// The hull that a picture is fitted to; `None` is the box of the volume.
-pub(super) fn framed(
-    frame: FrameArg,
-    volume: &Volume,
-    transfer: &TransferFunction,
-    clip: &Clip,
-) -> Result<Option<Hull>, Failure> {
+pub(super) fn framed(frame: FrameArg, layers: &Layers, clip: &Clip) -> Result<Option<Hull>, Failure> {
     Ok(match frame {
         FrameArg::Volume => None,
-        FrameArg::Visible => Hull::of_visible(volume, transfer, clip)?,
-        FrameArg::View => Hull::of_visible(volume, transfer, clip)?.map(Hull::from_one_side),
+        FrameArg::Visible => layers.hull(clip)?,
+        FrameArg::View => layers.hull(clip)?.map(Hull::from_one_side),
     })
 }
 
@@ -236,14 +230,14 @@ pub(super) fn with_units(volume: Volume, given: &Units) -> Volume {
 /// What pixels other than those of the choice say of a picture.
 fn verify(
     image: &Image,
-    (volume, transfer): (&Volume, &TransferFunction),
+    layers: &Layers,
     camera: &Camera,
     settings: &Settings,
     job: &RenderJob,
 ) -> Result<Estimate, Failure> {
     // A tenth more pixels along each axis fall between those of the other sample.
     let pixels = job.sample.saturating_add(job.sample / 5);
-    let estimate = Truth::trace(volume, transfer, camera, settings, pixels)?.estimate(image)?;
+    let estimate = Truth::trace(layers, camera, settings, pixels)?.estimate(image)?;
     if job.stats.is_none() {
         output::say(&format!("verified: {}", in_words(&estimate)));
     }
@@ -300,6 +294,11 @@ pub(super) fn transfer(
 fn fitted(source: &Path, asked: &Transfer, volume: &Volume, stages: &mut Stages) -> Result<Fitted, Failure> {
     let mut statistics = || stages.time("statistics", || Statistics::of(volume));
     let fitted = match &asked.choice {
+        // There is none: layers have the labels.
+        TransferChoice::Labels => {
+            let clear = ControlPoint { value: 0.0, color: [0.0; 3], opacity: 0.0 };
+            return Ok(Fitted::new(TransferFunction::new(vec![clear], None)?));
+        }
         TransferChoice::Given(imported) => {
             let window = match asked.window {
                 None if imported.fits => Window::of(&statistics()?),

@@ -16,8 +16,9 @@ use voxsplat::transfer::TransferFunction;
 use super::args::{Args, RenderArgs};
 use super::destination::STREAM;
 use super::job::{RenderJob, TransferChoice};
+use super::layers::LABELS;
 use super::render::Fitted;
-use super::{Failure, args, in_one_line};
+use super::{Failure, args, in_one_line, layers};
 
 /// The largest scene file that is read, in bytes.
 const MAX_BYTES: u64 = 16 << 20;
@@ -30,11 +31,14 @@ const VERSION: &str = "voxsplat";
 const OUTPUTS: &str = "outputs";
 
 /// Options that say where a picture goes and what is told of it, not what it shows.
-const OF_A_RUN: [&str; 6] = ["output", "save-scene", "save-transfer", "stats", "quiet", "help"];
+const OF_A_RUN: [&str; 7] = ["output", "preview", "save-scene", "save-transfer", "stats", "quiet", "help"];
 /// Options that pictures of one volume and one device share, besides those of the input.
 const SHARED: [&str; 5] = ["adapter", "reference", "length-unit", "value-unit", "save-scene"];
 /// Options that make the transfer function.
 const OF_TRANSFER: [&str; 4] = ["transfer", "colour-map", "window", "gradient-opacity"];
+
+/// Options that name files of labels, which may have labels behind them.
+const OF_FILES: [&str; 3] = ["labels", "label-table", "mask"];
 
 /// An option by its long name, with its values; a flag has none.
 type Given = (String, Vec<OsString>);
@@ -236,6 +240,9 @@ impl SceneFile {
         ];
         // A file may change or vanish: what it held is kept. Presets adapt to the data, here and elsewhere.
         let inlined = matches!(job.transfer.choice, TransferChoice::Given(_));
+        if matches!(job.transfer.choice, TransferChoice::Labels) {
+            fields.push((OF_TRANSFER[0].to_owned(), Value::from(LABELS).to_string()));
+        }
         match fitted.preset {
             _ if inlined => fields.push((OF_TRANSFER[0].to_owned(), indented(&fitted.transfer))),
             Some(preset) => fields.push((OF_TRANSFER[0].to_owned(), Value::from(preset.name).to_string())),
@@ -246,7 +253,11 @@ impl SceneFile {
             false => !OF_A_RUN.contains(&name),
         };
         for (name, values) in self.options.iter().filter(|(name, _)| kept(name)) {
-            let values = values.iter().map(|value| Ok(literal(text(value)?)));
+            let placed = |value: &OsString| match OF_FILES.contains(&name.as_str()) {
+                true => moved(folder, value),
+                false => Ok(text(value)?.to_owned()),
+            };
+            let values = values.iter().map(|value| Ok(literal(&placed(value)?)));
             let mut values = values.collect::<Result<Vec<Value>, Failure>>()?;
             let value = match values.len() {
                 0 => Value::Bool(true),
@@ -271,6 +282,13 @@ fn literal(text: &str) -> Value {
         Ok(number) if number.to_string() == text => Value::Number(number),
         _ => Value::from(text),
     }
+}
+
+/// The name of a file, maybe with labels behind it, as it is seen from a folder.
+fn moved(folder: &Path, value: &OsStr) -> Result<String, Failure> {
+    let (file, labels) = layers::parted(Path::new(value));
+    let file = relative(folder, &file);
+    Ok(text(file.as_os_str())?.to_owned() + labels)
 }
 
 fn text(value: &OsStr) -> Result<&str, Failure> {

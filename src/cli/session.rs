@@ -1,19 +1,22 @@
 //! A volume in memory and a device, for one picture after another.
 
+use std::path::{Path, PathBuf};
+
 use voxsplat::accuracy::Estimate;
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::clip::Clip;
 use voxsplat::demos;
 use voxsplat::figure::Shown;
-use voxsplat::formats;
+use voxsplat::formats::{self, LoadOptions, PyramidLevel};
 use voxsplat::image::{Image, Note};
+use voxsplat::layers::Layers;
 use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
 use voxsplat::renderer::{Renderer, RendererOptions, Scene};
 use voxsplat::settings::Settings;
 use voxsplat::stats::Stats;
 use voxsplat::transfer::TransferFunction;
-use voxsplat::volume::Volume;
+use voxsplat::volume::{Contents, Volume};
 
 use super::args::FrameArg;
 use super::info::short;
@@ -21,7 +24,7 @@ use super::job::{Engine, RenderJob, TransferChoice};
 use super::progress::{self, Progress};
 use super::render::{Fitted, Stages, draw, framed, in_words, notes, transfer, with_units};
 use super::stderr::silenced;
-use super::{Failure, output};
+use super::{Failure, layers, output};
 
 /// Azimuth and elevation of a view that shows three sides of a box, degrees.
 const OBLIQUE: [f64; 2] = [30.0, 20.0];
@@ -38,14 +41,16 @@ pub(super) struct Session {
     /// What the last picture was made of.
     prepared: Option<Prepared>,
     /// What the last picture was fitted to, and how that was found.
-    framed: Option<(FrameArg, Clip, TransferFunction, Option<Hull>)>,
+    framed: Option<(FrameArg, Clip, Layers, Option<Hull>)>,
+    /// Volumes of labels, by their files.
+    labels: Vec<(PathBuf, Volume)>,
     /// What the user has been told.
     said: Vec<String>,
 }
 
 /// A scene, and what it was prepared with.
 pub(super) struct Prepared {
-    transfer: TransferFunction,
+    layers: Layers,
     settings: Settings,
     pub(super) scene: Scene,
 }
@@ -68,6 +73,21 @@ impl Picture {
     /// The picture as it is written.
     pub(super) fn image(&self) -> &Image {
         self.drawn.as_ref().unwrap_or(&self.image)
+    }
+}
+
+/// Tells which of the volumes of a file was taken if that was not asked for.
+pub(super) fn say_choice(volume: &Volume, options: &LoadOptions) {
+    let Contents { times, level, levels, .. } = volume.contents();
+    if *times > 1 && options.time.is_none() {
+        output::say(&format!("note: --time 0: the file holds {times} points in time, 0 to {}", times - 1));
+    }
+    if *levels > 1 && !matches!(options.level, PyramidLevel::At(_)) {
+        let [x, y, z] = volume.grid().dims();
+        let most = levels - 1;
+        output::say(&format!(
+            "note: --pyramid {level}: {x} x {y} x {z} samples are as fine as pixels; levels 0 to {most}"
+        ));
     }
 }
 
@@ -98,10 +118,11 @@ impl Session {
         });
         drop(progress);
         let (volume, fitted) = read?;
+        say_choice(&volume, &job.load);
         stages.append(opening);
         let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
         let renderer = opened.transpose()?;
-        Ok((Self { volume, renderer, prepared: None, framed: None, said: Vec::new() }, fitted))
+        Ok((Self { volume, renderer, prepared: None, framed: None, labels: Vec::new(), said: Vec::new() }, fitted))
     }
 
     /// Tells the user a note once.
@@ -130,16 +151,18 @@ impl Session {
         if job.light_follows {
             place_studio(job)?;
         }
-        let Some(material) = fitted.preset.and_then(|preset| preset.material) else { return Ok(()) };
-        if job.chooses_light {
+        let material = fitted.preset.and_then(|preset| preset.material);
+        if job.chooses_light && (material.is_some() || job.layers.has_labels()) {
             job.settings.lighting = Some(Lighting::studio(job.view.forward()?, job.view.up));
             let name = if job.light_follows { "studio:eye" } else { "studio" };
-            self.say(format!("note: --light {name} is taken, as the preset shows surfaces; --light off is without"));
+            let surfaces = if material.is_some() { "the preset shows surfaces" } else { "labels have surfaces" };
+            self.say(format!("note: --light {name} is taken, as {surfaces}; --light off is without"));
         }
+        let Some(material) = material else { return Ok(()) };
         if job.chooses_material {
             job.settings.lighting = job.settings.lighting.take().map(|lighting| material.lit(lighting));
         }
-        if job.chooses_sharpness {
+        if job.chooses_sharpness && job.layers.is_plain() {
             job.settings.sharpness = SHARPNESS;
             let without = "as the preset shows surfaces; --sharpness 0 is without";
             self.say(format!("note: --sharpness {SHARPNESS} is taken, {without}"));
@@ -162,31 +185,54 @@ impl Session {
         Ok(())
     }
 
+    /// What a job draws. Files of labels are read once.
+    pub(super) fn layers(
+        &mut self,
+        job: &RenderJob,
+        transfer: &TransferFunction,
+        stages: &mut Stages,
+    ) -> Result<Layers, Failure> {
+        let held = &mut self.labels;
+        let read = |path: &Path| match held.iter().find(|(of, _)| of == path) {
+            Some((_, volume)) => Ok(volume.clone()),
+            None => {
+                let volume = layers::read(path)?;
+                held.push((path.to_owned(), volume.clone()));
+                Ok(volume)
+            }
+        };
+        if job.layers.is_plain() {
+            return Ok(Layers::of(&self.volume, transfer));
+        }
+        stages.time("labels", || job.layers.layers(&self.volume, transfer, read))
+    }
+
     /// Makes the picture of a job.
     pub(super) fn picture(
         &mut self,
         job: &RenderJob,
+        layers: &Layers,
         transfer: &TransferFunction,
         stages: &mut Stages,
     ) -> Result<Picture, Failure> {
         let inside = &job.settings.clip;
         let around = match &self.framed {
-            Some((frame, clip, of, hull)) if *frame == job.frame && clip == inside && of == transfer => hull.clone(),
-            _ => stages.time("framing", || framed(job.frame, &self.volume, transfer, inside))?,
+            Some((frame, clip, of, hull)) if *frame == job.frame && clip == inside && of == layers => hull.clone(),
+            _ => stages.time("framing", || framed(job.frame, layers, inside))?,
         };
-        self.framed = Some((job.frame, inside.clone(), transfer.clone(), around.clone()));
+        self.framed = Some((job.frame, inside.clone(), layers.clone(), around.clone()));
         let camera = Camera::new(&View { around, ..job.view.clone() }, self.volume.grid(), job.size)?;
         let (image, settings, estimate, stats) = match &self.renderer {
             Some(renderer) => {
-                let prepared = self.prepared.take().filter(|prepared| prepared.serves(transfer, &job.settings));
-                let (drawn, prepared) = draw(renderer, (&self.volume, transfer), &camera, job, prepared)?;
+                let prepared = self.prepared.take().filter(|prepared| prepared.serves(layers, &job.settings));
+                let (drawn, prepared) = draw(renderer, layers, &camera, job, prepared)?;
                 self.prepared = prepared;
                 let (rendered, settings, estimate) = drawn;
                 (rendered.image, settings, estimate, Some(rendered.stats))
             }
             None => {
                 let image = stages.time("integrate", || {
-                    Reference::new(&self.volume, transfer, &job.settings)?
+                    Reference::of_layers(layers, &job.settings)?
                         .with_tolerance(Reference::TOLERANCE)
                         .with_progress(progress::reporter())
                         .render_region(&camera, job.region)
@@ -218,13 +264,13 @@ fn place_studio(job: &mut RenderJob) -> Result<(), Failure> {
 }
 
 impl Prepared {
-    pub(super) fn new(transfer: &TransferFunction, settings: &Settings, scene: Scene) -> Self {
-        Self { transfer: transfer.clone(), settings: settings.clone(), scene }
+    pub(super) fn new(layers: &Layers, settings: &Settings, scene: Scene) -> Self {
+        Self { layers: layers.clone(), settings: settings.clone(), scene }
     }
 
     /// Whether a picture of other settings can be made of the scene.
-    fn serves(&self, transfer: &TransferFunction, settings: &Settings) -> bool {
+    fn serves(&self, layers: &Layers, settings: &Settings) -> bool {
         let of = |s: &Settings| (s.model, s.shading, s.lighting.is_some(), s.kernel, s.sharpness, s.level);
-        self.transfer == *transfer && of(&self.settings) == of(settings)
+        self.layers == *layers && of(&self.settings) == of(settings)
     }
 }

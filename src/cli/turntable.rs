@@ -114,8 +114,8 @@ impl TurntableJob {
         let Some(mut first) = jobs.pop().filter(|_| jobs.is_empty()) else {
             return usage("a turntable takes a scene of one picture");
         };
-        if first.stats.is_some() || first.verify || first.save_scene.is_some() {
-            return usage("--stats, --verify and --save-scene are for a picture, not for a turntable");
+        if first.stats.is_some() || first.verify || first.save_scene.is_some() || first.preview.is_some() {
+            return usage("--stats, --verify, --preview and --save-scene are for a picture, not for a turntable");
         }
         // It looks from all sides.
         first.chooses_view = false;
@@ -233,12 +233,13 @@ fn make(
     sender: &SyncSender<Done>,
 ) -> Result<(), Failure> {
     let progress = Remaining::new("frames", wanted.len());
+    let layers = session.layers(first, &fitted.transfer, &mut Stages::default())?;
     for (done, &frame) in wanted.iter().enumerate() {
         progress.at(done, &format!("frame {} of {}", frame + 1, views.len()));
         // Studio light may come with the eye.
         let mut job = RenderJob { view: views[frame as usize].clone(), ..first.clone() };
         session.complete(&mut job, fitted)?;
-        let picture = session.picture(&job, &fitted.transfer, &mut Stages::default())?;
+        let picture = session.picture(&job, &layers, &fitted.transfer, &mut Stages::default())?;
         let image = picture.image().clone();
         if sender.send(Done { frame, image, notes: picture.notes }).is_err() {
             break;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::input::Input;
+use super::selection::Pick;
 use crate::error::{Error, Result};
 use crate::memory::reserved;
 use crate::volume::{Endian, FileSamples, MAX_DIM, Number, SampleType, Samples, Stored, with_type};
@@ -19,55 +20,106 @@ pub(super) enum Layout {
     Text,
 }
 
+/// What a sample is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Whole(SampleType),
+    /// 16-bit floating point. It has no sample type of its own: f32 holds each of its numbers exactly.
+    Half,
+}
+
+impl Kind {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Whole(sample_type) => sample_type.name(),
+            Self::Half => "f16",
+        }
+    }
+
+    /// Bytes of a sample.
+    pub(super) fn size(self) -> usize {
+        match self {
+            Self::Whole(sample_type) => sample_type.size(),
+            Self::Half => 2,
+        }
+    }
+
+    /// By the letters of NumPy, such as i2.
+    pub(super) fn of_numpy(letters: &str) -> Option<Self> {
+        Some(Self::Whole(match letters {
+            "u1" | "b1" => SampleType::U8,
+            "i1" => SampleType::I8,
+            "u2" => SampleType::U16,
+            "i2" => SampleType::I16,
+            "u4" => SampleType::U32,
+            "i4" => SampleType::I32,
+            "u8" => SampleType::U64,
+            "i8" => SampleType::I64,
+            "f4" => SampleType::F32,
+            "f8" => SampleType::F64,
+            "f2" => return Some(Self::Half),
+            _ => return None,
+        }))
+    }
+}
+
 /// The files of a volume, each opened at its first sample when its turn comes.
 pub(super) type Parts<'a> = &'a mut dyn Iterator<Item = Result<Input>>;
 
-/// Reads `count` samples, an equal share from each of the `n_parts` files of `parts`. Uncompressed binary samples of a
-/// single file are not read: they stay there until they are needed.
+/// Reads the samples that are picked from those of the `n_parts` files of `parts`, which hold equal shares of all.
+/// Uncompressed binary samples in one piece of a single file are not read: they stay there until they are needed.
 pub(super) fn read_samples(
     parts: Parts<'_>,
     n_parts: usize,
-    count: u64,
+    pick: &Pick,
     sample_type: SampleType,
     layout: Layout,
 ) -> Result<Stored> {
     if n_parts == 1
-        && let Layout::Binary(endian) = layout
+        && let (Layout::Binary(endian), Some(first)) = (layout, pick.in_one_piece())
         && let Some(part) = parts.next()
     {
         let input = part?;
         if let Some((file, offset)) = input.plain_file()? {
-            check_bytes(&input, count, sample_type.size(), layout)?;
-            let count = usize::try_from(count).map_err(|_| out_of_memory(&input, count, sample_type.size()))?;
-            let path = input.path().to_owned();
+            let (count, size) = (pick.len(), sample_type.size());
+            check_bytes(&input, pick.end(), size, layout)?;
+            let count = usize::try_from(count).map_err(|_| out_of_memory(&input, count, size))?;
+            let (path, offset) = (input.path().to_owned(), offset + first * size as u64);
             return Ok(Stored::File(FileSamples { file, path, offset, count, sample_type, endian, replacement: None }));
         }
-        return read_into_memory(&mut std::iter::once(Ok(input)), 1, count, sample_type, layout);
+        return read_into_memory(&mut std::iter::once(Ok(input)), 1, pick, sample_type, layout);
     }
-    read_into_memory(parts, n_parts, count, sample_type, layout)
+    read_into_memory(parts, n_parts, pick, sample_type, layout)
 }
 
 fn read_into_memory(
     parts: Parts<'_>,
     n_parts: usize,
-    count: u64,
+    pick: &Pick,
     sample_type: SampleType,
     layout: Layout,
 ) -> Result<Stored> {
-    let samples = with_type!(sample_type, T => T::collected(read(parts, n_parts, count, layout)?));
+    let samples = with_type!(sample_type, T => T::collected(read(parts, n_parts, pick, layout)?));
     Ok(Stored::Memory(Arc::new(samples)))
 }
 
 /// As [`read_samples`], from one file.
-pub(super) fn read_all(input: Input, count: u64, sample_type: SampleType, layout: Layout) -> Result<Stored> {
-    read_samples(&mut std::iter::once(Ok(input)), 1, count, sample_type, layout)
+pub(super) fn read_all(input: Input, pick: &Pick, sample_type: SampleType, layout: Layout) -> Result<Stored> {
+    read_samples(&mut std::iter::once(Ok(input)), 1, pick, sample_type, layout)
 }
 
-/// Reads numbers of 16-bit floating point from one file. They have no sample type of their own: f32 holds each of them
-/// exactly.
-pub(super) fn read_halves(input: Input, count: u64, layout: Layout) -> Result<Stored> {
+/// As [`read_all`], of samples of a kind.
+pub(super) fn read_kind(input: Input, pick: &Pick, kind: Kind, layout: Layout) -> Result<Stored> {
+    match kind {
+        Kind::Whole(sample_type) => read_all(input, pick, sample_type, layout),
+        Kind::Half => read_halves(input, pick, layout),
+    }
+}
+
+/// Reads numbers of 16-bit floating point from one file.
+fn read_halves(input: Input, pick: &Pick, layout: Layout) -> Result<Stored> {
     let path = input.path().to_owned();
-    let halves: Vec<u16> = read(&mut std::iter::once(Ok(input)), 1, count, layout)?;
+    let halves: Vec<u16> = read(&mut std::iter::once(Ok(input)), 1, pick, layout)?;
     Ok(Stored::Memory(Arc::new(Samples::F32(of_halves(halves, &path)?))))
 }
 
@@ -84,21 +136,50 @@ pub(super) fn samples_in(path: &Path) -> String {
 }
 
 /// Reads straight into the vector that becomes the volume, without a second copy.
-pub(super) fn read<T: Number>(parts: Parts<'_>, n_parts: usize, count: u64, layout: Layout) -> Result<Vec<T>> {
+pub(super) fn read<T: Number>(parts: Parts<'_>, n_parts: usize, pick: &Pick, layout: Layout) -> Result<Vec<T>> {
     let mut samples: Vec<T> = Vec::new();
-    let share = count / n_parts.max(1) as u64;
-    for part in parts {
+    let (count, share) = (pick.len(), pick.all / n_parts.max(1) as u64);
+    let (mut run, mut done) = (0, 0);
+    for (index, part) in parts.enumerate() {
         let mut input = part?;
-        check_bytes(&input, share, size_of::<T>(), layout)?;
+        let base = index as u64 * share;
+        if base >= pick.end() {
+            break;
+        }
+        check_bytes(&input, share.min(pick.end() - base), size_of::<T>(), layout)?;
         if samples.capacity() == 0 {
             // Reserved once, after the first file has shown that it can hold its share. Reserved pages that are never
             // written to cost nothing, so a compressed file that ends early does no harm.
             let total = usize::try_from(count).ok().filter(|&n| samples.try_reserve_exact(n).is_ok());
             total.ok_or_else(|| out_of_memory(&input, count, size_of::<T>()))?;
         }
-        match layout {
-            Layout::Binary(_) => read_binary(&mut input, share, &mut samples)?,
-            Layout::Text => read_text(&mut input, share, &mut samples)?,
+        let (mut at, end) = (base, base + share);
+        while run < pick.runs() {
+            let start = pick.start(run) + done * pick.step;
+            if start >= end {
+                break;
+            }
+            let here = (pick.run - done).min((end - start).div_ceil(pick.step));
+            match layout {
+                Layout::Binary(_) => {
+                    if start > at {
+                        input.skip((start - at) * size_of::<T>() as u64)?;
+                    }
+                    read_binary(&mut input, here, pick.step, &mut samples)?;
+                }
+                Layout::Text => {
+                    skip_text(&mut input, start - at)?;
+                    read_text(&mut input, here, pick.step, &mut samples)?;
+                }
+            }
+            at = start + (here - 1) * pick.step + 1;
+            done += here;
+            if done == pick.run {
+                (run, done) = (run + 1, 0);
+            }
+        }
+        if matches!(layout, Layout::Binary(_)) && at == end {
+            input.verify_checksum()?;
         }
     }
     if matches!(layout, Layout::Binary(endian) if endian != Endian::NATIVE) && size_of::<T>() > 1 {
@@ -131,7 +212,11 @@ fn out_of_memory(input: &Input, count: u64, size: usize) -> Error {
     input.error(format!("needs {gib:.1} GiB of memory, more than can be had: crop or downsample it first"))
 }
 
-fn read_binary<T: Number>(input: &mut Input, count: u64, samples: &mut Vec<T>) -> Result<()> {
+/// Reads `count` samples, each `step` behind the last.
+fn read_binary<T: Number>(input: &mut Input, count: u64, step: u64, samples: &mut Vec<T>) -> Result<()> {
+    if step > 1 {
+        return read_every(input, count, step, samples);
+    }
     // The vector grows by 1 MiB at a time. The zeros that `resize` writes are still in the cache when samples overwrite
     // them, and pages beyond the end of a short file are never touched.
     let chunk = (1 << 20) / size_of::<T>() as u64;
@@ -152,12 +237,52 @@ fn read_binary<T: Number>(input: &mut Input, count: u64, samples: &mut Vec<T>) -
         }
         left -= n;
     }
-    input.verify_checksum()
+    Ok(())
 }
 
-fn read_text<T: Number>(input: &mut Input, count: u64, samples: &mut Vec<T>) -> Result<()> {
+/// Reads `count` samples with `step - 1` others between two of them.
+fn read_every<T: Number>(input: &mut Input, count: u64, step: u64, samples: &mut Vec<T>) -> Result<()> {
+    let size = size_of::<T>() as u64;
+    if step > (1 << 20) / size {
+        for i in 0..count {
+            if i > 0 {
+                input.skip((step - 1) * size)?;
+            }
+            read_binary(input, 1, 1, samples)?;
+        }
+        return Ok(());
+    }
+    let groups = (1 << 20) / size / step;
+    let mut all = Vec::new();
+    let mut left = count;
+    while left > 0 {
+        let n = left.min(groups);
+        // The file may end behind the last sample that is wanted.
+        let wanted = if n == left { (n - 1) * step + 1 } else { n * step };
+        all.clear();
+        read_binary::<T>(input, wanted, 1, &mut all)?;
+        samples.extend(all.iter().step_by(step as usize));
+        left -= n;
+    }
+    Ok(())
+}
+
+fn skip_text(input: &mut Input, count: u64) -> Result<()> {
+    let mut token = String::new();
+    for _ in 0..count {
+        if !input.token(&mut token)? {
+            return Err(input.error("ends before its samples"));
+        }
+    }
+    Ok(())
+}
+
+fn read_text<T: Number>(input: &mut Input, count: u64, step: u64, samples: &mut Vec<T>) -> Result<()> {
     let mut token = String::new();
     for i in 0..count {
+        if i > 0 {
+            skip_text(input, step - 1)?;
+        }
         if !input.token(&mut token)? {
             return Err(input.error(format!("is cut short: {count} samples expected, {i} are there")));
         }

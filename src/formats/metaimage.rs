@@ -8,10 +8,12 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 
+use super::LoadOptions;
 use super::decode::{Layout, lattice, read_samples};
 use super::input::Input;
 use super::multifile::DataFiles;
 use super::placement::{Placement, named_unit};
+use super::selection::{Role, picked};
 use crate::error::{Error, Result};
 use crate::volume::{Endian, SampleType, Units, Volume};
 
@@ -28,7 +30,7 @@ pub(super) fn is_metaimage(head: &[u8]) -> bool {
 }
 
 /// Reads the volume of a header that begins here.
-pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume> {
+pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let header = Header::read(&mut input)?;
     if let Some(kind) = header.get(&["objecttype"])
         && !kind.eq_ignore_ascii_case("image")
@@ -36,18 +38,15 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
         return Err(header.error(format!("ObjectType is {kind:?}, expected Image")));
     }
     let n_dims = header.n_dims()?;
-    let mut sizes: Vec<i64> = header.numbers("DimSize", header.required("DimSize")?, n_dims)?;
-    if sizes.len() == 4 && sizes.pop() != Some(1) {
-        return Err(header.error("holds several volumes (4 axes): save the one to be rendered alone"));
-    }
-    let dims = lattice(&header.path, &sizes)?;
-    let channels: i64 = header.number("ElementNumberOfChannels", 1)?;
-    if channels != 1 {
-        return Err(header.error(format!("has {channels} channels per sample: save one of them alone")));
-    }
+    let sizes: Vec<i64> = header.numbers("DimSize", header.required("DimSize")?, n_dims)?;
+    let dims = lattice(&header.path, &sizes[..n_dims.min(3)])?;
+    // Channels are beside each other in a sample; a fourth axis is time, as in ITK.
+    let mut axes = vec![(Role::Channel, header.number("ElementNumberOfChannels", 1)?)];
+    axes.extend(sizes.iter().enumerate().map(|(a, &size)| (if a < 3 { Role::Space } else { Role::Time }, size)));
+    let (pick, contents) = picked(&header.path, &axes, options)?;
     let sample_type = header.sample_type()?;
     let placement = header.placement(n_dims)?;
-    let grid = placement.grid(&header.path, dims, spacing)?;
+    let grid = placement.grid(&header.path, dims, options.spacing)?;
     let slope: f64 = header.number("ElementToIntensityFunctionSlope", 1.0)?;
     let intercept: f64 = header.number("ElementToIntensityFunctionOffset", 0.0)?;
     if slope == 0.0 || !slope.is_finite() || !intercept.is_finite() {
@@ -56,7 +55,7 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
         );
     }
 
-    let count = grid.len();
+    let count = pick.all;
     let files = header.data_files(&mut input)?;
     let n = files.as_ref().map_or(1, DataFiles::len);
     if !count.is_multiple_of(n as u64) {
@@ -65,7 +64,7 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
     let start = Start {
         header_size: header.number("HeaderSize", 0)?,
         compressed: header.flag("CompressedData", false)?,
-        share: count / n as u64 * sample_type.size() as u64,
+        share: (count / n as u64).saturating_mul(sample_type.size() as u64),
     };
     let msb = header.flag("BinaryDataByteOrderMSB", false)? || header.flag("ElementByteOrderMSB", false)?;
     let layout = match header.flag("BinaryData", true)? {
@@ -80,16 +79,16 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
                 (_, Some(_)) => Input::open(&header.path)?,
                 (_, None) => return Err(header.error("HeaderSize needs a regular file: a stream is read once")),
             };
-            read_samples(&mut std::iter::once(start.apply(local)), 1, count, sample_type, layout)?
+            read_samples(&mut std::iter::once(start.apply(local)), 1, &pick, sample_type, layout)?
         }
         Some(files) => {
             let mut parts = files.paths().map(|file| start.apply(Input::open_data(&file)?));
-            read_samples(&mut parts, n, count, sample_type, layout)?
+            read_samples(&mut parts, n, &pick, sample_type, layout)?
         }
     };
     // ITK does not apply this map but leaves it to its caller. It is how such files state Hounsfield units.
     let units = Units { length: header.get(&["DistanceUnits"]).and_then(named_unit), value: None };
-    Ok(placement.volume(grid, samples)?.with_rescale(slope, intercept)?.with_units(units))
+    Ok(placement.volume(grid, samples)?.with_rescale(slope, intercept)?.with_units(units).with_contents(contents))
 }
 
 /// How to find the first sample of a data file.

@@ -3,6 +3,8 @@
 mod decode;
 mod dicom;
 mod fields;
+#[cfg(feature = "hdf5")]
+mod hdf5;
 mod input;
 mod metaimage;
 mod mrc;
@@ -11,20 +13,34 @@ mod nifti;
 mod npy;
 mod nrrd;
 mod placement;
+mod selection;
 mod tiff;
 mod vtk;
 mod xml;
+mod zarr;
 
 use std::path::{Path, PathBuf};
 
 use decode::{Layout, lattice, read_all};
 use input::{Input, hinted};
 use placement::{Placement, check_spacing};
+use selection::{Pick, chosen};
 use vtk::{image_data, legacy};
 
 use crate::demos;
 use crate::error::{Error, Hint, Result};
 use crate::volume::{Endian, SampleType, Volume};
+
+/// Which level of a pyramid is read: of a file that holds the same volume at several resolutions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum PyramidLevel {
+    /// The level of this number; 0 is the finest.
+    At(u32),
+    /// The coarsest level whose samples are no coarser than pixels, if the longest edge of the volume spans so many.
+    Pixels(f64),
+    /// The coarsest level whose samples are no further apart than this world length.
+    PixelSize(f64),
+}
 
 /// What the caller knows about a file, or wants done to its samples. The default is to believe its header.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,8 +59,15 @@ pub struct LoadOptions {
     /// The finite number that replaces NaN and infinite samples; `None` makes such samples an error. They are
     /// transparent if the transfer function gives this number no opacity.
     pub replace_nan: Option<f64>,
+    /// The point in time of a file that holds several, counted from 0; `None` is the first.
+    pub time: Option<u32>,
+    /// The channel of a file that holds several, counted from 0; without it such a file is an error. Which there are
+    /// [`Volume::contents`] tells, of any one of them.
+    pub channel: Option<u32>,
     /// The series of a folder of DICOM files that holds several, counted from 1 in the order of their numbers.
     pub series: Option<u32>,
+    /// The level of a pyramid; the finest by default.
+    pub level: PyramidLevel,
     /// The largest volume, in bytes of samples, that is always read into memory; 4 MiB by default. A larger one stays
     /// in its file if its samples are uncompressed and in one piece there, and is read brick by brick.
     pub stream_over: u64,
@@ -59,7 +82,10 @@ impl Default for LoadOptions {
             endian: None,
             offset: 0,
             replace_nan: None,
+            time: None,
+            channel: None,
             series: None,
+            level: PyramidLevel::At(0),
             stream_over: 4 << 20,
         }
     }
@@ -77,6 +103,7 @@ enum Format {
     Vtk,
     Tiff,
     Dicom,
+    Hdf5,
 }
 
 impl Format {
@@ -91,6 +118,7 @@ impl Format {
             Self::Vtk => "legacy VTK",
             Self::Tiff => "TIFF",
             Self::Dicom => "DICOM",
+            Self::Hdf5 => "HDF5 or NetCDF",
         }
     }
 
@@ -114,6 +142,8 @@ impl Format {
             Some(Self::Tiff)
         } else if dicom::is_dicom(head) {
             Some(Self::Dicom)
+        } else if is_hdf5(head) {
+            Some(Self::Hdf5)
         } else {
             None
         }
@@ -141,9 +171,12 @@ impl Format {
 /// Loads a volume: a file of one of the formats below, a file of bare samples, or the built-in volume
 /// `demo:NAME[:SIZE]` (see [`demos`]).
 ///
-/// The formats are NRRD, NIfTI, MetaImage, NumPy, MRC, ImageData of VTK, TIFF and uncompressed DICOM. A folder is read
-/// if it holds DICOM files, whose slices are sorted by position, or TIFF files, which are sections in natural order: 9
-/// goes before 10.
+/// The formats are NRRD, NIfTI, MetaImage, NumPy, MRC, ImageData of VTK, TIFF and uncompressed DICOM. Of a file with
+/// several points in time or channels `time` and `channel` choose one; [`Volume::contents`] tells how many there are. A
+/// folder is read if it holds DICOM files, whose slices are sorted by position, or TIFF files, which are sections in
+/// natural order: 9 goes before 10; and if it is an array of Zarr 2 or 3 or an image of OME-Zarr, of whose
+/// pyramid `level` chooses. `FILE:SET` is a data set of HDF5 or NetCDF, which need the feature `hdf5`; without a name
+/// the only volume in the file is read.
 ///
 /// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
 /// may be compressed with gzip. Files of bare samples need `dims` and `sample_type`. For all other files these two are
@@ -173,9 +206,13 @@ fn load_from(source: &Path, options: &LoadOptions) -> Result<Volume> {
     let mut volume = match demos::name_in(source) {
         Some(demo) => {
             refuse_raw_options(source, options, "a built-in volume")?;
+            chosen(source, options, 1, 1)?;
             demos::parsed(demo, options.spacing)?
         }
-        None => load_file(source, options)?,
+        None => match with_inside(source) {
+            Some((file, inside)) => load_file(&file, Some(&inside), options)?,
+            None => load_file(source, None, options)?,
+        },
     };
     volume = volume.loaded(options.stream_over)?;
     if let Some(value) = options.replace_nan {
@@ -185,9 +222,18 @@ fn load_from(source: &Path, options: &LoadOptions) -> Result<Volume> {
     Ok(volume)
 }
 
-fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
+/// The file and the data set of `FILE:SET`, if there is such a file and none of the whole name.
+fn with_inside(source: &Path) -> Option<(PathBuf, String)> {
+    let (file, inside) = source.to_str()?.rsplit_once(':')?;
+    (!inside.is_empty() && !source.exists() && Path::new(file).is_file()).then(|| (file.into(), inside.to_owned()))
+}
+
+fn load_file(path: &Path, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
     if path.is_dir() {
         return load_folder(path, options);
+    }
+    if let Some(folder) = zarr::folder_of(path) {
+        return load_folder(folder, options);
     }
     let mut input = Input::open(path)?;
     let head = input.peek(nifti::HEADER_SIZE)?;
@@ -202,29 +248,52 @@ fn load_file(path: &Path, options: &LoadOptions) -> Result<Volume> {
         && nifti::is_image_name(path)
         && let Some(header) = nifti::header_of_image(path)
     {
-        return load_file(&header, options);
+        return load_file(&header, inside, options);
     }
     if content.is_none() && nifti::is_analyze(&head) && Format::of_name(path) == Some(Format::Nifti) {
         return Err(input.error("is in ANALYZE 7.5 format, which is not read: convert it to NIfTI"));
     }
     let Some(format) = content.or(Format::of_name(path)) else { return read_raw(input, &head, options) };
     refuse_raw_options(path, options, &format!("a {} file", format.name()))?;
-    let spacing = options.spacing;
-    match format {
-        Format::Nrrd => nrrd::read(input, spacing),
-        Format::Nifti => nifti::read(input, spacing),
-        Format::MetaImage => metaimage::read(input, spacing),
-        Format::Npy => npy::read(input, spacing),
-        Format::Mrc => mrc::read(input, spacing),
-        Format::Vti => image_data::read(input, spacing),
-        Format::Vtk => legacy::read(input, spacing),
-        Format::Tiff => tiff::read(input, spacing),
-        Format::Dicom => dicom::read_files(path, &[path.to_owned()], options.series, spacing),
+    if let Some(inside) = inside
+        && format != Format::Hdf5
+    {
+        return Err(input.error(format!("is a {} file, which has no data set {inside:?}", format.name())));
     }
+    match format {
+        Format::Nrrd => nrrd::read(input, options),
+        Format::Nifti => nifti::read(input, options),
+        Format::MetaImage => metaimage::read(input, options),
+        Format::Npy => npy::read(input, options),
+        Format::Mrc => mrc::read(input, options),
+        Format::Vti => image_data::read(input, options),
+        Format::Vtk => legacy::read(input, options),
+        Format::Tiff => tiff::read(input, options),
+        Format::Dicom => dicom::read_files(path, &[path.to_owned()], options),
+        Format::Hdf5 => read_hdf5(&input, inside, options),
+    }
+}
+
+/// Whether these are the first bytes of HDF5, of HDF5 by MATLAB, or of NetCDF.
+fn is_hdf5(head: &[u8]) -> bool {
+    let magics: [&[u8]; 5] = [b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3 MAT-file", b"CDF\x01", b"CDF\x02", b"CDF\x05"];
+    magics.iter().any(|magic| head.starts_with(magic))
+}
+
+#[cfg(feature = "hdf5")]
+use hdf5::read as read_hdf5;
+
+#[cfg(not(feature = "hdf5"))]
+fn read_hdf5(input: &Input, _: Option<&str>, _: &LoadOptions) -> Result<Volume> {
+    Err(input.error("is a HDF5 or NetCDF file, and this build has no reader of it: build it with the feature hdf5"))
 }
 
 /// Reads the sections that are files of a folder.
 fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
+    if zarr::is_zarr(folder) {
+        refuse_raw_options(folder, options, "a folder")?;
+        return zarr::read(folder, options);
+    }
     let read_error = |source| Error::Read { path: folder.to_owned(), source };
     let (mut sections, mut slices) = (Vec::new(), Vec::new());
     for entry in std::fs::read_dir(folder).map_err(read_error)? {
@@ -244,9 +313,9 @@ fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
     sections.sort_by_cached_key(name);
     slices.sort_by_cached_key(name);
     match (sections.is_empty(), slices.is_empty()) {
-        (true, true) => Err(Error::format(folder, "is a directory without TIFF or DICOM files")),
-        (false, true) => tiff::read_files(folder, &sections, options.spacing),
-        (true, false) => dicom::read_files(folder, &slices, options.series, options.spacing),
+        (true, true) => Err(Error::format(folder, "is a directory without TIFF or DICOM files, and no OME-Zarr")),
+        (false, true) => tiff::read_files(folder, &sections, options),
+        (true, false) => dicom::read_files(folder, &slices, options),
         (false, false) => Err(Error::format(folder, "holds TIFF and DICOM files: give each a folder of its own")),
     }
 }
@@ -299,28 +368,23 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
     let placement = Placement::axis_parallel([1.0; 3]);
     let grid = placement.grid(&path, dims, options.spacing)?;
     input.skip(options.offset)?;
-    let count = grid.len();
     let layout = Layout::Binary(options.endian.unwrap_or_default());
-    let samples = read_all(input, count, sample_type, layout)?;
-    placement.volume(grid, samples)
+    let contents = chosen(&path, options, 1, 1)?;
+    let samples = read_all(input, &Pick::all(grid.len()), sample_type, layout)?;
+    Ok(placement.volume(grid, samples)?.with_contents(contents))
 }
 
 /// The error about a file of no known format.
 fn unknown(input: &Input, head: &[u8]) -> Error {
-    let formats: [(usize, &[u8], &str); 5] = [
-        (0, b"\x89HDF", "HDF5"),
-        (0, b"CDF", "NetCDF"),
-        (0, b"<?xml", "XML"),
-        (0, b"\x89PNG", "PNG"),
-        (0, b"PK\x03\x04", "ZIP"),
-    ];
+    let formats: [(usize, &[u8], &str); 3] = [(0, b"<?xml", "XML"), (0, b"\x89PNG", "PNG"), (0, b"PK\x03\x04", "ZIP")];
     match formats.iter().find(|(at, magic, _)| head.get(*at..).is_some_and(|h| h.starts_with(magic))) {
         Some((_, _, name)) => {
             let reason = "which is not read: convert it to NRRD, NIfTI, MetaImage or NumPy (.npy)";
             input.error(format!("is a {name} file, {reason}"))
         }
         None => {
-            let error = input.error("is not a NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF or DICOM file");
+            let error =
+                input.error("is not a NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF, DICOM, HDF5 or NetCDF file");
             hinted(error, Hint::GiveDimsAndSampleType)
         }
     }

@@ -10,10 +10,12 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::decode::{self, Layout, lattice, read_all, read_halves, samples_in};
+use super::LoadOptions;
+use super::decode::{self, Kind, Layout, lattice, read_all, read_kind, samples_in};
 use super::fields::Fields;
 use super::input::Input;
 use super::placement::Placement;
+use super::selection::{Pick, Role, colours, picked};
 use crate::error::Result;
 use crate::memory::reserved;
 use crate::volume::{Endian, SampleType, Samples, Stored, Units, Volume};
@@ -44,59 +46,73 @@ fn endian(head: &[u8]) -> Option<Endian> {
 }
 
 /// Reads the volume of a header that begins here.
-pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume> {
+pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let bytes = input.bytes(HEADER_SIZE)?;
     let Some(endian) = endian(&bytes) else {
         return Err(input.error("is not an MRC file: neither byte order gives it a mode and axes"));
     };
     let header = Fields { bytes: &bytes, endian };
     let path = input.path().to_owned();
-    let kind = Kind::of(&header, &input)?;
-    let sizes = [0, 4, 8].map(|at| i64::from(header.i32(at)));
+    let mode = Mode::of(&header, &input)?;
+    let mut sizes = [0, 4, 8].map(|at| i64::from(header.i32(at)));
     // A stack of volumes has as many sections as all of them together.
     let (space_group, in_volume) = (header.i32(88), i64::from(header.i32(36)));
+    let mut times = 1;
     if (401..=630).contains(&space_group) && in_volume > 0 && sizes[2] > in_volume {
-        return Err(input.error(format!("holds {} volumes: save the one to be rendered alone", sizes[2] / in_volume)));
+        if sizes[2] % in_volume != 0 {
+            return Err(input.error(format!("has {} sections in volumes of {in_volume}", sizes[2])));
+        }
+        (times, sizes[2]) = (sizes[2] / in_volume, in_volume);
     }
     let dims = lattice(&path, &sizes)?;
+    let [x, y, z] = sizes;
+    let coloured = matches!(mode, Mode::Colours);
+    let channels = if coloured { 3 } else { 1 };
+    let axes = [(Role::Channel, channels), (Role::Space, x), (Role::Space, y), (Role::Space, z), (Role::Time, times)];
+    let (pick, mut contents) = picked(&path, &axes, options)?;
+    if coloured {
+        contents.labels = colours(contents.channels);
+    }
     let (placement, units) = placement(&header, &input)?;
-    let grid = placement.grid(&path, dims, spacing)?;
+    let grid = placement.grid(&path, dims, options.spacing)?;
     let extended = header.i32(92);
     if !(0..=MAX_EXTENDED).contains(&extended) {
         return Err(input.error(format!("has an extended header of {extended} bytes")));
     }
     input.skip(extended as u64)?;
     let layout = Layout::Binary(endian);
-    let samples = match kind {
-        Kind::Whole(sample_type) => read_all(input, grid.len(), sample_type, layout)?,
-        Kind::Half => read_halves(input, grid.len(), layout)?,
-        Kind::Nibble => nibbles(input, dims, &path)?,
+    let samples = match mode {
+        Mode::Kind(kind) => read_kind(input, &pick, kind, layout)?,
+        Mode::Colours => read_all(input, &pick, SampleType::U8, layout)?,
+        Mode::Nibble => nibbles(input, dims, contents.time, &path)?,
     };
-    Ok(placement.volume(grid, samples)?.with_units(units))
+    Ok(placement.volume(grid, samples)?.with_units(units).with_contents(contents))
 }
 
 /// What a sample is.
-enum Kind {
-    Whole(SampleType),
-    /// 16-bit floating point.
-    Half,
+enum Mode {
+    Kind(Kind),
     /// 4 bits; each row begins at a byte.
     Nibble,
+    /// Red, green and blue in bytes.
+    Colours,
 }
 
-impl Kind {
+impl Mode {
     fn of(header: &Fields<'_>, input: &Input) -> Result<Self> {
         let refused = match header.i32(12) {
-            0 if header.i32(152) == IMOD_STAMP && header.i32(156) & 1 == 0 => return Ok(Self::Whole(SampleType::U8)),
-            0 => return Ok(Self::Whole(SampleType::I8)),
-            1 => return Ok(Self::Whole(SampleType::I16)),
-            2 => return Ok(Self::Whole(SampleType::F32)),
-            6 => return Ok(Self::Whole(SampleType::U16)),
-            12 => return Ok(Self::Half),
+            0 if header.i32(152) == IMOD_STAMP && header.i32(156) & 1 == 0 => {
+                return Ok(Self::Kind(Kind::Whole(SampleType::U8)));
+            }
+            0 => return Ok(Self::Kind(Kind::Whole(SampleType::I8))),
+            1 => return Ok(Self::Kind(Kind::Whole(SampleType::I16))),
+            2 => return Ok(Self::Kind(Kind::Whole(SampleType::F32))),
+            6 => return Ok(Self::Kind(Kind::Whole(SampleType::U16))),
+            12 => return Ok(Self::Kind(Kind::Half)),
+            16 => return Ok(Self::Colours),
             101 => return Ok(Self::Nibble),
             3 | 4 => "complex numbers",
-            16 => "RGB colours",
-            other => return Err(input.error(format!("mode {other} is not read: expected 0, 1, 2, 6, 12 or 101"))),
+            other => return Err(input.error(format!("mode {other} is not read: expected 0, 1, 2, 6, 12, 16 or 101"))),
         };
         Err(input.error(format!("its samples are {refused}: save them as one number per voxel")))
     }
@@ -143,13 +159,14 @@ fn edges(angles: [f64; 3]) -> [DVec3; 3] {
     [DVec3::X, b, DVec3::new(x, y, (1.0 - x * x - y * y).sqrt())]
 }
 
-/// Samples of 4 bits, the low half of each byte first.
-fn nibbles(input: Input, dims: [u32; 3], path: &Path) -> Result<Stored> {
+/// The samples of 4 bits of one of several volumes, the low half of each byte first.
+fn nibbles(mut input: Input, dims: [u32; 3], time: u32, path: &Path) -> Result<Stored> {
     let row = dims[0] as usize;
     let bytes = row.div_ceil(2);
     let rows = u64::from(dims[1]) * u64::from(dims[2]);
     let layout = Layout::Binary(Endian::NATIVE);
-    let packed: Vec<u8> = decode::read(&mut std::iter::once(Ok(input)), 1, rows * bytes as u64, layout)?;
+    input.skip(u64::from(time).saturating_mul(rows * bytes as u64))?;
+    let packed: Vec<u8> = decode::read(&mut std::iter::once(Ok(input)), 1, &Pick::all(rows * bytes as u64), layout)?;
     let mut samples: Vec<u8> = reserved(rows * row as u64, || samples_in(path))?;
     for row_bytes in packed.chunks_exact(bytes) {
         samples.extend(row_bytes.iter().flat_map(|byte| [byte & 15, byte >> 4]).take(row));

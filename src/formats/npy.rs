@@ -1,7 +1,8 @@
 //! NumPy's .npy, versions 1 to 3
 //! (<https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>).
 //!
-//! An array of a volume is indexed (z, y, x). The format states neither spacing nor orientation.
+//! An array of a volume is indexed (z, y, x), of volumes (time, z, y, x) or (z, y, x, channel), the latter if the last
+//! axis alone has at most four samples. The format states neither spacing nor orientation.
 //!
 //! The crate `npyz` 0.9 is not used: it multiplies the shape unchecked (an overflow panics in a debug build), reserves
 //! up to 4 GiB because the header's length says so, and reads sample by sample.
@@ -10,12 +11,14 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::decode::{Layout, lattice, read_all, read_halves, samples_in};
+use super::LoadOptions;
+use super::decode::{Kind, Layout, lattice, read_kind, samples_in};
 use super::input::Input;
 use super::placement::Placement;
+use super::selection::{guessed, picked, spatial};
 use crate::error::Result;
 use crate::memory::reserved;
-use crate::volume::{Endian, Number, SampleType, Samples, Stored, Volume, with_samples};
+use crate::volume::{Endian, Number, Samples, Stored, Volume, with_samples};
 
 /// The first bytes of a .npy file.
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
@@ -33,7 +36,7 @@ struct Header {
 }
 
 /// Reads the volume of a header that begins here.
-pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume> {
+pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let path = input.path().to_owned();
     let header = read_header(&mut input)?;
     let mut shape = header.shape.clone();
@@ -41,14 +44,22 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
         let Some(single) = shape.iter().position(|&n| n == 1) else { break };
         shape.remove(single);
     }
-    let [z, y, x] = shape[..] else {
-        return Err(input.error(format!("has the shape {:?}, expected (z, y, x)", header.shape)));
-    };
-    let dims = lattice(&path, &[x, y, z])?;
+    // The last axis is the fastest, unless the array is in Fortran order: then it is turned when it is read.
+    shape.reverse();
+    let mut axes = guessed(&shape);
+    let sizes = spatial(&axes);
+    if sizes.len() != 3 {
+        let expected = "expected (z, y, x), (time, z, y, x), (z, y, x, channel) or (time, channel, z, y, x)";
+        return Err(input.error(format!("has the shape {:?}, {expected}", header.shape)));
+    }
+    let dims = lattice(&path, &sizes)?;
+    if header.fortran_order {
+        axes.reverse();
+    }
+    let (pick, contents) = picked(&path, &axes, options)?;
     let placement = Placement::axis_parallel([1.0; 3]);
-    let grid = placement.grid(&path, dims, spacing)?;
+    let grid = placement.grid(&path, dims, options.spacing)?;
 
-    let count = grid.len();
     let (order, kind) = header.descr.split_at_checked(1).unwrap_or_default();
     let endian = match order {
         ">" => Endian::Big,
@@ -56,30 +67,15 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
         _ => Endian::NATIVE,
     };
     let layout = Layout::Binary(endian);
-    let sample_type = match kind {
-        "u1" | "b1" => SampleType::U8,
-        "i1" => SampleType::I8,
-        "u2" => SampleType::U16,
-        "i2" => SampleType::I16,
-        "u4" => SampleType::U32,
-        "i4" => SampleType::I32,
-        "u8" => SampleType::U64,
-        "i8" => SampleType::I64,
-        "f4" | "f2" => SampleType::F32,
-        "f8" => SampleType::F64,
-        _ => {
-            let reason =
-                format!("has samples of type {:?}: save it as integers or floats, one per voxel", header.descr);
-            return Err(input.error(reason));
-        }
-    };
-    let stored =
-        if kind == "f2" { read_halves(input, count, layout)? } else { read_all(input, count, sample_type, layout)? };
+    let kind = Kind::of_numpy(kind).ok_or_else(|| {
+        input.error(format!("has samples of type {:?}: save it as integers or floats, one per voxel", header.descr))
+    })?;
+    let stored = read_kind(input, &pick, kind, layout)?;
     let stored = match header.fortran_order {
         true => Stored::Memory(Arc::new(x_fastest(&stored.into_samples()?, dims, || samples_in(&path))?)),
         false => stored,
     };
-    placement.volume(grid, stored)
+    Ok(placement.volume(grid, stored)?.with_contents(contents))
 }
 
 /// Reorders samples from z fastest to x fastest.

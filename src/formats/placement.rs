@@ -67,6 +67,12 @@ impl Placement {
     }
 }
 
+/// A name of a file in one line of bearable length; `None` if it is empty.
+pub(super) fn plain_name(text: &str) -> Option<String> {
+    let name: String = text.trim().chars().filter(|c| !c.is_control()).take(80).collect();
+    (!name.is_empty()).then_some(name)
+}
+
 /// A unit as a header names it; `None` if that is no name.
 pub(super) fn named_unit(text: &str) -> Option<String> {
     let name = text.trim_matches(|c: char| c.is_whitespace() || c == '"');

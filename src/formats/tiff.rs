@@ -3,7 +3,8 @@
 //! The crate `tiff` finds the pages and decodes them. Pages that are uncompressed and in one piece stay in their file.
 //! Sizes of voxels are those of OME-XML (<https://docs.openmicroscopy.org/ome-model/latest/ome-tiff/>) or of ImageJ; of
 //! other files 1, because resolutions for printers are no lengths in a volume. ImageJ writes a stack of over 4 GB with
-//! one directory, and only its description says how many sections follow.
+//! one directory, and only its description says how many sections follow. Both say in which order pages have sections,
+//! channels and points in time; a page of several samples per pixel has channels of its own.
 
 use std::collections::HashSet;
 use std::fs::File;
@@ -16,13 +17,15 @@ use tiff::decoder::ifd::Value;
 use tiff::decoder::{Decoder, Limits};
 use tiff::tags::{ByteOrder, Tag};
 
-use super::decode::{Layout, lattice, of_halves, read_all, read_halves, samples_in};
+use super::LoadOptions;
+use super::decode::{Kind, Layout, lattice, of_halves, read_kind, samples_in};
 use super::input::Input;
-use super::placement::{Placement, named_unit};
+use super::placement::{Placement, named_unit, plain_name};
+use super::selection::{Axes, Pick, Role, colours, picked};
 use super::xml;
 use crate::error::{Error, Result};
 use crate::memory::reserved;
-use crate::volume::{Endian, Number, SampleType, Samples, Stored, Units, Volume, with_type};
+use crate::volume::{Channel, Endian, Number, SampleType, Samples, Stored, Units, Volume, with_type};
 
 /// No codec expands more: LZW makes at most 4096 bytes of 12 bits. A page that claims more is refused.
 const MAX_EXPANSION: u64 = 4096;
@@ -39,24 +42,23 @@ pub(super) fn is_tiff(head: &[u8]) -> bool {
 }
 
 /// Reads the volume of a file.
-pub(super) fn read(input: Input, spacing: Option<[f64; 3]>) -> Result<Volume> {
+pub(super) fn read(input: Input, options: &LoadOptions) -> Result<Volume> {
     if input.plain_file()?.is_none() {
         return Err(input.error("is a TIFF file in a stream or in gzip: write it to a file, decompressed"));
     }
     let path = input.path().to_owned();
     let stack = Stack::open(&path)?;
-    let sections = stack.sections();
-    read_stacks(&path, &stack, std::slice::from_ref(&path), sections, spacing)
+    read_stacks(&path, &stack, std::slice::from_ref(&path), &stack.described.axes, options)
 }
 
 /// Reads the volume whose sections are in these files.
-pub(super) fn read_files(folder: &Path, files: &[PathBuf], spacing: Option<[f64; 3]>) -> Result<Volume> {
+pub(super) fn read_files(folder: &Path, files: &[PathBuf], options: &LoadOptions) -> Result<Volume> {
     let Some(first) = files.first() else { return Err(Error::format(folder, "has no TIFF files")) };
     let stack = Stack::open(first)?;
-    let mut sections = stack.sections();
+    let mut sections = stack.sections()?;
     for file in &files[1..] {
         let next = Stack::open(file)?;
-        if (next.size, next.kind) != (stack.size, stack.kind) {
+        if (next.size, next.kind, next.samples) != (stack.size, stack.kind, stack.samples) {
             let ([w, h], [x, y]) = (next.size, stack.size);
             return Err(Error::format(
                 file,
@@ -67,72 +69,109 @@ pub(super) fn read_files(folder: &Path, files: &[PathBuf], spacing: Option<[f64;
                 ),
             ));
         }
-        sections = sections.saturating_add(next.sections());
+        sections = sections.saturating_add(next.sections()?);
     }
-    read_stacks(folder, &stack, files, sections, spacing)
+    read_stacks(folder, &stack, files, &[(Role::Space, sections)], options)
 }
 
 fn read_stacks(
     path: &Path,
     stack: &Stack,
     files: &[PathBuf],
-    sections: u64,
-    spacing: Option<[f64; 3]>,
+    pages: &[(Role, i64)],
+    options: &LoadOptions,
 ) -> Result<Volume> {
     let [width, height] = stack.size.map(i64::from);
-    let dims = lattice(path, &[width, height, i64::try_from(sections).unwrap_or(i64::MAX)])?;
+    let sections = pages.iter().find(|(role, _)| *role == Role::Space).map_or(1, |(_, size)| *size);
+    let dims = lattice(path, &[width, height, sections])?;
     let (steps, units) = stack.spacing()?;
     let placement = Placement::axis_parallel(steps);
-    let grid = placement.grid(path, dims, spacing)?;
+    let grid = placement.grid(path, dims, options.spacing)?;
+    let mut axes = vec![(Role::Space, width), (Role::Space, height)];
+    axes.insert(if stack.planar { 2 } else { 0 }, (Role::Channel, stack.samples.into()));
+    axes.extend(pages);
+    let (pick, mut contents) = picked(path, &axes, options)?;
+    contents.labels = stack.described.labels.clone();
+    if contents.labels.is_empty() && stack.coloured {
+        contents.labels = colours(contents.channels);
+    }
     let stored = match (files, stack.plain) {
         ([file], Some(first)) => {
             let mut input = Input::open(file)?;
             input.skip(first)?;
-            match stack.kind {
-                Kind::Whole(sample_type) => read_all(input, grid.len(), sample_type, Layout::Binary(stack.endian))?,
-                Kind::Half => read_halves(input, grid.len(), Layout::Binary(stack.endian))?,
-            }
+            read_kind(input, &pick, stack.kind, Layout::Binary(stack.endian))?
         }
         _ => {
+            let page = u64::from(stack.size[0]) * u64::from(stack.size[1]) * u64::from(stack.samples);
             let samples = match stack.kind {
                 Kind::Whole(sample_type) => {
-                    with_type!(sample_type, T => T::collected(decoded(path, files, grid.len())?))
+                    with_type!(sample_type, T => T::collected(decoded(path, files, &pick, page)?))
                 }
-                Kind::Half => Samples::F32(of_halves(decoded(path, files, grid.len())?, path)?),
+                Kind::Half => Samples::F32(of_halves(decoded(path, files, &pick, page)?, path)?),
             };
             Stored::Memory(Arc::new(samples))
         }
     };
-    Ok(placement.volume(grid, stored)?.with_units(units))
+    Ok(placement.volume(grid, stored)?.with_units(units).with_contents(contents))
 }
 
-/// The samples of all pages of the files.
-fn decoded<T: Number>(path: &Path, files: &[PathBuf], count: u64) -> Result<Vec<T>> {
+/// The samples that are picked from the pages of the files, each of `page` samples.
+fn decoded<T: Number>(path: &Path, files: &[PathBuf], pick: &Pick, page: u64) -> Result<Vec<T>> {
+    let count = pick.len();
     // What all files can hold, before memory is reserved.
     let mut most = 0_u64;
     for file in files {
         let length = std::fs::metadata(file).map_err(|source| Error::Read { path: file.clone(), source })?.len();
         most = most.saturating_add(length.saturating_mul(MAX_EXPANSION));
     }
-    if count.saturating_mul(size_of::<T>() as u64) > most {
+    if count.max(page).saturating_mul(size_of::<T>() as u64) > most {
         let reason = format!("claims {count} samples, more than it can hold however compressed");
         return Err(Error::format(path, reason));
     }
     let mut samples: Vec<T> = reserved(count, || samples_in(path))?;
+    // The first page of a file, among all.
+    let mut first = 0;
     for file in files {
         let mut stack = Stack::open(file)?;
-        let page = (u64::from(stack.size[0]) * u64::from(stack.size[1])) as usize;
-        for index in stack.pages.clone() {
-            let start = samples.len();
-            if (start + page) as u64 > count {
-                return Err(Error::format(file, "has changed while it was read"));
-            }
-            samples.resize(start + page, T::zeroed());
-            let bytes = bytemuck::cast_slice_mut(&mut samples[start..]);
-            let decoder = &mut stack.decoder;
-            let read = decoder.seek_to_image(index).and_then(|()| decoder.read_image_bytes(bytes));
-            read.map_err(|error| failed(file, error))?;
+        let area = u64::from(stack.size[0]) * u64::from(stack.size[1]);
+        if area.saturating_mul(stack.samples.into()) != page || page == 0 {
+            return Err(Error::format(file, "has changed while it was read"));
         }
+        let mut whole: Vec<T> = Vec::new();
+        // The next section that is wanted, if it is in this file.
+        let next = |done: usize| {
+            let place = (done as u64 + area <= count).then(|| pick.place(done as u64))?;
+            let index = (place / page).checked_sub(first).and_then(|index| usize::try_from(index).ok())?;
+            Some((index, (place % page) as usize))
+        };
+        while let Some((index, offset)) = next(samples.len()) {
+            let Some(&index) = stack.pages.get(index) else { break };
+            let (start, area) = (samples.len(), area as usize);
+            let decoder = &mut stack.decoder;
+            let mut read = |samples: &mut [T]| -> tiff::TiffResult<()> {
+                decoder.seek_to_image(index)?;
+                let whole = decoder.image_buffer_layout()?.complete_len;
+                let bytes: &mut [u8] = bytemuck::cast_slice_mut(samples);
+                if whole != bytes.len() {
+                    // The crate leaves out samples beyond those of the colours.
+                    return Err(TiffError::UnsupportedError(tiff::TiffUnsupportedError::UnsupportedDataType));
+                }
+                decoder.read_image_bytes(bytes)
+            };
+            if stack.samples == 1 {
+                samples.resize(start + area, T::zeroed());
+                read(&mut samples[start..]).map_err(|error| failed(file, error))?;
+            } else {
+                if whole.is_empty() {
+                    whole = reserved(page, || samples_in(path))?;
+                    whole.resize(page as usize, T::zeroed());
+                }
+                read(&mut whole).map_err(|error| failed(file, error))?;
+                let step = if stack.planar { 1 } else { stack.samples as usize };
+                samples.extend(whole[offset..].iter().step_by(step).take(area));
+            }
+        }
+        first += stack.pages.len() as u64;
     }
     if samples.len() as u64 != count {
         return Err(Error::format(
@@ -143,29 +182,18 @@ fn decoded<T: Number>(path: &Path, files: &[PathBuf], count: u64) -> Result<Vec<
     Ok(samples)
 }
 
-/// What a sample is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Whole(SampleType),
-    /// 16-bit floating point.
-    Half,
-}
-
-impl Kind {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Whole(sample_type) => sample_type.name(),
-            Self::Half => "f16",
-        }
-    }
-}
-
 /// The directories of a file.
 struct Stack {
     path: PathBuf,
     decoder: Decoder<BufReader<File>>,
     size: [u32; 2],
     kind: Kind,
+    /// The samples of a pixel.
+    samples: u16,
+    /// Whether they are in planes behind one another.
+    planar: bool,
+    /// Whether they are colours.
+    coloured: bool,
     endian: Endian,
     /// The directories of pages: those of previews are left out.
     pages: Vec<usize>,
@@ -177,8 +205,11 @@ struct Stack {
 /// What the description of the first page says.
 #[derive(Default)]
 struct Described {
-    /// Sections of ImageJ's stack that has one directory.
-    images: Option<u64>,
+    /// What pages are, the fastest first: one axis is of space.
+    axes: Axes,
+    labels: Vec<Channel>,
+    /// Whether all pages have one directory, as ImageJ writes large stacks.
+    together: bool,
     spacing: Option<[f64; 3]>,
     unit: Option<String>,
 }
@@ -188,6 +219,9 @@ struct Described {
 struct Page {
     size: [u32; 2],
     kind: Kind,
+    samples: u16,
+    planar: bool,
+    coloured: bool,
     /// The first byte and the byte after the last, if they are uncompressed and in one piece.
     plain: Option<[u64; 2]>,
 }
@@ -232,7 +266,9 @@ impl Stack {
                 continue;
             }
             let page = Page::of(&mut decoder, path)?;
-            if (page.size, page.kind) != (first.size, first.kind) {
+            if (page.size, page.kind, page.samples, page.planar)
+                != (first.size, first.kind, first.samples, first.planar)
+            {
                 let ([w, h], [x, y]) = (page.size, first.size);
                 return Err(Error::format(
                     path,
@@ -250,25 +286,34 @@ impl Stack {
             };
             pages.push(index);
         }
-        let described = Described::of(&text, resolution, pages.len() as u64, path)?;
+        let described = Described::of(&text, resolution, pages.len() as i64, first.samples, path)?;
         let stack = Self {
             path: path.to_owned(),
             decoder,
             size: first.size,
             kind: first.kind,
+            samples: first.samples,
+            planar: first.planar,
+            coloured: first.coloured,
             endian,
             pages,
             plain: plain.map(|[start, _]| start),
             described,
         };
-        if stack.described.images.is_some() && stack.plain.is_none() {
+        if stack.described.together && stack.plain.is_none() {
             return Err(Error::format(path, "has one directory for several compressed sections: save it anew"));
         }
         Ok(stack)
     }
 
-    fn sections(&self) -> u64 {
-        self.described.images.unwrap_or(self.pages.len() as u64)
+    /// The sections of a file that has nothing else.
+    fn sections(&self) -> Result<i64> {
+        let several = self.described.axes.iter().any(|(role, size)| *role != Role::Space && *size != 1);
+        if several {
+            let reason = "has pages of several channels or points in time: such a file is read alone, not in a folder";
+            return Err(Error::format(&self.path, reason));
+        }
+        Ok(self.described.axes.iter().map(|(_, size)| *size).fold(1, i64::saturating_mul))
     }
 
     /// The distances between samples, and their unit.
@@ -291,16 +336,25 @@ impl Page {
             let value = decoder.find_tag_unsigned_vec::<u32>(tag).map_err(failed)?;
             Ok(value.and_then(|numbers| numbers.first().copied()).unwrap_or(default))
         };
-        let channels = number(Tag::SamplesPerPixel, 1)?;
-        let photometric = number(Tag::PhotometricInterpretation, 1)?;
-        if channels != 1 || photometric != 1 {
-            let reason = match photometric {
-                0 => "its samples are inverted: 0 is white".to_owned(),
-                3 => "its samples are numbers of a palette".to_owned(),
-                _ => format!("has {channels} channels per sample"),
-            };
-            return Err(Error::format(path, format!("{reason}; save it in grey, black is 0")));
-        }
+        let samples = number(Tag::SamplesPerPixel, 1)?;
+        let samples = u16::try_from(samples).ok().filter(|samples| *samples > 0);
+        let samples = samples.ok_or_else(|| Error::format(path, "has pixels without samples"))?;
+        let coloured = match number(Tag::PhotometricInterpretation, 1)? {
+            1 => false,
+            2 => true,
+            other => {
+                let reason = match other {
+                    0 => "are inverted: 0 is white".to_owned(),
+                    3 => "are numbers of a palette".to_owned(),
+                    _ => format!("have the photometric interpretation {other}"),
+                };
+                return Err(Error::format(
+                    path,
+                    format!("its samples {reason}; save it in grey, black is 0, or in RGB"),
+                ));
+            }
+        };
+        let planar = samples > 1 && number(Tag::PlanarConfiguration, 1)? == 2;
         let bits = number(Tag::BitsPerSample, 1)?;
         let kind = match (bits, number(Tag::SampleFormat, 1)?) {
             (8, 1) => Kind::Whole(SampleType::U8),
@@ -325,14 +379,14 @@ impl Page {
         if !compressed && let Some(offsets) = strips.filter(|strips| !strips.is_empty()) {
             let counts = decoder.find_tag_unsigned_vec::<u64>(Tag::StripByteCounts).map_err(failed)?;
             let counts = counts.unwrap_or_default();
-            let size = u64::from(width) * u64::from(height) * u64::from(bits / 8);
+            let size = (u64::from(width) * u64::from(height)).saturating_mul(u64::from(bits / 8) * u64::from(samples));
             let next = |(pair, count): (&[u64], &u64)| pair[0].checked_add(*count) == Some(pair[1]);
             let follow = offsets.windows(2).zip(&counts).all(next);
             let total = counts.iter().fold(0, |sum: u64, n| sum.saturating_add(*n));
             let whole = counts.len() == offsets.len() && total == size;
             plain = (follow && whole).then(|| [offsets[0], offsets[0].saturating_add(size)]);
         }
-        Ok(Self { size: [width, height], kind, plain })
+        Ok(Self { size: [width, height], kind, samples, planar, coloured, plain })
     }
 }
 
@@ -343,20 +397,28 @@ fn per_unit(value: Value) -> Option<f64> {
 }
 
 impl Described {
-    fn of(text: &str, resolution: [Option<f64>; 2], pages: u64, path: &Path) -> Result<Self> {
+    fn of(text: &str, resolution: [Option<f64>; 2], pages: i64, samples: u16, path: &Path) -> Result<Self> {
         if text.starts_with("ImageJ=") {
             return Self::of_imagej(text, resolution, pages, path);
         }
         match xml::Tag::all(text).find(|tag| tag.name.rsplit(':').next() == Some("Pixels")) {
-            Some(tag) => Self::of_ome(&tag, pages, path),
-            None => Ok(Self::default()),
+            Some(tag) => Self::of_ome(&tag, text, pages, samples, path),
+            None => Ok(Self { axes: vec![(Role::Space, pages)], ..Self::default() }),
         }
     }
 
-    fn of_imagej(text: &str, resolution: [Option<f64>; 2], pages: u64, path: &Path) -> Result<Self> {
+    fn of_imagej(text: &str, resolution: [Option<f64>; 2], pages: i64, path: &Path) -> Result<Self> {
         let get = |name: &str| text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix('='));
-        let count = |name: &str| get(name).and_then(|text| text.trim().parse::<u64>().ok()).unwrap_or(1);
-        one_of_all(path, count("channels"), count("frames"))?;
+        let count = |name: &str| get(name).and_then(|text| text.trim().parse::<i64>().ok()).unwrap_or(1);
+        let together = pages == 1 && count("images") > 1;
+        let images = if together { count("images") } else { pages };
+        let (channels, times) = (count("channels").max(1), count("frames").max(1));
+        let volumes = channels.saturating_mul(times);
+        if images % volumes != 0 {
+            let reason = format!("has {images} pages for {channels} channels at {times} points in time");
+            return Err(Error::format(path, reason));
+        }
+        let axes = vec![(Role::Channel, channels), (Role::Space, images / volumes), (Role::Time, times)];
         let [x, y] = resolution.map(|length| length.unwrap_or(1.0));
         let z = get("spacing").and_then(|text| text.trim().parse().ok()).filter(|z: &f64| z.is_finite() && *z != 0.0);
         let unit = match get("unit").map(str::trim) {
@@ -365,42 +427,66 @@ impl Described {
             Some(other) => named_unit(other),
         };
         Ok(Self {
-            images: (pages == 1).then(|| count("images")).filter(|&images| images > 1),
+            axes,
+            labels: Vec::new(),
+            together,
             // Negative if the stack was turned over.
             spacing: Some([x, y, z.map_or(1.0, f64::abs)]),
             unit,
         })
     }
 
-    fn of_ome(tag: &xml::Tag, pages: u64, path: &Path) -> Result<Self> {
-        let count = |name: &str| tag.get(name).and_then(|text| text.parse::<u64>().ok()).unwrap_or(1);
-        one_of_all(path, count("SizeC"), count("SizeT"))?;
-        if count("SizeZ") != pages {
-            let stated = count("SizeZ");
-            let reason = format!("has {pages} pages, but its OME-XML states {stated} sections: save it as one file");
+    fn of_ome(tag: &xml::Tag, text: &str, pages: i64, samples: u16, path: &Path) -> Result<Self> {
+        let count = |name: &str| tag.get(name).and_then(|text| text.parse::<i64>().ok()).unwrap_or(1).max(1);
+        let (sections, channels, times) = (count("SizeZ"), count("SizeC"), count("SizeT"));
+        let of_pages = (channels / i64::from(samples)).max(1);
+        let stated = sections.saturating_mul(of_pages).saturating_mul(times);
+        if stated != pages {
+            let reason = format!("has {pages} pages, but its OME-XML states {stated}: save it as one file");
             return Err(Error::format(path, reason));
+        }
+        let axes = tag.get("DimensionOrder").unwrap_or("XYZCT").chars().filter_map(|axis| match axis {
+            'Z' => Some((Role::Space, sections)),
+            'C' => Some((Role::Channel, of_pages)),
+            'T' => Some((Role::Time, times)),
+            _ => None,
+        });
+        let axes: Axes = axes.collect();
+        if axes.len() != 3 {
+            return Err(Error::format(path, "has no order of its dimensions that is known"));
+        }
+        let mut labels: Vec<Channel> = xml::Tag::all(text)
+            .filter(|tag| tag.name.rsplit(':').next() == Some("Channel"))
+            .take(MAX_LABELS)
+            .map(|tag| Channel {
+                name: tag.get("Name").and_then(plain_name),
+                // Red, green, blue and opacity, from the highest byte to the lowest.
+                color: tag.get("Color").and_then(|text| text.parse::<i32>().ok()).map(|rgba| {
+                    let [r, g, b, _] = rgba.to_be_bytes();
+                    [r, g, b]
+                }),
+                window: None,
+            })
+            .collect();
+        if labels.len() as i64 != channels || labels.iter().all(|label| *label == Channel::default()) {
+            labels.clear();
         }
         let stated = |name: &str| tag.get(name).and_then(|text| text.parse::<f64>().ok()).filter(|n| *n > 0.0);
         let lengths = ["PhysicalSizeX", "PhysicalSizeY", "PhysicalSizeZ"].map(stated);
         let units = ["PhysicalSizeXUnit", "PhysicalSizeYUnit", "PhysicalSizeZUnit"];
         let units = units.map(|name| tag.get(name).unwrap_or("µm"));
-        let Some(x) = lengths[0] else { return Ok(Self::default()) };
+        let described = Self { axes, labels, ..Self::default() };
+        let Some(x) = lengths[0] else { return Ok(described) };
         if units.iter().zip(lengths).any(|(unit, length)| length.is_some() && *unit != units[0]) {
             return Err(Error::format(path, format!("states lengths in several units, {}", units.join(", "))));
         }
         let spacing = Some([x, lengths[1].unwrap_or(x), lengths[2].unwrap_or(x)]);
-        Ok(Self { images: None, spacing, unit: named_unit(units[0]) })
+        Ok(Self { spacing, unit: named_unit(units[0]), ..described })
     }
 }
 
-/// Refuses a file of several channels or points in time.
-fn one_of_all(path: &Path, channels: u64, times: u64) -> Result<()> {
-    if channels <= 1 && times <= 1 {
-        return Ok(());
-    }
-    let reason = format!("holds {channels} channels at {times} points in time: save one of them alone");
-    Err(Error::format(path, reason))
-}
+/// The most channels whose names are kept.
+const MAX_LABELS: usize = 4096;
 
 /// The crate's error as one of ours: of the file, or of the content.
 fn failed(path: &Path, error: TiffError) -> Error {

@@ -19,6 +19,7 @@ use super::store::{BrickSplats, HostBrick, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::Result;
 use crate::kernel::Kernel;
+use crate::layers::{Look, look_of};
 use crate::memory::reserved;
 use crate::progress::Progress;
 use crate::transfer::{TransferFunction, scaled_share};
@@ -258,25 +259,47 @@ pub(super) fn response(level: u32, frequency: f64) -> f64 {
 }
 
 /// What a voxel emits and absorbs: colour times density, density.
-type Emission = [f32; 4];
+pub(super) type Emission = [f32; 4];
 
 /// The channels of a cell: an [`Emission`]; if there is light also the direction of the gradient times density, and 0.
 const PLAIN: usize = 4;
 const LIT: usize = 8;
 
+/// What values look like.
+#[derive(Clone, Copy)]
+pub(super) enum Looks<'a> {
+    Transfer(&'a TransferFunction),
+    Labels(&'a [Look]),
+}
+
+impl Looks<'_> {
+    /// Whether a value of a range, both ends included, may show.
+    pub(super) fn show(&self, [low, high]: [f64; 2]) -> bool {
+        match self {
+            Self::Transfer(transfer) => !transfer.is_invisible([low, high]),
+            Self::Labels(looks) => {
+                let from = looks.partition_point(|look| (look.label as f64) < low);
+                looks[from..].iter().take_while(|look| look.label as f64 <= high).any(|look| look.opacity > 0.0)
+            }
+        }
+    }
+}
+
 /// Samples to what voxels emit.
-struct Classification<'a> {
-    transfer: &'a TransferFunction,
+pub(super) struct Classification<'a> {
+    looks: Looks<'a>,
     slope: f64,
     intercept: f64,
+    /// The unit distance of densities, in that of opacities.
+    unit: f64,
     /// By the bits of samples, if these are few; otherwise empty.
     table: Vec<Emission>,
 }
 
 impl<'a> Classification<'a> {
-    fn new(volume: &Volume, transfer: &'a TransferFunction) -> Self {
+    pub(super) fn new(volume: &Volume, looks: Looks<'a>, unit: f64) -> Self {
         let (slope, intercept) = volume.rescale();
-        let mut classification = Self { transfer, slope, intercept, table: Vec::new() };
+        let mut classification = Self { looks, slope, intercept, unit, table: Vec::new() };
         if let Some([first, last]) = volume.sample_type().few() {
             // The bits of negative numbers follow those of the others.
             let samples = (0..=last).chain(first..0);
@@ -286,10 +309,23 @@ impl<'a> Classification<'a> {
     }
 
     fn of(&self, sample: f64) -> Emission {
-        let (color, opacity) = self.transfer.sample(self.slope * sample + self.intercept);
-        let density = TransferFunction::extinction(opacity, 1.0);
+        let value = self.slope * sample + self.intercept;
+        let (color, opacity) = match self.looks {
+            Looks::Transfer(transfer) => transfer.sample(value),
+            Looks::Labels(looks) => look_of(looks, value).map_or(([0.0; 3], 0.0), |look| (look.color, look.opacity)),
+        };
+        let density = TransferFunction::extinction(opacity, 1.0) * self.unit;
         let [r, g, b] = color.map(|c| (c * density) as f32);
         [r, g, b, density as f32]
+    }
+
+    /// What a voxel emits.
+    pub(super) fn emission<T: Number>(&self, sample: T) -> Emission {
+        match *bytemuck::bytes_of(&sample) {
+            [bits] if !self.table.is_empty() => self.table[usize::from(bits)],
+            [a, b] if !self.table.is_empty() => self.table[usize::from(u16::from_ne_bytes([a, b]))],
+            _ => self.of(sample.to_f64()),
+        }
     }
 
     /// What a row of voxels emits; the voxels outside the returned range emit nothing.
@@ -365,7 +401,7 @@ impl<'a> Coarsening<'a> {
         Self {
             volume,
             filter: Filter::new(level, 0.0, &[1.0], REACH),
-            classification: Classification::new(volume, transfer),
+            classification: Classification::new(volume, Looks::Transfer(transfer), 1.0),
             lit,
             steepness: steep.then(|| Steepness { scalars: Relative::new(volume, reduction), gradients, thinning }),
             dims: dims_of(volume.grid(), level),

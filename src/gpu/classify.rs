@@ -255,13 +255,13 @@ fn each_brick<B: Send>(
 }
 
 /// World gradients of the lattice coordinates.
-fn gradients(volume: &Volume) -> [[f32; 3]; 3] {
+pub(super) fn gradients(volume: &Volume) -> [[f32; 3]; 3] {
     let gradients = volume.grid().local().to_lattice().matrix3.transpose();
     [0, 1, 2].map(|axis| gradients.col(axis).as_vec3().to_array())
 }
 
 /// Bytes of a splat.
-const STRIDE: u64 = size_of::<Splat>() as u64;
+pub(super) const STRIDE: u64 = size_of::<Splat>() as u64;
 
 /// Bricks that are classified together.
 #[derive(Default)]
@@ -505,7 +505,7 @@ impl HostClassifier {
                     let gradient = || {
                         let at = |i: usize| sample(samples[i]);
                         let i = start + x;
-                        self.gradient([1, edge, edge * edge].map(|step| at(i + step) - at(i - step)))
+                        gradient_of(&self.gradients, [1, edge, edge * edge].map(|step| at(i + step) - at(i - step)))
                     };
                     let gradient = if halo > 0 { gradient() } else { ([0.0; 3], 0.0) };
                     if !self.thinning.is_empty() {
@@ -528,19 +528,23 @@ impl HostClassifier {
     }
 
     /// `gradient_share` in shaders/classify.wgsl.
-    fn share(&self, ([x, y, z], times): ([f32; 3], f32)) -> f32 {
-        scaled_share(&self.thinning, ((x * x + y * y + z * z).sqrt() * times).min(FAR as f32))
+    fn share(&self, gradient: ([f32; 3], f32)) -> f32 {
+        scaled_share(&self.thinning, steepness_of(gradient))
     }
+}
 
-    /// `gradient` in shaders/classify.wgsl, of the differences along the axes of the lattice: a vector, and what it is
-    /// to be multiplied by.
-    fn gradient(&self, steps: [f32; 3]) -> ([f32; 3], f32) {
-        let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
-        if largest <= 0.0 {
-            return ([0.0; 3], 0.0);
-        }
-        let d = steps.map(|step| step / largest);
-        let [x, y, z] = self.gradients;
-        ([0, 1, 2].map(|i| x[i] * d[0] + y[i] * d[1] + z[i] * d[2]), 0.5 * largest)
+/// `gradient` in shaders/classify.wgsl, of the differences along the axes of the lattice: a vector, and what it is to
+/// be multiplied by.
+pub(super) fn gradient_of([x, y, z]: &[[f32; 3]; 3], steps: [f32; 3]) -> ([f32; 3], f32) {
+    let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
+    if largest <= 0.0 {
+        return ([0.0; 3], 0.0);
     }
+    let d = steps.map(|step| step / largest);
+    ([0, 1, 2].map(|i| x[i] * d[0] + y[i] * d[1] + z[i] * d[2]), 0.5 * largest)
+}
+
+/// The length of such a gradient.
+pub(super) fn steepness_of(([x, y, z], times): ([f32; 3], f32)) -> f32 {
+    ((x * x + y * y + z * z).sqrt() * times).min(FAR as f32)
 }

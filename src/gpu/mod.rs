@@ -8,6 +8,7 @@ pub(crate) mod choice;
 pub(crate) mod classify;
 pub(crate) mod coarse;
 pub(crate) mod context;
+pub(crate) mod layers;
 pub(crate) mod layout;
 mod levels;
 pub(crate) mod light_volume;

@@ -5,13 +5,15 @@ use std::sync::{Arc, OnceLock};
 use glam::{DMat3, DVec3};
 
 use super::cells::Cells;
+use super::layers::Media;
 use super::walk::Viewer;
 use crate::clip::is_inside;
 use crate::error::{Error, Result};
+use crate::layers::Layers;
 use crate::lighting::shadow::{Block, Caster, Lattice, Medium, Shares};
 use crate::lighting::{Lighting, Visibility};
 use crate::settings::{Model, Settings};
-use crate::transfer::TransferFunction;
+use crate::transfer::{ControlPoint, TransferFunction};
 use crate::volume::{Grid, Samples, Volume};
 
 /// What a splat adds to a ray where its kernel is 1:
@@ -51,6 +53,8 @@ pub(super) struct Splats {
     composites: bool,
     pub(super) cells: Cells,
     bounds: Option<[[i64; 2]; 3]>,
+    /// Several layers; `None`: all is said by samples and transfer function.
+    media: Option<Media>,
 }
 
 /// What keeps light from voxels.
@@ -104,7 +108,7 @@ impl Splats {
             return Err(Error::Volume("values are further apart than a number can hold".to_owned()));
         }
         let bounds = cells.bounds(dims, counts);
-        let mut splats = Self {
+        let splats = Self {
             grid: volume.grid().centered(),
             dims,
             samples,
@@ -120,24 +124,76 @@ impl Splats {
             composites: settings.model == Model::Composite,
             cells,
             bounds,
+            media: None,
         };
+        splats.with_shadows(volume.grid(), settings)
+    }
+
+    /// Several layers, pre-shaded.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`].
+    pub(super) fn of_layers(layers: &Layers, settings: &Settings) -> Result<Self> {
+        let (grid, media) = (layers.grid(), Media::new(layers)?);
+        let dims = grid.dims().map(|d| d as usize);
+        let point = |index: usize| [index % dims[0], index / dims[0] % dims[1], index / dims[0] / dims[1]];
+        let cells = Cells::new(dims, |index| media.tau(point(index)));
+        let bounds = cells.bounds(dims, |[_, most]| most > 0.0);
+        let clear = ControlPoint { value: 0.0, color: [0.0; 3], opacity: 0.0 };
+        let splats = Self {
+            grid: grid.centered(),
+            dims,
+            samples: Arc::new(Samples::U8(Vec::new())),
+            rescale: (1.0, 0.0),
+            transfer: TransferFunction::new(vec![clear], None)?,
+            unit: layers.unit(),
+            base: 0.0,
+            lighting: settings.lighting.as_ref().map(|lighting| lighting.seen_from(grid.center())),
+            shadows: None,
+            to_world: grid.to_lattice().matrix3.transpose(),
+            repeats: false,
+            emits: settings.model != Model::Xray,
+            composites: settings.model == Model::Composite,
+            cells,
+            bounds,
+            media: Some(media),
+        };
+        splats.with_shadows(grid, settings)
+    }
+
+    /// The same with what keeps light from voxels, if any does.
+    fn with_shadows(mut self, grid: &Grid, settings: &Settings) -> Result<Self> {
+        let dims = self.dims;
         if let Some(casting) = settings.lighting.as_ref().and_then(Lighting::casting) {
             let mut medium = Medium::new(dims)?;
-            let sides = settings.clip.sides(volume.grid());
+            let sides = settings.clip.sides(grid);
             let middle = DVec3::from_array(dims.map(|d| (d - 1) as f64 / 2.0));
             for index in 0..dims.iter().product() {
                 let point = [index % dims[0], index / dims[0] % dims[1], index / dims[0] / dims[1]];
-                let tau = splats.extinction(splats.transfer.sample(splats.value(index)).1, point);
+                let tau = self.tau(point);
                 if tau > 0.0 && is_inside(&sides, DVec3::from_array(point.map(|p| p as f64)) - middle) {
                     medium.set(point, tau);
                 }
             }
             let divisor = settings.normalization.divisor(&settings.kernel);
-            let lattice = Lattice::new(volume.grid(), settings.kernel, divisor, 1.0, 1.0);
+            let lattice = Lattice::new(grid, settings.kernel, divisor, 1.0, 1.0);
             let bricks = (0..brick_counts(dims).iter().product()).map(|_| OnceLock::new()).collect();
-            splats.shadows = Some(Shadows { caster: Caster::new(&casting, &lattice), medium, bricks });
+            self.shadows = Some(Shadows { caster: Caster::new(&casting, &lattice), medium, bricks });
         }
-        Ok(splats)
+        Ok(self)
+    }
+
+    /// The extinction of a voxel, per world unit.
+    fn tau(&self, point: [usize; 3]) -> f64 {
+        match &self.media {
+            Some(media) => media.tau(point),
+            None => self.extinction(self.transfer.sample(self.value(self.index(point))).1, point),
+        }
+    }
+
+    /// Whether voxels with values of a range of [`Self::cells`] may count.
+    pub(super) fn may_show(&self, range: [f64; 2]) -> bool {
+        if self.media.is_some() { range[1] > 0.0 } else { !self.transfer.is_invisible(range) }
     }
 
     /// Whether weights depend on who looks.
@@ -229,13 +285,19 @@ impl Splats {
 
     /// What a voxel weighs for a viewer.
     fn classify(&self, point: [usize; 3], viewer: Viewer, visibility: &Visibility) -> Weights {
-        let value = self.value(self.index(point));
         if self.repeats {
+            let value = self.value(self.index(point));
             let [x, y, z] = if self.has_gradients() { self.central_differences(point) } else { [0.0; 3] };
             return [value - self.base, x, y, z];
         }
-        let (mut color, opacity) = self.transfer.sample(value);
-        let tau = self.extinction(opacity, point);
+        let (mut color, tau, normal) = match &self.media {
+            Some(media) => media.voxel(point, self.lighting.is_some()),
+            None => {
+                let (color, opacity) = self.transfer.sample(self.value(self.index(point)));
+                let normal = self.lighting.as_ref().map_or(DVec3::ZERO, |_| self.gradient(point));
+                (color, self.extinction(opacity, point), normal)
+            }
+        };
         if tau <= 0.0 {
             return CLEAR;
         }
@@ -244,7 +306,7 @@ impl Splats {
         }
         if let Some(lighting) = &self.lighting {
             let place = self.grid.to_world().transform_point3(DVec3::from_array(point.map(|p| p as f64)));
-            color = lighting.shade(color, self.gradient(point), place, viewer.from(place), visibility);
+            color = lighting.shade(color, normal, place, viewer.from(place), visibility);
         }
         let [red, green, blue] = color.map(|c| c * tau);
         [tau, red, green, blue]
@@ -336,7 +398,7 @@ impl Bricks {
     /// The brick that holds a voxel.
     fn classified(&self, splats: &Splats, voxel: [usize; 3]) -> Option<Brick> {
         let first = voxel.map(|p| p / EDGE * EDGE);
-        if !splats.repeats && splats.transfer.is_invisible(splats.cells.range_of(first, EDGE)) {
+        if !splats.repeats && !splats.may_show(splats.cells.range_of(first, EDGE)) {
             return None;
         }
         let mut weights = Box::new([CLEAR; EDGE * EDGE * EDGE]);
@@ -370,7 +432,6 @@ impl Bricks {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::transfer::ControlPoint;
 
     #[test]
     fn finds_every_voxel_that_is_not_clear_and_no_other() {

@@ -72,6 +72,7 @@
 mod cells;
 mod classify;
 mod integrate;
+mod layers;
 mod profile;
 mod walk;
 
@@ -91,6 +92,7 @@ use crate::clip::Side;
 use crate::error::{Error, Result};
 use crate::image::{Image, Region};
 use crate::kernel::Kernel;
+use crate::layers::Layers;
 #[cfg(doc)]
 use crate::lighting::Lighting;
 use crate::lighting::{Casting, Visibility};
@@ -179,21 +181,40 @@ impl Reference {
         let volume = filtered.as_ref().unwrap_or(volume);
         let settings = &Settings { kernel: settings.reconstruction_kernel(), ..settings.clone() };
         let grid = *volume.grid();
-        let center = grid.center();
-        let Settings { kernel, lighting, .. } = settings;
+        let lighting = settings.lighting.as_ref();
         let method = match settings.model {
             Model::Xray => Method::Xray(settings.response),
             Model::Mip | Model::Minip => Method::Maximum(transfer.clone()),
             Model::Average => Method::Mean(transfer.clone()),
             Model::Composite if settings.is_post_shaded() => {
-                Method::PostShaded(Box::new(Classifier::new(transfer, lighting.as_ref(), &grid)))
+                Method::PostShaded(Box::new(Classifier::new(transfer, lighting, &grid)))
             }
             Model::Composite => Method::PreShaded,
         };
+        Ok(Self::of(&grid, Splats::new(volume, transfer, settings)?, method, settings))
+    }
+
+    /// Reads several layers once, pre-shaded; one volume alone as [`Self::new`] does.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`], and [`Error::Setting`] if several layers are to be post-shaded or projected.
+    pub fn of_layers(layers: &Layers, settings: &Settings) -> Result<Self> {
+        if let Some((volume, transfer)) = layers.plain() {
+            return Self::new(volume, transfer, settings);
+        }
+        settings.validate()?;
+        layers.check(settings)?;
+        let settings = &Settings { kernel: settings.reconstruction_kernel(), ..settings.clone() };
+        let method = if settings.model == Model::Xray { Method::Xray(settings.response) } else { Method::PreShaded };
+        Ok(Self::of(layers.grid(), Splats::of_layers(layers, settings)?, method, settings))
+    }
+
+    fn of(grid: &Grid, splats: Splats, method: Method, settings: &Settings) -> Self {
+        let kernel = &settings.kernel;
         let reference = Self {
             grid: grid.centered(),
-            center,
-            splats: Splats::new(volume, transfer, settings)?,
+            center: grid.center(),
+            splats,
             bricks: None,
             kernel: *kernel,
             profile: Profile::new(kernel, 0.0, 1.0),
@@ -214,7 +235,7 @@ impl Reference {
             light: None,
             progress: Progress::default(),
         };
-        Ok(reference.with_tolerance(0.0))
+        reference.with_tolerance(0.0)
     }
 
     /// The same of another light, to tell what light at voxels leaves out: post-shaded, light passes the field as it is
@@ -437,7 +458,7 @@ impl Reference {
         let map = |most: &(dyn Fn([f64; 2]) -> f64 + Sync)| self.splats.cells.map(sizes.reach, most);
         let transfer = self.splats.transfer();
         if matches!(self.method, Method::PreShaded | Method::Xray(_)) {
-            return Some(map(&|range| seen(!transfer.is_invisible(range))));
+            return Some(map(&|range| seen(self.splats.may_show(range))));
         }
         let base = transfer.base();
         if matches!(self.method, Method::Mean(_)) {

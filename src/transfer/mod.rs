@@ -273,6 +273,16 @@ impl TransferFunction {
         self.points.iter().map(|p| p.opacity).fold(0.0, f64::max)
     }
 
+    /// The colours of the points between which something shows.
+    pub(crate) fn visible_colors(&self) -> Vec<[f64; 3]> {
+        let points = &self.points;
+        let shows = |i: usize| {
+            let from = i.saturating_sub(1);
+            points[from..(i + 2).min(points.len())].iter().any(|point| point.opacity > 0.0)
+        };
+        (0..points.len()).filter(|&i| shows(i)).map(|i| points[i].color).collect()
+    }
+
     /// The largest of each channel of the colours.
     pub(crate) fn brightest(&self) -> [f64; 3] {
         std::array::from_fn(|channel| self.points.iter().map(|p| p.color[channel]).fold(0.0, f64::max))

@@ -8,7 +8,7 @@ mod sample_type;
 mod statistics;
 mod stored;
 
-pub(crate) use bricks::{Brick, EDGE as BRICK_EDGE, RowCoding};
+pub(crate) use bricks::{Brick, EDGE as BRICK_EDGE, RowCoding, Strip};
 pub use grid::{Grid, MAX_DIM};
 pub(crate) use pyramid::{Level, Pyramid, spread};
 pub use sample_type::{Endian, Sample, SampleType};
@@ -83,6 +83,7 @@ pub struct Volume {
     intercept: f64,
     oriented: bool,
     units: Units,
+    contents: Arc<Contents>,
 }
 
 /// The units that a file states, as it writes them.
@@ -92,6 +93,42 @@ pub struct Units {
     pub length: Option<String>,
     /// Of values, such as HU.
     pub value: Option<String>,
+}
+
+/// What the file of a volume holds: the volume is one of its channels at one point in time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contents {
+    /// The channel that the volume is, counted from 0.
+    pub channel: u32,
+    /// The number of channels.
+    pub channels: u32,
+    /// What the file says of its channels, in their order; empty if it says nothing.
+    pub labels: Vec<Channel>,
+    /// The point in time that the volume is of, counted from 0.
+    pub time: u32,
+    /// The number of points in time.
+    pub times: u32,
+    /// The level of a pyramid that the volume is; 0 is the finest.
+    pub level: u32,
+    /// The number of levels.
+    pub levels: u32,
+}
+
+impl Default for Contents {
+    fn default() -> Self {
+        Self { channel: 0, channels: 1, labels: Vec::new(), time: 0, times: 1, level: 0, levels: 1 }
+    }
+}
+
+/// What a file says of a channel.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Channel {
+    /// Such as the name of a dye.
+    pub name: Option<String>,
+    /// Red, green and blue, sRGB.
+    pub color: Option<[u8; 3]>,
+    /// The values from which to which it is to be shown.
+    pub window: Option<[f64; 2]>,
 }
 
 /// The part of a volume that clones share.
@@ -185,7 +222,15 @@ impl Volume {
     pub(crate) fn of(grid: Grid, stored: Stored) -> Result<Self> {
         check_count(&grid, stored.len())?;
         let data = Arc::new(Data::new(stored));
-        Ok(Self { grid, data, slope: 1.0, intercept: 0.0, oriented: false, units: Units::default() })
+        Ok(Self {
+            grid,
+            data,
+            slope: 1.0,
+            intercept: 0.0,
+            oriented: false,
+            units: Units::default(),
+            contents: Arc::default(),
+        })
     }
 
     /// The same samples read as `slope * sample + intercept` (NIfTI's scl_slope and scl_inter, DICOM's rescale).
@@ -211,6 +256,13 @@ impl Volume {
     #[must_use]
     pub fn with_units(mut self, units: Units) -> Self {
         self.units = units;
+        self
+    }
+
+    /// The same volume, with what else its file holds.
+    #[must_use]
+    pub(crate) fn with_contents(mut self, contents: Contents) -> Self {
+        self.contents = Arc::new(contents);
         self
     }
 
@@ -253,6 +305,11 @@ impl Volume {
         stored.replace_non_finite(raw);
         self.data = Arc::new(Data { finite: OnceLock::from(true), ..Data::new(stored) });
         Ok(self)
+    }
+
+    /// Whether another volume has the same samples on the same grid, shared with a clone.
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.data, &other.data) && self.grid == other.grid && self.rescale() == other.rescale()
     }
 
     /// The lattice and its position in the world.
@@ -334,6 +391,12 @@ impl Volume {
     #[must_use]
     pub fn units(&self) -> &Units {
         &self.units
+    }
+
+    /// What the file of the volume holds besides.
+    #[must_use]
+    pub fn contents(&self) -> &Contents {
+        &self.contents
     }
 
     /// The unit of world lengths: the one stated, otherwise of patient space millimetres, as DICOM has it.

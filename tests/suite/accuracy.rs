@@ -6,6 +6,7 @@ use std::process::{Command, Output};
 use voxsplat::accuracy::{Truth, choose};
 use voxsplat::error::Error;
 use voxsplat::image::Image;
+use voxsplat::layers::Layers;
 use voxsplat::settings::{Level, Painter, Settings, Shading};
 
 use crate::adapter::adapter;
@@ -29,10 +30,10 @@ fn chosen_settings_keep_the_bound() {
     let lit = Settings { lighting: headlight(), ..Settings::default() };
     let post = Settings { shading: Shading::Post, ..lit.clone() };
     for (settings, bound) in [(&lit, 3e-2), (&lit, 3e-4), (&post, 1e-2)] {
-        let chosen = choose(&RENDERER, (&volume, &transfer), &camera, settings, bound, 4096).unwrap();
+        let chosen = choose(&RENDERER, &Layers::of(&volume, &transfer), &camera, settings, bound, 4096).unwrap();
         assert!(chosen.keeps && chosen.estimate.error <= bound, "{bound}: {:?}", chosen.estimate);
         // All pixels: the choice saw as many.
-        let truth = Truth::trace(&volume, &transfer, &camera, &chosen.settings, u32::MAX).unwrap();
+        let truth = Truth::trace(&Layers::of(&volume, &transfer), &camera, &chosen.settings, u32::MAX).unwrap();
         let all = truth.estimate(&chosen.rendered.image).unwrap();
         assert!(all.error <= bound, "{bound}: {all:?}");
         // What is drawn stays, and the picture is that of the settings.
@@ -48,7 +49,7 @@ fn a_loose_bound_costs_less_than_a_tight_one() {
     let (volume, transfer) = demo("vessels", 24);
     let camera = camera(33.0, PERSPECTIVE, &volume, 48);
     let settings = Settings { lighting: headlight(), ..Settings::default() };
-    let of = |bound| choose(&RENDERER, (&volume, &transfer), &camera, &settings, bound, 1024).unwrap();
+    let of = |bound| choose(&RENDERER, &Layers::of(&volume, &transfer), &camera, &settings, bound, 1024).unwrap();
     let (loose, tight) = (of(3e-2), of(1e-4));
     assert_eq!(loose.tried.len(), 1, "the defaults keep it");
     assert!(
@@ -64,11 +65,11 @@ fn a_bound_that_nothing_keeps_is_said_to_be_broken() {
     let (volume, transfer) = demo("shell", 16);
     let camera = camera(33.0, PERSPECTIVE, &volume, 32);
     let settings = Settings { shading: Shading::Post, ..Settings::default() };
-    let chosen = choose(&RENDERER, (&volume, &transfer), &camera, &settings, 1e-7, 1024).unwrap();
+    let chosen = choose(&RENDERER, &Layers::of(&volume, &transfer), &camera, &settings, 1e-7, 1024).unwrap();
     let least = chosen.tried.iter().map(|tried| tried.estimate.error).fold(f64::INFINITY, f64::min);
     assert!(!chosen.keeps && chosen.estimate.error == least && chosen.tried.len() >= 2);
     for bound in [0.0, f64::NAN, f64::INFINITY] {
-        let refused = choose(&RENDERER, (&volume, &transfer), &camera, &settings, bound, 1024);
+        let refused = choose(&RENDERER, &Layers::of(&volume, &transfer), &camera, &settings, bound, 1024);
         assert!(matches!(refused, Err(Error::Setting { name: "max_error", .. })));
     }
 }
@@ -78,7 +79,7 @@ fn predictions_hold_and_name_their_causes() {
     let (volume, transfer) = demo("vessels", 24);
     let camera = camera(33.0, PERSPECTIVE, &volume, 64);
     let base = Settings { lighting: headlight(), termination: 0.0, ..Settings::default() };
-    let truth = Truth::trace(&volume, &transfer, &camera, &base, u32::MAX).unwrap();
+    let truth = Truth::trace(&Layers::of(&volume, &transfer), &camera, &base, u32::MAX).unwrap();
     let scene = prepare(&volume, &transfer, &base);
     let mut predicted = Vec::new();
     for thickness in [0.5, 1.0, 2.0] {
@@ -138,6 +139,8 @@ fn the_report_is_whole_and_goes_on_where_it_was_interrupted() {
     assert!(read("time-rms.svg").contains("</svg>") && read("time-p999.svg").contains("</svg>"));
     assert!(String::from_utf8_lossy(&output.stdout).contains("report: report/report.html"));
 
+    let small = run(dir.path(), &format!("{command} --scale-bar"));
+    assert!(small.status.code() == Some(2) && said(&small).contains("for a figure"), "{}", said(&small));
     let missing = run(dir.path(), "pareto missing.nrrd -o other");
     assert!(missing.status.code() == Some(1) && !dir.path().join("other").exists(), "{}", said(&missing));
 

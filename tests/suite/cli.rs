@@ -281,6 +281,32 @@ fn info_in_json_is_one_object() {
 }
 
 #[test]
+fn info_lists_labels() {
+    let dir = folder();
+    let input = ramp(dir.path());
+    std::fs::write(dir.path().join("l.txt"), "7 255 0 0 0.5 1 1 \"Left kidney\"\n").unwrap();
+    let options = format!("info {input} --spacing 1,2,2.5 --labels --label-table l.txt");
+    let text = stdout(&voxsplat(dir.path(), &options));
+    let line = text.lines().find(|line| line.contains("Left kidney")).unwrap();
+    assert_eq!(line.split_whitespace().collect::<Vec<_>>(), ["7", "#ff0000", "0.5", "1", "5", "Left", "kidney"]);
+    assert_eq!(text.lines().count(), 25);
+    let json = voxsplat(dir.path(), &format!("{options} --json"));
+    let listed: serde_json::Value = serde_json::from_slice(&json.stdout).unwrap();
+    assert_eq!((&listed[7]["name"], &listed[7]["voxels"]), (&"Left kidney".into(), &1.into()));
+}
+
+#[test]
+fn options_of_labels_go_together() {
+    let refused = |options: &str, reason: &str| refused(&format!("render demo:sphere:8 -o a.png {options}"), 2, reason);
+    refused("--label 3:off", "--label needs --labels FILE or --transfer labels");
+    refused("--transfer labels --label 3", "expected WHICH:LOOK");
+    refused("--transfer labels --labels a.nrrd", "one of labels itself");
+    refused("--transfer labels --window 1,2", "not for labels");
+    refused("--transfer labels --colour-bar", "not for labels");
+    refused("--transfer labels --shading post", "pre-shaded");
+}
+
+#[test]
 fn the_command_that_info_gives_is_quoted_for_a_shell() {
     let dir = folder();
     std::fs::write(dir.path().join("my scan's.raw"), [0, 1, 2, 3, 4, 5, 6, 7]).unwrap();
@@ -571,10 +597,10 @@ fn lights_that_cannot_be_are_refused() {
         ("--light headlight --shadows on", "a headlight casts none"),
         ("--light 20,30 --light-size 4", "--light-size shows in shadows alone"),
         ("--light studio --light headlight", "no other goes with it"),
-        ("--light 20", "expected off, studio, headlight, AZ,EL"),
-        ("--light @1,2", "expected off, studio, headlight, AZ,EL"),
+        ("--light 20", "expected off, studio, studio:eye, headlight, AZ,EL"),
+        ("--light @1,2", "expected off, studio, studio:eye, headlight, AZ,EL"),
         ("--light @1,2,3 --shadows on --light-size 4", "a light at a place is a point"),
-        ("--light 20,30:bright", "expected off, studio, headlight, AZ,EL"),
+        ("--light 20,30:bright", "expected off, studio, studio:eye, headlight, AZ,EL"),
         ("--light 20,30 --occlusion far", "expected off or a radius in voxels"),
     ] {
         refused(&format!("render demo:sphere:8 -o out.png {arguments}"), 2, reason);
@@ -613,6 +639,19 @@ fn stats_of_the_device_are_a_table_or_one_object() {
         let mut columns = voxels.split_whitespace();
         assert_eq!((columns.next(), columns.next()), (Some(grouped(kept).as_str()), Some(grouped(dropped).as_str())));
     }
+}
+
+#[test]
+fn a_preview_is_printed_where_it_is_asked_for() {
+    let dir = folder();
+    let text = stdout(&rendered(dir.path(), "demo:sphere:8 --size 16 --preview blocks"));
+    assert_eq!((text.lines().count(), text.matches('\u{2580}').count()), (8, 128));
+    let both = stdout(&rendered(dir.path(), "demo:sphere:8 --size 16 --preview kitty -o a.png"));
+    assert!(both.starts_with("\x1b_Ga=T,f=100,") && dir.path().join("a.png").is_file());
+    refused("render demo:sphere:8 --preview", 2, "standard output is no terminal");
+    refused("render demo:sphere:8 --preview blocks -o -", 2, "standard output takes the picture");
+    refused("render demo:sphere:8 --preview blocks --stats json", 2, "standard output takes --stats json");
+    refused("turntable demo:sphere:8 --frames 4 -o a.gif --preview blocks", 2, "not for a turntable");
 }
 
 #[test]

@@ -93,6 +93,10 @@ fn lay_out(dir: &Path) {
     for name in ["ct.nrrd", "cells.nrrd"] {
         fs::write(dir.join(name), [header.as_bytes(), &samples].concat()).unwrap();
     }
+    let labels = samples.as_chunks::<2>().0.iter().map(|&bytes| (i16::from_le_bytes(bytes) + 450) / 500);
+    let labels: Vec<u8> = labels.flat_map(i16::to_le_bytes).collect();
+    fs::write(dir.join("organs.nrrd"), [header.as_bytes(), &labels].concat()).unwrap();
+    fs::write(dir.join("organs.ctbl"), "# Color\n1 soft_tissue 200 120 90 128\n2 core 250 240 200 255\n").unwrap();
     let mut nifti = vec![0; 352];
     let mut put = |at: usize, bytes: &[u8]| nifti[at..at + bytes.len()].copy_from_slice(bytes);
     put(0, &348_i32.to_le_bytes());

@@ -1,7 +1,7 @@
 //! Every format, encoding and type is read as the reference implementations read it.
 //!
 //! The files and what nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom say
-//! about them are written by tests/data/volumes/make.py and make_more.py.
+//! about them are written by tests/data/volumes/make.py, make_more.py and make_several.py.
 
 use std::path::PathBuf;
 
@@ -68,7 +68,7 @@ fn affine(volume: &Volume) -> [[f64; 4]; 3] {
     std::array::from_fn(|r| [m.matrix3.x_axis[r], m.matrix3.y_axis[r], m.matrix3.z_axis[r], m.translation[r]])
 }
 
-fn assert_affine(volume: &Volume, expected: &[[f64; 4]; 3], what: &str) {
+pub(crate) fn assert_affine(volume: &Volume, expected: &[[f64; 4]; 3], what: &str) {
     let found = affine(volume);
     for (f, e) in found.iter().flatten().zip(expected.iter().flatten()) {
         // The reference multiplies in another order: a few roundings of f64.
@@ -91,6 +91,161 @@ fn every_file_is_read_as_by_the_reference_implementation() {
             assert_eq!(volume.units().length.as_deref().unwrap_or_default(), unit, "{}", e.file);
         }
     }
+}
+
+/// What a file of several volumes holds.
+#[derive(Deserialize)]
+struct Several {
+    file: String,
+    #[serde(rename = "type")]
+    sample_type: String,
+    channels: u32,
+    times: u32,
+    affine: [[f64; 4]; 3],
+    oriented: bool,
+    unit: String,
+    labels: Vec<String>,
+}
+
+/// The samples of a volume among several, as in make_several.py.
+fn shifted(sample_type: &str, channel: u32, time: u32) -> Samples {
+    let places = (7 * channel + 13 * time) as usize % 60;
+    match samples(sample_type) {
+        Samples::U8(mut s) => {
+            s.rotate_left(places);
+            Samples::U8(s)
+        }
+        Samples::U16(mut s) => {
+            s.rotate_left(places);
+            Samples::U16(s)
+        }
+        Samples::I16(mut s) => {
+            s.rotate_left(places);
+            Samples::I16(s)
+        }
+        Samples::F32(mut s) => {
+            s.rotate_left(places);
+            Samples::F32(s)
+        }
+        _ => panic!("{sample_type}"),
+    }
+}
+
+#[test]
+fn every_channel_at_every_time_is_read_as_by_the_reference_implementation() {
+    let table =
+        |name: &str| -> Vec<Several> { serde_json::from_str(&std::fs::read_to_string(path(name)).unwrap()).unwrap() };
+    let mut all = table("expected-several.json");
+    if cfg!(feature = "hdf5") {
+        all.extend(table("expected-hdf5.json"));
+    }
+    assert!(all.len() >= 20, "{} files", all.len());
+    for e in &all {
+        let file = path(&e.file);
+        let error = load(&file, &LoadOptions::default()).map(drop).map_err(|error| format!("{error:#}"));
+        match error {
+            Ok(()) => assert_eq!(e.channels, 1, "{}", e.file),
+            Err(error) => {
+                let says = format!("has {} channels per sample: set LoadOptions::channel", e.channels);
+                assert!(error.ends_with(&says), "{error}");
+            }
+        }
+        for (channel, time) in (0..e.channels).flat_map(|c| (0..e.times).map(move |t| (c, t))) {
+            for stream_over in [0, 1 << 20] {
+                let options =
+                    LoadOptions { channel: Some(channel), time: Some(time), stream_over, ..LoadOptions::default() };
+                let volume = load(&file, &options).unwrap();
+                assert_eq!(volume.grid().dims(), [3, 4, 5], "{}", e.file);
+                let what = format!("{}, channel {channel}, time {time}", e.file);
+                let expected = shifted(&e.sample_type, channel, time);
+                assert_eq!(volume.in_memory().unwrap().samples(), &expected, "{what}");
+                let contents = volume.contents();
+                assert_eq!((contents.channel, contents.channels), (channel, e.channels), "{what}");
+                assert_eq!((contents.time, contents.times), (time, e.times), "{what}");
+                let label = |channel: &voxsplat::volume::Channel| {
+                    let [r, g, b] = channel.color.unwrap();
+                    format!("{} #{r:02x}{g:02x}{b:02x}", channel.name.as_deref().unwrap())
+                };
+                assert_eq!(contents.labels.iter().map(label).collect::<Vec<_>>(), e.labels, "{what}");
+                assert_eq!(volume.is_oriented(), e.oriented, "{what}");
+                assert_eq!(volume.units().length.as_deref().unwrap_or_default(), e.unit, "{what}");
+                assert_affine(&volume, &e.affine, &what);
+            }
+        }
+        for (name, options) in [
+            ("time", LoadOptions { channel: Some(0), time: Some(e.times), ..LoadOptions::default() }),
+            ("channel", LoadOptions { channel: Some(e.channels), ..LoadOptions::default() }),
+        ] {
+            let error = load(&file, &options).unwrap_err().to_string();
+            assert!(error.starts_with(&format!("{name}: ")), "{error}");
+        }
+    }
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn scales_and_fill_values_of_netcdf_are_applied() {
+    let error = format!("{:#}", load(path("packed-i16.nc"), &LoadOptions::default()).unwrap_err());
+    assert!(error.contains("1 samples are NaN"), "{error}");
+    let options = LoadOptions { replace_nan: Some(0.0), ..LoadOptions::default() };
+    let volume = load(path("packed-i16.nc"), &options).unwrap();
+    assert_eq!((volume.rescale(), volume.value_unit()), ((0.5, 273.0), Some("K")));
+    let Samples::I16(stored) = samples("i16") else { panic!() };
+    let values = volume.in_memory().unwrap();
+    assert_eq!(values.value(0), 0.0);
+    assert!((1..60).all(|n| values.value(n) == f64::from(stored[n]) * 0.5 + 273.0));
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn a_data_set_is_chosen_by_its_path() {
+    let error = format!("{:#}", load(path("two.h5"), &LoadOptions::default()).unwrap_err());
+    assert!(error.contains("holds 2 data sets: /raw/first of 5 x 4 x 3, /raw/second of 5 x 4 x 3"), "{error}");
+    assert!(error.contains("FILE:/PATH"), "{error}");
+    let error = load(format!("{}:/third", path("two.h5")), &LoadOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("has no data set \"/third\": there are /table of 4, /raw/first"), "{error}");
+    let error = load(format!("{}:/a", path("raw-i16.nrrd")), &LoadOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("is a NRRD file, which has no data set \"/a\""), "{error}");
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn broken_hdf5_files_say_what_is_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut refused = 0;
+    for file in ["plain-i16.h5", "chunks-f32.h5", "four-i16.nc", "record-f32.nc"] {
+        let bytes = std::fs::read(path(file)).unwrap();
+        for length in [9, 100, bytes.len() / 2, bytes.len() - 9] {
+            let cut = folder.path().join(file);
+            std::fs::write(&cut, &bytes[..length]).unwrap();
+            match load(&cut, &LoadOptions::default()) {
+                // What was cut off need not be needed.
+                Ok(volume) => {
+                    assert_eq!(volume.in_memory().unwrap().samples(), read(file).in_memory().unwrap().samples())
+                }
+                Err(error) => {
+                    refused += 1;
+                    crate::fuzz::targets::assert_one_line(&error);
+                }
+            }
+        }
+    }
+    assert!(refused >= 12, "{refused} of 16");
+}
+
+#[test]
+fn an_array_whose_last_axis_is_short_has_channels() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.npy");
+    let header = "{'descr': '|u1', 'fortran_order': False, 'shape': (5, 6, 7, 2), }";
+    let mut bytes = b"\x93NUMPY\x01\0".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend((0..420).map(|n| if n % 2 == 0 { 1 } else { (n / 2) as u8 }));
+    std::fs::write(&file, bytes).unwrap();
+    let volume = load(&file, &LoadOptions { channel: Some(1), ..LoadOptions::default() }).unwrap();
+    assert_eq!(volume.grid().dims(), [7, 6, 5]);
+    assert_eq!(volume.in_memory().unwrap().samples(), &Samples::U8((0..210).map(|n| n as u8).collect()));
 }
 
 #[test]

@@ -122,9 +122,9 @@ fn broken_nrrd_headers_say_what_is_wrong() {
         ("sizes: 2 2 2", "sizes: 2 2 99999999999999999999", "not a number"),
         ("sizes: 2 2 2", "sizes: 60000 60000 60000", "216000000000000 bytes, 8 are there"),
         ("sizes: 2 2 2", "sizes: 2 2 3", "12 bytes, 8 are there"),
-        ("dimension: 3\nsizes: 2 2 2", "dimension: 2\nsizes: 4 2", "not a scalar volume"),
-        ("dimension: 3\nsizes: 2 2 2", "dimension: 4\nsizes: 2 2 2 2", "not a scalar volume"),
-        ("sizes: 2 2 2", "sizes: 2 2 2\nkinds: RGB-color domain domain", "not a scalar volume"),
+        ("dimension: 3\nsizes: 2 2 2", "dimension: 2\nsizes: 4 2", "are not volumes"),
+        ("dimension: 3\nsizes: 2 2 2", "dimension: 6\nsizes: 2 2 2 2 2 2", "are not volumes"),
+        ("sizes: 2 2 2", "sizes: 2 2 2\nkinds: RGB-color domain domain", "are not volumes"),
         ("type: uchar", "type: block", "type \"block\""),
         ("type: uchar", "type: short", "endian: little"),
         ("type: uchar", "type: uchar\nendian: middle", "expected little or big"),
@@ -136,7 +136,7 @@ fn broken_nrrd_headers_say_what_is_wrong() {
         ("encoding: raw", "encoding: raw\nspacings: 1 1 -1", "spacing of axis 3 is -1"),
         ("encoding: raw", "encoding: raw\nspacings: 1 NaN 1", "spacing of axis 2 is NaN"),
         ("encoding: raw", "encoding: raw\nspace directions: (1,0,0) (0,1,0) (1,1,0)", "do not span space"),
-        ("encoding: raw", "encoding: raw\nspace directions: (1,0,0) none (0,0,1)", "not a scalar volume"),
+        ("encoding: raw", "encoding: raw\nspace directions: (1,0,0) none (0,0,1)", "are not volumes"),
         ("encoding: raw", "encoding: raw\nspace directions: (1,0) (0,1) (1,1)", "(x,y,z)"),
         ("encoding: raw", "encoding: raw\nspace directions: (1,0,0) (0,1,0", "(x,y,z)"),
         ("encoding: raw", "encoding: raw\nspace: elsewhere", "space \"elsewhere\""),
@@ -213,10 +213,10 @@ fn broken_nifti_headers_say_what_is_wrong() {
     let nan = f32::NAN.to_le_bytes();
     let cases: [(&str, usize, Vec<u8>, &str); 12] = [
         ("raw-i16.nii", dim, i16s(&[0]), "dim[0] is 0"),
-        ("raw-i16.nii", dim, i16s(&[4, 3, 4, 5, 2]), "dim[4] is 2"),
+        ("raw-i16.nii", dim, i16s(&[6, 3, 4, 5, 1, 1, 2]), "dim[6] is 2"),
         ("raw-i16.nii", dim, i16s(&[3, -1]), "dimension 1 is -1"),
         ("raw-i16.nii", dim, i16s(&[3, 3, 4, 6]), "144 bytes, 120 are there"),
-        ("raw-i16.nii", datatype, i16s(&[128]), "RGB"),
+        ("raw-i16.nii", datatype, i16s(&[128]), "3 channels"),
         ("raw-i16.nii", datatype, i16s(&[32]), "complex"),
         ("raw-i16.nii", datatype, i16s(&[3]), "datatype 3"),
         ("raw-i16.nii", vox_offset, nan.to_vec(), "vox_offset is NaN"),
@@ -249,7 +249,7 @@ fn broken_mrc_headers_say_what_is_wrong() {
         (8, word(6), "144 bytes, 120 are there"),
         (8, word(60_000), "1440000 bytes, 120 are there"),
         (12, word(4), "complex"),
-        (12, word(16), "RGB"),
+        (12, word(16), "3 channels"),
         (12, word(5), "mode 5 is not read"),
         (92, word(-1), "extended header of -1 bytes"),
         (92, word(1000), "ends before byte 1000"),
@@ -262,8 +262,8 @@ fn broken_mrc_headers_say_what_is_wrong() {
     assert_refused("a.mrc", &changed("oblique-cell.map", 52, &10_f32.to_le_bytes()), "do not span space");
     let volumes = [word(401), word(0)].concat();
     let mut stack = changed("raw-i16.mrc", 88, &volumes);
-    stack[36] = 1;
-    assert_refused("a.mrc", &stack, "holds 5 volumes");
+    stack[36] = 2;
+    assert_refused("a.mrc", &stack, "5 sections in volumes of 2");
     assert_refused("a.mrc", &std::fs::read(path("raw-i16.mrc")).unwrap()[..1000], "header has 1000 of 1024 bytes");
     assert_refused("a.mrc", &[0xff; 2000], "not an MRC file");
 }
@@ -286,7 +286,7 @@ fn broken_vtk_files_say_what_is_wrong() {
         ("raw-i16.vti", "1 0 0 0 1 0", "1 0 0 1 0 0", "do not span space"),
         ("raw-i16.vti", "type=\"Int16\"", "type=\"String\"", "type \"String\""),
         ("raw-i16.vti", "format=\"appended\"", "format=\"\"", "format \"\""),
-        ("raw-i16.vti", "Name=\"", "NumberOfComponents=\"3\" Name=\"", "has 3 numbers per sample"),
+        ("raw-i16.vti", "Name=\"", "NumberOfComponents=\"3\" Name=\"", "has 3 channels per sample"),
         ("raw-i16.vti", "Name=\"", "Name=\"a", "no array of scalars"),
         ("raw-i16.vti", "offset=\"0\"", "offset=\"x\"", "offset is \"x\""),
         ("raw-i16.vti", "offset=\"0\"", "offset=\"999\"", "ends before byte 999"),
@@ -369,9 +369,13 @@ fn broken_tiff_files_say_what_is_wrong() {
         bytes[at..at + from.len()].copy_from_slice(to.as_bytes());
         bytes
     };
-    assert_refused("a.tif", &with_text("ome-i16.ome.tif", "SizeC=\"1\"", "SizeC=\"2\""), "2 channels at 1 points");
-    assert_refused("a.tif", &with_text("ome-i16.ome.tif", "SizeZ=\"5\"", "SizeZ=\"4\""), "states 4 sections");
-    assert_refused("a.tif", &with_text("one-directory.tif", "slices", "frames"), "1 channels at 5 points");
+    assert_refused(
+        "a.tif",
+        &with_text("ome-i16.ome.tif", "SizeC=\"1\"", "SizeC=\"2\""),
+        "5 pages, but its OME-XML states 10",
+    );
+    assert_refused("a.tif", &with_text("ome-i16.ome.tif", "SizeZ=\"5\"", "SizeZ=\"4\""), "states 4: save it");
+    assert_refused("a.tif", &with_text("one-directory.tif", "slices=5", "frames=4"), "for 1 channels at 4 points");
     assert_refused("a.tif", &with_text("one-directory.tif", "images=5", "images=9"), "216 bytes, 120 are there");
     let whole = std::fs::read(path("deflate-i16.tif")).unwrap();
     assert_refused("a.tif", &whole[..whole.len() / 2], "cut short");

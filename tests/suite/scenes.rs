@@ -72,6 +72,29 @@ fn a_scene_makes_the_bytes_of_its_command_line() {
 }
 
 #[test]
+fn a_scene_of_labels_finds_its_files() {
+    let dir = folder();
+    let input = ramp(dir.path());
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 3 2\nencoding: raw\n\n";
+    let labels: Vec<u8> = (0..24).map(|i| i / 7).collect();
+    std::fs::write(dir.path().join("l.nrrd"), [header.as_bytes(), &labels].concat()).unwrap();
+    std::fs::write(dir.path().join("l.ctbl"), "1 one 255 0 0 255\n2 two 0 255 0 255\n").unwrap();
+    std::fs::create_dir(dir.path().join("kept")).unwrap();
+    for look in [
+        "--transfer gray --labels l.nrrd --label-table l.ctbl --label two:0.3 --label 1:blue --label-opacity 0.5",
+        "--transfer labels --label all:0.2 --light off",
+        "--transfer gray --mask l.nrrd:1-2",
+    ] {
+        let line = format!("render {input} {SMALL} {look} -o a.png --save-scene kept/a.json");
+        let picture = made(dir.path(), &line, "a.png");
+        let again = made(dir.path(), "render kept/a.json -o again.png", "again.png");
+        let text = std::fs::read_to_string(dir.path().join("kept/a.json")).unwrap();
+        assert!(again == picture, "{text}");
+        assert!(picture != made(dir.path(), &format!("render {input} {SMALL} -o b.png --transfer gray"), "b.png"));
+    }
+}
+
+#[test]
 fn options_of_the_command_line_replace_those_of_a_scene() {
     let dir = folder();
     let input = ramp(dir.path());

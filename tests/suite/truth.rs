@@ -16,10 +16,11 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::Volume;
 
 /// Files or folders of `src/` on which the reference's pictures depend, without their endings.
-const SOURCES: [&str; 10] = [
+const SOURCES: [&str; 11] = [
     "camera",
     "clip",
     "kernel",
+    "layers",
     "lighting",
     "reconstruction/prefilter",
     "reference",

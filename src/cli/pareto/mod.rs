@@ -6,16 +6,19 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use voxsplat::camera::{Camera, View};
+use voxsplat::figure::Shown;
 use voxsplat::image::{Background, Image};
+use voxsplat::layers::Layers;
 use voxsplat::report::{
     Errors, Marker, Measurement, Point, Study, Variant, difference_picture, front, plot, today, variants, write_file,
 };
-use voxsplat::{Renderer, RendererOptions, Volume, formats};
+use voxsplat::{Renderer, RendererOptions, formats};
 
 use super::job::ParetoJob;
 use super::options::{command_line, options_of, without};
 use super::progress::{Progress, Remaining};
-use super::render::{Stages, framed, transfer};
+use super::render::{Stages, framed, transfer, with_units};
+use super::session::say_choice;
 use super::stderr::silenced;
 use super::{Failure, output};
 
@@ -73,13 +76,14 @@ pub(super) fn run(mut job: ParetoJob) -> Result<(), Failure> {
     let rivals = job.rivals.as_deref().map(read::<Vec<Rival>>).transpose()?.unwrap_or_default();
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
-        let volume = formats::load(&job.source, &job.load)?;
+        let volume = with_units(formats::load(&job.source, &job.load)?, &job.units);
+        say_choice(&volume, &job.load);
         let fitted = transfer(&job.source, &job.transfer, &volume, &mut Stages::default())?;
         fitted.notes().for_each(|note| output::say(note));
         (volume, fitted.transfer)
     };
     job.settings.clip = job.clip.of(&volume)?;
-    let around = framed(job.frame, &volume, &transfer, &job.settings.clip)?;
+    let around = framed(job.frame, &Layers::of(&volume, &transfer), &job.settings.clip)?;
     let views = job.views.iter().map(|view| View { around: around.clone(), ..view.clone() });
     let cameras: Vec<Camera> =
         views.map(|view| Camera::new(&view, volume.grid(), job.size)).collect::<Result<_, _>>()?;
@@ -103,7 +107,8 @@ pub(super) fn run(mut job: ParetoJob) -> Result<(), Failure> {
     let mut run = Run::new(&job, study, subject)?;
     run.measure()?;
     run.time(&job)?;
-    run.write(&job, &volume, &rivals)
+    let shown = Shown { volume: &volume, transfer: &transfer, camera: &cameras[0], model: job.settings.model };
+    run.write(&job, &shown, &rivals)
 }
 
 fn make_directory(path: &Path) -> Result<(), Failure> {
@@ -217,7 +222,7 @@ impl<'a> Run<'a> {
     }
 
     /// The report: numbers, plots and the page.
-    fn write(&mut self, job: &ParetoJob, volume: &Volume, rivals: &[Rival]) -> Result<(), Failure> {
+    fn write(&mut self, job: &ParetoJob, shown: &Shown<'_>, rivals: &[Rival]) -> Result<(), Failure> {
         self.save()?;
         let front = front(&self.kept.measurements, |errors| errors.rms);
         let commands: Vec<String> = self.kept.measurements.iter().map(|m| self.command(m)).collect();
@@ -245,11 +250,13 @@ impl<'a> Run<'a> {
             let image = self.study.picture(&variant)?;
             let sampled = self.study.sample().of(&image)?;
             let difference = difference_picture(&sampled, &self.truths[truth].1[0], page::GAIN)?;
+            let image =
+                if job.figure.is_empty() { image } else { job.figure.draw(&image, Background::default(), shown)? };
             pictures.push(page::Pictures { title: title.to_owned(), of: variant, image, difference });
         }
         let page = page::page(&page::Report {
             source: &job.source,
-            volume,
+            volume: shown.volume,
             kept: &self.kept,
             front: &front,
             commands: &commands,

@@ -15,6 +15,7 @@ use glam::DVec3;
 use self::dataset::Dataset;
 use super::decode::{lattice, samples_in};
 use super::placement::Placement;
+use super::{LoadOptions, selection};
 use crate::error::{Error, Hint, Result};
 use crate::memory::reserved;
 use crate::volume::{Endian, Samples, Stored, Units, Volume};
@@ -76,23 +77,19 @@ struct Pixels {
     signed: bool,
 }
 
-/// Reads the volume of a series in these files. `series` is its number in the list that the error about several has.
-pub(super) fn read_files(
-    source: &Path,
-    files: &[PathBuf],
-    series: Option<u32>,
-    spacing: Option<[f64; 3]>,
-) -> Result<Volume> {
+/// Reads the volume of a series in these files.
+pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions) -> Result<Volume> {
     let mut sets = files.iter().map(|file| Dataset::read(file)).collect::<Result<Vec<Dataset>>>()?;
     // A report or a directory file has no pixels.
     sets.retain(|set| set.pixels.is_some());
-    let sets = chosen(source, sets, series)?;
+    let sets = chosen(source, sets, options.series)?;
+    let contents = selection::chosen(source, options, 1, 1)?;
     let Some(first) = sets.first() else { return Err(Error::format(source, "is DICOM without pixels")) };
     let plane = Plane::of(first, 0)?;
     let slices = sorted(source, &sets, &plane)?;
     let placement = placed(source, &sets, &slices, &plane)?;
     let dims = lattice(source, &[plane.columns.into(), plane.rows.into(), slices.len() as i64])?;
-    let grid = placement.grid(source, dims, spacing)?;
+    let grid = placement.grid(source, dims, options.spacing)?;
     let maps: Vec<(f64, f64)> = slices.iter().map(|slice| (slice.slope, slice.intercept)).collect();
     let same = maps.windows(2).all(|pair| pair[0] == pair[1]);
     let units = Units { length: None, value: (first.text(MODALITY) == "CT").then(|| "HU".to_owned()) };
@@ -127,7 +124,7 @@ pub(super) fn read_files(
         (_, _, false) => whole!(U32 u32),
         (_, _, true) => whole!(I32 i32),
     };
-    let volume = placement.volume(grid, Stored::Memory(Arc::new(samples)))?.with_units(units);
+    let volume = placement.volume(grid, Stored::Memory(Arc::new(samples)))?.with_units(units).with_contents(contents);
     match (same, maps.first()) {
         (true, Some(&(slope, intercept))) => volume.with_rescale(slope, intercept),
         _ => Ok(volume),

@@ -16,9 +16,11 @@ use glam::{DMat3, DQuat, DVec3};
 
 use self::header::Header;
 pub(super) use self::header::{HEADER_SIZE, is_analyze, is_nifti};
+use super::LoadOptions;
 use super::decode::{Layout, lattice, read_all};
 use super::input::Input;
 use super::placement::Placement;
+use super::selection::{Axes, Role, colours, picked};
 use crate::error::Result;
 use crate::volume::{SampleType, Units, Volume};
 
@@ -26,14 +28,18 @@ use crate::volume::{SampleType, Units, Volume};
 const RAS_TO_LPS: DVec3 = DVec3::new(-1.0, -1.0, 1.0);
 
 /// Reads the volume of a header that begins here.
-pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume> {
+pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let header = Header::read(&mut input)?;
     let path = input.path().to_owned();
-    let sample_type = sample_type(&header, &input)?;
+    let (sample_type, colour_channels) = sample_type(&header, &input)?;
     let dims = dims(&header, &input)?;
     let (slope, intercept) = rescale(&header, &input)?;
-    let placement = placement(&header, &input, dims, spacing)?;
-    let grid = placement.grid(&path, dims, spacing)?;
+    let placement = placement(&header, &input, dims, options.spacing)?;
+    let grid = placement.grid(&path, dims, options.spacing)?;
+    let (pick, mut contents) = picked(&path, &axes(&header, colour_channels), options)?;
+    if colour_channels > 1 {
+        contents.labels = colours(contents.channels);
+    }
 
     // The offset is a float in NIfTI-1; under 9e15, a little under 2^53, it is exact.
     let offset = header.vox_offset;
@@ -55,8 +61,7 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
         data.skip(offset)?;
         data
     };
-    let count = grid.len();
-    let samples = read_all(input, count, sample_type, Layout::Binary(header.endian))?;
+    let samples = read_all(input, &pick, sample_type, Layout::Binary(header.endian))?;
     let length = match header.xyzt_units & 7 {
         1 => Some("m"),
         2 => Some("mm"),
@@ -71,25 +76,27 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
         _ => None,
     };
     let units = Units { length: length.map(str::to_owned), value: value.map(str::to_owned) };
-    Ok(placement.volume(grid, samples)?.with_rescale(slope, intercept)?.with_units(units))
+    Ok(placement.volume(grid, samples)?.with_rescale(slope, intercept)?.with_units(units).with_contents(contents))
 }
 
-fn sample_type(header: &Header, input: &Input) -> Result<SampleType> {
+/// The type of the samples, and the number of them in a voxel.
+fn sample_type(header: &Header, input: &Input) -> Result<(SampleType, i64)> {
     let refused = match header.datatype {
-        2 => return Ok(SampleType::U8),
-        4 => return Ok(SampleType::I16),
-        8 => return Ok(SampleType::I32),
-        16 => return Ok(SampleType::F32),
-        64 => return Ok(SampleType::F64),
-        256 => return Ok(SampleType::I8),
-        512 => return Ok(SampleType::U16),
-        768 => return Ok(SampleType::U32),
-        1024 => return Ok(SampleType::I64),
-        1280 => return Ok(SampleType::U64),
+        2 => return Ok((SampleType::U8, 1)),
+        4 => return Ok((SampleType::I16, 1)),
+        8 => return Ok((SampleType::I32, 1)),
+        16 => return Ok((SampleType::F32, 1)),
+        64 => return Ok((SampleType::F64, 1)),
+        256 => return Ok((SampleType::I8, 1)),
+        512 => return Ok((SampleType::U16, 1)),
+        768 => return Ok((SampleType::U32, 1)),
+        1024 => return Ok((SampleType::I64, 1)),
+        1280 => return Ok((SampleType::U64, 1)),
+        // Colours.
+        128 => return Ok((SampleType::U8, 3)),
+        2304 => return Ok((SampleType::U8, 4)),
         1 => "bits",
         32 | 1792 | 2048 => "complex numbers",
-        128 => "RGB colours",
-        2304 => "RGBA colours",
         1536 => "128-bit floats",
         other => return Err(input.error(format!("datatype {other} is unknown"))),
     };
@@ -99,16 +106,32 @@ fn sample_type(header: &Header, input: &Input) -> Result<SampleType> {
 fn dims(header: &Header, input: &Input) -> Result<[u32; 3]> {
     let n = usize::try_from(header.dim[0]).ok().filter(|n| (1..=7).contains(n));
     let n = n.ok_or_else(|| input.error(format!("dim[0] is {}, expected 1 to 7 axes", header.dim[0])))?;
-    for axis in 4..=n {
+    for axis in 6..=n {
         // Unused axes are 1; some writers leave them 0.
         if !(0..=1).contains(&header.dim[axis]) {
             return Err(input.error(format!(
-                "dim[{axis}] is {}: it holds several volumes, save the one to be rendered alone",
+                "dim[{axis}] is {}, expected at most 5 axes: space, time and channels",
                 header.dim[axis]
             )));
         }
     }
     lattice(input.path(), &header.dim[1..=n.min(3)])
+}
+
+/// The axes of the samples: colours are beside each other, the fourth axis is time and the fifth has channels.
+fn axes(header: &Header, colours: i64) -> Axes {
+    let n = usize::try_from(header.dim[0]).unwrap_or(0).min(5);
+    let mut axes = vec![(Role::Channel, colours)];
+    for axis in 1..=n {
+        let role = match axis {
+            ..=3 => Role::Space,
+            4 => Role::Time,
+            _ => Role::Channel,
+        };
+        // Unused axes are 1; some writers leave them 0.
+        axes.push((role, if axis > 3 && header.dim[axis] == 0 { 1 } else { header.dim[axis] }));
+    }
+    axes
 }
 
 /// The map from stored numbers to values. A slope that is 0 or not finite means that there is none.

@@ -135,8 +135,13 @@ impl Header {
         if let Some(directions) = &self.directions {
             return directions.get(axis).is_some_and(Option::is_some);
         }
-        let kind = self.get("kinds").and_then(|kinds| kinds.split_ascii_whitespace().nth(axis));
-        kind.is_none_or(|kind| matches!(kind.to_ascii_lowercase().as_str(), "domain" | "space" | "none" | "???"))
+        self.kind(axis).is_none_or(|kind| matches!(kind.as_str(), "domain" | "space"))
+    }
+
+    /// What an axis is, if that is stated.
+    pub(super) fn kind(&self, axis: usize) -> Option<String> {
+        let kind = self.get("kinds")?.split_ascii_whitespace().nth(axis)?.to_ascii_lowercase();
+        (kind != "none" && kind != "???").then_some(kind)
     }
 
     fn parsed<T: std::str::FromStr>(&self, name: &str, text: &str) -> Result<T> {

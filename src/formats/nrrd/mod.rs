@@ -1,17 +1,19 @@
 //! Nearly raw raster data, NRRD0001 to NRRD0005 (<http://teem.sourceforge.net/nrrd/format.html>).
 //!
 //! Read are attached and detached headers, the encodings raw, gzip, text and hex, and samples in one file or in
-//! several. An axis that is not spatial must have one sample: colours, vectors and time series are refused.
+//! several. An axis that is not spatial has channels, such as colours, or points in time.
 
 mod header;
 
 use glam::DVec3;
 
 use self::header::Header;
+use super::LoadOptions;
 use super::decode::{Layout, lattice, read_samples};
 use super::input::Input;
 use super::multifile::DataFiles;
 use super::placement::{Placement, named_unit};
+use super::selection::{Axes, Role, guessed, picked};
 use crate::error::Result;
 use crate::volume::{Endian, SampleType, Units, Volume};
 
@@ -25,24 +27,25 @@ enum Encoding {
 }
 
 /// Reads the volume of a header that begins here.
-pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume> {
+pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let header = Header::read(&mut input)?;
     let sample_type = sample_type(&header)?;
     let encoding = encoding(&header)?;
     let layout = layout(&header, sample_type, encoding)?;
-    let axes = spatial_axes(&header)?;
+    let (axes, roles) = spatial_axes(&header)?;
+    let (pick, contents) = picked(header.path(), &roles, options)?;
     let sizes = axes.map(|a| header.sizes[a]);
     let dims = lattice(header.path(), &sizes)?;
     let placement = placement(&header, axes)?;
-    let grid = placement.grid(header.path(), dims, spacing)?;
-    let count = grid.len();
+    let grid = placement.grid(header.path(), dims, options.spacing)?;
+    let count = pick.all;
 
-    let skip = Skip::new(&header, encoding, count * sample_type.size() as u64)?;
+    let skip = Skip::new(&header, encoding, count.saturating_mul(sample_type.size() as u64))?;
     let files = data_files(&header, &mut input)?;
     let samples = match files {
         None => {
             let part = skip.apply(input, encoding);
-            read_samples(&mut std::iter::once(part), 1, count, sample_type, layout)?
+            read_samples(&mut std::iter::once(part), 1, &pick, sample_type, layout)?
         }
         Some(files) => {
             let n = files.len();
@@ -51,10 +54,10 @@ pub(super) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume
             }
             let skip = Skip { total: skip.total / n as u64, ..skip };
             let mut parts = files.paths().map(|file| skip.apply(Input::open_data(&file)?, encoding));
-            read_samples(&mut parts, n, count, sample_type, layout)?
+            read_samples(&mut parts, n, &pick, sample_type, layout)?
         }
     };
-    Ok(placement.volume(grid, samples)?.with_units(units(&header, axes)))
+    Ok(placement.volume(grid, samples)?.with_units(units(&header, axes)).with_contents(contents))
 }
 
 /// The units that the header states. A unit of length must be that of all three axes.
@@ -102,8 +105,8 @@ fn layout(header: &Header, sample_type: SampleType, encoding: Encoding) -> Resul
     }
 }
 
-/// The three spatial axes, fastest first. All other axes must have one sample.
-fn spatial_axes(header: &Header) -> Result<[usize; 3]> {
+/// The three spatial axes, fastest first, and what all axes are.
+fn spatial_axes(header: &Header) -> Result<([usize; 3], Axes)> {
     let mut axes: Vec<usize> = (0..header.sizes.len()).collect();
     while axes.len() > 3 {
         let single = |&&a: &&usize| header.sizes[a] == 1;
@@ -112,13 +115,36 @@ fn spatial_axes(header: &Header) -> Result<[usize; 3]> {
         let Some(&dropped) = dropped.or_else(|| axes.iter().rev().find(single)) else { break };
         axes.retain(|&a| a != dropped);
     }
-    match axes[..] {
-        [x, y, z] if [x, y, z].iter().all(|&a| header.is_spatial(a) || header.sizes[a] == 1) => Ok([x, y, z]),
+    let sizes: Vec<i64> = axes.iter().map(|&a| header.sizes[a]).collect();
+    let mut roles: Vec<Role> = guessed(&sizes).into_iter().map(|(role, _)| role).collect();
+    if axes.iter().any(|&a| !header.is_spatial(a) && header.sizes[a] != 1) {
+        // A list behind the axes of space is a series of volumes; in front of them it has numbers of each voxel.
+        let last = axes.iter().rposition(|&a| header.is_spatial(a)).unwrap_or(0);
+        for (n, (role, &a)) in roles.iter_mut().zip(&axes).enumerate() {
+            *role = match header.kind(a).as_deref() {
+                _ if header.is_spatial(a) || header.sizes[a] == 1 => Role::Space,
+                Some("time") => Role::Time,
+                Some("list") | None if n > last => Role::Time,
+                _ => Role::Channel,
+            };
+        }
+    }
+    let all: Axes = (0..header.sizes.len())
+        .map(|a| match axes.iter().position(|&kept| kept == a) {
+            Some(n) => (roles[n], header.sizes[a]),
+            // An axis of one sample does not matter.
+            None => (Role::Channel, header.sizes[a]),
+        })
+        .collect();
+    let spatial: Vec<usize> =
+        axes.iter().zip(&roles).filter(|(_, role)| **role == Role::Space).map(|(&a, _)| a).collect();
+    match spatial[..] {
+        [x, y, z] => Ok(([x, y, z], all)),
         _ => {
             let sizes: Vec<String> = header.sizes.iter().map(i64::to_string).collect();
             let kinds = header.get("kinds").map(|k| format!(" and kinds {k}")).unwrap_or_default();
             Err(header.error(format!(
-                "axes of sizes {}{kinds} are not a scalar volume: save one component or one point in time alone",
+                "axes of sizes {}{kinds} are not volumes: expected three axes of space",
                 sizes.join(" ")
             )))
         }

@@ -3,10 +3,12 @@
 use glam::DVec3;
 
 use super::blocks::{Codec, decompressed};
-use super::{At, Lattice, numbers};
-use crate::error::Result;
+use super::{At, Lattice, axes, numbers};
+use crate::error::{Error, Result};
+use crate::formats::LoadOptions;
 use crate::formats::decode::{Layout, lattice, read_all};
 use crate::formats::input::Input;
+use crate::formats::selection::picked;
 use crate::formats::xml::Tag;
 use crate::volume::{Endian, SampleType, Volume};
 
@@ -17,8 +19,26 @@ pub(in crate::formats) fn is_vtk_xml(head: &[u8]) -> bool {
 }
 
 /// Reads the volume of a file that begins here: the array that is named as the active scalars, else the first with one
-/// number per sample; of points, else of cells.
-pub(in crate::formats) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> Result<Volume> {
+/// number per sample, else the first with several; of points, else of cells.
+pub(in crate::formats) fn read(input: Input, options: &LoadOptions) -> Result<Volume> {
+    let again = input.at_most().is_some();
+    let path = input.path().to_owned();
+    match read_array(input, options, false) {
+        Ok(Some(volume)) => Ok(volume),
+        Ok(None) if again => {
+            let found = read_array(Input::open(&path)?, options, true)?;
+            found.ok_or_else(|| Error::format(&path, "has no array of scalars"))
+        }
+        Ok(None) => {
+            Err(Error::format(&path, "has no array of one number per sample, and is a stream: write it to a file"))
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// Reads the array; `several` tells whether it may have several numbers per sample without being named. `None` if
+/// there is no other.
+fn read_array(mut input: Input, options: &LoadOptions, several: bool) -> Result<Option<Volume>> {
     let Some(file) = tag(&mut input, "VTKFile")? else {
         return Err(input.error("is not a VTK file: it has no tag VTKFile"));
     };
@@ -29,13 +49,14 @@ pub(in crate::formats) fn read(mut input: Input, spacing: Option<[f64; 3]>) -> R
     let coding = Coding::of(&file, &input)?;
     let Some(image) = tag(&mut input, "ImageData")? else { return Err(input.error("has no tag ImageData")) };
     let image_lattice = image_lattice(&image, &input)?;
-    let found = find(&mut input, image.get("WholeExtent"))?;
+    let Some(found) = find(&mut input, image.get("WholeExtent"), several)? else { return Ok(None) };
     let (sizes, placement) = image_lattice.placed(found.at);
     let dims = lattice(input.path(), &sizes)?;
-    let grid = placement.grid(input.path(), dims, spacing)?;
+    let grid = placement.grid(input.path(), dims, options.spacing)?;
+    let (pick, contents) = picked(input.path(), &axes(found.components, sizes), options)?;
     let (input, layout) = coding.at_samples(input, found.place)?;
-    let samples = read_all(input, grid.len(), found.sample_type, layout)?;
-    placement.volume(grid, samples)
+    let samples = read_all(input, &pick, found.sample_type, layout)?;
+    Ok(Some(placement.volume(grid, samples)?.with_contents(contents)))
 }
 
 /// The next tag of this name.
@@ -73,6 +94,8 @@ fn image_lattice(image: &Tag, input: &Input) -> Result<Lattice> {
 struct Array {
     at: At,
     sample_type: SampleType,
+    /// The numbers of each sample.
+    components: u64,
     place: Place,
 }
 
@@ -88,9 +111,9 @@ enum Place {
 }
 
 /// Finds the array of scalars and reads up to its tag, or up to the appended data if it is there.
-fn find(input: &mut Input, whole: Option<&str>) -> Result<Array> {
+fn find(input: &mut Input, whole: Option<&str>, several: bool) -> Result<Option<Array>> {
     let (mut at, mut active) = (None, None);
-    let mut refused = Vec::new();
+    let mut refused = false;
     let mut appended: Option<Array> = None;
     while let Some(tag) = Tag::next(input)? {
         match tag.name.as_str() {
@@ -106,34 +129,41 @@ fn find(input: &mut Input, whole: Option<&str>) -> Result<Array> {
                     continue;
                 }
                 let components = tag.get("NumberOfComponents").unwrap_or("1");
-                if components != "1" {
-                    let name = tag.get("Name").unwrap_or_default();
-                    refused.push(format!("{name:?} has {components} numbers per sample"));
+                let components = components
+                    .parse::<u64>()
+                    .map_err(|_| input.error(format!("NumberOfComponents is {components:?}, expected a number")))?;
+                if components != 1 && active.is_none() && !several {
+                    refused = true;
                     continue;
                 }
-                let array = Array { at, sample_type: sample_type(&tag, input)?, place: place(&tag, input)? };
+                let array =
+                    Array { at, sample_type: sample_type(&tag, input)?, components, place: place(&tag, input)? };
                 match array.place {
                     Place::Appended { .. } => appended = Some(array),
-                    Place::Text | Place::Inline => return Ok(array),
+                    Place::Text | Place::Inline => return Ok(Some(array)),
                 }
             }
             "AppendedData" => {
-                let Some(Array { place: Place::Appended { offset, .. }, at, sample_type }) = appended else { break };
+                let Some(Array { place: Place::Appended { offset, .. }, at, sample_type, components }) = appended
+                else {
+                    break;
+                };
                 let base64 = match tag.get("encoding") {
                     Some("raw") => false,
                     Some("base64") | None => true,
                     Some(other) => return Err(input.error(format!("has appended data in the encoding {other:?}"))),
                 };
-                return Ok(Array { at, sample_type, place: Place::Appended { offset, base64 } });
+                let place = Place::Appended { offset, base64 };
+                return Ok(Some(Array { at, sample_type, components, place }));
             }
             _ => {}
         }
     }
-    Err(match (appended, refused.is_empty()) {
-        (Some(_), _) => input.error("is cut short: it has no appended data"),
-        (None, true) => input.error("has no array of scalars"),
-        (None, false) => input.error(format!("has no array of scalars: {}", refused.join(", "))),
-    })
+    match (appended, refused) {
+        (Some(_), _) => Err(input.error("is cut short: it has no appended data")),
+        (None, false) => Err(input.error("has no array of scalars")),
+        (None, true) => Ok(None),
+    }
 }
 
 /// Whether two lists of numbers are the same.

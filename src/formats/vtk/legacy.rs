@@ -2,25 +2,37 @@
 
 use glam::DVec3;
 
-use super::{At, Lattice, numbers};
+use super::{At, Lattice, axes, numbers};
 use crate::error::Result;
+use crate::formats::LoadOptions;
 use crate::formats::decode::{Layout, lattice, read_all};
 use crate::formats::input::Input;
+use crate::formats::selection::picked;
 use crate::volume::{Endian, SampleType, Volume};
 
 /// The first bytes of every legacy file.
 pub(in crate::formats) const MAGIC: &[u8] = b"# vtk DataFile Version";
 
-/// Reads the volume of a header that begins here: its first array with one number per sample.
-pub(in crate::formats) fn read(input: Input, spacing: Option<[f64; 3]>) -> Result<Volume> {
+/// Reads the volume of a header that begins here: its first array with one number per sample, or else with several.
+pub(in crate::formats) fn read(input: Input, options: &LoadOptions) -> Result<Volume> {
+    let path = input.path().to_owned();
+    let again = input.at_most().is_some();
     let mut reader = Reader::open(input)?;
-    let (at, sample_type) = reader.find()?;
+    let (at, sample_type, components) = match reader.find(false)? {
+        Some(found) => found,
+        None if again && reader.passed => {
+            reader = Reader::open(Input::open(&path)?)?;
+            reader.find(true)?.ok_or_else(|| reader.input.error("has changed while it was read"))?
+        }
+        None => return Err(reader.input.error("has no array with one number per sample")),
+    };
     let Reader { input, layout, lattice: placed, .. } = reader;
     let (sizes, placement) = placed.placed(at);
-    let dims = lattice(input.path(), &sizes)?;
-    let grid = placement.grid(input.path(), dims, spacing)?;
-    let samples = read_all(input, grid.len(), sample_type, layout)?;
-    placement.volume(grid, samples)
+    let dims = lattice(&path, &sizes)?;
+    let grid = placement.grid(&path, dims, options.spacing)?;
+    let (pick, contents) = picked(&path, &axes(components, sizes), options)?;
+    let samples = read_all(input, &pick, sample_type, layout)?;
+    Ok(placement.volume(grid, samples)?.with_contents(contents))
 }
 
 struct Reader {
@@ -29,6 +41,8 @@ struct Reader {
     lattice: Lattice,
     /// What the arrays to come belong to, and their number.
     of: Option<(At, u64)>,
+    /// Whether an array with several numbers per sample was passed.
+    passed: bool,
 }
 
 impl Reader {
@@ -46,11 +60,11 @@ impl Reader {
             _ => return Err(input.error(format!("its third line is {coding:?}, expected ASCII or BINARY"))),
         };
         let lattice = Lattice { extent: [[0, -1]; 3], spacing: [1.0; 3], origin: DVec3::ZERO, directions: DVec3::AXES };
-        Ok(Self { input, layout, lattice, of: None })
+        Ok(Self { input, layout, lattice, of: None, passed: false })
     }
 
-    /// Reads up to the first sample of the array.
-    fn find(&mut self) -> Result<(At, SampleType)> {
+    /// Reads up to the first sample of the array; `several` tells whether it may have several numbers per sample.
+    fn find(&mut self, several: bool) -> Result<Option<(At, SampleType, u64)>> {
         while let Some(line) = self.input.line()? {
             let line = line.trim();
             let Some(keyword) = line.split_ascii_whitespace().next() else { continue };
@@ -87,23 +101,31 @@ impl Reader {
                     if !table.trim().to_ascii_uppercase().starts_with("LOOKUP_TABLE") {
                         return Err(self.input.error(format!("expected LOOKUP_TABLE before samples, not {table:?}")));
                     }
-                    if components == "1" {
-                        return Ok((at, self.sample_type(kind)?));
+                    let components = components.parse().map_err(|_| bad(&self.input))?;
+                    if components == 1 || several {
+                        return Ok(Some((at, self.sample_type(kind)?, components)));
                     }
-                    self.skip(kind, components.parse().map_err(|_| bad(&self.input))?, count)?;
+                    self.pass(kind, components, count)?;
                 }
                 // Bytes; in text they are fractions of 255.
                 "COLOR_SCALARS" => {
                     let (at, count) = self.of.ok_or_else(|| bad(&self.input))?;
                     let components = words.get(1).and_then(|text| text.parse().ok()).ok_or_else(|| bad(&self.input))?;
-                    if components == 1 && self.layout != Layout::Text {
-                        return Ok((at, SampleType::U8));
+                    if (components == 1 || several) && self.layout != Layout::Text {
+                        return Ok(Some((at, SampleType::U8, components)));
                     }
-                    self.skip("unsigned_char", components, count)?;
+                    match self.layout {
+                        Layout::Text => self.skip("unsigned_char", components, count)?,
+                        Layout::Binary(_) => self.pass("unsigned_char", components, count)?,
+                    }
                 }
                 "VECTORS" | "NORMALS" => {
-                    let (_, count) = self.of.ok_or_else(|| bad(&self.input))?;
-                    self.skip(words.get(1).ok_or_else(|| bad(&self.input))?, 3, count)?;
+                    let (at, count) = self.of.ok_or_else(|| bad(&self.input))?;
+                    let kind = words.get(1).ok_or_else(|| bad(&self.input))?;
+                    if several {
+                        return Ok(Some((at, self.sample_type(kind)?, 3)));
+                    }
+                    self.pass(kind, 3, count)?;
                 }
                 // Its arrays follow, each behind a line of its own.
                 "FIELD" => {}
@@ -115,15 +137,22 @@ impl Reader {
                     let number = |text: &str| text.parse::<u64>().map_err(|_| bad(&self.input));
                     let (components, tuples) = (number(components)?, number(tuples)?);
                     match self.of {
-                        Some((at, count)) if (components, tuples) == (1, count) => {
-                            return Ok((at, self.sample_type(kind)?));
+                        Some((at, count)) if tuples == count && (components == 1 || several) => {
+                            return Ok(Some((at, self.sample_type(kind)?, components)));
                         }
+                        Some((_, count)) if tuples == count => self.pass(kind, components, tuples)?,
                         _ => self.skip(kind, components, tuples)?,
                     }
                 }
             }
         }
-        Err(self.input.error("has no array with one number per sample"))
+        Ok(None)
+    }
+
+    /// Skips an array with several numbers per sample.
+    fn pass(&mut self, kind: &str, components: u64, tuples: u64) -> Result<()> {
+        self.passed = true;
+        self.skip(kind, components, tuples)
     }
 
     fn sample_type(&self, name: &str) -> Result<SampleType> {

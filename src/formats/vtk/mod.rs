@@ -7,6 +7,7 @@ pub(super) mod legacy;
 use glam::DVec3;
 
 use super::placement::Placement;
+use super::selection::Role;
 
 /// Where samples lie in the image: an array belongs to points or to cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,6 +43,12 @@ impl Lattice {
         }
         (sizes, Placement { directions: self.directions, spacing: self.spacing, origin, oriented: false })
     }
+}
+
+/// The axes of an array with so many numbers for each sample of a lattice.
+fn axes(components: u64, [x, y, z]: [i64; 3]) -> [(Role, i64); 4] {
+    let channels = i64::try_from(components).unwrap_or(i64::MAX);
+    [(Role::Channel, channels), (Role::Space, x), (Role::Space, y), (Role::Space, z)]
 }
 
 /// As many numbers as the array has, separated by blanks; `None` if there are not so many.

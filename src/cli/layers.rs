@@ -1,0 +1,202 @@
+//! Labels and masks beside the volume of a job.
+
+use std::path::{Path, PathBuf};
+
+use voxsplat::Background;
+use voxsplat::formats::{self, LoadOptions};
+use voxsplat::layers::{Label, LabelCount, Labels, Layer, Layers, Which, count_labels};
+use voxsplat::transfer::TransferFunction;
+use voxsplat::volume::Volume;
+
+use super::args::LayerArgs;
+use super::info::short;
+use super::{Failure, output};
+
+/// The name of the transfer function that says: values are labels.
+pub(super) const LABELS: &str = "labels";
+
+/// What labels are to look like.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct LabelArg {
+    which: Which,
+    look: LookArg,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum LookArg {
+    Opacity(f64),
+    Color([f64; 3]),
+}
+
+/// `WHICH:OPACITY`, `WHICH:on`, `WHICH:off` or `WHICH:COLOUR`.
+pub(super) fn label(text: &str) -> Result<LabelArg, String> {
+    let expected = "expected WHICH:LOOK; WHICH is all, numbers such as 1,4,7-9, or a name, and LOOK an opacity from 0 \
+                    to 1, on, off or a colour";
+    let (which, look) = text.rsplit_once(':').ok_or(expected)?;
+    let look = match (look, look.parse::<f64>(), look.parse()) {
+        ("on", ..) => LookArg::Opacity(1.0),
+        ("off", ..) => LookArg::Opacity(0.0),
+        (_, Ok(opacity), _) if (0.0..=1.0).contains(&opacity) => LookArg::Opacity(opacity),
+        (_, Err(_), Ok(Background::Color(color))) => LookArg::Color(color),
+        _ => return Err(expected.to_owned()),
+    };
+    Ok(LabelArg { which: which.parse().map_err(|_| expected)?, look })
+}
+
+/// What a job draws beside its volume, or in place of its values.
+#[derive(Debug, Clone, Default)]
+pub(super) struct LayersJob {
+    /// Whether the volume is one of labels.
+    alone: bool,
+    labels: Option<PathBuf>,
+    looks: Labels,
+    mask: Option<(PathBuf, Which)>,
+}
+
+/// The labels of a table, changed as options ask.
+pub(super) fn looks(table: Option<&Path>, changes: &[LabelArg], opacity: f64) -> Result<Labels, Failure> {
+    let mut labels = table.map(Labels::load).transpose()?.unwrap_or_default();
+    for LabelArg { which, look } in changes {
+        labels = match *look {
+            LookArg::Opacity(opacity) => labels.with_opacity(which.clone(), opacity)?,
+            LookArg::Color(color) => labels.with_color(which.clone(), color),
+        };
+    }
+    Ok(labels.thinned(opacity)?)
+}
+
+impl LayersJob {
+    pub(super) fn new(args: &LayerArgs, alone: bool) -> Result<Self, Failure> {
+        let LayerArgs { labels, label_table, label, label_opacity, mask } = args;
+        if alone && labels.is_some() {
+            let message = "--labels: the volume is one of labels itself, by --transfer labels";
+            return Err(Failure::Usage(message.to_owned()));
+        }
+        if !alone && labels.is_none() {
+            let needing = [
+                ("label-table", label_table.is_some()),
+                ("label", !label.is_empty()),
+                ("label-opacity", label_opacity.is_some()),
+            ];
+            if let Some((name, _)) = needing.into_iter().find(|(_, given)| *given) {
+                return Err(Failure::Usage(format!("--{name} needs --labels FILE or --transfer labels")));
+            }
+        }
+        let looks = looks(label_table.as_deref(), label, label_opacity.unwrap_or(1.0))?;
+        Ok(Self { alone, labels: labels.clone(), looks, mask: mask.as_deref().map(masked).transpose()? })
+    }
+
+    /// Whether there is nothing but the values of the volume.
+    pub(super) fn is_plain(&self) -> bool {
+        !self.has_labels() && self.mask.is_none()
+    }
+
+    /// Whether there are labels among what is drawn.
+    pub(super) fn has_labels(&self) -> bool {
+        self.alone || self.labels.is_some()
+    }
+
+    /// What is drawn of a volume. `read` reads other ones.
+    pub(super) fn layers(
+        &self,
+        volume: &Volume,
+        transfer: &TransferFunction,
+        mut read: impl FnMut(&Path) -> Result<Volume, Failure>,
+    ) -> Result<Layers, Failure> {
+        let base = if self.alone { Layer::labels(volume, &self.looks)? } else { Layer::scalars(volume, transfer) };
+        let base = match &self.mask {
+            Some((path, which)) => base.masked(&read(path)?, which)?,
+            None => base,
+        };
+        let layers = Layers::new(base);
+        match &self.labels {
+            Some(path) => Ok(layers.with(Layer::labels(&read(path)?, &self.looks)?)?),
+            None => Ok(layers),
+        }
+    }
+}
+
+/// `FILE` or `FILE:LABELS`: the file, and the rest from the colon on.
+pub(super) fn parted(text: &Path) -> (PathBuf, &str) {
+    let parts = text.to_str().and_then(|text| Some((text, text.rfind(':')?)));
+    match parts.map(|(text, at)| (&text[..at], &text[at..], text[at + 1..].parse())) {
+        Some((file, labels, Ok(Which::All | Which::Numbers(_)))) => (PathBuf::from(file), labels),
+        // A path with a colon in it, such as C:\mask.nrrd, means itself.
+        _ => (text.to_owned(), ""),
+    }
+}
+
+/// The file of a mask and its labels: all but 0 if none are given.
+fn masked(text: &Path) -> Result<(PathBuf, Which), Failure> {
+    let (file, labels) = parted(text);
+    Ok((file, labels.strip_prefix(':').map_or(Ok(Which::All), str::parse)?))
+}
+
+/// Reads a volume of labels. NaN is label 0.
+pub(super) fn read(path: &Path) -> Result<Volume, Failure> {
+    Ok(formats::load(path, &LoadOptions { replace_nan: Some(0.0), ..LoadOptions::default() })?)
+}
+
+/// The labels of a volume as `info` lists them.
+#[derive(serde::Serialize)]
+pub(super) struct Listed {
+    #[serde(flatten)]
+    count: LabelCount,
+    name: String,
+    color: String,
+    opacity: f64,
+    /// Cubic world units.
+    volume: f64,
+}
+
+pub(super) fn list(volume: &Volume, looks: &Labels) -> Result<Vec<Listed>, Failure> {
+    let cell = volume.grid().to_world().matrix3.determinant().abs();
+    let listed = |count: LabelCount| {
+        let Label { name, color, opacity } = looks.label(count.label);
+        let [r, g, b] = color.map(|channel| (255.0 * channel).round() as u8);
+        let volume = count.voxels as f64 * cell;
+        Listed { count, name, color: format!("#{r:02x}{g:02x}{b:02x}"), opacity, volume }
+    };
+    Ok(count_labels(volume)?.into_iter().map(listed).collect())
+}
+
+/// Prints a list of labels.
+pub(super) fn print(listed: &[Listed], unit: &str) -> Result<(), Failure> {
+    let header = format!("{:>12}  {:<7} {:>7} {:>12} {:>16}  name\n", "label", "colour", "opacity", "voxels", unit);
+    let line = |listed: &Listed| {
+        let Listed { count: LabelCount { label, voxels }, name, color, opacity, volume } = listed;
+        let volume = short(*volume);
+        format!("{label:>12}  {color:<7} {opacity:>7} {voxels:>12} {volume:>16}  {name}").trim_end().to_owned() + "\n"
+    };
+    output::print(&(header + &listed.iter().map(line).collect::<String>()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_are_told_by_number_range_and_name() {
+        let numbers = |ranges: &[[i64; 2]]| Which::Numbers(ranges.to_vec());
+        for (text, which, look) in [
+            ("3:0.5", numbers(&[[3, 3]]), LookArg::Opacity(0.5)),
+            ("-4--2,7:off", numbers(&[[-4, -2], [7, 7]]), LookArg::Opacity(0.0)),
+            ("all:on", Which::All, LookArg::Opacity(1.0)),
+            ("Left kidney:#ff0000", Which::Name("Left kidney".to_owned()), LookArg::Color([1.0, 0.0, 0.0])),
+            ("a:b:red", Which::Name("a:b".to_owned()), LookArg::Color([1.0, 0.0, 0.0])),
+        ] {
+            assert_eq!(label(text), Ok(LabelArg { which, look }), "{text}");
+        }
+        for bad in ["3", "3:2", ":0.5", "3:-1", "3:transparent"] {
+            assert!(label(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn masks_have_labels_behind_their_file() {
+        let of = |text: &str| masked(Path::new(text)).unwrap();
+        assert_eq!(of("m.nrrd"), (PathBuf::from("m.nrrd"), Which::All));
+        assert_eq!(of("C:/m.nrrd"), (PathBuf::from("C:/m.nrrd"), Which::All));
+        assert_eq!(of("C:/m.nrrd:2,5-6"), (PathBuf::from("C:/m.nrrd"), Which::Numbers(vec![[2, 2], [5, 6]])));
+    }
+}

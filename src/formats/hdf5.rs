@@ -1,0 +1,348 @@
+//! HDF5 and NetCDF: one data set of a file, with the coordinates, fill values and scales that NetCDF states
+//! (<https://cfconventions.org>).
+//!
+//! The crate `netcdf-reader` reads NetCDF of all kinds, and HDF5 as NetCDF whose axes have no names. A data set is read
+//! slab by slab.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::DVec3;
+use hdf5_reader::storage::FileStorage;
+use netcdf_reader::{
+    NcAttribute, NcDimension, NcFile, NcGroup, NcMetadataMode, NcOpenOptions, NcReadable, NcSliceInfo, NcSliceInfoElem,
+    NcType, NcVariable,
+};
+
+use super::LoadOptions;
+use super::decode::{lattice, samples_in};
+use super::input::{Input, hinted};
+use super::placement::{Placement, named_unit, plain_name};
+use super::selection::{Role, chosen, guessed};
+use crate::error::{Error, Hint, Result};
+use crate::memory::reserved;
+use crate::volume::{MAX_DIM, Number, Samples, Stored, Units, Volume};
+
+/// The most data sets of a file, and the deepest groups.
+const MAX_SETS: usize = 4096;
+const MAX_DEPTH: usize = 32;
+
+/// The most bytes that are read at once, if an index of the slowest axis does not take more.
+const SLAB: u64 = 64 << 20;
+
+/// The largest chunk and the largest slab, in bytes.
+const MAX_CHUNK: usize = 1 << 30;
+
+/// What NetCDF writes where nothing was written, in numbers of floating point.
+const NOT_WRITTEN: [f64; 2] = [9.969_209_968_386_869e36, 9.969_21e36_f32 as f64];
+
+/// A data set, and the groups it is in, the innermost first.
+struct Set<'a> {
+    path: String,
+    variable: &'a NcVariable,
+    groups: Vec<(String, &'a NcGroup)>,
+}
+
+/// An axis of a data set.
+struct Axis {
+    size: u64,
+    role: Role,
+    /// The first coordinate and the distance between two, if coordinates are stated and equally spaced.
+    place: Option<[f64; 2]>,
+    unit: Option<String>,
+}
+
+/// Reads the volume of a data set, or of the only one.
+pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
+    let path = input.path();
+    let Some((file, _)) = input.plain_file()? else {
+        return Err(input.error("is a file of HDF5 or NetCDF in a stream or in gzip: write it to a file, decompressed"));
+    };
+    let failed =
+        |error: &dyn std::fmt::Display| input.error(format!("is damaged, or of a kind that is not read: {error}"));
+    let storage = FileStorage::from_file(file).map_err(|error| failed(&error))?;
+    let settings = NcOpenOptions {
+        chunk_cache_bytes: SLAB as usize,
+        metadata_mode: NcMetadataMode::Lossy,
+        max_chunk_bytes: MAX_CHUNK,
+        max_read_bytes: MAX_CHUNK,
+        ..NcOpenOptions::default()
+    };
+    let file = NcFile::from_storage_with_options(Arc::new(storage), settings).map_err(|error| failed(&error))?;
+    let root = file.root_group().map_err(|error| failed(&error))?;
+    if root.group("minc-2.0").is_some() {
+        return Err(input.error("is a MINC file, whose scales are not read: convert it with mnc2nii"));
+    }
+    let mut sets = Vec::new();
+    collect(root, "", &[], &mut sets);
+    let set = one_of(path, &sets, inside)?;
+    let axes = axes(&file, set);
+    // The slowest comes first in the file; axes of one sample do not count if there are more than three of space.
+    let mut space: Vec<usize> = (0..axes.len()).rev().filter(|&axis| axes[axis].role == Role::Space).collect();
+    while let Some(single) = space.iter().position(|&axis| axes[axis].size == 1).filter(|_| space.len() > 3) {
+        space.remove(single);
+    }
+    if space.len() > 3 {
+        return Err(input.error(format!("{} has {} axes of space, expected at most 3", set.path, space.len())));
+    }
+    let sizes: Vec<i64> = space.iter().map(|&axis| i64::try_from(axes[axis].size).unwrap_or(i64::MAX)).collect();
+    let dims = lattice(path, &sizes)?;
+    let (placement, length) = placement(&axes, &space);
+    let grid = placement.grid(path, dims, options.spacing)?;
+    let count = |role: Role| axes.iter().filter(|a| a.role == role).fold(1_u64, |n, a| n.saturating_mul(a.size));
+    let contents = chosen(path, options, count(Role::Channel), count(Role::Time))?;
+    let (mut channel, mut time) = (u64::from(contents.channel), u64::from(contents.time));
+    let mut selections: Vec<NcSliceInfoElem> = axes
+        .iter()
+        .rev()
+        .map(|axis| {
+            let number = match axis.role {
+                Role::Space => return NcSliceInfoElem::Slice { start: 0, end: axis.size, step: 1 },
+                Role::Channel => &mut channel,
+                Role::Time => &mut time,
+            };
+            let index = *number % axis.size;
+            *number /= axis.size;
+            NcSliceInfoElem::Slice { start: index, end: index + 1, step: 1 }
+        })
+        .collect();
+    selections.reverse();
+    let slabs = Slabs { file: &file, set, selections, slowest: space.last().copied(), path };
+    let unsigned = text(&set.variable.attributes, "_Unsigned").is_some_and(|text| text == "true");
+    let samples = slabs.samples(&set.variable.dtype, unsigned, grid.len())?;
+    let samples = without_fill(samples, &set.variable.attributes, path)?;
+    let number = |name: &str| attribute(&set.variable.attributes, name).and_then(|a| a.value.as_f64());
+    let (slope, intercept) = (number("scale_factor").unwrap_or(1.0), number("add_offset").unwrap_or(0.0));
+    let units = Units { length, value: text(&set.variable.attributes, "units").and_then(|unit| named_unit(&unit)) };
+    let volume = placement.volume(grid, Stored::Memory(Arc::new(samples)))?.with_units(units).with_contents(contents);
+    volume.with_rescale(slope, intercept).map_err(|error| input.error(format!("{}: {error}", set.path)))
+}
+
+/// Notes the data sets of a group and of those in it.
+fn collect<'a>(group: &'a NcGroup, path: &str, outer: &[(String, &'a NcGroup)], sets: &mut Vec<Set<'a>>) {
+    let mut groups = vec![(path.to_owned(), group)];
+    groups.extend_from_slice(outer);
+    for variable in &group.variables {
+        if sets.len() < MAX_SETS {
+            sets.push(Set { path: format!("{path}/{}", variable.name), variable, groups: groups.clone() });
+        }
+    }
+    if groups.len() < MAX_DEPTH {
+        for inner in &group.groups {
+            let name = inner.name.rsplit('/').next().unwrap_or_default();
+            collect(inner, &format!("{path}/{name}"), &groups, sets);
+        }
+    }
+}
+
+/// The data set of that path, or the only one that is a volume, or else a plane.
+fn one_of<'a, 'b>(path: &Path, sets: &'b [Set<'a>], inside: Option<&str>) -> Result<&'b Set<'a>> {
+    let axes = |set: &Set<'_>| set.variable.dimensions.iter().filter(|axis| axis.size > 1).count();
+    let numeric = |set: &&Set<'_>| is_numeric(&set.variable.dtype) && !set.variable.is_coordinate_variable();
+    let of = |least: usize| sets.iter().filter(numeric).filter(|set| axes(set) >= least).collect::<Vec<_>>();
+    let listed = |sets: &[&Set<'_>]| {
+        let line = |set: &&Set<'_>| {
+            let sizes: Vec<String> = set.variable.dimensions.iter().map(|axis| axis.size.to_string()).collect();
+            format!("{} of {}", plain_name(&set.path).unwrap_or_default(), sizes.join(" x "))
+        };
+        sets.iter().take(12).map(line).collect::<Vec<_>>().join(", ")
+    };
+    if let Some(name) = inside {
+        let asked = name.trim_start_matches('/');
+        return sets.iter().find(|set| set.path.trim_start_matches('/') == asked).ok_or_else(|| {
+            let reason = format!("has no data set {name:?}: there are {}", listed(&of(0)));
+            Error::format(path, reason)
+        });
+    }
+    let found = [3, 2].into_iter().map(of).find(|sets| !sets.is_empty()).unwrap_or_default();
+    match found[..] {
+        [set] => Ok(set),
+        [] => Err(Error::format(path, "has no data set of numbers with two axes or three")),
+        _ => {
+            let reason = format!("holds {} data sets: {}", found.len(), listed(&found));
+            Err(hinted(Error::format(path, reason), Hint::ChooseDataset))
+        }
+    }
+}
+
+fn is_numeric(kind: &NcType) -> bool {
+    match kind {
+        NcType::Char => false,
+        NcType::Enum { base, .. } => is_numeric(base),
+        _ => kind.is_primitive(),
+    }
+}
+
+fn attribute<'a>(attributes: &'a [NcAttribute], name: &str) -> Option<&'a NcAttribute> {
+    attributes.iter().find(|attribute| attribute.name == name)
+}
+
+fn text(attributes: &[NcAttribute], name: &str) -> Option<String> {
+    attribute(attributes, name)?.value.as_string()
+}
+
+/// The axes of a data set, the slowest first.
+fn axes(file: &NcFile, set: &Set<'_>) -> Vec<Axis> {
+    let axes = &set.variable.dimensions;
+    let named = |axis: &NcDimension| {
+        let coordinate = set.groups.iter().find_map(|(path, group)| {
+            let found = group.variables.iter().find(|variable| variable.name == axis.name && variable.ndim() == 1);
+            found.map(|variable| (format!("{path}/{}", variable.name), variable))
+        });
+        let of = |name: &str| coordinate.as_ref().and_then(|(_, variable)| text(&variable.attributes, name));
+        let unit = of("units").unwrap_or_default();
+        let name = axis.name.to_ascii_lowercase();
+        let is_time = of("axis").is_some_and(|axis| axis == "T")
+            || of("standard_name").is_some_and(|name| name == "time")
+            || unit.contains(" since ")
+            || ["t", "time"].contains(&name.as_str());
+        let role = match () {
+            () if is_time => Role::Time,
+            () if ["c", "channel", "channels", "component", "band"].contains(&name.as_str()) => Role::Channel,
+            () => Role::Space,
+        };
+        let values = coordinate.filter(|_| axis.size <= u64::from(MAX_DIM) && role == Role::Space);
+        let values = values.and_then(|(path, _)| file.read_variable_as_f64(&path).ok());
+        let place = values.as_ref().and_then(|values| values.as_slice()).and_then(equal_steps);
+        Axis { size: axis.size, role, place, unit: named_unit(&unit) }
+    };
+    let mut axes: Vec<Axis> = axes.iter().map(named).collect();
+    // Axes whose names say nothing.
+    let unknown = axes.iter().all(|axis| axis.role == Role::Space && axis.place.is_none());
+    if unknown && axes.len() > 3 {
+        let sizes: Vec<i64> = axes.iter().rev().map(|axis| i64::try_from(axis.size).unwrap_or(i64::MAX)).collect();
+        let roles = guessed(&sizes);
+        axes.iter_mut().rev().zip(roles).for_each(|(axis, (role, _))| axis.role = role);
+    }
+    axes
+}
+
+/// The first of some coordinates and the step between them, if all steps are the same within a thousandth.
+fn equal_steps(values: &[f64]) -> Option<[f64; 2]> {
+    let ([first, .., last], count) = (values, values.len()) else { return None };
+    let step = (last - first) / (count - 1) as f64;
+    let equal = |pair: &[f64]| (pair[1] - pair[0] - step).abs() <= 1e-3 * step.abs();
+    (step.is_finite() && step != 0.0 && values.windows(2).all(equal)).then_some([*first, step])
+}
+
+/// The position of the lattice with these axes of space, the fastest first, and the unit of lengths.
+fn placement(axes: &[Axis], space: &[usize]) -> (Placement, Option<String>) {
+    let mut placement = Placement::axis_parallel([1.0; 3]);
+    let Some(unit) = space.first().map(|&axis| &axes[axis].unit) else { return (placement, None) };
+    // Degrees along two axes and metres along the third are no lengths in one space.
+    let alike =
+        space.iter().all(|&axis| (axes[axis].place.is_some() || axes[axis].size == 1) && axes[axis].unit == *unit);
+    if !alike {
+        return (placement, None);
+    }
+    for (n, &axis) in space.iter().enumerate() {
+        let [first, step] = axes[axis].place.unwrap_or([0.0, 1.0]);
+        placement.directions[n] = DVec3::AXES[n] * step.signum();
+        placement.spacing[n] = step.abs();
+        placement.origin[n] = first;
+    }
+    (placement, unit.clone())
+}
+
+/// How the samples of a data set are read.
+struct Slabs<'a> {
+    file: &'a NcFile,
+    set: &'a Set<'a>,
+    selections: Vec<NcSliceInfoElem>,
+    /// The slowest axis of space.
+    slowest: Option<usize>,
+    path: &'a Path,
+}
+
+impl Slabs<'_> {
+    fn samples(&self, kind: &NcType, unsigned: bool, count: u64) -> Result<Samples> {
+        Ok(match kind {
+            NcType::Byte if unsigned => {
+                let signed = self.read::<i8>(count)?;
+                Samples::U8(signed.into_iter().map(i8::cast_unsigned).collect())
+            }
+            NcType::Byte => Samples::I8(self.read(count)?),
+            NcType::UByte => Samples::U8(self.read(count)?),
+            NcType::Short => Samples::I16(self.read(count)?),
+            NcType::UShort => Samples::U16(self.read(count)?),
+            NcType::Int => Samples::I32(self.read(count)?),
+            NcType::UInt => Samples::U32(self.read(count)?),
+            NcType::Int64 => Samples::I64(self.read(count)?),
+            NcType::UInt64 => Samples::U64(self.read(count)?),
+            NcType::Float => Samples::F32(self.read(count)?),
+            NcType::Double => Samples::F64(self.read(count)?),
+            NcType::Enum { base, .. } => self.samples(base, unsigned, count)?,
+            _ => {
+                let reason = format!("{} has no numbers: expected integers or floats", self.set.path);
+                return Err(Error::format(self.path, reason));
+            }
+        })
+    }
+
+    fn read<T: Number + NcReadable>(&self, count: u64) -> Result<Vec<T>> {
+        let mut samples: Vec<T> = reserved(count, || samples_in(self.path))?;
+        let mut selections = self.selections.clone();
+        let (slowest, size) = match self.slowest.and_then(|axis| Some((axis, self.selections.get(axis)?))) {
+            Some((axis, NcSliceInfoElem::Slice { end, .. })) => (axis, *end),
+            _ => return Err(Error::format(self.path, format!("{} has no axes", self.set.path))),
+        };
+        let thick = (SLAB * size / (count * size_of::<T>() as u64).max(1)).clamp(1, size);
+        for start in (0..size).step_by(thick as usize) {
+            selections[slowest] = NcSliceInfoElem::Slice { start, end: size.min(start + thick), step: 1 };
+            let slab = NcSliceInfo { selections: selections.clone() };
+            let read = self.file.read_variable_slice::<T>(&self.set.path, &slab).map_err(|error| {
+                Error::format(
+                    self.path,
+                    format!("{} is damaged, or of a kind that is not read: {error}", self.set.path),
+                )
+            })?;
+            match read.as_slice() {
+                Some(slab) => samples.extend_from_slice(slab),
+                None => samples.extend(read.iter().copied()),
+            }
+        }
+        if samples.len() as u64 == count {
+            return Ok(samples);
+        }
+        Err(Error::format(self.path, format!("is cut short: {count} samples expected, {} are there", samples.len())))
+    }
+}
+
+/// Samples with NaN in place of those that stand for none. Integers become floats if there are such.
+fn without_fill(mut samples: Samples, attributes: &[NcAttribute], path: &Path) -> Result<Samples> {
+    let stated = ["_FillValue", "missing_value"].into_iter().filter_map(|name| attribute(attributes, name));
+    let mut fill: Vec<f64> = stated.filter_map(|attribute| attribute.value.as_f64_vec()).flatten().take(16).collect();
+    fn filled<T: crate::volume::ToF64>(samples: &[T], fill: &[f64]) -> bool {
+        !fill.is_empty() && samples.iter().any(|sample| fill.contains(&sample.to_f64()))
+    }
+    macro_rules! with_nan {
+        ($samples:ident as $t:ty, $variant:ident) => {{
+            if !filled(&$samples, &fill) {
+                return Ok(samples);
+            }
+            let mut floats: Vec<$t> = reserved($samples.len() as u64, || samples_in(path))?;
+            floats.extend($samples.iter().map(|&s| if fill.contains(&(s as f64)) { <$t>::NAN } else { s as $t }));
+            Ok(Samples::$variant(floats))
+        }};
+    }
+    match &mut samples {
+        Samples::U8(s) => with_nan!(s as f32, F32),
+        Samples::I8(s) => with_nan!(s as f32, F32),
+        Samples::U16(s) => with_nan!(s as f32, F32),
+        Samples::I16(s) => with_nan!(s as f32, F32),
+        Samples::U32(s) => with_nan!(s as f64, F64),
+        Samples::I32(s) => with_nan!(s as f64, F64),
+        Samples::U64(s) => with_nan!(s as f64, F64),
+        Samples::I64(s) => with_nan!(s as f64, F64),
+        Samples::F32(s) => {
+            fill.extend(NOT_WRITTEN);
+            s.iter_mut().filter(|s| fill.contains(&f64::from(**s))).for_each(|s| *s = f32::NAN);
+            Ok(samples)
+        }
+        Samples::F64(s) => {
+            fill.extend(NOT_WRITTEN);
+            s.iter_mut().filter(|s| fill.contains(*s)).for_each(|s| *s = f64::NAN);
+            Ok(samples)
+        }
+    }
+}

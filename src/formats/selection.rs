@@ -1,0 +1,261 @@
+//! One volume of a file that holds several: a channel at a point in time.
+
+use std::path::Path;
+
+use super::LoadOptions;
+use super::input::hinted;
+use crate::error::{Error, Hint, Result};
+use crate::volume::{Channel, Contents};
+
+/// What an axis of the samples of a file runs along.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Role {
+    Space,
+    Channel,
+    Time,
+}
+
+/// The axes of the samples of a file with their sizes, the fastest first.
+pub(super) type Axes = Vec<(Role, i64)>;
+
+/// Which samples of a file are those of the volume: runs of `run` samples, each `step` samples behind the last.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Pick {
+    first: u64,
+    pub(super) step: u64,
+    pub(super) run: u64,
+    /// The number of runs along each axis beyond, and the samples from one to the next; fastest first.
+    beyond: Vec<[u64; 2]>,
+    /// All samples of the file.
+    pub(super) all: u64,
+}
+
+impl Pick {
+    /// All of so many samples.
+    pub(super) fn all(count: u64) -> Self {
+        Self { first: 0, step: 1, run: count, beyond: Vec::new(), all: count }
+    }
+
+    /// The samples at the chosen indices of some axes and at all of the others; the fastest axis is the first.
+    fn of(axes: &[(u64, Option<u64>)]) -> Option<Self> {
+        let mut pick = Self { all: 1, ..Self::all(1) };
+        for &(size, index) in axes {
+            let stride = pick.all;
+            match index {
+                Some(index) => pick.first += index * stride,
+                None if size == 1 => {}
+                None if pick.run == 1 => (pick.step, pick.run) = (stride, size),
+                None if pick.beyond.is_empty() && stride == pick.step * pick.run => pick.run *= size,
+                None => pick.beyond.push([size, stride]),
+            }
+            pick.all = stride.checked_mul(size)?;
+        }
+        Some(pick)
+    }
+
+    /// The number of samples.
+    pub(super) fn len(&self) -> u64 {
+        self.run * self.runs()
+    }
+
+    pub(super) fn runs(&self) -> u64 {
+        self.beyond.iter().map(|[size, _]| size).product()
+    }
+
+    /// The place of the first sample of a run.
+    pub(super) fn start(&self, mut run: u64) -> u64 {
+        let mut start = self.first;
+        for [size, stride] in &self.beyond {
+            start += run % size * stride;
+            run /= size;
+        }
+        start
+    }
+
+    /// The place of a sample.
+    pub(super) fn place(&self, sample: u64) -> u64 {
+        self.start(sample / self.run) + sample % self.run * self.step
+    }
+
+    /// The place behind the last sample.
+    pub(super) fn end(&self) -> u64 {
+        self.start(self.runs().saturating_sub(1)) + (self.run - 1) * self.step + 1
+    }
+
+    /// The place of the first sample, if the others follow it without gaps.
+    pub(super) fn in_one_piece(&self) -> Option<u64> {
+        (self.step == 1 && self.beyond.is_empty()).then_some(self.first)
+    }
+}
+
+/// The channel and the point in time that the options ask for. Without a choice the first point in time is taken; of
+/// several channels one must be chosen.
+pub(super) fn chosen(path: &Path, options: &LoadOptions, channels: u64, times: u64) -> Result<Contents> {
+    let number = |name: &'static str, found: u64| match u32::try_from(found) {
+        Ok(found) if found > 0 => Ok(found),
+        _ => Err(Error::format(path, format!("has {found} {name}"))),
+    };
+    let (channels, times) = (number("channels", channels)?, number("points in time", times)?);
+    let index = |name: &'static str, what: &str, asked: u32, found: u32| match asked {
+        asked if asked < found => Ok(asked),
+        asked => {
+            let range = if found == 1 { "0 alone".to_owned() } else { format!("0 to {}", found - 1) };
+            Err(Error::Setting { name, reason: format!("{asked}, but {} has {what} {range}", path.display()) })
+        }
+    };
+    let time = index("time", "point in time", options.time.unwrap_or(0), times)?;
+    let channel = match options.channel {
+        Some(channel) => index("channel", "channel", channel, channels)?,
+        None if channels == 1 => 0,
+        None => {
+            let error = Error::format(path, format!("has {channels} channels per sample"));
+            return Err(hinted(error, Hint::ChooseChannel));
+        }
+    };
+    Ok(Contents { time, times, channel, channels, ..Contents::default() })
+}
+
+/// The samples of a volume in a file with these axes, the fastest first, and what else the file holds.
+pub(super) fn picked(path: &Path, axes: &[(Role, i64)], options: &LoadOptions) -> Result<(Pick, Contents)> {
+    let count = |role: Role| {
+        let sizes = axes.iter().filter(|(of, _)| *of == role).map(|(_, size)| u64::try_from(*size).unwrap_or(0));
+        sizes.fold(1, u64::saturating_mul)
+    };
+    let contents = chosen(path, options, count(Role::Channel), count(Role::Time))?;
+    // Several axes of one role count as one, the fastest first.
+    let (mut channel, mut time) = (u64::from(contents.channel), u64::from(contents.time));
+    let indexed: Vec<(u64, Option<u64>)> = axes
+        .iter()
+        .map(|&(role, size)| {
+            let size = u64::try_from(size).unwrap_or(0).max(1);
+            let digit = |number: &mut u64| {
+                let digit = *number % size;
+                *number /= size;
+                (size, Some(digit))
+            };
+            match role {
+                Role::Space => (size, None),
+                Role::Channel => digit(&mut channel),
+                Role::Time => digit(&mut time),
+            }
+        })
+        .collect();
+    let pick = Pick::of(&indexed).ok_or_else(|| Error::format(path, "claims more samples than any file has"))?;
+    Ok((pick, contents))
+}
+
+/// What four axes of unknown meaning are, the fastest first: channels if the fastest has at most four samples and all
+/// others more, else points in time along the slowest. Of five axes the two slowest are channels and time.
+pub(super) fn guessed(sizes: &[i64]) -> Axes {
+    let few = 2..=4;
+    let roles: &[Role] = match sizes {
+        [c, others @ ..] if sizes.len() == 4 && few.contains(c) && others.iter().all(|size| size > few.end()) => {
+            &[Role::Channel, Role::Space, Role::Space, Role::Space]
+        }
+        [_, _, _, _] => &[Role::Space, Role::Space, Role::Space, Role::Time],
+        [_, _, _, _, _] => &[Role::Space, Role::Space, Role::Space, Role::Channel, Role::Time],
+        _ => &[],
+    };
+    let role = |axis: usize| roles.get(axis).copied().unwrap_or(Role::Space);
+    sizes.iter().enumerate().map(|(axis, &size)| (role(axis), size)).collect()
+}
+
+/// The labels of so many channels that are colours: red, green and blue, with opacity behind them.
+pub(super) fn colours(channels: u32) -> Vec<Channel> {
+    let names = [("red", [255, 0, 0]), ("green", [0, 255, 0]), ("blue", [0, 0, 255]), ("alpha", [255; 3])];
+    let label =
+        |(name, color): &(&str, [u8; 3])| Channel { name: Some((*name).to_owned()), color: Some(*color), window: None };
+    names.get(..channels as usize).unwrap_or_default().iter().map(label).collect()
+}
+
+/// The sizes of the axes of space.
+pub(super) fn spatial(axes: &[(Role, i64)]) -> Vec<i64> {
+    axes.iter().filter(|(role, _)| *role == Role::Space).map(|(_, size)| *size).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn picks_are_those_of_nested_loops() {
+        use Role::{Channel as C, Space as S, Time as T};
+        let cases: [&[(Role, i64)]; 7] = [
+            &[(S, 3), (S, 4), (S, 5)],
+            &[(C, 2), (S, 3), (S, 4), (S, 5)],
+            &[(S, 3), (S, 4), (C, 2), (S, 5), (T, 3)],
+            &[(T, 3), (S, 1), (S, 4), (C, 2), (S, 5)],
+            &[(S, 3), (C, 2), (S, 4), (T, 3), (S, 5)],
+            &[(S, 1), (S, 1), (S, 1), (C, 3)],
+            &[(C, 2), (T, 2), (S, 3), (C, 3), (S, 4), (S, 1)],
+        ];
+        for axes in cases {
+            let of = |role| axes.iter().filter(|a| a.0 == role).map(|a| a.1).product::<i64>();
+            for (channel, time) in (0..of(C)).flat_map(|c| (0..of(T)).map(move |t| (c, t))) {
+                let options =
+                    LoadOptions { channel: Some(channel as u32), time: Some(time as u32), ..LoadOptions::default() };
+                let (pick, contents) = picked(Path::new("a"), axes, &options).unwrap();
+                let all: i64 = axes.iter().map(|a| a.1).product();
+                let expected: Vec<u64> = (0..all)
+                    .filter(|place| {
+                        let (mut rest, mut indices) = (*place, [(0, 1); 2]);
+                        for &(role, size) in axes {
+                            let digit = rest % size;
+                            rest /= size;
+                            let slot = match role {
+                                S => continue,
+                                C => 0,
+                                T => 1,
+                            };
+                            let (index, stride) = &mut indices[slot];
+                            *index += digit * *stride;
+                            *stride *= size;
+                        }
+                        (indices[0].0, indices[1].0) == (channel, time)
+                    })
+                    .map(|place| place as u64)
+                    .collect();
+                let found: Vec<u64> = (0..pick.runs())
+                    .flat_map(|run| (0..pick.run).map(move |n| (run, n)))
+                    .map(|(run, n)| pick.start(run) + n * pick.step)
+                    .collect();
+                assert_eq!(found, expected, "{axes:?}");
+                assert_eq!(
+                    (pick.len(), pick.end(), pick.all),
+                    (found.len() as u64, found[found.len() - 1] + 1, all as u64)
+                );
+                assert_eq!((contents.channels, contents.times), (of(C) as u32, of(T) as u32));
+            }
+        }
+    }
+
+    #[test]
+    fn a_choice_must_be_there() {
+        let chosen = |channel, time, channels, times| {
+            let options = LoadOptions { channel, time, ..LoadOptions::default() };
+            chosen(Path::new("a.nrrd"), &options, channels, times).map_err(|error| format!("{error:#}"))
+        };
+        let taken = chosen(None, None, 1, 7).unwrap();
+        assert_eq!((taken.channel, taken.time, taken.channels, taken.times), (0, 0, 1, 7));
+        let refused = |result: Result<Contents, String>, words: &str| {
+            let error = result.unwrap_err();
+            assert!(error.contains(words), "{error}");
+        };
+        refused(chosen(None, None, 3, 1), "a.nrrd: has 3 channels per sample: set LoadOptions::channel");
+        refused(chosen(Some(3), None, 3, 1), "channel: 3, but a.nrrd has channel 0 to 2");
+        refused(chosen(None, Some(1), 1, 1), "time: 1, but a.nrrd has point in time 0 alone");
+        refused(chosen(None, None, 0, 1), "has 0 channels");
+        refused(chosen(None, None, 1, u64::MAX), "points in time");
+    }
+
+    #[test]
+    fn axes_without_names_are_guessed() {
+        let roles = |sizes: &[i64]| guessed(sizes).into_iter().map(|(role, _)| role).collect::<Vec<_>>();
+        use Role::{Channel as C, Space as S, Time as T};
+        assert_eq!(roles(&[3, 30, 40, 50]), [C, S, S, S]);
+        assert_eq!(roles(&[3, 4, 40, 50]), [S, S, S, T]);
+        assert_eq!(roles(&[30, 40, 50, 2]), [S, S, S, T]);
+        assert_eq!(roles(&[30, 40, 50, 2, 6]), [S, S, S, C, T]);
+        assert_eq!(roles(&[30, 40]), [S, S]);
+    }
+}

@@ -1,0 +1,434 @@
+//! What stands between the samples of a chunk and the bytes of its file.
+
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::ops::Range;
+
+use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
+use serde_json::Value;
+
+use super::blosc;
+use super::metadata::{numbers, text};
+use crate::volume::{Endian, Number};
+
+/// What is wrong with the content of a file.
+pub(super) struct Damage(pub(super) String);
+
+pub(super) fn damaged(what: impl Into<String>) -> Damage {
+    Damage(what.into())
+}
+
+impl From<io::Error> for Damage {
+    fn from(error: io::Error) -> Self {
+        Self(error.to_string())
+    }
+}
+
+/// From bytes to bytes.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Packing {
+    Gzip,
+    Zlib,
+    Zstd,
+    /// The length in four bytes, then a block.
+    Lz4,
+    Blosc,
+    /// A checksum in the last four bytes.
+    Crc32c,
+    /// Bytes of elements of this size.
+    Shuffle(usize),
+}
+
+/// From samples to bytes.
+#[derive(Debug, Clone, PartialEq)]
+enum Writing {
+    Plain(Endian),
+    Shards(Box<Shards>),
+}
+
+/// Chunks within a chunk.
+#[derive(Debug, Clone, PartialEq)]
+struct Shards {
+    shape: Vec<u64>,
+    chain: Chain,
+    index: Chain,
+    index_first: bool,
+}
+
+/// All that is done to the samples of a chunk.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Chain {
+    /// For each axis of what is written, the axis before, one after the other.
+    transposed: Vec<Vec<usize>>,
+    writing: Writing,
+    packings: Vec<Packing>,
+}
+
+/// The deepest shards within shards.
+const MAX_DEPTH: usize = 4;
+
+/// The most codecs of a chain.
+const MAX_CODECS: usize = 16;
+
+impl Chain {
+    /// The chain of Zarr 2: an order, a byte order, filters and a compressor.
+    pub(super) fn of_v2(axes: usize, fortran: bool, endian: Endian, codecs: &[&Value]) -> Result<Self, Damage> {
+        let transposed = if fortran { vec![(0..axes).rev().collect()] } else { Vec::new() };
+        let packings = codecs.iter().map(|codec| Packing::of(text(codec, "id")?, codec)).collect::<Result<_, _>>()?;
+        Ok(Self { transposed, writing: Writing::Plain(endian), packings })
+    }
+
+    /// The chain of Zarr 3 for chunks of this shape.
+    pub(super) fn of_v3(codecs: &Value, shape: &[u64], depth: usize) -> Result<Self, Damage> {
+        let list = codecs.as_array().filter(|list| list.len() <= MAX_CODECS && depth <= MAX_DEPTH);
+        let list = list.ok_or_else(|| damaged("its codecs are no list of bearable length"))?;
+        let mut shape = shape.to_vec();
+        let (mut transposed, mut writing, mut packings) = (Vec::new(), None, Vec::new());
+        for codec in list {
+            let name = codec.as_str().map_or_else(|| text(codec, "name"), Ok)?;
+            let options = &codec["configuration"];
+            match name {
+                "transpose" if writing.is_none() => {
+                    let order = numbers(&options["order"]).unwrap_or_default();
+                    let order: Vec<usize> = order.into_iter().map(|axis| axis as usize).collect();
+                    if order.len() != shape.len() || !(0..shape.len()).all(|axis| order.contains(&axis)) {
+                        return Err(damaged(format!("transpose: the order {order:?} of {} axes", shape.len())));
+                    }
+                    shape = order.iter().map(|&axis| shape[axis]).collect();
+                    transposed.push(order);
+                }
+                "bytes" if writing.is_none() => {
+                    let endian = match options["endian"].as_str() {
+                        Some("little") | None => Endian::Little,
+                        Some("big") => Endian::Big,
+                        Some(other) => return Err(damaged(format!("endian {other:?}, expected little or big"))),
+                    };
+                    writing = Some(Writing::Plain(endian));
+                }
+                "sharding_indexed" if writing.is_none() => {
+                    let inner = numbers(&options["chunk_shape"]).unwrap_or_default();
+                    let divides = inner.len() == shape.len()
+                        && inner.iter().zip(&shape).all(|(inner, outer)| *inner > 0 && outer % inner == 0);
+                    if !divides {
+                        return Err(damaged(format!("chunks of {inner:?} in shards of {shape:?}")));
+                    }
+                    let chunks = inner.iter().zip(&shape).map(|(inner, outer)| outer / inner);
+                    let index_shape: Vec<u64> = chunks.chain([2]).collect();
+                    let index_first = match options["index_location"].as_str() {
+                        Some("start") => true,
+                        Some("end") | None => false,
+                        Some(other) => return Err(damaged(format!("index_location {other:?}"))),
+                    };
+                    writing = Some(Writing::Shards(Box::new(Shards {
+                        chain: Self::of_v3(&options["codecs"], &inner, depth + 1)?,
+                        index: Self::of_v3(&options["index_codecs"], &index_shape, MAX_DEPTH)?,
+                        shape: inner,
+                        index_first,
+                    })));
+                }
+                other if writing.is_some() => packings.push(Packing::of(other, options)?),
+                other => return Err(damaged(format!("the codec {other:?} is not read"))),
+            }
+        }
+        let writing = writing.ok_or_else(|| damaged("its codecs make no bytes of samples"))?;
+        // What is written last is read first.
+        packings.reverse();
+        Ok(Self { transposed, writing, packings })
+    }
+
+    /// Reads the part `want` of a chunk of this shape to where `target` has it.
+    pub(super) fn read<T: Number>(
+        &self,
+        bytes: &Bytes<'_>,
+        (shape, want): (&[u64], &[Range<u64>]),
+        target: &mut Target<'_, T>,
+    ) -> Result<(), Damage> {
+        let (mut shape, mut want, mut strides) = (shape.to_vec(), want.to_vec(), target.strides.clone());
+        for order in &self.transposed {
+            shape = order.iter().map(|&axis| shape[axis]).collect();
+            want = order.iter().map(|&axis| want[axis].clone()).collect();
+            strides = order.iter().map(|&axis| strides[axis]).collect();
+        }
+        let count: u64 = shape.iter().fold(1, |n, size| n.saturating_mul(*size));
+        let size = count.saturating_mul(size_of::<T>() as u64);
+        let mut target = Target { samples: &mut *target.samples, first: target.first, strides };
+        match &self.writing {
+            Writing::Plain(endian) => {
+                let content = self.unpacked(bytes, size)?;
+                if content.len() as u64 != size {
+                    return Err(damaged(format!("a chunk of {} bytes, expected {size}", content.len())));
+                }
+                target.place(&content, *endian, &shape, &want);
+                Ok(())
+            }
+            Writing::Shards(shards) if self.packings.is_empty() => shards.read(bytes, (&shape, &want), &mut target),
+            Writing::Shards(shards) => {
+                // Chunks may be larger than what they hold, and the index has 16 bytes for each.
+                let content = self.unpacked(bytes, size.saturating_mul(2).saturating_add(16 * count + 1024))?;
+                shards.read(&Bytes::Memory(&content), (&shape, &want), &mut target)
+            }
+        }
+    }
+
+    /// The bytes before they were packed, of which there are at most about `most`.
+    fn unpacked(&self, bytes: &Bytes<'_>, most: u64) -> Result<Vec<u8>, Damage> {
+        // Checksums and incompressible content take a little more.
+        let most = usize::try_from(most.saturating_add(most >> 3).saturating_add(1024)).unwrap_or(usize::MAX);
+        let mut content = bytes.range(0, bytes.len())?;
+        for packing in &self.packings {
+            content = packing.undone(&content, most)?;
+        }
+        Ok(content)
+    }
+
+    /// The length of what is written of so many bytes, if that is always the same.
+    fn fixed_length(&self, bytes: u64) -> Result<u64, Damage> {
+        self.packings.iter().try_fold(bytes, |length, packing| match packing {
+            Packing::Crc32c => Ok(length + 4),
+            Packing::Shuffle(_) => Ok(length),
+            _ => Err(damaged("the index of a shard is compressed")),
+        })
+    }
+}
+
+impl Shards {
+    fn read<T: Number>(
+        &self,
+        bytes: &Bytes<'_>,
+        (shape, want): (&[u64], &[Range<u64>]),
+        target: &mut Target<'_, T>,
+    ) -> Result<(), Damage> {
+        let chunks: Vec<u64> = shape.iter().zip(&self.shape).map(|(outer, inner)| outer / inner).collect();
+        let count = chunks.iter().fold(1, |n: u64, size| n.saturating_mul(*size));
+        let length = self.index.fixed_length(count.saturating_mul(16))?;
+        let start = bytes.len().checked_sub(length).ok_or_else(|| damaged("a shard without an index"))?;
+        let index = bytes.range(if self.index_first { 0 } else { start }, length)?;
+        // The file has the index, so it is no larger than the file.
+        let mut entries = vec![0_u64; (count * 2) as usize];
+        let index_shape: Vec<u64> = chunks.iter().copied().chain([2]).collect();
+        let all: Vec<Range<u64>> = index_shape.iter().map(|size| 0..*size).collect();
+        let mut to = Target { strides: strides_of(&index_shape), samples: &mut entries, first: 0 };
+        self.index.read(&Bytes::Memory(&index), (&index_shape, &all), &mut to)?;
+        let strides = strides_of(&chunks);
+        for (chunk, inner, at) in parts(want, &self.shape) {
+            let entry: usize = chunk.iter().zip(&strides).map(|(index, stride)| *index as usize * stride).sum();
+            let (offset, length) = (entries[2 * entry], entries[2 * entry + 1]);
+            // A chunk that is not there has the fill value, which is in the target already.
+            if (offset, length) == (u64::MAX, u64::MAX) {
+                continue;
+            }
+            let first = target.first + at.iter().zip(&target.strides).map(|(n, s)| *n as usize * s).sum::<usize>();
+            let mut target = Target { samples: &mut *target.samples, first, strides: target.strides.clone() };
+            let content = bytes.range(offset, length)?;
+            self.chain.read(&Bytes::Memory(&content), (&self.shape, &inner), &mut target)?;
+        }
+        Ok(())
+    }
+}
+
+/// Where samples go: one step along each axis of a chunk is so many samples.
+pub(super) struct Target<'a, T> {
+    pub(super) samples: &'a mut [T],
+    pub(super) first: usize,
+    pub(super) strides: Vec<usize>,
+}
+
+impl<T: Number> Target<'_, T> {
+    /// Takes the part `want` of samples of this shape, whose last axis is the fastest.
+    pub(super) fn place(&mut self, bytes: &[u8], endian: Endian, shape: &[u64], want: &[Range<u64>]) {
+        let (Some((row, outer)), Some(stride)) = (want.split_last(), self.strides.last()) else { return };
+        let from = strides_of(shape);
+        let size = size_of::<T>();
+        let swapped = endian != Endian::NATIVE && size > 1;
+        let rows: u64 = outer.iter().map(|range| range.end - range.start).product();
+        for index in 0..rows {
+            let (mut rest, mut source, mut to) = (index, row.start as usize, self.first);
+            for axis in (0..outer.len()).rev() {
+                let length = outer[axis].end - outer[axis].start;
+                source += (outer[axis].start + rest % length) as usize * from[axis];
+                to += (rest % length) as usize * self.strides[axis];
+                rest /= length;
+            }
+            let length = (row.end - row.start) as usize;
+            let source = &bytes[source * size..(source + length) * size];
+            if *stride == 1 {
+                let to = &mut self.samples[to..to + length];
+                bytemuck::cast_slice_mut::<T, u8>(to).copy_from_slice(source);
+                if swapped {
+                    to.iter_mut().for_each(|sample| *sample = sample.swap());
+                }
+            } else {
+                let to = self.samples[to..].iter_mut().step_by(*stride);
+                for (sample, bytes) in to.zip(source.chunks_exact(size)) {
+                    let read: T = bytemuck::pod_read_unaligned(bytes);
+                    *sample = if swapped { read.swap() } else { read };
+                }
+            }
+        }
+    }
+}
+
+/// The samples from one index to the next along each axis; the last is the fastest.
+pub(super) fn strides_of(shape: &[u64]) -> Vec<usize> {
+    let mut strides = vec![1; shape.len()];
+    for axis in (1..shape.len()).rev() {
+        strides[axis - 1] = strides[axis] * shape[axis] as usize;
+    }
+    strides
+}
+
+/// The indices of a chunk, the part of it that is wanted, and where that begins in all that is wanted.
+pub(super) type Part = (Vec<u64>, Vec<Range<u64>>, Vec<u64>);
+
+/// The chunks of this shape that have part of `want`.
+pub(super) fn parts(want: &[Range<u64>], shape: &[u64]) -> impl Iterator<Item = Part> {
+    let first: Vec<u64> = want.iter().zip(shape).map(|(range, size)| range.start / size).collect();
+    let counts: Vec<u64> =
+        want.iter().zip(shape).zip(&first).map(|((range, size), first)| range.end.div_ceil(*size) - first).collect();
+    let total: u64 = counts.iter().product();
+    let (want, shape) = (want.to_vec(), shape.to_vec());
+    (0..total).map(move |mut rest| {
+        let (mut chunk, mut inner, mut at) = (first.clone(), Vec::new(), Vec::new());
+        for axis in (0..counts.len()).rev() {
+            chunk[axis] += rest % counts[axis];
+            rest /= counts[axis];
+        }
+        for (axis, index) in chunk.iter().enumerate() {
+            let begin = index * shape[axis];
+            let (from, to) = (want[axis].start.max(begin), want[axis].end.min(begin + shape[axis]));
+            inner.push(from - begin..to - begin);
+            at.push(from - want[axis].start);
+        }
+        (chunk, inner, at)
+    })
+}
+
+/// Bytes in a file or in memory.
+pub(super) enum Bytes<'a> {
+    File(&'a File, u64),
+    Memory(&'a [u8]),
+}
+
+impl Bytes<'_> {
+    fn len(&self) -> u64 {
+        match self {
+            Self::File(_, length) => *length,
+            Self::Memory(bytes) => bytes.len() as u64,
+        }
+    }
+
+    /// So many bytes from an offset.
+    fn range(&self, offset: u64, length: u64) -> Result<Vec<u8>, Damage> {
+        let end = offset.checked_add(length).filter(|end| *end <= self.len());
+        let end = end.ok_or_else(|| damaged(format!("{length} bytes at {offset}, behind the end")))?;
+        match self {
+            Self::Memory(bytes) => Ok(bytes[offset as usize..end as usize].to_vec()),
+            Self::File(file, _) => {
+                let mut file: &File = file;
+                let mut bytes = Vec::new();
+                file.seek(SeekFrom::Start(offset))?;
+                file.take(length).read_to_end(&mut bytes)?;
+                if bytes.len() as u64 == length { Ok(bytes) } else { Err(damaged("cut short")) }
+            }
+        }
+    }
+}
+
+impl Packing {
+    fn of(name: &str, options: &Value) -> Result<Self, Damage> {
+        Ok(match name.strip_prefix("numcodecs.").unwrap_or(name) {
+            "gzip" => Self::Gzip,
+            "zlib" => Self::Zlib,
+            "zstd" => Self::Zstd,
+            "lz4" => Self::Lz4,
+            "blosc" => Self::Blosc,
+            "crc32c" => Self::Crc32c,
+            "shuffle" => match options["elementsize"].as_u64() {
+                Some(size @ 1..=64) => Self::Shuffle(size as usize),
+                _ => return Err(damaged("shuffle: expected an elementsize of 1 to 64")),
+            },
+            other => {
+                let read = "gzip, zlib, zstd, lz4, blosc, shuffle and crc32c are read";
+                return Err(damaged(format!("the codec {other:?} is not read: {read}")));
+            }
+        })
+    }
+
+    /// The bytes before, of which there are at most `most`.
+    fn undone(&self, bytes: &[u8], most: usize) -> Result<Vec<u8>, Damage> {
+        let mut content = Vec::new();
+        match self {
+            Self::Gzip => drop(MultiGzDecoder::new(bytes).take(most as u64).read_to_end(&mut content)?),
+            Self::Zlib => drop(ZlibDecoder::new(bytes).take(most as u64).read_to_end(&mut content)?),
+            Self::Zstd => content = zstd(bytes, most)?,
+            Self::Lz4 => {
+                let Some((length, block)) = bytes.split_first_chunk::<4>() else {
+                    return Err(damaged("LZ4: no length"));
+                };
+                let length = u32::from_le_bytes(*length) as usize;
+                // A byte stands for at most 255.
+                if length > most || length / 256 > block.len() {
+                    return Err(damaged(format!("LZ4: {} bytes that hold {length}", block.len())));
+                }
+                content = lz4_flex::block::decompress(block, length).map_err(|e| damaged(format!("LZ4: {e}")))?;
+            }
+            Self::Blosc => content = blosc::decompressed(bytes, most)?,
+            Self::Crc32c => {
+                let Some((body, sum)) = bytes.split_last_chunk::<4>() else { return Err(damaged("no checksum")) };
+                if crc32c(body) != u32::from_le_bytes(*sum) {
+                    return Err(damaged("its checksum is wrong"));
+                }
+                content.extend_from_slice(body);
+            }
+            Self::Shuffle(element) => content = blosc::unshuffled(bytes, *element),
+        }
+        Ok(content)
+    }
+}
+
+/// The content of frames of Zstandard, of at most `most` bytes.
+pub(super) fn zstd(mut bytes: &[u8], most: usize) -> Result<Vec<u8>, Damage> {
+    let mut content = Vec::new();
+    while !bytes.is_empty() && content.len() < most {
+        let frame = ruzstd::decoding::StreamingDecoder::new(&mut bytes);
+        let frame = frame.map_err(|error| damaged(format!("Zstandard: {error}")))?;
+        frame.take((most - content.len()) as u64).read_to_end(&mut content)?;
+    }
+    Ok(content)
+}
+
+/// The checksum of Castagnoli.
+fn crc32c(bytes: &[u8]) -> u32 {
+    let table: [u32; 256] = std::array::from_fn(|n| {
+        (0..8).fold(n as u32, |sum, _| if sum & 1 == 1 { sum >> 1 ^ 0x82F6_3B78 } else { sum >> 1 })
+    });
+    !bytes.iter().fold(u32::MAX, |sum, byte| sum >> 8 ^ table[usize::from(sum as u8 ^ byte)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_checksum_is_that_of_rfc_3720() {
+        assert_eq!(crc32c(b"123456789"), 0xE306_9283);
+        assert_eq!(crc32c(&[0; 32]), 0x8A91_36AA);
+    }
+
+    #[test]
+    fn parts_cover_what_is_wanted_once() {
+        let want = [3..8, 0..5, 2..3];
+        let mut seen = vec![0; 25];
+        for (chunk, inner, at) in parts(&want, &[4, 2, 9]) {
+            for y in inner[0].clone() {
+                for x in inner[1].clone() {
+                    assert_eq!(inner[2], 2..3);
+                    let (a, b) = (chunk[0] * 4 + y - 3, chunk[1] * 2 + x);
+                    assert_eq!((a, b), (at[0] + y - inner[0].start, at[1] + x - inner[1].start));
+                    seen[(a * 5 + b) as usize] += 1;
+                }
+            }
+        }
+        assert_eq!(seen, [1; 25]);
+    }
+}

@@ -1,0 +1,297 @@
+//! Layers: several media on one lattice, drawn together. Each has samples and a look of its own; where they overlap,
+//! extinctions add, and colours add by extinction:
+//!
+//! ```text
+//! tau_j = sum over layers of tau        c_j tau_j = sum over layers of c tau
+//! ```
+//!
+//! Voxels are classified before they are reconstructed, each by its own samples: numbers of labels are never mixed.
+
+mod labels;
+mod table;
+
+use std::sync::Arc;
+
+pub use self::labels::{Label, LabelCount, Labels, Which, count_labels};
+pub(crate) use self::labels::{Look, look_of};
+use crate::accuracy::Facts;
+use crate::clip::Clip;
+use crate::error::{Error, Result};
+use crate::framing::Hull;
+use crate::settings::{Level, Model, Settings};
+use crate::transfer::TransferFunction;
+use crate::volume::{Grid, Volume};
+
+/// Media on one lattice, at least one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layers {
+    layers: Vec<Layer>,
+}
+
+/// One of the media of a lattice.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layer {
+    pub(crate) matter: Matter,
+    pub(crate) mask: Option<Mask>,
+}
+
+/// Samples, and what they look like.
+#[derive(Debug, Clone)]
+pub(crate) enum Matter {
+    Scalars { volume: Volume, transfer: TransferFunction },
+    Labels { volume: Volume, looks: Arc<[Look]> },
+}
+
+/// Where a layer shows.
+#[derive(Debug, Clone)]
+pub(crate) struct Mask {
+    pub(crate) volume: Volume,
+    /// The labels of it where the layer shows, ascending.
+    pub(crate) shown: Arc<[i64]>,
+}
+
+impl PartialEq for Matter {
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Scalars { volume: a, transfer }, Self::Scalars { volume: b, transfer: of_b }) => {
+                a.is_same(b) && transfer == of_b
+            }
+            (Self::Labels { volume: a, looks }, Self::Labels { volume: b, looks: of_b }) => {
+                a.is_same(b) && looks == of_b
+            }
+            _ => false,
+        }
+    }
+}
+
+impl PartialEq for Mask {
+    fn eq(&self, other: &Self) -> bool {
+        self.volume.is_same(&other.volume) && self.shown == other.shown
+    }
+}
+
+impl Layer {
+    /// Scalars that a transfer function classifies.
+    #[must_use]
+    pub fn scalars(volume: &Volume, transfer: &TransferFunction) -> Self {
+        Self { matter: Matter::Scalars { volume: volume.clone(), transfer: transfer.clone() }, mask: None }
+    }
+
+    /// Labels, each of which has a colour and an opacity of a slab as thick as the least distance of voxels. Reads the
+    /// volume once.
+    ///
+    /// # Errors
+    /// Those of [`count_labels`].
+    pub fn labels(volume: &Volume, labels: &Labels) -> Result<Self> {
+        let looks = labels.looks(&count_labels(volume)?);
+        Ok(Self { matter: Matter::Labels { volume: volume.clone(), looks: looks.into() }, mask: None })
+    }
+
+    /// The same layer where a volume of labels has one of some, and nothing elsewhere. Reads that volume once.
+    ///
+    /// # Errors
+    /// Those of [`Self::labels`], and [`Error::Setting`] if the lattices differ or no voxel has such a label.
+    pub fn masked(self, mask: &Volume, which: &Which) -> Result<Self> {
+        check_lattice("mask", self.grid(), mask)?;
+        let shown: Vec<i64> =
+            count_labels(mask)?.into_iter().map(|count| count.label).filter(|&label| which.has(label, "")).collect();
+        if shown.is_empty() {
+            return Err(Error::Setting { name: "mask", reason: "no voxel has such a label".to_owned() });
+        }
+        Ok(Self { mask: Some(Mask { volume: mask.clone(), shown: shown.into() }), ..self })
+    }
+
+    fn grid(&self) -> &Grid {
+        self.volume().grid()
+    }
+
+    pub(crate) fn volume(&self) -> &Volume {
+        match &self.matter {
+            Matter::Scalars { volume, .. } | Matter::Labels { volume, .. } => volume,
+        }
+    }
+
+    /// The distance that opacities are per, world units.
+    pub(crate) fn unit(&self) -> f64 {
+        let spacing = self.grid().min_spacing();
+        match &self.matter {
+            Matter::Scalars { transfer, .. } => transfer.unit_or(spacing),
+            Matter::Labels { .. } => spacing,
+        }
+    }
+
+    /// The largest opacity of any voxel.
+    pub(crate) fn max_opacity(&self) -> f64 {
+        match &self.matter {
+            Matter::Scalars { transfer, .. } => transfer.max_opacity(),
+            Matter::Labels { looks, .. } => looks.iter().map(|look| look.opacity).fold(0.0, f64::max),
+        }
+    }
+
+    /// The colours that show.
+    fn colors(&self) -> Vec<[f64; 3]> {
+        match &self.matter {
+            Matter::Scalars { transfer, .. } => transfer.visible_colors(),
+            Matter::Labels { looks, .. } => looks.iter().filter(|l| l.opacity > 0.0).map(|l| l.color).collect(),
+        }
+    }
+}
+
+/// Refuses a volume on another lattice.
+fn check_lattice(name: &'static str, grid: &Grid, other: &Volume) -> Result<()> {
+    let by = |dims: [u32; 3]| dims.map(|d| d.to_string()).join(" x ");
+    if grid.dims() != other.grid().dims() {
+        let reason =
+            format!("a lattice of {}, expected that of the volume, {}", by(other.grid().dims()), by(grid.dims()));
+        return Err(Error::Setting { name, reason });
+    }
+    Ok(())
+}
+
+/// The largest distance of the corners of two lattices, in voxels, beyond which they are different ones.
+const APART: f64 = 0.5;
+
+impl Layers {
+    /// A volume as it is drawn alone.
+    #[must_use]
+    pub fn of(volume: &Volume, transfer: &TransferFunction) -> Self {
+        Self::new(Layer::scalars(volume, transfer))
+    }
+
+    /// One layer.
+    #[must_use]
+    pub fn new(layer: Layer) -> Self {
+        Self { layers: vec![layer] }
+    }
+
+    /// The same with another layer.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if it has another number of voxels along an axis, or if both state where in patient space
+    /// they are and their corners are over half a voxel apart.
+    pub fn with(mut self, layer: Layer) -> Result<Self> {
+        let first = self.layers[0].volume();
+        let other = layer.volume();
+        check_lattice("labels", first.grid(), other)?;
+        if first.is_oriented() && other.is_oriented() {
+            let to_lattice = first.grid().to_lattice();
+            let apart = first.grid().corners(0.0).into_iter().zip(other.grid().corners(0.0));
+            let apart = apart.map(|(a, b)| (to_lattice.matrix3 * (b - a)).length()).fold(0.0, f64::max);
+            if apart > APART {
+                let reason =
+                    format!("the lattice lies elsewhere: corners are {apart:.1} voxels from those of the volume");
+                return Err(Error::Setting { name: "labels", reason });
+            }
+        }
+        self.layers.push(layer);
+        Ok(self)
+    }
+
+    /// The lattice.
+    #[must_use]
+    pub fn grid(&self) -> &Grid {
+        self.layers[0].grid()
+    }
+
+    /// The hull of all that layers show and that is not cut away; `None` if that is nothing. Masks do not count.
+    ///
+    /// # Errors
+    /// Those of [`Hull::of_visible`].
+    pub fn hull(&self, clip: &Clip) -> Result<Option<Hull>> {
+        let hull = |layer: &Layer| match (&layer.mask, &layer.matter) {
+            (Some(mask), _) => Hull::of_values(&mask.volume, &runs(mask.shown.iter().copied()), clip),
+            (None, Matter::Scalars { volume, transfer }) => Hull::of_visible(volume, transfer, clip),
+            (None, Matter::Labels { volume, looks }) => {
+                let shown = looks.iter().filter(|look| look.opacity > 0.0).map(|look| look.label);
+                Hull::of_values(volume, &runs(shown), clip)
+            }
+        };
+        let mut all: Option<Hull> = None;
+        for layer in &self.layers {
+            all = match (all, hull(layer)?) {
+                (Some(a), Some(b)) => Some(a.and(&b)),
+                (a, b) => a.or(b),
+            };
+        }
+        Ok(all)
+    }
+
+    /// The volume and the transfer function, if there is nothing else.
+    pub(crate) fn plain(&self) -> Option<(&Volume, &TransferFunction)> {
+        match self.layers.as_slice() {
+            [Layer { matter: Matter::Scalars { volume, transfer }, mask: None }] => Some((volume, transfer)),
+            _ => None,
+        }
+    }
+
+    pub(crate) fn all(&self) -> &[Layer] {
+        &self.layers
+    }
+
+    /// The distance that opacities of splats are per, world units.
+    pub(crate) fn unit(&self) -> f64 {
+        self.layers[0].unit()
+    }
+
+    /// The largest extinction of a voxel, per [`Self::unit`].
+    pub(crate) fn max_density(&self) -> f64 {
+        let density = |layer: &Layer| TransferFunction::extinction(layer.max_opacity(), layer.unit() / self.unit());
+        self.layers.iter().map(density).sum()
+    }
+
+    /// The largest of each channel of the colours.
+    pub(crate) fn brightest(&self) -> [f64; 3] {
+        let brightest = |layer: &Layer| match &layer.matter {
+            Matter::Scalars { transfer, .. } => transfer.brightest(),
+            Matter::Labels { looks, .. } => looks.iter().fold([0.0; 3], |most, look| larger(most, look.color)),
+        };
+        self.layers.iter().map(brightest).fold([0.0; 3], larger)
+    }
+
+    /// What errors are predicted from.
+    pub(crate) fn facts(&self) -> Facts {
+        let colors: Vec<[f64; 3]> = self.layers.iter().flat_map(Layer::colors).collect();
+        Facts::of(&colors, self.max_density() / self.unit(), self.grid())
+    }
+
+    /// Refuses settings that layers are not drawn by, and values that are no numbers.
+    pub(crate) fn check(&self, settings: &Settings) -> Result<()> {
+        for layer in &self.layers {
+            if let Matter::Scalars { volume, .. } = &layer.matter {
+                volume.check_finite()?;
+            }
+        }
+        if self.plain().is_some() { Ok(()) } else { Self::check_settings(settings) }
+    }
+
+    /// Refuses settings that layers are not drawn by, unless they are one volume alone.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] of post-shading, projections of intensity and cells of a level above 0.
+    pub fn check_settings(settings: &Settings) -> Result<()> {
+        let (name, what) = match settings {
+            Settings { model: Model::Mip | Model::Minip | Model::Average, .. } => ("model", settings.model.name()),
+            _ if settings.is_post_shaded() => ("shading", "post"),
+            Settings { level: Level::At(1..), .. } => ("level", "over 0"),
+            _ => return Ok(()),
+        };
+        let reason = format!("{what}, and labels and masks are drawn voxel by voxel, pre-shaded");
+        Err(Error::Setting { name, reason })
+    }
+}
+
+fn larger(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|channel| a[channel].max(b[channel]))
+}
+
+/// Ranges of values that hold ascending labels and no other whole numbers.
+fn runs(labels: impl Iterator<Item = i64>) -> Vec<[f64; 2]> {
+    let mut runs: Vec<[f64; 2]> = Vec::new();
+    for label in labels.map(|label| label as f64) {
+        match runs.last_mut() {
+            Some([_, high]) if *high + 1.0 == label => *high = label,
+            _ => runs.push([label, label]),
+        }
+    }
+    runs
+}
