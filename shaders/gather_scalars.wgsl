@@ -196,7 +196,14 @@ fn parts_of(section: Section, sums: Moments) -> FourParts {
 }
 
 // Adds a plane to the slabs that its kernels reach, and composites the two slabs before these.
-fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, sums: Moments, geometry: RayGeometry, plane: i32) {
+fn feed(
+    ray: ptr<function, RayState>,
+    slabs: ptr<function, Slabs>,
+    sums: Moments,
+    geometry: RayGeometry,
+    plane: i32,
+    end: i32,
+) {
     let near = parts_of(section_at(geometry.near, geometry, plane), sums);
     let pending = *slabs;
     // The middle of the slab that waits.

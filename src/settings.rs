@@ -1,5 +1,6 @@
 //! What is modelled, and how finely.
 
+use crate::clip::Clip;
 use crate::error::{Error, Result};
 use crate::gpu::cells::MAX_LEVEL;
 use crate::kernel::{Kernel, Normalization};
@@ -200,6 +201,9 @@ pub struct Settings {
     pub shading: Shading,
     /// The light on surfaces; `None`: colours are those of the transfer function.
     pub lighting: Option<Lighting>,
+    /// What is cut away, in the world. A scene serves pictures of any: nothing is classified anew. Shadows are found
+    /// anew.
+    pub clip: Clip,
     /// What a post-shaded slab is classified by.
     pub interslice: Interslice,
     /// Early termination: what lies behind a pixel that lets through no more than this fraction of light is not drawn.
@@ -234,6 +238,7 @@ impl Default for Settings {
             attenuation: 0.0,
             shading: Shading::default(),
             lighting: None,
+            clip: Clip::default(),
             interslice: Interslice::default(),
             termination: 1e-3,
             antialiasing: true,

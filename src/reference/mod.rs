@@ -47,6 +47,10 @@
 //! **Minimum and average intensity.** The same with the smallest f, and with the mean of f over the ray's part in the
 //! box. A minimum is the maximum of -f_j by the transfer function mirrored at 0; b is the base of that.
 //!
+//! **Clipping.** Of a ray counts the part on the inner side of all planes of [`Settings::clip`]: tau and e are 0
+//! beyond, no value there is largest or smallest, and a mean is that of the part. Voxels whose centres are cut away
+//! keep no light from others.
+//!
 //! **Sharpness.** The kernel is [`Settings::reconstruction_kernel`]; the f_j of all but extinction are the
 //! samples filtered for it, in f64, as the renderer filters them in f32.
 //!
@@ -84,6 +88,7 @@ use crate::budget::{MAX_BLOCKS, MAX_CHORDS, MAX_RAY_CHORDS, too_much};
 use crate::camera::Camera;
 #[cfg(doc)]
 use crate::camera::Growth;
+use crate::clip::Side;
 use crate::error::{Error, Result};
 use crate::image::{Image, Region};
 use crate::kernel::Kernel;
@@ -136,6 +141,8 @@ pub struct Reference {
     depth_coded: bool,
     attenuation: f64,
     method: Method,
+    /// What is not cut away.
+    clip: Vec<Side>,
     /// If light is found at every point: the field that it passes, and the lights.
     light: Option<Box<(Self, Casting)>>,
     progress: Progress,
@@ -226,6 +233,7 @@ impl Reference {
             depth_coded: settings.depth_coded,
             attenuation: settings.attenuation,
             method,
+            clip: settings.clip.sides(&grid),
             light: None,
             progress: Progress::default(),
         };
@@ -433,9 +441,10 @@ impl Reference {
         Sight { splats: &self.splats, radius: self.radius, sizes }
     }
 
-    /// A ray in the lattice; `None` if it misses the box that scalars exist in.
+    /// A ray in the lattice; `None` if it misses what is left of that, or the box that scalars exist in.
     fn lattice_ray(&self, origin: DVec3, direction: DVec3, two_sided: bool) -> Option<LatticeRay> {
-        let ray = LatticeRay::new(&self.grid, origin, direction, two_sided);
+        let middle = DVec3::from_array(self.grid.dims().map(|d| f64::from(d - 1))) / 2.0;
+        let ray = LatticeRay::new(&self.grid, origin, direction, two_sided).within(&self.clip, middle)?;
         if self.splats.repeats() {
             let lattice = self.grid.dims().map(|d| [0, i64::from(d) - 1]);
             return ray.clipped(&lattice, 0.5);

@@ -74,6 +74,8 @@ pub(crate) struct QuadsKey {
     pub(crate) thins: bool,
     /// Light is kept from scalars.
     pub(crate) post_shadows: bool,
+    /// Planes that cut rays.
+    pub(crate) clip_planes: u32,
     /// Opaque pixels hide splats.
     pub(crate) terminates: bool,
     pub(crate) precision: Precision,

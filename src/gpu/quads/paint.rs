@@ -82,6 +82,7 @@ impl<'a> Picture<'a> {
             samples: if feed.is_scalar() { settings.samples_per_slab(knobs.sheet_thickness, PIECES) } else { 1 },
             crowded: job.post.is_some_and(|post| post.table.crowded),
             thins: job.post.is_some_and(|post| post.table.thins),
+            clip_planes: view.clip.len() as u32,
             terminates: view.terminates(),
             precision,
             sheets_per_pass: sheets_per_pass(context, knobs.sheets_per_pass, feed, precision)?,

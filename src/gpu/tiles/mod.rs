@@ -95,6 +95,8 @@ pub(crate) struct TilesKey {
     /// Parts of kernels of colours are parabolas.
     curved: bool,
     rays: RayKind,
+    /// Planes that cut rays.
+    clip_planes: u32,
     /// Terms of the footprint's polynomial.
     terms: u32,
     /// Planes before and behind their own that kernels reach along single rays.

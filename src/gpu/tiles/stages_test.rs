@@ -517,6 +517,7 @@ fn rays_meet_no_voxel_between_runs() {
                     packing: packed.packing,
                     padding: 0,
                     faces: half(&grid) + kernel.radius(),
+                    clip: &[],
                 },
                 kernel: FittedKernel {
                     kernel,

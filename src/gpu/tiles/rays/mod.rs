@@ -14,6 +14,7 @@ use super::axis::{PrincipalAxis, smoothstep, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};
 use crate::camera::{Camera, Growth, Projection};
+use crate::clip::Side;
 use crate::image::Region;
 use crate::kernel::{Kernel, section};
 use crate::volume::Grid;
@@ -63,6 +64,8 @@ pub(super) struct PackedBox<'a> {
     pub(super) padding: u32,
     /// See [`ViewGeometry::faces`](super::super::view::ViewGeometry).
     pub(super) faces: DVec3,
+    /// What is not cut away.
+    pub(super) clip: &'a [Side],
 }
 
 /// A kernel as rays evaluate it.
@@ -128,6 +131,16 @@ impl PackedBox<'_> {
         let zero = of(DVec3::ZERO);
         let [x, y, z] = DVec3::AXES.map(|unit| of(unit) - zero);
         DAffine3::from_mat3_translation(DMat3::from_cols(x, y, z), zero).inverse()
+    }
+
+    /// The planes that cut rays, as linear functions of (a, b, plane).
+    fn clip_planes(&self, axis: &PrincipalAxis) -> layout::ClipPlanes {
+        let to_lattice = self.map_to_lattice(axis);
+        let origin = to_lattice.translation - half(self.grid);
+        let plane = |(gradient, value): &Side| {
+            (to_lattice.matrix3.transpose() * *gradient).extend(gradient.dot(origin) + value)
+        };
+        layout::clip_planes(self.clip.iter().map(plane))
     }
 
     /// The box of what shows, as its least and largest (a, b, plane).
@@ -218,6 +231,7 @@ impl RaySetup<'_> {
             fade_in,
             fade_out,
             sections: sections.0,
+            clip_planes: self.volume.clip_planes(axis),
             ..layout::Rays::zeroed()
         };
         match self.scalars {
