@@ -21,6 +21,7 @@ use super::args::{
     StatsFormat, SwitchArg, ViewArgs,
 };
 use super::channels::ChannelArg;
+use super::clip::ClipChoice;
 use super::destination::{Destination, STREAM};
 use super::layers::{LABELS, LayersJob};
 use super::parse::{GradientOpacity, LightArg, Occlusion, PlaceArg};
@@ -125,6 +126,8 @@ pub(super) struct RenderJob {
     /// The part of it that is wanted.
     pub(super) region: Region,
     pub(super) settings: Settings,
+    /// What is cut away, in the settings once the volume is known.
+    pub(super) clip: ClipChoice,
     /// Whether there is studio light if the transfer function shows surfaces.
     pub(super) chooses_light: bool,
     /// Whether the picture is sharper than with the kernel itself if the transfer function shows surfaces.
@@ -228,6 +231,7 @@ impl RenderJob {
             size: args.size,
             region,
             settings,
+            clip: clip_choice(&args.model),
             chooses_light,
             chooses_sharpness,
             chooses_material: args.model.material.is_none(),
@@ -277,6 +281,7 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         model: model.model,
         response: model.response,
         depth_coded: model.depth_coded,
+        attenuation: model.attenuation,
         shading: model.shading,
         lighting: lighting(model, view)?,
         interslice: model.interslice,
@@ -287,12 +292,17 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         normalization: model.normalization,
         sharpness: model.sharpness.unwrap_or_default(),
         painter,
+        ..Settings::default()
     };
     settings.validate()?;
     if !matches!(model.model, Model::Composite | Model::Xray) && model.gradient_opacity.is_some() {
         return Err(Failure::Usage("--gradient-opacity: projections of intensity have none".to_owned()));
     }
     Ok(settings)
+}
+
+fn clip_choice(args: &ModelArgs) -> ClipChoice {
+    ClipChoice { planes: args.clip.clone(), inside: args.clip_box.clone(), voxels: args.crop }
 }
 
 /// Whether the text must mean a file. Then a missing file is reported, instead of an unknown name.
@@ -460,6 +470,7 @@ pub(super) struct ParetoJob {
     /// Width and height of the pictures, pixels.
     pub(super) size: [u32; 2],
     pub(super) settings: Settings,
+    pub(super) clip: ClipChoice,
     pub(super) adapter: Option<String>,
     pub(super) directory: PathBuf,
     pub(super) repeats: u32,
@@ -509,6 +520,7 @@ impl ParetoJob {
             frame: frame(&args.view),
             size: args.size,
             settings,
+            clip: clip_choice(&args.model),
             adapter: args.adapter,
             directory: args.output,
             repeats: args.repeats,

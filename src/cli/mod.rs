@@ -5,6 +5,7 @@
 
 mod args;
 mod channels;
+mod clip;
 mod compare;
 mod destination;
 mod devices;

@@ -3,9 +3,11 @@
 use std::path::Path;
 use std::time::Instant;
 
+use glam::DVec3;
 use serde::Serialize;
 use voxsplat::accuracy::{Chosen, Estimate, Truth, choose};
 use voxsplat::camera::{Camera, Hull};
+use voxsplat::clip::Clip;
 use voxsplat::demos;
 use voxsplat::figure::Figure;
 use voxsplat::image::{Image, Note};
@@ -190,6 +192,10 @@ pub(super) fn notes(settings: &Settings, figure: &Figure, of_errors: Vec<Note>) 
     let software = format!("voxsplat {}", env!("CARGO_PKG_VERSION"));
     let mut options = vec!["--model".to_owned(), settings.model.to_string()];
     options.extend(options_of(settings));
+    for plane in settings.clip.planes() {
+        let DVec3 { x, y, z } = plane.normal();
+        options.extend(["--clip".to_owned(), format!("{x},{y},{z},{}", plane.offset())]);
+    }
     let light = settings.lighting.as_ref().map_or_else(
         || "none".to_owned(),
         |Lighting { lights, shadows, shadow_bias, occlusion, .. }| {
@@ -206,11 +212,11 @@ pub(super) fn notes(settings: &Settings, figure: &Figure, of_errors: Vec<Note>) 
 }
 
 /// The hull that a picture is fitted to; `None` is the box of the volume.
-pub(super) fn framed(frame: FrameArg, layers: &Layers) -> Result<Option<Hull>, Failure> {
+pub(super) fn framed(frame: FrameArg, layers: &Layers, clip: &Clip) -> Result<Option<Hull>, Failure> {
     Ok(match frame {
         FrameArg::Volume => None,
-        FrameArg::Visible => layers.hull()?,
-        FrameArg::View => layers.hull()?.map(Hull::from_one_side),
+        FrameArg::Visible => layers.hull(clip)?,
+        FrameArg::View => layers.hull(clip)?.map(Hull::from_one_side),
     })
 }
 

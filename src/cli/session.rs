@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use voxsplat::accuracy::Estimate;
 use voxsplat::camera::{Camera, Hull, View};
+use voxsplat::clip::Clip;
 use voxsplat::demos;
 use voxsplat::figure::Shown;
 use voxsplat::formats::{LoadOptions, PyramidLevel};
@@ -40,7 +41,7 @@ pub(super) struct Session {
     /// What the last picture was made of.
     prepared: Option<Prepared>,
     /// What the last picture was fitted to, and how that was found.
-    framed: Option<(FrameArg, Layers, Option<Hull>)>,
+    framed: Option<(FrameArg, Clip, Layers, Option<Hull>)>,
     /// What is drawn in place of its values, if it has several channels.
     channels: Vec<Layer>,
     /// Volumes of labels, by their files.
@@ -155,6 +156,7 @@ impl Session {
             self.say(format!("note: the file asks for light: --light headlight --material {material}"));
         }
         self.choose_view(job)?;
+        job.settings.clip = job.clip.of(&self.volume)?;
         if job.light_follows {
             place_studio(job)?;
         }
@@ -239,11 +241,12 @@ impl Session {
         transfer: &TransferFunction,
         stages: &mut Stages,
     ) -> Result<Picture, Failure> {
+        let inside = &job.settings.clip;
         let around = match &self.framed {
-            Some((frame, of, hull)) if *frame == job.frame && of == layers => hull.clone(),
-            _ => stages.time("framing", || framed(job.frame, layers))?,
+            Some((frame, clip, of, hull)) if *frame == job.frame && clip == inside && of == layers => hull.clone(),
+            _ => stages.time("framing", || framed(job.frame, layers, inside))?,
         };
-        self.framed = Some((job.frame, layers.clone(), around.clone()));
+        self.framed = Some((job.frame, inside.clone(), layers.clone(), around.clone()));
         let camera = Camera::new(&View { around, ..job.view.clone() }, self.volume.grid(), job.size)?;
         let (image, settings, estimate, stats) = match &self.renderer {
             Some(renderer) => {

@@ -15,6 +15,7 @@ use std::sync::Arc;
 pub use self::labels::{Label, LabelCount, Labels, Which, count_labels};
 pub(crate) use self::labels::{Look, look_of};
 use crate::accuracy::Facts;
+use crate::clip::Clip;
 use crate::error::{Error, Result};
 use crate::framing::Hull;
 use crate::settings::{Level, Model, Settings};
@@ -245,22 +246,22 @@ impl Layers {
         self.layers[0].grid()
     }
 
-    /// The hull of all that layers show; `None` if they show nothing. Masks do not count.
+    /// The hull of all that layers show and that is not cut away; `None` if that is nothing. Masks do not count.
     ///
     /// # Errors
     /// Those of [`Hull::of_visible`].
-    pub fn hull(&self) -> Result<Option<Hull>> {
+    pub fn hull(&self, clip: &Clip) -> Result<Option<Hull>> {
         let hull = |layer: &Layer| match (&layer.mask, &layer.matter) {
-            (Some(mask), _) => Hull::of_values(&mask.volume, &runs(mask.shown.iter().copied())),
-            (None, Matter::Scalars { volume, transfer }) => Hull::of_visible(volume, transfer),
+            (Some(mask), _) => Hull::of_values(&mask.volume, &runs(mask.shown.iter().copied()), clip),
+            (None, Matter::Scalars { volume, transfer }) => Hull::of_visible(volume, transfer, clip),
             (None, Matter::Colors(colors)) => match &colors.alpha {
-                Some(alpha) => Hull::of_visible(alpha, &colors.transfer),
+                Some(alpha) => Hull::of_visible(alpha, &colors.transfer, clip),
                 // Luminance is no more than the brightest channel.
-                None => united(colors.channels.iter().map(|channel| Hull::of_visible(channel, &colors.transfer))),
+                None => united(colors.channels.iter().map(|channel| Hull::of_visible(channel, &colors.transfer, clip))),
             },
             (None, Matter::Labels { volume, looks }) => {
                 let shown = looks.iter().filter(|look| look.opacity > 0.0).map(|look| look.label);
-                Hull::of_values(volume, &runs(shown))
+                Hull::of_values(volume, &runs(shown), clip)
             }
         };
         united(self.layers.iter().map(hull))

@@ -7,6 +7,7 @@ use std::process::{Command, Output, Stdio};
 use glam::DVec3;
 use tempfile::TempDir;
 use voxsplat::camera::{Hull, ProjectionKind, View};
+use voxsplat::clip::Clip;
 use voxsplat::image::{Background, Image};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Resolution, Settings, Shading};
@@ -109,10 +110,33 @@ fn wrong_arguments_are_one_line_and_exit_2() {
     refused("render demo:sphere -o a.png --model mip --depth-coded --colour-bar", 2, "those of depths");
     refused("render demo:sphere -o a.png --title 骨", 2, "--title: the font has no '骨'");
     refused("render demo:sphere -o a.png --length-unit mm", 2, "--scale-bar");
+    refused("render demo:sphere -o a.png --clip 0,0,0", 2, "a direction NX,NY,NZ over 0");
+    refused("render demo:sphere -o a.png --clip-box 0,1,2", 2, "six numbers X0,X1");
+    refused("render demo:sphere -o a.png --crop 1:2", 2, "three ranges of voxels");
+    refused("render demo:sphere:8 -o a.png --crop 0:9,:,:", 2, "voxels 0:9 along x, expected some of 0:8");
+    refused("render demo:sphere:8 -o a.png --clip L", 2, "does not state where the patient's sides are");
     // What is quoted is cut, and what is expected is not.
     let long = "x".repeat(100_000);
     refused(&format!("render demo:sphere -o a.png --kernel {long}"), 2, " ... ");
     refused(&format!("render demo:sphere -o a.png --background {long}"), 2, "transparent");
+}
+
+#[test]
+fn planes_boxes_and_voxels_cut_alike() {
+    let dir = folder();
+    let options = "--size 40 --azimuth 30 --painter quads --termination 0";
+    let drawn = |name: &str, cut: &str| rendered(dir.path(), &format!("demo:vessels:16 -o {name}.exr {options} {cut}"));
+    drawn("crop", "--crop 8:,:,:");
+    drawn("half", "--clip 1,0,0");
+    drawn("whole", "--crop :,0:16,:");
+    drawn("uncut", "--frame visible");
+    let compared = |a: &str, b: &str| voxsplat(dir.path(), &format!("compare {a}.exr {b}.exr --tolerance 1e-6")).status;
+    assert!(compared("crop", "half").success() && compared("whole", "uncut").success());
+    assert!(!compared("crop", "uncut").success());
+    // A scene keeps what is cut away.
+    rendered(dir.path(), &format!("demo:vessels:16 -o a.exr {options} --crop 8:,:,: --save-scene s.json"));
+    rendered(dir.path(), "s.json -o again.exr");
+    assert_eq!(std::fs::read(dir.path().join("a.exr")).unwrap(), std::fs::read(dir.path().join("again.exr")).unwrap());
 }
 
 #[test]
@@ -444,7 +468,7 @@ fn assert_sphere(dir: &Path, arguments: &str, view: &View, settings: &Settings, 
     let output = rendered(dir, &format!("demo:sphere:24 --size 40x32 {arguments} -o program.png"));
     assert!(output.stdout.is_empty() && output.stderr.is_empty(), "{arguments}: {output:?}");
     let (volume, transfer) = demo("sphere", 24);
-    let around = Hull::of_visible(&volume, &transfer).unwrap();
+    let around = Hull::of_visible(&volume, &transfer, &Clip::default()).unwrap();
     let camera = look(&View { around, ..view.clone() }, &volume, [40, 32]);
     let image = picture(&volume, &transfer, &camera, settings).image;
     assert!(image.pixels().iter().any(|p| p[3] > 0.1));
