@@ -233,7 +233,7 @@ impl Reference {
             depth_coded: settings.depth_coded,
             attenuation: settings.attenuation,
             method,
-            clip: settings.clip.sides(&grid),
+            clip: settings.clip.sides(grid),
             light: None,
             progress: Progress::default(),
         };
