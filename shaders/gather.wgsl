@@ -83,6 +83,74 @@ fn parts_of(section: Section, sums: Moments) -> Parts {
     );
 }
 
+// The part of the slabs before a border: `part`, unless the border is cut away.
+fn up_to(border: f32, part: vec4f, ends: vec2f, first: vec4f, last: vec4f) -> vec4f {
+    return select(select(part, first, border <= ends.x), last, border >= ends.y);
+}
+
+// Where a ray is cut, in planes from a plane of voxels, and what of the kernels of that plane lies before. What is
+// beyond their reach is not added up.
+struct Cut {
+    ends: vec2f,
+    first: vec4f,
+    last: vec4f,
+}
+
+// How far from their plane kernels reach along a ray, in planes: those of radius R at most R (1 + tan) cos, at an angle
+// of the ray to m.
+fn reach_along() -> f32 {
+    return sqrt(2.0 * rays.radius2) * rays.growth_most;
+}
+
+// The cut of the ray that meets plane 0 at `base`, between two places, in planes.
+fn cut_at(places: vec2f, base: vec2f, geometry: RayGeometry, plane: i32, end: i32) -> Cut {
+    let ends = vec2f(places.x, max(places.x, places.y)) - f32(plane);
+    let reach = reach_along();
+    var cut = Cut(ends, vec4f(0.0), vec4f(0.0));
+    if abs(ends.x) < reach {
+        cut.first = gathered_up_to(ends.x, base, geometry, plane, end);
+    }
+    if abs(ends.y) < reach {
+        cut.last = gathered_up_to(ends.y, base, geometry, plane, end);
+    }
+    return cut;
+}
+
+// What of whole kernels, `all`, lies before a place.
+fn before(place: f32, near: vec4f, all: vec4f) -> vec4f {
+    let reach = reach_along();
+    return select(select(near, all, place >= reach), vec4f(0.0), place <= -reach);
+}
+
+// What is left of the parts of the kernels of a plane where planes cut the ray: slabs end there. What is before each
+// cut has been added up voxel by voxel, so the optical depth of what is left is exact.
+fn cut_parts(parts: Parts, all: vec4f, cut: Cut) -> Parts {
+    let ends = cut.ends;
+    let reach = reach_along();
+    if ends.x <= -reach && ends.y >= reach {
+        return parts;
+    }
+    let first = before(ends.x, cut.first, all);
+    let last = before(ends.y, cut.last, all);
+    let b0 = parts.ahead4;
+    let b1 = b0 + parts.ahead3;
+    let b2 = b1 + parts.ahead2;
+    let b3 = b2 + parts.ahead1;
+    let b4 = b3 + parts.own;
+    let b5 = b4 + parts.behind1;
+    let b6 = b5 + parts.behind2;
+    let b7 = b6 + parts.behind3;
+    let c0 = up_to(-3.5, b0, ends, first, last);
+    let c1 = up_to(-2.5, b1, ends, first, last);
+    let c2 = up_to(-1.5, b2, ends, first, last);
+    let c3 = up_to(-0.5, b3, ends, first, last);
+    let c4 = up_to(0.5, b4, ends, first, last);
+    let c5 = up_to(1.5, b5, ends, first, last);
+    let c6 = up_to(2.5, b6, ends, first, last);
+    let c7 = up_to(3.5, b7, ends, first, last);
+    return Parts(c4 - c3, c3 - c2, c2 - c1, c1 - c0, c0 - first, c5 - c4, c6 - c5, c7 - c6, last - c7);
+}
+
 // Optical depth that a slab may lack, or have too much colour for. The fit of parts errs by a little around zero. As
 // long as that is little in optical depth too, errors of neighbours cancel, and to settle them would cost more than it
 // saves: up to four times the error of colours in ordinary material.
@@ -201,13 +269,25 @@ fn layer_share(geometry: RayGeometry, plane: i32) -> f32 {
 }
 
 // Adds a plane to the slabs that its kernels reach, and composites the slab before the foremost of these.
-fn feed(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, all: Moments, geometry: RayGeometry, plane: i32) {
+fn feed(
+    ray: ptr<function, RayState>,
+    slabs: ptr<function, Slabs>,
+    all: Moments,
+    geometry: RayGeometry,
+    plane: i32,
+    end: i32,
+) {
     var sums = all;
+    var share = 1.0;
     if LAYERED {
-        let share = layer_share(geometry, plane);
+        share = layer_share(geometry, plane);
         sums = Moments(share * all.m0, share * all.m1, share * all.m2);
     }
-    let parts = parts_of(section_at(geometry.near, geometry, plane), sums);
+    var parts = parts_of(section_at(geometry.near, geometry, plane), sums);
+    if CLIP_PLANES > 0u {
+        let cut = cut_at(geometry.cut, geometry.base, geometry, plane, end);
+        parts = cut_parts(parts, sums.m0, Cut(cut.ends, share * cut.first, share * cut.last));
+    }
     let pending = *slabs;
     var complete = pending.s1 + parts.ahead3;
     if REACH > 3 {
@@ -297,8 +377,17 @@ struct NearSlabs {
 }
 
 // `feed` of such kernels.
-fn feed_near(ray: ptr<function, RayState>, slabs: ptr<function, NearSlabs>, sums: Moments, geometry: RayGeometry) {
-    let parts = parts_of(geometry.near.as_asked, sums);
+fn feed_near(
+    ray: ptr<function, RayState>,
+    slabs: ptr<function, NearSlabs>,
+    sums: Moments,
+    geometry: RayGeometry,
+    cut: Cut,
+) {
+    var parts = parts_of(geometry.near.as_asked, sums);
+    if CLIP_PLANES > 0u {
+        parts = cut_parts(parts, sums.m0, cut);
+    }
     let pending = *slabs;
     advance(ray, pending.s0 + parts.ahead2, geometry);
     *slabs = NearSlabs(
@@ -315,6 +404,64 @@ fn restart(ray: ptr<function, RayState>, slabs: ptr<function, NearSlabs>) {
     *slabs = NearSlabs();
 }
 
+// Where eight rays are cut.
+struct EightCuts {
+    // The base coordinates of each, and the planes between which it is not cut away.
+    bases: array<vec2f, 8>,
+    places: array<vec2f, 8>,
+    // The least and the largest of where they begin, and of where they end.
+    begin: vec2f,
+    end: vec2f,
+    // For one plane.
+    cuts: array<Cut, 8>,
+}
+
+// The cuts of rays `across` to a row, a step `x` apart, in rows a step `y` apart.
+fn eight_cuts(geometry: RayGeometry, across: u32, x: vec2f, y: vec2f) -> EightCuts {
+    var eight = EightCuts();
+    if CLIP_PLANES > 0u {
+        eight.begin = vec2f(FAR, -FAR);
+        eight.end = vec2f(FAR, -FAR);
+        for (var i = 0u; i < 8u; i++) {
+            let base = geometry.base + f32(i % across) * x + f32(i / across) * y;
+            let places = cut_of(base, geometry.shear);
+            eight.bases[i] = base;
+            eight.places[i] = places;
+            eight.begin = vec2f(min(eight.begin.x, places.x), max(eight.begin.y, places.x));
+            eight.end = vec2f(min(eight.end.x, places.y), max(eight.end.y, places.y));
+        }
+    }
+    return eight;
+}
+
+// The planes of a run that can matter to one of the rays.
+fn planes_of_eight(run: vec2i, eight: ptr<function, EightCuts>) -> vec2i {
+    if CLIP_PLANES == 0u {
+        return run;
+    }
+    let beyond = REACH + 1;
+    return vec2i(max(run.x, i32((*eight).begin.x) - beyond), min(run.y, i32((*eight).end.y) + beyond + 1));
+}
+
+// Finds the cuts for a plane.
+fn find_cuts(eight: ptr<function, EightCuts>, geometry: RayGeometry, plane: i32, end: i32) {
+    if CLIP_PLANES > 0u {
+        let begin = (*eight).begin - f32(plane);
+        let last = (*eight).end - f32(plane);
+        let reach = reach_along();
+        if begin.x < reach && begin.y > -reach || last.x < reach && last.y > -reach {
+            for (var i = 0u; i < 8u; i++) {
+                (*eight).cuts[i] = cut_at((*eight).places[i], (*eight).bases[i], geometry, plane, end);
+            }
+        } else {
+            for (var i = 0u; i < 8u; i++) {
+                let places = (*eight).places[i];
+                (*eight).cuts[i].ends = vec2f(places.x, max(places.x, places.y)) - f32(plane);
+            }
+        }
+    }
+}
+
 // The least optical depth of eight rays.
 fn least(a: vec4f, b: vec4f) -> f32 {
     let m = min(a, b);
@@ -326,6 +473,7 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
     let at = first_ray(tile) + vec2u(0u, lane * rays.phases.y);
     let geometry = geometry_of(at);
     let direction = geometry.direction.xy;
+    var eight = eight_cuts(geometry, 8u, vec2f(1.0, 0.0), vec2f(0.0));
     var ray0 = new_ray();
     var ray1 = new_ray();
     var ray2 = new_ray();
@@ -348,7 +496,8 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
         if run.y == 0 {
             break;
         }
-        let end = min(run.y, rays.voxels.z);
+        let planes = planes_of_eight(run, &eight);
+        let end = min(planes.y, rays.voxels.z);
         restart(&ray0, &slabs0);
         restart(&ray1, &slabs1);
         restart(&ray2, &slabs2);
@@ -357,7 +506,7 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
         restart(&ray5, &slabs5);
         restart(&ray6, &slabs6);
         restart(&ray7, &slabs7);
-        for (var plane = run.x; plane < run.y + FLUSH_EIGHT; plane++) {
+        for (var plane = planes.x; plane < planes.y + FLUSH_EIGHT; plane++) {
             let center = geometry.base + geometry.shear * f32(plane);
             let rows = rows_of(plane, end, center.y, geometry.footprint_half.y);
             let origin = plane_texel(plane);
@@ -401,14 +550,15 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
                 add_row(&sums6, w, v6, v7, v8, v9, v10, v11);
                 add_row(&sums7, w, v7, v8, v9, v10, v11, v12);
             }
-            feed_near(&ray0, &slabs0, sums0, geometry);
-            feed_near(&ray1, &slabs1, sums1, geometry);
-            feed_near(&ray2, &slabs2, sums2, geometry);
-            feed_near(&ray3, &slabs3, sums3, geometry);
-            feed_near(&ray4, &slabs4, sums4, geometry);
-            feed_near(&ray5, &slabs5, sums5, geometry);
-            feed_near(&ray6, &slabs6, sums6, geometry);
-            feed_near(&ray7, &slabs7, sums7, geometry);
+            find_cuts(&eight, geometry, plane, end);
+            feed_near(&ray0, &slabs0, sums0, geometry, eight.cuts[0]);
+            feed_near(&ray1, &slabs1, sums1, geometry, eight.cuts[1]);
+            feed_near(&ray2, &slabs2, sums2, geometry, eight.cuts[2]);
+            feed_near(&ray3, &slabs3, sums3, geometry, eight.cuts[3]);
+            feed_near(&ray4, &slabs4, sums4, geometry, eight.cuts[4]);
+            feed_near(&ray5, &slabs5, sums5, geometry, eight.cuts[5]);
+            feed_near(&ray6, &slabs6, sums6, geometry, eight.cuts[6]);
+            feed_near(&ray7, &slabs7, sums7, geometry, eight.cuts[7]);
             depth = least(
                 vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
                 vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),
@@ -563,6 +713,7 @@ fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) t
     for (var number = 0u; number < 8u; number++) {
         weights[number] = block_weights(d, number);
     }
+    var eight = eight_cuts(geometry, ACROSS, rays.step_x, rays.step_y);
     var ray0 = new_ray();
     var ray1 = new_ray();
     var ray2 = new_ray();
@@ -585,7 +736,8 @@ fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) t
         if run.y == 0 {
             break;
         }
-        let end = min(run.y, rays.voxels.z);
+        let planes = planes_of_eight(run, &eight);
+        let end = min(planes.y, rays.voxels.z);
         restart(&ray0, &slabs0);
         restart(&ray1, &slabs1);
         restart(&ray2, &slabs2);
@@ -594,18 +746,19 @@ fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) t
         restart(&ray5, &slabs5);
         restart(&ray6, &slabs6);
         restart(&ray7, &slabs7);
-        for (var plane = run.x; plane < run.y + FLUSH_EIGHT; plane++) {
+        for (var plane = planes.x; plane < planes.y + FLUSH_EIGHT; plane++) {
             // Behind the run the rows before the plane, which are zeros.
             let row = select(-i32(ROWS), first.y, plane < end);
             let v = block_voxels(vec2i(first.x >> 1u, row), odd, plane_texel(plane));
-            feed_near(&ray0, &slabs0, block_moments(weights[0], v), geometry);
-            feed_near(&ray1, &slabs1, block_moments(weights[1], v), geometry);
-            feed_near(&ray2, &slabs2, block_moments(weights[2], v), geometry);
-            feed_near(&ray3, &slabs3, block_moments(weights[3], v), geometry);
-            feed_near(&ray4, &slabs4, block_moments(weights[4], v), geometry);
-            feed_near(&ray5, &slabs5, block_moments(weights[5], v), geometry);
-            feed_near(&ray6, &slabs6, block_moments(weights[6], v), geometry);
-            feed_near(&ray7, &slabs7, block_moments(weights[7], v), geometry);
+            find_cuts(&eight, geometry, plane, end);
+            feed_near(&ray0, &slabs0, block_moments(weights[0], v), geometry, eight.cuts[0]);
+            feed_near(&ray1, &slabs1, block_moments(weights[1], v), geometry, eight.cuts[1]);
+            feed_near(&ray2, &slabs2, block_moments(weights[2], v), geometry, eight.cuts[2]);
+            feed_near(&ray3, &slabs3, block_moments(weights[3], v), geometry, eight.cuts[3]);
+            feed_near(&ray4, &slabs4, block_moments(weights[4], v), geometry, eight.cuts[4]);
+            feed_near(&ray5, &slabs5, block_moments(weights[5], v), geometry, eight.cuts[5]);
+            feed_near(&ray6, &slabs6, block_moments(weights[6], v), geometry, eight.cuts[6]);
+            feed_near(&ray7, &slabs7, block_moments(weights[7], v), geometry, eight.cuts[7]);
             depth = least(
                 vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
                 vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),

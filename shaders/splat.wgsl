@@ -66,6 +66,9 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     let center = view_center(lattice);
     let growth = growth_at(center.z, splat_level(words));
     let side = vec2f(f32(corner & 1u), f32(corner >> 1u)) * 2.0 - 1.0;
+    if CLIP_PLANES > 0u && is_cut_away(center, frame.radius * growth) {
+        return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
+    }
     var box: vec4f;
     if bounded(center, growth) {
         box = bounds(center, growth);
@@ -110,8 +113,9 @@ struct Chord {
     first: f32,
     // Distance between sheet planes.
     step: f32,
-    // Half the chord's length.
-    half: f32,
+    // The ends of the chord: half its length before and behind its middle, but for what is cut away.
+    low: f32,
+    high: f32,
     // 1 / half^2.
     inverse_half2: f32,
     // World length per lattice length along the ray; if splats are scalars, 1 / the lattice length of the ray in a
@@ -164,7 +168,14 @@ fn chord(in: Varyings) -> Chord {
     var c: Chord;
     c.first = (batch.depth - in.center.z) * grid_per_depth + along;
     c.step = frame.sheet_step * grid_per_depth;
-    c.half = sqrt(max(half2, 0.0));
+    let half = sqrt(max(half2, 0.0));
+    c.low = -half;
+    c.high = half;
+    if CLIP_PLANES > 0u {
+        let inside = (clipped(vec2f(-BEYOND, BEYOND), plane) - in.center.z) * grid_per_depth + along;
+        c.low = clamp(inside.x, -half, half);
+        c.high = clamp(inside.y, c.low, half);
+    }
     c.inverse_half2 = 1.0 / half2;
     c.scale = world_per_depth / grid_per_depth;
     if SCALARS {
@@ -209,12 +220,12 @@ fn cumulative_to(c: Chord, t: f32) -> f32 {
 
 // The same to sheet plane `k` of the batch.
 fn cumulative(c: Chord, k: f32) -> f32 {
-    return cumulative_to(c, clamp(c.first + k * c.step, -c.half, c.half));
+    return cumulative_to(c, clamp(c.first + k * c.step, c.low, c.high));
 }
 
 // The footprint behind the first sheet plane of the frame.
 fn whole(c: Chord) -> f32 {
-    return cumulative_to(c, c.half) - cumulative(c, 0.0);
+    return cumulative_to(c, c.high) - cumulative(c, 0.0);
 }
 
 // The section of sheet `k`.

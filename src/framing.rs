@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use crate::clip::Clip;
 use crate::error::Result;
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
@@ -41,26 +42,26 @@ const LEAST_LEAN: f64 = 0.2;
 const STEPS: u32 = 200;
 
 impl Hull {
-    /// The hull of the voxels that a transfer function shows; `None` if it shows none. Voxels of less than a hundredth
-    /// of the function's largest opacity do not count. In volumes of over 255 voxels along y or z only some rows are
-    /// looked at, so a thing of a few voxels may be missed.
+    /// The hull of the voxels that a transfer function shows and that are not cut away; `None` if there are none.
+    /// Voxels of less than a hundredth of the function's largest opacity do not count. In volumes of over 255 voxels
+    /// along y or z only some rows are looked at, so a thing of a few voxels may be missed.
     ///
     /// # Errors
     /// [`Error::Read`](crate::error::Error::Read) and [`Error::Memory`](crate::error::Error::Memory) if samples left in
     /// a file cannot be read.
-    pub fn of_visible(volume: &Volume, transfer: &TransferFunction) -> Result<Option<Self>> {
+    pub fn of_visible(volume: &Volume, transfer: &TransferFunction, clip: &Clip) -> Result<Option<Self>> {
         let most = transfer.max_opacity();
         if most <= 0.0 {
             return Ok(None);
         }
-        Self::of_values(volume, &transfer.values_over(VISIBLE * most))
+        Self::of_values(volume, &transfer.values_over(VISIBLE * most), clip)
     }
 
-    /// The hull of the voxels with values in some ranges, which ascend and are apart.
-    pub(crate) fn of_values(volume: &Volume, ranges: &[[f64; 2]]) -> Result<Option<Self>> {
+    /// The same of the voxels with values in some ranges, which ascend and are apart.
+    pub(crate) fn of_values(volume: &Volume, ranges: &[[f64; 2]], clip: &Clip) -> Result<Option<Self>> {
         let grid = volume.grid();
         let to_world = grid.centered().to_world();
-        let points = volume.outline(ranges)?;
+        let points = volume.outline(ranges, &clip.sides(grid))?;
         let points: Arc<[DVec3]> = points.into_iter().map(|point| to_world.transform_point3(point)).collect();
         let [x, y, z] = grid.spacing();
         let [rows, planes] = volume.outline_steps().map(|n| n as f64);
@@ -235,7 +236,7 @@ mod tests {
             let world = DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(unit)), DVec3::X * unit);
             let grid = Grid::new([20; 3], world).unwrap();
             let volume = Volume::from_slice([20; 3], [1.0; 3], &samples).unwrap().with_grid(grid).unwrap();
-            let hull = Hull::of_visible(&volume, &transfer).unwrap().unwrap();
+            let hull = Hull::of_visible(&volume, &transfer, &Clip::default()).unwrap().unwrap();
             let center = hull.center(DVec3::Z, DVec3::Z);
             assert!((center / unit).distance(DVec3::new(7.0, 5.0, 6.0)) < 0.03, "{center}");
             let extents = [DVec3::X, DVec3::Z].map(|direction| hull.extent(center, DVec3::Z, direction) / unit);
@@ -243,6 +244,6 @@ mod tests {
         }
         let clear = TransferFunction::new(vec![point(150.0, 0.0), point(200.0, 1.0)], None).unwrap();
         let volume = Volume::from_slice([20; 3], [1.0; 3], &samples).unwrap();
-        assert_eq!(Hull::of_visible(&volume, &clear).unwrap(), None);
+        assert_eq!(Hull::of_visible(&volume, &clear, &Clip::default()).unwrap(), None);
     }
 }

@@ -25,11 +25,12 @@
 //! ```
 //!
 //! Names that most programs use are at the root. The rest is in modules: [`volume`] (samples on a lattice), [`formats`]
-//! (readers), [`demos`] (built-in volumes), [`transfer`] (functions, presets, JSON), [`kernel`], [`camera`],
-//! [`lighting`], [`settings`], [`renderer`] (the GPU), [`mod@reference`] (the same model integrated in f64, to measure
-//! against), [`accuracy`] (pictures that keep an error), [`reconstruction`] (the error of kernels), [`report`]
-//! (differences of pictures, speed against error), [`image`] (pictures and their files), [`figure`] (scale bar, axes,
-//! colour bar and title on a picture), `film` (GIF, APNG and Y4M), [`stats`], [`progress`], [`adapter`] and [`error`].
+//! (readers), [`demos`] (built-in volumes), [`transfer`] (functions, presets, JSON), [`kernel`], [`camera`], [`clip`]
+//! (planes, boxes), [`lighting`], [`settings`], [`renderer`] (the GPU), [`mod@reference`] (the same model integrated in
+//! f64, to measure against), [`accuracy`] (pictures that keep an error), [`reconstruction`] (the error of kernels),
+//! [`report`] (differences of pictures, speed against error), [`image`] (pictures and their files), [`figure`] (scale
+//! bar, axes, colour bar and title on a picture), `film` (GIF, APNG and Y4M), [`stats`], [`progress`], [`adapter`] and
+//! [`error`].
 //!
 //! The features, on by default: `cli` builds the program `voxsplat`; `film` writes films; `jpeg2000` reads JPEG 2000 in
 //! DICOM; `report` has plots of speed against error. A library needs `default-features = false`. `hdf5`, which reads HDF5
@@ -39,6 +40,7 @@ pub mod accuracy;
 pub mod adapter;
 mod budget;
 pub mod camera;
+pub mod clip;
 mod color;
 pub mod demos;
 pub mod error;

@@ -310,7 +310,7 @@ impl Scene {
         }
         let unit = voxels.layers.unit();
         let lattice = shadow::Lattice::new(grid, kernel, divisor, unit, f64::from(level).exp2());
-        Some(Shadows { casting, lattice })
+        Some(Shadows { casting, lattice, clip: settings.clip.sides(grid) })
     }
 
     /// The cells of scalars that stand for voxels.
@@ -432,7 +432,8 @@ impl Scene {
         let unit = scalars.transfer.unit_or(self.grid.min_spacing());
         let voxels = coarse.map_or(1.0, |(cells, _)| cells.size());
         let lattice_of_light = shadow::Lattice::new(&grid, cells, cells.integral() / denser, unit, voxels);
-        let shadows = Shadows { casting, lattice: lattice_of_light };
+        let clip = lattice.settings.clip.sides(&grid);
+        let shadows = Shadows { casting, lattice: lattice_of_light, clip };
         let post = |light: &Arc<LightVolume>| {
             let to_light = light.map_from(&lattice.coarse.map_or(Ok(self.grid), |(cells, ..)| cells.grid(&self.grid))?);
             Ok(Some(PostShading { table: Arc::clone(&table), light: Arc::clone(light), shadows: true, to_light }))

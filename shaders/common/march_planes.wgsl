@@ -16,7 +16,7 @@ fn march_planes(tile: vec3u, geometry: RayGeometry, start: RayState) -> RayState
         var slabs = Slabs();
         begin_run(&ray);
         for (var plane = planes.x; plane < planes.y + FLUSH; plane++) {
-            feed(&ray, &slabs, gathered(geometry, footprints, plane, planes.y), geometry, plane);
+            feed(&ray, &slabs, gathered(geometry, footprints, plane, planes.y), geometry, plane, planes.y);
             if is_opaque(ray) {
                 break;
             }

@@ -1,11 +1,12 @@
-// The ray of a pixel of the painter `quads`, and the part of it that is inside the box of the volume.
+// The ray of a pixel of the painter `quads`, and the part of it that is inside the box of the volume and
+// not cut away.
 
 override PERSPECTIVE: bool = false;
 
 struct PixelRay {
     // Slopes dx/dz and dy/dz; 0 in a parallel projection.
     slope: vec2f,
-    // View depths between which the ray is in front of the eye and inside the box; nothing is if x >= y.
+    // View depths between which the ray is in front of the eye, inside the box and not cut away; nothing is if x >= y.
     inside: vec2f,
     // World length along the ray per unit of view depth.
     stretch: f32,
@@ -39,5 +40,5 @@ fn pixel_ray(pixel: vec2u) -> PixelRay {
     let near = min(a, b);
     let far = max(a, b);
     let inside = vec2f(max(max(near.x, near.y), max(near.z, nearest)), min(far.x, min(far.y, far.z)));
-    return PixelRay(slope, inside, stretch, start, direction);
+    return PixelRay(slope, clipped(inside, plane), stretch, start, direction);
 }

@@ -23,6 +23,59 @@ fn footprint(square: f32) -> f32 {
     return sqrt(c2) * ((((high * c2 + f.w) * c2 + f.z) * c2 + f.y) * c2 + f.x);
 }
 
+// The part of that integral before a place `t` on the ray, from the point that is nearest to the centre.
+//
+// With c the half chord, the integral of (c^2 - u^2)^k over u from 0 to t is one of the power k - 1 by parts. The
+// kernel is the polynomial in c^2 - u^2 whose footprint is that of footprint(), so the factors of the footprint's
+// powers are those of these integrals, J, in units of what they are over the half chord for c = 1: J(0) = t, J(k) = c^2
+// J(k - 1) + t (c^2 - t^2)^k / ((2 k + 1) times that unit).
+fn footprint_before(square: f32, t: f32) -> f32 {
+    let c2 = max(rays.radius2 - square, 0.0);
+    let c = sqrt(c2);
+    let p = clamp(t, -c, c);
+    let y = max(c2 - p * p, 0.0);
+    let f = rays.footprint;
+    let g = rays.footprint_high;
+    var power = p * y;
+    var j = p;
+    var sum = f.x * j;
+    j = c2 * j + power * (1.0 / 2.0);
+    sum += f.y * j;
+    power *= y;
+    j = c2 * j + power * (3.0 / 8.0);
+    sum += f.z * j;
+    power *= y;
+    j = c2 * j + power * (5.0 / 16.0);
+    sum += f.w * j;
+    power *= y;
+    j = c2 * j + power * (35.0 / 128.0);
+    sum += g.x * j;
+    power *= y;
+    j = c2 * j + power * (63.0 / 256.0);
+    sum += g.y * j;
+    if TERMS > 6u {
+        power *= y;
+        j = c2 * j + power * (231.0 / 1024.0);
+        sum += g.z * j;
+        power *= y;
+        j = c2 * j + power * (429.0 / 2048.0);
+        sum += g.w * j;
+    }
+    return 0.5 * (footprint(square) + sum);
+}
+
+// The part of the footprint of the voxel at (du, dv) from where a ray meets its plane that lies before a place along
+// the ray from there; the other parameters are those of weights().
+fn weight_before(du: f32, dv: f32, place: f32, direction: vec2f, growth: f32) -> f32 {
+    let s = du * direction.x + dv * direction.y;
+    let square = du * du + dv * dv - s * s;
+    if GROWN {
+        let own = 1.0 / max(growth + du * rays.growth_slope.x + dv * rays.growth_slope.y, 1.0);
+        return footprint_before(square * own * own, (place - s) * own) * own * own;
+    }
+    return footprint_before(square, place - s);
+}
+
 // Footprint w of the voxel at (du, dv) from where a ray meets its plane, w s and w s^2, s the voxel's place along the
 // ray. `direction` is the ray's unit vector, without its component along m. `growth` is that of a kernel at the ray's
 // place, see growth_at().
@@ -187,6 +240,30 @@ fn add_pair(sums: ptr<function, Moments>, row: VoxelRow, texel: i32, direction: 
     (*sums).m0 += w.x * v + x.x * u;
     (*sums).m1 += w.y * v + x.y * u;
     (*sums).m2 += w.z * v + x.z * u;
+}
+
+// What of the kernels of a plane is before a place, in planes from there, on the ray that meets plane 0 at `base`; 0 if
+// the plane is not before `end`.
+fn gathered_up_to(place: f32, base: vec2f, geometry: RayGeometry, plane: i32, end: i32) -> vec4f {
+    let direction = geometry.direction;
+    let center = base + geometry.shear * f32(plane);
+    let growth = growth_at(geometry, plane);
+    let reach = reach_at(growth);
+    let rows = rows_of(plane, end, center.y, geometry.footprint_half.y * reach);
+    let half = geometry.row_half * reach;
+    let origin = plane_texel(plane);
+    let along = place / direction.z;
+    var sum = vec4f(0.0);
+    for (var row = rows.x; row <= rows.y; row++) {
+        let at = voxel_row(geometry, center, row, origin, half);
+        for (var texel = 0; texel < i32(TEXELS); texel++) {
+            let t = voxels_at(at.texel + vec2i(texel, 0));
+            let du = at.du + f32(2 * texel);
+            sum += weight_before(du, at.dv, along, direction.xy, growth) * first_of(t)
+                + weight_before(du + 1.0, at.dv, along, direction.xy, growth) * second_of(t);
+        }
+    }
+    return sum;
 }
 
 // The moments of a plane for one ray; 0 if the plane is not before `end`.

@@ -33,6 +33,8 @@ struct RayGeometry {
     // The planes, as real numbers, between which the ray counts: of scalars in front of the eye and inside the box; of
     // colours all or, if what the ray meets is behind the eye, none.
     inside: vec2f,
+    // The planes between which the ray is not cut away.
+    cut: vec2f,
     // Unit vector to the eye, view coordinates.
     to_eye: vec3f,
 }
@@ -53,9 +55,6 @@ struct RayState {
 fn new_ray() -> RayState {
     return RayState(vec3f(0.0), 0.0, 1.0, vec4f(0.0), vec4f(0.0));
 }
-
-// A distance in planes that is larger than any in a volume and still fits into an i32.
-const FAR: f32 = 1e8;
 
 // Between two entries of the table of sections.
 fn section_between(step: u32, fraction: f32, lean: f32) -> Section {
@@ -82,7 +81,7 @@ fn geometry_of(point: vec2u) -> RayGeometry {
     var geometry = RayGeometry(line.base, line.shear, rays.direction, rays.stretch, rays.footprint_half, rays.row_half,
         rays.row_slope, GrowingSection(rays.sections[0], Section(), Section()),
         GrowingSection(rays.sections[FAR_SECTIONS], Section(), Section()), vec2f(1.0, 0.0), vec2f(-FAR, FAR),
-        vec3f(0.0, 0.0, -1.0));
+        vec2f(-FAR, FAR), vec3f(0.0, 0.0, -1.0));
     if PERSPECTIVE {
         let per_length = inverseSqrt(dot(line.heading, line.heading));
         let d = line.heading * per_length;
@@ -127,6 +126,10 @@ fn geometry_of(point: vec2u) -> RayGeometry {
             let in_front = 0.5 * geometry.inside.x + 0.5 * geometry.inside.y > eye;
             geometry.inside = select(vec2f(FAR, -FAR), vec2f(-FAR, FAR), in_front);
         }
+    }
+    if CLIP_PLANES > 0u {
+        geometry.cut = cut_of(line.base, line.shear);
+        geometry.inside = vec2f(max(geometry.inside.x, geometry.cut.x), min(geometry.inside.y, geometry.cut.y));
     }
     if LAYERED {
         // Growth increases along a ray: it follows depth.
@@ -178,7 +181,7 @@ fn section_at(sections: GrowingSection, geometry: RayGeometry, plane: i32) -> Se
 // The planes of a run that can matter to a ray: the first, and the one after the last.
 fn planes_of(run: vec2i, geometry: RayGeometry) -> vec2i {
     let last = min(run.y, rays.voxels.z);
-    if PERSPECTIVE || SCALARS {
+    if PERSPECTIVE || SCALARS || CLIP_PLANES > 0u {
         // Planes beyond what counts: those that kernels reach over, one because the slab next to the last one shapes
         // the curve in it, and one because the conversion to i32 cuts off a fraction. One more because the second plane
         // is the one after the last.

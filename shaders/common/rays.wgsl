@@ -17,6 +17,9 @@ override PERSPECTIVE: bool = false;
 // The volume is a layer: rays go through cells of several levels, coarser ones farther away, and these are of one.
 override LAYERED: bool = false;
 
+// A distance in planes that is larger than any in a volume and still fits into an i32.
+const FAR: f32 = 1e8;
+
 // Entries of the table of sections, at equal steps of the length of a ray's shear. It is 0 for a ray along m, sqrt(2)
 // for a ray that runs along all three axes alike, and at most 1.55 for a ray in which m has a share: of m at least
 // 0.542, of the others 0.592 each.
@@ -128,14 +131,20 @@ struct Rays {
     fade_out: vec2f,
     // The place of the length of a gradient among bins: see common/transfer.wgsl.
     gradient_lookup: f32,
+    // See faded() in common/transfer.wgsl.
+    attenuation: f32,
     // From (a, b, plane) to the light volume, and to the lattice.
     to_light: mat4x3f,
     to_lattice: mat4x3f,
-    // What the model takes. X-ray: `curve` of common/response.wgsl. Coded by depth: the share of a place (a, b, plane)
+    // What the model takes. X-ray: `curve` of common/response.wgsl. Coded or attenuated by
+    // depth: the share of a place (a, b, plane)
     // in the depth of the box is dot(model.xyz, place) + model.w.
     model: vec4f,
     // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.
     sections: array<Section, 2u * FAR_SECTIONS>,
+    // What is on the inner side of a clipping plane, at (a, b, plane): dot(xyz, (a, b, plane)) + w >= 0. See
+    // common/clip.wgsl.
+    clip_planes: array<vec4f, MAX_CLIP_PLANES>,
 }
 
 // The parts of a kernel that lie in four slabs before its centre: its footprint times (by_m0 + by_m1 s + by_m2
@@ -180,6 +189,16 @@ fn line_of(point: vec2u) -> Line {
         return Line(rays.middle.xy + place / heading.z - shear * rays.middle.z, shear, heading);
     }
     return Line(place, rays.shear, rays.direction);
+}
+
+// The planes, as real numbers, between which a ray is not cut away; none if x >= y.
+fn cut_of(base: vec2f, shear: vec2f) -> vec2f {
+    var inside = vec2f(-FAR, FAR);
+    for (var i = 0u; i < CLIP_PLANES; i++) {
+        let side = rays.clip_planes[i];
+        inside = on_inner_side(inside, dot(side.xy, base) + side.w, dot(side.xy, shear) + side.z);
+    }
+    return clamp(inside, vec2f(-FAR), vec2f(FAR));
 }
 
 // The kernels of a plane that reach a ray of this shear are centred within this distance of it along a and b.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::builder::NonEmptyStringValueParser;
 use clap::{Parser, Subcommand, ValueEnum};
 use glam::DVec3;
+use voxsplat::clip::Clip;
 use voxsplat::film::Format;
 use voxsplat::formats::{LoadOptions, PyramidLevel};
 use voxsplat::image::{Background, Region};
@@ -14,6 +15,8 @@ use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Reso
 use voxsplat::transfer::Window;
 use voxsplat::volume::{Endian, SampleType};
 
+use super::channels::{ChannelArg, channel};
+use super::clip::{self, ClipArg, Voxels};
 use super::layers::{LabelArg, label};
 use super::parse::{self, GradientOpacity, LightArg, Occlusion, one_of};
 use super::preview::Preview;
@@ -96,6 +99,10 @@ pub(super) struct InputArgs {
     /// transfer function gives VALUE no opacity
     #[arg(long, value_name = "VALUE", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Input")]
     pub(super) replace_nan: Option<f64>,
+    /// Files of several channels: draw channel N, counted from 0. Repeat the option to draw several together, each in a
+    /// colour [default: all, in the colours of the file or green, magenta, cyan ..; red, green and blue as colours]
+    #[arg(long, value_name = "N[:COLOUR]", value_parser = channel, help_heading = "Input")]
+    pub(super) channel: Vec<ChannelArg>,
     /// Files of several points in time: which of them, counted from 0 [default: 0]
     #[arg(long, value_name = "N", help_heading = "Input")]
     pub(super) time: Option<u32>,
@@ -133,7 +140,7 @@ impl InputArgs {
             offset: self.offset,
             replace_nan: self.replace_nan,
             time: self.time,
-            channel: None,
+            channel: self.channel.first().map(|channel| channel.number),
             series: self.series,
             level: self.pyramid.map_or(LoadOptions::default().level, PyramidLevel::At),
             stream_over: self.stream_over.saturating_mul(1 << 20),
@@ -285,6 +292,9 @@ pub(super) struct ModelArgs {
     /// transfer function tells how bright they are
     #[arg(long, help_heading = "Model")]
     pub(super) depth_coded: bool,
+    /// Projection mip: what is farther away counts less, down to exp(-A) of itself at the far end of the box, 0 to 20
+    #[arg(long, value_name = "A", default_value_t = 0.0, value_parser = parse::number, help_heading = "Model")]
+    pub(super) attenuation: f64,
     /// Classify and light voxels before reconstruction (pre: fast) or pixels after it (post: sharp)
     #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = one_of(Shading::ALL, Shading::name),
         help_heading = "Model")]
@@ -300,6 +310,20 @@ pub(super) struct ModelArgs {
     /// [default: 0.3,0.7,0.2,24; studio 0.4,0.7,0.2,24; `render` takes that of a preset that shows surfaces]
     #[arg(long, value_name = "A,D,S,N", value_parser = parse::material, help_heading = "Model")]
     pub(super) material: Option<[f64; 4]>,
+    /// Cut away what lies beyond a plane. What lies in the world direction NX,NY,NZ stays: of a plane through the
+    /// middle of the volume, at the distance D from the origin of the world, or through the point X,Y,Z. Or the side
+    /// of the patient that stays: L, R, A, P, S or I. Repeat the option for more planes, 8 with those of boxes
+    #[arg(long, alias = "clip-plane", value_name = "NX,NY,NZ[,D|,X,Y,Z]|SIDE", value_parser = clip::clip,
+        allow_hyphen_values = true, help_heading = "Model")]
+    pub(super) clip: Vec<ClipArg>,
+    /// Cut away what lies outside of a box of the world; -inf and inf leave a side open
+    #[arg(long, value_name = "X0,X1,Y0,Y1,Z0,Z1", value_parser = clip::clip_box, allow_hyphen_values = true,
+        help_heading = "Model")]
+    pub(super) clip_box: Option<Clip>,
+    /// Cut away what lies outside of the cells of some voxels: from I0 to before I1 along the first axis of the
+    /// lattice, counted from 0, and so on. Without a number a range reaches to the face of the volume: 10:20,:,40:
+    #[arg(long, value_name = "I0:I1,J0:J1,K0:K1", value_parser = clip::crop, help_heading = "Model")]
+    pub(super) crop: Option<[Voxels; 3]>,
     /// Shadows of the first three lights given by AZ,EL or @X,Y,Z: on, off, or their strength, 0 to 1 [default: off;
     /// studio 0.85]
     #[arg(long, value_name = "on|off|STRENGTH", value_parser = parse::strength, help_heading = "Model")]
@@ -448,6 +472,7 @@ Examples:
   voxsplat render ct.nrrd -o skull.png --transfer ct-bone --projection perspective --fov 40
   voxsplat render engine.raw -o engine.png --dims 256,256,128 --type u8 --transfer viridis
   voxsplat render ct.nrrd -o lit.png --transfer ct-bone --shading post --light headlight
+  voxsplat render head.nii.gz -o half.png --clip R --light studio
   voxsplat render ct.nrrd -o film.png --model xray --response film --azimuth 90
   voxsplat render head.nii.gz -o truth.exr --reference --size 256
   voxsplat render ct.nrrd -o organs.png --labels organs.nrrd --label-table organs.ctbl --label all:0.5

@@ -20,6 +20,8 @@ use super::args::{
     CompareArgs, FigureArgs, FrameArg, ModelArgs, PainterArg, PainterArgs, ParetoArgs, ProjectionArg, RenderArgs,
     StatsFormat, SwitchArg, ViewArgs,
 };
+use super::channels::ChannelArg;
+use super::clip::ClipChoice;
 use super::destination::{Destination, STREAM};
 use super::layers::{LABELS, LayersJob};
 use super::parse::{GradientOpacity, LightArg, Occlusion, PlaceArg};
@@ -51,11 +53,18 @@ pub(super) struct Transfer {
     pub(super) choice: TransferChoice,
     /// The values that it begins and ends at.
     pub(super) window: Option<Window>,
+    /// Whether there is nothing but that window.
+    by_window: bool,
     /// What replaces its gradient opacity.
     pub(super) gradient: Option<GradientOpacity>,
 }
 
 impl Transfer {
+    /// Whether it is only a window.
+    pub(super) fn is_window(&self) -> bool {
+        self.by_window
+    }
+
     fn new(args: &ModelArgs) -> Result<Self, Failure> {
         let window = args.window;
         let given = |imported| TransferChoice::Given(Box::new(imported));
@@ -88,7 +97,8 @@ impl Transfer {
             (None, None) if window.is_some() => given(Imported::of_map(&maps::find("gray")?)?),
             (None, None) => TransferChoice::Suggested,
         };
-        Ok(Self { choice, window, gradient: args.gradient_opacity.clone() })
+        let by_window = window.is_some() && args.transfer.is_none() && args.colour_map.is_none();
+        Ok(Self { choice, window, by_window, gradient: args.gradient_opacity.clone() })
     }
 }
 
@@ -108,6 +118,7 @@ pub(super) struct RenderJob {
     pub(super) load: LoadOptions,
     pub(super) transfer: Transfer,
     pub(super) layers: LayersJob,
+    pub(super) channels: Vec<ChannelArg>,
     pub(super) view: View,
     pub(super) frame: FrameArg,
     /// Width and height of the picture, pixels.
@@ -115,6 +126,8 @@ pub(super) struct RenderJob {
     /// The part of it that is wanted.
     pub(super) region: Region,
     pub(super) settings: Settings,
+    /// What is cut away, in the settings once the volume is known.
+    pub(super) clip: ClipChoice,
     /// Whether there is studio light if the transfer function shows surfaces.
     pub(super) chooses_light: bool,
     /// Whether the picture is sharper than with the kernel itself if the transfer function shows surfaces.
@@ -212,11 +225,13 @@ impl RenderJob {
             source: args.input.source,
             transfer,
             layers,
+            channels: args.input.channel,
             view,
             frame: frame(&args.view),
             size: args.size,
             region,
             settings,
+            clip: clip_choice(&args.model),
             chooses_light,
             chooses_sharpness,
             chooses_material: args.model.material.is_none(),
@@ -266,6 +281,7 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         model: model.model,
         response: model.response,
         depth_coded: model.depth_coded,
+        attenuation: model.attenuation,
         shading: model.shading,
         lighting: lighting(model, view)?,
         interslice: model.interslice,
@@ -276,12 +292,17 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         normalization: model.normalization,
         sharpness: model.sharpness.unwrap_or_default(),
         painter,
+        ..Settings::default()
     };
     settings.validate()?;
     if !matches!(model.model, Model::Composite | Model::Xray) && model.gradient_opacity.is_some() {
         return Err(Failure::Usage("--gradient-opacity: projections of intensity have none".to_owned()));
     }
     Ok(settings)
+}
+
+fn clip_choice(args: &ModelArgs) -> ClipChoice {
+    ClipChoice { planes: args.clip.clone(), inside: args.clip_box.clone(), voxels: args.crop }
 }
 
 /// Whether the text must mean a file. Then a missing file is reported, instead of an unknown name.
@@ -449,6 +470,7 @@ pub(super) struct ParetoJob {
     /// Width and height of the pictures, pixels.
     pub(super) size: [u32; 2],
     pub(super) settings: Settings,
+    pub(super) clip: ClipChoice,
     pub(super) adapter: Option<String>,
     pub(super) directory: PathBuf,
     pub(super) repeats: u32,
@@ -484,6 +506,9 @@ impl ParetoJob {
         };
         let views = std::iter::once(first.clone()).chain((1..args.views).map(turned)).collect();
         let transfer = Transfer::new(&args.model)?;
+        if args.input.channel.len() > 1 {
+            return Err(Failure::Usage("--channel: a study is of one channel".to_owned()));
+        }
         if matches!(transfer.choice, TransferChoice::Labels) {
             return Err(Failure::Usage("--transfer labels is for render and turntable".to_owned()));
         }
@@ -495,6 +520,7 @@ impl ParetoJob {
             frame: frame(&args.view),
             size: args.size,
             settings,
+            clip: clip_choice(&args.model),
             adapter: args.adapter,
             directory: args.output,
             repeats: args.repeats,

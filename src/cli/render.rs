@@ -3,9 +3,11 @@
 use std::path::Path;
 use std::time::Instant;
 
+use glam::DVec3;
 use serde::Serialize;
 use voxsplat::accuracy::{Chosen, Estimate, Truth, choose};
 use voxsplat::camera::{Camera, Hull};
+use voxsplat::clip::Clip;
 use voxsplat::demos;
 use voxsplat::figure::Figure;
 use voxsplat::image::{Image, Note};
@@ -60,7 +62,7 @@ pub(super) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
         let mut stages = Stages::default();
         let (session, fitted) = match &mut shared {
             Some(session) => {
-                let fitted = transfer(&job.source, &job.transfer, &session.volume, &mut stages)?;
+                let fitted = session.fitted(&job, &mut stages)?;
                 (session, fitted)
             }
             None => {
@@ -190,6 +192,10 @@ pub(super) fn notes(settings: &Settings, figure: &Figure, of_errors: Vec<Note>) 
     let software = format!("voxsplat {}", env!("CARGO_PKG_VERSION"));
     let mut options = vec!["--model".to_owned(), settings.model.to_string()];
     options.extend(options_of(settings));
+    for plane in settings.clip.planes() {
+        let DVec3 { x, y, z } = plane.normal();
+        options.extend(["--clip".to_owned(), format!("{x},{y},{z},{}", plane.offset())]);
+    }
     let light = settings.lighting.as_ref().map_or_else(
         || "none".to_owned(),
         |Lighting { lights, shadows, shadow_bias, occlusion, .. }| {
@@ -206,11 +212,11 @@ pub(super) fn notes(settings: &Settings, figure: &Figure, of_errors: Vec<Note>) 
 }
 
 /// The hull that a picture is fitted to; `None` is the box of the volume.
-pub(super) fn framed(frame: FrameArg, layers: &Layers) -> Result<Option<Hull>, Failure> {
+pub(super) fn framed(frame: FrameArg, layers: &Layers, clip: &Clip) -> Result<Option<Hull>, Failure> {
     Ok(match frame {
         FrameArg::Volume => None,
-        FrameArg::Visible => layers.hull()?,
-        FrameArg::View => layers.hull()?.map(Hull::from_one_side),
+        FrameArg::Visible => layers.hull(clip)?,
+        FrameArg::View => layers.hull(clip)?.map(Hull::from_one_side),
     })
 }
 
@@ -266,6 +272,12 @@ impl Fitted {
         Self { transfer, preset: None, suggested: None, notes: Vec::new() }
     }
 
+    /// What stands for none, where layers say what shows.
+    pub(super) fn clear() -> Result<Self, Failure> {
+        let clear = ControlPoint { value: 0.0, color: [0.0; 3], opacity: 0.0 };
+        Ok(Self::new(TransferFunction::new(vec![clear], None)?))
+    }
+
     /// All that the user should know of it.
     pub(super) fn notes(&self) -> impl Iterator<Item = &String> {
         self.suggested.iter().chain(&self.notes)
@@ -289,10 +301,7 @@ fn fitted(source: &Path, asked: &Transfer, volume: &Volume, stages: &mut Stages)
     let mut statistics = || stages.time("statistics", || Statistics::of(volume));
     let fitted = match &asked.choice {
         // There is none: layers have the labels.
-        TransferChoice::Labels => {
-            let clear = ControlPoint { value: 0.0, color: [0.0; 3], opacity: 0.0 };
-            return Ok(Fitted::new(TransferFunction::new(vec![clear], None)?));
-        }
+        TransferChoice::Labels => return Fitted::clear(),
         TransferChoice::Given(imported) => {
             let window = match asked.window {
                 None if imported.fits => Window::of(&statistics()?),

@@ -1,7 +1,9 @@
 //! The structs that Rust and WGSL share, in one place; a test compares names, offsets and sizes with the shaders.
 
 use bytemuck::{Pod, Zeroable};
-use glam::DAffine3;
+use glam::{DAffine3, DVec4};
+
+use crate::clip::Clip;
 
 /// A classified voxel; shaders/common/splat.wgsl explains the words.
 #[repr(C)]
@@ -84,6 +86,16 @@ pub(crate) struct ControlPoint {
     pub _pad: [f32; 3],
 }
 
+/// Clipping planes, of which pipelines read as many as they are specialised for; shaders/common/clip.wgsl.
+pub(crate) type ClipPlanes = [[f32; 4]; Clip::MAX_PLANES];
+
+/// Clipping planes as shaders have them.
+pub(crate) fn clip_planes(planes: impl Iterator<Item = DVec4>) -> ClipPlanes {
+    let mut slots = ClipPlanes::default();
+    slots.iter_mut().zip(planes).for_each(|(slot, plane)| *slot = plane.as_vec4().to_array());
+    slots
+}
+
 /// What all stages of one frame share; each field is explained in shaders/common/frame.wgsl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -123,6 +135,7 @@ pub(crate) struct Frame {
     pub level_spread: f32,
     pub _pad: u32,
     pub model: [f32; 4],
+    pub clip_planes: ClipPlanes,
 }
 
 /// Parameters of `sort`; shaders/sort.wgsl.
@@ -292,12 +305,13 @@ pub(crate) struct Rays {
     pub fade_in: [f32; 2],
     pub fade_out: [f32; 2],
     pub gradient_lookup: f32,
-    pub _pad: f32,
+    pub attenuation: f32,
     pub to_light: Affine,
     pub to_lattice: Affine,
     pub model: [f32; 4],
     /// Those of near slabs, then those of far ones.
     pub sections: [[[Section; SECTIONS]; SECTION_POWERS]; 2],
+    pub clip_planes: ClipPlanes,
 }
 
 /// How splats are packed for the painter `tiles`; each field is explained in shaders/common/packing.wgsl.

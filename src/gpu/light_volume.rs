@@ -78,9 +78,10 @@ impl LightVolume {
         emitted: &Emitted,
         grid: &Grid,
         classification: &Classification<'_>,
-        Shadows { casting, lattice }: &Shadows,
+        shadows: &Shadows,
         progress: &Progress,
     ) -> Result<Self> {
+        let Shadows { casting, lattice, .. } = shadows;
         let held = emitted.stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
         let bricks = emitted.stores.iter().zip(&held).flat_map(|(store, held)| store.bricks.iter().zip(held.iter()));
         let bricks: Vec<(&BrickSplats, &HostBrick)> = bricks.collect();
@@ -89,7 +90,7 @@ impl LightVolume {
                 let found = places(bits)
                     .zip(words.chunks_exact(held.each))
                     .map(move |(x, words)| ([at[0] + x, at[1], at[2]], classification.density(words, grid)));
-                found.filter(|(_, density)| *density > 0.0)
+                found.filter(|(point, density)| *density > 0.0 && shadows.casts(*point))
             });
             found.collect::<Vec<_>>()
         };

@@ -25,6 +25,8 @@ const ABSORBED: &str = include_str!("../../shaders/common/absorbed.wgsl");
 const RESPONSE: &str = include_str!("../../shaders/common/response.wgsl");
 const DISPATCH: &str = include_str!("../../shaders/common/dispatch.wgsl");
 const FRAME: &str = include_str!("../../shaders/common/frame.wgsl");
+const CLIP: &str = include_str!("../../shaders/common/clip.wgsl");
+const CLIP_VIEW: &str = include_str!("../../shaders/common/clip_view.wgsl");
 const PACKING: &str = include_str!("../../shaders/common/packing.wgsl");
 const RAYS: &str = include_str!("../../shaders/common/rays.wgsl");
 const RAY_GEOMETRY: &str = include_str!("../../shaders/common/ray_geometry.wgsl");
@@ -43,13 +45,17 @@ const STORED_SPLAT: &str = include_str!("../../shaders/common/splat.wgsl");
 pub(crate) const CLASSIFY: Shader =
     Shader { name: "classify", parts: &[include_str!("../../shaders/classify.wgsl"), STORED_SPLAT, NORMAL, DISPATCH] };
 pub(crate) const SCAN: Shader = Shader { name: "scan", parts: &[include_str!("../../shaders/scan.wgsl"), DISPATCH] };
-pub(crate) const SORT: Shader =
-    Shader { name: "sort", parts: &[include_str!("../../shaders/sort.wgsl"), FRAME, STORED_SPLAT, BOUNDS, DISPATCH] };
+pub(crate) const SORT: Shader = Shader {
+    name: "sort",
+    parts: &[include_str!("../../shaders/sort.wgsl"), FRAME, CLIP, STORED_SPLAT, BOUNDS, DISPATCH],
+};
 pub(crate) const SPLAT: Shader = Shader {
     name: "splat",
     parts: &[
         include_str!("../../shaders/splat.wgsl"),
         FRAME,
+        CLIP,
+        CLIP_VIEW,
         STORED_SPLAT,
         BOUNDS,
         LIT_SPLAT,
@@ -60,15 +66,17 @@ pub(crate) const SPLAT: Shader = Shader {
 };
 pub(crate) const TERMINATE: Shader = Shader {
     name: "terminate",
-    parts: &[include_str!("../../shaders/terminate.wgsl"), FRAME, STORED_SPLAT, BOUNDS, DISPATCH],
+    parts: &[include_str!("../../shaders/terminate.wgsl"), FRAME, CLIP, STORED_SPLAT, BOUNDS, DISPATCH],
 };
 pub(crate) const COMPOSITE: Shader =
-    Shader { name: "composite", parts: &[include_str!("../../shaders/composite.wgsl"), FRAME, ABSORBED] };
+    Shader { name: "composite", parts: &[include_str!("../../shaders/composite.wgsl"), FRAME, CLIP, ABSORBED] };
 pub(crate) const SHADE: Shader = Shader {
     name: "shade",
     parts: &[
         include_str!("../../shaders/shade.wgsl"),
         FRAME,
+        CLIP,
+        CLIP_VIEW,
         PIXEL_RAY,
         MARCH_PARABOLA,
         TRANSFER,
@@ -78,13 +86,13 @@ pub(crate) const SHADE: Shader = Shader {
     ],
 };
 pub(crate) const RESOLVE: Shader =
-    Shader { name: "resolve", parts: &[include_str!("../../shaders/resolve.wgsl"), FRAME, RESPONSE, ABSORBED] };
+    Shader { name: "resolve", parts: &[include_str!("../../shaders/resolve.wgsl"), FRAME, CLIP, RESPONSE, ABSORBED] };
 pub(crate) const PACK: Shader = Shader {
     name: "pack",
     parts: &[include_str!("../../shaders/pack.wgsl"), PACKING, STORED_SPLAT, LIT_SPLAT, LIGHTING, NORMAL, DISPATCH],
 };
 pub(crate) const SKIP: Shader =
-    Shader { name: "skip", parts: &[include_str!("../../shaders/skip.wgsl"), RAYS, PACKING] };
+    Shader { name: "skip", parts: &[include_str!("../../shaders/skip.wgsl"), RAYS, CLIP, PACKING] };
 pub(crate) const GATHER: Shader = Shader {
     name: "gather",
     parts: &[
@@ -94,6 +102,7 @@ pub(crate) const GATHER: Shader = Shader {
         PLANE,
         VECTORS,
         RAYS,
+        CLIP,
         PACKING,
         RESPONSE,
         ABSORBED,
@@ -110,6 +119,7 @@ pub(crate) const GATHER_SCALARS: Shader = Shader {
         SCALARS,
         SCALAR_PAIRS,
         RAYS,
+        CLIP,
         PACKING,
         MARCH_PARABOLA,
         TRANSFER,
@@ -128,6 +138,7 @@ pub(crate) const GATHER_SCALARS_SOFTWARE: Shader = Shader {
         SCALARS_SOFTWARE,
         SCALAR_PAIRS,
         RAYS,
+        CLIP,
         PACKING,
         MARCH_PARABOLA,
         TRANSFER,
@@ -145,6 +156,7 @@ pub(crate) const GATHER_GRADIENTS: Shader = Shader {
         PLANE,
         VECTORS,
         RAYS,
+        CLIP,
         PACKING,
         MARCH_PARABOLA,
         TRANSFER,
@@ -156,9 +168,9 @@ pub(crate) const GATHER_GRADIENTS: Shader = Shader {
 pub(crate) const PREFILTER: Shader =
     Shader { name: "prefilter", parts: &[include_str!("../../shaders/prefilter.wgsl")] };
 pub(crate) const ESTIMATE: Shader =
-    Shader { name: "estimate", parts: &[include_str!("../../shaders/estimate.wgsl"), RAYS] };
+    Shader { name: "estimate", parts: &[include_str!("../../shaders/estimate.wgsl"), RAYS, CLIP] };
 pub(crate) const RESAMPLE: Shader =
-    Shader { name: "resample", parts: &[include_str!("../../shaders/resample.wgsl"), RAYS] };
+    Shader { name: "resample", parts: &[include_str!("../../shaders/resample.wgsl"), RAYS, CLIP] };
 pub(crate) const PRESENT: Shader = Shader { name: "present", parts: &[include_str!("../../shaders/present.wgsl")] };
 
 /// Every shader there is.

@@ -151,10 +151,12 @@ fn structs_are_laid_out_alike() {
         fade_in,
         fade_out,
         gradient_lookup,
+        attenuation,
         to_light,
         to_lattice,
         model,
-        sections
+        sections,
+        clip_planes
     });
     same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, colors, from_lattice, shininess });
     same_layout!(Frame {
@@ -192,6 +194,7 @@ fn structs_are_laid_out_alike() {
         tile_size,
         level_spread,
         model,
+        clip_planes,
     });
 }
 
@@ -212,6 +215,8 @@ fn constants_are_those_of_the_host() {
             "{name}: {constant} is not {value}"
         );
     }
+    let planes = format!("const MAX_CLIP_PLANES: u32 = {}u;", crate::clip::Clip::MAX_PLANES);
+    assert!(super::shaders::SPLAT.source().contains(&planes), "MAX_CLIP_PLANES");
     for (constant, value) in [("MARGIN", super::layout::MARGIN), ("MACROCELL", super::layout::MACROCELL)] {
         assert!(super::shaders::SKIP.source().contains(&format!("const {constant}: i32 = {value};")), "{constant}");
     }

@@ -3,12 +3,14 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::context::Context;
 use super::layout::{SHADED_WORDS, Splat};
 use super::splat::packed_kept;
 use super::store::{BrickSplats, HostBrick, Store, StoreBuilder};
+use crate::clip::{Side, is_inside};
 use crate::error::Result;
 use crate::lighting::Casting;
 use crate::lighting::shadow::{Block, Caster, Lattice, Medium};
@@ -27,15 +29,26 @@ pub(super) const PLANES: usize = 4;
 pub(crate) struct Shadows {
     pub(crate) casting: Casting,
     pub(crate) lattice: Lattice,
+    /// What is not cut away: the rest casts none.
+    pub(crate) clip: Vec<Side>,
+}
+
+impl Shadows {
+    /// Whether the voxel at a lattice point casts shadows.
+    pub(crate) fn casts(&self, point: [usize; 3]) -> bool {
+        let from_middle = |axis: usize| point[axis] as f64 - (self.lattice.dims[axis] - 1) as f64 / 2.0;
+        is_inside(&self.clip, DVec3::from_array([0, 1, 2].map(from_middle)))
+    }
 }
 
 /// The splats of stores, lit ones, with what of light arrives at each.
 pub(crate) fn shaded(
     context: &Context,
     stores: &[Store],
-    Shadows { casting, lattice }: &Shadows,
+    shadows: &Shadows,
     progress: &Progress,
 ) -> Result<Vec<Store>> {
+    let Shadows { casting, lattice, .. } = shadows;
     let held = stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
     let bricks = stores.iter().zip(&held).flat_map(|(store, held)| store.bricks.iter().zip(held.iter()));
     let bricks: Vec<(&BrickSplats, &HostBrick)> = bricks.collect();
@@ -43,7 +56,10 @@ pub(crate) fn shaded(
     for (brick, held) in &bricks {
         for (at, bits, words) in rows(brick, held) {
             for (x, words) in places(bits).zip(words.chunks_exact(held.each)) {
-                medium.set([at[0] + x, at[1], at[2]], f32::from_bits(words[0] & 0xffff_ff00));
+                let point = [at[0] + x, at[1], at[2]];
+                if shadows.casts(point) {
+                    medium.set(point, f32::from_bits(words[0] & 0xffff_ff00));
+                }
             }
         }
     }

@@ -39,6 +39,7 @@ fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
         (_, "LAYERED") => &FLAG[..1],
         ("gather", "ACROSS") => &[2.0, 4.0],
         ("gather", "ROWS") => &[5.0, 7.0],
+        (_, "CLIP_PLANES") => &[0.0, 8.0],
         ("splat", "ROWS") => &[2.0, 4096.0],
         (_, "SHEETS") => &[1.0, 4.0, 8.0],
         ("shade", "SAMPLES") => &[1.0, 2.0, 64.0],
@@ -88,11 +89,16 @@ fn happens(set: &PipelineConstants) -> bool {
     let of_scalars = is("MAXIMUM").is_some() || is("SAMPLES").is_some();
     let of_light = ["GRADIENT_OPACITY", "SHADOWS"].map(is).contains(&Some(true));
     let projects = ["MAXIMUM", "MEAN", "DEPTH_CODED"].map(is).contains(&Some(true));
+    // What cuts does not depend on how many numbers a loop before or behind it takes.
+    let number = |name: &str, among: &[f64]| set.get(name).is_some_and(|value| among.contains(value));
+    let other = number("TERMS", &[6.0]) || number("TEXELS", &[1.0, 3.0, 4.0]) || number("SAMPLES", &[1.0, 2.0]);
     let never = [
+        is("CLIP_PLANES") == Some(true) && other,
         of_scalars && of_light && lit == Some(false),
         projects && lit == Some(true),
         is("MEAN") == Some(true) && is("MAXIMUM") == Some(true),
         is("DEPTH_CODED") == Some(true) && is("MAXIMUM") == Some(false),
+        is("ATTENUATED") == Some(true) && (is("MAXIMUM") == Some(false) || is("MEAN") == Some(true)),
         // With or without, of four lights: others translate alike.
         is("POINT_LIGHTS") == Some(true) && set.get("LIGHTS").is_some_and(|&lights| lights != 4.0),
     ];

@@ -6,6 +6,7 @@ use super::layout;
 use super::levels::Cut;
 use super::savings::Savings;
 use crate::camera::{Camera, Growth, Projection};
+use crate::clip::{Side, corners};
 use crate::image::Region;
 use crate::lighting::{Lighting, Source};
 use crate::settings::{Model, Settings};
@@ -111,6 +112,8 @@ pub(crate) struct ViewGeometry {
     /// From the middle of the lattice to the faces of what shows, in lattice points: post-shaded to those of the box of
     /// the voxels, half a voxel beyond the outermost; pre-shaded to where kernels end.
     pub(crate) faces: DVec3,
+    /// What is not cut away, in the lattice.
+    pub(super) clip: Vec<Side>,
     pub(super) post_shaded: bool,
     /// Optical depth from which on a pixel counts as opaque; infinite if nothing ends there.
     pub(super) opaque_depth: f64,
@@ -133,6 +136,7 @@ impl ViewGeometry {
         fade: Option<Fade>,
     ) -> Self {
         let (unit, center) = (grid.unit(), grid.center());
+        let clip = settings.clip.sides(grid);
         let (camera, grid) = (&camera.local(grid), &grid.local());
         let to_world = grid.to_world().matrix3;
         let gradients = [camera.right, camera.up, camera.forward].map(|axis| to_world.transpose() * axis);
@@ -166,6 +170,7 @@ impl ViewGeometry {
             eye_depth,
             farthest,
             faces: half(grid) + beyond,
+            clip,
             post_shaded: settings.is_post_shaded(),
             opaque_depth: if settings.model == Model::Composite && settings.termination > 0.0 {
                 -settings.termination.ln()
@@ -206,6 +211,15 @@ impl ViewGeometry {
         let reach = slope.abs().dot((high - low) / 2.0) + slope.length() * 2.0 * self.max_radius();
         let middle = self.growth.constant + self.growth.slope * self.eye_depth + slope.dot((low + high) / 2.0);
         middle + reach > fade.begins[0] && middle - reach < fade.ends[1]
+    }
+
+    /// Whether voxels of a box may take part in what is not cut away. The box is that of a lattice which has so many
+    /// copies beyond its faces: so far beyond kernels scalars matter.
+    pub(super) fn may_show(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
+        let [low, high] = bounds.map(|p| DVec3::from_array(p.map(f64::from)) - f64::from(padding) - half(&self.grid));
+        let (middle, size) = ((low + high - 1.0) / 2.0, (high - low - 1.0) / 2.0);
+        let reach = self.max_radius() + f64::from(padding);
+        self.clip.iter().all(|(gradient, value)| gradient.dot(middle) + value + gradient.abs().dot(size) + reach >= 0.0)
     }
 
     /// The growth of every kernel along parallel rays; 1 in perspective.
@@ -255,18 +269,22 @@ impl ViewGeometry {
         from_center.abs().cmple(half(&self.grid) + self.max_radius()).all()
     }
 
-    /// The smallest rectangle of pixels that holds every point which the volume's kernels project to; `None`: none
-    /// does.
+    /// The sides of all that shows: the faces, and what cuts.
+    pub(super) fn shown(&self) -> impl Iterator<Item = Side> {
+        let faces = (0..3).flat_map(|a| [1.0, -1.0].map(|sign| (DVec3::AXES[a] * sign, self.faces[a])));
+        faces.chain(self.clip.iter().copied())
+    }
+
+    /// The smallest rectangle of pixels that holds every point which the volume's kernels project to and which is not
+    /// cut away; `None`: none does.
     pub(crate) fn projected_bounds(&self) -> Option<Region> {
         let camera = &self.camera;
         let [w, h] = camera.size;
         let whole = Region { x: 0, y: 0, width: w, height: h };
         let (scale, origin) = camera.pixels();
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        let signs = [-1.0, 1.0];
-        let corners = signs.into_iter().flat_map(|x| signs.into_iter().flat_map(move |y| signs.map(|z| [x, y, z])));
-        for corner in corners {
-            let d = self.grid.to_world().matrix3 * (DVec3::from_array(corner) * self.faces) - camera.target;
+        for corner in corners(&self.shown().collect::<Vec<Side>>()) {
+            let d = self.grid.to_world().matrix3 * corner - camera.target;
             let mut plane = [d.dot(camera.right), d.dot(camera.up)];
             if let Projection::Perspective { distance, .. } = camera.projection {
                 let z = d.dot(camera.forward) + distance;

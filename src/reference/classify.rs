@@ -7,6 +7,7 @@ use glam::{DMat3, DVec3};
 use super::cells::Cells;
 use super::layers::Media;
 use super::walk::Viewer;
+use crate::clip::is_inside;
 use crate::error::{Error, Result};
 use crate::layers::Layers;
 use crate::lighting::shadow::{Block, Caster, Lattice, Medium, Shares};
@@ -165,10 +166,12 @@ impl Splats {
         let dims = self.dims;
         if let Some(casting) = settings.lighting.as_ref().and_then(Lighting::casting) {
             let mut medium = Medium::new(dims)?;
+            let sides = settings.clip.sides(grid);
+            let middle = DVec3::from_array(dims.map(|d| (d - 1) as f64 / 2.0));
             for index in 0..dims.iter().product() {
                 let point = [index % dims[0], index / dims[0] % dims[1], index / dims[0] / dims[1]];
                 let tau = self.tau(point);
-                if tau > 0.0 {
+                if tau > 0.0 && is_inside(&sides, DVec3::from_array(point.map(|p| p as f64)) - middle) {
                     medium.set(point, tau);
                 }
             }

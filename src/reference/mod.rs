@@ -47,6 +47,10 @@
 //! **Minimum and average intensity.** The same with the smallest f, and with the mean of f over the ray's part in the
 //! box. A minimum is the maximum of -f_j by the transfer function mirrored at 0; b is the base of that.
 //!
+//! **Clipping.** Of a ray counts the part on the inner side of all planes of [`Settings::clip`]: tau and e are 0
+//! beyond, no value there is largest or smallest, and a mean is that of the part. Voxels whose centres are cut away
+//! keep no light from others.
+//!
 //! **Sharpness.** The kernel is [`Settings::reconstruction_kernel`]; the f_j of all but extinction are the
 //! samples filtered for it, in f64, as the renderer filters them in f32.
 //!
@@ -84,6 +88,7 @@ use crate::budget::{MAX_BLOCKS, MAX_CHORDS, MAX_RAY_CHORDS, too_much};
 use crate::camera::Camera;
 #[cfg(doc)]
 use crate::camera::Growth;
+use crate::clip::Side;
 use crate::error::{Error, Result};
 use crate::image::{Image, Region};
 use crate::kernel::Kernel;
@@ -97,7 +102,7 @@ use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
 use cells::Map;
 use classify::{Bricks, Splats};
-use integrate::{Accuracy, Classified, Classifier, Emission, Integral, Maximum};
+use integrate::{Accuracy, Classified, Classifier, Emission, Fade, Integral, Maximum};
 use profile::{Gauss, Profile};
 use walk::{Cuts, LatticeRay, Scratch, Sight, Sizes, Viewer, Walk, blocks};
 
@@ -134,7 +139,10 @@ pub struct Reference {
     accuracy: Accuracy,
     antialiasing: bool,
     depth_coded: bool,
+    attenuation: f64,
     method: Method,
+    /// What is not cut away.
+    clip: Vec<Side>,
     /// If light is found at every point: the field that it passes, and the lights.
     light: Option<Box<(Self, Casting)>>,
     progress: Progress,
@@ -223,7 +231,9 @@ impl Reference {
             },
             antialiasing: settings.antialiasing,
             depth_coded: settings.depth_coded,
+            attenuation: settings.attenuation,
             method,
+            clip: settings.clip.sides(grid),
             light: None,
             progress: Progress::default(),
         };
@@ -405,6 +415,15 @@ impl Reference {
         0.5 + gradient.dot(place - (dims - 1.0) / 2.0) / gradient.abs().dot(dims)
     }
 
+    /// What a maximum is attenuated by along a ray.
+    fn fade(&self, forward: DVec3, ray: &LatticeRay) -> Fade {
+        if self.attenuation <= 0.0 {
+            return Fade::default();
+        }
+        let [start, next] = [0.0, 1.0].map(|place| self.depth(forward, ray.origin + ray.direction * place));
+        Fade { start: self.attenuation * start, slope: (self.attenuation * (next - start)).max(0.0) }
+    }
+
     /// The pixel of the sum of splats that a projection keeps, coded by its depth if there is one.
     fn projected(&self, transfer: &TransferFunction, sum: f64, depth: Option<f64>) -> RayIntegral {
         let most = transfer.max_opacity();
@@ -422,9 +441,10 @@ impl Reference {
         Sight { splats: &self.splats, radius: self.radius, sizes }
     }
 
-    /// A ray in the lattice; `None` if it misses the box that scalars exist in.
+    /// A ray in the lattice; `None` if it misses what is left of that, or the box that scalars exist in.
     fn lattice_ray(&self, origin: DVec3, direction: DVec3, two_sided: bool) -> Option<LatticeRay> {
-        let ray = LatticeRay::new(&self.grid, origin, direction, two_sided);
+        let middle = DVec3::from_array(self.grid.dims().map(|d| f64::from(d - 1))) / 2.0;
+        let ray = LatticeRay::new(&self.grid, origin, direction, two_sided).within(&self.clip, middle)?;
         if self.splats.repeats() {
             let lattice = self.grid.dims().map(|d| [0, i64::from(d) - 1]);
             return ray.clipped(&lattice, 0.5);
@@ -567,7 +587,8 @@ impl Rays<'_> {
                 classified.sum
             }
             Method::Maximum(transfer) => {
-                let mut maximum = Maximum { largest: None, place: ray.start, position: ray.start };
+                let fade = reference.fade(self.forward, &ray);
+                let mut maximum = Maximum { largest: None, place: ray.start, position: ray.start, fade };
                 let mut search = |maximum: &mut Maximum, part: LatticeRay| {
                     maximum.position = part.start;
                     self.blocks(part, scratch, |block, cuts| {

@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::classify::{Brick, Bricks, Splats, Weights};
 use super::profile::{GAUSS, Gauss, Profile, SERIES, Series, bend, legendre};
 use crate::camera::{Camera, Growth, Projection};
+use crate::clip::Side;
 use crate::volume::Grid;
 
 /// Ends of chords closer together than this, in halves of a block, count as one.
@@ -54,6 +55,22 @@ impl LatticeRay {
             let (a, b) = ((low - origin) / slope, (high - origin) / slope);
             self.start = self.start.max(a.min(b));
             self.end = self.end.min(a.max(b));
+        }
+        (self.start < self.end).then_some(self)
+    }
+
+    /// The part of the ray inside half-spaces around `middle`, if any (Cyrus and Beck 1978, "Generalized two- and
+    /// three-dimensional clipping").
+    pub(super) fn within(mut self, sides: &[Side], middle: DVec3) -> Option<Self> {
+        for (gradient, value) in sides {
+            let (at, slope) = (gradient.dot(self.origin - middle) + value, gradient.dot(self.direction));
+            if slope > 0.0 {
+                self.start = self.start.max(-at / slope);
+            } else if slope < 0.0 {
+                self.end = self.end.min(-at / slope);
+            } else if at < 0.0 {
+                return None;
+            }
         }
         (self.start < self.end).then_some(self)
     }

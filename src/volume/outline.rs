@@ -1,9 +1,12 @@
 //! The outermost voxels of a volume whose values are in given ranges.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{Stored, ToF64, Volume, with_samples};
+use crate::clip::Side;
 use crate::error::Result;
 
 /// The rows and planes of a volume that are looked at, at least: places to within a hundredth suffice for a frame.
@@ -21,7 +24,8 @@ impl Volume {
 
     /// The lattice points whose convex hull is that of all voxels with values in `ranges`, which ascend and are apart:
     /// the corners of the hull of each plane of voxels along z. Of large volumes, of the rows and planes looked at.
-    pub(crate) fn outline(&self, ranges: &[[f64; 2]]) -> Result<Vec<DVec3>> {
+    /// Only what is on the inner side of all `sides` counts.
+    pub(crate) fn outline(&self, ranges: &[[f64; 2]], sides: &[Side]) -> Result<Vec<DVec3>> {
         let [width, height, depth] = self.grid.dims().map(|d| d as usize);
         let plane = width * height;
         let (slope, intercept) = (self.slope, self.intercept);
@@ -31,12 +35,16 @@ impl Volume {
         };
         let [rows, planes] = self.outline_steps();
         let planes: Vec<usize> = every(planes, depth).collect();
+        let middle = DVec3::from_array(self.grid.dims().map(|d| f64::from(d - 1))) / 2.0;
         let places = planes.par_iter().map(|&z| {
             let range = z * plane..(z + 1) * plane;
+            let columns = |y: usize| columns(sides, DVec3::new(0.0, y as f64, z as f64) - middle, width);
             match &self.data.stored {
-                Stored::Memory(samples) => Ok(with_samples!(&**samples, s => hull(&s[range], [width, rows], &shows))),
+                Stored::Memory(samples) => {
+                    Ok(with_samples!(&**samples, s => hull(&s[range], [width, rows], &columns, &shows)))
+                }
                 Stored::File(_) => {
-                    self.read(range).map(|read| with_samples!(&read, s => hull(s, [width, rows], &shows)))
+                    self.read(range).map(|read| with_samples!(&read, s => hull(s, [width, rows], &columns, &shows)))
                 }
             }
         });
@@ -52,15 +60,40 @@ fn every(n: usize, count: usize) -> impl Iterator<Item = usize> {
     (0..last).step_by(n).chain([last])
 }
 
-/// The corners of the convex hull of the samples of a plane that show, in every n-th row.
-fn hull<T: ToF64>(samples: &[T], [width, rows]: [usize; 2], shows: &(impl Fn(f64) -> bool + Sync)) -> Places {
+/// The voxels of a row that are on the inner side of all `sides`. `first` is the first of them, from the middle of the
+/// lattice.
+fn columns(sides: &[Side], first: DVec3, width: usize) -> Range<usize> {
+    let (mut low, mut high) = (0.0_f64, width as f64 - 1.0);
+    for (gradient, value) in sides {
+        let at = gradient.dot(first) + value;
+        if gradient.x > 0.0 {
+            low = low.max(-at / gradient.x);
+        } else if gradient.x < 0.0 {
+            high = high.min(-at / gradient.x);
+        } else if at < 0.0 {
+            return 0..0;
+        }
+    }
+    // A float to integer cast saturates.
+    low.ceil() as usize..((high.floor() + 1.0) as usize).max(low.ceil() as usize)
+}
+
+/// The corners of the convex hull of the samples of a plane that show, in every n-th row and in the columns of it.
+fn hull<T: ToF64>(
+    samples: &[T],
+    [width, rows]: [usize; 2],
+    columns: &impl Fn(usize) -> Range<usize>,
+    shows: &(impl Fn(f64) -> bool + Sync),
+) -> Places {
     let (mut left, mut right) = (Places::new(), Places::new());
     for y in every(rows, samples.len() / width) {
-        let row = &samples[y * width..(y + 1) * width];
+        let columns = columns(y);
+        let start = columns.start;
+        let row = samples[y * width..(y + 1) * width].get(columns).unwrap_or_default();
         let shows = |v: &T| shows(v.to_f64());
         if let (Some(first), Some(last)) = (row.iter().position(shows), row.iter().rposition(shows)) {
-            push(&mut left, [first as i64, y as i64], 1);
-            push(&mut right, [last as i64, y as i64], -1);
+            push(&mut left, [(start + first) as i64, y as i64], 1);
+            push(&mut right, [(start + last) as i64, y as i64], -1);
         }
     }
     left.append(&mut right);
@@ -95,7 +128,7 @@ mod tests {
         let samples: Vec<u8> = (0..13 * 11 * 7).map(|_| if next() < 30 { 200 } else { 10 }).collect();
         let volume = Volume::from_slice([13, 11, 7], [1.0; 3], &samples).unwrap();
         let volume = volume.with_rescale(-2.0, 3.0).unwrap();
-        let outline = volume.outline(&[[-1e3, -300.0], [0.0, 1.0]]).unwrap();
+        let outline = volume.outline(&[[-1e3, -300.0], [0.0, 1.0]], &[]).unwrap();
         let all: Vec<DVec3> = (0..samples.len())
             .filter(|&i| samples[i] == 200)
             .map(|i| DVec3::new((i % 13) as f64, (i / 13 % 11) as f64, (i / 143) as f64))
@@ -107,7 +140,7 @@ mod tests {
             let farthest = |points: &[DVec3]| points.iter().map(|p| p.dot(direction)).fold(f64::MIN, f64::max);
             assert_eq!(farthest(&outline), farthest(&all), "{direction}");
         }
-        assert!(volume.outline(&[]).unwrap().is_empty());
+        assert!(volume.outline(&[], &[]).unwrap().is_empty());
     }
 
     #[test]
@@ -116,7 +149,7 @@ mod tests {
         let samples: Vec<u8> = (0..300 * 400 * 2).map(|i| if shows(i / 2 % 400, i / 800) { 1 } else { 0 }).collect();
         let volume = Volume::from_slice([2, 400, 300], [1.0; 3], &samples).unwrap();
         assert_eq!(volume.outline_steps(), [3, 2]);
-        let outline = volume.outline(&[[1.0, 1.0]]).unwrap();
+        let outline = volume.outline(&[[1.0, 1.0]], &[]).unwrap();
         let least = outline.iter().copied().reduce(DVec3::min).unwrap();
         let most = outline.iter().copied().reduce(DVec3::max).unwrap();
         assert_eq!((least, most), (DVec3::new(0.0, 102.0, 50.0), DVec3::new(1.0, 396.0, 298.0)));

@@ -2,6 +2,7 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, Hull, Projection, ProjectionKind, View};
+use voxsplat::clip::Clip;
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{PERSPECTIVE, PROJECTIONS, coordinates, look, transfer};
@@ -131,7 +132,7 @@ fn what_shows_just_fits_at_every_azimuth() {
     }
     let volume = Volume::from_slice([41, 41, 20], [2.0, 2.0, 1.0], &samples).unwrap();
     let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (9.0, [1.0; 3], 0.5)], None);
-    let around = Hull::of_visible(&volume, &transfer).unwrap();
+    let around = Hull::of_visible(&volume, &transfer, &Clip::default()).unwrap();
     for projection in PROJECTIONS {
         for size in [[40, 20], [20, 40], [30, 30]] {
             let aspect = f64::from(size[0]) / f64::from(size[1]);

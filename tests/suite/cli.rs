@@ -7,6 +7,7 @@ use std::process::{Command, Output, Stdio};
 use glam::DVec3;
 use tempfile::TempDir;
 use voxsplat::camera::{Hull, ProjectionKind, View};
+use voxsplat::clip::Clip;
 use voxsplat::image::{Background, Image};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Resolution, Settings, Shading};
@@ -109,10 +110,33 @@ fn wrong_arguments_are_one_line_and_exit_2() {
     refused("render demo:sphere -o a.png --model mip --depth-coded --colour-bar", 2, "those of depths");
     refused("render demo:sphere -o a.png --title 骨", 2, "--title: the font has no '骨'");
     refused("render demo:sphere -o a.png --length-unit mm", 2, "--scale-bar");
+    refused("render demo:sphere -o a.png --clip 0,0,0", 2, "a direction NX,NY,NZ over 0");
+    refused("render demo:sphere -o a.png --clip-box 0,1,2", 2, "six numbers X0,X1");
+    refused("render demo:sphere -o a.png --crop 1:2", 2, "three ranges of voxels");
+    refused("render demo:sphere:8 -o a.png --crop 0:9,:,:", 2, "voxels 0:9 along x, expected some of 0:8");
+    refused("render demo:sphere:8 -o a.png --clip L", 2, "does not state where the patient's sides are");
     // What is quoted is cut, and what is expected is not.
     let long = "x".repeat(100_000);
     refused(&format!("render demo:sphere -o a.png --kernel {long}"), 2, " ... ");
     refused(&format!("render demo:sphere -o a.png --background {long}"), 2, "transparent");
+}
+
+#[test]
+fn planes_boxes_and_voxels_cut_alike() {
+    let dir = folder();
+    let options = "--size 40 --azimuth 30 --painter quads --termination 0";
+    let drawn = |name: &str, cut: &str| rendered(dir.path(), &format!("demo:vessels:16 -o {name}.exr {options} {cut}"));
+    drawn("crop", "--crop 8:,:,:");
+    drawn("half", "--clip 1,0,0");
+    drawn("whole", "--crop :,0:16,:");
+    drawn("uncut", "--frame visible");
+    let compared = |a: &str, b: &str| voxsplat(dir.path(), &format!("compare {a}.exr {b}.exr --tolerance 1e-6")).status;
+    assert!(compared("crop", "half").success() && compared("whole", "uncut").success());
+    assert!(!compared("crop", "uncut").success());
+    // A scene keeps what is cut away.
+    rendered(dir.path(), &format!("demo:vessels:16 -o a.exr {options} --crop 8:,:,: --save-scene s.json"));
+    rendered(dir.path(), "s.json -o again.exr");
+    assert_eq!(std::fs::read(dir.path().join("a.exr")).unwrap(), std::fs::read(dir.path().join("again.exr")).unwrap());
 }
 
 #[test]
@@ -272,6 +296,42 @@ fn info_lists_labels() {
 }
 
 #[test]
+fn channels_are_drawn_together() {
+    let dir = folder();
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/volumes");
+    for name in ["several.ome.tif", "rgb.nii"] {
+        std::fs::copy(data.join(name), dir.path().join(name)).unwrap();
+    }
+    let drawn = |options: &str| {
+        let output = voxsplat(dir.path(), &format!("render {options} --reference --size 8 -o a.exr"));
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{options}: {said}");
+        (Image::load(dir.path().join("a.exr")).unwrap(), said)
+    };
+    let (both, said) = drawn("several.ome.tif");
+    assert!(
+        said.contains("--channel 0:#0000ff DAPI from ") && said.contains(", --channel 1:#00ff00 GFP from "),
+        "{said}"
+    );
+    // Neither has any red, unless it is given some.
+    assert!(both.pixels().iter().all(|p| p[0] == 0.0) && both.pixels().iter().any(|p| p[1] > 0.0 && p[2] > 0.0));
+    assert!(drawn("several.ome.tif --channel 1:red --channel 0").0.pixels().iter().any(|p| p[0] > 0.0));
+    assert!(drawn("several.ome.tif --channel 1 --light off").0 != both);
+    let (colours, _) = drawn("rgb.nii --window 10,20");
+    assert!(colours.pixels().iter().any(|p| p[3] > 0.01 && (p[0] - p[1]).abs() > 0.001));
+    let refused = |options: &str, reason: &str| {
+        let output = voxsplat(dir.path(), &format!("render {options} -o a.png"));
+        let said = complaint(&output);
+        assert!(output.status.code() == Some(2) && said.contains(reason), "{options}: {said}");
+    };
+    refused("several.ome.tif --channel 0 --channel 1 --transfer gray", "are for one channel");
+    refused("several.ome.tif --channel 7", "has channel 0 to 1");
+    let output = voxsplat(dir.path(), "render several.ome.tif -o a.png --colour-bar --reference --size 128");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && said.contains("not for several channels"), "{said}");
+}
+
+#[test]
 fn options_of_labels_go_together() {
     let refused = |options: &str, reason: &str| refused(&format!("render demo:sphere:8 -o a.png {options}"), 2, reason);
     refused("--label 3:off", "--label needs --labels FILE or --transfer labels");
@@ -408,7 +468,7 @@ fn assert_sphere(dir: &Path, arguments: &str, view: &View, settings: &Settings, 
     let output = rendered(dir, &format!("demo:sphere:24 --size 40x32 {arguments} -o program.png"));
     assert!(output.stdout.is_empty() && output.stderr.is_empty(), "{arguments}: {output:?}");
     let (volume, transfer) = demo("sphere", 24);
-    let around = Hull::of_visible(&volume, &transfer).unwrap();
+    let around = Hull::of_visible(&volume, &transfer, &Clip::default()).unwrap();
     let camera = look(&View { around, ..view.clone() }, &volume, [40, 32]);
     let image = picture(&volume, &transfer, &camera, settings).image;
     assert!(image.pixels().iter().any(|p| p[3] > 0.1));

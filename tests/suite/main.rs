@@ -18,6 +18,7 @@ mod camera;
 mod cells;
 mod classification;
 mod cli;
+mod clipping;
 mod commands;
 mod cost;
 mod demos;

@@ -9,6 +9,7 @@ use std::f64::consts::TAU;
 
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::clip::{Clip, Plane};
 use voxsplat::error::Error;
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::lighting::Light;
@@ -274,6 +275,17 @@ fn settings(random: &mut Random) -> [Settings; 2] {
     [quads, tiles]
 }
 
+/// One or two planes through the lattice, in a third of the scenes.
+fn clip(random: &mut Random, grid: &Grid) -> Clip {
+    let count = if random.once_in(3) { random.whole(1, 2) } else { 0 };
+    let plane = |_| {
+        let [a, b] = [0, 1].map(|_| DVec3::from_array([0; 3].map(|_| random.unit())));
+        let place = grid.to_world().transform_point3(a * DVec3::from_array(grid.dims().map(f64::from)) - 0.5);
+        Plane::through(place, b - 0.5).unwrap()
+    };
+    Clip::new((0..count).map(plane).collect()).unwrap()
+}
+
 fn scene(seed: u64) -> Scene {
     let random = &mut Random(seed);
     let kind = random.of(&["smooth", "noise", "boxes", "bright voxels", "constant", "one voxel", "row", "slice"]);
@@ -291,7 +303,9 @@ fn scene(seed: u64) -> Scene {
     let (_, transfer) = transfer_function(random, range, grid.min_spacing());
     let view = view(random, &grid);
     let size = [random.whole(1, 40), random.whole(8, 40)];
-    let [quads, tiles] = settings(random);
+    // A sequence of its own: scenes are those of their seeds whether they are cut or not.
+    let clip = clip(&mut Random(seed ^ 0x5851_f42d_4c95_7f2d), &grid);
+    let [quads, tiles] = settings(random).map(|settings| Settings { clip: clip.clone(), ..settings });
     Scene { kind, volume, transfer, view, size, quads, tiles }
 }
 

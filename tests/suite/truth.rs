@@ -16,8 +16,9 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::Volume;
 
 /// Files or folders of `src/` on which the reference's pictures depend, without their endings.
-const SOURCES: [&str; 10] = [
+const SOURCES: [&str; 11] = [
     "camera",
+    "clip",
     "kernel",
     "layers",
     "lighting",
@@ -90,16 +91,19 @@ fn key(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: 
         model,
         response,
         depth_coded,
+        attenuation,
         shading,
         lighting,
         antialiasing,
         kernel,
         normalization,
         sharpness,
+        clip,
         ..
     } = settings;
-    let model = (model, response, depth_coded, shading, lighting, antialiasing, kernel, normalization, sharpness);
-    hash.add(format!("{:?} {transfer:?} {camera:?} {model:?}", volume.grid()).as_bytes());
+    let model =
+        (model, response, depth_coded, attenuation, shading, lighting, antialiasing, kernel, normalization, sharpness);
+    hash.add(format!("{:?} {transfer:?} {camera:?} {model:?} {clip:?}", volume.grid()).as_bytes());
     hash.0
 }
 
@@ -146,6 +150,7 @@ fn decode(bytes: &[u8]) -> Option<Vec<[f32; 4]>> {
 #[cfg(test)]
 mod tests {
     use voxsplat::camera::ProjectionKind;
+    use voxsplat::clip::{Clip, Plane};
     use voxsplat::kernel::Kernel;
     use voxsplat::settings::{Model, Response};
 
@@ -181,6 +186,7 @@ mod tests {
         // The reference has no sheets.
         assert_eq!(key(&volume, &transfer, &seen, &thick(&settings, 3.0)), expected);
         let (other, other_transfer) = demo("vessels", 8);
+        let plane = Plane::new(glam::DVec3::X, 0.5).unwrap();
         let turned = camera(10.0 + 1e-12, ProjectionKind::Orthographic, &volume, 8);
         let keys = [
             key(&other, &transfer, &seen, &settings),
@@ -191,7 +197,8 @@ mod tests {
             key(&volume, &transfer, &seen, &Settings { response: Response::FILM, ..settings.clone() }),
             key(&volume, &transfer, &seen, &Settings { kernel: Kernel::KAISER_BESSEL, ..settings.clone() }),
             key(&volume, &transfer, &seen, &Settings { sharpness: 0.5, ..settings.clone() }),
-            key(&volume, &transfer, &seen, &Settings { antialiasing: false, ..settings }),
+            key(&volume, &transfer, &seen, &Settings { antialiasing: false, ..settings.clone() }),
+            key(&volume, &transfer, &seen, &Settings { clip: Clip::new(vec![plane]).unwrap(), ..settings }),
         ];
         assert!(keys.iter().all(|k| *k != expected));
     }

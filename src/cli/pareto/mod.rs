@@ -72,7 +72,7 @@ const OWN: [&str; 12] = [
     "--interslice",
 ];
 
-pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
+pub(super) fn run(mut job: ParetoJob) -> Result<(), Failure> {
     let rivals = job.rivals.as_deref().map(read::<Vec<Rival>>).transpose()?.unwrap_or_default();
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
@@ -82,7 +82,8 @@ pub(super) fn run(job: ParetoJob) -> Result<(), Failure> {
         fitted.notes().for_each(|note| output::say(note));
         (volume, fitted.transfer)
     };
-    let around = framed(job.frame, &Layers::of(&volume, &transfer))?;
+    job.settings.clip = job.clip.of(&volume)?;
+    let around = framed(job.frame, &Layers::of(&volume, &transfer), &job.settings.clip)?;
     let views = job.views.iter().map(|view| View { around: around.clone(), ..view.clone() });
     let cameras: Vec<Camera> =
         views.map(|view| Camera::new(&view, volume.grid(), job.size)).collect::<Result<_, _>>()?;

@@ -8,6 +8,7 @@ use super::super::layout::Area;
 use super::super::store::{BrickSplats, Store};
 use super::super::view::ViewGeometry;
 use super::plan::Plan;
+use crate::clip::{Side, corners};
 use crate::image::Region;
 
 impl Plan<'_> {
@@ -94,17 +95,20 @@ impl Plan<'_> {
             .sum()
     }
 
-    /// The planes that bound what a region shows, as (gradient in the lattice, value in the middle of the lattice):
-    /// points inside have values of 0 and more.
-    fn sides(&self, region: Region) -> Vec<(DVec3, f64)> {
+    /// The planes that bound what a region shows.
+    fn sides(&self, region: Region) -> Vec<Side> {
         if !self.view.savings.view {
             return Vec::new();
         }
-        sides(self.view, region)
+        let mut sides = sides(self.view, region);
+        // Scalars beyond a cut, within kernels and sheets, take part in what is classified before it.
+        let beyond = f64::from(self.padding);
+        sides.extend(self.view.clip.iter().map(|(gradient, value)| (*gradient, value + beyond)));
+        sides
     }
 
     /// Whether the kernels of a brick's splats reach over all planes.
-    fn reaches(&self, brick: &BrickSplats, sides: &[(DVec3, f64)]) -> bool {
+    fn reaches(&self, brick: &BrickSplats, sides: &[Side]) -> bool {
         let center = self.center(brick);
         sides.iter().all(|(gradient, value)| gradient.dot(center) + value + self.half_range(brick, *gradient) >= 0.0)
     }
@@ -123,8 +127,8 @@ impl Plan<'_> {
     }
 }
 
-/// The planes that bound what a region shows, as [`Plan::sides`] has them.
-fn sides(view: &ViewGeometry, region: Region) -> Vec<(DVec3, f64)> {
+/// The planes that bound what a region shows.
+fn sides(view: &ViewGeometry, region: Region) -> Vec<Side> {
     let (scale, origin) = view.camera.pixels();
     let plane = |axis: usize, pixel: f64| origin[axis] + pixel * scale[axis];
     let ends = |axis: usize, first: u32, length: u32| {
@@ -149,25 +153,9 @@ fn sides(view: &ViewGeometry, region: Region) -> Vec<(DVec3, f64)> {
 pub(super) fn visible_depths(view: &ViewGeometry) -> Option<[f64; 2]> {
     let [width, height] = view.camera.size;
     let mut planes = sides(view, Region { x: 0, y: 0, width, height });
-    let extent = view.faces;
-    planes.extend((0..3).flat_map(|a| [1.0, -1.0].map(|sign| (DVec3::AXES[a] * sign, extent[a]))));
-    // The corners of that polytope: three planes meet in one, and it lies on the inner side of the others.
-    let mut range: Option<[f64; 2]> = None;
-    for i in 0..planes.len() {
-        for j in 0..i {
-            for k in 0..j {
-                let [a, b, c] = [i, j, k].map(|p| planes[p]);
-                let (x, y, z) = (b.0.cross(c.0), c.0.cross(a.0), a.0.cross(b.0));
-                let corner = -(x * a.1 + y * b.1 + z * c.1) / a.0.dot(x);
-                let inside = |(normal, value): &(DVec3, f64)| {
-                    normal.dot(corner) + value >= -1e-6 * (value.abs() + (*normal * corner).abs().element_sum())
-                };
-                if corner.is_finite() && planes.iter().all(inside) {
-                    let depth = view.gradients[2].dot(corner);
-                    range = Some(range.map_or([depth; 2], |[low, high]| [low.min(depth), high.max(depth)]));
-                }
-            }
-        }
-    }
-    range
+    planes.extend(view.shown());
+    let depths = corners(&planes).into_iter().map(|corner| view.gradients[2].dot(corner));
+    depths.fold(None, |range, depth| {
+        Some(range.map_or([depth; 2], |[low, high]: [f64; 2]| [low.min(depth), high.max(depth)]))
+    })
 }

@@ -52,6 +52,8 @@ pub(crate) struct QuadsKey {
     pub(crate) response: u32,
     /// Colours are those of depth.
     pub(crate) depth_coded: bool,
+    /// A maximum is attenuated by its depth.
+    pub(crate) attenuated: bool,
     pub(crate) perspective: bool,
     /// Kernels grow.
     pub(crate) grown: bool,
@@ -72,6 +74,8 @@ pub(crate) struct QuadsKey {
     pub(crate) thins: bool,
     /// Light is kept from scalars.
     pub(crate) post_shadows: bool,
+    /// Planes that cut rays.
+    pub(crate) clip_planes: u32,
     /// Opaque pixels hide splats.
     pub(crate) terminates: bool,
     pub(crate) precision: Precision,

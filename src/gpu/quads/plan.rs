@@ -1,12 +1,13 @@
 //! The sheets of one picture, and the uniforms of its frames.
 
-use glam::{DVec2, DVec3, DVec4};
+use glam::{DMat3, DVec2, DVec3, DVec4};
 
-use super::super::layout::{Batch, Frame};
+use super::super::layout::{Batch, Frame, clip_planes};
 use super::super::levels::Cut;
 use super::super::view::{ScalarNeed, ViewGeometry, Weights};
 use super::culling::visible_depths;
 use crate::camera::{Camera, Projection};
+use crate::clip::Side;
 use crate::image::Region;
 use crate::kernel::Kernel;
 use crate::settings::{Level, Model, Precision, Settings, Sheets};
@@ -197,8 +198,9 @@ impl<'a> Plan<'a> {
             section_scale: sheet_scale / (divisor * weights.unit),
             sheet_scale,
             kernel: settings.kernel,
-            model: if settings.depth_coded {
-                [(0.5 / view.gradients[2].abs().dot(view.faces)) as f32, 0.5, 0.0, 0.0]
+            model: if settings.depth_coded || settings.attenuation > 0.0 {
+                let slope = 0.5 / view.gradients[2].abs().dot(view.faces);
+                [slope as f32, 0.5, settings.attenuation as f32, 0.0]
             } else {
                 settings.xray_response().1
             },
@@ -323,6 +325,12 @@ impl<'a> Plan<'a> {
                 (-unit, f64::from(view.grid.dims()[axis] - 1))
             }
         });
+        // The lattice around its middle, of view coordinates from the home ray.
+        let map = to_lattice * DMat3::from_cols(view.camera.right, view.camera.up, along_home);
+        let plane = |(gradient, value): &Side| {
+            let slopes = map.transpose() * *gradient;
+            slopes.extend(value - slopes.truncate().dot(offset))
+        };
         let clip = DVec4::new(
             2.0 / span[0],
             -2.0 / span[1],
@@ -365,6 +373,7 @@ impl<'a> Plan<'a> {
             level_spread: (spread(1) / (3.0 * self.kernel.variance())) as f32,
             _pad: 0,
             model: self.model,
+            clip_planes: clip_planes(view.clip.iter().map(plane)),
         }
     }
 }
@@ -386,7 +395,7 @@ mod tests {
 
     /// The frame of a lattice in some unit and around some origin.
     fn frame(projection: ProjectionKind, unit: f64, origin: f64) -> Frame {
-        let matrix = glam::DMat3::from_diagonal(DVec3::new(1.1, 0.9, 2.3)) * unit;
+        let matrix = DMat3::from_diagonal(DVec3::new(1.1, 0.9, 2.3)) * unit;
         let to_world = glam::DAffine3::from_mat3_translation(matrix, DVec3::splat(origin));
         let grid = Grid::new([17, 24, 9], to_world).unwrap();
         let settings = Settings::default();

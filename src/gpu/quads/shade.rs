@@ -61,11 +61,13 @@ impl ShadeStage {
         let constants = [("PERSPECTIVE", flag(key.perspective)), ("SHEETS", f64::from(key.sheets_per_pass))];
         let shadows = ("SHADOWS", flag(key.post_shadows));
         let lights = [("LIGHTS", f64::from(key.lights)), ("POINT_LIGHTS", flag(key.point_lights))];
-        let shading = [lights[0], lights[1], ("SAMPLES", f64::from(key.samples)), crowded, thins, shadows];
+        let clip = ("CLIP_PLANES", f64::from(key.clip_planes));
+        let shading = [clip, lights[0], lights[1], ("SAMPLES", f64::from(key.samples)), crowded, thins, shadows];
         let shading = [&constants[..], &shading].concat();
         let mean = ("MEAN", flag(key.feed == Feed::Mean));
         let coded = ("DEPTH_CODED", flag(key.depth_coded));
-        let projection = [&constants[..], &[mean, coded]].concat();
+        let attenuated = ("ATTENUATED", flag(key.attenuated));
+        let projection = [&constants[..], &[clip, mean, coded, attenuated]].concat();
         let (entry, constants) = if key.feed.projects() { ("project", &projection) } else { ("shade", &shading) };
         let shade = compute(context, &shader, "shade", entry, &shade_layout, constants);
         let (resolve_layout, resolve) = if key.feed.projects() {

@@ -259,6 +259,8 @@ fn pipeline(
         ("GROWN", flag(key.grown)),
         ("AXIS", flag(key.axis)),
         ("SCALARS", flag(key.feed.is_scalar())),
+        // What is reconstructed of scalars is cut when it is classified.
+        ("CLIP_PLANES", if key.feed.is_scalar() { 0.0 } else { f64::from(key.clip_planes) }),
     ];
     let vertex = [
         ("ADDITIVE", flag(key.additive)),

@@ -77,6 +77,7 @@ impl Stage {
             ("CURVED", flag(key.curved)),
             ("GROWN", flag(key.grown)),
             ("REACH", f64::from(key.reach)),
+            ("CLIP_PLANES", f64::from(key.clip_planes)),
         ];
         Self::new(context, shaders::GATHER, "refine", &bindings, &constants)
     }
@@ -88,6 +89,7 @@ impl Stage {
         let terms = ("TERMS", f64::from(key.terms));
         let texels = ("TEXELS", f64::from(key.texels));
         let straight = ("STRAIGHT", flag(key.rays == RayKind::Straight));
+        let clip = ("CLIP_PLANES", f64::from(key.clip_planes));
         if let Voxel::Color { .. } = key.voxel {
             let image = Binding::StorageTexture(FORMAT, wgpu::TextureViewDimension::D2);
             let (entry, state) = match key.rays {
@@ -103,7 +105,7 @@ impl Stage {
             let (curved, reach) = (("CURVED", flag(key.curved)), ("REACH", f64::from(key.reach)));
             let bindings = [Binding::Uniform, volume, Binding::Read, state, Binding::Write];
             let mut constants =
-                vec![perspective, terms, texels, straight, response, resampled, curved, grown, layered, reach];
+                vec![perspective, terms, texels, straight, response, resampled, curved, grown, layered, reach, clip];
             if let RayKind::StraightBlocks(Block { across, rows }) = key.rays {
                 constants.extend([("ACROSS", f64::from(across)), ("ROWS", f64::from(rows))]);
             }
@@ -117,6 +119,7 @@ impl Stage {
         let maximum = ("MAXIMUM", flag(matches!(key.model, Model::Mip | Model::Minip)));
         let mean = ("MEAN", flag(key.model == Model::Average));
         let coded = ("DEPTH_CODED", flag(key.depth_coded));
+        let attenuated = ("ATTENUATED", flag(key.attenuated));
         let lights = ("LIGHTS", f64::from(key.lights));
         let points = ("POINT_LIGHTS", flag(key.point_lights));
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
@@ -150,6 +153,7 @@ impl Stage {
                 maximum,
                 mean,
                 coded,
+                attenuated,
                 lights,
                 points,
                 crowded,
@@ -157,6 +161,7 @@ impl Stage {
                 shadows,
                 grown,
                 reach,
+                clip,
             ],
         )
     }

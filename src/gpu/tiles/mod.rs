@@ -83,6 +83,8 @@ pub(crate) struct TilesKey {
     response: u32,
     /// Colours are those of depth.
     depth_coded: bool,
+    /// A maximum is attenuated by its depth.
+    attenuated: bool,
     voxel: Voxel,
     lights: u32,
     /// Some light is at a place.
@@ -93,6 +95,8 @@ pub(crate) struct TilesKey {
     /// Parts of kernels of colours are parabolas.
     curved: bool,
     rays: RayKind,
+    /// Planes that cut rays.
+    clip_planes: u32,
     /// Terms of the footprint's polynomial.
     terms: u32,
     /// Planes before and behind their own that kernels reach along single rays.

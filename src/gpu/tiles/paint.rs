@@ -149,6 +149,7 @@ impl<'a> Picture<'a> {
             let pyramid = axis.pyramid(&view.camera, &view.grid, view.camera.size, job.padding);
             let seen = |bounds| {
                 view.layer_holds(bounds, job.padding)
+                    && view.may_show(bounds, job.padding)
                     && pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, view.max_radius() + 1.0))
             };
             Packing::new(context, stores, dims, whole, seen, axis.axes, voxel)
@@ -185,6 +186,7 @@ impl<'a> Picture<'a> {
             model: settings.model,
             response: settings.xray_response().0,
             depth_coded: settings.depth_coded,
+            attenuated: settings.attenuation > 0.0,
             voxel: way.packing.voxel,
             lights: settings.light_count(),
             point_lights: settings.has_point_lights(),
@@ -204,6 +206,7 @@ impl<'a> Picture<'a> {
             // n texels serve a reach of up to n - 1/2 voxels; of the largest kernels, along the rays that lean most,
             // it is 5.9.
             texels: (self.ways.iter().map(reach).fold(0.0, f64::max) + 0.5).floor().clamp(2.0, 6.0) as u32 + 1,
+            clip_planes: view.clip.len() as u32,
             rays: match self.is_resampled() {
                 _ if self.is_layered() => RayKind::Layered,
                 true if view.is_perspective() => RayKind::Coarser,
@@ -352,7 +355,7 @@ impl<'a> Picture<'a> {
         RaySetup {
             camera: &view.camera,
             size: view.camera.size,
-            volume: PackedBox { grid: &view.grid, packing: *packing, padding, faces: view.faces },
+            volume: PackedBox { grid: &view.grid, packing: *packing, padding, faces: view.faces, clip: &view.clip },
             kernel: FittedKernel {
                 kernel: self.kernel,
                 footprint: &self.footprint,
@@ -373,6 +376,7 @@ impl<'a> Picture<'a> {
                 },
                 curve: settings.xray_response().1,
                 depth_coded: settings.depth_coded,
+                attenuation: settings.attenuation,
             },
             scalars,
         }

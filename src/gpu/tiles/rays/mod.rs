@@ -14,6 +14,7 @@ use super::axis::{PrincipalAxis, smoothstep, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};
 use crate::camera::{Camera, Growth, Projection};
+use crate::clip::Side;
 use crate::image::Region;
 use crate::kernel::{Kernel, section};
 use crate::volume::Grid;
@@ -63,6 +64,8 @@ pub(super) struct PackedBox<'a> {
     pub(super) padding: u32,
     /// See [`ViewGeometry::faces`](super::super::view::ViewGeometry).
     pub(super) faces: DVec3,
+    /// What is not cut away.
+    pub(super) clip: &'a [Side],
 }
 
 /// A kernel as rays evaluate it.
@@ -93,6 +96,8 @@ pub(super) struct Optics {
     pub(super) curve: [f32; 4],
     /// Colours are those of depth.
     pub(super) depth_coded: bool,
+    /// How much a maximum is attenuated by its depth.
+    pub(super) attenuation: f64,
 }
 
 /// How scalars are classified.
@@ -126,6 +131,16 @@ impl PackedBox<'_> {
         let zero = of(DVec3::ZERO);
         let [x, y, z] = DVec3::AXES.map(|unit| of(unit) - zero);
         DAffine3::from_mat3_translation(DMat3::from_cols(x, y, z), zero).inverse()
+    }
+
+    /// The planes that cut rays, as linear functions of (a, b, plane).
+    fn clip_planes(&self, axis: &PrincipalAxis) -> layout::ClipPlanes {
+        let to_lattice = self.map_to_lattice(axis);
+        let origin = to_lattice.translation - half(self.grid);
+        let plane = |(gradient, value): &Side| {
+            (to_lattice.matrix3.transpose() * *gradient).extend(gradient.dot(origin) + value)
+        };
+        layout::clip_planes(self.clip.iter().map(plane))
     }
 
     /// The box of what shows, as its least and largest (a, b, plane).
@@ -188,7 +203,12 @@ impl RaySetup<'_> {
             density_scale: self.optics.density_scale.min(MAX_DENSITY_SCALE) as f32,
             opaque_depth: self.optics.opaque_depth.min(f64::from(f32::MAX)) as f32,
             brightest: self.optics.brightest.map(|c| c as f32),
-            model: if self.optics.depth_coded { self.depth(axis) } else { self.optics.curve },
+            model: if self.optics.depth_coded || self.optics.attenuation > 0.0 {
+                self.depth(axis)
+            } else {
+                self.optics.curve
+            },
+            attenuation: self.optics.attenuation as f32,
             radius2: (radius * radius) as f32,
             box_low: f3(box_low),
             box_high: f3(box_high),
@@ -211,6 +231,7 @@ impl RaySetup<'_> {
             fade_in,
             fade_out,
             sections: sections.0,
+            clip_planes: self.volume.clip_planes(axis),
             ..layout::Rays::zeroed()
         };
         match self.scalars {

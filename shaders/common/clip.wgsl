@@ -1,0 +1,20 @@
+// Rays against clipping planes: the part of each ray that is on the inner side of all of them (Cyrus and Beck 1978,
+// "Generalized two- and three-dimensional clipping").
+
+// The number of planes; with 0 nothing is cut away.
+override CLIP_PLANES: u32 = 0u;
+const MAX_CLIP_PLANES: u32 = 8u;
+
+// Before or behind every place on a ray, but not infinite.
+const BEYOND: f32 = 1e30;
+
+// Of the part of a ray between two places, what is on the inner side of a plane: where at + slope * place >= 0. Nothing
+// is left if x >= y. A plane and its opposite cut at the same place, to the bit.
+fn on_inner_side(part: vec2f, at: f32, slope: f32) -> vec2f {
+    // Along the plane, to rounding: all of the ray or nothing.
+    let along = abs(slope) < 1e-20;
+    let place = -at / select(slope, 1.0, along);
+    let first = select(part.x, max(part.x, place), !along && slope > 0.0);
+    let last = select(part.y, min(part.y, place), !along && slope < 0.0);
+    return vec2f(first, select(last, -BEYOND, along && at < 0.0));
+}
