@@ -33,8 +33,8 @@
 //! [`error`].
 //!
 //! The features, on by default: `cli` builds the program `voxsplat`; `film` writes films; `jpeg2000` reads JPEG 2000 in
-//! DICOM; `report` has plots of speed against error. A library needs `default-features = false`. `hdf5`, which reads HDF5
-//! and NetCDF, is not on by default.
+//! DICOM; `report` has plots of speed against error. A library needs `default-features = false`. `hdf5`, which reads
+//! HDF5 and NetCDF, is not on by default.
 
 pub mod accuracy;
 pub mod adapter;
