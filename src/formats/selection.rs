@@ -38,6 +38,8 @@ impl Pick {
 
     /// The samples at the chosen indices of some axes and at all of the others; the fastest axis is the first.
     fn of(axes: &[(u64, Option<u64>)]) -> Option<Self> {
+        // No number below is larger than that of all samples.
+        let all = axes.iter().try_fold(1_u64, |all, (size, _)| all.checked_mul(*size))?;
         let mut pick = Self { all: 1, ..Self::all(1) };
         for &(size, index) in axes {
             let stride = pick.all;
@@ -48,8 +50,9 @@ impl Pick {
                 None if pick.beyond.is_empty() && stride == pick.step * pick.run => pick.run *= size,
                 None => pick.beyond.push([size, stride]),
             }
-            pick.all = stride.checked_mul(size)?;
+            pick.all = stride * size;
         }
+        debug_assert_eq!(pick.all, all, "the product of the sizes");
         Some(pick)
     }
 
