@@ -231,7 +231,7 @@ impl Reference {
             antialiasing: settings.antialiasing,
             depth_coded: settings.depth_coded,
             method,
-            clip: settings.clip.sides(&grid),
+            clip: settings.clip.sides(grid),
             light: None,
             progress: Progress::default(),
         };
