@@ -104,6 +104,11 @@ fn add_sample(ray: ptr<function, Marched>, color: vec3f, depth: f32) {
     (*ray).transmittance *= exp(-depth);
 }
 
+// The share of a place on a ray, `plane` planes from plane 0, in the depth of the box.
+fn depth_at(geometry: RayGeometry, plane: f32) -> f32 {
+    return dot(rays.model.xyz, vec3f(geometry.base + plane * geometry.shear, plane)) + rays.model.w;
+}
+
 fn update_maximum(
     ray: ptr<function, RayState>,
     behind: vec4f,
@@ -112,11 +117,15 @@ fn update_maximum(
     middle: f32,
 ) {
     let means = means_of(*ray, behind, geometry);
-    let largest = shown(largest_in(means, part), means, rays.invisible);
+    var largest = shown(largest_in(means, part), means, rays.invisible);
     let so_far = (*ray).color;
-    if DEPTH_CODED {
+    if DEPTH_CODED || ATTENUATED {
+        let place = middle + 0.5 * place_of_largest(means, part);
+        if ATTENUATED {
+            largest = faded(largest, depth_at(geometry, place), rays.attenuation);
+        }
         let is_larger = so_far.y <= 0.0 || largest > so_far.x;
-        (*ray).color.z = select(so_far.z, middle + 0.5 * place_of_largest(means, part), is_larger);
+        (*ray).color.z = select(so_far.z, place, is_larger);
     }
     (*ray).color.x = select(largest, max(largest, so_far.x), so_far.y > 0.0);
     (*ray).color.y = 1.0;
@@ -262,8 +271,7 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
             // Slabs are half a plane thick.
             scalar *= 0.5 / max(planes, 1e-30);
         }
-        let place = vec3f(geometry.base + ray.color.z * geometry.shear, ray.color.z);
-        let depth = dot(rays.model.xyz, place) + rays.model.w;
+        let depth = depth_at(geometry, ray.color.z);
         value = select(vec4f(0.0), projected(scalar, depth, rays.lookup), planes > 0.0);
     }
     add_to_pixel(at, share * value);

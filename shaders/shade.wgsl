@@ -287,11 +287,15 @@ fn updated_projection(so_far: vec3f, means: vec3f, ray: PixelRay, z: f32) -> vec
         return so_far + vec3f(integral_over(from_eye(means, z), part), part.y - part.x, 0.0);
     }
     let m = from_eye(means, z);
-    let largest = shown(largest_in(m, part), means, shading.invisible);
+    var largest = shown(largest_in(m, part), means, shading.invisible);
     var depth = 0.0;
-    if DEPTH_CODED {
+    if DEPTH_CODED || ATTENUATED {
+        depth = z + (place_of_largest(m, part) + 0.5) * frame.sheet_step;
+        if ATTENUATED {
+            largest = faded(largest, frame.model.x * depth + frame.model.y, frame.model.z);
+        }
         let is_larger = so_far.y <= 0.0 || largest > so_far.x;
-        depth = select(so_far.z, z + (place_of_largest(m, part) + 0.5) * frame.sheet_step, is_larger);
+        depth = select(so_far.z, depth, is_larger);
     }
     return vec3f(select(largest, max(largest, so_far.x), so_far.y > 0.0), 1.0, depth);
 }

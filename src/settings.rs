@@ -192,6 +192,11 @@ pub struct Settings {
     /// and blue, to violet farthest, along the view and between the nearest and the farthest corner of the box of the
     /// voxels. As bright as the brightest channel of the transfer function's colour, which gives alpha as well.
     pub depth_coded: bool,
+    /// How much a maximum is attenuated by depth, 0 (not at all) to [`Self::MAX_ATTENUATION`]. What is over the
+    /// transfer function's base counts times exp(-attenuation d), d from 0 at the nearest to 1 at the farthest corner
+    /// of the box of the voxels, along the view; so of two equal values the nearer one shows, and what is far is dim
+    /// (Wallis and Miller 1991, "Three-dimensional display in nuclear medicine and radiology").
+    pub attenuation: f64,
     /// When the transfer function is applied.
     pub shading: Shading,
     /// The light on surfaces; `None`: colours are those of the transfer function.
@@ -230,6 +235,7 @@ impl Default for Settings {
             model: Model::default(),
             response: Response::default(),
             depth_coded: false,
+            attenuation: 0.0,
             shading: Shading::default(),
             lighting: None,
             clip: Clip::default(),
@@ -297,6 +303,9 @@ fn in_range(name: &'static str, value: f64, range: std::ops::RangeInclusive<f64>
 }
 
 impl Settings {
+    /// The most that a maximum is attenuated.
+    pub const MAX_ATTENUATION: f64 = 20.0;
+
     /// Refuses settings out of range, and settings that do not go together.
     ///
     /// What the adapter or a painter cannot do is refused by [`Renderer::render`](crate::renderer::Renderer::render).
@@ -307,6 +316,7 @@ impl Settings {
         self.kernel.validate()?;
         in_range("sharpness", self.sharpness, 0.0..=1.0, "")?;
         self.check_sharpness()?;
+        in_range("attenuation", self.attenuation, 0.0..=Self::MAX_ATTENUATION, "")?;
         if !(0.0..1.0).contains(&self.termination) {
             let reason = format!("{}, expected 0 to under 1", self.termination);
             return Err(Error::Setting { name: "termination", reason });
@@ -390,6 +400,11 @@ impl Settings {
                 self.depth_coded && !matches!(self.model, Model::Mip | Model::Minip),
                 "depth_coded",
                 "only a maximum or a minimum lies at a depth: the model is neither mip nor minip",
+            ),
+            (
+                self.attenuation > 0.0 && self.model != Model::Mip,
+                "attenuation",
+                "only a maximum is attenuated by its depth: the model is not mip",
             ),
             (xray && self.shading == Shading::Post, "shading", "an X-ray adds up voxels' extinction: it is pre-shaded"),
             (xray && axis, "sheets", "an X-ray has one sheet, axis does not go"),

@@ -65,8 +65,8 @@ struct Frame {
     tile_size: u32,
     // By how much growth^2 shrinks at level n, over 4^n - 1.
     level_spread: f32,
-    // What the model takes. X-ray: `curve` of common/response.wgsl. Coded by depth: the share of view depth z in the
-    // depth of the box is model.x z + model.y.
+    // What the model takes. X-ray: `curve` of common/response.wgsl. Coded or attenuated by depth: the share of
+    // view depth z in the depth of the box is model.x z + model.y, and model.z is the attenuation.
     model: vec4f,
     // What is on the inner side of a clipping plane, at view coordinates (x, y, z): dot(xyz, (x, y, z)) + w >= 0, in
     // voxels. See common/clip.wgsl.

@@ -131,10 +131,13 @@ struct Rays {
     fade_out: vec2f,
     // The place of the length of a gradient among bins: see common/transfer.wgsl.
     gradient_lookup: f32,
+    // See faded() in common/transfer.wgsl.
+    attenuation: f32,
     // From (a, b, plane) to the light volume, and to the lattice.
     to_light: mat4x3f,
     to_lattice: mat4x3f,
-    // What the model takes. X-ray: `curve` of common/response.wgsl. Coded by depth: the share of a place (a, b, plane)
+    // What the model takes. X-ray: `curve` of common/response.wgsl. Coded or attenuated by
+    // depth: the share of a place (a, b, plane)
     // in the depth of the box is dot(model.xyz, place) + model.w.
     model: vec4f,
     // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.

@@ -61,6 +61,14 @@ fn place_of_largest(m: vec3f, part: vec2f) -> f32 {
     return select(end, top, p.z < 0.0);
 }
 
+// A maximum is attenuated by its depth.
+override ATTENUATED: bool = false;
+
+// A value at a share of the depth of the box: what is over the base is less the farther away it is.
+fn faded(value: f32, depth: f32, attenuation: f32) -> f32 {
+    return select(value, value * exp(-attenuation * depth), value > 0.0);
+}
+
 // The largest value of a slab with means `m`, clamped to what is invisible if no mean is larger: then only the parabola
 // is.
 fn shown(largest: f32, m: vec3f, invisible: vec2f) -> f32 {

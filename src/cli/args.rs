@@ -15,6 +15,7 @@ use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Reso
 use voxsplat::transfer::Window;
 use voxsplat::volume::{Endian, SampleType};
 
+use super::channels::{ChannelArg, channel};
 use super::clip::{self, ClipArg, Voxels};
 use super::layers::{LabelArg, label};
 use super::parse::{self, GradientOpacity, LightArg, Occlusion, one_of};
@@ -98,6 +99,10 @@ pub(super) struct InputArgs {
     /// transfer function gives VALUE no opacity
     #[arg(long, value_name = "VALUE", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Input")]
     pub(super) replace_nan: Option<f64>,
+    /// Files of several channels: draw channel N, counted from 0. Repeat the option to draw several together, each in a
+    /// colour [default: all, in the colours of the file or green, magenta, cyan ..; red, green and blue as colours]
+    #[arg(long, value_name = "N[:COLOUR]", value_parser = channel, help_heading = "Input")]
+    pub(super) channel: Vec<ChannelArg>,
     /// Files of several points in time: which of them, counted from 0 [default: 0]
     #[arg(long, value_name = "N", help_heading = "Input")]
     pub(super) time: Option<u32>,
@@ -135,7 +140,7 @@ impl InputArgs {
             offset: self.offset,
             replace_nan: self.replace_nan,
             time: self.time,
-            channel: None,
+            channel: self.channel.first().map(|channel| channel.number),
             series: self.series,
             level: self.pyramid.map_or(LoadOptions::default().level, PyramidLevel::At),
             stream_over: self.stream_over.saturating_mul(1 << 20),
@@ -287,6 +292,9 @@ pub(super) struct ModelArgs {
     /// transfer function tells how bright they are
     #[arg(long, help_heading = "Model")]
     pub(super) depth_coded: bool,
+    /// Projection mip: what is farther away counts less, down to exp(-A) of itself at the far end of the box, 0 to 20
+    #[arg(long, value_name = "A", default_value_t = 0.0, value_parser = parse::number, help_heading = "Model")]
+    pub(super) attenuation: f64,
     /// Classify and light voxels before reconstruction (pre: fast) or pixels after it (post: sharp)
     #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = one_of(Shading::ALL, Shading::name),
         help_heading = "Model")]

@@ -259,6 +259,7 @@ fn command(input: &InputArgs, preset: Option<&str>) -> String {
     option("time", input.time.map(|n| n.to_string()));
     option("pyramid", input.pyramid.map(|n| n.to_string()));
     option("series", input.series.map(|n| n.to_string()));
+    option("channel", input.channel.first().map(|channel| channel.number.to_string()));
     option("transfer", preset.map(str::to_owned));
     let name = match input.source.to_str().and_then(|source| source.strip_prefix("demo:")) {
         Some(name) => name.split(':').next().unwrap_or(name).to_owned(),

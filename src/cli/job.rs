@@ -20,6 +20,7 @@ use super::args::{
     CompareArgs, FigureArgs, FrameArg, ModelArgs, PainterArg, PainterArgs, ParetoArgs, ProjectionArg, RenderArgs,
     StatsFormat, SwitchArg, ViewArgs,
 };
+use super::channels::ChannelArg;
 use super::clip::ClipChoice;
 use super::destination::{Destination, STREAM};
 use super::layers::{LABELS, LayersJob};
@@ -52,11 +53,18 @@ pub(super) struct Transfer {
     pub(super) choice: TransferChoice,
     /// The values that it begins and ends at.
     pub(super) window: Option<Window>,
+    /// Whether there is nothing but that window.
+    by_window: bool,
     /// What replaces its gradient opacity.
     pub(super) gradient: Option<GradientOpacity>,
 }
 
 impl Transfer {
+    /// Whether it is only a window.
+    pub(super) fn is_window(&self) -> bool {
+        self.by_window
+    }
+
     fn new(args: &ModelArgs) -> Result<Self, Failure> {
         let window = args.window;
         let given = |imported| TransferChoice::Given(Box::new(imported));
@@ -89,7 +97,8 @@ impl Transfer {
             (None, None) if window.is_some() => given(Imported::of_map(&maps::find("gray")?)?),
             (None, None) => TransferChoice::Suggested,
         };
-        Ok(Self { choice, window, gradient: args.gradient_opacity.clone() })
+        let by_window = window.is_some() && args.transfer.is_none() && args.colour_map.is_none();
+        Ok(Self { choice, window, by_window, gradient: args.gradient_opacity.clone() })
     }
 }
 
@@ -109,6 +118,7 @@ pub(super) struct RenderJob {
     pub(super) load: LoadOptions,
     pub(super) transfer: Transfer,
     pub(super) layers: LayersJob,
+    pub(super) channels: Vec<ChannelArg>,
     pub(super) view: View,
     pub(super) frame: FrameArg,
     /// Width and height of the picture, pixels.
@@ -215,6 +225,7 @@ impl RenderJob {
             source: args.input.source,
             transfer,
             layers,
+            channels: args.input.channel,
             view,
             frame: frame(&args.view),
             size: args.size,
@@ -270,6 +281,7 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         model: model.model,
         response: model.response,
         depth_coded: model.depth_coded,
+        attenuation: model.attenuation,
         shading: model.shading,
         lighting: lighting(model, view)?,
         interslice: model.interslice,
@@ -494,6 +506,9 @@ impl ParetoJob {
         };
         let views = std::iter::once(first.clone()).chain((1..args.views).map(turned)).collect();
         let transfer = Transfer::new(&args.model)?;
+        if args.input.channel.len() > 1 {
+            return Err(Failure::Usage("--channel: a study is of one channel".to_owned()));
+        }
         if matches!(transfer.choice, TransferChoice::Labels) {
             return Err(Failure::Usage("--transfer labels is for render and turntable".to_owned()));
         }

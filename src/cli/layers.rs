@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use voxsplat::Background;
 use voxsplat::formats::{self, LoadOptions};
 use voxsplat::layers::{Label, LabelCount, Labels, Layer, Layers, Which, count_labels};
-use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::Volume;
 
 use super::args::LayerArgs;
@@ -47,7 +46,7 @@ pub(super) fn label(text: &str) -> Result<LabelArg, String> {
 #[derive(Debug, Clone, Default)]
 pub(super) struct LayersJob {
     /// Whether the volume is one of labels.
-    alone: bool,
+    pub(super) alone: bool,
     labels: Option<PathBuf>,
     looks: Labels,
     mask: Option<(PathBuf, Which)>,
@@ -96,23 +95,27 @@ impl LayersJob {
         self.alone || self.labels.is_some()
     }
 
-    /// What is drawn of a volume. `read` reads other ones.
-    pub(super) fn layers(
+    /// A volume of labels as it is to look.
+    pub(super) fn of_labels(&self, volume: &Volume) -> Result<Layer, Failure> {
+        Ok(Layer::labels(volume, &self.looks)?)
+    }
+
+    /// What is drawn of some layers, and over them. `read` reads volumes of labels.
+    pub(super) fn over(
         &self,
-        volume: &Volume,
-        transfer: &TransferFunction,
+        mut base: Vec<Layer>,
         mut read: impl FnMut(&Path) -> Result<Volume, Failure>,
     ) -> Result<Layers, Failure> {
-        let base = if self.alone { Layer::labels(volume, &self.looks)? } else { Layer::scalars(volume, transfer) };
-        let base = match &self.mask {
-            Some((path, which)) => base.masked(&read(path)?, which)?,
-            None => base,
-        };
-        let layers = Layers::new(base);
-        match &self.labels {
-            Some(path) => Ok(layers.with(Layer::labels(&read(path)?, &self.looks)?)?),
-            None => Ok(layers),
+        if let Some((path, which)) = &self.mask {
+            let mask = read(path)?;
+            base = base.into_iter().map(|layer| layer.masked(&mask, which)).collect::<Result<_, _>>()?;
         }
+        if let Some(path) = &self.labels {
+            base.push(self.of_labels(&read(path)?)?);
+        }
+        let mut layers = base.into_iter();
+        let first = layers.next().map(Layers::new).ok_or_else(|| Failure::Failed("nothing to draw".to_owned()))?;
+        Ok(layers.try_fold(first, Layers::with)?)
     }
 }
 

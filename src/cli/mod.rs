@@ -4,6 +4,7 @@
 //! `compare`, the pictures differ, 2 wrong arguments. A signal ends the program as it ends others.
 
 mod args;
+mod channels;
 mod clip;
 mod compare;
 mod destination;

@@ -65,6 +65,9 @@ pub(super) fn options_of(settings: &Settings) -> Vec<String> {
             }
         }
     }
+    if settings.attenuation > 0.0 {
+        options.extend(["--attenuation".to_owned(), settings.attenuation.to_string()]);
+    }
     if settings.depth_coded {
         options.push("--depth-coded".to_owned());
     }

@@ -62,7 +62,7 @@ pub(super) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
         let mut stages = Stages::default();
         let (session, fitted) = match &mut shared {
             Some(session) => {
-                let fitted = transfer(&job.source, &job.transfer, &session.volume, &mut stages)?;
+                let fitted = session.fitted(&job, &mut stages)?;
                 (session, fitted)
             }
             None => {
@@ -272,6 +272,12 @@ impl Fitted {
         Self { transfer, preset: None, suggested: None, notes: Vec::new() }
     }
 
+    /// What stands for none, where layers say what shows.
+    pub(super) fn clear() -> Result<Self, Failure> {
+        let clear = ControlPoint { value: 0.0, color: [0.0; 3], opacity: 0.0 };
+        Ok(Self::new(TransferFunction::new(vec![clear], None)?))
+    }
+
     /// All that the user should know of it.
     pub(super) fn notes(&self) -> impl Iterator<Item = &String> {
         self.suggested.iter().chain(&self.notes)
@@ -295,10 +301,7 @@ fn fitted(source: &Path, asked: &Transfer, volume: &Volume, stages: &mut Stages)
     let mut statistics = || stages.time("statistics", || Statistics::of(volume));
     let fitted = match &asked.choice {
         // There is none: layers have the labels.
-        TransferChoice::Labels => {
-            let clear = ControlPoint { value: 0.0, color: [0.0; 3], opacity: 0.0 };
-            return Ok(Fitted::new(TransferFunction::new(vec![clear], None)?));
-        }
+        TransferChoice::Labels => return Fitted::clear(),
         TransferChoice::Given(imported) => {
             let window = match asked.window {
                 None if imported.fits => Window::of(&statistics()?),

@@ -7,9 +7,9 @@ use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::clip::Clip;
 use voxsplat::demos;
 use voxsplat::figure::Shown;
-use voxsplat::formats::{self, LoadOptions, PyramidLevel};
+use voxsplat::formats::{LoadOptions, PyramidLevel};
 use voxsplat::image::{Image, Note};
-use voxsplat::layers::Layers;
+use voxsplat::layers::{Layer, Layers};
 use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
 use voxsplat::renderer::{Renderer, RendererOptions, Scene};
@@ -24,7 +24,7 @@ use super::job::{Engine, RenderJob, TransferChoice};
 use super::progress::{self, Progress};
 use super::render::{Fitted, Stages, draw, framed, in_words, notes, transfer, with_units};
 use super::stderr::silenced;
-use super::{Failure, layers, output};
+use super::{Failure, channels, layers, output};
 
 /// Azimuth and elevation of a view that shows three sides of a box, degrees.
 const OBLIQUE: [f64; 2] = [30.0, 20.0];
@@ -42,6 +42,8 @@ pub(super) struct Session {
     prepared: Option<Prepared>,
     /// What the last picture was fitted to, and how that was found.
     framed: Option<(FrameArg, Clip, Layers, Option<Hull>)>,
+    /// What is drawn in place of its values, if it has several channels.
+    channels: Vec<Layer>,
     /// Volumes of labels, by their files.
     labels: Vec<(PathBuf, Volume)>,
     /// What the user has been told.
@@ -109,20 +111,27 @@ impl Session {
                 scope.spawn(move || opening.time("device", || silenced(|| Renderer::new(&options))))
             });
             let mut read = || {
-                let volume = stages.time("load", || formats::load(&job.source, &job.load))?;
+                let load = || channels::load(&job.source, &job.load, &job.channels, &job.transfer);
+                let channels::Loaded { volume, layers, note } = stages.time("load", load)?;
                 let volume = with_units(volume, &job.units);
-                let fitted = transfer(&job.source, &job.transfer, &volume, stages)?;
-                Ok::<_, Failure>((volume, fitted))
+                let fitted = match layers.as_slice() {
+                    [] => transfer(&job.source, &job.transfer, &volume, stages)?,
+                    _ => Fitted { notes: note.into_iter().collect(), ..Fitted::clear()? },
+                };
+                Ok::<_, Failure>((volume, layers, fitted))
             };
             (read(), device.map(|thread| thread.join()))
         });
         drop(progress);
-        let (volume, fitted) = read?;
+        let (volume, channels, fitted) = read?;
         say_choice(&volume, &job.load);
         stages.append(opening);
         let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
         let renderer = opened.transpose()?;
-        Ok((Self { volume, renderer, prepared: None, framed: None, labels: Vec::new(), said: Vec::new() }, fitted))
+        Ok((
+            Self { volume, renderer, prepared: None, framed: None, channels, labels: Vec::new(), said: Vec::new() },
+            fitted,
+        ))
     }
 
     /// Tells the user a note once.
@@ -185,6 +194,14 @@ impl Session {
         Ok(())
     }
 
+    /// The transfer function of a job of the same volume.
+    pub(super) fn fitted(&self, job: &RenderJob, stages: &mut Stages) -> Result<Fitted, Failure> {
+        match self.channels.as_slice() {
+            [] => transfer(&job.source, &job.transfer, &self.volume, stages),
+            _ => Fitted::clear(),
+        }
+    }
+
     /// What a job draws. Files of labels are read once.
     pub(super) fn layers(
         &mut self,
@@ -201,10 +218,19 @@ impl Session {
                 Ok(volume)
             }
         };
-        if job.layers.is_plain() {
+        if !self.channels.is_empty() && (job.figure.color_bar || job.save_transfer.is_some()) {
+            let message = "--colour-bar and --save-transfer are for one transfer function, not for several channels";
+            return Err(Failure::Usage(message.to_owned()));
+        }
+        if self.channels.is_empty() && job.layers.is_plain() {
             return Ok(Layers::of(&self.volume, transfer));
         }
-        stages.time("labels", || job.layers.layers(&self.volume, transfer, read))
+        let base = match (&*self.channels, job.layers.alone) {
+            (_, true) => vec![job.layers.of_labels(&self.volume)?],
+            ([], false) => vec![Layer::scalars(&self.volume, transfer)],
+            (channels, false) => channels.to_vec(),
+        };
+        stages.time("labels", || job.layers.over(base, read))
     }
 
     /// Makes the picture of a job.

@@ -308,7 +308,12 @@ impl<'a> Classification<'a> {
         classification
     }
 
-    fn of(&self, sample: f64) -> Emission {
+    /// Of values, not of the samples of a volume.
+    pub(super) fn of_values(looks: Looks<'a>, unit: f64) -> Self {
+        Self { looks, slope: 1.0, intercept: 0.0, unit, table: Vec::new() }
+    }
+
+    pub(super) fn of(&self, sample: f64) -> Emission {
         let value = self.slope * sample + self.intercept;
         let (color, opacity) = match self.looks {
             Looks::Transfer(transfer) => transfer.sample(value),

@@ -10,7 +10,7 @@ use super::splat::{packed_appearance, packed_normal};
 use super::store::{BrickSplats, Bricks, HostBrick, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::Result;
-use crate::layers::{Layer, Layers, Mask, Matter};
+use crate::layers::{Layer, Layers, Mask, Matter, luminance};
 use crate::memory::reserved;
 use crate::progress::Progress;
 use crate::transfer::{TransferFunction, scaled_share};
@@ -30,7 +30,10 @@ type Voxel = [f32; 5];
 
 /// A layer as it is classified.
 struct Painted<'a> {
-    volume: &'a Volume,
+    /// What is read of it: one volume, or if voxels have colours, red, green, blue and maybe alpha.
+    volumes: Vec<&'a Volume>,
+    /// If they have.
+    white: Option<f64>,
     classification: Classification<'a>,
     scalars: Option<Relative>,
     /// Gradient opacity, of gradients of scalars; empty: extinction does not depend on them.
@@ -48,11 +51,7 @@ impl<'a> Painted<'a> {
     fn new(layer: &'a Layer, unit: f64, keep: bool) -> Result<Self> {
         let volume = layer.volume();
         let unit = unit / layer.unit();
-        let (slope, intercept) = volume.rescale();
-        let values = |[a, b]: [f64; 2]| {
-            let [a, b] = [a, b].map(|raw| slope * raw + intercept);
-            [a.min(b), a.max(b)]
-        };
+        let (mut volumes, mut white) = (vec![volume], None);
         let (looks, scalars, thinning) = match &layer.matter {
             Matter::Scalars { transfer, .. } => {
                 let reduction = Reduction::new(transfer, 1.0);
@@ -60,19 +59,35 @@ impl<'a> Painted<'a> {
                 (Looks::Transfer(transfer), Some(Relative::new(volume, reduction)), thinning)
             }
             Matter::Labels { looks, .. } => (Looks::Labels(looks), None, Vec::new()),
+            Matter::Colors(colors) => {
+                volumes = colors.channels.iter().chain(&colors.alpha).collect();
+                white = Some(colors.white);
+                let reduction = Reduction::new(&colors.transfer, 1.0);
+                (Looks::Transfer(&colors.transfer), Some(Relative::of_values(reduction)), Vec::new())
+            }
         };
-        let mut shows: Vec<bool> = volume.ranges()?.iter().map(|&range| keep || looks.show(values(range))).collect();
+        let ranges = volumes.iter().map(|volume| value_ranges(volume)).collect::<Result<Vec<_>>>()?;
+        let range = |brick: usize| match ranges.as_slice() {
+            [red, green, blue] => [0, 1].map(|end| luminance([red, green, blue].map(|c| c[brick][end]))),
+            [.., last] => last[brick],
+            [] => [f64::NEG_INFINITY, f64::INFINITY],
+        };
+        let bricks = ranges.first().map_or(0, Vec::len);
+        let mut shows: Vec<bool> = (0..bricks).map(|brick| keep || looks.show(range(brick))).collect();
         if let Some(Mask { volume, shown }) = &layer.mask {
-            let (slope, intercept) = volume.rescale();
-            for (shows, range) in shows.iter_mut().zip(volume.ranges()?) {
-                let [a, b] = range.map(|raw| slope * raw + intercept);
-                let from = shown.partition_point(|&label| (label as f64) < a.min(b));
-                *shows &= shown.get(from).is_some_and(|&label| label as f64 <= a.max(b));
+            for (shows, [low, high]) in shows.iter_mut().zip(value_ranges(volume)?) {
+                let from = shown.partition_point(|&label| (label as f64) < low);
+                *shows &= shown.get(from).is_some_and(|&label| label as f64 <= high);
             }
         }
         Ok(Self {
-            volume,
-            classification: Classification::new(volume, looks, unit),
+            classification: match white {
+                // Of luminance and alpha.
+                Some(_) => Classification::of_values(looks, unit),
+                None => Classification::new(volume, looks, unit),
+            },
+            volumes,
+            white,
             smoothed: scalars.is_none() || layer.mask.is_some(),
             scalars,
             thinning,
@@ -83,9 +98,19 @@ impl<'a> Painted<'a> {
     }
 
     /// What it has of a brick with the halo around it.
-    fn voxels(&self, at: [usize; 3], (samples, mask): &(Strip, Option<Strip>)) -> Vec<Voxel> {
+    fn voxels(&self, at: [usize; 3], (samples, mask): &Strips) -> Vec<Voxel> {
         let at = at.map(|c| c as i64);
-        let mut voxels: Vec<Voxel> = bytemuck::pod_collect_to_vec(&samples.brick(at, self));
+        let mut voxels: Vec<Voxel> = match (samples.as_slice(), self.white) {
+            ([samples], _) => bytemuck::pod_collect_to_vec(&samples.brick(at, self)),
+            (channels, white) => {
+                let values = |(strip, volume): (&Strip, &&Volume)| -> Vec<f32> {
+                    bytemuck::pod_collect_to_vec(&strip.brick(at, &Values(volume)))
+                };
+                let channels: Vec<Vec<f32>> = channels.iter().zip(&self.volumes).map(values).collect();
+                let count = channels.iter().map(Vec::len).min().unwrap_or_default();
+                (0..count).map(|i| self.colored(channels.iter().map(|c| c[i]), white.unwrap_or(1.0))).collect()
+            }
+        };
         if let (Some(strip), Some(mask)) = (mask, self.mask) {
             for (voxel, shown) in voxels.iter_mut().zip(strip.brick(at, mask)) {
                 let share = f32::from(shown);
@@ -94,6 +119,40 @@ impl<'a> Painted<'a> {
         }
         voxels
     }
+}
+
+impl Painted<'_> {
+    /// A voxel of red, green, blue and maybe alpha.
+    fn colored(&self, mut channels: impl Iterator<Item = f32>, white: f64) -> Voxel {
+        let color: [f64; 3] = std::array::from_fn(|_| channels.next().map_or(0.0, f64::from));
+        let value = channels.next().map_or_else(|| luminance(color), f64::from);
+        let [.., density] = self.classification.of(value);
+        let [r, g, b] = color.map(|channel| (channel / white).clamp(0.0, 1.0) as f32 * density);
+        [r, g, b, density, self.scalars.as_ref().map_or(0.0, |scalars| scalars.to(value))]
+    }
+}
+
+/// Strips of the volumes of a layer, and of its mask.
+type Strips = (Vec<Strip>, Option<Strip>);
+
+/// The values of a volume in f32.
+struct Values<'a>(&'a Volume);
+
+impl RowCoding for Values<'_> {
+    fn append<T: Number>(&self, samples: &[T], bytes: &mut Vec<u8>) {
+        let (slope, intercept) = self.0.rescale();
+        bytes.extend(samples.iter().flat_map(|s| ((slope * s.to_f64() + intercept) as f32).to_ne_bytes()));
+    }
+}
+
+/// The ranges of values of the bricks of a volume.
+fn value_ranges(volume: &Volume) -> Result<Vec<[f64; 2]>> {
+    let (slope, intercept) = volume.rescale();
+    let values = |range: &[f64; 2]| {
+        let [a, b] = range.map(|raw| slope * raw + intercept);
+        [a.min(b), a.max(b)]
+    };
+    Ok(volume.ranges()?.iter().map(values).collect())
 }
 
 impl RowCoding for Painted<'_> {
@@ -150,7 +209,7 @@ pub(crate) fn classified(context: &Context, layers: &Layers, lit: bool, progress
         true if lit => REACH,
         _ => usize::from(lit || painted.iter().any(|layer| !layer.thinning.is_empty())),
     };
-    let volume = painted[0].volume;
+    let volume = layers.all()[0].volume();
     let (dims, gradients) = (volume.grid().dims(), gradients(volume));
     let classifier = Classifier { layers: painted, dims, gradients, lit, keep_invisible, halo };
     let [across, down, deep] = volume.bricks().map(|n| n as usize);
@@ -183,9 +242,10 @@ impl Classifier<'_> {
             if !layer.shows[first..first + across].contains(&true) {
                 return Ok(None);
             }
-            Ok(Some((strip(layer.volume)?, layer.mask.map(|mask| strip(&mask.volume)).transpose()?)))
+            let samples = layer.volumes.iter().map(|volume| strip(volume)).collect::<Result<Vec<Strip>>>()?;
+            Ok(Some((samples, layer.mask.map(|mask| strip(&mask.volume)).transpose()?)))
         });
-        let strips: Vec<_> = strips.collect::<Result<_>>()?;
+        let strips: Vec<Option<Strips>> = strips.collect::<Result<_>>()?;
         let mut bricks = Vec::new();
         for i in 0..across {
             let at = [i * EDGE, y, z];

@@ -305,7 +305,7 @@ pub(crate) struct Rays {
     pub fade_in: [f32; 2],
     pub fade_out: [f32; 2],
     pub gradient_lookup: f32,
-    pub _pad: f32,
+    pub attenuation: f32,
     pub to_light: Affine,
     pub to_lattice: Affine,
     pub model: [f32; 4],

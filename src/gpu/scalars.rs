@@ -157,6 +157,11 @@ impl Relative {
         Self { slope, intercept, reduction }
     }
 
+    /// Values as scalars.
+    pub(super) fn of_values(reduction: Reduction) -> Self {
+        Self { slope: 1.0, intercept: 0.0, reduction }
+    }
+
     pub(super) fn to(&self, raw: f64) -> f32 {
         self.reduction.scalar(self.slope * raw + self.intercept)
     }

@@ -151,6 +151,7 @@ fn structs_are_laid_out_alike() {
         fade_in,
         fade_out,
         gradient_lookup,
+        attenuation,
         to_light,
         to_lattice,
         model,

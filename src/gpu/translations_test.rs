@@ -98,6 +98,7 @@ fn happens(set: &PipelineConstants) -> bool {
         projects && lit == Some(true),
         is("MEAN") == Some(true) && is("MAXIMUM") == Some(true),
         is("DEPTH_CODED") == Some(true) && is("MAXIMUM") == Some(false),
+        is("ATTENUATED") == Some(true) && (is("MAXIMUM") == Some(false) || is("MEAN") == Some(true)),
         // With or without, of four lights: others translate alike.
         is("POINT_LIGHTS") == Some(true) && set.get("LIGHTS").is_some_and(|&lights| lights != 4.0),
     ];

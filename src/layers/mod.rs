@@ -40,6 +40,24 @@ pub struct Layer {
 pub(crate) enum Matter {
     Scalars { volume: Volume, transfer: TransferFunction },
     Labels { volume: Volume, looks: Arc<[Look]> },
+    Colors(Box<Colors>),
+}
+
+/// Voxels that have colours.
+#[derive(Debug, Clone)]
+pub(crate) struct Colors {
+    /// Red, green, blue.
+    pub(crate) channels: [Volume; 3],
+    pub(crate) alpha: Option<Volume>,
+    /// The value of a channel at its brightest.
+    pub(crate) white: f64,
+    /// Opacities of alpha, or of [`luminance`] where there is none.
+    pub(crate) transfer: TransferFunction,
+}
+
+/// The luminance of red, green and blue (ITU-R BT.709).
+pub(crate) fn luminance([red, green, blue]: [f64; 3]) -> f64 {
+    0.2126 * red + 0.7152 * green + 0.0722 * blue
 }
 
 /// Where a layer shows.
@@ -58,6 +76,14 @@ impl PartialEq for Matter {
             }
             (Self::Labels { volume: a, looks }, Self::Labels { volume: b, looks: of_b }) => {
                 a.is_same(b) && looks == of_b
+            }
+            (Self::Colors(a), Self::Colors(b)) => {
+                let alphas = match (&a.alpha, &b.alpha) {
+                    (Some(a), Some(b)) => a.is_same(b),
+                    (a, b) => a.is_none() && b.is_none(),
+                };
+                let channels = a.channels.iter().zip(&b.channels).all(|(a, b)| a.is_same(b));
+                channels && alphas && a.white == b.white && a.transfer == b.transfer
             }
             _ => false,
         }
@@ -87,6 +113,29 @@ impl Layer {
         Ok(Self { matter: Matter::Labels { volume: volume.clone(), looks: looks.into() }, mask: None })
     }
 
+    /// Voxels in colours of their own: red, green and blue, `white` where they are brightest. The transfer function
+    /// says how opaque they are, by their `alpha` or, if there is none, by their luminance (ITU-R BT.709); its colours
+    /// do not count.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the lattices differ or `white` is not over 0.
+    pub fn colors(
+        channels: [&Volume; 3],
+        alpha: Option<&Volume>,
+        white: f64,
+        transfer: &TransferFunction,
+    ) -> Result<Self> {
+        for other in channels.into_iter().chain(alpha) {
+            check_lattice("channel", channels[0].grid(), other)?;
+        }
+        if !(white > 0.0 && white.is_finite()) {
+            return Err(Error::Setting { name: "white", reason: format!("{white}, expected a number over 0") });
+        }
+        let (channels, alpha) = (channels.map(Volume::clone), alpha.cloned());
+        let colors = Colors { channels, alpha, white, transfer: transfer.clone() };
+        Ok(Self { matter: Matter::Colors(Box::new(colors)), mask: None })
+    }
+
     /// The same layer where a volume of labels has one of some, and nothing elsewhere. Reads that volume once.
     ///
     /// # Errors
@@ -108,6 +157,7 @@ impl Layer {
     pub(crate) fn volume(&self) -> &Volume {
         match &self.matter {
             Matter::Scalars { volume, .. } | Matter::Labels { volume, .. } => volume,
+            Matter::Colors(colors) => &colors.channels[0],
         }
     }
 
@@ -116,6 +166,7 @@ impl Layer {
         let spacing = self.grid().min_spacing();
         match &self.matter {
             Matter::Scalars { transfer, .. } => transfer.unit_or(spacing),
+            Matter::Colors(colors) => colors.transfer.unit_or(spacing),
             Matter::Labels { .. } => spacing,
         }
     }
@@ -124,14 +175,16 @@ impl Layer {
     pub(crate) fn max_opacity(&self) -> f64 {
         match &self.matter {
             Matter::Scalars { transfer, .. } => transfer.max_opacity(),
+            Matter::Colors(colors) => colors.transfer.max_opacity(),
             Matter::Labels { looks, .. } => looks.iter().map(|look| look.opacity).fold(0.0, f64::max),
         }
     }
 
     /// The colours that show.
-    fn colors(&self) -> Vec<[f64; 3]> {
+    fn visible_colors(&self) -> Vec<[f64; 3]> {
         match &self.matter {
             Matter::Scalars { transfer, .. } => transfer.visible_colors(),
+            Matter::Colors(_) => vec![[0.0; 3], [1.0; 3]],
             Matter::Labels { looks, .. } => looks.iter().filter(|l| l.opacity > 0.0).map(|l| l.color).collect(),
         }
     }
@@ -201,19 +254,17 @@ impl Layers {
         let hull = |layer: &Layer| match (&layer.mask, &layer.matter) {
             (Some(mask), _) => Hull::of_values(&mask.volume, &runs(mask.shown.iter().copied()), clip),
             (None, Matter::Scalars { volume, transfer }) => Hull::of_visible(volume, transfer, clip),
+            (None, Matter::Colors(colors)) => match &colors.alpha {
+                Some(alpha) => Hull::of_visible(alpha, &colors.transfer, clip),
+                // Luminance is no more than the brightest channel.
+                None => united(colors.channels.iter().map(|channel| Hull::of_visible(channel, &colors.transfer, clip))),
+            },
             (None, Matter::Labels { volume, looks }) => {
                 let shown = looks.iter().filter(|look| look.opacity > 0.0).map(|look| look.label);
                 Hull::of_values(volume, &runs(shown), clip)
             }
         };
-        let mut all: Option<Hull> = None;
-        for layer in &self.layers {
-            all = match (all, hull(layer)?) {
-                (Some(a), Some(b)) => Some(a.and(&b)),
-                (a, b) => a.or(b),
-            };
-        }
-        Ok(all)
+        united(self.layers.iter().map(hull))
     }
 
     /// The volume and the transfer function, if there is nothing else.
@@ -243,6 +294,7 @@ impl Layers {
     pub(crate) fn brightest(&self) -> [f64; 3] {
         let brightest = |layer: &Layer| match &layer.matter {
             Matter::Scalars { transfer, .. } => transfer.brightest(),
+            Matter::Colors(_) => [1.0; 3],
             Matter::Labels { looks, .. } => looks.iter().fold([0.0; 3], |most, look| larger(most, look.color)),
         };
         self.layers.iter().map(brightest).fold([0.0; 3], larger)
@@ -250,15 +302,19 @@ impl Layers {
 
     /// What errors are predicted from.
     pub(crate) fn facts(&self) -> Facts {
-        let colors: Vec<[f64; 3]> = self.layers.iter().flat_map(Layer::colors).collect();
+        let colors: Vec<[f64; 3]> = self.layers.iter().flat_map(Layer::visible_colors).collect();
         Facts::of(&colors, self.max_density() / self.unit(), self.grid())
     }
 
     /// Refuses settings that layers are not drawn by, and values that are no numbers.
     pub(crate) fn check(&self, settings: &Settings) -> Result<()> {
         for layer in &self.layers {
-            if let Matter::Scalars { volume, .. } = &layer.matter {
-                volume.check_finite()?;
+            match &layer.matter {
+                Matter::Scalars { volume, .. } => volume.check_finite()?,
+                Matter::Labels { .. } => {}
+                Matter::Colors(colors) => {
+                    colors.channels.iter().chain(&colors.alpha).try_for_each(Volume::check_finite)?;
+                }
             }
         }
         if self.plain().is_some() { Ok(()) } else { Self::check_settings(settings) }
@@ -275,9 +331,19 @@ impl Layers {
             Settings { level: Level::At(1..), .. } => ("level", "over 0"),
             _ => return Ok(()),
         };
-        let reason = format!("{what}, and labels and masks are drawn voxel by voxel, pre-shaded");
+        let reason = format!("{what}, and labels, masks and channels are drawn voxel by voxel, pre-shaded");
         Err(Error::Setting { name, reason })
     }
+}
+
+/// The hull of all.
+fn united(mut hulls: impl Iterator<Item = Result<Option<Hull>>>) -> Result<Option<Hull>> {
+    hulls.try_fold(None, |all: Option<Hull>, hull| {
+        Ok(match (all, hull?) {
+            (Some(a), Some(b)) => Some(a.and(&b)),
+            (a, b) => a.or(b),
+        })
+    })
 }
 
 fn larger(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {

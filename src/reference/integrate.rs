@@ -40,6 +40,9 @@ const GAP: f64 = 1e-9;
 /// Spread of a polynomial, as a fraction of its size, that is rounding.
 const ROUNDING: f64 = 1e-13;
 
+/// To what share of itself a maximum is found that is attenuated by depth.
+const FADED: f64 = 1e-10;
+
 /// What a ray collects: colour (premultiplied) and optical depth.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RayIntegral {
@@ -674,12 +677,30 @@ pub(super) struct Maximum {
     pub(super) place: f64,
     /// Up to where the ray was searched.
     pub(super) position: f64,
+    /// What sums over 0 are multiplied by.
+    pub(super) fade: Fade,
+}
+
+/// A share that falls along a ray, of what is attenuated by depth: exp(-(start + slope p)) at p voxels.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Fade {
+    pub(super) start: f64,
+    /// At least 0.
+    pub(super) slope: f64,
+}
+
+impl Fade {
+    /// What is left of a sum at a place.
+    fn of(self, sum: f64, place: f64) -> f64 {
+        if sum > 0.0 { sum * (-(self.start + self.slope * place)).exp() } else { sum }
+    }
 }
 
 impl Maximum {
     /// Looks at a block, both of its ends included, and at what is empty before it.
     pub(super) fn block(&mut self, block: &Block<'_>, cuts: &mut Cuts) {
-        if self.largest.is_some_and(|largest| block.range()[1] < largest) {
+        let first = block.middle - block.half;
+        if self.largest.is_some_and(|largest| self.fade.of(block.range()[1], first) < largest) {
             self.empty(block.middle - block.half);
             self.position = block.middle + block.half;
             return;
@@ -702,6 +723,7 @@ impl Maximum {
     }
 
     fn take(&mut self, value: f64, place: f64) {
+        let value = self.fade.of(value, place);
         if self.largest.is_none_or(|largest| value > largest) {
             (self.largest, self.place) = (Some(value), place);
         }
@@ -710,11 +732,20 @@ impl Maximum {
     /// Branch and bound: parts that cannot hold the maximum are left alone.
     fn search(&mut self, scalar: &Scalar, place: &impl Fn(f64) -> f64, a: f64, b: f64) {
         let Range { middle, spread, monotone } = scalar.range(a, b);
-        if self.largest.is_some_and(|l| middle + spread <= l) {
+        let most = self.fade.of(middle + spread, place(a));
+        if self.largest.is_some_and(|l| most <= l) {
             return;
         }
         self.take(middle, place(f64::midpoint(a, b)));
-        if monotone {
+        if self.fade.slope > 0.0 {
+            // Where a sum rises and its share falls, the product may be largest in between.
+            [a, b].into_iter().for_each(|end| self.take(scalar.at(end), place(end)));
+            if self.largest.is_some_and(|l| most - l > FADED * most.abs()) && b - a > FADED {
+                let middle = f64::midpoint(a, b);
+                self.search(scalar, place, a, middle);
+                self.search(scalar, place, middle, b);
+            }
+        } else if monotone {
             self.take(scalar.at(a), place(a));
             self.take(scalar.at(b), place(b));
         } else if spread > ROUNDING * middle.abs() {

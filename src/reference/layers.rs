@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 
 use crate::error::{Error, Result};
-use crate::layers::{Layer, Layers, Look, Matter, look_of};
+use crate::layers::{Layer, Layers, Look, Matter, look_of, luminance};
 use crate::transfer::TransferFunction;
 use crate::volume::{Samples, Volume};
 
@@ -37,6 +37,8 @@ impl Values {
 enum Looks {
     Transfer(TransferFunction),
     Labels(Arc<[Look]>),
+    /// The transfer function of alpha or luminance, the channels beside red, and their largest value.
+    Colors(TransferFunction, Vec<Values>, f64),
 }
 
 struct Medium {
@@ -46,6 +48,28 @@ struct Medium {
     mask: Option<(Values, Arc<[i64]>)>,
     /// The largest extinction.
     most: f64,
+}
+
+impl Medium {
+    /// Red, green and blue, or three times the value.
+    fn channels(&self, index: usize) -> [f64; 3] {
+        let red = self.values.at(index);
+        match &self.look {
+            Looks::Colors(_, others, _) => [red, others[0].at(index), others[1].at(index)],
+            _ => [red; 3],
+        }
+    }
+
+    /// What opacity depends on.
+    fn scalar(&self, index: usize) -> f64 {
+        match &self.look {
+            Looks::Colors(_, others, _) => match others.get(2) {
+                Some(alpha) => alpha.at(index),
+                None => luminance(self.channels(index)),
+            },
+            _ => self.values.at(index),
+        }
+    }
 }
 
 /// The media of a lattice.
@@ -67,6 +91,10 @@ impl Media {
             let look = match &layer.matter {
                 Matter::Scalars { transfer, .. } => Looks::Transfer(transfer.clone()),
                 Matter::Labels { looks, .. } => Looks::Labels(Arc::clone(looks)),
+                Matter::Colors(colors) => {
+                    let others = colors.channels[1..].iter().chain(&colors.alpha).map(Values::new);
+                    Looks::Colors(colors.transfer.clone(), others.collect::<Result<_>>()?, colors.white)
+                }
             };
             let mask = layer.mask.as_ref().map(|mask| Ok((Values::new(&mask.volume)?, Arc::clone(&mask.shown))));
             let unit = layer.unit();
@@ -94,7 +122,7 @@ impl Media {
         let at = |axis: usize, step: i64| {
             let mut beside = point;
             beside[axis] += step;
-            medium.values.at(self.index(beside)) / 2.0
+            medium.scalar(self.index(beside)) / 2.0
         };
         self.to_world * DVec3::from_array([0, 1, 2].map(|axis| at(axis, 1) - at(axis, -1)))
     }
@@ -106,8 +134,12 @@ impl Media {
         {
             return ([0.0; 3], 0.0);
         }
-        let value = medium.values.at(index);
+        let value = medium.scalar(index);
         let (color, opacity) = match &medium.look {
+            Looks::Colors(transfer, _, white) => {
+                let color = medium.channels(index).map(|channel| (channel / white).clamp(0.0, 1.0));
+                (color, transfer.sample(value).1)
+            }
             Looks::Transfer(transfer) => transfer.sample(value),
             Looks::Labels(looks) => look_of(looks, value).map_or(([0.0; 3], 0.0), |look| (look.color, look.opacity)),
         };
@@ -147,7 +179,7 @@ impl Media {
     }
 
     fn normal(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
-        if matches!(medium.look, Looks::Transfer(_)) && medium.mask.is_none() {
+        if !matches!(medium.look, Looks::Labels(_)) && medium.mask.is_none() {
             return self.gradient_of_values(medium, point);
         }
         let weight = |d: i64| (-((d * d) as f64) / SPREAD).exp();

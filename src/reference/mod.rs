@@ -102,7 +102,7 @@ use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
 use cells::Map;
 use classify::{Bricks, Splats};
-use integrate::{Accuracy, Classified, Classifier, Emission, Integral, Maximum};
+use integrate::{Accuracy, Classified, Classifier, Emission, Fade, Integral, Maximum};
 use profile::{Gauss, Profile};
 use walk::{Cuts, LatticeRay, Scratch, Sight, Sizes, Viewer, Walk, blocks};
 
@@ -139,6 +139,7 @@ pub struct Reference {
     accuracy: Accuracy,
     antialiasing: bool,
     depth_coded: bool,
+    attenuation: f64,
     method: Method,
     /// What is not cut away.
     clip: Vec<Side>,
@@ -230,6 +231,7 @@ impl Reference {
             },
             antialiasing: settings.antialiasing,
             depth_coded: settings.depth_coded,
+            attenuation: settings.attenuation,
             method,
             clip: settings.clip.sides(grid),
             light: None,
@@ -413,6 +415,15 @@ impl Reference {
         0.5 + gradient.dot(place - (dims - 1.0) / 2.0) / gradient.abs().dot(dims)
     }
 
+    /// What a maximum is attenuated by along a ray.
+    fn fade(&self, forward: DVec3, ray: &LatticeRay) -> Fade {
+        if self.attenuation <= 0.0 {
+            return Fade::default();
+        }
+        let [start, next] = [0.0, 1.0].map(|place| self.depth(forward, ray.origin + ray.direction * place));
+        Fade { start: self.attenuation * start, slope: (self.attenuation * (next - start)).max(0.0) }
+    }
+
     /// The pixel of the sum of splats that a projection keeps, coded by its depth if there is one.
     fn projected(&self, transfer: &TransferFunction, sum: f64, depth: Option<f64>) -> RayIntegral {
         let most = transfer.max_opacity();
@@ -576,7 +587,8 @@ impl Rays<'_> {
                 classified.sum
             }
             Method::Maximum(transfer) => {
-                let mut maximum = Maximum { largest: None, place: ray.start, position: ray.start };
+                let fade = reference.fade(self.forward, &ray);
+                let mut maximum = Maximum { largest: None, place: ray.start, position: ray.start, fade };
                 let mut search = |maximum: &mut Maximum, part: LatticeRay| {
                     maximum.position = part.start;
                     self.blocks(part, scratch, |block, cuts| {

@@ -296,6 +296,40 @@ fn info_lists_labels() {
 }
 
 #[test]
+fn channels_are_drawn_together() {
+    let dir = folder();
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/volumes");
+    for name in ["several.ome.tif", "rgb.nii"] {
+        std::fs::copy(data.join(name), dir.path().join(name)).unwrap();
+    }
+    let drawn = |options: &str| {
+        let output = voxsplat(dir.path(), &format!("render {options} --reference --size 8 -o a.exr"));
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{options}: {said}");
+        (Image::load(dir.path().join("a.exr")).unwrap(), said)
+    };
+    let (both, said) = drawn("several.ome.tif");
+    assert!(
+        said.contains("--channel 0:#0000ff DAPI from ") && said.contains(", --channel 1:#00ff00 GFP from "),
+        "{said}"
+    );
+    // Neither has any red, unless it is given some.
+    assert!(both.pixels().iter().all(|p| p[0] == 0.0) && both.pixels().iter().any(|p| p[1] > 0.0 && p[2] > 0.0));
+    assert!(drawn("several.ome.tif --channel 1:red --channel 0").0.pixels().iter().any(|p| p[0] > 0.0));
+    assert!(drawn("several.ome.tif --channel 1 --light off").0 != both);
+    let (colours, _) = drawn("rgb.nii --window 10,20");
+    assert!(colours.pixels().iter().any(|p| p[3] > 0.01 && (p[0] - p[1]).abs() > 0.001));
+    let refused = |options: &str, reason: &str| {
+        let output = voxsplat(dir.path(), &format!("render {options} -o a.png"));
+        let said = complaint(&output);
+        assert!(output.status.code() == Some(2) && said.contains(reason), "{options}: {said}");
+    };
+    refused("several.ome.tif --channel 0 --channel 1 --transfer gray", "are for one channel");
+    refused("several.ome.tif --channel 7", "has channel 0 to 1");
+    refused("several.ome.tif --colour-bar --reference --size 128", "not for several channels");
+}
+
+#[test]
 fn options_of_labels_go_together() {
     let refused = |options: &str, reason: &str| refused(&format!("render demo:sphere:8 -o a.png {options}"), 2, reason);
     refused("--label 3:off", "--label needs --labels FILE or --transfer labels");

@@ -93,6 +93,9 @@ fn lay_out(dir: &Path) {
     for name in ["ct.nrrd", "cells.nrrd"] {
         fs::write(dir.join(name), [header.as_bytes(), &samples].concat()).unwrap();
     }
+    let channels = "NRRD0004\ntype: int16\ndimension: 4\nsizes: 2 24 24 12\nkinds: vector domain domain domain\n\
+        endian: little\nencoding: raw\n\n";
+    fs::write(dir.join("embryo.nrrd"), [channels.as_bytes(), &samples].concat()).unwrap();
     let labels = samples.as_chunks::<2>().0.iter().map(|&bytes| (i16::from_le_bytes(bytes) + 450) / 500);
     let labels: Vec<u8> = labels.flat_map(i16::to_le_bytes).collect();
     fs::write(dir.join("organs.nrrd"), [header.as_bytes(), &labels].concat()).unwrap();

@@ -54,9 +54,19 @@ fn looks() -> Labels {
         .with_color(big, [1.0; 3])
 }
 
-/// Labels alone, labels over scalars, scalars in a mask, and scalars in a mask thinned by their gradient under labels.
-fn scenes() -> [Layers; 4] {
+/// Samples that vary along an axis.
+fn waves(axis: usize) -> Volume {
+    let place = |i: usize| [i % N, i / N % N, i / N / N][axis] as f64 + 0.3 * (i % N) as f64;
+    let samples: Vec<u8> = (0..N * N * N).map(|i| (127.0 + 120.0 * (0.3 * place(i)).sin()) as u8).collect();
+    Volume::from_slice([N as u32; 3], [1.0, 1.0, 1.4], &samples).unwrap()
+}
+
+/// Labels alone, labels over scalars, scalars in a mask, scalars in a mask thinned by their gradient under labels, two
+/// channels, and colours with opacity by luminance and by alpha.
+fn scenes() -> [Layers; 7] {
     let (volume, transfer) = scan();
+    let [red, green, blue] = [0, 1, 2].map(waves);
+    let channel = |color| crate::support::transfer(&[(120.0, color, 0.0), (250.0, color, 0.3)], None);
     let labels = labels();
     let layer = || Layer::labels(&labels, &looks()).unwrap();
     let mask = |layer: Layer, which: &str| layer.masked(&labels, &which.parse().unwrap()).unwrap();
@@ -69,6 +79,9 @@ fn scenes() -> [Layers; 4] {
         Layers::of(&volume, &transfer).with(layer()).unwrap(),
         Layers::new(mask(Layer::scalars(&volume, &transfer), "2-3")),
         Layers::new(mask(Layer::scalars(&volume, &thin.unwrap()), "all")).with(mask(layer(), "-7")).unwrap(),
+        Layers::of(&red, &channel([0.0, 1.0, 0.0])).with(Layer::scalars(&green, &channel([1.0, 0.0, 1.0]))).unwrap(),
+        Layers::new(Layer::colors([&red, &green, &blue], None, 255.0, &channel([0.0; 3])).unwrap()),
+        Layers::new(Layer::colors([&red, &green, &blue], Some(&volume), 250.0, &transfer).unwrap()),
     ]
 }
 
@@ -90,7 +103,7 @@ fn layers_volume(layers: &Layers) -> &'static Volume {
 /// Both painters are within what they are of one volume: alpha by footprints and half floats, colours by the order of
 /// matter in a slab.
 #[test]
-#[ignore = "slow: four scenes by both painters in two projections, with light and without"]
+#[ignore = "slow: seven scenes by both painters in two projections, with light and without"]
 fn layers_are_those_of_the_reference() {
     for (number, layers) in scenes().iter().enumerate() {
         for (lighting, projection) in [None, two_lights()].into_iter().zip(PROJECTIONS) {
@@ -108,6 +121,22 @@ fn layers_are_those_of_the_reference() {
             }
         }
     }
+}
+
+#[test]
+fn voxels_have_their_colours() {
+    // A block of one colour is drawn in that colour.
+    let [red, green, blue] = [200_u8, 100, 50].map(|c| Volume::from_slice([9; 3], [1.0; 3], &[c; 729]).unwrap());
+    let opaque = transfer(&[(0.0, [0.0; 3], 0.9)], None);
+    let layers = Layers::new(Layer::colors([&red, &green, &blue], None, 255.0, &opaque).unwrap());
+    let camera = camera(0.0, ProjectionKind::Orthographic, &red, 9);
+    let scene = RENDERER.prepare_layers(&layers, &exact_quads()).unwrap();
+    let pixel = draw(&scene, &camera, &exact_quads()).image.pixels()[9 * 4 + 4];
+    for (got, expected) in pixel.into_iter().zip([200.0, 100.0, 50.0, 255.0]) {
+        assert!((got - expected / 255.0).abs() < 1e-3, "{pixel:?}");
+    }
+    assert!(Layer::colors([&red, &green, &labels()], None, 255.0, &opaque).is_err());
+    assert!(Layer::colors([&red, &green, &blue], None, 0.0, &opaque).is_err());
 }
 
 #[test]

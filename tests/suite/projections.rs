@@ -174,6 +174,43 @@ fn colours_of_depth_follow_the_reference() {
 }
 
 #[test]
+fn attenuated_maxima_follow_the_reference() {
+    let (volume, _) = demo("vessels", 32);
+    let ramp = transfer(&[(0.0, [0.1, 0.0, 0.0], 0.0), (100.0, [1.0, 0.9, 0.8], 0.9)], None);
+    for projection in PROJECTIONS {
+        let camera = camera(30.0, projection, &volume, 64);
+        for plain in both_painters(Model::Mip, Kernel::KAISER_BESSEL) {
+            let settings = Settings { attenuation: 2.0, ..plain.clone() };
+            let expected = truth(&volume, &ramp, &camera, &settings);
+            let image = render(&volume, &ramp, &camera, &settings);
+            let error = rms_covered(&image, &expected);
+            let without = rms_covered(&render(&volume, &ramp, &camera, &plain), &expected);
+            println!("{projection:?} {:?}: {error:e}, effect {without:e}", settings.painter);
+            assert!(error < 3e-3 && without > 0.1, "{projection:?} {:?}: {error:e}", settings.painter);
+        }
+    }
+}
+
+#[test]
+fn the_farther_a_maximum_is_the_dimmer() {
+    let ramp = transfer(&[(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], 0.9)], None);
+    for bright in [2, 8, 14_u32] {
+        let values: Vec<f32> = (0..17_u32.pow(3)).map(|i| if i / (17 * 17) == bright { 1.0 } else { 0.0 }).collect();
+        let volume = Volume::new(Grid::axis_parallel([17; 3], [1.0; 3]).unwrap(), Samples::F32(values)).unwrap();
+        let view = View { direction: Some(DVec3::Z), up: DVec3::Y, view_height: Some(8.0), ..View::default() };
+        for plain in both_painters(Model::Mip, Kernel::KAISER_BESSEL) {
+            let attenuated = Settings { attenuation: 1.5, ..plain.clone() };
+            let camera = look(&view, &volume, [9; 2]);
+            let alpha = |settings| f64::from(render(&volume, &ramp, &camera, settings).pixels()[40][3]);
+            let share = alpha(&attenuated) / alpha(&plain);
+            // The box is 17 deep, and the plane's maximum within a tenth of its middle.
+            let expected = (-1.5 * (f64::from(bright) + 0.5) / 17.0).exp();
+            assert!((share / expected - 1.0).abs() < 0.01, "{bright} {:?}: {share} for {expected}", plain.painter);
+        }
+    }
+}
+
+#[test]
 fn the_nearest_is_red_and_the_farthest_violet() {
     // Bright planes across a box that is seen along z.
     let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], 0.9)], None);

@@ -91,6 +91,7 @@ fn key(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: 
         model,
         response,
         depth_coded,
+        attenuation,
         shading,
         lighting,
         antialiasing,
@@ -100,7 +101,8 @@ fn key(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: 
         clip,
         ..
     } = settings;
-    let model = (model, response, depth_coded, shading, lighting, antialiasing, kernel, normalization, sharpness);
+    let model =
+        (model, response, depth_coded, attenuation, shading, lighting, antialiasing, kernel, normalization, sharpness);
     hash.add(format!("{:?} {transfer:?} {camera:?} {model:?} {clip:?}", volume.grid()).as_bytes());
     hash.0
 }

@@ -52,6 +52,8 @@ pub(crate) struct QuadsKey {
     pub(crate) response: u32,
     /// Colours are those of depth.
     pub(crate) depth_coded: bool,
+    /// A maximum is attenuated by its depth.
+    pub(crate) attenuated: bool,
     pub(crate) perspective: bool,
     /// Kernels grow.
     pub(crate) grown: bool,

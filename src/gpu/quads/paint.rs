@@ -70,6 +70,7 @@ impl<'a> Picture<'a> {
             feed,
             response: settings.xray_response().0,
             depth_coded: settings.depth_coded,
+            attenuated: settings.attenuation > 0.0,
             perspective: view.is_perspective(),
             grown: view.max_growth() > 1.0,
             axis: plan.is_axis_aligned(),

@@ -198,8 +198,9 @@ impl<'a> Plan<'a> {
             section_scale: sheet_scale / (divisor * weights.unit),
             sheet_scale,
             kernel: settings.kernel,
-            model: if settings.depth_coded {
-                [(0.5 / view.gradients[2].abs().dot(view.faces)) as f32, 0.5, 0.0, 0.0]
+            model: if settings.depth_coded || settings.attenuation > 0.0 {
+                let slope = 0.5 / view.gradients[2].abs().dot(view.faces);
+                [slope as f32, 0.5, settings.attenuation as f32, 0.0]
             } else {
                 settings.xray_response().1
             },

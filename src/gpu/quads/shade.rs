@@ -66,7 +66,8 @@ impl ShadeStage {
         let shading = [&constants[..], &shading].concat();
         let mean = ("MEAN", flag(key.feed == Feed::Mean));
         let coded = ("DEPTH_CODED", flag(key.depth_coded));
-        let projection = [&constants[..], &[clip, mean, coded]].concat();
+        let attenuated = ("ATTENUATED", flag(key.attenuated));
+        let projection = [&constants[..], &[clip, mean, coded, attenuated]].concat();
         let (entry, constants) = if key.feed.projects() { ("project", &projection) } else { ("shade", &shading) };
         let shade = compute(context, &shader, "shade", entry, &shade_layout, constants);
         let (resolve_layout, resolve) = if key.feed.projects() {

@@ -119,6 +119,7 @@ impl Stage {
         let maximum = ("MAXIMUM", flag(matches!(key.model, Model::Mip | Model::Minip)));
         let mean = ("MEAN", flag(key.model == Model::Average));
         let coded = ("DEPTH_CODED", flag(key.depth_coded));
+        let attenuated = ("ATTENUATED", flag(key.attenuated));
         let lights = ("LIGHTS", f64::from(key.lights));
         let points = ("POINT_LIGHTS", flag(key.point_lights));
         let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
@@ -152,6 +153,7 @@ impl Stage {
                 maximum,
                 mean,
                 coded,
+                attenuated,
                 lights,
                 points,
                 crowded,

@@ -83,6 +83,8 @@ pub(crate) struct TilesKey {
     response: u32,
     /// Colours are those of depth.
     depth_coded: bool,
+    /// A maximum is attenuated by its depth.
+    attenuated: bool,
     voxel: Voxel,
     lights: u32,
     /// Some light is at a place.

@@ -186,6 +186,7 @@ impl<'a> Picture<'a> {
             model: settings.model,
             response: settings.xray_response().0,
             depth_coded: settings.depth_coded,
+            attenuated: settings.attenuation > 0.0,
             voxel: way.packing.voxel,
             lights: settings.light_count(),
             point_lights: settings.has_point_lights(),
@@ -375,6 +376,7 @@ impl<'a> Picture<'a> {
                 },
                 curve: settings.xray_response().1,
                 depth_coded: settings.depth_coded,
+                attenuation: settings.attenuation,
             },
             scalars,
         }

@@ -534,6 +534,7 @@ fn rays_meet_no_voxel_between_runs() {
                     brightest: [1.0; 3],
                     curve: [0.0; 4],
                     depth_coded: false,
+                    attenuation: 0.0,
                 },
                 scalars: None,
             };

@@ -96,6 +96,8 @@ pub(super) struct Optics {
     pub(super) curve: [f32; 4],
     /// Colours are those of depth.
     pub(super) depth_coded: bool,
+    /// How much a maximum is attenuated by its depth.
+    pub(super) attenuation: f64,
 }
 
 /// How scalars are classified.
@@ -201,7 +203,12 @@ impl RaySetup<'_> {
             density_scale: self.optics.density_scale.min(MAX_DENSITY_SCALE) as f32,
             opaque_depth: self.optics.opaque_depth.min(f64::from(f32::MAX)) as f32,
             brightest: self.optics.brightest.map(|c| c as f32),
-            model: if self.optics.depth_coded { self.depth(axis) } else { self.optics.curve },
+            model: if self.optics.depth_coded || self.optics.attenuation > 0.0 {
+                self.depth(axis)
+            } else {
+                self.optics.curve
+            },
+            attenuation: self.optics.attenuation as f32,
             radius2: (radius * radius) as f32,
             box_low: f3(box_low),
             box_high: f3(box_high),
