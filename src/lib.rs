@@ -33,7 +33,8 @@
 //! [`error`].
 //!
 //! The features, on by default: `cli` builds the program `voxsplat`; `film` writes films; `hdf5` reads HDF5 and NetCDF;
-//! `report` has plots of speed against error. A library needs `default-features = false`.
+//! `jpeg2000` reads JPEG 2000 in DICOM; `report` has plots of speed against error. A library needs
+//! `default-features = false`.
 
 pub mod accuracy;
 pub mod adapter;

@@ -8,7 +8,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::DVec3;
-use hdf5_reader::storage::FileStorage;
+use hdf5_reader::Hdf5File;
+use hdf5_reader::group::Group;
+use hdf5_reader::storage::{DynStorage, FileStorage};
 use netcdf_reader::{
     NcAttribute, NcDimension, NcFile, NcGroup, NcMetadataMode, NcOpenOptions, NcReadable, NcSliceInfo, NcSliceInfoElem,
     NcType, NcVariable,
@@ -60,7 +62,7 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
     };
     let failed =
         |error: &dyn std::fmt::Display| input.error(format!("is damaged, or of a kind that is not read: {error}"));
-    let storage = FileStorage::from_file(file).map_err(|error| failed(&error))?;
+    let storage: DynStorage = Arc::new(FileStorage::from_file(file).map_err(|error| failed(&error))?);
     let settings = NcOpenOptions {
         chunk_cache_bytes: SLAB as usize,
         metadata_mode: NcMetadataMode::Lossy,
@@ -68,7 +70,12 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
         max_read_bytes: MAX_CHUNK,
         ..NcOpenOptions::default()
     };
-    let file = NcFile::from_storage_with_options(Arc::new(storage), settings).map_err(|error| failed(&error))?;
+    let file = NcFile::from_storage_with_options(Arc::clone(&storage), settings).map_err(|error| failed(&error))?;
+    if file.as_classic().is_none() {
+        let groups =
+            Hdf5File::from_storage(storage).and_then(|file| file.root_group()).map_err(|error| failed(&error))?;
+        check_groups(path, &groups)?;
+    }
     let root = file.root_group().map_err(|error| failed(&error))?;
     if root.group("minc-2.0").is_some() {
         return Err(input.error("is a MINC file, whose scales are not read: convert it with mnc2nii"));
@@ -116,6 +123,27 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
     let units = Units { length, value: text(&set.variable.attributes, "units").and_then(|unit| named_unit(&unit)) };
     let volume = placement.volume(grid, Stored::Memory(Arc::new(samples)))?.with_units(units).with_contents(contents);
     volume.with_rescale(slope, intercept).map_err(|error| input.error(format!("{}: {error}", set.path)))
+}
+
+/// Refuses groups that a link leads back to, and too many: the crate follows each of them, without end.
+fn check_groups(path: &Path, root: &Group) -> Result<()> {
+    let groups_in = |group: &Group| group.groups().unwrap_or_default();
+    let mut left = vec![(groups_in(root), vec![root.address()])];
+    let mut seen = 0;
+    while let Some((groups, above)) = left.pop() {
+        for group in groups {
+            seen += 1;
+            let address = group.address();
+            if above.contains(&address) || above.len() == MAX_DEPTH || seen > MAX_SETS {
+                let reason = format!("has over {MAX_SETS} groups, or some within themselves by a link");
+                return Err(Error::format(path, reason));
+            }
+            let mut above = above.clone();
+            above.push(address);
+            left.push((groups_in(&group), above));
+        }
+    }
+    Ok(())
 }
 
 /// Notes the data sets of a group and of those in it.

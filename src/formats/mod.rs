@@ -171,7 +171,7 @@ impl Format {
 /// Loads a volume: a file of one of the formats below, a file of bare samples, or the built-in volume
 /// `demo:NAME[:SIZE]` (see [`demos`]).
 ///
-/// The formats are NRRD, NIfTI, MetaImage, NumPy, MRC, ImageData of VTK, TIFF and uncompressed DICOM. Of a file with
+/// The formats are NRRD, NIfTI, MetaImage, NumPy, MRC, ImageData of VTK, TIFF and DICOM. Of a file with
 /// several points in time or channels `time` and `channel` choose one; [`Volume::contents`] tells how many there are. A
 /// folder is read if it holds DICOM files, whose slices are sorted by position, or TIFF files, which are sections in
 /// natural order: 9 goes before 10; and if it is an array of Zarr 2 or 3 or an image of OME-Zarr, of whose

@@ -326,7 +326,9 @@ fn channels_are_drawn_together() {
     };
     refused("several.ome.tif --channel 0 --channel 1 --transfer gray", "are for one channel");
     refused("several.ome.tif --channel 7", "has channel 0 to 1");
-    refused("several.ome.tif --colour-bar --reference --size 128", "not for several channels");
+    let output = voxsplat(dir.path(), "render several.ome.tif -o a.png --colour-bar --reference --size 128");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && said.contains("not for several channels"), "{said}");
 }
 
 #[test]

@@ -208,6 +208,20 @@ fn a_data_set_is_chosen_by_its_path() {
     assert!(error.contains("is a NRRD file, which has no data set \"/a\""), "{error}");
 }
 
+#[test]
+fn flat_frames_of_jpeg_keep_their_values() {
+    let volume = read("baseline-u8.dcm");
+    let expected = (0..60).map(|n| 50 * (n / 12) as u8 + 3).collect();
+    assert_eq!(volume.in_memory().unwrap().samples(), &Samples::U8(expected));
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn a_group_within_itself_is_refused() {
+    let error = load(path("loop.h5"), &LoadOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("within themselves by a link"), "{error}");
+}
+
 #[cfg(feature = "hdf5")]
 #[test]
 fn broken_hdf5_files_say_what_is_wrong() {

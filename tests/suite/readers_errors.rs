@@ -392,7 +392,7 @@ fn broken_dicom_files_say_what_is_wrong() {
     };
     let syntax = b"1.2.840.10008.1.2.1\0";
     let cases: [(&[u8], &[u8], &str); 8] = [
-        (syntax, b"1.2.840.10008.1.2.5\0", "compressed by RLE"),
+        (syntax, b"1.2.840.10008.1.2.5\0", "compressed by RLE, but its pixels are in no fragments"),
         (syntax, b"1.2.840.10008.1.2.9\0", ""),
         (b"\x28\0\x10\0US\x02\0\x04", b"\x28\0\x10\0US\x02\0\x05", "150 bytes, 120 are there"),
         (b"\x28\0\x10\0US\x02\0\x04", b"\x28\0\x10\0US\x02\0\0", "dimension 2 is 0"),
@@ -411,6 +411,27 @@ fn broken_dicom_files_say_what_is_wrong() {
         }
     }
     assert_refused("a.dcm", &whole[..whole.len() - 1], "cut short");
+    let changed = |file: &str, from: &[u8], to: &[u8]| {
+        let bytes = std::fs::read(path(file)).unwrap();
+        let at = bytes.windows(from.len()).rposition(|window| window == from).unwrap();
+        [&bytes[..at], to, &bytes[at + from.len()..]].concat()
+    };
+    let ls = changed("jpeg2000-u8.dcm", b"1.2.840.10008.1.2.4.90", b"1.2.840.10008.1.2.4.80");
+    assert_refused("a.dcm", &ls, "compressed by JPEG-LS, which is not read");
+    // The number of frames is that of fragments, or a table tells.
+    let end = [0xfe, 0xff, 0xdd, 0xe0];
+    assert_refused("a.dcm", &changed("rle-i16.dcm", &end, &[0; 4]), "a fragment does not begin where it should");
+    let more = changed("rle-i16.dcm", b"\x28\0\x08\0IS\x02\x005 ", b"\x28\0\x08\0IS\x02\x006 ");
+    assert_refused("a.dcm", &more, "6 frames in 5 fragments");
+    let rows = b"\x28\0\x10\0US\x02\0\x04";
+    let longer = b"\x28\0\x10\0US\x02\0\x05";
+    for (file, words) in [
+        ("rle-i16.dcm", "frame 1: RLE: a segment is cut short"),
+        ("lossless-u16.dcm", "frame 1: JPEG lossless: a picture of 3 x 4"),
+        ("jpeg2000-i16.dcm", "frame 1: JPEG 2000: a picture of 3 x 4"),
+    ] {
+        assert_refused("a.dcm", &changed(file, rows, longer), words);
+    }
     assert_refused("a.dcm", &whole[..1000], "");
     // In the order of their positions: c, e, b, a, d.
     let folder = folder_of(&["ct-a.dcm", "ct-c.dcm", "ct-d.dcm", "ct-e.dcm"]);

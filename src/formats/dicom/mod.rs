@@ -1,9 +1,11 @@
 //! DICOM: a file, or the files of a folder (<https://www.dicomstandard.org/current>).
 //!
 //! Slices are sorted by their position along the normal of their plane, and the positions give the direction and the
-//! spacing of the third axis: a tilted gantry makes a sheared lattice. Pixels are uncompressed or in RLE.
+//! spacing of the third axis: a tilted gantry makes a sheared lattice. Pixels are uncompressed, in RLE,
+//! JPEG (baseline and lossless) or JPEG 2000.
 
 mod dataset;
+mod encapsulated;
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -13,6 +15,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use self::dataset::Dataset;
+use self::encapsulated::{Frames, Size, syntax_of};
 use super::decode::{lattice, samples_in};
 use super::placement::Placement;
 use super::{LoadOptions, selection};
@@ -95,10 +98,10 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
     let units = Units { length: None, value: (first.text(MODALITY) == "CT").then(|| "HU".to_owned()) };
 
     let per_slice = usize::from(plane.columns) * usize::from(plane.rows);
-    check_room(source, &sets, &slices, per_slice * plane.pixels.bytes as usize)?;
+    let frames = pixels_in(source, &sets, &slices, per_slice * plane.pixels.bytes as usize)?;
     let count = grid.len();
     let what = || samples_in(source);
-    let read = |slice: &Slice| pixels_of(&sets[slice.file], slice.frame, per_slice, plane.pixels);
+    let read = |slice: &Slice| pixels_of(&sets[slice.file], frames[slice.file].as_ref(), slice.frame, &plane);
     macro_rules! whole {
         ($variant:ident $t:ty) => {{
             let mut all: Vec<$t> = reserved(count, what)?;
@@ -286,64 +289,63 @@ fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> R
     })
 }
 
-/// The transfer syntaxes that are known by name but not read.
-const REFUSED: [(&str, &str); 9] = [
-    ("1.2.840.10008.1.2.4.50", "JPEG baseline"),
-    ("1.2.840.10008.1.2.4.51", "JPEG extended"),
-    ("1.2.840.10008.1.2.4.57", "JPEG lossless"),
-    ("1.2.840.10008.1.2.4.70", "JPEG lossless"),
-    ("1.2.840.10008.1.2.4.80", "JPEG-LS"),
-    ("1.2.840.10008.1.2.4.81", "JPEG-LS"),
-    ("1.2.840.10008.1.2.4.90", "JPEG 2000"),
-    ("1.2.840.10008.1.2.4.91", "JPEG 2000"),
-    ("1.2.840.10008.1.2.5", "RLE"),
-];
-
-/// Refuses files that cannot hold their slices, before memory is reserved.
-fn check_room(source: &Path, sets: &[Dataset], slices: &[Slice], slice_bytes: usize) -> Result<()> {
+/// Where the pixels of a file are: compressed frames, or `None` if they follow one another.
+fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], slice_bytes: usize) -> Result<Vec<Option<Frames>>> {
+    if slices.is_empty() {
+        return Err(Error::format(source, "has no slices"));
+    }
     let mut frames_of = vec![0_usize; sets.len()];
     slices.iter().for_each(|slice| frames_of[slice.file] += 1);
-    for (set, frames) in sets.iter().zip(frames_of) {
-        if let Some((_, name)) = REFUSED.iter().find(|(uid, _)| *uid == set.syntax) {
-            let reason = format!("is compressed by {name}, which is not read: decompress it first");
-            return Err(Error::format(&set.path, reason));
-        }
-        let needed = frames.saturating_mul(slice_bytes) as u64;
-        match set.pixels {
-            Some((_, Some(length))) if length >= needed => {}
-            Some((_, Some(length))) => {
-                let reason = format!("is cut short: {frames} frames need {needed} bytes, {length} are there");
-                return Err(Error::format(&set.path, reason));
+    let frames = |(set, frames): (&Dataset, usize)| {
+        let refused = |reason: String| Err(Error::format(&set.path, reason));
+        match (syntax_of(&set.syntax), set.pixels) {
+            (Some((name, None)), _) => {
+                refused(format!("is compressed by {name}, which is not read: decompress it first"))
             }
-            _ => {
-                let reason = format!("is in the transfer syntax {}, which is not read", set.syntax);
-                return Err(Error::format(&set.path, reason));
+            (Some((_, Some(codec))), Some((start, None))) => Frames::find(set, start, frames, codec).map(Some),
+            (Some((name, _)), _) => refused(format!("is compressed by {name}, but its pixels are in no fragments")),
+            // Refused before memory is reserved.
+            (None, Some((_, Some(length)))) => {
+                let needed = frames.saturating_mul(slice_bytes) as u64;
+                if length >= needed {
+                    return Ok(None);
+                }
+                refused(format!("is cut short: {frames} frames need {needed} bytes, {length} are there"))
             }
+            (None, _) => refused(format!("is in the transfer syntax {}, which is not read", set.syntax)),
         }
-    }
-    if slices.is_empty() { Err(Error::format(source, "has no slices")) } else { Ok(()) }
+    };
+    sets.iter().zip(frames_of).map(frames).collect()
 }
 
 /// The pixels of a frame as stored: bits beside the pixels are masked, and the sign is extended.
-fn pixels_of(set: &Dataset, frame: usize, count: usize, pixels: Pixels) -> Result<Vec<i64>> {
+fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane) -> Result<Vec<i64>> {
+    let pixels = plane.pixels;
+    let (columns, rows, width) = (usize::from(plane.columns), usize::from(plane.rows), pixels.bytes as usize);
+    let (above, below) = (64 - 1 - pixels.high, 64 - pixels.stored);
+    let value = |raw: u64| {
+        let raised = raw << above;
+        if pixels.signed { raised.cast_signed() >> below } else { (raised >> below).cast_signed() }
+    };
+    let count = columns * rows;
+    let mut values = reserved(count as u64, || samples_in(&set.path))?;
+    if let Some(frames) = frames {
+        let raw = frames.pixels(set, frame, Size { columns, rows, bytes: width })?;
+        values.extend(raw.into_iter().map(value));
+        return Ok(values);
+    }
     let read_error = |source| Error::Read { path: set.path.clone(), source };
-    let width = pixels.bytes as usize;
     let mut bytes: Vec<u8> = reserved((count * width) as u64, || samples_in(&set.path))?;
     bytes.resize(count * width, 0);
     let mut file = File::open(&set.path).map_err(read_error)?;
     let start = set.pixels.map_or(0, |(start, _)| start) + (frame * count * width) as u64;
     file.seek(SeekFrom::Start(start)).and_then(|_| file.read_exact(&mut bytes)).map_err(read_error)?;
-    let (above, below) = (64 - 1 - pixels.high, 64 - pixels.stored);
-    let value = |bytes: &[u8]| {
-        let more = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
-        let raw = match set.endian {
+    let more = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
+    values.extend(bytes.chunks_exact(width).map(|bytes| {
+        value(match set.endian {
             Endian::Little => bytes.iter().rev().fold(0, more),
             Endian::Big => bytes.iter().fold(0, more),
-        };
-        let raised = raw << above;
-        if pixels.signed { raised.cast_signed() >> below } else { (raised >> below).cast_signed() }
-    };
-    let mut values = reserved(count as u64, || samples_in(&set.path))?;
-    values.extend(bytes.chunks_exact(width).map(value));
+        })
+    }));
     Ok(values)
 }

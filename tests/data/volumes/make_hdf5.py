@@ -72,6 +72,11 @@ with h5py.File("two.h5") as read:
     add("two.h5:/raw/first", "i16", read["raw/first"][:][None, None])
     add("two.h5:raw/second", "u8", read["raw/second"][:][None, None])
 
+# A group within itself: refused.
+with h5py.File("loop.h5", "w") as out:
+    out["samples"] = volume("u8", 0, 0)
+    out["loop"] = h5py.SoftLink("/")
+
 
 def nc(file, name, kind, times=1, unit="mm", packed=None, **options):
     with netCDF4.Dataset(file, "w", format=kind) as out:

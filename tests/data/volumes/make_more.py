@@ -3,7 +3,8 @@
 expected-more.json: what the reference implementations read there. It is to be run after make.py, whose samples these
 volumes have.
 
-    pip install numpy==2.4.6 mrcfile==1.5.4 vtk==9.7.2 tifffile==2026.3.3 imagecodecs==2026.3.6 pydicom==3.0.2
+    pip install numpy==2.4.6 mrcfile==1.5.4 vtk==9.7.2 tifffile==2026.3.3 imagecodecs==2026.3.6 pydicom==3.0.2 \
+        pylibjpeg==2.1.0 pylibjpeg-libjpeg==2.5.0 pylibjpeg-openjpeg==2.6.0
     python make_more.py
 
 Affines are 3 x 4, from lattice to world, as in expected.json.
@@ -14,11 +15,13 @@ import json
 import os
 from pathlib import Path
 
+import imagecodecs
 import mrcfile
 import numpy as np
 import pydicom
 import tifffile
 import vtk
+from pydicom.encaps import encapsulate
 from vtk.util import numpy_support
 
 os.chdir(Path(__file__).parent)
@@ -376,6 +379,40 @@ check_dicom("frames-u8.dcm", "u8", diagonal((0.5, 0.75, 1)))
 out = dataset(zyx("u8").astype(np.uint16) | 0xF000, frames=5)
 out.BitsStored, out.HighBit = 12, 11
 save("bits-u8.dcm", out)
+
+
+# Compressed, each frame in a fragment of its own or in two.
+def compressed(file, name, syntax):
+    out = dataset(zyx(name), frames=5)
+    out.compress(syntax, generate_instance_uid=False)
+    save(file, out)
+    check_dicom(file, name, np.eye(4))
+
+
+def encapsulated(file, name, syntax, frames, **options):
+    out = dataset(zyx(name), frames=5)
+    out.file_meta.TransferSyntaxUID = syntax
+    out.PixelData = encapsulate(frames, **options)
+    out["PixelData"].VR = "OB"
+    out["PixelData"].is_undefined_length = True
+    save(file, out)
+    return pydicom.dcmread(file).pixel_array
+
+
+for name in ["u8", "i8", "u16", "i16"]:
+    compressed(f"rle-{name}.dcm", name, pydicom.uid.RLELossless)
+for name in ["u8", "u16", "i16"]:
+    frames = [imagecodecs.jpeg2k_encode(frame, level=0, codecformat="j2k", resolutions=1) for frame in zyx(name)]
+    encapsulated(f"jpeg2000-{name}.dcm", name, pydicom.uid.JPEG2000Lossless, frames)
+    check_dicom(f"jpeg2000-{name}.dcm", name, np.eye(4))
+for name, predictor in [("u8", 1), ("u16", 1), ("i16", 6)]:
+    frames = [imagecodecs.ljpeg_encode(frame.view(f"u{frame.itemsize}")) for frame in zyx(name)]
+    encapsulated(f"lossless-{name}.dcm", name, pydicom.uid.JPEGLosslessSV1, frames, fragments_per_frame=2)
+    check_dicom(f"lossless-{name}.dcm", name, np.eye(4))
+# Of one value in each frame, which even this codec keeps: read by a test of its own.
+frames = [imagecodecs.jpeg8_encode(np.full((4, 3), 50 * z + 3, np.uint8), level=100) for z in range(5)]
+got = encapsulated("baseline-u8.dcm", "u8", pydicom.uid.JPEGBaseline8Bit, frames)
+assert all((frame == 50 * z + 3).all() for z, frame in enumerate(got))
 
 
 expected.sort(key=lambda e: e["file"])
