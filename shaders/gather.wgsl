@@ -376,17 +376,19 @@ struct NearSlabs {
     s3: vec4f,
 }
 
-// `feed` of such kernels.
+// `feed` of such kernels, for ray `number` of eight; `is_cut` says whether the plane is near a cut.
 fn feed_near(
     ray: ptr<function, RayState>,
     slabs: ptr<function, NearSlabs>,
     sums: Moments,
     geometry: RayGeometry,
-    cut: Cut,
+    eight: ptr<function, EightCuts>,
+    number: u32,
+    is_cut: bool,
 ) {
     var parts = parts_of(geometry.near.as_asked, sums);
-    if CLIP_PLANES > 0u {
-        parts = cut_parts(parts, sums.m0, cut);
+    if CLIP_PLANES > 0u && is_cut {
+        parts = cut_parts(parts, sums.m0, (*eight).cuts[number]);
     }
     let pending = *slabs;
     advance(ray, pending.s0 + parts.ahead2, geometry);
@@ -443,23 +445,19 @@ fn planes_of_eight(run: vec2i, eight: ptr<function, EightCuts>) -> vec2i {
     return vec2i(max(run.x, i32((*eight).begin.x) - beyond), min(run.y, i32((*eight).end.y) + beyond + 1));
 }
 
-// Finds the cuts for a plane.
-fn find_cuts(eight: ptr<function, EightCuts>, geometry: RayGeometry, plane: i32, end: i32) {
-    if CLIP_PLANES > 0u {
-        let begin = (*eight).begin - f32(plane);
-        let last = (*eight).end - f32(plane);
-        let reach = reach_along();
-        if begin.x < reach && begin.y > -reach || last.x < reach && last.y > -reach {
-            for (var i = 0u; i < 8u; i++) {
-                (*eight).cuts[i] = cut_at((*eight).places[i], (*eight).bases[i], geometry, plane, end);
-            }
-        } else {
-            for (var i = 0u; i < 8u; i++) {
-                let places = (*eight).places[i];
-                (*eight).cuts[i].ends = vec2f(places.x, max(places.x, places.y)) - f32(plane);
-            }
-        }
+// Finds the cuts for a plane. False if no ray is cut as near as the kernels of the plane reach, nor cut away there.
+fn find_cuts(eight: ptr<function, EightCuts>, geometry: RayGeometry, plane: i32, end: i32) -> bool {
+    if CLIP_PLANES == 0u {
+        return false;
     }
+    let reach = reach_along();
+    if (*eight).begin.y - f32(plane) <= -reach && (*eight).end.x - f32(plane) >= reach {
+        return false;
+    }
+    for (var i = 0u; i < 8u; i++) {
+        (*eight).cuts[i] = cut_at((*eight).places[i], (*eight).bases[i], geometry, plane, end);
+    }
+    return true;
 }
 
 // The least optical depth of eight rays.
@@ -550,15 +548,15 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
                 add_row(&sums6, w, v6, v7, v8, v9, v10, v11);
                 add_row(&sums7, w, v7, v8, v9, v10, v11, v12);
             }
-            find_cuts(&eight, geometry, plane, end);
-            feed_near(&ray0, &slabs0, sums0, geometry, eight.cuts[0]);
-            feed_near(&ray1, &slabs1, sums1, geometry, eight.cuts[1]);
-            feed_near(&ray2, &slabs2, sums2, geometry, eight.cuts[2]);
-            feed_near(&ray3, &slabs3, sums3, geometry, eight.cuts[3]);
-            feed_near(&ray4, &slabs4, sums4, geometry, eight.cuts[4]);
-            feed_near(&ray5, &slabs5, sums5, geometry, eight.cuts[5]);
-            feed_near(&ray6, &slabs6, sums6, geometry, eight.cuts[6]);
-            feed_near(&ray7, &slabs7, sums7, geometry, eight.cuts[7]);
+            let is_cut = find_cuts(&eight, geometry, plane, end);
+            feed_near(&ray0, &slabs0, sums0, geometry, &eight, 0u, is_cut);
+            feed_near(&ray1, &slabs1, sums1, geometry, &eight, 1u, is_cut);
+            feed_near(&ray2, &slabs2, sums2, geometry, &eight, 2u, is_cut);
+            feed_near(&ray3, &slabs3, sums3, geometry, &eight, 3u, is_cut);
+            feed_near(&ray4, &slabs4, sums4, geometry, &eight, 4u, is_cut);
+            feed_near(&ray5, &slabs5, sums5, geometry, &eight, 5u, is_cut);
+            feed_near(&ray6, &slabs6, sums6, geometry, &eight, 6u, is_cut);
+            feed_near(&ray7, &slabs7, sums7, geometry, &eight, 7u, is_cut);
             depth = least(
                 vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
                 vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),
@@ -750,15 +748,15 @@ fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) t
             // Behind the run the rows before the plane, which are zeros.
             let row = select(-i32(ROWS), first.y, plane < end);
             let v = block_voxels(vec2i(first.x >> 1u, row), odd, plane_texel(plane));
-            find_cuts(&eight, geometry, plane, end);
-            feed_near(&ray0, &slabs0, block_moments(weights[0], v), geometry, eight.cuts[0]);
-            feed_near(&ray1, &slabs1, block_moments(weights[1], v), geometry, eight.cuts[1]);
-            feed_near(&ray2, &slabs2, block_moments(weights[2], v), geometry, eight.cuts[2]);
-            feed_near(&ray3, &slabs3, block_moments(weights[3], v), geometry, eight.cuts[3]);
-            feed_near(&ray4, &slabs4, block_moments(weights[4], v), geometry, eight.cuts[4]);
-            feed_near(&ray5, &slabs5, block_moments(weights[5], v), geometry, eight.cuts[5]);
-            feed_near(&ray6, &slabs6, block_moments(weights[6], v), geometry, eight.cuts[6]);
-            feed_near(&ray7, &slabs7, block_moments(weights[7], v), geometry, eight.cuts[7]);
+            let is_cut = find_cuts(&eight, geometry, plane, end);
+            feed_near(&ray0, &slabs0, block_moments(weights[0], v), geometry, &eight, 0u, is_cut);
+            feed_near(&ray1, &slabs1, block_moments(weights[1], v), geometry, &eight, 1u, is_cut);
+            feed_near(&ray2, &slabs2, block_moments(weights[2], v), geometry, &eight, 2u, is_cut);
+            feed_near(&ray3, &slabs3, block_moments(weights[3], v), geometry, &eight, 3u, is_cut);
+            feed_near(&ray4, &slabs4, block_moments(weights[4], v), geometry, &eight, 4u, is_cut);
+            feed_near(&ray5, &slabs5, block_moments(weights[5], v), geometry, &eight, 5u, is_cut);
+            feed_near(&ray6, &slabs6, block_moments(weights[6], v), geometry, &eight, 6u, is_cut);
+            feed_near(&ray7, &slabs7, block_moments(weights[7], v), geometry, &eight, 7u, is_cut);
             depth = least(
                 vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
                 vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),
