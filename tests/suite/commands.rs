@@ -108,6 +108,9 @@ fn lay_out(dir: &Path) {
     put(72, &16_i16.to_le_bytes());
     (0..4).for_each(|i| put(76 + 4 * i, &1_f32.to_le_bytes()));
     put(108, &352_f32.to_le_bytes());
+    // Where the samples are in the patient.
+    put(254, &1_i16.to_le_bytes());
+    (0..3).for_each(|row| put(280 + 20 * row, &1_f32.to_le_bytes()));
     put(344, b"n+1\0");
     let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
     gzip.write_all(&nifti).unwrap();
