@@ -30,6 +30,9 @@ picture film demo:shepp-logan:160 --model xray --response film --azimuth 20 --el
 picture mip demo:vessels:160 --model mip --kernel kaiser-bessel --transfer inferno --azimuth 30 --elevation 10
 picture depth-coded demo:vessels:160 --model mip --depth-coded --kernel kaiser-bessel --transfer grayscale \
     --azimuth 30 --elevation 10
+picture attenuated demo:vessels:160 --model mip --attenuation 0.7 --kernel kaiser-bessel --transfer inferno \
+    --azimuth 30 --elevation 10
+picture cut demo:shepp-logan:160 --clip 1,1,0 --light studio --azimuth -20 --elevation 25
 picture axis demo:marschner-lobb:48 --sheets axis --azimuth 44.8 --elevation 20
 picture additive demo:marschner-lobb:48 --sheets axis --accumulate additive --azimuth 44.9 --elevation 20
 picture additive-after demo:marschner-lobb:48 --sheets axis --accumulate additive --azimuth 45.1 --elevation 20
