@@ -87,6 +87,8 @@ const MARGIN: f64 = 0.8;
 const LEAST_BAR: f64 = 3.0;
 /// The most characters of a unit.
 const LONGEST_UNIT: usize = 16;
+/// The most of a picture that is reserved on a side.
+const MOST_RESERVED: f64 = 1.0 / 3.0;
 /// The distance of lines of text, in sizes of letters.
 const LINE: f64 = 1.3;
 
@@ -172,6 +174,28 @@ impl Figure {
             Ok(Text { lines, size })
         };
         Ok([text("title", &self.title, 1.25 * em, 3)?, text("caption", &self.caption, 0.9 * em, 6)?])
+    }
+
+    /// The parts of a picture of a size (width, height) at its left, right, top and bottom that the colour bar of a
+    /// transfer function, the title and the caption take, fractions of its width and height:
+    /// [`View::reserved`](crate::camera::View::reserved) for what is shown to lie beside them. At most a third of the
+    /// picture on a side: what remains would be too small. Scale bar and axes are drawn in corners.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] as [`Self::validate`] if a text is too long, or if a colour bar has no range.
+    pub fn reserved(&self, size: [u32; 2], transfer: &TransferFunction) -> Result<[f64; 4]> {
+        let (font, em) = (Font::new()?, em(size));
+        let ([width, height], margin) = (size.map(f64::from), MARGIN * em);
+        let texts = self.texts(&font, size)?;
+        let mut right = 0.0;
+        if self.color_bar {
+            let [top, foot] = self.free(&texts, size);
+            let area = [DVec2::new(margin, top), DVec2::new(width - margin, foot)];
+            right = (width - color_bar::left_end(&font, transfer, em, area)?) / width;
+        }
+        let of_text = |text: &Text| if text.lines.is_empty() { 0.0 } else { (margin + text.height()) / height };
+        let [title, caption] = texts.each_ref().map(of_text);
+        Ok([0.0, right, title, caption].map(|share: f64| share.min(MOST_RESERVED)))
     }
 
     /// A copy of a picture with all this drawn on it. If the background is a colour, what is drawn is opaque: save the
