@@ -266,7 +266,9 @@ mod tests {
                 // What is turned touches the sides at some azimuths only.
                 if !is_turned {
                     assert!(space.iter().any(|[a, b]| a.abs() < 1e-9 && b.abs() < 1e-9), "{what}: {space:?}");
-                    assert!(space.iter().all(|[a, b]| (a - b).abs() < 1e-9), "{what}: {space:?}");
+                    // Through an eye it is as far from both sides along the other axis at one depth only.
+                    let middle = space.iter().all(|[a, b]| (a - b).abs() < 1e-9);
+                    assert!(middle || projection != ProjectionKind::Orthographic, "{what}: {space:?}");
                 }
                 // A turntable is steady.
                 let turned = Camera::new(&View { azimuth: 77.0, ..view.clone() }, &grid, size).unwrap();

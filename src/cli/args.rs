@@ -284,10 +284,10 @@ pub(super) struct ModelArgs {
     /// [default: what the transfer function has]
     #[arg(long, value_name = "M:O,M:O,..|off", value_parser = parse::gradient_opacity, help_heading = "Model")]
     pub(super) gradient_opacity: Option<GradientOpacity>,
-    /// A floor under which a gradient is noise, value per world unit: a surface whose gradient is g long is lit with the
-    /// weight g^2 / (g^2 + F^2), and with the rest shown without light from a side, so that flat noisy matter does not
-    /// sparkle. auto is twice the gradient that noise makes, as far as the data tell; 0 is none [default: what the
-    /// transfer function has]
+    /// A floor under which a gradient is noise, value per world unit: a colour whose gradient is g long is lit as a
+    /// surface with the weight g^2 / (g^2 + F^2), and with the rest shown as one without a surface, so that flat noisy
+    /// matter does not sparkle. auto is twice the gradient that noise makes, as far as the data tell; 0 is none
+    /// [default: what the transfer function has]
     #[arg(long, value_name = "F|auto", value_parser = parse::gradient_floor, help_heading = "Model")]
     pub(super) gradient_floor: Option<GradientFloor>,
     /// What a pixel is: composite (emission and absorption), xray (absorption only, white), mip (the largest value of

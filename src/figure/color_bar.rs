@@ -69,7 +69,18 @@ impl Layout {
 /// How far to the left a bar reaches that is drawn in an area, with a little space beside it.
 pub(super) fn left_end(font: &Font, transfer: &TransferFunction, em: f64, area: [DVec2; 2]) -> Result<f64> {
     let layout = Layout::new(font, transfer, em, area)?;
-    Ok(layout.left - layout.wide - 0.5 * em)
+    let text = if layout.wide > 0.0 { font.width(&curve_text(layout.densest), CURVE_TEXT * em) } else { 0.0 };
+    Ok((layout.left - layout.wide).min(area[1].x - text) - 0.5 * em)
+}
+
+/// The size of the letters that say what the curve is, in sizes of letters.
+const CURVE_TEXT: f64 = 0.8;
+
+/// What the curve is whose largest opacity is `densest`.
+fn curve_text(densest: f64) -> String {
+    // Two digits, without a last 0.
+    let number = label(densest, (densest / 10.0).min(0.1));
+    format!("opacity 0–{}", if densest < 1.0 { number.trim_end_matches('0') } else { "1" })
 }
 
 /// Draws the bar with its labels, against the right of the area between two corners and in the middle of its height.
@@ -97,10 +108,7 @@ pub(super) fn draw(
         let ends = [DVec2::new(left, top + tall), DVec2::new(left, top)];
         canvas.fill(&Path::polygon(curve.iter().copied().chain(ends).collect()), canvas.ink, 0.3);
         canvas.fill(&Path::line(&curve, (0.09 * em).max(1.0)), canvas.ink, 1.0);
-        // Two digits, without a last 0.
-        let number = label(densest, (densest / 10.0).min(0.1));
-        let said = format!("opacity 0–{}", if densest < 1.0 { number.trim_end_matches('0') } else { "1" });
-        canvas.write(&said, 0.8 * em, DVec2::new(most.x, top + tall + 0.85 * em), 1.0);
+        canvas.write(&curve_text(densest), CURVE_TEXT * em, DVec2::new(most.x, top + tall + 0.85 * em), 1.0);
     }
 
     let frame = Path::rectangle(DVec2::new(left, top), DVec2::new(right, top + tall));

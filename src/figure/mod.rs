@@ -348,6 +348,26 @@ mod tests {
     }
 
     #[test]
+    fn what_is_drawn_beside_a_picture_lies_in_what_is_reserved() {
+        let title = Some("A title of some words".to_owned());
+        for (color_bar, title, caption) in
+            [(true, None, None), (false, title.clone(), None), (true, title, Some("Two\nlines".to_owned()))]
+        {
+            let figure = Figure { color_bar, title, caption, ..Figure::default() };
+            let image = drawn(&figure, &View::default(), Background::default(), WHOLE).unwrap();
+            let reserved = figure.reserved([WHOLE.width, WHOLE.height], &transfer()).unwrap();
+            let [left, right, top, bottom] = reserved;
+            for (index, pixel) in image.pixels().iter().enumerate() {
+                let (x, y) = ((index % 320) as f64 / 320.0, (index / 320) as f64 / 200.0);
+                let free = x >= left && x + 1.0 / 320.0 <= 1.0 - right && y >= top && y + 1.0 / 200.0 <= 1.0 - bottom;
+                assert!(!free || *pixel == [0.3, 0.3, 0.3, 0.6], "{x} {y} {reserved:?}");
+            }
+            assert!(reserved.iter().all(|part| (0.0..=MOST_RESERVED).contains(part)) && reserved != [0.0; 4]);
+        }
+        assert_eq!(Figure::default().reserved([320, 200], &transfer()).unwrap(), [0.0; 4]);
+    }
+
+    #[test]
     fn figures_show_on_every_background() {
         for color in [[0.0; 3], [1.0; 3], [0.5; 3], [1.0, 1.0, 0.0], [0.0, 0.0, 0.7]] {
             let figure = Figure { title: Some("H".to_owned()), ..Figure::default() };

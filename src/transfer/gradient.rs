@@ -1,5 +1,5 @@
-//! What the length of the scalar's gradient says: how much of its opacity a value keeps where the scalar changes so fast,
-//! and whether there is a surface.
+//! What the length of the scalar's gradient says: how much of its opacity a value keeps where the scalar changes so
+//! fast, and whether there is a surface.
 
 use super::TransferFunction;
 use crate::error::{Error, Result};
