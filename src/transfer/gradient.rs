@@ -151,6 +151,23 @@ mod tests {
     }
 
     #[test]
+    fn a_floor_weighs_surfaces_and_is_kept() {
+        let floored = with(&[(2.0, 0.5)]).unwrap().with_gradient_floor(3.0).unwrap();
+        for (magnitude, weight) in [(0.0, 0.0), (3.0, 0.5), (9.0, 0.9), (f64::INFINITY, 1.0)] {
+            assert!((floored.surface_share(magnitude) - weight).abs() < 1e-12, "{magnitude}");
+        }
+        let plain = with(&[]).unwrap();
+        assert_eq!([0.0, 1e-300].map(|magnitude| plain.surface_share(magnitude)), [0.0, 1.0]);
+        assert_eq!(TransferFunction::from_json(&floored.to_json()).unwrap(), floored);
+        assert!(!plain.to_json().contains("floor"));
+        assert_eq!(floored.clone().with_steeper_gradients(2.0).unwrap().gradient_floor(), 6.0);
+        for floor in [-1.0, f64::NAN, f64::INFINITY] {
+            let error = floored.clone().with_gradient_floor(floor).unwrap_err().to_string();
+            assert!(error.contains("gradient floor"), "{error}");
+        }
+    }
+
+    #[test]
     fn wrong_points_are_refused() {
         for points in [[(-1.0, 0.5), (1.0, 1.0)], [(2.0, 0.5), (1.0, 1.0)], [(0.0, 0.5), (1.0, 1.5)]] {
             let error = with(&points).unwrap_err().to_string();
