@@ -36,6 +36,8 @@ struct Classify {
     first_brick: u32,
     // Control points of gradient opacity, behind the others: `sample` is the length of a gradient of samples.
     gradient_points: u32,
+    // One over the floor under gradients of samples, see common/floor.wgsl.
+    inverse_floor: f32,
     inline_points: array<ControlPoint, MAX_INLINE_POINTS>,
 }
 
@@ -182,9 +184,14 @@ fn gradient(i: u32) -> vec4f {
     return vec4f(direction, 0.5 * largest);
 }
 
+// The length of a gradient.
+fn magnitude_of(gradient: vec4f) -> f32 {
+    return min(length(gradient.xyz) * gradient.w, FAR);
+}
+
 // The share of extinction that stays at a gradient.
 fn gradient_share(gradient: vec4f) -> f32 {
-    let magnitude = min(length(gradient.xyz) * gradient.w, FAR);
+    let magnitude = magnitude_of(gradient);
     var above = 0u;
     var end = classify.gradient_points;
     while above < end {
@@ -253,7 +260,9 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
         splats[2u * place] = vec2u(at, appearance.x);
         splats[2u * place + 1u].x = appearance.y;
         if LIT {
-            splats[2u * place + 1u].y = pack_normal(gradient(row.first + i).xyz);
+            let gradient = gradient(row.first + i);
+            let surface = surface_share(magnitude_of(gradient) * classify.inverse_floor);
+            splats[2u * place + 1u].y = pack_normal(gradient.xyz, surface);
         }
         place += 1u;
     }

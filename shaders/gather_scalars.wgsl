@@ -83,13 +83,15 @@ fn classify_slab(
     if is_invisible(means, rays.invisible) {
         return Before(INVISIBLE, before.end);
     }
-    var light = Shine(vec3f(1.0), vec3f(0.0));
+    var light = no_shine();
     var share = 1.0;
     if LIGHTS > 0u {
         let g = (*ray).slab.xyz;
         let gradient = rays.gradient_x * g.x + rays.gradient_y * g.y + rays.gradient_z * g.z;
-        light = light_on(gradient, place_on(geometry, middle), geometry.to_eye, kept_on(geometry, middle));
-        share = gradient_share(gradient * mean_scale(geometry), rays.gradient_lookup);
+        let of_means = gradient * mean_scale(geometry);
+        let surface = surface_share(length(of_means) * lighting.inverse_floor);
+        light = light_on(gradient, surface, place_on(geometry, middle), geometry.to_eye, kept_on(geometry, middle));
+        share = gradient_share(of_means, rays.gradient_lookup);
     }
     let step = (part.y - part.x) / f32(rays.samples);
     let length = 0.5 * step * share * geometry.stretch / geometry.direction.z;

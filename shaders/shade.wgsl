@@ -139,8 +139,10 @@ fn surface_of(gradient: vec3f, ray: PixelRay, z: f32) -> Surface {
     if PERSPECTIVE {
         to_eye = -vec3f(ray.slope, 1.0) / ray.stretch;
     }
-    let share = gradient_share(in_view * frame.inverse_sheet_scale, shading.gradient_lookup);
-    return Surface(light_on(in_view, ray.start + ray.direction * z, to_eye, kept_on(ray, z)), share);
+    let of_means = in_view * frame.inverse_sheet_scale;
+    let surface = surface_share(length(of_means) * lighting.inverse_floor);
+    let light = light_on(in_view, surface, ray.start + ray.direction * z, to_eye, kept_on(ray, z));
+    return Surface(light, gradient_share(of_means, shading.gradient_lookup));
 }
 
 // Pieces of half a sheet, which are lit alike; 1 if the mean of the sheet is classified.
@@ -189,7 +191,7 @@ fn with_sheet(
     let last = before_of(vec3f(before, means.xy), ray, z - frame.sheet_step);
     var result = pixel;
     if LIGHTS == 0u {
-        march_part(&result, m, part, last, SAMPLES, ray, Surface(Shine(vec3f(1.0), vec3f(0.0)), 1.0));
+        march_part(&result, m, part, last, SAMPLES, ray, Surface(no_shine(), 1.0));
         return result;
     }
     // Half by half, each lit by the gradient in its middle, on the line through the means beside the sheet. A sheet

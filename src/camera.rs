@@ -39,6 +39,10 @@ pub struct View {
     pub around: Option<Hull>,
     /// Space around what is fitted: a fraction of the picture on each side, 0 to under 0.5.
     pub margin: f64,
+    /// Parts of the picture at its left, right, top and bottom that stay free beside what is fitted and its margin:
+    /// fractions of the width and of the height, 0 or more. They count if the view is fitted without a target, a
+    /// height or a distance of its own.
+    pub reserved: [f64; 4],
     /// Parallel or perspective rays.
     pub projection: ProjectionKind,
     /// Magnification of the fitted or stated size.
@@ -60,6 +64,7 @@ impl Default for View {
             target: None,
             around: None,
             margin: 0.02,
+            reserved: [0.0; 4],
             projection: ProjectionKind::Orthographic,
             zoom: 1.0,
             view_height: None,
@@ -153,6 +158,18 @@ impl Camera {
             let d = c + from_target;
             DVec3::new(d.dot(right), d.dot(up), d.dot(forward))
         });
+        let is_fitted = [view.view_height, view.distance] == [None; 2] && view.target.is_none();
+        if is_fitted && view.reserved != [0.0; 4] {
+            let middle = target;
+            let (target, projection) = match &view.around {
+                Some(hull) => beside(view, aspect, &frame, middle, &|direction| hull.extent(middle, axis, direction)),
+                None => beside(view, aspect, &frame, middle, &|direction| {
+                    let corners = grid.corners_from_center(0.5);
+                    corners.into_iter().map(|corner| corner.dot(direction)).fold(f64::NEG_INFINITY, f64::max)
+                }),
+            };
+            return Ok(Self { target, right, up, forward, projection, size });
+        }
         // The most that the hull reaches, of the height of the picture; and with a width counted as a height.
         let extent = |hull: &Hull| {
             let sides = [up, -up, right / aspect, -right / aspect];
@@ -319,6 +336,39 @@ impl Camera {
     }
 }
 
+/// The target and the projection of a view that fits what is around a point beside the parts of its picture that are
+/// reserved. `extent` is how far that reaches from the point in a direction, whose length multiplies the result; the
+/// columns of `frame` are the camera's axes: right, up, backward.
+fn beside(view: &View, aspect: f64, frame: &DMat3, point: DVec3, extent: &dyn Fn(DVec3) -> f64) -> (DVec3, Projection) {
+    let [left, right, top, bottom] = view.reserved.map(|part| 1.0 - 2.0 * (part + view.margin));
+    // With parallel rays a place p from the target is within a side of what is free if p . limit <= half the height,
+    // through an eye if p . limit <= distance.
+    let (tan, towards) = match view.projection {
+        ProjectionKind::Orthographic => (1.0, DVec3::ZERO),
+        ProjectionKind::Perspective { fov } => ((fov.to_radians() / 2.0).tan(), frame.z_axis),
+    };
+    let axes = [(frame.x_axis, [aspect * right, aspect * left]), (frame.y_axis, [top, bottom])];
+    // Of both sides along an axis: how far there is room at a height or a distance of 1, and what is there.
+    let sides = axes.map(|(axis, room)| {
+        let room = room.map(|room| room * tan);
+        (axis, room, [extent(axis / room[0] + towards), extent(-axis / room[1] + towards)])
+    });
+    // The least that holds both sides of each axis: the target moves until they need alike.
+    let least = sides.map(|(_, [a, b], [far, near])| (far * a + near * b) / (a + b));
+    let reach = least[0].max(least[1]);
+    // In the middle of the room that is left.
+    let target = sides.into_iter().fold(point, |target, (axis, [a, b], [far, near])| {
+        target + axis * (((far - reach) * a - (near - reach) * b) / 2.0)
+    });
+    let projection = match view.projection {
+        ProjectionKind::Orthographic => Projection::Orthographic { half_height: reach / view.zoom },
+        ProjectionKind::Perspective { .. } => {
+            Projection::Perspective { tan_half_fov: tan / view.zoom, distance: reach }
+        }
+    };
+    (target, projection)
+}
+
 /// How kernels grow if voxels fall closer together than pixels.
 ///
 /// A kernel at depth z in front of the eye (any, for parallel rays) is h(x / s) / s^3 in lattice coordinates, with
@@ -427,6 +477,10 @@ impl View {
         }
         if !(0.0..0.5).contains(&self.margin) {
             return error(format!("margin is {}, expected 0 to under 0.5", self.margin));
+        }
+        if !self.reserved.iter().all(|part| (0.0..0.5 - self.margin).contains(part)) {
+            let reserved = self.reserved;
+            return error(format!("reserved is {reserved:?}, expected 0 to under 0.5, with the margin"));
         }
         for (name, value) in [("up", Some(self.up)), ("direction", self.direction)] {
             if let Some(value) = value

@@ -223,6 +223,77 @@ mod tests {
     }
 
     #[test]
+    fn what_is_framed_lies_in_the_middle_of_what_is_not_reserved() {
+        let points = [DVec3::new(9.0, 1.0, 2.0), DVec3::new(-1.0, 4.0, -3.0), DVec3::new(2.0, -8.0, 0.5), DVec3::ZERO];
+        let turned = Hull { reach: 0.0, ..hull(&points) };
+        let grid = Grid::axis_parallel([20, 9, 5], [1.0; 3]).unwrap();
+        let [left, right, top, bottom] = [0.0, 0.3, 0.1, 0.2];
+        let (kinds, sizes) = (
+            [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 60.0 }],
+            [[300, 100], [100, 300], [200, 200]],
+        );
+        for (size, projection) in sizes.into_iter().flat_map(|size| kinds.map(|kind| (size, kind))) {
+            for around in [None, Some(turned.clone()), Some(turned.clone().from_one_side())] {
+                let is_turned = around.as_ref().is_some_and(|hull| hull.turned);
+                let view = View { azimuth: 30.0, elevation: 20.0, projection, around, margin: 0.05, ..View::default() };
+                let view = View { reserved: [left, right, top, bottom], ..view };
+                let camera = Camera::new(&view, &grid, size).unwrap();
+                let of_hull = points.map(|point| point + hull(&points).origin);
+                let all = if view.around.is_some() { of_hull.to_vec() } else { grid.corners_from_center(0.5).to_vec() };
+                let all = all.into_iter().map(|p| if view.around.is_some() { p } else { p + grid.center() });
+                // As shares of the picture, from its upper left.
+                let places = all.map(|point| {
+                    let d = point - camera.target;
+                    let half_height = match camera.projection {
+                        Projection::Orthographic { half_height } => half_height,
+                        Projection::Perspective { tan_half_fov, distance } => {
+                            tan_half_fov * (distance + d.dot(camera.forward))
+                        }
+                    };
+                    let aspect = f64::from(size[0]) / f64::from(size[1]);
+                    let (x, y) = (d.dot(camera.right) / (half_height * aspect), d.dot(camera.up) / half_height);
+                    [0.5 + x / 2.0, 0.5 - y / 2.0]
+                });
+                let places: Vec<[f64; 2]> = places.collect();
+                let what = format!("{size:?} {projection:?} {is_turned}");
+                let space = [0, 1].map(|axis| {
+                    let along = || places.iter().map(|place| place[axis]);
+                    let [before, behind] = [[left, right], [top, bottom]][axis].map(|part| part + 0.05);
+                    let least = along().fold(f64::INFINITY, f64::min) - before;
+                    [least, 1.0 - behind - along().fold(f64::NEG_INFINITY, f64::max)]
+                });
+                assert!(space.iter().flatten().all(|space| *space > -1e-9), "{what}: {space:?}");
+                // What is turned touches the sides at some azimuths only.
+                if !is_turned {
+                    assert!(space.iter().any(|[a, b]| a.abs() < 1e-9 && b.abs() < 1e-9), "{what}: {space:?}");
+                    // Through an eye it is as far from both sides along the other axis at one depth only.
+                    let middle = space.iter().all(|[a, b]| (a - b).abs() < 1e-9);
+                    assert!(middle || projection != ProjectionKind::Orthographic, "{what}: {space:?}");
+                }
+                // A turntable is steady.
+                let turned = Camera::new(&View { azimuth: 77.0, ..view.clone() }, &grid, size).unwrap();
+                let size_of = |camera: &Camera| match camera.projection {
+                    Projection::Orthographic { half_height } => half_height,
+                    Projection::Perspective { distance, .. } => distance,
+                };
+                let aside = |camera: &Camera| {
+                    let d = hull(&points).center(DVec3::Z, camera.up) - camera.target;
+                    [d.dot(camera.right), d.dot(camera.up)]
+                };
+                let steady = [size_of(&camera) - size_of(&turned), aside(&camera)[0] - aside(&turned)[0]];
+                assert!(!is_turned || steady.iter().all(|d| d.abs() < 1e-9), "{what}: {steady:?}");
+            }
+        }
+        let view = View { reserved: [0.5, 0.0, 0.0, 0.0], ..View::default() };
+        assert!(Camera::new(&view, &grid, [100, 100]).is_err());
+        // What places itself in the picture stays there.
+        let view = View { view_height: Some(30.0), ..View::default() };
+        let camera = Camera::new(&view, &grid, [100, 100]).unwrap();
+        let reserved = Camera::new(&View { reserved: [0.1; 4], ..view }, &grid, [100, 100]).unwrap();
+        assert_eq!(camera, reserved);
+    }
+
+    #[test]
     fn what_is_nearly_clear_is_not_framed() {
         let mut samples = vec![0_u8; 20 * 20 * 20];
         let at = |x: usize, y: usize, z: usize| (z * 20 + y) * 20 + x;

@@ -24,7 +24,7 @@ use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, TransferTable};
 use crate::gpu::view::{Fade, ScalarNeed, ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
-use crate::layers::Layers;
+use crate::layers::{Layer, Layers, Matter};
 use crate::lighting::{Lighting, shadow};
 use crate::progress::Progress;
 use crate::settings::{Level, Model, Settings};
@@ -141,6 +141,11 @@ fn shows(settings: &Settings) -> Shows {
     }
 }
 
+/// Whether there is a floor under gradients.
+fn is_floored(layer: &Layer) -> bool {
+    matches!(&layer.matter, Matter::Scalars { transfer, .. } if transfer.gradient_floor() > 0.0)
+}
+
 /// The distance that opacities are per, in units of [`Grid::local`].
 fn local_unit(transfer: &TransferFunction, grid: &Grid) -> f64 {
     transfer.unit_or(grid.min_spacing()) / grid.unit()
@@ -164,6 +169,7 @@ impl Scene {
             unit: layers.unit() / grid.unit(),
             // Light may turn any colour white.
             brightest: if lit { [1.0; 3] } else { layers.brightest() },
+            floored: layers.all().iter().any(is_floored),
         };
         let voxels =
             Voxels { layers: layers.clone(), lit, classified: Mutex::new(None), cells: Mutex::new(Vec::new()) };
@@ -188,7 +194,7 @@ impl Scene {
         });
         let (largest, volume) = prepared?;
         let reduction = Reduction::new(transfer, largest);
-        let weights = Weights { max: reduction.length(largest), unit: 1.0, brightest: [1.0; 3] };
+        let weights = Weights { max: reduction.length(largest), unit: 1.0, brightest: [1.0; 3], floored: false };
         let grid = *volume.grid();
         let scalars = Scalars {
             volume,

@@ -22,12 +22,22 @@ struct Lighting {
     // From the lattice to such places.
     from_lattice: mat4x3f,
     shininess: f32,
+    // Post-shaded: one over the floor under gradients, see common/floor.wgsl.
+    inverse_floor: f32,
 }
 
-// What light makes of a colour: it is multiplied by `diffuse`, and `specular` is added.
+// What light makes of a colour: it is multiplied by `diffuse`, and `specular` is added. With a floor under gradients so
+// much of the result counts as `surface` says, and so much of the colour itself as `plain` says.
 struct Shine {
     diffuse: vec3f,
     specular: vec3f,
+    surface: f32,
+    plain: f32,
+}
+
+// What leaves a colour as it is.
+fn no_shine() -> Shine {
+    return Shine(vec3f(1.0), vec3f(0.0), 1.0, 0.0);
 }
 
 // All light arrives: of the lights that cast shadows (xyz) and of what is around (w).
@@ -64,22 +74,27 @@ fn light_from(index: u32, normal: vec3f, place: vec3f, to_eye: vec3f) -> vec2f {
 fn shine_of(index: u32, normal: vec3f, place: vec3f, to_eye: vec3f, kept: f32) -> Shine {
     let shares = light_from(index, normal, place, to_eye) * kept;
     let color = lighting.colors[index].rgb;
-    return Shine(color * shares.x, color * shares.y);
+    return Shine(color * shares.x, color * shares.y, 1.0, 0.0);
 }
 
 fn sum_of(a: Shine, b: Shine) -> Shine {
-    return Shine(a.diffuse + b.diffuse, a.specular + b.specular);
+    return Shine(a.diffuse + b.diffuse, a.specular + b.specular, 1.0, 0.0);
+}
+
+// What a colour is multiplied by where there is no surface: what arrives.
+fn light_without_surface(kept: vec4f) -> f32 {
+    let lost = dot(vec3f(1.0) - kept.xyz, vec3f(1.0)) / f32(max(LIGHTS, 1u));
+    return 1.0 - lighting.ambient * (1.0 - kept.w) - (1.0 - lighting.ambient) * lost;
 }
 
 // The light on a surface across a gradient of any length, of which the shares `kept` arrive. Without a gradient there
-// is no surface: the colour is as bright as what arrives. `point` is the place of the surface in the lattice.
-fn light_on(gradient: vec3f, point: vec3f, to_eye: vec3f, kept: vec4f) -> Shine {
+// is no surface: the colour is as bright as what arrives. `surface` is the weight of the surface (common/floor.wgsl),
+// `point` its place in the lattice.
+fn light_on(gradient: vec3f, surface: f32, point: vec3f, to_eye: vec3f, kept: vec4f) -> Shine {
     let largest = max(abs(gradient.x), max(abs(gradient.y), abs(gradient.z)));
     let ambient = lighting.ambient * kept.w;
     if largest <= 0.0 {
-        let lost = dot(vec3f(1.0) - kept.xyz, vec3f(1.0)) / f32(max(LIGHTS, 1u));
-        let shown = 1.0 - lighting.ambient * (1.0 - kept.w) - (1.0 - lighting.ambient) * lost;
-        return Shine(vec3f(shown), vec3f(0.0));
+        return Shine(vec3f(light_without_surface(kept)), vec3f(0.0), 1.0, 0.0);
     }
     // By its largest component first: squares of large and of small numbers leave the range of f32.
     let direction = gradient / largest;
@@ -96,10 +111,19 @@ fn light_on(gradient: vec3f, point: vec3f, to_eye: vec3f, kept: vec4f) -> Shine 
     if LIGHTS > 3u {
         sum = sum_of(sum, shine_of(3u, normal, place, to_eye, 1.0));
     }
-    return Shine(ambient + lighting.diffuse * sum.diffuse, lighting.specular * sum.specular);
+    var shine = Shine(ambient + lighting.diffuse * sum.diffuse, lighting.specular * sum.specular, 1.0, 0.0);
+    if GRADIENT_FLOOR {
+        shine.surface = surface;
+        shine.plain = (1.0 - surface) * light_without_surface(kept);
+    }
+    return shine;
 }
 
 // A colour under a light that light_on() gave.
 fn lit(color: vec3f, light: Shine) -> vec3f {
-    return clamp(color * light.diffuse + light.specular, vec3f(0.0), vec3f(1.0));
+    let shaded = clamp(color * light.diffuse + light.specular, vec3f(0.0), vec3f(1.0));
+    if GRADIENT_FLOOR {
+        return light.surface * shaded + light.plain * color;
+    }
+    return shaded;
 }

@@ -4,6 +4,6 @@
 // its place in the lattice, `to_eye` the unit vector from there to the eye, in view coordinates.
 fn lit_splat(color: vec3f, normal: u32, kept: vec4f, point: vec3f, to_eye: vec3f) -> vec3f {
     let n = unpack_normal(normal);
-    let gradient = vec3f(dot(lighting.right, n), dot(lighting.up, n), dot(lighting.forward, n));
-    return lit(color, light_on(gradient, point, to_eye, kept));
+    let gradient = vec3f(dot(lighting.right, n.xyz), dot(lighting.up, n.xyz), dot(lighting.forward, n.xyz));
+    return lit(color, light_on(gradient, n.w, point, to_eye, kept));
 }

@@ -17,7 +17,8 @@
 //                         fraction, so rounded to 1.5e-5 of itself. Density is extinction times the unit distance,
 //                         -ln(1 - opacity): a pure number. Of cells it may be a little below 0
 //     color               13 bits of red, then 14 of green, then the 5 low bits of blue
-//     normal              the direction of the world gradient, see common/normal.wgsl
+//     normal              the direction of the world gradient, and with a floor under gradients the weight of the
+//                         surface, see common/normal.wgsl
 //
 // Where light is kept from voxels it takes two more:
 //

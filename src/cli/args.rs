@@ -18,7 +18,7 @@ use voxsplat::volume::{Endian, SampleType};
 use super::channels::{ChannelArg, channel};
 use super::clip::{self, ClipArg, Voxels};
 use super::layers::{LabelArg, label};
-use super::parse::{self, GradientOpacity, LightArg, Occlusion, one_of};
+use super::parse::{self, GradientFloor, GradientOpacity, LightArg, Occlusion, one_of};
 use super::preview::Preview;
 
 /// Renders voxel volumes by splatting on the GPU.
@@ -228,8 +228,8 @@ pub(super) struct ViewArgs {
     /// side) [default: visible, or volume if --target, --view-height or --distance is given]
     #[arg(long, value_name = "WHAT", help_heading = "View")]
     pub(super) frame: Option<FrameArg>,
-    /// Space around what is fitted: a fraction of the picture on each side, 0 to under 0.5 [default: 0.02, with a
-    /// title or a caption 0.1]
+    /// Space around what is fitted: a fraction of the picture on each side, 0 to under 0.5 [default: 0.02 beside
+    /// colour bar, title and caption; over them with --zoom or --frame, then 0.1 with a title or a caption]
     #[arg(long, value_name = "FRACTION", value_parser = parse::tolerance, allow_hyphen_values = true,
         help_heading = "View")]
     pub(super) margin: Option<f64>,
@@ -244,6 +244,13 @@ pub(super) struct ViewArgs {
 }
 
 impl ViewArgs {
+    /// Whether no option says what the picture frames, or how large.
+    pub(super) fn fits_by_default(&self) -> bool {
+        let Self { target, zoom, frame, margin, view_height, distance, .. } = self;
+        let given = [margin, view_height, distance].into_iter().any(Option::is_some);
+        !given && target.is_none() && frame.is_none() && *zoom == 1.0
+    }
+
     /// Whether no option says from which side to look, or what is up.
     pub(super) fn says_no_side(&self) -> bool {
         let Self { azimuth, elevation, roll, up, direction, .. } = self;
@@ -277,6 +284,12 @@ pub(super) struct ModelArgs {
     /// [default: what the transfer function has]
     #[arg(long, value_name = "M:O,M:O,..|off", value_parser = parse::gradient_opacity, help_heading = "Model")]
     pub(super) gradient_opacity: Option<GradientOpacity>,
+    /// A floor under which a gradient is noise, value per world unit: a colour whose gradient is g long is lit as a
+    /// surface with the weight g^2 / (g^2 + F^2), and with the rest shown as one without a surface, so that flat noisy
+    /// matter does not sparkle. auto is twice the gradient that noise makes, as far as the data tell; 0 is none
+    /// [default: what the transfer function has]
+    #[arg(long, value_name = "F|auto", value_parser = parse::gradient_floor, help_heading = "Model")]
+    pub(super) gradient_floor: Option<GradientFloor>,
     /// What a pixel is: composite (emission and absorption), xray (absorption only, white), mip (the largest value of
     /// its ray, coloured by the transfer function), minip (the smallest) or average (the mean)
     #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = one_of(Model::ALL, Model::name),

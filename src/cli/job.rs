@@ -24,11 +24,11 @@ use super::channels::ChannelArg;
 use super::clip::ClipChoice;
 use super::destination::{Destination, STREAM};
 use super::layers::{LABELS, LayersJob};
-use super::parse::{GradientOpacity, LightArg, Occlusion, PlaceArg};
+use super::parse::{GradientFloor, GradientOpacity, LightArg, Occlusion, PlaceArg};
 use super::preview::Preview;
 use super::scene::SceneFile;
 
-/// The default space around what is fitted, if there are texts above or below.
+/// The default space around what is fitted if there are texts above or below and a frame or zoom is asked for.
 const FIGURE_MARGIN: f64 = 0.1;
 
 /// The default vertical field of view, degrees.
@@ -57,6 +57,10 @@ pub(super) struct Transfer {
     by_window: bool,
     /// What replaces its gradient opacity.
     pub(super) gradient: Option<GradientOpacity>,
+    /// What replaces its floor under gradients.
+    pub(super) floor: Option<GradientFloor>,
+    /// What gradients are reconstructed by.
+    pub(super) settings: Settings,
 }
 
 impl Transfer {
@@ -65,13 +69,13 @@ impl Transfer {
         self.by_window
     }
 
-    fn new(args: &ModelArgs) -> Result<Self, Failure> {
+    fn new(args: &ModelArgs, settings: &Settings) -> Result<Self, Failure> {
         let window = args.window;
         let given = |imported| TransferChoice::Given(Box::new(imported));
         let choice = match (&args.transfer, &args.colour_map) {
             (Some(name), _) if name == Path::new(LABELS) => {
-                if window.is_some() || args.gradient_opacity.is_some() {
-                    let message = "--window and --gradient-opacity are for values, not for labels";
+                if window.is_some() || args.gradient_opacity.is_some() || args.gradient_floor.is_some() {
+                    let message = "--window, --gradient-opacity and --gradient-floor are for values, not for labels";
                     return Err(Failure::Usage(message.to_owned()));
                 }
                 TransferChoice::Labels
@@ -98,7 +102,8 @@ impl Transfer {
             (None, None) => TransferChoice::Suggested,
         };
         let by_window = window.is_some() && args.transfer.is_none() && args.colour_map.is_none();
-        Ok(Self { choice, window, by_window, gradient: args.gradient_opacity.clone() })
+        let (gradient, floor, settings) = (args.gradient_opacity.clone(), args.gradient_floor, settings.clone());
+        Ok(Self { choice, window, by_window, gradient, floor, settings })
     }
 }
 
@@ -140,6 +145,8 @@ pub(super) struct RenderJob {
     pub(super) light_follows: bool,
     /// Whether the view is oblique if the file states no orientation.
     pub(super) chooses_view: bool,
+    /// Whether what shows is framed beside what the figure is drawn on.
+    pub(super) makes_room: bool,
     pub(super) engine: Engine,
     pub(super) output: Destination,
     /// How it is shown in the terminal too.
@@ -183,7 +190,9 @@ impl RenderJob {
     /// A picture that goes to `output`.
     pub(super) fn with_output(args: RenderArgs, output: Destination) -> Result<Self, Failure> {
         let mut view = view(&args.view)?;
-        if args.view.margin.is_none() && (args.figure.title.is_some() || args.figure.caption.is_some()) {
+        let makes_room = args.view.fits_by_default();
+        let texts = args.figure.title.is_some() || args.figure.caption.is_some();
+        if args.view.margin.is_none() && texts && !makes_room {
             view.margin = FIGURE_MARGIN;
         }
         let settings = settings(&args.model, painter(&args.painter)?, &view)?;
@@ -206,7 +215,7 @@ impl RenderJob {
         // Post-shaded, samples would be filtered: noise is left as it is unless that is asked for.
         let chooses_sharpness =
             args.model.kernel.is_none() && args.model.sharpness.is_none() && composite && !settings.is_post_shaded();
-        let transfer = Transfer::new(&args.model)?;
+        let transfer = Transfer::new(&args.model, &settings)?;
         let alone = matches!(transfer.choice, TransferChoice::Labels);
         if alone && (figure.color_bar || args.save_transfer.is_some()) {
             let message = "--colour-bar and --save-transfer are for transfer functions, not for labels";
@@ -238,6 +247,7 @@ impl RenderJob {
             studio: args.model.light.iter().any(|light| matches!(light, LightArg::Studio(_))),
             light_follows: args.model.light.contains(&LightArg::Studio(true)),
             chooses_view: args.view.says_no_side(),
+            makes_room,
             engine,
             output,
             preview: args.preview.map(Preview::resolved).transpose()?,
@@ -297,6 +307,9 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
     settings.validate()?;
     if !matches!(model.model, Model::Composite | Model::Xray) && model.gradient_opacity.is_some() {
         return Err(Failure::Usage("--gradient-opacity: projections of intensity have none".to_owned()));
+    }
+    if model.model != Model::Composite && model.gradient_floor.is_some() {
+        return Err(Failure::Usage("--gradient-floor: only the composite model is lit".to_owned()));
     }
     Ok(settings)
 }
@@ -451,6 +464,7 @@ fn view(args: &ViewArgs) -> Result<View, Failure> {
         target: args.target,
         around: None,
         margin: args.margin.unwrap_or(View::default().margin),
+        reserved: View::default().reserved,
         projection,
         zoom: args.zoom,
         view_height: args.view_height,
@@ -505,7 +519,7 @@ impl ParetoJob {
             }
         };
         let views = std::iter::once(first.clone()).chain((1..args.views).map(turned)).collect();
-        let transfer = Transfer::new(&args.model)?;
+        let transfer = Transfer::new(&args.model, &settings)?;
         if args.input.channel.len() > 1 {
             return Err(Failure::Usage("--channel: a study is of one channel".to_owned()));
         }

@@ -212,6 +212,23 @@ pub(super) fn gradient_opacity(text: &str) -> Result<GradientOpacity, String> {
     transfer.map(|transfer| GradientOpacity(transfer.gradient_opacity().to_vec())).map_err(reason)
 }
 
+/// The value of `--gradient-floor`: value per world unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum GradientFloor {
+    /// By the noise of the data.
+    Auto,
+    At(f64),
+}
+
+/// `auto` or a number, 0 or over.
+pub(super) fn gradient_floor(text: &str) -> Result<GradientFloor, String> {
+    if text == "auto" {
+        return Ok(GradientFloor::Auto);
+    }
+    let floor = tolerance(text).map(GradientFloor::At);
+    floor.map_err(|_| "expected auto, or a number, 0 or over: value per world unit".to_owned())
+}
+
 /// A finite number.
 pub(super) fn number(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(|| "expected a finite number".to_owned())

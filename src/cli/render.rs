@@ -24,7 +24,7 @@ use super::args::{FrameArg, StatsFormat};
 use super::info::short;
 use super::job::{RenderJob, Transfer, TransferChoice};
 use super::options::{command_line, options_of};
-use super::parse::GradientOpacity;
+use super::parse::{GradientFloor, GradientOpacity};
 use super::session::{Picture, Prepared, Session};
 use super::{Failure, output};
 
@@ -291,9 +291,29 @@ pub(super) fn transfer(
     volume: &Volume,
     stages: &mut Stages,
 ) -> Result<Fitted, Failure> {
-    let fitted = fitted(source, asked, volume, stages)?;
-    let Some(GradientOpacity(points)) = &asked.gradient else { return Ok(fitted) };
-    Ok(Fitted { transfer: fitted.transfer.with_gradient_opacity(points.clone())?, ..fitted })
+    let mut fitted = fitted(source, asked, volume, stages)?;
+    if let Some(GradientOpacity(points)) = &asked.gradient {
+        fitted.transfer = fitted.transfer.with_gradient_opacity(points.clone())?;
+    }
+    match asked.floor {
+        None => (),
+        Some(GradientFloor::At(floor)) => fitted.transfer = fitted.transfer.with_gradient_floor(floor)?,
+        Some(GradientFloor::Auto) => {
+            let found = || fitted.transfer.floor_over_noise(volume, &asked.settings);
+            let floor = stages.time("noise", found)?.map_or(0.0, rounded);
+            fitted.notes.push(match floor > 0.0 {
+                true => format!("note: --gradient-floor {} is taken, twice the gradient of the noise", short(floor)),
+                false => "note: --gradient-floor 0 is taken: too little of what shows is flat, or without noise".into(),
+            });
+            fitted.transfer = fitted.transfer.with_gradient_floor(floor)?;
+        }
+    }
+    Ok(fitted)
+}
+
+/// A number as it is printed.
+fn rounded(number: f64) -> f64 {
+    short(number).parse().unwrap_or(number)
 }
 
 /// The same with the gradient opacity that it has.

@@ -247,7 +247,8 @@ impl Session {
             _ => stages.time("framing", || framed(job.frame, layers, inside))?,
         };
         self.framed = Some((job.frame, inside.clone(), layers.clone(), around.clone()));
-        let camera = Camera::new(&View { around, ..job.view.clone() }, self.volume.grid(), job.size)?;
+        let reserved = if job.makes_room { job.figure.reserved(job.size, transfer)? } else { job.view.reserved };
+        let camera = Camera::new(&View { around, reserved, ..job.view.clone() }, self.volume.grid(), job.size)?;
         let (image, settings, estimate, stats) = match &self.renderer {
             Some(renderer) => {
                 let prepared = self.prepared.take().filter(|prepared| prepared.serves(layers, &job.settings));

@@ -3,6 +3,7 @@
 use glam::DVec2;
 
 use super::canvas::Canvas;
+use super::font::Font;
 use super::number::{label, ticks};
 use super::path::Path;
 use crate::error::{Error, Result};
@@ -28,23 +29,71 @@ pub(super) fn room(height: f64, em: f64) -> f64 {
     height - 3.0 * em
 }
 
+/// Where a bar and its labels are.
+struct Layout {
+    values: Vec<f64>,
+    labels: Vec<String>,
+    /// Of the letters of labels, pixels.
+    text: f64,
+    /// The edges of the bar, and its height, pixels.
+    left: f64,
+    right: f64,
+    top: f64,
+    tall: f64,
+    /// The width of the panel of the curve at its left.
+    wide: f64,
+    /// The largest opacity of what it shows.
+    densest: f64,
+}
+
+impl Layout {
+    /// That of a bar with its labels against the right of the area between two corners and in the middle of its
+    /// height.
+    fn new(font: &Font, transfer: &TransferFunction, em: f64, [least, most]: [DVec2; 2]) -> Result<Self> {
+        let [low, high] = range(transfer)?;
+        let text = 0.9 * em;
+        let tall = room(most.y - least.y, em).min(16.0 * em).floor();
+        let top = (f64::midpoint(least.y, most.y) - tall / 2.0).round();
+        let (step, values) = ticks([low, high], (tall / (1.9 * em)).clamp(2.0, 6.0) as usize);
+        let labels: Vec<String> = values.iter().map(|&value| label(value, step)).collect();
+        let widest = labels.iter().map(|label| font.width(label, text)).fold(0.0, f64::max);
+        let right = (most.x - widest - 0.45 * em).floor();
+        let left = right - em.round();
+        let densest =
+            transfer.points().iter().filter(|p| (low..=high).contains(&p.value)).map(|p| p.opacity).fold(0.0, f64::max);
+        let wide = if densest > 0.0 { 2.0 * em } else { 0.0 };
+        Ok(Self { values, labels, text, left, right, top, tall, wide, densest })
+    }
+}
+
+/// How far to the left a bar reaches that is drawn in an area, with a little space beside it.
+pub(super) fn left_end(font: &Font, transfer: &TransferFunction, em: f64, area: [DVec2; 2]) -> Result<f64> {
+    let layout = Layout::new(font, transfer, em, area)?;
+    let text = if layout.wide > 0.0 { font.width(&curve_text(layout.densest), CURVE_TEXT * em) } else { 0.0 };
+    Ok((layout.left - layout.wide).min(area[1].x - text) - 0.5 * em)
+}
+
+/// The size of the letters that say what the curve is, in sizes of letters.
+const CURVE_TEXT: f64 = 0.8;
+
+/// What the curve is whose largest opacity is `densest`.
+fn curve_text(densest: f64) -> String {
+    // Two digits, without a last 0.
+    let number = label(densest, (densest / 10.0).min(0.1));
+    format!("opacity 0–{}", if densest < 1.0 { number.trim_end_matches('0') } else { "1" })
+}
+
 /// Draws the bar with its labels, against the right of the area between two corners and in the middle of its height.
 pub(super) fn draw(
     canvas: &mut Canvas,
     transfer: &TransferFunction,
     unit: Option<&str>,
-    [least, most]: [DVec2; 2],
+    area: [DVec2; 2],
 ) -> Result<()> {
     let [low, high] = range(transfer)?;
-    let em = canvas.em;
-    let text = 0.9 * em;
-    let tall = room(most.y - least.y, em).min(16.0 * em).floor();
-    let top = (f64::midpoint(least.y, most.y) - tall / 2.0).round();
-    let (step, values) = ticks([low, high], (tall / (1.9 * em)).clamp(2.0, 6.0) as usize);
-    let labels: Vec<String> = values.iter().map(|&value| label(value, step)).collect();
-    let widest = labels.iter().map(|label| canvas.font.width(label, text)).fold(0.0, f64::max);
-    let right = (most.x - widest - 0.45 * em).floor();
-    let left = right - em.round();
+    let (em, [_, most]) = (canvas.em, area);
+    let Layout { values, labels, text, left, right, top, tall, wide, densest } =
+        Layout::new(&canvas.font, transfer, em, area)?;
     let y_of = |value: f64| top + tall * (high - value) / (high - low);
 
     // The curve of opacity, to the left; the largest opacity is as far from the bar as the panel is wide.
@@ -52,20 +101,14 @@ pub(super) fn draw(
     let value_of = |y: f64| high - (high - low) * (y - top) / tall;
     let places: Vec<f64> = (0..=rows).map(|row| top + f64::from(row)).collect();
     let opacity = |y: f64| transfer.sample(value_of(y).clamp(low, high)).1;
-    let densest =
-        transfer.points().iter().filter(|p| (low..=high).contains(&p.value)).map(|p| p.opacity).fold(0.0, f64::max);
     if densest > 0.0 {
-        let wide = 2.0 * em;
         let curve: Vec<DVec2> = places.iter().map(|&y| DVec2::new(left - wide * opacity(y) / densest, y)).collect();
         let panel = Path::rectangle(DVec2::new(left - wide, top), DVec2::new(left, top + tall));
         canvas.ground(&panel);
         let ends = [DVec2::new(left, top + tall), DVec2::new(left, top)];
         canvas.fill(&Path::polygon(curve.iter().copied().chain(ends).collect()), canvas.ink, 0.3);
         canvas.fill(&Path::line(&curve, (0.09 * em).max(1.0)), canvas.ink, 1.0);
-        // Two digits, without a last 0.
-        let number = label(densest, (densest / 10.0).min(0.1));
-        let said = format!("opacity 0–{}", if densest < 1.0 { number.trim_end_matches('0') } else { "1" });
-        canvas.write(&said, 0.8 * em, DVec2::new(right, top + tall + 0.85 * em), 1.0);
+        canvas.write(&curve_text(densest), CURVE_TEXT * em, DVec2::new(most.x, top + tall + 0.85 * em), 1.0);
     }
 
     let frame = Path::rectangle(DVec2::new(left, top), DVec2::new(right, top + tall));

@@ -87,6 +87,8 @@ const MARGIN: f64 = 0.8;
 const LEAST_BAR: f64 = 3.0;
 /// The most characters of a unit.
 const LONGEST_UNIT: usize = 16;
+/// The most of a picture that is reserved on a side.
+const MOST_RESERVED: f64 = 1.0 / 3.0;
 /// The distance of lines of text, in sizes of letters.
 const LINE: f64 = 1.3;
 
@@ -172,6 +174,28 @@ impl Figure {
             Ok(Text { lines, size })
         };
         Ok([text("title", &self.title, 1.25 * em, 3)?, text("caption", &self.caption, 0.9 * em, 6)?])
+    }
+
+    /// The parts of a picture of a size (width, height) at its left, right, top and bottom that the colour bar of a
+    /// transfer function, the title and the caption take, fractions of its width and height:
+    /// [`View::reserved`](crate::camera::View::reserved) for what is shown to lie beside them. At most a third of the
+    /// picture on a side: what remains would be too small. Scale bar and axes are drawn in corners.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] as [`Self::validate`] if a text is too long, or if a colour bar has no range.
+    pub fn reserved(&self, size: [u32; 2], transfer: &TransferFunction) -> Result<[f64; 4]> {
+        let (font, em) = (Font::new()?, em(size));
+        let ([width, height], margin) = (size.map(f64::from), MARGIN * em);
+        let texts = self.texts(&font, size)?;
+        let mut right = 0.0;
+        if self.color_bar {
+            let [top, foot] = self.free(&texts, size);
+            let area = [DVec2::new(margin, top), DVec2::new(width - margin, foot)];
+            right = (width - color_bar::left_end(&font, transfer, em, area)?) / width;
+        }
+        let of_text = |text: &Text| if text.lines.is_empty() { 0.0 } else { (margin + text.height()) / height };
+        let [title, caption] = texts.each_ref().map(of_text);
+        Ok([0.0, right, title, caption].map(|share: f64| share.min(MOST_RESERVED)))
     }
 
     /// A copy of a picture with all this drawn on it. If the background is a colour, what is drawn is opaque: save the
@@ -321,6 +345,26 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn what_is_drawn_beside_a_picture_lies_in_what_is_reserved() {
+        let title = Some("A title of some words".to_owned());
+        for (color_bar, title, caption) in
+            [(true, None, None), (false, title.clone(), None), (true, title, Some("Two\nlines".to_owned()))]
+        {
+            let figure = Figure { color_bar, title, caption, ..Figure::default() };
+            let image = drawn(&figure, &View::default(), Background::default(), WHOLE).unwrap();
+            let reserved = figure.reserved([WHOLE.width, WHOLE.height], &transfer()).unwrap();
+            let [left, right, top, bottom] = reserved;
+            for (index, pixel) in image.pixels().iter().enumerate() {
+                let (x, y) = ((index % 320) as f64 / 320.0, (index / 320) as f64 / 200.0);
+                let free = x >= left && x + 1.0 / 320.0 <= 1.0 - right && y >= top && y + 1.0 / 200.0 <= 1.0 - bottom;
+                assert!(!free || *pixel == [0.3, 0.3, 0.3, 0.6], "{x} {y} {reserved:?}");
+            }
+            assert!(reserved.iter().all(|part| (0.0..=MOST_RESERVED).contains(part)) && reserved != [0.0; 4]);
+        }
+        assert_eq!(Figure::default().reserved([320, 200], &transfer()).unwrap(), [0.0; 4]);
     }
 
     #[test]

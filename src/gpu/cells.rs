@@ -3,7 +3,8 @@
 //!
 //! A cell of level n stands for 2^n voxels along each axis. Voxels are classified one by one; a cell holds what they
 //! emit and absorb, weighted by the polynomials of degree 5 that interpolate cells at the places of voxels (Lagrange),
-//! and one normal, the mean of theirs by what they absorb. So the moments of each voxel, up to the fifth, are kept:
+//! and one normal, the mean of theirs by what they absorb, and by the weights of surfaces if there is a floor under
+//! gradients; then the cell has the mean of these weights. So the moments of each voxel, up to the fifth, are kept:
 //! sum, place and spread. Weights farther than a cell away are negative. What a cell absorbs may therefore be a little
 //! below nothing.
 
@@ -14,7 +15,7 @@ use glam::{DVec3, Vec3};
 use super::context::Context;
 use super::layout::Splat;
 use super::scalars::{Emitted, Relative};
-use super::splat::{packed_appearance, packed_normal};
+use super::splat::{packed_appearance, packed_normal, surface_share};
 use super::store::{BrickSplats, HostBrick, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::Result;
@@ -261,7 +262,8 @@ pub(super) fn response(level: u32, frequency: f64) -> f64 {
 /// What a voxel emits and absorbs: colour times density, density.
 pub(super) type Emission = [f32; 4];
 
-/// The channels of a cell: an [`Emission`]; if there is light also the direction of the gradient times density, and 0.
+/// The channels of a cell: an [`Emission`]; if there is light also the direction of the gradient times density, and the
+/// weight of the surface times density, both times that weight if there is a floor under gradients; otherwise 0.
 const PLAIN: usize = 4;
 const LIT: usize = 8;
 
@@ -391,6 +393,8 @@ struct Steepness {
     gradients: [Vec3; 3],
     /// Gradient opacity, of gradients of scalars; empty: extinction does not depend on them.
     thinning: Vec<[f32; 2]>,
+    /// One over the floor under gradients of scalars; 0: there is none.
+    inverse_floor: f32,
 }
 
 /// What a cell must absorb to be kept, of the most that a voxel can.
@@ -400,7 +404,8 @@ impl<'a> Coarsening<'a> {
     pub(crate) fn new(volume: &'a Volume, transfer: &'a TransferFunction, level: u32, lit: bool) -> Self {
         let gradients = volume.grid().local().to_lattice().matrix3.transpose();
         let reduction = Reduction::new(transfer, 1.0);
-        let thinning = transfer.scaled_gradient_opacity(reduction.factor() * volume.grid().unit());
+        let scale = reduction.factor() * volume.grid().unit();
+        let (thinning, inverse_floor) = (transfer.scaled_gradient_opacity(scale), transfer.inverse_floor(scale));
         let steep = lit || !thinning.is_empty();
         let gradients = [0, 1, 2].map(|axis| gradients.col(axis).as_vec3());
         Self {
@@ -408,7 +413,12 @@ impl<'a> Coarsening<'a> {
             filter: Filter::new(level, 0.0, &[1.0], REACH),
             classification: Classification::new(volume, Looks::Transfer(transfer), 1.0),
             lit,
-            steepness: steep.then(|| Steepness { scalars: Relative::new(volume, reduction), gradients, thinning }),
+            steepness: steep.then(|| Steepness {
+                scalars: Relative::new(volume, reduction),
+                gradients,
+                thinning,
+                inverse_floor,
+            }),
             dims: dims_of(volume.grid(), level),
             least: (TransferFunction::extinction(transfer.max_opacity(), 1.0) * LEAST) as f32,
         }
@@ -494,6 +504,7 @@ impl<'a> Coarsening<'a> {
     fn brick<const N: usize>(&self, block: &Block<N>, brick: [usize; 3]) -> Option<(HostBrick, BrickSplats)> {
         let start = brick[0] * EDGE;
         let count = EDGE.min(self.dims[0] - start);
+        let floored = self.steepness.as_ref().is_some_and(|of| of.inverse_floor > 0.0);
         let mut words = Vec::new();
         let mut rows = vec![0; EDGE * EDGE];
         for z in 0..block.size[1] {
@@ -507,7 +518,8 @@ impl<'a> Coarsening<'a> {
                     let color = [cell[0], cell[1], cell[2]].map(|c| c / density);
                     words.extend(packed_appearance(color, density));
                     if N == LIT {
-                        words.push(packed_normal([cell[4], cell[5], cell[6]]));
+                        let surface = floored.then(|| cell[7] / density);
+                        words.push(packed_normal([cell[4], cell[5], cell[6]], surface));
                     }
                 }
             }
@@ -618,7 +630,7 @@ impl Slices<'_> {
     /// Takes from some voxels of a row what gradient opacity takes and adds, if they are lit, the directions of
     /// gradients, times density: central differences, as if the outermost voxels went on beyond the faces.
     fn apply_gradients<const N: usize>(&self, [y, z]: [i64; 2], shown: Range<usize>, voxels: &mut [[f32; N]]) {
-        let Some(Steepness { gradients, thinning, .. }) = &self.coarsening.steepness else { return };
+        let Some(Steepness { gradients, thinning, inverse_floor, .. }) = &self.coarsening.steepness else { return };
         let [_, ny, nz] = self.coarsening.volume.grid().dims().map(i64::from);
         let width = voxels.len() + 2;
         let row = |y: i64, z: i64| {
@@ -646,7 +658,12 @@ impl Slices<'_> {
             }
             if N == LIT {
                 for (at, voxel) in voxels[run].iter_mut().enumerate() {
-                    (0..3).for_each(|axis| voxel[4 + axis] = directions[axis][at] * voxel[3]);
+                    let mut weight = voxel[3];
+                    if *inverse_floor > 0.0 {
+                        weight *= surface_share(magnitudes[at] * inverse_floor);
+                        voxel[7] = weight;
+                    }
+                    (0..3).for_each(|axis| voxel[4 + axis] = directions[axis][at] * weight);
                 }
             }
         }

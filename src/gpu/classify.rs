@@ -10,7 +10,7 @@ use super::pipeline::{Binding, bind, compute, flag, layout, module};
 use super::recorder::Recorder;
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
-use super::splat::{density, packed_appearance, packed_normal, with_density};
+use super::splat::{density, packed_appearance, packed_normal, surface_share, with_density};
 use super::store::{BrickSplats, Bricks, HostBrick, Part, Splats, Store, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::Result;
@@ -97,8 +97,17 @@ impl SampleCoding {
 
     /// The control points of gradient opacity, of gradients of samples on a lattice of this unit of length.
     fn gradient_points(&self, transfer: &TransferFunction, unit: f64) -> Vec<[f32; 2]> {
-        let scale = self.reduction.map_or(1.0 / self.slope.abs(), |reduction| reduction.factor());
-        transfer.scaled_gradient_opacity(scale * unit)
+        transfer.scaled_gradient_opacity(self.gradient_scale() * unit)
+    }
+
+    /// One over the floor under gradients of samples; 0: there is none.
+    fn inverse_floor(&self, transfer: &TransferFunction, unit: f64) -> f32 {
+        transfer.inverse_floor(self.gradient_scale() * unit)
+    }
+
+    /// Samples for each unit of value.
+    fn gradient_scale(&self) -> f64 {
+        self.reduction.map_or(1.0 / self.slope.abs(), |reduction| reduction.factor())
     }
 
     /// A value of the transfer function as the shader compares it with samples.
@@ -166,6 +175,7 @@ impl Classifier {
         let coding = SampleCoding::new(volume, transfer);
         let points = coding.points(transfer);
         let thinning = coding.gradient_points(transfer, volume.grid().unit());
+        let inverse_floor = coding.inverse_floor(transfer, volume.grid().unit());
         // So few points are part of the pipeline, which is made for their number.
         let mut few = [ControlPoint::zeroed(); MAX_INLINE_POINTS];
         let is_few = points.len() <= MAX_INLINE_POINTS;
@@ -176,6 +186,7 @@ impl Classifier {
             ("SAMPLE_TYPE", f64::from(coding.sample_type)),
             ("LIT", flag(lit)),
             ("GRADIENT_OPACITY", flag(!thinning.is_empty())),
+            ("GRADIENT_FLOOR", flag(lit && inverse_floor > 0.0)),
             ("KEEP_INVISIBLE", flag(!savings.voxels)),
             ("INLINE_POINTS", if is_few { points.len() as f64 } else { 0.0 }),
         ];
@@ -201,7 +212,8 @@ impl Classifier {
                 gradient_z,
                 first_brick: 0,
                 gradient_points: thinning.len() as u32,
-                _pad: [0; 3],
+                inverse_floor,
+                _pad: [0; 2],
                 inline_points: few,
             },
         };
@@ -375,6 +387,8 @@ pub(crate) struct HostClassifier {
     lit: bool,
     /// Gradient opacity, of gradients of samples; empty: extinction does not depend on them.
     thinning: Vec<[f32; 2]>,
+    /// One over the floor under gradients of samples; 0: there is none.
+    inverse_floor: f32,
     keep_invisible: bool,
     /// What becomes of each sample of 8 and 16 bits, by its bits.
     table: Vec<Entry>,
@@ -407,6 +421,7 @@ impl HostClassifier {
             dims: volume.grid().dims(),
             lit,
             thinning: coding.gradient_points(transfer, volume.grid().unit()),
+            inverse_floor: coding.inverse_floor(transfer, volume.grid().unit()),
             keep_invisible: !context.savings.voxels,
             table: Vec::new(),
         };
@@ -518,7 +533,8 @@ impl HostClassifier {
                     *row |= 1 << x;
                     words.extend(appearance);
                     if self.lit {
-                        words.push(packed_normal(gradient.0));
+                        let surface = || surface_share(steepness_of(gradient) * self.inverse_floor);
+                        words.push(packed_normal(gradient.0, (self.inverse_floor > 0.0).then(surface)));
                     }
                 }
             }

@@ -6,7 +6,7 @@ use super::cells::{Classification, Emission, Looks};
 use super::classify::{Classified, STRIDE, gradient_of, gradients, steepness_of};
 use super::context::Context;
 use super::scalars::Relative;
-use super::splat::{packed_appearance, packed_normal};
+use super::splat::{packed_appearance, packed_normal, surface_share};
 use super::store::{BrickSplats, Bricks, HostBrick, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::Result;
@@ -38,6 +38,8 @@ struct Painted<'a> {
     scalars: Option<Relative>,
     /// Gradient opacity, of gradients of scalars; empty: extinction does not depend on them.
     thinning: Vec<[f32; 2]>,
+    /// One over the floor under gradients of scalars; 0: there is none.
+    inverse_floor: f32,
     mask: Option<&'a Mask>,
     /// Whether normals are gradients of the smoothed extinction, not of scalars.
     smoothed: bool,
@@ -52,10 +54,13 @@ impl<'a> Painted<'a> {
         let volume = layer.volume();
         let unit = unit / layer.unit();
         let (mut volumes, mut white) = (vec![volume], None);
+        let mut inverse_floor = 0.0;
         let (looks, scalars, thinning) = match &layer.matter {
             Matter::Scalars { transfer, .. } => {
                 let reduction = Reduction::new(transfer, 1.0);
-                let thinning = transfer.scaled_gradient_opacity(reduction.factor() * volume.grid().unit());
+                let scale = reduction.factor() * volume.grid().unit();
+                let thinning = transfer.scaled_gradient_opacity(scale);
+                inverse_floor = transfer.inverse_floor(scale);
                 (Looks::Transfer(transfer), Some(Relative::new(volume, reduction)), thinning)
             }
             Matter::Labels { looks, .. } => (Looks::Labels(looks), None, Vec::new()),
@@ -91,6 +96,7 @@ impl<'a> Painted<'a> {
             smoothed: scalars.is_none() || layer.mask.is_some(),
             scalars,
             thinning,
+            inverse_floor,
             mask: layer.mask.as_ref(),
             flat: FLAT * (TransferFunction::extinction(layer.max_opacity(), 1.0) * unit) as f32,
             shows,
@@ -272,6 +278,7 @@ impl Classifier<'_> {
         let each = if self.lit { 3 } else { 2 };
         let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(self.dims[axis] as usize - origin[axis]));
         let mut bits = vec![0_u32; EDGE * EDGE];
+        let floored = self.layers.iter().any(|layer| layer.inverse_floor > 0.0);
         let mut words = reserved((nx * ny * nz * each) as u64, || "splats of a brick".to_owned())?;
         for (y, z) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))) {
             let start = self.halo + edge * (y + self.halo + edge * (z + self.halo));
@@ -294,7 +301,8 @@ impl Classifier<'_> {
                 words.extend(packed_appearance(color, density));
                 if self.lit {
                     let normal = |part: &Part<'_>| self.normal(part, start + x, x + EDGE * (y + EDGE * z));
-                    words.push(packed_normal(most.1.map_or([0.0; 3], normal)));
+                    let (normal, surface) = most.1.map_or(([0.0; 3], 0.0), normal);
+                    words.push(packed_normal(normal, floored.then_some(surface)));
                 }
             }
         }
@@ -319,8 +327,9 @@ impl Classifier<'_> {
         [r, g, b, density].map(|channel| channel * share)
     }
 
-    /// The normal of a layer at a voxel of its brick with the halo and without it, of any length.
-    fn normal(&self, part: &Part<'_>, index: usize, inside: usize) -> [f32; 3] {
+    /// The normal of a layer at a voxel of its brick with the halo and without it, of any length, and the weight of the
+    /// surface.
+    fn normal(&self, part: &Part<'_>, index: usize, inside: usize) -> ([f32; 3], f32) {
         let differences = match (&part.slopes, part.layer.smoothed) {
             (Some(slopes), _) => {
                 let slope = [0, 1, 2].map(|axis| slopes[axis][inside]);
@@ -330,7 +339,10 @@ impl Classifier<'_> {
             (None, true) => [0.0; 3],
             (None, false) => self.differences(&part.voxels, index),
         };
-        gradient_of(&self.gradients, differences).0
+        let gradient = gradient_of(&self.gradients, differences);
+        let floored = part.layer.inverse_floor > 0.0 && !part.layer.smoothed;
+        let surface = || surface_share(steepness_of(gradient) * part.layer.inverse_floor);
+        (gradient.0, if floored { surface() } else { 1.0 })
     }
 }
 

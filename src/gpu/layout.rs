@@ -69,7 +69,8 @@ pub(crate) struct Classify {
     pub gradient_z: [f32; 3],
     pub first_brick: u32,
     pub gradient_points: u32,
-    pub _pad: [u32; 3],
+    pub inverse_floor: f32,
+    pub _pad: [u32; 2],
     pub inline_points: [ControlPoint; MAX_INLINE_POINTS],
 }
 
@@ -198,7 +199,8 @@ pub(crate) struct Lighting {
     pub colors: [[f32; 4]; 4],
     pub from_lattice: Affine,
     pub shininess: f32,
-    pub _pad: [u32; 3],
+    pub inverse_floor: f32,
+    pub _pad: [u32; 2],
 }
 
 /// The entries of a batch; shaders/terminate.wgsl.

@@ -5,6 +5,7 @@
 
 use super::cache::Cache;
 use super::context::Context;
+use super::layout::Lighting;
 use super::light_volume::PostShading;
 use super::recorder::Recorder;
 use super::store::Store;
@@ -48,6 +49,18 @@ pub(crate) struct Job<'a> {
 impl Job<'_> {
     pub(super) fn splats(&self) -> u64 {
         self.stores.iter().map(|store| u64::from(store.count)).sum()
+    }
+
+    /// Whether there is a floor under the gradients of what is lit.
+    pub(super) fn is_floored(&self) -> bool {
+        let floored = self.post.map_or(self.weights.floored, |post| post.table.inverse_floor > 0.0);
+        self.settings.light_count() > 0 && floored
+    }
+
+    /// Material and lights as shaders have them.
+    pub(super) fn lighting(&self) -> Lighting {
+        let inverse_floor = self.post.map_or(0.0, |post| post.table.inverse_floor);
+        Lighting { inverse_floor, ..self.view.lighting(self.settings.lighting.as_ref()) }
     }
 }
 

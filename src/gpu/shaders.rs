@@ -19,6 +19,7 @@ impl Shader {
 
 const BOUNDS: &str = include_str!("../../shaders/common/bounds.wgsl");
 const LIGHTING: &str = include_str!("../../shaders/common/lighting.wgsl");
+const FLOOR: &str = include_str!("../../shaders/common/floor.wgsl");
 const NORMAL: &str = include_str!("../../shaders/common/normal.wgsl");
 const PIXEL_RAY: &str = include_str!("../../shaders/common/pixel_ray.wgsl");
 const ABSORBED: &str = include_str!("../../shaders/common/absorbed.wgsl");
@@ -42,8 +43,10 @@ const LIGHT_VOLUME: &str = include_str!("../../shaders/common/light_volume.wgsl"
 const TRANSFER: &str = include_str!("../../shaders/common/transfer.wgsl");
 const STORED_SPLAT: &str = include_str!("../../shaders/common/splat.wgsl");
 
-pub(crate) const CLASSIFY: Shader =
-    Shader { name: "classify", parts: &[include_str!("../../shaders/classify.wgsl"), STORED_SPLAT, NORMAL, DISPATCH] };
+pub(crate) const CLASSIFY: Shader = Shader {
+    name: "classify",
+    parts: &[include_str!("../../shaders/classify.wgsl"), STORED_SPLAT, NORMAL, FLOOR, DISPATCH],
+};
 pub(crate) const SCAN: Shader = Shader { name: "scan", parts: &[include_str!("../../shaders/scan.wgsl"), DISPATCH] };
 pub(crate) const SORT: Shader = Shader {
     name: "sort",
@@ -61,6 +64,7 @@ pub(crate) const SPLAT: Shader = Shader {
         LIT_SPLAT,
         LIGHTING,
         NORMAL,
+        FLOOR,
         ABSORBED,
     ],
 };
@@ -81,6 +85,7 @@ pub(crate) const SHADE: Shader = Shader {
         MARCH_PARABOLA,
         TRANSFER,
         LIGHTING,
+        FLOOR,
         LIGHT_VOLUME,
         ABSORBED,
     ],
@@ -89,7 +94,16 @@ pub(crate) const RESOLVE: Shader =
     Shader { name: "resolve", parts: &[include_str!("../../shaders/resolve.wgsl"), FRAME, CLIP, RESPONSE, ABSORBED] };
 pub(crate) const PACK: Shader = Shader {
     name: "pack",
-    parts: &[include_str!("../../shaders/pack.wgsl"), PACKING, STORED_SPLAT, LIT_SPLAT, LIGHTING, NORMAL, DISPATCH],
+    parts: &[
+        include_str!("../../shaders/pack.wgsl"),
+        PACKING,
+        STORED_SPLAT,
+        LIT_SPLAT,
+        LIGHTING,
+        NORMAL,
+        FLOOR,
+        DISPATCH,
+    ],
 };
 pub(crate) const SKIP: Shader =
     Shader { name: "skip", parts: &[include_str!("../../shaders/skip.wgsl"), RAYS, CLIP, PACKING] };
@@ -124,6 +138,7 @@ pub(crate) const GATHER_SCALARS: Shader = Shader {
         MARCH_PARABOLA,
         TRANSFER,
         LIGHTING,
+        FLOOR,
         LIGHT_VOLUME,
         ABSORBED,
     ],
@@ -143,6 +158,7 @@ pub(crate) const GATHER_SCALARS_SOFTWARE: Shader = Shader {
         MARCH_PARABOLA,
         TRANSFER,
         LIGHTING,
+        FLOOR,
         LIGHT_VOLUME,
         ABSORBED,
     ],
@@ -161,6 +177,7 @@ pub(crate) const GATHER_GRADIENTS: Shader = Shader {
         MARCH_PARABOLA,
         TRANSFER,
         LIGHTING,
+        FLOOR,
         LIGHT_VOLUME,
         ABSORBED,
     ],

@@ -67,6 +67,7 @@ fn structs_are_laid_out_alike() {
         gradient_z,
         first_brick,
         gradient_points,
+        inverse_floor,
         inline_points
     });
     same_layout!(ControlPoint { color, sample, opacity });
@@ -158,7 +159,19 @@ fn structs_are_laid_out_alike() {
         sections,
         clip_planes
     });
-    same_layout!(Lighting { right, ambient, up, diffuse, forward, specular, lights, colors, from_lattice, shininess });
+    same_layout!(Lighting {
+        right,
+        ambient,
+        up,
+        diffuse,
+        forward,
+        specular,
+        lights,
+        colors,
+        from_lattice,
+        shininess,
+        inverse_floor
+    });
     same_layout!(Frame {
         lattice_center,
         radius,

@@ -1,5 +1,5 @@
-//! The twin of shaders/common/splat.wgsl, normal.wgsl and lighting.wgsl on the host: words of splats, and light on
-//! them.
+//! The twin of shaders/common/splat.wgsl, normal.wgsl, floor.wgsl and lighting.wgsl on the host: words of splats, and
+//! light on them.
 
 use super::layout::Lighting;
 
@@ -8,6 +8,9 @@ const COLOR_STEPS: [f32; 3] = [8191.0, 16383.0, 8191.0];
 
 /// The bits for "no direction".
 const NO_NORMAL: u32 = 0x8000_8000;
+/// With a floor under gradients: the largest value of a coordinate, and of a weight.
+const COORDINATE_STEPS: f32 = 2047.0;
+const WEIGHT_STEPS: f32 = 255.0;
 
 /// -ln(1 - opacity): `density` in shaders/classify.wgsl.
 pub(super) fn density(opacity: f32) -> f32 {
@@ -41,18 +44,29 @@ fn sign_or_one(v: f32) -> f32 {
     if v >= 0.0 { 1.0 } else { -1.0 }
 }
 
-/// The bits of the direction of a vector of any length.
-pub(super) fn packed_normal([x, y, z]: [f32; 3]) -> u32 {
+/// The weight of a surface, given the length of its gradient over the floor.
+pub(super) fn surface_share(steepness: f32) -> f32 {
+    let g = steepness.min(1e9);
+    g * g / (g * g + 1.0)
+}
+
+/// The bits of the direction of a vector of any length, and if there is a floor of the weight of its surface.
+pub(super) fn packed_normal([x, y, z]: [f32; 3], surface: Option<f32>) -> u32 {
     let sum = x.abs() + y.abs() + z.abs();
     if sum.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
-        return NO_NORMAL;
+        return if surface.is_some() { 0 } else { NO_NORMAL };
     }
     let mut p = [x / sum, y / sum];
     if z < 0.0 {
         p = [(1.0 - p[1].abs()) * sign_or_one(p[0]), (1.0 - p[0].abs()) * sign_or_one(p[1])];
     }
-    // The nearest whole number, from a sum without bits for a fraction: the lowest 16 bits hold it with its sign.
-    let [low, high] = p.map(|c| (c.clamp(-1.0, 1.0) * 32767.0 + 12_582_912.0).to_bits() & 0xffff);
+    // The nearest whole number, from a sum without bits for a fraction: the lowest bits hold it with its sign.
+    let steps = |largest: f32| p.map(|c| (c.clamp(-1.0, 1.0) * largest + 12_582_912.0).to_bits());
+    if let Some(surface) = surface {
+        let [low, high] = steps(COORDINATE_STEPS).map(|bits| bits & 0xfff);
+        return low | high << 12 | nearest(surface.clamp(0.0, 1.0) * WEIGHT_STEPS) << 24;
+    }
+    let [low, high] = steps(32767.0).map(|bits| bits & 0xffff);
     low | high << 16
 }
 
@@ -87,14 +101,41 @@ pub(super) fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> 
     (colors, densities)
 }
 
-/// Unit vectors across surfaces in view coordinates, facing the eye, given the words of normals; 0 for "no direction".
-fn facing_normals(lighting: &Lighting, words: &[u32; LANES], to_eye: &Vectors) -> Vectors {
+/// What the words of normals say.
+pub(super) struct Normals {
+    /// Octahedral coordinates.
+    places: [Lanes; 2],
+    /// The weights of surfaces; 0 for "no direction".
+    weights: Lanes,
+}
+
+/// What words of normals say: with a floor under gradients, they have weights.
+pub(super) fn normals(words: &[u32; LANES], floored: bool) -> Normals {
+    let (mut px, mut py, mut weights) = (Lanes::default(), Lanes::default(), Lanes::default());
+    if floored {
+        for i in 0..LANES {
+            let place = |bits: u32| (bits as i32 >> 20) as f32 / COORDINATE_STEPS;
+            px[i] = place(words[i] << 20);
+            py[i] = place(words[i] << 8);
+            weights[i] = (words[i] >> 24) as i32 as f32 / WEIGHT_STEPS;
+        }
+    } else {
+        for i in 0..LANES {
+            let half = |bits: u32| (((bits << 16) as i32 >> 16) as f32 / 32767.0).max(-1.0);
+            px[i] = half(words[i]);
+            py[i] = half(words[i] >> 16);
+            weights[i] = if words[i] == NO_NORMAL { 0.0 } else { 1.0 };
+        }
+    }
+    Normals { places: [px, py], weights }
+}
+
+/// Unit vectors across surfaces in view coordinates, facing the eye; 0 for "no direction".
+fn facing(lighting: &Lighting, Normals { places, weights }: &Normals, to_eye: &Vectors) -> Vectors {
     let mut normals = Vectors::default();
     let Lighting { right, up, forward, .. } = lighting;
     for i in 0..LANES {
-        let bits = words[i];
-        let half = |bits: u32| (((bits << 16) as i32 >> 16) as f32 / 32767.0).max(-1.0);
-        let (px, py) = (half(bits), half(bits >> 16));
+        let (px, py) = (places[0][i], places[1][i]);
         let z = 1.0 - px.abs() - py.abs();
         let x = if z >= 0.0 { px } else { (1.0 - py.abs()) * sign_or_one(px) };
         let y = if z >= 0.0 { py } else { (1.0 - px.abs()) * sign_or_one(py) };
@@ -103,7 +144,7 @@ fn facing_normals(lighting: &Lighting, words: &[u32; LANES], to_eye: &Vectors) -
         let towards = a * to_eye[0][i] + b * to_eye[1][i] + c * to_eye[2][i];
         let length = (a * a + b * b + c * c).sqrt();
         let facing = if towards < 0.0 { -1.0 } else { 1.0 };
-        let factor = if bits == NO_NORMAL || length <= 0.0 { 0.0 } else { facing / length };
+        let factor = if weights[i] == 0.0 || length <= 0.0 { 0.0 } else { facing / length };
         normals[0][i] = a * factor;
         normals[1][i] = b * factor;
         normals[2][i] = c * factor;
@@ -183,7 +224,7 @@ pub(super) fn kept(low: &[u32; LANES], high: &[u32; LANES]) -> [Lanes; 4] {
     kept
 }
 
-/// Lights splats of these colours, given the words of their normals and unit vectors to the eye in view coordinates:
+/// Lights splats of these colours, given their normals and unit vectors to the eye in view coordinates:
 /// `lit_splat` in shaders/common/lit_splat.wgsl.
 ///
 /// `kept` are the shares of light that arrive, of the lights that cast shadows and of what is around; `None`: all.
@@ -192,12 +233,13 @@ pub(super) fn light(
     lighting: &Lighting,
     lights: u32,
     colors: &mut Vectors,
-    words: &[u32; LANES],
+    normals: &Normals,
     kept: Option<&[Lanes; 4]>,
     places: Option<&Vectors>,
     to_eye: &Vectors,
 ) {
-    let normals = facing_normals(lighting, words, to_eye);
+    let weights = &normals.weights;
+    let normals = facing(lighting, normals, to_eye);
     let (mut diffuse, mut specular) = (Vectors::default(), Vectors::default());
     for (number, (&[x, y, z, w], intensity)) in
         lighting.lights[..lights as usize].iter().zip(&lighting.colors).enumerate()
@@ -252,8 +294,7 @@ pub(super) fn light(
         for i in 0..LANES {
             let lit = color[i] * (ambient[i] + lighting.diffuse * diffuse[i]) + lighting.specular * specular[i];
             // Without a normal there is no surface.
-            let surface = normals[0][i].abs() + normals[1][i].abs() + normals[2][i].abs() > 0.0;
-            color[i] = if surface { lit.clamp(0.0, 1.0) } else { color[i] * shown[i] };
+            color[i] = weights[i] * lit.clamp(0.0, 1.0) + (1.0 - weights[i]) * shown[i] * color[i];
         }
     }
 }

@@ -68,7 +68,9 @@ fn classify_on_the_host_matches_the_device() {
             let volume = Volume::new(grid, samples.clone()).unwrap().with_rescale(slope, 0.5).unwrap();
             let point = |magnitude, opacity| GradientPoint { magnitude, opacity };
             let thinning = if thins { vec![point(1.013, 0.0), point(4.0, 0.7), point(20.0, 1.0)] } else { Vec::new() };
+            let floored = lit && thins;
             let transfer = steps().with_gradient_opacity(thinning).unwrap();
+            let transfer = transfer.with_gradient_floor(if floored { 8.0 } else { 0.0 }).unwrap();
             let progress = Progress::default();
             let device = Classifier::new(&context);
             let device = device.run(&context, &Scan::new(&context), &volume, &transfer, lit, &progress).unwrap();
@@ -91,9 +93,14 @@ fn classify_on_the_host_matches_the_device() {
                     assert!((0..3).all(|c| (h.color[c] - d.color[c]).abs() < 1.3e-4), "{what}: {host:?} {device:?}");
                     // A step of 15 bits: logarithms of drivers err by some units of the last of 24.
                     assert!((h.density - d.density).abs() <= 3.1e-5 * d.density, "{what}: {host:?} {device:?}");
-                    // A step of 16 bits.
-                    let apart = |shift: u32| ((host.normal >> shift) as i16).abs_diff((device.normal >> shift) as i16);
-                    assert!(apart(0) <= 1 && apart(16) <= 1, "{what}: {host:?} {device:?}");
+                    // A step of 16 bits, or of 12, and one of the weight.
+                    let apart = |bits: u32, shift: u32| {
+                        let part = |normal: u32| (normal << (32 - bits - shift)) as i32 >> (32 - bits);
+                        part(host.normal).abs_diff(part(device.normal))
+                    };
+                    let parts = if floored { &[(12, 0), (12, 12), (8, 24)][..] } else { &[(16, 0), (16, 16)] };
+                    let near = parts.iter().all(|&(bits, shift)| apart(bits, shift) <= 1);
+                    assert!(near, "{what}: {host:?} {device:?}");
                 }
             }
         }
@@ -305,6 +312,7 @@ fn weights(volume: &Volume, transfer: &TransferFunction) -> Weights {
         max: TransferFunction::extinction(transfer.max_opacity(), 1.0),
         unit: transfer.unit_or(volume.grid().min_spacing()) / volume.grid().unit(),
         brightest: transfer.brightest(),
+        floored: false,
     }
 }
 
@@ -328,8 +336,8 @@ fn sort_matches_its_twin() {
             let settings = with_quads(&settings, |q| (q.sheet_thickness, q.sheets) = (thickness, sheets_kind));
             let camera = Camera { size, ..*camera };
             let view = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default());
-            let plan =
-                Plan::new(&view, &settings, Weights { max: 1.0, unit: 1.0, brightest: [1.0; 3] }, Precision::F32);
+            let weights = Weights { max: 1.0, unit: 1.0, brightest: [1.0; 3], floored: false };
+            let plan = Plan::new(&view, &settings, weights, Precision::F32);
             let key = SortKey {
                 axis: plan.is_axis_aligned(),
                 grown: view.max_growth() > 1.0,

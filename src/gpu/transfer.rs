@@ -95,6 +95,8 @@ pub(crate) struct TransferTable {
     /// Whether extinction depends on gradients, and the place of a gradient's length among its bins: length times this.
     pub(crate) thins: bool,
     pub(crate) gradient_lookup: f32,
+    /// One over the floor under gradients; 0: there is none.
+    pub(crate) inverse_floor: f32,
 }
 
 impl TransferTable {
@@ -140,6 +142,7 @@ impl TransferTable {
             crowded,
             thins: !transfer.gradient_opacity().is_empty(),
             gradient_lookup: gradient_lookup.min(f64::from(f32::MAX)) as f32,
+            inverse_floor: transfer.inverse_floor(steepness * reduction.factor),
         }
     }
 }

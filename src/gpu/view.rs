@@ -21,6 +21,8 @@ pub(crate) struct Weights {
     pub(crate) unit: f64,
     /// The largest of each channel of the splats' colours; 1 for scalars.
     pub(crate) brightest: [f64; 3],
+    /// Whether normals of classified voxels have weights: there is a floor under gradients.
+    pub(crate) floored: bool,
 }
 
 /// How far splats of scalars must reach, for post-shading.
@@ -351,7 +353,9 @@ impl ViewGeometry {
             colors,
             from_lattice: layout::affine(&self.map_of_lattice()),
             shininess: lighting.shininess as f32,
-            _pad: [0; 3],
+            // Painters know it that light what has been reconstructed.
+            inverse_floor: 0.0,
+            _pad: [0; 2],
         }
     }
 }

@@ -85,7 +85,9 @@ impl Light {
 ///
 /// (Blinn 1977, "Models of light reflection for computer synthesized pictures"). L is the share of the light that
 /// reaches the point and A that of the light from all around ([`Visibility`]): 1 without shadows and without occlusion.
-/// If the gradient is 0 there is no surface, and the colour is c (ambient A + (1 - ambient) mean of L).
+/// If the gradient is 0 there is no surface, and the colour is c (ambient A + (1 - ambient) mean of L). If the transfer
+/// function has a [floor](crate::transfer::TransferFunction::with_gradient_floor) under which a gradient is noise, both
+/// are mixed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lighting {
     /// Share of the colour that shows without any light, 0 to 1.
@@ -322,6 +324,33 @@ impl Lighting {
         lighting
     }
 
+    /// The colour that a point without a surface shows.
+    fn shade_without_surface(&self, color: [f64; 3], visibility: &Visibility) -> [f64; 3] {
+        let lights = self.lights.iter().zip(visibility.lights);
+        let kept = 1.0 - lights.map(|(_, kept)| 1.0 - kept).sum::<f64>() / self.lights.len() as f64;
+        let shown = 1.0 - self.ambient * (1.0 - visibility.ambient) - (1.0 - self.ambient) * (1.0 - kept);
+        color.map(|c| c * shown)
+    }
+
+    /// The colour that a lit point shows whose surface has a weight, 0 to 1: that of [`Self::shade`] with this weight,
+    /// and with the rest the colour of a point without a surface.
+    pub(crate) fn shade_in_part(
+        &self,
+        weight: f64,
+        color: [f64; 3],
+        gradient: DVec3,
+        place: DVec3,
+        to_eye: DVec3,
+        visibility: &Visibility,
+    ) -> [f64; 3] {
+        let shaded = self.shade(color, gradient, place, to_eye, visibility);
+        if weight >= 1.0 {
+            return shaded;
+        }
+        let plain = self.shade_without_surface(color, visibility);
+        std::array::from_fn(|c| weight * shaded[c] + (1.0 - weight) * plain[c])
+    }
+
     /// The colour that a lit point shows. `color` is its own colour, `gradient` the gradient of the field in world
     /// coordinates, of any length, `place` the point in the world, `to_eye` the unit world direction to the eye, and
     /// `visibility` what of the light arrives.
@@ -338,9 +367,7 @@ impl Lighting {
         let ambient = self.ambient * visibility.ambient;
         let lights = self.lights.iter().zip(visibility.lights);
         if length <= 0.0 {
-            let kept = 1.0 - lights.map(|(_, kept)| 1.0 - kept).sum::<f64>() / self.lights.len() as f64;
-            let shown = 1.0 - self.ambient * (1.0 - visibility.ambient) - (1.0 - self.ambient) * (1.0 - kept);
-            return color.map(|c| c * shown);
+            return self.shade_without_surface(color, visibility);
         }
         let normal = gradient / if gradient.dot(to_eye) < 0.0 { -length } else { length };
         let (mut diffuse, mut specular) = ([0.0; 3], [0.0; 3]);

@@ -12,6 +12,6 @@ mod quality;
 mod signal;
 
 pub(crate) use prefilter::Prefilter;
-pub(crate) use quality::noise;
 pub use quality::{Errors, Method, Quality, measure};
+pub(crate) use quality::{noise, noise_of_gradients};
 pub use signal::Signal;

@@ -225,6 +225,18 @@ impl Reconstruction {
 
     /// The noise of the field over that of the samples.
     fn noise(&self) -> f64 {
+        self.spectrum(|_| 1.0)
+    }
+
+    /// The noise that is left of central differences of the samples along an axis when they are reconstructed, over
+    /// that of the differences.
+    fn noise_of_slopes(&self) -> f64 {
+        // The mean of the weights is 1.
+        self.spectrum(|[x, ..]| 2.0 * x.sin().powi(2))
+    }
+
+    /// The root mean square of the field of white noise over that of the noise, its power weighted by frequency.
+    fn spectrum(&self, weight: impl Fn([f64; 3]) -> f64 + Sync) -> f64 {
         /// Frequencies along an axis, and places between samples.
         const FREQUENCIES: u32 = 8;
         const PLACES: u32 = 4;
@@ -235,7 +247,7 @@ impl Reconstruction {
                 let frequency = [index % FREQUENCIES, index / FREQUENCIES % FREQUENCIES, index / FREQUENCIES.pow(2)];
                 let frequency = frequency.map(w);
                 let power = self.waves(frequency, PLACES).iter().map(|[a, b]| a * a + b * b).sum::<f64>();
-                self.gain(frequency).powi(2) * power / f64::from(PLACES.pow(3))
+                weight(frequency) * self.gain(frequency).powi(2) * power / f64::from(PLACES.pow(3))
             })
             .sum();
         (sum / f64::from(FREQUENCIES.pow(3))).sqrt()
@@ -244,9 +256,18 @@ impl Reconstruction {
 
 /// The noise of a field that is reconstructed by some settings over that of its samples, which is white.
 pub(crate) fn noise(settings: &Settings) -> Result<f64> {
+    Ok(reconstruction(settings)?.noise())
+}
+
+/// The noise of the gradients that light is made of by some settings, over that of central differences of the samples,
+/// whose noise is white: pre-shaded they are what light is made of.
+pub(crate) fn noise_of_gradients(settings: &Settings) -> Result<f64> {
+    if settings.is_post_shaded() { Ok(reconstruction(settings)?.noise_of_slopes()) } else { Ok(1.0) }
+}
+
+fn reconstruction(settings: &Settings) -> Result<Reconstruction> {
     let shading = if settings.is_post_shaded() { Shading::Post } else { Shading::Pre };
-    let method = Method::Splats { kernel: settings.kernel, sharpness: settings.sharpness, shading };
-    Ok(Reconstruction::new(method)?.noise())
+    Reconstruction::new(Method::Splats { kernel: settings.kernel, sharpness: settings.sharpness, shading })
 }
 
 /// Filters `n` samples, `stride` apart, for the cubic B-spline: a recursion each way, samples mirrored at the ends
@@ -390,6 +411,18 @@ mod tests {
             let measured = Errors::of(&field).rms * 12.0_f64.sqrt();
             let stated = reconstruction.noise();
             assert!((measured / stated - 1.0).abs() < 0.05, "{method}: {measured} {stated}");
+            // Central differences of a field are those of its samples, reconstructed.
+            let slopes: Vec<f64> = (0..20_000)
+                .map(|index| {
+                    let at = DVec3::from_array(spread(index)) * 15.0 + 4.0;
+                    let [low, high] =
+                        [-1.0, 1.0].map(|x| reconstruction.field(&coefficients, i64::from(size), at + DVec3::X * x));
+                    (high - low) / 2.0
+                })
+                .collect();
+            let measured = Errors::of(&slopes).rms * 24.0_f64.sqrt();
+            let stated = reconstruction.noise_of_slopes();
+            assert!((measured / stated - 1.0).abs() < 0.05, "{method}: slopes {measured} {stated}");
         }
     }
 

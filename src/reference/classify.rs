@@ -290,12 +290,12 @@ impl Splats {
             let [x, y, z] = if self.has_gradients() { self.central_differences(point) } else { [0.0; 3] };
             return [value - self.base, x, y, z];
         }
-        let (mut color, tau, normal) = match &self.media {
+        let (mut color, tau, normal, weight) = match &self.media {
             Some(media) => media.voxel(point, self.lighting.is_some()),
             None => {
                 let (color, opacity) = self.transfer.sample(self.value(self.index(point)));
                 let normal = self.lighting.as_ref().map_or(DVec3::ZERO, |_| self.gradient(point));
-                (color, self.extinction(opacity, point), normal)
+                (color, self.extinction(opacity, point), normal, self.transfer.surface_share(normal.length()))
             }
         };
         if tau <= 0.0 {
@@ -306,7 +306,7 @@ impl Splats {
         }
         if let Some(lighting) = &self.lighting {
             let place = self.grid.to_world().transform_point3(DVec3::from_array(point.map(|p| p as f64)));
-            color = lighting.shade(color, normal, place, viewer.from(place), visibility);
+            color = lighting.shade_in_part(weight, color, normal, place, viewer.from(place), visibility);
         }
         let [red, green, blue] = color.map(|c| c * tau);
         [tau, red, green, blue]

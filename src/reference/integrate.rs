@@ -404,7 +404,8 @@ impl Classifier {
         }
         if let Some(lighting) = &self.lighting {
             let place = self.grid.transform_point3(place);
-            color = lighting.shade(color, gradient, place, to_eye, &visibility());
+            let weight = self.transfer.surface_share(gradient.length());
+            color = lighting.shade_in_part(weight, color, gradient, place, to_eye, &visibility());
         }
         [tau, tau * color[0], tau * color[1], tau * color[2]]
     }

@@ -162,8 +162,8 @@ impl Media {
         self.media.iter().map(|medium| self.absorbed(medium, point).1).sum()
     }
 
-    /// Colour, extinction, and a normal of any length, of a voxel.
-    pub(super) fn voxel(&self, point: [usize; 3], lit: bool) -> ([f64; 3], f64, DVec3) {
+    /// Colour, extinction, a normal of any length, and the weight of the surface, of a voxel.
+    pub(super) fn voxel(&self, point: [usize; 3], lit: bool) -> ([f64; 3], f64, DVec3, f64) {
         let point = point.map(|p| p as i64);
         let (mut emission, mut tau, mut most) = ([0.0; 3], 0.0, (0.0, None));
         for medium in &self.media {
@@ -174,13 +174,19 @@ impl Media {
                 most = (absorbed, Some(medium));
             }
         }
-        let normal = most.1.filter(|_| lit).map_or(DVec3::ZERO, |medium| self.normal(medium, point));
-        (emission.map(|channel| if tau > 0.0 { channel / tau } else { 0.0 }), tau, normal)
+        let normal = |medium| self.normal(medium, point);
+        let (normal, weight) = most.1.filter(|_| lit).map_or((DVec3::ZERO, 0.0), normal);
+        (emission.map(|channel| if tau > 0.0 { channel / tau } else { 0.0 }), tau, normal, weight)
     }
 
-    fn normal(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
+    fn normal(&self, medium: &Medium, point: [i64; 3]) -> (DVec3, f64) {
         if !matches!(medium.look, Looks::Labels(_)) && medium.mask.is_none() {
-            return self.gradient_of_values(medium, point);
+            let gradient = self.gradient_of_values(medium, point);
+            let weight = match &medium.look {
+                Looks::Transfer(transfer) => transfer.surface_share(gradient.length()),
+                _ => 1.0,
+            };
+            return (gradient, weight);
         }
         let weight = |d: i64| (-((d * d) as f64) / SPREAD).exp();
         let (mut slope, mut moment) = (DVec3::ZERO, 0.0);
@@ -193,6 +199,6 @@ impl Media {
             slope += weight * tau * DVec3::from_array([x, y, z].map(|d| d as f64));
         }
         let slope = slope / moment;
-        if slope.abs().max_element() > FLAT * medium.most { self.to_world * slope } else { DVec3::ZERO }
+        (if slope.abs().max_element() > FLAT * medium.most { self.to_world * slope } else { DVec3::ZERO }, 1.0)
     }
 }

@@ -3,7 +3,8 @@
 //! ```json
 //! {"unit_distance": 1.0, "points": [{"value": 0, "color": "#rrggbb", "opacity": 0.0},
 //!                                   {"value": 1, "color": [1.0, 0.9, 0.8], "opacity": 0.4}],
-//!  "gradient_opacity": [{"magnitude": 0, "opacity": 0.0}, {"magnitude": 20, "opacity": 1.0}]}
+//!  "gradient_opacity": [{"magnitude": 0, "opacity": 0.0}, {"magnitude": 20, "opacity": 1.0}],
+//!  "gradient_floor": 3.0}
 //! ```
 
 use std::fmt;
@@ -22,7 +23,10 @@ const MAX_BYTES: u64 = 4 << 20;
 
 /// The file. Points stay text until each is parsed by itself, so an error can name the point and its line.
 #[derive(serde::Deserialize)]
-#[serde(deny_unknown_fields, expecting = "an object with the keys `points`, `unit_distance` and `gradient_opacity`")]
+#[serde(
+    deny_unknown_fields,
+    expecting = "an object with the keys `points`, `unit_distance`, `gradient_opacity` and `gradient_floor`"
+)]
 struct Document<'a> {
     #[serde(default)]
     unit_distance: Option<f64>,
@@ -30,6 +34,8 @@ struct Document<'a> {
     points: Vec<&'a RawValue>,
     #[serde(default)]
     gradient_opacity: Vec<Steepness>,
+    #[serde(default)]
+    gradient_floor: f64,
 }
 
 #[derive(serde::Deserialize)]
@@ -113,7 +119,8 @@ impl TransferFunction {
         }
         let steepness = |Steepness { magnitude, opacity }| GradientPoint { magnitude, opacity };
         let gradient = document.gradient_opacity.into_iter().map(steepness).collect();
-        Self::new(points, document.unit_distance)?.with_gradient_opacity(gradient)
+        let transfer = Self::new(points, document.unit_distance)?.with_gradient_opacity(gradient)?;
+        transfer.with_gradient_floor(document.gradient_floor)
     }
 
     /// Reads a transfer function from a JSON file.
@@ -152,7 +159,11 @@ impl TransferFunction {
             [] => String::new(),
             points => format!(",\n  \"gradient_opacity\": [\n{}\n  ]", points.join(",\n")),
         };
-        format!("{{\n{unit}  \"points\": [\n{}\n  ]{gradient}\n}}\n", points.join(",\n"))
+        let floor = match self.floor {
+            floor if floor > 0.0 => format!(",\n  \"gradient_floor\": {}", number(floor)),
+            _ => String::new(),
+        };
+        format!("{{\n{unit}  \"points\": [\n{}\n  ]{gradient}{floor}\n}}\n", points.join(",\n"))
     }
 }
 

@@ -5,6 +5,7 @@ mod gradient;
 mod import;
 mod json;
 pub mod maps;
+mod noise;
 pub mod presets;
 mod window;
 
@@ -51,6 +52,7 @@ pub struct TransferFunction {
     points: Vec<ControlPoint>,
     unit_distance: Option<f64>,
     gradient: Vec<GradientPoint>,
+    floor: f64,
 }
 
 impl TransferFunction {
@@ -91,7 +93,7 @@ impl TransferFunction {
                 .map_err(|reason| Error::Transfer(format!("point {}: {reason}", i + 1)))?;
         }
         unit_distance.map_or(Ok(()), Self::check_unit)?;
-        Ok(Self { points, unit_distance, gradient: Vec::new() })
+        Ok(Self { points, unit_distance, gradient: Vec::new(), floor: 0.0 })
     }
 
     fn check_unit(unit: f64) -> Result<()> {

@@ -37,7 +37,7 @@ impl Window {
 
 impl TransferFunction {
     /// The same colours and opacities with the first point at the lower end of a window and the last at its upper end.
-    /// Gradient opacity keeps to its surfaces: its magnitudes grow as the range does.
+    /// Gradient opacity keeps to its surfaces: its magnitudes and the floor under gradients grow as the range does.
     ///
     /// ```
     /// use voxsplat::transfer::{TransferFunction, Window, maps};
@@ -63,11 +63,12 @@ impl TransferFunction {
         Self { points: self.points.iter().map(point).collect(), ..self.clone() }.with_steeper_gradients(grown)
     }
 
-    /// The same with the opacities of gradient opacity at magnitudes so many times as large.
+    /// The same with the opacities of gradient opacity at magnitudes so many times as large, and such a floor.
     pub(super) fn with_steeper_gradients(self, times: f64) -> Result<Self> {
         let steeper = |p: &GradientPoint| GradientPoint { magnitude: p.magnitude * times, ..*p };
         let gradient = self.gradient.iter().map(steeper).collect();
-        self.with_gradient_opacity(gradient)
+        let floor = self.floor * times;
+        self.with_gradient_opacity(gradient)?.with_gradient_floor(floor)
     }
 
     /// The same function with the opacities of slabs `unit_distance` thick, in world units.

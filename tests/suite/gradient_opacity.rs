@@ -1,12 +1,18 @@
-//! Gradient opacity: pictures against the f64 truth, closed forms, and what users meet.
+//! Gradient opacity and the floor under gradients: pictures against the f64 truth, closed forms, and what users meet.
 
+use glam::DVec3;
+use voxsplat::clip::{Clip, Plane};
 use voxsplat::kernel::Kernel;
+use voxsplat::layers::{Layer, Layers};
+use voxsplat::lighting::Lighting;
+use voxsplat::reference::Reference;
 use voxsplat::settings::{Level, Model, Settings, Shading};
 use voxsplat::transfer::{GradientPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    PROJECTIONS, camera, demo, errors, exact_quads, full, headlight, picture, render, rms_covered, transfer,
+    PROJECTIONS, RENDERER, camera, demo, errors, exact_quads, full, headlight, picture, render, rms_covered, transfer,
+    two_lights,
 };
 use crate::truth::truth;
 
@@ -100,4 +106,121 @@ fn a_maximum_stays_as_it_is() {
         errors(&render(&volume, &thin, &camera, &settings), &render(&volume, &plain, &camera, &settings)).0,
         0.0
     );
+}
+
+/// The errors are those without a floor, and what weights of 8 bits and directions of 24 make.
+#[test]
+fn both_painters_light_surfaces_over_the_floor_of_the_reference() {
+    let (volume, plain) = demo("marschner-lobb", 24);
+    let floored = plain.clone().with_gradient_floor(0.15).unwrap();
+    for shading in [Shading::Pre, Shading::Post] {
+        for (number, projection) in PROJECTIONS.into_iter().enumerate() {
+            let camera = camera(30.0, projection, &volume, 40);
+            let shadows = if number == 0 { 0.8 } else { 0.0 };
+            let lighting = two_lights().map(|lighting| Lighting { shadows, ..lighting });
+            for settings in [exact_quads(), full()] {
+                let settings = Settings { shading, lighting: lighting.clone(), ..settings };
+                let image = |transfer| render(&volume, transfer, &camera, &settings);
+                let error = |transfer| rms_covered(&image(transfer), &truth(&volume, transfer, &camera, &settings));
+                let ((with, without), effect) =
+                    ((error(&floored), error(&plain)), rms_covered(&image(&floored), &image(&plain)));
+                let painter = &settings.painter;
+                let what = format!("{shading:?} {projection:?} {painter:?}: {with:e}, without {without:e}, {effect:e}");
+                println!("{what}");
+                assert!(with < 1.1 * without + 2e-4 && effect > 0.02, "{what}");
+            }
+        }
+    }
+}
+
+/// Cells have the mean weight of the surfaces of their voxels.
+#[test]
+fn cells_are_lit_over_the_floor_as_their_voxels_are() {
+    let (volume, plain) = demo("marschner-lobb", 64);
+    let floored = plain.clone().with_gradient_floor(0.05).unwrap();
+    let camera = camera(30.0, PROJECTIONS[0], &volume, 40);
+    for shading in [Shading::Pre, Shading::Post] {
+        let at = |level| Settings { shading, lighting: two_lights(), level: Level::At(level), ..Settings::default() };
+        let image = |transfer, level| render(&volume, transfer, &camera, &at(level));
+        let error = |transfer| rms_covered(&image(transfer, 1), &image(transfer, 0));
+        let ([with, without], effect) =
+            ([&floored, &plain].map(error), rms_covered(&image(&floored, 0), &image(&plain, 0)));
+        println!("{shading:?}: {with:e}, without {without:e}, effect {effect:e}");
+        assert!(with < 1.2 * without + 2e-3 && effect > 0.02, "{shading:?}: {with:e}, {without:e}, {effect:e}");
+    }
+}
+
+/// Layers with a floor are lit as the reference lights them, and so are those beside them without one.
+#[test]
+fn layers_have_floors_of_their_own() {
+    let (volume, plain) = demo("marschner-lobb", 20);
+    let floored = plain.clone().with_gradient_floor(0.15).unwrap();
+    let (other, transfer) = demo("vessels", 20);
+    let other = other.with_grid(*volume.grid()).unwrap();
+    let camera = camera(30.0, PROJECTIONS[0], &volume, 32);
+    let of = |first: &TransferFunction| {
+        Layers::new(Layer::scalars(&volume, first)).with(Layer::scalars(&other, &transfer)).unwrap()
+    };
+    for settings in [exact_quads(), full()] {
+        let settings = Settings { lighting: two_lights(), ..settings };
+        let error = |layers: &Layers| {
+            let expected =
+                Reference::of_layers(layers, &settings).unwrap().with_tolerance(1e-4).render(&camera).unwrap();
+            let scene = RENDERER.prepare_layers(layers, &settings).unwrap();
+            rms_covered(&RENDERER.render(&scene, &camera, &settings).unwrap().image, &expected)
+        };
+        let [with, without] = [&floored, &plain].map(|first| error(&of(first)));
+        assert!(with < 1.1 * without + 2e-4, "{with:e}, without {without:e}");
+    }
+}
+
+/// A ball of 100 with noise: its inside does not sparkle, and its surface is lit as before.
+#[test]
+fn a_floor_over_the_noise_takes_the_sparkle_and_leaves_the_surface() {
+    const N: u32 = 40;
+    let mut state = 7_u32;
+    let mut noise = move || {
+        let sum: u32 = (0..4)
+            .map(|_| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                state >> 16
+            })
+            .sum();
+        // Nearly normal, of a standard deviation of 1.
+        (f64::from(sum) / 65_536.0 - 2.0) * 3_f64.sqrt()
+    };
+    let ball = |i: u32| {
+        let r = [i % N, i / N % N, i / N / N].map(|c| (f64::from(c) - 19.5).powi(2)).iter().sum::<f64>().sqrt();
+        100.0 / (1.0 + (r - 15.0).exp())
+    };
+    let clean: Vec<f32> = (0..N * N * N).map(|i| ball(i) as f32).collect();
+    let noisy: Vec<f32> = clean.iter().map(|v| v + (4.0 * noise()) as f32).collect();
+    let [clean, noisy] = [clean, noisy].map(|samples| Volume::from_slice([N; 3], [1.0; 3], &samples).unwrap());
+    // Cut open: the face is flat matter.
+    let clip = Clip::new(vec![Plane::through(noisy.grid().center(), DVec3::Y).unwrap()]).unwrap();
+    let skin = transfer(&[(30.0, [0.9, 0.7, 0.6], 0.0), (60.0, [0.9, 0.7, 0.6], 0.4)], None);
+    let camera = camera(0.0, PROJECTIONS[0], &noisy, 80);
+    for shading in [Shading::Pre, Shading::Post] {
+        let lighting = Some(Lighting::studio(camera.forward, camera.up));
+        let settings = Settings { shading, lighting, ..full() };
+        let floor = skin.floor_over_noise(&noisy, &settings).unwrap().unwrap();
+        let floored = skin.clone().with_gradient_floor(floor).unwrap();
+        let cut = Settings { clip: clip.clone(), ..settings.clone() };
+        let sparkle = |transfer| {
+            let image = render(&noisy, transfer, &camera, &cut);
+            let inside = |i: usize| [i % 80, i / 80].iter().all(|c| (30..50).contains(c));
+            let values = || image.pixels().iter().enumerate().filter(|(i, _)| inside(*i)).map(|(_, p)| f64::from(p[1]));
+            let mean = values().sum::<f64>() / values().count() as f64;
+            (values().map(|v| (v - mean).powi(2)).sum::<f64>() / values().count() as f64).sqrt()
+        };
+        let ([with, without], shown) = (
+            [&floored, &skin].map(sparkle),
+            rms_covered(&render(&noisy, &floored, &camera, &settings), &render(&clean, &skin, &camera, &settings)),
+        );
+        let unlit = Settings { lighting: None, ..settings.clone() };
+        let light = rms_covered(&render(&clean, &skin, &camera, &unlit), &render(&clean, &skin, &camera, &settings));
+        let what = format!("{shading:?} {floor}: sparkle {with:e} of {without:e}, whole {shown:e}, light {light:e}");
+        println!("{what}");
+        assert!(with < 0.4 * without && shown < light / 3.0, "{what}");
+    }
 }

@@ -72,6 +72,8 @@ pub(crate) struct QuadsKey {
     /// See [`TransferTable`].
     pub(crate) crowded: bool,
     pub(crate) thins: bool,
+    /// There is a floor under the gradients of what is lit.
+    pub(crate) floored: bool,
     /// Light is kept from scalars.
     pub(crate) post_shadows: bool,
     /// Planes that cut rays.

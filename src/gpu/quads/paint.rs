@@ -82,6 +82,7 @@ impl<'a> Picture<'a> {
             samples: if feed.is_scalar() { settings.samples_per_slab(knobs.sheet_thickness, PIECES) } else { 1 },
             crowded: job.post.is_some_and(|post| post.table.crowded),
             thins: job.post.is_some_and(|post| post.table.thins),
+            floored: job.is_floored(),
             clip_planes: view.clip.len() as u32,
             terminates: view.terminates(),
             precision,
@@ -131,10 +132,10 @@ impl Painting for Picture<'_> {
     /// The whole region: a splat is hidden if all that it covers is opaque, within the part or not.
     fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, _part: Region) -> Result<wgpu::Buffer> {
         let (sorter, quads) = self.pipelines()?;
-        let Job { context, pipelines, view, settings, stores, .. } = self.job;
+        let Job { context, pipelines, stores, .. } = self.job;
         let inputs = Inputs {
             footprint: self.footprint.get_or_insert_with(|| footprint_texture(context, &self.table)),
-            lighting: view.lighting(settings.lighting.as_ref()),
+            lighting: self.job.lighting(),
             post: self.job.post,
         };
         let plan = &self.plan;

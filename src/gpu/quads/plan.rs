@@ -400,7 +400,7 @@ mod tests {
         let grid = Grid::new([17, 24, 9], to_world).unwrap();
         let settings = Settings::default();
         let view = ViewGeometry::new(&camera(projection, &grid), &grid, &settings, Savings::default());
-        let weights = Weights { max: 2.0, unit: 0.9, brightest: [1.0; 3] };
+        let weights = Weights { max: 2.0, unit: 0.9, brightest: [1.0; 3], floored: false };
         Plan::new(&view, &settings, weights, Precision::F32).frame(REGION)
     }
 

@@ -62,7 +62,9 @@ impl ShadeStage {
         let shadows = ("SHADOWS", flag(key.post_shadows));
         let lights = [("LIGHTS", f64::from(key.lights)), ("POINT_LIGHTS", flag(key.point_lights))];
         let clip = ("CLIP_PLANES", f64::from(key.clip_planes));
-        let shading = [clip, lights[0], lights[1], ("SAMPLES", f64::from(key.samples)), crowded, thins, shadows];
+        let floored = ("GRADIENT_FLOOR", flag(key.floored));
+        let samples = ("SAMPLES", f64::from(key.samples));
+        let shading = [clip, lights[0], lights[1], samples, crowded, thins, floored, shadows];
         let shading = [&constants[..], &shading].concat();
         let mean = ("MEAN", flag(key.feed == Feed::Mean));
         let coded = ("DEPTH_CODED", flag(key.depth_coded));

@@ -267,6 +267,7 @@ fn pipeline(
         ("LIGHTS", f64::from(key.splat_lights())),
         ("POINT_LIGHTS", flag(key.point_lights)),
         ("SHADOWS", flag(key.shadows)),
+        ("GRADIENT_FLOOR", flag(key.floored && key.splat_lights() > 0)),
         ("GRADIENTS", flag(key.feed == Feed::LitScalars)),
     ];
     let fragment = [("TEXELS", f64::from(key.footprint_terms / 4)), ("ROWS", f64::from(key.footprint_rows))];

@@ -139,6 +139,7 @@ impl Stage {
         let (grown, reach) = (("GROWN", flag(key.grown)), ("REACH", f64::from(key.reach)));
         let crowded = ("CROWDED", flag(key.crowded));
         let thins = ("GRADIENT_OPACITY", flag(key.thins));
+        let floored = ("GRADIENT_FLOOR", flag(key.floored));
         Self::new(
             context,
             shader,
@@ -158,6 +159,7 @@ impl Stage {
                 points,
                 crowded,
                 thins,
+                floored,
                 shadows,
                 grown,
                 reach,

@@ -107,6 +107,8 @@ pub(crate) struct TilesKey {
     /// See [`TransferTable`](super::transfer::TransferTable).
     crowded: bool,
     thins: bool,
+    /// There is a floor under the gradients of what is lit.
+    floored: bool,
     /// Light is kept from scalars.
     post_shadows: bool,
 }

@@ -137,7 +137,9 @@ impl<'a> Picture<'a> {
             .ok_or("tiles draws footprints that are polynomials of 8 terms to 5e-5, and this kernel's is none")?;
         let lights = settings.light_count();
         let voxel = match (settings.is_post_shaded(), lights) {
-            (false, lights) => Voxel::Color { lights, shadows: settings.casting().is_some() },
+            (false, lights) => {
+                Voxel::Color { lights, shadows: settings.casting().is_some(), floored: job.is_floored() }
+            }
             (true, 0) => Voxel::Scalar,
             (true, _) => Voxel::Gradient,
         };
@@ -167,7 +169,7 @@ impl<'a> Picture<'a> {
             Way { axis, packing, sections }
         });
         let ways = ways.collect();
-        let lighting = view.lighting(settings.lighting.as_ref());
+        let lighting = job.lighting();
         let picture =
             Self { job, kernel, footprint, kind, lighting, ways, packed: None, rays: 0, spacing: None, marches: 0 };
         if picture.outgrows_textures() {
@@ -192,6 +194,7 @@ impl<'a> Picture<'a> {
             point_lights: settings.has_point_lights(),
             crowded: self.job.post.is_some_and(|post| post.table.crowded),
             thins: self.job.post.is_some_and(|post| post.table.thins),
+            floored: self.job.is_floored(),
             post_shadows: self.job.post.is_some_and(|post| post.shadows),
             perspective: view.is_perspective(),
             grown: most > 1.0,

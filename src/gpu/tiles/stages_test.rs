@@ -262,8 +262,10 @@ fn packed_by(
 fn packing_on_the_host_matches_the_device() {
     let context = context();
     for (axes, voxel, number) in ORDERS.into_iter().flat_map(|axes| {
-        let lit = [1, 4].map(|lights| Voxel::Color { lights, shadows: false });
-        let all = [Voxel::Color { lights: 0, shadows: false }, Voxel::Scalar, Voxel::Gradient, lit[0], lit[1], lit[1]];
+        let lit = [1, 4].map(|lights| Voxel::Color { lights, shadows: false, floored: false });
+        let floored = Voxel::Color { lights: 4, shadows: false, floored: true };
+        let plain = Voxel::Color { lights: 0, shadows: false, floored: false };
+        let all = [plain, Voxel::Scalar, Voxel::Gradient, lit[0], lit[1], lit[1], floored];
         all.into_iter().enumerate().map(move |(number, voxel)| (axes, voxel, number))
     }) {
         let made = |p: [u32; 3]| match voxel {
@@ -351,7 +353,13 @@ fn words_of(point: [u32; 3]) -> [u32; 3] {
 fn voxels_are_packed_where_rays_look_for_them() {
     let context = context();
     for axes in ORDERS {
-        let packed = packed(&context, store(&context, words_of), axes, Voxel::Color { lights: 0, shadows: false }, 3.0);
+        let packed = packed(
+            &context,
+            store(&context, words_of),
+            axes,
+            Voxel::Color { lights: 0, shadows: false, floored: false },
+            3.0,
+        );
         let volume = read_volume(&context, &packed.volume);
         let shown = points();
         let mut found = 0;
@@ -507,8 +515,13 @@ fn rays_meet_no_voxel_between_runs() {
         let axes = PrincipalAxis::all(&camera, &grid, size);
         for axis in &axes {
             let sections = Sections::new(&kernel, &camera, axis, SlabKind::Colors, 1.0);
-            let packed =
-                packed(&context, store(&context, words_of), axis.axes, Voxel::Color { lights: 0, shadows: false }, 3.0);
+            let packed = packed(
+                &context,
+                store(&context, words_of),
+                axis.axes,
+                Voxel::Color { lights: 0, shadows: false, floored: false },
+                3.0,
+            );
             let setup = RaySetup {
                 camera: &camera,
                 size,

@@ -84,15 +84,15 @@ impl HostStage<'_> {
                 }
                 splat::halves(&gradients, &scalars)
             }),
-            Voxel::Color { lights, shadows } => self.fill(recorder, volume, &bricks, |run| {
+            Voxel::Color { lights, shadows, floored } => self.fill(recorder, volume, &bricks, |run| {
                 let (mut colors, densities) = splat::appearances(&run.column(0), &run.column(1));
                 if lights > 0 {
                     let kept = shadows.then(|| splat::kept(&run.column(3), &run.column(4)));
                     let to_eye = self.to_eye(run);
                     let lighting = self.lit.lighting;
                     let places = self.points.then(|| splat::places(lighting, &run.xs, run.y, run.z));
-                    let words = run.column(2);
-                    splat::light(lighting, lights, &mut colors, &words, kept.as_ref(), places.as_ref(), &to_eye);
+                    let normals = splat::normals(&run.column(2), floored);
+                    splat::light(lighting, lights, &mut colors, &normals, kept.as_ref(), places.as_ref(), &to_eye);
                 }
                 let weights = densities.map(|density| density * scale);
                 for color in &mut colors {

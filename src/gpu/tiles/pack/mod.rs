@@ -23,8 +23,8 @@ use crate::error::Result;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(super) enum Voxel {
     /// Colour and density of classified voxels. The colours are lit already, by this number of lights, some of whose
-    /// light may be kept from them.
-    Color { lights: u32, shadows: bool },
+    /// light may be kept from them, and their surfaces may have weights.
+    Color { lights: u32, shadows: bool, floored: bool },
     /// The scalar.
     #[default]
     Scalar,
@@ -227,12 +227,15 @@ impl Packer {
         ];
         let stage = wgpu::ShaderStages::COMPUTE;
         let pack = layout(context, "pack", stage, &slots);
-        let (lights, shadows) =
-            if let Voxel::Color { lights, shadows } = voxel { (lights, shadows) } else { (0, false) };
+        let (lights, shadows, floored) = match voxel {
+            Voxel::Color { lights, shadows, floored } => (lights, shadows, floored),
+            _ => (0, false, false),
+        };
         let constants = [
             ("LIGHTS", f64::from(lights)),
             ("POINT_LIGHTS", flag(points && lights > 0)),
             ("SHADOWS", flag(shadows)),
+            ("GRADIENT_FLOOR", flag(floored)),
             ("SCALARS", flag(voxel.is_scalar())),
             ("GRADIENTS", flag(voxel == Voxel::Gradient)),
             // The direction to the eye is all that a perspective changes here.
