@@ -74,7 +74,7 @@ pub(super) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
         if let Some(path) = &job.save_transfer {
             fitted.transfer.save(path, session.volume.grid())?;
         }
-        let layers = session.layers(&job, &fitted.transfer, &mut stages)?;
+        let layers = session.layers(&job, &fitted, &mut stages)?;
         let picture = session.picture(&job, &layers, &fitted.transfer, &mut stages)?;
         let image = picture.image();
         stages.time("encode", || job.output.write(image, job.background, &picture.notes))?;
@@ -261,6 +261,8 @@ pub(super) struct Fitted {
     pub(super) transfer: TransferFunction,
     /// The preset that it is.
     pub(super) preset: Option<&'static Preset>,
+    /// Whether there is none, as values are labels.
+    pub(super) labels: bool,
     /// For the user: why it was suggested, if it was.
     pub(super) suggested: Option<String>,
     /// For the user: what was found out.
@@ -269,7 +271,7 @@ pub(super) struct Fitted {
 
 impl Fitted {
     fn new(transfer: TransferFunction) -> Self {
-        Self { transfer, preset: None, suggested: None, notes: Vec::new() }
+        Self { transfer, preset: None, labels: false, suggested: None, notes: Vec::new() }
     }
 
     /// What stands for none, where layers say what shows.
@@ -301,7 +303,7 @@ fn fitted(source: &Path, asked: &Transfer, volume: &Volume, stages: &mut Stages)
     let mut statistics = || stages.time("statistics", || Statistics::of(volume));
     let fitted = match &asked.choice {
         // There is none: layers have the labels.
-        TransferChoice::Labels => return Fitted::clear(),
+        TransferChoice::Labels => return Ok(Fitted { labels: true, ..Fitted::clear()? }),
         TransferChoice::Given(imported) => {
             let window = match asked.window {
                 None if imported.fits => Window::of(&statistics()?),
