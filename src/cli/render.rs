@@ -50,6 +50,7 @@ impl Stages {
 #[derive(Serialize)]
 struct ReferenceStats {
     painter: &'static str,
+    clip: Clip,
     size: [u32; 2],
     voxels: u64,
     stages: Vec<StageTime>,
@@ -93,8 +94,13 @@ pub(super) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
 fn report(job: &RenderJob, layers: &Layers, picture: Picture, stages: Stages) -> Result<(), Failure> {
     let Picture { image, camera, settings, estimate, stats, .. } = picture;
     let Some(mut stats) = stats else {
-        let stats =
-            ReferenceStats { painter: "reference", size: job.size, voxels: layers.grid().len(), stages: stages.0 };
+        let stats = ReferenceStats {
+            painter: "reference",
+            clip: settings.clip,
+            size: job.size,
+            voxels: layers.grid().len(),
+            stages: stages.0,
+        };
         return print_stats(job.stats, &stats, |stats| {
             let times: String = stats
                 .stages

@@ -118,7 +118,8 @@ impl Session {
                 let load = || channels::load(&job.source, &job.load, &job.channels, &job.transfer);
                 let channels::Loaded { volume, layers, labels, note } = stages.time("load", load)?;
                 let volume = with_units(volume, &job.units);
-                let fitted = Fitted { notes: note.into_iter().collect(), ..fitted(job, &volume, &layers, stages)? };
+                let mut fitted = fitted(job, &volume, &layers, stages)?;
+                fitted.notes.extend(note);
                 Ok::<_, Failure>((volume, layers, labels, fitted))
             };
             (read(), device.map(|thread| thread.join()))

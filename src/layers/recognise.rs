@@ -200,11 +200,10 @@ mod tests {
 
     #[test]
     fn scans_and_fields_are_not_taken_for_labels() {
-        // CT as it comes, without noise, and rounded to few values: air, a shell of bone, flesh, an insert.
+        // CT, as it comes and rounded to few values: flesh, a shell of bone, an insert, edges two voxels wide.
         let ct = |p: [f64; 3], noisy: f64| {
-            let edge = |r: f64, at: f64| 1.0 / (1.0 + ((r - at) * 20.0).exp());
-            let r = radius(p);
-            let value = 60.0 * edge(r, 0.9) + 100.0 * (edge(r, 0.8) - edge(r, 0.65)) + 40.0 * edge(r, 0.3);
+            let edge = |at: f64| 1.0 / (1.0 + ((radius(p) - at) * 12.0).exp());
+            let value = 90.0 * edge(0.9) + 150.0 * (edge(0.8) - edge(0.6)) + 60.0 * edge(0.3);
             (value + noisy * noise(p)).clamp(0.0, 255.0)
         };
         for steps in [255.0, 64.0, 32.0, 16.0, 8.0, 6.0, 4.0] {

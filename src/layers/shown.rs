@@ -8,8 +8,8 @@ use crate::clip::{Clip, is_inside};
 use crate::error::Result;
 use crate::volume::{ToF64, Volume, with_samples};
 
-/// Of each look, whether one of its voxels shows: it is not clear, and the middle of the voxel is neither masked nor cut
-/// away.
+/// Of each look, whether one of its voxels shows: it is not clear, and the middle of the voxel is neither masked nor
+/// cut away.
 pub(super) fn labels(volume: &Volume, looks: &[Look], mask: Option<&Mask>, clip: &Clip) -> Result<Vec<bool>> {
     let is_clear = |look: &Look| look.opacity <= 0.0;
     if mask.is_none() && clip.is_empty() {
