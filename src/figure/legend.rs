@@ -34,8 +34,8 @@ struct Columns {
     left_out: usize,
 }
 
-/// How names fit into a width and a height. Columns are filled one after the other. If there is no room for all, the
-/// last line says how many are missing.
+/// How names fit into a width and a height. Columns are filled one after the other, over at most half of the width if
+/// there are several. If there is no room for all, the last line says how many are missing.
 fn arranged(font: &Font, entries: &[LegendEntry], em: f64, [width, height]: [f64; 2]) -> Columns {
     let rows = (height / (LINE * em)).floor().max(0.0) as usize;
     let names: Vec<String> = entries.iter().map(|entry| cut(font, &entry.name, TEXT * em, WIDEST * em)).collect();
@@ -47,7 +47,9 @@ fn arranged(font: &Font, entries: &[LegendEntry], em: f64, [width, height]: [f64
     for names in names.chunks(rows.max(1)) {
         let (names, wide) = of(names);
         let gap = if columns.is_empty() { 0.0 } else { GAP * em };
-        if rows == 0 || taken + gap + wide > width {
+        // More columns than one leave half of the picture free.
+        let room = if columns.is_empty() { width } else { width / 2.0 };
+        if rows == 0 || taken + gap + wide > room {
             break;
         }
         taken += gap + wide;
@@ -142,7 +144,7 @@ mod tests {
         assert_eq!(fits(5, [300.0, 70.0]), (vec![5], 0));
         assert_eq!(fits(7, [300.0, 70.0]), (vec![5, 2], 0));
         // The last line is for those that are missing.
-        assert_eq!(fits(40, [110.0, 70.0]), (vec![5, 4], 31));
+        assert_eq!(fits(40, [230.0, 70.0]), (vec![5, 4], 31));
         assert_eq!(fits(40, [60.0, 70.0]), (vec![4], 36));
         assert_eq!((fits(2, [300.0, 13.0]).1, fits(2, [20.0, 70.0]).1), (2, 2));
         assert!(check(&font, &entries(2), 10.0, [20.0, 70.0]).unwrap_err().to_string().contains("no room"));

@@ -59,8 +59,8 @@ pub struct Figure {
     /// light. An X-ray has none.
     pub color_bar: bool,
     /// Patches of colour with names at the upper left: of labels or channels (see
-    /// [`Layers::legend`](crate::layers::Layers::legend)), in columns as far as there is room; the last line then says
-    /// how many are left out. Colours are those without light. An X-ray has none.
+    /// [`Layers::legend`](crate::layers::Layers::legend)), in columns over at most half of the picture; if there is no
+    /// room for all, the last line says how many are left out. Colours are those without light. An X-ray has none.
     pub legend: Vec<LegendEntry>,
     /// Text above, in at most 3 lines.
     pub title: Option<String>,

@@ -1,5 +1,7 @@
 //! Labels on the lattice of another volume.
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
@@ -25,6 +27,11 @@ pub enum Fit {
 /// Whether a file says where its lattice lies, or how far its samples are apart.
 fn is_placed(volume: &Volume) -> bool {
     volume.is_oriented() || volume.grid().to_world() != DAffine3::IDENTITY
+}
+
+/// Whether the places of two volumes are of one world.
+fn are_comparable(a: &Volume, b: &Volume) -> bool {
+    a.is_oriented() == b.is_oriented() && is_placed(a) && is_placed(b)
 }
 
 /// The map from the places of one lattice to those of another.
@@ -60,7 +67,7 @@ pub(super) fn fit(labels: &Volume, of: &Volume) -> Result<Fit, String> {
     if as_many && apart(grid, own) < APART {
         return Ok(Fit::Same);
     }
-    let comparable = labels.is_oriented() == of.is_oriented() && is_placed(labels) && is_placed(of);
+    let comparable = are_comparable(labels, of);
     if as_many && !comparable {
         return Ok(Fit::Unplaced);
     }
@@ -87,9 +94,7 @@ pub fn on_lattice(labels: &Volume, of: &Volume) -> Result<(Volume, Fit)> {
     let (grid, own) = (*of.grid(), *labels.grid());
     match fit(labels, of) {
         Ok(fit) => return Ok((labels.clone(), fit)),
-        Err(reason) if labels.is_oriented() != of.is_oriented() || !is_placed(labels) || !is_placed(of) => {
-            return refused(reason);
-        }
+        Err(reason) if !are_comparable(labels, of) => return refused(reason),
         Err(_) => {}
     }
     let (slope, intercept) = labels.rescale();
@@ -97,7 +102,7 @@ pub fn on_lattice(labels: &Volume, of: &Volume) -> Result<(Volume, Fit)> {
     // As values, the label 0 is a number of every type.
     let stored = match (slope, intercept) {
         (1.0, 0.0) => stored,
-        _ => std::sync::Arc::new(Samples::F64(with_samples!(&*stored, s => values(s, slope, intercept))?)),
+        _ => Arc::new(Samples::F64(with_samples!(&*stored, s => values(s, slope, intercept))?)),
     };
     let outside = match inside(&between(&own, &grid), &own, &grid) {
         true => 0.0,
@@ -105,10 +110,14 @@ pub fn on_lattice(labels: &Volume, of: &Volume) -> Result<(Volume, Fit)> {
     };
     let map = between(&grid, &own);
     let nothing = "nothing of it lies in the volume: the two are of other places, or one states a wrong place";
-    if outside >= 1.0 || !meets(&map, &grid, &own) {
+    if !meets(&map, &grid, &own) {
         return refused(nothing.to_owned());
     }
     let samples = with_samples!(&*stored, s => nearest(s, &map, own.dims(), grid.dims()))?;
+    // Cells of coarse labels may reach into it, though their middles do not.
+    if outside >= 1.0 && with_samples!(&samples, s => s.par_iter().all(|sample| sample.to_f64() == 0.0)) {
+        return refused(nothing.to_owned());
+    }
     let placed = Volume::new(grid, samples)?.with_units(labels.units().clone());
     let placed = placed.with_contents(labels.contents().clone());
     Ok((if of.is_oriented() { placed.with_orientation_known() } else { placed }, Fit::Nearest { outside }))
