@@ -3,6 +3,8 @@
 use std::ops::Range;
 
 use glam::DVec3;
+use serde::ser::SerializeStruct;
+use serde::{Serialize, Serializer};
 
 use crate::error::{Error, Result};
 use crate::vector::{length, unit};
@@ -56,12 +58,23 @@ impl Plane {
     }
 }
 
+/// `{"normal": [x, y, z], "offset": d}`.
+impl Serialize for Plane {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut plane = serializer.serialize_struct("Plane", 2)?;
+        plane.serialize_field("normal", &self.normal.to_array())?;
+        plane.serialize_field("offset", &self.offset)?;
+        plane.end()
+    }
+}
+
 /// The part of the world that shows: what lies on the inner side of every one of some planes. By default, all of it.
 ///
 /// Extinction and emission are 0 outside. Every ray has one interval inside, and counts there alone: the cut is exact,
 /// whatever the kernels. Pictures of parts that share nothing but their faces add up, composited front to back, to
 /// the picture of the whole. What is cut away casts no shadow.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+#[serde(transparent)]
 pub struct Clip {
     planes: Vec<Plane>,
 }

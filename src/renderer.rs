@@ -312,6 +312,7 @@ impl Renderer {
             shading: if settings.is_post_shaded() { Shading::Post } else { Shading::Pre },
             perspective: voxels.is_perspective(),
             lights,
+            clip: settings.clip.clone(),
             size: camera.size,
             pixels_covered: regions.iter().map(|(_, part)| part.area()).sum(),
             parts: regions.len() as u32,

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::accuracy::Prediction;
 use crate::adapter::AdapterInfo;
+use crate::clip::Clip;
 use crate::names::spelled;
 use crate::settings::{Accumulation, Model, Precision, Shading, Sheets};
 
@@ -55,6 +56,8 @@ pub struct Stats {
     pub perspective: bool,
     /// The number of lights; 0: colours are those of the transfer function.
     pub lights: u32,
+    /// The planes that cut, in the world.
+    pub clip: Clip,
     /// Width and height of the picture, pixels.
     pub size: [u32; 2],
     /// Pixels that the volume can reach: only these were drawn.
@@ -245,6 +248,10 @@ impl Stats {
         };
         let rays = if self.perspective { "perspective" } else { "orthographic" };
         writeln!(f, "model        {}, {shading}, {light}, {rays}", self.model)?;
+        for plane in self.clip.planes() {
+            let [x, y, z] = plane.normal().to_array();
+            writeln!(f, "clip         {x:.4},{y:.4},{z:.4},{:.4}", plane.offset())?;
+        }
         if let Some(noise) = self.noise {
             writeln!(f, "sharpness    {}: noise {noise:.2} of that of the samples", self.sharpness)?;
         }

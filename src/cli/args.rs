@@ -265,7 +265,7 @@ pub(super) struct ModelArgs {
     /// angiography, mri, mr-brain, pet, activation, fluorescence, field, grayscale, gray, viridis or inferno), or a
     /// file: this program's JSON, ParaView's JSON or XML, Slicer's .vp, .vp.json or presets.xml, niivue's or napari's
     /// JSON; #NAME chooses from a file of several; or labels: values are labels [default: suggested by the
-    /// data; see `voxsplat info`]
+    /// data, labels too; see `voxsplat info`]
     #[arg(long, value_name = "FILE[#NAME]|PRESET", help_heading = "Model")]
     pub(super) transfer: Option<PathBuf>,
     /// The colours of a map over --window, with a gentle ramp of opacity: gray, viridis, inferno, magma, plasma,
@@ -387,12 +387,12 @@ pub(super) struct ModelArgs {
 /// Labels, and what of the volume shows.
 #[derive(Debug, clap::Args)]
 pub(super) struct LayerArgs {
-    /// Draw the labels of a volume on the same lattice too; extinctions add. (A volume of labels alone: --transfer
-    /// labels.) Label 0 is clear. Pre-shaded
+    /// Draw the labels of a volume too; extinctions add. On another lattice, the nearest voxel counts. (A volume of
+    /// labels alone: --transfer labels.) Label 0 is clear. Pre-shaded
     #[arg(long, value_name = "FILE", help_heading = "Labels")]
     pub(super) labels: Option<PathBuf>,
     /// Names, colours and opacities of labels: an ITK-SNAP label description, a 3D Slicer colour table (.ctbl, .csv), a
-    /// FreeSurfer lookup table or a BIDS .tsv [default: distinct colours]
+    /// FreeSurfer lookup table or a BIDS .tsv [default: those of a .seg.nrrd, otherwise distinct colours]
     #[arg(long, value_name = "FILE", help_heading = "Labels")]
     pub(super) label_table: Option<PathBuf>,
     /// What labels look like: WHICH is all, numbers (1,4,7-9) or a name of the table, LOOK an opacity from 0 to 1, on,
@@ -402,7 +402,8 @@ pub(super) struct LayerArgs {
     /// Multiply the opacities of all labels by F, 0 to 1
     #[arg(long, value_name = "F", value_parser = parse::number, help_heading = "Labels")]
     pub(super) label_opacity: Option<f64>,
-    /// Show the volume only where another one on the same lattice has a label other than 0, or one of LABELS (1,4,7-9)
+    /// Show the volume only where another one has a label other than 0, or one of LABELS (1,4,7-9); on another lattice,
+    /// the nearest voxel counts
     #[arg(long, value_name = "FILE[:LABELS]", help_heading = "Labels")]
     pub(super) mask: Option<PathBuf>,
 }
@@ -462,6 +463,9 @@ pub(super) struct FigureArgs {
     /// Draw the colours of the transfer function over values, with a curve of its opacity
     #[arg(long, alias = "color-bar", help_heading = "Figure")]
     pub(super) colour_bar: bool,
+    /// Draw a patch of colour and the name of each label that shows, or of each channel
+    #[arg(long, help_heading = "Figure")]
+    pub(super) legend: bool,
     /// Write TEXT above
     #[arg(long, value_name = "TEXT", help_heading = "Figure")]
     pub(super) title: Option<String>,

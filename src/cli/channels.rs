@@ -4,6 +4,7 @@ use std::path::Path;
 
 use voxsplat::Background;
 use voxsplat::error::Error;
+use voxsplat::figure::LegendEntry;
 use voxsplat::formats::{self, LoadOptions};
 use voxsplat::layers::Layer;
 use voxsplat::transfer::{ControlPoint, TransferFunction, Window};
@@ -52,13 +53,15 @@ pub(super) struct Loaded {
     pub(super) volume: Volume,
     /// What is drawn in place of its values, if there are several channels.
     pub(super) layers: Vec<Layer>,
+    /// The volumes beyond the first, if it is of labels and the file has several layers of them.
+    pub(super) labels: Vec<Volume>,
     /// For the user: how.
     pub(super) note: Option<String>,
 }
 
 impl From<Volume> for Loaded {
     fn from(volume: Volume) -> Self {
-        Self { volume, layers: Vec::new(), note: None }
+        Self { volume, layers: Vec::new(), labels: Vec::new(), note: None }
     }
 }
 
@@ -77,9 +80,10 @@ pub(super) fn load(
         return Ok(of(only.number)?.into());
     }
     // What the file holds the first of its channels tells.
+    let are_labels = matches!(transfer.choice, TransferChoice::Labels);
     let first = match (asked, values) {
-        ([], false) => return Ok(formats::load(source, options)?.into()),
-        ([], true) => of(0)?,
+        ([], false) if !are_labels => return Ok(formats::load(source, options)?.into()),
+        ([], _) => of(0)?,
         ([first, ..], true) => of(first.number)?,
         (_, false) => {
             let message = "--transfer and --colour-map are for one channel: several have --channel N:COLOUR";
@@ -90,11 +94,19 @@ pub(super) fn load(
     if asked.is_empty() && contents.channels == 1 {
         return Ok(first.into());
     }
+    if asked.is_empty() && contents.segments.is_some() && !transfer.is_window() {
+        let labels = (1..contents.channels).map(of).collect::<Result<_, _>>()?;
+        return Ok(Loaded { labels, ..first.into() });
+    }
+    if are_labels {
+        // Its error says how many there are.
+        return Ok(formats::load(source, options)?.into());
+    }
     let named = |at: usize, name: &str| contents.labels.get(at).and_then(|l| l.name.as_deref()) == Some(name);
     if asked.is_empty() && ["red", "green", "blue"].into_iter().enumerate().all(|(at, name)| named(at, name)) {
         let alpha = (contents.channels == 4).then(|| of(3)).transpose()?;
         let layer = colors([&first, &of(1)?, &of(2)?], alpha.as_ref(), transfer.window.as_ref())?;
-        return Ok(Loaded { volume: first, layers: vec![layer], note: None });
+        return Ok(Loaded { layers: vec![layer], ..first.into() });
     }
     if asked.is_empty() && contents.channels > MOST {
         // Its error says how many there are.
@@ -111,9 +123,11 @@ pub(super) fn load(
         let of_file = label.color.map(|color| color.map(|c| f64::from(c) / 255.0)).filter(|c| *c != [0.0; 3]);
         let color = color.or(of_file).unwrap_or(COLORS[at % COLORS.len()]);
         let Some(window) = window(&volume, &label, transfer.window.as_ref())? else { continue };
-        layers.push(Layer::scalars(&volume, &ramp(color, TOP, &window)?));
-        let [low, high] = window.ends()?.map(short);
         let [r, g, b] = color.map(|channel| (255.0 * channel).round() as u8);
+        let entry = label.name.clone().unwrap_or_else(|| format!("channel {number}"));
+        let layer = Layer::scalars(&volume, &ramp(color, TOP, &window)?);
+        layers.push(layer.named(LegendEntry { name: entry, color: [r, g, b] }));
+        let [low, high] = window.ends()?.map(short);
         let name = label.name.map(|name| format!(" {name}")).unwrap_or_default();
         said.push(format!("{number}:#{r:02x}{g:02x}{b:02x}{name} from {low} to {high}"));
     }
@@ -121,7 +135,7 @@ pub(super) fn load(
         return Err(Error::Volume("all values of every channel are the same".to_owned()).into());
     }
     let note = Some(format!("note: --channel {}", said.join(", --channel ")));
-    Ok(Loaded { volume: first, layers, note })
+    Ok(Loaded { layers, note, ..first.into() })
 }
 
 /// The values that a channel is shown from and to: those asked for, those of its file, those of its foreground.

@@ -6,6 +6,7 @@ use glam::DVec3;
 use serde::Serialize;
 use voxsplat::demos;
 use voxsplat::formats::{self, LoadOptions, PyramidLevel};
+use voxsplat::layers::recognised;
 use voxsplat::transfer::presets::{self, Suggestion};
 use voxsplat::volume::{Channel, Grid, Statistics, Volume};
 
@@ -42,8 +43,8 @@ struct Info {
     histogram: Vec<u64>,
     /// Largest value of the background, and its share of the voxels; `None` if all values are the same.
     background: Option<[f64; 2]>,
-    /// The suggested preset; `None` for a built-in volume, which has a transfer function of its own, and if no preset
-    /// fits.
+    /// The suggested preset, or labels; `None` for a built-in volume, which has a transfer function of its own, and if
+    /// no preset fits.
     preset: Option<&'static str>,
     reason: String,
     /// The points in time of the file.
@@ -118,7 +119,7 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
         let mut options = args.input.options();
         options.replace_nan = options.replace_nan.or(Some(0.0));
         let volume = formats::load(&args.input.source, &options)?;
-        let listed = layers::list(&volume, &layers::looks(args.label_table.as_deref(), &[], 1.0)?)?;
+        let listed = layers::list(&volume, &layers::Looks::new(args.label_table.as_deref(), &[], None)?)?;
         let unit = volume.length_unit().map_or_else(|| "volume".to_owned(), |unit| format!("{unit}^3"));
         return if args.json { output::print_json(&listed) } else { layers::print(&listed, &unit) };
     }
@@ -133,17 +134,19 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
         let statistics = Statistics::of(&volume)?;
         (volume, statistics)
     };
-    let info = Info::new(&args.input, &volume, &statistics);
+    let info = Info::new(&args.input, &volume, &statistics)?;
     if args.json { output::print_json(&info) } else { output::print(&info.to_text()) }
 }
 
 impl Info {
-    fn new(input: &InputArgs, volume: &Volume, statistics: &Statistics) -> Self {
+    fn new(input: &InputArgs, volume: &Volume, statistics: &Statistics) -> Result<Self, Failure> {
         let grid = volume.grid();
         let (slope, intercept) = volume.rescale();
         let own = demos::own_transfer(&input.source).is_some();
         let (preset, reason) = if own {
             (None, "a built-in volume has its own transfer function".to_owned())
+        } else if let Some(reason) = recognised(volume)? {
+            (Some(layers::LABELS), reason)
         } else {
             let Suggestion { name, reason } = presets::suggest(volume, statistics);
             match presets::preset(name, volume, statistics) {
@@ -152,7 +155,7 @@ impl Info {
             }
         };
         let (spacing, contents) = (grid.spacing(), volume.contents());
-        Self {
+        Ok(Self {
             source: input.source.to_string_lossy().into_owned(),
             dims: grid.dims(),
             voxels: grid.len(),
@@ -182,7 +185,7 @@ impl Info {
             channel: contents.channel,
             labels: contents.labels.iter().map(Label::of).collect(),
             command: (own || preset.is_some()).then(|| command(input, preset)),
-        }
+        })
     }
 
     fn to_text(&self) -> String {

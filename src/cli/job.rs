@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use voxsplat::camera::{Camera, ProjectionKind, View};
-use voxsplat::figure::Figure;
+use voxsplat::figure::{Figure, LegendEntry};
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image, Region};
 use voxsplat::layers::Layers;
@@ -153,6 +153,8 @@ pub(super) struct RenderJob {
     pub(super) preview: Option<Preview>,
     pub(super) background: Background,
     pub(super) figure: Figure,
+    /// Whether the figure names labels or channels, once they are known.
+    pub(super) legend: bool,
     /// What replaces the units of the file.
     pub(super) units: Units,
     pub(super) save_transfer: Option<PathBuf>,
@@ -209,6 +211,7 @@ impl RenderJob {
         let [width, height] = args.size;
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
         region.check_within(args.size)?;
+        let legend = args.figure.legend;
         let (figure, units) = figure(args.figure, args.size, &settings, output.keeps_values())?;
         let composite = settings.model == Model::Composite;
         let chooses_light = args.model.light.is_empty() && composite;
@@ -222,6 +225,10 @@ impl RenderJob {
             return Err(Failure::Usage(message.to_owned()));
         }
         let layers = LayersJob::new(&args.layers, alone)?;
+        let is_one = !matches!(transfer.choice, TransferChoice::Suggested) && !transfer.is_window();
+        if legend && is_one && !layers.has_labels() {
+            return Err(Failure::Usage(NO_LEGEND.to_owned()));
+        }
         if !layers.is_plain() {
             Layers::check_settings(&settings)?;
         }
@@ -253,6 +260,7 @@ impl RenderJob {
             preview: args.preview.map(Preview::resolved).transpose()?,
             background: args.background,
             figure,
+            legend,
             units,
             save_transfer: args.save_transfer,
             save_scene: None,
@@ -264,6 +272,9 @@ impl RenderJob {
     }
 }
 
+/// Why there is no legend.
+pub(super) const NO_LEGEND: &str = "--legend names labels and channels, and there are none: --colour-bar shows values";
+
 /// What is drawn on a picture, and the units of what it shows.
 fn figure(
     args: FigureArgs,
@@ -271,15 +282,21 @@ fn figure(
     settings: &Settings,
     keeps_values: bool,
 ) -> Result<(Figure, Units), Failure> {
-    let FigureArgs { scale_bar, axes, colour_bar: color_bar, title, caption, length_unit, value_unit } = args;
-    let figure = Figure { scale_bar, axes, color_bar, title, caption };
+    let FigureArgs { scale_bar, axes, colour_bar: color_bar, legend: names, title, caption, length_unit, value_unit } =
+        args;
+    let figure = Figure { scale_bar, axes, color_bar, legend: Vec::new(), title, caption };
     figure.validate(size, settings.model)?;
+    if names {
+        // Of which size the picture must be, one name tells before the others are known.
+        let legend = vec![LegendEntry { name: String::new(), color: [0; 3] }];
+        Figure { legend, ..figure.clone() }.validate(size, settings.model)?;
+    }
     if figure.color_bar && settings.depth_coded {
         let message = "--colour-bar shows the colours of values, and with --depth-coded they are those of depths";
         return Err(Failure::Usage(message.to_owned()));
     }
-    if !figure.is_empty() && keeps_values {
-        let options = "--scale-bar, --axes, --colour-bar, --title and --caption";
+    if (names || !figure.is_empty()) && keeps_values {
+        let options = "--scale-bar, --axes, --colour-bar, --legend, --title and --caption";
         return Err(Failure::Usage(format!("{options} are drawn on a .png: an .exr keeps the values of the picture")));
     }
     Ok((figure, Units { length: length_unit, value: value_unit }))
@@ -508,6 +525,9 @@ impl ParetoJob {
             return Err(Failure::Usage("--response depth is no picture for a report: window shows it".to_owned()));
         }
         Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
+        if args.figure.legend {
+            return Err(Failure::Usage("--legend: a study is of one volume of values".to_owned()));
+        }
         let (figure, units) = figure(args.figure, args.size, &settings, false)?;
         let turned = |i: u32| {
             let elevations = [0.0, 25.0, -35.0, 55.0, -15.0];

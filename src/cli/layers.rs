@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use voxsplat::Background;
+use voxsplat::error::Error;
 use voxsplat::formats::{self, LoadOptions};
-use voxsplat::layers::{Label, LabelCount, Labels, Layer, Layers, Which, count_labels};
+use voxsplat::layers::{Fit, Label, LabelCount, Labels, Layer, Layers, Which, count_labels, on_lattice};
 use voxsplat::volume::Volume;
 
 use super::args::LayerArgs;
@@ -48,20 +49,40 @@ pub(super) struct LayersJob {
     /// Whether the volume is one of labels.
     pub(super) alone: bool,
     labels: Option<PathBuf>,
-    looks: Labels,
+    looks: Looks,
     mask: Option<(PathBuf, Which)>,
 }
 
-/// The labels of a table, changed as options ask.
-pub(super) fn looks(table: Option<&Path>, changes: &[LabelArg], opacity: f64) -> Result<Labels, Failure> {
-    let mut labels = table.map(Labels::load).transpose()?.unwrap_or_default();
-    for LabelArg { which, look } in changes {
-        labels = match *look {
-            LookArg::Opacity(opacity) => labels.with_opacity(which.clone(), opacity)?,
-            LookArg::Color(color) => labels.with_color(which.clone(), color),
-        };
+/// How labels are to look.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Looks {
+    table: Option<Labels>,
+    changes: Vec<LabelArg>,
+    opacity: Option<f64>,
+}
+
+impl Looks {
+    pub(super) fn new(table: Option<&Path>, changes: &[LabelArg], opacity: Option<f64>) -> Result<Self, Failure> {
+        let looks = Self { table: table.map(Labels::load).transpose()?, changes: changes.to_vec(), opacity };
+        // Whether changes are valid does not depend on the labels.
+        looks.changed(Labels::default())?;
+        Ok(looks)
     }
-    Ok(labels.thinned(opacity)?)
+
+    fn changed(&self, mut labels: Labels) -> Result<Labels, Failure> {
+        for LabelArg { which, look } in &self.changes {
+            labels = match *look {
+                LookArg::Opacity(opacity) => labels.with_opacity(which.clone(), opacity)?,
+                LookArg::Color(color) => labels.with_color(which.clone(), color),
+            };
+        }
+        Ok(labels.thinned(self.opacity.unwrap_or(1.0))?)
+    }
+
+    /// Those of a volume: of the table or else of the volume's file, changed as options ask.
+    pub(super) fn of(&self, volume: &Volume) -> Result<Labels, Failure> {
+        self.changed(self.table.clone().unwrap_or_else(|| Labels::stated(volume)))
+    }
 }
 
 impl LayersJob {
@@ -81,7 +102,7 @@ impl LayersJob {
                 return Err(Failure::Usage(format!("--{name} needs --labels FILE or --transfer labels")));
             }
         }
-        let looks = looks(label_table.as_deref(), label, label_opacity.unwrap_or(1.0))?;
+        let looks = Looks::new(label_table.as_deref(), label, *label_opacity)?;
         Ok(Self { alone, labels: labels.clone(), looks, mask: mask.as_deref().map(masked).transpose()? })
     }
 
@@ -97,21 +118,28 @@ impl LayersJob {
 
     /// A volume of labels as it is to look.
     pub(super) fn of_labels(&self, volume: &Volume) -> Result<Layer, Failure> {
-        Ok(Layer::labels(volume, &self.looks)?)
+        Ok(Layer::labels(volume, &self.looks.of(volume)?)?)
     }
 
-    /// What is drawn of some layers, and over them. `read` reads volumes of labels.
+    /// What is drawn of some layers, and over them. `read` reads volumes of labels, onto the lattice of the layers.
     pub(super) fn over(
         &self,
         mut base: Vec<Layer>,
-        mut read: impl FnMut(&Path) -> Result<Volume, Failure>,
+        mut read: impl FnMut(&'static str, &Path) -> Result<Vec<Volume>, Failure>,
     ) -> Result<Layers, Failure> {
         if let Some((path, which)) = &self.mask {
-            let mask = read(path)?;
-            base = base.into_iter().map(|layer| layer.masked(&mask, which)).collect::<Result<_, _>>()?;
+            let masks = read("mask", path)?;
+            let [mask] = masks.as_slice() else {
+                let (path, count) = (path.display(), masks.len());
+                let message = format!("--mask: {path} has {count} layers of labels, a mask has one");
+                return Err(Failure::Usage(message));
+            };
+            base = base.into_iter().map(|layer| layer.masked(mask, which)).collect::<Result<_, _>>()?;
         }
         if let Some(path) = &self.labels {
-            base.push(self.of_labels(&read(path)?)?);
+            for volume in read("labels", path)? {
+                base.push(self.of_labels(&volume)?);
+            }
         }
         let mut layers = base.into_iter();
         let first = layers.next().map(Layers::new).ok_or_else(|| Failure::Failed("nothing to draw".to_owned()))?;
@@ -135,9 +163,59 @@ fn masked(text: &Path) -> Result<(PathBuf, Which), Failure> {
     Ok((file, labels.strip_prefix(':').map_or(Ok(Which::All), str::parse)?))
 }
 
-/// Reads a volume of labels. NaN is label 0.
-pub(super) fn read(path: &Path) -> Result<Volume, Failure> {
-    Ok(formats::load(path, &LoadOptions { replace_nan: Some(0.0), ..LoadOptions::default() })?)
+/// Reads the volumes of labels of a file, mostly one. NaN is label 0.
+pub(super) fn read(path: &Path) -> Result<Vec<Volume>, Failure> {
+    let options = LoadOptions { replace_nan: Some(0.0), ..LoadOptions::default() };
+    let of = |channel: Option<u32>| formats::load(path, &LoadOptions { channel, ..options });
+    let first = of(Some(0))?;
+    let channels = first.contents().channels;
+    if channels > 1 && first.contents().segments.is_none() {
+        // The error says how many there are.
+        return Ok(vec![of(None)?]);
+    }
+    std::iter::once(Ok(first)).chain((1..channels).map(|n| Ok(of(Some(n))?))).collect()
+}
+
+/// Volumes of labels of an option on the lattice of another, and what is to be said of it.
+pub(super) fn placed(
+    option: &'static str,
+    path: &Path,
+    volumes: Vec<Volume>,
+    of: &Volume,
+) -> Result<(Vec<Volume>, Option<String>), Failure> {
+    let mut note = None;
+    let mut on = |volume: Volume| {
+        let (placed, fit) = on_lattice(&volume, of).map_err(|error| match error {
+            Error::Setting { reason, .. } => {
+                Error::Setting { name: option, reason: format!("{}: {reason}", path.display()) }
+            }
+            other => other,
+        })?;
+        let said = |text: String| Some(format!("note: --{option} {}: {text}", path.display()));
+        match fit {
+            Fit::Same => {}
+            Fit::Unplaced => {
+                let text =
+                    "the files do not say where both lie in one space: voxels of the same numbers are put together";
+                note = said(text.to_owned());
+            }
+            Fit::Nearest { outside } => {
+                let by = volume.grid().dims().map(|d| d.to_string()).join(" x ");
+                let out = match 100.0 * outside {
+                    0.0 => "none".to_owned(),
+                    percent if percent < 0.1 => "under 0.1 %".to_owned(),
+                    percent => format!("{percent:.1} %"),
+                };
+                note = said(format!(
+                    "on a lattice of its own ({by}), so each voxel takes the label of the nearest; {out} of its \
+                     labelled voxels lie outside of the volume"
+                ));
+            }
+        }
+        Ok(placed)
+    };
+    let placed = volumes.into_iter().map(&mut on).collect::<Result<Vec<Volume>, Failure>>()?;
+    Ok((placed, note))
 }
 
 /// The labels of a volume as `info` lists them.
@@ -152,8 +230,9 @@ pub(super) struct Listed {
     volume: f64,
 }
 
-pub(super) fn list(volume: &Volume, looks: &Labels) -> Result<Vec<Listed>, Failure> {
+pub(super) fn list(volume: &Volume, looks: &Looks) -> Result<Vec<Listed>, Failure> {
     let cell = volume.grid().to_world().matrix3.determinant().abs();
+    let looks = looks.of(volume)?;
     let listed = |count: LabelCount| {
         let Label { name, color, opacity } = looks.label(count.label);
         let [r, g, b] = color.map(|channel| (255.0 * channel).round() as u8);

@@ -50,6 +50,7 @@ impl Stages {
 #[derive(Serialize)]
 struct ReferenceStats {
     painter: &'static str,
+    clip: Clip,
     size: [u32; 2],
     voxels: u64,
     stages: Vec<StageTime>,
@@ -74,7 +75,7 @@ pub(super) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
         if let Some(path) = &job.save_transfer {
             fitted.transfer.save(path, session.volume.grid())?;
         }
-        let layers = session.layers(&job, &fitted.transfer, &mut stages)?;
+        let layers = session.layers(&job, &fitted, &mut stages)?;
         let picture = session.picture(&job, &layers, &fitted.transfer, &mut stages)?;
         let image = picture.image();
         stages.time("encode", || job.output.write(image, job.background, &picture.notes))?;
@@ -93,8 +94,13 @@ pub(super) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
 fn report(job: &RenderJob, layers: &Layers, picture: Picture, stages: Stages) -> Result<(), Failure> {
     let Picture { image, camera, settings, estimate, stats, .. } = picture;
     let Some(mut stats) = stats else {
-        let stats =
-            ReferenceStats { painter: "reference", size: job.size, voxels: layers.grid().len(), stages: stages.0 };
+        let stats = ReferenceStats {
+            painter: "reference",
+            clip: settings.clip,
+            size: job.size,
+            voxels: layers.grid().len(),
+            stages: stages.0,
+        };
         return print_stats(job.stats, &stats, |stats| {
             let times: String = stats
                 .stages
@@ -261,6 +267,8 @@ pub(super) struct Fitted {
     pub(super) transfer: TransferFunction,
     /// The preset that it is.
     pub(super) preset: Option<&'static Preset>,
+    /// Whether there is none, as values are labels.
+    pub(super) labels: bool,
     /// For the user: why it was suggested, if it was.
     pub(super) suggested: Option<String>,
     /// For the user: what was found out.
@@ -269,7 +277,7 @@ pub(super) struct Fitted {
 
 impl Fitted {
     fn new(transfer: TransferFunction) -> Self {
-        Self { transfer, preset: None, suggested: None, notes: Vec::new() }
+        Self { transfer, preset: None, labels: false, suggested: None, notes: Vec::new() }
     }
 
     /// What stands for none, where layers say what shows.
@@ -321,7 +329,7 @@ fn fitted(source: &Path, asked: &Transfer, volume: &Volume, stages: &mut Stages)
     let mut statistics = || stages.time("statistics", || Statistics::of(volume));
     let fitted = match &asked.choice {
         // There is none: layers have the labels.
-        TransferChoice::Labels => return Fitted::clear(),
+        TransferChoice::Labels => return Ok(Fitted { labels: true, ..Fitted::clear()? }),
         TransferChoice::Given(imported) => {
             let window = match asked.window {
                 None if imported.fits => Window::of(&statistics()?),

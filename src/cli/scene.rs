@@ -240,7 +240,7 @@ impl SceneFile {
         ];
         // A file may change or vanish: what it held is kept. Presets adapt to the data, here and elsewhere.
         let inlined = matches!(job.transfer.choice, TransferChoice::Given(_));
-        if matches!(job.transfer.choice, TransferChoice::Labels) {
+        if fitted.labels {
             fields.push((OF_TRANSFER[0].to_owned(), Value::from(LABELS).to_string()));
         }
         match fitted.preset {

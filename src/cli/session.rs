@@ -6,10 +6,10 @@ use voxsplat::accuracy::Estimate;
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::clip::Clip;
 use voxsplat::demos;
-use voxsplat::figure::Shown;
+use voxsplat::figure::{Figure, LegendEntry, Shown};
 use voxsplat::formats::{LoadOptions, PyramidLevel};
 use voxsplat::image::{Image, Note};
-use voxsplat::layers::{Layer, Layers};
+use voxsplat::layers::{Layer, Layers, recognised};
 use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
 use voxsplat::renderer::{Renderer, RendererOptions, Scene};
@@ -20,7 +20,7 @@ use voxsplat::volume::{Contents, Volume};
 
 use super::args::FrameArg;
 use super::info::short;
-use super::job::{Engine, RenderJob, TransferChoice};
+use super::job::{Engine, NO_LEGEND, RenderJob, TransferChoice};
 use super::progress::{self, Progress};
 use super::render::{Fitted, Stages, draw, framed, in_words, notes, transfer, with_units};
 use super::stderr::silenced;
@@ -44,8 +44,12 @@ pub(super) struct Session {
     framed: Option<(FrameArg, Clip, Layers, Option<Hull>)>,
     /// What is drawn in place of its values, if it has several channels.
     channels: Vec<Layer>,
-    /// Volumes of labels, by their files.
-    labels: Vec<(PathBuf, Volume)>,
+    /// Other labels of its file, that overlap with its own.
+    more: Vec<Volume>,
+    /// Volumes of labels on its lattice, by their files.
+    labels: Vec<(PathBuf, Vec<Volume>)>,
+    /// What the last legend was of, and says.
+    legend: Option<(Layers, Clip, Vec<LegendEntry>)>,
     /// What the user has been told.
     said: Vec<String>,
 }
@@ -112,26 +116,32 @@ impl Session {
             });
             let mut read = || {
                 let load = || channels::load(&job.source, &job.load, &job.channels, &job.transfer);
-                let channels::Loaded { volume, layers, note } = stages.time("load", load)?;
+                let channels::Loaded { volume, layers, labels, note } = stages.time("load", load)?;
                 let volume = with_units(volume, &job.units);
-                let fitted = match layers.as_slice() {
-                    [] => transfer(&job.source, &job.transfer, &volume, stages)?,
-                    _ => Fitted { notes: note.into_iter().collect(), ..Fitted::clear()? },
-                };
-                Ok::<_, Failure>((volume, layers, fitted))
+                let mut fitted = fitted(job, &volume, &layers, stages)?;
+                fitted.notes.extend(note);
+                Ok::<_, Failure>((volume, layers, labels, fitted))
             };
             (read(), device.map(|thread| thread.join()))
         });
         drop(progress);
-        let (volume, channels, fitted) = read?;
+        let (volume, channels, more, fitted) = read?;
         say_choice(&volume, &job.load);
         stages.append(opening);
         let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
         let renderer = opened.transpose()?;
-        Ok((
-            Self { volume, renderer, prepared: None, framed: None, channels, labels: Vec::new(), said: Vec::new() },
-            fitted,
-        ))
+        let session = Self {
+            volume,
+            renderer,
+            prepared: None,
+            framed: None,
+            channels,
+            more,
+            labels: Vec::new(),
+            legend: None,
+            said: Vec::new(),
+        };
+        Ok((session, fitted))
     }
 
     /// Tells the user a note once.
@@ -143,7 +153,17 @@ impl Session {
     }
 
     /// Tells what was found out for a job, and completes it with the view, the light and the sharpness that suit it.
+    ///
+    /// Refuses what the volume has nothing for.
     pub(super) fn complete(&mut self, job: &mut RenderJob, fitted: &Fitted) -> Result<(), Failure> {
+        let has_labels = fitted.labels || job.layers.has_labels();
+        if !self.channels.is_empty() && (job.figure.color_bar || job.save_transfer.is_some()) {
+            let message = "--colour-bar and --save-transfer are for one transfer function, not for several channels";
+            return Err(Failure::Usage(message.to_owned()));
+        }
+        if job.legend && !has_labels && self.channels.iter().all(|layer| layer.entry().is_none()) {
+            return Err(Failure::Usage(NO_LEGEND.to_owned()));
+        }
         if let Some(note) = &fitted.suggested {
             let frames = "; the picture frames what shows, and with --frame volume the whole volume";
             self.say(format!("{note}{}", if job.frame == FrameArg::Visible { frames } else { "" }));
@@ -161,7 +181,7 @@ impl Session {
             place_studio(job)?;
         }
         let material = fitted.preset.and_then(|preset| preset.material);
-        if job.chooses_light && (material.is_some() || job.layers.has_labels()) {
+        if job.chooses_light && (material.is_some() || has_labels) {
             job.settings.lighting = Some(Lighting::studio(job.view.forward()?, job.view.up));
             let name = if job.light_follows { "studio:eye" } else { "studio" };
             let surfaces = if material.is_some() { "the preset shows surfaces" } else { "labels have surfaces" };
@@ -196,37 +216,30 @@ impl Session {
 
     /// The transfer function of a job of the same volume.
     pub(super) fn fitted(&self, job: &RenderJob, stages: &mut Stages) -> Result<Fitted, Failure> {
-        match self.channels.as_slice() {
-            [] => transfer(&job.source, &job.transfer, &self.volume, stages),
-            _ => Fitted::clear(),
-        }
+        fitted(job, &self.volume, &self.channels, stages)
     }
 
     /// What a job draws. Files of labels are read once.
-    pub(super) fn layers(
-        &mut self,
-        job: &RenderJob,
-        transfer: &TransferFunction,
-        stages: &mut Stages,
-    ) -> Result<Layers, Failure> {
-        let held = &mut self.labels;
-        let read = |path: &Path| match held.iter().find(|(of, _)| of == path) {
-            Some((_, volume)) => Ok(volume.clone()),
+    pub(super) fn layers(&mut self, job: &RenderJob, fitted: &Fitted, stages: &mut Stages) -> Result<Layers, Failure> {
+        let (held, lattice) = (&mut self.labels, &self.volume);
+        let read = |option: &'static str, path: &Path| match held.iter().find(|(of, _)| of == path) {
+            Some((_, volumes)) => Ok(volumes.clone()),
             None => {
-                let volume = layers::read(path)?;
-                held.push((path.to_owned(), volume.clone()));
-                Ok(volume)
+                let (volumes, note) = layers::placed(option, path, layers::read(path)?, lattice)?;
+                note.iter().for_each(|note| output::say(note));
+                held.push((path.to_owned(), volumes.clone()));
+                Ok(volumes)
             }
         };
-        if !self.channels.is_empty() && (job.figure.color_bar || job.save_transfer.is_some()) {
-            let message = "--colour-bar and --save-transfer are for one transfer function, not for several channels";
-            return Err(Failure::Usage(message.to_owned()));
-        }
-        if self.channels.is_empty() && job.layers.is_plain() {
+        let transfer = &fitted.transfer;
+        if self.channels.is_empty() && job.layers.is_plain() && !fitted.labels {
             return Ok(Layers::of(&self.volume, transfer));
         }
-        let base = match (&*self.channels, job.layers.alone) {
-            (_, true) => vec![job.layers.of_labels(&self.volume)?],
+        let base = match (&*self.channels, fitted.labels) {
+            (_, true) => {
+                let all = std::iter::once(&self.volume).chain(&self.more);
+                all.map(|volume| job.layers.of_labels(volume)).collect::<Result<_, _>>()?
+            }
             ([], false) => vec![Layer::scalars(&self.volume, transfer)],
             (channels, false) => channels.to_vec(),
         };
@@ -247,7 +260,8 @@ impl Session {
             _ => stages.time("framing", || framed(job.frame, layers, inside))?,
         };
         self.framed = Some((job.frame, inside.clone(), layers.clone(), around.clone()));
-        let reserved = if job.makes_room { job.figure.reserved(job.size, transfer)? } else { job.view.reserved };
+        let figure = self.figure(job, layers)?;
+        let reserved = if job.makes_room { figure.reserved(job.size, transfer)? } else { job.view.reserved };
         let camera = Camera::new(&View { around, reserved, ..job.view.clone() }, self.volume.grid(), job.size)?;
         let (image, settings, estimate, stats) = match &self.renderer {
             Some(renderer) => {
@@ -271,13 +285,57 @@ impl Session {
             Some(stats) => format!("{:.1e}", stats.predicted.error()),
             None => "none: rays integrated in f64".to_owned(),
         };
-        let mut notes = notes(&settings, &job.figure, vec![Note { name: "Predicted error", text: predicted }]);
+        let mut notes = notes(&settings, &figure, vec![Note { name: "Predicted error", text: predicted }]);
         notes.extend(estimate.map(|e| Note { name: "Estimated error", text: in_words(&e) }));
         let shown = Shown { volume: &self.volume, transfer, camera: &camera, model: job.settings.model };
-        let figure = || job.figure.draw_region(&image, job.region, job.background, &shown);
-        let drawn = if job.figure.is_empty() { None } else { Some(stages.time("figure", figure)?) };
+        let draw = || figure.draw_region(&image, job.region, job.background, &shown);
+        let drawn = if figure.is_empty() { None } else { Some(stages.time("figure", draw)?) };
         Ok(Picture { image, drawn, camera, settings, notes, estimate, stats })
     }
+
+    /// What is drawn on the picture of a job, with the names of a legend.
+    fn figure(&mut self, job: &RenderJob, layers: &Layers) -> Result<Figure, Failure> {
+        if !job.legend {
+            return Ok(job.figure.clone());
+        }
+        let clip = &job.settings.clip;
+        let legend = match &self.legend {
+            Some((of, inside, legend)) if of == layers && inside == clip => legend.clone(),
+            _ => layers.legend(clip)?,
+        };
+        self.legend = Some((layers.clone(), clip.clone(), legend.clone()));
+        if legend.is_empty() {
+            return Err(Failure::Failed("--legend: no label shows".to_owned()));
+        }
+        let figure = Figure { legend, ..job.figure.clone() };
+        figure.validate(job.size, job.settings.model)?;
+        Ok(figure)
+    }
+}
+
+/// The transfer function of a job, or none if the values of its volume are labels.
+fn fitted(job: &RenderJob, volume: &Volume, channels: &[Layer], stages: &mut Stages) -> Result<Fitted, Failure> {
+    if !channels.is_empty() {
+        return Fitted::clear();
+    }
+    if may_be_labels(job)
+        && let Some(reason) = stages.time("labels", || recognised(volume))?
+    {
+        let note = format!("note: --transfer labels is taken, as {reason}; --transfer grayscale shows the values");
+        return Ok(Fitted { labels: true, suggested: Some(note), ..Fitted::clear()? });
+    }
+    transfer(&job.source, &job.transfer, volume, stages)
+}
+
+/// Whether a job leaves open what values mean, and asks for nothing that labels are not drawn by.
+fn may_be_labels(job: &RenderJob) -> bool {
+    let asks = job.transfer.gradient.is_some() || job.figure.color_bar || job.save_transfer.is_some();
+    matches!(job.transfer.choice, TransferChoice::Suggested)
+        && !asks
+        && job.channels.is_empty()
+        && !job.layers.has_labels()
+        && demos::own_transfer(&job.source).is_none()
+        && Layers::check_settings(&job.settings).is_ok()
 }
 
 /// Places studio light, if a job asks for it, around its view.

@@ -233,7 +233,7 @@ fn make(
     sender: &SyncSender<Done>,
 ) -> Result<(), Failure> {
     let progress = Remaining::new("frames", wanted.len());
-    let layers = session.layers(first, &fitted.transfer, &mut Stages::default())?;
+    let layers = session.layers(first, fitted, &mut Stages::default())?;
     for (done, &frame) in wanted.iter().enumerate() {
         progress.at(done, &format!("frame {} of {}", frame + 1, views.len()));
         // Studio light may come with the eye.

@@ -49,6 +49,11 @@ pub(super) fn ends(camera: &Camera, is_patient: bool) -> Vec<End> {
     ends
 }
 
+/// The side of the square that they take.
+pub(super) fn room(em: f64) -> f64 {
+    6.0 * em
+}
+
 /// Draws them within a square whose lower left corner is given.
 pub(super) fn draw(canvas: &mut Canvas, camera: &Camera, is_patient: bool, corner: DVec2) {
     let em = canvas.em;

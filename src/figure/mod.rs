@@ -1,4 +1,4 @@
-//! What a picture needs to stand in a figure: a scale bar, axes, a colour bar, a title and a caption.
+//! What a picture needs to stand in a figure: a scale bar, axes, a colour bar, a legend, a title and a caption.
 //!
 //! They are drawn on the finished picture, in letters of Open Sans, and grow with the shorter side of the picture. On a
 //! dark background they are white, otherwise black, each with a halo that keeps it legible in front of the volume.
@@ -26,6 +26,7 @@ mod axes;
 mod canvas;
 mod color_bar;
 mod font;
+mod legend;
 mod number;
 mod path;
 mod scale_bar;
@@ -34,6 +35,7 @@ use glam::DVec2;
 
 use self::canvas::Canvas;
 use self::font::Font;
+pub use self::legend::LegendEntry;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::{Background, Image, Region};
@@ -56,6 +58,10 @@ pub struct Figure {
     /// (of a slab one unit distance thick) and the unit of the values, if that is known. Colours are those without
     /// light. An X-ray has none.
     pub color_bar: bool,
+    /// Patches of colour with names at the upper left: of labels or channels (see
+    /// [`Layers::legend`](crate::layers::Layers::legend)), in columns over at most half of the picture; if there is no
+    /// room for all, the last line says how many are left out. Colours are those without light. An X-ray has none.
+    pub legend: Vec<LegendEntry>,
     /// Text above, in at most 3 lines.
     pub title: Option<String>,
     /// Text below, in at most 6 lines.
@@ -124,7 +130,7 @@ impl Figure {
     ///
     /// # Errors
     /// [`Error::Setting`] if a text is too long or has a character that the font lacks, if a side of the picture is
-    /// under 128 pixels, or if a colour bar is asked for and there is no room for it, or it is of an X-ray.
+    /// under 128 pixels, or if a colour bar or a legend is asked for and there is no room for it, or it is of an X-ray.
     pub fn validate(&self, size: [u32; 2], model: Model) -> Result<()> {
         if self.is_empty() {
             return Ok(());
@@ -138,8 +144,17 @@ impl Figure {
             let reason = "an X-ray is white: it has no colours to show".to_owned();
             return Err(Error::Setting { name: "color_bar", reason });
         }
-        let texts = self.texts(&Font::new()?, size)?;
+        if !self.legend.is_empty() && model == Model::Xray {
+            let reason = "an X-ray is white: it has no colours to name".to_owned();
+            return Err(Error::Setting { name: "legend", reason });
+        }
+        let font = Font::new()?;
+        let texts = self.texts(&font, size)?;
         let ([top, foot], em) = (self.free(&texts, size), em(size));
+        if !self.legend.is_empty() {
+            let [least, most] = self.legend_area([top, foot], size);
+            legend::check(&font, &self.legend, em, (most - least).to_array())?;
+        }
         if self.color_bar && color_bar::room(foot - top, em) < LEAST_BAR * em {
             let reason = "there is no room for it: choose a larger picture, or shorter texts".to_owned();
             return Err(Error::Setting { name: "color_bar", reason });
@@ -152,6 +167,14 @@ impl Figure {
         let em = em(size);
         let bar = if self.scale_bar { scale_bar::height(em) } else { 0.0 };
         [MARGIN * em + title.height(), f64::from(size[1]) - MARGIN * em - caption.height() - bar]
+    }
+
+    /// Where a legend has room: left of a colour bar, and above axes.
+    fn legend_area(&self, [top, foot]: [f64; 2], size: [u32; 2]) -> [DVec2; 2] {
+        let (em, width) = (em(size), f64::from(size[0]));
+        let right = width * if self.color_bar { 0.6 } else { 1.0 } - MARGIN * em;
+        let foot = if self.axes { foot - axes::room(em) } else { foot };
+        [DVec2::new(MARGIN * em, top), DVec2::new(right, foot)]
     }
 
     /// The title and the caption.
@@ -253,6 +276,9 @@ impl Figure {
         if self.scale_bar {
             scale_bar::draw(&mut canvas, shown, DVec2::new(right, low), 0.28 * width)?;
         }
+        if !self.legend.is_empty() {
+            legend::draw(&mut canvas, &self.legend, self.legend_area([top, foot], size));
+        }
         if self.color_bar {
             let area = [DVec2::new(left, top), DVec2::new(right, foot)];
             color_bar::draw(&mut canvas, shown.transfer, shown.volume.value_unit(), area)?;
@@ -287,7 +313,8 @@ mod tests {
 
     fn everything() -> Figure {
         let (title, caption) = (Some("A title".to_owned()), Some("Two\nlines".to_owned()));
-        Figure { scale_bar: true, axes: true, color_bar: true, title, caption }
+        let legend = vec![LegendEntry { name: "bone".to_owned(), color: [240, 230, 200] }];
+        Figure { scale_bar: true, axes: true, color_bar: true, legend, title, caption }
     }
 
     /// A grey picture with a figure on it.
@@ -394,6 +421,9 @@ mod tests {
         assert!(refused(title(&"word ".repeat(99)), [512; 2], composite).contains("title: it is too long"));
         assert!(refused(title(&"w".repeat(99)), [512; 2], composite).contains("too long"));
         assert!(refused(everything(), [512; 2], Model::Xray).contains("an X-ray is white"));
+        let legend = Figure { color_bar: false, ..everything() };
+        assert!(refused(legend.clone(), [512; 2], Model::Xray).contains("legend: an X-ray is white"));
+        assert!(refused(Figure { axes: true, ..legend }, [128; 2], composite).contains("legend: there is no room"));
         assert!(refused(everything(), [128; 2], composite).contains("no room"));
         assert!(everything().validate([160; 2], composite).is_ok());
         assert!(Figure { scale_bar: true, color_bar: true, ..Figure::default() }.validate([128; 2], composite).is_ok());

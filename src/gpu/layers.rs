@@ -18,9 +18,9 @@ use crate::volume::{BRICK_EDGE as EDGE, Number, RowCoding, Strip, Volume};
 
 /// Voxels to either side of one that its normal is made of, where that of samples would be blocky: labels and masks
 /// jump.
-const REACH: usize = 3;
+const REACH: usize = 4;
 /// The standard deviation of the Gaussian that such normals are gradients of, voxels.
-const DEVIATION: f64 = 1.25;
+const DEVIATION: f64 = 1.5;
 /// The least gradient of the smoothed field, per voxel, in the largest extinction of the layer: below there is no
 /// surface.
 const FLAT: f32 = 1e-4;

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::table;
 use crate::error::{Error, Result};
-use crate::volume::{ToF64, Volume, with_samples};
+use crate::volume::{Segment, ToF64, Volume, with_samples};
 
 /// A label.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,6 +102,18 @@ impl Labels {
         Ok(Self { table: table::load(path.as_ref())?, ..Self::default() })
     }
 
+    /// Those that the file of a volume names, such as a segmentation of 3D Slicer (.seg.nrrd).
+    #[must_use]
+    pub fn stated(volume: &Volume) -> Self {
+        let contents = volume.contents();
+        let named = contents.segments.iter().flatten().filter(|segment| segment.channel == contents.channel);
+        let label = |Segment { label, name, color, .. }: &Segment| {
+            let color = color.map_or_else(|| own_color(*label), |color| color.map(|c| f64::from(c) / 255.0));
+            (*label, Label { name: name.clone().unwrap_or_default(), color, opacity: 1.0 })
+        };
+        Self { table: named.map(label).collect(), ..Self::default() }
+    }
+
     /// The same with a label of a table.
     #[must_use]
     pub fn with(mut self, label: i64, look: Label) -> Self {
@@ -155,13 +167,13 @@ impl Labels {
         found
     }
 
-    /// The looks of labels that are there.
-    pub(super) fn looks(&self, counts: &[LabelCount]) -> Vec<Look> {
+    /// The looks and the names of labels that are there.
+    pub(super) fn looks(&self, counts: &[LabelCount]) -> (Vec<Look>, Vec<String>) {
         let look = |count: &LabelCount| {
-            let Label { color, opacity, .. } = self.label(count.label);
-            Look { label: count.label, color, opacity: OPAQUE * opacity }
+            let Label { color, opacity, name } = self.label(count.label);
+            (Look { label: count.label, color, opacity: OPAQUE * opacity }, name)
         };
-        counts.iter().map(look).collect()
+        counts.iter().map(look).unzip()
     }
 }
 

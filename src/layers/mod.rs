@@ -8,15 +8,21 @@
 //! Voxels are classified before they are reconstructed, each by its own samples: numbers of labels are never mixed.
 
 mod labels;
+mod lattice;
+mod recognise;
+mod shown;
 mod table;
 
 use std::sync::Arc;
 
 pub use self::labels::{Label, LabelCount, Labels, Which, count_labels};
 pub(crate) use self::labels::{Look, look_of};
+pub use self::lattice::{Fit, on_lattice};
+pub use self::recognise::recognised;
 use crate::accuracy::Facts;
 use crate::clip::Clip;
 use crate::error::{Error, Result};
+use crate::figure::LegendEntry;
 use crate::framing::Hull;
 use crate::settings::{Level, Model, Settings};
 use crate::transfer::TransferFunction;
@@ -33,13 +39,23 @@ pub struct Layers {
 pub struct Layer {
     pub(crate) matter: Matter,
     pub(crate) mask: Option<Mask>,
+    /// What a legend says of it, if it is not of labels.
+    named: Option<LegendEntry>,
 }
 
 /// Samples, and what they look like.
 #[derive(Debug, Clone)]
 pub(crate) enum Matter {
-    Scalars { volume: Volume, transfer: TransferFunction },
-    Labels { volume: Volume, looks: Arc<[Look]> },
+    Scalars {
+        volume: Volume,
+        transfer: TransferFunction,
+    },
+    /// With the names of the looks.
+    Labels {
+        volume: Volume,
+        looks: Arc<[Look]>,
+        names: Arc<[String]>,
+    },
     Colors(Box<Colors>),
 }
 
@@ -74,8 +90,8 @@ impl PartialEq for Matter {
             (Self::Scalars { volume: a, transfer }, Self::Scalars { volume: b, transfer: of_b }) => {
                 a.is_same(b) && transfer == of_b
             }
-            (Self::Labels { volume: a, looks }, Self::Labels { volume: b, looks: of_b }) => {
-                a.is_same(b) && looks == of_b
+            (Self::Labels { volume: a, looks, names }, Self::Labels { volume: b, looks: of_b, names: named }) => {
+                a.is_same(b) && looks == of_b && names == named
             }
             (Self::Colors(a), Self::Colors(b)) => {
                 let alphas = match (&a.alpha, &b.alpha) {
@@ -97,10 +113,14 @@ impl PartialEq for Mask {
 }
 
 impl Layer {
+    fn of(matter: Matter) -> Self {
+        Self { matter, mask: None, named: None }
+    }
+
     /// Scalars that a transfer function classifies.
     #[must_use]
     pub fn scalars(volume: &Volume, transfer: &TransferFunction) -> Self {
-        Self { matter: Matter::Scalars { volume: volume.clone(), transfer: transfer.clone() }, mask: None }
+        Self::of(Matter::Scalars { volume: volume.clone(), transfer: transfer.clone() })
     }
 
     /// Labels, each of which has a colour and an opacity of a slab as thick as the least distance of voxels. Reads the
@@ -109,8 +129,8 @@ impl Layer {
     /// # Errors
     /// Those of [`count_labels`].
     pub fn labels(volume: &Volume, labels: &Labels) -> Result<Self> {
-        let looks = labels.looks(&count_labels(volume)?);
-        Ok(Self { matter: Matter::Labels { volume: volume.clone(), looks: looks.into() }, mask: None })
+        let (looks, names) = labels.looks(&count_labels(volume)?);
+        Ok(Self::of(Matter::Labels { volume: volume.clone(), looks: looks.into(), names: names.into() }))
     }
 
     /// Voxels in colours of their own: red, green and blue, `white` where they are brightest. The transfer function
@@ -126,22 +146,36 @@ impl Layer {
         transfer: &TransferFunction,
     ) -> Result<Self> {
         for other in channels.into_iter().chain(alpha) {
-            check_lattice("channel", channels[0].grid(), other)?;
+            check_lattice("channel", channels[0], other)?;
         }
         if !(white > 0.0 && white.is_finite()) {
             return Err(Error::Setting { name: "white", reason: format!("{white}, expected a number over 0") });
         }
         let (channels, alpha) = (channels.map(Volume::clone), alpha.cloned());
         let colors = Colors { channels, alpha, white, transfer: transfer.clone() };
-        Ok(Self { matter: Matter::Colors(Box::new(colors)), mask: None })
+        Ok(Self::of(Matter::Colors(Box::new(colors))))
+    }
+
+    /// The same layer with a name and a colour in [`Layers::legend`], such as those of a channel. Labels have their
+    /// own.
+    #[must_use]
+    pub fn named(self, entry: LegendEntry) -> Self {
+        Self { named: Some(entry), ..self }
+    }
+
+    /// What [`Self::named`] said.
+    #[must_use]
+    pub fn entry(&self) -> Option<&LegendEntry> {
+        self.named.as_ref()
     }
 
     /// The same layer where a volume of labels has one of some, and nothing elsewhere. Reads that volume once.
     ///
     /// # Errors
-    /// Those of [`Self::labels`], and [`Error::Setting`] if the lattices differ or no voxel has such a label.
+    /// Those of [`Self::labels`], and [`Error::Setting`] if the lattices differ (see [`on_lattice`]) or no voxel has
+    /// such a label.
     pub fn masked(self, mask: &Volume, which: &Which) -> Result<Self> {
-        check_lattice("mask", self.grid(), mask)?;
+        check_lattice("mask", self.volume(), mask)?;
         let shown: Vec<i64> =
             count_labels(mask)?.into_iter().map(|count| count.label).filter(|&label| which.has(label, "")).collect();
         if shown.is_empty() {
@@ -191,18 +225,9 @@ impl Layer {
 }
 
 /// Refuses a volume on another lattice.
-fn check_lattice(name: &'static str, grid: &Grid, other: &Volume) -> Result<()> {
-    let by = |dims: [u32; 3]| dims.map(|d| d.to_string()).join(" x ");
-    if grid.dims() != other.grid().dims() {
-        let reason =
-            format!("a lattice of {}, expected that of the volume, {}", by(other.grid().dims()), by(grid.dims()));
-        return Err(Error::Setting { name, reason });
-    }
-    Ok(())
+fn check_lattice(name: &'static str, volume: &Volume, other: &Volume) -> Result<()> {
+    lattice::fit(other, volume).map(drop).map_err(|reason| Error::Setting { name, reason })
 }
-
-/// The largest distance of the corners of two lattices, in voxels, beyond which they are different ones.
-const APART: f64 = 0.5;
 
 impl Layers {
     /// A volume as it is drawn alone.
@@ -220,22 +245,10 @@ impl Layers {
     /// The same with another layer.
     ///
     /// # Errors
-    /// [`Error::Setting`] if it has another number of voxels along an axis, or if both state where in patient space
-    /// they are and their corners are over half a voxel apart.
+    /// [`Error::Setting`] if it has another number of voxels along an axis, or if the files state where both are and
+    /// voxels are half a voxel or more apart: [`on_lattice`] resamples labels.
     pub fn with(mut self, layer: Layer) -> Result<Self> {
-        let first = self.layers[0].volume();
-        let other = layer.volume();
-        check_lattice("labels", first.grid(), other)?;
-        if first.is_oriented() && other.is_oriented() {
-            let to_lattice = first.grid().to_lattice();
-            let apart = first.grid().corners(0.0).into_iter().zip(other.grid().corners(0.0));
-            let apart = apart.map(|(a, b)| (to_lattice.matrix3 * (b - a)).length()).fold(0.0, f64::max);
-            if apart > APART {
-                let reason =
-                    format!("the lattice lies elsewhere: corners are {apart:.1} voxels from those of the volume");
-                return Err(Error::Setting { name: "labels", reason });
-            }
-        }
+        check_lattice("labels", self.layers[0].volume(), layer.volume())?;
         self.layers.push(layer);
         Ok(self)
     }
@@ -259,7 +272,7 @@ impl Layers {
                 // Luminance is no more than the brightest channel.
                 None => united(colors.channels.iter().map(|channel| Hull::of_visible(channel, &colors.transfer, clip))),
             },
-            (None, Matter::Labels { volume, looks }) => {
+            (None, Matter::Labels { volume, looks, .. }) => {
                 let shown = looks.iter().filter(|look| look.opacity > 0.0).map(|look| look.label);
                 Hull::of_values(volume, &runs(shown), clip)
             }
@@ -267,10 +280,34 @@ impl Layers {
         united(self.layers.iter().map(hull))
     }
 
+    /// What a legend says of layers: every label that shows, in ascending order, and layers that are
+    /// [named](Layer::named). A label shows if it is not clear and one of its voxels is neither cut away nor masked; it
+    /// may be hidden behind others. Reads labels again if something is cut away or masked.
+    ///
+    /// # Errors
+    /// [`Error::Read`] and [`Error::Memory`] if samples left in a file cannot be read.
+    pub fn legend(&self, clip: &Clip) -> Result<Vec<LegendEntry>> {
+        let mut entries = Vec::new();
+        for layer in &self.layers {
+            match &layer.matter {
+                Matter::Labels { volume, looks, names } => {
+                    let shown = shown::labels(volume, looks, layer.mask.as_ref(), clip)?;
+                    let all = looks.iter().zip(names.iter()).zip(shown);
+                    entries.extend(all.filter(|(_, shown)| *shown).map(|((look, name), _)| LegendEntry {
+                        name: if name.is_empty() { format!("label {}", look.label) } else { name.clone() },
+                        color: look.color.map(|channel| (255.0 * channel).round() as u8),
+                    }));
+                }
+                _ => entries.extend(layer.named.clone()),
+            }
+        }
+        Ok(entries)
+    }
+
     /// The volume and the transfer function, if there is nothing else.
     pub(crate) fn plain(&self) -> Option<(&Volume, &TransferFunction)> {
         match self.layers.as_slice() {
-            [Layer { matter: Matter::Scalars { volume, transfer }, mask: None }] => Some((volume, transfer)),
+            [Layer { matter: Matter::Scalars { volume, transfer }, mask: None, .. }] => Some((volume, transfer)),
             _ => None,
         }
     }

@@ -10,9 +10,9 @@ use crate::transfer::TransferFunction;
 use crate::volume::{Samples, Volume};
 
 /// Voxels to either side of one whose extinctions make its normal, where samples jump.
-const REACH: i64 = 3;
+const REACH: i64 = 4;
 /// Twice the variance of the Gaussian that they are weighted by, voxels^2.
-const SPREAD: f64 = 2.0 * 1.25 * 1.25;
+const SPREAD: f64 = 2.0 * 1.5 * 1.5;
 /// The least slope of the smoothed extinction, per voxel, over the largest of the layer.
 const FLAT: f64 = 1e-4;
 

@@ -112,12 +112,28 @@ pub struct Contents {
     pub level: u32,
     /// The number of levels.
     pub levels: u32,
+    /// The labels that the file names, of all its channels, if it says that its values are labels; empty if it says no
+    /// more of them.
+    pub segments: Option<Vec<Segment>>,
 }
 
 impl Default for Contents {
     fn default() -> Self {
-        Self { channel: 0, channels: 1, labels: Vec::new(), time: 0, times: 1, level: 0, levels: 1 }
+        Self { channel: 0, channels: 1, labels: Vec::new(), time: 0, times: 1, level: 0, levels: 1, segments: None }
     }
+}
+
+/// What a file says of a label.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Segment {
+    /// The channel whose values it is of: labels of one channel do not overlap.
+    pub channel: u32,
+    /// The value.
+    pub label: i64,
+    /// What it is of.
+    pub name: Option<String>,
+    /// Red, green and blue, sRGB.
+    pub color: Option<[u8; 3]>,
 }
 
 /// What a file says of a channel.

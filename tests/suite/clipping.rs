@@ -218,6 +218,34 @@ fn disjoint_boxes_composited_are_the_whole() {
     }
 }
 
+/// What is in a sheet has no order. So parts err against the whole where a plane divides sheets, by what lies on either
+/// side of it in the same sheet; where it runs between two sheets, rounding alone is left.
+#[test]
+fn a_cut_between_sheets_divides_nothing() {
+    let (volume, transfer) = demo("vessels", 24);
+    let view = View { azimuth: 0.0, elevation: 0.0, ..View::default() };
+    let seen = look(&view, &volume, [48; 2]);
+    let apart = |thickness: f64, at: f64| {
+        let settings = thick(&exact_quads(), thickness);
+        let middle = volume.grid().center() + DVec3::Y * at;
+        let near = Plane::through(middle, DVec3::NEG_Y).unwrap();
+        let scene = prepare(&volume, &transfer, &settings);
+        let drawn =
+            |planes: Vec<Plane>| as_f64(&draw(&scene, &seen, &clipped(&settings, &Clip::new(planes).unwrap())).image);
+        let (whole, parts) =
+            (drawn(vec![]), composited([near, near.flipped()].map(|plane| drawn(vec![plane])).into_iter()));
+        largest_difference(&whole, &parts, 0..3)
+    };
+    // Places of the plane in a sheet, in eighths of it.
+    let along = |thickness: f64| (0..8_u8).map(move |i| f64::from(i) / 8.0 * thickness);
+    let [one, quarter] =
+        [1.0, 0.25].map(|thickness| along(thickness).map(|at| apart(thickness, at)).collect::<Vec<f64>>());
+    println!("{one:?} {quarter:?}");
+    let ends = |all: &[f64]| all.iter().fold([f64::INFINITY, 0.0_f64], |[low, high], &d| [low.min(d), high.max(d)]);
+    let ([least, most], [_, thin]) = (ends(&one), ends(&quarter));
+    assert!(least < 1e-6 && most > 1e-4 && thin < most / 8.0, "{one:?} {quarter:?}");
+}
+
 #[test]
 fn a_slab_of_one_material_has_the_alpha_of_its_thickness() {
     let volume = Volume::from_slice([24; 3], [1.0; 3], &[1.0_f32; 24 * 24 * 24]).unwrap();
@@ -323,6 +351,9 @@ fn a_plane_moves_without_classifying_the_scene() {
         for offset in [5.0, 9.0] {
             let stats = draw(&scene, &seen, &clipped(&settings, &clip(&[([1.0, 0.2, 0.0], offset)]))).stats;
             assert!(stats.stages.iter().all(|stage| stage.name != "classify"), "{:?}", stats.stages);
+            let said = &serde_json::to_value(&stats).unwrap()["clip"];
+            assert_eq!((said.as_array().unwrap().len(), &said[0]["offset"]), (1, &offset.into()));
+            assert!((said[0]["normal"][1].as_f64().unwrap() - 0.2 / 1.04_f64.sqrt()).abs() < 1e-12);
         }
     }
 }

@@ -114,7 +114,7 @@ fn lights() -> Option<Lighting> {
 
 fn everything() -> Figure {
     let (title, caption) = (Some("A vessel tree".to_owned()), Some("Größe: α ≤ 1".to_owned()));
-    Figure { scale_bar: true, axes: true, color_bar: true, title, caption }
+    Figure { scale_bar: true, axes: true, color_bar: true, title, caption, ..Figure::default() }
 }
 
 /// One step of 8 bits. Drivers and processors round differently, which may turn a value over the border of two steps.

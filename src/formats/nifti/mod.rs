@@ -41,6 +41,9 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
         contents.labels = colours(contents.channels);
     }
 
+    // NIFTI_INTENT_LABEL.
+    contents.segments = (header.intent_code == 1002).then(Vec::new);
+
     // The offset is a float in NIfTI-1; under 9e15, a little under 2^53, it is exact.
     let offset = header.vox_offset;
     if !(offset >= 0.0 && offset.fract() == 0.0 && offset < 9e15) {

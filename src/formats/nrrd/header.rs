@@ -1,12 +1,14 @@
 //! NRRD headers: their fields, and the meaning of the fields that have a value per axis.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
 use crate::error::{Error, Result};
 use crate::formats::input::Input;
+use crate::formats::placement::plain_name;
+use crate::volume::Segment;
 
 /// The most axes: Teem's limit, NRRD_DIM_MAX.
 const MAX_AXES: usize = 16;
@@ -15,6 +17,8 @@ const MAX_AXES: usize = 16;
 pub(super) struct Header {
     path: PathBuf,
     fields: HashMap<String, String>,
+    /// Labels by their numbers in the file, if it is a segmentation of 3D Slicer.
+    segments: BTreeMap<u32, Segment>,
     /// Samples along each axis, fastest first, as stated; not yet checked to be positive.
     pub(super) sizes: Vec<i64>,
     /// World distance between samples, one per axis.
@@ -36,7 +40,7 @@ impl Header {
         if !matches!(version, Some("1" | "2" | "3" | "4" | "5")) {
             return Err(input.error(format!("begins with {magic:?}, expected NRRD0001 to NRRD0005")));
         }
-        let mut fields = HashMap::new();
+        let (mut fields, mut segments) = (HashMap::new(), BTreeMap::new());
         while let Some(line) = input.line()? {
             let line = line.trim_end();
             if line.is_empty() {
@@ -49,7 +53,8 @@ impl Header {
                 return Err(input.error(format!("header line {line:?} is not \"field: value\"")));
             };
             // "key:=value" is metadata of an application.
-            if value.starts_with('=') {
+            if let Some(value) = value.strip_prefix('=') {
+                describe(&mut segments, name, value);
                 continue;
             }
             let name = canonical(name);
@@ -64,6 +69,7 @@ impl Header {
         Self::interpret(Self {
             path,
             fields,
+            segments,
             sizes: Vec::new(),
             spacings: None,
             directions: None,
@@ -118,6 +124,11 @@ impl Header {
     /// An [`Error::Format`] about this header.
     pub(super) fn error(&self, reason: impl Into<String>) -> Error {
         Error::format(&self.path, reason)
+    }
+
+    /// The labels of a segmentation of 3D Slicer.
+    pub(super) fn segments(&self) -> Option<Vec<Segment>> {
+        (!self.segments.is_empty()).then(|| self.segments.values().cloned().collect())
     }
 
     /// The text of a field.
@@ -180,6 +191,33 @@ impl Header {
             return Err(bad());
         }
         Ok(vectors)
+    }
+}
+
+/// The most segments that a file may name.
+const MOST_SEGMENTS: usize = 1 << 16;
+
+/// What metadata of 3D Slicer say of a segment, such as `Segment3_Color` and `0.9 0.3 0.1`. Segments that overlap lie
+/// in layers, the channels of the file; before they had layers, each was a channel of its own, with the label 1.
+fn describe(segments: &mut BTreeMap<u32, Segment>, name: &str, value: &str) {
+    let Some((number, what)) = name.strip_prefix("Segment").and_then(|rest| rest.split_once('_')) else { return };
+    let Ok(number) = number.parse::<u32>() else { return };
+    if segments.len() >= MOST_SEGMENTS && !segments.contains_key(&number) {
+        return;
+    }
+    let new = || Segment { channel: number, label: 1, ..Segment::default() };
+    let segment = segments.entry(number).or_insert_with(new);
+    match what {
+        "Name" => segment.name = plain_name(value),
+        "LabelValue" => segment.label = value.trim().parse().unwrap_or(segment.label),
+        "Layer" => segment.channel = value.trim().parse().unwrap_or(segment.channel),
+        "Color" => {
+            let channels: Vec<f64> = value.split_whitespace().filter_map(|part| part.parse().ok()).collect();
+            if let [red, green, blue] = channels[..] {
+                segment.color = Some([red, green, blue].map(|c| (255.0 * c).round() as u8));
+            }
+        }
+        _ => {}
     }
 }
 

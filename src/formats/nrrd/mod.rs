@@ -33,7 +33,8 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let encoding = encoding(&header)?;
     let layout = layout(&header, sample_type, encoding)?;
     let (axes, roles) = spatial_axes(&header)?;
-    let (pick, contents) = picked(header.path(), &roles, options)?;
+    let (pick, mut contents) = picked(header.path(), &roles, options)?;
+    contents.segments = header.segments();
     let sizes = axes.map(|a| header.sizes[a]);
     let dims = lattice(header.path(), &sizes)?;
     let placement = placement(&header, axes)?;
