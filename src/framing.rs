@@ -38,6 +38,13 @@ const VISIBLE: f64 = 0.01;
 /// The least cosine between the axis and the picture's up for places along the axis to be places up the picture.
 const LEAST_LEAN: f64 = 0.2;
 
+/// The most points of hulls that are joined; if there are more, the farthest in so many directions are kept.
+const MOST_POINTS: usize = 16_384;
+const DIRECTIONS: u32 = 4096;
+
+/// The golden angle, radians.
+const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+
 /// Steps towards the smallest circle: its radius then is mostly within a hundredth of the smallest.
 const STEPS: u32 = 200;
 
@@ -74,6 +81,29 @@ impl Hull {
         let offset = other.origin - self.origin;
         let points = self.points.iter().copied().chain(other.points.iter().map(|&point| point + offset)).collect();
         Self { points, reach: self.reach.max(other.reach), ..self.clone() }
+    }
+
+    /// The hull of both, such as those of two points in time: all of their points if there are no more than 16384,
+    /// otherwise those that reach farthest in each of 4096 directions. Less than a thousandth of the extent is lost.
+    #[must_use]
+    pub fn joined(&self, other: &Self) -> Self {
+        let both = self.and(other);
+        if both.points.len() <= MOST_POINTS {
+            return both;
+        }
+        let farthest = |direction: DVec3| {
+            let along = |point: &&DVec3| point.dot(direction);
+            both.points.iter().max_by(|a, b| along(a).total_cmp(&along(b))).copied()
+        };
+        // Directions along a spiral, each of which has as much of the sphere to itself (Saff and Kuijlaars 1997,
+        // "Distributing many points on a sphere").
+        let direction = |n: u32| {
+            let (height, turn) =
+                ((2.0 * f64::from(n) + 1.0) / f64::from(DIRECTIONS) - 1.0, f64::from(n) * GOLDEN_ANGLE);
+            let across = (1.0 - height * height).sqrt();
+            DVec3::new(across * turn.cos(), across * turn.sin(), height)
+        };
+        Self { points: (0..DIRECTIONS).filter_map(|n| farthest(direction(n))).collect(), ..both }
     }
 
     /// The same, to be fitted as it is seen from the side of the view: it fills the picture, and every view has a

@@ -112,11 +112,14 @@ pub struct Contents {
     pub level: u32,
     /// The number of levels.
     pub levels: u32,
+    /// What of the file the volume could not keep, each as a sentence without a full stop, such as that coordinates are
+    /// unequally spaced.
+    pub notes: Vec<String>,
 }
 
 impl Default for Contents {
     fn default() -> Self {
-        Self { channel: 0, channels: 1, labels: Vec::new(), time: 0, times: 1, level: 0, levels: 1 }
+        Self { channel: 0, channels: 1, labels: Vec::new(), time: 0, times: 1, level: 0, levels: 1, notes: Vec::new() }
     }
 }
 
