@@ -185,6 +185,32 @@ mod tests {
     }
 
     #[test]
+    fn hulls_of_many_points_are_joined_to_within_a_thousandth() {
+        // Places on a flat ellipsoid, in an order that is not that of the directions.
+        let place = |n: u32| {
+            let [a, b] = [0.754_877_666_246_693, 0.569_840_290_998_053].map(|step| (f64::from(n) * step).fract());
+            let (height, turn) = (2.0 * a - 1.0, b * std::f64::consts::TAU);
+            let across = (1.0 - height * height).sqrt();
+            DVec3::new(across * turn.cos(), across * turn.sin(), height) * DVec3::new(30.0, 20.0, 5.0)
+        };
+        let of = |numbers: std::ops::Range<u32>, origin: DVec3| Hull {
+            origin,
+            points: numbers.map(|n| place(n) - origin).collect(),
+            reach: 1.0,
+            turned: false,
+        };
+        let all = of(0..40_000, DVec3::ZERO);
+        let joined = of(0..20_000, DVec3::ZERO).joined(&of(20_000..40_000, DVec3::new(1.0, -2.0, 3.0)));
+        assert!(joined.points.len() <= DIRECTIONS as usize, "{}", joined.points.len());
+        for direction in [DVec3::X, DVec3::Y, DVec3::Z, DVec3::new(1.0, -2.0, 0.5), DVec3::new(-3.0, 1.0, 1.0)] {
+            let [whole, found] = [&all, &joined].map(|hull| hull.extent(DVec3::ZERO, DVec3::Z, direction));
+            assert!(found <= whole + 1e-9 && found > whole * 0.999, "{direction}: {found} of {whole}");
+        }
+        // Fewer points are all kept.
+        assert!(of(0..100, DVec3::ZERO).joined(&of(100..200, DVec3::ZERO)) == of(0..200, DVec3::ZERO));
+    }
+
+    #[test]
     fn extents_are_those_of_the_turned_hull() {
         let points = [DVec3::new(3.0, 4.0, 1.0), DVec3::new(-3.0, -4.0, 7.0)];
         let hull = hull(&points);

@@ -433,6 +433,23 @@ fn luma_and_chroma_become_red_green_and_blue() {
 }
 
 #[test]
+fn flat_colours_of_jpeg_keep_their_values() {
+    for (file, channel) in
+        ["baseline-ybr-u8.dcm", "baseline-rgb-u8.dcm"].into_iter().flat_map(|f| [0, 1, 2].map(|c| (f, c)))
+    {
+        let volume = load(path(file), &LoadOptions { channel: Some(channel), ..LoadOptions::default() }).unwrap();
+        let in_memory = volume.in_memory().unwrap();
+        let Samples::U8(found) = in_memory.samples() else { panic!() };
+        assert_eq!(found.len(), 60);
+        for (n, value) in found.iter().enumerate() {
+            let z = n as u8 / 12;
+            let expected = [50 * z + 3, 200 - 40 * z, 90][channel as usize];
+            assert!(value.abs_diff(expected) <= 2, "{file}, channel {channel}, sample {n}: {value}, not {expected}");
+        }
+    }
+}
+
+#[test]
 fn a_series_is_what_its_volumes_are_one_by_one() {
     let dir = tempfile::tempdir().unwrap();
     // Compressed as a whole, behind a header, in a file beside it, and not at all; one stays in its file.

@@ -2,13 +2,14 @@
 """Writes NRRD and DICOM files of points in time and of colours, and HDF5 and NetCDF that cannot be placed, and beside
 them expected-time.json: what the reference implementations read there, as in make_several.py.
 
-    pip install numpy==2.4.6 pynrrd==1.1.3 pydicom==3.0.2 h5py==3.16.0 netCDF4==1.7.5.1.post1
+    pip install numpy==2.4.6 pynrrd==1.1.3 pydicom==3.0.2 h5py==3.16.0 netCDF4==1.7.5.1.post1 pillow==13.0.0
     python make_time.py
 
 The volume of channel c at time t has the samples of make.py, each 7 c + 13 t places further: sample n is number
 (n + 7 c + 13 t) mod 60 of them.
 """
 
+import io
 import json
 import os
 from pathlib import Path
@@ -18,6 +19,7 @@ import netCDF4
 import nrrd
 import numpy as np
 import pydicom
+from PIL import Image
 
 os.chdir(Path(__file__).parent)
 DIMS = (3, 4, 5)
@@ -199,6 +201,35 @@ add("rgb-u16.dcm", "u16", coloured("rgb-u16.dcm", np.moveaxis(all_of("u16", 3, 1
 coloured("ybr-u8.dcm", COLOURS, False, "YBR_FULL")
 rgb = pydicom.pixels.pixel_array("ybr-u8.dcm", raw=False)
 Path("ybr.json").write_text(json.dumps(np.moveaxis(rgb, -1, 0).reshape(3, -1).tolist()) + "\n")
+
+
+def encapsulated(file, frames, syntax, photometric):
+    out = dataset(COLOURS, frames=5, capture=True)
+    out.SamplesPerPixel, out.PhotometricInterpretation, out.PlanarConfiguration = 3, photometric, 0
+    out.file_meta.TransferSyntaxUID = syntax
+    out.PixelData = pydicom.encaps.encapsulate(frames)
+    out["PixelData"].VR = "OB"
+    out["PixelData"].is_undefined_length = True
+    save(file, out)
+
+
+def packed(frame, kind, **options):
+    out = io.BytesIO()
+    Image.fromarray(frame).save(out, kind, **options)
+    return out.getvalue()
+
+
+frames = [packed(frame, "JPEG2000", no_jp2=True, irreversible=False, mct=1, num_resolutions=1) for frame in COLOURS]
+encapsulated("jpeg2000-rgb-u8.dcm", frames, pydicom.uid.JPEG2000Lossless, "YBR_RCT")
+got = np.stack([np.asarray(Image.open(io.BytesIO(frame))) for frame in frames])
+add("jpeg2000-rgb-u8.dcm", "u8", np.moveaxis(got, -1, 0)[None], np.eye(4), labels=RGB)
+# Of one colour in each frame, which even this codec nearly keeps: read by a test of its own. In the second file the
+# three components are red, green and blue as they are.
+flat = [np.full((4, 3, 3), (50 * z + 3, 200 - 40 * z, 90), np.uint8) for z in range(5)]
+frames = [packed(frame, "JPEG", quality=100, subsampling=0) for frame in flat]
+encapsulated("baseline-ybr-u8.dcm", frames, pydicom.uid.JPEGBaseline8Bit, "YBR_FULL_422")
+frames = [packed(frame, "JPEG", quality=100, keep_rgb=True) for frame in flat]
+encapsulated("baseline-rgb-u8.dcm", frames, pydicom.uid.JPEGBaseline8Bit, "RGB")
 # Captures without positions follow one another by their numbers, not by their names.
 for z in range(5):
     out = dataset(COLOURS[z], number=z + 7, capture=True)
