@@ -27,12 +27,15 @@ const MAX_HEADER: u64 = 32 << 20;
 /// What a line takes besides its characters, in bytes: lines are kept in strings, and strings in tables.
 const LINE_OVERHEAD: u64 = 64;
 
+/// A file, and the offset in it at which a stream begins.
+type Place = (PathBuf, u64);
+
 /// Compressed streams as files without names that hold what they decompress to, for source files that are read more
 /// than once.
 #[derive(Debug, Default)]
 pub(super) struct Unpacked {
-    /// By the file and the place of the stream in it; `None` if it cannot be decompressed, or there is no room for it.
-    streams: Mutex<HashMap<(PathBuf, u64), Option<Arc<File>>>>,
+    /// By their places; `None` if it cannot be decompressed, or there is no room for it.
+    streams: Mutex<HashMap<Place, Option<Arc<File>>>>,
 }
 
 impl Unpacked {
