@@ -201,7 +201,7 @@ fn unpack_jpeg(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<(), S
     let most = size.columns.saturating_mul(size.rows).saturating_mul(2).saturating_mul(size.samples);
     decoder.set_max_decoding_buffer_size(most);
     if size.is_rgb {
-        decoder.set_color_transform(ColorTransform::None);
+        decoder.set_color_transform(ColorTransform::RGB);
     }
     decoder.read_info().map_err(|error| error.to_string())?;
     let info = decoder.info().ok_or("no header")?;
