@@ -243,8 +243,9 @@ impl Plane {
         let (rows, columns) = (required(ROWS, "number of rows")?, required(COLUMNS, "number of columns")?);
         let planar = set.u16(PLANAR) == Some(1);
         let photometric = set.text(PHOTOMETRIC);
-        // Codecs of colours give red, green and blue; run lengths are none.
-        let by_codec = syntax_of(&set.syntax).is_some_and(|(_, codec)| codec != Some(Codec::Rle));
+        // Codecs of colours give red, green and blue; run lengths and lossless JPEG are none.
+        let is_lossless = ["1.2.840.10008.1.2.4.57", "1.2.840.10008.1.2.4.70"].contains(&set.syntax.as_str());
+        let by_codec = !is_lossless && syntax_of(&set.syntax).is_some_and(|(_, codec)| codec != Some(Codec::Rle));
         let colors = match (set.u16(CHANNELS).unwrap_or(1), photometric.as_str()) {
             (1, "PALETTE COLOR") => {
                 return Err(refused("is in a palette of colours, which is not read: convert it to RGB".to_owned()));
