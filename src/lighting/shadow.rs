@@ -11,21 +11,24 @@
 //! points alone. It is not 0 within a kernel's radius of the ray only, and without bias a voxel's own kernel counts by
 //! half. So a direction is a list of offsets with weights, the same for every voxel of a volume, and D_j takes no
 //! sheets, no steps and no view. Rows of voxels are added up together. From a light at a place each voxel has a
-//! direction and a `reach` of its own: its sections are looked up one by one.
+//! direction and a `reach` of its own: its kernels are added up by [`Converging`].
 //!
 //! Splatters before shade one image of the light after another and look the voxel up there: Nulkar and Mueller 2001,
 //! "Splatting with shadows" (a volume of light, by sheets); Zhang and Crawfis 2003, "Shadows and soft shadows with
 //! participating media using splatting" (sheets half way between eye and light, anew in each view); Kniss et al. 2003,
 //! "A model for volume lighting and modeling", likewise for slices. Ray casters send a second ray from each sample.
 
-use std::ops::{AddAssign, Mul, Range};
+mod converging;
+
+use std::ops::{Add, AddAssign, Mul, Range, Sub};
 
 use glam::{DAffine3, DMat3, DVec3};
 use pulp::Arch;
 
+use self::converging::Converging;
 use super::{Casting, MAX_CASTING, Origin};
 use crate::error::Result;
-use crate::kernel::{FootprintTable, Kernel, section_by};
+use crate::kernel::{Kernel, section_by};
 use crate::memory::reserved;
 use crate::volume::{Grid, ToF64};
 
@@ -42,10 +45,13 @@ const BLOCK: usize = 8;
 const LANES: usize = 32;
 
 /// f32 for pictures, f64 for the truth.
-pub(crate) trait Real: ToF64 + Default + PartialOrd + AddAssign + Mul<Output = Self> {
+pub(crate) trait Real:
+    ToF64 + Default + PartialOrd + Add<Output = Self> + AddAssign + Sub<Output = Self> + Mul<Output = Self>
+{
     /// A number that no sum reaches.
     const INFINITE: Self;
     fn of(value: f64) -> Self;
+    fn sqrt(self) -> Self;
 }
 
 impl Real for f32 {
@@ -53,12 +59,18 @@ impl Real for f32 {
     fn of(value: f64) -> Self {
         value as Self
     }
+    fn sqrt(self) -> Self {
+        self.sqrt()
+    }
 }
 
 impl Real for f64 {
     const INFINITE: Self = Self::INFINITY;
     fn of(value: f64) -> Self {
         value
+    }
+    fn sqrt(self) -> Self {
+        self.sqrt()
     }
 }
 
@@ -315,91 +327,6 @@ enum Rays<T> {
     To(Converging),
 }
 
-/// Rays to a place in the lattice.
-struct Converging {
-    place: DVec3,
-    table: FootprintTable,
-    radius: f64,
-    /// Voxels.
-    bias: f64,
-    to_world: DMat3,
-    /// What sections are multiplied by for each world unit that a voxel of their ray is long.
-    scale: f64,
-}
-
-impl Converging {
-    /// The largest error of the table of sections, of the peak.
-    const TABLE_ERROR: f64 = 1e-6;
-
-    fn new(place: DVec3, lattice: &Lattice, bias: f64) -> Self {
-        let Lattice { kernel, divisor, to_world, unit, .. } = *lattice;
-        let table = FootprintTable::new(&kernel, Self::TABLE_ERROR);
-        // Kernels too narrow in their support for that have the finest one.
-        let table = table.unwrap_or_else(|_| FootprintTable::with_size(&kernel, 4096, 16));
-        Self { place, table, radius: kernel.radius(), bias, to_world, scale: 1.0 / unit / divisor }
-    }
-
-    /// The optical depth from a voxel to the place, or a depth over [`DARK`].
-    fn depth<T: Real>(&self, medium: &Medium<T>, from: [usize; 3]) -> f64 {
-        let way = self.place - DVec3::from_array(from.map(|p| p as f64));
-        let distance = way.length();
-        if distance <= self.bias {
-            return 0.0;
-        }
-        let along = way / distance;
-        let d = along.to_array();
-        let scale = (self.to_world * along).length() * self.scale;
-        let main = (0..3).fold(0, |most, axis| if d[axis].abs() > d[most].abs() { axis } else { most });
-        let [u, v] = [(main + 1) % 3, (main + 2) % 3];
-        let (ahead, room) = if d[main] > 0.0 { (1, medium.dims[main] - 1 - from[main]) } else { (-1, from[main]) };
-        let last = (distance * d[main].abs() + self.radius).min(room as f64).floor() as i32;
-        // In a plane across the main axis kernels are met within an ellipse, at most so wide.
-        let wide = self.radius / d[main].abs();
-        let range = |axis: usize, center: f64| {
-            let middle = from[axis] as f64 + center;
-            let end = (medium.dims[axis] - 1) as f64;
-            (middle - wide).ceil().max(0.0) as i32..=(middle + wide).floor().min(end) as i32
-        };
-        let from = from.map(|p| p as i32);
-        let mut sum = 0.0;
-        for planes in (-(self.radius as i32)..=last).step_by(CHUNK as usize) {
-            let ends = [planes, (planes + CHUNK - 1).min(last)].map(|n| f64::from(n * ahead) / d[main]);
-            let corner = |axis: usize, at: f64| from[axis] + (d[axis] * at).floor() as i32;
-            let reach = wide.ceil() as i32 + 1;
-            let low = std::array::from_fn(|a| corner(a, ends[0]).min(corner(a, ends[1])) - reach);
-            let high = std::array::from_fn(|a| corner(a, ends[0]).max(corner(a, ends[1])) + reach);
-            if !medium.is_occupied(low, high) {
-                continue;
-            }
-            for plane in planes..=(planes + CHUNK - 1).min(last) {
-                let mut at = from;
-                at[main] += plane * ahead;
-                if at[main] < 0 || at[main] >= medium.dims[main] as i32 {
-                    continue;
-                }
-                let center = along * (f64::from(plane * ahead) / d[main]);
-                for b in range(v, center.to_array()[v]) {
-                    for a in range(u, center.to_array()[u]) {
-                        (at[u], at[v]) = (a, b);
-                        let value = medium.value(at.map(|p| p as usize)).to_f64();
-                        if value == 0.0 {
-                            continue;
-                        }
-                        let o = DVec3::from_array([0, 1, 2].map(|axis| f64::from(at[axis] - from[axis])));
-                        let t = o.dot(along);
-                        let r2 = o.length_squared() - t * t;
-                        sum += value * self.table.section(self.radius, r2, self.bias - t, distance - t);
-                    }
-                }
-            }
-            if sum * scale > DARK {
-                break;
-            }
-        }
-        sum * scale
-    }
-}
-
 impl<T: Real> Caster<T> {
     pub(crate) fn new(casting: &Casting, lattice: &Lattice) -> Self {
         let Lattice { kernel, divisor, dims, to_world, unit, voxels, .. } = lattice;
@@ -451,11 +378,13 @@ impl<T: Real> Caster<T> {
                 }
                 Rays::To(place) => {
                     let [x, y, z] = block.start;
-                    for (row, (means, bits)) in means.iter_mut().zip(block.wanted).enumerate() {
-                        let [y, z] = [y + row % block.down, z + row / block.down];
-                        for (i, mean) in means.iter_mut().enumerate().filter(|(i, _)| bits >> i & 1 != 0) {
-                            *mean = share(place.depth(medium, [x + i, y, z]));
-                        }
+                    let is_wanted = |&(row, i): &(usize, usize)| block.wanted[row] >> i & 1 != 0;
+                    let wanted = (0..block.wanted.len()).flat_map(|row| (0..N).map(move |i| (row, i)));
+                    let wanted: Vec<(usize, usize)> = wanted.filter(is_wanted).collect();
+                    let voxel = |&(row, i): &(usize, usize)| [x + i, y + row % block.down, z + row / block.down];
+                    let voxels: Vec<[usize; 3]> = wanted.iter().map(voxel).collect();
+                    for ((row, i), depth) in wanted.into_iter().zip(place.depths(medium, &voxels)) {
+                        means[row][i] = share(depth);
                     }
                 }
             }
