@@ -84,7 +84,8 @@ impl Hull {
     }
 
     /// The hull of both, such as those of two points in time: all of their points if there are no more than 16384,
-    /// otherwise those that reach farthest in each of 4096 directions. Less than a thousandth of the extent is lost.
+    /// otherwise those that reach farthest in each of 4096 directions. Of things that are no flatter than 1 : 6 less
+    /// than 1/200 of the largest extent is lost.
     #[must_use]
     pub fn joined(&self, other: &Self) -> Self {
         let both = self.and(other);
@@ -185,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn hulls_of_many_points_are_joined_to_within_a_thousandth() {
+    fn hulls_of_many_points_are_joined_to_within_1_200_of_their_extent() {
         // Places on a flat ellipsoid, in an order that is not that of the directions.
         let place = |n: u32| {
             let [a, b] = [0.754_877_666_246_693, 0.569_840_290_998_053].map(|step| (f64::from(n) * step).fract());
@@ -204,7 +205,8 @@ mod tests {
         assert!(joined.points.len() <= DIRECTIONS as usize, "{}", joined.points.len());
         for direction in [DVec3::X, DVec3::Y, DVec3::Z, DVec3::new(1.0, -2.0, 0.5), DVec3::new(-3.0, 1.0, 1.0)] {
             let [whole, found] = [&all, &joined].map(|hull| hull.extent(DVec3::ZERO, DVec3::Z, direction));
-            assert!(found <= whole + 1e-9 && found > whole * 0.999, "{direction}: {found} of {whole}");
+            let lost = (whole - found) / direction.length();
+            assert!((-1e-9..60.0 / 200.0).contains(&lost), "{direction}: {found} of {whole}");
         }
         // Fewer points are all kept.
         assert!(of(0..100, DVec3::ZERO).joined(&of(100..200, DVec3::ZERO)) == of(0..200, DVec3::ZERO));
