@@ -6,7 +6,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use voxsplat::error::{Error, Result};
-use voxsplat::formats::{LoadOptions, PyramidLevel, load};
+use voxsplat::formats::{LoadOptions, PyramidLevel, TimeSeries, load};
 use voxsplat::image::Image;
 use voxsplat::transfer::{Imported, TransferFunction, Window};
 use voxsplat::volume::{Endian, Grid, SampleType, Statistics, Volume};
@@ -95,7 +95,16 @@ impl Place {
     }
 
     fn volume(&self, name: &str, bytes: &[u8]) -> bool {
-        checked(load(self.written(name, bytes), &LoadOptions::default()))
+        let path = self.written(name, bytes);
+        let volume = load(&path, &LoadOptions::default());
+        let times = volume.as_ref().map_or(1, |volume| volume.contents().times);
+        if times > 1 {
+            // Read another way: what is compressed is decompressed once.
+            let mut series = TimeSeries::new(&path, &LoadOptions::default());
+            checked(series.volume(times - 1));
+            checked(series.volume(0));
+        }
+        checked(volume)
     }
 
     /// Bytes without a header: the first sixteen are the options.

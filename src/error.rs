@@ -170,7 +170,8 @@ impl fmt::Display for Error {
             Self::Format { path, reason, .. } => write!(f, "{}: {}", path.display(), Line(reason)),
             Self::Volume(reason) => write!(f, "volume: {}", Line(reason)),
             Self::NonFinite { count, first: [x, y, z] } => {
-                write!(f, "volume: {count} samples are NaN or infinite, the first at ({x}, {y}, {z})")
+                let are = if *count == 1 { "sample is" } else { "samples are" };
+                write!(f, "volume: {count} {are} NaN or infinite, the first at ({x}, {y}, {z})")
             }
             Self::Transfer(reason) => write!(f, "transfer function: {}", Line(reason)),
             Self::Camera(reason) => write!(f, "camera: {reason}"),

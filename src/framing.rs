@@ -38,6 +38,13 @@ const VISIBLE: f64 = 0.01;
 /// The least cosine between the axis and the picture's up for places along the axis to be places up the picture.
 const LEAST_LEAN: f64 = 0.2;
 
+/// The most points of hulls that are joined; if there are more, the farthest in so many directions are kept.
+const MOST_POINTS: usize = 16_384;
+const DIRECTIONS: u32 = 4096;
+
+/// The golden angle, radians.
+const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+
 /// Steps towards the smallest circle: its radius then is mostly within a hundredth of the smallest.
 const STEPS: u32 = 200;
 
@@ -74,6 +81,30 @@ impl Hull {
         let offset = other.origin - self.origin;
         let points = self.points.iter().copied().chain(other.points.iter().map(|&point| point + offset)).collect();
         Self { points, reach: self.reach.max(other.reach), ..self.clone() }
+    }
+
+    /// The hull of both, such as those of two points in time: all of their points if there are no more than 16384,
+    /// otherwise those that reach farthest in each of 4096 directions. Of things that are no flatter than 1 : 6 less
+    /// than 1/200 of the largest extent is lost.
+    #[must_use]
+    pub fn joined(&self, other: &Self) -> Self {
+        let both = self.and(other);
+        if both.points.len() <= MOST_POINTS {
+            return both;
+        }
+        let farthest = |direction: DVec3| {
+            let along = |point: &&DVec3| point.dot(direction);
+            both.points.iter().max_by(|a, b| along(a).total_cmp(&along(b))).copied()
+        };
+        // Directions along a spiral, each of which has as much of the sphere to itself (Saff and Kuijlaars 1997,
+        // "Distributing many points on a sphere").
+        let direction = |n: u32| {
+            let (height, turn) =
+                ((2.0 * f64::from(n) + 1.0) / f64::from(DIRECTIONS) - 1.0, f64::from(n) * GOLDEN_ANGLE);
+            let across = (1.0 - height * height).sqrt();
+            DVec3::new(across * turn.cos(), across * turn.sin(), height)
+        };
+        Self { points: (0..DIRECTIONS).filter_map(|n| farthest(direction(n))).collect(), ..both }
     }
 
     /// The same, to be fitted as it is seen from the side of the view: it fills the picture, and every view has a
@@ -152,6 +183,33 @@ mod tests {
 
     fn hull(points: &[DVec3]) -> Hull {
         Hull { origin: DVec3::new(1.0, 2.0, 3.0), points: points.into(), reach: 0.5, turned: true }
+    }
+
+    #[test]
+    fn hulls_of_many_points_are_joined_to_within_1_200_of_their_extent() {
+        // Places on a flat ellipsoid, in an order that is not that of the directions.
+        let place = |n: u32| {
+            let [a, b] = [0.754_877_666_246_693, 0.569_840_290_998_053].map(|step| (f64::from(n) * step).fract());
+            let (height, turn) = (2.0 * a - 1.0, b * std::f64::consts::TAU);
+            let across = (1.0 - height * height).sqrt();
+            DVec3::new(across * turn.cos(), across * turn.sin(), height) * DVec3::new(30.0, 20.0, 5.0)
+        };
+        let of = |numbers: std::ops::Range<u32>, origin: DVec3| Hull {
+            origin,
+            points: numbers.map(|n| place(n) - origin).collect(),
+            reach: 1.0,
+            turned: false,
+        };
+        let all = of(0..40_000, DVec3::ZERO);
+        let joined = of(0..20_000, DVec3::ZERO).joined(&of(20_000..40_000, DVec3::new(1.0, -2.0, 3.0)));
+        assert!(joined.points.len() <= DIRECTIONS as usize, "{}", joined.points.len());
+        for direction in [DVec3::X, DVec3::Y, DVec3::Z, DVec3::new(1.0, -2.0, 0.5), DVec3::new(-3.0, 1.0, 1.0)] {
+            let [whole, found] = [&all, &joined].map(|hull| hull.extent(DVec3::ZERO, DVec3::Z, direction));
+            let lost = (whole - found) / direction.length();
+            assert!((-1e-9..60.0 / 200.0).contains(&lost), "{direction}: {found} of {whole}");
+        }
+        // Fewer points are all kept.
+        assert!(of(0..100, DVec3::ZERO).joined(&of(100..200, DVec3::ZERO)) == of(0..200, DVec3::ZERO));
     }
 
     #[test]

@@ -1,5 +1,10 @@
 //! One spelling per enum: messages, JSON and the command line all use it.
 
+/// A number of things whose plural ends in s: 1 slice, 2 slices.
+pub(crate) fn counted(count: u64, thing: &str) -> String {
+    format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
+}
+
 /// Names the variants of a field-less enum.
 ///
 /// `spelled!` gives `ALL`, `name`, `Display` (which honours width and alignment) and `Serialize`. The `match` in `name`

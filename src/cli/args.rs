@@ -15,10 +15,11 @@ use voxsplat::settings::{Accumulation, Interslice, Level, Model, Precision, Reso
 use voxsplat::transfer::Window;
 use voxsplat::volume::{Endian, SampleType};
 
+use super::Failure;
 use super::channels::{ChannelArg, channel};
 use super::clip::{self, ClipArg, Voxels};
 use super::layers::{LabelArg, label};
-use super::parse::{self, GradientFloor, GradientOpacity, LightArg, Occlusion, one_of};
+use super::parse::{self, GradientFloor, GradientOpacity, LightArg, Occlusion, TimeArg, one_of};
 use super::preview::Preview;
 
 /// Renders voxel volumes by splatting on the GPU.
@@ -103,9 +104,10 @@ pub(super) struct InputArgs {
     /// colour [default: all, in the colours of the file or green, magenta, cyan ..; red, green and blue as colours]
     #[arg(long, value_name = "N[:COLOUR]", value_parser = channel, help_heading = "Input")]
     pub(super) channel: Vec<ChannelArg>,
-    /// Files of several points in time: which of them, counted from 0 [default: 0]
-    #[arg(long, value_name = "N", help_heading = "Input")]
-    pub(super) time: Option<u32>,
+    /// Files of several points in time: which of them, counted from 0; for turntable also a range or all of them, one
+    /// after the other, by the transfer function of the first and framed for all [default: 0]
+    #[arg(long, value_name = "N|FIRST-LAST|all", value_parser = parse::time, help_heading = "Input")]
+    pub(super) time: Option<TimeArg>,
     /// Folders of DICOM files, or of OME-Zarr by Bio-Formats: which of several series, counted from 1; without this
     /// option those of DICOM are listed
     #[arg(long, value_name = "N", help_heading = "Input")]
@@ -131,6 +133,14 @@ impl InputArgs {
         LoadOptions { level, ..options }
     }
 
+    /// Refuses several points in time.
+    pub(super) fn check_one_time(&self) -> Result<(), Failure> {
+        match self.time {
+            None | Some(TimeArg::One(_)) => Ok(()),
+            Some(several) => Err(Failure::Usage(format!("--time {several}: several points in time are for turntable"))),
+        }
+    }
+
     pub(super) fn options(&self) -> LoadOptions {
         LoadOptions {
             dims: self.dims,
@@ -139,7 +149,7 @@ impl InputArgs {
             endian: self.endian,
             offset: self.offset,
             replace_nan: self.replace_nan,
-            time: self.time,
+            time: self.time.map(TimeArg::first),
             channel: self.channel.first().map(|channel| channel.number),
             series: self.series,
             level: self.pyramid.map_or(LoadOptions::default().level, PyramidLevel::At),
@@ -576,7 +586,8 @@ Examples:
   voxsplat turntable head.nii.gz --frames 72 -o head.gif --size 512 --elevation 15
   voxsplat turntable ct.nrrd --frames 72 -o ct.html --size 512 --scale-bar
   voxsplat turntable ct.nrrd --frames 360 -o frames/{frame}.png --part 2/8 --resume
-  voxsplat turntable ct.nrrd --frames 100 -o - --key-frames path.json | ffmpeg -i - ct.mp4";
+  voxsplat turntable ct.nrrd --frames 100 -o - --key-frames path.json | ffmpeg -i - ct.mp4
+  voxsplat turntable heart.nii.gz --time all --turn 0 --rate 10 -o heart.gif";
 
 /// Turn a volume: a picture or a frame of a film for each view.
 #[derive(Debug, clap::Args)]
@@ -584,11 +595,13 @@ Examples:
 pub(super) struct TurntableArgs {
     #[command(flatten)]
     pub(super) render: RenderArgs,
-    /// Frames of the whole turn
-    #[arg(long, value_name = "N", default_value_t = 36, value_parser = clap::value_parser!(u32).range(1..=100_000),
+    /// Frames of the whole turn. With a --time of several points in time they are spread over the frames [default: 36,
+    /// or one for each point in time]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000),
         help_heading = "Turntable")]
-    pub(super) frames: u32,
-    /// Degrees that the eye goes around, from --azimuth on; the last frame is one step before the end
+    pub(super) frames: Option<u32>,
+    /// Degrees that the eye goes around, from --azimuth on; the last frame is one step before the end. At 0 it stands
+    /// still
     #[arg(long, value_name = "DEG", default_value_t = 360.0, value_parser = parse::number, allow_hyphen_values = true,
         help_heading = "Turntable")]
     pub(super) turn: f64,

@@ -61,6 +61,8 @@ struct Info {
     channel: u32,
     /// What the file says of its channels; empty if it says nothing.
     labels: Vec<Label>,
+    /// What of the file the volume could not keep.
+    notes: Vec<String>,
     /// `None` if the volume needs a transfer function that the user must write.
     command: Option<String>,
 }
@@ -115,6 +117,7 @@ impl Orientation {
 }
 
 pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
+    args.input.check_one_time()?;
     if args.labels {
         let mut options = args.input.options();
         options.replace_nan = options.replace_nan.or(Some(0.0));
@@ -184,6 +187,7 @@ impl Info {
             channels: contents.channels,
             channel: contents.channel,
             labels: contents.labels.iter().map(Label::of).collect(),
+            notes: contents.notes.clone(),
             command: (own || preset.is_some()).then(|| command(input, preset)),
         })
     }
@@ -212,6 +216,9 @@ impl Info {
             line("values", format!("{} * sample + {}", short(self.slope), short(self.intercept)));
         }
         line("spacing", by(&self.spacing));
+        for note in &self.notes {
+            line("note", note.clone());
+        }
         let unit = self.length_unit.as_deref().unwrap_or("world units");
         line("extent", format!("{} {unit}, centre at {}", by(&self.extent), self.center.map(short).join(",")));
         line(

@@ -169,6 +169,7 @@ pub(super) struct RenderJob {
 impl RenderJob {
     /// A picture that goes where its arguments say.
     pub(super) fn new(mut args: RenderArgs) -> Result<Self, Failure> {
+        args.input.check_one_time()?;
         let output = match (args.output.take(), args.preview) {
             (Some(output), _) => Destination::checked(output)?,
             (None, Some(_)) => Destination::Preview,
@@ -519,6 +520,7 @@ const GOLDEN_ANGLE: f64 = 137.507_764_050_037_85;
 
 impl ParetoJob {
     pub(super) fn new(args: ParetoArgs) -> Result<Self, Failure> {
+        args.input.check_one_time()?;
         let first = view(&args.view)?;
         let settings = settings(&args.model, Painter::Auto, &first)?;
         if settings.response == Response::Depth {

@@ -1,5 +1,6 @@
 //! Parsers of option values. Their errors say what is accepted.
 
+use std::fmt;
 use std::str::FromStr;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -117,6 +118,48 @@ pub(super) fn part(text: &str) -> Result<[u32; 2], String> {
     let parsed = text.split_once('/').and_then(|(i, n)| Some([i.trim().parse().ok()?, n.trim().parse().ok()?]));
     let valid = parsed.filter(|&[i, n]: &[u32; 2]| (1..=n).contains(&i));
     valid.ok_or_else(|| "expected I/N, such as 2/8, I from 1 to N".to_owned())
+}
+
+/// The value of `--time`: points in time counted from 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum TimeArg {
+    One(u32),
+    /// The first and the last.
+    Range(u32, u32),
+    All,
+}
+
+impl TimeArg {
+    pub(super) fn first(self) -> u32 {
+        match self {
+            Self::One(first) | Self::Range(first, _) => first,
+            Self::All => 0,
+        }
+    }
+}
+
+impl fmt::Display for TimeArg {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::One(time) => write!(f, "{time}"),
+            Self::Range(first, last) => write!(f, "{first}-{last}"),
+            Self::All => f.write_str("all"),
+        }
+    }
+}
+
+/// `N`, `FIRST-LAST` or `all`.
+pub(super) fn time(text: &str) -> Result<TimeArg, String> {
+    let number = |text: &str| text.trim().parse::<u32>().ok().filter(|number| *number < u32::MAX);
+    let time = match text.split_once('-') {
+        _ if text == "all" => Some(TimeArg::All),
+        None => number(text).map(TimeArg::One),
+        Some((first, last)) => match (number(first), number(last)) {
+            (Some(first), Some(last)) if first <= last => Some(TimeArg::Range(first, last)),
+            _ => None,
+        },
+    };
+    time.ok_or_else(|| "expected N, FIRST-LAST or all, points in time counted from 0".to_owned())
 }
 
 /// Rows and terms of a table, `RxT`.
@@ -295,6 +338,17 @@ mod tests {
         assert_eq!(size("512"), Ok([512, 512]));
         for bad in ["", "x", "10x", "-1", "1.5", "1x2x3"] {
             assert!(size(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn times() {
+        for (text, given) in [("7", TimeArg::One(7)), ("0-12", TimeArg::Range(0, 12)), ("all", TimeArg::All)] {
+            assert_eq!(time(text), Ok(given));
+            assert_eq!(given.to_string(), text);
+        }
+        for bad in ["", "-1", "3-2", "1-", "ALL", "1,2", "1-2-3", "4294967295"] {
+            assert!(time(bad).is_err(), "{bad}");
         }
     }
 

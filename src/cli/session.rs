@@ -7,7 +7,7 @@ use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::clip::Clip;
 use voxsplat::demos;
 use voxsplat::figure::{Figure, LegendEntry, Shown};
-use voxsplat::formats::{LoadOptions, PyramidLevel};
+use voxsplat::formats::{LoadOptions, PyramidLevel, TimeSeries};
 use voxsplat::image::{Image, Note};
 use voxsplat::layers::{Layer, Layers, recognised};
 use voxsplat::lighting::Lighting;
@@ -21,7 +21,7 @@ use voxsplat::volume::{Contents, Volume};
 use super::args::FrameArg;
 use super::info::short;
 use super::job::{Engine, NO_LEGEND, RenderJob, TransferChoice};
-use super::progress::{self, Progress};
+use super::progress::{self, Progress, Remaining};
 use super::render::{Fitted, Stages, draw, framed, in_words, notes, transfer, with_units};
 use super::stderr::silenced;
 use super::{Failure, channels, layers, output};
@@ -42,6 +42,8 @@ pub(super) struct Session {
     prepared: Option<Prepared>,
     /// What the last picture was fitted to, and how that was found.
     framed: Option<(FrameArg, Clip, Layers, Option<Hull>)>,
+    /// What all pictures are fitted to, if that was found before them; of nothing that shows `Some(None)`.
+    steady: Option<Option<Hull>>,
     /// What is drawn in place of its values, if it has several channels.
     channels: Vec<Layer>,
     /// Other labels of its file, that overlap with its own.
@@ -84,9 +86,11 @@ impl Picture {
 
 /// Tells which of the volumes of a file was taken if that was not asked for.
 pub(super) fn say_choice(volume: &Volume, options: &LoadOptions) {
-    let Contents { times, level, levels, .. } = volume.contents();
+    let Contents { times, level, levels, notes, .. } = volume.contents();
+    notes.iter().for_each(|note| output::say(&format!("note: {note}")));
     if *times > 1 && options.time.is_none() {
-        output::say(&format!("note: --time 0: the file holds {times} points in time, 0 to {}", times - 1));
+        let (last, all) = (times - 1, "turntable --time all draws one after the other");
+        output::say(&format!("note: --time 0: the file holds {times} points in time, 0 to {last}; {all}"));
     }
     if *levels > 1 && !matches!(options.level, PyramidLevel::At(_)) {
         let [x, y, z] = volume.grid().dims();
@@ -135,6 +139,7 @@ impl Session {
             renderer,
             prepared: None,
             framed: None,
+            steady: None,
             channels,
             more,
             labels: Vec::new(),
@@ -214,6 +219,52 @@ impl Session {
         Ok(())
     }
 
+    /// Goes on to another point in time: its samples take the place of those there are, and all else stays.
+    pub(super) fn go_to(&mut self, job: &RenderJob, series: &mut TimeSeries, time: u32) -> Result<(), Failure> {
+        let Contents { channel, time: now, .. } = *self.volume.contents();
+        if time == now {
+            return Ok(());
+        }
+        // What was made of the last one goes before the next one comes.
+        (self.prepared, self.framed) = (None, None);
+        let next = with_units(series.channel(time, channel)?, &job.units);
+        for layer in &mut self.channels {
+            *layer = layer.with_samples(|of| match of.contents().channel {
+                same if same == channel => Ok(next.clone()),
+                other => series.channel(time, other),
+            })?;
+        }
+        for labels in &mut self.more {
+            *labels = series.channel(time, labels.contents().channel)?;
+        }
+        self.volume = next;
+        Ok(())
+    }
+
+    /// Fits all pictures of a job to what shows at any of some points in time, so that none moves or changes its size.
+    pub(super) fn frame_all(
+        &mut self,
+        job: &RenderJob,
+        fitted: &Fitted,
+        series: &mut TimeSeries,
+        times: &[u32],
+    ) -> Result<(), Failure> {
+        let progress = Remaining::new("times", times.len());
+        let mut around: Option<Hull> = None;
+        for (done, &time) in times.iter().enumerate().filter(|_| job.frame != FrameArg::Volume) {
+            progress.at(done, &format!("framing {} of {} points in time", done + 1, times.len()));
+            self.go_to(job, series, time)?;
+            let layers = self.layers(job, fitted, &mut Stages::default())?;
+            let hull = framed(job.frame, &layers, &job.settings.clip)?;
+            around = match (around, hull) {
+                (Some(all), Some(hull)) => Some(all.joined(&hull)),
+                (all, hull) => all.or(hull),
+            };
+        }
+        self.steady = Some(around);
+        Ok(())
+    }
+
     /// The transfer function of a job of the same volume.
     pub(super) fn fitted(&self, job: &RenderJob, stages: &mut Stages) -> Result<Fitted, Failure> {
         fitted(job, &self.volume, &self.channels, stages)
@@ -256,6 +307,7 @@ impl Session {
     ) -> Result<Picture, Failure> {
         let inside = &job.settings.clip;
         let around = match &self.framed {
+            _ if self.steady.is_some() => self.steady.clone().flatten(),
             Some((frame, clip, of, hull)) if *frame == job.frame && clip == inside && of == layers => hull.clone(),
             _ => stages.time("framing", || framed(job.frame, layers, inside))?,
         };

@@ -10,12 +10,14 @@ use clap::ArgMatches;
 use serde::Deserialize;
 use voxsplat::camera::View;
 use voxsplat::film::{Film, FilmFile, Format};
+use voxsplat::formats::TimeSeries;
 use voxsplat::image::{Background, Image, Note};
 
-use super::args::{RenderArgs, TurntableArgs};
+use super::args::{FrameArg, RenderArgs, TurntableArgs};
 use super::destination::{Destination, STREAM};
-use super::job::RenderJob;
+use super::job::{RenderJob, TransferChoice};
 use super::options::command_line;
+use super::parse::TimeArg;
 use super::progress::Remaining;
 use super::render::{Fitted, Stages};
 use super::session::Session;
@@ -23,6 +25,9 @@ use super::{Failure, output, scene};
 
 /// What stands for the number of a frame in the name of its file.
 const FRAME: &str = "{frame}";
+
+/// The frames of a turn, unless so many are asked for or they go through points in time.
+const FRAMES: u32 = 36;
 
 /// A point in a film, in a list of them as JSON. What it leaves out is as the options say.
 #[derive(Debug, Clone, Deserialize)]
@@ -47,14 +52,41 @@ enum Target {
     Stream(Format),
 }
 
+/// How the view changes.
+#[derive(Debug)]
+enum Course {
+    /// Degrees around.
+    Turn(f64),
+    /// In the order of frames.
+    Keys(Vec<KeyFrame>),
+}
+
+impl Course {
+    /// The views of frames, from that of the first on.
+    fn views(&self, first: &View, frames: u32) -> Vec<View> {
+        match self {
+            Self::Turn(turn) => {
+                let step = turn / f64::from(frames);
+                let turned = |frame| View { azimuth: first.azimuth + step * f64::from(frame), ..first.clone() };
+                (0..frames).map(turned).collect()
+            }
+            Self::Keys(keys) => views_of(first, keys, frames),
+        }
+    }
+}
+
 /// A turntable to be made.
 #[derive(Debug)]
 pub(super) struct TurntableJob {
     /// The first frame, without a destination of its own.
     first: RenderJob,
-    views: Vec<View>,
-    /// The frames that are wanted now.
-    part: Range<u32>,
+    course: Course,
+    /// The number of frames, if that does not depend on the file.
+    frames: Option<u32>,
+    /// The points in time that frames go through, if there are several.
+    times: Option<TimeArg>,
+    /// The part of the frames that is wanted now, and the number of parts.
+    part: [u32; 2],
     rate: f64,
     resume: bool,
     target: Target,
@@ -103,9 +135,10 @@ impl TurntableJob {
     pub(super) fn new(args: TurntableArgs, matches: &ArgMatches) -> Result<Self, Failure> {
         let usage = |reason: &str| Err(Failure::Usage(reason.to_owned()));
         let TurntableArgs { render, frames, turn, key_frames, rate, format, part, resume } = args;
-        // A scene may have an output too.
-        let path = RefCell::new(None);
+        // A scene may have an output and a time too.
+        let (path, times) = (RefCell::new(None), RefCell::new(None));
         let first = |args: RenderArgs| {
+            times.replace(args.input.time.filter(|time| !matches!(time, TimeArg::One(_))));
             let output = args.output.clone().unwrap_or_default();
             path.replace(args.output.clone());
             RenderJob::with_output(args, Destination::File(output))
@@ -129,21 +162,23 @@ impl TurntableJob {
                 return usage("--resume and --part need a file for each frame, such as -o frames/{frame}.png");
             }
         }
-        let views = match &key_frames {
-            Some(path) => views_of(&first.view, &read_key_frames(path)?, frames),
-            None => {
-                let step = turn / f64::from(frames);
-                let turned =
-                    |frame| View { azimuth: first.view.azimuth + step * f64::from(frame), ..first.view.clone() };
-                (0..frames).map(turned).collect()
-            }
+        let times = times.into_inner();
+        if times.is_some() && first.source == Path::new(STREAM) {
+            return usage("--time: standard input is read once, several points in time need a file");
+        }
+        let frames = frames.or(match times {
+            None => Some(FRAMES),
+            Some(TimeArg::Range(first, last)) => Some(last - first + 1),
+            Some(_) => None,
+        });
+        let course = match &key_frames {
+            Some(path) => Course::Keys(read_key_frames(path)?),
+            None => Course::Turn(turn),
         };
         if first.view.direction.is_some() {
             return usage("--direction: a turntable turns the azimuth");
         }
-        let [part, parts] = part.unwrap_or([1, 1]).map(u64::from);
-        let end = |part: u64| (u64::from(frames) * part / parts) as u32;
-        Ok(Self { first, views, part: end(part - 1)..end(part), rate, resume, target })
+        Ok(Self { first, course, frames, times, part: part.unwrap_or([1, 1]), rate, resume, target })
     }
 }
 
@@ -192,31 +227,73 @@ struct Done {
     notes: Vec<Note>,
 }
 
+impl TurntableJob {
+    /// Of so many frames those that are wanted now.
+    fn wanted(&self, frames: u32) -> Vec<u32> {
+        let [part, parts] = self.part.map(u64::from);
+        let end = |part: u64| (u64::from(frames) * part / parts) as u32;
+        let exists = |frame: u32| match &self.target {
+            Target::Files(name) => self.resume && Path::new(&numbered(name, frame, frames)).is_file(),
+            _ => false,
+        };
+        (end(part - 1)..end(part)).filter(|&frame| !exists(frame)).collect()
+    }
+
+    /// The points in time that are asked for, of a file that holds so many.
+    fn times_of(&self, asked: TimeArg, held: u32) -> Result<Range<u32>, Failure> {
+        let last = match asked {
+            TimeArg::One(time) | TimeArg::Range(_, time) => time,
+            TimeArg::All => held - 1,
+        };
+        let source = self.first.source.display();
+        match held {
+            1 => Err(Failure::Failed(format!("--time {asked}: {source} has one point in time"))),
+            _ if last >= held => {
+                Err(Failure::Failed(format!("--time {asked}: {source} has the points in time 0 to {}", held - 1)))
+            }
+            _ => Ok(asked.first()..last + 1),
+        }
+    }
+}
+
 pub(super) fn run(job: TurntableJob) -> Result<(), Failure> {
-    let TurntableJob { first, views, part, rate, resume, target } = job;
-    let frames = views.len() as u32;
-    let exists = |frame: u32| match &target {
-        Target::Files(name) => resume && Path::new(&numbered(name, frame, frames)).is_file(),
-        _ => false,
-    };
-    let wanted: Vec<u32> = part.filter(|&frame| !exists(frame)).collect();
+    if job.frames.is_some_and(|frames| job.wanted(frames).is_empty()) {
+        output::say("note: all frames are there");
+        return Ok(());
+    }
+    let first = &job.first;
+    let (mut session, fitted) = Session::open(first, &mut Stages::default())?;
+    let times = job.times.map(|asked| job.times_of(asked, session.volume.contents().times)).transpose()?;
+    let frames = job.frames.unwrap_or(times.as_ref().map_or(FRAMES, |times| times.end - times.start));
+    let wanted = job.wanted(frames);
     if wanted.is_empty() {
         output::say("note: all frames are there");
         return Ok(());
     }
-    let mut stages = Stages::default();
-    let (mut session, fitted) = Session::open(&first, &mut stages)?;
     let mut completed = first.clone();
     session.complete(&mut completed, &fitted)?;
     if let Some(path) = &first.save_transfer {
         fitted.transfer.save(path, session.volume.grid())?;
     }
+    let mut series = match times {
+        None => None,
+        Some(times) => {
+            say_times(&completed, &times);
+            let times = spread(&times, frames);
+            let mut distinct = times.clone();
+            distinct.dedup();
+            let mut series = TimeSeries::new(&first.source, &first.load);
+            session.frame_all(&completed, &fitted, &mut series, &distinct)?;
+            Some((series, times))
+        }
+    };
+    let views = job.course.views(&first.view, frames);
     let (size, background) = ([first.region.width, first.region.height], first.background);
     // The next frame is made while the last one is encoded and written.
     let (sender, receiver) = sync_channel::<Done>(1);
     std::thread::scope(|scope| {
-        let writer = scope.spawn(|| write(&target, receiver, (size, frames, rate), background));
-        let made = make(&mut session, &first, &fitted, (&views, &wanted), &sender);
+        let writer = scope.spawn(|| write(&job.target, receiver, (size, frames, job.rate), background));
+        let made = make(&mut session, first, &fitted, (&views, &wanted), series.as_mut(), &sender);
         drop(sender);
         let written = writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         // If writing failed, that is why no more frames were taken.
@@ -224,22 +301,56 @@ pub(super) fn run(job: TurntableJob) -> Result<(), Failure> {
     })
 }
 
-/// Makes the frames that are wanted.
+/// The points in time of frames: each as long as the others, or if there are fewer frames, as many at even distances.
+fn spread(times: &Range<u32>, frames: u32) -> Vec<u32> {
+    let count = u64::from(times.end - times.start);
+    (0..frames).map(|frame| times.start + (u64::from(frame) * count / u64::from(frames)) as u32).collect()
+}
+
+/// Tells what all points in time have in common.
+fn say_times(job: &RenderJob, times: &Range<u32>) {
+    let fitted = match &job.transfer.choice {
+        TransferChoice::Labels => false,
+        TransferChoice::Given(imported) => imported.fits && job.transfer.window.is_none(),
+        TransferChoice::Preset(_) | TransferChoice::Suggested => true,
+    };
+    let fitted = fitted.then_some("the transfer function is that of the first");
+    let framed = (job.frame != FrameArg::Volume).then_some("the picture frames what shows at any of them");
+    let told: Vec<&str> = fitted.into_iter().chain(framed).collect();
+    if !told.is_empty() {
+        let (first, last) = (times.start, times.end - 1);
+        output::say(&format!("note: points in time {first} to {last}: {}", told.join(", and ")));
+    }
+}
+
+/// Makes the frames that are wanted, of a series each at its point in time.
 fn make(
     session: &mut Session,
     first: &RenderJob,
     fitted: &Fitted,
     (views, wanted): (&[View], &[u32]),
+    mut series: Option<&mut (TimeSeries, Vec<u32>)>,
     sender: &SyncSender<Done>,
 ) -> Result<(), Failure> {
     let progress = Remaining::new("frames", wanted.len());
-    let layers = session.layers(first, fitted, &mut Stages::default())?;
+    let mut layers = None;
     for (done, &frame) in wanted.iter().enumerate() {
         progress.at(done, &format!("frame {} of {}", frame + 1, views.len()));
+        if let Some((series, times)) = series.as_deref_mut()
+            && let Some(&time) = times.get(frame as usize)
+            && time != session.volume.contents().time
+        {
+            layers = None;
+            session.go_to(first, series, time)?;
+        }
+        let layers = match &layers {
+            Some(layers) => layers,
+            None => layers.insert(session.layers(first, fitted, &mut Stages::default())?),
+        };
         // Studio light may come with the eye.
         let mut job = RenderJob { view: views[frame as usize].clone(), ..first.clone() };
         session.complete(&mut job, fitted)?;
-        let picture = session.picture(&job, &layers, &fitted.transfer, &mut Stages::default())?;
+        let picture = session.picture(&job, layers, &fitted.transfer, &mut Stages::default())?;
         let image = picture.image().clone();
         if sender.send(Done { frame, image, notes: picture.notes }).is_err() {
             break;
@@ -301,6 +412,14 @@ mod tests {
         let azimuths: Vec<f64> = views.iter().map(|view| view.azimuth).collect();
         assert_eq!(azimuths, [10.0, 10.0, 10.0, 20.0, 30.0, 40.0, 50.0, 50.0]);
         assert!(views.iter().all(|view| (view.elevation, view.zoom, view.roll) == (7.0, 2.0, 0.0)));
+    }
+
+    #[test]
+    fn points_in_time_are_spread_over_frames() {
+        assert_eq!(spread(&(2..5), 3), [2, 3, 4]);
+        assert_eq!(spread(&(2..5), 7), [2, 2, 2, 3, 3, 4, 4]);
+        assert_eq!(spread(&(0..10), 4), [0, 2, 5, 7]);
+        assert_eq!(spread(&(0..u32::MAX), 2), [0, u32::MAX / 2]);
     }
 
     #[test]

@@ -8,9 +8,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::DVec3;
-use hdf5_reader::Hdf5File;
 use hdf5_reader::group::Group;
 use hdf5_reader::storage::{DynStorage, FileStorage};
+use hdf5_reader::{Dataset, Datatype, Hdf5File};
 use netcdf_reader::{
     NcAttribute, NcDimension, NcFile, NcGroup, NcMetadataMode, NcOpenOptions, NcReadable, NcSliceInfo, NcSliceInfoElem,
     NcType, NcVariable,
@@ -49,8 +49,11 @@ struct Set<'a> {
 struct Axis {
     size: u64,
     role: Role,
+    name: String,
     /// The first coordinate and the distance between two, if coordinates are stated and equally spaced.
     place: Option<[f64; 2]>,
+    /// The least and the largest distance of neighbouring coordinates, if they are stated and unequally spaced.
+    uneven: Option<[f64; 2]>,
     unit: Option<String>,
 }
 
@@ -71,10 +74,11 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
         ..NcOpenOptions::default()
     };
     let file = NcFile::from_storage_with_options(Arc::clone(&storage), settings).map_err(|error| failed(&error))?;
+    let mut halves = Vec::new();
     if file.as_classic().is_none() {
         let groups =
             Hdf5File::from_storage(storage).and_then(|file| file.root_group()).map_err(|error| failed(&error))?;
-        check_groups(path, &groups)?;
+        halves = check_groups(path, &groups)?;
     }
     let root = file.root_group().map_err(|error| failed(&error))?;
     if root.group("minc-2.0").is_some() {
@@ -82,7 +86,13 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
     }
     let mut sets = Vec::new();
     collect(root, "", &[], &mut sets);
-    let set = one_of(path, &sets, inside)?;
+    let set = one_of(path, &sets, inside).map_err(|error| {
+        // The crate leaves out data sets of types that NetCDF has not.
+        let asked = |name: &&String| inside.is_none_or(|asked| asked.trim_start_matches('/') == name.as_str());
+        let half = halves.iter().find(asked).and_then(|name| plain_name(name));
+        let refused = |name| input.error(format!("/{name} has 16-bit floats, which are not read: convert it to f32"));
+        half.map_or(error, refused)
+    })?;
     let axes = axes(&file, set);
     // The slowest comes first in the file; axes of one sample do not count if there are more than three of space.
     let mut space: Vec<usize> = (0..axes.len()).rev().filter(|&axis| axes[axis].role == Role::Space).collect();
@@ -97,7 +107,10 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
     let (placement, length) = placement(&axes, &space);
     let grid = placement.grid(path, dims, options.spacing)?;
     let count = |role: Role| axes.iter().filter(|a| a.role == role).fold(1_u64, |n, a| n.saturating_mul(a.size));
-    let contents = chosen(path, options, count(Role::Channel), count(Role::Time))?;
+    let mut contents = chosen(path, options, count(Role::Channel), count(Role::Time))?;
+    if options.spacing.is_none() {
+        contents.notes = notes(&axes, &space);
+    }
     let (mut channel, mut time) = (u64::from(contents.channel), u64::from(contents.time));
     let mut selections: Vec<NcSliceInfoElem> = axes
         .iter()
@@ -125,12 +138,13 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
     volume.with_rescale(slope, intercept).map_err(|error| input.error(format!("{}: {error}", set.path)))
 }
 
-/// Refuses groups that a link leads back to, and too many: the crate follows each of them, without end.
-fn check_groups(path: &Path, root: &Group) -> Result<()> {
+/// Refuses groups that a link leads back to, and too many: the crate follows each of them, without end. The result is
+/// the paths of data sets of 16-bit floats.
+fn check_groups(path: &Path, root: &Group) -> Result<Vec<String>> {
     let groups_in = |group: &Group| group.groups().unwrap_or_default();
-    let mut left = vec![(groups_in(root), vec![root.address()])];
-    let mut seen = 0;
-    while let Some((groups, above)) = left.pop() {
+    let mut left = vec![(groups_in(root), vec![root.address()], String::new())];
+    let (mut seen, mut halves) = (0, halves_in(root, ""));
+    while let Some((groups, above, outer)) = left.pop() {
         for group in groups {
             seen += 1;
             let address = group.address();
@@ -140,10 +154,21 @@ fn check_groups(path: &Path, root: &Group) -> Result<()> {
             }
             let mut above = above.clone();
             above.push(address);
-            left.push((groups_in(&group), above));
+            let inside = format!("{outer}{}/", group.name().rsplit('/').next().unwrap_or_default());
+            if halves.is_empty() {
+                halves = halves_in(&group, &inside);
+            }
+            left.push((groups_in(&group), above, inside));
         }
     }
-    Ok(())
+    Ok(halves)
+}
+
+/// The paths of the data sets of 16-bit floats in a group of this path.
+fn halves_in(group: &Group, path: &str) -> Vec<String> {
+    let is_half = |set: &&Dataset| matches!(set.dtype(), Datatype::FloatingPoint { size: 2, .. });
+    let name = |set: &Dataset| format!("{path}{}", set.name().rsplit('/').next().unwrap_or_default());
+    group.datasets().unwrap_or_default().iter().filter(is_half).map(name).take(MAX_SETS).collect()
 }
 
 /// Notes the data sets of a group and of those in it.
@@ -231,8 +256,10 @@ fn axes(file: &NcFile, set: &Set<'_>) -> Vec<Axis> {
         };
         let values = coordinate.filter(|_| axis.size <= u64::from(MAX_DIM) && role == Role::Space);
         let values = values.and_then(|(path, _)| file.read_variable_as_f64(&path).ok());
-        let place = values.as_ref().and_then(|values| values.as_slice()).and_then(equal_steps);
-        Axis { size: axis.size, role, place, unit: named_unit(&unit) }
+        let values = values.as_ref().and_then(|values| values.as_slice());
+        let place = values.and_then(equal_steps);
+        let uneven = values.filter(|_| place.is_none()).and_then(spread);
+        Axis { size: axis.size, role, name: axis.name.clone(), place, uneven, unit: named_unit(&unit) }
     };
     let mut axes: Vec<Axis> = axes.iter().map(named).collect();
     // Axes whose names say nothing.
@@ -251,6 +278,37 @@ fn equal_steps(values: &[f64]) -> Option<[f64; 2]> {
     let step = (last - first) / (count - 1) as f64;
     let equal = |pair: &[f64]| (pair[1] - pair[0] - step).abs() <= 1e-3 * step.abs();
     (step.is_finite() && step != 0.0 && values.windows(2).all(equal)).then_some([*first, step])
+}
+
+/// The least and the largest distance of neighbouring coordinates; `None` unless there are two of them.
+fn spread(values: &[f64]) -> Option<[f64; 2]> {
+    let steps = values.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+    let ends = steps.fold([f64::INFINITY, 0.0], |[least, most]: [f64; 2], step| [least.min(step), most.max(step)]);
+    ends.iter().all(|end| end.is_finite()).then_some(ends)
+}
+
+/// What the caller should know of the spacing: which coordinates are unequally spaced, or that they are in unlike
+/// units.
+fn notes(axes: &[Axis], space: &[usize]) -> Vec<String> {
+    let name = |axis: usize| plain_name(&axes[axis].name).unwrap_or_default();
+    let uneven = |&axis: &usize| {
+        let [least, most] = axes[axis].uneven?;
+        Some(format!("coordinates of {} are {least:.4} to {most:.4} apart", name(axis)))
+    };
+    let uneven: Vec<String> = space.iter().filter_map(uneven).collect();
+    if !uneven.is_empty() {
+        return vec![format!("{}: samples are taken to be 1 apart unless a spacing is given", uneven.join(", "))];
+    }
+    let all_stated = space.iter().all(|&axis| axes[axis].place.is_some() || axes[axis].size == 1);
+    let units: Vec<String> = space.iter().map(|&axis| axes[axis].unit.clone().unwrap_or_default()).collect();
+    if !all_stated || units.iter().all(|unit| *unit == units[0]) {
+        return Vec::new();
+    }
+    let of = |(&axis, unit): (&usize, &String)| {
+        format!("{} in {}", name(axis), if unit.is_empty() { "no unit" } else { unit })
+    };
+    let units: Vec<String> = space.iter().zip(&units).map(of).collect();
+    vec![format!("coordinates are {}: samples are taken to be 1 apart unless a spacing is given", units.join(", "))]
 }
 
 /// The position of the lattice with these axes of space, the fastest first, and the unit of lengths.

@@ -1,9 +1,10 @@
 //! A stream of bytes, plain or compressed, with the path of its file and a bound on the bytes left.
 
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
@@ -26,6 +27,32 @@ const MAX_HEADER: u64 = 32 << 20;
 /// What a line takes besides its characters, in bytes: lines are kept in strings, and strings in tables.
 const LINE_OVERHEAD: u64 = 64;
 
+/// A file, and the offset in it at which a stream begins.
+type Place = (PathBuf, u64);
+
+/// Compressed streams as files without names that hold what they decompress to, for source files that are read more
+/// than once.
+#[derive(Debug, Default)]
+pub(super) struct Unpacked {
+    /// By their places; `None` if it cannot be decompressed, or there is no room for it.
+    streams: Mutex<HashMap<Place, Option<Arc<File>>>>,
+}
+
+impl Unpacked {
+    /// The file of a stream, which `reader` makes if it is not there yet.
+    fn file(&self, path: &Path, at: u64, reader: impl FnOnce() -> Option<Box<dyn BufRead>>) -> Option<File> {
+        let mut streams = self.streams.lock().unwrap_or_else(PoisonError::into_inner);
+        let held = streams.entry((path.to_owned(), at)).or_insert_with(|| {
+            let mut file = tempfile::tempfile().ok()?;
+            io::copy(&mut reader()?, &mut file).ok()?;
+            Some(Arc::new(file))
+        });
+        let mut file = held.as_ref()?.try_clone().ok()?;
+        file.rewind().ok()?;
+        Some(file)
+    }
+}
+
 /// A stream of bytes with the file it belongs to.
 pub(super) struct Input {
     path: PathBuf,
@@ -36,18 +63,35 @@ pub(super) struct Input {
     left: Option<u64>,
     /// What the lines to come may take, in bytes.
     header_left: u64,
+    /// Where what is compressed is kept for the next reading.
+    unpacked: Option<Arc<Unpacked>>,
 }
 
 impl Input {
     /// Opens a file and decompresses it if it begins as gzip does.
     pub(super) fn open(path: &Path) -> Result<Self> {
-        let plain = Self::open_plain(path)?;
+        Self::open_kept(path, None)
+    }
+
+    /// As [`Self::open`]; what it decompresses is kept in `unpacked`, if that is given, or taken from there.
+    pub(super) fn open_kept(path: &Path, unpacked: Option<Arc<Unpacked>>) -> Result<Self> {
+        let plain = Self { unpacked, ..Self::open_plain(path)? };
         plain.gunzip_if_gzip()
+    }
+
+    /// Where what is compressed is kept, for other files of the same volume.
+    pub(super) fn unpacked(&self) -> Option<Arc<Unpacked>> {
+        self.unpacked.clone()
     }
 
     /// Opens a data file that a header names, as it is. Not even standard input is read unless it is a regular file.
     pub(super) fn open_data(path: &Path) -> Result<Self> {
-        let input = Self::open_plain(path)?;
+        Self::open_data_kept(path, None)
+    }
+
+    /// As [`Self::open_data`], with `unpacked` as for [`Self::open_kept`].
+    pub(super) fn open_data_kept(path: &Path, unpacked: Option<Arc<Unpacked>>) -> Result<Self> {
+        let input = Self { unpacked, ..Self::open_plain(path)? };
         if input.left.is_none() {
             return Err(input.error("is not a regular file, as a data file must be"));
         }
@@ -64,6 +108,7 @@ impl Input {
             plain: left.is_some().then_some(file),
             left,
             header_left: MAX_HEADER,
+            unpacked: None,
         })
     }
 
@@ -111,7 +156,7 @@ impl Input {
 
     /// Decompresses the gzip stream that begins here. Several members count as one stream, as bgzip writes them.
     pub(super) fn gunzip(self) -> Self {
-        self.decompressed(|reader| buffered(MultiGzDecoder::new(reader)))
+        self.decompressed_once(|reader| buffered(MultiGzDecoder::new(reader)))
     }
 
     /// Decompresses the zlib stream that begins here, or gzip, which MetaIO accepts as well.
@@ -119,7 +164,33 @@ impl Input {
         if self.peek(2)? == GZIP_MAGIC {
             return Ok(self.gunzip());
         }
-        Ok(self.decompressed(|reader| buffered(ZlibDecoder::new(reader))))
+        Ok(self.decompressed_once(|reader| buffered(ZlibDecoder::new(reader))))
+    }
+
+    /// Decompresses the stream that begins here, or takes what it was decompressed to before. A damaged stream is read
+    /// as far as it goes.
+    fn decompressed_once(mut self, f: fn(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
+        if let Some(unpacked) = self.unpacked.clone()
+            && let Ok(Some((mut file, at))) = self.plain_file()
+        {
+            let reader = || {
+                file.seek(SeekFrom::Start(at)).ok()?;
+                Some(f(buffered(file.try_clone().ok()?)))
+            };
+            if let Some(held) = unpacked.file(&self.path, at, reader)
+                && let Ok(meta) = held.metadata()
+            {
+                let held = Arc::new(held);
+                self.reader = buffered(Arc::clone(&held));
+                (self.plain, self.left) = (Some(held), Some(meta.len()));
+                return self;
+            }
+            // The file and its clones have one place to read at.
+            if file.seek(SeekFrom::Start(at)).is_ok() {
+                self.reader = buffered(file);
+            }
+        }
+        self.decompressed(f)
     }
 
     /// Decodes pairs of hexadecimal digits; blanks between digits are skipped.

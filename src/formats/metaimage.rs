@@ -76,13 +76,15 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
             // HeaderSize counts from the start of the file, and the header has been read: the file is opened again.
             let local = match (start.header_size, input.at_most()) {
                 (0, _) => input,
-                (_, Some(_)) => Input::open(&header.path)?,
+                (_, Some(_)) => Input::open_kept(&header.path, input.unpacked())?,
                 (_, None) => return Err(header.error("HeaderSize needs a regular file: a stream is read once")),
             };
             read_samples(&mut std::iter::once(start.apply(local)), 1, &pick, sample_type, layout)?
         }
         Some(files) => {
-            let mut parts = files.paths().map(|file| start.apply(Input::open_data(&file)?));
+            // Of many files each would be kept open.
+            let unpacked = input.unpacked().filter(|_| n == 1);
+            let mut parts = files.paths().map(|file| start.apply(Input::open_data_kept(&file, unpacked.clone())?));
             read_samples(&mut parts, n, &pick, sample_type, layout)?
         }
     };

@@ -15,16 +15,19 @@ mod nrrd;
 mod placement;
 mod selection;
 mod tiff;
+mod time_series;
 mod vtk;
 mod xml;
 mod zarr;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use decode::{Layout, lattice, read_all};
-use input::{Input, hinted};
+use input::{Input, Unpacked, hinted};
 use placement::{Placement, check_spacing};
 use selection::{Pick, chosen};
+pub use time_series::TimeSeries;
 use vtk::{image_data, legacy};
 
 use crate::demos;
@@ -191,10 +194,11 @@ impl Format {
 /// - [`Error::Setting`] if an option is out of range or does not apply to the file.
 /// - [`Error::Memory`] if there is no memory for the samples.
 pub fn load(source: impl AsRef<Path>, options: &LoadOptions) -> Result<Volume> {
-    load_from(source.as_ref(), options)
+    load_from(source.as_ref(), options, None)
 }
 
-fn load_from(source: &Path, options: &LoadOptions) -> Result<Volume> {
+/// As [`load`]; what is compressed is kept in `unpacked`, if that is given, or taken from there.
+fn load_from(source: &Path, options: &LoadOptions, unpacked: Option<&Arc<Unpacked>>) -> Result<Volume> {
     if let Some(spacing) = options.spacing {
         check_spacing(spacing)?;
     }
@@ -210,8 +214,8 @@ fn load_from(source: &Path, options: &LoadOptions) -> Result<Volume> {
             demos::parsed(demo, options.spacing)?
         }
         None => match with_inside(source) {
-            Some((file, inside)) => load_file(&file, Some(&inside), options)?,
-            None => load_file(source, None, options)?,
+            Some((file, inside)) => load_file(&file, Some(&inside), options, unpacked)?,
+            None => load_file(source, None, options, unpacked)?,
         },
     };
     volume = volume.loaded(options.stream_over)?;
@@ -228,14 +232,19 @@ fn with_inside(source: &Path) -> Option<(PathBuf, String)> {
     (!inside.is_empty() && !source.exists() && Path::new(file).is_file()).then(|| (file.into(), inside.to_owned()))
 }
 
-fn load_file(path: &Path, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
+fn load_file(
+    path: &Path,
+    inside: Option<&str>,
+    options: &LoadOptions,
+    unpacked: Option<&Arc<Unpacked>>,
+) -> Result<Volume> {
     if path.is_dir() {
         return load_folder(path, options);
     }
     if let Some(folder) = zarr::folder_of(path) {
         return load_folder(folder, options);
     }
-    let mut input = Input::open(path)?;
+    let mut input = Input::open_kept(path, unpacked.cloned())?;
     let head = input.peek(nifti::HEADER_SIZE)?;
     if head.is_empty() {
         return Err(input.error("is empty"));
@@ -248,7 +257,7 @@ fn load_file(path: &Path, inside: Option<&str>, options: &LoadOptions) -> Result
         && nifti::is_image_name(path)
         && let Some(header) = nifti::header_of_image(path)
     {
-        return load_file(&header, inside, options);
+        return load_file(&header, inside, options, unpacked);
     }
     if content.is_none() && nifti::is_analyze(&head) && Format::of_name(path) == Some(Format::Nifti) {
         return Err(input.error("is in ANALYZE 7.5 format, which is not read: convert it to NIfTI"));

@@ -25,6 +25,7 @@ use super::selection::{Axes, Pick, Role, colours, picked};
 use super::xml;
 use crate::error::{Error, Result};
 use crate::memory::reserved;
+use crate::names::counted;
 use crate::volume::{Channel, Endian, Number, SampleType, Samples, Stored, Units, Volume, with_type};
 
 /// No codec expands more: LZW makes at most 4096 bytes of 12 bits. A page that claims more is refused.
@@ -415,7 +416,10 @@ impl Described {
         let (channels, times) = (count("channels").max(1), count("frames").max(1));
         let volumes = channels.saturating_mul(times);
         if images % volumes != 0 {
-            let reason = format!("has {images} pages for {channels} channels at {times} points in time");
+            let pages = counted(images.unsigned_abs(), "page");
+            let channels = counted(channels.unsigned_abs(), "channel");
+            let at = if times == 1 { "one point in time".to_owned() } else { format!("{times} points in time") };
+            let reason = format!("has {pages} for {channels} at {at}");
             return Err(Error::format(path, reason));
         }
         let axes = vec![(Role::Channel, channels), (Role::Space, images / volumes), (Role::Time, times)];
@@ -442,7 +446,8 @@ impl Described {
         let of_pages = (channels / i64::from(samples)).max(1);
         let stated = sections.saturating_mul(of_pages).saturating_mul(times);
         if stated != pages {
-            let reason = format!("has {pages} pages, but its OME-XML states {stated}: save it as one file");
+            let pages = counted(pages.unsigned_abs(), "page");
+            let reason = format!("has {pages}, but its OME-XML states {stated}: save it as one file");
             return Err(Error::format(path, reason));
         }
         let axes = tag.get("DimensionOrder").unwrap_or("XYZCT").chars().filter_map(|axis| match axis {

@@ -184,6 +184,33 @@ impl Layer {
         Ok(Self { mask: Some(Mask { volume: mask.clone(), shown: shown.into() }), ..self })
     }
 
+    /// The same look of other samples, such as those of another point in time. `other` gives the volume that takes the
+    /// place of each. Looks of labels are those of the labels that there are now.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the lattice of a volume is another one, and what `other` returns.
+    pub fn with_samples(&self, mut other: impl FnMut(&Volume) -> Result<Volume>) -> Result<Self> {
+        let mut next = |volume: &Volume| {
+            let next = other(volume)?;
+            check_lattice("volume", volume, &next).map(|()| next)
+        };
+        let matter = match &self.matter {
+            Matter::Scalars { volume, transfer } => {
+                Matter::Scalars { volume: next(volume)?, transfer: transfer.clone() }
+            }
+            Matter::Labels { volume, looks, names } => {
+                Matter::Labels { volume: next(volume)?, looks: Arc::clone(looks), names: Arc::clone(names) }
+            }
+            Matter::Colors(colors) => {
+                let [red, green, blue] = &colors.channels;
+                let channels = [next(red)?, next(green)?, next(blue)?];
+                let alpha = colors.alpha.as_ref().map(&mut next).transpose()?;
+                Matter::Colors(Box::new(Colors { channels, alpha, ..Colors::clone(colors) }))
+            }
+        };
+        Ok(Self { matter, mask: self.mask.clone(), named: self.named.clone() })
+    }
+
     fn grid(&self) -> &Grid {
         self.volume().grid()
     }

@@ -115,11 +115,15 @@ pub struct Contents {
     /// The labels that the file names, of all its channels, if it says that its values are labels; empty if it says no
     /// more of them.
     pub segments: Option<Vec<Segment>>,
+    /// What of the file the volume could not keep, each as a sentence without a full stop, such as that coordinates are
+    /// unequally spaced.
+    pub notes: Vec<String>,
 }
 
 impl Default for Contents {
     fn default() -> Self {
-        Self { channel: 0, channels: 1, labels: Vec::new(), time: 0, times: 1, level: 0, levels: 1, segments: None }
+        let (labels, notes) = (Vec::new(), Vec::new());
+        Self { channel: 0, channels: 1, labels, time: 0, times: 1, level: 0, levels: 1, segments: None, notes }
     }
 }
 

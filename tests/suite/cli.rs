@@ -754,3 +754,109 @@ fn transfer_functions_of_other_programs_are_drawn_and_written() {
     let output = voxsplat(dir.path(), "render flat.raw --dims 2,2,2 --type u8 -o a.png --colour-map vik");
     assert!(complaint(&output).contains("--window: a colour map needs one"), "{:?}", output.status);
 }
+
+/// A ball that moves along x and grows brighter, 12^3 samples of u8 at each of three points in time, in `ball.nrrd`;
+/// compressed, as most series are.
+fn moving_ball(dir: &Path) {
+    let head = "NRRD0004\ntype: uchar\ndimension: 4\nsizes: 12 12 12 3\nkinds: domain domain domain time\n\
+        encoding: gzip\n\n";
+    let sample = |n: i32| {
+        let [x, y, z, t] = [n % 12, n / 12 % 12, n / 144 % 12, n / 1728];
+        let away = (x - 3 - 3 * t).pow(2) + (y - 6).pow(2) + (z - 6).pow(2);
+        if away <= 5 { 100 + 40 * t as u8 } else { 0 }
+    };
+    let samples: Vec<u8> = (0..3 * 1728).map(sample).collect();
+    let mut gzip = flate2::write::GzEncoder::new(head.as_bytes().to_vec(), flate2::Compression::fast());
+    std::io::Write::write_all(&mut gzip, &samples).unwrap();
+    std::fs::write(dir.join("ball.nrrd"), gzip.finish().unwrap()).unwrap();
+}
+
+#[test]
+fn a_turntable_goes_through_points_in_time() {
+    let dir = folder();
+    moving_ball(dir.path());
+    let turn = |options: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
+        command.current_dir(dir.path()).arg("turntable").args(options.split_whitespace());
+        let output = command.args(["--adapter", &adapter()]).output().unwrap();
+        assert!(output.status.success(), "{options}: {}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stderr).unwrap()
+    };
+    let bytes = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
+    let said = turn("ball.nrrd --size 32 --time all --turn 0 --transfer gray --save-transfer t.json -o {frame}.png");
+    let first = "points in time 0 to 2: the transfer function is that of the first";
+    assert!(said.contains(&format!("note: {first}, and the picture frames what shows at any of them")), "{said}");
+    assert!(!dir.path().join("0003.png").exists());
+    // The ball moves, and no more than the tails of its kernels reach an edge: all have one frame.
+    let places = [0, 1, 2].map(|frame| {
+        let image = Image::load(dir.path().join(format!("000{frame}.png"))).unwrap();
+        let of = |x: u32, y: u32| f64::from(image.pixels()[(y * 32 + x) as usize][0]);
+        let all: Vec<(u32, u32)> = (0..32).flat_map(|y| (0..32).map(move |x| (x, y))).collect();
+        let most = |places: &mut dyn Iterator<Item = &(u32, u32)>| places.map(|&(x, y)| of(x, y)).fold(0.0, f64::max);
+        let edge = most(&mut all.iter().filter(|(x, y)| [*x, *y].iter().any(|c| [0, 31].contains(c))));
+        assert!(edge < 0.15 * most(&mut all.iter()), "frame {frame}: {edge} at an edge");
+        let light: f64 = all.iter().map(|&(x, y)| of(x, y)).sum();
+        all.iter().map(|&(x, y)| of(x, y) * f64::from(x)).sum::<f64>() / light
+    });
+    assert!(places[1] > places[0] + 4.0 && places[2] > places[1] + 4.0, "{places:?}");
+    assert!((places[0] + places[2] - 31.0).abs() < 1.0, "{places:?} are not around the middle");
+    // Each frame is the picture of its time by the first one's transfer function.
+    let said = turn("ball.nrrd --size 32 --time 1-2 --turn 90 --transfer t.json --frame volume -o b{frame}.png");
+    assert!(!said.contains("points in time"), "{said}");
+    for (frame, azimuth) in [(0, 0), (1, 45)] {
+        let time = frame + 1;
+        let line = format!("ball.nrrd --size 32 --time {time} --azimuth {azimuth} --elevation 0 --transfer t.json");
+        rendered(dir.path(), &format!("{line} --frame volume -o a.png"));
+        assert!(bytes("a.png") == bytes(&format!("b000{frame}.png")), "{frame}");
+    }
+    // Fewer and more frames than points in time, in parts.
+    let all = [0, 1, 2].map(|frame| bytes(&format!("000{frame}.png")));
+    for part in ["1/2", "2/2"] {
+        let line = "ball.nrrd --size 32 --time all --frames 5 --turn 0 --transfer gray --resume -o c{frame}.png";
+        turn(&format!("{line} --part {part}"));
+    }
+    for (frame, time) in [0, 0, 1, 1, 2].into_iter().enumerate() {
+        assert!(bytes(&format!("c000{frame}.png")) == all[time], "{frame}");
+    }
+    assert!(
+        turn("ball.nrrd --size 32 --time all --transfer gray --resume -o {frame}.png").contains("all frames are there")
+    );
+    turn("ball.nrrd --size 32 --time all --frames 2 --turn 0 --transfer gray -o d{frame}.png");
+    // They frame what they show.
+    turn("ball.nrrd --size 32 --time 0-1 --turn 0 --transfer gray -o f{frame}.png");
+    assert!(bytes("d0000.png") == bytes("f0000.png") && bytes("d0001.png") == bytes("f0001.png"));
+    assert!(bytes("d0000.png") != all[0]);
+    // Films, and several channels with the windows of the first point in time.
+    turn("ball.nrrd --size 32 --time all --turn 0 -o a.gif");
+    assert!(bytes("a.gif").starts_with(b"GIF89a"));
+    turn("ball.nrrd --size 32 --time all -o a.html");
+    let page = String::from_utf8(bytes("a.html")).unwrap();
+    assert_eq!(page.split("const frames = [\n").nth(1).unwrap().split("];").next().unwrap().lines().count(), 3);
+    let channels = |name: &str| {
+        std::fs::copy(crate::readers::path(name), dir.path().join(name)).unwrap();
+        turn(&format!("{name} --size 8 --time all --turn 0 -o e{{frame}}.png"));
+        assert!(bytes("e0000.png") != bytes("e0001.png"));
+        let line = format!("{name} --size 8 --time 0 --frame volume --azimuth 0 --elevation 0 -o a.png");
+        String::from_utf8(rendered(dir.path(), &line).stderr).unwrap()
+    };
+    assert!(channels("five.nrrd").contains("--channel 0:#00ff00"));
+}
+
+#[test]
+fn points_in_time_that_make_no_sense_are_refused() {
+    refused("render demo:sphere:8 -o a.png --time all", 2, "--time all: several points in time are for turntable");
+    refused("render demo:sphere:8 -o a.png --time 0-3", 2, "--time 0-3: several points in time are for turntable");
+    refused("pareto demo:sphere:8 -o a --time 0-3", 2, "are for turntable");
+    refused("info demo:sphere:8 --time all", 2, "are for turntable");
+    refused("turntable demo:sphere:8 -o a.gif --time 3-1", 2, "expected N, FIRST-LAST or all");
+    refused("turntable - -o a.gif --time all", 2, "standard input is read once");
+    refused("turntable demo:sphere:8 -o a.gif --time all", 1, "demo:sphere:8 has one point in time");
+    let dir = folder();
+    moving_ball(dir.path());
+    let output = voxsplat(dir.path(), "turntable ball.nrrd -o a.gif --time 1-3");
+    assert!(complaint(&output).contains("--time 1-3: ball.nrrd has the points in time 0 to 2"), "{output:?}");
+    assert_eq!(output.status.code(), Some(1));
+    let output = rendered(dir.path(), "ball.nrrd -o a.png --size 8");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("--time 0: the file holds 3 points in time, 0 to 2; turntable --time all draws"), "{said}");
+}

@@ -112,10 +112,14 @@ fn lay_out(dir: &Path) {
     put(254, &1_i16.to_le_bytes());
     (0..3).for_each(|row| put(280 + 20 * row, &1_f32.to_le_bytes()));
     put(344, b"n+1\0");
-    let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
-    gzip.write_all(&nifti).unwrap();
-    gzip.write_all(&samples).unwrap();
-    fs::write(dir.join("head.nii.gz"), gzip.finish().unwrap()).unwrap();
+    // As one volume, and as four points in time.
+    for (name, dim) in [("head.nii.gz", [3_i16, 24, 24, 24, 1]), ("heart.nii.gz", [4, 24, 24, 6, 4])] {
+        dim.iter().enumerate().for_each(|(i, n)| nifti[40 + 2 * i..][..2].copy_from_slice(&n.to_le_bytes()));
+        let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
+        gzip.write_all(&nifti).unwrap();
+        gzip.write_all(&samples).unwrap();
+        fs::write(dir.join(name), gzip.finish().unwrap()).unwrap();
+    }
     let key_frames = r#"[{"frame": 0, "azimuth": 0, "elevation": 10, "zoom": 1}, {"frame": 7, "azimuth": 90}]"#;
     fs::write(dir.join("path.json"), key_frames).unwrap();
     let presets = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/transfer/presets.xml");

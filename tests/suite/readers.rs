@@ -1,12 +1,12 @@
 //! Every format, encoding and type is read as the reference implementations read it.
 //!
 //! The files and what nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom say
-//! about them are written by tests/data/volumes/make.py, make_more.py and make_several.py.
+//! about them are written by tests/data/volumes/make.py, make_more.py, make_several.py and make_time.py.
 
 use std::path::PathBuf;
 
 use serde::Deserialize;
-use voxsplat::formats::{LoadOptions, load};
+use voxsplat::formats::{LoadOptions, TimeSeries, load};
 use voxsplat::volume::{Endian, SampleType, Samples, Volume};
 
 /// What a file holds, according to the reference implementation that read it.
@@ -136,6 +136,7 @@ fn every_channel_at_every_time_is_read_as_by_the_reference_implementation() {
     let table =
         |name: &str| -> Vec<Several> { serde_json::from_str(&std::fs::read_to_string(path(name)).unwrap()).unwrap() };
     let mut all = table("expected-several.json");
+    all.extend(table("expected-time.json"));
     if cfg!(feature = "hdf5") {
         all.extend(table("expected-hdf5.json"));
     }
@@ -186,7 +187,7 @@ fn every_channel_at_every_time_is_read_as_by_the_reference_implementation() {
 #[test]
 fn scales_and_fill_values_of_netcdf_are_applied() {
     let error = format!("{:#}", load(path("packed-i16.nc"), &LoadOptions::default()).unwrap_err());
-    assert!(error.contains("1 samples are NaN"), "{error}");
+    assert!(error.contains("1 sample is NaN"), "{error}");
     let options = LoadOptions { replace_nan: Some(0.0), ..LoadOptions::default() };
     let volume = load(path("packed-i16.nc"), &options).unwrap();
     assert_eq!((volume.rescale(), volume.value_unit()), ((0.5, 273.0), Some("K")));
@@ -333,10 +334,185 @@ fn slices_of_a_tilted_gantry_are_sorted_by_position() {
     let other = load(folder.path(), &LoadOptions { series: Some(2), ..LoadOptions::default() }).unwrap();
     assert_eq!(other.grid().dims(), [3, 4, 1]);
     let error = format!("{:#}", load(folder.path(), &LoadOptions::default()).unwrap_err());
-    assert!(error.contains("1 is CT \"series 1\" of 6 files, 2 is CT \"series 2\" of 1 files"), "{error}");
+    assert!(error.contains("1 is CT \"series 1\" of 6 files, 2 is CT \"series 2\" of 1 file"), "{error}");
     assert!(error.contains("set LoadOptions::series"), "{error}");
     let error = load(folder.path(), &LoadOptions { series: Some(3), ..LoadOptions::default() }).unwrap_err();
     assert!(error.to_string().starts_with("series: 3, but "), "{error}");
+}
+
+/// Three points in time of five slices each, `time-0.dcm` to `time-14.dcm`.
+fn timed() -> tempfile::TempDir {
+    let names: Vec<String> = (0..15).map(|n| format!("time-{n}.dcm")).collect();
+    folder_of(&names.iter().map(String::as_str).collect::<Vec<_>>())
+}
+
+#[test]
+fn slices_at_one_position_are_points_in_time() {
+    let folder = timed();
+    let at = |time: Option<u32>| load(folder.path(), &LoadOptions { time, ..LoadOptions::default() });
+    for time in 0..3 {
+        let volume = at(Some(time)).unwrap();
+        // Sorted by the time of acquisition, which passes midnight.
+        assert_eq!(volume.in_memory().unwrap().samples(), &shifted("i16", 0, time));
+        assert_eq!((volume.contents().time, volume.contents().times), (time, 3));
+        assert_affine(&volume, &[[0.5, 0.0, 0.0, 10.0], [0.0, 0.75, 0.0, -20.0], [0.0, 0.0, 2.0, 30.5]], "timed");
+    }
+    assert_eq!(at(None).unwrap().contents().time, 0);
+    let error = at(Some(3)).unwrap_err().to_string();
+    assert!(error.starts_with("time: 3, but ") && error.ends_with("0 to 2"), "{error}");
+    // A slice of one of them that is not there, in names alone: the others keep their number.
+    std::fs::remove_file(folder.path().join("time-7.dcm")).unwrap();
+    let error = at(None).unwrap_err().to_string();
+    assert!(error.contains("has 3 slices at one position, such as time-"), "{error}");
+    assert!(error.contains("and 2 at another: time-2.dcm and time-12.dcm"), "{error}");
+    // Slices that no tag tells apart.
+    let folder = timed();
+    for n in 5..10 {
+        std::fs::copy(path(&format!("time-{}.dcm", n - 5)), folder.path().join(format!("time-{n}.dcm"))).unwrap();
+    }
+    let error = load(folder.path(), &LoadOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("3 slices at one position: ") && error.contains("no number or time tells"), "{error}");
+}
+
+#[test]
+fn a_temporal_position_goes_before_the_time_of_acquisition() {
+    let folder = timed();
+    // The date of acquisition becomes a position in time, of the same length: 8 digits in place of a date. The last
+    // point in time is the first.
+    for n in 0..15 {
+        let file = folder.path().join(format!("time-{n}.dcm"));
+        let mut bytes = std::fs::read(&file).unwrap();
+        let tag = b"\x08\0\x22\0DA\x08\0";
+        let at = bytes.windows(tag.len()).position(|window| window == tag).unwrap();
+        let element = bytes.splice(at..at + 16, []).collect::<Vec<u8>>();
+        assert!(element.ends_with(b"20260101") || element.ends_with(b"20260102"));
+        let position = [b"\x20\0\0\x01IS\x02\0".as_slice(), format!("{:<2}", 3 - n / 5).as_bytes()].concat();
+        // Elements are in the order of their tags: it goes before the number of rows.
+        let rows = b"\x28\0\x02\0US";
+        let at = bytes.windows(rows.len()).position(|window| window == rows).unwrap();
+        bytes.splice(at..at, position);
+        std::fs::write(&file, bytes).unwrap();
+    }
+    for time in 0..3 {
+        let volume = load(folder.path(), &LoadOptions { time: Some(time), ..LoadOptions::default() }).unwrap();
+        assert_eq!(volume.in_memory().unwrap().samples(), &shifted("i16", 0, 2 - time));
+    }
+}
+
+#[test]
+fn captures_without_positions_follow_one_another_by_their_numbers() {
+    let folder = folder_of(&["capture-0.dcm", "capture-1.dcm", "capture-2.dcm", "capture-3.dcm", "capture-4.dcm"]);
+    for channel in 0..3 {
+        let options = LoadOptions { channel: Some(channel), ..LoadOptions::default() };
+        let volume = load(folder.path(), &options).unwrap();
+        assert_eq!(volume.in_memory().unwrap().samples(), &shifted("u8", channel, 0));
+        assert_eq!(
+            volume.contents().labels[channel as usize].name.as_deref(),
+            Some(["red", "green", "blue"][channel as usize])
+        );
+    }
+    let error = format!("{:#}", load(folder.path(), &LoadOptions::default()).unwrap_err());
+    assert!(error.contains("has 3 channels per sample: set LoadOptions::channel"), "{error}");
+    std::fs::remove_file(folder.path().join("capture-4.dcm")).unwrap();
+    let error =
+        load(folder.path(), &LoadOptions { channel: Some(0), ..LoadOptions::default() }).unwrap_err().to_string();
+    assert!(error.contains("1 slice is missing between "), "{error}");
+}
+
+#[test]
+fn luma_and_chroma_become_red_green_and_blue() {
+    let expected: Vec<Vec<u8>> = serde_json::from_str(&std::fs::read_to_string(path("ybr.json")).unwrap()).unwrap();
+    for (channel, expected) in (0..).zip(expected) {
+        let options = LoadOptions { channel: Some(channel), ..LoadOptions::default() };
+        let volume = load(path("ybr-u8.dcm"), &options).unwrap();
+        let in_memory = volume.in_memory().unwrap();
+        let Samples::U8(found) = in_memory.samples() else { panic!() };
+        // The reference rounds once more on its way.
+        assert!(found.iter().zip(&expected).all(|(a, b)| a.abs_diff(*b) <= 1), "{found:?} {expected:?}");
+    }
+}
+
+#[test]
+fn flat_colours_of_jpeg_keep_their_values() {
+    for (file, channel) in
+        ["baseline-ybr-u8.dcm", "baseline-rgb-u8.dcm"].into_iter().flat_map(|f| [0, 1, 2].map(|c| (f, c)))
+    {
+        let volume = load(path(file), &LoadOptions { channel: Some(channel), ..LoadOptions::default() }).unwrap();
+        let in_memory = volume.in_memory().unwrap();
+        let Samples::U8(found) = in_memory.samples() else { panic!() };
+        assert_eq!(found.len(), 60);
+        for (n, value) in found.iter().enumerate() {
+            let z = n as u8 / 12;
+            let expected = [50 * z + 3, 200 - 40 * z, 90][channel as usize];
+            assert!(value.abs_diff(expected) <= 2, "{file}, channel {channel}, sample {n}: {value}, not {expected}");
+        }
+    }
+}
+
+#[test]
+fn a_series_is_what_its_volumes_are_one_by_one() {
+    let dir = tempfile::tempdir().unwrap();
+    // Compressed as a whole, behind a header, in a file beside it, and not at all; one stays in its file.
+    let whole = std::fs::read(path("times-i16.nii")).unwrap();
+    let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    std::io::Write::write_all(&mut gzip, &whole).unwrap();
+    let gzip = gzip.finish().unwrap();
+    std::fs::write(dir.path().join("times.nii.gz"), &gzip).unwrap();
+    // Its end is lost: what comes before is read as ever.
+    std::fs::write(dir.path().join("cut.nii.gz"), &gzip[..gzip.len() - 4]).unwrap();
+    let files = [
+        dir.path().join("times.nii.gz"),
+        dir.path().join("cut.nii.gz"),
+        path("sequence.nrrd").into(),
+        path("five-f32.nii.gz").into(),
+        path("times-f32.mha").into(),
+        path("space-time.nrrd").into(),
+    ];
+    for file in files {
+        for stream_over in [0, 1 << 20] {
+            let options = LoadOptions { stream_over, channel: Some(0), ..LoadOptions::default() };
+            let mut series = TimeSeries::new(&file, &options);
+            for time in [1, 2, 0, 1] {
+                let single = load(&file, &LoadOptions { time: Some(time), ..options }).unwrap();
+                let volume = series.volume(time).unwrap();
+                assert_eq!(volume.in_memory().unwrap().samples(), single.in_memory().unwrap().samples(), "{file:?}");
+                assert_eq!((volume.grid(), volume.contents()), (single.grid(), single.contents()), "{file:?}");
+            }
+            let error = series.volume(3).unwrap_err().to_string();
+            assert!(error.starts_with("time: 3, but "), "{error}");
+            assert_eq!(series.channel(1, 0).unwrap().contents().time, 1);
+        }
+    }
+    // What is decompressed has no need of the file any more, and what is drawn none of the series.
+    let file = dir.path().join("times.nii.gz");
+    let mut series = TimeSeries::new(&file, &LoadOptions { stream_over: 0, ..LoadOptions::default() });
+    let first = series.volume(0).unwrap();
+    assert!(first.is_streamed());
+    std::fs::write(&file, [&gzip[..gzip.len() / 2], &[0; 20]].concat()).unwrap();
+    assert_eq!(series.volume(2).unwrap().in_memory().unwrap().samples(), &shifted("i16", 0, 2));
+    drop(series);
+    assert_eq!(first.in_memory().unwrap().samples(), &shifted("i16", 0, 0));
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn what_hdf5_and_netcdf_state_and_a_volume_cannot_keep_is_said() {
+    for options in [LoadOptions::default(), LoadOptions { spacing: Some([1.0; 3]), ..LoadOptions::default() }] {
+        let noted = |file: &str| load(path(file), &options).unwrap().contents().notes.join(";");
+        let said = |note: &str| if options.spacing.is_none() { note.to_owned() } else { String::new() };
+        let taken = "samples are taken to be 1 apart unless a spacing is given";
+        assert_eq!(noted("uneven.nc"), said(&format!("coordinates of z are 1.0000 to 4.0000 apart: {taken}")));
+        assert_eq!(noted("unlike.nc"), said(&format!("coordinates are x in m, y in m, z in hPa: {taken}")));
+        assert_eq!(noted("classic-i16.nc"), "");
+        assert_eq!(noted("no-coordinates.nc"), "");
+    }
+    for file in ["half.h5", "half.h5:/raw/scan"] {
+        let error = load(path(file), &LoadOptions::default()).unwrap_err().to_string();
+        assert!(
+            error.ends_with("half.h5: /raw/scan has 16-bit floats, which are not read: convert it to f32"),
+            "{error}"
+        );
+    }
 }
 
 #[test]

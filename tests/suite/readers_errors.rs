@@ -141,6 +141,13 @@ fn broken_nrrd_headers_say_what_is_wrong() {
         ("encoding: raw", "encoding: raw\nspace directions: (1,0,0) (0,1,0", "(x,y,z)"),
         ("encoding: raw", "encoding: raw\nspace: elsewhere", "space \"elsewhere\""),
         ("encoding: raw", "encoding: raw\nspace dimension: 2", "expected 3"),
+        ("encoding: raw", "encoding: raw\nspace: RAST\nspace dimension: 3", "expected 4"),
+        ("encoding: raw", "encoding: raw\nspace: rast\nspace directions: (1,0,0) (0,1,0) (0,0,1)", "(x,y,z,t)"),
+        (
+            "encoding: raw",
+            "encoding: raw\nspace: lpst\nspace directions: (1,0,0,0) (0,1,0,0) (0,0,1,7)",
+            "slices at unlike times",
+        ),
         ("encoding: raw", "encoding: raw\nbyte skip: 1", "8 bytes, 7 are there"),
         ("encoding: raw", "encoding: raw\nbyte skip: 100", "ends before byte 100"),
         ("encoding: raw", "encoding: raw\nbyte skip: -2", "expected -1 or more"),
@@ -375,7 +382,7 @@ fn broken_tiff_files_say_what_is_wrong() {
         "5 pages, but its OME-XML states 10",
     );
     assert_refused("a.tif", &with_text("ome-i16.ome.tif", "SizeZ=\"5\"", "SizeZ=\"4\""), "states 4: save it");
-    assert_refused("a.tif", &with_text("one-directory.tif", "slices=5", "frames=4"), "for 1 channels at 4 points");
+    assert_refused("a.tif", &with_text("one-directory.tif", "slices=5", "frames=4"), "for 1 channel at 4 points");
     assert_refused("a.tif", &with_text("one-directory.tif", "images=5", "images=9"), "216 bytes, 120 are there");
     let whole = std::fs::read(path("deflate-i16.tif")).unwrap();
     assert_refused("a.tif", &whole[..whole.len() / 2], "cut short");
@@ -391,14 +398,16 @@ fn broken_dicom_files_say_what_is_wrong() {
         [&whole[..at], to, &whole[at + from.len()..]].concat()
     };
     let syntax = b"1.2.840.10008.1.2.1\0";
-    let cases: [(&[u8], &[u8], &str); 8] = [
+    let grey = b"\x28\0\x04\0CS\x0c\0MONOCHROME2 ";
+    let cases: [(&[u8], &[u8], &str); 9] = [
+        (grey, b"\x28\0\x04\0CS\x0e\0PALETTE COLOR ", "is in a palette of colours, which is not read"),
         (syntax, b"1.2.840.10008.1.2.5\0", "compressed by RLE, but its pixels are in no fragments"),
         (syntax, b"1.2.840.10008.1.2.9\0", ""),
         (b"\x28\0\x10\0US\x02\0\x04", b"\x28\0\x10\0US\x02\0\x05", "150 bytes, 120 are there"),
         (b"\x28\0\x10\0US\x02\0\x04", b"\x28\0\x10\0US\x02\0\0", "dimension 2 is 0"),
-        (b"\x28\0\x02\0US\x02\0\x01", b"\x28\0\x02\0US\x02\0\x03", "3 channels"),
+        (b"\x28\0\x02\0US\x02\0\x01", b"\x28\0\x02\0US\x02\0\x03", "3 samples per pixel of the kind \"MONOCHROME2\""),
         (b"34.5", b"32.5", "two slices at one position"),
-        (b"38.5", b"40.5", "1 slices are missing between"),
+        (b"38.5", b"40.5", "1 slice is missing between"),
         (b"38.5", b"39.5", "unequally spaced: 2.4000"),
     ];
     for (from, to, words) in cases {
@@ -418,6 +427,9 @@ fn broken_dicom_files_say_what_is_wrong() {
     };
     let ls = changed("jpeg2000-u8.dcm", b"1.2.840.10008.1.2.4.90", b"1.2.840.10008.1.2.4.80");
     assert_refused("a.dcm", &ls, "compressed by JPEG-LS, which is not read");
+    assert_refused("a.dcm", &changed("ybr-u8.dcm", b"YBR_FULL", b"HSV     "), "of the kind \"HSV\": expected grey");
+    let high = changed("ybr-u8.dcm", b"\x28\0\x01\x01US\x02\0\x08", b"\x28\0\x01\x01US\x02\0\x07");
+    assert_refused("a.dcm", &high, "has 7 bits of YBR_FULL, expected 8 without sign");
     // The number of frames is that of fragments, or a table tells.
     let end = [0xfe, 0xff, 0xdd, 0xe0];
     assert_refused("a.dcm", &changed("rle-i16.dcm", &end, &[0; 4]), "a fragment does not begin where it should");
@@ -436,7 +448,7 @@ fn broken_dicom_files_say_what_is_wrong() {
     // In the order of their positions: c, e, b, a, d.
     let folder = folder_of(&["ct-a.dcm", "ct-c.dcm", "ct-d.dcm", "ct-e.dcm"]);
     let says = message(folder.path(), &LoadOptions::default());
-    assert!(says.contains("1 slices are missing between ct-e.dcm and ct-a.dcm"), "{says}");
+    assert!(says.contains("1 slice is missing between ct-e.dcm and ct-a.dcm"), "{says}");
     std::fs::copy(path("ct-a.dcm"), folder.path().join("ct-b.dcm")).unwrap();
     let says = message(folder.path(), &LoadOptions::default());
     assert!(says.contains("two slices at one position: ct-a.dcm and ct-b.dcm"), "{says}");

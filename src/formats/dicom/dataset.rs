@@ -25,8 +25,9 @@ const MAX_FRAMES: usize = crate::volume::MAX_DIM as usize;
 const UNDEFINED: u32 = u32::MAX;
 
 /// The sequences that have what is needed, in files without types too: of all frames, of each frame, and inside them
-/// positions, orientations, spacings and maps to values.
-const SEQUENCES: [u32; 6] = [0x5200_9229, 0x5200_9230, 0x0020_9113, 0x0020_9116, 0x0028_9110, 0x0028_9145];
+/// positions, orientations, spacings, maps to values, indices of time and delays of triggers.
+const SEQUENCES: [u32; 8] =
+    [0x5200_9229, 0x5200_9230, 0x0020_9113, 0x0020_9116, 0x0028_9110, 0x0028_9145, 0x0020_9111, 0x0018_9118];
 
 /// Values by tag: group and element in one number.
 type Values = HashMap<u32, Vec<u8>>;
@@ -88,6 +89,19 @@ impl Dataset {
     pub(super) fn u16(&self, tag: u32) -> Option<u16> {
         let bytes = self.values.get(&tag)?.first_chunk::<2>()?;
         Some(if self.endian == Endian::Big { u16::from_be_bytes(*bytes) } else { u16::from_le_bytes(*bytes) })
+    }
+
+    /// A binary whole number of 32 bits, of a frame if it has one of its own.
+    pub(super) fn u32(&self, frame: usize, tag: u32) -> Option<u32> {
+        let bytes = self.bytes(frame, tag)?.first_chunk::<4>()?;
+        Some(if self.endian == Endian::Big { u32::from_be_bytes(*bytes) } else { u32::from_le_bytes(*bytes) })
+    }
+
+    /// A binary number of 64-bit floating point, of a frame if it has one of its own; `None` if it is not finite.
+    pub(super) fn f64(&self, frame: usize, tag: u32) -> Option<f64> {
+        let bytes = self.bytes(frame, tag)?.first_chunk::<8>()?;
+        let number = if self.endian == Endian::Big { f64::from_be_bytes(*bytes) } else { f64::from_le_bytes(*bytes) };
+        number.is_finite().then_some(number)
     }
 
     /// Decimal numbers separated by backslashes; `None` if there are not `N`, or one is not finite.

@@ -3,12 +3,13 @@
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 
-use jpeg_decoder::PixelFormat;
+use jpeg_decoder::{ColorTransform, PixelFormat};
 
 use super::dataset::Dataset;
 use crate::error::{Error, Result};
 use crate::formats::decode::samples_in;
 use crate::memory::{self, reserved};
+use crate::names::counted;
 
 /// The most fragments of a file.
 const MAX_FRAGMENTS: usize = 1 << 20;
@@ -55,8 +56,12 @@ pub(super) struct Frames {
 pub(super) struct Size {
     pub(super) columns: usize,
     pub(super) rows: usize,
-    /// Bytes of a pixel.
+    /// The samples of a pixel.
+    pub(super) samples: usize,
+    /// Bytes of a sample.
     pub(super) bytes: usize,
+    /// Whether three samples are red, green and blue as they are stored, not luma and chroma.
+    pub(super) is_rgb: bool,
 }
 
 impl Frames {
@@ -111,13 +116,14 @@ impl Frames {
         };
         let firsts = firsts.filter(|firsts: &Vec<usize>| firsts.is_sorted());
         let Some(firsts) = firsts else {
-            let reason = format!("has {frames} frames in {} fragments, and no table tells them apart", fragments.len());
+            let (frames, fragments) = (counted(frames as u64, "frame"), counted(fragments.len() as u64, "fragment"));
+            let reason = format!("has {frames} in {fragments}, and no table tells them apart");
             return Err(Error::format(&set.path, reason));
         };
         Ok(Self { codec, fragments, firsts })
     }
 
-    /// The pixels of a frame as stored, without signs.
+    /// The samples of a frame as stored, without signs, those of a pixel beside each other.
     pub(super) fn pixels(&self, set: &Dataset, frame: usize, size: Size) -> Result<Vec<u64>> {
         let read_error = |source| Error::Read { path: set.path.clone(), source };
         let first = self.firsts.get(frame).copied().unwrap_or(self.fragments.len());
@@ -129,7 +135,7 @@ impl Frames {
             file.seek(SeekFrom::Start(offset)).map_err(read_error)?;
             (&mut file).take(length).read_to_end(&mut packed).map_err(read_error)?;
         }
-        let count = size.columns.saturating_mul(size.rows) as u64;
+        let count = size.columns.saturating_mul(size.rows).saturating_mul(size.samples) as u64;
         let what = || samples_in(&set.path);
         // Codecs of other crates cannot be refused memory without an abort.
         memory::check(count.saturating_mul(if self.codec == Codec::Jpeg2000 { 24 } else { 12 }), what)?;
@@ -146,27 +152,28 @@ impl Frames {
         if pixels.len() as u64 == count {
             return Ok(pixels);
         }
-        Err(failed(format!("{} pixels, expected {count}", pixels.len())))
+        Err(failed(format!("{} samples, expected {count}", pixels.len())))
     }
 }
 
-/// Run lengths as in PackBits, of the highest bytes of all pixels, then of the next ones (PS3.5, G).
+/// Run lengths as in PackBits, of the highest bytes of the first sample of all pixels, then of the next ones, then of
+/// the next sample (PS3.5, G).
 fn unpack_rle(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<(), &'static str> {
     let word = |n: usize| {
         let bytes = packed.get(4 * n..).and_then(<[u8]>::first_chunk::<4>);
         bytes.map(|bytes| u32::from_le_bytes(*bytes) as usize).ok_or("its header is cut short")
     };
     let segments = word(0)?;
-    if segments != size.bytes {
+    if segments != size.bytes * size.samples {
         return Err("it has another number of segments than a pixel has bytes");
     }
     let count = size.columns * size.rows;
-    pixels.resize(count, 0);
+    pixels.resize(count * size.samples, 0);
     for segment in 0..segments {
         let start = word(1 + segment)?;
         let end = if segment + 1 < segments { word(2 + segment)? } else { packed.len() };
         let mut bytes = packed.get(start..end).ok_or("a segment ends behind the frame")?.iter().copied();
-        let mut to = pixels.iter_mut();
+        let mut to = pixels.iter_mut().skip(segment / size.bytes).step_by(size.samples);
         let mut put = |byte: u8| to.next().map(|pixel| *pixel = *pixel << 8 | u64::from(byte)).is_some();
         let mut done = 0;
         while done < count {
@@ -191,17 +198,22 @@ fn unpack_rle(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<(), &'
 
 fn unpack_jpeg(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<(), String> {
     let mut decoder = jpeg_decoder::Decoder::new(packed);
-    decoder.set_max_decoding_buffer_size(size.columns.saturating_mul(size.rows).saturating_mul(2));
+    let most = size.columns.saturating_mul(size.rows).saturating_mul(2).saturating_mul(size.samples);
+    decoder.set_max_decoding_buffer_size(most);
+    if size.is_rgb {
+        decoder.set_color_transform(ColorTransform::RGB);
+    }
     decoder.read_info().map_err(|error| error.to_string())?;
     let info = decoder.info().ok_or("no header")?;
     let found = (usize::from(info.width), usize::from(info.height));
     if found != (size.columns, size.rows) {
         return Err(format!("a picture of {} x {}", found.0, found.1));
     }
-    let bytes = match info.pixel_format {
-        PixelFormat::L8 => 1,
-        PixelFormat::L16 => 2,
-        PixelFormat::RGB24 | PixelFormat::CMYK32 => return Err("colours".to_owned()),
+    let bytes = match (info.pixel_format, size.samples) {
+        (PixelFormat::L8, 1) | (PixelFormat::RGB24, 3) => 1,
+        (PixelFormat::L16, 1) => 2,
+        (PixelFormat::L8 | PixelFormat::L16, _) => return Err("grey values, expected colours".to_owned()),
+        (PixelFormat::RGB24 | PixelFormat::CMYK32, _) => return Err("colours, expected grey values".to_owned()),
     };
     if bytes > size.bytes {
         return Err(format!("{bytes} bytes a pixel, expected {}", size.bytes));
@@ -235,12 +247,19 @@ fn unpack_jpeg_2000(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<
     }
     let mut context = DecoderContext::default();
     let decoded = image.decode(&mut context).map_err(|error| error.to_string())?;
-    let [component] = decoded.components() else { return Err("colours".to_owned()) };
+    let components = decoded.components();
+    if components.len() != size.samples {
+        return Err(format!("{} components, expected {}", components.len(), size.samples));
+    }
     // The crate moves signed samples up, as it should unsigned ones alone.
     let start = packed.windows(4).position(|four| four == [0xff, 0x4f, 0xff, 0x51]).unwrap_or(0);
     let is_signed = packed.get(start + 42).is_some_and(|precision| precision & 0x80 != 0);
     let moved = if is_signed { 1_i64 << (depth - 1) } else { 0 };
-    pixels.extend(component.samples().iter().map(|sample| (sample.round() as i64 - moved).cast_unsigned()));
+    let all: Vec<&[f32]> = components.iter().map(|component| component.samples()).collect();
+    let shortest = all.iter().map(|samples| samples.len()).min().unwrap_or(0);
+    for pixel in 0..shortest {
+        pixels.extend(all.iter().map(|samples| (samples[pixel].round() as i64 - moved).cast_unsigned()));
+    }
     Ok(())
 }
 
@@ -250,7 +269,7 @@ mod tests {
 
     #[test]
     fn run_lengths_are_those_of_the_standard() {
-        let size = Size { columns: 3, rows: 2, bytes: 1 };
+        let size = Size { columns: 3, rows: 2, samples: 1, bytes: 1, is_rgb: false };
         let unpacked = |segment: &[u8], bytes: usize| {
             let mut packed = vec![0; 64];
             packed[0] = bytes as u8;

@@ -1,7 +1,9 @@
 //! DICOM: a file, or the files of a folder (<https://www.dicomstandard.org/current>).
 //!
 //! Slices are sorted by their position along the normal of their plane, and the positions give the direction and the
-//! spacing of the third axis: a tilted gantry makes a sheared lattice. Pixels are uncompressed, in RLE,
+//! spacing of the third axis: a tilted gantry makes a sheared lattice. If each position has as many slices as the
+//! others, these are points in time, in the order of an index or a time that tells them apart. Secondary captures have
+//! no positions: they follow one another by their numbers. Pixels are grey values or colours, uncompressed, in RLE,
 //! JPEG (baseline and lossless) or JPEG 2000.
 
 mod dataset;
@@ -15,15 +17,17 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use self::dataset::Dataset;
-use self::encapsulated::{Frames, Size, syntax_of};
+use self::encapsulated::{Codec, Frames, Size, syntax_of};
 use super::decode::{lattice, samples_in};
 use super::placement::Placement;
 use super::{LoadOptions, selection};
 use crate::error::{Error, Hint, Result};
 use crate::memory::reserved;
+use crate::names::counted;
 use crate::volume::{Endian, Samples, Stored, Units, Volume};
 
 const IMAGE_TYPE: u32 = 0x0008_0008;
+const SOP_CLASS: u32 = 0x0008_0016;
 const MODALITY: u32 = 0x0008_0060;
 const SERIES_DESCRIPTION: u32 = 0x0008_103e;
 const SLICE_THICKNESS: u32 = 0x0018_0050;
@@ -32,7 +36,10 @@ const SERIES_UID: u32 = 0x0020_000e;
 const SERIES_NUMBER: u32 = 0x0020_0011;
 const POSITION: u32 = 0x0020_0032;
 const ORIENTATION: u32 = 0x0020_0037;
+const INSTANCE: u32 = 0x0020_0013;
 const CHANNELS: u32 = 0x0028_0002;
+const PHOTOMETRIC: u32 = 0x0028_0004;
+const PLANAR: u32 = 0x0028_0006;
 const FRAMES: u32 = 0x0028_0008;
 const ROWS: u32 = 0x0028_0010;
 const COLUMNS: u32 = 0x0028_0011;
@@ -43,6 +50,32 @@ const HIGH_BIT: u32 = 0x0028_0102;
 const SIGNED: u32 = 0x0028_0103;
 const INTERCEPT: u32 = 0x0028_1052;
 const SLOPE: u32 = 0x0028_1053;
+
+/// How what tells slices of one position apart is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Written {
+    Decimal,
+    Whole,
+    Float,
+    /// HHMMSS.FFFFFF, on a date that another tag states.
+    Time(u32),
+}
+
+/// What tells points in time apart, the surest first: TemporalPositionIndex, TemporalPositionIdentifier,
+/// NominalCardiacTriggerDelayTime, TriggerTime, FrameReferenceTime, AcquisitionNumber, AcquisitionTime, ContentTime.
+const TIMES: [(u32, Written); 8] = [
+    (0x0020_9128, Written::Whole),
+    (0x0020_0100, Written::Decimal),
+    (0x0020_9153, Written::Float),
+    (0x0018_1060, Written::Decimal),
+    (0x0054_1300, Written::Decimal),
+    (0x0020_0012, Written::Decimal),
+    (0x0008_0032, Written::Time(0x0008_0022)),
+    (0x0008_0033, Written::Time(0x0008_0023)),
+];
+
+/// The SOP classes of secondary captures begin so.
+const SECONDARY_CAPTURE: &str = "1.2.840.10008.5.1.4.1.1.7";
 
 /// Whether these are the first bytes of a DICOM file.
 pub(super) fn is_dicom(head: &[u8]) -> bool {
@@ -65,6 +98,7 @@ struct Plane {
     columns: u16,
     rows: u16,
     pixels: Pixels,
+    colors: Colors,
     /// Directions of rows and columns.
     directions: [DVec3; 2],
     /// Distances between columns and between rows.
@@ -80,16 +114,40 @@ struct Pixels {
     signed: bool,
 }
 
+/// What the samples of a pixel are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Colors {
+    Grey,
+    /// Red, green and blue; `planar` if each has a plane of its own in a frame.
+    Rgb {
+        planar: bool,
+    },
+    /// Luma and the differences of blue and red, of 8 bits (PS3.3, C.7.6.3.1.2).
+    Ybr {
+        planar: bool,
+    },
+}
+
+impl Colors {
+    fn samples(self) -> usize {
+        if self == Self::Grey { 1 } else { 3 }
+    }
+}
+
 /// Reads the volume of a series in these files.
 pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions) -> Result<Volume> {
     let mut sets = files.iter().map(|file| Dataset::read(file)).collect::<Result<Vec<Dataset>>>()?;
     // A report or a directory file has no pixels.
     sets.retain(|set| set.pixels.is_some());
     let sets = chosen(source, sets, options.series)?;
-    let contents = selection::chosen(source, options, 1, 1)?;
     let Some(first) = sets.first() else { return Err(Error::format(source, "is DICOM without pixels")) };
     let plane = Plane::of(first, 0)?;
-    let slices = sorted(source, &sets, &plane)?;
+    let mut times = in_times(source, &sets, sorted(source, &sets, &plane)?)?;
+    let mut contents = selection::chosen(source, options, plane.colors.samples() as u64, times.len() as u64)?;
+    if plane.colors != Colors::Grey {
+        contents.labels = selection::colours(contents.channels);
+    }
+    let (slices, channel) = (times.swap_remove(contents.time as usize), contents.channel as usize);
     let placement = placed(source, &sets, &slices, &plane)?;
     let dims = lattice(source, &[plane.columns.into(), plane.rows.into(), slices.len() as i64])?;
     let grid = placement.grid(source, dims, options.spacing)?;
@@ -98,10 +156,11 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
     let units = Units { length: None, value: (first.text(MODALITY) == "CT").then(|| "HU".to_owned()) };
 
     let per_slice = usize::from(plane.columns) * usize::from(plane.rows);
-    let frames = pixels_in(source, &sets, &slices, per_slice * plane.pixels.bytes as usize)?;
+    let slice_bytes = per_slice * plane.pixels.bytes as usize * plane.colors.samples();
+    let frames = pixels_in(source, &sets, &slices, slice_bytes)?;
     let count = grid.len();
     let what = || samples_in(source);
-    let read = |slice: &Slice| pixels_of(&sets[slice.file], frames[slice.file].as_ref(), slice.frame, &plane);
+    let read = |slice: &Slice| pixels_of(&sets[slice.file], frames[slice.file].as_ref(), slice.frame, &plane, channel);
     macro_rules! whole {
         ($variant:ident $t:ty) => {{
             let mut all: Vec<$t> = reserved(count, what)?;
@@ -149,7 +208,8 @@ fn chosen(source: &Path, sets: Vec<Dataset>, series: Option<u32>) -> Result<Vec<
     let listed = || {
         let line = |(n, (_, _, sets)): (usize, &(i64, String, Vec<Dataset>))| {
             let text = |tag| sets.first().map(|set| set.text(tag)).unwrap_or_default();
-            format!("{} is {} {:?} of {} files", n + 1, text(MODALITY), text(SERIES_DESCRIPTION), sets.len())
+            let files = counted(sets.len() as u64, "file");
+            format!("{} is {} {:?} of {files}", n + 1, text(MODALITY), text(SERIES_DESCRIPTION))
         };
         all.iter().enumerate().map(line).collect::<Vec<_>>().join(", ")
     };
@@ -181,10 +241,24 @@ impl Plane {
         let refused = |reason: String| Error::format(&set.path, reason);
         let required = |tag: u32, name: &str| set.u16(tag).ok_or_else(|| refused(format!("has no {name}")));
         let (rows, columns) = (required(ROWS, "number of rows")?, required(COLUMNS, "number of columns")?);
-        let channels = set.u16(CHANNELS).unwrap_or(1);
-        if channels != 1 {
-            return Err(refused(format!("has {channels} channels per sample: save one of them alone")));
-        }
+        let planar = set.u16(PLANAR) == Some(1);
+        let photometric = set.text(PHOTOMETRIC);
+        // Codecs of colours give red, green and blue; run lengths and lossless JPEG are none.
+        let is_lossless = ["1.2.840.10008.1.2.4.57", "1.2.840.10008.1.2.4.70"].contains(&set.syntax.as_str());
+        let by_codec = !is_lossless && syntax_of(&set.syntax).is_some_and(|(_, codec)| codec != Some(Codec::Rle));
+        let colors = match (set.u16(CHANNELS).unwrap_or(1), photometric.as_str()) {
+            (1, "PALETTE COLOR") => {
+                return Err(refused("is in a palette of colours, which is not read: convert it to RGB".to_owned()));
+            }
+            (1, _) => Colors::Grey,
+            (3, "RGB" | "YBR_ICT" | "YBR_RCT") => Colors::Rgb { planar },
+            (3, "YBR_FULL" | "YBR_FULL_422" | "YBR_PARTIAL_420") if by_codec => Colors::Rgb { planar },
+            (3, "YBR_FULL") => Colors::Ybr { planar },
+            (channels, photometric) => {
+                let what = format!("{channels} samples per pixel of the kind {photometric:?}");
+                return Err(refused(format!("has {what}: expected grey values, RGB or YBR_FULL")));
+            }
+        };
         let allocated = u32::from(required(BITS_ALLOCATED, "number of bits")?);
         let stored = set.u16(BITS_STORED).map_or(allocated, u32::from);
         let high = set.u16(HIGH_BIT).map_or(stored.saturating_sub(1), u32::from);
@@ -192,10 +266,13 @@ impl Plane {
             return Err(refused(format!("has {stored} bits up to bit {high} in {allocated}, which is not read")));
         }
         let pixels = Pixels { bytes: allocated / 8, stored, high, signed: set.u16(SIGNED) == Some(1) };
+        if matches!(colors, Colors::Ybr { .. }) && (stored, pixels.signed) != (8, false) {
+            return Err(refused(format!("has {stored} bits of YBR_FULL, expected 8 without sign")));
+        }
         let [x, y, z, a, b, c] = set.numbers(frame, ORIENTATION).unwrap_or([1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
         let [between_rows, between_columns] = set.numbers(frame, PIXEL_SPACING).unwrap_or([1.0; 2]);
         let directions = [DVec3::new(x, y, z), DVec3::new(a, b, c)];
-        Ok(Self { columns, rows, pixels, directions, spacing: [between_columns, between_rows] })
+        Ok(Self { columns, rows, pixels, colors, directions, spacing: [between_columns, between_rows] })
     }
 }
 
@@ -216,13 +293,21 @@ fn sorted(source: &Path, sets: &[Dataset], plane: &Plane) -> Result<Vec<Slice>> 
             if turned
                 || scaled
                 || (other.columns, other.rows, other.pixels) != (plane.columns, plane.rows, plane.pixels)
+                || other.colors != plane.colors
             {
                 let of = sets.first().map(|set| set.path.display().to_string()).unwrap_or_default();
                 return Err(Error::format(&set.path, format!("has another size, type, spacing or plane than {of}")));
             }
             let position = set.numbers(frame, POSITION).map(DVec3::from_array);
-            // Frames without positions follow one another.
-            let Some(position) = position.or((sets.len() == 1).then(|| normal * frame as f64)) else {
+            // Frames without positions follow one another, and so do secondary captures by their numbers.
+            let number = || match sets.len() {
+                1 => Some(frame as f64),
+                _ if frames == 1.0 && set.text(SOP_CLASS).starts_with(SECONDARY_CAPTURE) => {
+                    set.numbers(0, INSTANCE).map(|[number]| number)
+                }
+                _ => None,
+            };
+            let Some(position) = position.or_else(|| number().map(|number| normal * number)) else {
                 return Err(Error::format(&set.path, "has no position"));
             };
             let [slope] = set.numbers(frame, SLOPE).unwrap_or([1.0]);
@@ -237,6 +322,77 @@ fn sorted(source: &Path, sets: &[Dataset], plane: &Plane) -> Result<Vec<Slice>> 
     Ok(slices)
 }
 
+/// The least distance of slices that are not at one position, world units.
+const APART: f64 = 1e-4;
+
+/// The name of the file that a slice is in.
+fn name_of(sets: &[Dataset], slice: &Slice) -> String {
+    let file = sets.get(slice.file).and_then(|set| set.path.file_name()).unwrap_or_default();
+    file.to_string_lossy().into_owned()
+}
+
+/// Slices along the normal of their plane, parted into points in time: as many as there are slices at each position.
+fn in_times(source: &Path, sets: &[Dataset], slices: Vec<Slice>) -> Result<Vec<Vec<Slice>>> {
+    let mut positions: Vec<Vec<Slice>> = Vec::new();
+    for slice in slices {
+        match positions.last_mut() {
+            Some(there) if there.last().is_some_and(|last| last.position.distance(slice.position) < APART) => {
+                there.push(slice);
+            }
+            _ => positions.push(vec![slice]),
+        }
+    }
+    let times = positions.iter().map(Vec::len).max().unwrap_or(0);
+    if times <= 1 {
+        return Ok(vec![positions.into_iter().flatten().collect()]);
+    }
+    let at = |there: &[Slice]| there.iter().map(|slice| name_of(sets, slice)).take(2).collect::<Vec<_>>().join(" and ");
+    let fewest = positions.iter().min_by_key(|there| there.len()).map(Vec::as_slice).unwrap_or_default();
+    let most = positions.iter().find(|there| there.len() == times).map(Vec::as_slice).unwrap_or_default();
+    if fewest.len() != times {
+        let (few, names) = (fewest.len(), at(fewest));
+        let reason = match times {
+            2 => format!("has two slices at one position: {}, and one at another: {names}", at(most)),
+            _ => format!("has {times} slices at one position, such as {}, and {few} at another: {names}", at(most)),
+        };
+        return Err(Error::format(source, reason));
+    }
+    let Some(tag) = TIMES.into_iter().find(|&tag| {
+        // It tells apart what is at one position, everywhere.
+        positions.iter().all(|there| {
+            let mut keys: Vec<[f64; 2]> = there.iter().filter_map(|slice| key_of(sets, slice, tag)).collect();
+            keys.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
+            keys.dedup();
+            keys.len() == there.len()
+        })
+    }) else {
+        let what = if times == 2 { "two slices".to_owned() } else { format!("{times} slices") };
+        let reason = format!("has {what} at one position: {}, and no number or time tells them apart", at(most));
+        return Err(Error::format(source, reason));
+    };
+    let mut volumes: Vec<Vec<Slice>> = (0..times).map(|_| Vec::new()).collect();
+    for mut there in positions {
+        there.sort_by(|a, b| {
+            let keys = (key_of(sets, a, tag), key_of(sets, b, tag));
+            keys.0.partial_cmp(&keys.1).unwrap_or(std::cmp::Ordering::Equal)
+        });
+        volumes.iter_mut().zip(there).for_each(|(volume, slice)| volume.push(slice));
+    }
+    Ok(volumes)
+}
+
+/// What a tag says of the time of a slice, to be compared; the first number is that of a date.
+fn key_of(sets: &[Dataset], slice: &Slice, (tag, written): (u32, Written)) -> Option<[f64; 2]> {
+    let set = sets.get(slice.file)?;
+    let decimal = |tag: u32| set.numbers::<1>(slice.frame, tag).map(|[number]| number);
+    Some(match written {
+        Written::Decimal => [0.0, decimal(tag)?],
+        Written::Whole => [0.0, f64::from(set.u32(slice.frame, tag)?)],
+        Written::Float => [0.0, set.f64(slice.frame, tag)?],
+        Written::Time(date) => [decimal(date).unwrap_or(0.0), decimal(tag)?],
+    })
+}
+
 /// The position of the lattice, if the slices are the same distance apart.
 fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> Result<Placement> {
     let [along_rows, along_columns] = plane.directions;
@@ -244,13 +400,10 @@ fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> R
     let (Some(first), Some(last)) = (slices.first(), slices.last()) else {
         return Err(Error::format(source, "has no slices"));
     };
-    let name = |slice: &Slice| {
-        let file = sets.get(slice.file).and_then(|set| set.path.file_name()).unwrap_or_default();
-        file.to_string_lossy().into_owned()
-    };
+    let name = |slice: &Slice| name_of(sets, slice);
     let mut gaps: Vec<f64> = slices.windows(2).map(|pair| (pair[1].position - pair[0].position).dot(normal)).collect();
     for (pair, gap) in slices.windows(2).zip(&gaps) {
-        if gap.abs() < 1e-4 {
+        if gap.abs() < APART {
             let reason = format!("has two slices at one position: {} and {}", name(&pair[0]), name(&pair[1]));
             return Err(Error::format(source, reason));
         }
@@ -265,7 +418,8 @@ fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> R
         for (pair, gap) in slices.windows(2).zip(all) {
             let (times, between) = ((gap / usual).round(), format!("{} and {}", name(&pair[0]), name(&pair[1])));
             if times >= 2.0 && (gap / usual - times).abs() < 0.05 {
-                let reason = format!("{} slices are missing between {between}", times - 1.0);
+                let are = if times == 2.0 { "slice is" } else { "slices are" };
+                let reason = format!("{} {are} missing between {between}", times - 1.0);
                 return Err(Error::format(source, reason));
             }
             if (gap / usual - 1.0).abs() > 0.02 {
@@ -310,7 +464,8 @@ fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], slice_bytes: usi
                 if length >= needed {
                     return Ok(None);
                 }
-                refused(format!("is cut short: {frames} frames need {needed} bytes, {length} are there"))
+                let need = if frames == 1 { "frame needs" } else { "frames need" };
+                refused(format!("is cut short: {frames} {need} {needed} bytes, {length} are there"))
             }
             (None, _) => refused(format!("is in the transfer syntax {}, which is not read", set.syntax)),
         }
@@ -318,34 +473,49 @@ fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], slice_bytes: usi
     sets.iter().zip(frames_of).map(frames).collect()
 }
 
-/// The pixels of a frame as stored: bits beside the pixels are masked, and the sign is extended.
-fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane) -> Result<Vec<i64>> {
-    let pixels = plane.pixels;
+/// The samples of a channel of a frame as stored: bits beside them are masked, and the sign is extended.
+fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane, channel: usize) -> Result<Vec<i64>> {
+    let (pixels, colors) = (plane.pixels, plane.colors);
     let (columns, rows, width) = (usize::from(plane.columns), usize::from(plane.rows), pixels.bytes as usize);
     let (above, below) = (64 - 1 - pixels.high, 64 - pixels.stored);
     let value = |raw: u64| {
         let raised = raw << above;
         if pixels.signed { raised.cast_signed() >> below } else { (raised >> below).cast_signed() }
     };
-    let count = columns * rows;
-    let mut values = reserved(count as u64, || samples_in(&set.path))?;
+    let (area, samples) = (columns * rows, colors.samples());
+    let count = area * samples;
+    let mut all: Vec<u64> = reserved(count as u64, || samples_in(&set.path))?;
+    // Codecs give the samples of a pixel beside each other.
+    let mut is_planar = false;
     if let Some(frames) = frames {
-        let raw = frames.pixels(set, frame, Size { columns, rows, bytes: width })?;
-        values.extend(raw.into_iter().map(value));
-        return Ok(values);
-    }
-    let read_error = |source| Error::Read { path: set.path.clone(), source };
-    let mut bytes: Vec<u8> = reserved((count * width) as u64, || samples_in(&set.path))?;
-    bytes.resize(count * width, 0);
-    let mut file = File::open(&set.path).map_err(read_error)?;
-    let start = set.pixels.map_or(0, |(start, _)| start) + (frame * count * width) as u64;
-    file.seek(SeekFrom::Start(start)).and_then(|_| file.read_exact(&mut bytes)).map_err(read_error)?;
-    let more = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
-    values.extend(bytes.chunks_exact(width).map(|bytes| {
-        value(match set.endian {
+        let is_rgb = set.text(PHOTOMETRIC) == "RGB";
+        all = frames.pixels(set, frame, Size { columns, rows, samples, bytes: width, is_rgb })?;
+    } else {
+        is_planar = matches!(colors, Colors::Rgb { planar: true } | Colors::Ybr { planar: true });
+        let read_error = |source| Error::Read { path: set.path.clone(), source };
+        let mut bytes: Vec<u8> = reserved((count * width) as u64, || samples_in(&set.path))?;
+        bytes.resize(count * width, 0);
+        let mut file = File::open(&set.path).map_err(read_error)?;
+        let start = set.pixels.map_or(0, |(start, _)| start) + (frame * count * width) as u64;
+        file.seek(SeekFrom::Start(start)).and_then(|_| file.read_exact(&mut bytes)).map_err(read_error)?;
+        let more = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
+        all.extend(bytes.chunks_exact(width).map(|bytes| match set.endian {
             Endian::Little => bytes.iter().rev().fold(0, more),
             Endian::Big => bytes.iter().fold(0, more),
-        })
-    }));
+        }));
+    }
+    let sample = |pixel: usize, channel: usize| {
+        value(all[if is_planar { channel * area + pixel } else { pixel * samples + channel }])
+    };
+    let mut values = reserved(area as u64, || samples_in(&set.path))?;
+    match colors {
+        Colors::Ybr { .. } => values.extend((0..area).map(|pixel| {
+            let [y, cb, cr] = [0, 1, 2].map(|channel| sample(pixel, channel) as f64);
+            let (blue, red) = (cb - 128.0, cr - 128.0);
+            let of = [y + 1.402 * red, y - 0.344_136 * blue - 0.714_136 * red, y + 1.772 * blue];
+            of[channel].round().clamp(0.0, 255.0) as i64
+        })),
+        Colors::Grey | Colors::Rgb { .. } => values.extend((0..area).map(|pixel| sample(pixel, channel))),
+    }
     Ok(values)
 }

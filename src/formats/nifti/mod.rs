@@ -60,7 +60,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
         input.skip(first - read)?;
         input
     } else {
-        let mut data = Input::open(&image_file(&path, &input)?)?;
+        let mut data = Input::open_kept(&image_file(&path, &input)?, input.unpacked())?;
         data.skip(offset)?;
         data
     };

@@ -27,6 +27,10 @@ pub(super) struct Header {
     pub(super) directions: Option<Vec<Option<DVec3>>>,
     /// World position of the first sample.
     pub(super) origin: Option<DVec3>,
+    /// The axis along time, if the header's space has time and directions say which axis that is.
+    time_axis: Option<usize>,
+    /// The axes whose index has a type, as in the sequences of 3D Slicer.
+    indexed: Vec<usize>,
     /// Factors from the header's space to DICOM's patient space; `None` if the header's is not a patient space.
     pub(super) patient_flip: Option<DVec3>,
 }
@@ -40,7 +44,7 @@ impl Header {
         if !matches!(version, Some("1" | "2" | "3" | "4" | "5")) {
             return Err(input.error(format!("begins with {magic:?}, expected NRRD0001 to NRRD0005")));
         }
-        let (mut fields, mut segments) = (HashMap::new(), BTreeMap::new());
+        let (mut fields, mut segments, mut indexed) = (HashMap::new(), BTreeMap::new(), Vec::new());
         while let Some(line) = input.line()? {
             let line = line.trim_end();
             if line.is_empty() {
@@ -52,8 +56,10 @@ impl Header {
             let Some((name, value)) = line.split_once(':') else {
                 return Err(input.error(format!("header line {line:?} is not \"field: value\"")));
             };
-            // "key:=value" is metadata of an application.
+            // "key:=value" is metadata of an application, such as "axis 3 index type:=numeric".
             if let Some(value) = value.strip_prefix('=') {
+                let axis = name.strip_prefix("axis ").and_then(|rest| rest.strip_suffix(" index type"));
+                indexed.extend(axis.and_then(|axis| axis.parse::<usize>().ok()).filter(|axis| *axis < MAX_AXES));
                 describe(&mut segments, name, value);
                 continue;
             }
@@ -74,6 +80,8 @@ impl Header {
             spacings: None,
             directions: None,
             origin: None,
+            time_axis: None,
+            indexed,
             patient_flip: None,
         })
     }
@@ -85,24 +93,46 @@ impl Header {
         }
         self.sizes = self.list("sizes", self.required("sizes")?, dimension)?;
         self.spacings = self.get("spacings").map(|text| self.list("spacings", text, dimension)).transpose()?;
-        self.directions = self.get("space directions").map(|text| self.vectors(text, dimension)).transpose()?;
-        self.origin = match self.get("space origin").map(|text| self.vectors(text, 1)).transpose()? {
+        let space = self.get("space").unwrap_or("3D-right-handed").to_ascii_lowercase();
+        // A fourth coordinate is time.
+        let (space, has_time) = match space.as_str() {
+            "rast" => ("ras", true),
+            "last" => ("las", true),
+            "lpst" => ("lps", true),
+            space => space.strip_suffix("-time").map_or((space, false), |space| (space, true)),
+        };
+        self.patient_flip = match space {
+            "left-posterior-superior" | "lps" => Some(DVec3::ONE),
+            "right-anterior-superior" | "ras" => Some(DVec3::new(-1.0, -1.0, 1.0)),
+            "left-anterior-superior" | "las" => Some(DVec3::new(1.0, -1.0, 1.0)),
+            // These spaces are not oriented in the patient.
+            "scanner-xyz" | "3d-right-handed" | "3d-left-handed" => None,
+            other => return Err(self.error(format!("space {other:?} is unknown"))),
+        };
+        let directions =
+            self.get("space directions").map(|text| self.vectors(text, dimension, has_time)).transpose()?;
+        if let (Some(directions), true) = (&directions, has_time) {
+            let moves = |vector: &Option<(DVec3, f64)>| vector.is_some_and(|(_, time)| time != 0.0);
+            let moving: Vec<usize> = (0..directions.len()).filter(|&axis| moves(&directions[axis])).collect();
+            let still = |&axis: &usize| directions[axis].is_some_and(|(space, _)| space == DVec3::ZERO);
+            self.time_axis = match moving[..] {
+                [] => None,
+                [axis] if still(&axis) => Some(axis),
+                _ => return Err(self.error("space directions: slices at unlike times, which is not read")),
+            };
+        }
+        self.directions = directions.map(|directions| {
+            let in_space = |(axis, vector): (usize, Option<(DVec3, f64)>)| {
+                vector.map(|(space, _)| space).filter(|_| self.time_axis != Some(axis))
+            };
+            directions.into_iter().enumerate().map(in_space).collect()
+        });
+        self.origin = match self.get("space origin").map(|text| self.vectors(text, 1, has_time)).transpose()? {
             Some(vectors) => match vectors[..] {
-                [Some(origin)] => Some(origin),
+                [Some((origin, _))] => Some(origin),
                 _ => return Err(self.error("space origin: expected one vector such as (0,0,0)")),
             },
             None => None,
-        };
-        self.patient_flip = match self.get("space").map(str::to_ascii_lowercase).as_deref() {
-            Some("left-posterior-superior" | "lps") => Some(DVec3::ONE),
-            Some("right-anterior-superior" | "ras") => Some(DVec3::new(-1.0, -1.0, 1.0)),
-            Some("left-anterior-superior" | "las") => Some(DVec3::new(1.0, -1.0, 1.0)),
-            // These spaces are not oriented in the patient.
-            Some("scanner-xyz" | "3d-right-handed" | "3d-left-handed") | None => None,
-            Some(other) if other.ends_with("-time") || matches!(other, "last" | "rast" | "lpst") => {
-                return Err(self.error(format!("space {other:?} has time: save one point in time alone")));
-            }
-            Some(other) => return Err(self.error(format!("space {other:?} is unknown"))),
         };
         if self.patient_flip.is_some() && self.directions.is_none() {
             // A named space without directions does not orient the lattice.
@@ -110,8 +140,8 @@ impl Header {
         }
         if let Some(text) = self.get("space dimension") {
             let n: u32 = self.parsed("space dimension", text)?;
-            if n != 3 {
-                return Err(self.error(format!("space dimension: {n}, expected 3")));
+            if n != if has_time { 4 } else { 3 } {
+                return Err(self.error(format!("space dimension: {n}, expected {}", if has_time { 4 } else { 3 })));
             }
         }
         Ok(self)
@@ -155,6 +185,19 @@ impl Header {
         (kind != "none" && kind != "???").then_some(kind)
     }
 
+    /// Whether an axis runs along time: its kind, its label or the space says so, or its index has a type, as in the
+    /// sequences of 3D Slicer.
+    pub(super) fn is_time(&self, axis: usize) -> bool {
+        let kind = self.kind(axis);
+        if self.time_axis == Some(axis) || kind.as_deref() == Some("time") {
+            return true;
+        }
+        let mut labels = self.get("labels").unwrap_or_default().split('"').skip(1).step_by(2);
+        let label = labels.nth(axis).unwrap_or_default().to_ascii_lowercase();
+        let named = matches!(label.as_str(), "time" | "t" | "frame");
+        matches!(kind.as_deref(), None | Some("list")) && (named || self.indexed.contains(&axis))
+    }
+
     fn parsed<T: std::str::FromStr>(&self, name: &str, text: &str) -> Result<T> {
         text.trim().parse().map_err(|_| self.error(format!("{name}: {text:?} is not a number that fits")))
     }
@@ -167,9 +210,11 @@ impl Header {
         Ok(list)
     }
 
-    /// Parses `n` vectors, `(x,y,z) none (x,y,z) ...`; blanks may stand anywhere.
-    fn vectors(&self, text: &str, n: usize) -> Result<Vec<Option<DVec3>>> {
-        let bad = || self.error(format!("vectors {text:?}: expected {n} of the form (x,y,z) or none"));
+    /// Parses `n` vectors, `(x,y,z) none (x,y,z) ...`, or of four numbers, the last of which is time; blanks may stand
+    /// anywhere.
+    fn vectors(&self, text: &str, n: usize, has_time: bool) -> Result<Vec<Option<(DVec3, f64)>>> {
+        let form = if has_time { "(x,y,z,t)" } else { "(x,y,z)" };
+        let bad = || self.error(format!("vectors {text:?}: expected {n} of the form {form} or none"));
         let mut vectors = Vec::new();
         let mut rest = text.trim();
         while !rest.is_empty() {
@@ -181,10 +226,13 @@ impl Header {
             let (inside, after) = rest.strip_prefix('(').and_then(|r| r.split_once(')')).ok_or_else(bad)?;
             let numbers: Vec<f64> =
                 inside.split(',').map(|word| word.trim().parse().map_err(|_| bad())).collect::<Result<_>>()?;
-            let [x, y, z] = numbers[..] else { return Err(bad()) };
+            let (vector, time) = match (&numbers[..], has_time) {
+                (&[x, y, z], false) => (DVec3::new(x, y, z), 0.0),
+                (&[x, y, z, time], true) => (DVec3::new(x, y, z), time),
+                _ => return Err(bad()),
+            };
             // Some writers put NaN for "none".
-            let vector = DVec3::new(x, y, z);
-            vectors.push(if vector.is_nan() { None } else { Some(vector) });
+            vectors.push(if vector.is_nan() || time.is_nan() { None } else { Some((vector, time)) });
             rest = after.trim_start();
         }
         if vectors.len() != n {

@@ -54,7 +54,10 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
                 return Err(header.error(format!("{n} data files cannot share {count} samples equally")));
             }
             let skip = Skip { total: skip.total / n as u64, ..skip };
-            let mut parts = files.paths().map(|file| skip.apply(Input::open_data(&file)?, encoding));
+            // Of many files each would be kept open.
+            let unpacked = input.unpacked().filter(|_| n == 1);
+            let mut parts =
+                files.paths().map(|file| skip.apply(Input::open_data_kept(&file, unpacked.clone())?, encoding));
             read_samples(&mut parts, n, &pick, sample_type, layout)?
         }
     };
@@ -119,13 +122,14 @@ fn spatial_axes(header: &Header) -> Result<([usize; 3], Axes)> {
     let sizes: Vec<i64> = axes.iter().map(|&a| header.sizes[a]).collect();
     let mut roles: Vec<Role> = guessed(&sizes).into_iter().map(|(role, _)| role).collect();
     if axes.iter().any(|&a| !header.is_spatial(a) && header.sizes[a] != 1) {
-        // A list behind the axes of space is a series of volumes; in front of them it has numbers of each voxel.
+        // What is not named behind the axes of space is a series of volumes; in front of them it has numbers of each
+        // voxel. A list has numbers of each voxel wherever it is, such as directions of diffusion.
         let last = axes.iter().rposition(|&a| header.is_spatial(a)).unwrap_or(0);
         for (n, (role, &a)) in roles.iter_mut().zip(&axes).enumerate() {
             *role = match header.kind(a).as_deref() {
                 _ if header.is_spatial(a) || header.sizes[a] == 1 => Role::Space,
-                Some("time") => Role::Time,
-                Some("list") | None if n > last => Role::Time,
+                _ if header.is_time(a) => Role::Time,
+                None if n > last => Role::Time,
                 _ => Role::Channel,
             };
         }

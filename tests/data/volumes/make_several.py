@@ -112,15 +112,13 @@ def nrrds(file, name, order, header, channels, times):
 
 
 SPACE = {"space": "left-posterior-superior", "space origin": ORIGIN}
-nrrds("list-last.nrrd", "i16", "xyzt", {"encoding": "raw", "kinds": ["domain"] * 3 + ["list"],
-                                        "space directions": DIRECTIONS + [NONE], **SPACE}, 1, 3)
 nrrds("vector-first.nrrd", "f32", "cxyz", {"encoding": "gzip", "kinds": ["vector"] + ["domain"] * 3,
                                            "space directions": [NONE] + DIRECTIONS, **SPACE}, 3, 1)
 nrrds("time-first.nrrd", "u16", "txyz", {"encoding": "ascii", "kinds": ["time"] + ["domain"] * 3}, 1, 3)
 nrrds("five.nrrd", "i16", "cxyzt", {"encoding": "raw", "kinds": ["list"] + ["domain"] * 3 + ["time"],
                                     "space directions": [NONE] + DIRECTIONS + [NONE], **SPACE}, 2, 2)
 # Its samples in two files, neither of which begins where a volume does.
-header = {"encoding": "raw", "kinds": ["domain"] * 3 + ["list"], "space directions": DIRECTIONS + [NONE], **SPACE}
+header = {"encoding": "raw", "kinds": ["domain"] * 3 + ["time"], "space directions": DIRECTIONS + [NONE], **SPACE}
 nrrds("parts.nhdr", "i16", "xyzt", {**header, "data file": "parts.raw"}, 1, 3)
 whole = Path("parts.raw").read_bytes()
 Path("parts-1.raw").write_bytes(whole[:180])
