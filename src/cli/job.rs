@@ -274,7 +274,8 @@ impl RenderJob {
 }
 
 /// Why there is no legend.
-pub(super) const NO_LEGEND: &str = "--legend names labels and channels, and there are none: --colour-bar shows values";
+pub(super) const NO_LEGEND: &str = "--legend names labels and channels, and there are none: \
+    --transfer labels takes values as labels, --colour-bar shows values";
 
 /// What is drawn on a picture, and the units of what it shows.
 fn figure(
@@ -339,8 +340,11 @@ fn clip_choice(args: &ModelArgs) -> ClipChoice {
 /// Whether the text must mean a file. Then a missing file is reported, instead of an unknown name.
 fn is_file_name(text: &Path) -> bool {
     let lossy = text.to_string_lossy();
-    if lossy.starts_with('{') || lossy == STREAM {
-        return lossy == STREAM;
+    if lossy == STREAM {
+        return true;
+    }
+    if lossy.starts_with('{') {
+        return false;
     }
     let file = lossy.split('#').next().unwrap_or_default().to_lowercase();
     let endings = [".json", ".vp", ".xml"];
