@@ -33,6 +33,10 @@ const OBLIQUE: [f64; 2] = [30.0, 20.0];
 /// than 1 shows.
 const SHARPNESS: f64 = 0.5;
 
+/// Where what keeps light from labels begins, voxels from a voxel. Surfaces of labels are stairs of voxels, which cast
+/// shadows on each other.
+const LABEL_BIAS: f64 = 4.0;
+
 /// What pictures of one volume share.
 pub(super) struct Session {
     pub(super) volume: Volume,
@@ -187,10 +191,17 @@ impl Session {
         }
         let material = fitted.preset.and_then(|preset| preset.material);
         if job.chooses_light && (material.is_some() || has_labels) {
-            job.settings.lighting = Some(Lighting::studio(job.view.forward()?, job.view.up));
+            let studio = Lighting::studio(job.view.forward()?, job.view.up);
             let name = if job.light_follows { "studio:eye" } else { "studio" };
-            let surfaces = if material.is_some() { "the preset shows surfaces" } else { "labels have surfaces" };
-            self.say(format!("note: --light {name} is taken, as {surfaces}; --light off is without"));
+            let (lighting, bias, surfaces) = match material {
+                Some(_) => (studio, String::new(), "the preset shows surfaces"),
+                None => {
+                    let bias = format!(" --shadow-bias {LABEL_BIAS}");
+                    (Lighting { shadow_bias: LABEL_BIAS, ..studio }, bias, "labels have surfaces")
+                }
+            };
+            job.settings.lighting = Some(lighting);
+            self.say(format!("note: --light {name}{bias} is taken, as {surfaces}; --light off is without"));
         }
         let Some(material) = material else { return Ok(()) };
         if job.chooses_material {

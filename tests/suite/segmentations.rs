@@ -60,6 +60,10 @@ fn segmentations_are_recognised_and_drawn_as_labels() {
     assert!(said.contains("; --transfer grayscale shows the values"), "{said}");
     let (asked, said) = drawn(dir, "plain.nrrd --size 16 --transfer labels");
     assert!(asked == suggested && !said.contains("--transfer labels is taken"), "{said}");
+    // The light that is taken is said as one would ask for it.
+    assert!(said.contains("note: --light studio --shadow-bias 4 is taken, as labels have surfaces"), "{said}");
+    let lit = "plain.nrrd --size 16 --transfer labels --light studio --shadow-bias";
+    assert!(drawn(dir, &format!("{lit} 4")).0 == asked && drawn(dir, &format!("{lit} 0")).0 != asked);
     // One option undoes it.
     let (values, said) = drawn(dir, "plain.nrrd --size 16 --transfer grayscale");
     assert!(values != suggested && !said.contains("labels"), "{said}");
