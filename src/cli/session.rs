@@ -392,7 +392,8 @@ fn fitted(job: &RenderJob, volume: &Volume, channels: &[Layer], stages: &mut Sta
 
 /// Whether a job leaves open what values mean, and asks for nothing that labels are not drawn by.
 fn may_be_labels(job: &RenderJob) -> bool {
-    let asks = job.transfer.gradient.is_some() || job.figure.color_bar || job.save_transfer.is_some();
+    let of_gradients = job.transfer.gradient.is_some() || job.transfer.floor.is_some();
+    let asks = of_gradients || job.figure.color_bar || job.save_transfer.is_some();
     matches!(job.transfer.choice, TransferChoice::Suggested)
         && !asks
         && job.channels.is_empty()

@@ -486,8 +486,9 @@ mod tests {
                 let light = grid.to_world().transform_point3(DVec3::from_array(light));
                 let mut casting = Casting { bias, ..towards(lights) };
                 casting.lights[0] = Origin::Point(light);
-                let shares = row::<_, 19>(&Caster::new(&casting, &lattice), &media.0, [0, 6, 4]);
-                for (x, share) in shares[0].iter().enumerate() {
+                let exact = row::<_, 19>(&Caster::new(&casting, &lattice), &media.0, [0, 6, 4]);
+                let rounded = row::<_, 19>(&Caster::new(&casting, &lattice), &media.1, [0, 6, 4]);
+                for (x, share) in [exact, rounded].iter().flat_map(|shares| shares[0].iter().enumerate()) {
                     let place = grid.to_world().transform_point3(DVec3::new(x as f64, 6.0, 4.0));
                     let way = (light - place).normalize();
                     let begin = bias / (grid.to_lattice().matrix3 * way).length();

@@ -68,8 +68,10 @@ fn segmentations_are_recognised_and_drawn_as_labels() {
     let (values, said) = drawn(dir, "plain.nrrd --size 16 --transfer grayscale");
     assert!(values != suggested && !said.contains("labels"), "{said}");
     // What labels are not drawn by is not refused but drawn of the values.
-    let (_, said) = drawn(dir, "plain.nrrd --size 16 --model mip");
-    assert!(!said.contains("labels"), "{said}");
+    for of_values in ["--model mip", "--gradient-opacity 0:0.5", "--light headlight --gradient-floor 3"] {
+        let (_, said) = drawn(dir, &format!("plain.nrrd --size 16 {of_values}"));
+        assert!(!said.contains("labels"), "{said}");
+    }
     // The colours of a file are those of its labels.
     let (named, said) = drawn(dir, "kidney.seg.nrrd --size 16 --light off");
     assert!(said.contains("as the file names its labels"), "{said}");

@@ -1,0 +1,92 @@
+//! Points in time: as many slices at each position, told apart by an index or a time.
+
+use std::path::Path;
+
+use super::dataset::Dataset;
+use super::{APART, Slice, name_of};
+use crate::error::{Error, Result};
+
+/// How what tells slices of one position apart is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Written {
+    Decimal,
+    Whole,
+    Float,
+    /// HHMMSS.FFFFFF, on a date that another tag states.
+    Time(u32),
+}
+
+/// What tells points in time apart, the surest first: TemporalPositionIndex, TemporalPositionIdentifier,
+/// NominalCardiacTriggerDelayTime, TriggerTime, FrameReferenceTime, AcquisitionNumber, AcquisitionTime, ContentTime.
+const TIMES: [(u32, Written); 8] = [
+    (0x0020_9128, Written::Whole),
+    (0x0020_0100, Written::Decimal),
+    (0x0020_9153, Written::Float),
+    (0x0018_1060, Written::Decimal),
+    (0x0054_1300, Written::Decimal),
+    (0x0020_0012, Written::Decimal),
+    (0x0008_0032, Written::Time(0x0008_0022)),
+    (0x0008_0033, Written::Time(0x0008_0023)),
+];
+
+/// Slices along the normal of their plane, parted into points in time: as many as there are slices at each position.
+pub(super) fn in_times(source: &Path, sets: &[Dataset], slices: Vec<Slice>) -> Result<Vec<Vec<Slice>>> {
+    let mut positions: Vec<Vec<Slice>> = Vec::new();
+    for slice in slices {
+        match positions.last_mut() {
+            Some(there) if there.last().is_some_and(|last| last.position.distance(slice.position) < APART) => {
+                there.push(slice);
+            }
+            _ => positions.push(vec![slice]),
+        }
+    }
+    let times = positions.iter().map(Vec::len).max().unwrap_or(0);
+    if times <= 1 {
+        return Ok(vec![positions.into_iter().flatten().collect()]);
+    }
+    let at = |there: &[Slice]| there.iter().map(|slice| name_of(sets, slice)).take(2).collect::<Vec<_>>().join(" and ");
+    let fewest = positions.iter().min_by_key(|there| there.len()).map(Vec::as_slice).unwrap_or_default();
+    let most = positions.iter().find(|there| there.len() == times).map(Vec::as_slice).unwrap_or_default();
+    if fewest.len() != times {
+        let (few, names) = (fewest.len(), at(fewest));
+        let reason = match times {
+            2 => format!("has two slices at one position: {}, and one at another: {names}", at(most)),
+            _ => format!("has {times} slices at one position, such as {}, and {few} at another: {names}", at(most)),
+        };
+        return Err(Error::format(source, reason));
+    }
+    let Some(tag) = TIMES.into_iter().find(|&tag| {
+        // It tells apart what is at one position, everywhere.
+        positions.iter().all(|there| {
+            let mut keys: Vec<[f64; 2]> = there.iter().filter_map(|slice| key_of(sets, slice, tag)).collect();
+            keys.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
+            keys.dedup();
+            keys.len() == there.len()
+        })
+    }) else {
+        let what = if times == 2 { "two slices".to_owned() } else { format!("{times} slices") };
+        let reason = format!("has {what} at one position: {}, and no number or time tells them apart", at(most));
+        return Err(Error::format(source, reason));
+    };
+    let mut volumes: Vec<Vec<Slice>> = (0..times).map(|_| Vec::new()).collect();
+    for mut there in positions {
+        there.sort_by(|a, b| {
+            let keys = (key_of(sets, a, tag), key_of(sets, b, tag));
+            keys.0.partial_cmp(&keys.1).unwrap_or(std::cmp::Ordering::Equal)
+        });
+        volumes.iter_mut().zip(there).for_each(|(volume, slice)| volume.push(slice));
+    }
+    Ok(volumes)
+}
+
+/// What a tag says of the time of a slice, to be compared; the first number is that of a date.
+fn key_of(sets: &[Dataset], slice: &Slice, (tag, written): (u32, Written)) -> Option<[f64; 2]> {
+    let set = sets.get(slice.file)?;
+    let decimal = |tag: u32| set.numbers::<1>(slice.frame, tag).map(|[number]| number);
+    Some(match written {
+        Written::Decimal => [0.0, decimal(tag)?],
+        Written::Whole => [0.0, f64::from(set.u32(slice.frame, tag)?)],
+        Written::Float => [0.0, set.f64(slice.frame, tag)?],
+        Written::Time(date) => [decimal(date).unwrap_or(0.0), decimal(tag)?],
+    })
+}
