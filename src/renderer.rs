@@ -343,8 +343,9 @@ impl Renderer {
     /// What a painter asks of a scene for a layer of a picture. Adds the seconds that making it took.
     fn layer(&self, scene: &Scene, room: &Room, lattice: Lattice, seconds: &mut f64) -> Result<Layer> {
         let need = (room.need)(&lattice.view, &lattice.settings, lattice.weights);
-        let Lattice { settings, level, shadows, coarse, .. } = &lattice;
-        let wanted = Wanted { settings, level: *level, shadows: shadows.as_ref(), coarse: *coarse, need };
+        let Lattice { settings, level, shadows, light, coarse, .. } = &lattice;
+        let (shadows, light) = (shadows.as_ref(), light.as_ref());
+        let wanted = Wanted { settings, level: *level, shadows, light, coarse: *coarse, need };
         let (drawable, took) = scene.drawable(&self.context, &self.pipelines, wanted, &self.progress)?;
         *seconds += took;
         let (post, took) = scene.post_shading(&self.context, &self.pipelines, &lattice, &self.progress)?;

@@ -9,7 +9,7 @@ use crate::accuracy::Facts;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
-use crate::gpu::cells::{self, Coarsening};
+use crate::gpu::cells::{self, Coarsening, VoxelLight};
 use crate::gpu::classify::{Classified, Classifier, HostClassifier};
 use crate::gpu::coarse::{self, Coarse};
 use crate::gpu::context::Context;
@@ -18,7 +18,7 @@ use crate::gpu::light_volume::{self, Classification, LightVolume, PostShading};
 use crate::gpu::painter::Room;
 use crate::gpu::scalars::{self, Asked, Emission, Emitted, Shows};
 use crate::gpu::scan::Scan;
-use crate::gpu::shadows::{Shadows, shaded};
+use crate::gpu::shadows::{Arriving, Shadows, shaded};
 use crate::gpu::store::{Bricks, Store};
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, TransferTable};
@@ -65,6 +65,7 @@ struct Voxels {
 /// The cells of a level.
 struct CellsOf {
     level: u32,
+    light: Option<VoxelLight>,
     shadows: Option<Shadows>,
     cells: Arc<Emitted>,
 }
@@ -106,8 +107,10 @@ pub(crate) struct Lattice {
     pub(crate) settings: Settings,
     pub(crate) weights: Weights,
     pub(crate) level: u32,
-    /// Unless all light arrives.
+    /// Which light is kept from voxels; `None`: all of it arrives.
     pub(crate) shadows: Option<Shadows>,
+    /// The light on the voxels of cells, which are drawn unlit.
+    pub(crate) light: Option<VoxelLight>,
     /// If they are of scalars, which cells they are, and the kernel that voxels have as asked for.
     pub(crate) coarse: Option<(Coarse, Kernel, Normalization)>,
 }
@@ -124,8 +127,10 @@ pub(crate) struct Wanted<'a> {
     pub(crate) settings: &'a Settings,
     /// The level whose cells stand for the voxels of a pre-shaded scene.
     pub(crate) level: u32,
-    /// Which light is kept from them.
+    /// Which light is kept from voxels.
     pub(crate) shadows: Option<&'a Shadows>,
+    /// The light on the voxels of cells.
+    pub(crate) light: Option<&'a VoxelLight>,
     /// The cells that stand for those of a post-shaded one, and the kernel of its voxels.
     pub(crate) coarse: Option<(Coarse, Kernel, Normalization)>,
     /// How far the scalars of a post-shaded one must reach.
@@ -171,8 +176,7 @@ impl Scene {
             brightest: if lit { [1.0; 3] } else { layers.brightest() },
             floored: layers.all().iter().any(is_floored),
         };
-        let voxels =
-            Voxels { layers: layers.clone(), lit, classified: Mutex::new(None), cells: Mutex::new(Vec::new()) };
+        let voxels = Voxels { layers: layers.clone(), lit, classified: Mutex::default(), cells: Mutex::default() };
         Self::new(context, Content::Splats(Box::new(voxels)), grid, weights, 0.0)
     }
 
@@ -248,7 +252,9 @@ impl Scene {
             Level::Auto if !settings.takes_cells() || !self.has_cells() => [0; 2],
             Level::Auto => {
                 let farthest = if layers { voxels.max_growth() } else { voxels.min_growth() };
-                [voxels.min_growth(), farthest].map(|growth| cells::level_of(&settings.kernel, growth, &self.grid))
+                let depth = self.voxel_depth(settings);
+                let level = |growth| cells::level_of(&settings.kernel, growth, &self.grid, depth);
+                [voxels.min_growth(), farthest].map(level)
             }
         };
         let [nearest, farthest] = levels;
@@ -262,6 +268,20 @@ impl Scene {
         !matches!(&self.content, Content::Splats(voxels) if voxels.layers.plain().is_none())
     }
 
+    /// The optical depth of the densest voxel along the longest axis of the lattice.
+    fn voxel_depth(&self, settings: &Settings) -> f64 {
+        let densest = match &self.content {
+            Content::Splats(voxels) => self.weights.max / voxels.layers.unit(),
+            Content::Scalars(scalars) if settings.model == Model::Composite => {
+                let unit = scalars.transfer.unit_or(self.grid.min_spacing());
+                TransferFunction::extinction(scalars.transfer.max_opacity(), unit)
+            }
+            Content::Scalars(_) => 0.0,
+        };
+        let [x, y, z] = self.grid.spacing();
+        densest * x.max(y).max(z) * settings.kernel.integral() / settings.normalization.divisor(&settings.kernel)
+    }
+
     /// The cells of one of the levels from the nearest to the farthest.
     fn lattice(
         &self,
@@ -273,7 +293,10 @@ impl Scene {
     ) -> Result<Lattice> {
         let (settings, weights) = (settings.clone(), self.weights);
         // Kernels nearer than those that cells can have are as wide as the least of these.
-        let least = |level| cells::least_growth(&settings.kernel, level);
+        let least = |level| match settings.level {
+            Level::At(_) => cells::least_growth(&settings.kernel, level),
+            Level::Auto => cells::right_growth(&settings.kernel, level, self.voxel_depth(&settings)),
+        };
         let growth = if level == 0 { 1.0 } else { voxels.min_growth().max(least(level)) };
         let fade = (nearest < farthest).then(|| {
             let ramp = |level| voxels.ramp(level, least(level)).map(|voxel| voxel / growth);
@@ -285,38 +308,37 @@ impl Scene {
         let view_of = |grid: &Grid, settings: &Settings, grown| {
             ViewGeometry::of_cells(camera, grid, settings, voxels.savings(), grown, fade)
         };
+        let shadows = self.shadows(&settings);
         if level == 0 {
-            let shadows = self.shadows(&settings, level, &self.grid);
             let view = view_of(&self.grid, &settings, 1.0);
-            return Ok(Lattice { view, settings, weights, level, shadows, coarse: None });
+            return Ok(Lattice { view, settings, weights, level, shadows, light: None, coarse: None });
         }
         let grid = cells::grid_of(&self.grid, level)?;
-        let shadows = self.shadows(&settings, level, &grid);
+        let light = settings.lighting.as_ref().map(|lighting| VoxelLight {
+            lighting: voxels.lighting(Some(lighting)),
+            lights: settings.light_count(),
+            points: settings.has_point_lights(),
+            to_eye: voxels.to_eye(),
+        });
         let kernel = cells::kernel_of(&settings.kernel, growth, level);
         // Cells are divided by the integral of their kernel. What voxels are divided by beside theirs stays.
         let denser = settings.kernel.integral() / settings.normalization.divisor(&settings.kernel);
         let unit = weights.unit * self.grid.unit() / (grid.unit() * denser);
         let grown = growth / f64::from(level).exp2();
-        let settings = Settings { kernel, normalization: Normalization::Unit, ..settings }.with_sheets_of(grown);
+        let of_cells = Settings { kernel, normalization: Normalization::Unit, lighting: None, ..settings };
+        let settings = of_cells.with_sheets_of(grown);
         let view = view_of(&grid, &settings, grown);
-        Ok(Lattice { view, settings, weights: Weights { unit, ..weights }, level, shadows, coarse: None })
+        let weights = Weights { unit, floored: false, ..weights };
+        Ok(Lattice { view, settings, weights, level, shadows, light, coarse: None })
     }
 
-    /// Which light is kept from the cells of a level. Their kernels are the narrowest that cells can have, whatever the
-    /// view: light does not depend on it.
-    fn shadows(&self, settings: &Settings, level: u32, grid: &Grid) -> Option<Shadows> {
+    /// Which light is kept from voxels, whatever the level: shadows of cells erred by up to 25 of 255.
+    fn shadows(&self, settings: &Settings) -> Option<Shadows> {
         let Content::Splats(voxels) = &self.content else { return None };
         let casting = settings.casting()?;
-        let mut kernel = settings.kernel;
-        let mut divisor = settings.normalization.divisor(&kernel);
-        if level > 0 {
-            let denser = kernel.integral() / divisor;
-            kernel = cells::kernel_of(&kernel, cells::least_growth(&kernel, level), level);
-            divisor = kernel.integral() / denser;
-        }
-        let unit = voxels.layers.unit();
-        let lattice = shadow::Lattice::new(grid, kernel, divisor, unit, f64::from(level).exp2());
-        Some(Shadows { casting, lattice, clip: settings.clip.sides(grid) })
+        let divisor = settings.normalization.divisor(&settings.kernel);
+        let lattice = shadow::Lattice::new(&self.grid, settings.kernel, divisor, voxels.layers.unit(), 1.0);
+        Some(Shadows { casting, lattice, clip: settings.clip.sides(&self.grid) })
     }
 
     /// The cells of scalars that stand for voxels.
@@ -334,7 +356,7 @@ impl Scene {
         let growth = voxels.max_growth();
         let grown = growth / coarse.size();
         let of_cells =
-            Settings { kernel: coarse.kernel(growth), normalization: Normalization::Unit, ..settings.clone() };
+            Settings { kernel: coarse.kernel(&kernel, growth), normalization: Normalization::Unit, ..settings.clone() };
         let settings = of_cells.with_sheets_of(grown);
         let grid = coarse.grid(&self.grid)?;
         let mut view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings(), grown, None);
@@ -346,6 +368,7 @@ impl Scene {
             weights,
             level: coarse.level,
             shadows: None,
+            light: None,
             coarse: Some((coarse, kernel, normalization)),
         })
     }
@@ -363,7 +386,10 @@ impl Scene {
             Level::At(level) => Ok(Some(at(Some(level)))),
             Level::Auto => {
                 let serves = !voxels.is_perspective() && self.weights.max <= coarse::MOST_SCALAR;
-                let cells = serves.then(|| at(None)).filter(|cells| (1..=cells::MAX_LEVEL).contains(&cells.level));
+                let dense = |cells: Coarse| self.voxel_depth(settings) * cells.size() > coarse::MOST_DEPTH;
+                let fine = Coarse::fine(&settings.kernel, voxels.max_growth());
+                let cells = Some(at(None)).map(|cells| if dense(cells) { fine } else { cells });
+                let cells = cells.filter(|cells| serves && (1..=cells::MAX_LEVEL).contains(&cells.level));
                 let lit = cells.is_some() && settings.lighting.is_some();
                 Ok(if lit && scalars.has_plateaus()? { None } else { cells })
             }
@@ -434,7 +460,7 @@ impl Scene {
         let (kernel, normalization) = lattice.kernel_of_voxels();
         let (coarse, grid) = self.lit_cells(&kernel, lattice.level)?;
         let denser = kernel.integral() / normalization.divisor(&kernel);
-        let cells = coarse.map_or(kernel, |(cells, growth)| cells.kernel(growth));
+        let cells = coarse.map_or(kernel, |(cells, growth)| cells.kernel(&kernel, growth));
         let unit = scalars.transfer.unit_or(self.grid.min_spacing());
         let voxels = coarse.map_or(1.0, |(cells, _)| cells.size());
         let lattice_of_light = shadow::Lattice::new(&grid, cells, cells.integral() / denser, unit, voxels);
@@ -510,10 +536,10 @@ impl Scene {
         wanted: Wanted<'_>,
         progress: &Progress,
     ) -> Result<(Drawable, f64)> {
-        let Wanted { settings, level, shadows, coarse, need } = wanted;
+        let Wanted { settings, level, shadows, coarse, need, .. } = wanted;
         let scalars = match &self.content {
             Content::Splats(voxels) if level == 0 => return voxels.classified(context, pipelines, shadows, progress),
-            Content::Splats(voxels) => return voxels.cells(context, level, shadows, progress),
+            Content::Splats(voxels) => return voxels.cells(context, pipelines, wanted, progress),
             Content::Scalars(scalars) => scalars,
         };
         let (kernel, normalization) = kernel_of_voxels(settings, coarse);
@@ -615,40 +641,34 @@ impl Voxels {
     fn cells(
         &self,
         context: &Context,
-        level: u32,
-        shadows: Option<&Shadows>,
+        pipelines: &Cache,
+        Wanted { level, light, shadows, .. }: Wanted<'_>,
         progress: &Progress,
     ) -> Result<(Drawable, f64)> {
         let lock = || self.cells.lock().unwrap_or_else(PoisonError::into_inner);
-        let held = |of: &CellsOf| (of.level == level).then(|| (of.shadows.clone(), Arc::clone(&of.cells)));
-        let held = lock().iter().find_map(held);
-        if let Some((of, cells)) = &held
-            && of.as_ref() == shadows
-        {
-            return Ok((Drawable::Emitted(Arc::clone(cells)), 0.0));
+        let serves = |of: &CellsOf| of.level == level && of.light.as_ref() == light && of.shadows.as_ref() == shadows;
+        let held = lock().iter().find(|of| serves(of)).map(|of| Arc::clone(&of.cells));
+        if let Some(cells) = held {
+            return Ok((Drawable::Emitted(cells), 0.0));
         }
+        // Those of another light go first, so that old and new are never in memory together.
+        lock().retain(|cells| cells.level != level);
+        let Some((volume, transfer)) = self.layers.plain() else {
+            return Err(Error::Volume("several layers have no cells".to_owned()));
+        };
         let (cells, seconds) = on_host(|| {
+            let shaded = shadows.map(|_| self.classified(context, pipelines, shadows, progress)).transpose()?;
             context.guarded("classifying the volume", || {
-                let cells = match held {
-                    Some((_, cells)) if shadows.is_some() => cells,
-                    _ => {
-                        let Some((volume, transfer)) = self.layers.plain() else {
-                            return Err(Error::Volume("several layers have no cells".to_owned()));
-                        };
-                        let coarsening = Coarsening::new(volume, transfer, level, self.lit);
-                        Arc::new(coarsening.emit(context, progress)?)
-                    }
-                };
-                let Some(shadows) = shadows else { return Ok(cells) };
-                let stores = shaded(context, &cells.stores, shadows, progress)?;
-                let Emitted { voxels, bricks, .. } = *cells;
-                Ok(Arc::new(Emitted { stores, voxels, bricks, kept: Cache::default() }))
+                let dims = volume.grid().dims();
+                let arriving = |(shaded, _): (Drawable, f64)| Arriving::new(context, shaded.stores(), dims);
+                let arriving = shaded.map(arriving).transpose()?;
+                let light = light.map(|light| (light, arriving.as_ref()));
+                Coarsening::new(volume, transfer, level, light).emit(context, progress)
             })
         });
-        let cells = cells?;
-        let mut all = lock();
-        all.retain(|cells| cells.level != level);
-        all.push(CellsOf { level, shadows: shadows.cloned(), cells: Arc::clone(&cells) });
+        let cells = Arc::new(cells?);
+        let (light, shadows) = (light.cloned(), shadows.cloned());
+        lock().push(CellsOf { level, light, shadows, cells: Arc::clone(&cells) });
         Ok((Drawable::Emitted(cells), seconds))
     }
 }

@@ -1,21 +1,23 @@
 //! cells: a volume and a transfer function to classified cells of a level, for pre-shading of kernels that have grown
 //! (Laur and Hanrahan 1991, "Hierarchical splatting"). On the host: it is memory traffic rather than arithmetic.
 //!
-//! A cell of level n stands for 2^n voxels along each axis. Voxels are classified one by one; a cell holds what they
-//! emit and absorb, weighted by the polynomials of degree 5 that interpolate cells at the places of voxels (Lagrange),
-//! and one normal, the mean of theirs by what they absorb, and by the weights of surfaces if there is a floor under
-//! gradients; then the cell has the mean of these weights. So the moments of each voxel, up to the fifth, are kept:
-//! sum, place and spread. Weights farther than a cell away are negative. What a cell absorbs may therefore be a little
-//! below nothing.
+//! A cell of level n stands for 2^n voxels along each axis. Voxels are classified and lit one by one; a cell holds the
+//! light that they emit and absorb, weighted by the polynomials of degree 5 that interpolate cells at the places of
+//! voxels (Lagrange). So the moments of each voxel, up to the fifth, are kept: sum, place and spread. Weights farther
+//! than a cell away are negative. A cell may therefore absorb a little less than nothing.
+//!
+//! Cells have no normals, because a mean normal is not lit as the voxels are: uniform matter, which has none, and folds
+//! finer than a cell erred by 20 and 30 of 255. So cells are made anew if a light or the eye moves.
 
 use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 
 use super::context::Context;
-use super::layout::Splat;
+use super::layout::{Lighting, Splat};
 use super::scalars::{Emitted, Relative};
-use super::splat::{packed_appearance, packed_normal, surface_share};
+use super::shadows::Arriving;
+use super::splat::{self, LANES, ToEye, packed_appearance, packed_normal, surface_share};
 use super::store::{BrickSplats, HostBrick, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::Result;
@@ -39,11 +41,10 @@ const LEAST_DEVIATION_OF_WIDE: f64 = 0.5;
 /// The voxels that rays through one eye reach.
 const WIDEST: f64 = 4.0;
 
-/// The radius of kernels of cells, as a multiple of their standard deviation: of the narrowest as much as polynomials
-/// of 8 terms follow footprints, by which rays evaluate them, so that they are small where they are cut off; of the
-/// broadest that of the default Gaussian, whose shape they have then.
-const RADIUS: [f64; 2] = [3.28, 2.56];
-/// The standard deviation in cells of the broadest.
+/// The radius of the narrowest Gaussian of cells, as a multiple of its standard deviation: as much as polynomials of 8
+/// terms follow footprints, by which rays evaluate them, so that it is small where it is cut off.
+const NARROW_RADIUS: f64 = 3.28;
+/// The standard deviation in cells from which on cells have the grown Gaussian of voxels itself.
 const BROAD: f64 = 0.975;
 /// The largest radius, in cells, of kernels that rays gather eight together.
 const SHARED_RADIUS: f64 = 2.0;
@@ -51,13 +52,27 @@ const SHARED_RADIUS: f64 = 2.0;
 /// The coarsest level.
 pub(crate) const MAX_LEVEL: u32 = 12;
 
-/// The level whose cells stand for voxels whose kernels have grown so much; 0: voxels do. No level is coarser
-/// than the one of which a cell holds the volume.
-pub(crate) fn level_of(kernel: &Kernel, growth: f64, grid: &Grid) -> u32 {
-    // A growth of 1.5 is often that of a picture, to within rounding.
-    let cells = 1.0001 * growth * kernel.variance().sqrt() / least_deviation(kernel);
+/// The optical depth of a cell up to which cells are right from their least growth on.
+const THIN: f64 = 0.6;
+/// The power of the optical depth of denser cells by which their growth must be larger.
+const DENSER: f64 = 0.42;
+
+/// The coarsest level whose cells are right for voxels whose kernels have grown so much, given the optical depth of a
+/// voxel; 0: voxels stand for themselves. No level is coarser than the one of which a cell holds the volume.
+pub(crate) fn level_of(kernel: &Kernel, growth: f64, grid: &Grid, depth: f64) -> u32 {
     let one = grid.dims().into_iter().max().unwrap_or(1).next_power_of_two().ilog2();
-    cells.log2().floor().clamp(0.0, f64::from(one.min(MAX_LEVEL))) as u32
+    // A growth of 1.5 is often that of a picture, to within rounding.
+    let is_right = |level: &u32| right_growth(kernel, *level, depth) <= 1.0001 * growth;
+    (1..=one.min(MAX_LEVEL)).take_while(is_right).last().unwrap_or(0)
+}
+
+/// The growth of kernels from which on cells of a level are right, given the optical depth of a voxel.
+///
+/// Cells ring beside edges by a few hundredths of their optical depth, which shows the more the denser they are; kernels
+/// that are wide beside cells smooth it. Measured on noise, boxes, specks, balls, shells and tubes: docs/algorithms.md.
+pub(crate) fn right_growth(kernel: &Kernel, level: u32, depth: f64) -> f64 {
+    let denser = (depth * f64::from(level).exp2() / THIN).max(1.0);
+    least_growth(kernel, level) * denser.powf(DENSER)
 }
 
 /// The least growth of kernels that cells of a level can have.
@@ -74,18 +89,16 @@ fn least_deviation(kernel: &Kernel) -> f64 {
 /// The kernel of cells of a level, in cells: as broad as the kernel of voxels that has grown, at least
 /// [`least_growth`] times.
 pub(crate) fn kernel_of(kernel: &Kernel, growth: f64, level: u32) -> Kernel {
-    let deviation = growth * kernel.variance().sqrt() / f64::from(level).exp2();
-    // A blob is small where it ends, so that cells may have it as it is, as far as rays reach.
     let grown = kernel.grown(growth / f64::from(level).exp2());
-    if let Kernel::KaiserBessel { radius, .. } = grown
-        && radius <= REACH as f64
-    {
+    let deviation = grown.variance().sqrt();
+    // A blob is small where it ends, so that cells may have it as it is.
+    if matches!(grown, Kernel::KaiserBessel { .. }) || deviation >= BROAD {
         return grown;
     }
-    let broad = ((deviation - LEAST_DEVIATION) / (BROAD - LEAST_DEVIATION)).clamp(0.0, 1.0);
-    let [narrow_radius, broad_radius] = RADIUS.map(|times| times * deviation);
-    let radius = narrow_radius + (broad_radius - narrow_radius) * broad;
-    gaussian(if broad_radius <= SHARED_RADIUS { radius.min(SHARED_RADIUS) } else { radius }, deviation)
+    let broad = ((deviation - LEAST_DEVIATION) / (BROAD - LEAST_DEVIATION)).max(0.0);
+    let narrow_radius = NARROW_RADIUS * deviation;
+    let radius = narrow_radius + (grown.radius() - narrow_radius) * broad;
+    gaussian(if grown.radius() <= SHARED_RADIUS { radius.min(SHARED_RADIUS) } else { radius }, deviation)
 }
 
 /// The Gaussian cut off at a radius whose standard deviation is this, to rounding: by bisection.
@@ -262,10 +275,16 @@ pub(super) fn response(level: u32, frequency: f64) -> f64 {
 /// What a voxel emits and absorbs: colour times density, density.
 pub(super) type Emission = [f32; 4];
 
-/// The channels of a cell: an [`Emission`]; if there is light also the direction of the gradient times density, and the
-/// weight of the surface times density, both times that weight if there is a floor under gradients; otherwise 0.
-const PLAIN: usize = 4;
-const LIT: usize = 8;
+/// The light on voxels that become cells: of one picture, because it depends on the eye.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct VoxelLight {
+    pub(crate) lighting: Lighting,
+    /// The number of lights.
+    pub(crate) lights: u32,
+    /// Whether some light is at a place.
+    pub(crate) points: bool,
+    pub(crate) to_eye: ToEye,
+}
 
 /// What values look like.
 #[derive(Clone, Copy)]
@@ -336,7 +355,7 @@ impl<'a> Classification<'a> {
     }
 
     /// What a row of voxels emits; the voxels outside the returned range emit nothing.
-    fn row<T: Number, const N: usize>(&self, samples: &[T], voxels: &mut [[f32; N]]) -> Range<usize> {
+    fn row<T: Number>(&self, samples: &[T], voxels: &mut [Emission]) -> Range<usize> {
         match size_of::<T>() {
             1 if !self.table.is_empty() => {
                 let samples: &[u8] = bytemuck::cast_slice(samples);
@@ -352,16 +371,14 @@ impl<'a> Classification<'a> {
 }
 
 /// Gives voxels what their samples emit. Returns a range outside which there is nothing.
-fn emit<T: Copy, const N: usize>(samples: &[T], voxels: &mut [[f32; N]], of: impl Fn(T) -> Emission) -> Range<usize> {
+fn emit<T: Copy>(samples: &[T], voxels: &mut [Emission], of: impl Fn(T) -> Emission) -> Range<usize> {
     const RUN: usize = 32;
     let mut shown: Option<Range<usize>> = None;
     for (run, (samples, voxels)) in samples.chunks(RUN).zip(voxels.chunks_mut(RUN)).enumerate() {
         let mut most = 0.0_f32;
         for (sample, voxel) in samples.iter().zip(voxels) {
-            let emission = of(*sample);
-            *voxel = [0.0; N];
-            voxel[..4].copy_from_slice(&emission);
-            most = most.max(emission[3]);
+            *voxel = of(*sample);
+            most = most.max(voxel[3]);
         }
         if most > 0.0 {
             let start = shown.map_or(run * RUN, |shown| shown.start);
@@ -376,8 +393,8 @@ pub(crate) struct Coarsening<'a> {
     volume: &'a Volume,
     filter: Filter,
     classification: Classification<'a>,
-    /// Whether cells have normals.
-    lit: bool,
+    /// The light on voxels, and the shares of it that arrive at each; `None`: voxels are not lit.
+    light: Option<(&'a VoxelLight, Option<&'a Arriving>)>,
     /// If light or opacity depends on gradients.
     steepness: Option<Steepness>,
     /// Cells along each axis.
@@ -401,18 +418,23 @@ struct Steepness {
 const LEAST: f64 = 1.0 / 1024.0;
 
 impl<'a> Coarsening<'a> {
-    pub(crate) fn new(volume: &'a Volume, transfer: &'a TransferFunction, level: u32, lit: bool) -> Self {
+    pub(crate) fn new(
+        volume: &'a Volume,
+        transfer: &'a TransferFunction,
+        level: u32,
+        light: Option<(&'a VoxelLight, Option<&'a Arriving>)>,
+    ) -> Self {
         let gradients = volume.grid().local().to_lattice().matrix3.transpose();
         let reduction = Reduction::new(transfer, 1.0);
         let scale = reduction.factor() * volume.grid().unit();
         let (thinning, inverse_floor) = (transfer.scaled_gradient_opacity(scale), transfer.inverse_floor(scale));
-        let steep = lit || !thinning.is_empty();
+        let steep = light.is_some() || !thinning.is_empty();
         let gradients = [0, 1, 2].map(|axis| gradients.col(axis).as_vec3());
         Self {
             volume,
             filter: Filter::new(level, 0.0, &[1.0], REACH),
             classification: Classification::new(volume, Looks::Transfer(transfer), 1.0),
-            lit,
+            light,
             steepness: steep.then(|| Steepness {
                 scalars: Relative::new(volume, reduction),
                 gradients,
@@ -432,7 +454,7 @@ impl<'a> Coarsening<'a> {
         let mut rows = 0;
         // The rows that a row of bricks reads, beyond those of a brick of voxels.
         let halo = (self.filter.voxels(0, EDGE as i64).count() - EDGE).div_ceil(2);
-        let row = |j, k| if self.lit { self.row::<LIT>([j, k]) } else { self.row::<PLAIN>([j, k]) };
+        let row = |j, k| self.row([j, k]);
         self.volume.for_each_row([down, deep], halo, &row, &mut |bricks| {
             for (splats, brick) in bricks {
                 let count = splats.count();
@@ -453,7 +475,7 @@ impl<'a> Coarsening<'a> {
     }
 
     /// The bricks along x with these numbers in y and z, those that have cells.
-    fn row<const N: usize>(&self, [j, k]: [usize; 2]) -> Result<Vec<(HostBrick, BrickSplats)>> {
+    fn row(&self, [j, k]: [usize; 2]) -> Result<Vec<(HostBrick, BrickSplats)>> {
         let [across, down, deep] = self.dims;
         let [ys, zs] = [(j, down), (k, deep)].map(|(brick, n)| brick * EDGE..n.min((brick + 1) * EDGE));
         let [nx, ny, nz] = self.volume.grid().dims().map(i64::from);
@@ -462,13 +484,13 @@ impl<'a> Coarsening<'a> {
             voxels.start.clamp(0, n)..voxels.end.clamp(0, n)
         };
         let rows = within(&ys, ny);
-        let mut block = Block::<N>::new(across, [ys.len(), zs.len()])?;
+        let mut block = Block::new(across, [ys.len(), zs.len()])?;
         let mut slices = Slices { coarsening: self, rows: rows.clone(), slices: Vec::new() };
         // A row with room for the voxels before the first and behind the last, which give nothing.
         let all = self.filter.voxels(0, across as i64);
-        let mut voxels = vec![[0.0; N]; (all.end - all.start) as usize];
+        let mut voxels = vec![[0.0; 4]; (all.end - all.start) as usize];
         let begin = (-all.start) as usize;
-        let mut narrow = vec![[0.0; N]; across];
+        let mut narrow = vec![[0.0; 4]; across];
         for z in within(&zs, nz) {
             slices.advance(z)?;
             let mut shows = false;
@@ -501,10 +523,9 @@ impl<'a> Coarsening<'a> {
     }
 
     /// The splats of a brick without its number, if there are any.
-    fn brick<const N: usize>(&self, block: &Block<N>, brick: [usize; 3]) -> Option<(HostBrick, BrickSplats)> {
+    fn brick(&self, block: &Block, brick: [usize; 3]) -> Option<(HostBrick, BrickSplats)> {
         let start = brick[0] * EDGE;
         let count = EDGE.min(self.dims[0] - start);
-        let floored = self.steepness.as_ref().is_some_and(|of| of.inverse_floor > 0.0);
         let mut words = Vec::new();
         let mut rows = vec![0; EDGE * EDGE];
         for z in 0..block.size[1] {
@@ -517,48 +538,43 @@ impl<'a> Coarsening<'a> {
                     rows[y + EDGE * z] |= 1 << x;
                     let color = [cell[0], cell[1], cell[2]].map(|c| c / density);
                     words.extend(packed_appearance(color, density));
-                    if N == LIT {
-                        let surface = floored.then(|| cell[7] / density);
-                        words.push(packed_normal([cell[4], cell[5], cell[6]], surface));
-                    }
                 }
             }
         }
         let origin = brick.map(|b| (b * EDGE) as u32);
         words.shrink_to_fit();
-        let each = if N == LIT { 3 } else { 2 };
         (!words.is_empty())
-            .then(|| (HostBrick::new(&rows, each, words), BrickSplats::new(origin, 0, rows.iter().copied())))
+            .then(|| (HostBrick::new(&rows, 2, words), BrickSplats::new(origin, 0, rows.iter().copied())))
     }
 }
 
-fn add<const N: usize>(sums: &mut [[f32; N]], weight: f32, cells: &[[f32; N]]) {
+fn add(sums: &mut [Emission], weight: f32, cells: &[Emission]) {
     for (sum, cell) in sums.as_flattened_mut().iter_mut().zip(cells.as_flattened()) {
         *sum += weight * cell;
     }
 }
 
 /// The cells of a row of bricks, and a plane that voxels are narrowed into along x and y.
-struct Block<const N: usize> {
+struct Block {
     /// Cells along x.
     across: usize,
     /// Cells along y and z.
     size: [usize; 2],
-    cells: Vec<[f32; N]>,
-    plane: Vec<[f32; N]>,
+    cells: Vec<Emission>,
+    plane: Vec<Emission>,
 }
 
-impl<const N: usize> Block<N> {
+impl Block {
     fn new(across: usize, size: [usize; 2]) -> Result<Self> {
-        let empty = |count: usize| -> Result<Vec<[f32; N]>> {
+        let empty = |count: usize| -> Result<Vec<Emission>> {
             let mut cells = reserved(count as u64, || "cells of a row of bricks".to_owned())?;
-            cells.resize(count, [0.0; N]);
+            cells.resize(count, [0.0; 4]);
             Ok(cells)
         };
         Ok(Self { across, size, cells: empty(across * size[0] * size[1])?, plane: empty(across * size[0])? })
     }
 
-    fn add_to_plane(&mut self, [x, y]: [usize; 2], weight: f32, row: &[[f32; N]]) {
+    fn add_to_plane(&mut self, [x, y]: [usize; 2], weight: f32, row: &[Emission]) {
         add(&mut self.plane[y * self.across + x..], weight, row);
     }
 
@@ -568,10 +584,10 @@ impl<const N: usize> Block<N> {
     }
 
     fn clear_plane(&mut self) {
-        self.plane.fill([0.0; N]);
+        self.plane.fill([0.0; 4]);
     }
 
-    fn row(&self, [y, z]: [usize; 2]) -> &[[f32; N]] {
+    fn row(&self, [y, z]: [usize; 2]) -> &[Emission] {
         &self.cells[self.across * (y + self.size[0] * z)..][..self.across]
     }
 }
@@ -620,16 +636,16 @@ impl Slices<'_> {
     }
 
     /// What the voxels of a row emit; a range outside which they emit nothing.
-    fn classify<const N: usize>(&self, [y, z]: [i64; 2], voxels: &mut [[f32; N]]) -> Range<usize> {
+    fn classify(&self, [y, z]: [i64; 2], voxels: &mut [Emission]) -> Range<usize> {
         let Some(slice) = self.slices.iter().find(|slice| slice.z == z) else { return 0..0 };
         let count = voxels.len();
         let start = (y - slice.first) as usize * count;
         with_samples!(&slice.samples, s => self.coarsening.classification.row(&s[start..start + count], voxels))
     }
 
-    /// Takes from some voxels of a row what gradient opacity takes and adds, if they are lit, the directions of
-    /// gradients, times density: central differences, as if the outermost voxels went on beyond the faces.
-    fn apply_gradients<const N: usize>(&self, [y, z]: [i64; 2], shown: Range<usize>, voxels: &mut [[f32; N]]) {
+    /// Thins some voxels of a row by gradient opacity and lights them. Gradients are central differences, as if the
+    /// outermost voxels went on beyond the faces.
+    fn apply_gradients(&self, [y, z]: [i64; 2], shown: Range<usize>, voxels: &mut [Emission]) {
         let Some(Steepness { gradients, thinning, inverse_floor, .. }) = &self.coarsening.steepness else { return };
         let [_, ny, nz] = self.coarsening.volume.grid().dims().map(i64::from);
         let width = voxels.len() + 2;
@@ -642,6 +658,9 @@ impl Slices<'_> {
             [row(y, z), row(y - 1, z), row(y + 1, z), row(y, z - 1), row(y, z + 1)];
         for start in shown.clone().step_by(RUN) {
             let run = start..shown.end.min(start + RUN);
+            if voxels[run.clone()].iter().all(|voxel| voxel[3] == 0.0) {
+                continue;
+            }
             let difference = |high: &[f32], low: &[f32], at: usize| {
                 let mut differences = [0.0; RUN];
                 let pairs = high[run.start + at..].iter().zip(&low[run.start + 2 - at..]);
@@ -656,22 +675,44 @@ impl Slices<'_> {
                     voxel.iter_mut().for_each(|channel| *channel *= share);
                 }
             }
-            if N == LIT {
-                for (at, voxel) in voxels[run].iter_mut().enumerate() {
-                    let mut weight = voxel[3];
-                    if *inverse_floor > 0.0 {
-                        weight *= surface_share(magnitudes[at] * inverse_floor);
-                        voxel[7] = weight;
-                    }
-                    (0..3).for_each(|axis| voxel[4 + axis] = directions[axis][at] * weight);
-                }
+            if let Some((light, arriving)) = self.coarsening.light {
+                let surface = |at: usize| (*inverse_floor > 0.0).then(|| surface_share(magnitudes[at] * inverse_floor));
+                let normal = |at: usize| packed_normal([0, 1, 2].map(|axis| directions[axis][at]), surface(at));
+                let normals = splat::normals(&std::array::from_fn(normal), *inverse_floor > 0.0);
+                let first = [run.start, y as usize, z as usize];
+                let kept = arriving.map(|arriving| arriving.at(first));
+                light.apply(first, &normals, kept.as_ref(), &mut voxels[run]);
             }
         }
     }
 }
 
+impl VoxelLight {
+    /// Lights up to [`RUN`] voxels of a row from a lattice point on.
+    fn apply(
+        &self,
+        [x, y, z]: [usize; 3],
+        normals: &splat::Normals,
+        kept: Option<&[[f32; LANES]; 4]>,
+        voxels: &mut [Emission],
+    ) {
+        let xs = std::array::from_fn(|at| (x + at) as u32);
+        let (y, z) = (y as u32, z as u32);
+        let mut colors = [[0.0; LANES]; 3];
+        for (at, [r, g, b, density]) in voxels.iter().enumerate().filter(|(_, voxel)| voxel[3] > 0.0) {
+            [colors[0][at], colors[1][at], colors[2][at]] = [r / density, g / density, b / density];
+        }
+        let to_eye = self.to_eye.at(&xs, y, z);
+        let places = self.points.then(|| splat::places(&self.lighting, &xs, y, z));
+        splat::light(&self.lighting, self.lights, &mut colors, normals, kept, places.as_ref(), &to_eye);
+        for (at, voxel) in voxels.iter_mut().enumerate() {
+            (0..3).for_each(|channel| voxel[channel] = colors[channel][at] * voxel[3]);
+        }
+    }
+}
+
 /// Voxels whose directions are found together.
-const RUN: usize = 16;
+const RUN: usize = LANES;
 
 /// Differences of neighbours along the axes of the lattice to gradients in the world: directions of length 1 or 0, and
 /// magnitudes.
@@ -729,7 +770,7 @@ mod tests {
     #[test]
     fn no_level_is_coarser_than_the_volume() {
         let grid = Grid::axis_parallel([40, 65, 10], [1.0; 3]).unwrap();
-        let level = |growth| level_of(&Kernel::default(), growth, &grid);
+        let level = |growth| level_of(&Kernel::default(), growth, &grid, 0.0);
         assert_eq!([1.0, 1.5, 3.0, 50.0, 1e3, 1e9].map(level), [0, 1, 2, 6, 7, 7]);
     }
 }

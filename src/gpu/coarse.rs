@@ -27,6 +27,16 @@ const KERNEL: Kernel = Kernel::KaiserBessel { radius: 1.915, alpha: 5.0 };
 /// hundredths of a scalar, which show beside values that are far beyond, like one for voxels without data.
 pub(crate) const MOST_SCALAR: f64 = 16.0;
 
+/// The optical depth up to which the fit of [`blur`] is right: denser matter shows the ends of kernels.
+pub(crate) const MOST_DEPTH: f64 = 1.0;
+
+/// Cells that rays gather on either side.
+const REACH: f64 = 4.0;
+/// The standard deviation, in cells, from which on grown kernels of voxels show no lattice.
+const SMOOTH_DEVIATION: f64 = 1.1;
+/// Radii that are more than they may be by this factor are so by rounding.
+const ROUNDING: f64 = 1.0 + 1e-6;
+
 /// Cells are blurred for growths of which so many make a doubling. What is between is left to their kernel, so that
 /// cells of one picture serve another that is a little larger.
 const STEPS: f64 = 16.0;
@@ -35,8 +45,9 @@ const STEPS: f64 = 16.0;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Coarse {
     pub(crate) level: u32,
-    /// Cells are blurred for kernels of voxels that have grown to 2^(step / [`STEPS`]) of their size, in cells.
-    step: i32,
+    /// Cells are blurred for kernels of voxels that have grown to 2^(step / [`STEPS`]) of their size, in cells; `None`:
+    /// cells have the grown kernel of voxels itself.
+    step: Option<i32>,
 }
 
 impl Coarse {
@@ -51,7 +62,16 @@ impl Coarse {
         let step = steps(1.0001 * growth / f64::from(level).exp2()).floor();
         // Kernels of coarser cells than these are as wide as the least, of finer ones as the next level's least.
         let (first, last) = (steps(least).floor(), steps(2.0 * least).floor());
-        Self { level, step: step.clamp(first, last) as i32 }
+        Self { level, step: Some(step.clamp(first, last) as i32) }
+    }
+
+    /// The finest cells in which kernels of voxels that have grown reach no farther than rays gather. There are up to 8
+    /// times as many as [`Self::new`] takes. Kernels are those of voxels, unless they are so narrow in cells that the
+    /// lattice of the cells would show.
+    pub(crate) fn fine(kernel: &Kernel, growth: f64) -> Self {
+        let level = (growth * kernel.radius() / (REACH * ROUNDING)).log2().ceil().max(0.0) as u32;
+        let deviation = growth * kernel.variance().sqrt() / f64::from(level).exp2();
+        if deviation < SMOOTH_DEVIATION { Self::new(kernel, growth, Some(level)) } else { Self { level, step: None } }
     }
 
     /// Voxels along an edge of a cell.
@@ -60,13 +80,16 @@ impl Coarse {
     }
 
     /// The growth that cells are blurred for, in cells.
-    fn blurred(self) -> f64 {
-        (f64::from(self.step) / STEPS).exp2()
+    fn blurred(self) -> Option<f64> {
+        self.step.map(|step| (f64::from(step) / STEPS).exp2())
     }
 
-    /// The kernel of cells, in cells, if those of voxels have grown so much.
-    pub(crate) fn kernel(self, growth: f64) -> Kernel {
-        KERNEL.grown((growth / (self.size() * self.blurred())).max(1.0))
+    /// The kernel of cells, in cells, given that of voxels and how much it has grown.
+    pub(crate) fn kernel(self, voxels: &Kernel, growth: f64) -> Kernel {
+        match self.blurred() {
+            Some(blurred) => KERNEL.grown((growth / (self.size() * blurred)).max(1.0)),
+            None => voxels.grown(growth / self.size()),
+        }
     }
 
     /// The lattice of the cells.
@@ -92,13 +115,14 @@ impl Coarse {
 
     /// What voxels give to cells along each axis, if that is their kernel as asked for.
     pub(super) fn filters(self, kernel: &Kernel, grid: &Grid) -> Filters {
-        let blur = blur(kernel, self.blurred(), self.level);
+        let blurred = self.blurred();
+        let blur = blurred.map_or_else(|| vec![1.0], |growth| blur(kernel, growth, self.level).to_vec());
         let axes = grid.dims().map(|voxels| {
             let cells = voxels.div_ceil(1 << self.level);
             let before = (f64::from(cells) * self.size() - f64::from(voxels)) / 2.0;
             Filter::new(self.level, before, &blur, 0)
         });
-        let farther = self.size() * (kernel.radius() * self.blurred() - KERNEL.radius());
+        let farther = blurred.map_or(0.0, |growth| self.size() * (kernel.radius() * growth - KERNEL.radius()));
         Filters { axes, beside: farther.ceil().max(1.0) as i64 }
     }
 }

@@ -1,6 +1,7 @@
 //! shadows: from splats to splats that know how much light arrives at them. On the host, for any adapter: once for each
 //! volume, transfer function and set of lights, not for each picture.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::DVec3;
@@ -8,7 +9,7 @@ use rayon::prelude::*;
 
 use super::context::Context;
 use super::layout::{SHADED_WORDS, Splat};
-use super::splat::packed_kept;
+use super::splat::{LANES, kept, packed_kept};
 use super::store::{BrickSplats, HostBrick, Store, StoreBuilder};
 use crate::clip::{Side, is_inside};
 use crate::error::Result;
@@ -41,7 +42,7 @@ impl Shadows {
     }
 }
 
-/// The splats of stores, lit ones, with what of light arrives at each.
+/// The splats of stores, lit ones, with the shares of light that arrive at each.
 pub(crate) fn shaded(
     context: &Context,
     stores: &[Store],
@@ -96,6 +97,47 @@ pub(crate) fn shaded(
         stores.add(splats, count, [BrickSplats { first, ..brick }]);
     }
     stores.finish()
+}
+
+/// The shares of light that arrive at the voxels of a lattice.
+pub(crate) struct Arriving {
+    /// Bricks along each axis.
+    bricks: [usize; 3],
+    /// By brick, x fastest: the splats of a store, and the number of the brick there. `None`: it has no splats.
+    held: Vec<Option<(Arc<Vec<HostBrick>>, usize)>>,
+}
+
+impl Arriving {
+    /// At the splats that [`shaded`] made of a lattice of so many points.
+    pub(crate) fn new(context: &Context, shaded: &[Store], dims: [u32; 3]) -> Result<Self> {
+        let bricks = dims.map(|n| (n as usize).div_ceil(EDGE));
+        let mut held = vec![None; bricks.iter().product()];
+        for store in shaded {
+            let splats = store.on_host(context)?;
+            for (number, brick) in store.bricks.iter().enumerate() {
+                let [x, y, z] = brick.origin.map(|p| p as usize / EDGE);
+                held[x + bricks[0] * (y + bricks[1] * z)] = Some((Arc::clone(&splats), number));
+            }
+        }
+        Ok(Self { bricks, held })
+    }
+
+    /// At [`LANES`] voxels of a row; all light arrives where there is no splat.
+    pub(super) fn at(&self, [first, y, z]: [usize; 3]) -> [[f32; LANES]; 4] {
+        let (mut low, mut high) = ([u32::MAX; LANES], [u32::MAX; LANES]);
+        let row = self.bricks[0] * (y / EDGE + self.bricks[1] * (z / EDGE));
+        for number in first / EDGE..((first + LANES - 1) / EDGE + 1).min(self.bricks[0]) {
+            let Some((splats, brick)) = &self.held[row + number] else { continue };
+            let brick = &splats[*brick];
+            let row = brick.rows[y % EDGE + EDGE * (z % EDGE)];
+            for (x, words) in places(row.bits).zip(brick.words[row.first as usize * brick.each..].chunks(brick.each)) {
+                if let Some(at) = (number * EDGE + x).checked_sub(first).filter(|&at| at < LANES) {
+                    (low[at], high[at]) = (words[LIT], words[LIT + 1]);
+                }
+            }
+        }
+        kept(&low, &high)
+    }
 }
 
 /// The rows of a brick that have splats: the lattice point of their first place, the bits of the places, the words.

@@ -170,7 +170,7 @@ fn power(x: f32, exponent: f32) -> f32 {
 }
 
 /// Unit vectors against x * step + start, for each x.
-pub(super) fn directions(xs: &[u32; LANES], step: [f32; 3], start: [f32; 3]) -> Vectors {
+fn directions(xs: &[u32; LANES], step: [f32; 3], start: [f32; 3]) -> Vectors {
     let (mut vx, mut vy, mut vz) = (Lanes::default(), Lanes::default(), Lanes::default());
     for i in 0..LANES {
         let x = xs[i] as i32 as f32;
@@ -181,6 +181,29 @@ pub(super) fn directions(xs: &[u32; LANES], step: [f32; 3], start: [f32; 3]) -> 
         vz[i] = c * factor;
     }
     [vx, vy, vz]
+}
+
+/// The directions from lattice points to the eye.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct ToEye {
+    /// Rays go through one eye; otherwise they are parallel.
+    pub(crate) perspective: bool,
+    /// Lattice point of the eye.
+    pub(crate) eye: [f32; 3],
+    /// View coordinates of a step along each axis of the lattice.
+    pub(crate) view: [[f32; 3]; 3],
+}
+
+impl ToEye {
+    /// From these points of a row, in view coordinates.
+    pub(super) fn at(&self, xs: &[u32; LANES], y: u32, z: u32) -> Vectors {
+        if !self.perspective {
+            return [[0.0; LANES], [0.0; LANES], [-1.0; LANES]];
+        }
+        let Self { eye, view: [along_x, along_y, along_z], .. } = self;
+        let (oy, oz) = (y as f32 - eye[1], z as f32 - eye[2]);
+        directions(xs, *along_x, [0, 1, 2].map(|i| along_y[i] * oy + along_z[i] * oz - along_x[i] * eye[0]))
+    }
 }
 
 /// The places of lattice points in the coordinates of lights.

@@ -5,6 +5,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use super::layout;
 use super::levels::Cut;
 use super::savings::Savings;
+use super::splat::ToEye;
 use crate::camera::{Camera, Growth, Projection};
 use crate::clip::{Side, corners};
 use crate::image::Region;
@@ -316,8 +317,21 @@ impl ViewGeometry {
         DAffine3::from_mat3_translation(to_view, -(to_view * half(&self.grid)))
     }
 
+    /// The directions from lattice points to the eye.
+    pub(crate) fn to_eye(&self) -> ToEye {
+        let camera = &self.camera;
+        let eye = camera.eye().unwrap_or(camera.target);
+        let to_world = self.grid.to_world().matrix3;
+        let axes = [camera.right, camera.up, camera.forward];
+        ToEye {
+            perspective: self.is_perspective(),
+            eye: self.grid.to_lattice().transform_point3(eye).as_vec3().to_array(),
+            view: [0, 1, 2].map(|i| axes.map(|axis| axis.dot(to_world.col(i)) as f32)),
+        }
+    }
+
     /// Material and lights in view coordinates; all zero if there is no light. Places are those of the lattice.
-    pub(super) fn lighting(&self, lighting: Option<&Lighting>) -> layout::Lighting {
+    pub(crate) fn lighting(&self, lighting: Option<&Lighting>) -> layout::Lighting {
         let Some(lighting) = lighting else { return layout::Lighting::default() };
         let camera = &self.camera;
         let f3 = |v: DVec3| v.as_vec3().to_array();

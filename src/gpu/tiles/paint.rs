@@ -329,15 +329,7 @@ impl<'a> Picture<'a> {
         over: Option<Packed>,
     ) -> Result<Arc<Packed>> {
         let Job { view, stores, weights, .. } = self.job;
-        let camera = &view.camera;
-        let eye = camera.eye().unwrap_or(camera.target);
-        let to_world = view.grid.to_world().matrix3;
-        let axes = [camera.right, camera.up, camera.forward];
-        let lit = Lit {
-            lighting: &self.lighting,
-            eye: view.grid.to_lattice().transform_point3(eye).as_vec3().to_array(),
-            view: [0, 1, 2].map(|i| axes.map(|axis| axis.dot(to_world.col(i)) as f32)),
-        };
+        let lit = Lit { lighting: &self.lighting, to_eye: view.to_eye() };
         let packing = self.ways[way].packing;
         Ok(Arc::new(pipelines.packer.run(recorder, stores, packing, &lit, weights.max, over)?))
     }

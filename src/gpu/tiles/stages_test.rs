@@ -11,6 +11,7 @@ use super::super::context::Context;
 use super::super::layout::{self, Lighting, MACROCELL, MARGIN, Splat, TILE, packed_gradient};
 use super::super::pipeline::{Binding, bind, compute, layout as group_layout, texture_view};
 use super::super::recorder::Recorder;
+use super::super::splat::ToEye;
 use super::super::store::{BrickSplats, Splats, Store};
 use super::super::twins;
 use super::super::view::half;
@@ -225,12 +226,12 @@ fn store<const N: usize>(context: &Context, words: impl Fn([u32; 3]) -> [u32; N]
 
 fn packed(context: &Context, store: Store, axes: [usize; 3], voxel: Voxel, max_weight: f64) -> Packed {
     let packer = Packer::new(context, voxel, false, false, context.info.is_software());
-    packed_by(context, &packer, store, axes, voxel, max_weight, |_| true)
+    packed_by(context, (&packer, false), store, axes, voxel, max_weight, |_| true)
 }
 
 fn packed_by(
     context: &Context,
-    packer: &Packer,
+    (packer, perspective): (&Packer, bool),
     store: Store,
     axes: [usize; 3],
     voxel: Voxel,
@@ -253,7 +254,8 @@ fn packed_by(
         ..Lighting::default()
     };
     let view = [[1.0, 0.1, -0.2], [0.0, 0.9, 0.3], [0.2, -0.3, 1.1]];
-    let lit = Lit { lighting: &lighting, eye: [20.0, 3.0, -60.0], view };
+    let to_eye = ToEye { perspective, eye: [20.0, 3.0, -60.0], view };
+    let lit = Lit { lighting: &lighting, to_eye };
     packer.run(&mut Recorder::untimed(context), &stores, packing, &lit, max_weight, None).unwrap()
 }
 
@@ -286,13 +288,13 @@ fn packing_on_the_host_matches_the_device() {
                 Voxel::Scalar => store(&context, |p| [made(p)[0]]),
                 _ => store(&context, made),
             };
-            let packed = packed_by(&context, packer, stored, axes, voxel, 30.0, seen);
+            let packed = packed_by(&context, (packer, perspective), stored, axes, voxel, 30.0, seen);
             assert_occupied(&context, &packed);
             read_volume(&context, &packed.volume)
         };
         let points = number == 4;
         let device = run(&Packer::on_device(&context, voxel, perspective, points));
-        let host = run(&Packer::Host { perspective, points });
+        let host = run(&Packer::Host { points });
         if !matches!(voxel, Voxel::Color { lights: 1.., .. }) {
             assert_eq!(host, device, "{axes:?} {voxel:?}");
             continue;

@@ -26,7 +26,6 @@ const ROWS: usize = 16;
 pub(super) struct HostStage<'a> {
     pub(super) packing: &'a Packing,
     pub(super) lit: &'a Lit<'a>,
-    pub(super) perspective: bool,
     /// Some light is at a place.
     pub(super) points: bool,
     pub(super) parameters: &'a Pack,
@@ -88,7 +87,7 @@ impl HostStage<'_> {
                 let (mut colors, densities) = splat::appearances(&run.column(0), &run.column(1));
                 if lights > 0 {
                     let kept = shadows.then(|| splat::kept(&run.column(3), &run.column(4)));
-                    let to_eye = self.to_eye(run);
+                    let to_eye = self.lit.to_eye.at(&run.xs, run.y, run.z);
                     let lighting = self.lit.lighting;
                     let places = self.points.then(|| splat::places(lighting, &run.xs, run.y, run.z));
                     let normals = splat::normals(&run.column(2), floored);
@@ -101,16 +100,6 @@ impl HostStage<'_> {
                 splat::halves(&colors, &weights)
             }),
         }
-    }
-
-    /// The directions from lattice points to the eye, in view coordinates.
-    fn to_eye(&self, run: &Run<'_>) -> [[f32; LANES]; 3] {
-        if !self.perspective {
-            return [[0.0; LANES], [0.0; LANES], [-1.0; LANES]];
-        }
-        let Lit { eye, view: [x, y, z], .. } = *self.lit;
-        let (oy, oz) = (run.y as f32 - eye[1], run.z as f32 - eye[2]);
-        splat::directions(&run.xs, x, [0, 1, 2].map(|i| y[i] * oy + z[i] * oz - x[i] * eye[0]))
     }
 
     /// Fills the texture with what `packed` makes of splats.

@@ -15,6 +15,7 @@ use super::super::layout::{Lighting, MACROCELL, MARGIN, Pack};
 use super::super::pipeline::{Binding, compute, flag, layout, module};
 use super::super::recorder::Recorder;
 use super::super::shaders;
+use super::super::splat::ToEye;
 use super::super::store::Store;
 use super::axis::unordered;
 use crate::error::Result;
@@ -194,9 +195,8 @@ pub(super) enum Packer {
         layout: wgpu::BindGroupLayout,
         voxels: wgpu::ComputePipeline,
     },
-    /// The twin on the host, whether rays go through one eye, and whether some light is at a place.
+    /// The twin on the host, and whether some light is at a place.
     Host {
-        perspective: bool,
         points: bool,
     },
 }
@@ -204,15 +204,12 @@ pub(super) enum Packer {
 /// The light on what is packed.
 pub(super) struct Lit<'a> {
     pub(super) lighting: &'a Lighting,
-    /// Lattice point of the eye.
-    pub(super) eye: [f32; 3],
-    /// View coordinates of a step along each axis of the lattice.
-    pub(super) view: [[f32; 3]; 3],
+    pub(super) to_eye: ToEye,
 }
 
 impl Packer {
     pub(super) fn new(context: &Context, voxel: Voxel, perspective: bool, points: bool, on_host: bool) -> Self {
-        if on_host { Self::Host { perspective, points } } else { Self::on_device(context, voxel, perspective, points) }
+        if on_host { Self::Host { points } } else { Self::on_device(context, voxel, perspective, points) }
     }
 
     /// `points`: some light is at a place.
@@ -260,7 +257,7 @@ impl Packer {
             Voxel::Scalar => 1.0,
             _ => (F16_HEADROOM / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(MAX_SCALE),
         };
-        let [view_x, view_y, view_z] = lit.view;
+        let ToEye { eye, view: [view_x, view_y, view_z], .. } = lit.to_eye;
         let parameters = Pack {
             low: unordered(packing.axes, packing.low),
             axes: packing.axes.map(|axis| axis as u32),
@@ -271,7 +268,7 @@ impl Packer {
             scale: scale as f32,
             planes: packing.dims[2],
             across: packing.dims[0],
-            eye: lit.eye,
+            eye,
             view_x,
             view_y,
             view_z,
@@ -288,8 +285,8 @@ impl Packer {
                 let stage = DeviceStage { layout, voxels, stores, packing: &packing, lighting };
                 stage.run(recorder, parameters, &volume, &occupied)?;
             }
-            &Self::Host { perspective, points } => {
-                let stage = HostStage { packing: &packing, lit, perspective, points, parameters: &parameters };
+            &Self::Host { points } => {
+                let stage = HostStage { packing: &packing, lit, points, parameters: &parameters };
                 recorder.on_host("pack", |recorder| stage.run(recorder, stores, &volume, &occupied))?;
             }
         }
