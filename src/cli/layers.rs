@@ -92,16 +92,6 @@ impl LayersJob {
             let message = "--labels: the volume is one of labels itself, by --transfer labels";
             return Err(Failure::Usage(message.to_owned()));
         }
-        if !alone && labels.is_none() {
-            let needing = [
-                ("label-table", label_table.is_some()),
-                ("label", !label.is_empty()),
-                ("label-opacity", label_opacity.is_some()),
-            ];
-            if let Some((name, _)) = needing.into_iter().find(|(_, given)| *given) {
-                return Err(Failure::Usage(format!("--{name} needs --labels FILE or --transfer labels")));
-            }
-        }
         let looks = Looks::new(label_table.as_deref(), label, *label_opacity)?;
         Ok(Self { alone, labels: labels.clone(), looks, mask: mask.as_deref().map(masked).transpose()? })
     }

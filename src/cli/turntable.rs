@@ -132,7 +132,7 @@ fn numbered(name: &str, frame: u32, frames: u32) -> String {
 }
 
 impl TurntableJob {
-    pub(super) fn new(args: TurntableArgs, matches: &ArgMatches) -> Result<Self, Failure> {
+    pub(super) fn new(args: TurntableArgs, matches: (&str, &ArgMatches)) -> Result<Self, Failure> {
         let usage = |reason: &str| Err(Failure::Usage(reason.to_owned()));
         let TurntableArgs { render, frames, turn, key_frames, rate, format, part, resume } = args;
         // A scene may have an output and a time too.
@@ -147,21 +147,10 @@ impl TurntableJob {
         let Some(mut first) = jobs.pop().filter(|_| jobs.is_empty()) else {
             return usage("a turntable takes a scene of one picture");
         };
-        if first.stats.is_some() || first.verify || first.save_scene.is_some() || first.preview.is_some() {
-            return usage("--stats, --verify, --preview and --save-scene are for a picture, not for a turntable");
-        }
         // It looks from all sides.
         first.chooses_view = false;
         first.light_follows |= first.chooses_light;
         let target = Target::new(path.take(), format)?;
-        if !matches!(target, Target::Files(_)) {
-            if first.background == Background::Transparent {
-                return usage("--background: films have no alpha, expected a colour");
-            }
-            if resume || part.is_some() {
-                return usage("--resume and --part need a file for each frame, such as -o frames/{frame}.png");
-            }
-        }
         let times = times.into_inner();
         if times.is_some() && first.source == Path::new(STREAM) {
             return usage("--time: standard input is read once, several points in time need a file");
@@ -175,9 +164,6 @@ impl TurntableJob {
             Some(path) => Course::Keys(read_key_frames(path)?),
             None => Course::Turn(turn),
         };
-        if first.view.direction.is_some() {
-            return usage("--direction: a turntable turns the azimuth");
-        }
         Ok(Self { first, course, frames, times, part: part.unwrap_or([1, 1]), rate, resume, target })
     }
 }
