@@ -49,21 +49,16 @@ const LEGEND: &[Rule] = &[
     refused(|given| given.is_for("pareto"), ": a study is of one volume of values"),
 ];
 const NEEDS_LIGHT: Rule = refused(|given| !is_lit(given), " needs a --light");
-const LABELLED: &[Rule] = &[refused(
-    |given| !given.has("labels") && !shows_labels(given),
-    " needs --labels FILE or --transfer labels",
-)];
+const LABELLED: &[Rule] =
+    &[refused(|given| !given.has("labels") && !shows_labels(given), " needs --labels FILE or --transfer labels")];
 const FOR_VALUES: Rule = refused(shows_labels, " is for values, not for labels");
 const BY_REFERENCE: Rule = idle(|given| given.has("reference"), "because --reference integrates rays on the CPU");
-const FOR_QUADS: Rule = refused(
-    |given| given.is("painter", "tiles") || given.has("resolution"),
-    " is an option of quads, not of tiles",
-);
+const FOR_QUADS: Rule =
+    refused(|given| given.is("painter", "tiles") || given.has("resolution"), " is an option of quads, not of tiles");
 const QUADS: &[Rule] = &[FOR_QUADS, BY_REFERENCE];
 const SHEETS: &[Rule] =
     &[FOR_QUADS, BY_REFERENCE, idle(|given| given.is("model", "xray"), "because an X-ray has one sheet")];
-const FOR_PICTURES: &[Rule] =
-    &[refused(|given| given.is_for("turntable"), " is for a picture, not for a turntable")];
+const FOR_PICTURES: &[Rule] = &[refused(|given| given.is_for("turntable"), " is for a picture, not for a turntable")];
 const FOR_FRAMES: &[Rule] = &[refused(is_film, " needs a file for each frame, such as -o frames/{frame}.png")];
 
 /// The options by their long names.
@@ -83,7 +78,8 @@ const TABLE: &[(&str, &[Rule])] = &[
     ("channel", BY_LIBRARY),
     ("time", BY_LIBRARY),
     ("series", &[idle(|given| given.reads_one_file(), "because the volume is one file: only folders hold series")]),
-    ("pyramid", &[idle(|given| given.reads_one_file(), "because the volume is no OME-Zarr folder")]),
+    // Whether a folder holds a pyramid is known when it is read: `session::say_choice`.
+    ("pyramid", ALWAYS),
     ("missing-slices", &[idle(|given| given.reads_one_file(), "because the volume is one file")]),
     ("stream-over", ALWAYS),
     // Output.
@@ -105,10 +101,7 @@ const TABLE: &[(&str, &[Rule])] = &[
     ("save-transfer", &[refused(shows_labels, " is for transfer functions, not for labels")]),
     (
         "stats",
-        &[refused(
-            |given| given.is_for("turntable") && given.is("output", "-"),
-            ": standard output takes the film",
-        )],
+        &[refused(|given| given.is_for("turntable") && given.is("output", "-"), ": standard output takes the film")],
     ),
     // Figure.
     ("scale-bar", FIGURE),
@@ -225,10 +218,7 @@ const TABLE: &[(&str, &[Rule])] = &[
     ),
     (
         "termination",
-        &[
-            idle(|given| !given.is("model", "composite"), "because only the composite model hides matter"),
-            BY_REFERENCE,
-        ],
+        &[idle(|given| !given.is("model", "composite"), "because only the composite model hides matter"), BY_REFERENCE],
     ),
     ("antialiasing", ALWAYS),
     ("level", ALWAYS),

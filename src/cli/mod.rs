@@ -77,6 +77,7 @@ fn in_flags(error: &Error) -> String {
             Hint::GiveSpacing => "give --spacing X,Y,Z".to_owned(),
             Hint::ReplaceNonFinite => "replace them with --replace-nan VALUE".to_owned(),
             Hint::ChooseSeries => "choose one with --series N".to_owned(),
+            Hint::InterpolateSlices => "--missing-slices interpolate goes on".to_owned(),
             Hint::ChooseChannel => "choose one with --channel N".to_owned(),
             Hint::ChooseDataset => "give one as FILE:/PATH/OF/SET".to_owned(),
             other => other.to_string(),
@@ -146,7 +147,7 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
             let notes = effects::noted(name, vec![matches])?;
             let job = job::ParetoJob::new(*args)?;
             notes.iter().for_each(|note| output::say(note));
-            pareto::run(job)
+            pareto::run(job, matches)
         }
         args::Command::Info(args) => info::run(&args),
         args::Command::Kernels(args) => kernels::run(&args),

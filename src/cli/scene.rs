@@ -91,7 +91,8 @@ pub(super) fn jobs(
             _ => Err(Failure::Usage("it is not about a picture".to_owned())),
         }
     };
-    let jobs = lines.iter().map(|words| parsed(words).map_err(in_scene)).collect::<Result<Vec<RenderJob>, Failure>>()?;
+    let jobs =
+        lines.iter().map(|words| parsed(words).map_err(in_scene)).collect::<Result<Vec<RenderJob>, Failure>>()?;
     notes.iter().for_each(|note| output::say(note));
     Ok(jobs)
 }

@@ -96,6 +96,9 @@ pub(super) fn say_choice(volume: &Volume, options: &LoadOptions) {
         let (last, all) = (times - 1, "turntable --time all draws one after the other");
         output::say(&format!("note: --time 0: the file holds {times} points in time, 0 to {last}; {all}"));
     }
+    if *levels <= 1 && matches!(options.level, PyramidLevel::At(level) if level > 0) {
+        output::say("note: --pyramid has no effect because the volume has one level");
+    }
     if *levels > 1 && !matches!(options.level, PyramidLevel::At(_)) {
         let [x, y, z] = volume.grid().dims();
         let most = levels - 1;

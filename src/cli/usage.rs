@@ -13,7 +13,15 @@ use super::destination::STREAM;
 /// ffmpeg and ImageMagick. A word whose option the command lacks gets no tip.
 const FOREIGN: [(&[&str], &str); 27] = [
     (
-        &["preset", "tf", "transfer-function", "opacity-transfer-function", "lut", "opacity", "color-transfer-function"],
+        &[
+            "preset",
+            "tf",
+            "transfer-function",
+            "opacity-transfer-function",
+            "lut",
+            "opacity",
+            "color-transfer-function",
+        ],
         "--transfer takes presets and files",
     ),
     (
@@ -169,9 +177,9 @@ mod tests {
         program.build();
         let turntable = program.find_subcommand("turntable").unwrap();
         let has = |name: &str| {
-            turntable.get_arguments().any(|arg| {
-                arg.get_long() == Some(name) || arg.get_all_aliases().is_some_and(|all| all.contains(&name))
-            })
+            turntable
+                .get_arguments()
+                .any(|arg| arg.get_long() == Some(name) || arg.get_all_aliases().is_some_and(|all| all.contains(&name)))
         };
         let mut seen = Vec::new();
         for (words, text) in FOREIGN {
