@@ -13,6 +13,7 @@ use voxsplat::volume::{Channel, Grid, Statistics, Volume};
 
 use super::args::{InfoArgs, InputArgs};
 use super::progress::Progress;
+use super::session::say_level;
 use super::{Failure, histogram, layers, output};
 
 /// The properties of a volume. Field names are the keys of the JSON.
@@ -134,6 +135,7 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
         // A pyramid by a level that is soon read.
         let level = if args.input.pyramid.is_none() { PyramidLevel::Pixels(512.0) } else { options.level };
         let volume = formats::load(&args.input.source, &LoadOptions { channel, level, ..options })?;
+        say_level(&volume, &options);
         let statistics = Statistics::of(&volume)?;
         (volume, statistics)
     };

@@ -149,7 +149,10 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
             notes.iter().for_each(|note| output::say(note));
             pareto::run(job, matches)
         }
-        args::Command::Info(args) => info::run(&args),
+        args::Command::Info(args) => {
+            effects::noted(name, vec![matches])?.iter().for_each(|note| output::say(note));
+            info::run(&args)
+        }
         args::Command::Kernels(args) => kernels::run(&args),
         args::Command::Compare(args) => compare::run(&job::CompareJob::new(args)?),
         args::Command::Devices => devices::run(),

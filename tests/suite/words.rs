@@ -74,9 +74,12 @@ fn options_without_effect_are_noted_on_command_lines_and_in_scenes() {
     ] {
         assert!(notes(dir.path(), &format!("render a.nrrd --output a.png {options}")).is_empty(), "{options}");
     }
+    let described = notes(dir.path(), "info a.nrrd --series 2");
+    assert!(described[0].starts_with("--series has no effect "), "{described:?}");
     // Whether there is a pyramid is known when the volume is read.
     let said = notes(dir.path(), "render demo:sphere:8 -o a.png --size 8 --reference --pyramid 2");
     assert_eq!(said, ["--pyramid has no effect because the volume has one level"]);
+    assert_eq!(notes(dir.path(), "info demo:sphere:8 --pyramid 2"), said);
 }
 
 #[test]
@@ -171,9 +174,10 @@ fn missing_slices_are_named_by_their_place_and_interpolated_on_request() {
     let dir = folder();
     let series = dir.path().join("series");
     std::fs::create_dir(&series).unwrap();
-    let copied = |name: &str| std::fs::copy(data.join(name), series.join(name)).unwrap();
     // In the order of their positions: c, e, b, a, d.
-    ["ct-a.dcm", "ct-b.dcm", "ct-c.dcm", "ct-d.dcm", "ct-e.dcm"].map(copied);
+    for name in ["ct-a.dcm", "ct-b.dcm", "ct-c.dcm", "ct-d.dcm", "ct-e.dcm"] {
+        std::fs::copy(data.join(name), series.join(name)).unwrap();
+    }
     let whole = load(&series, &LoadOptions::default()).unwrap();
     std::fs::remove_file(series.join("ct-b.dcm")).unwrap();
     let place = whole.grid().to_world().transform_point3(glam::DVec3::new(0.0, 0.0, 2.0));
