@@ -207,14 +207,7 @@ const TABLE: &[(&str, &[Rule])] = &[
     ("normalization", ALWAYS),
     (
         "interslice",
-        &[
-            idle(|given| !is_post_shaded(given), "without --shading post of the composite model"),
-            idle(
-                |given| is_post_shaded(given) && !given.is_for("pareto") && !draws_quads(given),
-                "if tiles draws the picture (choose: --painter quads)",
-            ),
-            BY_REFERENCE,
-        ],
+        &[idle(|given| !is_post_shaded(given), "without --shading post of the composite model"), BY_REFERENCE],
     ),
     (
         "termination",
@@ -365,11 +358,6 @@ fn shows_intensity(given: &Given<'_>) -> bool {
 
 fn is_post_shaded(given: &Given<'_>) -> bool {
     given.is("model", "composite") && given.is("shading", "post")
-}
-
-fn draws_quads(given: &Given<'_>) -> bool {
-    let names = |rules: &[Rule]| std::ptr::eq(rules, QUADS) || std::ptr::eq(rules, SHEETS);
-    given.is("painter", "quads") || TABLE.iter().any(|(option, rules)| names(rules) && given.has(option))
 }
 
 fn is_lit(given: &Given<'_>) -> bool {

@@ -76,7 +76,7 @@ impl Looks {
                 LookArg::Color(color) => labels.with_color(which.clone(), color),
             };
         }
-        Ok(labels.thinned(self.opacity.unwrap_or(1.0))?)
+        labels.thinned(self.opacity.unwrap_or(1.0)).map_err(|error| named(error, "label_opacity").into())
     }
 
     /// Those of a volume: of the table or else of the volume's file, changed as options ask.

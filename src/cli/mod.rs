@@ -118,16 +118,16 @@ pub(crate) fn main() -> ExitCode {
             Err(Failure::Usage(usage::message(&error, name.map(String::as_str))))
         }
     };
+    let words: Vec<OsString> = std::env::args_os().collect();
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure::Failed(message)) => {
-            output::complain(&message);
+            output::complain(&usage::as_typed(&message, &words));
             ExitCode::from(1)
         }
         Err(Failure::Usage(message)) => {
-            let words: Vec<OsString> = std::env::args_os().collect();
             let missing = usage::missing_input(&words).map(|missing| missing + "; ").unwrap_or_default();
-            output::complain(&(missing + &message));
+            output::complain(&(missing + &usage::as_typed(&message, &words)));
             ExitCode::from(2)
         }
     }

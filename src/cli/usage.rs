@@ -134,6 +134,27 @@ pub(super) fn message(error: &clap::Error, command: Option<&str>) -> String {
     format!("unexpected argument '{}' found{tip} (see --help)", typed.unwrap_or_default())
 }
 
+/// A message with options in the spelling that was typed: some have aliases.
+pub(super) fn as_typed(message: &str, words: &[OsString]) -> String {
+    let typed = |name: &str| {
+        let word = |word: &OsString| word.to_string_lossy().split('=').next() == Some(&format!("--{name}"));
+        words.iter().any(word)
+    };
+    let program = Args::command();
+    let aliased = program.get_subcommands().flat_map(Command::get_arguments).filter_map(|arg| {
+        let long = arg.get_long().filter(|long| !typed(long))?;
+        Some((long, arg.get_all_aliases()?.into_iter().find(|alias| typed(alias))?))
+    });
+    aliased.fold(message.to_owned(), |message, (long, alias)| {
+        let mut parts = message.split(&format!("--{long}")).map(str::to_owned).collect::<Vec<String>>();
+        for at in 1..parts.len() {
+            let is_whole = !parts[at].starts_with(|next: char| next == '-' || next.is_alphanumeric());
+            parts[at].insert_str(0, &format!("--{}", if is_whole { alias } else { long }));
+        }
+        parts.concat()
+    })
+}
+
 /// The error of `clap` in one line: its first paragraph and its tips, without the usage text.
 fn in_one_line(text: &str) -> String {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
@@ -208,6 +229,19 @@ mod tests {
             let said = said(&format!("voxsplat {line}"));
             assert_eq!(said.contains("tip:"), tip.is_some(), "{line}: {said}");
             assert!(tip.is_none_or(|tip| said.contains(tip)) && !said.contains("-- --"), "{line}: {said}");
+        }
+    }
+
+    #[test]
+    fn options_are_named_as_they_were_typed() {
+        let words = ["render", "--color-bar", "--clip-plane=R"].map(OsString::from);
+        for (message, spelled) in [
+            ("--colour-bar: none", "--color-bar: none"),
+            ("--clip-box and --clip R, --colour-map", "--clip-box and --clip-plane R, --colour-map"),
+            ("--up: 0", "--up: 0"),
+        ] {
+            assert_eq!(as_typed(message, &words), spelled);
+            assert_eq!(as_typed(message, &[]), message);
         }
     }
 

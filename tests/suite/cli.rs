@@ -101,7 +101,7 @@ fn wrong_arguments_are_one_line_and_exit_2() {
     refused("render demo:sphere -o a.png --margin 0.5", 2, "margin is 0.5, expected 0 to under 0.5");
     refused("render demo:sphere -o a.exr --axes", 2, "--axes is drawn on a .png");
     refused("render demo:sphere -o a.png --axes --size 64", 2, "--size: 64x64 pixels, expected sides of 128");
-    refused("render demo:sphere -o a.png --color-bar --model xray", 2, "--colour-bar: an X-ray is white");
+    refused("render demo:sphere -o a.png --color-bar --model xray", 2, "--color-bar: an X-ray is white");
     refused("render demo:sphere -o a.png --model xray --response depth", 2, "a .png holds 0 to 1");
     refused("render demo:sphere -o a.png --model xray --response film:0,3", 2, "an exposure of 0");
     refused("render demo:sphere -o a.png --response film", 2, "only an X-ray");

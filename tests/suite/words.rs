@@ -5,6 +5,7 @@ use std::path::Path;
 use serde_json::{Map, Value, json};
 use voxsplat::Volume;
 use voxsplat::formats::{LoadOptions, MissingSlices, load};
+use voxsplat::image::Image;
 
 use crate::cli::{complaint, folder, refused, stdout, voxsplat};
 
@@ -35,7 +36,6 @@ fn options_without_effect_are_noted_on_command_lines_and_in_scenes() {
         ("--output a.png --margin 0.1 --projection perspective --distance 5", "margin"),
         ("--output a.png --frame view --view-height 5 --target 1,2,3", "frame"),
         ("--output a.png --interslice mean", "interslice"),
-        ("--output a.png --interslice mean --shading post", "interslice"),
         ("--output a.png --model mip --interslice mean", "interslice"),
         ("--output a.png --model mip --shading post", "shading"),
         ("--output a.png --model average --shading post", "shading"),
@@ -67,8 +67,7 @@ fn options_without_effect_are_noted_on_command_lines_and_in_scenes() {
         "--margin 0.1",
         "--termination 0.01",
         "--sample 100 --verify",
-        "--interslice mean --shading post \
-         --painter quads",
+        "--interslice mean --shading post",
         "--background white --output b.png",
         "--sheet-thickness 2",
     ] {
@@ -80,6 +79,42 @@ fn options_without_effect_are_noted_on_command_lines_and_in_scenes() {
     let said = notes(dir.path(), "render demo:sphere:8 -o a.png --size 8 --reference --pyramid 2");
     assert_eq!(said, ["--pyramid has no effect because the volume has one level"]);
     assert_eq!(notes(dir.path(), "info demo:sphere:8 --pyramid 2"), said);
+}
+
+#[test]
+fn options_that_are_noted_change_no_pixel() {
+    let dir = folder();
+    let drawn = |options: &str| {
+        let line =
+            format!("render demo:vessels:16 --size 32 -o a.png {options} --adapter {}", crate::adapter::adapter());
+        let output = voxsplat(dir.path(), &line);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{options}: {said}");
+        (Image::load(dir.path().join("a.png")).unwrap(), said.matches(" has no effect ").count())
+    };
+    for (base, option) in [
+        ("--view-height 12", "--margin 0.3"),
+        ("--projection perspective --distance 30", "--margin 0.3"),
+        ("--view-height 12 --target 7,7,7", "--frame view"),
+        ("", "--interslice mean"),
+        ("--model mip", "--interslice mean"),
+        ("--model minip --painter tiles", "--termination 0.5"),
+        ("--model minip --painter quads", "--termination 0.5"),
+        ("--model xray --painter tiles", "--termination 0.5"),
+        ("--model xray --painter quads", "--termination 0.5"),
+        ("--model average", "--shading post"),
+        ("--model xray --painter quads", "--sheet-thickness 0.3"),
+        ("--model xray --painter quads", "--sheets-per-pass 1"),
+        ("--painter tiles --shading post", "--resolution full"),
+        ("--model mip --painter tiles", "--resolution full"),
+        ("--light off", "--gradient-floor 3"),
+        ("", "--sample 100"),
+    ] {
+        let (without, with) = (drawn(base), drawn(&format!("{base} {option}")));
+        assert_eq!((without.1, with.1), (0, 1), "{base} {option}");
+        assert!(without.0 == with.0, "{base} {option}");
+    }
+    assert!(drawn("--shading post").0 != drawn("--shading post --interslice mean").0);
 }
 
 #[test]
@@ -111,6 +146,8 @@ fn errors_of_a_command_line_come_together_and_name_what_was_typed() {
         ("render a.nii --threshold 200", &["'--threshold' found: --window LEVEL,WIDTH says"]),
         ("render a.nii --slice 3", &["'--slice' found: there are no slices; --clip"]),
         ("render demo:sphere:8 -o a.png --crop 0:9,:,:", &["--crop: voxels 0:9 along x"]),
+        ("render demo:sphere:8 -o a.png --labels demo:sphere:8 --label-opacity 2", &["--label-opacity: opacity 2"]),
+        ("render demo:sphere:8 -o a.png --transfer labels --color-bar", &["--color-bar is for transfer functions"]),
         ("render -q demo:sphere:8 -o a.png --mask demo:marschner-lobb", &["--mask: value "]),
         ("turntable demo:sphere:8 -o x.mp4", &["voxsplat turntable demo:sphere:8 -o - | ffmpeg -i - ", " x.mp4"]),
     ] {
