@@ -146,12 +146,13 @@ pub(super) fn as_typed(message: &str, words: &[OsString]) -> String {
         Some((long, arg.get_all_aliases()?.into_iter().find(|alias| typed(alias))?))
     });
     aliased.fold(message.to_owned(), |message, (long, alias)| {
-        let mut parts = message.split(&format!("--{long}")).map(str::to_owned).collect::<Vec<String>>();
-        for at in 1..parts.len() {
-            let is_whole = !parts[at].starts_with(|next: char| next == '-' || next.is_alphanumeric());
-            parts[at].insert_str(0, &format!("--{}", if is_whole { alias } else { long }));
-        }
-        parts.concat()
+        let option = format!("--{long}");
+        let mut parts = message.split(&option);
+        let first = parts.next().unwrap_or_default().to_owned();
+        parts.fold(first, |text, part| {
+            let is_whole = !part.starts_with(|next: char| next == '-' || next.is_alphanumeric());
+            format!("{text}--{}{part}", if is_whole { alias } else { long })
+        })
     })
 }
 
