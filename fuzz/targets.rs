@@ -6,7 +6,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use voxsplat::error::{Error, Result};
-use voxsplat::formats::{LoadOptions, PyramidLevel, TimeSeries, load};
+use voxsplat::formats::{LoadOptions, MissingSlices, PyramidLevel, TimeSeries, load};
 use voxsplat::image::Image;
 use voxsplat::transfer::{Imported, TransferFunction, Window};
 use voxsplat::volume::{Endian, Grid, SampleType, Statistics, Volume};
@@ -122,6 +122,7 @@ impl Place {
             time: None,
             channel: None,
             series: None,
+            missing_slices: MissingSlices::Refuse,
             level: PyramidLevel::At(0),
             stream_over: u64::from(replace),
         };

@@ -123,6 +123,8 @@ pub enum Hint {
     ReplaceNonFinite,
     /// The folder holds several series: choose one.
     ChooseSeries,
+    /// A series lacks slices: interpolate them.
+    InterpolateSlices,
     /// The file has several channels: choose one.
     ChooseChannel,
     /// The file has several data sets: name one behind the name of the file.
@@ -138,6 +140,7 @@ impl fmt::Display for Hint {
             Self::GiveSpacing => "set LoadOptions::spacing",
             Self::ReplaceNonFinite => "set LoadOptions::replace_nan or call Volume::with_non_finite_replaced",
             Self::ChooseSeries => "set LoadOptions::series",
+            Self::InterpolateSlices => "set LoadOptions::missing_slices",
             Self::ChooseChannel => "set LoadOptions::channel",
             Self::ChooseDataset => "load FILE:/PATH/OF/SET",
         })

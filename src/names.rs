@@ -5,6 +5,24 @@ pub(crate) fn counted(count: u64, thing: &str) -> String {
     format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
 }
 
+/// A number as people write it: up to four digits after the point, and powers of ten if it is very small or very large.
+#[must_use]
+pub fn readable(value: f64) -> String {
+    let trimmed = |text: &str| match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => text.to_owned(),
+    };
+    match value.abs() {
+        0.0 => "0".to_owned(),
+        size if value == value.trunc() && size < 1e15 => format!("{value}"),
+        size if (1e-3..1e9).contains(&size) => trimmed(&format!("{value:.4}")),
+        _ => match format!("{value:.4e}").split_once('e') {
+            Some((digits, power)) => format!("{}e{power}", trimmed(digits)),
+            None => format!("{value}"),
+        },
+    }
+}
+
 /// Names the variants of a field-less enum.
 ///
 /// `spelled!` gives `ALL`, `name`, `Display` (which honours width and alignment) and `Serialize`. The `match` in `name`

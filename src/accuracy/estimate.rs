@@ -87,7 +87,8 @@ impl Estimate {
     /// from 0 to 1 differ by 1 at most.
     fn of(mut errors: Vec<f64>) -> Self {
         let count = errors.len();
-        let squares: f64 = errors.iter().map(|e| e * e).sum();
+        // The sum of nothing is -0.
+        let squares = errors.iter().map(|e| e * e).fold(0.0, |sum: f64, square| sum + square);
         let max = errors.iter().copied().fold(0.0, f64::max);
         let rms = (squares / count.max(1) as f64).sqrt();
         let threshold = percentile(&mut errors, TAIL);
@@ -128,6 +129,7 @@ mod tests {
     fn little_and_nothing_are_estimates_too() {
         let none = Estimate::of(Vec::new());
         assert_eq!((none.pixels, none.error, none.interval), (0, 0.0, [0.0; 2]));
+        assert!(none.rms.is_sign_positive());
         let one = Estimate::of(vec![0.25]);
         assert_eq!((one.error, one.max), (0.25, 0.25));
         assert!(Estimate::of(vec![0.0, f64::INFINITY]).error.is_infinite());

@@ -7,6 +7,7 @@ use voxsplat::clip::{Clip, Plane};
 use voxsplat::volume::Volume;
 
 use super::Failure;
+use super::layers::named;
 
 /// The value of `--clip`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,14 +53,15 @@ impl ClipChoice {
         };
         let mut clip = Clip::new(self.planes.iter().map(plane).collect::<Result<Vec<Plane>, Failure>>()?)?;
         if let Some(inside) = &self.inside {
-            clip = clip.and(inside.clone())?;
+            clip = clip.and(inside.clone()).map_err(|error| named(error, "clip_box"))?;
         }
         if let Some(voxels) = self.voxels {
             let range = |axis: usize| -> Range<u32> {
                 let [start, end] = voxels[axis];
                 start.unwrap_or(0)..end.unwrap_or(grid.dims()[axis])
             };
-            clip = clip.and(Clip::of_voxels(grid, [0, 1, 2].map(range))?)?;
+            let cropped = Clip::of_voxels(grid, [0, 1, 2].map(range)).and_then(|voxels| clip.and(voxels));
+            clip = cropped.map_err(|error| named(error, "crop"))?;
         }
         Ok(clip)
     }

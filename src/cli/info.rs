@@ -5,13 +5,15 @@ use std::ffi::OsStr;
 use glam::DVec3;
 use serde::Serialize;
 use voxsplat::demos;
-use voxsplat::formats::{self, LoadOptions, PyramidLevel};
+use voxsplat::formats::{self, LoadOptions, MissingSlices, PyramidLevel};
 use voxsplat::layers::recognised;
+pub(super) use voxsplat::report::readable as short;
 use voxsplat::transfer::presets::{self, Suggestion};
 use voxsplat::volume::{Channel, Grid, Statistics, Volume};
 
 use super::args::{InfoArgs, InputArgs};
 use super::progress::Progress;
+use super::session::say_level;
 use super::{Failure, histogram, layers, output};
 
 /// The properties of a volume. Field names are the keys of the JSON.
@@ -123,8 +125,7 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
         options.replace_nan = options.replace_nan.or(Some(0.0));
         let volume = formats::load(&args.input.source, &options)?;
         let listed = layers::list(&volume, &layers::Looks::new(args.label_table.as_deref(), &[], None)?)?;
-        let unit = volume.length_unit().map_or_else(|| "volume".to_owned(), |unit| format!("{unit}^3"));
-        return if args.json { output::print_json(&listed) } else { layers::print(&listed, &unit) };
+        return if args.json { output::print_json(&listed) } else { layers::print(&listed, volume.length_unit()) };
     }
     let (volume, statistics) = {
         let _progress = Progress::spinner("reading");
@@ -134,6 +135,7 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
         // A pyramid by a level that is soon read.
         let level = if args.input.pyramid.is_none() { PyramidLevel::Pixels(512.0) } else { options.level };
         let volume = formats::load(&args.input.source, &LoadOptions { channel, level, ..options })?;
+        say_level(&volume, &options);
         let statistics = Statistics::of(&volume)?;
         (volume, statistics)
     };
@@ -199,7 +201,7 @@ impl Info {
         line("volume", self.source.clone());
         let [x, y, z] = self.dims;
         line("lattice", format!("{x} x {y} x {z} = {} voxels", self.voxels));
-        line("samples", format!("{}, {} bytes", self.sample_type, self.bytes));
+        line("samples", format!("{}, {}", self.sample_type, in_bytes(self.bytes)));
         if self.times > 1 {
             line("times", format!("0 to {}: {} is described", self.times - 1, self.time));
         }
@@ -244,15 +246,12 @@ impl Info {
     }
 }
 
-/// Up to four digits after the point; scientific notation for very small and very large numbers.
-pub(super) fn short(value: f64) -> String {
-    let size = value.abs();
-    if value == value.trunc() && size < 1e15 {
-        format!("{value}")
-    } else if (1e-3..1e6).contains(&size) {
-        format!("{value:.4}").trim_end_matches('0').trim_end_matches('.').to_owned()
-    } else {
-        format!("{value:.4e}")
+/// Bytes as people write them: in units of 1024 from 10 KiB on.
+fn in_bytes(bytes: u64) -> String {
+    let unit = [("GiB", 30), ("MiB", 20), ("KiB", 10)].into_iter().find(|(_, power)| bytes >= 10 << power);
+    match unit {
+        Some((name, power)) => format!("{:.0} {name}", bytes as f64 / f64::from(1_u32 << power)),
+        None => format!("{bytes} bytes"),
     }
 }
 
@@ -269,6 +268,8 @@ fn command(input: &InputArgs, preset: Option<&str>) -> String {
     option("time", input.time.map(|n| n.to_string()));
     option("pyramid", input.pyramid.map(|n| n.to_string()));
     option("series", input.series.map(|n| n.to_string()));
+    let fills = input.missing_slices != MissingSlices::default();
+    option("missing-slices", fills.then(|| input.missing_slices.to_string()));
     option("channel", input.channel.first().map(|channel| channel.number.to_string()));
     option("transfer", preset.map(str::to_owned));
     let name = match input.source.to_str().and_then(|source| source.strip_prefix("demo:")) {

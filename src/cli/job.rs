@@ -73,13 +73,7 @@ impl Transfer {
         let window = args.window;
         let given = |imported| TransferChoice::Given(Box::new(imported));
         let choice = match (&args.transfer, &args.colour_map) {
-            (Some(name), _) if name == Path::new(LABELS) => {
-                if window.is_some() || args.gradient_opacity.is_some() || args.gradient_floor.is_some() {
-                    let message = "--window, --gradient-opacity and --gradient-floor are for values, not for labels";
-                    return Err(Failure::Usage(message.to_owned()));
-                }
-                TransferChoice::Labels
-            }
+            (Some(name), _) if name == Path::new(LABELS) => TransferChoice::Labels,
             (Some(name), _) => match presets::PRESETS.iter().find(|preset| name == Path::new(preset.name)) {
                 Some(preset) => TransferChoice::Preset(preset),
                 None if is_file_name(name) => given(Imported::load(name)?),
@@ -198,7 +192,7 @@ impl RenderJob {
         if args.view.margin.is_none() && texts && !makes_room {
             view.margin = FIGURE_MARGIN;
         }
-        let settings = settings(&args.model, painter(&args.painter)?, &view)?;
+        let settings = settings(&args.model, painter(&args.painter), &view)?;
         // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         if settings.response == Response::Depth && !output.keeps_values() {
@@ -213,7 +207,7 @@ impl RenderJob {
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
         region.check_within(args.size)?;
         let legend = args.figure.legend;
-        let (figure, units) = figure(args.figure, args.size, &settings, output.keeps_values())?;
+        let (figure, units) = figure(args.figure, args.size, &settings)?;
         let composite = settings.model == Model::Composite;
         let chooses_light = args.model.light.is_empty() && composite;
         // Post-shaded, samples would be filtered: noise is left as it is unless that is asked for.
@@ -221,10 +215,6 @@ impl RenderJob {
             args.model.kernel.is_none() && args.model.sharpness.is_none() && composite && !settings.is_post_shaded();
         let transfer = Transfer::new(&args.model, &settings)?;
         let alone = matches!(transfer.choice, TransferChoice::Labels);
-        if alone && (figure.color_bar || args.save_transfer.is_some()) {
-            let message = "--colour-bar and --save-transfer are for transfer functions, not for labels";
-            return Err(Failure::Usage(message.to_owned()));
-        }
         let layers = LayersJob::new(&args.layers, alone)?;
         let is_one = !matches!(transfer.choice, TransferChoice::Suggested) && !transfer.is_window();
         if legend && is_one && !layers.has_labels() {
@@ -278,12 +268,7 @@ pub(super) const NO_LEGEND: &str = "--legend names labels and channels, and ther
     --transfer labels takes values as labels, --colour-bar shows values";
 
 /// What is drawn on a picture, and the units of what it shows.
-fn figure(
-    args: FigureArgs,
-    size: [u32; 2],
-    settings: &Settings,
-    keeps_values: bool,
-) -> Result<(Figure, Units), Failure> {
+fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings) -> Result<(Figure, Units), Failure> {
     let FigureArgs { scale_bar, axes, colour_bar: color_bar, legend: names, title, caption, length_unit, value_unit } =
         args;
     let figure = Figure { scale_bar, axes, color_bar, legend: Vec::new(), title, caption };
@@ -292,14 +277,6 @@ fn figure(
         // Of which size the picture must be, one name tells before the others are known.
         let legend = vec![LegendEntry { name: String::new(), color: [0; 3] }];
         Figure { legend, ..figure.clone() }.validate(size, settings.model)?;
-    }
-    if figure.color_bar && settings.depth_coded {
-        let message = "--colour-bar shows the colours of values, and with --depth-coded they are those of depths";
-        return Err(Failure::Usage(message.to_owned()));
-    }
-    if (names || !figure.is_empty()) && keeps_values {
-        let options = "--scale-bar, --axes, --colour-bar, --legend, --title and --caption";
-        return Err(Failure::Usage(format!("{options} are drawn on a .png: an .exr keeps the values of the picture")));
     }
     Ok((figure, Units { length: length_unit, value: value_unit }))
 }
@@ -324,12 +301,6 @@ fn settings(model: &ModelArgs, painter: Painter, view: &View) -> Result<Settings
         ..Settings::default()
     };
     settings.validate()?;
-    if !matches!(model.model, Model::Composite | Model::Xray) && model.gradient_opacity.is_some() {
-        return Err(Failure::Usage("--gradient-opacity: projections of intensity have none".to_owned()));
-    }
-    if model.model != Model::Composite && model.gradient_floor.is_some() {
-        return Err(Failure::Usage("--gradient-floor: only the composite model is lit".to_owned()));
-    }
     Ok(settings)
 }
 
@@ -352,18 +323,9 @@ fn is_file_name(text: &Path) -> bool {
 }
 
 /// The painter asked for, with its options. An option of a painter chooses that painter.
-fn painter(args: &PainterArgs) -> Result<Painter, Failure> {
-    let given = |options: &[(&'static str, bool)]| options.iter().find(|(_, given)| *given).map(|(name, _)| *name);
-    let for_quads = given(&[
-        ("sheet-thickness", args.sheet_thickness.is_some()),
-        ("sheets", args.sheets.is_some()),
-        ("accumulate", args.accumulate.is_some()),
-        ("precision", args.precision.is_some()),
-        ("table-error", args.table_error.is_some()),
-        ("footprint-table", args.footprint_table.is_some()),
-        ("sheets-per-pass", args.sheets_per_pass.is_some()),
-    ]);
-    let for_tiles = given(&[("resolution", args.resolution.is_some())]);
+fn painter(args: &PainterArgs) -> Painter {
+    // The other options of quads are none in the default settings.
+    let for_quads = args.sheet_thickness.is_some() || args.sheets.is_some() || args.accumulate.is_some();
     let quads = QuadsSettings {
         sheets: args.sheets.unwrap_or_default(),
         accumulation: args.accumulate.unwrap_or_default(),
@@ -374,14 +336,12 @@ fn painter(args: &PainterArgs) -> Result<Painter, Failure> {
         sheets_per_pass: args.sheets_per_pass,
     };
     let tiles = TilesSettings { resolution: args.resolution.unwrap_or_default() };
-    let usage = |message: String| Err(Failure::Usage(message));
-    match (args.painter, for_quads, for_tiles) {
-        (_, Some(a), Some(b)) => usage(format!("--{a} is an option of quads and --{b} of tiles: choose one")),
-        (PainterArg::Tiles, Some(option), _) => usage(format!("--{option} is an option of quads, not of tiles")),
-        (PainterArg::Quads, _, Some(option)) => usage(format!("--{option} is an option of tiles, not of quads")),
-        (PainterArg::Quads, ..) | (PainterArg::Auto, Some(_), None) => Ok(Painter::Quads(quads)),
-        (PainterArg::Tiles, ..) | (PainterArg::Auto, None, Some(_)) => Ok(Painter::Tiles(tiles)),
-        (PainterArg::Auto, None, None) => Ok(Painter::Auto),
+    match args.painter {
+        PainterArg::Quads => Painter::Quads(quads),
+        PainterArg::Tiles => Painter::Tiles(tiles),
+        PainterArg::Auto if args.resolution.is_some() => Painter::Tiles(tiles),
+        PainterArg::Auto if quads != QuadsSettings::default() || for_quads => Painter::Quads(quads),
+        PainterArg::Auto => Painter::Auto,
     }
 }
 
@@ -390,17 +350,7 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
     let usage = |message: String| Err(Failure::Usage(message));
     let lit: Vec<LightArg> = args.light.iter().copied().filter(|l| *l != LightArg::Off).collect();
     if lit.is_empty() {
-        let needing = [
-            ("material", args.material.is_some()),
-            ("shadows", args.shadows.is_some()),
-            ("shadow-bias", args.shadow_bias.is_some()),
-            ("light-size", args.light_size.is_some()),
-            ("occlusion", args.occlusion.is_some()),
-        ];
-        return match needing.into_iter().find(|(_, given)| *given) {
-            Some((name, _)) => usage(format!("--{name} needs a --light")),
-            None => Ok(None),
-        };
+        return Ok(None);
     }
     if lit.len() < args.light.len() {
         return usage("--light: off does not go with other lights".to_owned());
@@ -430,29 +380,14 @@ fn lighting(args: &ModelArgs, view: &View) -> Result<Option<Lighting>, Failure> 
         lighting = Lighting { ambient, diffuse, specular, shininess, ..lighting };
     }
     lighting.shadows = args.shadows.unwrap_or(lighting.shadows);
-    if args.shadows.is_some_and(|strength| strength > 0.0) && lighting.lights.iter().all(|l| l.source == Source::Eye) {
-        return usage("--shadows: a headlight casts none, give a light by AZ,EL or @X,Y,Z".to_owned());
-    }
     if let Some(size) = args.light_size {
-        if lighting.shadows == 0.0 {
-            return usage("--light-size shows in shadows alone: it needs --shadows".to_owned());
-        }
         let is_far = |light: &&mut Light| matches!(light.source, Source::Direction(_));
-        let mut far = lighting.lights.iter_mut().filter(is_far).peekable();
-        if far.peek().is_none() {
-            return usage("--light-size: a light at a place is a point, it needs a light by AZ,EL".to_owned());
-        }
-        far.for_each(|light| light.size = size);
+        lighting.lights.iter_mut().filter(is_far).for_each(|light| light.size = size);
     }
     if let Some(Occlusion(radius)) = args.occlusion {
         lighting.occlusion = radius;
     }
-    if let Some(bias) = args.shadow_bias {
-        if lighting.shadows == 0.0 && lighting.occlusion.is_none() {
-            return usage("--shadow-bias shows in shadows and occlusion alone: it needs either".to_owned());
-        }
-        lighting.shadow_bias = bias;
-    }
+    lighting.shadow_bias = args.shadow_bias.unwrap_or(lighting.shadow_bias);
     Ok(Some(lighting))
 }
 
@@ -465,14 +400,7 @@ fn frame(args: &ViewArgs) -> FrameArg {
 fn view(args: &ViewArgs) -> Result<View, Failure> {
     let projection = match args.projection {
         ProjectionArg::Perspective => ProjectionKind::Perspective { fov: args.fov.unwrap_or(DEFAULT_FOV) },
-        ProjectionArg::Orthographic => {
-            for (name, given) in [("fov", args.fov.is_some()), ("distance", args.distance.is_some())] {
-                if given {
-                    return Err(Failure::Usage(format!("--{name} needs --projection perspective")));
-                }
-            }
-            ProjectionKind::Orthographic
-        }
+        ProjectionArg::Orthographic => ProjectionKind::Orthographic,
     };
     if args.up == Some(DVec3::ZERO) || args.direction == Some(DVec3::ZERO) {
         return Err(Failure::Usage("--up and --direction need a length over 0".to_owned()));
@@ -531,10 +459,7 @@ impl ParetoJob {
             return Err(Failure::Usage("--response depth is no picture for a report: window shows it".to_owned()));
         }
         Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
-        if args.figure.legend {
-            return Err(Failure::Usage("--legend: a study is of one volume of values".to_owned()));
-        }
-        let (figure, units) = figure(args.figure, args.size, &settings, false)?;
+        let (figure, units) = figure(args.figure, args.size, &settings)?;
         let turned = |i: u32| {
             let elevations = [0.0, 25.0, -35.0, 55.0, -15.0];
             View {

@@ -76,7 +76,7 @@ impl Looks {
                 LookArg::Color(color) => labels.with_color(which.clone(), color),
             };
         }
-        Ok(labels.thinned(self.opacity.unwrap_or(1.0))?)
+        labels.thinned(self.opacity.unwrap_or(1.0)).map_err(|error| named(error, "label_opacity").into())
     }
 
     /// Those of a volume: of the table or else of the volume's file, changed as options ask.
@@ -91,16 +91,6 @@ impl LayersJob {
         if alone && labels.is_some() {
             let message = "--labels: the volume is one of labels itself, by --transfer labels";
             return Err(Failure::Usage(message.to_owned()));
-        }
-        if !alone && labels.is_none() {
-            let needing = [
-                ("label-table", label_table.is_some()),
-                ("label", !label.is_empty()),
-                ("label-opacity", label_opacity.is_some()),
-            ];
-            if let Some((name, _)) = needing.into_iter().find(|(_, given)| *given) {
-                return Err(Failure::Usage(format!("--{name} needs --labels FILE or --transfer labels")));
-            }
         }
         let looks = Looks::new(label_table.as_deref(), label, *label_opacity)?;
         Ok(Self { alone, labels: labels.clone(), looks, mask: mask.as_deref().map(masked).transpose()? })
@@ -118,7 +108,8 @@ impl LayersJob {
 
     /// A volume of labels as it is to look.
     pub(super) fn of_labels(&self, volume: &Volume) -> Result<Layer, Failure> {
-        Ok(Layer::labels(volume, &self.looks.of(volume)?)?)
+        let option = if self.alone { "transfer" } else { "labels" };
+        Layer::labels(volume, &self.looks.of(volume)?).map_err(|error| named(error, option).into())
     }
 
     /// What is drawn of some layers, and over them. `read` reads volumes of labels, onto the lattice of the layers.
@@ -134,7 +125,8 @@ impl LayersJob {
                 let message = format!("--mask: {path} has {count} layers of labels, a mask has one");
                 return Err(Failure::Usage(message));
             };
-            base = base.into_iter().map(|layer| layer.masked(mask, which)).collect::<Result<_, _>>()?;
+            let masked = |layer: Layer| layer.masked(mask, which).map_err(|error| named(error, "mask"));
+            base = base.into_iter().map(masked).collect::<Result<_, _>>()?;
         }
         if let Some(path) = &self.labels {
             for volume in read("labels", path)? {
@@ -163,6 +155,14 @@ fn masked(text: &Path) -> Result<(PathBuf, Which), Failure> {
     Ok((file, labels.strip_prefix(':').map_or(Ok(Which::All), str::parse)?))
 }
 
+/// An error of a setting by the name of the option that was typed.
+pub(super) fn named(error: Error, option: &'static str) -> Error {
+    match error {
+        Error::Setting { reason, .. } => Error::Setting { name: option, reason },
+        other => other,
+    }
+}
+
 /// Reads the volumes of labels of a file, mostly one. NaN is label 0.
 pub(super) fn read(path: &Path) -> Result<Vec<Volume>, Failure> {
     let options = LoadOptions { replace_nan: Some(0.0), ..LoadOptions::default() };
@@ -185,10 +185,8 @@ pub(super) fn placed(
 ) -> Result<(Vec<Volume>, Option<String>), Failure> {
     let mut note = None;
     let mut on = |volume: Volume| {
-        let (placed, fit) = on_lattice(&volume, of).map_err(|error| match error {
-            Error::Setting { reason, .. } => {
-                Error::Setting { name: option, reason: format!("{}: {reason}", path.display()) }
-            }
+        let (placed, fit) = on_lattice(&volume, of).map_err(|error| match named(error, option) {
+            Error::Setting { name, reason } => Error::Setting { name, reason: format!("{}: {reason}", path.display()) },
             other => other,
         })?;
         let said = |text: String| Some(format!("note: --{option} {}: {text}", path.display()));
@@ -242,12 +240,40 @@ pub(super) fn list(volume: &Volume, looks: &Looks) -> Result<Vec<Listed>, Failur
     Ok(count_labels(volume)?.into_iter().map(listed).collect())
 }
 
+/// Units of length in metres, with the least volume that is written in cubes of each.
+const LENGTHS: [(&str, f64, f64); 5] =
+    [("nm", 1e-9, 0.0), ("µm", 1e-6, 1e-3), ("mm", 1e-3, 1e-3), ("cm", 1e-2, 1.0), ("m", 1.0, 1.0)];
+
+/// A volume in cubes of the largest unit that gives a number near 1 or above it; in the file's if that is no unit of
+/// length.
+fn in_cubes(volume: f64, unit: Option<&str>) -> String {
+    let name = match unit {
+        Some("um" | "μm" | "micron" | "microns" | "micrometer") => Some("µm"),
+        unit => unit,
+    };
+    let digits = |value: f64| match value.abs() {
+        size if (1e-3..1e9).contains(&size) => {
+            let places = (3.0 - size.log10().floor()).max(0.0) as usize;
+            short(format!("{value:.places$}").parse().unwrap_or(value))
+        }
+        _ => short(value),
+    };
+    let Some((_, metres, _)) = LENGTHS.iter().find(|(length, ..)| Some(*length) == name) else {
+        return short(volume) + &unit.map(|unit| format!(" {unit}^3")).unwrap_or_default();
+    };
+    let cubes = |(name, length, least): &(&str, f64, f64)| {
+        let value = volume * (metres / length).powi(3);
+        (value >= *least).then(|| format!("{} {name}^3", digits(value)))
+    };
+    LENGTHS.iter().rev().find_map(cubes).unwrap_or_default()
+}
+
 /// Prints a list of labels.
-pub(super) fn print(listed: &[Listed], unit: &str) -> Result<(), Failure> {
-    let header = format!("{:>12}  {:<7} {:>7} {:>12} {:>16}  name\n", "label", "colour", "opacity", "voxels", unit);
+pub(super) fn print(listed: &[Listed], unit: Option<&str>) -> Result<(), Failure> {
+    let header = format!("{:>12}  {:<7} {:>7} {:>12} {:>16}  name\n", "label", "colour", "opacity", "voxels", "volume");
     let line = |listed: &Listed| {
         let Listed { count: LabelCount { label, voxels }, name, color, opacity, volume } = listed;
-        let volume = short(*volume);
+        let volume = in_cubes(*volume, unit);
         format!("{label:>12}  {color:<7} {opacity:>7} {voxels:>12} {volume:>16}  {name}").trim_end().to_owned() + "\n"
     };
     output::print(&(header + &listed.iter().map(line).collect::<String>()))
@@ -271,6 +297,23 @@ mod tests {
         }
         for bad in ["3", "3:2", ":0.5", "3:-1", "3:transparent"] {
             assert!(label(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn volumes_have_units_that_fit() {
+        for (volume, unit, text) in [
+            (4.9161e6, Some("mm"), "4916 cm^3"),
+            (4.9161e9, Some("mm"), "4.916 m^3"),
+            (12.0, Some("mm"), "12 mm^3"),
+            (0.05, Some("mm"), "0.05 mm^3"),
+            (5e7, Some("um"), "0.05 mm^3"),
+            (1.5e-7, Some("mm"), "150 µm^3"),
+            (1e-6, Some("m"), "1 cm^3"),
+            (7.5, Some("px"), "7.5 px^3"),
+            (5.0, None, "5"),
+        ] {
+            assert_eq!(in_cubes(volume, unit), text);
         }
     }
 

@@ -9,6 +9,7 @@ mod clip;
 mod compare;
 mod destination;
 mod devices;
+mod effects;
 mod histogram;
 mod info;
 mod job;
@@ -27,8 +28,10 @@ mod session;
 mod signals;
 mod stderr;
 mod turntable;
+mod usage;
 
 use std::error::Error as _;
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::error::ErrorKind;
@@ -74,6 +77,7 @@ fn in_flags(error: &Error) -> String {
             Hint::GiveSpacing => "give --spacing X,Y,Z".to_owned(),
             Hint::ReplaceNonFinite => "replace them with --replace-nan VALUE".to_owned(),
             Hint::ChooseSeries => "choose one with --series N".to_owned(),
+            Hint::InterpolateSlices => "--missing-slices interpolate goes on".to_owned(),
             Hint::ChooseChannel => "choose one with --channel N".to_owned(),
             Hint::ChooseDataset => "give one as FILE:/PATH/OF/SET".to_owned(),
             other => other.to_string(),
@@ -107,16 +111,23 @@ pub(crate) fn main() -> ExitCode {
         Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             output::print(&error.render().to_string())
         }
-        Err(error) => Err(Failure::Usage(in_one_line(&error.render().to_string()))),
+        Err(error) => {
+            let words: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
+            let command = args::Args::command();
+            let name = words.iter().find(|word| command.find_subcommand(word).is_some());
+            Err(Failure::Usage(usage::message(&error, name.map(String::as_str))))
+        }
     };
+    let words: Vec<OsString> = std::env::args_os().collect();
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure::Failed(message)) => {
-            output::complain(&message);
+            output::complain(&usage::as_typed(&message, &words));
             ExitCode::from(1)
         }
         Err(Failure::Usage(message)) => {
-            output::complain(&message);
+            let missing = usage::missing_input(&words).map(|missing| missing + "; ").unwrap_or_default();
+            output::complain(&(missing + &usage::as_typed(&message, &words)));
             ExitCode::from(2)
         }
     }
@@ -128,25 +139,24 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
         output::be_quiet();
     }
     // What was given is told apart from defaults by the matches of the command itself.
-    let matches = matches.subcommand().map_or(matches, |(_, matches)| matches);
+    let (name, matches) = matches.subcommand().unwrap_or(("", matches));
     match args.command {
-        args::Command::Render(args) => render::run(scene::jobs(*args, matches, job::RenderJob::new)?),
-        args::Command::Turntable(args) => turntable::run(turntable::TurntableJob::new(*args, matches)?),
-        args::Command::Pareto(args) => pareto::run(job::ParetoJob::new(*args)?),
-        args::Command::Info(args) => info::run(&args),
+        args::Command::Render(args) => render::run(scene::jobs(*args, (name, matches), job::RenderJob::new)?),
+        args::Command::Turntable(args) => turntable::run(turntable::TurntableJob::new(*args, (name, matches))?),
+        args::Command::Pareto(args) => {
+            let notes = effects::noted(name, vec![matches])?;
+            let job = job::ParetoJob::new(*args)?;
+            notes.iter().for_each(|note| output::say(note));
+            pareto::run(job, matches)
+        }
+        args::Command::Info(args) => {
+            effects::noted(name, vec![matches])?.iter().for_each(|note| output::say(note));
+            info::run(&args)
+        }
         args::Command::Kernels(args) => kernels::run(&args),
         args::Command::Compare(args) => compare::run(&job::CompareJob::new(args)?),
         args::Command::Devices => devices::run(),
         args::Command::Completions { shell } => manual::completions(shell),
         args::Command::Man { command } => manual::page(command.as_deref()),
     }
-}
-
-/// The error of `clap` in one line: its first paragraph and its tips, without the usage text.
-fn in_one_line(text: &str) -> String {
-    let lines: Vec<&str> = text.lines().map(str::trim).collect();
-    let end = lines.iter().position(|l| l.starts_with("Usage:") || l.starts_with("For more information"));
-    let kept: Vec<&str> = lines[..end.unwrap_or(lines.len())].iter().copied().filter(|l| !l.is_empty()).collect();
-    let message = kept.join("; ").replace(":; ", ": ");
-    format!("{} (see --help)", message.strip_prefix("error: ").unwrap_or(&message))
 }

@@ -1,5 +1,8 @@
 //! Options from settings, to be copied into a command line.
 
+use std::path::{Path, PathBuf};
+
+use clap::ArgMatches;
 use voxsplat::settings::{
     Accumulation, Interslice, Level, Model, Painter, QuadsSettings, Resolution, Settings, Sheets, TilesSettings,
 };
@@ -85,6 +88,34 @@ pub(super) fn command_line(words: &[String]) -> String {
     words.iter().map(quoted).collect::<Vec<_>>().join(" ")
 }
 
+/// The words of this process's command line with the names of files for their paths: folders are private.
+pub(super) fn without_folders(words: impl IntoIterator<Item = String>, matches: &ArgMatches) -> Vec<String> {
+    let of = |id: &clap::Id| matches.try_get_many::<PathBuf>(id.as_str()).ok().flatten();
+    let paths: Vec<String> =
+        matches.ids().filter_map(of).flatten().map(|path| path.to_string_lossy().into_owned()).collect();
+    let shared = |word: String| {
+        let path = paths.iter().filter(|path| !path.is_empty() && word.ends_with(*path)).max_by_key(|path| path.len());
+        match path {
+            Some(path) => format!("{}{}", &word[..word.len() - path.len()], file_name(path)),
+            None => word,
+        }
+    };
+    words.into_iter().map(shared).collect()
+}
+
+/// The name of a file or a folder, with the data set behind it.
+pub(super) fn file_name(path: &str) -> String {
+    if path.starts_with('{') || path.starts_with("demo:") {
+        return path.to_owned();
+    }
+    let (file, inside) = match path.rfind(":/").filter(|at| *at > 1) {
+        Some(at) => path.split_at(at),
+        None => (path, ""),
+    };
+    let name = Path::new(file).canonicalize().ok().filter(|_| file.ends_with('.')).unwrap_or_else(|| file.into());
+    name.file_name().map_or_else(|| file.to_owned(), |name| name.to_string_lossy().into_owned()) + inside
+}
+
 /// The words of a command line without some options and their values, and without some that have none.
 pub(super) fn without(words: impl IntoIterator<Item = String>, valued: &[&str], bare: &[&str]) -> Vec<String> {
     let mut kept = Vec::new();
@@ -127,6 +158,21 @@ mod tests {
                 let job = RenderJob::new(*args).unwrap();
                 assert_eq!(job.settings, variant.settings, "{words:?}");
             }
+        }
+    }
+
+    #[test]
+    fn names_stand_for_paths() {
+        for (path, name) in [
+            ("/home/me/ct.nrrd", "ct.nrrd"),
+            ("a/b/", "b"),
+            ("ct.nrrd", "ct.nrrd"),
+            ("/home/me/a.h5:/group/set", "a.h5:/group/set"),
+            ("/home/me/m.nrrd:2,3", "m.nrrd:2,3"),
+            ("demo:vessels:64", "demo:vessels:64"),
+            ("-", "-"),
+        ] {
+            assert_eq!(file_name(path), name);
         }
     }
 

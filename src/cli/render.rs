@@ -152,6 +152,9 @@ impl RenderStats {
 /// An estimate as a person reads it.
 pub(super) fn in_words(estimate: &Estimate) -> String {
     let Estimate { pixels, error, interval: [low, high], rms, max } = estimate;
+    if *pixels == 0 {
+        return "no traced pixel shows anything, in the picture or in truth: there is no error to estimate".to_owned();
+    }
     format!(
         "99.9 % of the covered pixels err by at most {error:.1e} (95 % confidence: {low:.1e} to {high:.1e}), rms \
          {rms:.1e}; the largest error of {pixels} traced pixels is {max:.1e}"
@@ -250,7 +253,8 @@ fn verify(
     Ok(estimate)
 }
 
-fn print_stats<S: Serialize>(
+/// Prints statistics if they are asked for.
+pub(super) fn print_stats<S: Serialize>(
     format: Option<StatsFormat>,
     stats: &S,
     table: impl FnOnce(&S) -> String,

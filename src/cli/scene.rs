@@ -18,7 +18,7 @@ use super::destination::STREAM;
 use super::job::{RenderJob, TransferChoice};
 use super::layers::LABELS;
 use super::render::Fitted;
-use super::{Failure, args, in_one_line, layers};
+use super::{Failure, args, effects, layers, output, usage};
 
 /// The largest scene file that is read, in bytes.
 const MAX_BYTES: u64 = 16 << 20;
@@ -50,10 +50,10 @@ pub(super) struct SceneFile {
     options: Vec<Given>,
 }
 
-/// The pictures that `render` is asked for: one, or those of a scene. `job` makes each of its arguments.
+/// The pictures that a command of this name is asked for: one, or those of a scene. `job` makes each of its arguments.
 pub(super) fn jobs(
     args: RenderArgs,
-    matches: &ArgMatches,
+    (name, matches): (&str, &ArgMatches),
     job: impl Fn(RenderArgs) -> Result<RenderJob, Failure>,
 ) -> Result<Vec<RenderJob>, Failure> {
     let mut program = Args::command();
@@ -61,7 +61,10 @@ pub(super) fn jobs(
     let Some(command) = program.find_subcommand("render") else { return Ok(Vec::new()) };
     let is_scene = args.input.source.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
     if !is_scene || args.input.dims.is_some() {
-        return Ok(vec![with_scene(args, given(command, matches), &job)?]);
+        let notes = effects::noted(name, vec![matches])?;
+        let job = with_scene(args, given(command, matches), &job)?;
+        notes.iter().for_each(|note| output::say(note));
+        return Ok(vec![job]);
     }
     let path = &args.input.source;
     let in_scene = |failure: Failure| match failure {
@@ -72,16 +75,26 @@ pub(super) fn jobs(
     if lines.len() > 1 && args.save_scene.is_some() {
         return Err(Failure::Usage("--save-scene: a scene of several outputs is there already".to_owned()));
     }
-    let parsed = |words: &Vec<OsString>| {
-        let failed = |e: clap::Error| Failure::Usage(in_one_line(&e.render().to_string()));
-        let matches = Args::command().try_get_matches_from(words).map_err(failed)?;
-        let options = matches.subcommand_matches("render").map(|matches| given(command, matches)).unwrap_or_default();
-        match Args::from_arg_matches(&matches).map_err(failed)?.command {
+    let mut notes: Vec<String> = Vec::new();
+    let mut parsed = |words: &Vec<OsString>| {
+        let failed = |e: clap::Error| Failure::Usage(usage::message(&e, Some("render")));
+        let whole = Args::command().try_get_matches_from(words).map_err(failed)?;
+        let of_scene = whole.subcommand_matches("render").unwrap_or(matches);
+        for note in effects::noted(name, vec![of_scene, matches])? {
+            if !notes.contains(&note) {
+                notes.push(note);
+            }
+        }
+        let options = given(command, of_scene);
+        match Args::from_arg_matches(&whole).map_err(failed)?.command {
             args::Command::Render(args) => with_scene(*args, options, &job),
             _ => Err(Failure::Usage("it is not about a picture".to_owned())),
         }
     };
-    lines.iter().map(|words| parsed(words).map_err(in_scene)).collect()
+    let jobs =
+        lines.iter().map(|words| parsed(words).map_err(in_scene)).collect::<Result<Vec<RenderJob>, Failure>>()?;
+    notes.iter().for_each(|note| output::say(note));
+    Ok(jobs)
 }
 
 /// A job with the scene that it is to write.

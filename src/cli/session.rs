@@ -88,6 +88,13 @@ impl Picture {
     }
 }
 
+/// Tells that a volume has no other level than its own if one was asked for.
+pub(super) fn say_level(volume: &Volume, options: &LoadOptions) {
+    if volume.contents().levels <= 1 && matches!(options.level, PyramidLevel::At(level) if level > 0) {
+        output::say("note: --pyramid has no effect because the volume has one level");
+    }
+}
+
 /// Tells which of the volumes of a file was taken if that was not asked for.
 pub(super) fn say_choice(volume: &Volume, options: &LoadOptions) {
     let Contents { times, level, levels, notes, .. } = volume.contents();
@@ -96,6 +103,7 @@ pub(super) fn say_choice(volume: &Volume, options: &LoadOptions) {
         let (last, all) = (times - 1, "turntable --time all draws one after the other");
         output::say(&format!("note: --time 0: the file holds {times} points in time, 0 to {last}; {all}"));
     }
+    say_level(volume, options);
     if *levels > 1 && !matches!(options.level, PyramidLevel::At(_)) {
         let [x, y, z] = volume.grid().dims();
         let most = levels - 1;

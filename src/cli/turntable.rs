@@ -5,21 +5,22 @@ use std::io::{BufWriter, stdout};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Instant;
 
 use clap::ArgMatches;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use voxsplat::camera::View;
 use voxsplat::film::{Film, FilmFile, Format};
 use voxsplat::formats::TimeSeries;
-use voxsplat::image::{Background, Image, Note};
+use voxsplat::image::{Image, Note};
 
 use super::args::{FrameArg, RenderArgs, TurntableArgs};
 use super::destination::{Destination, STREAM};
 use super::job::{RenderJob, TransferChoice};
-use super::options::command_line;
+use super::options::{command_line, file_name, without, without_folders};
 use super::parse::TimeArg;
 use super::progress::Remaining;
-use super::render::{Fitted, Stages};
+use super::render::{Fitted, Stages, print_stats};
 use super::session::Session;
 use super::{Failure, output, scene};
 
@@ -90,6 +91,33 @@ pub(super) struct TurntableJob {
     rate: f64,
     resume: bool,
     target: Target,
+    /// The command, with names of files for their paths.
+    command: String,
+}
+
+/// Totals of a run.
+#[derive(Serialize)]
+struct Totals {
+    frames: usize,
+    size: [u32; 2],
+    /// From the start to the last byte.
+    seconds: f64,
+    seconds_per_frame: f64,
+    /// The largest predicted error of a frame; `None` if the reference made them.
+    predicted: Option<f64>,
+}
+
+impl Totals {
+    fn new(frames: usize, size: [u32; 2], since: Instant, predicted: Option<f64>) -> Self {
+        let seconds = since.elapsed().as_secs_f64();
+        Self { frames, size, seconds, seconds_per_frame: seconds / frames.max(1) as f64, predicted }
+    }
+
+    fn to_text(&self) -> String {
+        let Self { frames, size: [width, height], seconds, seconds_per_frame, predicted } = self;
+        let error = predicted.map(|error| format!(", predicted error at most {error:.1e}")).unwrap_or_default();
+        format!("{frames} frames of {width} x {height} px in {seconds:.2} s, {seconds_per_frame:.3} s each{error}\n")
+    }
 }
 
 impl Target {
@@ -103,7 +131,6 @@ impl Target {
             return Ok(Self::Stream(format.unwrap_or(Format::Y4m)));
         }
         match (path.to_str().filter(|name| name.contains(FRAME)), format.or(Format::of(&path))) {
-            (Some(_), _) if format.is_some() => usage(format!("--format: {FRAME} asks for a file for each frame")),
             (Some(name), _) => {
                 let first = PathBuf::from(numbered(name, 0, 1));
                 // A folder for the frames is made. If it cannot be, the check says what is wrong.
@@ -117,12 +144,27 @@ impl Target {
                 FilmFile::check(&path).map_err(|e| Failure::Usage(format!("{e:#}")))?;
                 Ok(Self::Film(path, format))
             }
+            (None, None) if is_video(&path) => {
+                let words = std::env::args().skip(1);
+                let words = command_line(&without(words, &["-o", "--output"], &[]));
+                let name = command_line(&[path.to_string_lossy().into_owned()]);
+                usage(format!(
+                    "--output: videos are encoded by ffmpeg: \
+                     voxsplat {words} -o - | ffmpeg -i - -pix_fmt yuv420p {name}"
+                ))
+            }
             (None, None) => usage(format!(
                 "--output: {path:?}, expected a name with {FRAME} such as frames/{FRAME}.png, FILE.gif, FILE.apng, \
                  FILE.y4m, FILE.html, or - for standard output"
             )),
         }
     }
+}
+
+/// Whether a name is that of a video, which other programs encode.
+fn is_video(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    ["mp4", "m4v", "mov", "mkv", "webm", "avi", "mpg", "mpeg", "wmv", "ogv"].contains(&extension.as_str())
 }
 
 /// The name of the file of a frame, with as many digits as the last has.
@@ -132,7 +174,7 @@ fn numbered(name: &str, frame: u32, frames: u32) -> String {
 }
 
 impl TurntableJob {
-    pub(super) fn new(args: TurntableArgs, matches: &ArgMatches) -> Result<Self, Failure> {
+    pub(super) fn new(args: TurntableArgs, matches: (&str, &ArgMatches)) -> Result<Self, Failure> {
         let usage = |reason: &str| Err(Failure::Usage(reason.to_owned()));
         let TurntableArgs { render, frames, turn, key_frames, rate, format, part, resume } = args;
         // A scene may have an output and a time too.
@@ -147,21 +189,10 @@ impl TurntableJob {
         let Some(mut first) = jobs.pop().filter(|_| jobs.is_empty()) else {
             return usage("a turntable takes a scene of one picture");
         };
-        if first.stats.is_some() || first.verify || first.save_scene.is_some() || first.preview.is_some() {
-            return usage("--stats, --verify, --preview and --save-scene are for a picture, not for a turntable");
-        }
         // It looks from all sides.
         first.chooses_view = false;
         first.light_follows |= first.chooses_light;
         let target = Target::new(path.take(), format)?;
-        if !matches!(target, Target::Files(_)) {
-            if first.background == Background::Transparent {
-                return usage("--background: films have no alpha, expected a colour");
-            }
-            if resume || part.is_some() {
-                return usage("--resume and --part need a file for each frame, such as -o frames/{frame}.png");
-            }
-        }
         let times = times.into_inner();
         if times.is_some() && first.source == Path::new(STREAM) {
             return usage("--time: standard input is read once, several points in time need a file");
@@ -175,10 +206,10 @@ impl TurntableJob {
             Some(path) => Course::Keys(read_key_frames(path)?),
             None => Course::Turn(turn),
         };
-        if first.view.direction.is_some() {
-            return usage("--direction: a turntable turns the azimuth");
-        }
-        Ok(Self { first, course, frames, times, part: part.unwrap_or([1, 1]), rate, resume, target })
+        let words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
+        let command = format!("voxsplat {}", command_line(&without_folders(words, matches.1)));
+        let part = part.unwrap_or([1, 1]);
+        Ok(Self { first, course, frames, times, part, rate, resume, target, command })
     }
 }
 
@@ -239,6 +270,13 @@ impl TurntableJob {
         (end(part - 1)..end(part)).filter(|&frame| !exists(frame)).collect()
     }
 
+    /// The title of a page: the file, and the caption or else the title of the figure.
+    fn title(&self) -> String {
+        let file = file_name(&self.first.source.to_string_lossy());
+        let text = self.first.figure.caption.as_ref().or(self.first.figure.title.as_ref());
+        text.map_or_else(|| file.clone(), |text| format!("{file}: {text}"))
+    }
+
     /// The points in time that are asked for, of a file that holds so many.
     fn times_of(&self, asked: TimeArg, held: u32) -> Result<Range<u32>, Failure> {
         let last = match asked {
@@ -257,18 +295,21 @@ impl TurntableJob {
 }
 
 pub(super) fn run(job: TurntableJob) -> Result<(), Failure> {
+    let (start, first) = (Instant::now(), &job.first);
+    let size = [first.region.width, first.region.height];
+    let done =
+        |frames, predicted| print_stats(first.stats, &Totals::new(frames, size, start, predicted), Totals::to_text);
     if job.frames.is_some_and(|frames| job.wanted(frames).is_empty()) {
         output::say("note: all frames are there");
-        return Ok(());
+        return done(0, None);
     }
-    let first = &job.first;
     let (mut session, fitted) = Session::open(first, &mut Stages::default())?;
     let times = job.times.map(|asked| job.times_of(asked, session.volume.contents().times)).transpose()?;
     let frames = job.frames.unwrap_or(times.as_ref().map_or(FRAMES, |times| times.end - times.start));
     let wanted = job.wanted(frames);
     if wanted.is_empty() {
         output::say("note: all frames are there");
-        return Ok(());
+        return done(0, None);
     }
     let mut completed = first.clone();
     session.complete(&mut completed, &fitted)?;
@@ -288,17 +329,17 @@ pub(super) fn run(job: TurntableJob) -> Result<(), Failure> {
         }
     };
     let views = job.course.views(&first.view, frames);
-    let (size, background) = ([first.region.width, first.region.height], first.background);
     // The next frame is made while the last one is encoded and written.
     let (sender, receiver) = sync_channel::<Done>(1);
-    std::thread::scope(|scope| {
-        let writer = scope.spawn(|| write(&job.target, receiver, (size, frames, job.rate), background));
+    let predicted = std::thread::scope(|scope| {
+        let writer = scope.spawn(|| write(&job, receiver, size, frames));
         let made = make(&mut session, first, &fitted, (&views, &wanted), series.as_mut(), &sender);
         drop(sender);
         let written = writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         // If writing failed, that is why no more frames were taken.
         written.and(made)
-    })
+    })?;
+    done(wanted.len(), predicted)
 }
 
 /// The points in time of frames: each as long as the others, or if there are fewer frames, as many at even distances.
@@ -331,8 +372,9 @@ fn make(
     (views, wanted): (&[View], &[u32]),
     mut series: Option<&mut (TimeSeries, Vec<u32>)>,
     sender: &SyncSender<Done>,
-) -> Result<(), Failure> {
+) -> Result<Option<f64>, Failure> {
     let progress = Remaining::new("frames", wanted.len());
+    let mut predicted: Option<f64> = None;
     let mut layers = None;
     for (done, &frame) in wanted.iter().enumerate() {
         progress.at(done, &format!("frame {} of {}", frame + 1, views.len()));
@@ -352,21 +394,20 @@ fn make(
         session.complete(&mut job, fitted)?;
         let picture = session.picture(&job, layers, &fitted.transfer, &mut Stages::default())?;
         let image = picture.image().clone();
+        let error = picture.stats.as_ref().map(|stats| stats.predicted.error());
+        predicted = error.map(|error| predicted.map_or(error, |most| most.max(error)));
         if sender.send(Done { frame, image, notes: picture.notes }).is_err() {
             break;
         }
     }
-    Ok(())
+    Ok(predicted)
 }
 
 /// Writes frames as they come.
-fn write(
-    target: &Target,
-    frames: Receiver<Done>,
-    (size, count, rate): ([u32; 2], u32, f64),
-    background: Background,
-) -> Result<(), Failure> {
-    match target {
+fn write(job: &TurntableJob, frames: Receiver<Done>, size: [u32; 2], count: u32) -> Result<(), Failure> {
+    let (rate, background) = (job.rate, job.first.background);
+    let title = job.title();
+    match &job.target {
         Target::Files(name) => {
             for Done { frame, image, notes } in frames {
                 let file = Destination::File(PathBuf::from(numbered(name, frame, count)));
@@ -375,17 +416,19 @@ fn write(
         }
         Target::Film(path, format) => {
             let mut film = FilmFile::new(*format, size, count, rate)?;
+            film.title(&title);
             for Done { image, notes, .. } in frames {
                 film.add(&image, background)?;
-                film.describe(described(notes));
+                film.describe(described(&job.command, notes));
             }
             film.save(path)?;
         }
         Target::Stream(format) => {
             let mut film = Film::new(BufWriter::new(stdout()), *format, size, count, rate)?;
+            film.title(&title);
             for Done { image, notes, .. } in frames {
                 film.add(&image, background)?;
-                film.describe(described(notes));
+                film.describe(described(&job.command, notes));
             }
             film.finish()?;
         }
@@ -394,10 +437,10 @@ fn write(
 }
 
 /// What a page says of its frames: the command, and what the file of the last picture would say.
-fn described(notes: Vec<Note>) -> Vec<String> {
-    let words: Vec<String> = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
-    let command = format!("voxsplat {}", command_line(&words));
-    std::iter::once(command).chain(notes.into_iter().map(|Note { name, text }| format!("{name}: {text}"))).collect()
+fn described(command: &str, notes: Vec<Note>) -> Vec<String> {
+    std::iter::once(command.to_owned())
+        .chain(notes.into_iter().map(|Note { name, text }| format!("{name}: {text}")))
+        .collect()
 }
 
 #[cfg(test)]

@@ -118,7 +118,7 @@ impl<W: Write> Film<W> {
                 out.write_all(head.as_bytes()).map_err(failed)?;
                 Sink::Y4m(out)
             }
-            Format::Html => Sink::Html(Page::new(out, size, rate).map_err(failed)?),
+            Format::Html => Sink::Html(Page::new(out, size, rate)),
         };
         Ok(Self { size, frames, added: 0, lines: Vec::new(), sink })
     }
@@ -126,6 +126,13 @@ impl<W: Write> Film<W> {
     /// Lines of text for a film that has room for them: a page.
     pub fn describe(&mut self, lines: Vec<String>) {
         self.lines = lines;
+    }
+
+    /// The title of a film that has room for it: a page. It is given before the first frame.
+    pub fn title(&mut self, title: &str) {
+        if let Sink::Html(page) = &mut self.sink {
+            page.title = title.to_owned();
+        }
     }
 
     /// Adds the next frame, over an opaque background.
@@ -242,6 +249,11 @@ impl FilmFile {
     /// Those of [`Film::add`].
     pub fn add(&mut self, image: &Image, background: Background) -> Result<()> {
         self.film.add(image, background)
+    }
+
+    /// As [`Film::title`].
+    pub fn title(&mut self, title: &str) {
+        self.film.title(title);
     }
 
     /// As [`Film::describe`].

@@ -16,17 +16,24 @@ pub(super) struct Page<W> {
     size: [u32; 2],
     /// Milliseconds a frame, when it plays.
     delay: u32,
+    pub(super) title: String,
+    /// Whether its head has been written.
+    begun: bool,
 }
 
 impl<W: Write> Page<W> {
     /// Begins a page.
-    pub(super) fn new(mut out: W, size: [u32; 2], rate: f64) -> io::Result<Self> {
-        out.write_all(HEAD.as_bytes())?;
-        Ok(Self { out, size, delay: (1000.0 / rate).round().max(1.0) as u32 })
+    pub(super) fn new(out: W, size: [u32; 2], rate: f64) -> Self {
+        let delay = (1000.0 / rate).round().max(1.0) as u32;
+        Self { out, size, delay, title: "voxsplat".to_owned(), begun: false }
     }
 
     /// Adds a frame of RGB bytes.
     pub(super) fn add(&mut self, rgb: &[u8]) -> io::Result<()> {
+        if !self.begun {
+            self.out.write_all(HEAD.replacen("{title}", &escaped(&self.title), 1).as_bytes())?;
+            self.begun = true;
+        }
         let mut file = Vec::new();
         let mut encoder = png::Encoder::new(&mut file, self.size[0], self.size[1]);
         encoder.set_color(png::ColorType::Rgb);

@@ -32,6 +32,7 @@ use vtk::{image_data, legacy};
 
 use crate::demos;
 use crate::error::{Error, Hint, Result};
+use crate::names::named;
 use crate::volume::{Endian, SampleType, Volume};
 
 /// Which level of a pyramid is read: of a file that holds the same volume at several resolutions.
@@ -44,6 +45,18 @@ pub enum PyramidLevel {
     /// The coarsest level whose samples are no further apart than this world length.
     PixelSize(f64),
 }
+
+/// What becomes of a series of DICOM files that lacks slices between others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum MissingSlices {
+    /// It is an error that names their places.
+    #[default]
+    Refuse,
+    /// They are interpolated between their neighbours, and a note of [`Contents`](crate::volume::Contents) says so.
+    Interpolate,
+}
+
+named!("missing_slices", MissingSlices { Refuse: "refuse", Interpolate: "interpolate" });
 
 /// What the caller knows about a file, or wants done to its samples. The default is to believe its header.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,6 +82,8 @@ pub struct LoadOptions {
     pub channel: Option<u32>,
     /// The series of a folder of DICOM files that holds several, counted from 1 in the order of their numbers.
     pub series: Option<u32>,
+    /// What becomes of a series of DICOM files that lacks slices.
+    pub missing_slices: MissingSlices,
     /// The level of a pyramid; the finest by default.
     pub level: PyramidLevel,
     /// The largest volume, in bytes of samples, that is always read into memory; 4 MiB by default. A larger one stays
@@ -88,6 +103,7 @@ impl Default for LoadOptions {
             time: None,
             channel: None,
             series: None,
+            missing_slices: MissingSlices::Refuse,
             level: PyramidLevel::At(0),
             stream_over: 4 << 20,
         }

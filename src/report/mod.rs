@@ -7,6 +7,7 @@ mod plot;
 mod sample;
 mod study;
 
+pub use crate::names::readable;
 pub use compare::{Comparison, compare, difference_picture};
 pub(crate) use compare::{covered_differences, percentile};
 pub use date::today;

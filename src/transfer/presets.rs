@@ -7,6 +7,7 @@ use super::{ControlPoint, GradientPoint, TransferFunction};
 use crate::color;
 use crate::error::{Error, Result};
 use crate::lighting::Lighting;
+use crate::names::readable;
 use crate::volume::{Statistics, Volume};
 
 /// A named way to make a transfer function from the values of a volume.
@@ -210,7 +211,10 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
     let say = |name, reason: String| Suggestion { name, reason };
     let &Statistics { min, max, mean, std_dev, .. } = statistics;
     if is_hounsfield(volume.value_unit(), statistics) {
-        return say("ct-bone", format!("values from {min} to {max} look like Hounsfield units"));
+        return say(
+            "ct-bone",
+            format!("values from {} to {} look like Hounsfield units", readable(min), readable(max)),
+        );
     }
     if let Some(unit) = volume.value_unit().filter(|unit| STATISTICS.contains(unit)) {
         return say("activation", format!("the file says that its values are statistics ({unit})"));
@@ -220,11 +224,10 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
         return say("field", "real numbers without a patient orientation: no scan, a field".to_owned());
     }
     let Some(levels) = Levels::of(volume.value_unit(), statistics) else {
-        return say("grayscale", format!("all values are {min}"));
+        return say("grayscale", format!("all values are {}", readable(min)));
     };
-    let rounded = |value: f64| (value * 1e4).round() / 1e4;
     if oriented && -min > max / 4.0 && max > -min / 4.0 && mean.abs() < std_dev / 2.0 {
-        let (min, max) = (rounded(min), rounded(max));
+        let (min, max) = (readable(min), readable(max));
         return say("activation", format!("values from {min} to {max} lie about 0, as statistics do"));
     }
     let foreground = statistics.fraction_above(levels.background);
@@ -239,7 +242,7 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
     // Otsu's threshold within the brighter class separates bone or contrast agent from flesh in CT: a minority of the
     // foreground. In MRI no tissue stands out like that, and about half of the foreground lies on either side.
     let share = 100.0 * statistics.fraction_above(levels.bright) / foreground.max(f64::MIN_POSITIVE);
-    let saw = format!("{share:.1} % of the foreground is over {}", rounded(levels.bright));
+    let saw = format!("{share:.1} % of the foreground is over {}", readable(levels.bright));
     let spacing = volume.grid().min_spacing();
     let in_millimetres = volume.length_unit().is_none_or(|unit| unit == "mm");
     if share < 3.0 && skewed && oriented && in_millimetres && spacing >= 1.8 {
@@ -256,14 +259,17 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
     let background = 1.0 - foreground;
     let (floor, at_floor) = (levels.background / 10.0, 1.0 - statistics.fraction_above(min));
     if (0.0..floor).contains(&min) && at_floor < background / 10.0 {
-        return say("mri", format!("the background is noise from {min} up, as in MRI"));
+        return say("mri", format!("the background is noise from {} up, as in MRI", readable(min)));
     }
     if share < 30.0 {
         return say("ct-bone", format!("{saw}: a bright minority, as bone in CT is"));
     }
     if at_floor >= background {
         let nothing = 100.0 * at_floor;
-        let reason = format!("no bright minority stands out, and {nothing:.1} % are {min}, as in masked MRI of brains");
+        let reason = format!(
+            "no bright minority stands out, and {nothing:.1} % are {}, as in masked MRI of brains",
+            readable(min)
+        );
         return say("mr-brain", reason);
     }
     say("mri", format!("{saw}: no bright minority stands out, as in MRI"))

@@ -123,7 +123,11 @@ fn the_program_keeps_and_verifies_a_bound() {
 #[test]
 fn the_report_is_whole_and_goes_on_where_it_was_interrupted() {
     let dir = tempfile::tempdir().unwrap();
-    let command = "pareto demo:sphere:8 -o report --model xray --size 12 --views 2 --repeats 1 --sample 64";
+    let point = |value: f64| serde_json::json!({"value": value, "color": "#ffffff", "opacity": value / 2.0});
+    let transfer = dir.path().join("t.json");
+    std::fs::write(&transfer, serde_json::json!({"points": [point(0.0), point(1.0)]}).to_string()).unwrap();
+    let command = "pareto demo:sphere:8 -o report --model xray --size 12 --views 2 --repeats 1 --sample 64 --transfer";
+    let command = &format!("{command} {}", transfer.display());
     let output = run(dir.path(), command);
     assert!(output.status.success(), "{}", said(&output));
     let read = |name: &str| std::fs::read_to_string(dir.path().join("report").join(name)).unwrap();
@@ -135,6 +139,7 @@ fn the_report_is_whole_and_goes_on_where_it_was_interrupted() {
     assert!(csv.contains("--model xray") && csv.contains("-o picture.png --painter tiles\""), "{csv}");
     let page = read("report.html");
     assert!(page.contains("<svg") && page.contains("data:image/png;base64,"));
+    assert!(page.contains("--transfer t.json") && !page.contains(dir.path().to_str().unwrap()));
     assert!(!page.contains("src=\"http") && !page.contains("href="), "it needs no other file");
     assert!(read("time-rms.svg").contains("</svg>") && read("time-p999.svg").contains("</svg>"));
     assert!(String::from_utf8_lossy(&output.stdout).contains("report: report/report.html"));

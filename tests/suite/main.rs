@@ -52,4 +52,5 @@ mod tiles_hard;
 mod tiles_rays;
 mod transfer;
 mod truth;
+mod words;
 mod zarr;

@@ -254,10 +254,10 @@ fn a_turntable_that_makes_no_sense_is_refused() {
     refused(&format!("{all} -o a.png"), 2, "a name with {frame}");
     refused(all, 2, "--output is missing");
     refused(&format!("{all} -o {{frame}}.jpg"), 2, ".png or .exr");
-    refused(&format!("{all} -o a.gif --part 1/2"), 2, "need a file for each frame");
+    refused(&format!("{all} -o a.gif --part 1/2"), 2, "--part needs a file for each frame");
     refused(&format!("{all} -o a.gif --background transparent"), 2, "no alpha");
     refused(&format!("{all} -o a.gif --direction 1,0,0"), 2, "turns the azimuth");
-    refused(&format!("{all} -o a.gif --stats"), 2, "not for a turntable");
+    refused(&format!("{all} -o a.gif --verify"), 2, "not for a turntable");
     refused(&format!("{all} -o a.gif --part 3/2"), 2, "I from 1 to N");
     refused(&format!("{all} -o a.gif --rate 0"), 2, "over 0");
 }

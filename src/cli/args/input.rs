@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-use voxsplat::formats::{LoadOptions, PyramidLevel};
+use voxsplat::formats::{LoadOptions, MissingSlices, PyramidLevel};
 use voxsplat::volume::{Endian, SampleType};
 
 use super::view::ViewArgs;
 use crate::cli::Failure;
 use crate::cli::channels::{ChannelArg, channel};
-use crate::cli::parse::{self, TimeArg};
+use crate::cli::parse::{self, TimeArg, one_of};
 
 /// The volume, and what its file does not state.
 #[derive(Debug, clap::Args)]
@@ -50,6 +50,10 @@ pub(in crate::cli) struct InputArgs {
     /// option those of DICOM are listed
     #[arg(long, value_name = "N", help_heading = "Input")]
     pub(in crate::cli) series: Option<u32>,
+    /// Folders of DICOM files: refuse a series that lacks slices between others, or interpolate them
+    #[arg(long, value_name = "HOW", default_value = "refuse",
+        value_parser = one_of(MissingSlices::ALL, MissingSlices::name), help_heading = "Input")]
+    pub(in crate::cli) missing_slices: MissingSlices,
     /// OME-Zarr: which level of the pyramid of resolutions, 0 is the finest [default: the coarsest whose samples are no
     /// coarser than pixels]
     #[arg(long, value_name = "N", help_heading = "Input")]
@@ -90,6 +94,7 @@ impl InputArgs {
             time: self.time.map(TimeArg::first),
             channel: self.channel.first().map(|channel| channel.number),
             series: self.series,
+            missing_slices: self.missing_slices,
             level: self.pyramid.map_or(LoadOptions::default().level, PyramidLevel::At),
             stream_over: self.stream_over.saturating_mul(1 << 20),
         }

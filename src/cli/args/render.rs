@@ -69,7 +69,8 @@ pub(in crate::cli) struct RenderArgs {
     /// Write the transfer function too: .json for this program, .vp.json or .vp for 3D Slicer
     #[arg(long, value_name = "FILE", help_heading = "Output")]
     pub(in crate::cli) save_transfer: Option<PathBuf>,
-    /// Print statistics and the time of each stage, as a table or as one JSON object; put it after VOLUME
+    /// Print statistics and the time of each stage, as a table or as one JSON object; of a turntable one line of totals
+    /// or one JSON object. Put it after VOLUME
     #[arg(long, value_name = "FORMAT", num_args = 0..=1, default_missing_value = "table", help_heading = "Output")]
     pub(in crate::cli) stats: Option<StatsFormat>,
 

@@ -16,7 +16,7 @@ Examples:
   voxsplat turntable head.nii.gz --frames 72 -o head.gif --size 512 --elevation 15
   voxsplat turntable ct.nrrd --frames 72 -o ct.html --size 512 --scale-bar
   voxsplat turntable ct.nrrd --frames 360 -o frames/{frame}.png --part 2/8 --resume
-  voxsplat turntable ct.nrrd --frames 100 -o - --key-frames path.json | ffmpeg -i - ct.mp4
+  voxsplat turntable ct.nrrd --frames 100 -o - --key-frames path.json | ffmpeg -i - -pix_fmt yuv420p ct.mp4
   voxsplat turntable heart.nii.gz --time all --turn 0 --rate 10 -o heart.gif";
 
 /// Turn a volume: a picture or a frame of a film for each view.

@@ -4,6 +4,7 @@ mod page;
 
 use std::path::Path;
 
+use clap::ArgMatches;
 use serde::{Deserialize, Serialize};
 use voxsplat::camera::{Camera, View};
 use voxsplat::figure::Shown;
@@ -15,7 +16,7 @@ use voxsplat::report::{
 use voxsplat::{Renderer, RendererOptions, formats};
 
 use super::job::ParetoJob;
-use super::options::{command_line, options_of, without};
+use super::options::{command_line, file_name, options_of, without, without_folders};
 use super::progress::{Progress, Remaining};
 use super::render::{Stages, framed, transfer, with_units};
 use super::session::say_choice;
@@ -72,7 +73,7 @@ const OWN: [&str; 12] = [
     "--interslice",
 ];
 
-pub(super) fn run(mut job: ParetoJob) -> Result<(), Failure> {
+pub(super) fn run(mut job: ParetoJob, matches: &ArgMatches) -> Result<(), Failure> {
     let rivals = job.rivals.as_deref().map(read::<Vec<Rival>>).transpose()?.unwrap_or_default();
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
@@ -92,6 +93,7 @@ pub(super) fn run(mut job: ParetoJob) -> Result<(), Failure> {
     let study = Study::new(&renderer, &volume, &transfer, &cameras, job.sample)?.with_patience(job.patience);
     let words = std::env::args_os().skip(2).map(|word| word.to_string_lossy().into_owned());
     let base = without(words, &OWN, &["--resume", "--quiet", "-q"]);
+    let shown = command_line(&without_folders(base.clone(), matches));
     let adapter = renderer.adapter();
     let subject = Subject {
         command: command_line(&base),
@@ -104,7 +106,7 @@ pub(super) fn run(mut job: ParetoJob) -> Result<(), Failure> {
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
     make_directory(&job.directory)?;
-    let mut run = Run::new(&job, study, subject)?;
+    let mut run = Run::new(&job, study, subject, shown)?;
     run.measure()?;
     run.time(&job)?;
     let shown = Shown { volume: &volume, transfer: &transfer, camera: &cameras[0], model: job.settings.model };
@@ -129,12 +131,14 @@ struct Run<'a> {
     study: Study<'a>,
     variants: Vec<Variant>,
     kept: Kept,
+    /// The command of the subject as a page shows it: names of files for their paths.
+    shown: String,
     /// The truths of the models, each of all views.
     truths: Vec<(String, Vec<Image>)>,
 }
 
 impl<'a> Run<'a> {
-    fn new(job: &'a ParetoJob, study: Study<'a>, subject: Subject) -> Result<Self, Failure> {
+    fn new(job: &'a ParetoJob, study: Study<'a>, subject: Subject, shown: String) -> Result<Self, Failure> {
         let directory = job.directory.as_path();
         let numbers = directory.join("pareto.json");
         let mut kept = Kept { subject, date: today(), measurements: Vec::new() };
@@ -149,7 +153,7 @@ impl<'a> Run<'a> {
             }
             kept.measurements = found.measurements;
         }
-        Ok(Self { directory, study, variants: variants(&job.settings), kept, truths: Vec::new() })
+        Ok(Self { directory, study, variants: variants(&job.settings), kept, shown, truths: Vec::new() })
     }
 
     fn save(&mut self) -> Result<(), Failure> {
@@ -225,9 +229,13 @@ impl<'a> Run<'a> {
     fn write(&mut self, job: &ParetoJob, shown: &Shown<'_>, rivals: &[Rival]) -> Result<(), Failure> {
         self.save()?;
         let front = front(&self.kept.measurements, |errors| errors.rms);
-        let commands: Vec<String> = self.kept.measurements.iter().map(|m| self.command(m)).collect();
+        let commands = |base: &str| -> Vec<String> {
+            self.kept.measurements.iter().map(|measured| self.command(measured, base)).collect()
+        };
+        let (commands, commands_shown) = (commands(&self.kept.subject.command), commands(&self.shown));
+        let name = file_name(&job.source.to_string_lossy());
         write_file(self.directory.join("pareto.csv"), csv(&self.kept.measurements, &front, &commands).as_bytes())?;
-        let title = format!("{}, {} x {} pixels", job.source.display(), job.size[0], job.size[1]);
+        let title = format!("{name}, {} x {} pixels", job.size[0], job.size[1]);
         let mut plots = Vec::new();
         for (file, name, error) in ERRORS {
             let points = points(&self.kept.measurements, error, if file == "rms" { rivals } else { &[] });
@@ -255,11 +263,12 @@ impl<'a> Run<'a> {
             pictures.push(page::Pictures { title: title.to_owned(), of: variant, image, difference });
         }
         let page = page::page(&page::Report {
-            source: &job.source,
+            name: &name,
+            caption: job.figure.caption.as_deref(),
             volume: shown.volume,
             kept: &self.kept,
             front: &front,
-            commands: &commands,
+            commands: &commands_shown,
             plots: &plots,
             pictures: &pictures,
         })?;
@@ -269,10 +278,10 @@ impl<'a> Run<'a> {
     }
 
     /// The command that draws one picture of a measurement.
-    fn command(&self, measured: &Measurement) -> String {
+    fn command(&self, measured: &Measurement, base: &str) -> String {
         let variant = self.variants.iter().find(|v| v.model == measured.model && v.name == measured.name);
         let options = variant.map(|v| command_line(&options_of(&v.settings))).unwrap_or_default();
-        format!("voxsplat render {} -o picture.png {options}", self.kept.subject.command)
+        format!("voxsplat render {base} -o picture.png {options}")
     }
 }
 

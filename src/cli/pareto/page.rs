@@ -1,7 +1,5 @@
 //! The report as one page that needs no other file.
 
-use std::path::Path;
-
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use voxsplat::image::{Background, Image};
@@ -15,7 +13,9 @@ pub(super) const GAIN: f64 = 50.0;
 
 /// What the page shows.
 pub(super) struct Report<'a> {
-    pub(super) source: &'a Path,
+    /// The name of the file.
+    pub(super) name: &'a str,
+    pub(super) caption: Option<&'a str>,
     pub(super) volume: &'a Volume,
     pub(super) kept: &'a Kept,
     /// Indices of measurements, fastest first.
@@ -48,7 +48,8 @@ dl{display:grid;grid-template-columns:max-content 1fr;gap:.1em 1em}dt{color:#555
 
 /// The page.
 pub(super) fn page(report: &Report<'_>) -> Result<String> {
-    let name = escaped(&report.source.display().to_string());
+    let caption = report.caption.map(|caption| format!(": {caption}")).unwrap_or_default();
+    let name = escaped(&format!("{}{caption}", report.name));
     let mut html = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <title>{name}: speed against error</title>\n\

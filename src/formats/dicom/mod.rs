@@ -22,10 +22,10 @@ use self::encapsulated::{Codec, Frames, Size, syntax_of};
 use self::times::in_times;
 use super::decode::{lattice, samples_in};
 use super::placement::Placement;
-use super::{LoadOptions, selection};
+use super::{LoadOptions, MissingSlices, hinted, selection};
 use crate::error::{Error, Hint, Result};
 use crate::memory::reserved;
-use crate::names::counted;
+use crate::names::{counted, readable};
 use crate::volume::{Endian, Samples, Stored, Units, Volume};
 
 const IMAGE_TYPE: u32 = 0x0008_0008;
@@ -62,6 +62,7 @@ pub(super) fn is_dicom(head: &[u8]) -> bool {
 }
 
 /// One section of a volume.
+#[derive(Clone)]
 struct Slice {
     /// Among the files.
     file: usize,
@@ -69,6 +70,8 @@ struct Slice {
     position: DVec3,
     slope: f64,
     intercept: f64,
+    /// Of a missing slice: the next one that is there, and its share. The rest is that of the slice before.
+    behind: Option<(Box<Self>, f64)>,
 }
 
 /// What all slices share.
@@ -127,6 +130,10 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
         contents.labels = selection::colours(contents.channels);
     }
     let (slices, channel) = (times.swap_remove(contents.time as usize), contents.channel as usize);
+    let slices = match options.missing_slices {
+        MissingSlices::Refuse => slices,
+        MissingSlices::Interpolate => completed(source, &sets, slices, &plane, &mut contents.notes)?,
+    };
     let placement = placed(source, &sets, &slices, &plane)?;
     let dims = lattice(source, &[plane.columns.into(), plane.rows.into(), slices.len() as i64])?;
     let grid = placement.grid(source, dims, options.spacing)?;
@@ -139,12 +146,19 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
     let frames = pixels_in(source, &sets, &slices, slice_bytes)?;
     let count = grid.len();
     let what = || samples_in(source);
-    let read = |slice: &Slice| pixels_of(&sets[slice.file], frames[slice.file].as_ref(), slice.frame, &plane, channel);
+    let raw = |slice: &Slice| pixels_of(&sets[slice.file], frames[slice.file].as_ref(), slice.frame, &plane, channel);
+    let read = |slice: &Slice, value: fn(&Slice, i64) -> f64| -> Result<Vec<f64>> {
+        let near = raw(slice)?.into_iter().map(|raw| value(slice, raw));
+        Ok(match &slice.behind {
+            None => near.collect(),
+            Some((next, share)) => near.zip(raw(next)?).map(|(a, b)| a + (value(next, b) - a) * share).collect(),
+        })
+    };
     macro_rules! whole {
         ($variant:ident $t:ty) => {{
             let mut all: Vec<$t> = reserved(count, what)?;
             for slice in &slices {
-                all.extend(read(slice)?.into_iter().map(|value| value as $t));
+                all.extend(read(slice, |_, raw| raw as f64)?.into_iter().map(|value| value.round() as $t));
             }
             Samples::$variant(all)
         }};
@@ -153,8 +167,8 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
         (false, ..) => {
             let mut all: Vec<f32> = reserved(count, what)?;
             for slice in &slices {
-                let value = |raw: i64| (slice.slope * raw as f64 + slice.intercept) as f32;
-                all.extend(read(slice)?.into_iter().map(value));
+                let values = read(slice, |of, raw| of.slope * raw as f64 + of.intercept)?;
+                all.extend(values.into_iter().map(|value| value as f32));
             }
             Samples::F32(all)
         }
@@ -294,7 +308,7 @@ fn sorted(source: &Path, sets: &[Dataset], plane: &Plane) -> Result<Vec<Slice>> 
             if slices.len() > usize::from(u16::MAX) {
                 return Err(Error::format(source, "has over 65535 slices"));
             }
-            slices.push(Slice { file, frame, position, slope, intercept });
+            slices.push(Slice { file, frame, position, slope, intercept, behind: None });
         }
     }
     slices.sort_by(|a, b| a.position.dot(normal).total_cmp(&b.position.dot(normal)));
@@ -308,6 +322,64 @@ const APART: f64 = 1e-4;
 fn name_of(sets: &[Dataset], slice: &Slice) -> String {
     let file = sets.get(slice.file).and_then(|set| set.path.file_name()).unwrap_or_default();
     file.to_string_lossy().into_owned()
+}
+
+/// The number of slices that a gap lacks, where slices are usually so far apart.
+fn missing_in(gap: f64, usual: f64) -> u64 {
+    let times = (gap / usual).round();
+    if times >= 2.0 && (gap / usual - times).abs() < 0.05 { times as u64 - 1 } else { 0 }
+}
+
+/// What is said of the slices that are missing between two, if any are.
+fn missing(sets: &[Dataset], pair: &[Slice], normal: DVec3, usual: f64) -> Option<String> {
+    let [before, after] = pair else { return None };
+    let way = after.position - before.position;
+    let count = missing_in(way.dot(normal), usual);
+    let place = |n: u64| {
+        let position = before.position + way * (n as f64 / (count + 1) as f64);
+        position.to_array().map(readable).join(",")
+    };
+    let (are, at) = match count {
+        0 => return None,
+        1 => ("slice is", format!("at {}", place(1))),
+        _ => ("slices are", format!("from {} to {}", place(1), place(count))),
+    };
+    let [before, after] = [before, after].map(|slice| name_of(sets, slice));
+    Some(format!("{count} {are} missing between {before} and {after}, {at}"))
+}
+
+/// The slices with those that are missing between them, which are interpolated; `notes` says so.
+fn completed(
+    source: &Path,
+    sets: &[Dataset],
+    slices: Vec<Slice>,
+    plane: &Plane,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Slice>> {
+    let normal = plane.directions[0].cross(plane.directions[1]);
+    let gap = |pair: &[Slice]| (pair[1].position - pair[0].position).dot(normal);
+    let mut gaps: Vec<f64> = slices.windows(2).map(gap).collect();
+    gaps.sort_by(f64::total_cmp);
+    let Some(&usual) = gaps.get(gaps.len() / 2).filter(|usual| **usual >= APART) else { return Ok(slices) };
+    let lacking =
+        slices.windows(2).map(|pair| missing_in(gap(pair), usual)).fold(slices.len() as u64, u64::saturating_add);
+    if lacking > u64::from(u16::MAX) {
+        return Err(Error::format(source, "has over 65535 slices with those that are missing"));
+    }
+    let mut all = Vec::new();
+    for pair in slices.windows(2) {
+        let [before, after] = pair else { continue };
+        all.push(before.clone());
+        let count = missing_in(gap(pair), usual);
+        all.extend((1..=count).map(|n| {
+            let share = n as f64 / (count + 1) as f64;
+            let position = before.position.lerp(after.position, share);
+            Slice { position, behind: Some((Box::new(after.clone()), share)), ..before.clone() }
+        }));
+        notes.extend(missing(sets, pair, normal, usual).map(|said| said + ": interpolated between their neighbours"));
+    }
+    all.extend(slices.last().cloned());
+    Ok(all)
 }
 
 /// The position of the lattice, if the slices are the same distance apart.
@@ -333,11 +405,11 @@ fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> R
         gaps.sort_by(f64::total_cmp);
         let usual = gaps[gaps.len() / 2];
         for (pair, gap) in slices.windows(2).zip(all) {
-            let (times, between) = ((gap / usual).round(), format!("{} and {}", name(&pair[0]), name(&pair[1])));
-            if times >= 2.0 && (gap / usual - times).abs() < 0.05 {
-                let are = if times == 2.0 { "slice is" } else { "slices are" };
-                let reason = format!("{} {are} missing between {between}", times - 1.0);
-                return Err(Error::format(source, reason));
+            let between = format!("{} and {}", name(&pair[0]), name(&pair[1]));
+            if missing_in(gap, usual) > 0 {
+                let all = slices.windows(2).filter_map(|pair| missing(sets, pair, normal, usual));
+                let reason = all.collect::<Vec<String>>().join("; ");
+                return Err(hinted(Error::format(source, reason), Hint::InterpolateSlices));
             }
             if (gap / usual - 1.0).abs() > 0.02 {
                 let reason = format!("slices are unequally spaced: {gap:.4} between {between}, {usual:.4} elsewhere");
@@ -366,7 +438,7 @@ fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], slice_bytes: usi
         return Err(Error::format(source, "has no slices"));
     }
     let mut frames_of = vec![0_usize; sets.len()];
-    slices.iter().for_each(|slice| frames_of[slice.file] += 1);
+    slices.iter().filter(|slice| slice.behind.is_none()).for_each(|slice| frames_of[slice.file] += 1);
     let frames = |(set, frames): (&Dataset, usize)| {
         let refused = |reason: String| Err(Error::format(&set.path, reason));
         match (syntax_of(&set.syntax), set.pixels) {

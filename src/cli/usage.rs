@@ -1,0 +1,256 @@
+//! Wrong command lines in one line: what is wrong, with our option for a word of another program.
+
+use std::ffi::OsString;
+use std::path::Path;
+
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{Command, CommandFactory};
+
+use super::args::Args;
+use super::destination::STREAM;
+
+/// Words of other programs for options of this one: VTK and ParaView, 3D Slicer, niivue, MRIcroGL, napari, Blender,
+/// ffmpeg and ImageMagick. A word whose option the command lacks gets no tip.
+const FOREIGN: [(&[&str], &str); 27] = [
+    (
+        &[
+            "preset",
+            "tf",
+            "transfer-function",
+            "opacity-transfer-function",
+            "lut",
+            "opacity",
+            "color-transfer-function",
+        ],
+        "--transfer takes presets and files",
+    ),
+    (
+        &["colormap", "colourmap", "cmap", "palette", "clut", "color-preset", "colorscale", "colors"],
+        "--colour-map NAME colours values",
+    ),
+    (
+        &["threshold", "iso", "isovalue", "isosurface", "contour", "cal-min", "cal-max", "clim", "range", "min", "max"],
+        "--window LEVEL,WIDTH says which values show",
+    ),
+    (&["level-width", "ww", "wl", "wc", "contrast", "contrast-limits", "brightness"], "--window LEVEL,WIDTH"),
+    (
+        &["slice", "slices", "slab", "cut", "cutplane", "clip-plane-depth", "section", "slice-type", "mosaic"],
+        "there are no slices; --clip, --clip-box and --crop cut the volume",
+    ),
+    (&["roi", "bounds", "extract", "subset", "voi"], "--crop I0:I1,J0:J1,K0:K1 cuts by voxels"),
+    (
+        &["view", "camera", "camera-position", "rotate", "rotation", "rotate-camera", "orientation", "angle", "side"],
+        "--azimuth and --elevation turn the view, --direction X,Y,Z sets it",
+    ),
+    (&["pitch", "tilt", "elev"], "--elevation DEG raises the eye"),
+    (&["yaw", "azi", "azim", "heading"], "--azimuth DEG turns the eye"),
+    (&["view-up", "viewup", "up-vector"], "--up X,Y,Z"),
+    (&["focal-point", "center", "centre", "look-at", "lookat", "focus"], "--target X,Y,Z is the middle of the picture"),
+    (&["parallel", "parallel-projection", "ortho", "perspective"], "--projection orthographic or perspective"),
+    (&["field-of-view", "view-angle", "focal-length", "lens"], "--fov DEG with --projection perspective"),
+    (&["parallel-scale", "scale", "magnification"], "--zoom F magnifies, --view-height LENGTH sets the world height"),
+    (
+        &["resolution-xy", "width", "height", "image-size", "image-resolution", "geometry", "pixels", "window-size"],
+        "--size WxH, in pixels",
+    ),
+    (&["bg", "background-colour", "back-color", "bgcolor", "clear-color"], "--background COLOUR"),
+    (&["out", "save", "save-bmp", "savebmp", "screenshot", "file", "filename", "o"], "-o FILE is the picture"),
+    (
+        &["blend", "blend-mode", "render-mode", "rendering", "mode", "volume-mapper", "technique", "projection-mode"],
+        "--model composite, xray, mip, minip or average",
+    ),
+    (&["mip", "maximum", "maximum-intensity", "max-intensity"], "--model mip"),
+    (&["shade", "shader", "lighting", "illumination", "headlight"], "--light studio, headlight, AZ,EL or @X,Y,Z"),
+    (&["ambient", "diffuse", "specular", "specular-power", "shininess"], "--material A,D,S,N of lit surfaces"),
+    (&["ambient-occlusion", "ao", "ssao"], "--occlusion RADIUS"),
+    (&["sample-distance", "step", "step-size", "samples", "quality", "lod"], "--max-error E sets the accuracy"),
+    (&["interpolation", "interpolate", "filter", "smooth", "linear"], "--kernel and --sharpness reconstruct"),
+    (&["fps", "framerate", "frame-rate", "r"], "--rate N, frames a second"),
+    (&["overlay", "segmentation", "seg", "atlas", "labelmap", "label-map"], "--labels FILE, --mask FILE"),
+    (&["colorbar", "scalar-bar", "scalarbar", "show-colorbar"], "--colour-bar"),
+];
+
+/// The most edits of a word that count as a misspelling.
+fn most_edits(word: &str) -> usize {
+    (word.len() / 4).max(1)
+}
+
+/// Insertions, deletions, replacements and swaps of neighbours that make one word of another.
+fn edits(a: &str, b: &str) -> usize {
+    let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
+    let mut rows = vec![(0..=b.len()).collect::<Vec<usize>>()];
+    for i in 1..=a.len() {
+        let mut row = vec![i];
+        for j in 1..=b.len() {
+            let changed = usize::from(a[i - 1] != b[j - 1]);
+            let mut least = (rows[i - 1][j] + 1).min(row[j - 1] + 1).min(rows[i - 1][j - 1] + changed);
+            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
+                least = least.min(rows[i - 2][j - 2] + 1);
+            }
+            row.push(least);
+        }
+        rows.push(row);
+    }
+    rows[a.len()][b.len()]
+}
+
+/// The option for a word of another program, if the command has all options that the text names.
+fn own_words(command: &Command, word: &str) -> Option<&'static str> {
+    let (_, text) = FOREIGN.iter().find(|(words, _)| words.contains(&word))?;
+    let has = |name: &str| command.get_arguments().any(|arg| arg.get_long() == Some(name));
+    named_in(text).all(has).then_some(*text)
+}
+
+/// The options that a text names.
+fn named_in(text: &str) -> impl Iterator<Item = &str> {
+    text.split([' ', ',', ';']).filter_map(|word| word.strip_prefix("--"))
+}
+
+/// What is wrong with a command line, in one line. `command` is the name of its command.
+pub(super) fn message(error: &clap::Error, command: Option<&str>) -> String {
+    let text = |kind| match error.get(kind) {
+        Some(ContextValue::String(text)) => Some(text.clone()),
+        Some(ContextValue::Strings(texts)) => texts.first().cloned(),
+        _ => None,
+    };
+    let typed = text(ContextKind::InvalidArg).filter(|_| error.kind() == ErrorKind::UnknownArgument);
+    let Some(word) = typed.as_deref().filter(|typed| typed.starts_with('-') && *typed != STREAM) else {
+        return in_one_line(&error.render().to_string());
+    };
+    let word = word.trim_start_matches('-').split('=').next().unwrap_or_default().to_lowercase().replace('_', "-");
+    let mut program = Args::command();
+    program.build();
+    let command = command.and_then(|name| program.find_subcommand(name)).unwrap_or(&program);
+    let suggested = text(ContextKind::SuggestedArg);
+    let near = suggested.filter(|other| {
+        let other = other.trim_start_matches('-').split([' ', '=']).next().unwrap_or_default();
+        edits(&word, other) <= most_edits(&word) || (word.len() > 2 && other.starts_with(&word))
+    });
+    let tip = match (own_words(command, &word), near) {
+        (Some(own), _) => format!(": {own}"),
+        (None, Some(near)) => format!("; tip: a similar argument exists: '{near}'"),
+        (None, None) => String::new(),
+    };
+    format!("unexpected argument '{}' found{tip} (see --help)", typed.unwrap_or_default())
+}
+
+/// A message with options in the spelling that was typed: some have aliases.
+pub(super) fn as_typed(message: &str, words: &[OsString]) -> String {
+    let typed = |name: &str| {
+        let word = |word: &OsString| word.to_string_lossy().split('=').next() == Some(&format!("--{name}"));
+        words.iter().any(word)
+    };
+    let program = Args::command();
+    let aliased = program.get_subcommands().flat_map(Command::get_arguments).filter_map(|arg| {
+        let long = arg.get_long().filter(|long| !typed(long))?;
+        Some((long, arg.get_all_aliases()?.into_iter().find(|alias| typed(alias))?))
+    });
+    aliased.fold(message.to_owned(), |message, (long, alias)| {
+        let option = format!("--{long}");
+        let mut parts = message.split(&option);
+        let first = parts.next().unwrap_or_default().to_owned();
+        parts.fold(first, |text, part| {
+            let is_whole = !part.starts_with(|next: char| next == '-' || next.is_alphanumeric());
+            format!("{text}--{}{part}", if is_whole { alias } else { long })
+        })
+    })
+}
+
+/// The error of `clap` in one line: its first paragraph and its tips, without the usage text.
+fn in_one_line(text: &str) -> String {
+    let lines: Vec<&str> = text.lines().map(str::trim).collect();
+    let end = lines.iter().position(|l| l.starts_with("Usage:") || l.starts_with("For more information"));
+    let kept: Vec<&str> = lines[..end.unwrap_or(lines.len())].iter().copied().filter(|l| !l.is_empty()).collect();
+    let message = kept.join("; ").replace(":; ", ": ");
+    format!("{} (see --help)", message.strip_prefix("error: ").unwrap_or(&message))
+}
+
+/// What is wrong with the input of a wrong command line: a volume that is not there. It comes before what is wrong
+/// with the options, so that both are known at once.
+pub(super) fn missing_input(words: &[OsString]) -> Option<String> {
+    let matches = Args::command().ignore_errors(true).try_get_matches_from(words).ok()?;
+    let (name, matches) = matches.subcommand()?;
+    let source = matches.try_get_one::<std::path::PathBuf>("source").ok().flatten()?;
+    let text = source.to_string_lossy();
+    // The value of a misspelt option may be taken for the volume: only what looks like a file is looked for.
+    let is_number = text.split(',').all(|part| part.parse::<f64>().is_ok());
+    let looks_like_file = text.contains(['.', '/', '\\']) && !is_number;
+    let is_there = source.exists() || text.rsplit_once(':').is_some_and(|(file, _)| Path::new(file).exists());
+    if !looks_like_file || is_there || text.starts_with("demo:") || *source == Path::new(STREAM) || name == "compare" {
+        return None;
+    }
+    let reason = std::fs::metadata(source).err()?;
+    Some(format!("cannot read {text}: {reason}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn said(line: &str) -> String {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let error = Args::command().try_get_matches_from(&words).unwrap_err();
+        message(&error, Some(words[1]))
+    }
+
+    #[test]
+    fn words_of_other_programs_lead_to_options_that_exist() {
+        let mut program = Args::command();
+        program.build();
+        let turntable = program.find_subcommand("turntable").unwrap();
+        let has = |name: &str| {
+            turntable
+                .get_arguments()
+                .any(|arg| arg.get_long() == Some(name) || arg.get_all_aliases().is_some_and(|all| all.contains(&name)))
+        };
+        let mut seen = Vec::new();
+        for (words, text) in FOREIGN {
+            for word in words {
+                assert!(!has(word), "--{word} is an option");
+                assert!(!seen.contains(word), "{word} is there twice");
+                seen.push(word);
+                assert!(said(&format!("voxsplat turntable a.nii --{word}")).contains(text), "{word}");
+            }
+            assert!(named_in(text).all(has), "{text}");
+        }
+    }
+
+    #[test]
+    fn tips_are_for_misspellings() {
+        for (line, tip) in [
+            ("render a --azimut 3", Some("'--azimuth'")),
+            ("render a --elevaton 3", Some("'--elevation'")),
+            ("render a --projecton 3", Some("'--projection'")),
+            ("render a --sahdows on", Some("'--shadows'")),
+            ("render a --slcie", None),
+            ("render a --wobble", None),
+            ("render a --frobnicate=3", None),
+            ("info a --preset ct-bone", None),
+        ] {
+            let said = said(&format!("voxsplat {line}"));
+            assert_eq!(said.contains("tip:"), tip.is_some(), "{line}: {said}");
+            assert!(tip.is_none_or(|tip| said.contains(tip)) && !said.contains("-- --"), "{line}: {said}");
+        }
+    }
+
+    #[test]
+    fn options_are_named_as_they_were_typed() {
+        let words = ["render", "--color-bar", "--clip-plane=R"].map(OsString::from);
+        for (message, spelled) in [
+            ("--colour-bar: none", "--color-bar: none"),
+            ("--clip-box and --clip R, --colour-map", "--clip-box and --clip-plane R, --colour-map"),
+            ("--up: 0", "--up: 0"),
+        ] {
+            assert_eq!(as_typed(message, &words), spelled);
+            assert_eq!(as_typed(message, &[]), message);
+        }
+    }
+
+    #[test]
+    fn edits_are_counted() {
+        for (a, b, count) in [("azimut", "azimuth", 1), ("sahdows", "shadows", 1), ("slice", "size", 2), ("", "ab", 2)]
+        {
+            assert_eq!(edits(a, b), count, "{a} {b}");
+        }
+    }
+}

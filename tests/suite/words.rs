@@ -1,0 +1,257 @@
+//! What the program says: of options without effect, of wrong command lines, of numbers.
+
+use std::path::Path;
+
+use serde_json::{Map, Value, json};
+use voxsplat::Volume;
+use voxsplat::formats::{LoadOptions, MissingSlices, load};
+use voxsplat::image::Image;
+
+use crate::cli::{complaint, folder, refused, stdout, voxsplat};
+
+/// The notes of a run, without the driver's lines.
+fn notes(dir: &Path, line: &str) -> Vec<String> {
+    let stderr = String::from_utf8(voxsplat(dir, line).stderr).unwrap();
+    stderr.lines().filter_map(|line| line.strip_prefix("voxsplat: note: ")).map(str::to_owned).collect()
+}
+
+/// A scene of the options of a command line.
+fn scene(options: &str) -> String {
+    let mut scene = Map::from_iter([("volume".to_owned(), json!("a.nrrd"))]);
+    let words: Vec<&str> = options.split_whitespace().collect();
+    for (at, name) in words.iter().enumerate().filter(|(_, word)| word.starts_with("--")) {
+        let value = words.get(at + 1).filter(|word| !word.starts_with("--"));
+        scene.insert(name[2..].to_owned(), value.map_or(Value::Bool(true), |value| json!(value)));
+    }
+    Value::Object(scene).to_string()
+}
+
+#[test]
+fn options_without_effect_are_noted_on_command_lines_and_in_scenes() {
+    // The volume is none, so nothing is drawn; notes come before it is read.
+    let dir = folder();
+    std::fs::write(dir.path().join("a.nrrd"), "no volume").unwrap();
+    for (options, option) in [
+        ("--output a.png --margin 0.1 --view-height 5", "margin"),
+        ("--output a.png --margin 0.1 --projection perspective --distance 5", "margin"),
+        ("--output a.png --frame view --view-height 5 --target 1,2,3", "frame"),
+        ("--output a.png --interslice mean", "interslice"),
+        ("--output a.png --model mip --interslice mean", "interslice"),
+        ("--output a.png --model mip --shading post", "shading"),
+        ("--output a.png --model average --shading post", "shading"),
+        ("--output a.png --model mip --termination 0.01", "termination"),
+        ("--output a.png --model xray --termination 0.01", "termination"),
+        ("--output a.png --reference --termination 0.01", "termination"),
+        ("--output a.png --reference --painter quads", "painter"),
+        ("--output a.png --reference --adapter any", "adapter"),
+        ("--output a.png --model xray --sheet-thickness 2", "sheet-thickness"),
+        ("--output a.png --resolution full --shading post", "resolution"),
+        ("--output a.png --light off --gradient-floor 3", "gradient-floor"),
+        ("--output a.exr --background white", "background"),
+        ("--output a.png --series 2", "series"),
+        ("--output a.png --missing-slices interpolate", "missing-slices"),
+        ("--output a.png --sample 100", "sample"),
+    ] {
+        let expected = format!("--{option} has no effect ");
+        let said = notes(dir.path(), &format!("render a.nrrd {options}"));
+        assert!(matches!(&said[..], [note] if note.starts_with(&expected)), "{options}: {said:?}");
+        assert!(notes(dir.path(), &format!("render --quiet a.nrrd {options}")).is_empty(), "{options}");
+        std::fs::write(dir.path().join("s.json"), scene(options)).unwrap();
+        assert_eq!(notes(dir.path(), "render s.json"), said, "{options}");
+    }
+    let frames = notes(dir.path(), "turntable a.nrrd -o {frame}.png --rate 3");
+    assert!(frames[0].starts_with("--rate has no effect "), "{frames:?}");
+    let study = notes(dir.path(), "pareto a.nrrd -o report --margin 0.1 --view-height 3");
+    assert!(study[0].starts_with("--margin has no effect "), "{study:?}");
+    for options in [
+        "--margin 0.1",
+        "--termination 0.01",
+        "--sample 100 --verify",
+        "--interslice mean --shading post",
+        "--background white --output b.png",
+        "--sheet-thickness 2",
+    ] {
+        assert!(notes(dir.path(), &format!("render a.nrrd --output a.png {options}")).is_empty(), "{options}");
+    }
+    let described = notes(dir.path(), "info a.nrrd --series 2");
+    assert!(described[0].starts_with("--series has no effect "), "{described:?}");
+    // Whether there is a pyramid is known when the volume is read.
+    let said = notes(dir.path(), "render demo:sphere:8 -o a.png --size 8 --reference --pyramid 2");
+    assert_eq!(said, ["--pyramid has no effect because the volume has one level"]);
+    assert_eq!(notes(dir.path(), "info demo:sphere:8 --pyramid 2"), said);
+}
+
+#[test]
+fn options_that_are_noted_change_no_pixel() {
+    let dir = folder();
+    let drawn = |options: &str| {
+        let line =
+            format!("render demo:vessels:16 --size 32 -o a.png {options} --adapter {}", crate::adapter::adapter());
+        let output = voxsplat(dir.path(), &line);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{options}: {said}");
+        (Image::load(dir.path().join("a.png")).unwrap(), said.matches(" has no effect ").count())
+    };
+    for (base, option) in [
+        ("--view-height 12", "--margin 0.3"),
+        ("--projection perspective --distance 30", "--margin 0.3"),
+        ("--view-height 12 --target 7,7,7", "--frame view"),
+        ("", "--interslice mean"),
+        ("--model mip", "--interslice mean"),
+        ("--model minip --painter tiles", "--termination 0.5"),
+        ("--model minip --painter quads", "--termination 0.5"),
+        ("--model xray --painter tiles", "--termination 0.5"),
+        ("--model xray --painter quads", "--termination 0.5"),
+        ("--model average", "--shading post"),
+        ("--model xray --painter quads", "--sheet-thickness 0.3"),
+        ("--model xray --painter quads", "--sheets-per-pass 1"),
+        ("--painter tiles --shading post", "--resolution full"),
+        ("--model mip --painter tiles", "--resolution full"),
+        ("--light off", "--gradient-floor 3"),
+        ("", "--sample 100"),
+    ] {
+        let (without, with) = (drawn(base), drawn(&format!("{base} {option}")));
+        assert_eq!((without.1, with.1), (0, 1), "{base} {option}");
+        assert!(without.0 == with.0, "{base} {option}");
+    }
+    assert!(drawn("--shading post").0 != drawn("--shading post --interslice mean").0);
+}
+
+#[test]
+fn contradictions_are_refused_all_at_once() {
+    for (options, reasons) in [
+        ("--model mip --shading pre", &["--shading pre: projections of intensity"][..]),
+        ("--projection perspective --fov 30 --view-height 5 --distance 9", &["--fov: --view-height and --distance"]),
+        ("--shadows on --material 0,1,0,1", &["--shadows needs a --light", "--material needs a --light"]),
+        ("--painter tiles --sheets axis --precision f16", &["--sheets is an option of quads", "--precision is an"]),
+        ("--painter quads --resolution full", &["--resolution is an option of tiles"]),
+        ("--label 1:on --window 1,2 --transfer gray --label-opacity 0.5", &["--label needs", "--label-opacity needs"]),
+        ("--light @1,2,3 --shadows on --light-size 5", &["--light-size: a light at a place is a point"]),
+        ("--light 10,20 --light-size 5", &["--light-size shows in shadows alone"]),
+        ("--light headlight --shadow-bias 2", &["--shadow-bias shows in shadows and occlusion alone"]),
+    ] {
+        for reason in reasons {
+            refused(&format!("render demo:sphere -o a.png {options}"), 2, reason);
+        }
+    }
+}
+
+#[test]
+fn errors_of_a_command_line_come_together_and_name_what_was_typed() {
+    for (line, parts) in [
+        ("render scna.nii.gz", &["cannot read scna.nii.gz: ", "--output FILE is missing"][..]),
+        ("render scna.nii.gz --azimut 3", &["cannot read scna.nii.gz: ", "'--azimuth'"]),
+        ("render scna.nii.gz -o a.png --azimuth left", &["cannot read scna.nii.gz: ", "expected a finite number"]),
+        ("turntable scna.nii.gz", &["cannot read scna.nii.gz: ", "--output is missing"]),
+        ("render a.nii --threshold 200", &["'--threshold' found: --window LEVEL,WIDTH says"]),
+        ("render a.nii --slice 3", &["'--slice' found: there are no slices; --clip"]),
+        ("render demo:sphere:8 -o a.png --crop 0:9,:,:", &["--crop: voxels 0:9 along x"]),
+        ("render demo:sphere:8 -o a.png --labels demo:sphere:8 --label-opacity 2", &["--label-opacity: opacity 2"]),
+        ("render demo:sphere:8 -o a.png --transfer labels --color-bar", &["--color-bar is for transfer functions"]),
+        ("render -q demo:sphere:8 -o a.png --mask demo:marschner-lobb", &["--mask: value "]),
+        ("turntable demo:sphere:8 -o x.mp4", &["voxsplat turntable demo:sphere:8 -o - | ffmpeg -i - ", " x.mp4"]),
+    ] {
+        for part in parts {
+            refused(line, 2, part);
+        }
+    }
+    let dir = folder();
+    let said = complaint(&voxsplat(dir.path(), "render demo:sphere --wobble"));
+    assert!(!said.contains("tip"), "{said}");
+}
+
+#[test]
+fn numbers_have_few_digits_and_units_that_fit() {
+    let dir = folder();
+    let values = [2.865_797_863_180_417e-31_f64, 0.0, 1e-31, 2e-31].map(f64::to_le_bytes).concat();
+    std::fs::write(dir.path().join("a.raw"), values).unwrap();
+    let text = stdout(&voxsplat(dir.path(), "info a.raw --dims 2,2,1 --type f64"));
+    assert!(text.contains("0 to 2.8658e-31") && !text.contains("0.00000"), "{text}");
+    std::fs::write(dir.path().join("b.raw"), [7; 4913]).unwrap();
+    let input = "b.raw --dims 17,17,17 --type u8 --spacing 10,10,10";
+    let text = stdout(&voxsplat(dir.path(), &format!("info {input} --labels")));
+    assert!(text.lines().any(|line| line.ends_with(" 4913000")) && !text.contains("e6"), "{text}");
+}
+
+#[test]
+fn a_turntable_tells_totals_and_keeps_folders_private() {
+    let dir = folder();
+    let input = dir.path().join("private folder").join("ball.nrrd");
+    std::fs::create_dir(input.parent().unwrap()).unwrap();
+    std::fs::write(
+        &input,
+        b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 3 2\nspacings: 1 1 1\nencoding: raw\n\n"
+            .iter()
+            .copied()
+            .chain(0..24)
+            .collect::<Vec<u8>>(),
+    )
+    .unwrap();
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_voxsplat"));
+    command.current_dir(dir.path()).arg("turntable").arg(&input);
+    command.args("--frames 3 --size 128 --reference --transfer gray --stats json --caption Ball -o".split(' '));
+    let output = command.arg(dir.path().join("a.html")).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let totals: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&totals["frames"], &totals["size"]), (&json!(3), &json!([128, 128])));
+    assert!(totals["seconds"].as_f64() >= totals["seconds_per_frame"].as_f64());
+    let page = std::fs::read_to_string(dir.path().join("a.html")).unwrap();
+    assert!(page.contains("<title>ball.nrrd: Ball</title>"));
+    assert!(page.contains("turntable ball.nrrd ") && page.contains("-o a.html"));
+    assert!(!page.contains("private") && !page.contains(dir.path().to_str().unwrap()));
+    let line = "turntable demo:sphere:8 --frames 2 --size 8 --reference -o {frame}.png --stats";
+    let text = stdout(&voxsplat(dir.path(), line));
+    assert!(text.starts_with("2 frames of 8 x 8 px in ") && text.lines().count() == 1, "{text}");
+    refused("turntable demo:sphere:8 --frames 2 -o - --stats", 2, "--stats: standard output takes the film");
+}
+
+#[test]
+fn missing_slices_are_named_by_their_place_and_interpolated_on_request() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/volumes");
+    let dir = folder();
+    let series = dir.path().join("series");
+    std::fs::create_dir(&series).unwrap();
+    // In the order of their positions: c, e, b, a, d.
+    for name in ["ct-a.dcm", "ct-b.dcm", "ct-c.dcm", "ct-d.dcm", "ct-e.dcm"] {
+        std::fs::copy(data.join(name), series.join(name)).unwrap();
+    }
+    let whole = load(&series, &LoadOptions::default()).unwrap();
+    std::fs::remove_file(series.join("ct-b.dcm")).unwrap();
+    let place = whole.grid().to_world().transform_point3(glam::DVec3::new(0.0, 0.0, 2.0));
+    let said = complaint(&voxsplat(dir.path(), "info series"));
+    let at = said.split(" at ").nth(1).and_then(|rest| rest.split(':').next()).unwrap();
+    let at: Vec<f64> = at.split(',').map(|number| number.parse().unwrap()).collect();
+    assert!(place.distance(glam::DVec3::from_slice(&at)) < 1e-3, "{said} {place}");
+    assert!(said.contains("1 slice is missing between ct-e.dcm and ct-a.dcm, at "), "{said}");
+    assert!(said.ends_with("--missing-slices interpolate goes on"), "{said}");
+    let text = stdout(&voxsplat(dir.path(), "info series --missing-slices interpolate"));
+    assert!(text.contains("note ") && text.contains(": interpolated between their neighbours"), "{text}");
+
+    let options = LoadOptions { missing_slices: MissingSlices::Interpolate, ..LoadOptions::default() };
+    let filled = load(&series, &options).unwrap();
+    assert_eq!(filled.grid().dims(), whole.grid().dims());
+    let [x, y, _] = whole.grid().dims();
+    let area = (x * y) as usize;
+    let slice = |volume: &Volume, k: usize| -> Vec<f64> {
+        let samples = volume.in_memory().unwrap();
+        (k * area..(k + 1) * area).map(|index| samples.value(index)).collect()
+    };
+    for k in [0, 1, 3, 4] {
+        assert_eq!(slice(&filled, k), slice(&whole, k), "{k}");
+    }
+    let [before, here, after] = [1, 2, 3].map(|k| slice(&filled, k));
+    let near = |n: usize| (here[n] - (before[n] + after[n]) / 2.0).abs() <= 0.5;
+    assert!((0..area).all(near) && here != before && here != after);
+}
+
+#[test]
+fn an_empty_picture_has_no_error_to_verify() {
+    let dir = folder();
+    std::fs::write(dir.path().join("a.raw"), (0..64).collect::<Vec<u8>>()).unwrap();
+    let clear = json!({"points": [{"value": 0, "color": "#ffffff", "opacity": 0}]});
+    std::fs::write(dir.path().join("t.json"), clear.to_string()).unwrap();
+    let line = "render a.raw --dims 4,4,4 --type u8 -o a.png --size 8 --transfer t.json --verify --adapter";
+    let output = voxsplat(dir.path(), &format!("{line} {}", crate::adapter::adapter()));
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("verified: no traced pixel shows anything") && !said.contains("-0.0"), "{said}");
+}
