@@ -9,6 +9,7 @@ mod clip;
 mod compare;
 mod destination;
 mod devices;
+mod files;
 mod histogram;
 mod info;
 mod job;
@@ -126,6 +127,15 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
     signals::watch();
     if args.quiet {
         output::be_quiet();
+    }
+    let mut program = args::Args::command();
+    program.build();
+    if let Some((name, matches)) = matches.subcommand()
+        && let Some(command) = program.find_subcommand(name)
+    {
+        let mut files = files::Files::default();
+        files.add(command, matches);
+        files.check()?;
     }
     // What was given is told apart from defaults by the matches of the command itself.
     let matches = matches.subcommand().map_or(matches, |(_, matches)| matches);
