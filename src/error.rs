@@ -153,6 +153,11 @@ impl Error {
         Self::Format { path: path.to_owned(), reason: reason.into(), hint: None }
     }
 
+    /// Whether a way to draw is refused, and another way may still succeed.
+    pub(crate) fn refuses_settings(&self) -> bool {
+        matches!(self, Self::Setting { .. } | Self::Unsupported { .. } | Self::Memory { .. } | Self::OutOfMemory(_))
+    }
+
     /// What the caller can do about it, if the library knows a way out that its message does not state.
     #[must_use]
     pub fn hint(&self) -> Option<Hint> {

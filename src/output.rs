@@ -58,10 +58,11 @@ pub(crate) fn check_writable(path: &Path) -> Result<()> {
         Err(e) if e.kind() != io::ErrorKind::NotFound => return failed(e),
         _ => {}
     }
-    match tempfile::tempfile_in(&directory) {
-        Ok(_) => Ok(()),
-        Err(e) => failed(e),
+    #[cfg(target_os = "linux")]
+    if unnamed(&directory).is_some() {
+        return Ok(());
     }
+    named(&directory).map_or_else(failed, |_| Ok(()))
 }
 
 /// The temporary names of files that are being written. The lock is held while a name is made or given up, so whoever
@@ -110,7 +111,7 @@ impl Unfinished {
     /// Writes a file under a temporary name and renames it when it is complete.
     fn write_named(&self, target: &Path, write: &impl Fn(&mut File) -> io::Result<()>) -> io::Result<()> {
         let mut file = self.with(|names| {
-            let file = temporary().tempfile_in(directory_of(target))?;
+            let file = named(&directory_of(target))?;
             names.push(file.path().to_owned());
             Ok(file)
         })?;
@@ -144,10 +145,13 @@ impl Unfinished {
 fn temporary() -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(".voxsplat-");
-    // Temporary files are private by default; an output gets the permissions of the user's umask.
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     builder
+}
+
+/// A file under a temporary name, with the permissions of the user's umask. Its error does not state that name.
+fn named(directory: &Path) -> io::Result<tempfile::NamedTempFile> {
+    let create = |path: &Path| File::options().read(true).write(true).create_new(true).open(path);
+    temporary().make_in(directory, create)
 }
 
 /// A file in `directory` without a name, which vanishes with the process; `None` if the system has none.

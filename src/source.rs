@@ -53,6 +53,16 @@ pub(crate) fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// Reads the text of a regular file, or of standard input if `path` is `-` or leads there. Pipes, devices and
+/// directories are refused without waiting.
+///
+/// # Errors
+/// [`Error::Read`] if the file cannot be read; [`Error::Format`] if it is not a regular file, has more than `most`
+/// bytes, or is not UTF-8.
+pub fn read_text(path: &Path, most: u64) -> Result<String> {
+    String::from_utf8(read(path, most)?).map_err(|e| Error::format(path, format!("is no text: {}", e.utf8_error())))
+}
+
 fn not_regular(path: &Path, meta: &Metadata) -> Error {
     let kind = if meta.is_dir() { "directory" } else { special(meta) };
     Error::format(path, format!("is a {kind}, expected a regular file"))

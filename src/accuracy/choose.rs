@@ -142,14 +142,24 @@ impl Search<'_> {
         Ok(trial)
     }
 
+    /// Draws in another way, which becomes the last. A way that cannot be drawn is skipped.
+    fn attempt(&mut self, settings: &Settings, last: &mut Trial) -> Result<()> {
+        match self.draw(settings) {
+            Err(error) if error.refuses_settings() => Ok(()),
+            drawn => drawn.map(|trial| *last = trial),
+        }
+    }
+
     /// Tries cells coarser than the picture resolves: cheaper ways than one that keeps the bound.
     fn coarser(&mut self, base: &Settings, first: &Trial) -> Result<()> {
         let coarse = self.bound >= LEAST_OF_CELLS && first.splats >= MANY_SPLATS && base.level == Level::Auto;
         let one_eye = base.is_post_shaded() && self.camera.eye().is_some();
         if coarse && !one_eye && self.scene.has_cells() {
             for level in first.level + 1..=(first.level + COARSER).min(MAX_LEVEL) {
-                if !self.draw(&Settings { level: Level::At(level), ..base.clone() })?.keeps {
-                    break;
+                match self.draw(&Settings { level: Level::At(level), ..base.clone() }) {
+                    Ok(trial) if trial.keeps => {}
+                    Err(error) if !error.refuses_settings() => return Err(error),
+                    _ => break,
                 }
             }
         }
@@ -163,13 +173,13 @@ impl Search<'_> {
         let full = Painter::Tiles(TilesSettings { resolution: Resolution::Full });
         let shares_rays = last.by_tiles && chosen_for == Painter::Auto && !base.is_post_shaded();
         if shares_rays {
-            last = self.draw(&Settings { painter: full, ..base.clone() })?;
+            self.attempt(&Settings { painter: full, ..base.clone() }, &mut last)?;
         }
         if !last.keeps && level > 0 && base.level == Level::Auto {
             base.level = Level::At(0);
-            last = self.draw(&base)?;
+            self.attempt(&base, &mut last)?;
             if !last.keeps && shares_rays {
-                last = self.draw(&Settings { painter: full, ..base.clone() })?;
+                self.attempt(&Settings { painter: full, ..base.clone() }, &mut last)?;
             }
         }
         let knobs = base.quads();
@@ -191,7 +201,7 @@ impl Search<'_> {
                 break;
             }
             let painter = Painter::Quads(QuadsSettings { sheet_thickness: thickness, ..knobs });
-            last = self.draw(&Settings { painter, ..base.clone() })?;
+            self.attempt(&Settings { painter, ..base.clone() }, &mut last)?;
             if last.keeps {
                 break;
             }

@@ -9,6 +9,7 @@ use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Image, Region};
 use voxsplat::layers::Layers;
 use voxsplat::lighting::{Light, Lighting, Source};
+use voxsplat::report::check_file;
 use voxsplat::settings::{Model, Painter, QuadsSettings, Response, Settings, TilesSettings};
 use voxsplat::transfer::maps::{self, ColorMap};
 use voxsplat::transfer::presets::{self, Preset};
@@ -201,7 +202,9 @@ impl RenderJob {
             ));
         }
         if let Some(path) = &args.save_transfer {
-            TransferFunction::check_output(path).map_err(|e| Failure::Usage(format!("--save-transfer: {e}")))?;
+            TransferFunction::check_output(path)
+                .and_then(|()| check_file(path))
+                .map_err(|e| Failure::Usage(format!("--save-transfer: {e:#}")))?;
         }
         let [width, height] = args.size;
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });

@@ -10,6 +10,7 @@ mod compare;
 mod destination;
 mod devices;
 mod effects;
+mod files;
 mod histogram;
 mod info;
 mod job;
@@ -137,6 +138,15 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
     signals::watch();
     if args.quiet {
         output::be_quiet();
+    }
+    let mut program = args::Args::command();
+    program.build();
+    if let Some((name, matches)) = matches.subcommand()
+        && let Some(command) = program.find_subcommand(name)
+    {
+        let mut files = files::Files::default();
+        files.add(command, matches);
+        files.check()?;
     }
     // What was given is told apart from defaults by the matches of the command itself.
     let (name, matches) = matches.subcommand().unwrap_or(("", matches));

@@ -10,11 +10,13 @@ use clap::builder::ValueHint;
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory, FromArgMatches};
 use serde_json::{Map, Value};
-use voxsplat::report::write_file;
+use voxsplat::formats::read_text;
+use voxsplat::report::{check_file, write_file};
 use voxsplat::transfer::TransferFunction;
 
 use super::args::{Args, RenderArgs};
 use super::destination::STREAM;
+use super::files::Files;
 use super::job::{RenderJob, TransferChoice};
 use super::layers::LABELS;
 use super::render::Fitted;
@@ -59,8 +61,7 @@ pub(super) fn jobs(
     let mut program = Args::command();
     program.build();
     let Some(command) = program.find_subcommand("render") else { return Ok(Vec::new()) };
-    let is_scene = args.input.source.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
-    if !is_scene || args.input.dims.is_some() {
+    if !is_scene(&args.input.source) || args.input.dims.is_some() {
         let notes = effects::noted(name, vec![matches])?;
         let job = with_scene(args, given(command, matches), &job)?;
         notes.iter().for_each(|note| output::say(note));
@@ -71,15 +72,19 @@ pub(super) fn jobs(
         Failure::Usage(reason) => Failure::Usage(format!("{}: {reason}", path.display())),
         Failure::Failed(reason) => Failure::Failed(format!("{}: {reason}", path.display())),
     };
-    let lines = read(path, command, &given(command, matches)).map_err(in_scene)?;
+    let lines = read(path, &read_text(path, MAX_BYTES)?, command, &given(command, matches)).map_err(in_scene)?;
     if lines.len() > 1 && args.save_scene.is_some() {
         return Err(Failure::Usage("--save-scene: a scene of several outputs is there already".to_owned()));
     }
     let mut notes: Vec<String> = Vec::new();
+    let mut files = Files::default();
+    // The outputs of the command line are in the lines too.
+    files.add_inputs(command, matches);
     let mut parsed = |words: &Vec<OsString>| {
         let failed = |e: clap::Error| Failure::Usage(usage::message(&e, Some("render")));
         let whole = Args::command().try_get_matches_from(words).map_err(failed)?;
         let of_scene = whole.subcommand_matches("render").unwrap_or(matches);
+        files.add(command, of_scene);
         for note in effects::noted(name, vec![of_scene, matches])? {
             if !notes.contains(&note) {
                 notes.push(note);
@@ -93,8 +98,14 @@ pub(super) fn jobs(
     };
     let jobs =
         lines.iter().map(|words| parsed(words).map_err(in_scene)).collect::<Result<Vec<RenderJob>, Failure>>()?;
+    files.check()?;
     notes.iter().for_each(|note| output::say(note));
     Ok(jobs)
+}
+
+/// Whether a path names a scene, not a volume.
+fn is_scene(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"))
 }
 
 /// A job with the scene that it is to write.
@@ -103,7 +114,7 @@ fn with_scene(
     options: Vec<Given>,
     job: &impl Fn(RenderArgs) -> Result<RenderJob, Failure>,
 ) -> Result<RenderJob, Failure> {
-    let scene = args.save_scene.clone().map(|path| SceneFile { path, options });
+    let scene = args.save_scene.clone().map(|path| SceneFile::new(path, options)).transpose()?;
     if scene.is_some() && args.input.source == Path::new(STREAM) {
         return Err(Failure::Usage("--save-scene: standard input cannot be named in a file".to_owned()));
     }
@@ -140,15 +151,10 @@ fn overlaid(command: &Command, base: &[Given], over: &[Given]) -> Vec<Given> {
 }
 
 /// The command lines of a scene, with options that replace its own.
-fn read(path: &Path, command: &Command, over: &[Given]) -> Result<Vec<Vec<OsString>>, Failure> {
+fn read(path: &Path, text: &str, command: &Command, over: &[Given]) -> Result<Vec<Vec<OsString>>, Failure> {
     let failed = Failure::Failed;
-    let length = std::fs::metadata(path).map_err(|e| failed(e.to_string()))?.len();
-    if length > MAX_BYTES {
-        return Err(failed(format!("is too large: expected at most {MAX_BYTES} bytes")));
-    }
-    let text = std::fs::read_to_string(path).map_err(|e| failed(e.to_string()))?;
     let mut scene: Map<String, Value> =
-        serde_json::from_str(&text).map_err(|e| failed(format!("no scene, which is a JSON object: {e}")))?;
+        serde_json::from_str(text).map_err(|e| failed(format!("no scene, which is a JSON object: {e}")))?;
     let folder = path.parent().unwrap_or(Path::new(""));
     scene.remove(VERSION);
     let volume = match scene.remove(VOLUME) {
@@ -217,6 +223,7 @@ fn words(command: &Command, folder: &Path, key: &str, value: &Value) -> Result<O
         Value::Bool(on) if is_flag => return Ok(on.then_some((name, Vec::new()))),
         _ if is_flag => return Err(fault("true or false")),
         Value::Object(_) if name == OF_TRANSFER[0] => vec![value.to_string()],
+        Value::Array(values) if values.is_empty() => return Err(fault("one value or more")),
         Value::Array(values) => {
             let words = values.iter().map(word).collect::<Result<Vec<_>, _>>()?;
             let repeats = arg.is_some_and(|arg| matches!(arg.get_action(), ArgAction::Append));
@@ -242,6 +249,15 @@ fn found(folder: &Path, text: &str, is_path: bool) -> OsString {
 }
 
 impl SceneFile {
+    /// A scene to be written to a file that can be written, and that `render` takes for a scene.
+    fn new(path: PathBuf, options: Vec<Given>) -> Result<Self, Failure> {
+        if !is_scene(&path) {
+            return Err(Failure::Usage(format!("--save-scene: {path:?}, expected a name that ends in .json")));
+        }
+        check_file(&path).map_err(|e| Failure::Usage(format!("--save-scene: {e:#}")))?;
+        Ok(Self { path, options })
+    }
+
     /// Writes the scene of a job whose transfer function has been found.
     pub(super) fn save(&self, job: &RenderJob, fitted: &Fitted) -> Result<(), Failure> {
         let folder = self.path.parent().unwrap_or(Path::new(""));

@@ -11,7 +11,7 @@ use clap::ArgMatches;
 use serde::{Deserialize, Serialize};
 use voxsplat::camera::View;
 use voxsplat::film::{Film, FilmFile, Format};
-use voxsplat::formats::TimeSeries;
+use voxsplat::formats::{TimeSeries, read_text};
 use voxsplat::image::{Image, Note};
 
 use super::args::{FrameArg, RenderArgs, TurntableArgs};
@@ -213,10 +213,13 @@ impl TurntableJob {
     }
 }
 
+/// The largest file of key frames, in bytes.
+const MAX_KEY_FRAMES: u64 = 64 << 20;
+
 /// The key frames of a file, in the order of frames.
 fn read_key_frames(path: &Path) -> Result<Vec<KeyFrame>, Failure> {
     let failed = |e: String| Failure::Failed(format!("{}: {e}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|e| failed(e.to_string()))?;
+    let text = read_text(path, MAX_KEY_FRAMES)?;
     let mut keys: Vec<KeyFrame> = serde_json::from_str(&text).map_err(|e| failed(e.to_string()))?;
     keys.sort_by_key(|key| key.frame);
     Ok(keys)
@@ -336,8 +339,9 @@ pub(super) fn run(job: TurntableJob) -> Result<(), Failure> {
         let made = make(&mut session, first, &fitted, (&views, &wanted), series.as_mut(), &sender);
         drop(sender);
         let written = writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-        // If writing failed, that is why no more frames were taken.
-        written.and(made)
+        // If a frame could not be made, that is why frames are missing. A failed write ends `make` without an error.
+        let predicted = made?;
+        written.map(|()| predicted)
     })?;
     done(wanted.len(), predicted)
 }

@@ -33,6 +33,7 @@ use vtk::{image_data, legacy};
 use crate::demos;
 use crate::error::{Error, Hint, Result};
 use crate::names::named;
+pub use crate::source::read_text;
 use crate::volume::{Endian, SampleType, Volume};
 
 /// Which level of a pyramid is read: of a file that holds the same volume at several resolutions.

@@ -6,6 +6,7 @@ use std::path::Path;
 use super::labels::Label;
 use crate::color;
 use crate::error::{Error, Result};
+use crate::source;
 
 /// The largest table that is read, in bytes.
 const MAX_BYTES: u64 = 64 << 20;
@@ -14,12 +15,8 @@ const MAX_BYTES: u64 = 64 << 20;
 type Row = (i64, String, [f64; 3], Option<f64>);
 
 pub(super) fn load(path: &Path) -> Result<BTreeMap<i64, Label>> {
-    let read = |source| Error::Read { path: path.to_owned(), source };
     let fault = |reason: String| Error::Format { path: path.to_owned(), reason, hint: None };
-    if std::fs::metadata(path).map_err(read)?.len() > MAX_BYTES {
-        return Err(fault(format!("a table of labels of over {MAX_BYTES} bytes")));
-    }
-    parse(&std::fs::read_to_string(path).map_err(read)?).map_err(fault)
+    parse(&source::read_text(path, MAX_BYTES)?).map_err(fault)
 }
 
 fn parse(text: &str) -> Result<BTreeMap<i64, Label>, String> {

@@ -378,10 +378,13 @@ impl<T: Real> Caster<T> {
                 }
                 Rays::To(place) => {
                     let [x, y, z] = block.start;
-                    let is_wanted = |&(row, i): &(usize, usize)| block.wanted[row] >> i & 1 != 0;
                     let wanted = (0..block.wanted.len()).flat_map(|row| (0..N).map(move |i| (row, i)));
-                    let wanted: Vec<(usize, usize)> = wanted.filter(is_wanted).collect();
                     let voxel = |&(row, i): &(usize, usize)| [x + i, y + row % block.down, z + row / block.down];
+                    // A block may reach beyond the lattice, where a ray has no planes to pass.
+                    let is_wanted = |at: &(usize, usize)| {
+                        block.wanted[at.0] >> at.1 & 1 != 0 && voxel(at).iter().zip(medium.dims).all(|(p, n)| *p < n)
+                    };
+                    let wanted: Vec<(usize, usize)> = wanted.filter(is_wanted).collect();
                     let voxels: Vec<[usize; 3]> = wanted.iter().map(voxel).collect();
                     for ((row, i), depth) in wanted.into_iter().zip(place.depths(medium, &voxels)) {
                         means[row][i] = share(depth);

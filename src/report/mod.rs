@@ -21,6 +21,14 @@ use std::path::Path;
 
 use crate::error::Result;
 
+/// Refuses a path that [`write_file`] could not write.
+///
+/// # Errors
+/// Those of [`write_file`].
+pub fn check_file(path: impl AsRef<Path>) -> Result<()> {
+    crate::output::check_writable(path.as_ref())
+}
+
 /// Writes a file of a report. It appears whole or not at all, in place of an older one.
 ///
 /// # Errors

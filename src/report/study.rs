@@ -258,12 +258,7 @@ impl<'a> Study<'a> {
             errors: Errors::default(),
         };
         match self.errors(settings, truth, &mut measured) {
-            Err(
-                error @ (Error::Setting { .. }
-                | Error::Unsupported { .. }
-                | Error::Memory { .. }
-                | Error::OutOfMemory(_)),
-            ) => measured.refused = Some(format!("{error:#}")),
+            Err(error) if error.refuses_settings() => measured.refused = Some(format!("{error:#}")),
             result => result?,
         }
         Ok(measured)

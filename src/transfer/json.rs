@@ -130,8 +130,7 @@ impl TransferFunction {
     /// excepted), takes over 4 MiB, or [`TransferFunction::from_json`] refuses its text.
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        let text = String::from_utf8(source::read(path, MAX_BYTES)?)
-            .map_err(|e| Error::format(path, format!("is no text: {}", e.utf8_error())))?;
+        let text = source::read_text(path, MAX_BYTES)?;
         Self::from_json(&text).map_err(|e| match e {
             Error::Transfer(reason) => Error::format(path, reason),
             other => Error::format(path, other.to_string()),

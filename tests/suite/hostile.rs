@@ -201,6 +201,92 @@ fn what_is_no_regular_file_is_refused_without_waiting() {
     }
 }
 
+/// Every option that reads a small file, against everything that is no such file.
+#[test]
+fn text_inputs_are_refused_without_waiting() {
+    let dir = folder();
+    let at = |name: &str| dir.path().join(name);
+    for name in ["pipe.json", "pipe.txt"] {
+        assert!(Command::new("mkfifo").arg(name).current_dir(dir.path()).status().unwrap().success());
+    }
+    for end in ["json", "txt"] {
+        std::os::unix::fs::symlink("/dev/zero", at(&format!("zero.{end}"))).unwrap();
+        std::fs::create_dir(at(&format!("folder.{end}"))).unwrap();
+        File::create(at(&format!("huge.{end}"))).unwrap().set_len(1 << 30).unwrap();
+        std::fs::write(at(&format!("binary.{end}")), [0xff, 0xfe, 0, 1, 0x80]).unwrap();
+    }
+    for (input, end) in [
+        ("render {} -o a.png", "json"),
+        ("turntable {} -o a.gif", "json"),
+        ("turntable demo:sphere:8 -o a.gif --key-frames {}", "json"),
+        ("render demo:sphere:8 -o a.png --transfer {}", "json"),
+        ("render demo:sphere:8 -o a.png --colour-map {}", "json"),
+        ("render demo:sphere:8 -o a.png --transfer labels --label-table {}", "txt"),
+        ("info demo:sphere:8 --labels --label-table {}", "txt"),
+        ("pareto demo:sphere:8 -o report --rivals {}", "json"),
+    ] {
+        for (file, words) in [
+            ("pipe", "is a pipe"),
+            ("zero", "is a device"),
+            ("folder", "is a directory"),
+            ("huge", "is too large"),
+            ("binary", "is no text"),
+        ] {
+            let start = Instant::now();
+            refused(dir.path(), &input.replace("{}", &format!("{file}.{end}")), words);
+            println!("{input}, {file}: {:.2} s", start.elapsed().as_secs_f64());
+        }
+    }
+}
+
+/// An output may not be an input or another output, by any name.
+#[test]
+fn outputs_take_the_place_of_no_other_file() {
+    let dir = folder();
+    let at = |name: &str| dir.path().join(name);
+    let transfer = r##"{"points": [{"value": 0, "color": "#ffffff", "opacity": 0.5}]}"##;
+    std::fs::create_dir(at("sub")).unwrap();
+    std::fs::write(at("t.json"), transfer).unwrap();
+    std::fs::hard_link(at("t.json"), at("hard.json")).unwrap();
+    std::os::unix::fs::symlink("t.json", at("soft.json")).unwrap();
+    std::fs::write(at("s.json"), r#"{"volume": "demo:sphere:8"}"#).unwrap();
+    let twice = r#"{"volume": "demo:sphere:8", "outputs": [{"output": "a.png"}, {"output": "sub/../a.png"}]}"#;
+    std::fs::write(at("twice.json"), twice).unwrap();
+    Image::transparent(2, 2).unwrap().save(at("p.png"), Background::Transparent).unwrap();
+    let volume = [HEADER.replace("255 257 1", "2 2 2").as_bytes(), b"\n", &[1, 2, 3, 4, 5, 6, 7, 8]].concat();
+    std::fs::write(at("v.png"), volume).unwrap();
+    let before: Vec<_> = names(dir.path());
+    let sphere = "render demo:sphere:8 --reference --size 4";
+    for arguments in [
+        "render v.png --reference --size 4 --transfer t.json -o v.png".to_owned(),
+        "render v.png --reference --size 4 --transfer t.json -o sub/../v.png".to_owned(),
+        format!("{sphere} --transfer t.json -o a.png --save-transfer t.json"),
+        format!("{sphere} --transfer t.json -o a.png --save-transfer ./hard.json"),
+        format!("{sphere} --transfer soft.json -o a.png --save-scene t.json"),
+        format!("{sphere} -o a.png --save-scene new.json --save-transfer sub/../new.json"),
+        "render s.json --reference --size 4 -o a.png --save-scene sub/../s.json".to_owned(),
+        "render twice.json --reference --size 4".to_owned(),
+        "turntable demo:sphere:8 --transfer t.json -o a.gif --save-transfer soft.json".to_owned(),
+        "compare p.png p.png --difference p.png".to_owned(),
+    ] {
+        let (status, said) = ended(started(dir.path(), ":", &arguments));
+        assert_eq!((status.code(), said.lines().count()), (Some(2), 1), "{arguments}: {said}");
+        assert!(said.contains("the same file"), "{arguments}: {said}");
+        assert_eq!(names(dir.path()), before, "{arguments}");
+    }
+    assert_eq!(std::fs::read_to_string(at("t.json")).unwrap(), transfer);
+    // Nobody can write there, root included.
+    for option in ["-o /proc/a.png", "-o a.png --save-scene /proc/a.json", "-o a.png --save-transfer /proc/a.json"] {
+        let (status, said) = ended(started(dir.path(), ":", &format!("{sphere} {option}")));
+        assert!(status.code() == Some(2) && !said.contains(".tmp") && !said.contains(".voxsplat-"), "{option}: {said}");
+        assert_eq!(names(dir.path()), before, "{option}");
+    }
+    for name in ["-", "x.txt", "x"] {
+        let (status, said) = ended(started(dir.path(), ":", &format!("{sphere} -o a.png --save-scene {name}")));
+        assert!(status.code() == Some(2) && said.contains("ends in .json"), "{name}: {said}");
+    }
+}
+
 #[test]
 fn standard_input_may_be_a_stream() {
     let dir = folder();

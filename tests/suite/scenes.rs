@@ -146,6 +146,7 @@ fn a_scene_may_have_several_outputs() {
 fn a_scene_that_is_wrong_is_refused_with_the_nearest_name() {
     scene_refused(r#"{"volume": "demo:sphere:8", "azimut": 3}"#, "'--azimuth'");
     scene_refused(r#"{"azimuth": 3}"#, "\"volume\" is missing");
+    scene_refused(r#"{"volume": "demo:sphere:8", "light": [], "size": 8}"#, "expected one value or more");
     scene_refused(r#"{"volume": "demo:sphere:8", "azimuth": [[1]]}"#, "expected texts and numbers");
     scene_refused(r#"{"volume": "demo:sphere:8", "axes": 1}"#, "expected true or false");
     scene_refused(r#"{"volume": "demo:sphere:8", "size": "big"}"#, "WIDTHxHEIGHT");

@@ -117,6 +117,39 @@ fn both_painters_show_lights_at_places() {
     }
 }
 
+/// Bricks reach beyond small lattices.
+#[test]
+fn lights_at_places_shine_on_lattices_of_any_size() {
+    let mut seed = 1_u64;
+    let mut random = move |most: u64| {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 33) % most
+    };
+    for case in 0..120 {
+        let dims: [u32; 3] = std::array::from_fn(|_| 1 + random(14) as u32);
+        let spacing: [f64; 3] = std::array::from_fn(|_| 0.3 + random(30) as f64 / 10.0);
+        let grid = Grid::axis_parallel(dims, spacing).unwrap();
+        let values: Vec<u8> = (0..grid.len()).map(|_| random(256) as u8).collect();
+        let volume = Volume::new(grid, Samples::U8(values)).unwrap();
+        let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (255.0, [1.0; 3], 0.3)], None);
+        // Inside, outside, on faces and at voxels.
+        let place = DVec3::from_array(dims.map(|n| match random(4) {
+            0 => -0.5,
+            1 => f64::from(n) - 0.5,
+            2 => random(u64::from(n)) as f64,
+            _ => random(40) as f64 - 13.3,
+        }));
+        let lights = vec![Light::at(grid.to_world().transform_point3(place))];
+        let shading = if case % 2 == 0 { Shading::Pre } else { Shading::Post };
+        let lighting = Some(Lighting { lights, shadows: 1.0, ..Lighting::default() });
+        let settings = Settings { shading, lighting, level: Level::At(0), ..Settings::default() };
+        let camera = camera(20.0, PROJECTIONS[case / 2 % 2], &volume, 4);
+        let reference = Reference::new(&volume, &transfer, &settings).unwrap();
+        let pixels = reference.pixels(&camera, &[[1, 1], [2, 2]]).unwrap();
+        assert!(pixels.as_flattened().iter().all(|v| v.is_finite()), "{case}: {dims:?} {place}");
+    }
+}
+
 /// A ball of radius 6 over a plate 4 thick, in a lattice of 32^3: 1 in them and 0 elsewhere.
 fn ball_over_plate() -> Volume {
     let inside = |i: usize| {

@@ -8,6 +8,7 @@ use clap::ArgMatches;
 use serde::{Deserialize, Serialize};
 use voxsplat::camera::{Camera, View};
 use voxsplat::figure::Shown;
+use voxsplat::formats::read_text;
 use voxsplat::image::{Background, Image};
 use voxsplat::layers::Layers;
 use voxsplat::report::{
@@ -118,10 +119,13 @@ fn make_directory(path: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(path).map_err(failed)
 }
 
+/// The largest JSON file that is read, in bytes.
+const MAX_JSON: u64 = 64 << 20;
+
 /// A JSON file.
 fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, Failure> {
     let failed = |e: String| Failure::Failed(format!("{}: {e}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|e| failed(e.to_string()))?;
+    let text = read_text(path, MAX_JSON)?;
     serde_json::from_str(&text).map_err(|e| failed(format!("not as expected: {e}")))
 }
 

@@ -124,8 +124,7 @@ impl Imported {
     fn with_file<T>(path: &Path, read: impl FnOnce(&str, Option<&str>) -> Result<T>) -> Result<T> {
         let whole = path.to_str().filter(|_| !path.exists()).and_then(|text| text.rsplit_once('#'));
         let (path, name) = whole.map_or((path, None), |(file, name)| (Path::new(file), Some(name)));
-        let text = String::from_utf8(source::read(path, MAX_BYTES)?)
-            .map_err(|e| Error::format(path, format!("is no text: {}", e.utf8_error())))?;
+        let text = source::read_text(path, MAX_BYTES)?;
         read(&text, name).map_err(|e| match e {
             Error::Transfer(reason) => Error::format(path, reason),
             other => other,
