@@ -19,7 +19,9 @@ use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::bounds::{Measured, Outcome, measured};
-use crate::support::{errors, headlight, two_lights, with_quads, with_tiles};
+use crate::support::{
+    RENDERER, draw_on, errors, headlight, prepare_on, rms_covered, two_lights, with_quads, with_tiles,
+};
 
 /// Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators": a seed gives the same scene on every
 /// machine.
@@ -287,9 +289,14 @@ fn clip(random: &mut Random, grid: &Grid) -> Clip {
 }
 
 fn scene(seed: u64) -> Scene {
+    scene_within(seed, [2, 14])
+}
+
+/// A scene of a volume of so many voxels along an axis.
+fn scene_within(seed: u64, [least, most]: [u32; 2]) -> Scene {
     let random = &mut Random(seed);
     let kind = random.of(&["smooth", "noise", "boxes", "bright voxels", "constant", "one voxel", "row", "slice"]);
-    let side = |random: &mut Random| random.whole(2, 14);
+    let side = |random: &mut Random| random.whole(least, most);
     let dims = match kind {
         "one voxel" => [1; 3],
         "row" => [side(random), 1, 1],
@@ -307,6 +314,19 @@ fn scene(seed: u64) -> Scene {
     let clip = clip(&mut Random(seed ^ 0x5851_f42d_4c95_7f2d), &grid);
     let [quads, tiles] = settings(random).map(|settings| Settings { clip: clip.clone(), ..settings });
     Scene { kind, volume, transfer, view, size, quads, tiles }
+}
+
+/// A scene whose kernels have grown 1.5 to 8 times, drawn at the level that `auto` takes.
+fn minified(seed: u64) -> Scene {
+    let scene = scene_within(seed, [12, 40]);
+    let random = &mut Random(seed ^ 0x2545_f491_4f6c_dd1d);
+    let [nx, ny, nz] = scene.volume.grid().dims();
+    let pixels = (f64::from(nx.max(ny).max(nz)) / random.between(1.5, 8.0)).ceil() as u32 + 2;
+    let view = View { zoom: 1.0, distance: None, view_height: None, ..scene.view };
+    let auto = |settings: Settings| Settings { level: Level::Auto, antialiasing: true, termination: 0.0, ..settings };
+    // Thin sheets, so that what is measured are the cells.
+    let quads = with_quads(&auto(scene.quads), |q| (q.sheets, q.sheet_thickness) = (Sheets::Image, 0.25));
+    Scene { view, size: [pixels; 2], quads, tiles: auto(scene.tiles), ..scene }
 }
 
 impl Scene {
@@ -358,11 +378,16 @@ impl Scene {
     }
 }
 
+/// The first and the last seed: those asked for, or else these.
+fn seeds(usual: &str) -> (u64, u64) {
+    let seeds = std::env::var("VOXSPLAT_RANDOM_SEEDS").unwrap_or_else(|_| usual.to_owned());
+    let (first, last) = seeds.split_once("..").unwrap();
+    (first.parse().unwrap(), last.parse().unwrap())
+}
+
 #[test]
 fn random_scenes_keep_within_their_bounds() {
-    let seeds = std::env::var("VOXSPLAT_RANDOM_SEEDS").unwrap_or_else(|_| "0..49".to_owned());
-    let (first, last) = seeds.split_once("..").unwrap();
-    let (first, last): (u64, u64) = (first.parse().unwrap(), last.parse().unwrap());
+    let (first, last) = seeds("0..49");
     // Scenes, the worst fraction of the bound, its seed and its errors, by painter and kind of picture.
     let mut worst: BTreeMap<String, (u32, f64, u64, String)> = BTreeMap::new();
     let mut failures = Vec::new();
@@ -396,4 +421,52 @@ fn random_scenes_keep_within_their_bounds() {
         );
     }
     assert!(failures.is_empty(), "{} of {}:\n{}", failures.len(), last - first + 1, failures.join("\n"));
+}
+
+/// `VOXSPLAT_RANDOM_SEEDS=0..999` draws a thousand.
+#[test]
+fn cells_are_taken_only_where_they_are_right() {
+    let (first, last) = seeds("0..59");
+    // Pictures, of them of cells, of these over 2 of 255 (rms), the worst and its seed, by kind of picture.
+    let mut rows: BTreeMap<String, (u32, u32, u32, f64, u64)> = BTreeMap::new();
+    let mut failures = Vec::new();
+    for seed in first..=last {
+        let scene = minified(seed);
+        let Ok(camera) = Camera::new(&scene.view, scene.volume.grid(), scene.size) else { continue };
+        let Ok(reference) = Reference::new(&scene.volume, &scene.transfer, &scene.quads) else { continue };
+        let Ok(expected) = reference.render(&camera) else { continue };
+        for settings in [&scene.quads, &scene.tiles] {
+            let Ok(prepared) = prepare_on(&RENDERER, &scene.volume, &scene.transfer, settings) else { continue };
+            let rms = |settings: &Settings| {
+                let got = draw_on(&RENDERER, &prepared, &camera, settings).ok()?;
+                Some((255.0 * rms_covered(&got.image, &expected), got.stats))
+            };
+            let Some((error, stats)) = rms(settings) else { continue };
+            let Settings { model, lighting, .. } = settings;
+            let lit = if lighting.is_some() { ", lit" } else { "" };
+            let eye = if stats.perspective { ", perspective" } else { "" };
+            let post = settings.is_post_shaded();
+            let shading = if post { "post" } else { "pre" };
+            let row = rows.entry(format!("{} {model}, {shading}{lit}{eye}", stats.painter.name())).or_default();
+            row.0 += 1;
+            if stats.levels[1] == 0 {
+                continue;
+            }
+            row.1 += 1;
+            row.2 += u32::from(error > 2.0);
+            if error > row.3 {
+                (row.3, row.4) = (error, seed);
+            }
+            if error > 2.0 && !post {
+                let text =
+                    format!("{seed}: {} {:?} err by {error:.2} of 255 (rms)", stats.painter.name(), stats.levels);
+                println!("{text}\n{}\n", scene.describe(seed));
+                failures.push(text);
+            }
+        }
+    }
+    for (kind, (pictures, cells, over, worst, seed)) in rows {
+        println!("{kind:<40} {pictures:>4}, of cells {cells:>4}, over 2: {over:>3}, at most {worst:>6.2}, seed {seed}");
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
