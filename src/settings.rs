@@ -169,11 +169,15 @@ pub enum Resolution {
 /// follows the picture instead of the volume (Laur and Hanrahan 1991, "Hierarchical splatting").
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Level {
-    /// Cells as large as the growth of kernels allows: a level stands for voxels whose kernels have grown
-    /// enough, those of the default Gaussian 1.5 times for level 1, 3 times for level 2. In perspective levels go by
-    /// depth; pre-shaded by [`Painter::Quads`] a picture has one level, that of its nearest kernels. Post-shaded along
-    /// parallel rays it has one as well, unless values are over 16 times as far from the transfer function's base as
-    /// its control points, or, lit, things of one value show.
+    /// The coarsest cells that are right: within 2 of 255 (rms over covered pixels) of voxels whose kernels have grown.
+    ///
+    /// Level 1 stands for voxels of little optical depth whose default Gaussian has grown 1.5 times, level 2 from 3
+    /// times on. The denser matter is, the more kernels must have grown: 2.5 times for level 1 if a cell has an optical
+    /// depth of 2, 4.9 times at 10. The longest axis of the lattice counts. Light does not, because voxels are lit
+    /// before they become cells. In perspective levels go by depth; pre-shaded by [`Painter::Quads`] a picture has one
+    /// level, that of its nearest kernels. Post-shaded along parallel rays it has one as well, in dense matter a finer
+    /// one; none if values are over 16 times as far from the transfer function's base as its control points, or, lit,
+    /// things of one value show.
     #[default]
     Auto,
     /// Cells of this level, 0 to 12, whatever they lose. Kernels then are at least as wide as cells can have them:

@@ -768,6 +768,23 @@ mod tests {
     }
 
     #[test]
+    fn broad_kernels_of_cells_are_those_of_voxels() {
+        for kernel in [Kernel::default(), Kernel::KAISER_BESSEL, Kernel::Gaussian { sigma: 1.2, radius: 3.0 }] {
+            for (level, growth) in [(1, 3.0), (2, 6.0), (3, 30.0)] {
+                assert_eq!(kernel_of(&kernel, growth, level), kernel.grown(growth / f64::from(level).exp2()));
+            }
+        }
+    }
+
+    #[test]
+    fn dense_cells_need_a_larger_growth() {
+        let kernel = Kernel::default();
+        assert_eq!(right_growth(&kernel, 1, 0.1), least_growth(&kernel, 1));
+        let [thin, dense, opaque] = [0.5, 5.0, 50.0].map(|depth| right_growth(&kernel, 2, depth));
+        assert!(thin < dense && dense < opaque, "{thin} {dense} {opaque}");
+    }
+
+    #[test]
     fn no_level_is_coarser_than_the_volume() {
         let grid = Grid::axis_parallel([40, 65, 10], [1.0; 3]).unwrap();
         let level = |growth| level_of(&Kernel::default(), growth, &grid, 0.0);

@@ -337,3 +337,20 @@ impl CellStrip {
         cells
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fine_cells_are_the_finest_that_rays_gather() {
+        for kernel in [Kernel::default(), Kernel::Gaussian { sigma: 0.5, radius: 1.0 }, Kernel::KAISER_BESSEL] {
+            for growth in [1.0, 2.0, 2.1, 3.9, 5.0, 17.0] {
+                let cells = Coarse::fine(&kernel, growth);
+                assert!(cells.kernel(&kernel, growth).radius() <= REACH * ROUNDING, "{kernel} {growth} {cells:?}");
+                let finer = kernel.radius() * growth / (0.5 * cells.size());
+                assert!(cells.level == 0 || finer > REACH, "{kernel} {growth} {cells:?}");
+            }
+        }
+    }
+}

@@ -5,13 +5,14 @@ use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::error::Error;
 use voxsplat::image::Image;
 use voxsplat::kernel::{Kernel, Normalization};
+use voxsplat::lighting::Lighting;
 use voxsplat::settings::{Level, Model, Resolution, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
     RENDERER, demo, draw_on, errors, exact_quads, headlight, look, picture, prepare_on, render, rms_covered,
-    rms_in_steps, transfer, with_tiles,
+    rms_in_steps, transfer, two_lights, with_tiles,
 };
 use crate::truth::truth;
 
@@ -36,6 +37,12 @@ pub(crate) fn volumes(size: u32) -> Vec<(&'static str, Volume)> {
 
 fn tones(opacity: f64) -> TransferFunction {
     transfer(&[(0.1, [0.2, 0.4, 0.9], 0.0), (0.6, [0.9, 0.7, 0.2], opacity / 2.0), (1.0, [1.0; 3], opacity)], None)
+}
+
+/// Vessels that absorb so little that cells are right from their least growth on.
+fn faint_vessels() -> (Volume, TransferFunction) {
+    let (volume, _) = demo("vessels", 48);
+    (volume, transfer(&[(60.0, [0.2, 0.4, 0.9], 0.0), (150.0, [0.9, 0.7, 0.2], 0.03), (255.0, [1.0; 3], 0.05)], None))
 }
 
 fn auto() -> Settings {
@@ -84,7 +91,7 @@ fn cells_err_by_less_than_a_step_beside_voxels() {
 
 #[test]
 fn cells_of_every_kernel_model_and_lattice_follow_the_reference() {
-    let (volume, transfer) = demo("vessels", 48);
+    let (volume, transfer) = faint_vessels();
     let long = volume.clone().with_grid(Grid::axis_parallel([48; 3], [1.0, 1.0, 3.0]).unwrap()).unwrap();
     let left = Grid::axis_parallel([48; 3], [1.0; 3]).unwrap().to_world()
         * glam::DAffine3::from_scale(DVec3::new(-1.0, 1.0, 2.0));
@@ -109,16 +116,52 @@ fn cells_of_every_kernel_model_and_lattice_follow_the_reference() {
             let rms = 255.0 * rms_covered(&got.image, &expected);
             println!("case {number} {}: {rms:.2}", got.stats.painter.name());
             // Opaque edges, here by a divisor of 1, are sharper than kernels.
-            // A cell has one normal: the thinnest tubes have several in it.
-            let opaque = settings.normalization == Normalization::Peak;
-            let limit = if opaque {
-                3.5
-            } else if settings.lighting.is_some() {
-                2.5
-            } else {
-                1.3
-            };
+            let limit = if settings.normalization == Normalization::Peak { 2.0 } else { 1.3 };
             assert!(rms < limit, "case {number}, {}: rms {rms} of 255", got.stats.painter.name());
+        }
+    }
+}
+
+/// Light is found voxel by voxel. Cells that had a mean normal erred by 16 of 255 on folds finer than a cell, by 21 on
+/// uniform matter, which has no normal, and by 25 in the shadows of cells.
+#[test]
+fn cells_are_lit_as_their_voxels_are() {
+    let view = View { azimuth: 20.0, elevation: 15.0, ..View::default() };
+    let shadowed = two_lights().map(|lighting| Lighting { shadows: 1.0, occlusion: Some(8.0), ..lighting });
+    for (name, light) in
+        [("marschner-lobb", headlight()), ("shepp-logan", headlight()), ("shell", headlight()), ("shell", shadowed)]
+    {
+        let (volume, transfer) = demo(name, 40);
+        let (view, pixels) = grown(40, 2.6, view.clone());
+        let camera = look(&view, &volume, pixels);
+        let settings = Settings { lighting: light, level: Level::At(1), ..auto() };
+        let expected = truth(&volume, &transfer, &camera, &settings);
+        let got = picture(&volume, &transfer, &camera, &settings);
+        let rms = 255.0 * rms_covered(&got.image, &expected);
+        println!("{name}: {rms:.2}");
+        assert!(rms < 2.0, "{name}: rms {rms} of 255");
+    }
+}
+
+/// The optical depth of a cell decides from which growth on it is right: see docs/algorithms.md.
+#[test]
+fn dense_matter_has_finer_cells() {
+    let (_, volume) = volumes(48).swap_remove(1);
+    let dense =
+        |unit| transfer(&[(0.1, [0.2, 0.4, 0.9], 0.0), (0.6, [0.9, 0.7, 0.2], 0.5), (1.0, [1.0; 3], 0.79)], Some(unit));
+    let mut before = u32::MAX;
+    for unit in [10.0, 1.0, 0.084] {
+        for growth in [1.6, 3.2, 6.4] {
+            let (view, pixels) = grown(48, growth, View { azimuth: 30.0, elevation: 20.0, ..View::default() });
+            let camera = look(&view, &volume, pixels);
+            let got = picture(&volume, &dense(unit), &camera, &auto());
+            let rms = 255.0 * rms_covered(&got.image, &truth(&volume, &dense(unit), &camera, &auto()));
+            println!("{unit} {growth} {:?}: {rms:.2}", got.stats.levels);
+            assert!(rms < 2.0, "{unit} {growth} {:?}: rms {rms} of 255", got.stats.levels);
+            if growth == 3.2 {
+                assert!(got.stats.levels[0] < before, "{unit}: {:?}", got.stats.levels);
+                before = got.stats.levels[0];
+            }
         }
     }
 }
@@ -131,7 +174,7 @@ fn deep(view_height: f64) -> View {
 
 #[test]
 fn perspectives_by_quads_take_the_level_of_the_nearest_voxel() {
-    let (volume, transfer) = demo("vessels", 48);
+    let (volume, transfer) = faint_vessels();
     let projection = ProjectionKind::Perspective { fov: 30.0 };
     let view = View { azimuth: 30.0, elevation: 20.0, projection, view_height: Some(160.0), ..View::default() };
     let camera = look(&view, &volume, [40; 2]);
@@ -160,7 +203,7 @@ fn layers_of_levels_follow_the_reference() {
 
 #[test]
 fn layers_of_every_kernel_model_and_lattice_follow_the_reference() {
-    let (volume, transfer) = demo("vessels", 48);
+    let (volume, transfer) = faint_vessels();
     let long = volume.clone().with_grid(Grid::axis_parallel([48; 3], [1.0, 1.0, 3.0]).unwrap()).unwrap();
     let cases = [
         (&volume, auto()),
@@ -177,8 +220,7 @@ fn layers_of_every_kernel_model_and_lattice_follow_the_reference() {
         let rms = 255.0 * rms_covered(&got.image, &expected);
         println!("case {number} {:?}: {rms:.2}", got.stats.levels);
         // Layers begin at the least growth that cells can have: 1.5 and X-rays 1.8 of 255 along parallel rays too.
-        let limit = if settings.lighting.is_some() { 3.0 } else { 2.0 };
-        assert!(rms < limit, "case {number}: rms {rms} of 255");
+        assert!(rms < 2.0, "case {number}: rms {rms} of 255");
     }
 }
 
