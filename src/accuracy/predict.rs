@@ -130,7 +130,7 @@ impl Prediction {
         let level = if coarsest > 0 {
             // Kernels of cells that the picture does not ask for blur what it would show.
             let blur = 1.0 - (stats.kernel_growth / least_growth(&settings.kernel, coarsest)).min(1.0).powi(2);
-            blur.max(CELLS * dense + if lit { LIT_CELLS } else { 0.0 })
+            blur.max(CELLS * dense + if lit && scalars { LIT_CELLS } else { 0.0 })
         } else {
             0.0
         };
