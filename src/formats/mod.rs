@@ -144,7 +144,10 @@ impl Format {
 
     /// The format that the first bytes of a file belong to.
     fn of_content(head: &[u8]) -> Option<Self> {
-        if head.starts_with(b"NRRD000") {
+        // Its first 128 bytes are free: they may be those of another format, such as TIFF.
+        if dicom::is_dicom(head) {
+            Some(Self::Dicom)
+        } else if head.starts_with(b"NRRD000") {
             Some(Self::Nrrd)
         } else if head.starts_with(npy::MAGIC) {
             Some(Self::Npy)
@@ -160,8 +163,6 @@ impl Format {
             Some(Self::Vti)
         } else if tiff::is_tiff(head) {
             Some(Self::Tiff)
-        } else if dicom::is_dicom(head) {
-            Some(Self::Dicom)
         } else if is_hdf5(head) {
             Some(Self::Hdf5)
         } else {

@@ -218,6 +218,30 @@ fn disjoint_boxes_composited_are_the_whole() {
     }
 }
 
+/// Each half has an intermediate image of its own, which errs at its edges. GUIDE.md has the figures.
+#[test]
+fn halves_of_magnified_folds_are_the_whole_with_a_ray_for_each_pixel() {
+    let (volume, transfer) = demo("marschner-lobb", 20);
+    let view = View { direction: Some(DVec3::new(1.0, 0.6, -0.4)), ..View::default() };
+    let seen = look(&view, &volume, [48; 2]);
+    for (resolution, limit) in [(Resolution::Capped, 1e-2), (Resolution::Full, 5e-4)] {
+        let settings =
+            with_tiles(&Settings { termination: 0.0, level: Level::At(0), ..Settings::default() }, resolution);
+        let scene = prepare(&volume, &transfer, &settings);
+        for normal in [DVec3::X, DVec3::Y, DVec3::new(1.0, 1.0, 0.0)] {
+            // What lies towards the eye is in front.
+            let halves = [-1.0, 1.0].map(|side| {
+                let plane = Plane::through(volume.grid().center(), side * normal).unwrap();
+                Clip::new(vec![plane]).unwrap()
+            });
+            let drawn = |clip: &Clip| as_f64(&draw(&scene, &seen, &clipped(&settings, clip)).image);
+            let apart = largest_difference(&drawn(&Clip::default()), &composited(halves.iter().map(drawn)), 0..4);
+            println!("{resolution} {normal}: {apart:e}");
+            assert!(apart < limit, "{resolution} {normal}: {apart:e}");
+        }
+    }
+}
+
 /// What is in a sheet has no order. So parts err against the whole where a plane divides sheets, by what lies on either
 /// side of it in the same sheet; where it runs between two sheets, rounding alone is left.
 #[test]

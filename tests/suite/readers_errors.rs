@@ -54,6 +54,11 @@ fn files_that_are_no_volume_are_named() {
     assert_refused("a.nrrd", b"NRRD0009\n", "NRRD0001 to NRRD0005");
     let dicom = [vec![0; 128], b"DICM".to_vec(), vec![0; 500]].concat();
     assert_refused("a.dcm", &dicom, "is damaged");
+    // The first 128 bytes of DICOM are free, and may be those of another format.
+    for preamble in [&b"II*\0"[..], b"NRRD0004", b"\x93NUMPY"] {
+        let file = [preamble, &vec![0; 128 - preamble.len()], b"DICM", &[0; 500]].concat();
+        assert_refused("a.dcm", &file, "is damaged: an element of the type");
+    }
     let analyze = [348_u32.to_le_bytes().to_vec(), vec![0; 344]].concat();
     assert_refused("a.hdr", &analyze, "ANALYZE");
 
@@ -61,6 +66,21 @@ fn files_that_are_no_volume_are_named() {
     assert!(message(folder.path(), &LoadOptions::default()).contains("directory"));
     let missing = message(&folder.path().join("none.nrrd"), &LoadOptions::default());
     assert!(missing.contains("cannot read") && missing.contains("none.nrrd"), "{missing}");
+}
+
+#[test]
+fn data_files_longer_than_their_samples_need_a_place_to_begin() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("a.raw"), [7; 12]).unwrap();
+    let file = folder.path().join("a.nhdr");
+    let write = |more: &str| std::fs::write(&file, nrrd(&format!("{NRRD}{more}\ndata file: a.raw"), b"")).unwrap();
+    write("");
+    let refused = message(&file, &LoadOptions::default());
+    assert!(refused.contains("4 bytes more") && refused.contains("byte skip"), "{refused}");
+    for skip in ["0", "4", "-1"] {
+        write(&format!("\nbyte skip: {skip}"));
+        assert!(load(&file, &LoadOptions::default()).is_ok(), "{skip}");
+    }
 }
 
 #[test]

@@ -159,6 +159,8 @@ fn broken_folders_say_what_is_wrong() {
         ("image-0.5.zarr", "zarr.json", "\"scale\": [", "\"scales\": [", "no scale of 3 numbers"),
         ("image-0.5.zarr", "zarr.json", "\"scale\": [", "\"scale\": [1.0,", "no scale of 3 numbers"),
         ("image-0.5.zarr", "zarr.json", "multiscales", "singlescale", "without an image"),
+        ("image-0.5.zarr", "zarr.json", "\"path\": \"", "\"path\": \"../", "outside of its folder"),
+        ("image-0.5.zarr", "zarr.json", "\"path\": \"", "\"path\": \"/", "outside of its folder"),
     ];
     for (from, file, text, with, words) in cases {
         let copy = changed(from, file, |bytes| {

@@ -56,8 +56,18 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
             let skip = Skip { total: skip.total / n as u64, ..skip };
             // Of many files each would be kept open.
             let unpacked = input.unpacked().filter(|_| n == 1);
-            let mut parts =
-                files.paths().map(|file| skip.apply(Input::open_data_kept(&file, unpacked.clone())?, encoding));
+            let is_placed = header.get("byte skip").is_some() || header.get("line skip").is_some();
+            let mut parts = files.paths().map(|file| {
+                let input = Input::open_data_kept(&file, unpacked.clone())?;
+                match input.exactly_left() {
+                    Some(left) if left > skip.total && encoding == Encoding::Raw && !is_placed => {
+                        let more = left - skip.total;
+                        let reason = "expected \"byte skip\" in the header that names it";
+                        Err(input.error(format!("has {more} bytes more than its samples need: {reason}")))
+                    }
+                    _ => skip.apply(input, encoding),
+                }
+            });
             read_samples(&mut parts, n, &pick, sample_type, layout)?
         }
     };

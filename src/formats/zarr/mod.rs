@@ -12,7 +12,7 @@ mod codecs;
 mod metadata;
 
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -177,6 +177,9 @@ fn levels(folder: &Path, image: &Value, axes: usize) -> Result<Vec<Level>> {
     let mut levels = Vec::new();
     for dataset in list {
         let name = dataset["path"].as_str().unwrap_or_default();
+        if !Path::new(name).components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir)) {
+            return Err(Error::format(folder, format!("has a dataset at {name:?}, outside of its folder")));
+        }
         let node = Node::read(&folder.join(name))?;
         let Some(array) = node.array else { return Err(Error::format(&node.folder, "is no array")) };
         if array.shape.len() != axes {
