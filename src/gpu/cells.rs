@@ -69,7 +69,8 @@ pub(crate) fn level_of(kernel: &Kernel, growth: f64, grid: &Grid, depth: f64) ->
 /// The growth of kernels from which on cells of a level are right, given the optical depth of a voxel.
 ///
 /// Cells ring beside edges by a few hundredths of their optical depth, which shows the more the denser they are;
-/// kernels that are wide beside cells smooth it. Measured on noise, boxes, specks, balls, shells and tubes: docs/algorithms.md.
+/// kernels that are wide beside cells smooth it. Measured on noise, boxes, specks, balls, shells and tubes:
+/// docs/measurements/2026-11-23-levels.md.
 pub(crate) fn right_growth(kernel: &Kernel, level: u32, depth: f64) -> f64 {
     let denser = (depth * f64::from(level).exp2() / THIN).max(1.0);
     least_growth(kernel, level) * denser.powf(DENSER)
