@@ -38,6 +38,9 @@ struct Classify {
     gradient_points: u32,
     // One over the floor under gradients of samples, see common/floor.wgsl.
     inverse_floor: f32,
+    // The base of the transfer function in the units of the samples, and the resolution there, see common/floor.wgsl.
+    base: f32,
+    faintest: f32,
     inline_points: array<ControlPoint, MAX_INLINE_POINTS>,
 }
 
@@ -167,15 +170,15 @@ fn brick_row(index: u32) -> BrickRow {
 }
 
 // The world gradient at a sample, by central differences: a vector of moderate length, and what it is to be multiplied
-// by; 0 if there is none.
+// by; 0 if the differences are rounding.
 fn gradient(i: u32) -> vec4f {
     let row = stored_edge();
     let plane = row * row;
     let x = sample_at(i + 1u) - sample_at(i - 1u);
     let y = sample_at(i + row) - sample_at(i - row);
     let z = sample_at(i + plane) - sample_at(i - plane);
-    let largest = max(abs(x), max(abs(y), abs(z)));
-    if largest <= 0.0 {
+    let largest = largest_difference(vec3f(x, y, z));
+    if 0.5 * largest < resolution_at(sample_at(i) - classify.base, classify.faintest) {
         return vec4f(0.0);
     }
     // Neither the unit of the samples nor that of the world takes it out of the range of f32.

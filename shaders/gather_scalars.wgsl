@@ -89,7 +89,10 @@ fn classify_slab(
         let g = (*ray).slab.xyz;
         let gradient = rays.gradient_x * g.x + rays.gradient_y * g.y + rays.gradient_z * g.z;
         let of_means = gradient * mean_scale(geometry);
-        let surface = surface_share(length(of_means) * lighting.inverse_floor);
+        let differences = g * mean_scale(geometry);
+        let magnitude = length(of_means);
+        let surface =
+            reconstructed_share(differences, means.y, lighting.faintest, magnitude, lighting.inverse_floor);
         light = light_on(gradient, surface, place_on(geometry, middle), geometry.to_eye, kept_on(geometry, middle));
         share = gradient_share(of_means, rays.gradient_lookup);
     }

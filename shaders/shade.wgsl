@@ -130,8 +130,8 @@ fn kept_on(ray: PixelRay, z: f32) -> vec4f {
     return kept_at(shading.to_light * vec4f(ray.start + ray.direction * z, 1.0));
 }
 
-// The surface across a gradient of the lattice, at view depth `z`.
-fn surface_of(gradient: vec3f, ray: PixelRay, z: f32) -> Surface {
+// The surface across a gradient of the lattice where the mean of a sheet is `scalar`, at view depth `z`.
+fn surface_of(gradient: vec3f, scalar: f32, ray: PixelRay, z: f32) -> Surface {
     // The transpose of the map from the view to the lattice takes gradients from the lattice to the view.
     let in_view =
         vec3f(dot(frame.grid_right, gradient), dot(frame.grid_up, gradient), dot(frame.grid_forward, gradient));
@@ -140,7 +140,10 @@ fn surface_of(gradient: vec3f, ray: PixelRay, z: f32) -> Surface {
         to_eye = -vec3f(ray.slope, 1.0) / ray.stretch;
     }
     let of_means = in_view * frame.inverse_sheet_scale;
-    let surface = surface_share(length(of_means) * lighting.inverse_floor);
+    let differences = gradient * frame.inverse_sheet_scale;
+    let magnitude = length(of_means);
+    let surface =
+        reconstructed_share(differences, scalar, lighting.faintest, magnitude, lighting.inverse_floor);
     let light = light_on(in_view, surface, ray.start + ray.direction * z, to_eye, kept_on(ray, z));
     return Surface(light, gradient_share(of_means, shading.gradient_lookup));
 }
@@ -204,12 +207,12 @@ fn with_sheet(
     var middle = last;
     let front = vec2f(part.x, min(part.y, 0.0));
     if front.x < front.y {
-        let surface = surface_of(gradient - quarter, ray, z + 0.25 * frame.sheet_step);
+        let surface = surface_of(gradient - quarter, m.y, ray, z + 0.25 * frame.sheet_step);
         middle = march_part(&result, m, front, last, half_samples(), ray, surface);
     }
     let rear = vec2f(max(part.x, 0.0), part.y);
     if rear.x < rear.y {
-        let surface = surface_of(gradient + quarter, ray, z + 0.75 * frame.sheet_step);
+        let surface = surface_of(gradient + quarter, m.y, ray, z + 0.75 * frame.sheet_step);
         march_part(&result, m, rear, middle, half_samples(), ray, surface);
     }
     return result;

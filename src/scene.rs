@@ -28,7 +28,7 @@ use crate::layers::{Layer, Layers, Matter};
 use crate::lighting::{Lighting, shadow};
 use crate::progress::Progress;
 use crate::settings::{Level, Model, Settings};
-use crate::transfer::TransferFunction;
+use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::{Grid, Pyramid, Volume};
 
 /// A volume prepared on the device of the [`Renderer`](crate::renderer::Renderer) that prepared it.
@@ -80,6 +80,8 @@ struct Scalars {
     pyramid: Pyramid,
     transfer: TransferFunction,
     reduction: Reduction,
+    /// Which differences of values are rounding.
+    resolution: Resolution,
     /// The model that it was prepared for.
     model: Model,
     shows: Shows,
@@ -194,9 +196,9 @@ impl Scene {
                 Some(filter) => filter.apply::<f32>(volume, transfer.base(), progress)?,
                 None => volume.clone(),
             };
-            Ok((scalars::largest(&volume, transfer.base())?, volume))
+            Ok((scalars::largest(&volume, transfer.base())?, Resolution::new(transfer, &volume)?, volume))
         });
-        let (largest, volume) = prepared?;
+        let (largest, resolution, volume) = prepared?;
         let reduction = Reduction::new(transfer, largest);
         let weights = Weights { max: reduction.length(largest), unit: 1.0, brightest: [1.0; 3], floored: false };
         let grid = *volume.grid();
@@ -206,6 +208,7 @@ impl Scene {
             pyramid: Pyramid::default(),
             transfer: transfer.clone(),
             reduction,
+            resolution,
             model: settings.model,
             shows,
             table: Mutex::default(),
@@ -435,8 +438,8 @@ impl Scene {
         let unit = local_unit(&scalars.transfer, &self.grid) / size;
         // Gradients of cells are per cell.
         let steepness = self.grid.unit() * size;
-        let Scalars { transfer, reduction, shows, .. } = scalars;
-        let table = Arc::new(TransferTable::new(context, transfer, reduction, *shows, unit, steepness));
+        let Scalars { transfer, reduction, shows, resolution, .. } = scalars;
+        let table = Arc::new(TransferTable::new(context, transfer, reduction, *shows, unit, steepness, resolution));
         *held = Some((level, Arc::clone(&table)));
         table
     }

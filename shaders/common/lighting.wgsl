@@ -22,8 +22,10 @@ struct Lighting {
     // From the lattice to such places.
     from_lattice: mat4x3f,
     shininess: f32,
-    // Post-shaded: one over the floor under gradients, see common/floor.wgsl.
+    // Post-shaded: one over the floor under gradients, 0 if there is none, and the resolution of a scalar of 0, see
+    // common/floor.wgsl.
     inverse_floor: f32,
+    faintest: f32,
 }
 
 // What light makes of a colour: it is multiplied by `diffuse`, and `specular` is added. With a floor under gradients so

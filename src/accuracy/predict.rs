@@ -16,7 +16,8 @@ use crate::volume::Grid;
 pub struct Prediction {
     /// Colours that lie behind each other in a sheet or a slab are mixed.
     pub order: f64,
-    /// Scalars between sheets are interpolated before they are classified, and kernels jump at their rims.
+    /// Scalars between sheets are interpolated before they are classified, and kernels jump at their rims. A step of the
+    /// transfer function turns that into pixels of another colour.
     pub interpolation: f64,
     /// Rays are fewer than pixels.
     pub rays: f64,
@@ -45,6 +46,9 @@ const MEANS: f64 = 2.0;
 const SLAB: f64 = 1.7;
 /// Light turns errors of gradients into errors of brightness.
 const LIT: f64 = 1.5;
+/// Of what a step of the transfer function changes, between means of sheets as thick as a voxel. Fitted to steps and
+/// boxes of two opacities on three built-in volumes (docs/algorithms.md).
+const STEPS: f64 = 0.9;
 /// Of a maximum, which finds the jumps of kernels at their rims.
 const RIM: f64 = 0.4;
 const RAYS: f64 = 0.004;
@@ -64,13 +68,16 @@ pub(crate) struct Facts {
     contrast: f64,
     /// The largest optical depth of a voxel.
     depth: f64,
+    /// The largest change of a channel at a step of the transfer function, of [`FEW_VOXELS`] in a row.
+    step: f64,
     /// The least distance of two voxels, world units.
     voxel: f64,
 }
 
 impl Facts {
-    /// Of the colours that show, and the largest extinction of a voxel, per world unit.
-    pub(crate) fn of(colors: &[[f64; 3]], extinction: f64, grid: &Grid) -> Self {
+    /// Of the colours that show, the largest extinction of a voxel, per world unit, and the
+    /// largest step of matter of a thickness in world units.
+    pub(crate) fn of(colors: &[[f64; 3]], extinction: f64, step: impl Fn(f64) -> f64, grid: &Grid) -> Self {
         let range = |c: usize| {
             let [low, high] = colors
                 .iter()
@@ -78,7 +85,12 @@ impl Facts {
             (high - low).max(0.0)
         };
         let voxel = grid.min_spacing();
-        Self { contrast: (0..3).map(range).fold(0.0, f64::max), depth: extinction * voxel, voxel }
+        Self {
+            contrast: (0..3).map(range).fold(0.0, f64::max),
+            depth: extinction * voxel,
+            step: step(FEW_VOXELS * voxel),
+            voxel,
+        }
     }
 }
 
@@ -89,7 +101,7 @@ impl Prediction {
         let scalars = stats.shading == Shading::Post;
         let xray = stats.model == Model::Xray;
         let mip = matches!(stats.model, Model::Mip | Model::Minip);
-        let Facts { contrast, depth, voxel } = *facts;
+        let Facts { contrast, depth, step, voxel } = *facts;
         let thickness = match &stats.painter {
             PainterStats::Quads(quads) => quads.sheet_thickness,
             PainterStats::Tiles(tiles) => tiles.slab_thickness,
@@ -116,7 +128,8 @@ impl Prediction {
                 INTERPOLATION * change(thickness) * if means { MEANS } else { 1.0 } * if lit { LIT } else { 1.0 };
             let radius = settings.kernel.radius();
             let jumps = if mip { RIM * settings.kernel.value(radius * radius) * thickness.sqrt() } else { 0.0 };
-            seen * (smooth + jumps)
+            let steps = if mip || xray { 0.0 } else { STEPS * step * thickness.min(1.0).sqrt() };
+            seen * (smooth + jumps) + steps
         } else {
             0.0
         };

@@ -10,13 +10,13 @@ use super::pipeline::{Binding, bind, compute, flag, layout, module};
 use super::recorder::Recorder;
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
-use super::splat::{density, packed_appearance, packed_normal, surface_share, with_density};
+use super::splat::{density, packed_appearance, packed_normal, resolution_at, surface_share, with_density};
 use super::store::{BrickSplats, Bricks, HostBrick, Part, Splats, Store, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::Result;
 use crate::memory::reserved;
 use crate::progress::Progress;
-use crate::transfer::{self, TransferFunction, scaled_share};
+use crate::transfer::{self, Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
 
 /// Bricks of one batch, a million voxels: the memory that preparing a scene takes besides its splats, and far within
@@ -105,6 +105,19 @@ impl SampleCoding {
         transfer.inverse_floor(self.gradient_scale() * unit)
     }
 
+    /// The base of the transfer function as a sample, and the resolution of samples there.
+    fn resolution(&self, transfer: &TransferFunction, volume: &Volume) -> Result<[f32; 2]> {
+        let resolution = Resolution::new(transfer, volume)?;
+        Ok(match &self.reduction {
+            Some(reduction) => [0.0, reduction.faintest(&resolution)],
+            None => {
+                let faintest = resolution.faintest() * self.gradient_scale();
+                let sample = (transfer.base() - self.intercept) / self.slope;
+                [sample.clamp(-FAR, FAR) as f32, faintest.clamp(f64::from(f32::MIN_POSITIVE), FAR) as f32]
+            }
+        })
+    }
+
     /// Samples for each unit of value.
     fn gradient_scale(&self) -> f64 {
         self.reduction.map_or(1.0 / self.slope.abs(), |reduction| reduction.factor())
@@ -176,6 +189,7 @@ impl Classifier {
         let points = coding.points(transfer);
         let thinning = coding.gradient_points(transfer, volume.grid().unit());
         let inverse_floor = coding.inverse_floor(transfer, volume.grid().unit());
+        let [base, faintest] = coding.resolution(transfer, volume)?;
         // So few points are part of the pipeline, which is made for their number.
         let mut few = [ControlPoint::zeroed(); MAX_INLINE_POINTS];
         let is_few = points.len() <= MAX_INLINE_POINTS;
@@ -213,7 +227,8 @@ impl Classifier {
                 first_brick: 0,
                 gradient_points: thinning.len() as u32,
                 inverse_floor,
-                _pad: [0; 2],
+                base,
+                faintest,
                 inline_points: few,
             },
         };
@@ -389,6 +404,8 @@ pub(crate) struct HostClassifier {
     thinning: Vec<[f32; 2]>,
     /// One over the floor under gradients of samples; 0: there is none.
     inverse_floor: f32,
+    /// The base of the transfer function as a sample, and the resolution there.
+    resolution: [f32; 2],
     keep_invisible: bool,
     /// What becomes of each sample of 8 and 16 bits, by its bits.
     table: Vec<Entry>,
@@ -422,6 +439,7 @@ impl HostClassifier {
             lit,
             thinning: coding.gradient_points(transfer, volume.grid().unit()),
             inverse_floor: coding.inverse_floor(transfer, volume.grid().unit()),
+            resolution: coding.resolution(transfer, volume)?,
             keep_invisible: !context.savings.voxels,
             table: Vec::new(),
         };
@@ -520,7 +538,9 @@ impl HostClassifier {
                     let gradient = || {
                         let at = |i: usize| sample(samples[i]);
                         let i = start + x;
-                        gradient_of(&self.gradients, [1, edge, edge * edge].map(|step| at(i + step) - at(i - step)))
+                        let [base, faintest] = self.resolution;
+                        let differences = [1, edge, edge * edge].map(|step| at(i + step) - at(i - step));
+                        gradient_of(&self.gradients, differences, resolution_at(at(i) - base, faintest))
                     };
                     let gradient = if halo > 0 { gradient() } else { ([0.0; 3], 0.0) };
                     if !self.thinning.is_empty() {
@@ -550,10 +570,10 @@ impl HostClassifier {
 }
 
 /// `gradient` in shaders/classify.wgsl, of the differences along the axes of the lattice: a vector, and what it is to
-/// be multiplied by.
-pub(super) fn gradient_of([x, y, z]: &[[f32; 3]; 3], steps: [f32; 3]) -> ([f32; 3], f32) {
+/// be multiplied by; 0 if half of the differences is under their resolution.
+pub(super) fn gradient_of([x, y, z]: &[[f32; 3]; 3], steps: [f32; 3], resolution: f32) -> ([f32; 3], f32) {
     let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
-    if largest <= 0.0 {
+    if largest <= 0.0 || 0.5 * largest < resolution {
         return ([0.0; 3], 0.0);
     }
     let d = steps.map(|step| step / largest);

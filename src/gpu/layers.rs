@@ -6,14 +6,14 @@ use super::cells::{Classification, Emission, Looks};
 use super::classify::{Classified, STRIDE, gradient_of, gradients, steepness_of};
 use super::context::Context;
 use super::scalars::Relative;
-use super::splat::{packed_appearance, packed_normal, surface_share};
+use super::splat::{packed_appearance, packed_normal, resolution_at, surface_share};
 use super::store::{BrickSplats, Bricks, HostBrick, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::Result;
 use crate::layers::{Layer, Layers, Mask, Matter, luminance};
 use crate::memory::reserved;
 use crate::progress::Progress;
-use crate::transfer::{TransferFunction, scaled_share};
+use crate::transfer::{Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Number, RowCoding, Strip, Volume};
 
 /// Voxels to either side of one that its normal is made of, where that of samples would be blocky: labels and masks
@@ -40,6 +40,8 @@ struct Painted<'a> {
     thinning: Vec<[f32; 2]>,
     /// One over the floor under gradients of scalars; 0: there is none.
     inverse_floor: f32,
+    /// The resolution of a scalar of 0; `None`: all gradients of scalars are a surface's.
+    faintest: Option<f32>,
     mask: Option<&'a Mask>,
     /// Whether normals are gradients of the smoothed extinction, not of scalars.
     smoothed: bool,
@@ -54,13 +56,14 @@ impl<'a> Painted<'a> {
         let volume = layer.volume();
         let unit = unit / layer.unit();
         let (mut volumes, mut white) = (vec![volume], None);
-        let mut inverse_floor = 0.0;
+        let (mut inverse_floor, mut faintest) = (0.0, None);
         let (looks, scalars, thinning) = match &layer.matter {
             Matter::Scalars { transfer, .. } => {
                 let reduction = Reduction::new(transfer, 1.0);
                 let scale = reduction.factor() * volume.grid().unit();
                 let thinning = transfer.scaled_gradient_opacity(scale);
                 inverse_floor = transfer.inverse_floor(scale);
+                faintest = Some(reduction.faintest(&Resolution::new(transfer, volume)?));
                 (Looks::Transfer(transfer), Some(Relative::new(volume, reduction)), thinning)
             }
             Matter::Labels { looks, .. } => (Looks::Labels(looks), None, Vec::new()),
@@ -97,10 +100,16 @@ impl<'a> Painted<'a> {
             scalars,
             thinning,
             inverse_floor,
+            faintest,
             mask: layer.mask.as_ref(),
             flat: FLAT * (TransferFunction::extinction(layer.max_opacity(), 1.0) * unit) as f32,
             shows,
         })
+    }
+
+    /// The difference under which those of a voxel's scalar are rounding.
+    fn resolution(&self, voxel: &Voxel) -> f32 {
+        self.faintest.map_or(0.0, |faintest| resolution_at(voxel[4], faintest))
     }
 
     /// What it has of a brick with the halo around it.
@@ -322,7 +331,7 @@ impl Classifier<'_> {
         if layer.thinning.is_empty() || density <= 0.0 {
             return [r, g, b, density];
         }
-        let gradient = gradient_of(&self.gradients, self.differences(voxels, index));
+        let gradient = gradient_of(&self.gradients, self.differences(voxels, index), layer.resolution(&voxels[index]));
         let share = scaled_share(&layer.thinning, steepness_of(gradient));
         [r, g, b, density].map(|channel| channel * share)
     }
@@ -330,16 +339,16 @@ impl Classifier<'_> {
     /// The normal of a layer at a voxel of its brick with the halo and without it, of any length, and the weight of the
     /// surface.
     fn normal(&self, part: &Part<'_>, index: usize, inside: usize) -> ([f32; 3], f32) {
-        let differences = match (&part.slopes, part.layer.smoothed) {
+        let (differences, resolution) = match (&part.slopes, part.layer.smoothed) {
             (Some(slopes), _) => {
                 let slope = [0, 1, 2].map(|axis| slopes[axis][inside]);
                 let most = slope.iter().fold(0.0_f32, |most, s| most.max(s.abs()));
-                if most > part.layer.flat { slope } else { [0.0; 3] }
+                (if most > part.layer.flat { slope } else { [0.0; 3] }, 0.0)
             }
-            (None, true) => [0.0; 3],
-            (None, false) => self.differences(&part.voxels, index),
+            (None, true) => ([0.0; 3], 0.0),
+            (None, false) => (self.differences(&part.voxels, index), part.layer.resolution(&part.voxels[index])),
         };
-        let gradient = gradient_of(&self.gradients, differences);
+        let gradient = gradient_of(&self.gradients, differences, resolution);
         let floored = part.layer.inverse_floor > 0.0 && !part.layer.smoothed;
         let surface = || surface_share(steepness_of(gradient) * part.layer.inverse_floor);
         (gradient.0, if floored { surface() } else { 1.0 })

@@ -70,7 +70,8 @@ pub(crate) struct Classify {
     pub first_brick: u32,
     pub gradient_points: u32,
     pub inverse_floor: f32,
-    pub _pad: [u32; 2],
+    pub base: f32,
+    pub faintest: f32,
     pub inline_points: [ControlPoint; MAX_INLINE_POINTS],
 }
 
@@ -200,7 +201,8 @@ pub(crate) struct Lighting {
     pub from_lattice: Affine,
     pub shininess: f32,
     pub inverse_floor: f32,
-    pub _pad: [u32; 2],
+    pub faintest: f32,
+    pub _pad: u32,
 }
 
 /// The entries of a batch; shaders/terminate.wgsl.

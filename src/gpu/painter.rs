@@ -51,16 +51,17 @@ impl Job<'_> {
         self.stores.iter().map(|store| u64::from(store.count)).sum()
     }
 
-    /// Whether there is a floor under the gradients of what is lit.
+    /// Whether surfaces have weights: post-shaded always, pre-shaded if there is a floor under gradients.
     pub(super) fn is_floored(&self) -> bool {
-        let floored = self.post.map_or(self.weights.floored, |post| post.table.inverse_floor > 0.0);
+        let floored = self.post.is_some() || self.weights.floored;
         self.settings.light_count() > 0 && floored
     }
 
     /// Material and lights as shaders have them.
     pub(super) fn lighting(&self) -> Lighting {
-        let inverse_floor = self.post.map_or(0.0, |post| post.table.inverse_floor);
-        Lighting { inverse_floor, ..self.view.lighting(self.settings.lighting.as_ref()) }
+        let [inverse_floor, faintest] =
+            self.post.map_or([0.0; 2], |post| [post.table.inverse_floor, post.table.faintest]);
+        Lighting { inverse_floor, faintest, ..self.view.lighting(self.settings.lighting.as_ref()) }
     }
 }
 

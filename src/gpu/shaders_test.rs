@@ -68,6 +68,8 @@ fn structs_are_laid_out_alike() {
         first_brick,
         gradient_points,
         inverse_floor,
+        base,
+        faintest,
         inline_points
     });
     same_layout!(ControlPoint { color, sample, opacity });
@@ -170,7 +172,8 @@ fn structs_are_laid_out_alike() {
         colors,
         from_lattice,
         shininess,
-        inverse_floor
+        inverse_floor,
+        faintest
     });
     same_layout!(Frame {
         lattice_center,

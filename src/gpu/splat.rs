@@ -2,6 +2,7 @@
 //! light on them.
 
 use super::layout::Lighting;
+use crate::transfer::Resolution;
 
 /// The largest values of red, green and blue: 13, 14 and 13 bits.
 const COLOR_STEPS: [f32; 3] = [8191.0, 16383.0, 8191.0];
@@ -48,6 +49,11 @@ fn sign_or_one(v: f32) -> f32 {
 pub(super) fn surface_share(steepness: f32) -> f32 {
     let g = steepness.min(1e9);
     g * g / (g * g + 1.0)
+}
+
+/// The central difference that counts half as a surface, at a scalar relative to the base.
+pub(super) fn resolution_at(scalar: f32, faintest: f32) -> f32 {
+    Resolution::OF_DISTANCE as f32 * scalar.abs() + faintest
 }
 
 /// The bits of the direction of a vector of any length, and if there is a floor of the weight of its surface.

@@ -2,7 +2,7 @@
 
 use super::context::Context;
 use super::scalars::Shows;
-use crate::transfer::{ControlPoint, TransferFunction};
+use crate::transfer::{ControlPoint, Resolution, TransferFunction};
 
 /// Rows of the texture, as in shaders/common/transfer.wgsl.
 const ROWS: usize = 6;
@@ -35,8 +35,7 @@ impl Reduction {
     /// The reduction of values that are at most `largest` from the base.
     pub(crate) fn new(transfer: &TransferFunction, largest: f64) -> Self {
         let base = transfer.base();
-        let extent = knots(transfer).iter().map(|p| (p.value - base).abs()).fold(0.0, f64::max);
-        let extent = if extent > 0.0 { extent } else { largest };
+        let extent = transfer.extent_or(largest);
         let exponent = extent.clamp(f64::MIN_POSITIVE, f64::MAX).log2().floor();
         Self { base, factor: (-exponent).clamp(-1020.0, 1020.0).exp2() }
     }
@@ -56,30 +55,15 @@ impl Reduction {
         self.length(value - self.base) as f32
     }
 
+    /// The resolution of a scalar of 0. At least 2^-64, so that no scalar over it leaves the range of f32.
+    pub(crate) fn faintest(&self, resolution: &Resolution) -> f32 {
+        self.length(resolution.faintest()).max(Self::LIMIT.recip()) as f32
+    }
+
     /// A difference of values in units of scalars.
     pub(crate) fn length(&self, difference: f64) -> f64 {
         (difference * self.factor).clamp(-Self::LIMIT, Self::LIMIT)
     }
-}
-
-/// The control points that matter: the function is constant outside the outermost of them.
-fn knots(transfer: &TransferFunction) -> &[ControlPoint] {
-    let alike = |pair: &[ControlPoint]| match pair {
-        [a, b] => a.opacity == b.opacity && (a.color == b.color || a.opacity <= 0.0),
-        _ => false,
-    };
-    let mut points = transfer.points();
-    while let [_, rest @ ..] = points
-        && points.get(..2).is_some_and(alike)
-    {
-        points = rest;
-    }
-    while let [rest @ .., _] = points
-        && points.len().checked_sub(2).and_then(|last| points.get(last..)).is_some_and(alike)
-    {
-        points = rest;
-    }
-    points
 }
 
 /// What scalars are classified by.
@@ -97,6 +81,8 @@ pub(crate) struct TransferTable {
     pub(crate) gradient_lookup: f32,
     /// One over the floor under gradients; 0: there is none.
     pub(crate) inverse_floor: f32,
+    /// The resolution of a scalar of 0, over 0.
+    pub(crate) faintest: f32,
 }
 
 impl TransferTable {
@@ -109,6 +95,7 @@ impl TransferTable {
         shows: Shows,
         unit: f64,
         steepness: f64,
+        resolution: &Resolution,
     ) -> Self {
         let value = |color: [f64; 3], opacity: f64| match shows {
             Shows::Opaque => {
@@ -121,7 +108,7 @@ impl TransferTable {
                 [r, g, b, opacity / transfer.max_opacity().max(f64::MIN_POSITIVE)]
             }
         };
-        let segments = Segments::new(knots(transfer), reduction, &value);
+        let segments = Segments::new(transfer.knots(), reduction, &value);
         let (mut texels, lookup, crowded) = segments.texels();
         let width = (texels.len() / 4 / ROWS) as u32;
         let steepest = transfer.gradient_opacity().last().map_or(0.0, |p| p.magnitude);
@@ -143,6 +130,7 @@ impl TransferTable {
             thins: !transfer.gradient_opacity().is_empty(),
             gradient_lookup: gradient_lookup.min(f64::from(f32::MAX)) as f32,
             inverse_floor: transfer.inverse_floor(steepness * reduction.factor),
+            faintest: reduction.faintest(resolution),
         }
     }
 }

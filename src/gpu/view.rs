@@ -369,7 +369,8 @@ impl ViewGeometry {
             shininess: lighting.shininess as f32,
             // Painters know it that light what has been reconstructed.
             inverse_floor: 0.0,
-            _pad: [0; 2],
+            faintest: 0.0,
+            _pad: 0,
         }
     }
 }

@@ -367,7 +367,14 @@ impl Layers {
     /// What errors are predicted from.
     pub(crate) fn facts(&self) -> Facts {
         let colors: Vec<[f64; 3]> = self.layers.iter().flat_map(Layer::visible_colors).collect();
-        Facts::of(&colors, self.max_density() / self.unit(), self.grid())
+        let step = |thickness: f64| {
+            let of = |layer: &Layer| match &layer.matter {
+                Matter::Scalars { transfer, .. } => transfer.largest_step(thickness / layer.unit()),
+                Matter::Colors(_) | Matter::Labels { .. } => 0.0,
+            };
+            self.layers.iter().map(of).fold(0.0, f64::max)
+        };
+        Facts::of(&colors, self.max_density() / self.unit(), step, self.grid())
     }
 
     /// Refuses settings that layers are not drawn by, and values that are no numbers.

@@ -13,7 +13,7 @@ use crate::layers::Layers;
 use crate::lighting::shadow::{Block, Caster, Lattice, Medium, Shares};
 use crate::lighting::{Lighting, Visibility};
 use crate::settings::{Model, Settings};
-use crate::transfer::{ControlPoint, TransferFunction};
+use crate::transfer::{ControlPoint, Resolution, TransferFunction};
 use crate::volume::{Grid, Samples, Volume};
 
 /// What a splat adds to a ray where its kernel is 1:
@@ -40,6 +40,8 @@ pub(super) struct Splats {
     transfer: TransferFunction,
     unit: f64,
     base: f64,
+    /// Which differences of voxels are rounding.
+    resolution: Resolution,
     lighting: Option<Lighting>,
     /// Unless all light arrives.
     shadows: Option<Shadows>,
@@ -116,6 +118,7 @@ impl Splats {
             transfer: transfer.clone(),
             unit,
             base,
+            resolution: Resolution::new(transfer, volume)?,
             lighting: settings.lighting.as_ref().map(|lighting| lighting.seen_from(volume.grid().center())),
             shadows: None,
             to_world: volume.grid().to_lattice().matrix3.transpose(),
@@ -148,6 +151,7 @@ impl Splats {
             transfer: TransferFunction::new(vec![clear], None)?,
             unit: layers.unit(),
             base: 0.0,
+            resolution: Resolution::NONE,
             lighting: settings.lighting.as_ref().map(|lighting| lighting.seen_from(grid.center())),
             shadows: None,
             to_world: grid.to_lattice().matrix3.transpose(),
@@ -238,9 +242,10 @@ impl Splats {
         })
     }
 
-    /// The gradient of the scalar at a voxel, world coordinates.
+    /// The gradient of the scalar at a voxel, world coordinates; 0 if its differences are rounding.
     pub(super) fn gradient(&self, point: [usize; 3]) -> DVec3 {
-        self.to_world * DVec3::from_array(self.central_differences(point))
+        let distance = self.value(self.index(point)) - self.base;
+        self.to_world * DVec3::from_array(self.resolution.resolved(self.central_differences(point), distance))
     }
 
     /// What of the light arrives at a place in the lattice: trilinear between voxels, beyond the outermost as there.

@@ -6,7 +6,7 @@ use super::classify::Weights;
 use super::profile::{Gauss, Range, Scalar, Series};
 use super::walk::{Block, Cuts, LatticeRay, MOMENTS, Piece};
 use crate::lighting::{Lighting, Source, Visibility};
-use crate::transfer::TransferFunction;
+use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::Grid;
 
 /// Optical depth of one step at most, for the exponential to be as well resolved as the kernel.
@@ -263,6 +263,8 @@ pub(super) struct Classifier {
     /// What opacities are meant per, in world units.
     unit: f64,
     pub(super) base: f64,
+    /// Which differences are rounding.
+    resolution: Resolution,
     /// The values, ascending, between which opacity is linear and extinction analytic.
     kinks: Vec<f64>,
     /// What is between them, and before and after: one more.
@@ -332,7 +334,12 @@ impl Segment {
 
 impl Classifier {
     /// Lights are at places from the middle of the grid.
-    pub(super) fn new(transfer: &TransferFunction, lighting: Option<&Lighting>, grid: &Grid) -> Self {
+    pub(super) fn new(
+        transfer: &TransferFunction,
+        lighting: Option<&Lighting>,
+        grid: &Grid,
+        resolution: Resolution,
+    ) -> Self {
         let points = transfer.points();
         let mut kinks: Vec<f64> = points.iter().map(|p| p.value).collect();
         // Where opacities are cut off, too.
@@ -347,6 +354,7 @@ impl Classifier {
             transfer: transfer.clone(),
             unit: transfer.unit_or(grid.min_spacing()),
             base: transfer.base(),
+            resolution,
             kinks,
             lighting: lighting.map(|lighting| lighting.seen_from(grid.center())),
             grid: grid.centered().to_world(),
@@ -384,11 +392,13 @@ impl Classifier {
         directions.map(|d| self.to_world.transpose() * d).map(|d| [0.0, d.x, d.y, d.z]).collect()
     }
 
-    /// Extinction and emission per world unit where the transfer function gives this colour and opacity, the scalar's
-    /// differences along the lattice axes are these, and light arrives as `visibility` says.
+    /// Extinction and emission per world unit where the transfer function gives this colour and opacity, the scalar is
+    /// so far from the base and its differences along the lattice axes are these, and light arrives as `visibility`
+    /// says.
     fn lit(
         &self,
         (mut color, opacity): ([f64; 3], f64),
+        distance: f64,
         differences: [f64; 3],
         place: DVec3,
         to_eye: DVec3,
@@ -404,7 +414,7 @@ impl Classifier {
         }
         if let Some(lighting) = &self.lighting {
             let place = self.grid.transform_point3(place);
-            let weight = self.transfer.surface_share(gradient.length());
+            let weight = self.transfer.surface_share(gradient.length()) * self.resolution.share(differences, distance);
             color = lighting.shade_in_part(weight, color, gradient, place, to_eye, &visibility());
         }
         [tau, tau * color[0], tau * color[1], tau * color[2]]
@@ -508,10 +518,12 @@ impl Classified<'_> {
         let world = 2.0 * part * half * self.measure;
         let classifier = self.classifier;
         let at = |node: usize| {
-            let [scalar, differences @ ..] = sums[node];
+            let scalar = sums[node][0];
             let place = self.place(block.middle + half * (middle + part * [-PAIR, PAIR][node]));
-            let differences = differences.map(|d| d / self.divisor);
-            classifier.lit(segment.at(self.value(scalar)), differences, place, self.to_eye, || self.visibility(place))
+            let [distance, differences @ ..] = sums[node].map(|sum| sum / self.divisor);
+            classifier.lit(segment.at(self.value(scalar)), distance, differences, place, self.to_eye, || {
+                self.visibility(place)
+            })
         };
         let field = [0, 1].map(at);
         let most = field.iter().flatten().fold(0.0, |m: f64, f| m.max(f.abs()));
@@ -642,7 +654,8 @@ impl Classified<'_> {
         let classified = self.classifier.transfer.sample(self.value(scalar));
         let place = self.place(stretch.middle + stretch.half * x);
         let differences = differences.map(|d| d / self.divisor);
-        self.classifier.lit(classified, differences, place, self.to_eye, || self.visibility(place))
+        self.classifier
+            .lit(classified, scalar / self.divisor, differences, place, self.to_eye, || self.visibility(place))
     }
 
     /// The place in the lattice so many voxels along the ray.

@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 
 use crate::error::{Error, Result};
 use crate::layers::{Layer, Layers, Look, Matter, look_of, luminance};
-use crate::transfer::TransferFunction;
+use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::{Samples, Volume};
 
 /// Voxels to either side of one whose extinctions make its normal, where samples jump.
@@ -45,6 +45,8 @@ struct Medium {
     values: Values,
     look: Looks,
     unit: f64,
+    /// Which differences of values are rounding.
+    resolution: Resolution,
     mask: Option<(Values, Arc<[i64]>)>,
     /// The largest extinction.
     most: f64,
@@ -102,7 +104,11 @@ impl Media {
             if !most.is_finite() {
                 return Err(Error::Transfer(format!("opacity per {unit} is more extinction than a number can hold")));
             }
-            Ok(Medium { values: Values::new(layer.volume())?, look, unit, mask: mask.transpose()?, most })
+            let resolution = match &layer.matter {
+                Matter::Scalars { transfer, .. } => Resolution::new(transfer, layer.volume())?,
+                _ => Resolution::NONE,
+            };
+            Ok(Medium { values: Values::new(layer.volume())?, look, unit, resolution, mask: mask.transpose()?, most })
         };
         Ok(Self {
             dims: layers.grid().dims().map(|d| d as usize),
@@ -124,7 +130,10 @@ impl Media {
             beside[axis] += step;
             medium.scalar(self.index(beside)) / 2.0
         };
-        self.to_world * DVec3::from_array([0, 1, 2].map(|axis| at(axis, 1) - at(axis, -1)))
+        let differences = [0, 1, 2].map(|axis| at(axis, 1) - at(axis, -1));
+        let base = if let Looks::Transfer(transfer) = &medium.look { transfer.base() } else { 0.0 };
+        let distance = medium.scalar(self.index(point)) - base;
+        self.to_world * DVec3::from_array(medium.resolution.resolved(differences, distance))
     }
 
     /// Colour and extinction of a medium at a voxel, before gradient opacity.

@@ -98,7 +98,7 @@ use crate::lighting::Lighting;
 use crate::lighting::{Casting, Visibility};
 use crate::progress::Progress;
 use crate::settings::{Model, Response, Settings};
-use crate::transfer::TransferFunction;
+use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::{Grid, Volume};
 use cells::Map;
 use classify::{Bricks, Splats};
@@ -187,9 +187,12 @@ impl Reference {
             Model::Xray => Method::Xray(settings.response),
             Model::Mip | Model::Minip => Method::Maximum(transfer.clone()),
             Model::Average => Method::Mean(transfer.clone()),
-            Model::Composite if settings.is_post_shaded() => {
-                Method::PostShaded(Box::new(Classifier::new(transfer, lighting, &grid)))
-            }
+            Model::Composite if settings.is_post_shaded() => Method::PostShaded(Box::new(Classifier::new(
+                transfer,
+                lighting,
+                &grid,
+                Resolution::new(transfer, volume)?,
+            ))),
             Model::Composite => Method::PreShaded,
         };
         Ok(Self::of(&grid, Splats::new(volume, transfer, settings)?, method, settings))

@@ -3,6 +3,7 @@
 
 use super::TransferFunction;
 use crate::error::{Error, Result};
+use crate::volume::Volume;
 
 /// A control point of gradient opacity.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -108,6 +109,72 @@ impl TransferFunction {
     pub(crate) fn scaled_gradient_opacity(&self, scale: f64) -> Vec<[f32; 2]> {
         let scaled = |p: &GradientPoint| [(p.magnitude * scale).min(1e36) as f32, p.opacity as f32];
         self.gradient.iter().map(scaled).collect()
+    }
+}
+
+/// Which central differences of a scalar are rounding, and no surface.
+///
+/// A gradient is the vector of central differences of the samples, (f_(j+1) - f_(j-1)) / 2 along each axis of the
+/// lattice. Painters hold samples less the base of the transfer function in f32. So differences below a share of that
+/// distance are noise, and the direction of their sum is arbitrary. Nor does light depend on differences far below all
+/// that the transfer function tells apart, which half floats and fitted kernels do not hold.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Resolution {
+    of_distance: f64,
+    faintest: f64,
+}
+
+impl Resolution {
+    /// The share of the distance of a value from the base: 64 times what rounding to f32 may change. 2^-18.
+    pub(crate) const OF_DISTANCE: f64 = 1.0 / 262_144.0;
+    /// The share of the largest distance of values from the base, if it is within the extent of the transfer function:
+    /// what half floats hold to 11 bits if the largest distance is to stay in their range. 2^-28.
+    const OF_ALL: f64 = Self::OF_DISTANCE / 1024.0;
+    /// The least share of the extent of the transfer function that counts as the largest distance. 2^-32.
+    const LEAST: f64 = 1.0 / 4_294_967_296.0;
+
+    /// Every difference is a surface's.
+    pub(crate) const NONE: Self = Self { of_distance: 0.0, faintest: 0.0 };
+
+    /// The resolution of the values of a volume.
+    ///
+    /// # Errors
+    /// [`Error::Read`] if the samples cannot be read.
+    pub(crate) fn new(transfer: &TransferFunction, volume: &Volume) -> Result<Self> {
+        let base = transfer.base();
+        let (slope, intercept) = volume.rescale();
+        let distance = |raw: &f64| (slope * raw + intercept - base).abs();
+        let largest = volume.ranges()?.iter().flatten().map(distance).fold(0.0, f64::max);
+        let extent = transfer.extent_or(largest);
+        let faintest = Self::OF_ALL * largest.clamp(Self::LEAST * extent, extent);
+        Ok(Self { of_distance: Self::OF_DISTANCE, faintest })
+    }
+
+    /// The part of the resolution that is the same for all values.
+    pub(crate) fn faintest(&self) -> f64 {
+        self.faintest
+    }
+
+    /// The largest central difference that counts half as a surface, of a value so far from the base.
+    fn at(&self, distance: f64) -> f64 {
+        self.of_distance * distance.abs() + self.faintest
+    }
+
+    /// The weight of a surface of a value so far from the base, given its central differences along the axes of the
+    /// lattice: g^4 / (g^4 + 1) with g the largest of them over the resolution. It is steep, so that quadrature along a
+    /// ray meets a surface or none.
+    pub(crate) fn share(&self, differences: [f64; 3], distance: f64) -> f64 {
+        let largest = differences.iter().fold(0.0_f64, |largest, d| largest.max(d.abs()));
+        if largest <= 0.0 {
+            return 0.0;
+        }
+        let g = (largest / self.at(distance)).min(1e9).powi(4);
+        g / (g + 1.0)
+    }
+
+    /// The differences of a voxel, which is a surface or not: 0 if their weight is less than half.
+    pub(crate) fn resolved(&self, differences: [f64; 3], distance: f64) -> [f64; 3] {
+        if self.share(differences, distance) < 0.5 { [0.0; 3] } else { differences }
     }
 }
 

@@ -10,7 +10,7 @@ pub mod presets;
 mod window;
 
 pub use self::gradient::GradientPoint;
-pub(crate) use self::gradient::scaled_share;
+pub(crate) use self::gradient::{Resolution, scaled_share};
 pub use self::import::Imported;
 pub use self::window::Window;
 use crate::error::{Error, Result};
@@ -267,6 +267,53 @@ impl TransferFunction {
         }
         ranges.retain(|[low, high]| low <= high);
         ranges
+    }
+
+    /// The control points that matter: the function is constant outside the outermost of them.
+    pub(crate) fn knots(&self) -> &[ControlPoint] {
+        let alike = |pair: &[ControlPoint]| match pair {
+            [a, b] => a.opacity == b.opacity && (a.color == b.color || a.opacity <= 0.0),
+            _ => false,
+        };
+        let mut points = self.points.as_slice();
+        while let [_, rest @ ..] = points
+            && points.get(..2).is_some_and(alike)
+        {
+            points = rest;
+        }
+        while let [rest @ .., _] = points
+            && points.len().checked_sub(2).and_then(|last| points.get(last..)).is_some_and(alike)
+        {
+            points = rest;
+        }
+        points
+    }
+
+    /// The distance from the base to the farthest control point that matters, or if none is apart from the base another
+    /// distance.
+    pub(crate) fn extent_or(&self, other: f64) -> f64 {
+        let base = self.base();
+        let extent = self.knots().iter().map(|p| (p.value - base).abs()).fold(0.0, f64::max);
+        if extent > 0.0 { extent } else { other }
+    }
+
+    /// The largest change of alpha, or of a colour times alpha, between two neighbouring points, of matter so many unit
+    /// distances thick: the whole of it if it is a step, half if the points are 1/256 of the range of all points apart.
+    pub(crate) fn largest_step(&self, thickness: f64) -> f64 {
+        const NEAR: f64 = 1.0 / 256.0;
+        let shown = |p: &ControlPoint| {
+            let alpha = -(-Self::extinction(p.opacity, 1.0) * thickness).exp_m1();
+            let [r, g, b] = p.color.map(|c| c * alpha);
+            [r, g, b, alpha]
+        };
+        let [first, last] = self.range();
+        let near = NEAR * (last - first);
+        let change = |[p, q]: [&ControlPoint; 2]| {
+            let most = shown(p).iter().zip(shown(q)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            let steepness = near / (near + q.value - p.value);
+            if steepness.is_finite() { most * steepness } else { most }
+        };
+        self.points.iter().zip(self.points.iter().skip(1)).map(|(p, q)| change([p, q])).fold(0.0, f64::max)
     }
 
     /// The largest opacity of any point.

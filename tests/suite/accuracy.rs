@@ -4,13 +4,14 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use voxsplat::accuracy::{Truth, choose};
+use voxsplat::camera::ProjectionKind;
 use voxsplat::error::Error;
 use voxsplat::image::Image;
 use voxsplat::layers::Layers;
-use voxsplat::settings::{Level, Painter, Settings, Shading};
+use voxsplat::settings::{Level, Painter, Resolution, Settings, Shading};
 
 use crate::adapter::adapter;
-use crate::support::{PERSPECTIVE, RENDERER, camera, demo, draw, headlight, prepare, with_quads};
+use crate::support::{PERSPECTIVE, RENDERER, camera, demo, draw, headlight, prepare, transfer, with_quads, with_tiles};
 
 /// Runs the program in `dir` on the adapter of the tests.
 fn run(dir: &Path, arguments: &str) -> Output {
@@ -94,6 +95,29 @@ fn predictions_hold_and_name_their_causes() {
     assert_eq!(early.termination, 0.01);
     let coarse = draw(&scene, &camera, &Settings { level: Level::At(1), ..base }).stats;
     assert!(coarse.predicted.level > 0.0 && coarse.to_string().contains("predicted    error at most"));
+}
+
+/// A step of the transfer function turns jumps of kernels at their rims into another colour.
+#[test]
+fn steps_of_a_transfer_function_are_predicted() {
+    let (volume, _) = demo("vessels", 24);
+    let camera = camera(33.0, ProjectionKind::Orthographic, &volume, 48);
+    let from = |low: f64| {
+        let red = |value, opacity| (value, [1.0, 0.2, 0.1], opacity);
+        transfer(&[red(low, 0.0), red(0.5, 0.3), red(254.0, 0.3)], Some(1.0))
+    };
+    let post = Settings { shading: Shading::Post, level: Level::At(0), ..Settings::default() };
+    for settings in [with_quads(&post, |_| {}), with_tiles(&post, Resolution::Full)] {
+        let [step, ramp] = [0.5, -100.0].map(|low| {
+            let transfer = from(low);
+            let truth = Truth::trace(&Layers::of(&volume, &transfer), &camera, &settings, u32::MAX).unwrap();
+            let drawn = draw(&prepare(&volume, &transfer, &settings), &camera, &settings);
+            let error = truth.estimate(&drawn.image).unwrap().error;
+            (error, drawn.stats.predicted.interpolation)
+        });
+        assert!(step.0 > 0.1 && step.1 >= step.0, "{step:?}");
+        assert!(ramp.0 < 0.1 && ramp.1 < step.1 / 2.0, "{ramp:?}");
+    }
 }
 
 #[test]
