@@ -16,8 +16,8 @@ use crate::volume::Grid;
 pub struct Prediction {
     /// Colours that lie behind each other in a sheet or a slab are mixed.
     pub order: f64,
-    /// Scalars between sheets are interpolated before they are classified, and kernels jump at their rims. A step of the
-    /// transfer function turns that into pixels of another colour.
+    /// Scalars between sheets are interpolated before they are classified, and kernels jump at their rims, which steps
+    /// of the transfer function turn into other colours.
     pub interpolation: f64,
     /// Rays are fewer than pixels.
     pub rays: f64,
