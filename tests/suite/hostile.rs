@@ -125,6 +125,139 @@ fn samples_that_fit_once_but_not_twice_are_an_error() {
     refused(dir.path(), "info turned.npy.gz", "no memory for the samples of turned.npy.gz: 1073741824 bytes");
 }
 
+/// Replaces all of `old`, which is there.
+fn replaced(bytes: &[u8], old: &[u8], new: &[u8]) -> Vec<u8> {
+    let (mut out, mut at, mut found) = (Vec::new(), 0, false);
+    while at < bytes.len() {
+        if bytes[at..].starts_with(old) {
+            out.extend_from_slice(new);
+            (at, found) = (at + old.len(), true);
+        } else {
+            out.push(bytes[at]);
+            at += 1;
+        }
+    }
+    assert!(found, "{:?}", String::from_utf8_lossy(old));
+    out
+}
+
+/// The files of every reader with headers that claim 60000 x 60000 samples, and 2 MiB of bytes behind the end: enough
+/// that a bound by the length of the file alone would not do.
+#[cfg(target_os = "linux")]
+#[test]
+fn headers_that_claim_too_much_are_refused_before_memory_is_taken() {
+    const SIDE: u32 = 60_000;
+    let dir = folder();
+    let text = |old: &str, new: &str| {
+        let (old, new) = (old.to_owned(), new.to_owned());
+        move |bytes: Vec<u8>| replaced(&bytes, old.as_bytes(), new.as_bytes())
+    };
+    type Lie = Box<dyn Fn(Vec<u8>) -> Vec<u8>>;
+    let nrrd = || -> Lie { Box::new(text("sizes: 3 4 5", "sizes: 60000 60000 5")) };
+    let meta = || -> Lie { Box::new(text("DimSize = 3 4 5", "DimSize = 60000 60000 5")) };
+    let vti = || -> Lie { Box::new(text("0 2 0 3 0 4", "0 59999 0 59999 0 4")) };
+    // The header of NumPy is as long as before: blanks at its end give way.
+    let npy = || -> Lie { Box::new(text("(5, 4, 3), }        ", "(5, 60000, 60000), }")) };
+    let vtk = || -> Lie {
+        let points = text("POINT_DATA 60", "POINT_DATA 18000000000");
+        let sizes = text("DIMENSIONS 3 4 5", "DIMENSIONS 60000 60000 5");
+        Box::new(move |bytes| points(sizes(bytes)))
+    };
+    let at = |place: usize, new: Vec<u8>| -> Lie {
+        Box::new(move |mut bytes| {
+            bytes[place..place + new.len()].copy_from_slice(&new);
+            bytes
+        })
+    };
+    let nifti = || at(42, [30_000_i16; 2].map(i16::to_le_bytes).concat());
+    let mrc = || at(0, [SIDE; 2].map(u32::to_le_bytes).concat());
+    let tiff = || -> Lie {
+        Box::new(|bytes| {
+            let entry = |tag: u16, size: u16| [tag, 4, 1, 0, size].map(u16::to_le_bytes).concat();
+            let wide = replaced(&bytes, &entry(256, 3), &entry(256, SIDE as u16));
+            replaced(&wide, &entry(257, 4), &entry(257, SIDE as u16))
+        })
+    };
+    let dicom = || -> Lie {
+        Box::new(|bytes| {
+            let element = |number: u8, size: u16| {
+                [&[0x28, 0, number, 0, b'U', b'S', 2, 0], size.to_le_bytes().as_slice()].concat()
+            };
+            let high = replaced(&bytes, &element(0x10, 4), &element(0x10, SIDE as u16));
+            replaced(&high, &element(0x11, 3), &element(0x11, SIDE as u16))
+        })
+    };
+    let claims = "or its header claims too much";
+    let no_memory = "no memory for the samples of ";
+    let mut rows: Vec<(&str, Lie, &str)> = vec![
+        ("raw-u8.nrrd", nrrd(), claims),
+        ("gzip-u16.nrrd", nrrd(), claims),
+        ("text-i32.nrrd", nrrd(), claims),
+        ("hex-u16.nrrd", nrrd(), claims),
+        ("raw-u16.mha", meta(), claims),
+        ("zlib-u8.mha", meta(), claims),
+        ("text-f32.mha", meta(), claims),
+        ("raw-u8.vti", vti(), claims),
+        ("zlib-i16.vti", vti(), claims),
+        ("base64-i16.vti", vti(), claims),
+        ("ascii-i16.vti", vti(), claims),
+        ("lz4-f32.vti", vti(), claims),
+        ("raw-u8.vtk", vtk(), claims),
+        ("ascii-i16.vtk", vtk(), claims),
+        ("fortran-u8.npy", npy(), claims),
+        ("raw-u8.nii", nifti(), claims),
+        ("raw-u16.mrc", mrc(), claims),
+        ("raw-u16.tif", tiff(), claims),
+        ("deflate-i16.tif", tiff(), claims),
+        ("lzw-u8.tif", tiff(), claims),
+        ("packbits-u8.tif", tiff(), claims),
+        ("tiles-u16.tif", tiff(), claims),
+        ("rgb-lzw-u8.tif", tiff(), claims),
+        ("planar-deflate-u8.tif", tiff(), claims),
+        ("section-8.tiff", tiff(), claims),
+        ("ct-a.dcm", dicom(), "is cut short"),
+        // As many samples as a codec may make of few bytes: the memory for them is not there.
+        ("rle-u8.dcm", dicom(), no_memory),
+        ("baseline-u8.dcm", dicom(), no_memory),
+        ("lossless-u16.dcm", dicom(), no_memory),
+        ("jpeg2000-u8.dcm", dicom(), no_memory),
+    ];
+    if cfg!(feature = "hdf5") {
+        let sizes = |sizes: [u64; 3]| sizes.map(u64::to_le_bytes).concat();
+        let hdf5 = || -> Lie { Box::new(move |bytes| replaced(&bytes, &sizes([5, 4, 3]), &sizes([5, 60_000, 60_000]))) };
+        rows.push(("plain-i16.h5", hdf5(), no_memory));
+        rows.push(("chunks-f32.h5", hdf5(), no_memory));
+        let x = |size: u32| [b"\0\0\0\x01x\0\0\0", size.to_be_bytes().as_slice()].concat();
+        rows.push(("classic-i16.nc", Box::new(move |bytes| replaced(&bytes, &x(3), &x(1 << 30))), "expected 1 to"));
+    }
+    for (name, lie, words) in rows {
+        let mut bytes = lie(std::fs::read(crate::readers::path(name)).unwrap());
+        bytes.extend(vec![b'1'; 2 << 20]);
+        std::fs::write(dir.path().join(name), &bytes).unwrap();
+        refused(dir.path(), &format!("info {name}"), words);
+        // TIFF is no stream, and neither are folders and containers.
+        if [".tif", ".tiff", ".dcm", ".h5", ".nc"].iter().any(|end| name.ends_with(end)) {
+            continue;
+        }
+        std::fs::write(dir.path().join(format!("{name}.gz")), gzip(&bytes)).unwrap();
+        refused(dir.path(), &format!("info {name}.gz"), claims);
+    }
+    // A chunk that is no chunk of the array, of which no other is there.
+    for (fill, chunk) in [(0, 100), (7, 100), (0, 60_000)] {
+        let array = dir.path().join(format!("a{fill}-{chunk}.zarr"));
+        std::fs::create_dir(&array).unwrap();
+        let keys = "\"dtype\": \"|u1\", \"order\": \"C\", \"filters\": null, \"compressor\": null";
+        let header = format!(
+            "{{\"zarr_format\": 2, \"shape\": [1, {SIDE}, {SIDE}], \"chunks\": [1, {chunk}, {chunk}], {keys}, \
+             \"fill_value\": {fill}}}"
+        );
+        std::fs::write(array.join(".zarray"), header).unwrap();
+        std::fs::write(array.join("0.0.0"), [1, 2, 3]).unwrap();
+        let words = if chunk == 100 { no_memory } else { "chunks of 3600000000 bytes, expected at most" };
+        refused(dir.path(), &format!("info {}", array.display()), words);
+    }
+}
+
 /// A PNG of zeros: one bit of gray for each pixel.
 fn black_png(file: &Path, width: u32, height: u32) {
     let mut rows = ZlibEncoder::new(Vec::new(), Compression::fast());
