@@ -314,7 +314,13 @@ impl Stack {
             pages.push(index);
         }
         let needed = first.bytes.saturating_mul(pages.len() as u64);
-        check_length(path, [first.size[0].into(), first.size[1].into(), pages.len() as u64], needed, length, expansion)?;
+        check_length(
+            path,
+            [first.size[0].into(), first.size[1].into(), pages.len() as u64],
+            needed,
+            length,
+            expansion,
+        )?;
         let described = Described::of(&text, resolution, pages.len() as i64, first.samples, path)?;
         let stack = Self {
             path: path.to_owned(),
@@ -405,14 +411,16 @@ impl Page {
         };
         let expansion = expansion(number(Tag::Compression, 1)?);
         let compressed = expansion != 1 || number(Tag::Predictor, 1)? != 1;
-        let mut table = |tag: Tag| decoder.find_tag_unsigned_vec::<u64>(tag).map_err(failed).map(Option::unwrap_or_default);
+        let mut table =
+            |tag: Tag| decoder.find_tag_unsigned_vec::<u64>(tag).map_err(failed).map(Option::unwrap_or_default);
         let mut offsets = table(Tag::StripOffsets)?;
         let in_strips = !offsets.is_empty();
         if !in_strips {
             offsets = table(Tag::TileOffsets)?;
         }
         let counts = table(if in_strips { Tag::StripByteCounts } else { Tag::TileByteCounts })?;
-        let bytes = u64::from(width).saturating_mul(height.into()).saturating_mul(u64::from(bits / 8) * u64::from(samples));
+        let bytes =
+            u64::from(width).saturating_mul(height.into()).saturating_mul(u64::from(bits / 8) * u64::from(samples));
         let whole = counts.len() == offsets.len();
         // Of a strip that ends behind the end of the file only its beginning is there.
         let there = |(offset, count): (&u64, &u64)| length.saturating_sub(*offset).min(*count);

@@ -171,13 +171,18 @@ fn headers_that_claim_too_much_are_refused_before_memory_is_taken() {
     };
     let nifti = || at(42, [30_000_i16; 2].map(i16::to_le_bytes).concat());
     let mrc = || at(0, [SIDE; 2].map(u32::to_le_bytes).concat());
-    let tiff = || -> Lie {
-        Box::new(|bytes| {
+    // In one strip or one tile: other numbers of them would be refused for themselves.
+    let tiff_of = |entries: &'static [(u16, u16)]| -> Lie {
+        Box::new(move |bytes| {
             let entry = |tag: u16, size: u16| [tag, 4, 1, 0, size].map(u16::to_le_bytes).concat();
-            let wide = replaced(&bytes, &entry(256, 3), &entry(256, SIDE as u16));
-            replaced(&wide, &entry(257, 4), &entry(257, SIDE as u16))
+            let changed = |bytes: Vec<u8>, (tag, size): &(u16, u16)| {
+                replaced(&bytes, &entry(*tag, *size), &entry(*tag, SIDE as u16))
+            };
+            entries.iter().fold(bytes, changed)
         })
     };
+    let tiff = || tiff_of(&[(256, 3), (257, 4), (278, 4)]);
+    let tiled = tiff_of(&[(256, 3), (257, 4), (322, 16), (323, 16)]);
     let dicom = || -> Lie {
         Box::new(|bytes| {
             let element = |number: u8, size: u16| {
@@ -208,10 +213,9 @@ fn headers_that_claim_too_much_are_refused_before_memory_is_taken() {
         ("raw-u8.nii", nifti(), claims),
         ("raw-u16.mrc", mrc(), claims),
         ("raw-u16.tif", tiff(), claims),
-        ("deflate-i16.tif", tiff(), claims),
+        ("tiles-u16.tif", tiled, claims),
         ("lzw-u8.tif", tiff(), claims),
         ("packbits-u8.tif", tiff(), claims),
-        ("tiles-u16.tif", tiff(), claims),
         ("rgb-lzw-u8.tif", tiff(), claims),
         ("planar-deflate-u8.tif", tiff(), claims),
         ("section-8.tiff", tiff(), claims),
@@ -224,7 +228,8 @@ fn headers_that_claim_too_much_are_refused_before_memory_is_taken() {
     ];
     if cfg!(feature = "hdf5") {
         let sizes = |sizes: [u64; 3]| sizes.map(u64::to_le_bytes).concat();
-        let hdf5 = || -> Lie { Box::new(move |bytes| replaced(&bytes, &sizes([5, 4, 3]), &sizes([5, 60_000, 60_000]))) };
+        let hdf5 =
+            || -> Lie { Box::new(move |bytes| replaced(&bytes, &sizes([5, 4, 3]), &sizes([5, 60_000, 60_000]))) };
         rows.push(("plain-i16.h5", hdf5(), no_memory));
         rows.push(("chunks-f32.h5", hdf5(), no_memory));
         let x = |size: u32| [b"\0\0\0\x01x\0\0\0", size.to_be_bytes().as_slice()].concat();
@@ -370,6 +375,72 @@ fn text_inputs_are_refused_without_waiting() {
             println!("{input}, {file}: {:.2} s", start.elapsed().as_secs_f64());
         }
     }
+}
+
+/// An output may not be a file that a header names, a slice of a folder or a file of a Zarr, by any name.
+#[test]
+fn outputs_take_the_place_of_no_data_file() {
+    let dir = folder();
+    let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    let header = HEADER.replace("255 257 1", "2 2 2");
+    for name in ["a.png", "b0.png", "b1.png", "c.png", "d.png"] {
+        write(name, "12345678");
+    }
+    write("a.nhdr", &format!("{header}data file: a.png\n"));
+    write("list.nhdr", &format!("{header}data file: LIST\nb0.png\nb1.png\n"));
+    write("pattern.nhdr", &format!("{header}data file: b%d.png 0 1 1\n"));
+    let meta = "NDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\nElementDataFile";
+    write("c.mhd", &format!("{meta} = c.png\n"));
+    write("c-list.mhd", &format!("{meta} = LIST\nd.png\n"));
+    write("s.json", r#"{"volume": "a.nhdr"}"#);
+    for folder in ["series", "v.zarr", "v.zarr/0", "report"] {
+        std::fs::create_dir(dir.path().join(folder)).unwrap();
+    }
+    let group = r#"{"zarr_format": 3, "node_type": "group"}"#;
+    write("v.zarr/zarr.json", group);
+    write("v.zarr/0/zarr.json", group);
+    write("report/pareto.json", "[]");
+    for (name, to) in [
+        ("ct-a.dcm", "series/ct-a.dcm"),
+        ("section-8.tiff", "series/section-8.tiff"),
+        ("pair-i16.hdr", "pair.hdr"),
+        ("pair-i16.img", "pair.img"),
+    ] {
+        std::fs::copy(crate::readers::path(name), dir.path().join(to)).unwrap();
+    }
+    for (file, link) in [
+        ("pair.img", "img.png"),
+        ("pair.hdr", "hdr.png"),
+        ("series/ct-a.dcm", "slice.png"),
+        ("series/section-8.tiff", "section.png"),
+    ] {
+        std::os::unix::fs::symlink(file, dir.path().join(link)).unwrap();
+    }
+    let before = names(dir.path());
+    for (command, output) in [
+        ("render a.nhdr", "-o a.png"),
+        ("render list.nhdr", "-o b1.png"),
+        ("render pattern.nhdr", "-o b1.png"),
+        ("render c.mhd", "-o c.png"),
+        ("render c-list.mhd", "-o ./d.png"),
+        ("render pair.hdr", "-o img.png"),
+        ("render pair.img", "-o hdr.png"),
+        ("render series", "-o slice.png"),
+        ("render series", "-o section.png"),
+        ("render v.zarr", "-o new.png --save-scene v.zarr/0/zarr.json"),
+        ("render v.zarr/zarr.json", "-o new.png --save-transfer v.zarr/zarr.json"),
+        ("render demo:sphere:8 --labels a.nhdr", "-o a.png"),
+        ("render demo:sphere:8 --mask a.nhdr:1", "-o a.png"),
+        ("render s.json", "-o a.png"),
+        ("pareto demo:sphere:8 --rivals report/pareto.json", "-o report"),
+    ] {
+        let arguments = format!("{command} {output}");
+        let (status, said) = ended(started(dir.path(), ":", &arguments));
+        assert_eq!((status.code(), said.lines().count()), (Some(2), 1), "{arguments}: {said}");
+        assert!(said.contains("the same file"), "{arguments}: {said}");
+        assert_eq!(names(dir.path()), before, "{arguments}");
+    }
+    assert_eq!(std::fs::read_to_string(dir.path().join("a.png")).unwrap(), "12345678");
 }
 
 /// An output may not be an input or another output, by any name.

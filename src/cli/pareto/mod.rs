@@ -58,6 +58,9 @@ struct Rival {
     rms: f64,
 }
 
+/// The files that a study writes into its folder, apart from the truths.
+pub(super) const FILES: [&str; 5] = ["pareto.json", "pareto.csv", "time-rms.svg", "time-p999.svg", "report.html"];
+
 /// Options of `voxsplat pareto` alone, and options that a study varies.
 const OWN: [&str; 12] = [
     "-o",
