@@ -3,8 +3,11 @@
 //! An option is refused if it contradicts another one, and noted in one line if it is harmless. A unit test takes all
 //! options from `clap` and fails for an option without a row.
 
+use std::path::Path;
+
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Command, CommandFactory};
+use voxsplat::formats::data_files;
 
 use super::Failure;
 use super::args::Args;
@@ -77,10 +80,22 @@ const TABLE: &[(&str, &[Rule])] = &[
     ("replace-nan", ALWAYS),
     ("channel", BY_LIBRARY),
     ("time", BY_LIBRARY),
-    ("series", &[idle(|given| given.reads_one_file(), "because the volume is one file: only folders hold series")]),
+    (
+        "series",
+        &[
+            idle(|given| given.reads_one_file(), "because the volume is one file: only folders hold series"),
+            idle(|given| given.reads_no_dicom(), "because only folders of DICOM files hold series"),
+        ],
+    ),
     // Whether a folder holds a pyramid is known when it is read: `session::say_choice`.
     ("pyramid", ALWAYS),
-    ("missing-slices", &[idle(|given| given.reads_one_file(), "because the volume is one file")]),
+    (
+        "missing-slices",
+        &[
+            idle(|given| given.reads_one_file(), "because the volume is one file"),
+            idle(|given| given.reads_no_dicom(), "because only slices of DICOM have places"),
+        ],
+    ),
     ("stream-over", ALWAYS),
     // Output.
     ("output", ALWAYS),
@@ -318,12 +333,27 @@ impl Given<'_> {
     /// Whether the volume is a file outside of folders whose files belong together, or built in.
     fn reads_one_file(&self) -> bool {
         let Some(source) = self.values("source").pop() else { return false };
-        let path = std::path::Path::new(&source);
-        let of_zarr = path.parent().is_some_and(|folder| {
-            [".zarray", ".zgroup", ".zattrs", "zarr.json"].iter().any(|name| folder.join(name).exists())
-        });
-        source.starts_with("demo:") || (path.is_file() && !of_zarr)
+        let path = Path::new(&source);
+        source.starts_with("demo:") || (path.is_file() && !path.parent().is_some_and(is_zarr))
     }
+
+    /// Whether the volume is a Zarr or a folder of TIFF files. DICOM files do not go with TIFF files.
+    fn reads_no_dicom(&self) -> bool {
+        let Some(source) = self.values("source").pop() else { return false };
+        let path = Path::new(&source);
+        let is_tiff = |file: &Path| {
+            file.extension()
+                .is_some_and(|extension| ["tif", "tiff"].iter().any(|end| extension.eq_ignore_ascii_case(end)))
+        };
+        is_zarr(path)
+            || path.parent().is_some_and(|folder| path.is_file() && is_zarr(folder))
+            || (path.is_dir() && data_files(path).first().is_some_and(|file| is_tiff(file)))
+    }
+}
+
+/// Whether a folder is an array or a group of Zarr.
+fn is_zarr(folder: &Path) -> bool {
+    [".zarray", ".zgroup", ".zattrs", "zarr.json"].iter().any(|name| folder.join(name).exists())
 }
 
 /// Whether the picture is an `.exr`.
@@ -400,7 +430,7 @@ pub(super) fn noted(command: &str, lines: Vec<&ArgMatches>) -> Result<Vec<String
             None => {}
         }
     }
-    if refusals.is_empty() { Ok(notes) } else { Err(Failure::Usage(refusals.join("; "))) }
+    if refusals.is_empty() { Ok(notes) } else { Err(Failure::Several(refusals)) }
 }
 
 #[cfg(test)]

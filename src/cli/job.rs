@@ -480,6 +480,7 @@ impl ParetoJob {
         if matches!(transfer.choice, TransferChoice::Labels) {
             return Err(Failure::Usage("--transfer labels is for render and turntable".to_owned()));
         }
+        check_folder(&args.output)?;
         Ok(Self {
             load: args.input.options_for(&args.view, args.size),
             source: args.input.source,
@@ -500,6 +501,19 @@ impl ParetoJob {
             rivals: args.rivals,
         })
     }
+}
+
+/// Refuses a folder that cannot be made or written to. It is made after the volume has been read.
+fn check_folder(folder: &Path) -> Result<(), Failure> {
+    let usage = |reason: String| Err(Failure::Usage(format!("--output: {}: {reason}", folder.display())));
+    let mut first = folder.join("report.html");
+    while let Some(above) = first.parent().filter(|above| !above.as_os_str().is_empty() && !above.is_dir()) {
+        if above.exists() {
+            return usage(format!("{} is no directory", above.display()));
+        }
+        first = above.to_owned();
+    }
+    check_file(&first).or_else(|error| usage(format!("{error:#}")))
 }
 
 /// Two pictures to compare.

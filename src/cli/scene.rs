@@ -68,9 +68,11 @@ pub(super) fn jobs(
         return Ok(vec![job]);
     }
     let path = &args.input.source;
+    let placed = |reason: String| format!("{}: {reason}", path.display());
     let in_scene = |failure: Failure| match failure {
-        Failure::Usage(reason) => Failure::Usage(format!("{}: {reason}", path.display())),
-        Failure::Failed(reason) => Failure::Failed(format!("{}: {reason}", path.display())),
+        Failure::Usage(reason) => Failure::Usage(placed(reason)),
+        Failure::Several(reasons) => Failure::Several(reasons.into_iter().map(placed).collect()),
+        Failure::Failed(reason) => Failure::Failed(placed(reason)),
     };
     let lines = read(path, &read_text(path, MAX_BYTES)?, command, &given(command, matches)).map_err(in_scene)?;
     if lines.len() > 1 && args.save_scene.is_some() {
@@ -81,7 +83,7 @@ pub(super) fn jobs(
     // The outputs of the command line are in the lines too.
     files.add_inputs(command, matches);
     let mut parsed = |words: &Vec<OsString>| {
-        let failed = |e: clap::Error| Failure::Usage(usage::message(&e, Some("render")));
+        let failed = |e: clap::Error| Failure::Several(usage::messages(e, words));
         let whole = Args::command().try_get_matches_from(words).map_err(failed)?;
         let of_scene = whole.subcommand_matches("render").unwrap_or(matches);
         files.add(command, of_scene);

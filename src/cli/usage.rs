@@ -1,10 +1,10 @@
-//! Wrong command lines in one line: what is wrong, with our option for a word of another program.
+//! Wrong command lines: a line for each error, with our option for a word of another program.
 
 use std::ffi::OsString;
 use std::path::Path;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::{Command, CommandFactory};
+use clap::{Arg, Command, CommandFactory};
 
 use super::args::Args;
 use super::destination::STREAM;
@@ -104,6 +104,92 @@ fn own_words(command: &Command, word: &str) -> Option<&'static str> {
 /// The options that a text names.
 fn named_in(text: &str) -> impl Iterator<Item = &str> {
     text.split([' ', ',', ';']).filter_map(|word| word.strip_prefix("--"))
+}
+
+/// The most errors of a command line that are told.
+const MOST_ERRORS: usize = 8;
+
+/// What is wrong with a command line, a line for each error. The parser stops at the first error: what it is about is
+/// left out, and the rest is parsed again.
+pub(super) fn messages(first: clap::Error, words: &[OsString]) -> Vec<String> {
+    let mut program = Args::command();
+    program.build();
+    let command = words.iter().skip(1).find_map(|word| program.find_subcommand(word));
+    let (mut error, mut words, mut all) = (first, words.to_vec(), Vec::new());
+    while all.len() < MOST_ERRORS {
+        let said = message(&error, command.map(Command::get_name));
+        if !all.contains(&said) {
+            all.push(said);
+        }
+        let parsed = |words: Vec<OsString>| (Args::command().try_get_matches_from(&words).err(), words);
+        let mut rests = command.map(|command| without_fault(&error, &words, command)).unwrap_or_default().into_iter();
+        let is_about_words = |error: &clap::Error| {
+            use ErrorKind::{ArgumentConflict, InvalidValue, TooManyValues, UnknownArgument, ValueValidation};
+            [ArgumentConflict, InvalidValue, TooManyValues, UnknownArgument, ValueValidation].contains(&error.kind())
+        };
+        // What is missing has been left out with the error, as the volume behind an unknown option.
+        let next = rests.find_map(|rest| match parsed(rest) {
+            (Some(error), _) if !is_about_words(&error) => None,
+            next => Some(next),
+        });
+        match next {
+            Some((Some(next), rest)) => (error, words) = (next, rest),
+            Some((None, _)) | None => break,
+        }
+    }
+    all
+}
+
+/// A command line without what an error is about: the ways to leave it out, the likeliest first.
+fn without_fault(error: &clap::Error, words: &[OsString], command: &Command) -> Vec<Vec<OsString>> {
+    let text = |kind| match error.get(kind) {
+        Some(ContextValue::String(text)) => text.clone(),
+        Some(ContextValue::Strings(texts)) => texts.first().cloned().unwrap_or_default(),
+        _ => String::new(),
+    };
+    let (typed, value) = (text(ContextKind::InvalidArg), text(ContextKind::InvalidValue));
+    let name = typed.split([' ', '=']).next().unwrap_or_default();
+    let without = |from: usize, count: usize| [&words[..from], &words[(from + count).min(words.len())..]].concat();
+    let is_value = |word: &OsString| {
+        let word = word.to_string_lossy();
+        !word.starts_with('-') || word == STREAM || word.parse::<f64>().is_ok()
+    };
+    let word_is = |word: &OsString, name: &str| {
+        let word = word.to_string_lossy();
+        let inline = || word.strip_prefix(name).is_some_and(|rest| rest.starts_with('='));
+        word == name || (name.starts_with("--") && inline())
+    };
+    if error.kind() == ErrorKind::UnknownArgument {
+        let Some(at) = words.iter().rposition(|word| word_is(word, name)) else { return Vec::new() };
+        // Whether the words behind an unknown option are its values is not known.
+        let is_alone = !name.starts_with('-') || words[at].to_string_lossy().contains('=');
+        let values = words[at + 1..].iter().take_while(|word| is_value(word) && !is_alone).count();
+        return (0..=values).rev().map(|values| without(at, 1 + values)).collect();
+    }
+    let Some(arg) = command.get_arguments().find(|arg| arg.get_long().is_some_and(|long| name == format!("--{long}")))
+    else {
+        return Vec::new();
+    };
+    let spelled = spellings(arg);
+    let holds = |at: &usize| {
+        let next = words.get(at + 1).map(|next| next.to_string_lossy().into_owned()).unwrap_or_default();
+        words[*at].to_string_lossy().contains(&value) || next.contains(&value)
+    };
+    let places = (1..words.len()).filter(|&at| spelled.iter().any(|name| word_is(&words[at], name)));
+    let Some(at) = places.filter(holds).last() else { return Vec::new() };
+    let is_inline = words[at].to_string_lossy().contains('=');
+    // A value may begin as an option does.
+    let is_wrong = |word: &OsString| !value.is_empty() && word.to_string_lossy().contains(&value);
+    let next = words.get(at + 1).filter(|word| is_value(word) || is_wrong(word));
+    let has_value = arg.get_action().takes_values() && !is_inline && next.is_some();
+    vec![without(at, 1 + usize::from(has_value))]
+}
+
+/// The words that stand for an option.
+fn spellings(arg: &Arg) -> Vec<String> {
+    let aliases = arg.get_all_aliases().unwrap_or_default();
+    let long = arg.get_long().into_iter().chain(aliases).map(|name| format!("--{name}"));
+    long.chain(arg.get_short().map(|short| format!("-{short}"))).collect()
 }
 
 /// What is wrong with a command line, in one line. `command` is the name of its command.
@@ -230,6 +316,38 @@ mod tests {
             let said = said(&format!("voxsplat {line}"));
             assert_eq!(said.contains("tip:"), tip.is_some(), "{line}: {said}");
             assert!(tip.is_none_or(|tip| said.contains(tip)) && !said.contains("-- --"), "{line}: {said}");
+        }
+    }
+
+    #[test]
+    fn errors_come_all_at_once_and_none_of_them_follows_from_another() {
+        for (line, parts) in [
+            ("render a.nii --azimut 3 --wobble", &["'--azimut' found; tip", "'--wobble'"][..]),
+            ("render a.nii -o b.png --azimuth left --size 0x --zoom=x", &["left", "0x", "'x' for '--zoom"]),
+            ("render a.nii --wobble --azimuth left -o b.png", &["'--wobble'", "left"]),
+            ("render a.nii --azimuth left --azimut 3 --elevation up", &["'--azimut'", "left", "'up'"]),
+            // The volume may stand behind an unknown option.
+            ("render --wobble a.nii --azimut 3 -o b.png", &["'--wobble'", "'--azimut'"]),
+            ("render --slice 3 a.nii --azimuth left", &["'--slice'", "left"]),
+            ("render a.nii --pan 1 2 --azimuth left", &["'--pan'", "left"]),
+            ("render a.nii --wobble=3 --wobble=4", &["'--wobble'"]),
+            ("render a.nii b.nii --wobble", &["'b.nii'", "'--wobble'"]),
+            ("render a.nii --light 3 --light 1,2 --light x", &["'3'", "'x'"]),
+            ("render a.nii --colour-map fire --transfer ct-bone --zoom -x", &["cannot be used with", "'-x'"]),
+            ("render a.nii --color-bar=3 --azimuth", &["value '3'", "a value is required for '--azimuth"]),
+            ("render --azimuth left", &["left"]),
+            ("render a.nii --window 3 -o", &["'3'", "a value is required for '--output"]),
+            ("info a.nii --preset x --wobble", &["'--preset'", "'--wobble'"]),
+            ("paint a.nii --wobble", &["'paint'"]),
+            ("render", &["not provided"]),
+        ] {
+            let words: Vec<OsString> = format!("voxsplat {line}").split_whitespace().map(OsString::from).collect();
+            let all = messages(Args::command().try_get_matches_from(&words).unwrap_err(), &words);
+            assert_eq!(all.len(), parts.len(), "{line}: {all:#?}");
+            for part in parts {
+                let count = all.iter().filter(|said| said.contains(part)).count();
+                assert!(count > 0, "{line}: {part}: {all:#?}");
+            }
         }
     }
 

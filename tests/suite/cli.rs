@@ -40,11 +40,16 @@ pub(crate) fn stdout(output: &Output) -> String {
 
 /// The one line that the program said, without its name; other lines are the driver's.
 pub(crate) fn complaint(output: &Output) -> String {
+    let mut own = complaints(output);
+    assert_eq!(own.len(), 1, "expected one line: {own:#?}");
+    own.remove(0)
+}
+
+/// The errors of a run, each one line.
+pub(crate) fn complaints(output: &Output) -> Vec<String> {
     let stderr = String::from_utf8(output.stderr.clone()).unwrap();
-    let own: Vec<&str> = stderr.lines().filter_map(|l| l.strip_prefix("voxsplat: ")).collect();
-    assert_eq!(own.len(), 1, "expected one line: {stderr}");
     assert!(output.stdout.is_empty() && !stderr.contains("panicked"), "{stderr}");
-    own[0].to_owned()
+    stderr.lines().filter_map(|line| line.strip_prefix("voxsplat: ")).map(str::to_owned).collect()
 }
 
 pub(crate) fn refused(arguments: &str, code: i32, reason: &str) {

@@ -339,6 +339,92 @@ fn what_is_no_regular_file_is_refused_without_waiting() {
     }
 }
 
+/// A frame that cannot be made is why a film is not whole: the film itself is not to blame.
+#[test]
+fn a_film_reports_the_error_of_its_frame() {
+    let dir = folder();
+    // The last frame is of a volume of no size.
+    let keys = r#"[{"frame": 1, "zoom": 1}, {"frame": 2, "zoom": 1e-12}]"#;
+    std::fs::write(dir.path().join("k.json"), keys).unwrap();
+    let command = "turntable demo:sphere:8 --frames 3 --size 8 --reference --key-frames k.json -o";
+    for output in ["a.gif", "a.apng", "a.html", "a.y4m", "-", "{frame}.png"] {
+        let (status, said) = ended(started(dir.path(), ":", &format!("{command} {output}")));
+        assert_eq!((status.code(), said.lines().count()), (Some(2), 1), "{output}: {said}");
+        assert!(said.contains("pixels wide") && !said.contains("of 3 frames"), "{output}: {said}");
+    }
+    assert_eq!(names(dir.path()), ["0000.png", "0001.png", "k.json"]);
+}
+
+/// Every output, in places where nobody can write, root included.
+#[test]
+fn outputs_that_cannot_be_written_are_refused_before_the_work() {
+    let dir = folder();
+    std::fs::write(dir.path().join("file"), "old").unwrap();
+    // A name that is too long, with its ending.
+    let long = "a".repeat(300);
+    Image::transparent(2, 2).unwrap().save(dir.path().join("p.png"), Background::Transparent).unwrap();
+    let before = names(dir.path());
+    // No volume is there: to read it is the first of the work.
+    let commands = [
+        ("render none.nrrd -o {}", "png"),
+        ("render none.nrrd -o {}", "exr"),
+        ("render none.nrrd -o a.png --save-scene {}", "json"),
+        ("render none.nrrd -o a.png --save-transfer {}", "json"),
+        ("turntable none.nrrd -o {}", "gif"),
+        ("turntable none.nrrd -o {}", "apng"),
+        ("turntable none.nrrd -o {}", "html"),
+        ("turntable none.nrrd -o {}", "y4m"),
+        ("turntable none.nrrd -o {}", "{frame}.png"),
+        ("turntable none.nrrd -o a.gif --save-transfer {}", "json"),
+        ("compare p.png none.png --difference {}", "png"),
+        ("pareto none.nrrd -o {}", "report"),
+    ];
+    for (command, ending) in commands {
+        let places =
+            ["file/a", "none/none/a", "/proc/a", "/dev/null/a", &long].map(|place| format!("{place}.{ending}"));
+        for place in places.into_iter().filter(|place| cfg!(target_os = "linux") || !place.starts_with("/proc")) {
+            if command.starts_with("pareto") && place.starts_with("none") {
+                // A study makes the folders above its own.
+                continue;
+            }
+            let arguments = command.replacen("{}", &place, 1);
+            let (status, said) = ended(started(dir.path(), ":", &arguments));
+            assert_eq!(status.code(), Some(2), "{arguments}: {said}");
+            let about: Vec<&str> = said.lines().filter(|line| !line.contains("none.nrrd: No such file")).collect();
+            let name = place.split('.').next().unwrap();
+            assert!(about.len() == 1 && about[0].contains(&name[..name.len().min(40)]), "{arguments}: {said}");
+            assert!(!said.contains(".tmp") && !said.contains(".voxsplat-"), "{arguments}: {said}");
+            assert_eq!(names(dir.path()), before, "{arguments}");
+        }
+    }
+    if cfg!(target_os = "linux") {
+        let film = started(dir.path(), "export TMPDIR=/proc", "turntable none.nrrd -o a.gif");
+        let (status, said) = ended(film);
+        assert!(status.code() == Some(2) && said.contains("no temporary file can be made in /proc: "), "{said}");
+    }
+    // What fails while it is written: no room on the disk of temporary files, and on standard output.
+    let sphere = "demo:sphere:8 --reference --size 16";
+    for (before, arguments, words) in [
+        ("exec >/dev/full", format!("render {sphere} -o -"), "cannot write to stdout: No space left"),
+        ("exec >/dev/full", "info demo:sphere:8".to_owned(), "cannot write to stdout: No space left"),
+        ("exec >/dev/full", format!("turntable {sphere} --frames 2 -o -"), "No space left"),
+        ("ulimit -f 0", format!("render {sphere} -o a.png"), "a.png: File too large"),
+        ("ulimit -f 0", format!("render {sphere} -o a.exr"), "a.exr: File too large"),
+        ("ulimit -f 0", format!("turntable {sphere} --frames 2 -o a.gif"), "File too large"),
+        ("ulimit -f 0", format!("turntable {sphere} --frames 2 -o a.html"), "File too large"),
+        ("ulimit -f 0", format!("turntable {sphere} --frames 2 -o {{frame}}.png"), "0000.png: File too large"),
+    ] {
+        if !cfg!(target_os = "linux") {
+            break;
+        }
+        let (status, said) = ended(started(dir.path(), before, &arguments));
+        assert_eq!((status.code(), said.lines().count()), (Some(1), 1), "{before}; {arguments}: {said}");
+        assert!(said.contains(words), "{before}; {arguments}: {said}");
+        assert!(!said.contains(".tmp") && !said.contains(".voxsplat-"), "{before}; {arguments}: {said}");
+        assert_eq!(names(dir.path()), ["file", "p.png"], "{before}; {arguments}");
+    }
+}
+
 /// Every option that reads a small file, against everything that is no such file.
 #[test]
 fn text_inputs_are_refused_without_waiting() {
