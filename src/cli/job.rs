@@ -25,7 +25,7 @@ use super::channels::ChannelArg;
 use super::clip::ClipChoice;
 use super::destination::{Destination, STREAM};
 use super::layers::{LABELS, LayersJob};
-use super::parse::{GradientFloor, GradientOpacity, LightArg, Occlusion, PlaceArg};
+use super::parse::{GradientFloor, GradientOpacity, LightArg, Occlusion, PlaceArg, reason};
 use super::preview::Preview;
 use super::scene::SceneFile;
 
@@ -90,7 +90,7 @@ impl Transfer {
             (None, Some(name)) if is_file_name(name) => given(Imported::of_map(&ColorMap::load(name)?)?),
             (None, Some(name)) => {
                 let map = maps::find(&name.to_string_lossy());
-                given(Imported::of_map(&map.map_err(|e| Failure::Usage(format!("--colour-map: {e}")))?)?)
+                given(Imported::of_map(&map.map_err(|e| Failure::Usage(format!("--colour-map: {}", reason(e))))?)?)
             }
             // A window alone is that of a radiologist: grey values.
             (None, None) if window.is_some() => given(Imported::of_map(&maps::find("gray")?)?),

@@ -10,7 +10,7 @@ use clap::builder::ValueHint;
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory, FromArgMatches};
 use serde_json::{Map, Value};
-use voxsplat::formats::read_text;
+use voxsplat::formats::read_json;
 use voxsplat::report::{check_file, write_file};
 use voxsplat::transfer::TransferFunction;
 
@@ -74,7 +74,7 @@ pub(super) fn jobs(
         Failure::Several(reasons) => Failure::Several(reasons.into_iter().map(placed).collect()),
         Failure::Failed(reason) => Failure::Failed(placed(reason)),
     };
-    let lines = read(path, &read_text(path, MAX_BYTES)?, command, &given(command, matches)).map_err(in_scene)?;
+    let lines = read(path, read_json(path, MAX_BYTES)?, command, &given(command, matches)).map_err(in_scene)?;
     if lines.len() > 1 && args.save_scene.is_some() {
         return Err(Failure::Usage("--save-scene: a scene of several outputs is there already".to_owned()));
     }
@@ -153,10 +153,12 @@ fn overlaid(command: &Command, base: &[Given], over: &[Given]) -> Vec<Given> {
 }
 
 /// The command lines of a scene, with options that replace its own.
-fn read(path: &Path, text: &str, command: &Command, over: &[Given]) -> Result<Vec<Vec<OsString>>, Failure> {
-    let failed = Failure::Failed;
-    let mut scene: Map<String, Value> =
-        serde_json::from_str(text).map_err(|e| failed(format!("no scene, which is a JSON object: {e}")))?;
+fn read(
+    path: &Path,
+    mut scene: Map<String, Value>,
+    command: &Command,
+    over: &[Given],
+) -> Result<Vec<Vec<OsString>>, Failure> {
     let folder = path.parent().unwrap_or(Path::new(""));
     scene.remove(VERSION);
     let volume = match scene.remove(VOLUME) {

@@ -117,7 +117,8 @@ pub(super) fn messages(first: clap::Error, words: &[OsString]) -> Vec<String> {
     let command = words.iter().skip(1).find_map(|word| program.find_subcommand(word));
     let (mut error, mut words, mut all) = (first, words.to_vec(), Vec::new());
     while all.len() < MOST_ERRORS {
-        let said = message(&error, command.map(Command::get_name));
+        let said =
+            of_number(&error, &words, command).unwrap_or_else(|| message(&error, command.map(Command::get_name)));
         if !all.contains(&said) {
             all.push(said);
         }
@@ -138,6 +139,33 @@ pub(super) fn messages(first: clap::Error, words: &[OsString]) -> Vec<String> {
         }
     }
     all
+}
+
+/// What is wrong with a number that is taken for an option or for a second volume: a negative value of an option, or one
+/// of several that are joined by commas.
+fn of_number(error: &clap::Error, words: &[OsString], command: Option<&Command>) -> Option<String> {
+    let Some(ContextValue::String(number)) = error.get(ContextKind::InvalidArg) else { return None };
+    let at = words.iter().rposition(|word| *word.to_string_lossy() == **number)?;
+    if error.kind() != ErrorKind::UnknownArgument || number.parse::<f64>().is_err() {
+        return None;
+    }
+    let option = |at: usize| {
+        let word = words.get(at)?.to_string_lossy();
+        command?
+            .get_arguments()
+            .find(|arg| arg.get_action().takes_values() && spellings(arg).iter().any(|s| *s == word))
+    };
+    let named = |arg: &Arg| {
+        let name = arg.get_value_names().and_then(|names| names.first()).map(ToString::to_string).unwrap_or_default();
+        (arg.get_long().unwrap_or_default().to_owned(), name)
+    };
+    if let Some((long, name)) = option(at.checked_sub(1)?).map(named) {
+        return Some(format!("invalid value '{number}' for '--{long} <{name}>': it is negative (see --help)"));
+    }
+    let (long, name) = (1..at).rev().find_map(option).map(named)?;
+    let values = words.get(at.checked_sub(1)?)?.to_string_lossy();
+    let joins = name.contains(',') && values.split(',').all(|value| value.parse::<f64>().is_ok());
+    joins.then(|| format!("unexpected argument '{number}' found; tip: --{long} {values},{number} (see --help)"))
 }
 
 /// A command line without what an error is about: the ways to leave it out, the likeliest first.
@@ -164,7 +192,12 @@ fn without_fault(error: &clap::Error, words: &[OsString], command: &Command) -> 
         // Whether the words behind an unknown option are its values is not known.
         let is_alone = !name.starts_with('-') || words[at].to_string_lossy().contains('=');
         let values = words[at + 1..].iter().take_while(|word| is_value(word) && !is_alone).count();
-        return (0..=values).rev().map(|values| without(at, 1 + values)).collect();
+        // A value of an option goes with it.
+        let before =
+            |count: usize| words.get(at.checked_sub(count)?).filter(|word| word.to_string_lossy().starts_with("--"));
+        let behind =
+            (1..=2).find(|count| before(*count).is_some()).filter(|_| name.parse::<f64>().is_ok()).unwrap_or(0);
+        return (0..=values).rev().map(|values| without(at - behind, 1 + values + behind)).collect();
     }
     let Some(arg) = command.get_arguments().find(|arg| arg.get_long().is_some_and(|long| name == format!("--{long}")))
     else {
@@ -192,6 +225,18 @@ fn spellings(arg: &Arg) -> Vec<String> {
     long.chain(arg.get_short().map(|short| format!("-{short}"))).collect()
 }
 
+/// What is wrong with the name of a command: `help` is an option, and a volume alone is no command.
+fn of_command(error: &clap::Error) -> Option<String> {
+    if error.kind() != ErrorKind::InvalidSubcommand || error.get(ContextKind::SuggestedSubcommand).is_some() {
+        return None;
+    }
+    let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else { return None };
+    let program = Args::command();
+    let names: Vec<&str> = program.get_subcommands().map(Command::get_name).collect();
+    let expected = if word == "help" { "--help, or COMMAND --help".to_owned() } else { names.join(", ") };
+    Some(format!("unrecognized subcommand '{word}', expected {expected}"))
+}
+
 /// What is wrong with a command line, in one line. `command` is the name of its command.
 pub(super) fn message(error: &clap::Error, command: Option<&str>) -> String {
     let text = |kind| match error.get(kind) {
@@ -199,6 +244,9 @@ pub(super) fn message(error: &clap::Error, command: Option<&str>) -> String {
         Some(ContextValue::Strings(texts)) => texts.first().cloned(),
         _ => None,
     };
+    if let Some(said) = of_command(error) {
+        return said;
+    }
     let typed = text(ContextKind::InvalidArg).filter(|_| error.kind() == ErrorKind::UnknownArgument);
     let Some(word) = typed.as_deref().filter(|typed| typed.starts_with('-') && *typed != STREAM) else {
         return in_one_line(&error.render().to_string());
@@ -248,7 +296,21 @@ fn in_one_line(text: &str) -> String {
     let end = lines.iter().position(|l| l.starts_with("Usage:") || l.starts_with("For more information"));
     let kept: Vec<&str> = lines[..end.unwrap_or(lines.len())].iter().copied().filter(|l| !l.is_empty()).collect();
     let message = kept.join("; ").replace(":; ", ": ");
-    format!("{} (see --help)", message.strip_prefix("error: ").unwrap_or(&message))
+    format!("{} (see --help)", plain(message.strip_prefix("error: ").unwrap_or(&message)))
+}
+
+/// A message of `clap` with lists and ranges as they are in other messages.
+fn plain(message: &str) -> String {
+    let listed = message.split_once("; [possible values: ").and_then(|(head, rest)| {
+        let (values, tail) = rest.split_once(']')?;
+        Some(format!("{head}: expected one of {values}{tail}"))
+    });
+    let ranged = message.split_once("..=").and_then(|(head, last)| {
+        let (head, first) = head.rsplit_once(' ')?;
+        let (head, _) = head.strip_suffix(" is not in")?.rsplit_once(' ')?;
+        Some(format!("{head} expected {first} to {last}"))
+    });
+    listed.or(ranged).unwrap_or_else(|| message.to_owned())
 }
 
 /// What is wrong with the input of a wrong command line: a volume that is not there. It comes before what is wrong
@@ -338,7 +400,16 @@ mod tests {
             ("render --azimuth left", &["left"]),
             ("render a.nii --window 3 -o", &["'3'", "a value is required for '--output"]),
             ("info a.nii --preset x --wobble", &["'--preset'", "'--wobble'"]),
-            ("paint a.nii --wobble", &["'paint'"]),
+            ("paint a.nii --wobble", &["'paint', expected render, "]),
+            ("help render", &["expected --help"]),
+            ("rendr a.nii", &["tip: a similar subcommand exists: 'render'"]),
+            // Numbers that look like options or like volumes.
+            ("render a.nii --size -5 --elevation -5", &["'-5' for '--size <WxH>': it is negative"]),
+            ("turntable a.nii --frames -3 --part -1/2", &["'-3' for '--frames <N>'", "'-1"]),
+            ("render a.nii --window 40 400 --wobble", &["'400' found; tip: --window 40,400", "'--wobble'"]),
+            ("render a.nii --projection iso", &["'iso' for '--projection <KIND>': expected one of orthographic, "]),
+            ("turntable a.nii --frames 0", &["'0' for '--frames <N>': expected 1 to 100000"]),
+            ("render a.nii --azimuth 30deg --zoom 200%", &["expected a finite number, without a unit", "0, without a"]),
             ("render", &["not provided"]),
         ] {
             let words: Vec<OsString> = format!("voxsplat {line}").split_whitespace().map(OsString::from).collect();

@@ -33,7 +33,7 @@ use vtk::{image_data, legacy};
 use crate::demos;
 use crate::error::{Error, Hint, Result};
 use crate::names::named;
-pub use crate::source::read_text;
+pub use crate::source::{read_json, read_text};
 use crate::volume::{Endian, SampleType, Volume};
 
 /// Which level of a pyramid is read: of a file that holds the same volume at several resolutions.
@@ -442,6 +442,12 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
     let placement = Placement::axis_parallel([1.0; 3]);
     let grid = placement.grid(&path, dims, options.spacing)?;
     input.skip(options.offset)?;
+    let needed = grid.len().saturating_mul(sample_type.size() as u64);
+    if let Some(left) = input.exactly_left().filter(|left| *left < needed) {
+        let ([x, y, z], after) = (dims, if options.offset > 0 { " after the offset" } else { "" });
+        let reason = format!("has {left} bytes{after}, and {x} x {y} x {z} samples of {sample_type} need {needed}");
+        return Err(input.error(reason));
+    }
     let layout = Layout::Binary(options.endian.unwrap_or_default());
     let contents = chosen(&path, options, 1, 1)?;
     let samples = read_all(input, &Pick::all(grid.len()), sample_type, layout)?;

@@ -194,10 +194,11 @@ fn a_constant_volume_gets_no_command_that_fails() {
 
 #[test]
 fn outputs_are_refused_before_the_work() {
-    // The volume does not exist: had it been looked for, the message would be another.
-    refused("render missing.nrrd -o a.jpg", 2, ".png or .exr");
-    refused("render missing.nrrd -o no/such/a.png", 2, "no directory");
-    refused("render missing.nrrd -o a.png/", 2, "ends as a directory does");
+    // The volume does not exist: had it been looked for, the message would be another. Its name is no file's, which
+    // would be a line of its own.
+    refused("render missing -o a.jpg", 2, ".png or .exr");
+    refused("render missing -o no/such/a.png", 2, "no directory");
+    refused("render missing -o a.png/", 2, "ends as a directory does");
     refused("compare missing.png missing.png --difference a.jpg", 2, ".png or .exr");
 }
 

@@ -9,7 +9,7 @@ use flate2::Crc;
 use serde::{Deserialize, Serialize};
 use voxsplat::camera::{Camera, View};
 use voxsplat::figure::Shown;
-use voxsplat::formats::read_text;
+use voxsplat::formats::read_json;
 use voxsplat::image::{Background, Image};
 use voxsplat::layers::Layers;
 use voxsplat::report::{
@@ -83,7 +83,8 @@ const OWN: [&str; 12] = [
 ];
 
 pub(super) fn run(mut job: ParetoJob, matches: &ArgMatches) -> Result<(), Failure> {
-    let rivals = job.rivals.as_deref().map(read::<Vec<Rival>>).transpose()?.unwrap_or_default();
+    let rivals =
+        job.rivals.as_deref().map(|path| read_json::<Vec<Rival>>(path, MAX_JSON)).transpose()?.unwrap_or_default();
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
         let volume = with_units(formats::load(&job.source, &job.load)?, &job.units);
@@ -140,13 +141,6 @@ fn make_directory(path: &Path) -> Result<(), Failure> {
 /// The largest JSON file that is read, in bytes.
 const MAX_JSON: u64 = 64 << 20;
 
-/// A JSON file.
-fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, Failure> {
-    let failed = |e: String| Failure::Failed(format!("{}: {e}", path.display()));
-    let text = read_text(path, MAX_JSON)?;
-    serde_json::from_str(&text).map_err(|e| failed(format!("not as expected: {e}")))
-}
-
 /// A study under way.
 struct Run<'a> {
     directory: &'a Path,
@@ -163,7 +157,7 @@ impl<'a> Run<'a> {
         let numbers = directory.join("pareto.json");
         let mut kept = Kept { subject, date: today(), measurements: Vec::new() };
         if job.resume && numbers.exists() {
-            let found: Kept = read(&numbers)?;
+            let found: Kept = read_json(&numbers, MAX_JSON)?;
             if found.subject != kept.subject {
                 return Err(Failure::Failed(format!(
                     "{}: it was measured by another command, of other data, on another adapter or by another version: \
