@@ -10,6 +10,7 @@ use clap::builder::ValueHint;
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory, FromArgMatches};
 use serde_json::{Map, Value};
+use voxsplat::error::Error;
 use voxsplat::formats::read_json;
 use voxsplat::report::{check_file, write_file};
 use voxsplat::transfer::TransferFunction;
@@ -74,7 +75,14 @@ pub(super) fn jobs(
         Failure::Several(reasons) => Failure::Several(reasons.into_iter().map(placed).collect()),
         Failure::Failed(reason) => Failure::Failed(placed(reason)),
     };
-    let lines = read(path, read_json(path, MAX_BYTES)?, command, &given(command, matches)).map_err(in_scene)?;
+    let no_scene = |error: Error| match error {
+        Error::Format { path, reason, .. } if reason.starts_with("line ") => {
+            Failure::Failed(format!("{}: no scene, which is a JSON object: {reason}", path.display()))
+        }
+        other => other.into(),
+    };
+    let scene = read_json(path, MAX_BYTES).map_err(no_scene)?;
+    let lines = read(path, scene, command, &given(command, matches)).map_err(in_scene)?;
     if lines.len() > 1 && args.save_scene.is_some() {
         return Err(Failure::Usage("--save-scene: a scene of several outputs is there already".to_owned()));
     }

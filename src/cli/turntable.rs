@@ -217,7 +217,7 @@ impl TurntableJob {
 }
 
 /// The largest file of key frames, in bytes.
-const MAX_KEY_FRAMES: u64 = 64 << 20;
+pub(super) const MAX_KEY_FRAMES: u64 = 64 << 20;
 
 /// The key frames of a file, in the order of frames.
 fn read_key_frames(path: &Path) -> Result<Vec<KeyFrame>, Failure> {

@@ -227,11 +227,15 @@ fn spellings(arg: &Arg) -> Vec<String> {
 
 /// What is wrong with the name of a command: `help` is an option, and a volume alone is no command.
 fn of_command(error: &clap::Error) -> Option<String> {
-    if error.kind() != ErrorKind::InvalidSubcommand || error.get(ContextKind::SuggestedSubcommand).is_some() {
-        return None;
-    }
     let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else { return None };
     let program = Args::command();
+    let is_near = |command: &Command| edits(word, command.get_name()) <= most_edits(word);
+    if let Some(near) = program.get_subcommands().find(|command| is_near(command)) {
+        return Some(format!(
+            "unrecognized subcommand '{word}'; tip: a similar subcommand exists: '{}'",
+            near.get_name()
+        ));
+    }
     let names: Vec<&str> = program.get_subcommands().map(Command::get_name).collect();
     let expected = if word == "help" { "--help, or COMMAND --help".to_owned() } else { names.join(", ") };
     Some(format!("unrecognized subcommand '{word}', expected {expected}"))

@@ -419,6 +419,7 @@ impl Page {
             offsets = table(Tag::TileOffsets)?;
         }
         let counts = table(if in_strips { Tag::StripByteCounts } else { Tag::TileByteCounts })?;
+        lattice(path, &[width.into(), height.into()])?;
         let bytes =
             u64::from(width).saturating_mul(height.into()).saturating_mul(u64::from(bits / 8) * u64::from(samples));
         let whole = counts.len() == offsets.len();

@@ -43,6 +43,7 @@ fn options_without_effect_are_noted_on_command_lines_and_in_scenes() {
         ("--output a.png --model xray --termination 0.01", "termination"),
         ("--output a.png --reference --termination 0.01", "termination"),
         ("--output a.png --reference --painter quads", "painter"),
+        ("--output a.png --reference --level 1", "level"),
         ("--output a.png --reference --adapter any", "adapter"),
         ("--output a.png --model xray --sheet-thickness 2", "sheet-thickness"),
         ("--output a.png --resolution full --shading post", "resolution"),
@@ -59,6 +60,11 @@ fn options_without_effect_are_noted_on_command_lines_and_in_scenes() {
         std::fs::write(dir.path().join("s.json"), scene(options)).unwrap();
         assert_eq!(notes(dir.path(), "render s.json"), said, "{options}");
     }
+    std::fs::write(dir.path().join("k.json"), r#"[{"frame": 0, "zoom": 2}, {"frame": 9, "azimuth": 1}]"#).unwrap();
+    let keys = "--key-frames k.json --azimuth 3 --elevation 4 --roll 5 --zoom 6";
+    let said = notes(dir.path(), &format!("turntable a.nrrd -o a.gif {keys}"));
+    let expected = ["azimuth", "zoom"].map(|name| format!("--{name} has no effect because key frames set it"));
+    assert_eq!(said, expected);
     let frames = notes(dir.path(), "turntable a.nrrd -o {frame}.png --rate 3");
     assert!(frames[0].starts_with("--rate has no effect "), "{frames:?}");
     let study = notes(dir.path(), "pareto a.nrrd -o report --margin 0.1 --view-height 3");
@@ -75,6 +81,29 @@ fn options_without_effect_are_noted_on_command_lines_and_in_scenes() {
     }
     let described = notes(dir.path(), "info a.nrrd --series 2");
     assert!(described[0].starts_with("--series has no effect "), "{described:?}");
+    // Folders that hold no series.
+    for (folder, file, to) in [
+        ("sections", "section-8.tiff", "section-8.tiff"),
+        ("slices", "ct-a.dcm", "ct-a.dcm"),
+        ("v.zarr", "", ".zgroup"),
+    ] {
+        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/volumes");
+        std::fs::create_dir(dir.path().join(folder)).unwrap();
+        match file {
+            "" => std::fs::write(dir.path().join(folder).join(to), "{}").unwrap(),
+            file => drop(std::fs::copy(data.join(file), dir.path().join(folder).join(to)).unwrap()),
+        }
+        for option in ["--series 1", "--missing-slices interpolate"] {
+            for command in ["info", "render -o a.png --size 8 --reference --transfer gray"] {
+                let said = notes(dir.path(), &format!("{command} {folder} {option}"));
+                let noted = said.iter().filter(|note| note.contains(" has no effect because only ")).count();
+                assert_eq!(noted, usize::from(folder != "slices"), "{command} {folder} {option}: {said:?}");
+            }
+        }
+    }
+    assert_eq!(notes(dir.path(), "info demo:sphere:8 --stream-over 3").len(), 1);
+    let said = notes(dir.path(), "render demo:sphere:8 -o a.png --size 8 --reference --gradient-floor 3");
+    assert_eq!(said, ["--gradient-floor has no effect without light"]);
     // Whether there is a pyramid is known when the volume is read.
     let said = notes(dir.path(), "render demo:sphere:8 -o a.png --size 8 --reference --pyramid 2");
     assert_eq!(said, ["--pyramid has no effect because the volume has one level"]);
