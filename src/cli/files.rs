@@ -1,8 +1,8 @@
 //! Files that a command line names: no output takes the place of an input or of another output.
 //!
-//! Data files that a header names, the slices in a folder and the files of a Zarr are inputs too. On Unix files are told
-//! apart by device and inode. Elsewhere they are told apart by their paths without links, so there two hard links of one
-//! file are different files.
+//! Data files that a header names, the slices in a folder and the files of a Zarr are inputs too. On Unix device and
+//! inode tell files apart. Elsewhere their paths without links do: on Windows two hard links of one file count as
+//! different files.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};

@@ -69,6 +69,10 @@ fn in_flags(error: &Error) -> String {
         Error::Setting { name, reason } => format!("{}: {reason}", flag(name)),
         other => other.to_string(),
     };
+    // Standard input has no name.
+    if let Some(rest) = message.strip_prefix("-: ") {
+        message = format!("standard input: {rest}");
+    }
     let causes = std::iter::successors(error.source(), |&cause| cause.source());
     causes.for_each(|cause| message += &format!(": {cause}"));
     if let Some(hint) = error.hint() {

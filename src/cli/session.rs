@@ -211,7 +211,7 @@ impl Session {
             job.settings.lighting = Some(lighting);
             self.say(format!("note: --light {name}{bias} is taken, as {surfaces}; --light off is without"));
         }
-        if job.transfer.floor.is_some() && job.settings.lighting.is_none() {
+        if job.transfer.floor.is_some() && job.chooses_light && job.settings.lighting.is_none() {
             self.say("note: --gradient-floor has no effect without light".to_owned());
         }
         let Some(material) = material else { return Ok(()) };

@@ -1,6 +1,7 @@
 //! Wrong command lines: a line for each error, with our option for a word of another program.
 
 use std::ffi::OsString;
+use std::ops::Range;
 use std::path::Path;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
@@ -117,8 +118,8 @@ pub(super) fn messages(first: clap::Error, words: &[OsString]) -> Vec<String> {
     let command = words.iter().skip(1).find_map(|word| program.find_subcommand(word));
     let (mut error, mut words, mut all) = (first, words.to_vec(), Vec::new());
     while all.len() < MOST_ERRORS {
-        let said =
-            of_number(&error, &words, command).unwrap_or_else(|| message(&error, command.map(Command::get_name)));
+        let numbers = Numbers::of(&error, &words, command).map(|numbers| numbers.message(&words));
+        let said = numbers.unwrap_or_else(|| message(&error, command.map(Command::get_name)));
         if !all.contains(&said) {
             all.push(said);
         }
@@ -141,31 +142,65 @@ pub(super) fn messages(first: clap::Error, words: &[OsString]) -> Vec<String> {
     all
 }
 
-/// What is wrong with a number that is taken for an option or for a second volume: a negative value of an option, or one
-/// of several that are joined by commas.
-fn of_number(error: &clap::Error, words: &[OsString], command: Option<&Command>) -> Option<String> {
-    let Some(ContextValue::String(number)) = error.get(ContextKind::InvalidArg) else { return None };
-    let at = words.iter().rposition(|word| *word.to_string_lossy() == **number)?;
-    if error.kind() != ErrorKind::UnknownArgument || number.parse::<f64>().is_err() {
-        return None;
+/// An option with a number behind it that is taken for another option or for a second volume: a negative number, or the
+/// second of several.
+struct Numbers<'a> {
+    arg: &'a Arg,
+    /// Its word and the word behind its numbers.
+    places: Range<usize>,
+    /// The number that is taken for something else.
+    fault: usize,
+}
+
+impl<'a> Numbers<'a> {
+    fn of(error: &clap::Error, words: &[OsString], command: Option<&'a Command>) -> Option<Self> {
+        let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidArg) else { return None };
+        if error.kind() != ErrorKind::UnknownArgument {
+            return None;
+        }
+        let is_number =
+            |word: &OsString| word.to_string_lossy().split(',').all(|number| number.trim().parse::<f64>().is_ok());
+        let found = |fault: usize| {
+            // The parser names the first letter behind a dash.
+            if !is_number(&words[fault]) || !words[fault].to_string_lossy().starts_with(typed.as_str()) {
+                return None;
+            }
+            let first = (1..fault).rev().find(|at| !is_number(&words[*at]))?;
+            let word = words[first].to_string_lossy();
+            let takes = |arg: &&Arg| arg.get_action().takes_values() && spellings(arg).iter().any(|name| *name == word);
+            let arg = command?.get_arguments().find(takes)?;
+            // A number that the option may have is not the fault.
+            let is_fine = first + 1 == fault
+                && (!typed.starts_with('-') || arg.is_allow_negative_numbers_set() || arg.is_allow_hyphen_values_set());
+            let end =
+                words[fault..].iter().position(|word| !is_number(word)).map_or(words.len(), |count| fault + count);
+            (!is_fine).then_some(Self { arg, places: first..end, fault })
+        };
+        (2..words.len()).find_map(found)
     }
-    let option = |at: usize| {
-        let word = words.get(at)?.to_string_lossy();
-        command?
-            .get_arguments()
-            .find(|arg| arg.get_action().takes_values() && spellings(arg).iter().any(|s| *s == word))
-    };
-    let named = |arg: &Arg| {
-        let name = arg.get_value_names().and_then(|names| names.first()).map(ToString::to_string).unwrap_or_default();
-        (arg.get_long().unwrap_or_default().to_owned(), name)
-    };
-    if let Some((long, name)) = option(at.checked_sub(1)?).map(named) {
-        return Some(format!("invalid value '{number}' for '--{long} <{name}>': it is negative (see --help)"));
+
+    /// What is wrong: a number is negative, or numbers should be joined by commas.
+    fn message(&self, words: &[OsString]) -> String {
+        let long = self.arg.get_long().unwrap_or_default();
+        let text = |at: usize| words[at].to_string_lossy().into_owned();
+        let number = text(self.fault);
+        if self.fault == self.places.start + 1 {
+            let name = self.arg.get_value_names().and_then(|names| names.first()).map(ToString::to_string);
+            let name = name.unwrap_or_default();
+            return format!("invalid value '{number}' for '--{long} <{name}>': it is negative (see --help)");
+        }
+        let joined = (self.places.start + 1..self.places.end).map(text).collect::<Vec<_>>().join(",");
+        let words = [&words[..=self.places.start], &[OsString::from(&joined)], &words[self.places.end..]].concat();
+        let is_invalid = |error: clap::Error| match error.get(ContextKind::InvalidArg) {
+            Some(ContextValue::String(arg)) => arg.split(' ').next() == Some(&format!("--{long}")),
+            _ => false,
+        };
+        let tip = match Args::command().try_get_matches_from(words).err().is_some_and(is_invalid) {
+            true => String::new(),
+            false => format!("; tip: --{long} {joined}"),
+        };
+        format!("unexpected argument '{number}' found{tip} (see --help)")
     }
-    let (long, name) = (1..at).rev().find_map(option).map(named)?;
-    let values = words.get(at.checked_sub(1)?)?.to_string_lossy();
-    let joins = name.contains(',') && values.split(',').all(|value| value.parse::<f64>().is_ok());
-    joins.then(|| format!("unexpected argument '{number}' found; tip: --{long} {values},{number} (see --help)"))
 }
 
 /// A command line without what an error is about: the ways to leave it out, the likeliest first.
@@ -178,6 +213,9 @@ fn without_fault(error: &clap::Error, words: &[OsString], command: &Command) -> 
     let (typed, value) = (text(ContextKind::InvalidArg), text(ContextKind::InvalidValue));
     let name = typed.split([' ', '=']).next().unwrap_or_default();
     let without = |from: usize, count: usize| [&words[..from], &words[(from + count).min(words.len())..]].concat();
+    if let Some(Numbers { places, .. }) = Numbers::of(error, words, Some(command)) {
+        return vec![without(places.start, places.len())];
+    }
     let is_value = |word: &OsString| {
         let word = word.to_string_lossy();
         !word.starts_with('-') || word == STREAM || word.parse::<f64>().is_ok()
@@ -192,12 +230,7 @@ fn without_fault(error: &clap::Error, words: &[OsString], command: &Command) -> 
         // Whether the words behind an unknown option are its values is not known.
         let is_alone = !name.starts_with('-') || words[at].to_string_lossy().contains('=');
         let values = words[at + 1..].iter().take_while(|word| is_value(word) && !is_alone).count();
-        // A value of an option goes with it.
-        let before =
-            |count: usize| words.get(at.checked_sub(count)?).filter(|word| word.to_string_lossy().starts_with("--"));
-        let behind =
-            (1..=2).find(|count| before(*count).is_some()).filter(|_| name.parse::<f64>().is_ok()).unwrap_or(0);
-        return (0..=values).rev().map(|values| without(at - behind, 1 + values + behind)).collect();
+        return (0..=values).rev().map(|values| without(at, 1 + values)).collect();
     }
     let Some(arg) = command.get_arguments().find(|arg| arg.get_long().is_some_and(|long| name == format!("--{long}")))
     else {
@@ -237,7 +270,8 @@ fn of_command(error: &clap::Error) -> Option<String> {
         ));
     }
     let names: Vec<&str> = program.get_subcommands().map(Command::get_name).collect();
-    let expected = if word == "help" { "--help, or COMMAND --help".to_owned() } else { names.join(", ") };
+    let expected =
+        if word == "help" { "voxsplat --help or voxsplat COMMAND --help".to_owned() } else { names.join(", ") };
     Some(format!("unrecognized subcommand '{word}', expected {expected}"))
 }
 
@@ -314,7 +348,13 @@ fn plain(message: &str) -> String {
         let (head, _) = head.strip_suffix(" is not in")?.rsplit_once(' ')?;
         Some(format!("{head} expected {first} to {last}"))
     });
-    listed.or(ranged).unwrap_or_else(|| message.to_owned())
+    let message = listed.or(ranged).unwrap_or_else(|| message.to_owned());
+    let of_numbers = [
+        ("invalid digit found in string", "expected a whole number"),
+        ("cannot parse integer from empty string", "expected a whole number"),
+        ("number too large to fit in target type", "the number is too large"),
+    ];
+    of_numbers.iter().fold(message, |message, (from, to)| message.replace(from, to))
 }
 
 /// What is wrong with the input of a wrong command line: a volume that is not there. It comes before what is wrong
@@ -405,11 +445,18 @@ mod tests {
             ("render a.nii --window 3 -o", &["'3'", "a value is required for '--output"]),
             ("info a.nii --preset x --wobble", &["'--preset'", "'--wobble'"]),
             ("paint a.nii --wobble", &["'paint', expected render, "]),
-            ("help render", &["expected --help"]),
+            ("help render", &["expected voxsplat --help"]),
             ("rendr a.nii", &["tip: a similar subcommand exists: 'render'"]),
             // Numbers that look like options or like volumes.
             ("render a.nii --size -5 --elevation -5", &["'-5' for '--size <WxH>': it is negative"]),
             ("turntable a.nii --frames -3 --part -1/2", &["'-3' for '--frames <N>'", "'-1"]),
+            ("render a.nii --region -1,0,5,5", &["'-1,0,5,5' for '--region <X,Y,W,H>': it is negative"]),
+            (
+                "render a.nii --up 0 0 1 --light 30 40",
+                &["'0' found; tip: --up 0,0,1", "'40' found; tip: --light 30,40"],
+            ),
+            ("render a.nii --azimuth 30 40 --wobble", &["'40' found (see", "'--wobble'"]),
+            ("turntable a.nii --frames 2.5", &["'2.5' for '--frames <N>': expected a whole number"]),
             ("render a.nii --window 40 400 --wobble", &["'400' found; tip: --window 40,400", "'--wobble'"]),
             ("render a.nii --projection iso", &["'iso' for '--projection <KIND>': expected one of orthographic, "]),
             ("turntable a.nii --frames 0", &["'0' for '--frames <N>': expected 1 to 100000"]),

@@ -32,7 +32,7 @@ use vtk::{image_data, legacy};
 
 use crate::demos;
 use crate::error::{Error, Hint, Result};
-use crate::names::named;
+use crate::names::{counted, named};
 pub use crate::source::{read_json, read_text};
 use crate::volume::{Endian, SampleType, Volume};
 
@@ -449,7 +449,11 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
         return Err(input.error(reason));
     }
     let layout = Layout::Binary(options.endian.unwrap_or_default());
-    let contents = chosen(&path, options, 1, 1)?;
+    let mut contents = chosen(&path, options, 1, 1)?;
+    if let Some(more) = input.exactly_left().map(|left| left - needed).filter(|more| *more > 0) {
+        let ([x, y, z], end) = (dims, counted(more, "byte"));
+        contents.notes.push(format!("{x} x {y} x {z} samples of {sample_type} leave {end} at the end of the file"));
+    }
     let samples = read_all(input, &Pick::all(grid.len()), sample_type, layout)?;
     Ok(placement.volume(grid, samples)?.with_contents(contents))
 }
