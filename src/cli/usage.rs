@@ -145,6 +145,7 @@ pub(super) fn messages(first: clap::Error, words: &[OsString]) -> Vec<String> {
 /// An option with a number behind it that is taken for another option or for a second volume: a negative number, or the
 /// second of several.
 struct Numbers<'a> {
+    command: &'a str,
     arg: &'a Arg,
     /// Its word and the word behind its numbers.
     places: Range<usize>,
@@ -155,9 +156,7 @@ struct Numbers<'a> {
 impl<'a> Numbers<'a> {
     fn of(error: &clap::Error, words: &[OsString], command: Option<&'a Command>) -> Option<Self> {
         let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidArg) else { return None };
-        if error.kind() != ErrorKind::UnknownArgument {
-            return None;
-        }
+        let command = command.filter(|_| error.kind() == ErrorKind::UnknownArgument)?;
         let is_number =
             |word: &OsString| word.to_string_lossy().split(',').all(|number| number.trim().parse::<f64>().is_ok());
         let found = |fault: usize| {
@@ -168,13 +167,13 @@ impl<'a> Numbers<'a> {
             let first = (1..fault).rev().find(|at| !is_number(&words[*at]))?;
             let word = words[first].to_string_lossy();
             let takes = |arg: &&Arg| arg.get_action().takes_values() && spellings(arg).iter().any(|name| *name == word);
-            let arg = command?.get_arguments().find(takes)?;
+            let arg = command.get_arguments().find(takes)?;
             // A number that the option may have is not the fault.
             let is_fine = first + 1 == fault
                 && (!typed.starts_with('-') || arg.is_allow_negative_numbers_set() || arg.is_allow_hyphen_values_set());
             let end =
                 words[fault..].iter().position(|word| !is_number(word)).map_or(words.len(), |count| fault + count);
-            (!is_fine).then_some(Self { arg, places: first..end, fault })
+            (!is_fine).then_some(Self { command: command.get_name(), arg, places: first..end, fault })
         };
         (2..words.len()).find_map(found)
     }
@@ -190,7 +189,8 @@ impl<'a> Numbers<'a> {
             return format!("invalid value '{number}' for '--{long} <{name}>': it is negative (see --help)");
         }
         let joined = (self.places.start + 1..self.places.end).map(text).collect::<Vec<_>>().join(",");
-        let words = [&words[..=self.places.start], &[OsString::from(&joined)], &words[self.places.end..]].concat();
+        // The option alone: what else is wrong does not count.
+        let words = ["voxsplat", self.command, &format!("--{long}"), &joined].map(str::to_owned);
         let is_invalid = |error: clap::Error| match error.get(ContextKind::InvalidArg) {
             Some(ContextValue::String(arg)) => arg.split(' ').next() == Some(&format!("--{long}")),
             _ => false,
