@@ -180,7 +180,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<Volume>, Failure> {
         // The error says how many there are.
         return Ok(vec![of(None)?]);
     }
-    std::iter::once(Ok(first)).chain((1..channels).map(|n| Ok(of(Some(n))?))).collect()
+    std::iter::once(Ok(first)).chain((1..channels).map(|n| of(Some(n)))).collect()
 }
 
 /// Volumes of labels of an option on the lattice of another, and what is to be said of it.

@@ -242,7 +242,7 @@ fn without_fault(error: &clap::Error, words: &[OsString], command: &Command) -> 
         words[*at].to_string_lossy().contains(&value) || next.contains(&value)
     };
     let places = (1..words.len()).filter(|&at| spelled.iter().any(|name| word_is(&words[at], name)));
-    let Some(at) = places.filter(holds).last() else { return Vec::new() };
+    let Some(at) = places.rev().find(holds) else { return Vec::new() };
     let is_inline = words[at].to_string_lossy().contains('=');
     // A value may begin as an option does.
     let is_wrong = |word: &OsString| !value.is_empty() && word.to_string_lossy().contains(&value);

@@ -390,17 +390,23 @@ fn ways_out_are_told_in_flags() {
 
 #[test]
 fn a_closed_pipe_is_no_failure() {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
-    let mut child = command
-        .args(["info", "demo:sphere:64", "--json"])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    drop(child.stdout.take());
-    let mut said = String::new();
-    child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
-    assert!(child.wait().unwrap().success() && said.is_empty(), "{said}");
+    let film = "turntable demo:sphere:8 --reference --frames 3 --size 64 -o -";
+    for line in [
+        "info demo:sphere:64 --json".to_owned(),
+        "render demo:sphere:8 --reference --size 64 -o -".to_owned(),
+        film.to_owned(),
+        format!("{film} --format gif"),
+        format!("{film} --format apng"),
+        format!("{film} --format html"),
+    ] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
+        let command = command.args(line.split(' ')).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        drop(child.stdout.take());
+        let mut said = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+        assert!(child.wait().unwrap().success() && said.is_empty(), "{line}: {said}");
+    }
 }
 
 #[test]

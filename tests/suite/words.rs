@@ -200,6 +200,48 @@ fn errors_of_a_command_line_come_together_and_name_what_was_typed() {
 }
 
 #[test]
+fn inputs_say_where_and_how_they_are_wrong() {
+    let dir = folder();
+    let keys = "turntable demo:sphere:8 -o a.gif --key-frames f.json";
+    let transfer = "render demo:sphere:8 -o a.png --transfer f.json";
+    let rivals = "pareto demo:sphere:8 -o report --rivals f.json";
+    let labels = "render demo:sphere:8 -o a.png --reference --size 8 --light off --labels f.json";
+    for (line, text, reason) in [
+        (keys, r#"[{"frame": 1, "azimut": 3}]"#, "f.json: line 1 column 22: unknown field `azimut`"),
+        (keys, r#"[{"frame": -1}]"#, "line 1 column 13: integer `-1`, expected a whole number, 0 or over"),
+        (keys, r#"{"frame": 1}"#, "line 1 column 0: an object, expected a list"),
+        (keys, "[]", "f.json: has no key frames"),
+        (keys, "\n", "f.json: is empty"),
+        (rivals, "{}", "line 1 column 0: an object, expected a list"),
+        (rivals, "[\n{}]", "line 2 column 2: missing field `name`"),
+        (
+            "render f.json -o a.png",
+            "[1]",
+            "no scene, which is a JSON object: line 1 column 0: a list, expected an object",
+        ),
+        ("render f.json -o a.png", "{\"size\": 3\n\"zoom\": 2}", "line 2 column 1: expected `,` or `}`"),
+        ("render f.json -o a.png", "", "f.json: is empty"),
+        (transfer, "hello", "f.json: line 1: \"hello\", expected JSON, XML or a line with a number"),
+        (transfer, "{\"points\": [", "line 1 column 12: the text ends within a list"),
+        // What the file says stays as it is.
+        (transfer, r#"{"points": [{"value": "a map, sequence"}]}"#, "string \"a map, sequence\", expected a number"),
+        (labels, "hello", "f.json: is not a NRRD, NIfTI,"),
+    ] {
+        std::fs::write(dir.path().join("f.json"), text).unwrap();
+        let output = voxsplat(dir.path(), line);
+        let said = complaint(&output);
+        assert!(said.contains(reason) && !said.contains("--dims"), "{line}: {said}");
+        assert_eq!(output.status.code(), Some(1), "{line}: {said}");
+    }
+    // Bare samples of another size.
+    std::fs::write(dir.path().join("a.raw"), [0; 12]).unwrap();
+    let said = complaint(&voxsplat(dir.path(), "info a.raw --dims 3,3,3 --type i16"));
+    assert_eq!(said, "a.raw: has 12 bytes, and 3 x 3 x 3 samples of i16 need 54");
+    let said = notes(dir.path(), "render a.raw --dims 2,2,2 --type u8 -o a.png --reference --size 8 --transfer gray");
+    assert!(said.iter().any(|note| note == "2 x 2 x 2 samples of u8 leave 4 bytes at the end of the file"), "{said:?}");
+}
+
+#[test]
 fn numbers_have_few_digits_and_units_that_fit() {
     let dir = folder();
     let values = [2.865_797_863_180_417e-31_f64, 0.0, 1e-31, 2e-31].map(f64::to_le_bytes).concat();
