@@ -234,7 +234,7 @@ fn inputs_say_where_and_how_they_are_wrong() {
         assert_eq!(output.status.code(), Some(1), "{line}: {said}");
     }
     // Bare samples of another size.
-    std::fs::write(dir.path().join("a.raw"), [0; 12]).unwrap();
+    std::fs::write(dir.path().join("a.raw"), (0..12).collect::<Vec<u8>>()).unwrap();
     let said = complaint(&voxsplat(dir.path(), "info a.raw --dims 3,3,3 --type i16"));
     assert_eq!(said, "a.raw: has 12 bytes, and 3 x 3 x 3 samples of i16 need 54");
     let said = notes(dir.path(), "render a.raw --dims 2,2,2 --type u8 -o a.png --reference --size 8 --transfer gray");
