@@ -43,13 +43,17 @@ fn target(path: &Path) -> Result<PathBuf> {
 /// Refuses a path that cannot be written. It is checked before the work whose result would be lost.
 ///
 /// # Errors
-/// [`Error::Output`] if the path is a directory, a device or a pipe, or its own directory does not exist;
-/// [`Error::Write`] if that directory cannot be written to, or no file can have that name.
+/// [`Error::Output`] if the path is a directory, a device or a pipe, or its own directory does not exist or cannot be
+/// written to; [`Error::Write`] if no file can have that name.
 pub(crate) fn check_writable(path: &Path) -> Result<()> {
     let target = target(path)?;
     let directory = directory_of(&target);
     if !directory.is_dir() {
-        let reason = format!("there is no directory {}", directory.display());
+        let name = directory.display();
+        let reason = match directory.exists() {
+            true => format!("{name} is no directory"),
+            false => format!("there is no directory {name}"),
+        };
         return Err(Error::Output { path: path.to_owned(), reason });
     }
     let failed = |source| Err(Error::Write { path: path.to_owned(), source });
@@ -62,7 +66,10 @@ pub(crate) fn check_writable(path: &Path) -> Result<()> {
     if unnamed(&directory).is_some() {
         return Ok(());
     }
-    named(&directory).map_or_else(failed, |_| Ok(()))
+    named(&directory).map(drop).map_err(|source| {
+        let reason = format!("no file can be made in {}: {source}", directory.display());
+        Error::Output { path: path.to_owned(), reason }
+    })
 }
 
 /// The temporary names of files that are being written. The lock is held while a name is made or given up, so whoever

@@ -4,6 +4,8 @@ use std::fs::{File, Metadata};
 use std::io::{IsTerminal, Read};
 use std::path::Path;
 
+use serde::de::DeserializeOwned;
+
 use crate::error::{Error, Result};
 
 /// Opens a regular file, or standard input if `path` is `-` or leads there. The second value is the length of the file
@@ -58,9 +60,46 @@ pub(crate) fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// [`Error::Read`] if the file cannot be read; [`Error::Format`] if it is not a regular file, has more than `most`
-/// bytes, or is not UTF-8.
+/// bytes, is empty, or is not UTF-8.
 pub fn read_text(path: &Path, most: u64) -> Result<String> {
-    String::from_utf8(read(path, most)?).map_err(|e| Error::format(path, format!("is no text: {}", e.utf8_error())))
+    let text = String::from_utf8(read(path, most)?);
+    let text = text.map_err(|e| Error::format(path, format!("is no text: {}", e.utf8_error())))?;
+    if text.trim().is_empty() { Err(Error::format(path, "is empty")) } else { Ok(text) }
+}
+
+/// Reads a value from a file of JSON, which is read as by [`read_text`].
+///
+/// # Errors
+/// Those of [`read_text`]; [`Error::Format`] with line and column if the text is no such value.
+pub fn read_json<T: DeserializeOwned>(path: &Path, most: u64) -> Result<T> {
+    let fault =
+        |e: serde_json::Error| Error::format(path, format!("line {} column {}: {}", e.line(), e.column(), fault(&e)));
+    serde_json::from_str(&read_text(path, most)?).map_err(fault)
+}
+
+/// What is wrong with a JSON text, without the place, in words of JSON.
+pub(crate) fn fault(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    let text = text.rsplit_once(" at line ").map_or(text.as_str(), |(message, _)| message);
+    let words = [
+        ("invalid type: ", ""),
+        ("invalid value: ", ""),
+        ("EOF while parsing", "the text ends within"),
+        ("sequence", "a list"),
+        ("map,", "an object,"),
+        ("expected a map", "expected an object"),
+        ("expected u32", "expected a whole number, 0 or over"),
+        ("expected f64", "expected a number"),
+    ];
+    // Texts of the file stay as they are: what is said of their kind comes before or after them.
+    let (head, rest) = text.split_once('"').unwrap_or((text, ""));
+    let (quoted, tail) = rest.rsplit_once('"').unwrap_or(("", rest));
+    let plain = |text: &str| words.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to));
+    match text.contains('"') {
+        true => format!("{}\"{quoted}\"{}", plain(head), plain(tail)),
+        false => plain(head),
+    }
+    .replace("expected a a list", "expected a list")
 }
 
 fn not_regular(path: &Path, meta: &Metadata) -> Error {

@@ -75,7 +75,7 @@ pub fn choose(
         return Err(Error::Setting { name: "max_error", reason });
     }
     let mut base = settings.clone();
-    if base.termination == Settings::default().termination {
+    if base.model == Model::Composite && base.termination == Settings::default().termination {
         base.termination = rounded_down(TERMINATION * max_error).min(0.01);
     }
     let scene = renderer.prepare_layers(layers, &base)?;

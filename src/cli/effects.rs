@@ -3,11 +3,15 @@
 //! An option is refused if it contradicts another one, and noted in one line if it is harmless. A unit test takes all
 //! options from `clap` and fails for an option without a row.
 
+use std::path::Path;
+
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Command, CommandFactory};
+use serde_json::{Map, Value};
+use voxsplat::formats::{data_files, read_json};
 
-use super::Failure;
 use super::args::Args;
+use super::{Failure, turntable};
 
 /// A condition that takes the effect from an option.
 struct Rule {
@@ -53,6 +57,7 @@ const LABELLED: &[Rule] =
     &[refused(|given| !given.has("labels") && !shows_labels(given), " needs --labels FILE or --transfer labels")];
 const FOR_VALUES: Rule = refused(shows_labels, " is for values, not for labels");
 const BY_REFERENCE: Rule = idle(|given| given.has("reference"), "because --reference integrates rays on the CPU");
+const BY_KEYS: &str = "because key frames set it";
 const FOR_QUADS: Rule =
     refused(|given| given.is("painter", "tiles") || given.has("resolution"), " is an option of quads, not of tiles");
 const QUADS: &[Rule] = &[FOR_QUADS, BY_REFERENCE];
@@ -77,11 +82,23 @@ const TABLE: &[(&str, &[Rule])] = &[
     ("replace-nan", ALWAYS),
     ("channel", BY_LIBRARY),
     ("time", BY_LIBRARY),
-    ("series", &[idle(|given| given.reads_one_file(), "because the volume is one file: only folders hold series")]),
+    (
+        "series",
+        &[
+            idle(|given| given.reads_one_file(), "because the volume is one file: only folders hold series"),
+            idle(|given| given.reads_no_dicom(), "because only folders of DICOM files hold series"),
+        ],
+    ),
     // Whether a folder holds a pyramid is known when it is read: `session::say_choice`.
     ("pyramid", ALWAYS),
-    ("missing-slices", &[idle(|given| given.reads_one_file(), "because the volume is one file")]),
-    ("stream-over", ALWAYS),
+    (
+        "missing-slices",
+        &[
+            idle(|given| given.reads_one_file(), "because the volume is one file"),
+            idle(|given| given.reads_no_dicom(), "because only slices of DICOM have places"),
+        ],
+    ),
+    ("stream-over", &[idle(|given| given.source().starts_with("demo:"), "because the volume is built in")]),
     // Output.
     ("output", ALWAYS),
     ("preview", FOR_PICTURES),
@@ -113,9 +130,9 @@ const TABLE: &[(&str, &[Rule])] = &[
     ("length-unit", BY_PARSER),
     ("value-unit", BY_PARSER),
     // View.
-    ("azimuth", BY_PARSER),
-    ("elevation", BY_PARSER),
-    ("roll", ALWAYS),
+    ("azimuth", &[idle(|given| given.keys_set("azimuth"), BY_KEYS)]),
+    ("elevation", &[idle(|given| given.keys_set("elevation"), BY_KEYS)]),
+    ("roll", &[idle(|given| given.keys_set("roll"), BY_KEYS)]),
     ("up", ALWAYS),
     ("direction", &[refused(|given| given.is_for("turntable"), ": a turntable turns the azimuth")]),
     ("target", ALWAYS),
@@ -130,7 +147,7 @@ const TABLE: &[(&str, &[Rule])] = &[
             ),
         ],
     ),
-    ("zoom", ALWAYS),
+    ("zoom", &[idle(|given| given.keys_set("zoom"), BY_KEYS)]),
     (
         "frame",
         &[idle(|given| given.has("target") && is_sized(given), "because --target and the size place the picture")],
@@ -214,7 +231,7 @@ const TABLE: &[(&str, &[Rule])] = &[
         &[idle(|given| !given.is("model", "composite"), "because only the composite model hides matter"), BY_REFERENCE],
     ),
     ("antialiasing", ALWAYS),
-    ("level", ALWAYS),
+    ("level", &[BY_REFERENCE]),
     // Labels.
     ("labels", ALWAYS),
     ("label-table", LABELLED),
@@ -315,15 +332,42 @@ impl Given<'_> {
         self.id(option).is_some_and(|id| self.values(id).iter().all(|value| holds(value)))
     }
 
+    /// The volume as it was given.
+    fn source(&self) -> String {
+        self.values("source").pop().unwrap_or_default()
+    }
+
+    /// Whether a key frame sets this, and so all of them do.
+    fn keys_set(&self, name: &str) -> bool {
+        let keys =
+            || read_json::<Vec<Map<String, Value>>>(Path::new(&self.text("key-frames")), turntable::MAX_KEY_FRAMES);
+        self.has("key-frames") && keys().is_ok_and(|keys| keys.iter().any(|key| key.contains_key(name)))
+    }
+
     /// Whether the volume is a file outside of folders whose files belong together, or built in.
     fn reads_one_file(&self) -> bool {
-        let Some(source) = self.values("source").pop() else { return false };
-        let path = std::path::Path::new(&source);
-        let of_zarr = path.parent().is_some_and(|folder| {
-            [".zarray", ".zgroup", ".zattrs", "zarr.json"].iter().any(|name| folder.join(name).exists())
-        });
-        source.starts_with("demo:") || (path.is_file() && !of_zarr)
+        let source = self.source();
+        let path = Path::new(&source);
+        source.starts_with("demo:") || (path.is_file() && !path.parent().is_some_and(is_zarr))
     }
+
+    /// Whether the volume is a Zarr or a folder of TIFF files. DICOM files do not go with TIFF files.
+    fn reads_no_dicom(&self) -> bool {
+        let source = self.source();
+        let path = Path::new(&source);
+        let is_tiff = |file: &Path| {
+            file.extension()
+                .is_some_and(|extension| ["tif", "tiff"].iter().any(|end| extension.eq_ignore_ascii_case(end)))
+        };
+        is_zarr(path)
+            || path.parent().is_some_and(|folder| path.is_file() && is_zarr(folder))
+            || (path.is_dir() && data_files(path).first().is_some_and(|file| is_tiff(file)))
+    }
+}
+
+/// Whether a folder is an array or a group of Zarr.
+fn is_zarr(folder: &Path) -> bool {
+    [".zarray", ".zgroup", ".zattrs", "zarr.json"].iter().any(|name| folder.join(name).exists())
 }
 
 /// Whether the picture is an `.exr`.
@@ -400,7 +444,7 @@ pub(super) fn noted(command: &str, lines: Vec<&ArgMatches>) -> Result<Vec<String
             None => {}
         }
     }
-    if refusals.is_empty() { Ok(notes) } else { Err(Failure::Usage(refusals.join("; "))) }
+    if refusals.is_empty() { Ok(notes) } else { Err(Failure::Several(refusals)) }
 }
 
 #[cfg(test)]

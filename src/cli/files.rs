@@ -1,13 +1,18 @@
 //! Files that a command line names: no output takes the place of an input or of another output.
+//!
+//! Data files that a header names, the slices in a folder and the files of a Zarr are inputs too. On Unix device and
+//! inode tell files apart. Elsewhere their paths without links do: on Windows two hard links of one file count as
+//! different files.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use clap::builder::ValueHint;
 use clap::{ArgMatches, Command};
+use voxsplat::formats::data_files;
 
-use super::Failure;
 use super::destination::STREAM;
+use super::{Failure, pareto};
 
 /// The arguments that name outputs. All others that take a path name inputs.
 const OUTPUTS: [&str; 4] = ["output", "save_scene", "save_transfer", "difference"];
@@ -50,11 +55,19 @@ struct Named {
     identity: Identity,
 }
 
+impl Named {
+    fn new(argument: &str, path: &Path) -> Option<Self> {
+        Some(Self { argument: argument.to_owned(), path: path.to_owned(), identity: Identity::of(path)? })
+    }
+}
+
 /// The inputs and outputs of a run.
 #[derive(Default)]
 pub(super) struct Files {
     inputs: Vec<Named>,
     outputs: Vec<Named>,
+    /// Files and folders that may name further inputs, with their arguments.
+    sources: Vec<(String, PathBuf)>,
 }
 
 impl Files {
@@ -64,11 +77,14 @@ impl Files {
             let id = arg.get_id().as_str();
             let argument = arg.get_long().map_or_else(|| id.to_uppercase(), |name| format!("--{name}"));
             for value in matches.get_raw(id).into_iter().flatten().filter(|value| *value != STREAM) {
-                if OUTPUTS.contains(&id) {
-                    self.outputs.extend(named(&argument, Path::new(value)));
+                if !OUTPUTS.contains(&id) {
+                    let paths = readings(value).into_iter().filter(|path| path.is_file() || path.is_dir());
+                    self.sources.extend(paths.map(|path| (argument.clone(), path)));
+                } else if command.get_name() == "pareto" {
+                    let files = pareto::FILES.iter().map(|name| Path::new(value).join(name));
+                    self.outputs.extend(files.filter_map(|path| Named::new(&argument, &path)));
                 } else {
-                    let files = readings(value).into_iter().filter(|path| path.is_file());
-                    self.inputs.extend(files.filter_map(|path| named(&argument, &path)));
+                    self.outputs.extend(Named::new(&argument, Path::new(value)));
                 }
             }
         }
@@ -78,11 +94,20 @@ impl Files {
     pub(super) fn add_inputs(&mut self, command: &Command, matches: &ArgMatches) {
         let mut files = Self::default();
         files.add(command, matches);
-        self.inputs.append(&mut files.inputs);
+        self.sources.append(&mut files.sources);
     }
 
     /// Refuses outputs that are an input or each other.
-    pub(super) fn check(&self) -> Result<(), Failure> {
+    pub(super) fn check(&mut self) -> Result<(), Failure> {
+        // Headers are read only if there is something to overwrite.
+        let replaces = self.outputs.iter().any(|output| output.path.is_file());
+        for (argument, path) in self.sources.drain(..) {
+            self.inputs.extend(Named::new(&argument, &path));
+            if replaces {
+                let of = format!("a data file of {argument} {}:", path.display());
+                self.inputs.extend(data_files(&path).iter().filter_map(|file| Named::new(&of, file)));
+            }
+        }
         for (index, output) in self.outputs.iter().enumerate() {
             let is_same = |other: &&Named| other.identity == output.identity;
             let shares = |other: &&Named| other.argument == SHARED && output.argument == SHARED;
@@ -94,10 +119,6 @@ impl Files {
         }
         Ok(())
     }
-}
-
-fn named(argument: &str, path: &Path) -> Option<Named> {
-    Some(Named { argument: argument.to_owned(), path: path.to_owned(), identity: Identity::of(path)? })
 }
 
 /// The paths that a value may mean: labels, a data set or a name may stand behind the file.

@@ -25,7 +25,7 @@ use super::channels::ChannelArg;
 use super::clip::ClipChoice;
 use super::destination::{Destination, STREAM};
 use super::layers::{LABELS, LayersJob};
-use super::parse::{GradientFloor, GradientOpacity, LightArg, Occlusion, PlaceArg};
+use super::parse::{GradientFloor, GradientOpacity, LightArg, Occlusion, PlaceArg, reason};
 use super::preview::Preview;
 use super::scene::SceneFile;
 
@@ -90,7 +90,7 @@ impl Transfer {
             (None, Some(name)) if is_file_name(name) => given(Imported::of_map(&ColorMap::load(name)?)?),
             (None, Some(name)) => {
                 let map = maps::find(&name.to_string_lossy());
-                given(Imported::of_map(&map.map_err(|e| Failure::Usage(format!("--colour-map: {e}")))?)?)
+                given(Imported::of_map(&map.map_err(|e| Failure::Usage(format!("--colour-map: {}", reason(e))))?)?)
             }
             // A window alone is that of a radiologist: grey values.
             (None, None) if window.is_some() => given(Imported::of_map(&maps::find("gray")?)?),
@@ -480,6 +480,7 @@ impl ParetoJob {
         if matches!(transfer.choice, TransferChoice::Labels) {
             return Err(Failure::Usage("--transfer labels is for render and turntable".to_owned()));
         }
+        check_folder(&args.output)?;
         Ok(Self {
             load: args.input.options_for(&args.view, args.size),
             source: args.input.source,
@@ -500,6 +501,19 @@ impl ParetoJob {
             rivals: args.rivals,
         })
     }
+}
+
+/// Refuses a folder that cannot be made or written to. It is made after the volume has been read.
+fn check_folder(folder: &Path) -> Result<(), Failure> {
+    let usage = |reason: String| Err(Failure::Usage(format!("--output: {}: {reason}", folder.display())));
+    let mut first = folder.join("report.html");
+    while let Some(above) = first.parent().filter(|above| !above.as_os_str().is_empty() && !above.is_dir()) {
+        if above.exists() {
+            return usage(format!("{} is no directory", above.display()));
+        }
+        first = above.to_owned();
+    }
+    check_file(&first).or_else(|error| usage(format!("{error:#}")))
 }
 
 /// Two pictures to compare.

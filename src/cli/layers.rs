@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use voxsplat::Background;
-use voxsplat::error::Error;
+use voxsplat::error::{Error, Hint};
 use voxsplat::formats::{self, LoadOptions};
 use voxsplat::layers::{Fit, Label, LabelCount, Labels, Layer, Layers, Which, count_labels, on_lattice};
 use voxsplat::volume::Volume;
@@ -166,14 +166,21 @@ pub(super) fn named(error: Error, option: &'static str) -> Error {
 /// Reads the volumes of labels of a file, mostly one. NaN is label 0.
 pub(super) fn read(path: &Path) -> Result<Vec<Volume>, Failure> {
     let options = LoadOptions { replace_nan: Some(0.0), ..LoadOptions::default() };
-    let of = |channel: Option<u32>| formats::load(path, &LoadOptions { channel, ..options });
+    // The options of bare samples are those of the volume.
+    let bare = |hint| matches!(hint, Hint::GiveDims | Hint::GiveSampleType | Hint::GiveDimsAndSampleType);
+    let of = |channel: Option<u32>| {
+        formats::load(path, &LoadOptions { channel, ..options }).map_err(|error| match error.hint().is_some_and(bare) {
+            true => Failure::Failed(error.to_string()),
+            false => error.into(),
+        })
+    };
     let first = of(Some(0))?;
     let channels = first.contents().channels;
     if channels > 1 && first.contents().segments.is_none() {
         // The error says how many there are.
         return Ok(vec![of(None)?]);
     }
-    std::iter::once(Ok(first)).chain((1..channels).map(|n| Ok(of(Some(n))?))).collect()
+    std::iter::once(Ok(first)).chain((1..channels).map(|n| of(Some(n)))).collect()
 }
 
 /// Volumes of labels of an option on the lattice of another, and what is to be said of it.

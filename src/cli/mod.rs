@@ -1,6 +1,6 @@
 //! The command line. Arguments ([`args`]) become validated jobs ([`job`]); each command has a file that runs its jobs.
 //!
-//! Results go to stdout, everything else to stderr. An error is one line. Exit codes: 0 done, 1 failed or, for
+//! Results go to stdout, everything else to stderr. Each error is one line. Exit codes: 0 done, 1 failed or, for
 //! `compare`, the pictures differ, 2 wrong arguments. A signal ends the program as it ends others.
 
 mod args;
@@ -45,6 +45,8 @@ use voxsplat::volume::SampleType;
 enum Failure {
     /// The arguments are wrong.
     Usage(String),
+    /// The arguments are wrong in several ways.
+    Several(Vec<String>),
     /// The work failed.
     Failed(String),
 }
@@ -67,6 +69,10 @@ fn in_flags(error: &Error) -> String {
         Error::Setting { name, reason } => format!("{}: {reason}", flag(name)),
         other => other.to_string(),
     };
+    // Standard input has no name.
+    if let Some(rest) = message.strip_prefix("-: ") {
+        message = format!("standard input: {rest}");
+    }
     let causes = std::iter::successors(error.source(), |&cause| cause.source());
     causes.for_each(|cause| message += &format!(": {cause}"));
     if let Some(hint) = error.hint() {
@@ -105,6 +111,7 @@ fn sample_types() -> String {
 
 /// Parses the arguments, runs the command, reports its failure.
 pub(crate) fn main() -> ExitCode {
+    let words: Vec<OsString> = std::env::args_os().collect();
     let parsed = args::Args::command().try_get_matches();
     let parsed = parsed.and_then(|matches| Ok((args::Args::from_arg_matches(&matches)?, matches)));
     let result = match parsed {
@@ -112,26 +119,19 @@ pub(crate) fn main() -> ExitCode {
         Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             output::print(&error.render().to_string())
         }
-        Err(error) => {
-            let words: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
-            let command = args::Args::command();
-            let name = words.iter().find(|word| command.find_subcommand(word).is_some());
-            Err(Failure::Usage(usage::message(&error, name.map(String::as_str))))
-        }
+        Err(error) => Err(Failure::Several(usage::messages(error, &words))),
     };
-    let words: Vec<OsString> = std::env::args_os().collect();
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(Failure::Failed(message)) => {
-            output::complain(&usage::as_typed(&message, &words));
-            ExitCode::from(1)
-        }
-        Err(Failure::Usage(message)) => {
-            let missing = usage::missing_input(&words).map(|missing| missing + "; ").unwrap_or_default();
-            output::complain(&(missing + &usage::as_typed(&message, &words)));
-            ExitCode::from(2)
-        }
-    }
+    let (code, messages) = match result {
+        Ok(()) => return ExitCode::SUCCESS,
+        Err(Failure::Failed(message)) => (1, vec![message]),
+        Err(Failure::Usage(message)) => (2, vec![message]),
+        Err(Failure::Several(messages)) => (2, messages),
+    };
+    // A volume that is not there comes before what is wrong with the options.
+    let missing = if code == 2 { usage::missing_input(&words) } else { None };
+    let typed = messages.iter().map(|message| usage::as_typed(message, &words));
+    missing.into_iter().chain(typed).for_each(|message| output::complain(&message));
+    ExitCode::from(code)
 }
 
 fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {

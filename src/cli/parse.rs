@@ -38,9 +38,9 @@ pub(super) fn library<T: FromStr<Err = Error>>(text: &str) -> Result<T, String> 
 }
 
 /// The message of an error without the setting's name.
-fn reason(error: Error) -> String {
+pub(super) fn reason(error: Error) -> String {
     match error {
-        Error::Setting { reason, .. } => reason,
+        Error::Setting { reason, .. } | Error::Transfer(reason) => reason,
         other => other.to_string(),
     }
 }
@@ -274,12 +274,18 @@ pub(super) fn gradient_floor(text: &str) -> Result<GradientFloor, String> {
 
 /// A finite number.
 pub(super) fn number(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(|| "expected a finite number".to_owned())
+    text.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(|| format!("expected a finite number{}", unit(text)))
+}
+
+/// What is to be said of a unit behind a number.
+fn unit(text: &str) -> &'static str {
+    let number = text.trim_end_matches(|c: char| !c.is_ascii_digit() && c != '.');
+    if number.len() < text.len() && number.parse::<f64>().is_ok() { ", without a unit" } else { "" }
 }
 
 /// A finite number over 0.
 pub(super) fn positive(text: &str) -> Result<f64, String> {
-    number(text).ok().filter(|&n| n > 0.0).ok_or_else(|| "expected a number over 0".to_owned())
+    number(text).ok().filter(|&n| n > 0.0).ok_or_else(|| format!("expected a number over 0{}", unit(text)))
 }
 
 /// A finite number, 0 or over.

@@ -10,7 +10,8 @@ use clap::builder::ValueHint;
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory, FromArgMatches};
 use serde_json::{Map, Value};
-use voxsplat::formats::read_text;
+use voxsplat::error::Error;
+use voxsplat::formats::read_json;
 use voxsplat::report::{check_file, write_file};
 use voxsplat::transfer::TransferFunction;
 
@@ -68,11 +69,20 @@ pub(super) fn jobs(
         return Ok(vec![job]);
     }
     let path = &args.input.source;
+    let placed = |reason: String| format!("{}: {reason}", path.display());
     let in_scene = |failure: Failure| match failure {
-        Failure::Usage(reason) => Failure::Usage(format!("{}: {reason}", path.display())),
-        Failure::Failed(reason) => Failure::Failed(format!("{}: {reason}", path.display())),
+        Failure::Usage(reason) => Failure::Usage(placed(reason)),
+        Failure::Several(reasons) => Failure::Several(reasons.into_iter().map(placed).collect()),
+        Failure::Failed(reason) => Failure::Failed(placed(reason)),
     };
-    let lines = read(path, &read_text(path, MAX_BYTES)?, command, &given(command, matches)).map_err(in_scene)?;
+    let no_scene = |error: Error| match error {
+        Error::Format { path, reason, .. } if reason.starts_with("line ") => {
+            Failure::Failed(format!("{}: no scene, which is a JSON object: {reason}", path.display()))
+        }
+        other => other.into(),
+    };
+    let scene = read_json(path, MAX_BYTES).map_err(no_scene)?;
+    let lines = read(path, scene, command, &given(command, matches)).map_err(in_scene)?;
     if lines.len() > 1 && args.save_scene.is_some() {
         return Err(Failure::Usage("--save-scene: a scene of several outputs is there already".to_owned()));
     }
@@ -81,7 +91,7 @@ pub(super) fn jobs(
     // The outputs of the command line are in the lines too.
     files.add_inputs(command, matches);
     let mut parsed = |words: &Vec<OsString>| {
-        let failed = |e: clap::Error| Failure::Usage(usage::message(&e, Some("render")));
+        let failed = |e: clap::Error| Failure::Several(usage::messages(e, words));
         let whole = Args::command().try_get_matches_from(words).map_err(failed)?;
         let of_scene = whole.subcommand_matches("render").unwrap_or(matches);
         files.add(command, of_scene);
@@ -151,10 +161,12 @@ fn overlaid(command: &Command, base: &[Given], over: &[Given]) -> Vec<Given> {
 }
 
 /// The command lines of a scene, with options that replace its own.
-fn read(path: &Path, text: &str, command: &Command, over: &[Given]) -> Result<Vec<Vec<OsString>>, Failure> {
-    let failed = Failure::Failed;
-    let mut scene: Map<String, Value> =
-        serde_json::from_str(text).map_err(|e| failed(format!("no scene, which is a JSON object: {e}")))?;
+fn read(
+    path: &Path,
+    mut scene: Map<String, Value>,
+    command: &Command,
+    over: &[Given],
+) -> Result<Vec<Vec<OsString>>, Failure> {
     let folder = path.parent().unwrap_or(Path::new(""));
     scene.remove(VERSION);
     let volume = match scene.remove(VOLUME) {

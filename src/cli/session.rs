@@ -211,6 +211,9 @@ impl Session {
             job.settings.lighting = Some(lighting);
             self.say(format!("note: --light {name}{bias} is taken, as {surfaces}; --light off is without"));
         }
+        if job.transfer.floor.is_some() && job.chooses_light && job.settings.lighting.is_none() {
+            self.say("note: --gradient-floor has no effect without light".to_owned());
+        }
         let Some(material) = material else { return Ok(()) };
         if job.chooses_material {
             job.settings.lighting = job.settings.lighting.take().map(|lighting| material.lit(lighting));

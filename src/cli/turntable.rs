@@ -1,7 +1,7 @@
 //! `voxsplat turntable`: many views of one volume, as pictures or as a film.
 
 use std::cell::RefCell;
-use std::io::{BufWriter, stdout};
+use std::io::{BufWriter, ErrorKind, Stdout, Write, stdout};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -11,7 +11,7 @@ use clap::ArgMatches;
 use serde::{Deserialize, Serialize};
 use voxsplat::camera::View;
 use voxsplat::film::{Film, FilmFile, Format};
-use voxsplat::formats::{TimeSeries, read_text};
+use voxsplat::formats::{TimeSeries, read_json};
 use voxsplat::image::{Image, Note};
 
 use super::args::{FrameArg, RenderArgs, TurntableArgs};
@@ -135,7 +135,10 @@ impl Target {
                 let first = PathBuf::from(numbered(name, 0, 1));
                 // A folder for the frames is made. If it cannot be, the check says what is wrong.
                 if let Some(folder) = first.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-                    let _ = std::fs::create_dir(folder);
+                    let made = std::fs::create_dir(folder).map_err(|e| (e.kind(), e));
+                    if let Err((ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem, e)) = made {
+                        return usage(format!("--output: the folder {} cannot be made: {e}", folder.display()));
+                    }
                 }
                 Destination::checked(first)?;
                 Ok(Self::Files(name.to_owned()))
@@ -214,13 +217,14 @@ impl TurntableJob {
 }
 
 /// The largest file of key frames, in bytes.
-const MAX_KEY_FRAMES: u64 = 64 << 20;
+pub(super) const MAX_KEY_FRAMES: u64 = 64 << 20;
 
 /// The key frames of a file, in the order of frames.
 fn read_key_frames(path: &Path) -> Result<Vec<KeyFrame>, Failure> {
-    let failed = |e: String| Failure::Failed(format!("{}: {e}", path.display()));
-    let text = read_text(path, MAX_KEY_FRAMES)?;
-    let mut keys: Vec<KeyFrame> = serde_json::from_str(&text).map_err(|e| failed(e.to_string()))?;
+    let mut keys: Vec<KeyFrame> = read_json(path, MAX_KEY_FRAMES)?;
+    if keys.is_empty() {
+        return Err(Failure::Failed(format!("{}: has no key frames", path.display())));
+    }
     keys.sort_by_key(|key| key.frame);
     Ok(keys)
 }
@@ -428,16 +432,55 @@ fn write(job: &TurntableJob, frames: Receiver<Done>, size: [u32; 2], count: u32)
             film.save(path)?;
         }
         Target::Stream(format) => {
-            let mut film = Film::new(BufWriter::new(stdout()), *format, size, count, rate)?;
-            film.title(&title);
-            for Done { image, notes, .. } in frames {
-                film.add(&image, background)?;
-                film.describe(described(&job.command, notes));
+            let fault = RefCell::new(None);
+            let stream = || {
+                let out = BufWriter::new(Watched { out: stdout(), fault: &fault });
+                let mut film = Film::new(out, *format, size, count, rate)?;
+                film.title(&title);
+                for Done { image, notes, .. } in frames {
+                    film.add(&image, background)?;
+                    film.describe(described(&job.command, notes));
+                }
+                film.finish()
+            };
+            let result = stream();
+            match fault.take() {
+                // The reader has enough, as `| head` has.
+                Some(e) if e.kind() == ErrorKind::BrokenPipe => {}
+                Some(e) => return Err(Failure::Failed(format!("cannot write to stdout: {e}"))),
+                None => result?,
             }
-            film.finish()?;
         }
     }
     Ok(())
+}
+
+/// Standard output, which keeps its first error: encoders tell it in words of their own.
+struct Watched<'a> {
+    out: Stdout,
+    fault: &'a RefCell<Option<std::io::Error>>,
+}
+
+impl Watched<'_> {
+    fn kept<T>(&self, result: std::io::Result<T>) -> std::io::Result<T> {
+        result.map_err(|e| {
+            let told = std::io::Error::from(e.kind());
+            self.fault.borrow_mut().get_or_insert(e);
+            told
+        })
+    }
+}
+
+impl Write for Watched<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let written = self.out.write(bytes);
+        self.kept(written)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        let flushed = self.out.flush();
+        self.kept(flushed)
+    }
 }
 
 /// What a page says of its frames: the command, and what the file of the last picture would say.

@@ -98,7 +98,7 @@ impl<W: Write> Film<W> {
         let thousandths = (rate * 1000.0).round();
         let sink = match format {
             Format::Gif => {
-                let waiting = BufWriter::new(tempfile::tempfile().map_err(failed)?);
+                let waiting = BufWriter::new(temporary()?);
                 let hundredths = (100.0 / rate).round().max(1.0) as u16;
                 Sink::Gif { out, waiting, histogram: Box::default(), hundredths }
             }
@@ -206,6 +206,14 @@ impl<W: Write> Film<W> {
     }
 }
 
+/// A file without a name for frames that wait.
+fn temporary() -> Result<File> {
+    tempfile::tempfile().map_err(|source| {
+        let folder = std::env::temp_dir();
+        Error::Image(format!("no temporary file can be made in {}: {source}", folder.display()))
+    })
+}
+
 /// What an encoder or the system says.
 fn failed(error: impl std::fmt::Display) -> Error {
     Error::Image(format!("the film cannot be written: {error}"))
@@ -229,9 +237,11 @@ impl FilmFile {
     /// Refuses a path that cannot be written, before the work.
     ///
     /// # Errors
-    /// [`Error::Output`] and [`Error::Write`] as [`Image::check_output`].
+    /// [`Error::Output`] and [`Error::Write`] as [`Image::check_output`]; [`Error::Image`] if there can be no temporary
+    /// file.
     pub fn check(path: impl AsRef<Path>) -> Result<()> {
-        check_writable(path.as_ref())
+        check_writable(path.as_ref())?;
+        temporary().map(drop)
     }
 
     /// A film as [`Film::new`]. Its frames wait in a temporary file.
@@ -239,7 +249,7 @@ impl FilmFile {
     /// # Errors
     /// Those of [`Film::new`].
     pub fn new(format: Format, size: [u32; 2], frames: u32, rate: f64) -> Result<Self> {
-        let file = tempfile::tempfile().map_err(failed)?;
+        let file = temporary()?;
         Ok(Self { film: Film::new(file.try_clone().map_err(failed)?, format, size, frames, rate)?, file })
     }
 

@@ -93,6 +93,12 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     Ok(placement.volume(grid, samples)?.with_rescale(slope, intercept)?.with_units(units).with_contents(contents))
 }
 
+/// The data files that the header names which begins here.
+pub(super) fn named_files(mut input: Input) -> Result<Vec<PathBuf>> {
+    let files = Header::read(&mut input)?.data_files(&mut input)?;
+    Ok(files.map_or_else(Vec::new, |files| files.paths().collect()))
+}
+
 /// How to find the first sample of a data file.
 struct Start {
     /// Bytes before the samples; -1: the samples are the last `share` bytes.

@@ -32,8 +32,8 @@ use vtk::{image_data, legacy};
 
 use crate::demos;
 use crate::error::{Error, Hint, Result};
-use crate::names::named;
-pub use crate::source::read_text;
+use crate::names::{counted, named};
+pub use crate::source::{read_json, read_text};
 use crate::volume::{Endian, SampleType, Volume};
 
 /// Which level of a pyramid is read: of a file that holds the same volume at several resolutions.
@@ -321,6 +321,21 @@ fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
         refuse_raw_options(folder, options, "a folder")?;
         return zarr::read(folder, options);
     }
+    let (mut sections, mut slices) = parts_of_folder(folder)?;
+    refuse_raw_options(folder, options, "a folder")?;
+    let name = |path: &PathBuf| natural(&path.file_name().unwrap_or_default().to_string_lossy());
+    sections.sort_by_cached_key(name);
+    slices.sort_by_cached_key(name);
+    match (sections.is_empty(), slices.is_empty()) {
+        (true, true) => Err(Error::format(folder, "is a directory without TIFF or DICOM files, and no OME-Zarr")),
+        (false, true) => tiff::read_files(folder, &sections, options),
+        (true, false) => dicom::read_files(folder, &slices, options),
+        (false, false) => Err(Error::format(folder, "holds TIFF and DICOM files: give each a folder of its own")),
+    }
+}
+
+/// The TIFF files and the DICOM files of a folder.
+fn parts_of_folder(folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>)> {
     let read_error = |source| Error::Read { path: folder.to_owned(), source };
     let (mut sections, mut slices) = (Vec::new(), Vec::new());
     for entry in std::fs::read_dir(folder).map_err(read_error)? {
@@ -335,16 +350,48 @@ fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
             _ => {}
         }
     }
-    refuse_raw_options(folder, options, "a folder")?;
-    let name = |path: &PathBuf| natural(&path.file_name().unwrap_or_default().to_string_lossy());
-    sections.sort_by_cached_key(name);
-    slices.sort_by_cached_key(name);
-    match (sections.is_empty(), slices.is_empty()) {
-        (true, true) => Err(Error::format(folder, "is a directory without TIFF or DICOM files, and no OME-Zarr")),
-        (false, true) => tiff::read_files(folder, &sections, options),
-        (true, false) => dicom::read_files(folder, &slices, options),
-        (false, false) => Err(Error::format(folder, "holds TIFF and DICOM files: give each a folder of its own")),
+    Ok((sections, slices))
+}
+
+/// The files besides `source` that a volume is read from: the data files that its header names, the slices in its
+/// folder, the files of a Zarr. Samples are not read, and a source that cannot be read has no such files.
+///
+/// A program that writes files can thus tell that it would overwrite its input.
+#[must_use]
+pub fn data_files(source: &Path) -> Vec<PathBuf> {
+    let of_header = |file: &Path| -> Result<Vec<PathBuf>> {
+        let mut input = Input::open(file)?;
+        match Format::of_content(&input.peek(nifti::HEADER_SIZE)?).or(Format::of_name(file)) {
+            Some(Format::Nrrd) => nrrd::named_files(input),
+            Some(Format::MetaImage) => metaimage::named_files(input),
+            Some(Format::Nifti) => nifti::named_files(input),
+            _ if nifti::is_image_name(file) => Ok(nifti::header_of_image(file).into_iter().collect()),
+            _ => Ok(Vec::new()),
+        }
+    };
+    if source.is_file() && zarr::folder_of(source).is_none() {
+        return of_header(source).unwrap_or_default();
     }
+    let folder = zarr::folder_of(source).unwrap_or(source);
+    if zarr::is_zarr(folder) {
+        return files_within(folder);
+    }
+    let parts = if folder.is_dir() { parts_of_folder(folder).unwrap_or_default() } else { Default::default() };
+    [parts.0, parts.1].concat()
+}
+
+/// The files of a folder and of the folders in it. Links to folders are not followed.
+fn files_within(folder: &Path) -> Vec<PathBuf> {
+    let (mut files, mut folders) = (Vec::new(), vec![folder.to_owned()]);
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+            match entry.file_type() {
+                Ok(kind) if kind.is_dir() => folders.push(entry.path()),
+                _ => files.push(entry.path()),
+            }
+        }
+    }
+    files
 }
 
 /// A key that sorts names with numbers as people do: runs of digits are numbers, and 9 goes before 10.
@@ -395,8 +442,18 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
     let placement = Placement::axis_parallel([1.0; 3]);
     let grid = placement.grid(&path, dims, options.spacing)?;
     input.skip(options.offset)?;
+    let needed = grid.len().saturating_mul(sample_type.size() as u64);
+    if let Some(left) = input.exactly_left().filter(|left| *left < needed) {
+        let ([x, y, z], after) = (dims, if options.offset > 0 { " after the offset" } else { "" });
+        let reason = format!("has {left} bytes{after}, and {x} x {y} x {z} samples of {sample_type} need {needed}");
+        return Err(input.error(reason));
+    }
     let layout = Layout::Binary(options.endian.unwrap_or_default());
-    let contents = chosen(&path, options, 1, 1)?;
+    let mut contents = chosen(&path, options, 1, 1)?;
+    if let Some(more) = input.exactly_left().map(|left| left - needed).filter(|more| *more > 0) {
+        let ([x, y, z], end) = (dims, counted(more, "byte"));
+        contents.notes.push(format!("{x} x {y} x {z} samples of {sample_type} leave {end} at the end of the file"));
+    }
     let samples = read_all(input, &Pick::all(grid.len()), sample_type, layout)?;
     Ok(placement.volume(grid, samples)?.with_contents(contents))
 }

@@ -19,23 +19,34 @@ use tiff::tags::{ByteOrder, Tag};
 
 use super::LoadOptions;
 use super::decode::{Kind, Layout, lattice, of_halves, read_kind, samples_in};
-use super::input::Input;
+use super::input::{self, Input};
 use super::placement::{Placement, named_unit, plain_name};
 use super::selection::{Axes, Pick, Role, colours, picked};
 use super::xml;
 use crate::error::{Error, Result};
-use crate::memory::reserved;
+use crate::memory::zeroed;
 use crate::names::counted;
 use crate::volume::{Channel, Endian, Number, SampleType, Samples, Stored, Units, Volume, with_type};
 
-/// No codec expands more: LZW makes at most 4096 bytes of 12 bits. A page that claims more is refused.
-const MAX_EXPANSION: u64 = 4096;
+/// No codec expands more: LZW makes at most 4096 bytes of 12 bits.
+const MAX_EXPANSION: u64 = 2731;
 
 /// The largest table or text of a directory, in bytes: positions of 65535 strips and a long OME-XML.
 const MAX_VALUE: usize = 16 << 20;
 
 /// The largest strip or tile, in bytes.
 const MAX_STRIP: usize = 1 << 30;
+
+/// The most bytes that a codec makes of one. A page that claims more is refused.
+fn expansion(compression: u32) -> u64 {
+    match compression {
+        1 => 1,
+        8 | 32946 => input::MAX_EXPANSION,
+        // PackBits repeats a byte up to 128 times.
+        32773 => 64,
+        _ => MAX_EXPANSION,
+    }
+}
 
 /// Whether these are the first bytes of a TIFF or BigTIFF file.
 pub(super) fn is_tiff(head: &[u8]) -> bool {
@@ -119,17 +130,8 @@ fn read_stacks(
 /// The samples that are picked from the pages of the files, each of `page` samples.
 fn decoded<T: Number>(path: &Path, files: &[PathBuf], pick: &Pick, page: u64) -> Result<Vec<T>> {
     let count = pick.len();
-    // What all files can hold, before memory is reserved.
-    let mut most = 0_u64;
-    for file in files {
-        let length = std::fs::metadata(file).map_err(|source| Error::Read { path: file.clone(), source })?.len();
-        most = most.saturating_add(length.saturating_mul(MAX_EXPANSION));
-    }
-    if count.max(page).saturating_mul(size_of::<T>() as u64) > most {
-        let reason = format!("claims {count} samples, more than it can hold however compressed");
-        return Err(Error::format(path, reason));
-    }
-    let mut samples: Vec<T> = reserved(count, || samples_in(path))?;
+    let mut samples: Vec<T> = zeroed(count, || samples_in(path))?;
+    let mut done = 0;
     // The first page of a file, among all.
     let mut first = 0;
     for file in files {
@@ -145,9 +147,9 @@ fn decoded<T: Number>(path: &Path, files: &[PathBuf], pick: &Pick, page: u64) ->
             let index = (place / page).checked_sub(first).and_then(|index| usize::try_from(index).ok())?;
             Some((index, (place % page) as usize))
         };
-        while let Some((index, offset)) = next(samples.len()) {
+        while let Some((index, offset)) = next(done) {
             let Some(&index) = stack.pages.get(index) else { break };
-            let (start, area) = (samples.len(), area as usize);
+            let section = &mut samples[done..done + area as usize];
             let decoder = &mut stack.decoder;
             let mut read = |samples: &mut [T]| -> tiff::TiffResult<()> {
                 decoder.seek_to_image(index)?;
@@ -160,25 +162,21 @@ fn decoded<T: Number>(path: &Path, files: &[PathBuf], pick: &Pick, page: u64) ->
                 decoder.read_image_bytes(bytes)
             };
             if stack.samples == 1 {
-                samples.resize(start + area, T::zeroed());
-                read(&mut samples[start..]).map_err(|error| failed(file, error))?;
+                read(section).map_err(|error| failed(file, error))?;
             } else {
                 if whole.is_empty() {
-                    whole = reserved(page, || samples_in(path))?;
-                    whole.resize(page as usize, T::zeroed());
+                    whole = zeroed(page, || samples_in(path))?;
                 }
                 read(&mut whole).map_err(|error| failed(file, error))?;
                 let step = if stack.planar { 1 } else { stack.samples as usize };
-                samples.extend(whole[offset..].iter().step_by(step).take(area));
+                section.iter_mut().zip(whole[offset..].iter().step_by(step)).for_each(|(to, from)| *to = *from);
             }
+            done += area as usize;
         }
         first += stack.pages.len() as u64;
     }
-    if samples.len() as u64 != count {
-        return Err(Error::format(
-            path,
-            format!("is cut short: {count} samples expected, {} are there", samples.len()),
-        ));
+    if done as u64 != count {
+        return Err(Error::format(path, format!("is cut short: {count} samples expected, {done} are there")));
     }
     Ok(samples)
 }
@@ -225,6 +223,27 @@ struct Page {
     coloured: bool,
     /// The first byte and the byte after the last, if they are uncompressed and in one piece.
     plain: Option<[u64; 2]>,
+    /// The bytes of its samples, decompressed.
+    bytes: u64,
+    /// The most bytes that its codec makes of one.
+    expansion: u64,
+    /// The number of its strips or tiles.
+    chunks: u64,
+}
+
+/// Refuses a lattice of `needed` bytes, of which `held` are in the file, each of which becomes at most `expansion`.
+fn check_length(path: &Path, [x, y, z]: [u64; 3], needed: u64, held: u64, expansion: u64) -> Result<()> {
+    if needed <= held.saturating_mul(expansion) {
+        return Ok(());
+    }
+    let size = if z == 1 { format!("{x} x {y}") } else { format!("{x} x {y} x {z}") };
+    let there = if expansion == 1 {
+        format!("{held} are there")
+    } else {
+        format!("and {held} compressed bytes cannot hold that many")
+    };
+    let reason = format!("is cut short, or its header claims too much: {size} samples need {needed} bytes, {there}");
+    Err(Error::format(path, reason))
 }
 
 impl Stack {
@@ -245,7 +264,7 @@ impl Stack {
             ByteOrder::LittleEndian => Endian::Little,
             ByteOrder::BigEndian => Endian::Big,
         };
-        let first = Page::of(&mut decoder, path)?;
+        let first = Page::of(&mut decoder, path, length)?;
         let text = decoder.find_tag(Tag::ImageDescription).ok().flatten();
         let text = text.and_then(|value| value.into_string().ok()).unwrap_or_default();
         let resolution = [Tag::XResolution, Tag::YResolution].map(|tag| {
@@ -253,6 +272,7 @@ impl Stack {
             value.and_then(per_unit)
         });
         let (mut pages, mut plain) = (vec![0], first.plain);
+        let (mut chunks, mut expansion) = (first.chunks, first.expansion);
         let (mut index, mut seen) = (0, HashSet::new());
         while decoder.more_images() {
             // A chain of directories that is a ring.
@@ -266,7 +286,13 @@ impl Stack {
                 plain = None;
                 continue;
             }
-            let page = Page::of(&mut decoder, path)?;
+            let page = Page::of(&mut decoder, path, length)?;
+            chunks = chunks.saturating_add(page.chunks);
+            expansion = expansion.max(page.expansion);
+            // An offset takes two bytes at least: beyond, directories share one table, and each would read it.
+            if chunks.saturating_mul(2) > length {
+                return Err(Error::format(path, "has directories that share a table of strips: it is damaged"));
+            }
             if (page.size, page.kind, page.samples, page.planar)
                 != (first.size, first.kind, first.samples, first.planar)
             {
@@ -287,6 +313,14 @@ impl Stack {
             };
             pages.push(index);
         }
+        let needed = first.bytes.saturating_mul(pages.len() as u64);
+        check_length(
+            path,
+            [first.size[0].into(), first.size[1].into(), pages.len() as u64],
+            needed,
+            length,
+            expansion,
+        )?;
         let described = Described::of(&text, resolution, pages.len() as i64, first.samples, path)?;
         let stack = Self {
             path: path.to_owned(),
@@ -329,7 +363,8 @@ impl Stack {
 
 impl Page {
     /// What the directory that the decoder is at says.
-    fn of(decoder: &mut Decoder<BufReader<File>>, path: &Path) -> Result<Self> {
+    /// The file has `length` bytes.
+    fn of(decoder: &mut Decoder<BufReader<File>>, path: &Path, length: u64) -> Result<Self> {
         let failed = |error| failed(path, error);
         let (width, height) = decoder.dimensions().map_err(failed)?;
         let mut number = |tag: Tag, default: u32| -> Result<u32> {
@@ -374,20 +409,33 @@ impl Page {
                 return Err(Error::format(path, reason));
             }
         };
-        let compressed = number(Tag::Compression, 1)? != 1 || number(Tag::Predictor, 1)? != 1;
+        let expansion = expansion(number(Tag::Compression, 1)?);
+        let compressed = expansion != 1 || number(Tag::Predictor, 1)? != 1;
+        let mut table =
+            |tag: Tag| decoder.find_tag_unsigned_vec::<u64>(tag).map_err(failed).map(Option::unwrap_or_default);
+        let mut offsets = table(Tag::StripOffsets)?;
+        let in_strips = !offsets.is_empty();
+        if !in_strips {
+            offsets = table(Tag::TileOffsets)?;
+        }
+        let counts = table(if in_strips { Tag::StripByteCounts } else { Tag::TileByteCounts })?;
+        lattice(path, &[width.into(), height.into()])?;
+        let bytes =
+            u64::from(width).saturating_mul(height.into()).saturating_mul(u64::from(bits / 8) * u64::from(samples));
+        let whole = counts.len() == offsets.len();
+        // Of a strip that ends behind the end of the file only its beginning is there.
+        let there = |(offset, count): (&u64, &u64)| length.saturating_sub(*offset).min(*count);
+        let held = if whole { offsets.iter().zip(&counts).map(there).fold(0, u64::saturating_add) } else { length };
+        check_length(path, [width.into(), height.into(), 1], bytes, held.min(length), expansion)?;
         let mut plain = None;
-        let strips = decoder.find_tag_unsigned_vec::<u64>(Tag::StripOffsets).map_err(failed)?;
-        if !compressed && let Some(offsets) = strips.filter(|strips| !strips.is_empty()) {
-            let counts = decoder.find_tag_unsigned_vec::<u64>(Tag::StripByteCounts).map_err(failed)?;
-            let counts = counts.unwrap_or_default();
-            let size = (u64::from(width) * u64::from(height)).saturating_mul(u64::from(bits / 8) * u64::from(samples));
+        if !compressed && in_strips {
             let next = |(pair, count): (&[u64], &u64)| pair[0].checked_add(*count) == Some(pair[1]);
             let follow = offsets.windows(2).zip(&counts).all(next);
             let total = counts.iter().fold(0, |sum: u64, n| sum.saturating_add(*n));
-            let whole = counts.len() == offsets.len() && total == size;
-            plain = (follow && whole).then(|| [offsets[0], offsets[0].saturating_add(size)]);
+            plain = (follow && whole && total == bytes).then(|| [offsets[0], offsets[0].saturating_add(bytes)]);
         }
-        Ok(Self { size: [width, height], kind, samples, planar, coloured, plain })
+        let (size, chunks) = ([width, height], offsets.len() as u64);
+        Ok(Self { size, kind, samples, planar, coloured, plain, bytes, expansion, chunks })
     }
 }
 

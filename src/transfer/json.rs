@@ -16,7 +16,7 @@ use serde_json::value::RawValue;
 use super::{ControlPoint, GradientPoint, TransferFunction};
 use crate::color;
 use crate::error::{Error, Result};
-use crate::source;
+use crate::source::{self, fault};
 
 /// The largest file that is read, in bytes: 1 KiB for each of the most points.
 const MAX_BYTES: u64 = 4 << 20;
@@ -84,12 +84,6 @@ impl<'de> Deserialize<'de> for Color {
     }
 }
 
-/// The message of a JSON error without the position at its end.
-fn bare(error: &serde_json::Error) -> String {
-    let text = error.to_string();
-    text.split_once(" at line ").map_or(text.clone(), |(message, _)| message.to_owned())
-}
-
 impl TransferFunction {
     /// Reads a transfer function from JSON text.
     ///
@@ -98,7 +92,7 @@ impl TransferFunction {
     /// [`TransferFunction::new`] refuses. It names the line and, inside a point, the point.
     pub fn from_json(text: &str) -> Result<Self> {
         let document: Document<'_> = serde_json::from_str(text)
-            .map_err(|e| Error::Transfer(format!("line {} column {}: {}", e.line(), e.column(), bare(&e))))?;
+            .map_err(|e| Error::Transfer(format!("line {} column {}: {}", e.line(), e.column(), fault(&e))))?;
         if document.points.len() > Self::MAX_POINTS {
             return Err(Self::wrong_count(document.points.len()));
         }
@@ -112,7 +106,7 @@ impl TransferFunction {
             passed = start;
             let error = |line: usize, reason: &str| Error::Transfer(format!("point {number} (line {line}): {reason}"));
             let Point { value, color, opacity } =
-                serde_json::from_str(raw.get()).map_err(|e| error(line + e.line() - 1, &bare(&e)))?;
+                serde_json::from_str(raw.get()).map_err(|e| error(line + e.line() - 1, &fault(&e)))?;
             let point = ControlPoint { value, color: color.0, opacity };
             point.check(points.last()).map_err(|reason| error(line, &reason))?;
             points.push(point);

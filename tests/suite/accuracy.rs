@@ -145,6 +145,26 @@ fn the_program_keeps_and_verifies_a_bound() {
 }
 
 #[test]
+fn searches_skip_settings_that_cannot_be_drawn() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = "demo:sphere:32 --size 8";
+    // Kernels have grown over what tiles takes at level 0, which both searches try.
+    let refused = run(dir.path(), &format!("render {scene} -o a.png --painter tiles --resolution full --level 0"));
+    let reason = "tiles draws kernels that reach at most 4 voxels";
+    assert!(refused.status.code() == Some(2) && said(&refused).contains(reason), "{}", said(&refused));
+    let chosen = run(dir.path(), &format!("render {scene} -o a.png --max-error 1e-6 --sample 64"));
+    assert!(chosen.status.success() && said(&chosen).contains("ways to draw"), "{}", said(&chosen));
+    let study = "--views 1 --repeats 1 --sample 64 --model xray -o report";
+    let study = run(dir.path(), &format!("pareto {scene} {study}"));
+    assert!(study.status.success(), "{}", said(&study));
+    let numbers = std::fs::read_to_string(dir.path().join("report/pareto.json")).unwrap();
+    let numbers: serde_json::Value = serde_json::from_str(&numbers).unwrap();
+    let of = |measured: &serde_json::Value| measured["refused"].as_str().is_some_and(|text| text.contains(reason));
+    let refused = numbers["measurements"].as_array().unwrap().iter().filter(|measured| of(measured)).count();
+    assert!(refused > 0, "{numbers}");
+}
+
+#[test]
 fn the_report_is_whole_and_goes_on_where_it_was_interrupted() {
     let dir = tempfile::tempdir().unwrap();
     let point = |value: f64| serde_json::json!({"value": value, "color": "#ffffff", "opacity": value / 2.0});
@@ -163,7 +183,9 @@ fn the_report_is_whole_and_goes_on_where_it_was_interrupted() {
     assert!(csv.contains("--model xray") && csv.contains("-o picture.png --painter tiles\""), "{csv}");
     let page = read("report.html");
     assert!(page.contains("<svg") && page.contains("data:image/png;base64,"));
-    assert!(page.contains("--transfer t.json") && !page.contains(dir.path().to_str().unwrap()));
+    for text in [page.clone(), csv, read("pareto.json")] {
+        assert!(text.contains("--transfer t.json") && !text.contains(dir.path().to_str().unwrap()), "{text}");
+    }
     assert!(!page.contains("src=\"http") && !page.contains("href="), "it needs no other file");
     assert!(read("time-rms.svg").contains("</svg>") && read("time-p999.svg").contains("</svg>"));
     assert!(String::from_utf8_lossy(&output.stdout).contains("report: report/report.html"));
@@ -184,11 +206,21 @@ fn the_report_is_whole_and_goes_on_where_it_was_interrupted() {
     // Another command is not the one that was interrupted.
     let other = run(dir.path(), &format!("{command} --zoom 2 --resume"));
     assert!(other.status.code() == Some(1) && said(&other).contains("another command"), "{}", said(&other));
+    // Nor are other data of the same name.
+    std::fs::create_dir(dir.path().join("other")).unwrap();
+    std::fs::write(
+        dir.path().join("other/t.json"),
+        serde_json::json!({"points": [point(0.0), point(0.5)]}).to_string(),
+    )
+    .unwrap();
+    let other = command.replace(transfer.to_str().unwrap(), "other/t.json");
+    let other = run(dir.path(), &format!("{other} --resume"));
+    assert!(other.status.code() == Some(1) && said(&other).contains("of other data"), "{}", said(&other));
     let rivals = dir.path().join("rivals.json");
     std::fs::write(&rivals, r#"[{"name": "a ray caster", "seconds": 0.1, "rms": 0.01}]"#).unwrap();
     assert!(run(dir.path(), &format!("{command} --resume --rivals rivals.json")).status.success());
     assert!(read("time-rms.svg").contains("a ray caster") && !read("time-p999.svg").contains("a ray caster"));
     std::fs::write(&rivals, "[{}]").unwrap();
     let broken = run(dir.path(), &format!("{command} --resume --rivals rivals.json"));
-    assert!(broken.status.code() == Some(1) && said(&broken).contains("rivals.json: not as expected"));
+    assert!(broken.status.code() == Some(1) && said(&broken).contains("rivals.json: line 1 column "));
 }

@@ -40,11 +40,16 @@ pub(crate) fn stdout(output: &Output) -> String {
 
 /// The one line that the program said, without its name; other lines are the driver's.
 pub(crate) fn complaint(output: &Output) -> String {
+    let mut own = complaints(output);
+    assert_eq!(own.len(), 1, "expected one line: {own:#?}");
+    own.remove(0)
+}
+
+/// The errors of a run, each one line.
+pub(crate) fn complaints(output: &Output) -> Vec<String> {
     let stderr = String::from_utf8(output.stderr.clone()).unwrap();
-    let own: Vec<&str> = stderr.lines().filter_map(|l| l.strip_prefix("voxsplat: ")).collect();
-    assert_eq!(own.len(), 1, "expected one line: {stderr}");
     assert!(output.stdout.is_empty() && !stderr.contains("panicked"), "{stderr}");
-    own[0].to_owned()
+    stderr.lines().filter_map(|line| line.strip_prefix("voxsplat: ")).map(str::to_owned).collect()
 }
 
 pub(crate) fn refused(arguments: &str, code: i32, reason: &str) {
@@ -189,10 +194,11 @@ fn a_constant_volume_gets_no_command_that_fails() {
 
 #[test]
 fn outputs_are_refused_before_the_work() {
-    // The volume does not exist: had it been looked for, the message would be another.
-    refused("render missing.nrrd -o a.jpg", 2, ".png or .exr");
-    refused("render missing.nrrd -o no/such/a.png", 2, "no directory");
-    refused("render missing.nrrd -o a.png/", 2, "ends as a directory does");
+    // The volume does not exist: had it been looked for, the message would be another. Its name is no file's, which
+    // would be a line of its own.
+    refused("render missing -o a.jpg", 2, ".png or .exr");
+    refused("render missing -o no/such/a.png", 2, "no directory");
+    refused("render missing -o a.png/", 2, "ends as a directory does");
     refused("compare missing.png missing.png --difference a.jpg", 2, ".png or .exr");
 }
 
@@ -384,17 +390,23 @@ fn ways_out_are_told_in_flags() {
 
 #[test]
 fn a_closed_pipe_is_no_failure() {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
-    let mut child = command
-        .args(["info", "demo:sphere:64", "--json"])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    drop(child.stdout.take());
-    let mut said = String::new();
-    child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
-    assert!(child.wait().unwrap().success() && said.is_empty(), "{said}");
+    let film = "turntable demo:sphere:8 --reference --frames 3 --size 64 -o -";
+    for line in [
+        "info demo:sphere:64 --json".to_owned(),
+        "render demo:sphere:8 --reference --size 64 -o -".to_owned(),
+        film.to_owned(),
+        format!("{film} --format gif"),
+        format!("{film} --format apng"),
+        format!("{film} --format html"),
+    ] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
+        let command = command.args(line.split(' ')).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        drop(child.stdout.take());
+        let mut said = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+        assert!(child.wait().unwrap().success() && said.is_empty(), "{line}: {said}");
+    }
 }
 
 #[test]

@@ -125,6 +125,144 @@ fn samples_that_fit_once_but_not_twice_are_an_error() {
     refused(dir.path(), "info turned.npy.gz", "no memory for the samples of turned.npy.gz: 1073741824 bytes");
 }
 
+/// Replaces all of `old`, which is there.
+fn replaced(bytes: &[u8], old: &[u8], new: &[u8]) -> Vec<u8> {
+    let (mut out, mut at, mut found) = (Vec::new(), 0, false);
+    while at < bytes.len() {
+        if bytes[at..].starts_with(old) {
+            out.extend_from_slice(new);
+            (at, found) = (at + old.len(), true);
+        } else {
+            out.push(bytes[at]);
+            at += 1;
+        }
+    }
+    assert!(found, "{:?}", String::from_utf8_lossy(old));
+    out
+}
+
+/// The files of every reader with headers that claim 60000 x 60000 samples, and 2 MiB of bytes behind the end: enough
+/// that a bound by the length of the file alone would not do.
+#[cfg(target_os = "linux")]
+#[test]
+fn headers_that_claim_too_much_are_refused_before_memory_is_taken() {
+    const SIDE: u32 = 60_000;
+    let dir = folder();
+    let text = |old: &str, new: &str| {
+        let (old, new) = (old.to_owned(), new.to_owned());
+        move |bytes: Vec<u8>| replaced(&bytes, old.as_bytes(), new.as_bytes())
+    };
+    type Lie = Box<dyn Fn(Vec<u8>) -> Vec<u8>>;
+    let nrrd = || -> Lie { Box::new(text("sizes: 3 4 5", "sizes: 60000 60000 5")) };
+    let meta = || -> Lie { Box::new(text("DimSize = 3 4 5", "DimSize = 60000 60000 5")) };
+    let vti = || -> Lie { Box::new(text("0 2 0 3 0 4", "0 59999 0 59999 0 4")) };
+    // The header of NumPy is as long as before: blanks at its end give way.
+    let npy = || -> Lie { Box::new(text("(5, 4, 3), }        ", "(5, 60000, 60000), }")) };
+    let vtk = || -> Lie {
+        let points = text("POINT_DATA 60", "POINT_DATA 18000000000");
+        let sizes = text("DIMENSIONS 3 4 5", "DIMENSIONS 60000 60000 5");
+        Box::new(move |bytes| points(sizes(bytes)))
+    };
+    let at = |place: usize, new: Vec<u8>| -> Lie {
+        Box::new(move |mut bytes| {
+            bytes[place..place + new.len()].copy_from_slice(&new);
+            bytes
+        })
+    };
+    let nifti = || at(42, [30_000_i16; 2].map(i16::to_le_bytes).concat());
+    let mrc = || at(0, [SIDE; 2].map(u32::to_le_bytes).concat());
+    // In one strip or one tile: other numbers of them would be refused for themselves.
+    let tiff_of = |entries: &'static [(u16, u16)]| -> Lie {
+        Box::new(move |bytes| {
+            let entry = |tag: u16, size: u16| [tag, 4, 1, 0, size].map(u16::to_le_bytes).concat();
+            let changed = |bytes: Vec<u8>, (tag, size): &(u16, u16)| {
+                replaced(&bytes, &entry(*tag, *size), &entry(*tag, SIDE as u16))
+            };
+            entries.iter().fold(bytes, changed)
+        })
+    };
+    let tiff = || tiff_of(&[(256, 3), (257, 4), (278, 4)]);
+    let tiled = tiff_of(&[(256, 3), (257, 4), (322, 16), (323, 16)]);
+    let dicom = || -> Lie {
+        Box::new(|bytes| {
+            let element = |number: u8, size: u16| {
+                [&[0x28, 0, number, 0, b'U', b'S', 2, 0], size.to_le_bytes().as_slice()].concat()
+            };
+            let high = replaced(&bytes, &element(0x10, 4), &element(0x10, SIDE as u16));
+            replaced(&high, &element(0x11, 3), &element(0x11, SIDE as u16))
+        })
+    };
+    let claims = "or its header claims too much";
+    let no_memory = "no memory for the samples of ";
+    let mut rows: Vec<(&str, Lie, &str)> = vec![
+        ("raw-u8.nrrd", nrrd(), claims),
+        ("gzip-u16.nrrd", nrrd(), claims),
+        ("text-i32.nrrd", nrrd(), claims),
+        ("hex-u16.nrrd", nrrd(), claims),
+        ("raw-u16.mha", meta(), claims),
+        ("zlib-u8.mha", meta(), claims),
+        ("text-f32.mha", meta(), claims),
+        ("raw-u8.vti", vti(), claims),
+        ("zlib-i16.vti", vti(), claims),
+        ("base64-i16.vti", vti(), claims),
+        ("ascii-i16.vti", vti(), claims),
+        ("lz4-f32.vti", vti(), claims),
+        ("raw-u8.vtk", vtk(), claims),
+        ("ascii-i16.vtk", vtk(), claims),
+        ("fortran-u8.npy", npy(), claims),
+        ("raw-u8.nii", nifti(), claims),
+        ("raw-u16.mrc", mrc(), claims),
+        ("raw-u16.tif", tiff(), claims),
+        ("tiles-u16.tif", tiled, claims),
+        ("lzw-u8.tif", tiff(), claims),
+        ("packbits-u8.tif", tiff(), claims),
+        ("rgb-lzw-u8.tif", tiff(), claims),
+        ("planar-deflate-u8.tif", tiff(), claims),
+        ("section-8.tiff", tiff(), claims),
+        ("ct-a.dcm", dicom(), "is cut short"),
+        // As many samples as a codec may make of few bytes: the memory for them is not there.
+        ("rle-u8.dcm", dicom(), no_memory),
+        ("baseline-u8.dcm", dicom(), no_memory),
+        ("lossless-u16.dcm", dicom(), no_memory),
+        ("jpeg2000-u8.dcm", dicom(), no_memory),
+    ];
+    if cfg!(feature = "hdf5") {
+        let sizes = |sizes: [u64; 3]| sizes.map(u64::to_le_bytes).concat();
+        let hdf5 =
+            || -> Lie { Box::new(move |bytes| replaced(&bytes, &sizes([5, 4, 3]), &sizes([5, 60_000, 60_000]))) };
+        rows.push(("plain-i16.h5", hdf5(), no_memory));
+        rows.push(("chunks-f32.h5", hdf5(), no_memory));
+        let x = |size: u32| [b"\0\0\0\x01x\0\0\0", size.to_be_bytes().as_slice()].concat();
+        rows.push(("classic-i16.nc", Box::new(move |bytes| replaced(&bytes, &x(3), &x(1 << 30))), "expected 1 to"));
+    }
+    for (name, lie, words) in rows {
+        let mut bytes = lie(std::fs::read(crate::readers::path(name)).unwrap());
+        bytes.extend(vec![b'1'; 2 << 20]);
+        std::fs::write(dir.path().join(name), &bytes).unwrap();
+        refused(dir.path(), &format!("info {name}"), words);
+        // TIFF is no stream, and neither are folders and containers.
+        if [".tif", ".tiff", ".dcm", ".h5", ".nc"].iter().any(|end| name.ends_with(end)) {
+            continue;
+        }
+        std::fs::write(dir.path().join(format!("{name}.gz")), gzip(&bytes)).unwrap();
+        refused(dir.path(), &format!("info {name}.gz"), claims);
+    }
+    // A chunk that is no chunk of the array, of which no other is there.
+    for (fill, chunk) in [(0, 100), (7, 100), (0, 60_000)] {
+        let array = dir.path().join(format!("a{fill}-{chunk}.zarr"));
+        std::fs::create_dir(&array).unwrap();
+        let keys = "\"dtype\": \"|u1\", \"order\": \"C\", \"filters\": null, \"compressor\": null";
+        let header = format!(
+            "{{\"zarr_format\": 2, \"shape\": [1, {SIDE}, {SIDE}], \"chunks\": [1, {chunk}, {chunk}], {keys}, \
+             \"fill_value\": {fill}}}"
+        );
+        std::fs::write(array.join(".zarray"), header).unwrap();
+        std::fs::write(array.join("0.0.0"), [1, 2, 3]).unwrap();
+        let words = if chunk == 100 { no_memory } else { "chunks of 3600000000 bytes, expected at most" };
+        refused(dir.path(), &format!("info {}", array.display()), words);
+    }
+}
+
 /// A PNG of zeros: one bit of gray for each pixel.
 fn black_png(file: &Path, width: u32, height: u32) {
     let mut rows = ZlibEncoder::new(Vec::new(), Compression::fast());
@@ -201,6 +339,92 @@ fn what_is_no_regular_file_is_refused_without_waiting() {
     }
 }
 
+/// A frame that cannot be made is why a film is not whole: the film itself is not to blame.
+#[test]
+fn a_film_reports_the_error_of_its_frame() {
+    let dir = folder();
+    // The last frame is of a volume of no size.
+    let keys = r#"[{"frame": 1, "zoom": 1}, {"frame": 2, "zoom": 1e-12}]"#;
+    std::fs::write(dir.path().join("k.json"), keys).unwrap();
+    let command = "turntable demo:sphere:8 --frames 3 --size 8 --reference --key-frames k.json -o";
+    for output in ["a.gif", "a.apng", "a.html", "a.y4m", "-", "{frame}.png"] {
+        let (status, said) = ended(started(dir.path(), ":", &format!("{command} {output}")));
+        assert_eq!((status.code(), said.lines().count()), (Some(2), 1), "{output}: {said}");
+        assert!(said.contains("pixels wide") && !said.contains("of 3 frames"), "{output}: {said}");
+    }
+    assert_eq!(names(dir.path()), ["0000.png", "0001.png", "k.json"]);
+}
+
+/// Every output, in places where nobody can write, root included.
+#[test]
+fn outputs_that_cannot_be_written_are_refused_before_the_work() {
+    let dir = folder();
+    std::fs::write(dir.path().join("file"), "old").unwrap();
+    // A name that is too long, with its ending.
+    let long = "a".repeat(300);
+    Image::transparent(2, 2).unwrap().save(dir.path().join("p.png"), Background::Transparent).unwrap();
+    let before = names(dir.path());
+    // No volume is there: to read it is the first of the work.
+    let commands = [
+        ("render none.nrrd -o {}", "png"),
+        ("render none.nrrd -o {}", "exr"),
+        ("render none.nrrd -o a.png --save-scene {}", "json"),
+        ("render none.nrrd -o a.png --save-transfer {}", "json"),
+        ("turntable none.nrrd -o {}", "gif"),
+        ("turntable none.nrrd -o {}", "apng"),
+        ("turntable none.nrrd -o {}", "html"),
+        ("turntable none.nrrd -o {}", "y4m"),
+        ("turntable none.nrrd -o {}", "{frame}.png"),
+        ("turntable none.nrrd -o a.gif --save-transfer {}", "json"),
+        ("compare p.png none.png --difference {}", "png"),
+        ("pareto none.nrrd -o {}", "report"),
+    ];
+    for (command, ending) in commands {
+        let places =
+            ["file/a", "none/none/a", "/proc/a", "/dev/null/a", &long].map(|place| format!("{place}.{ending}"));
+        for place in places.into_iter().filter(|place| cfg!(target_os = "linux") || !place.starts_with("/proc")) {
+            if command.starts_with("pareto") && place.starts_with("none") {
+                // A study makes the folders above its own.
+                continue;
+            }
+            let arguments = command.replacen("{}", &place, 1);
+            let (status, said) = ended(started(dir.path(), ":", &arguments));
+            assert_eq!(status.code(), Some(2), "{arguments}: {said}");
+            let about: Vec<&str> = said.lines().filter(|line| !line.contains("none.nrrd: No such file")).collect();
+            let name = place.split('.').next().unwrap();
+            assert!(about.len() == 1 && about[0].contains(&name[..name.len().min(40)]), "{arguments}: {said}");
+            assert!(!said.contains(".tmp") && !said.contains(".voxsplat-"), "{arguments}: {said}");
+            assert_eq!(names(dir.path()), before, "{arguments}");
+        }
+    }
+    if cfg!(target_os = "linux") {
+        let film = started(dir.path(), "export TMPDIR=/proc", "turntable none.nrrd -o a.gif");
+        let (status, said) = ended(film);
+        assert!(status.code() == Some(2) && said.contains("no temporary file can be made in /proc: "), "{said}");
+    }
+    // What fails while it is written: no room on the disk of temporary files, and on standard output.
+    let sphere = "demo:sphere:8 --reference --size 16";
+    for (before, arguments, words) in [
+        ("exec >/dev/full", format!("render {sphere} -o -"), "cannot write to stdout: No space left"),
+        ("exec >/dev/full", "info demo:sphere:8".to_owned(), "cannot write to stdout: No space left"),
+        ("exec >/dev/full", format!("turntable {sphere} --frames 2 -o -"), "No space left"),
+        ("ulimit -f 0", format!("render {sphere} -o a.png"), "a.png: File too large"),
+        ("ulimit -f 0", format!("render {sphere} -o a.exr"), "a.exr: File too large"),
+        ("ulimit -f 0", format!("turntable {sphere} --frames 2 -o a.gif"), "File too large"),
+        ("ulimit -f 0", format!("turntable {sphere} --frames 2 -o a.html"), "File too large"),
+        ("ulimit -f 0", format!("turntable {sphere} --frames 2 -o {{frame}}.png"), "0000.png: File too large"),
+    ] {
+        if !cfg!(target_os = "linux") {
+            break;
+        }
+        let (status, said) = ended(started(dir.path(), before, &arguments));
+        assert_eq!((status.code(), said.lines().count()), (Some(1), 1), "{before}; {arguments}: {said}");
+        assert!(said.contains(words), "{before}; {arguments}: {said}");
+        assert!(!said.contains(".tmp") && !said.contains(".voxsplat-"), "{before}; {arguments}: {said}");
+        assert_eq!(names(dir.path()), ["file", "p.png"], "{before}; {arguments}");
+    }
+}
+
 /// Every option that reads a small file, against everything that is no such file.
 #[test]
 fn text_inputs_are_refused_without_waiting() {
@@ -237,6 +461,72 @@ fn text_inputs_are_refused_without_waiting() {
             println!("{input}, {file}: {:.2} s", start.elapsed().as_secs_f64());
         }
     }
+}
+
+/// An output may not be a file that a header names, a slice of a folder or a file of a Zarr, by any name.
+#[test]
+fn outputs_take_the_place_of_no_data_file() {
+    let dir = folder();
+    let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    let header = HEADER.replace("255 257 1", "2 2 2");
+    for name in ["a.png", "b0.png", "b1.png", "c.png", "d.png"] {
+        write(name, "12345678");
+    }
+    write("a.nhdr", &format!("{header}data file: a.png\n"));
+    write("list.nhdr", &format!("{header}data file: LIST\nb0.png\nb1.png\n"));
+    write("pattern.nhdr", &format!("{header}data file: b%d.png 0 1 1\n"));
+    let meta = "NDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\nElementDataFile";
+    write("c.mhd", &format!("{meta} = c.png\n"));
+    write("c-list.mhd", &format!("{meta} = LIST\nd.png\n"));
+    write("s.json", r#"{"volume": "a.nhdr"}"#);
+    for folder in ["series", "v.zarr", "v.zarr/0", "report"] {
+        std::fs::create_dir(dir.path().join(folder)).unwrap();
+    }
+    let group = r#"{"zarr_format": 3, "node_type": "group"}"#;
+    write("v.zarr/zarr.json", group);
+    write("v.zarr/0/zarr.json", group);
+    write("report/pareto.json", "[]");
+    for (name, to) in [
+        ("ct-a.dcm", "series/ct-a.dcm"),
+        ("section-8.tiff", "series/section-8.tiff"),
+        ("pair-i16.hdr", "pair.hdr"),
+        ("pair-i16.img", "pair.img"),
+    ] {
+        std::fs::copy(crate::readers::path(name), dir.path().join(to)).unwrap();
+    }
+    for (file, link) in [
+        ("pair.img", "img.png"),
+        ("pair.hdr", "hdr.png"),
+        ("series/ct-a.dcm", "slice.png"),
+        ("series/section-8.tiff", "section.png"),
+    ] {
+        std::os::unix::fs::symlink(file, dir.path().join(link)).unwrap();
+    }
+    let before = names(dir.path());
+    for (command, output) in [
+        ("render a.nhdr", "-o a.png"),
+        ("render list.nhdr", "-o b1.png"),
+        ("render pattern.nhdr", "-o b1.png"),
+        ("render c.mhd", "-o c.png"),
+        ("render c-list.mhd", "-o ./d.png"),
+        ("render pair.hdr", "-o img.png"),
+        ("render pair.img", "-o hdr.png"),
+        ("render series", "-o slice.png"),
+        ("render series", "-o section.png"),
+        ("render v.zarr", "-o new.png --save-scene v.zarr/0/zarr.json"),
+        ("render v.zarr/zarr.json", "-o new.png --save-transfer v.zarr/zarr.json"),
+        ("render demo:sphere:8 --labels a.nhdr", "-o a.png"),
+        ("render demo:sphere:8 --mask a.nhdr:1", "-o a.png"),
+        ("render s.json", "-o a.png"),
+        ("pareto demo:sphere:8 --rivals report/pareto.json", "-o report"),
+    ] {
+        let arguments = format!("{command} {output}");
+        let (status, said) = ended(started(dir.path(), ":", &arguments));
+        assert_eq!((status.code(), said.lines().count()), (Some(2), 1), "{arguments}: {said}");
+        assert!(said.contains("the same file"), "{arguments}: {said}");
+        assert_eq!(names(dir.path()), before, "{arguments}");
+    }
+    assert_eq!(std::fs::read_to_string(dir.path().join("a.png")).unwrap(), "12345678");
 }
 
 /// An output may not be an input or another output, by any name.

@@ -117,7 +117,7 @@ fn bare_samples_need_both_options_and_enough_bytes() {
     };
     says(LoadOptions { dims: None, ..full }, "set LoadOptions::dims");
     says(LoadOptions { sample_type: None, ..full }, "set LoadOptions::sample_type");
-    says(LoadOptions { offset: 1, ..full }, "16 bytes, 15 are there");
+    says(LoadOptions { offset: 1, ..full }, "has 15 bytes after the offset, and 2 x 2 x 2 samples of u16 need 16");
     says(LoadOptions { offset: u64::MAX, ..full }, "ends before byte");
     says(LoadOptions { dims: Some([65_535; 3]), sample_type: Some(SampleType::F64), ..full }, "need 2251696");
     says(LoadOptions { dims: Some([65_536, 1, 1]), ..full }, "dimension 1 is 65536");
@@ -384,7 +384,7 @@ fn broken_tiff_files_say_what_is_wrong() {
         ("raw-i16.tif", compression, 34_712, "not read"),
         ("raw-i16.tif", photometric, 0, "0 is white"),
         ("raw-i16.tif", photometric, 3, "palette"),
-        ("raw-i16.tif", channels, 3, "3 channels per sample"),
+        ("raw-i16.tif", channels, 3, "3 x 4 samples need 72 bytes, 24 are there"),
         ("raw-i16.tif", strip, 4_000_000, ""),
     ];
     for (file, tag, value, words) in cases {

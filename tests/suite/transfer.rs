@@ -80,7 +80,7 @@ fn what_no_program_writes_is_refused_with_its_reason() {
     refused("<ColorMap><Point x='0'/></ColorMap>", None, "r=\"\", expected a number");
     refused("<ColorMap", None, "malformed XML");
     refused(r#"{"volumeProperties": [{}]}"#, None, "no components");
-    refused("hello", None, "line 1 column 1");
+    refused("hello", None, "line 1: \"hello\", expected JSON, XML");
     refused(r#"{"colours": 3}"#, None, "unknown field `colours`");
 }
 

@@ -7,7 +7,7 @@ use voxsplat::Volume;
 use voxsplat::formats::{LoadOptions, MissingSlices, load};
 use voxsplat::image::Image;
 
-use crate::cli::{complaint, folder, refused, stdout, voxsplat};
+use crate::cli::{complaint, complaints, folder, refused, stdout, voxsplat};
 
 /// The notes of a run, without the driver's lines.
 fn notes(dir: &Path, line: &str) -> Vec<String> {
@@ -43,6 +43,7 @@ fn options_without_effect_are_noted_on_command_lines_and_in_scenes() {
         ("--output a.png --model xray --termination 0.01", "termination"),
         ("--output a.png --reference --termination 0.01", "termination"),
         ("--output a.png --reference --painter quads", "painter"),
+        ("--output a.png --reference --level 1", "level"),
         ("--output a.png --reference --adapter any", "adapter"),
         ("--output a.png --model xray --sheet-thickness 2", "sheet-thickness"),
         ("--output a.png --resolution full --shading post", "resolution"),
@@ -59,6 +60,11 @@ fn options_without_effect_are_noted_on_command_lines_and_in_scenes() {
         std::fs::write(dir.path().join("s.json"), scene(options)).unwrap();
         assert_eq!(notes(dir.path(), "render s.json"), said, "{options}");
     }
+    std::fs::write(dir.path().join("k.json"), r#"[{"frame": 0, "zoom": 2}, {"frame": 9, "azimuth": 1}]"#).unwrap();
+    let keys = "--key-frames k.json --azimuth 3 --elevation 4 --roll 5 --zoom 6";
+    let said = notes(dir.path(), &format!("turntable a.nrrd -o a.gif {keys}"));
+    let expected = ["azimuth", "zoom"].map(|name| format!("--{name} has no effect because key frames set it"));
+    assert_eq!(said, expected);
     let frames = notes(dir.path(), "turntable a.nrrd -o {frame}.png --rate 3");
     assert!(frames[0].starts_with("--rate has no effect "), "{frames:?}");
     let study = notes(dir.path(), "pareto a.nrrd -o report --margin 0.1 --view-height 3");
@@ -75,6 +81,29 @@ fn options_without_effect_are_noted_on_command_lines_and_in_scenes() {
     }
     let described = notes(dir.path(), "info a.nrrd --series 2");
     assert!(described[0].starts_with("--series has no effect "), "{described:?}");
+    // Folders that hold no series.
+    for (folder, file, to) in [
+        ("sections", "section-8.tiff", "section-8.tiff"),
+        ("slices", "ct-a.dcm", "ct-a.dcm"),
+        ("v.zarr", "", ".zgroup"),
+    ] {
+        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/volumes");
+        std::fs::create_dir(dir.path().join(folder)).unwrap();
+        match file {
+            "" => std::fs::write(dir.path().join(folder).join(to), "{}").unwrap(),
+            file => drop(std::fs::copy(data.join(file), dir.path().join(folder).join(to)).unwrap()),
+        }
+        for option in ["--series 1", "--missing-slices interpolate"] {
+            for command in ["info", "render -o a.png --size 8 --reference --transfer gray"] {
+                let said = notes(dir.path(), &format!("{command} {folder} {option}"));
+                let noted = said.iter().filter(|note| note.contains(" has no effect because only ")).count();
+                assert_eq!(noted, usize::from(folder != "slices"), "{command} {folder} {option}: {said:?}");
+            }
+        }
+    }
+    assert_eq!(notes(dir.path(), "info demo:sphere:8 --stream-over 3").len(), 1);
+    let said = notes(dir.path(), "render demo:sphere:8 -o a.png --size 8 --reference --gradient-floor 3");
+    assert_eq!(said, ["--gradient-floor has no effect without light"]);
     // Whether there is a pyramid is known when the volume is read.
     let said = notes(dir.path(), "render demo:sphere:8 -o a.png --size 8 --reference --pyramid 2");
     assert_eq!(said, ["--pyramid has no effect because the volume has one level"]);
@@ -117,6 +146,18 @@ fn options_that_are_noted_change_no_pixel() {
     assert!(drawn("--shading post").0 != drawn("--shading post --interslice mean").0);
 }
 
+/// Asserts that a command line is refused before anything is written, with a line for each part.
+fn all_refused(line: &str, parts: &[&str]) {
+    let dir = folder();
+    let output = voxsplat(dir.path(), line);
+    let said = complaints(&output);
+    assert_eq!((output.status.code(), said.len()), (Some(2), parts.len()), "{line}: {said:#?}");
+    for part in parts {
+        assert_eq!(said.iter().filter(|said| said.contains(part)).count(), 1, "{line}: {part}: {said:#?}");
+    }
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "{line} left a file");
+}
+
 #[test]
 fn contradictions_are_refused_all_at_once() {
     for (options, reasons) in [
@@ -130,9 +171,7 @@ fn contradictions_are_refused_all_at_once() {
         ("--light 10,20 --light-size 5", &["--light-size shows in shadows alone"]),
         ("--light headlight --shadow-bias 2", &["--shadow-bias shows in shadows and occlusion alone"]),
     ] {
-        for reason in reasons {
-            refused(&format!("render demo:sphere -o a.png {options}"), 2, reason);
-        }
+        all_refused(&format!("render demo:sphere -o a.png {options}"), reasons);
     }
 }
 
@@ -143,21 +182,63 @@ fn errors_of_a_command_line_come_together_and_name_what_was_typed() {
         ("render scna.nii.gz --azimut 3", &["cannot read scna.nii.gz: ", "'--azimuth'"]),
         ("render scna.nii.gz -o a.png --azimuth left", &["cannot read scna.nii.gz: ", "expected a finite number"]),
         ("turntable scna.nii.gz", &["cannot read scna.nii.gz: ", "--output is missing"]),
-        ("render a.nii --threshold 200", &["'--threshold' found: --window LEVEL,WIDTH says"]),
-        ("render a.nii --slice 3", &["'--slice' found: there are no slices; --clip"]),
+        ("render a.nii --threshold 200", &["cannot read a.nii: ", "'--threshold' found: --window"]),
+        ("render a.nii --slice 3", &["cannot read a.nii: ", "'--slice' found: there are no slices; --clip"]),
         ("render demo:sphere:8 -o a.png --crop 0:9,:,:", &["--crop: voxels 0:9 along x"]),
         ("render demo:sphere:8 -o a.png --labels demo:sphere:8 --label-opacity 2", &["--label-opacity: opacity 2"]),
         ("render demo:sphere:8 -o a.png --transfer labels --color-bar", &["--color-bar is for transfer functions"]),
         ("render -q demo:sphere:8 -o a.png --mask demo:marschner-lobb", &["--mask: value "]),
-        ("turntable demo:sphere:8 -o x.mp4", &["voxsplat turntable demo:sphere:8 -o - | ffmpeg -i - ", " x.mp4"]),
+        ("turntable demo:sphere:8 -o x.mp4", &["voxsplat turntable demo:sphere:8 -o - | ffmpeg -i - "]),
+        ("turntable demo:sphere:8 -o x.mp4", &["-pix_fmt yuv420p x.mp4"]),
+        ("render scna.nii.gz --azimut 3 --size 0x --wobble", &["scna.nii.gz: ", "'--azimuth'", "0x", "'--wobble'"]),
     ] {
-        for part in parts {
-            refused(line, 2, part);
-        }
+        all_refused(line, parts);
     }
     let dir = folder();
     let said = complaint(&voxsplat(dir.path(), "render demo:sphere --wobble"));
     assert!(!said.contains("tip"), "{said}");
+}
+
+#[test]
+fn inputs_say_where_and_how_they_are_wrong() {
+    let dir = folder();
+    let keys = "turntable demo:sphere:8 -o a.gif --key-frames f.json";
+    let transfer = "render demo:sphere:8 -o a.png --transfer f.json";
+    let rivals = "pareto demo:sphere:8 -o report --rivals f.json";
+    let labels = "render demo:sphere:8 -o a.png --reference --size 8 --light off --labels f.json";
+    for (line, text, reason) in [
+        (keys, r#"[{"frame": 1, "azimut": 3}]"#, "f.json: line 1 column 22: unknown field `azimut`"),
+        (keys, r#"[{"frame": -1}]"#, "line 1 column 13: integer `-1`, expected a whole number, 0 or over"),
+        (keys, r#"{"frame": 1}"#, "line 1 column 0: an object, expected a list"),
+        (keys, "[]", "f.json: has no key frames"),
+        (keys, "\n", "f.json: is empty"),
+        (rivals, "{}", "line 1 column 0: an object, expected a list"),
+        (rivals, "[\n{}]", "line 2 column 2: missing field `name`"),
+        (
+            "render f.json -o a.png",
+            "[1]",
+            "no scene, which is a JSON object: line 1 column 0: a list, expected an object",
+        ),
+        ("render f.json -o a.png", "{\"size\": 3\n\"zoom\": 2}", "line 2 column 1: expected `,` or `}`"),
+        ("render f.json -o a.png", "", "f.json: is empty"),
+        (transfer, "hello", "f.json: line 1: \"hello\", expected JSON, XML or a line with a number"),
+        (transfer, "{\"points\": [", "line 1 column 12: the text ends within a list"),
+        // What the file says stays as it is.
+        (transfer, r#"{"points": [{"value": "a map, sequence"}]}"#, "string \"a map, sequence\", expected a number"),
+        (labels, "hello", "f.json: is not a NRRD, NIfTI,"),
+    ] {
+        std::fs::write(dir.path().join("f.json"), text).unwrap();
+        let output = voxsplat(dir.path(), line);
+        let said = complaint(&output);
+        assert!(said.contains(reason) && !said.contains("--dims"), "{line}: {said}");
+        assert_eq!(output.status.code(), Some(1), "{line}: {said}");
+    }
+    // Bare samples of another size.
+    std::fs::write(dir.path().join("a.raw"), (0..12).collect::<Vec<u8>>()).unwrap();
+    let said = complaint(&voxsplat(dir.path(), "info a.raw --dims 3,3,3 --type i16"));
+    assert_eq!(said, "a.raw: has 12 bytes, and 3 x 3 x 3 samples of i16 need 54");
+    let said = notes(dir.path(), "render a.raw --dims 2,2,2 --type u8 -o a.png --reference --size 8 --transfer gray");
+    assert!(said.iter().any(|note| note == "2 x 2 x 2 samples of u8 leave 4 bytes at the end of the file"), "{said:?}");
 }
 
 #[test]

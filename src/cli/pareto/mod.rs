@@ -5,15 +5,18 @@ mod page;
 use std::path::Path;
 
 use clap::ArgMatches;
+use flate2::Crc;
 use serde::{Deserialize, Serialize};
 use voxsplat::camera::{Camera, View};
 use voxsplat::figure::Shown;
-use voxsplat::formats::read_text;
+use voxsplat::formats::read_json;
 use voxsplat::image::{Background, Image};
 use voxsplat::layers::Layers;
 use voxsplat::report::{
     Errors, Marker, Measurement, Point, Study, Variant, difference_picture, front, plot, today, variants, write_file,
 };
+use voxsplat::transfer::TransferFunction;
+use voxsplat::volume::{Statistics, Volume};
 use voxsplat::{Renderer, RendererOptions, formats};
 
 use super::job::ParetoJob;
@@ -27,9 +30,11 @@ use super::{Failure, output};
 /// What is measured, and of what: an interrupted run is gone on with only if all of it is the same.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Subject {
-    /// The arguments that say what is drawn, as those of `voxsplat render`.
+    /// The arguments that say what is drawn, as those of `voxsplat render`, with names of files for their paths.
     command: String,
     volume: [u32; 3],
+    /// A checksum of the distribution of the values and of the transfer function: files of one name may differ.
+    content: String,
     views: u32,
     size: [u32; 2],
     sample: u32,
@@ -58,6 +63,9 @@ struct Rival {
     rms: f64,
 }
 
+/// The files that a study writes into its folder, apart from the truths.
+pub(super) const FILES: [&str; 5] = ["pareto.json", "pareto.csv", "time-rms.svg", "time-p999.svg", "report.html"];
+
 /// Options of `voxsplat pareto` alone, and options that a study varies.
 const OWN: [&str; 12] = [
     "-o",
@@ -75,7 +83,8 @@ const OWN: [&str; 12] = [
 ];
 
 pub(super) fn run(mut job: ParetoJob, matches: &ArgMatches) -> Result<(), Failure> {
-    let rivals = job.rivals.as_deref().map(read::<Vec<Rival>>).transpose()?.unwrap_or_default();
+    let rivals =
+        job.rivals.as_deref().map(|path| read_json::<Vec<Rival>>(path, MAX_JSON)).transpose()?.unwrap_or_default();
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
         let volume = with_units(formats::load(&job.source, &job.load)?, &job.units);
@@ -93,12 +102,12 @@ pub(super) fn run(mut job: ParetoJob, matches: &ArgMatches) -> Result<(), Failur
     let renderer = silenced(|| Renderer::new(&options))?;
     let study = Study::new(&renderer, &volume, &transfer, &cameras, job.sample)?.with_patience(job.patience);
     let words = std::env::args_os().skip(2).map(|word| word.to_string_lossy().into_owned());
-    let base = without(words, &OWN, &["--resume", "--quiet", "-q"]);
-    let shown = command_line(&without_folders(base.clone(), matches));
+    let base = without_folders(without(words, &OWN, &["--resume", "--quiet", "-q"]), matches);
     let adapter = renderer.adapter();
     let subject = Subject {
         command: command_line(&base),
         volume: volume.grid().dims(),
+        content: content(&volume, &transfer)?,
         views: cameras.len() as u32,
         size: job.size,
         sample: job.sample,
@@ -107,11 +116,21 @@ pub(super) fn run(mut job: ParetoJob, matches: &ArgMatches) -> Result<(), Failur
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
     make_directory(&job.directory)?;
-    let mut run = Run::new(&job, study, subject, shown)?;
+    let mut run = Run::new(&job, study, subject)?;
     run.measure()?;
     run.time(&job)?;
     let shown = Shown { volume: &volume, transfer: &transfer, camera: &cameras[0], model: job.settings.model };
     run.write(&job, &shown, &rivals)
+}
+
+/// A checksum of the distribution of the values and of the transfer function.
+fn content(volume: &Volume, transfer: &TransferFunction) -> Result<String, Failure> {
+    let values = Statistics::of(volume)?;
+    let mut sum = Crc::new();
+    [values.min, values.max].iter().for_each(|value| sum.update(&value.to_le_bytes()));
+    values.histogram().iter().for_each(|count| sum.update(&count.to_le_bytes()));
+    sum.update(transfer.to_json().as_bytes());
+    Ok(format!("{:08x}", sum.sum()))
 }
 
 fn make_directory(path: &Path) -> Result<(), Failure> {
@@ -122,42 +141,33 @@ fn make_directory(path: &Path) -> Result<(), Failure> {
 /// The largest JSON file that is read, in bytes.
 const MAX_JSON: u64 = 64 << 20;
 
-/// A JSON file.
-fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, Failure> {
-    let failed = |e: String| Failure::Failed(format!("{}: {e}", path.display()));
-    let text = read_text(path, MAX_JSON)?;
-    serde_json::from_str(&text).map_err(|e| failed(format!("not as expected: {e}")))
-}
-
 /// A study under way.
 struct Run<'a> {
     directory: &'a Path,
     study: Study<'a>,
     variants: Vec<Variant>,
     kept: Kept,
-    /// The command of the subject as a page shows it: names of files for their paths.
-    shown: String,
     /// The truths of the models, each of all views.
     truths: Vec<(String, Vec<Image>)>,
 }
 
 impl<'a> Run<'a> {
-    fn new(job: &'a ParetoJob, study: Study<'a>, subject: Subject, shown: String) -> Result<Self, Failure> {
+    fn new(job: &'a ParetoJob, study: Study<'a>, subject: Subject) -> Result<Self, Failure> {
         let directory = job.directory.as_path();
         let numbers = directory.join("pareto.json");
         let mut kept = Kept { subject, date: today(), measurements: Vec::new() };
         if job.resume && numbers.exists() {
-            let found: Kept = read(&numbers)?;
+            let found: Kept = read_json(&numbers, MAX_JSON)?;
             if found.subject != kept.subject {
                 return Err(Failure::Failed(format!(
-                    "{}: it was measured by another command, on another adapter or by another version: give another \
-                     directory, or leave out --resume",
+                    "{}: it was measured by another command, of other data, on another adapter or by another version: \
+                     give another directory, or leave out --resume",
                     numbers.display()
                 )));
             }
             kept.measurements = found.measurements;
         }
-        Ok(Self { directory, study, variants: variants(&job.settings), kept, shown, truths: Vec::new() })
+        Ok(Self { directory, study, variants: variants(&job.settings), kept, truths: Vec::new() })
     }
 
     fn save(&mut self) -> Result<(), Failure> {
@@ -233,10 +243,7 @@ impl<'a> Run<'a> {
     fn write(&mut self, job: &ParetoJob, shown: &Shown<'_>, rivals: &[Rival]) -> Result<(), Failure> {
         self.save()?;
         let front = front(&self.kept.measurements, |errors| errors.rms);
-        let commands = |base: &str| -> Vec<String> {
-            self.kept.measurements.iter().map(|measured| self.command(measured, base)).collect()
-        };
-        let (commands, commands_shown) = (commands(&self.kept.subject.command), commands(&self.shown));
+        let commands: Vec<String> = self.kept.measurements.iter().map(|measured| self.command(measured)).collect();
         let name = file_name(&job.source.to_string_lossy());
         write_file(self.directory.join("pareto.csv"), csv(&self.kept.measurements, &front, &commands).as_bytes())?;
         let title = format!("{name}, {} x {} pixels", job.size[0], job.size[1]);
@@ -272,7 +279,7 @@ impl<'a> Run<'a> {
             volume: shown.volume,
             kept: &self.kept,
             front: &front,
-            commands: &commands_shown,
+            commands: &commands,
             plots: &plots,
             pictures: &pictures,
         })?;
@@ -282,7 +289,8 @@ impl<'a> Run<'a> {
     }
 
     /// The command that draws one picture of a measurement.
-    fn command(&self, measured: &Measurement, base: &str) -> String {
+    fn command(&self, measured: &Measurement) -> String {
+        let base = &self.kept.subject.command;
         let variant = self.variants.iter().find(|v| v.model == measured.model && v.name == measured.name);
         let options = variant.map(|v| command_line(&options_of(&v.settings))).unwrap_or_default();
         format!("voxsplat render {base} -o picture.png {options}")

@@ -82,6 +82,12 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     Ok(placement.volume(grid, samples)?.with_rescale(slope, intercept)?.with_units(units).with_contents(contents))
 }
 
+/// The file with the samples of the header which begins here, if it is another one.
+pub(super) fn named_files(mut input: Input) -> Result<Vec<PathBuf>> {
+    let header = Header::read(&mut input)?;
+    if header.single_file { Ok(Vec::new()) } else { Ok(vec![image_file(input.path(), &input)?]) }
+}
+
 /// The type of the samples, and the number of them in a voxel.
 fn sample_type(header: &Header, input: &Input) -> Result<(SampleType, i64)> {
     let refused = match header.datatype {

@@ -5,6 +5,8 @@
 
 mod header;
 
+use std::path::PathBuf;
+
 use glam::DVec3;
 
 use self::header::Header;
@@ -72,6 +74,12 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
         }
     };
     Ok(placement.volume(grid, samples)?.with_units(units(&header, axes)).with_contents(contents))
+}
+
+/// The data files that the header names which begins here.
+pub(super) fn named_files(mut input: Input) -> Result<Vec<PathBuf>> {
+    let header = Header::read(&mut input)?;
+    Ok(data_files(&header, &mut input)?.map_or_else(Vec::new, |files| files.paths().collect()))
 }
 
 /// The units that the header states. A unit of length must be that of all three axes.

@@ -27,7 +27,7 @@ use super::placement::{Placement, named_unit, plain_name};
 use super::selection::{Axes, Role, chosen, guessed};
 use super::{LoadOptions, PyramidLevel};
 use crate::error::{Error, Result};
-use crate::memory::reserved;
+use crate::memory::{reserved, zeroed};
 use crate::source;
 use crate::volume::{Channel, Contents, Endian, Number, Samples, Stored, Units, Volume, with_type};
 
@@ -348,8 +348,7 @@ impl Level {
         if chunks > MAX_CHUNKS {
             return Err(Error::format(folder, format!("is in {chunks} chunks, expected at most {MAX_CHUNKS}")));
         }
-        let mut samples: Vec<T> = reserved(count, || samples_in(folder))?;
-        samples.resize(count as usize, fill);
+        let mut samples: Vec<T> = zeroed(count, || samples_in(folder))?;
         let largest = array.chunks.iter().product::<u64>() * size_of::<T>() as u64;
         let at_once = (AT_ONCE / largest.max(1)).clamp(1, rayon::current_num_threads() as u64) as usize;
         let mut all = parts(want, &array.chunks);
@@ -374,18 +373,25 @@ impl Level {
         }
     }
 
-    /// A part of a chunk; `None` if the chunk is not there.
+    /// A part of a chunk; `None` if the chunk is not there and would hold zeros.
     fn chunk<T: Number>(&self, path: &Path, inner: &[Range<u64>], fill: T) -> Result<Option<Vec<T>>> {
+        let shape: Vec<u64> = inner.iter().map(|range| range.end - range.start).collect();
+        let count: u64 = shape.iter().product();
+        let filled = || {
+            let mut region: Vec<T> = reserved(count, || samples_in(path))?;
+            region.resize(count as usize, fill);
+            Ok::<_, Error>(region)
+        };
         let (file, length) = match source::open(path) {
-            Err(Error::Read { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(Error::Read { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
+                let is_zero = bytemuck::bytes_of(&fill).iter().all(|byte| *byte == 0);
+                return if is_zero { Ok(None) } else { filled().map(Some) };
+            }
             Err(error) => return Err(error),
             Ok((_, None)) => return Err(Error::format(path, "is not a regular file")),
             Ok((file, Some(length))) => (file, length),
         };
-        let shape: Vec<u64> = inner.iter().map(|range| range.end - range.start).collect();
-        let count: u64 = shape.iter().product();
-        let mut region: Vec<T> = reserved(count, || samples_in(path))?;
-        region.resize(count as usize, fill);
+        let mut region = filled()?;
         let mut target = Target { samples: &mut region, first: 0, strides: strides_of(&shape) };
         let read = self.array.chain.read(&Bytes::File(&file, length), (&self.array.chunks, inner), &mut target);
         read.map_err(|Damage(what)| Error::format(path, what))?;

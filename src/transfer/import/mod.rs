@@ -174,7 +174,9 @@ impl<'a> Content<'a> {
         }
         if !text.starts_with(['{', '[']) {
             let numbers = text.lines().next().is_some_and(|line| line.trim().parse::<f64>().is_ok());
-            return if numbers { Ok(Self::Lines(text)) } else { Ok(Self::Own) };
+            let first = text.lines().next().unwrap_or_default();
+            let reason = || format!("line 1: {first:?}, expected JSON, XML or a line with a number");
+            return if numbers { Ok(Self::Lines(text)) } else { Err(Error::Transfer(reason())) };
         }
         // What is no JSON at all is refused with its line by the reader of the library's own files.
         let Ok(value) = serde_json::from_str::<Value>(text) else { return Ok(Self::Own) };
