@@ -11,6 +11,10 @@ use crate::kernel::Kernel;
 const LEAST_DEVIATION: f64 = 1.6;
 const LEAST_GROWTH: f64 = 2.0;
 
+/// The most that the growth of kernels may differ within a cell, as a share of it: where it rises steeply with depth,
+/// kernels of voxels are not alike.
+const MOST_RISE: f64 = 0.125;
+
 /// Over how many doublings of the growth a level gives way to the next: while both are drawn, each has a share.
 const BLEND: f64 = 0.5;
 
@@ -48,6 +52,7 @@ impl Cut {
             levels: [0, 0],
         };
         cut.constant -= cut.slope.dot(half(&view.grid));
+        cut.first = cut.first.max(2.0 * cut.slope.abs().element_sum() / MOST_RISE);
         let [nearest, farthest] = view.growths;
         // Copies beyond the faces may be nearer and farther by as much as kernels reach.
         let margin = (beside + view.radius * farthest) * cut.slope.length();
