@@ -14,6 +14,7 @@ mod accuracy;
 mod adapter;
 mod algorithms;
 mod bounds;
+mod bundled;
 mod camera;
 mod cells;
 mod classification;
