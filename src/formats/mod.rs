@@ -200,8 +200,8 @@ impl Format {
 /// the only volume in the file is read.
 ///
 /// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
-/// may be compressed with gzip or bzip2. Files of bare samples need `dims` and `sample_type`. For all other files these two are
-/// an error, as are `endian` and `offset`.
+/// but TIFF and HDF5 may be compressed with gzip or bzip2. Files of bare samples need `dims` and `sample_type`. For all
+/// other files these two are an error, as are `endian` and `offset`.
 ///
 /// # Errors
 /// - [`Error::Read`] if a file cannot be read.

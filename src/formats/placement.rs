@@ -50,7 +50,9 @@ impl Placement {
     pub(super) fn grid(&self, path: &Path, dims: [u32; 3], spacing: Option<[f64; 3]>) -> Result<Grid> {
         let mut axes = self.directions;
         let stated: [f64; 3] =
-            std::array::from_fn(|a| if dims[a] == 1 && self.spacing[a] == 0.0 { self.spacing[0] } else { self.spacing[a] });
+            std::array::from_fn(
+                |a| if dims[a] == 1 && self.spacing[a] == 0.0 { self.spacing[0] } else { self.spacing[a] },
+            );
         for (a, axis) in axes.iter_mut().enumerate() {
             match spacing {
                 // A direction of length 0 cannot be kept: the world axis replaces it.

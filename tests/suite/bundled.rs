@@ -143,7 +143,8 @@ fn difference(expected: &Expected) -> Result<Option<String>, String> {
             }
             let m = volume.grid().to_world();
             let columns = [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis].map(|v| v.to_array());
-            let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-4 * b.abs().max(1.0));
+            let near =
+                |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-4 * b.abs().max(1.0));
             for (n, axis) in expected.axes.iter().flatten().enumerate() {
                 if axis.is_some_and(|axis| !near(columns[n], axis)) {
                     return Ok(Some(format!("axis {n} is {:?}, expected {axis:?}", columns[n])));
@@ -155,7 +156,8 @@ fn difference(expected: &Expected) -> Result<Option<String>, String> {
                 return Ok(Some(format!("begins at {origin:?}, expected {:?}", expected.origin)));
             }
             // A reference may give an axis of one sample the length 0.
-            let spacing = expected.spacing.map(|s| std::array::from_fn(|n| if s[n] == 0.0 { lengths[n] } else { s[n] }));
+            let spacing =
+                expected.spacing.map(|s| std::array::from_fn(|n| if s[n] == 0.0 { lengths[n] } else { s[n] }));
             if spacing.is_some_and(|spacing| !near(lengths, spacing)) {
                 return Ok(Some(format!("is spaced {lengths:?}, expected {:?}", expected.spacing)));
             }
@@ -171,7 +173,8 @@ fn files_of_other_projects_hold_what_these_say() {
         println!("skipped: python3 with venv and pip, or PyPI, cannot be had");
         return;
     };
-    let (mut wrong, mut counts, mut met) = (Vec::new(), BTreeMap::<String, [u32; 3]>::new(), BTreeSet::<&(&str, &str)>::new());
+    let (mut wrong, mut counts, mut met) =
+        (Vec::new(), BTreeMap::<String, [u32; 3]>::new(), BTreeSet::<&(&str, &str)>::new());
     for line in lines.lines() {
         let expected: Expected = serde_json::from_str(line).unwrap();
         let count = counts.entry(expected.project.clone()).or_default();

@@ -37,6 +37,7 @@ mod presets;
 mod projections;
 mod random;
 mod readers;
+mod readers_dicom;
 mod readers_errors;
 mod rendering;
 mod savings;

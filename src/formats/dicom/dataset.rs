@@ -110,7 +110,9 @@ impl Dataset {
             io::ErrorKind::UnexpectedEof => {
                 Error::format(path, "is cut short: an element ends behind the end of the file")
             }
-            io::ErrorKind::InvalidData => Error::format(path, format!("is damaged: {source}")),
+            io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput => {
+                Error::format(path, format!("is damaged: {source}"))
+            }
             _ => Error::Read { path: path.to_owned(), source },
         };
         let mut reader = Reader { stream, at: 0, length, explicit: true, is_sure: false, group: None, set };

@@ -236,7 +236,7 @@ fn unpack_jpeg_2000(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<
     use hayro_jpeg2000::{DecodeSettings, DecoderContext, Image};
 
     let settings = DecodeSettings { resolve_palette_indices: false, strict: true, target_resolution: None };
-    // The standard wants the code stream alone. Boxes around it, which some files have, say nothing that DICOM does not.
+    // The standard wants the code stream alone. Some files have boxes around it, which repeat what DICOM says.
     let start = packed.windows(4).position(|four| four == [0xff, 0x4f, 0xff, 0x51]).unwrap_or(0);
     let packed = packed.get(start..).unwrap_or_default();
     let image = Image::new(packed, &settings).map_err(|error| error.to_string())?;

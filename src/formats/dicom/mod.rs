@@ -282,7 +282,9 @@ impl Plane {
             (3, "YBR_FULL" | "YBR_FULL_422") => Colors::Ybr { planar },
             (channels, photometric) => {
                 let what = format!("{channels} samples per pixel of the kind {photometric:?}");
-                return Err(refused(format!("has {what}: expected grey values, a palette, RGB, YBR_FULL or YBR_FULL_422")));
+                return Err(refused(format!(
+                    "has {what}: expected grey values, a palette, RGB, YBR_FULL or YBR_FULL_422"
+                )));
             }
         };
         let allocated = u32::from(required(BITS_ALLOCATED, "number of bits")?);
@@ -591,13 +593,15 @@ fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane
         }
     }
     let sample = |pixel: usize, channel: usize| {
-        value(all[match colors {
-            // Two of luma, then what both pixels share.
-            Colors::Ybr422 if channel == 0 => pixel / 2 * 4 + pixel % 2,
-            Colors::Ybr422 => pixel / 2 * 4 + channel + 1,
-            _ if is_planar => channel * area + pixel,
-            _ => pixel * samples + channel,
-        }])
+        value(
+            all[match colors {
+                // Two of luma, then what both pixels share.
+                Colors::Ybr422 if channel == 0 => pixel / 2 * 4 + pixel % 2,
+                Colors::Ybr422 => pixel / 2 * 4 + channel + 1,
+                _ if is_planar => channel * area + pixel,
+                _ => pixel * samples + channel,
+            }],
+        )
     };
     let mut values = reserved(area as u64, || samples_in(&set.path))?;
     match colors {
