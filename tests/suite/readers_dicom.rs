@@ -366,3 +366,26 @@ fn damaged_files_are_read_or_refused() {
         }
     }
 }
+
+#[test]
+#[cfg(feature = "jpeg2000")]
+fn lossy_samples_beyond_their_bits_are_clipped() {
+    let mut frame = std::fs::read(crate::readers::path("lossy-u8.j2k")).unwrap();
+    // A JP2 file around the code stream, as some writers put it there, says nothing more.
+    for boxes in [&b""[..], b"\0\0\0\x0cjP  \r\n\x87\n\0\0\0\x14ftypjp2 \0\0\0\0jp2 \0\0\0\0jp2c"] {
+        frame = [boxes, &frame].concat();
+        if frame.len() % 2 == 1 {
+            frame.push(0);
+        }
+        let item = |bytes: &[u8]| [&[0xfe, 0xff, 0, 0xe0], &(bytes.len() as u32).to_le_bytes()[..], bytes].concat();
+        let end = [0xfe, 0xff, 0xdd, 0xe0, 0, 0, 0, 0];
+        let fragments = [item(b""), item(&frame), end.to_vec()].concat();
+        let elements = Elements::new(false, true).picture([64, 64, 1], "MONOCHROME2", 1, 8);
+        let file = elements.stated(0x7fe0_0010, "OB", u32::MAX, &fragments).file("1.2.840.10008.1.2.4.91");
+        // Squares in black and white, which OpenJPEG decodes to within 23.
+        for (n, value) in values(&file, None).unwrap().into_iter().enumerate() {
+            let square = if (n % 64 / 16 + n / 64 / 16) % 2 == 1 { 255.0 } else { 0.0 };
+            assert!((value - square).abs() <= 30.0, "sample {n} is {value}, expected about {square}");
+        }
+    }
+}

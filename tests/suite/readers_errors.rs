@@ -236,7 +236,8 @@ fn bzip2(data: &[u8]) -> Vec<u8> {
 fn samples_of_nrrd_are_found_behind_bytes_and_lines() {
     let data: Vec<u8> = (1..=8).collect();
     let folder = tempfile::tempdir().unwrap();
-    let packers: [(&str, fn(&[u8]) -> Vec<u8>); 4] = [
+    type Pack = fn(&[u8]) -> Vec<u8>;
+    let packers: [(&str, Pack); 4] = [
         ("raw", <[u8]>::to_vec),
         ("gzip", gzip),
         ("bzip2", bzip2),

@@ -421,7 +421,7 @@ impl Reader {
         let kind = [a, b];
         let is_type = kind.iter().all(u8::is_ascii_uppercase);
         // Some files have types where their transfer syntax has none, and the reverse: the first element shows it.
-        if group != 2 && !self.is_sure {
+        if group > 2 && !self.is_sure {
             (self.explicit, self.is_sure) = (is_type, true);
         }
         if !self.explicit && group != 2 {
