@@ -81,7 +81,9 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
         halves = check_groups(path, &groups)?;
     }
     let root = file.root_group().map_err(|error| failed(&error))?;
-    if root.group("minc-2.0").is_some() {
+    // MINC 1 is NetCDF with variables that scale each slice.
+    let scales = |variable: &NcVariable| ["image-max", "image-min"].contains(&variable.name.as_str());
+    if root.group("minc-2.0").is_some() || root.variables.iter().any(scales) {
         return Err(input.error("is a MINC file, whose scales are not read: convert it with mnc2nii"));
     }
     let mut sets = Vec::new();

@@ -6,9 +6,12 @@ use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use bzip2::bufread::MultiBzDecoder;
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
+use super::decode::samples_in;
 use crate::error::{Error, Hint, Result};
+use crate::memory::reserved;
 use crate::source;
 
 /// The first bytes of every gzip stream (RFC 1952).
@@ -17,6 +20,12 @@ const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 /// Deflate expands at most 1032 to 1 (zlib's technical notes, <https://zlib.net/zlib_tech.html>). It bounds what a
 /// compressed file can hold, so a header that claims more is refused before memory is reserved.
 pub(super) const MAX_EXPANSION: u64 = 1032;
+
+/// Bzip2 expands at most so much: a block of 900 kB, in which 5 bytes stand for 259, takes 32 bytes or more.
+const MAX_BZIP2_EXPANSION: u64 = 1 << 21;
+
+/// What may stand between the version of bzip2 and its first bits: the mark of a block, or of the end.
+const BZIP2_MARKS: [[u8; 6]; 2] = [[0x31, 0x41, 0x59, 0x26, 0x53, 0x59], [0x17, 0x72, 0x45, 0x38, 0x50, 0x90]];
 
 /// The longest header line that is read, in bytes: a longer line is not text.
 const MAX_LINE: u64 = 1 << 20;
@@ -39,12 +48,15 @@ pub(super) struct Unpacked {
 }
 
 impl Unpacked {
-    /// The file of a stream, which `reader` makes if it is not there yet.
-    fn file(&self, path: &Path, at: u64, reader: impl FnOnce() -> Option<Box<dyn BufRead>>) -> Option<File> {
+    /// The file of a stream, which `reader` makes if it is not there yet, of at most so many bytes.
+    fn file(&self, path: &Path, at: u64, most: u64, reader: impl FnOnce() -> Option<Box<dyn BufRead>>) -> Option<File> {
         let mut streams = self.streams.lock().unwrap_or_else(PoisonError::into_inner);
         let held = streams.entry((path.to_owned(), at)).or_insert_with(|| {
             let mut file = tempfile::tempfile().ok()?;
-            io::copy(&mut reader()?, &mut file).ok()?;
+            let copied = io::copy(&mut reader()?.take(most.saturating_add(1)), &mut file).ok()?;
+            if copied > most {
+                return None;
+            }
             Some(Arc::new(file))
         });
         let mut file = held.as_ref()?.try_clone().ok()?;
@@ -76,7 +88,7 @@ impl Input {
     /// As [`Self::open`]; what it decompresses is kept in `unpacked`, if that is given, or taken from there.
     pub(super) fn open_kept(path: &Path, unpacked: Option<Arc<Unpacked>>) -> Result<Self> {
         let plain = Self { unpacked, ..Self::open_plain(path)? };
-        plain.gunzip_if_gzip()
+        plain.unpacked_if_marked()
     }
 
     /// Where what is compressed is kept, for other files of the same volume.
@@ -110,6 +122,11 @@ impl Input {
             header_left: MAX_HEADER,
             unpacked: None,
         })
+    }
+
+    /// The bytes left.
+    pub(super) fn into_reader(self) -> Box<dyn BufRead> {
+        self.reader
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -149,14 +166,25 @@ impl Input {
         Ok(head)
     }
 
-    /// Decompresses the stream if it begins as gzip does.
-    fn gunzip_if_gzip(mut self) -> Result<Self> {
-        if self.peek(2)? == GZIP_MAGIC { Ok(self.gunzip()) } else { Ok(self) }
+    /// Decompresses the stream if it begins as gzip or bzip2 does.
+    pub(super) fn unpacked_if_marked(mut self) -> Result<Self> {
+        let head = self.peek(10)?;
+        let is_bzip2 = matches!(head.get(..4), Some([b'B', b'Z', b'h', b'1'..=b'9']));
+        Ok(match head.get(4..) {
+            _ if head.starts_with(&GZIP_MAGIC) => self.gunzip(),
+            Some(mark) if is_bzip2 && BZIP2_MARKS.iter().any(|known| known == mark) => self.bunzip2(),
+            _ => self,
+        })
     }
 
     /// Decompresses the gzip stream that begins here. Several members count as one stream, as bgzip writes them.
     pub(super) fn gunzip(self) -> Self {
-        self.decompressed_once(|reader| buffered(MultiGzDecoder::new(reader)))
+        self.decompressed_once(MAX_EXPANSION, |reader| buffered(MultiGzDecoder::new(reader)))
+    }
+
+    /// Decompresses the bzip2 stream that begins here. Several streams count as one, as pbzip2 writes them.
+    pub(super) fn bunzip2(self) -> Self {
+        self.decompressed_once(MAX_BZIP2_EXPANSION, |reader| buffered(MultiBzDecoder::new(reader)))
     }
 
     /// Decompresses the zlib stream that begins here, or gzip, which MetaIO accepts as well.
@@ -164,12 +192,12 @@ impl Input {
         if self.peek(2)? == GZIP_MAGIC {
             return Ok(self.gunzip());
         }
-        Ok(self.decompressed_once(|reader| buffered(ZlibDecoder::new(reader))))
+        Ok(self.decompressed_once(MAX_EXPANSION, |reader| buffered(ZlibDecoder::new(reader))))
     }
 
     /// Decompresses the stream that begins here, or takes what it was decompressed to before. A damaged stream is read
     /// as far as it goes.
-    fn decompressed_once(mut self, f: fn(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
+    fn decompressed_once(mut self, expansion: u64, f: fn(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
         if let Some(unpacked) = self.unpacked.clone()
             && let Ok(Some((mut file, at))) = self.plain_file()
         {
@@ -177,7 +205,7 @@ impl Input {
                 file.seek(SeekFrom::Start(at)).ok()?;
                 Some(f(buffered(file.try_clone().ok()?)))
             };
-            if let Some(held) = unpacked.file(&self.path, at, reader)
+            if let Some(held) = unpacked.file(&self.path, at, expanded(self.left, MAX_EXPANSION), reader)
                 && let Ok(meta) = held.metadata()
             {
                 let held = Arc::new(held);
@@ -190,7 +218,7 @@ impl Input {
                 self.reader = buffered(file);
             }
         }
-        self.decompressed(f)
+        self.decompressed_by(expansion, f)
     }
 
     /// Decodes pairs of hexadecimal digits; blanks between digits are skipped.
@@ -210,8 +238,12 @@ impl Input {
     }
 
     /// Decompresses the stream that begins here.
-    pub(super) fn decompressed(mut self, f: impl FnOnce(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
-        self.left = self.left.map(|n| n.saturating_mul(MAX_EXPANSION).saturating_add(1 << 16));
+    pub(super) fn decompressed(self, f: impl FnOnce(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
+        self.decompressed_by(MAX_EXPANSION, f)
+    }
+
+    fn decompressed_by(mut self, expansion: u64, f: impl FnOnce(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
+        self.left = self.left.map(|_| expanded(self.left, expansion));
         self.plain = None;
         self.reader = f(self.reader);
         self
@@ -234,6 +266,44 @@ impl Input {
         }
         self.left = self.left.map(|left| left - n);
         Ok(())
+    }
+
+    /// Skips all but the last `n` bytes, and refuses to skip more than `most`.
+    pub(super) fn skip_to_last(mut self, n: u64, most: u64) -> Result<Self> {
+        let too_few = |found: u64| format!("is cut short: its samples need {n} bytes, {found} are there");
+        if let Some(left) = self.exactly_left() {
+            let before = left.checked_sub(n).ok_or_else(|| self.error(too_few(left)))?;
+            self.skip(before)?;
+            return Ok(self);
+        }
+        // The length of a stream is known at its end: the last bytes go round in a buffer.
+        if let Some(left) = self.left.filter(|left| *left < n) {
+            return Err(self.error(format!("{} at most", too_few(left))));
+        }
+        let mut last: Vec<u8> = reserved(n, || samples_in(&self.path))?;
+        (&mut self.reader).take(n).read_to_end(&mut last).map_err(|e| self.io_error(e))?;
+        if (last.len() as u64) < n {
+            return Err(self.error(too_few(last.len() as u64)));
+        }
+        let (mut at, mut skipped, mut block) = (0, 0_u64, [0; 1 << 12]);
+        loop {
+            let got = self.fill(&mut block)?;
+            if got == 0 || n == 0 {
+                break;
+            }
+            skipped += got as u64;
+            if skipped > most {
+                return Err(self.error(format!("has over {most} bytes before its samples")));
+            }
+            for &byte in block.iter().take(got) {
+                last[at] = byte;
+                at = if at + 1 == last.len() { 0 } else { at + 1 };
+            }
+        }
+        last.rotate_left(at);
+        self.left = Some(n);
+        self.reader = Box::new(io::Cursor::new(last));
+        Ok(self)
     }
 
     /// Skips `n` lines of any length.
@@ -330,7 +400,10 @@ impl Input {
     /// volume and is ignored.
     pub(super) fn verify_checksum(&mut self) -> Result<()> {
         match self.reader.read(&mut [0]) {
-            Err(e) if e.to_string().contains("checksum") => Err(self.io_error(e)),
+            // Bzip2 has one error for all that is wrong.
+            Err(e) if ["checksum", "bz2", "bzip2"].iter().any(|word| e.to_string().contains(word)) => {
+                Err(self.io_error(e))
+            }
             _ => Ok(()),
         }
     }
@@ -379,6 +452,11 @@ impl Input {
             _ => Error::Read { path: self.path.clone(), source },
         }
     }
+}
+
+/// The most bytes that so many stand for. Short streams have room for what surrounds them.
+fn expanded(packed: Option<u64>, expansion: u64) -> u64 {
+    packed.map_or(u64::MAX, |n| n.saturating_mul(expansion).saturating_add(1 << 16))
 }
 
 /// The same error with a hint.

@@ -174,7 +174,7 @@ impl Format {
     fn of_name(path: &Path) -> Option<Self> {
         // The extension decides: what is lost of a name that is not UTF-8 does not count.
         let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
-        let name = name.strip_suffix(".gz").unwrap_or(&name);
+        let name = name.strip_suffix(".gz").or_else(|| name.strip_suffix(".bz2")).unwrap_or(&name);
         match name.rsplit_once('.')?.1 {
             "nrrd" | "nhdr" => Some(Self::Nrrd),
             "nii" | "hdr" => Some(Self::Nifti),
@@ -200,8 +200,8 @@ impl Format {
 /// the only volume in the file is read.
 ///
 /// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
-/// may be compressed with gzip. Files of bare samples need `dims` and `sample_type`. For all other files these two are
-/// an error, as are `endian` and `offset`.
+/// but TIFF and HDF5 may be compressed with gzip or bzip2. Files of bare samples need `dims` and `sample_type`. For all
+/// other files these two are an error, as are `endian` and `offset`.
 ///
 /// # Errors
 /// - [`Error::Read`] if a file cannot be read.

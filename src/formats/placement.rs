@@ -45,16 +45,21 @@ impl Placement {
 
     /// The grid of `dims` samples at this position. A given `spacing` replaces the header's.
     ///
+    /// An axis of one sample that has no spacing gets that of the first axis: a picture says nothing of its thickness.
     /// Readers make the grid before they read samples, so a header with a singular grid is refused at once.
     pub(super) fn grid(&self, path: &Path, dims: [u32; 3], spacing: Option<[f64; 3]>) -> Result<Grid> {
         let mut axes = self.directions;
+        let stated: [f64; 3] =
+            std::array::from_fn(
+                |a| if dims[a] == 1 && self.spacing[a] == 0.0 { self.spacing[0] } else { self.spacing[a] },
+            );
         for (a, axis) in axes.iter_mut().enumerate() {
             match spacing {
                 // A direction of length 0 cannot be kept: the world axis replaces it.
                 Some(spacing) => *axis = axis.normalize_or(DVec3::AXES[a]) * spacing[a],
-                None if self.spacing[a].is_finite() && self.spacing[a] > 0.0 => *axis *= self.spacing[a],
+                None if stated[a].is_finite() && stated[a] > 0.0 => *axis *= stated[a],
                 None => {
-                    let reason = format!("the spacing of axis {} is {}, not a positive length", a + 1, self.spacing[a]);
+                    let reason = format!("the spacing of axis {} is {}, not a positive length", a + 1, stated[a]);
                     return Err(hinted(Error::format(path, reason), Hint::GiveSpacing));
                 }
             }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use voxsplat::error::Error;
 use voxsplat::formats::{LoadOptions, load};
-use voxsplat::volume::SampleType;
+use voxsplat::volume::{SampleType, Samples};
 
 use crate::fuzz::targets::assert_one_line;
 use crate::readers::{folder_of, path};
@@ -148,7 +148,8 @@ fn broken_nrrd_headers_say_what_is_wrong() {
         ("type: uchar", "type: block", "type \"block\""),
         ("type: uchar", "type: short", "endian: little"),
         ("type: uchar", "type: uchar\nendian: middle", "expected little or big"),
-        ("encoding: raw", "encoding: bzip2", "bzip2 is not read"),
+        ("encoding: raw", "encoding: bzip2", "is damaged: bzip2"),
+        ("encoding: raw", "encoding: text\nbyte skip: -1", "-1 goes with encoding raw, gzip or bzip2"),
         ("encoding: raw", "encoding: zstd", "unknown"),
         ("encoding: raw", "encoding: gzip", "cut short"),
         ("encoding: raw", "encoding: text", "is cut short"),
@@ -223,6 +224,132 @@ fn what_is_harmless_is_accepted() {
     assert_refused("a.nrrd", &nrrd(&claims, &gzip(&data)), "however compressed");
     let short = header.replace("2 2 2", "20 20 20");
     assert_refused("a.nrrd", &nrrd(&short, &gzip(&data)), "8000 bytes, 8 are there");
+}
+
+fn bzip2(data: &[u8]) -> Vec<u8> {
+    let mut encoder = bzip2::write::BzEncoder::new(Vec::new(), bzip2::Compression::best());
+    encoder.write_all(data).unwrap();
+    encoder.finish().unwrap()
+}
+
+#[test]
+fn samples_of_nrrd_are_found_behind_bytes_and_lines() {
+    let data: Vec<u8> = (1..=8).collect();
+    let folder = tempfile::tempdir().unwrap();
+    type Pack = fn(&[u8]) -> Vec<u8>;
+    let packers: [(&str, Pack); 4] = [
+        ("raw", <[u8]>::to_vec),
+        ("gzip", gzip),
+        ("bzip2", bzip2),
+        // Two streams in one.
+        ("bz2", |data| [bzip2(&data[..3]), bzip2(&data[3..])].concat()),
+    ];
+    for (encoding, pack) in packers {
+        for (skip, before, lines) in [
+            ("byte skip: -1", 0, ""),
+            ("byte skip: -1", 5, ""),
+            // More than the samples, so that they go round in the buffer.
+            ("byte skip: -1", 9_999, ""),
+            ("byte skip: 5", 5, ""),
+            ("line skip: 2", 0, "first\nsecond\n"),
+            ("line skip: 1\nbyte skip: -1", 7, "first\n"),
+        ] {
+            let header = format!("{}\n{skip}", NRRD.replace("raw", encoding));
+            let content = [lines.as_bytes(), &pack(&[vec![9; before], data.clone()].concat())].concat();
+            let what = format!("{encoding}, {skip}, {before} bytes before");
+            let (attached, detached) = (folder.path().join("a.nrrd"), folder.path().join("b.nhdr"));
+            std::fs::write(&attached, nrrd(&header, &content)).unwrap();
+            std::fs::write(folder.path().join("b.data"), &content).unwrap();
+            std::fs::write(&detached, nrrd(&format!("{header}\ndata file: b.data"), b"")).unwrap();
+            for file in [attached, detached] {
+                let volume = load(&file, &LoadOptions::default()).unwrap_or_else(|error| panic!("{what}: {error}"));
+                assert_eq!(volume.in_memory().unwrap().samples(), &Samples::U8(data.clone()), "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn damaged_bzip2_says_what_is_wrong() {
+    let data: Vec<u8> = (1..=8).collect();
+    let header = NRRD.replace("raw", "bzip2");
+    let whole = bzip2(&data);
+    for end in 0..whole.len() - 10 {
+        assert_refused("a.nrrd", &nrrd(&header, &whole[..end]), "");
+    }
+    // The sum over the block, which stands behind its mark.
+    let mut damaged = whole.clone();
+    damaged[10] ^= 1;
+    assert_refused("a.nrrd", &nrrd(&header, &damaged), "is damaged: bzip2: invalid data");
+    let last = format!("{header}\nbyte skip: -1");
+    assert_refused("a.nrrd", &nrrd(&last, &damaged), "is damaged: bzip2: invalid data");
+    for (encoding, content) in [("bzip2", bzip2(&data)), ("gzip", gzip(&data))] {
+        let last = last.replace("bzip2", encoding);
+        let claims = |sizes: &str| nrrd(&last.replace("2 2 2", sizes), &content);
+        assert_refused("a.nrrd", &claims("2 2 3"), "is cut short: its samples need 12 bytes, 8 are there");
+        assert_refused("a.nrrd", &claims("60000 60000 60000"), "is cut short");
+    }
+    // Far more than anyone writes before samples.
+    assert_refused("a.nrrd", &nrrd(&last, &bzip2(&vec![0; 1_000_000])), "bytes before its samples");
+    let far = format!("{header}\nbyte skip: 1000000000000");
+    assert_refused("a.nrrd", &nrrd(&far, &whole), "ends before byte 1000000000000");
+}
+
+#[test]
+fn whole_files_may_be_in_bzip2() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |file: &Path| load(file, &LoadOptions::default()).unwrap();
+    for name in ["gzip-i8.nrrd", "oblique-cell.map", "nifti2-i16.nii", "fortran-i16.npy", "big-f64.mha"] {
+        let packed = folder.path().join(format!("{name}.bz2"));
+        std::fs::write(&packed, bzip2(&std::fs::read(path(name)).unwrap())).unwrap();
+        let (found, expected) = (of(&packed), of(Path::new(&path(name))));
+        assert_eq!(found.in_memory().unwrap().samples(), expected.in_memory().unwrap().samples(), "{name}");
+        assert_eq!(found.grid(), expected.grid(), "{name}");
+    }
+}
+
+#[test]
+fn a_section_of_no_thickness_has_that_of_its_columns() {
+    let mut content = std::fs::read(path("oblique-cell.map")).unwrap();
+    let sections = 5;
+    let length = content.len();
+    content.truncate(length - length.saturating_sub(1024) * (sections - 1) / sections);
+    let big = content[212] == 0x11;
+    let word = |number: u32| if big { number.to_be_bytes() } else { number.to_le_bytes() };
+    // One section, one interval of the cell along its edge, which has the length 0.
+    let edge = (0..3).find(|n| content[64..76][4 * 2..] == word(n + 1)).unwrap() as usize;
+    content[8..12].copy_from_slice(&word(1));
+    content[40 + 4 * edge..44 + 4 * edge].copy_from_slice(&[0; 4]);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.map");
+    std::fs::write(&file, content).unwrap();
+    let volume = load(&file, &LoadOptions::default()).unwrap();
+    let axes = volume.grid().to_world().matrix3;
+    assert_eq!(volume.grid().dims()[2], 1);
+    assert!((axes.z_axis.length() / axes.x_axis.length() - 1.0).abs() < 1e-6, "{axes}");
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn minc_1_is_refused_by_name() {
+    // NetCDF of one dimension of two samples, and two variables of bytes: `image` and one that scales it.
+    let word = |number: u32| number.to_be_bytes().to_vec();
+    let name = |text: &str| {
+        let padding = vec![0; text.len().next_multiple_of(4) - text.len()];
+        [word(text.len() as u32), text.as_bytes().to_vec(), padding].concat()
+    };
+    let variable = |text: &str, at: u32| [name(text), word(1), word(0), word(0), word(0), word(1), word(4), word(at)];
+    let parts = |second: &str, at: u32| {
+        let head = [b"CDF\x01".to_vec(), word(0), word(10), word(1), name("x"), word(2), word(0), word(0)].concat();
+        let variables = [variable("image", at), variable(second, at + 4)].as_flattened().concat();
+        [head, word(11), word(2), variables].concat()
+    };
+    let file = |second: &str| {
+        let at = parts(second, 0).len() as u32;
+        [parts(second, at), vec![1; 8]].concat()
+    };
+    assert_refused("a.mnc", &file("image-max"), "is a MINC file, whose scales are not read");
+    assert!(!refused("a.nc", &file("others-max")).contains("MINC"));
 }
 
 /// A fixture with some bytes replaced.
@@ -420,7 +547,7 @@ fn broken_dicom_files_say_what_is_wrong() {
     let syntax = b"1.2.840.10008.1.2.1\0";
     let grey = b"\x28\0\x04\0CS\x0c\0MONOCHROME2 ";
     let cases: [(&[u8], &[u8], &str); 9] = [
-        (grey, b"\x28\0\x04\0CS\x0e\0PALETTE COLOR ", "is in a palette of colours, which is not read"),
+        (grey, b"\x28\0\x04\0CS\x0e\0PALETTE COLOR ", "is in a palette of colours without a descriptor"),
         (syntax, b"1.2.840.10008.1.2.5\0", "compressed by RLE, but its pixels are in no fragments"),
         (syntax, b"1.2.840.10008.1.2.9\0", ""),
         (b"\x28\0\x10\0US\x02\0\x04", b"\x28\0\x10\0US\x02\0\x05", "150 bytes, 120 are there"),

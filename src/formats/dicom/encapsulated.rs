@@ -1,6 +1,5 @@
 //! Compressed pixels: a sequence of fragments, of which each frame has one or more (PS3.5, A.4).
 
-use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 
 use jpeg_decoder::{ColorTransform, PixelFormat};
@@ -69,8 +68,8 @@ impl Frames {
     pub(super) fn find(set: &Dataset, start: u64, frames: usize, codec: Codec) -> Result<Self> {
         let damaged = |reason: &str| Error::format(&set.path, reason);
         let read_error = |source| Error::Read { path: set.path.clone(), source };
-        let mut file = File::open(&set.path).map_err(read_error)?;
-        let end = file.metadata().map_err(read_error)?.len();
+        let mut file = set.open().map_err(read_error)?;
+        let end = file.seek(SeekFrom::End(0)).map_err(read_error)?;
         let (mut at, mut table, mut fragments) = (start, None, Vec::new());
         loop {
             let mut head = [0; 8];
@@ -129,7 +128,7 @@ impl Frames {
         let first = self.firsts.get(frame).copied().unwrap_or(self.fragments.len());
         let end = self.firsts.get(frame + 1).copied().unwrap_or(self.fragments.len());
         let fragments = self.fragments.get(first..end).unwrap_or_default();
-        let mut file = File::open(&set.path).map_err(read_error)?;
+        let mut file = set.open().map_err(read_error)?;
         let mut packed = Vec::new();
         for &[offset, length] in fragments {
             file.seek(SeekFrom::Start(offset)).map_err(read_error)?;
@@ -237,6 +236,9 @@ fn unpack_jpeg_2000(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<
     use hayro_jpeg2000::{DecodeSettings, DecoderContext, Image};
 
     let settings = DecodeSettings { resolve_palette_indices: false, strict: true, target_resolution: None };
+    // The standard wants the code stream alone. Some files have boxes around it, which repeat what DICOM says.
+    let start = packed.windows(4).position(|four| four == [0xff, 0x4f, 0xff, 0x51]).unwrap_or(0);
+    let packed = packed.get(start..).unwrap_or_default();
     let image = Image::new(packed, &settings).map_err(|error| error.to_string())?;
     if (image.width() as usize, image.height() as usize) != (size.columns, size.rows) {
         return Err(format!("a picture of {} x {}", image.width(), image.height()));
@@ -252,13 +254,14 @@ fn unpack_jpeg_2000(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<
         return Err(format!("{} components, expected {}", components.len(), size.samples));
     }
     // The crate moves signed samples up, as it should unsigned ones alone.
-    let start = packed.windows(4).position(|four| four == [0xff, 0x4f, 0xff, 0x51]).unwrap_or(0);
-    let is_signed = packed.get(start + 42).is_some_and(|precision| precision & 0x80 != 0);
+    let is_signed = packed.get(42).is_some_and(|precision| precision & 0x80 != 0);
     let moved = if is_signed { 1_i64 << (depth - 1) } else { 0 };
+    // What is not lossless can be just outside of what the bits can say.
+    let sample = |sample: f32| ((sample.round() as i64).clamp(0, (1 << depth) - 1) - moved).cast_unsigned();
     let all: Vec<&[f32]> = components.iter().map(|component| component.samples()).collect();
     let shortest = all.iter().map(|samples| samples.len()).min().unwrap_or(0);
     for pixel in 0..shortest {
-        pixels.extend(all.iter().map(|samples| (samples[pixel].round() as i64 - moved).cast_unsigned()));
+        pixels.extend(all.iter().map(|samples| sample(samples[pixel])));
     }
     Ok(())
 }

@@ -3,15 +3,16 @@
 //! Slices are sorted by their position along the normal of their plane, and the positions give the direction and the
 //! spacing of the third axis: a tilted gantry makes a sheared lattice. If each position has as many slices as the
 //! others, these are points in time, in the order of an index or a time that tells them apart. Secondary captures have
-//! no positions: they follow one another by their numbers. Pixels are grey values or colours, uncompressed, in RLE,
-//! JPEG (baseline and lossless) or JPEG 2000.
+//! no positions: they follow one another by their numbers. The frames of a dose of radiotherapy have offsets along the
+//! normal. Pixels are grey values, colours, entries of a palette or single bits; uncompressed, in RLE, JPEG (baseline
+//! and lossless) or JPEG 2000. Elements may be deflated, and files in gzip.
 
 mod dataset;
 mod encapsulated;
+mod palette;
 mod times;
 
-use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::SeekFrom;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -19,6 +20,7 @@ use glam::DVec3;
 
 use self::dataset::Dataset;
 use self::encapsulated::{Codec, Frames, Size, syntax_of};
+use self::palette::Table;
 use self::times::in_times;
 use super::decode::{lattice, samples_in};
 use super::placement::Placement;
@@ -52,6 +54,9 @@ const HIGH_BIT: u32 = 0x0028_0102;
 const SIGNED: u32 = 0x0028_0103;
 const INTERCEPT: u32 = 0x0028_1052;
 const SLOPE: u32 = 0x0028_1053;
+const DOSE_UNITS: u32 = 0x3004_0002;
+const FRAME_OFFSETS: u32 = 0x3004_000c;
+const DOSE_SCALING: u32 = 0x3004_000e;
 
 /// The SOP classes of secondary captures begin so.
 const SECONDARY_CAPTURE: &str = "1.2.840.10008.5.1.4.1.1.7";
@@ -90,7 +95,8 @@ struct Plane {
 /// How pixels are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Pixels {
-    bytes: u32,
+    /// Bits of a sample: 1, 8, 16 or 32.
+    allocated: u32,
     stored: u32,
     high: u32,
     signed: bool,
@@ -108,10 +114,26 @@ enum Colors {
     Ybr {
         planar: bool,
     },
+    /// Two of luma, and the differences that both pixels have, of 8 bits.
+    Ybr422,
+    /// An index into tables of red, green and blue with entries of so many bytes.
+    Palette {
+        bytes: u32,
+    },
 }
 
 impl Colors {
-    fn samples(self) -> usize {
+    /// The samples of a pixel in the file.
+    fn stored(self) -> usize {
+        match self {
+            Self::Grey | Self::Palette { .. } => 1,
+            Self::Ybr422 => 2,
+            Self::Rgb { .. } | Self::Ybr { .. } => 3,
+        }
+    }
+
+    /// The samples of a pixel in the volume.
+    fn channels(self) -> u32 {
         if self == Self::Grey { 1 } else { 3 }
     }
 }
@@ -125,7 +147,7 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
     let Some(first) = sets.first() else { return Err(Error::format(source, "is DICOM without pixels")) };
     let plane = Plane::of(first, 0)?;
     let mut times = in_times(source, &sets, sorted(source, &sets, &plane)?)?;
-    let mut contents = selection::chosen(source, options, plane.colors.samples() as u64, times.len() as u64)?;
+    let mut contents = selection::chosen(source, options, plane.colors.channels().into(), times.len() as u64)?;
     if plane.colors != Colors::Grey {
         contents.labels = selection::colours(contents.channels);
     }
@@ -139,11 +161,14 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
     let grid = placement.grid(source, dims, options.spacing)?;
     let maps: Vec<(f64, f64)> = slices.iter().map(|slice| (slice.slope, slice.intercept)).collect();
     let same = maps.windows(2).all(|pair| pair[0] == pair[1]);
-    let units = Units { length: None, value: (first.text(MODALITY) == "CT").then(|| "HU".to_owned()) };
+    let unit = match (first.text(MODALITY).as_str(), first.text(DOSE_UNITS).as_str()) {
+        ("CT", _) => Some("HU"),
+        ("RTDOSE", "GY") => Some("Gy"),
+        _ => None,
+    };
+    let units = Units { length: None, value: unit.map(str::to_owned) };
 
-    let per_slice = usize::from(plane.columns) * usize::from(plane.rows);
-    let slice_bytes = per_slice * plane.pixels.bytes as usize * plane.colors.samples();
-    let frames = pixels_in(source, &sets, &slices, slice_bytes)?;
+    let frames = pixels_in(source, &sets, &slices, plane.frame_bits())?;
     let count = grid.len();
     let what = || samples_in(source);
     let raw = |slice: &Slice| pixels_of(&sets[slice.file], frames[slice.file].as_ref(), slice.frame, &plane, channel);
@@ -163,7 +188,11 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
             Samples::$variant(all)
         }};
     }
-    let samples = match (same, plane.pixels.bytes, plane.pixels.signed) {
+    let (bytes, signed) = match plane.colors {
+        Colors::Palette { bytes } => (bytes, false),
+        _ => (plane.pixels.bytes(), plane.pixels.signed),
+    };
+    let samples = match (same, bytes, signed) {
         (false, ..) => {
             let mut all: Vec<f32> = reserved(count, what)?;
             for slice in &slices {
@@ -240,33 +269,76 @@ impl Plane {
         let is_lossless = ["1.2.840.10008.1.2.4.57", "1.2.840.10008.1.2.4.70"].contains(&set.syntax.as_str());
         let by_codec = !is_lossless && syntax_of(&set.syntax).is_some_and(|(_, codec)| codec != Some(Codec::Rle));
         let colors = match (set.u16(CHANNELS).unwrap_or(1), photometric.as_str()) {
-            (1, "PALETTE COLOR") => {
-                return Err(refused("is in a palette of colours, which is not read: convert it to RGB".to_owned()));
-            }
+            (1, "PALETTE COLOR") => Colors::Palette { bytes: palette::bytes_of_entries(set)? },
             (1, _) => Colors::Grey,
             (3, "RGB" | "YBR_ICT" | "YBR_RCT") => Colors::Rgb { planar },
             (3, "YBR_FULL" | "YBR_FULL_422" | "YBR_PARTIAL_420") if by_codec => Colors::Rgb { planar },
-            (3, "YBR_FULL") => Colors::Ybr { planar },
+            (3, "YBR_FULL_422") if syntax_of(&set.syntax).is_none() => {
+                if columns % 2 == 1 {
+                    return Err(refused(format!("has {columns} columns of YBR_FULL_422, expected an even number")));
+                }
+                Colors::Ybr422
+            }
+            (3, "YBR_FULL" | "YBR_FULL_422") => Colors::Ybr { planar },
             (channels, photometric) => {
                 let what = format!("{channels} samples per pixel of the kind {photometric:?}");
-                return Err(refused(format!("has {what}: expected grey values, RGB or YBR_FULL")));
+                return Err(refused(format!(
+                    "has {what}: expected grey values, a palette, RGB, YBR_FULL or YBR_FULL_422"
+                )));
             }
         };
         let allocated = u32::from(required(BITS_ALLOCATED, "number of bits")?);
         let stored = set.u16(BITS_STORED).map_or(allocated, u32::from);
         let high = set.u16(HIGH_BIT).map_or(stored.saturating_sub(1), u32::from);
-        if !matches!(allocated, 8 | 16 | 32) || stored == 0 || high >= allocated || stored > high + 1 {
+        let is_packed = allocated == 1 && (colors != Colors::Grey || syntax_of(&set.syntax).is_some());
+        if !matches!(allocated, 1 | 8 | 16 | 32) || is_packed || stored == 0 || high >= allocated || stored > high + 1 {
             return Err(refused(format!("has {stored} bits up to bit {high} in {allocated}, which is not read")));
         }
-        let pixels = Pixels { bytes: allocated / 8, stored, high, signed: set.u16(SIGNED) == Some(1) };
-        if matches!(colors, Colors::Ybr { .. }) && (stored, pixels.signed) != (8, false) {
-            return Err(refused(format!("has {stored} bits of YBR_FULL, expected 8 without sign")));
+        let pixels = Pixels { allocated, stored, high, signed: set.u16(SIGNED) == Some(1) };
+        let is_chroma = matches!(colors, Colors::Ybr { .. } | Colors::Ybr422);
+        if is_chroma && (allocated, stored, pixels.signed) != (8, 8, false) {
+            return Err(refused(format!("has {stored} bits of {photometric}, expected 8 without sign")));
         }
         let [x, y, z, a, b, c] = set.numbers(frame, ORIENTATION).unwrap_or([1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
         let [between_rows, between_columns] = set.numbers(frame, PIXEL_SPACING).unwrap_or([1.0; 2]);
         let directions = [DVec3::new(x, y, z), DVec3::new(a, b, c)];
         Ok(Self { columns, rows, pixels, colors, directions, spacing: [between_columns, between_rows] })
     }
+
+    /// The bits of an uncompressed frame.
+    fn frame_bits(&self) -> u64 {
+        let samples = u64::from(self.columns) * u64::from(self.rows) * self.colors.stored() as u64;
+        samples * u64::from(self.pixels.allocated)
+    }
+}
+
+impl Pixels {
+    /// Bytes of a sample.
+    fn bytes(self) -> u32 {
+        self.allocated.div_ceil(8)
+    }
+}
+
+/// The places of the frames of a dose along the normal of their plane, from the position of the file (PS3.3,
+/// C.8.8.3.2); `None` if it states none.
+fn dose_offsets(set: &Dataset, normal: DVec3, frames: usize) -> Result<Option<Vec<f64>>> {
+    let refused = |reason: String| Err(Error::format(&set.path, reason));
+    if frames == 1 || set.value(FRAME_OFFSETS).is_none_or(<[u8]>::is_empty) {
+        return Ok(None);
+    }
+    let Some(mut offsets) = set.list(FRAME_OFFSETS) else {
+        return refused("has offsets of frames that are no numbers".to_owned());
+    };
+    if offsets.len() != frames {
+        return refused(format!("has offsets of {} frames, expected {frames}", offsets.len()));
+    }
+    // Offsets that do not begin with 0 are coordinates along z, which transverse planes may have.
+    let start = set.numbers(0, POSITION).map_or(0.0, |[_, _, z]: [f64; 3]| z);
+    let first = offsets.first().copied().unwrap_or(0.0);
+    if first != 0.0 && normal.z.abs() > 1.0 - 1e-6 && (first - start).abs() < 1e-3 {
+        offsets.iter_mut().for_each(|offset| *offset = (*offset - start) * normal.z.signum());
+    }
+    Ok(Some(offsets))
 }
 
 /// The slices along the normal of their plane.
@@ -278,6 +350,7 @@ fn sorted(source: &Path, sets: &[Dataset], plane: &Plane) -> Result<Vec<Slice>> 
         if !(1.0..=f64::from(u16::MAX)).contains(&frames) {
             return Err(Error::format(&set.path, format!("has {frames} frames")));
         }
+        let offsets = dose_offsets(set, normal, frames as usize)?;
         for frame in 0..frames as usize {
             let other = Plane::of(set, frame)?;
             let near = |a: DVec3, b: DVec3| a.distance(b) < 1e-3;
@@ -291,7 +364,8 @@ fn sorted(source: &Path, sets: &[Dataset], plane: &Plane) -> Result<Vec<Slice>> 
                 let of = sets.first().map(|set| set.path.display().to_string()).unwrap_or_default();
                 return Err(Error::format(&set.path, format!("has another size, type, spacing or plane than {of}")));
             }
-            let position = set.numbers(frame, POSITION).map(DVec3::from_array);
+            let offset = offsets.as_ref().and_then(|offsets| offsets.get(frame).copied()).unwrap_or(0.0);
+            let position = set.numbers(frame, POSITION).map(|place| DVec3::from_array(place) + normal * offset);
             // Frames without positions follow one another, and so do secondary captures by their numbers.
             let number = || match sets.len() {
                 1 => Some(frame as f64),
@@ -303,7 +377,7 @@ fn sorted(source: &Path, sets: &[Dataset], plane: &Plane) -> Result<Vec<Slice>> 
             let Some(position) = position.or_else(|| number().map(|number| normal * number)) else {
                 return Err(Error::format(&set.path, "has no position"));
             };
-            let [slope] = set.numbers(frame, SLOPE).unwrap_or([1.0]);
+            let [slope] = set.numbers(frame, SLOPE).or_else(|| set.numbers(0, DOSE_SCALING)).unwrap_or([1.0]);
             let [intercept] = set.numbers(frame, INTERCEPT).unwrap_or([0.0]);
             if slices.len() > usize::from(u16::MAX) {
                 return Err(Error::format(source, "has over 65535 slices"));
@@ -433,13 +507,18 @@ fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> R
 }
 
 /// Where the pixels of a file are: compressed frames, or `None` if they follow one another.
-fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], slice_bytes: usize) -> Result<Vec<Option<Frames>>> {
+fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], frame_bits: u64) -> Result<Vec<Option<Frames>>> {
     if slices.is_empty() {
         return Err(Error::format(source, "has no slices"));
     }
-    let mut frames_of = vec![0_usize; sets.len()];
-    slices.iter().filter(|slice| slice.behind.is_none()).for_each(|slice| frames_of[slice.file] += 1);
-    let frames = |(set, frames): (&Dataset, usize)| {
+    let mut is_used = vec![false; sets.len()];
+    slices.iter().for_each(|slice| is_used[slice.file] = true);
+    let frames = |(set, is_used): (&Dataset, bool)| {
+        if !is_used {
+            return Ok(None);
+        }
+        // All of them, also those at other points in time.
+        let frames = set.numbers(0, FRAMES).map_or(1, |[frames]| frames as usize);
         let refused = |reason: String| Err(Error::format(&set.path, reason));
         match (syntax_of(&set.syntax), set.pixels) {
             (Some((name, None)), _) => {
@@ -449,7 +528,7 @@ fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], slice_bytes: usi
             (Some((name, _)), _) => refused(format!("is compressed by {name}, but its pixels are in no fragments")),
             // Refused before memory is reserved.
             (None, Some((_, Some(length)))) => {
-                let needed = frames.saturating_mul(slice_bytes) as u64;
+                let needed = (frames as u64).saturating_mul(frame_bits).div_ceil(8);
                 if length >= needed {
                     return Ok(None);
                 }
@@ -459,19 +538,19 @@ fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], slice_bytes: usi
             (None, _) => refused(format!("is in the transfer syntax {}, which is not read", set.syntax)),
         }
     };
-    sets.iter().zip(frames_of).map(frames).collect()
+    sets.iter().zip(is_used).map(frames).collect()
 }
 
 /// The samples of a channel of a frame as stored: bits beside them are masked, and the sign is extended.
 fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane, channel: usize) -> Result<Vec<i64>> {
     let (pixels, colors) = (plane.pixels, plane.colors);
-    let (columns, rows, width) = (usize::from(plane.columns), usize::from(plane.rows), pixels.bytes as usize);
+    let (columns, rows, width) = (usize::from(plane.columns), usize::from(plane.rows), pixels.bytes() as usize);
     let (above, below) = (64 - 1 - pixels.high, 64 - pixels.stored);
     let value = |raw: u64| {
         let raised = raw << above;
         if pixels.signed { raised.cast_signed() >> below } else { (raised >> below).cast_signed() }
     };
-    let (area, samples) = (columns * rows, colors.samples());
+    let (area, samples) = (columns * rows, colors.stored());
     let count = area * samples;
     let mut all: Vec<u64> = reserved(count as u64, || samples_in(&set.path))?;
     // Codecs give the samples of a pixel beside each other.
@@ -482,28 +561,60 @@ fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane
     } else {
         is_planar = matches!(colors, Colors::Rgb { planar: true } | Colors::Ybr { planar: true });
         let read_error = |source| Error::Read { path: set.path.clone(), source };
-        let mut bytes: Vec<u8> = reserved((count * width) as u64, || samples_in(&set.path))?;
-        bytes.resize(count * width, 0);
-        let mut file = File::open(&set.path).map_err(read_error)?;
-        let start = set.pixels.map_or(0, |(start, _)| start) + (frame * count * width) as u64;
-        file.seek(SeekFrom::Start(start)).and_then(|_| file.read_exact(&mut bytes)).map_err(read_error)?;
+        // Single bits follow one another over the ends of frames.
+        let first = frame as u64 * plane.frame_bits();
+        let (start, end) = (first / 8, (first + plane.frame_bits()).div_ceil(8));
+        // Bytes in words are read in pairs, from the highest to the lowest.
+        let is_swapped = set.in_words && set.endian == Endian::Big && width == 1;
+        let before = if is_swapped { start % 2 } else { 0 };
+        let (from, to) = (start - before, if is_swapped { end.next_multiple_of(2) } else { end });
+        let (pixels_at, pixels_end) = match set.pixels {
+            Some((at, length)) => (at, length.unwrap_or(u64::MAX)),
+            None => (0, u64::MAX),
+        };
+        let length = to.min(pixels_end).saturating_sub(from);
+        let mut bytes: Vec<u8> = reserved(length, || samples_in(&set.path))?;
+        bytes.resize(length as usize, 0);
+        let mut file = set.open().map_err(read_error)?;
+        file.seek(SeekFrom::Start(pixels_at + from)).and_then(|_| file.read_exact(&mut bytes)).map_err(read_error)?;
+        if is_swapped {
+            bytes.as_chunks_mut::<2>().0.iter_mut().for_each(|two| two.reverse());
+        }
+        let bytes = bytes.get(before as usize..).unwrap_or_default();
         let more = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
-        all.extend(bytes.chunks_exact(width).map(|bytes| match set.endian {
-            Endian::Little => bytes.iter().rev().fold(0, more),
-            Endian::Big => bytes.iter().fold(0, more),
-        }));
+        if pixels.allocated == 1 {
+            let bits = bytes.iter().flat_map(|byte| (0..8).map(move |bit| u64::from(byte >> bit & 1)));
+            all.extend(bits.skip((first % 8) as usize).take(count));
+        } else {
+            all.extend(bytes.chunks_exact(width).map(|bytes| match set.endian {
+                Endian::Little => bytes.iter().rev().fold(0, more),
+                Endian::Big => bytes.iter().fold(0, more),
+            }));
+        }
     }
     let sample = |pixel: usize, channel: usize| {
-        value(all[if is_planar { channel * area + pixel } else { pixel * samples + channel }])
+        value(
+            all[match colors {
+                // Two of luma, then what both pixels share.
+                Colors::Ybr422 if channel == 0 => pixel / 2 * 4 + pixel % 2,
+                Colors::Ybr422 => pixel / 2 * 4 + channel + 1,
+                _ if is_planar => channel * area + pixel,
+                _ => pixel * samples + channel,
+            }],
+        )
     };
     let mut values = reserved(area as u64, || samples_in(&set.path))?;
     match colors {
-        Colors::Ybr { .. } => values.extend((0..area).map(|pixel| {
+        Colors::Ybr { .. } | Colors::Ybr422 => values.extend((0..area).map(|pixel| {
             let [y, cb, cr] = [0, 1, 2].map(|channel| sample(pixel, channel) as f64);
             let (blue, red) = (cb - 128.0, cr - 128.0);
             let of = [y + 1.402 * red, y - 0.344_136 * blue - 0.714_136 * red, y + 1.772 * blue];
             of[channel].round().clamp(0.0, 255.0) as i64
         })),
+        Colors::Palette { .. } => {
+            let table = Table::of(set, channel, pixels.signed)?;
+            values.extend((0..area).map(|pixel| table.at(sample(pixel, 0))));
+        }
         Colors::Grey | Colors::Rgb { .. } => values.extend((0..area).map(|pixel| sample(pixel, channel))),
     }
     Ok(values)

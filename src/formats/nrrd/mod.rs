@@ -1,6 +1,6 @@
 //! Nearly raw raster data, NRRD0001 to NRRD0005 (<http://teem.sourceforge.net/nrrd/format.html>).
 //!
-//! Read are attached and detached headers, the encodings raw, gzip, text and hex, and samples in one file or in
+//! Read are attached and detached headers, the encodings raw, gzip, bzip2, text and hex, and samples in one file or in
 //! several. An axis that is not spatial has channels, such as colours, or points in time.
 
 mod header;
@@ -12,7 +12,7 @@ use glam::DVec3;
 use self::header::Header;
 use super::LoadOptions;
 use super::decode::{Layout, lattice, read_samples};
-use super::input::Input;
+use super::input::{Input, MAX_EXPANSION};
 use super::multifile::DataFiles;
 use super::placement::{Placement, named_unit};
 use super::selection::{Axes, Role, guessed, picked};
@@ -24,6 +24,7 @@ use crate::volume::{Endian, SampleType, Units, Volume};
 enum Encoding {
     Raw,
     Gzip,
+    Bzip2,
     Text,
     Hex,
 }
@@ -109,8 +110,8 @@ fn encoding(header: &Header) -> Result<Encoding> {
         "gz" | "gzip" => Ok(Encoding::Gzip),
         "txt" | "text" | "ascii" => Ok(Encoding::Text),
         "hex" => Ok(Encoding::Hex),
-        "bz2" | "bzip2" => Err(header.error("encoding bzip2 is not read: save the volume with encoding gzip or raw")),
-        other => Err(header.error(format!("encoding {other:?} is unknown: expected raw, gzip, text or hex"))),
+        "bz2" | "bzip2" => Ok(Encoding::Bzip2),
+        other => Err(header.error(format!("encoding {other:?} is unknown: expected raw, gzip, bzip2, text or hex"))),
     }
 }
 
@@ -216,8 +217,8 @@ impl Skip {
         let (lines, bytes) = (number("line skip")?, number("byte skip")?);
         let lines = u64::try_from(lines).map_err(|_| header.error(format!("line skip: {lines} is negative")))?;
         let bytes = match bytes {
-            -1 if encoding == Encoding::Raw => None,
-            -1 => return Err(header.error("byte skip: -1 goes with encoding raw only")),
+            -1 if matches!(encoding, Encoding::Raw | Encoding::Gzip | Encoding::Bzip2) => None,
+            -1 => return Err(header.error("byte skip: -1 goes with encoding raw, gzip or bzip2")),
             n => Some(u64::try_from(n).map_err(|_| header.error(format!("byte skip: {n}, expected -1 or more")))?),
         };
         Ok(Self { lines, bytes, total })
@@ -226,15 +227,18 @@ impl Skip {
     /// Moves the input to its first sample. Lines are skipped before decompression, bytes after it.
     fn apply(&self, mut input: Input, encoding: Encoding) -> Result<Input> {
         input.skip_lines(self.lines)?;
-        let mut input = if encoding == Encoding::Gzip { input.gunzip() } else { input };
-        let bytes = match (self.bytes, input.exactly_left()) {
-            (Some(bytes), _) => bytes,
-            (None, Some(left)) => left.checked_sub(self.total).ok_or_else(|| {
-                input.error(format!("is cut short: its samples need {} bytes, {left} are there", self.total))
-            })?,
-            (None, None) => return Err(input.error("byte skip: -1 needs a file of known length")),
+        // Bzip2 can hold far more than anyone writes before samples.
+        let most = input.at_most().unwrap_or(u64::MAX).saturating_mul(MAX_EXPANSION).saturating_add(1 << 16);
+        let mut input = match encoding {
+            Encoding::Gzip => input.gunzip(),
+            Encoding::Bzip2 => input.bunzip2(),
+            Encoding::Raw | Encoding::Text | Encoding::Hex => input,
         };
-        input.skip(bytes)?;
+        match self.bytes {
+            Some(bytes) if bytes > most => return Err(input.error(format!("ends before byte {bytes}"))),
+            Some(bytes) => input.skip(bytes)?,
+            None => input = input.skip_to_last(self.total, most)?,
+        }
         Ok(if encoding == Encoding::Hex { input.unhex() } else { input })
     }
 }

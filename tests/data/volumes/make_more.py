@@ -18,6 +18,7 @@ from pathlib import Path
 import imagecodecs
 import mrcfile
 import numpy as np
+import openjpeg.utils
 import pydicom
 import tifffile
 import vtk
@@ -418,3 +419,9 @@ assert all((frame == 50 * z + 3).all() for z, frame in enumerate(got))
 expected.sort(key=lambda e: e["file"])
 lines = ",\n".join(json.dumps(e, ensure_ascii=False) for e in expected)
 Path("expected-more.json").write_text(f"[\n{lines}\n]\n")
+
+# A frame of JPEG 2000 whose wavelets go beyond black and white: squares of 16 pixels, at most 23 off when decoded.
+y, x = np.mgrid[:64, :64]
+squares = ((x // 16 + y // 16) % 2 * 255).astype(np.uint8)
+frame = openjpeg.utils.encode_array(squares, photometric_interpretation=2, use_mct=False, compression_ratios=[8])
+open("lossy-u8.j2k", "wb").write(bytes(frame))
