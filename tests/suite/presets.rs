@@ -327,7 +327,10 @@ fn json_errors_name_the_point_and_the_line() {
     let cases = [
         (format!("{{\"points\": [\n{good},\n\n{{\"value\": 2}}]}}"), "point 2 (line 4): missing field `color`"),
         (format!("{{\"points\": [{good},\n{}]}}", good.replace("opacity", "alpha")), "point 2 (line 2): unknown field"),
-        (format!("{{\"points\": [{}]}}", good.replace("#ffffff", "white")), "point 1 (line 1): invalid value"),
+        (
+            format!("{{\"points\": [{}]}}", good.replace("#ffffff", "white")),
+            "point 1 (line 1): string \"white\", expected",
+        ),
         (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2]")), "point 1 (line 1): invalid length 2"),
         (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2, 0]")), "must lie in 0..1"),
         (format!("{{\"points\": [{good},\n{}]}}", good.replace(": 1,", ": 0.5,")), "point 2 (line 2): value 0.5 comes"),
