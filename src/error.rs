@@ -153,6 +153,14 @@ impl Error {
         Self::Format { path: path.to_owned(), reason: reason.into(), hint: None }
     }
 
+    /// The same error, with a hint if it is an [`Error::Format`].
+    pub(crate) fn hinted(mut self, way_out: Hint) -> Self {
+        if let Self::Format { hint, .. } = &mut self {
+            *hint = Some(way_out);
+        }
+        self
+    }
+
     /// Whether a way to draw is refused, and another way may still succeed.
     pub(crate) fn refuses_settings(&self) -> bool {
         matches!(self, Self::Setting { .. } | Self::Unsupported { .. } | Self::Memory { .. } | Self::OutOfMemory(_))

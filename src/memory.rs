@@ -1,5 +1,7 @@
 //! Memory whose amount a file or a setting decides: it is had, or there is an error. The process does not abort.
 
+use std::path::Path;
+
 use bytemuck::Zeroable;
 use bytemuck::allocation::try_zeroed_vec;
 
@@ -31,6 +33,11 @@ fn refused<T>(count: u64, what: impl FnOnce() -> String) -> Error {
 /// It is asked before encoders and decoders of other crates run, which cannot be refused memory without an abort.
 pub(crate) fn check(bytes: u64, what: impl FnOnce() -> String) -> Result<()> {
     reserved::<u8>(bytes, what).map(drop)
+}
+
+/// What memory for samples of a file is for.
+pub(crate) fn samples_in(path: &Path) -> String {
+    format!("the samples of {}", path.display())
 }
 
 #[cfg(test)]

@@ -14,20 +14,21 @@ use crate::gpu::classify::{Classified, Classifier, HostClassifier};
 use crate::gpu::coarse::{self, Coarse};
 use crate::gpu::context::Context;
 use crate::gpu::layers;
+use crate::gpu::levels::ScalarNeed;
 use crate::gpu::light_volume::{self, Classification, LightVolume, PostShading};
 use crate::gpu::painter::Room;
-use crate::gpu::scalars::{self, Asked, Emission, Emitted, Shows};
+use crate::gpu::scalars::{self, Asked, Emission};
 use crate::gpu::scan::Scan;
 use crate::gpu::shadows::{Arriving, Shadows, shaded};
-use crate::gpu::store::{Bricks, Store};
+use crate::gpu::store::{Bricks, Emitted, Store};
 use crate::gpu::timing::on_host;
-use crate::gpu::transfer::{Reduction, TransferTable};
-use crate::gpu::view::{Fade, ScalarNeed, ViewGeometry, Weights};
+use crate::gpu::transfer::{Reduction, Shows, TransferTable};
+use crate::gpu::view::{Fade, ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
 use crate::layers::{Layer, Layers, Matter};
 use crate::lighting::{Lighting, shadow};
 use crate::progress::Progress;
-use crate::settings::{Level, Model, Settings};
+use crate::settings::{Level, MAX_LEVEL, Model, Settings};
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::{Grid, Pyramid, Volume};
 
@@ -392,7 +393,7 @@ impl Scene {
                 let dense = |cells: Coarse| self.voxel_depth(settings) * cells.size() > coarse::MOST_DEPTH;
                 let fine = Coarse::fine(&settings.kernel, voxels.max_growth());
                 let cells = Some(at(None)).map(|cells| if dense(cells) { fine } else { cells });
-                let cells = cells.filter(|cells| serves && (1..=cells::MAX_LEVEL).contains(&cells.level));
+                let cells = cells.filter(|cells| serves && (1..=MAX_LEVEL).contains(&cells.level));
                 let lit = cells.is_some() && settings.lighting.is_some();
                 Ok(if lit && scalars.has_plateaus()? { None } else { cells })
             }
@@ -498,7 +499,7 @@ impl Scene {
     /// The lattice that the light of a post-shaded picture is found on: voxels, or cells and the growth of the kernels
     /// that they stand for. It is no finer than that of the picture, and no larger than a light volume may be.
     fn lit_cells(&self, kernel: &Kernel, level: u32) -> Result<(Option<(Coarse, f64)>, Grid)> {
-        for level in level..=cells::MAX_LEVEL {
+        for level in level..=MAX_LEVEL {
             let growth = cells::least_growth(kernel, level);
             let coarse = (level > 0).then(|| (Coarse::new(kernel, growth, Some(level)), growth));
             let grid = coarse.map_or(Ok(self.grid), |(cells, _)| cells.grid(&self.grid))?;

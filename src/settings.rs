@@ -2,7 +2,6 @@
 
 use crate::clip::Clip;
 use crate::error::{Error, Result};
-use crate::gpu::cells::MAX_LEVEL;
 use crate::kernel::{Kernel, Normalization};
 use crate::lighting::{Casting, Lighting};
 use crate::names::named;
@@ -164,6 +163,9 @@ pub enum Resolution {
     /// A ray for each pixel.
     Full,
 }
+
+/// The coarsest level.
+pub(crate) const MAX_LEVEL: u32 = 12;
 
 /// What stands for voxels whose kernels have grown: cells of 2^n voxels along each axis, n their level. Cost then
 /// follows the picture instead of the volume (Laur and Hanrahan 1991, "Hierarchical splatting").

@@ -3,10 +3,9 @@
 use super::{Estimate, Truth};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::gpu::cells::MAX_LEVEL;
 use crate::layers::Layers;
 use crate::renderer::{Rendered, Renderer, Scene};
-use crate::settings::{Level, Model, Painter, QuadsSettings, Resolution, Settings, TilesSettings};
+use crate::settings::{Level, MAX_LEVEL, Model, Painter, QuadsSettings, Resolution, Settings, TilesSettings};
 
 /// Settings that were tried, and what came of it.
 #[derive(Debug, Clone, PartialEq)]

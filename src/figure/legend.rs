@@ -6,15 +6,7 @@ use super::canvas::Canvas;
 use super::font::Font;
 use super::path::Path;
 use crate::error::{Error, Result};
-
-/// A line of a legend.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct LegendEntry {
-    /// What it is of.
-    pub name: String,
-    /// Red, green and blue, sRGB.
-    pub color: [u8; 3],
-}
+use crate::layers::LegendEntry;
 
 /// The size of letters, the distance of lines and the side of a patch, in sizes of the figure's letters.
 const TEXT: f64 = 0.9;

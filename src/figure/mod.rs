@@ -35,10 +35,10 @@ use glam::DVec2;
 
 use self::canvas::Canvas;
 use self::font::Font;
-pub use self::legend::LegendEntry;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::{Background, Image, Region};
+pub use crate::layers::LegendEntry;
 use crate::settings::Model;
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;

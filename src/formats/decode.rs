@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::input::Input;
 use super::selection::Pick;
 use crate::error::{Error, Result};
-use crate::memory::reserved;
+use crate::memory::{reserved, samples_in};
 use crate::volume::{Endian, FileSamples, MAX_DIM, Number, SampleType, Samples, Stored, with_type};
 
 /// The encoding of samples in a file.
@@ -128,11 +128,6 @@ pub(super) fn of_halves(halves: Vec<u16>, path: &Path) -> Result<Vec<f32>> {
     let mut floats = reserved(halves.len() as u64, || samples_in(path))?;
     halves.into_par_iter().map(|bits| half::f16::from_bits(bits).to_f32()).collect_into_vec(&mut floats);
     Ok(floats)
-}
-
-/// What memory for samples of a file is for.
-pub(super) fn samples_in(path: &Path) -> String {
-    format!("the samples of {}", path.display())
 }
 
 /// Reads straight into the vector that becomes the volume, without a second copy.

@@ -17,12 +17,12 @@ use netcdf_reader::{
 };
 
 use super::LoadOptions;
-use super::decode::{lattice, samples_in};
-use super::input::{Input, hinted};
+use super::decode::lattice;
+use super::input::Input;
 use super::placement::{Placement, named_unit, plain_name};
 use super::selection::{Role, chosen, guessed};
 use crate::error::{Error, Hint, Result};
-use crate::memory::reserved;
+use crate::memory::{reserved, samples_in};
 use crate::volume::{MAX_DIM, Number, Samples, Stored, Units, Volume};
 
 /// The most data sets of a file, and the deepest groups.
@@ -215,7 +215,7 @@ fn one_of<'a, 'b>(path: &Path, sets: &'b [Set<'a>], inside: Option<&str>) -> Res
         [] => Err(Error::format(path, "has no data set of numbers with two axes or three")),
         _ => {
             let reason = format!("holds {} data sets: {}", found.len(), listed(&found));
-            Err(hinted(Error::format(path, reason), Hint::ChooseDataset))
+            Err(Error::format(path, reason).hinted(Hint::ChooseDataset))
         }
     }
 }

@@ -9,9 +9,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bzip2::bufread::MultiBzDecoder;
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
-use super::decode::samples_in;
-use crate::error::{Error, Hint, Result};
-use crate::memory::reserved;
+use crate::error::{Error, Result};
+use crate::memory::{reserved, samples_in};
 use crate::source;
 
 /// The first bytes of every gzip stream (RFC 1952).
@@ -457,14 +456,6 @@ impl Input {
 /// The most bytes that so many stand for. Short streams have room for what surrounds them.
 fn expanded(packed: Option<u64>, expansion: u64) -> u64 {
     packed.map_or(u64::MAX, |n| n.saturating_mul(expansion).saturating_add(1 << 16))
-}
-
-/// The same error with a hint.
-pub(super) fn hinted(mut error: Error, way_out: Hint) -> Error {
-    if let Error::Format { hint, .. } = &mut error {
-        *hint = Some(way_out);
-    }
-    error
 }
 
 /// A reader with a buffer of 64 KiB.

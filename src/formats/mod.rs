@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use decode::{Layout, lattice, read_all};
-use input::{Input, Unpacked, hinted};
+use input::{Input, Unpacked};
 use placement::{Placement, check_spacing};
 use selection::{Pick, chosen};
 pub use time_series::TimeSeries;
@@ -433,8 +433,8 @@ fn refuse_raw_options(path: &Path, options: &LoadOptions, what: &str) -> Result<
 fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volume> {
     let (dims, sample_type) = match (options.dims, options.sample_type) {
         (Some(dims), Some(sample_type)) => (dims, sample_type),
-        (None, Some(_)) => return Err(hinted(input.error("holds bare samples of unknown number"), Hint::GiveDims)),
-        (Some(_), None) => return Err(hinted(input.error("holds bare samples of unknown type"), Hint::GiveSampleType)),
+        (None, Some(_)) => return Err(input.error("holds bare samples of unknown number").hinted(Hint::GiveDims)),
+        (Some(_), None) => return Err(input.error("holds bare samples of unknown type").hinted(Hint::GiveSampleType)),
         (None, None) => return Err(unknown(&input, head)),
     };
     let path = input.path().to_owned();
@@ -469,7 +469,7 @@ fn unknown(input: &Input, head: &[u8]) -> Error {
         None => {
             let error =
                 input.error("is not a NRRD, NIfTI, MetaImage, NumPy, MRC, VTK, TIFF, DICOM, HDF5 or NetCDF file");
-            hinted(error, Hint::GiveDimsAndSampleType)
+            error.hinted(Hint::GiveDimsAndSampleType)
         }
     }
 }

@@ -11,13 +11,13 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::LoadOptions;
-use super::decode::{self, Kind, Layout, lattice, read_all, read_kind, samples_in};
+use super::decode::{self, Kind, Layout, lattice, read_all, read_kind};
 use super::fields::Fields;
 use super::input::Input;
 use super::placement::Placement;
 use super::selection::{Pick, Role, colours, picked};
 use crate::error::Result;
-use crate::memory::reserved;
+use crate::memory::{reserved, samples_in};
 use crate::volume::{Endian, SampleType, Samples, Stored, Units, Volume};
 
 /// Bytes of the header, without its extension.

@@ -12,12 +12,12 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::LoadOptions;
-use super::decode::{Kind, Layout, lattice, read_kind, samples_in};
+use super::decode::{Kind, Layout, lattice, read_kind};
 use super::input::Input;
 use super::placement::Placement;
 use super::selection::{guessed, picked, spatial};
 use crate::error::Result;
-use crate::memory::reserved;
+use crate::memory::{reserved, samples_in};
 use crate::volume::{Endian, Number, Samples, Stored, Volume, with_samples};
 
 /// The first bytes of a .npy file.

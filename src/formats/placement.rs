@@ -4,7 +4,6 @@ use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::input::hinted;
 use crate::error::{Error, Hint, Result};
 use crate::volume::{Grid, Stored, Volume};
 
@@ -60,7 +59,7 @@ impl Placement {
                 None if stated[a].is_finite() && stated[a] > 0.0 => *axis *= stated[a],
                 None => {
                     let reason = format!("the spacing of axis {} is {}, not a positive length", a + 1, stated[a]);
-                    return Err(hinted(Error::format(path, reason), Hint::GiveSpacing));
+                    return Err(Error::format(path, reason).hinted(Hint::GiveSpacing));
                 }
             }
         }

@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use super::LoadOptions;
-use super::input::hinted;
 use crate::error::{Error, Hint, Result};
 use crate::volume::{Channel, Contents};
 
@@ -112,7 +111,7 @@ pub(super) fn chosen(path: &Path, options: &LoadOptions, channels: u64, times: u
         None if channels == 1 => 0,
         None => {
             let error = Error::format(path, format!("has {channels} channels per sample"));
-            return Err(hinted(error, Hint::ChooseChannel));
+            return Err(error.hinted(Hint::ChooseChannel));
         }
     };
     Ok(Contents { time, times, channel, channels, ..Contents::default() })

@@ -18,13 +18,13 @@ use tiff::decoder::{Decoder, Limits};
 use tiff::tags::{ByteOrder, Tag};
 
 use super::LoadOptions;
-use super::decode::{Kind, Layout, lattice, of_halves, read_kind, samples_in};
+use super::decode::{Kind, Layout, lattice, of_halves, read_kind};
 use super::input::{self, Input};
 use super::placement::{Placement, named_unit, plain_name};
 use super::selection::{Axes, Pick, Role, colours, picked};
 use super::xml;
 use crate::error::{Error, Result};
-use crate::memory::zeroed;
+use crate::memory::{samples_in, zeroed};
 use crate::names::counted;
 use crate::volume::{Channel, Endian, Number, SampleType, Samples, Stored, Units, Volume, with_type};
 

@@ -15,16 +15,16 @@ use glam::{DVec3, Vec3};
 
 use super::context::Context;
 use super::layout::{Lighting, Splat};
-use super::scalars::{Emitted, Relative};
 use super::shadows::Arriving;
 use super::splat::{self, LANES, ToEye, packed_appearance, packed_normal, surface_share};
-use super::store::{BrickSplats, HostBrick, StoreBuilder};
-use super::transfer::Reduction;
+use super::store::{BrickSplats, Emitted, HostBrick, StoreBuilder};
+use super::transfer::{Reduction, Relative};
 use crate::error::Result;
 use crate::kernel::Kernel;
 use crate::layers::{Look, look_of};
 use crate::memory::reserved;
 use crate::progress::Progress;
+use crate::settings::MAX_LEVEL;
 use crate::transfer::{TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Grid, Number, Samples, ToF64, Volume, with_samples};
 
@@ -48,9 +48,6 @@ const NARROW_RADIUS: f64 = 3.28;
 const BROAD: f64 = 0.975;
 /// The largest radius, in cells, of kernels that rays gather eight together.
 const SHARED_RADIUS: f64 = 2.0;
-
-/// The coarsest level.
-pub(crate) const MAX_LEVEL: u32 = 12;
 
 /// The optical depth of a cell up to which cells are right from their least growth on.
 const THIN: f64 = 0.6;

@@ -12,7 +12,7 @@ use std::ops::Range;
 use glam::{DMat3, DVec3};
 
 use super::cells::{Filter, LEAST_DEVIATION, response};
-use super::scalars::Relative;
+use super::transfer::Relative;
 use crate::error::Result;
 use crate::kernel::Kernel;
 use crate::memory::reserved;

@@ -12,9 +12,9 @@ use half::f16;
 use rayon::prelude::*;
 
 use super::context::Context;
-use super::scalars::Emitted;
 use super::shadows::{PLANES, Shadows, places, rows};
 use super::splat;
+use super::store::Emitted;
 use super::store::{BrickSplats, HostBrick};
 use super::transfer::{Reduction, TransferTable};
 use crate::error::Result;

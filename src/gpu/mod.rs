@@ -10,7 +10,7 @@ pub(crate) mod coarse;
 pub(crate) mod context;
 pub(crate) mod layers;
 pub(crate) mod layout;
-mod levels;
+pub(crate) mod levels;
 pub(crate) mod light_volume;
 pub(crate) mod painter;
 pub(crate) mod pipeline;

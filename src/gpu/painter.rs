@@ -6,10 +6,11 @@
 use super::cache::Cache;
 use super::context::Context;
 use super::layout::Lighting;
+use super::levels::ScalarNeed;
 use super::light_volume::PostShading;
 use super::recorder::Recorder;
 use super::store::Store;
-use super::view::{ScalarNeed, ViewGeometry, Weights};
+use super::view::{ViewGeometry, Weights};
 use crate::error::Result;
 use crate::image::Region;
 use crate::settings::Settings;

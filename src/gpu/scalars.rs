@@ -3,21 +3,19 @@
 
 use std::sync::Arc;
 
-use super::cache::Cache;
 use super::coarse::{Coarse, Filters};
 use super::context::Context;
 use super::layout::{LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient};
-use super::levels::Cut;
+use super::levels::{Cut, ScalarNeed};
 use super::savings::Savings;
-use super::store::{BrickSplats, Bricks, HostBrick, Store, StoreBuilder};
-use super::transfer::Reduction;
-use super::view::ScalarNeed;
+use super::store::{BrickSplats, Emitted, HostBrick, StoreBuilder};
+use super::transfer::{Reduction, Relative, Shows};
 use crate::budget::{MAX_GROWTH, MAX_PLACES, too_much};
 use crate::error::Result;
 use crate::kernel::{Kernel, Normalization};
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
-use crate::volume::{BRICK_EDGE as EDGE, Level, Pyramid, RowCoding, ToF64, Volume};
+use crate::volume::{BRICK_EDGE as EDGE, Level, Pyramid, Volume};
 
 /// The largest influence, in voxels, within which single voxels are looked for. If it is larger, bricks are kept whole.
 const MAX_HALO: usize = 16;
@@ -48,28 +46,6 @@ impl Asked {
         influence.contains(&held)
             && *self == Self { need: ScalarNeed { influence: held, growth, ..other.need }, ..*other }
     }
-}
-
-/// What of a scalar field shows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Shows {
-    /// Whatever the transfer function gives opacity.
-    Opaque,
-    /// The largest value, if it has opacity. Smaller values only matter for not being larger.
-    Largest,
-    /// The mean of all values.
-    Mean,
-}
-
-/// Splats that were made on the host, of scalars or of cells, on the device.
-#[derive(Default)]
-pub(crate) struct Emitted {
-    pub(crate) stores: Vec<Store>,
-    /// Voxels of the volume among the splats; the others are copies beyond its faces.
-    pub(crate) voxels: u64,
-    pub(crate) bricks: Bricks,
-    /// What painters made of the splats.
-    pub(crate) kept: Cache,
 }
 
 /// The largest sum of kernels over the lattice, over the divisor: reconstruction magnifies differences by no more.
@@ -142,35 +118,6 @@ fn places(dims: [u32; 3], need: ScalarNeed) -> u64 {
     let Some(cut) = need.cut else { return of(0, need.padding) };
     let [finest, coarsest] = cut.levels;
     (finest..=coarsest).map(|level| of(level, cut.padding(level))).fold(0, u64::saturating_add)
-}
-
-/// Samples as scalars.
-pub(super) struct Relative {
-    slope: f64,
-    intercept: f64,
-    reduction: Reduction,
-}
-
-impl Relative {
-    pub(super) fn new(volume: &Volume, reduction: Reduction) -> Self {
-        let (slope, intercept) = volume.rescale();
-        Self { slope, intercept, reduction }
-    }
-
-    /// Values as scalars.
-    pub(super) fn of_values(reduction: Reduction) -> Self {
-        Self { slope: 1.0, intercept: 0.0, reduction }
-    }
-
-    pub(super) fn to(&self, raw: f64) -> f32 {
-        self.reduction.scalar(self.slope * raw + self.intercept)
-    }
-}
-
-impl RowCoding for Relative {
-    fn append<T: ToF64 + bytemuck::Pod>(&self, samples: &[T], bytes: &mut Vec<u8>) {
-        bytes.extend(samples.iter().flat_map(|s| self.to(s.to_f64()).to_ne_bytes()));
-    }
 }
 
 /// Of the places of a brick, x fastest, whether they are within `reach` of an active one of the brick or its halo.

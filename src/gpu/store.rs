@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::cache::Cache;
 use super::context::Context;
 use super::layout::{MAX_BRICKS, place};
 use super::recorder::Recorder;
@@ -311,4 +312,15 @@ impl<'a, P: Part> StoreBuilder<'a, P> {
         self.close()?;
         Ok(self.stores)
     }
+}
+
+/// Splats that were made on the host, of scalars or of cells, on the device.
+#[derive(Default)]
+pub(crate) struct Emitted {
+    pub(crate) stores: Vec<Store>,
+    /// Voxels of the volume among the splats; the others are copies beyond its faces.
+    pub(crate) voxels: u64,
+    pub(crate) bricks: Bricks,
+    /// What painters made of the splats.
+    pub(crate) kept: Cache,
 }

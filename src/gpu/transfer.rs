@@ -1,8 +1,8 @@
 //! The transfer function as shaders read it: shaders/common/transfer.wgsl.
 
 use super::context::Context;
-use super::scalars::Shows;
 use crate::transfer::{ControlPoint, Resolution, TransferFunction};
+use crate::volume::{RowCoding, ToF64, Volume};
 
 /// Rows of the texture, as in shaders/common/transfer.wgsl.
 const ROWS: usize = 6;
@@ -64,6 +64,46 @@ impl Reduction {
     pub(crate) fn length(&self, difference: f64) -> f64 {
         (difference * self.factor).clamp(-Self::LIMIT, Self::LIMIT)
     }
+}
+
+/// Samples as scalars.
+pub(super) struct Relative {
+    slope: f64,
+    intercept: f64,
+    reduction: Reduction,
+}
+
+impl Relative {
+    pub(super) fn new(volume: &Volume, reduction: Reduction) -> Self {
+        let (slope, intercept) = volume.rescale();
+        Self { slope, intercept, reduction }
+    }
+
+    /// Values as scalars.
+    pub(super) fn of_values(reduction: Reduction) -> Self {
+        Self { slope: 1.0, intercept: 0.0, reduction }
+    }
+
+    pub(super) fn to(&self, raw: f64) -> f32 {
+        self.reduction.scalar(self.slope * raw + self.intercept)
+    }
+}
+
+impl RowCoding for Relative {
+    fn append<T: ToF64 + bytemuck::Pod>(&self, samples: &[T], bytes: &mut Vec<u8>) {
+        bytes.extend(samples.iter().flat_map(|s| self.to(s.to_f64()).to_ne_bytes()));
+    }
+}
+
+/// What of a scalar field shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Shows {
+    /// Whatever the transfer function gives opacity.
+    Opaque,
+    /// The largest value, if it has opacity. Smaller values only matter for not being larger.
+    Largest,
+    /// The mean of all values.
+    Mean,
 }
 
 /// What scalars are classified by.

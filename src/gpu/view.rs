@@ -3,7 +3,6 @@
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::layout;
-use super::levels::Cut;
 use super::savings::Savings;
 use super::splat::ToEye;
 use crate::camera::{Camera, Growth, Projection};
@@ -24,49 +23,6 @@ pub(crate) struct Weights {
     pub(crate) brightest: [f64; 3],
     /// Whether normals of classified voxels have weights: there is a floor under gradients.
     pub(crate) floored: bool,
-}
-
-/// How far splats of scalars must reach, for post-shading.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct ScalarNeed {
-    /// Layers by which the lattice is extended on every side, each a copy of the outermost one: the field is then
-    /// complete up to the faces of the volume and does not fade there.
-    pub(crate) padding: u32,
-    /// Distance in voxels within which two voxels can take part in the classification of the same place.
-    pub(crate) influence: f64,
-    /// Which cells stand for voxels; `None`: voxels do.
-    pub(crate) cut: Option<Cut>,
-    /// The largest growth of a kernel, for messages.
-    pub(crate) growth: f64,
-}
-
-impl ScalarNeed {
-    /// The need of classified voxels.
-    pub(crate) const NONE: Self = Self { padding: 0, influence: 0.0, cut: None, growth: 1.0 };
-
-    /// The need for kernels that reach `reach` voxels from any place whose field is asked for, and for an `influence`
-    /// in voxels.
-    ///
-    /// The influence is rounded up to sixteenths: rounding errors ask for no other splats when the camera turns.
-    pub(crate) fn new(view: &ViewGeometry, reach: f64, influence: f64) -> Self {
-        Self {
-            padding: (reach * (1.0 - 1e-9)).ceil() as u32,
-            influence: (16.0 * influence + 1e-3).ceil() / 16.0,
-            cut: None,
-            growth: view.max_growth(),
-        }
-    }
-
-    /// The same need with cells for voxels.
-    pub(crate) fn with_cells(self, cut: Cut) -> Self {
-        Self {
-            padding: cut.layers(),
-            // What shows in a cell shows in voxels no farther than that from its middle.
-            influence: self.influence + f64::from(cut.levels[1] + 1).exp2(),
-            cut: Some(cut),
-            ..self
-        }
-    }
 }
 
 /// The farthest that a light at a place is taken to be, in half diagonals of the lattice: there it errs by 1e-6.

@@ -6,20 +6,9 @@ use std::path::Path;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::table;
+use super::table::{self, Label};
 use crate::error::{Error, Result};
 use crate::volume::{Segment, ToF64, Volume, with_samples};
-
-/// A label.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Label {
-    /// What it is of.
-    pub name: String,
-    /// Red, green and blue in 0..1, in display space.
-    pub color: [f64; 3],
-    /// Opacity in 0..1 of a slab as thick as the least distance of voxels; 0: it does not show.
-    pub opacity: f64,
-}
 
 /// How many voxels have a label.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

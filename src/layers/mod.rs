@@ -15,14 +15,14 @@ mod table;
 
 use std::sync::Arc;
 
-pub use self::labels::{Label, LabelCount, Labels, Which, count_labels};
+pub use self::labels::{LabelCount, Labels, Which, count_labels};
 pub(crate) use self::labels::{Look, look_of};
 pub use self::lattice::{Fit, on_lattice};
 pub use self::recognise::recognised;
+pub use self::table::Label;
 use crate::accuracy::Facts;
 use crate::clip::Clip;
 use crate::error::{Error, Result};
-use crate::figure::LegendEntry;
 use crate::framing::Hull;
 use crate::settings::{Level, Model, Settings};
 use crate::transfer::TransferFunction;
@@ -32,6 +32,15 @@ use crate::volume::{Grid, Volume};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layers {
     layers: Vec<Layer>,
+}
+
+/// A line of a legend.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LegendEntry {
+    /// What it is of.
+    pub name: String,
+    /// Red, green and blue, sRGB.
+    pub color: [u8; 3],
 }
 
 /// One of the media of a lattice.

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::labels::Label;
 use crate::color;
 use crate::error::{Error, Result};
 use crate::source;
@@ -13,6 +12,17 @@ const MAX_BYTES: u64 = 64 << 20;
 
 /// A row: a label, its name, red, green and blue from 0 to 255 and, if it is stated, the opacity from 0 to 1.
 type Row = (i64, String, [f64; 3], Option<f64>);
+
+/// A label.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Label {
+    /// What it is of.
+    pub name: String,
+    /// Red, green and blue in 0..1, in display space.
+    pub color: [f64; 3],
+    /// Opacity in 0..1 of a slab as thick as the least distance of voxels; 0: it does not show.
+    pub opacity: f64,
+}
 
 pub(super) fn load(path: &Path) -> Result<BTreeMap<i64, Label>> {
     let fault = |reason: String| Error::Format { path: path.to_owned(), reason, hint: None };

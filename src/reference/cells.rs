@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::walk::LatticeRay;
+use super::ray::LatticeRay;
 
 /// Voxels along the edge of a cell.
 const EDGE: usize = 4;

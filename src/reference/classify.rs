@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 
 use super::cells::Cells;
 use super::layers::Media;
-use super::walk::Viewer;
+use super::ray::{Viewer, Weights};
 use crate::clip::is_inside;
 use crate::error::{Error, Result};
 use crate::layers::Layers;
@@ -15,14 +15,6 @@ use crate::lighting::{Lighting, Visibility};
 use crate::settings::{Model, Settings};
 use crate::transfer::{ControlPoint, Resolution, TransferFunction};
 use crate::volume::{Grid, Samples, Volume};
-
-/// What a splat adds to a ray where its kernel is 1:
-///
-/// * pre-shading: extinction per world unit, then emission in red, green and blue (colour times extinction), of which
-///   X-ray leaves the emission 0;
-/// * post-shading and projections of intensity: scalar less base, then the scalar's central differences along the
-///   lattice axes, 0 where neither light nor opacity depends on them.
-pub(super) type Weights = [f64; 4];
 
 /// The weight of voxels that do not count.
 const CLEAR: Weights = [0.0; 4];

@@ -2,9 +2,9 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::classify::Weights;
 use super::profile::{Gauss, Range, Scalar, Series};
-use super::walk::{Block, Cuts, LatticeRay, MOMENTS, Piece};
+use super::ray::{LatticeRay, Weights};
+use super::walk::{Block, Cuts, MOMENTS, Piece};
 use crate::lighting::{Lighting, Source, Visibility};
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::Grid;

@@ -74,6 +74,7 @@ mod classify;
 mod integrate;
 mod layers;
 mod profile;
+mod ray;
 mod walk;
 
 pub use integrate::RayIntegral;
@@ -104,7 +105,8 @@ use cells::Map;
 use classify::{Bricks, Splats};
 use integrate::{Accuracy, Classified, Classifier, Emission, Fade, Integral, Maximum};
 use profile::{Gauss, Profile};
-use walk::{Cuts, LatticeRay, Scratch, Sight, Sizes, Viewer, Walk, blocks};
+use ray::{LatticeRay, Viewer};
+use walk::{Cuts, Scratch, Sight, Sizes, Walk, blocks};
 
 /// The longest block, in scales of the smallest kernel (a Gaussian's sigma): without and with a tolerance.
 const LONGEST: [f64; 2] = [0.2, 1.0];

@@ -4,7 +4,7 @@
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 
-use super::classify::Weights;
+use super::ray::Weights;
 use crate::kernel::Kernel;
 
 /// Coefficients of a piece, where one is not enough.

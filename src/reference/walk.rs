@@ -2,79 +2,16 @@
 
 use glam::DVec3;
 
-use super::classify::{Brick, Bricks, Splats, Weights};
+use super::classify::{Brick, Bricks, Splats};
 use super::profile::{GAUSS, Gauss, Profile, SERIES, Series, bend, legendre};
+use super::ray::{LatticeRay, Weights};
 use crate::camera::{Camera, Growth, Projection};
-use crate::clip::Side;
 use crate::volume::Grid;
 
 /// Ends of chords closer together than this, in halves of a block, count as one.
 const SAME: f64 = 1e-10;
 /// Terms of the series that a part of a chord adds to a smooth block.
 pub(super) const MOMENTS: usize = 4;
-
-/// A ray in lattice coordinates. Positions on it are lengths u in voxels from `origin`, which lies abreast of the
-/// volume however far away the eye is, so that u keeps its digits.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct LatticeRay {
-    pub(super) origin: DVec3,
-    /// Unit length.
-    pub(super) direction: DVec3,
-    /// Where the ray starts: minus infinity for a parallel ray.
-    pub(super) start: f64,
-    /// Where it ends: infinity unless it was clipped.
-    pub(super) end: f64,
-    /// Voxels along the ray per world unit.
-    pub(super) voxels_per_unit: f64,
-}
-
-impl LatticeRay {
-    /// The ray from `origin_world` along `direction_world` (unit length); `two_sided` rays extend backwards as well.
-    pub(super) fn new(grid: &Grid, origin_world: DVec3, direction_world: DVec3, two_sided: bool) -> Self {
-        let eye = grid.to_lattice().transform_point3(origin_world);
-        let step = grid.to_lattice().transform_vector3(direction_world);
-        let voxels_per_unit = step.length();
-        let direction = step / voxels_per_unit;
-        let center = DVec3::from_array(grid.dims().map(|d| f64::from(d - 1) / 2.0));
-        let ahead = (center - eye).dot(direction);
-        let start = if two_sided { f64::NEG_INFINITY } else { -ahead };
-        Self { origin: eye + direction * ahead, direction, start, end: f64::INFINITY, voxels_per_unit }
-    }
-
-    /// The part of the ray inside a lattice box grown by `margin`, if any.
-    pub(super) fn clipped(mut self, bounds: &[[i64; 2]; 3], margin: f64) -> Option<Self> {
-        for (axis, bound) in bounds.iter().enumerate() {
-            let (origin, slope) = (self.origin[axis], self.direction[axis]);
-            let (low, high) = (bound[0] as f64 - margin, bound[1] as f64 + margin);
-            if slope == 0.0 {
-                if !(low..=high).contains(&origin) {
-                    return None;
-                }
-                continue;
-            }
-            let (a, b) = ((low - origin) / slope, (high - origin) / slope);
-            self.start = self.start.max(a.min(b));
-            self.end = self.end.min(a.max(b));
-        }
-        (self.start < self.end).then_some(self)
-    }
-
-    /// The part of the ray inside half-spaces around `middle`, if any (Cyrus and Beck 1978, "Generalized two- and
-    /// three-dimensional clipping").
-    pub(super) fn within(mut self, sides: &[Side], middle: DVec3) -> Option<Self> {
-        for (gradient, value) in sides {
-            let (at, slope) = (gradient.dot(self.origin - middle) + value, gradient.dot(self.direction));
-            if slope > 0.0 {
-                self.start = self.start.max(-at / slope);
-            } else if slope < 0.0 {
-                self.end = self.end.min(-at / slope);
-            } else if at < 0.0 {
-                return None;
-            }
-        }
-        (self.start < self.end).then_some(self)
-    }
-}
 
 /// How large the kernels of a picture are: at scale s a kernel is h(x / s) / s^3 in lattice coordinates.
 #[derive(Debug, Clone, Copy)]
@@ -140,24 +77,6 @@ impl Sizes {
             return self.least;
         }
         self.growth.at(self.depth + self.slope.dot(DVec3::from_array(point.map(|p| p as f64))))
-    }
-}
-
-/// Where light goes to, in world coordinates.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Viewer {
-    /// To an eye.
-    At(DVec3),
-    /// In one direction, unit length, wherever it comes from.
-    Towards(DVec3),
-}
-
-impl Viewer {
-    pub(super) fn from(self, point: DVec3) -> DVec3 {
-        match self {
-            Self::At(eye) => (eye - point).normalize_or_zero(),
-            Self::Towards(direction) => direction,
-        }
     }
 }
 

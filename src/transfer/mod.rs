@@ -4,6 +4,7 @@ mod export;
 mod gradient;
 mod import;
 mod json;
+mod lines;
 pub mod maps;
 mod noise;
 pub mod presets;

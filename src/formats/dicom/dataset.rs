@@ -13,9 +13,8 @@ use std::path::{Path, PathBuf};
 use flate2::bufread::DeflateDecoder;
 
 use crate::error::{Error, Result};
-use crate::formats::decode::samples_in;
 use crate::formats::input::{Input, MAX_EXPANSION};
-use crate::memory::reserved;
+use crate::memory::{reserved, samples_in};
 use crate::volume::Endian;
 
 /// The longest value that is kept, in bytes: a list of six numbers has under 100.

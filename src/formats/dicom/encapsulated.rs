@@ -6,8 +6,7 @@ use jpeg_decoder::{ColorTransform, PixelFormat};
 
 use super::dataset::Dataset;
 use crate::error::{Error, Result};
-use crate::formats::decode::samples_in;
-use crate::memory::{self, reserved};
+use crate::memory::{self, reserved, samples_in};
 use crate::names::counted;
 
 /// The most fragments of a file.

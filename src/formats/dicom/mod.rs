@@ -22,11 +22,11 @@ use self::dataset::Dataset;
 use self::encapsulated::{Codec, Frames, Size, syntax_of};
 use self::palette::Table;
 use self::times::in_times;
-use super::decode::{lattice, samples_in};
+use super::decode::lattice;
 use super::placement::Placement;
-use super::{LoadOptions, MissingSlices, hinted, selection};
+use super::{LoadOptions, MissingSlices, selection};
 use crate::error::{Error, Hint, Result};
-use crate::memory::reserved;
+use crate::memory::{reserved, samples_in};
 use crate::names::{counted, readable};
 use crate::volume::{Endian, Samples, Stored, Units, Volume};
 
@@ -483,7 +483,7 @@ fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> R
             if missing_in(gap, usual) > 0 {
                 let all = slices.windows(2).filter_map(|pair| missing(sets, pair, normal, usual));
                 let reason = all.collect::<Vec<String>>().join("; ");
-                return Err(hinted(Error::format(source, reason), Hint::InterpolateSlices));
+                return Err(Error::format(source, reason).hinted(Hint::InterpolateSlices));
             }
             if (gap / usual - 1.0).abs() > 0.02 {
                 let reason = format!("slices are unequally spaced: {gap:.4} between {between}, {usual:.4} elsewhere");

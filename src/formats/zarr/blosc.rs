@@ -5,7 +5,7 @@ use std::io::Read;
 
 use flate2::bufread::ZlibDecoder;
 
-use super::codecs::{Damage, damaged, zstd};
+use super::content::{Damage, damaged, zstd};
 
 /// Bytes of the header.
 const HEADER: usize = 16;

@@ -1,28 +1,15 @@
 //! What stands between the samples of a chunk and the bytes of its file.
 
 use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
 
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 use serde_json::Value;
 
 use super::blosc;
-use super::metadata::{numbers, text};
+use super::content::{Damage, damaged, numbers, text, zstd};
 use crate::volume::{Endian, Number};
-
-/// What is wrong with the content of a file.
-pub(super) struct Damage(pub(super) String);
-
-pub(super) fn damaged(what: impl Into<String>) -> Damage {
-    Damage(what.into())
-}
-
-impl From<io::Error> for Damage {
-    fn from(error: io::Error) -> Self {
-        Self(error.to_string())
-    }
-}
 
 /// From bytes to bytes.
 #[derive(Debug, Clone, PartialEq)]
@@ -384,17 +371,6 @@ impl Packing {
         }
         Ok(content)
     }
-}
-
-/// The content of frames of Zstandard, of at most `most` bytes.
-pub(super) fn zstd(mut bytes: &[u8], most: usize) -> Result<Vec<u8>, Damage> {
-    let mut content = Vec::new();
-    while !bytes.is_empty() && content.len() < most {
-        let frame = ruzstd::decoding::StreamingDecoder::new(&mut bytes);
-        let frame = frame.map_err(|error| damaged(format!("Zstandard: {error}")))?;
-        frame.take((most - content.len()) as u64).read_to_end(&mut content)?;
-    }
-    Ok(content)
 }
 
 /// The checksum of Castagnoli.

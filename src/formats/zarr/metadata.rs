@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use super::codecs::{Chain, Damage, damaged};
+use super::codecs::Chain;
+use super::content::{Damage, damaged, numbers};
 use crate::error::{Error, Result};
 use crate::formats::decode::Kind;
 use crate::source;
@@ -176,16 +177,6 @@ fn shapes(shape: &Value, chunks: &Value) -> Result<(Vec<u64>, Vec<u64>), Damage>
     let (shape, chunks) = (numbers(shape).unwrap_or_default(), numbers(chunks).unwrap_or_default());
     let fits = (1..=MAX_AXES).contains(&shape.len()) && shape.len() == chunks.len() && !chunks.contains(&0);
     if fits { Ok((shape, chunks)) } else { Err(damaged(format!("an array of {shape:?} in chunks of {chunks:?}"))) }
-}
-
-/// A list of whole numbers.
-pub(super) fn numbers(value: &Value) -> Option<Vec<u64>> {
-    value.as_array()?.iter().map(Value::as_u64).collect()
-}
-
-/// The text of a key.
-pub(super) fn text<'a>(value: &'a Value, key: &str) -> Result<&'a str, Damage> {
-    value[key].as_str().ok_or_else(|| damaged(format!("a codec without {key}")))
 }
 
 impl Kind {

@@ -9,6 +9,7 @@
 
 mod blosc;
 mod codecs;
+mod content;
 mod metadata;
 
 use std::ops::Range;
@@ -19,15 +20,16 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde_json::Value;
 
-use self::codecs::{Bytes, Damage, Part, Target, parts, strides_of};
+use self::codecs::{Bytes, Part, Target, parts, strides_of};
+use self::content::Damage;
 use self::metadata::{Array, Node};
 pub(super) use self::metadata::{folder_of, is_zarr};
-use super::decode::{Kind, lattice, of_halves, samples_in};
+use super::decode::{Kind, lattice, of_halves};
 use super::placement::{Placement, named_unit, plain_name};
 use super::selection::{Axes, Role, chosen, guessed};
 use super::{LoadOptions, PyramidLevel};
 use crate::error::{Error, Result};
-use crate::memory::{reserved, zeroed};
+use crate::memory::{reserved, samples_in, zeroed};
 use crate::source;
 use crate::volume::{Channel, Contents, Endian, Number, Samples, Stored, Units, Volume, with_type};
 

@@ -3,6 +3,7 @@
 
 mod composite;
 mod culling;
+mod frustum;
 mod paint;
 pub(crate) mod plan;
 mod shade;

@@ -3,9 +3,9 @@
 use glam::{DMat3, DVec2, DVec3, DVec4};
 
 use super::super::layout::{Batch, Frame, clip_planes};
-use super::super::levels::Cut;
-use super::super::view::{ScalarNeed, ViewGeometry, Weights};
-use super::culling::visible_depths;
+use super::super::levels::{Cut, ScalarNeed};
+use super::super::view::{ViewGeometry, Weights};
+use super::frustum::visible_depths;
 use crate::camera::{Camera, Projection};
 use crate::clip::Side;
 use crate::image::Region;

@@ -1,16 +1,31 @@
 //! A picture in layers: rays through one eye go through finer cells near the eye and coarser ones farther away, each
 //! level on its own, front to back. Most pictures have one layer.
 
-use super::super::painter::Painting;
+use super::super::painter::{Begun, Job, Painting, Room};
 use super::super::recorder::Recorder;
 use super::Canvas;
-use super::paint::Picture;
+use super::paint::{Picture, need, refusal};
 use crate::error::Result;
 use crate::image::Region;
 use crate::stats::{PainterStats, TilesStats};
 
+/// The painter: fast, and not for every picture.
+pub(crate) const ROOM: Room = Room { refusal, need, layers: true, begin };
+
+fn begin<'a>(nearest: Job<'a>, behind: Vec<Job<'a>>) -> Result<Begun<'a>> {
+    let jobs = std::iter::once(nearest).chain(behind);
+    let pictures: std::result::Result<Vec<Picture<'_>>, String> = jobs.map(Picture::new).collect();
+    Ok(match pictures {
+        Err(reason) => Begun::Refused(reason),
+        Ok(pictures) if pictures.iter().any(Picture::is_left_to_quads) => {
+            Begun::Refused("an X-ray of few voxels is faster by quads".to_owned())
+        }
+        Ok(pictures) => Begun::Ready(Box::new(Layers(pictures))),
+    })
+}
+
 /// The layers of a picture, the nearest first.
-pub(super) struct Layers<'a>(pub(super) Vec<Picture<'a>>);
+struct Layers<'a>(Vec<Picture<'a>>);
 
 impl Painting for Layers<'_> {
     fn is_empty(&self) -> bool {

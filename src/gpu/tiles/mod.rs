@@ -13,7 +13,7 @@ mod resample;
 #[cfg(test)]
 mod stages_test;
 
-pub(crate) use paint::ROOM;
+pub(crate) use layers::ROOM;
 
 use std::sync::Arc;
 

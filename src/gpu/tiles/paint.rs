@@ -3,11 +3,11 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::super::layout::{self, TILE};
-use super::super::painter::{Begun, Job, Room};
+use super::super::levels::ScalarNeed;
+use super::super::painter::Job;
 use super::super::recorder::{MAX_WORK, Recorder};
-use super::super::view::{ScalarNeed, ViewGeometry, Weights};
+use super::super::view::{ViewGeometry, Weights};
 use super::axis::PrincipalAxis;
-use super::layers::Layers;
 use super::pack::{Lit, Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{Classification, FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
@@ -18,9 +18,6 @@ use crate::kernel::Kernel;
 use crate::response::Response;
 use crate::settings::{Model, Painter, Resolution, Settings};
 use crate::stats::{RaySpacing, TilesStats};
-
-/// The painter: fast, and not for every picture.
-pub(crate) const ROOM: Room = Room { refusal, need, layers: true, begin };
 
 /// Pixels for which a splat of an X-ray is worth a quad: a quad takes as long as about 40 rays for pixels, and most of
 /// them meet nothing. Measured on software; see `docs/measurements`.
@@ -58,7 +55,7 @@ const BRIGHTEST_DEPTH: f64 = 1e30;
 /// Radii that are more than they may be by this factor are so by rounding.
 const ROUNDING: f64 = 1.0 + 1e-6;
 
-fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
+pub(super) fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
     let growth = view.max_growth();
     if settings.kernel.radius() * growth > MAX_SINGLE_RADIUS * ROUNDING {
         let grown = if growth > 1.0 { ", and they have grown to the size of pixels" } else { "" };
@@ -77,25 +74,13 @@ fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
 /// ray at most sqrt(3) / 2 voxels, so three are at most 2.6 voxels. They count as 3: the parts of kernels in slabs are
 /// fitted, and a fit fades a little later than its kernel. None of it depends on the direction, so that turning
 /// asks for no other splats.
-fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
+pub(super) fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
     if !settings.is_post_shaded() {
         return ScalarNeed::NONE;
     }
     const SLABS: f64 = 3.0;
     let radius = view.max_radius();
     ScalarNeed::new(view, radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS)
-}
-
-fn begin<'a>(nearest: Job<'a>, behind: Vec<Job<'a>>) -> Result<Begun<'a>> {
-    let jobs = std::iter::once(nearest).chain(behind);
-    let pictures: std::result::Result<Vec<Picture<'_>>, String> = jobs.map(Picture::new).collect();
-    Ok(match pictures {
-        Err(reason) => Begun::Refused(reason),
-        Ok(pictures) if pictures.iter().any(Picture::is_left_to_quads) => {
-            Begun::Refused("an X-ray of few voxels is faster by quads".to_owned())
-        }
-        Ok(pictures) => Begun::Ready(Box::new(Layers(pictures))),
-    })
 }
 
 /// A picture under way.
@@ -123,7 +108,7 @@ pub(super) struct Way {
 
 impl<'a> Picture<'a> {
     /// Says why if it cannot be: the volume does not fit into a texture, or the kernel's footprint is no polynomial.
-    fn new(job: Job<'a>) -> std::result::Result<Self, String> {
+    pub(super) fn new(job: Job<'a>) -> std::result::Result<Self, String> {
         let Job { context, view, settings, stores, post, .. } = job;
         if settings.is_post_shaded() && job.weights.max > MAX_SCALAR {
             return Err(
@@ -275,7 +260,7 @@ impl<'a> Picture<'a> {
     }
 
     /// Whether software draws the picture faster by quads, and may.
-    fn is_left_to_quads(&self) -> bool {
+    pub(super) fn is_left_to_quads(&self) -> bool {
         let [width, height] = self.job.view.camera.size.map(u64::from);
         self.job.settings.painter == Painter::Auto
             && self.job.context.info.is_software()

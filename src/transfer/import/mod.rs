@@ -10,8 +10,8 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use super::lines::merged;
 use super::maps::ColorMap;
-pub(super) use curve::merged;
 
 use super::{GradientPoint, TransferFunction, Window};
 use crate::error::{Error, Result};

@@ -4,7 +4,7 @@
 //! others are of the crate `colorous`.
 
 use super::TransferFunction;
-use super::import::merged;
+use super::lines::merged;
 use crate::color::hex;
 use crate::error::{Error, Result};
 
