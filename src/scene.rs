@@ -17,7 +17,7 @@ use crate::gpu::layers;
 use crate::gpu::levels::ScalarNeed;
 use crate::gpu::light_volume::{self, Classification, LightVolume, PostShading};
 use crate::gpu::painter::Room;
-use crate::gpu::scalars::{self, Asked, Emission};
+use crate::gpu::scalars::{Asked, Emission};
 use crate::gpu::scan::Scan;
 use crate::gpu::shadows::{Arriving, Shadows, shaded};
 use crate::gpu::store::{Bricks, Emitted, Store};
@@ -197,7 +197,7 @@ impl Scene {
                 Some(filter) => filter.apply::<f32>(volume, transfer.base(), progress)?,
                 None => volume.clone(),
             };
-            Ok((scalars::largest(&volume, transfer.base())?, Resolution::new(transfer, &volume)?, volume))
+            Ok((volume.farthest_from(transfer.base())?, Resolution::new(transfer, &volume)?, volume))
         });
         let (largest, resolution, volume) = prepared?;
         let reduction = Reduction::new(transfer, largest);

@@ -8,7 +8,7 @@ use std::path::Path;
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Command, CommandFactory};
 use serde_json::{Map, Value};
-use voxsplat::formats::{data_files, read_json};
+use voxsplat::formats::{data_files, is_zarr, read_json};
 
 use super::args::Args;
 use super::{Failure, turntable};
@@ -363,11 +363,6 @@ impl Given<'_> {
             || path.parent().is_some_and(|folder| path.is_file() && is_zarr(folder))
             || (path.is_dir() && data_files(path).first().is_some_and(|file| is_tiff(file)))
     }
-}
-
-/// Whether a folder is an array or a group of Zarr.
-fn is_zarr(folder: &Path) -> bool {
-    [".zarray", ".zgroup", ".zattrs", "zarr.json"].iter().any(|name| folder.join(name).exists())
 }
 
 /// Whether the picture is an `.exr`.

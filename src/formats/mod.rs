@@ -29,6 +29,7 @@ use placement::{Placement, check_spacing};
 use selection::{Pick, chosen};
 pub use time_series::TimeSeries;
 use vtk::{image_data, legacy};
+pub use zarr::is_zarr;
 
 use crate::demos;
 use crate::error::{Error, Hint, Result};
@@ -317,7 +318,7 @@ fn read_hdf5(input: &Input, _: Option<&str>, _: &LoadOptions) -> Result<Volume> 
 
 /// Reads the sections that are files of a folder.
 fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
-    if zarr::is_zarr(folder) {
+    if is_zarr(folder) {
         refuse_raw_options(folder, options, "a folder")?;
         return zarr::read(folder, options);
     }
@@ -373,7 +374,7 @@ pub fn data_files(source: &Path) -> Vec<PathBuf> {
         return of_header(source).unwrap_or_default();
     }
     let folder = zarr::folder_of(source).unwrap_or(source);
-    if zarr::is_zarr(folder) {
+    if is_zarr(folder) {
         return files_within(folder);
     }
     let parts = if folder.is_dir() { parts_of_folder(folder).unwrap_or_default() } else { Default::default() };

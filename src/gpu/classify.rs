@@ -105,8 +105,12 @@ impl SampleCoding {
         transfer.inverse_floor(self.gradient_scale() * unit)
     }
 
-    /// The base of the transfer function as a sample, and the resolution of samples there.
-    fn resolution(&self, transfer: &TransferFunction, volume: &Volume) -> Result<[f32; 2]> {
+    /// The base of the transfer function as a sample, and the resolution of samples there; 0 if nothing depends on
+    /// gradients, for it takes the ranges of the samples, which reads them all once more.
+    fn resolution(&self, transfer: &TransferFunction, volume: &Volume, lit: bool) -> Result<[f32; 2]> {
+        if !lit && transfer.gradient_opacity().is_empty() {
+            return Ok([0.0; 2]);
+        }
         let resolution = Resolution::new(transfer, volume)?;
         Ok(match &self.reduction {
             Some(reduction) => [0.0, reduction.faintest(&resolution)],
@@ -189,7 +193,7 @@ impl Classifier {
         let points = coding.points(transfer);
         let thinning = coding.gradient_points(transfer, volume.grid().unit());
         let inverse_floor = coding.inverse_floor(transfer, volume.grid().unit());
-        let [base, faintest] = coding.resolution(transfer, volume)?;
+        let [base, faintest] = coding.resolution(transfer, volume, lit)?;
         // So few points are part of the pipeline, which is made for their number.
         let mut few = [ControlPoint::zeroed(); MAX_INLINE_POINTS];
         let is_few = points.len() <= MAX_INLINE_POINTS;
@@ -439,7 +443,7 @@ impl HostClassifier {
             lit,
             thinning: coding.gradient_points(transfer, volume.grid().unit()),
             inverse_floor: coding.inverse_floor(transfer, volume.grid().unit()),
-            resolution: coding.resolution(transfer, volume)?,
+            resolution: coding.resolution(transfer, volume, lit)?,
             keep_invisible: !context.savings.voxels,
             table: Vec::new(),
         };

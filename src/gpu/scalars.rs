@@ -103,12 +103,6 @@ impl Invisible {
     }
 }
 
-/// The largest distance of a value from the base.
-pub(crate) fn largest(volume: &Volume, base: f64) -> Result<f64> {
-    let (slope, intercept) = volume.rescale();
-    Ok(volume.ranges()?.iter().flatten().map(|raw| (slope * raw + intercept - base).abs()).fold(0.0, f64::max))
-}
-
 /// Places of the lattices that splats are looked for in, copies beyond the faces of the volume included.
 fn places(dims: [u32; 3], need: ScalarNeed) -> u64 {
     let of = |level: u32, padding: u32| {

@@ -141,10 +141,7 @@ impl Resolution {
     /// # Errors
     /// [`Error::Read`] if the samples cannot be read.
     pub(crate) fn new(transfer: &TransferFunction, volume: &Volume) -> Result<Self> {
-        let base = transfer.base();
-        let (slope, intercept) = volume.rescale();
-        let distance = |raw: &f64| (slope * raw + intercept - base).abs();
-        let largest = volume.ranges()?.iter().flatten().map(distance).fold(0.0, f64::max);
+        let largest = volume.farthest_from(transfer.base())?;
         let extent = transfer.extent_or(largest);
         let faintest = Self::OF_ALL * largest.clamp(Self::LEAST * extent, extent);
         Ok(Self { of_distance: Self::OF_DISTANCE, faintest })

@@ -106,6 +106,12 @@ impl Volume {
         Ok(self.known_ranges().unwrap_or_default())
     }
 
+    /// The largest distance of a value from another one. The first call reads every sample, as [`Self::ranges`] does.
+    pub(crate) fn farthest_from(&self, value: f64) -> Result<f64> {
+        let (slope, intercept) = self.rescale();
+        Ok(self.ranges()?.iter().flatten().map(|raw| (slope * raw + intercept - value).abs()).fold(0.0, f64::max))
+    }
+
     /// Calls `make` for each row of bricks along x with the row's number in y and in z, in parallel, and `take` with
     /// the results in order, y fastest. Rows in flight hold about [`READ`] bytes of samples, or one row per thread if
     /// that is more.

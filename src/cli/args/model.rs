@@ -138,8 +138,8 @@ pub(in crate::cli) struct ModelArgs {
     /// Enlarge the kernels of voxels that are closer together than pixels
     #[arg(long, value_name = "WHETHER", default_value = "on", help_heading = "Model")]
     pub(in crate::cli) antialiasing: SwitchArg,
-    /// Cells of 2^N voxels along each axis in place of voxels, N 0 to 12; auto takes the coarsest that change the
-    /// picture by at most 2 of 255 (rms)
+    /// Cells of 2^N voxels along each axis in place of voxels, N 0 to 12; auto takes the coarsest that change a
+    /// pre-shaded picture by at most 2 of 255 (rms), and post-shaded mostly as little
     #[arg(long, value_name = "N|auto", default_value = "auto", value_parser = parse::level, help_heading = "Model")]
     pub(in crate::cli) level: Level,
 }

@@ -42,8 +42,9 @@ pub(super) struct Array {
     pub(super) names: Vec<String>,
 }
 
-/// Whether a folder has the metadata of Zarr.
-pub(in crate::formats) fn is_zarr(folder: &Path) -> bool {
+/// Whether a folder has the metadata of Zarr: an array or a group.
+#[must_use]
+pub fn is_zarr(folder: &Path) -> bool {
     ["zarr.json", ".zarray", ".zgroup"].iter().any(|name| folder.join(name).is_file())
 }
 

@@ -22,8 +22,9 @@ use serde_json::Value;
 
 use self::codecs::{Bytes, Part, Target, parts, strides_of};
 use self::content::Damage;
+pub(super) use self::metadata::folder_of;
+pub use self::metadata::is_zarr;
 use self::metadata::{Array, Node};
-pub(super) use self::metadata::{folder_of, is_zarr};
 use super::decode::{Kind, lattice, of_halves};
 use super::placement::{Placement, named_unit, plain_name};
 use super::selection::{Axes, Role, chosen, guessed};
