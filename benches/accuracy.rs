@@ -1,4 +1,4 @@
-//! Errors of the painter quads against the f64 reference, and the time of a frame by the sheets that a pass feeds.
+//! Errors of the painter quads against the f64 reference.
 //!
 //! ```text
 //! cargo bench --bench accuracy -- [SIZE [PIXELS]] [--write]
@@ -11,9 +11,7 @@
 
 mod common;
 
-use std::time::Instant;
-
-use common::{Arguments, Outcome, Report, median};
+use common::{Arguments, Outcome, Report};
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::demos::{self, demo_transfer, demos};
 use voxsplat::kernel::Kernel;
@@ -79,36 +77,6 @@ impl Harness {
         }
         Ok(())
     }
-
-    /// Quads per splat and the time of a frame, for each number of sheets that a pass feeds, in alternation.
-    fn feeding(&mut self) -> Outcome {
-        let volume = demos::volume("shepp-logan", 64)?;
-        let transfer = demo_transfer("shepp-logan").ok_or("no transfer function")?;
-        let scene = self.renderer.prepare(&volume, &transfer, &by_quads(QuadsSettings::default()))?;
-        let (azimuth, elevation) = VIEWS[0];
-        let camera = Camera::new(&View { azimuth, elevation, ..View::default() }, volume.grid(), [self.pixels; 2])?;
-        let counts = [1, 4, 8];
-        let mut times = [const { Vec::new() }; 3];
-        let mut quads_per_splat = [0.0; 3];
-        for _ in 0..5 {
-            for (i, &sheets) in counts.iter().enumerate() {
-                let settings = by_quads(QuadsSettings { sheets_per_pass: Some(sheets), ..QuadsSettings::default() });
-                let start = Instant::now();
-                let stats = self.renderer.render(&scene, &camera, &settings)?.stats;
-                times[i].push(start.elapsed().as_secs_f64());
-                let quads = stats.quads().ok_or("another painter")?;
-                quads_per_splat[i] = quads.quads as f64 / stats.splats_kept.max(1) as f64;
-            }
-        }
-        let times = times.map(median);
-        self.report.line("\n| sheets per pass | quads per splat | frame, ms | time of one sheet per pass over it |");
-        self.report.line("|---|---|---|---|");
-        for i in 0..counts.len() {
-            let (count, quads, time) = (counts[i], quads_per_splat[i], times[i]);
-            self.report.line(format_args!("| {count} | {quads:.2} | {:.0} | {:.2} |", time * 1e3, times[0] / time));
-        }
-        Ok(())
-    }
 }
 
 fn main() -> Outcome {
@@ -138,6 +106,5 @@ fn main() -> Outcome {
         let volume = volume.clone().with_grid(grid)?;
         harness.rows(&format!("marschner-lobb, {name}"), &volume, &transfer, Kernel::default())?;
     }
-    harness.feeding()?;
     harness.report.finish(harness.renderer.adapter())
 }

@@ -173,10 +173,9 @@ fn row(renderer: &Renderer, c: &Combination, report: &mut Report, seed: u64) -> 
     let text = cost.map(|cost| format!("{cost:.2}")).unwrap_or_default();
     let keeps = if chosen.keeps { "" } else { "no way found" };
     report.line(format_args!(
-        "| {seed} | {} | {:.0e} | {:.2} | {:.2} | {:.1e} | {ratio:.2} | {:.0} | {text} | {} | {keeps} |",
+        "| {seed} | {} | {:.0e} | {:.2} | {:.1e} | {ratio:.2} | {:.0} | {text} | {} | {keeps} |",
         c.name,
         c.bound,
-        chosen.rendered.stats.predicted.error() / c.bound,
         chosen.estimate.error / c.bound,
         error,
         own * 1e3,
@@ -206,10 +205,8 @@ fn main() -> Outcome {
     }
     let mut report = Report::new("bound", &arguments);
     let renderer = Renderer::new(&RendererOptions::default())?;
-    report.line(
-        "| seed | scene | E | predicted / E | estimated / E | error | error / E | frame, ms | x cheapest | tried | |",
-    );
-    report.line("|---|---|---|---|---|---|---|---|---|---|---|");
+    report.line("| seed | scene | E | estimated / E | error | error / E | frame, ms | x cheapest | tried | |");
+    report.line("|---|---|---|---|---|---|---|---|---|---|");
     let mut rows = Vec::new();
     for seed in first..=last {
         rows.push(row(&renderer, &combination(seed, &files, size)?, &mut report, seed)?);

@@ -1,4 +1,4 @@
-//! A picture in the texture of a program with a device of its own; read back, it is what [`Renderer::render`] returns.
+//! Draws into a texture of the caller's own device, and compares it with the picture of [`Renderer::render`]:
 //! `cargo run --release --example embed`
 
 #![allow(clippy::print_stdout, reason = "the comparison is the result of the example")]
@@ -10,7 +10,7 @@ use voxsplat::{Camera, Renderer, RendererOptions, Settings, View, demos};
 const SIDE: u32 = 256;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    // The program's own device, with those of its adapter's features that the renderer uses.
+    // The program's own device, with the features of its adapter that the renderer uses.
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapter = pollster::block_on(instance.request_adapter(&Default::default()))?;
     let (required_features, required_limits) = (adapter.features() & Renderer::FEATURES, adapter.limits());

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Builds voxsplat and renders a built-in volume, installing first what is missing besides Rust.
+# Builds voxsplat and renders a built-in volume. Installs missing packages other than Rust first.
 set -eu
 cd "$(dirname "$0")/.."
 # shellcheck source=tests/setup.sh

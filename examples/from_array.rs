@@ -20,7 +20,7 @@ fn main() -> voxsplat::Result<()> {
     }
     let volume = Volume::from_slice(dims, spacing, &samples)?;
 
-    // A translucent blue skin around an orange core. Opacities are those of 1 mm of material.
+    // A translucent blue skin around an orange core. Opacities are per 1 mm of material.
     let point = |value, color, opacity| ControlPoint { value, color, opacity };
     let (blue, orange) = ([0.2, 0.5, 0.9], [1.0, 0.5, 0.1]);
     let points =

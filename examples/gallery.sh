@@ -1,5 +1,5 @@
 #!/bin/sh
-# Renders the pictures of the README's gallery into docs/.
+# Renders the pictures of GUIDE.md into docs/, except lights.png and presets.png, which show scans.
 set -e
 cd "$(dirname "$0")/.."
 cargo build --release --locked
@@ -33,9 +33,9 @@ picture depth-coded demo:vessels:160 --model mip --depth-coded --kernel kaiser-b
 picture attenuated demo:vessels:160 --model mip --attenuation 0.7 --kernel kaiser-bessel --transfer inferno \
     --azimuth 30 --elevation 10
 picture cut demo:shepp-logan:160 --clip 1,1,0 --light studio --azimuth -20 --elevation 25
-picture axis demo:marschner-lobb:48 --sheets axis --azimuth 44.8 --elevation 20
-picture additive demo:marschner-lobb:48 --sheets axis --accumulate additive --azimuth 44.9 --elevation 20
-picture additive-after demo:marschner-lobb:48 --sheets axis --accumulate additive --azimuth 45.1 --elevation 20
+picture axis demo:marschner-lobb:48 --tune sheets=axis --azimuth 44.8 --elevation 20
+picture additive demo:marschner-lobb:48 --tune sheets=axis,accumulate=additive --azimuth 44.9 --elevation 20
+picture additive-after demo:marschner-lobb:48 --tune sheets=axis,accumulate=additive --azimuth 45.1 --elevation 20
 target/release/voxsplat compare docs/additive.png docs/additive-after.png --tolerance 1 --difference docs/pop.png
 rm docs/additive-after.png
 picture inside demo:vessels:192 --light 40,50 --light headlight --projection perspective --fov 70 --distance 30 \
@@ -45,4 +45,4 @@ pixels=480 picture shepp-logan demo:shepp-logan:96 --azimuth 30 --elevation 20
 pixels=512 picture figure demo:vessels:128 --azimuth 30 --elevation 20 --background white \
     --scale-bar --axes --colour-bar --title 'A vessel tree' --caption 'demo:vessels:128, parallel rays'
 pixels=40 picture minified demo:vessels:256 --light headlight --azimuth 30 --elevation 10
-pixels=40 picture aliased demo:vessels:256 --light headlight --azimuth 30 --elevation 10 --antialiasing off
+pixels=40 picture aliased demo:vessels:256 --light headlight --azimuth 30 --elevation 10 --tune antialiasing=off

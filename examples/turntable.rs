@@ -1,7 +1,7 @@
-//! A turn around a volume: one scene, one picture per step, and what each took:
+//! A turn around a volume: one scene, one picture per step, and the time of each:
 //! `cargo run --release --example turntable -- [FRAMES [PIXELS]]` writes turntable_000.png, turntable_001.png, ...
 
-#![allow(clippy::print_stdout, reason = "what a picture took is part of the example")]
+#![allow(clippy::print_stdout, reason = "the time of a picture is part of the example")]
 
 use voxsplat::{Background, Camera, Renderer, RendererOptions, Settings, View, demos};
 

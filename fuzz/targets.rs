@@ -1,11 +1,11 @@
-//! What is fuzzed, for cargo-fuzz (`fuzz/fuzz_targets`) and for the suite (`tests/suite/fuzz.rs`): bytes go in, and a
-//! value or an error of one line comes out.
+//! What is fuzzed, for cargo-fuzz (`fuzz/fuzz_targets`) and for the suite (`tests/suite/hostile/fuzz.rs`): bytes go in,
+//! and a value or an error of one line comes out.
 
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use voxsplat::error::{Error, Result};
+use voxsplat::error::{Error, InputError, Result};
 use voxsplat::formats::{LoadOptions, MissingSlices, PyramidLevel, TimeSeries, load};
 use voxsplat::image::Image;
 use voxsplat::transfer::{Imported, TransferFunction, Window};
@@ -207,7 +207,7 @@ fn copied(from: &Path, to: &Path, files: &mut Files) -> std::io::Result<()> {
 }
 
 /// Reads all of a volume, and what `info` says of it.
-fn checked(volume: Result<Volume>) -> bool {
+fn checked(volume: Result<Volume, InputError>) -> bool {
     let Some(volume) = accepted(volume) else { return false };
     let Some(samples) = accepted(volume.in_memory()) else { return false };
     assert_eq!(samples.samples().len() as u64, volume.grid().len());
@@ -219,24 +219,19 @@ fn checked(volume: Result<Volume>) -> bool {
     true
 }
 
-/// The value; an error must be one line of bearable length.
-fn accepted<T>(result: Result<T>) -> Option<T> {
-    result.map_err(|error| assert_one_line(&error)).ok()
+/// The value; an error must be one line of bearable length, and one that reading has a reason for.
+fn accepted<T, E: Into<Error>>(result: Result<T, E>) -> Option<T> {
+    let refused = |error: Error| {
+        assert_one_line(&error);
+        let reading =
+            matches!(error, Error::Input(_) | Error::Setting { .. } | Error::Transfer(_) | Error::Memory { .. });
+        assert!(reading, "{error:?}");
+    };
+    result.map_err(|error| refused(error.into())).ok()
 }
 
-/// Refuses an error that is not one line of bearable length, or that reading has no reason for.
-pub fn assert_one_line(error: &Error) {
+/// Refuses an error that is not one line of bearable length.
+pub fn assert_one_line(error: &impl std::fmt::Display) {
     let text = format!("{error:#}");
     assert!(!text.contains(char::is_control) && text.chars().count() < 2000, "{text:?}");
-    let reading = matches!(
-        error,
-        Error::Format { .. }
-            | Error::Read { .. }
-            | Error::Volume(_)
-            | Error::NonFinite { .. }
-            | Error::Setting { .. }
-            | Error::Transfer(_)
-            | Error::Memory { .. }
-    );
-    assert!(reading, "{error:?}");
 }

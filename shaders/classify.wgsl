@@ -1,6 +1,7 @@
 // classify: voxels to splats, brick by brick. Each invocation owns a row of a brick. `count` notes the visible voxels
 // of the row, a scan turns the counts into places, `emit` writes the splats there. There are no atomics: the order of
 // the splats is that of the bricks, and in a brick that of the lattice, whatever the scheduling.
+// uses: common/dispatch, common/normal, common/resolution, common/splat
 
 // How a sample is stored: 0 u8, 1 i8, 2 u16, 3 i16, 4 f32.
 override SAMPLE_TYPE: u32 = 0u;
@@ -36,9 +37,8 @@ struct Classify {
     first_brick: u32,
     // Control points of gradient opacity, behind the others: `sample` is the length of a gradient of samples.
     gradient_points: u32,
-    // One over the floor under gradients of samples, see common/floor.wgsl.
-    inverse_floor: f32,
-    // The base of the transfer function in the units of the samples, and the resolution there, see common/floor.wgsl.
+    // The base of the transfer function in the units of the samples, and the resolution there, see
+    // common/resolution.wgsl.
     base: f32,
     faintest: f32,
     inline_points: array<ControlPoint, MAX_INLINE_POINTS>,
@@ -263,9 +263,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
         splats[2u * place] = vec2u(at, appearance.x);
         splats[2u * place + 1u].x = appearance.y;
         if LIT {
-            let gradient = gradient(row.first + i);
-            let surface = surface_share(magnitude_of(gradient) * classify.inverse_floor);
-            splats[2u * place + 1u].y = pack_normal(gradient.xyz, surface);
+            splats[2u * place + 1u].y = pack_normal(gradient(row.first + i).xyz);
         }
         place += 1u;
     }

@@ -1,6 +1,7 @@
 // composite: the sheets of a batch into the frame, front to back. The frame keeps premultiplied colour and optical
 // depth. Transmittance is exp of minus the depth, so alpha does not gather the rounding of one exponential for each
 // sheet.
+// uses: common/absorbed, common/frame
 
 // Sheets of a batch: 1, 2, 4 or 8.
 override SHEETS: u32 = 4u;

@@ -1,5 +1,6 @@
 // estimate: a measure of what the splines through an intermediate image may err by around each of its points: fourth
 // differences along x and y. Splines follow what changes slowly from point to point, and not rims and edges.
+// uses: common/rays
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 @group(0) @binding(1) var source: texture_storage_2d<rgba32float, read>;

@@ -11,8 +11,10 @@
 //
 // `single` marches one ray. `blocked` marches eight that are a voxel apart: they meet a plane at the same place between
 // its voxels and share the six footprints of a row. `straight` marches those of eight neighbouring pixels along m: they
-// share the voxels that they meet, and find their footprints once. Both are written out eight times: loops over arrays
-// stay in memory on drivers that do not unroll them.
+// share the voxels that they meet, and find their footprints once. Both are written out eight times, because loops over
+// arrays stay in memory on drivers that do not unroll them: a line with a number sign stands for itself with 0 to 7 in
+// its place (src/gpu/shaders.rs).
+// uses: common/absorbed, common/march_planes, common/response, voxels/vectors
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 @group(0) @binding(2) var<storage, read> runs: array<vec2u>;
@@ -251,14 +253,7 @@ fn is_opaque(ray: RayState) -> bool {
 // The slabs that planes may still add to, the foremost first: from four before the next plane to three behind it. If
 // kernels reach 3 planes, the first has been composited and the last is empty.
 struct Slabs {
-    s0: vec4f,
-    s1: vec4f,
-    s2: vec4f,
-    s3: vec4f,
-    s4: vec4f,
-    s5: vec4f,
-    s6: vec4f,
-    s7: vec4f,
+    s#: vec4f,
 }
 
 // The share of the layer in what is around the place where a ray meets a plane. The shares of all layers add up to 1.
@@ -472,22 +467,8 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
     let geometry = geometry_of(at);
     let direction = geometry.direction.xy;
     var eight = eight_cuts(geometry, 8u, vec2f(1.0, 0.0), vec2f(0.0));
-    var ray0 = new_ray();
-    var ray1 = new_ray();
-    var ray2 = new_ray();
-    var ray3 = new_ray();
-    var ray4 = new_ray();
-    var ray5 = new_ray();
-    var ray6 = new_ray();
-    var ray7 = new_ray();
-    var slabs0: NearSlabs;
-    var slabs1: NearSlabs;
-    var slabs2: NearSlabs;
-    var slabs3: NearSlabs;
-    var slabs4: NearSlabs;
-    var slabs5: NearSlabs;
-    var slabs6: NearSlabs;
-    var slabs7: NearSlabs;
+    var ray# = new_ray();
+    var slabs#: NearSlabs;
     var depth = 0.0;
     for (var slot = 0u; ; slot++) {
         let run = run_at(tile, slot, depth);
@@ -496,26 +477,12 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
         }
         let planes = planes_of_eight(run, &eight);
         let end = min(planes.y, rays.voxels.z);
-        restart(&ray0, &slabs0);
-        restart(&ray1, &slabs1);
-        restart(&ray2, &slabs2);
-        restart(&ray3, &slabs3);
-        restart(&ray4, &slabs4);
-        restart(&ray5, &slabs5);
-        restart(&ray6, &slabs6);
-        restart(&ray7, &slabs7);
+        restart(&ray#, &slabs#);
         for (var plane = planes.x; plane < planes.y + FLUSH_EIGHT; plane++) {
             let center = geometry.base + geometry.shear * f32(plane);
             let rows = rows_of(plane, end, center.y, geometry.footprint_half.y);
             let origin = plane_texel(plane);
-            var sums0 = Moments();
-            var sums1 = Moments();
-            var sums2 = Moments();
-            var sums3 = Moments();
-            var sums4 = Moments();
-            var sums5 = Moments();
-            var sums6 = Moments();
-            var sums7 = Moments();
+            var sums# = Moments();
             for (var row = rows.x; row <= rows.y; row++) {
                 let at_row = voxel_row(geometry, center, row, origin, geometry.row_half);
                 let w = row_weights(at_row, direction, 1.0);
@@ -549,14 +516,7 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
                 add_row(&sums7, w, v7, v8, v9, v10, v11, v12);
             }
             let is_cut = find_cuts(&eight, geometry, plane, end);
-            feed_near(&ray0, &slabs0, sums0, geometry, &eight, 0u, is_cut);
-            feed_near(&ray1, &slabs1, sums1, geometry, &eight, 1u, is_cut);
-            feed_near(&ray2, &slabs2, sums2, geometry, &eight, 2u, is_cut);
-            feed_near(&ray3, &slabs3, sums3, geometry, &eight, 3u, is_cut);
-            feed_near(&ray4, &slabs4, sums4, geometry, &eight, 4u, is_cut);
-            feed_near(&ray5, &slabs5, sums5, geometry, &eight, 5u, is_cut);
-            feed_near(&ray6, &slabs6, sums6, geometry, &eight, 6u, is_cut);
-            feed_near(&ray7, &slabs7, sums7, geometry, &eight, 7u, is_cut);
+            feed_near(&ray#, &slabs#, sums#, geometry, &eight, #u, is_cut);
             depth = least(
                 vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
                 vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),
@@ -566,14 +526,7 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
             }
         }
     }
-    textureStore(intermediate, at + vec2u(0u * rays.phases.x, 0u), finished(ray0));
-    textureStore(intermediate, at + vec2u(1u * rays.phases.x, 0u), finished(ray1));
-    textureStore(intermediate, at + vec2u(2u * rays.phases.x, 0u), finished(ray2));
-    textureStore(intermediate, at + vec2u(3u * rays.phases.x, 0u), finished(ray3));
-    textureStore(intermediate, at + vec2u(4u * rays.phases.x, 0u), finished(ray4));
-    textureStore(intermediate, at + vec2u(5u * rays.phases.x, 0u), finished(ray5));
-    textureStore(intermediate, at + vec2u(6u * rays.phases.x, 0u), finished(ray6));
-    textureStore(intermediate, at + vec2u(7u * rays.phases.x, 0u), finished(ray7));
+    textureStore(intermediate, at + vec2u(#u * rays.phases.x, 0u), finished(ray#));
 }
 
 // The pixels of a block of `straight`: so many across, 2 or 4, and eight in all.
@@ -712,22 +665,8 @@ fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) t
         weights[number] = block_weights(d, number);
     }
     var eight = eight_cuts(geometry, ACROSS, rays.step_x, rays.step_y);
-    var ray0 = new_ray();
-    var ray1 = new_ray();
-    var ray2 = new_ray();
-    var ray3 = new_ray();
-    var ray4 = new_ray();
-    var ray5 = new_ray();
-    var ray6 = new_ray();
-    var ray7 = new_ray();
-    var slabs0: NearSlabs;
-    var slabs1: NearSlabs;
-    var slabs2: NearSlabs;
-    var slabs3: NearSlabs;
-    var slabs4: NearSlabs;
-    var slabs5: NearSlabs;
-    var slabs6: NearSlabs;
-    var slabs7: NearSlabs;
+    var ray# = new_ray();
+    var slabs#: NearSlabs;
     var depth = 0.0;
     for (var slot = 0u; ; slot++) {
         let run = run_at(tile, slot, depth);
@@ -736,27 +675,13 @@ fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) t
         }
         let planes = planes_of_eight(run, &eight);
         let end = min(planes.y, rays.voxels.z);
-        restart(&ray0, &slabs0);
-        restart(&ray1, &slabs1);
-        restart(&ray2, &slabs2);
-        restart(&ray3, &slabs3);
-        restart(&ray4, &slabs4);
-        restart(&ray5, &slabs5);
-        restart(&ray6, &slabs6);
-        restart(&ray7, &slabs7);
+        restart(&ray#, &slabs#);
         for (var plane = planes.x; plane < planes.y + FLUSH_EIGHT; plane++) {
             // Behind the run the rows before the plane, which are zeros.
             let row = select(-i32(ROWS), first.y, plane < end);
             let v = block_voxels(vec2i(first.x >> 1u, row), odd, plane_texel(plane));
             let is_cut = find_cuts(&eight, geometry, plane, end);
-            feed_near(&ray0, &slabs0, block_moments(weights[0], v), geometry, &eight, 0u, is_cut);
-            feed_near(&ray1, &slabs1, block_moments(weights[1], v), geometry, &eight, 1u, is_cut);
-            feed_near(&ray2, &slabs2, block_moments(weights[2], v), geometry, &eight, 2u, is_cut);
-            feed_near(&ray3, &slabs3, block_moments(weights[3], v), geometry, &eight, 3u, is_cut);
-            feed_near(&ray4, &slabs4, block_moments(weights[4], v), geometry, &eight, 4u, is_cut);
-            feed_near(&ray5, &slabs5, block_moments(weights[5], v), geometry, &eight, 5u, is_cut);
-            feed_near(&ray6, &slabs6, block_moments(weights[6], v), geometry, &eight, 6u, is_cut);
-            feed_near(&ray7, &slabs7, block_moments(weights[7], v), geometry, &eight, 7u, is_cut);
+            feed_near(&ray#, &slabs#, block_moments(weights[#], v), geometry, &eight, #u, is_cut);
             depth = least(
                 vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
                 vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),
@@ -766,12 +691,5 @@ fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) t
             }
         }
     }
-    add_ray(at, 0u, ray0);
-    add_ray(at, 1u, ray1);
-    add_ray(at, 2u, ray2);
-    add_ray(at, 3u, ray3);
-    add_ray(at, 4u, ray4);
-    add_ray(at, 5u, ray5);
-    add_ray(at, 6u, ray6);
-    add_ray(at, 7u, ray7);
+    add_ray(at, #u, ray#);
 }

@@ -4,6 +4,7 @@
 // Classification magnifies small differences of a scalar, so slabs are finer here: half a plane thick. A kernel has
 // parts in eight of them, or sixteen if it is wide, nearly its footprint times parabolas in s: a plane needs three
 // moments.
+// uses: common/absorbed, common/light_volume, common/march_parabola, common/march_planes, common/resolution
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 @group(0) @binding(2) var<storage, read> runs: array<vec2u>;
@@ -90,9 +91,7 @@ fn classify_slab(
         let gradient = rays.gradient_x * g.x + rays.gradient_y * g.y + rays.gradient_z * g.z;
         let of_means = gradient * mean_scale(geometry);
         let differences = g * mean_scale(geometry);
-        let magnitude = length(of_means);
-        let surface =
-            reconstructed_share(differences, means.y, lighting.faintest, magnitude, lighting.inverse_floor);
+        let surface = reconstructed_share(differences, means.y, lighting.faintest);
         light = light_on(gradient, surface, place_on(geometry, middle), geometry.to_eye, kept_on(geometry, middle));
         share = gradient_share(of_means, rays.gradient_lookup);
     }

@@ -1,5 +1,6 @@
 // resample: an intermediate image to the picture, by cubic B-splines with the coefficients that `prefilter` found.
 // Where the splines may err too much, a pixel gets a share of its own ray instead, which `refine` adds.
+// uses: common/rays
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 // Storage textures are read faster than others on software Vulkan.

@@ -1,4 +1,5 @@
 // resolve: from the frame's colour and optical depth to premultiplied RGBA.
+// uses: common/absorbed, common/frame, common/response
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read_write> pixels: array<vec4f>;

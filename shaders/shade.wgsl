@@ -3,6 +3,7 @@
 // between its two neighbours, and composited; so shading is one sheet behind splatting. `project` keeps the largest
 // scalar instead, or the mean. Scalars are relative to the transfer function's base, so that the space between splats
 // is 0.
+// uses: common/absorbed, common/frame, common/light_volume, common/march_parabola, common/pixel_ray, common/resolution
 
 // Sheets of a batch: 4 or 8. They are four to a layer; if they are lit, each is a layer of (gradient, scalar), and the
 // gradient is along the axes of the lattice.
@@ -141,9 +142,7 @@ fn surface_of(gradient: vec3f, scalar: f32, ray: PixelRay, z: f32) -> Surface {
     }
     let of_means = in_view * frame.inverse_sheet_scale;
     let differences = gradient * frame.inverse_sheet_scale;
-    let magnitude = length(of_means);
-    let surface =
-        reconstructed_share(differences, scalar, lighting.faintest, magnitude, lighting.inverse_floor);
+    let surface = reconstructed_share(differences, scalar, lighting.faintest);
     let light = light_on(in_view, surface, ray.start + ray.direction * z, to_eye, kept_on(ray, z));
     return Surface(light, gradient_share(of_means, shading.gradient_lookup));
 }

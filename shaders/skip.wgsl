@@ -1,5 +1,6 @@
 // skip: for each tile of 8 x 8 rays of the painter `tiles`, the runs of voxel planes in which its rays can meet a voxel
 // that is not empty. Planes are tested four at a time, against macrocells of 4^3 voxels.
+// uses: common/packing, common/rays
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 // A texel for each macrocell: 1 if it has a voxel that is not empty, otherwise 0.

@@ -1,6 +1,7 @@
 // sort: a stable counting sort of splats by batch. A batch is the consecutive sheets that one pass feeds; a splat goes
 // into every batch that its kernel reaches. Each invocation owns a block of consecutive splats and one counter for each
 // batch. So no atomics are needed, and the order within a batch is that of the splats.
+// uses: common/bounds, common/dispatch, common/frame, common/splat
 
 // Sheets are voxel planes (axis-aligned), not slabs.
 override AXIS: bool = false;

@@ -2,6 +2,7 @@
 // the sheet planes of the batch. It adds (colour, 1) times density times section to each sheet of the batch. If splats
 // are scalars, it adds the scalar times the mean of the kernel over the sheet instead, four sheets to a target. If they
 // are lit, it adds (gradient, scalar) times that mean, a sheet to a target.
+// uses: common/absorbed, common/bounds, common/clip_view, common/frame, common/lit_splat, common/splat
 
 // Texels of a row of the footprint table, four coefficients each: 1 to 4.
 override TEXELS: u32 = 2u;
@@ -276,14 +277,7 @@ fn feed_4(in: Varyings) -> Sheets4 {
 }
 
 struct Sheets8 {
-    @location(0) s0: vec4f,
-    @location(1) s1: vec4f,
-    @location(2) s2: vec4f,
-    @location(3) s3: vec4f,
-    @location(4) s4: vec4f,
-    @location(5) s5: vec4f,
-    @location(6) s6: vec4f,
-    @location(7) s7: vec4f,
+    @location(#) s#: vec4f,
 }
 
 @fragment

@@ -2,6 +2,7 @@
 // grids with efficient culling of occluded voxels"). `tile` finds the opaque tiles of the frame, `mark` marks the
 // entries of a batch whose bounds lie in opaque tiles alone. A pixel that lets through the fraction e of light can
 // change by no more than e, whatever comes behind.
+// uses: common/bounds, common/dispatch, common/frame, common/splat
 
 // Entries of one invocation.
 const RUN: u32 = 16u;

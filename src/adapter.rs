@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::names::spelled;
+use voxsplat_volume::names::spelled;
 
 /// A graphics adapter as the driver describes it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]

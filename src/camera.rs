@@ -4,8 +4,8 @@ use glam::{DMat3, DQuat, DVec3};
 
 use crate::error::{Error, Result};
 pub use crate::framing::Hull;
-use crate::vector::unit;
 use crate::volume::Grid;
+use voxsplat_volume::vector::unit;
 
 /// How a picture is projected.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,8 +7,8 @@ use serde::ser::SerializeStruct;
 use serde::{Serialize, Serializer};
 
 use crate::error::{Error, Result};
-use crate::vector::{length, unit};
 use crate::volume::Grid;
+use voxsplat_volume::vector::{length, unit};
 
 /// A plane that cuts: what lies on the side that its normal points to stays.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -266,8 +266,12 @@ mod tests {
 
     #[test]
     fn planes_are_checked() {
-        assert!(Plane::new(DVec3::ZERO, 1.0).is_err() && Plane::new(DVec3::X, f64::NAN).is_err());
-        assert!(Clip::of_box(DVec3::ZERO, DVec3::new(1.0, 0.0, 1.0)).is_err());
+        for (normal, offset) in [(DVec3::ZERO, 1.0), (DVec3::X, f64::NAN)] {
+            let error = Plane::new(normal, offset).unwrap_err().to_string();
+            assert!(error.ends_with("expected finite numbers, and a normal over 0"), "{error}");
+        }
+        let error = Clip::of_box(DVec3::ZERO, DVec3::new(1.0, 0.0, 1.0)).unwrap_err().to_string();
+        assert!(error.ends_with("expected the first corner below the second"), "{error}");
         let plane = Plane::through(DVec3::new(1.0, 2.0, 3.0), DVec3::new(0.0, 0.0, -5.0)).unwrap();
         assert_eq!((plane.normal(), plane.offset()), (DVec3::NEG_Z, -3.0));
         assert!(Clip::new(vec![plane; Clip::MAX_PLANES]).is_ok());

@@ -1,8 +1,12 @@
 //! The one error type of the library.
 
-use std::fmt::{self, Write as _};
+use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
+
+pub use voxsplat_volume::Error as InputError;
+pub use voxsplat_volume::Hint;
+use voxsplat_volume::Line;
 
 /// The library's result.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
@@ -23,13 +27,8 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum Error {
-    /// A file could not be opened or read.
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the operating system said.
-        source: io::Error,
-    },
+    /// A file that cannot be read, or a volume that cannot be rendered.
+    Input(InputError),
     /// An output could not be created, written or renamed into place.
     Write {
         /// The file asked for (not the temporary one).
@@ -44,24 +43,6 @@ pub enum Error {
         path: PathBuf,
         /// Why it cannot be written.
         reason: String,
-    },
-    /// A file is malformed, truncated, inconsistent or uses a feature that is not read.
-    Format {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
-        /// What the caller can do about it, if anything.
-        hint: Option<Hint>,
-    },
-    /// A volume that cannot be rendered: empty, too large, a singular grid.
-    Volume(String),
-    /// A volume with samples that are NaN or infinite.
-    NonFinite {
-        /// How many samples are NaN or infinite.
-        count: u64,
-        /// Lattice point (x, y, z) of the first of them.
-        first: [u32; 3],
     },
     /// A transfer function that cannot be used.
     Transfer(String),
@@ -105,60 +86,15 @@ pub enum Error {
     Compare(String),
 }
 
-/// What the caller can do about an [`Error`]: a way out that a program can offer in its own words.
-///
-/// `Display` says it in the words of the library.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum Hint {
-    /// The file has no header: state the number of samples along each axis.
-    GiveDims,
-    /// The file has no header: state the type of its samples.
-    GiveSampleType,
-    /// The file may have no header: state the number of samples along each axis, and their type.
-    GiveDimsAndSampleType,
-    /// The header's spacing is no length: state the distance between samples.
-    GiveSpacing,
-    /// Some samples are NaN or infinite: choose a number that takes their place.
-    ReplaceNonFinite,
-    /// The folder holds several series: choose one.
-    ChooseSeries,
-    /// A series lacks slices: interpolate them.
-    InterpolateSlices,
-    /// The file has several channels: choose one.
-    ChooseChannel,
-    /// The file has several data sets: name one behind the name of the file.
-    ChooseDataset,
-}
-
-impl fmt::Display for Hint {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::GiveDims => "set LoadOptions::dims",
-            Self::GiveSampleType => "set LoadOptions::sample_type",
-            Self::GiveDimsAndSampleType => "for bare samples set LoadOptions::dims and LoadOptions::sample_type",
-            Self::GiveSpacing => "set LoadOptions::spacing",
-            Self::ReplaceNonFinite => "set LoadOptions::replace_nan or call Volume::with_non_finite_replaced",
-            Self::ChooseSeries => "set LoadOptions::series",
-            Self::InterpolateSlices => "set LoadOptions::missing_slices",
-            Self::ChooseChannel => "set LoadOptions::channel",
-            Self::ChooseDataset => "load FILE:/PATH/OF/SET",
-        })
-    }
-}
-
 impl Error {
-    /// An [`Error::Format`] without a hint.
-    pub(crate) fn format(path: &Path, reason: impl Into<String>) -> Self {
-        Self::Format { path: path.to_owned(), reason: reason.into(), hint: None }
+    /// An [`InputError::Volume`]: a volume that cannot be rendered.
+    pub(crate) fn volume(reason: impl Into<String>) -> Self {
+        InputError::Volume(reason.into()).into()
     }
 
-    /// The same error, with a hint if it is an [`Error::Format`].
-    pub(crate) fn hinted(mut self, way_out: Hint) -> Self {
-        if let Self::Format { hint, .. } = &mut self {
-            *hint = Some(way_out);
-        }
-        self
+    /// An [`InputError::Format`]: a file that is malformed or not of a format that is read.
+    pub(crate) fn format(path: &Path, reason: impl Into<String>) -> Self {
+        InputError::format(path, reason).into()
     }
 
     /// Whether a way to draw is refused, and another way may still succeed.
@@ -170,9 +106,19 @@ impl Error {
     #[must_use]
     pub fn hint(&self) -> Option<Hint> {
         match self {
-            Self::Format { hint, .. } => *hint,
-            Self::NonFinite { .. } => Some(Hint::ReplaceNonFinite),
+            Self::Input(error) => error.hint(),
             _ => None,
+        }
+    }
+}
+
+impl From<InputError> for Error {
+    /// Settings and memory are one kind of error, whatever they are of; other errors are about an input.
+    fn from(error: InputError) -> Self {
+        match error {
+            InputError::Setting { name, reason } => Self::Setting { name, reason },
+            InputError::Memory { what, bytes } => Self::Memory { what, bytes },
+            other => Self::Input(other),
         }
     }
 }
@@ -180,15 +126,9 @@ impl Error {
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Read { path, .. } => write!(f, "cannot read {}", path.display()),
+            Self::Input(error) => write!(f, "{error}"),
             Self::Write { path, .. } => write!(f, "cannot write {}", path.display()),
             Self::Output { path, reason } => write!(f, "cannot write {}: {}", path.display(), Line(reason)),
-            Self::Format { path, reason, .. } => write!(f, "{}: {}", path.display(), Line(reason)),
-            Self::Volume(reason) => write!(f, "volume: {}", Line(reason)),
-            Self::NonFinite { count, first: [x, y, z] } => {
-                let are = if *count == 1 { "sample is" } else { "samples are" };
-                write!(f, "volume: {count} {are} NaN or infinite, the first at ({x}, {y}, {z})")
-            }
             Self::Transfer(reason) => write!(f, "transfer function: {}", Line(reason)),
             Self::Camera(reason) => write!(f, "camera: {reason}"),
             Self::Setting { name, reason } => write!(f, "{name}: {}", Line(reason)),
@@ -212,34 +152,11 @@ impl fmt::Display for Error {
     }
 }
 
-/// The most characters of a reason that are shown.
-const MAX_REASON: usize = 400;
-
-/// A reason in one line of bearable length. It may quote what a user wrote or a file holds, of any length and with any
-/// characters: control characters, which could steer a terminal, become blanks, and the middle of a long one is left
-/// out.
-struct Line<'a>(&'a str);
-
-impl fmt::Display for Line<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let plain = |c: char| if c.is_control() { ' ' } else { c };
-        // The end states what is expected, so it is kept as well.
-        let half = MAX_REASON / 2;
-        match (self.0.char_indices().nth(half), self.0.char_indices().rev().nth(half - 1)) {
-            (Some((head, _)), Some((tail, _))) if head < tail => {
-                self.0[..head].chars().map(plain).try_for_each(|c| f.write_char(c))?;
-                f.write_str(" ... ")?;
-                self.0[tail..].chars().map(plain).try_for_each(|c| f.write_char(c))
-            }
-            _ => self.0.chars().map(plain).try_for_each(|c| f.write_char(c)),
-        }
-    }
-}
-
 impl std::error::Error for Error {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
         match self {
-            Self::Read { source, .. } | Self::Write { source, .. } => Some(source),
+            Self::Input(error) => error.source(),
+            Self::Write { source, .. } => Some(source),
             _ => None,
         }
     }
@@ -255,23 +172,5 @@ mod tests {
         assert_eq!(error.to_string(), "cannot write a.png");
         assert_eq!(std::error::Error::source(&error).unwrap().to_string(), "disk full");
         assert_eq!(format!("{error:#}"), "cannot write a.png: disk full");
-    }
-
-    #[test]
-    fn long_reasons_keep_their_ends() {
-        let reason = format!("colour \"{}\n\u{1b}[2J\", expected #rrggbb", "ä".repeat(100_000));
-        let said = Error::Transfer(reason).to_string();
-        assert!(said.starts_with("transfer function: colour \"ä") && said.ends_with("expected #rrggbb"), "{said}");
-        assert!(said.chars().count() < 450 && !said.contains(char::is_control), "{said}");
-        let exact = "x".repeat(MAX_REASON);
-        assert_eq!(Line(&exact).to_string(), exact);
-    }
-
-    #[test]
-    fn a_way_out_is_told_apart_from_the_message() {
-        let error = Error::NonFinite { count: 3, first: [1, 0, 2] };
-        assert_eq!(error.hint(), Some(Hint::ReplaceNonFinite));
-        assert!(error.to_string().ends_with("the first at (1, 0, 2)"));
-        assert!(format!("{error:#}").contains("LoadOptions::replace_nan"));
     }
 }

@@ -1,43 +1,40 @@
 //! A GPU splatting renderer for voxel volumes.
 //!
 //! A volume is a lattice of samples; a transfer function gives each some colour and extinction; every voxel that has
-//! any is a fuzzy ball, the *reconstruction kernel*, whose line integral, the *footprint*, is known in advance. It is
-//! drawn as a quad into *sheets* parallel to the image, and the sheets are composited front to back. The optical depth
-//! of a ray is exact whatever the thickness of the sheets; colours converge as its square.
+//! any is a fuzzy ball, the *reconstruction kernel*, whose line integral, the *footprint*, is known in advance. The
+//! painter `tiles`, the default, gathers footprints along rays. The painter `quads` draws them as quads into *sheets*
+//! parallel to the image and composites the sheets front to back: its optical depth is exact whatever the thickness of
+//! the sheets, and colours converge as the square of it.
 //!
 //! ```no_run
-//! use voxsplat::{Background, Camera, Renderer, RendererOptions, Settings, TransferFunction, View, load};
+//! use voxsplat::{Appearance, Background, Renderer, RendererOptions, load};
 //!
 //! # fn main() -> voxsplat::Result<()> {
 //! let volume = load("scan.nii.gz", &Default::default())?;
-//! let transfer = TransferFunction::preset("ct-bone", &volume)?;
-//! let settings = Settings::default();
+//! let look = Appearance::of("scan.nii.gz", &volume)?; // transfer function, side, light, as `voxsplat render`
 //! let renderer = Renderer::new(&RendererOptions::default())?; // a device
-//! let scene = renderer.prepare(&volume, &transfer, &settings)?; // the visible voxels on it
-//! for azimuth in [0.0, 90.0] {
-//!     let view = View { azimuth, ..View::default() };
-//!     let camera = Camera::new(&view, volume.grid(), [512, 512])?;
-//!     let rendered = renderer.render(&scene, &camera, &settings)?;
-//!     rendered.image.save(format!("scan_{azimuth}.png"), Background::default())?;
-//! }
+//! let scene = renderer.prepare_layers(&look.layers, &look.settings)?; // the visible voxels on it
+//! let rendered = renderer.render(&scene, &look.camera([1024, 1024])?, &look.settings)?;
+//! rendered.image.save("scan.png", Background::default())?;
 //! # Ok(())
 //! # }
 //! ```
 //!
-//! Names that most programs use are at the root. The rest is in modules: [`volume`] (samples on a lattice), [`formats`]
-//! (readers), [`demos`] (built-in volumes), [`transfer`] (functions, presets, JSON), [`kernel`], [`camera`], [`clip`]
-//! (planes, boxes), [`lighting`], [`settings`], [`renderer`] (the GPU), [`mod@reference`] (the same model integrated in
-//! f64, to measure against), [`accuracy`] (pictures that keep an error), [`reconstruction`] (the error of kernels),
-//! [`report`] (differences of pictures, speed against error), [`image`] (pictures and their files), [`figure`] (scale
-//! bar, axes, colour bar and title on a picture), `film` (GIF, APNG and Y4M), [`stats`], [`progress`], [`adapter`] and
-//! [`error`].
+//! [`appearance`] chooses what is not said. Names that most programs use are at the root. The rest is in modules:
+//! [`volume`] (samples on a lattice), [`formats`] (readers), [`demos`] (built-in volumes), [`transfer`] (functions,
+//! presets, JSON), [`kernel`], [`camera`], [`clip`] (planes, boxes), [`lighting`], [`settings`], [`renderer`] (the
+//! GPU), [`mod@reference`] (the same model integrated in f64, to measure against), [`accuracy`] (pictures that keep an
+//! error), [`reconstruction`] (the error of kernels), [`report`] (differences of pictures, speed against error),
+//! [`image`] (pictures and their files), [`figure`] (scale bar, axes, colour bar and title on a picture), `film` (GIF,
+//! APNG and Y4M), [`stats`], [`progress`], [`adapter`] and [`error`].
 //!
-//! The features, on by default: `cli` builds the program `voxsplat`; `film` writes films; `jpeg2000` reads JPEG 2000 in
-//! DICOM; `report` has plots of speed against error. A library needs `default-features = false`. `hdf5`, which reads
-//! HDF5 and NetCDF, is not on by default.
+//! The features, on by default: `film` writes films; `report` has plots of speed against error; `dicom`, `jpeg2000` (in
+//! DICOM), `tiff`, `vtk` and `zarr` are readers. `hdf5`, which reads HDF5 and NetCDF, is not on by default. The program
+//! `voxsplat` is a package of its own, `crates/cli`.
 
 pub mod accuracy;
 pub mod adapter;
+pub mod appearance;
 mod budget;
 pub mod camera;
 pub mod clip;
@@ -47,30 +44,26 @@ pub mod error;
 pub mod figure;
 #[cfg(feature = "film")]
 pub mod film;
-pub mod formats;
 mod framing;
 mod gpu;
 pub mod image;
 pub mod kernel;
 pub mod layers;
 pub mod lighting;
-mod memory;
-mod names;
 mod output;
+mod painters;
+mod prepare;
 pub mod progress;
 pub mod reconstruction;
 pub mod reference;
 pub mod renderer;
 pub mod report;
 mod response;
-mod scene;
 pub mod settings;
-mod source;
 pub mod stats;
 pub mod transfer;
-mod vector;
-pub mod volume;
 
+pub use appearance::Appearance;
 pub use camera::{Camera, ProjectionKind, View};
 pub use error::{Error, Result};
 pub use formats::{LoadOptions, load};
@@ -80,6 +73,7 @@ pub use renderer::{Rendered, Renderer, RendererOptions, Scene};
 pub use settings::Settings;
 pub use transfer::TransferFunction;
 pub use volume::{Grid, Volume};
+pub use voxsplat_volume::{formats, volume};
 pub use wgpu;
 
 /// What can be shared between threads.

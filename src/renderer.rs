@@ -1,17 +1,13 @@
 //! Renderer (a device), what it prepares (a scene), and pictures.
 
-use crate::accuracy::Prediction;
 use crate::adapter::AdapterInfo;
 use crate::camera::Camera;
 #[cfg(doc)]
 use crate::error::Error;
 use crate::error::Result;
 use crate::gpu::cache::Cache;
-use crate::gpu::choice::Choice;
 use crate::gpu::context::{self, Context, PIXEL_BYTES};
-use crate::gpu::levels::ScalarNeed;
 use crate::gpu::light_volume::PostShading;
-use crate::gpu::painter::{Begun, Job, Room};
 use crate::gpu::present::{self, Present};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::store::Bricks;
@@ -20,10 +16,14 @@ use crate::gpu::view::ViewGeometry;
 use crate::image::Image;
 use crate::image::Region;
 use crate::layers::Layers;
+use crate::painters::choice::Choice;
+use crate::painters::painter::{Begun, Job, Room};
+use crate::prepare::drawable::{Drawable, Wanted};
+use crate::prepare::lattice::{Lattice, Lattices};
+use crate::prepare::levels::ScalarNeed;
+pub use crate::prepare::scene::Scene;
 use crate::progress::Progress;
-use crate::reconstruction;
-pub use crate::scene::Scene;
-use crate::scene::{Cells, Drawable, Lattice, Wanted};
+use crate::reconstruction::Reconstruction;
 use crate::settings::{Level, Settings, Shading};
 use crate::stats::{StageTime, Stats};
 use crate::transfer::TransferFunction;
@@ -122,8 +122,8 @@ impl Renderer {
     /// tells whether voxels or cells are wanted, and takes that time. The file of a streamed volume must stay for it.
     ///
     /// # Errors
-    /// [`Error::Setting`] if a setting is out of range, [`Error::NonFinite`] if a sample is NaN or infinite, and the
-    /// errors of [`Self::render`] if the device fails or is too small.
+    /// [`Error::Setting`] if a setting is out of range, [`Error::Input`] if a sample is NaN or
+    /// infinite, and the errors of [`Self::render`] if the device fails or is too small.
     pub fn prepare(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Scene> {
         settings.validate()?;
         volume.check_finite()?;
@@ -243,7 +243,10 @@ impl Renderer {
         settings.validate()?;
         let context = &self.context;
         scene.check(context, settings)?;
-        let noise = (settings.sharpness > 0.0).then(|| reconstruction::noise(settings)).transpose()?;
+        let noise = (settings.sharpness > 0.0)
+            .then(|| Reconstruction::of_settings(settings))
+            .transpose()?
+            .map(|reconstruction| reconstruction.noise());
         let lights = settings.light_count();
         let settings = &Settings { kernel: settings.reconstruction_kernel(), ..scene.drawn_with(settings) };
         let before = context.traffic();
@@ -254,8 +257,9 @@ impl Renderer {
         let mut layers;
         let mut painting = loop {
             let room = choice.kind.room();
-            let Cells { nearest, behind } = scene.cells(&voxels, settings, camera, room.layers)?;
-            let mut refusals = std::iter::once(&nearest).chain(&behind).map(|lattice| lattice.refusal(&room));
+            let Lattices { nearest, behind } = scene.lattices(&voxels, settings, camera, room.layers)?;
+            let mut refusals =
+                std::iter::once(&nearest).chain(&behind).map(|of| (room.refusal)(&of.view, &of.settings));
             if let Some(reason) = refusals.find_map(|reason| reason) {
                 choice = Choice::instead(context, settings, reason)?;
                 continue;
@@ -305,7 +309,7 @@ impl Renderer {
         let bricks = drawables().map(Drawable::bricks).fold(Bricks::default(), Bricks::and);
         let (splats, splats_kept) =
             drawables().fold((0, 0), |(splats, kept), drawable| (splats + drawable.splats(), kept + drawable.voxels()));
-        let mut stats = Stats {
+        Ok(Stats {
             adapter: context.info.clone(),
             painter: painting.stats(),
             painter_reason: choice.reason,
@@ -329,16 +333,13 @@ impl Renderer {
             sharpness: settings.sharpness,
             noise,
             footprint_error: painting.footprint_error(),
-            predicted: Prediction::default(),
             scene_bytes: drawables().map(Drawable::bytes).sum::<u64>()
                 + nearest.post.as_ref().map_or(0, |p| p.light.bytes),
             frame_bytes: traffic.allocated - before.allocated,
             bytes_sent: traffic.sent - before.sent,
             pipelines: traffic.pipelines,
             stages,
-        };
-        stats.predicted = Prediction::of(&stats, settings, scene.facts());
-        Ok(stats)
+        })
     }
 
     /// What a painter asks of a scene for a layer of a picture. Adds the seconds that making it took.

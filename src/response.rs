@@ -158,7 +158,8 @@ mod tests {
             Response::Film { exposure: 0.5, gamma: 3.0 },
             Response::Film { exposure: 8.0, gamma: f64::NAN },
         ] {
-            assert!(bad.validate().is_err(), "{bad}");
+            let error = bad.validate().unwrap_err().to_string();
+            assert!(error.starts_with("response: ") && error.contains(", expected "), "{bad}: {error}");
         }
         for good in [Response::Absorption, Response::Depth, Response::WINDOW, Response::FILM] {
             good.validate().unwrap();

@@ -4,11 +4,11 @@ use crate::clip::Clip;
 use crate::error::{Error, Result};
 use crate::kernel::{Kernel, Normalization};
 use crate::lighting::{Casting, Lighting};
-use crate::names::named;
 use crate::reconstruction::Prefilter;
 pub use crate::response::Response;
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
+use voxsplat_volume::names::named;
 
 /// The format of the sheet buffers. The frame that they are composited into is always f32.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -124,11 +124,6 @@ pub struct QuadsSettings {
     /// Largest interpolation error of the footprint table, as a fraction of the footprint's peak, 1e-7 to 0.1; `None`
     /// takes what the precision of the sheets deserves.
     pub table_error: Option<f64>,
-    /// Rows and coefficients per row of the footprint table, in place of what `table_error` asks for: 2 to 4096 rows of
-    /// 4, 8, 12 or 16.
-    pub footprint_table: Option<[u32; 2]>,
-    /// How many sheets one pass feeds: 1, 4 or 8; `None` takes what the adapter does best.
-    pub sheets_per_pass: Option<u32>,
 }
 
 impl Default for QuadsSettings {
@@ -139,8 +134,6 @@ impl Default for QuadsSettings {
             sheet_thickness: 1.0,
             precision: None,
             table_error: None,
-            footprint_table: None,
-            sheets_per_pass: None,
         }
     }
 }
@@ -286,16 +279,7 @@ impl QuadsSettings {
         if let Some(e) = self.table_error {
             in_range("table_error", e, 1e-7..=0.1, "of the footprint's peak")?;
         }
-        if let Some(n) = self.sheets_per_pass {
-            in_range("sheets_per_pass", f64::from(n), 1.0..=8.0, "sheets")?;
-        }
-        match self.footprint_table {
-            Some([rows, terms]) if !((2..=4096).contains(&rows) && matches!(terms, 4 | 8 | 12 | 16)) => {
-                let reason = format!("{rows}x{terms}, expected 2 to 4096 rows of 4, 8, 12 or 16 terms");
-                Err(Error::Setting { name: "footprint_table", reason })
-            }
-            _ => Ok(()),
-        }
+        Ok(())
     }
 }
 
@@ -368,8 +352,11 @@ impl Settings {
         (self.sharpness > 0.0 && self.is_post_shaded()).then(|| (self.reconstruction_kernel(), self.sharpness))
     }
 
-    /// The filter of the samples.
-    pub(crate) fn prefilter(&self) -> Result<Option<Prefilter>> {
+    /// The filter of the samples; `None`: they are not filtered.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the kernel is too large.
+    pub fn prefilter(&self) -> Result<Option<Prefilter>> {
         self.sharpens().map(|(kernel, sharpness)| Prefilter::new(&kernel, sharpness)).transpose()
     }
 

@@ -4,11 +4,10 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::accuracy::Prediction;
 use crate::adapter::AdapterInfo;
 use crate::clip::Clip;
-use crate::names::spelled;
 use crate::settings::{Accumulation, Model, Precision, Shading, Sheets};
+use voxsplat_volume::names::spelled;
 
 /// The time of one stage.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -94,8 +93,6 @@ pub struct Stats {
     pub noise: Option<f64>,
     /// Largest error of the footprints, as a fraction of their peak.
     pub footprint_error: f64,
-    /// The error that is to be expected, by its causes.
-    pub predicted: Prediction,
     /// Bytes of the prepared volume on the device.
     pub scene_bytes: u64,
     /// Bytes made on the device for this picture besides.
@@ -325,10 +322,6 @@ impl Stats {
             grouped(self.bytes_sent)
         )?;
         writeln!(f, "pipelines    {} made so far", self.pipelines)?;
-        let predicted = &self.predicted;
-        let causes = predicted.causes().into_iter().filter(|(_, error)| *error > 0.0);
-        let causes: Vec<String> = causes.map(|(cause, error)| format!("{cause} {error:.1e}")).collect();
-        writeln!(f, "predicted    error at most {:.1e}: {}", predicted.error(), causes.join(", "))?;
         for stage in &self.stages {
             writeln!(f, "{:<12} {:>9.3} ms  ({} clock)", stage.name, stage.seconds * 1e3, stage.clock)?;
         }

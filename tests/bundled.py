@@ -1,6 +1,6 @@
 """What reference implementations say of the files that they are tested with.
 
-Run by tests/suite/bundled.rs: bundled.py FOLDER, where FOLDER holds the unpacked source of mrcfile and gets files that
+Run by tests/suite/formats/peers.rs: bundled.py FOLDER, where FOLDER holds the unpacked source of mrcfile and gets files that
 pynrrd writes, because its packages have none. Prints a line of JSON for each file that the reference decodes.
 """
 

@@ -114,7 +114,9 @@ impl Report {
             version(),
             text.trim()
         );
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/measurements");
+        let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let folder = package.ancestors().map(|folder| folder.join("docs/measurements")).find(|folder| folder.is_dir());
+        let folder = folder.ok_or("there is no folder docs/measurements")?;
         std::fs::create_dir_all(&folder)?;
         let file = folder.join(format!("{date}-{name}.md"));
         std::fs::write(&file, page)?;

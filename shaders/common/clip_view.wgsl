@@ -1,4 +1,5 @@
 // The clipping planes of the painter `quads`.
+// uses: common/clip
 
 // Of the part of a ray between two view depths what is not cut away. `plane` are the ray's plane coordinates.
 fn clipped(part: vec2f, plane: vec2f) -> vec2f {

@@ -1,11 +1,13 @@
 // What all stages of one frame of the painter `quads` share. World lengths are in a unit of about a voxel (Grid::local
-// in src/volume/grid.rs).
+// in crates/volume/src/volume/grid.rs).
 //
 // View coordinates are x right, y up and z forward. Everything is measured from the home ray, the ray of the picture
 // that goes nearest to the middle of the lattice, so that numbers stay small however far off the axis the volume is: x
 // and y are offsets from the home ray at the same depth. z = 0 is the depth of the middle of the lattice, so that
 // depths stay small numbers however far the eye is. Plane coordinates belong to a ray: in a parallel projection its
 // offset from the home ray, in a perspective one its slopes dx/dz and dy/dz less those of the home ray.
+// uses: common/clip
+
 struct Frame {
     // Lattice coordinates of the middle of the lattice.
     lattice_center: vec3f,

@@ -1,5 +1,6 @@
 // The light that arrives at each place of a field of scalars: shares of it at voxels or cells, linear between them. The
 // bindings are those of a stage that uses it.
+// uses: common/lighting
 
 // Whether light is kept from the field.
 override SHADOWS: bool = false;

@@ -22,14 +22,12 @@ struct Lighting {
     // From the lattice to such places.
     from_lattice: mat4x3f,
     shininess: f32,
-    // Post-shaded: one over the floor under gradients, 0 if there is none, and the resolution of a scalar of 0, see
-    // common/floor.wgsl.
-    inverse_floor: f32,
+    // Post-shaded: the resolution of a scalar of 0, see common/resolution.wgsl.
     faintest: f32,
 }
 
-// What light makes of a colour: it is multiplied by `diffuse`, and `specular` is added. With a floor under gradients so
-// much of the result counts as `surface` says, and so much of the colour itself as `plain` says.
+// Light on a colour: the colour is multiplied by `diffuse`, and `specular` is added. The result has the weight
+// `surface`, the colour itself the weight `plain`.
 struct Shine {
     diffuse: vec3f,
     specular: vec3f,
@@ -90,8 +88,8 @@ fn light_without_surface(kept: vec4f) -> f32 {
 }
 
 // The light on a surface across a gradient of any length, of which the shares `kept` arrive. Without a gradient there
-// is no surface: the colour is as bright as what arrives. `surface` is the weight of the surface (common/floor.wgsl),
-// `point` its place in the lattice.
+// is no surface: the colour is as bright as what arrives. `surface` is the weight of the surface
+// (common/resolution.wgsl), `point` its place in the lattice.
 fn light_on(gradient: vec3f, surface: f32, point: vec3f, to_eye: vec3f, kept: vec4f) -> Shine {
     let largest = max(abs(gradient.x), max(abs(gradient.y), abs(gradient.z)));
     let ambient = lighting.ambient * kept.w;
@@ -113,19 +111,12 @@ fn light_on(gradient: vec3f, surface: f32, point: vec3f, to_eye: vec3f, kept: ve
     if LIGHTS > 3u {
         sum = sum_of(sum, shine_of(3u, normal, place, to_eye, 1.0));
     }
-    var shine = Shine(ambient + lighting.diffuse * sum.diffuse, lighting.specular * sum.specular, 1.0, 0.0);
-    if GRADIENT_FLOOR {
-        shine.surface = surface;
-        shine.plain = (1.0 - surface) * light_without_surface(kept);
-    }
-    return shine;
+    let plain = (1.0 - surface) * light_without_surface(kept);
+    return Shine(ambient + lighting.diffuse * sum.diffuse, lighting.specular * sum.specular, surface, plain);
 }
 
 // A colour under a light that light_on() gave.
 fn lit(color: vec3f, light: Shine) -> vec3f {
     let shaded = clamp(color * light.diffuse + light.specular, vec3f(0.0), vec3f(1.0));
-    if GRADIENT_FLOOR {
-        return light.surface * shaded + light.plain * color;
-    }
-    return shaded;
+    return light.surface * shaded + light.plain * color;
 }

@@ -2,6 +2,7 @@
 // its two neighbours in pieces of equal length, along each of which the scalar is linear and the transfer function is
 // integrated exactly. Each stage says what a piece adds: the type `Marched` and `add_sample`. (`shade` keeps optical
 // depth alone between batches, `gather` keeps transmittance beside it.)
+// uses: common/lighting, common/transfer
 
 // What is before a slab:
 // a slab that shows nothing, or skipped space;

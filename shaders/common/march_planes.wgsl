@@ -2,6 +2,7 @@
 // slabs that are not complete: the struct `Slabs`, the functions `feed` and `begin_run`, and FLUSH, the planes that are
 // marched after the last of a run until every slab that the run feeds has been composited; and by `is_opaque` whether a
 // ray ends.
+// uses: common/plane, common/ray_geometry
 
 // `start` is what the ray has gathered before.
 fn march_planes(tile: vec3u, geometry: RayGeometry, start: RayState) -> RayState {

@@ -1,5 +1,6 @@
 // The ray of a pixel of the painter `quads`, and the part of it that is inside the box of the volume and
 // not cut away.
+// uses: common/clip_view
 
 override PERSPECTIVE: bool = false;
 

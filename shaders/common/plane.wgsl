@@ -1,4 +1,5 @@
 // What a ray of the painter `tiles` gathers from one voxel plane.
+// uses: common/packing, common/ray_geometry
 
 // Terms of the footprint's polynomial: 6 or 8.
 override TERMS: u32 = 6u;

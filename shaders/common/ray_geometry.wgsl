@@ -1,5 +1,6 @@
 // What a ray of the painter `tiles` is like, and what it has gathered so far: shared by gather.wgsl and
 // gather_scalars.wgsl.
+// uses: common/rays
 
 // Voxels are scalars.
 override SCALARS: bool = false;

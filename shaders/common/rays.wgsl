@@ -12,6 +12,7 @@
 // Rays go through the points of the intermediate image (Lacroute and Levoy 1994, "Fast volume rendering using a
 // shear-warp factorization of the viewing transformation"). Its points are the pixels of the picture, or `resample`
 // turns it into the picture.
+// uses: common/clip
 
 override PERSPECTIVE: bool = false;
 // The volume is a layer: rays go through cells of several levels, coarser ones farther away, and these are of one.
@@ -210,7 +211,7 @@ fn footprint_half_of(shear: vec2f) -> vec2f {
 const BLEND: f32 = 0.05;
 
 // The share of axis m in the colour of a ray: 1 if the ray runs along m most closely by far, and smoothly less down to
-// 0. The shares of all axes add up to 1. `share` in src/gpu/tiles/axis.rs is the same for parallel rays.
+// 0. The shares of all axes add up to 1. `share` in src/painters/tiles/axis.rs is the same for parallel rays.
 fn share_of(line: Line) -> f32 {
     if !PERSPECTIVE {
         return rays.share;

@@ -1,4 +1,5 @@
 // What an X-ray shows of the optical depth along a ray: src/response.rs explains it.
+// uses: common/absorbed
 
 // No X-ray is 0.
 override RESPONSE: u32 = 0u;

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::camera::Camera;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::layers::Layers;
 use crate::reference::Reference;
@@ -16,8 +16,6 @@ const FRACTION: f64 = 0.999;
 const TAIL: f64 = 0.95;
 /// How many times as many pixels as asked for are traced, where few are covered.
 const MOST_DENSER: f64 = 16.0;
-/// The error of traced pixels: a tenth of the least bounds that pictures can keep.
-const TOLERANCE: f64 = 1e-5;
 /// Standard deviations to either end of an interval of 95 % confidence.
 const TWO_SIDED: f64 = 1.96;
 
@@ -51,14 +49,14 @@ impl Truth {
     /// # Errors
     /// Those of [`Reference::of_layers`] and [`Reference::pixels`].
     pub fn trace(layers: &Layers, camera: &Camera, settings: &Settings, pixels: u32) -> Result<Self> {
-        let reference = Reference::of_layers(layers, settings)?.with_tolerance(TOLERANCE);
+        let reference = Reference::of_layers(layers, settings)?.with_tolerance(Reference::TOLERANCE);
         let traced = |count: u32| {
             let sample = Sample::new(camera.size, count);
             let traced = reference.pixels(camera, &sample.pixels())?;
             let covered = traced.iter().filter(|pixel| pixel[3] > 0.0).count() as u32;
             let [width, height] = sample.grid();
             let pixels = Image::new(width, height, traced.into_iter().map(|p| p.map(|v| v as f32)).collect())?;
-            Ok((Self { sample, pixels }, covered))
+            Ok::<_, Error>((Self { sample, pixels }, covered))
         };
         let (truth, covered) = traced(pixels)?;
         let denser = f64::from(pixels) / f64::from(covered.max(1));

@@ -7,9 +7,6 @@
 
 mod choose;
 mod estimate;
-mod predict;
 
 pub use choose::{Chosen, Tried, choose};
 pub use estimate::{Estimate, Truth};
-pub(crate) use predict::Facts;
-pub use predict::Prediction;

@@ -441,6 +441,7 @@ mod tests {
         let error = everything().draw(&image, Background::default(), &Shown { volume: &unit, ..shown }).unwrap_err();
         assert!(error.to_string().contains("value_unit"), "{error}");
         let small = Image::transparent(32, 20).unwrap();
-        assert!(everything().draw(&small, Background::default(), &shown).is_err());
+        let error = everything().draw(&small, Background::default(), &shown).unwrap_err().to_string();
+        assert!(error.contains("32 x 20 pixels are not those of a region of 320 x 200"), "{error}");
     }
 }

@@ -13,8 +13,8 @@ use palette::Histogram;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::{Background, Image};
-use crate::names::named;
 use crate::output::{check_writable, write_atomically};
+use voxsplat_volume::names::named;
 
 /// The format of a film.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -382,8 +382,12 @@ mod tests {
     fn what_makes_no_film_is_refused() {
         let frame = &frames()[0];
         let new = |size, frames, rate| Film::new(Vec::new(), Format::Y4m, size, frames, rate);
-        assert!(new([0, 1], 1, 25.0).is_err() && new([1, 1], 0, 25.0).is_err() && new([1, 1], 1, f64::NAN).is_err());
-        assert!(new([8, 8], 1, 25.0).unwrap().add(frame, Background::default()).is_err());
+        let refused = |size, frames, rate| new(size, frames, rate).err().unwrap().to_string();
+        assert!(refused([0, 1], 1, 25.0).starts_with("size: 0x1, expected"));
+        assert_eq!(refused([1, 1], 0, 25.0), "frames: 0, expected 1 or more");
+        assert_eq!(refused([1, 1], 1, f64::NAN), "rate: NaN, expected 0.1 to 1000 frames a second");
+        let other = new([8, 8], 1, 25.0).unwrap().add(frame, Background::default()).unwrap_err().to_string();
+        assert!(other.contains("a film of 1 frames of 8 x 8 pixels has no place for it"), "{other}");
         let mut film = new([32, 16], 2, 25.0).unwrap();
         assert!(film.add(frame, Background::Transparent).unwrap_err().to_string().contains("no alpha"));
         film.add(frame, Background::default()).unwrap();

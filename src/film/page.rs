@@ -5,6 +5,8 @@ use std::io::{self, Write};
 use base64::display::Base64Display;
 use base64::engine::general_purpose::STANDARD;
 
+use voxsplat_volume::names::escaped;
+
 /// What stands before the frames.
 const HEAD: &str = include_str!("page_head.html");
 /// What stands behind them.
@@ -53,9 +55,4 @@ impl<W: Write> Page<W> {
         self.out.write_all(tail.replacen("{lines}", &lines, 1).as_bytes())?;
         self.out.flush()
     }
-}
-
-/// A text as HTML.
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -10,14 +10,14 @@ use super::pipeline::{Binding, bind, compute, flag, layout, module};
 use super::recorder::Recorder;
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
-use super::splat::{density, packed_appearance, packed_normal, resolution_at, surface_share, with_density};
+use super::splat::{density, packed_appearance, packed_normal, resolution_at, with_density};
 use super::store::{BrickSplats, Bricks, HostBrick, Part, Splats, Store, StoreBuilder};
 use super::transfer::Reduction;
-use crate::error::Result;
-use crate::memory::reserved;
+use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::transfer::{self, Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
+use voxsplat_volume::memory::reserved;
 
 /// Bricks of one batch, a million voxels: the memory that preparing a scene takes besides its splats, and far within
 /// every limit.
@@ -98,11 +98,6 @@ impl SampleCoding {
     /// The control points of gradient opacity, of gradients of samples on a lattice of this unit of length.
     fn gradient_points(&self, transfer: &TransferFunction, unit: f64) -> Vec<[f32; 2]> {
         transfer.scaled_gradient_opacity(self.gradient_scale() * unit)
-    }
-
-    /// One over the floor under gradients of samples; 0: there is none.
-    fn inverse_floor(&self, transfer: &TransferFunction, unit: f64) -> f32 {
-        transfer.inverse_floor(self.gradient_scale() * unit)
     }
 
     /// The base of the transfer function as a sample, and the resolution of samples there; 0 if nothing depends on
@@ -192,7 +187,6 @@ impl Classifier {
         let coding = SampleCoding::new(volume, transfer);
         let points = coding.points(transfer);
         let thinning = coding.gradient_points(transfer, volume.grid().unit());
-        let inverse_floor = coding.inverse_floor(transfer, volume.grid().unit());
         let [base, faintest] = coding.resolution(transfer, volume, lit)?;
         // So few points are part of the pipeline, which is made for their number.
         let mut few = [ControlPoint::zeroed(); MAX_INLINE_POINTS];
@@ -204,7 +198,6 @@ impl Classifier {
             ("SAMPLE_TYPE", f64::from(coding.sample_type)),
             ("LIT", flag(lit)),
             ("GRADIENT_OPACITY", flag(!thinning.is_empty())),
-            ("GRADIENT_FLOOR", flag(lit && inverse_floor > 0.0)),
             ("KEEP_INVISIBLE", flag(!savings.voxels)),
             ("INLINE_POINTS", if is_few { points.len() as f64 } else { 0.0 }),
         ];
@@ -230,9 +223,9 @@ impl Classifier {
                 gradient_z,
                 first_brick: 0,
                 gradient_points: thinning.len() as u32,
-                inverse_floor,
                 base,
                 faintest,
+                _pad: 0,
                 inline_points: few,
             },
         };
@@ -271,7 +264,7 @@ fn each_brick<B: Send>(
         !savings.bricks || !savings.voxels || !transfer.is_invisible([a.min(b), a.max(b)])
     };
     let total = volume.bricks().into_iter().product::<u32>();
-    let made = |brick: Brick| Ok((brick.1.len() as u64, make(brick)?));
+    let made = |brick: Brick| Ok::<_, Error>((brick.1.len() as u64, make(brick)?));
     volume.for_each_brick(&shows, usize::from(halo), coding, &made, &mut |brick| {
         bricks.all += 1;
         if let Some((bytes, brick)) = brick {
@@ -286,13 +279,13 @@ fn each_brick<B: Send>(
 }
 
 /// World gradients of the lattice coordinates.
-pub(super) fn gradients(volume: &Volume) -> [[f32; 3]; 3] {
+pub(crate) fn gradients(volume: &Volume) -> [[f32; 3]; 3] {
     let gradients = volume.grid().local().to_lattice().matrix3.transpose();
     [0, 1, 2].map(|axis| gradients.col(axis).as_vec3().to_array())
 }
 
 /// Bytes of a splat.
-pub(super) const STRIDE: u64 = size_of::<Splat>() as u64;
+pub(crate) const STRIDE: u64 = size_of::<Splat>() as u64;
 
 /// Bricks that are classified together.
 #[derive(Default)]
@@ -406,8 +399,6 @@ pub(crate) struct HostClassifier {
     lit: bool,
     /// Gradient opacity, of gradients of samples; empty: extinction does not depend on them.
     thinning: Vec<[f32; 2]>,
-    /// One over the floor under gradients of samples; 0: there is none.
-    inverse_floor: f32,
     /// The base of the transfer function as a sample, and the resolution there.
     resolution: [f32; 2],
     keep_invisible: bool,
@@ -442,7 +433,6 @@ impl HostClassifier {
             dims: volume.grid().dims(),
             lit,
             thinning: coding.gradient_points(transfer, volume.grid().unit()),
-            inverse_floor: coding.inverse_floor(transfer, volume.grid().unit()),
             resolution: coding.resolution(transfer, volume, lit)?,
             keep_invisible: !context.savings.voxels,
             table: Vec::new(),
@@ -557,8 +547,7 @@ impl HostClassifier {
                     *row |= 1 << x;
                     words.extend(appearance);
                     if self.lit {
-                        let surface = || surface_share(steepness_of(gradient) * self.inverse_floor);
-                        words.push(packed_normal(gradient.0, (self.inverse_floor > 0.0).then(surface)));
+                        words.push(packed_normal(gradient.0));
                     }
                 }
             }
@@ -575,7 +564,7 @@ impl HostClassifier {
 
 /// `gradient` in shaders/classify.wgsl, of the differences along the axes of the lattice: a vector, and what it is to
 /// be multiplied by; 0 if half of the differences is under their resolution.
-pub(super) fn gradient_of([x, y, z]: &[[f32; 3]; 3], steps: [f32; 3], resolution: f32) -> ([f32; 3], f32) {
+pub(crate) fn gradient_of([x, y, z]: &[[f32; 3]; 3], steps: [f32; 3], resolution: f32) -> ([f32; 3], f32) {
     let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
     if largest <= 0.0 || 0.5 * largest < resolution {
         return ([0.0; 3], 0.0);
@@ -585,6 +574,6 @@ pub(super) fn gradient_of([x, y, z]: &[[f32; 3]; 3], steps: [f32; 3], resolution
 }
 
 /// The length of such a gradient.
-pub(super) fn steepness_of(([x, y, z], times): ([f32; 3], f32)) -> f32 {
+pub(crate) fn steepness_of(([x, y, z], times): ([f32; 3], f32)) -> f32 {
     ((x * x + y * y + z * z).sqrt() * times).min(FAR as f32)
 }

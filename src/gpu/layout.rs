@@ -69,9 +69,9 @@ pub(crate) struct Classify {
     pub gradient_z: [f32; 3],
     pub first_brick: u32,
     pub gradient_points: u32,
-    pub inverse_floor: f32,
     pub base: f32,
     pub faintest: f32,
+    pub _pad: u32,
     pub inline_points: [ControlPoint; MAX_INLINE_POINTS],
 }
 
@@ -200,9 +200,8 @@ pub(crate) struct Lighting {
     pub colors: [[f32; 4]; 4],
     pub from_lattice: Affine,
     pub shininess: f32,
-    pub inverse_floor: f32,
     pub faintest: f32,
-    pub _pad: u32,
+    pub _pad: [u32; 2],
 }
 
 /// The entries of a batch; shaders/terminate.wgsl.

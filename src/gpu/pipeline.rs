@@ -6,7 +6,7 @@ use crate::error::Result;
 
 /// What a binding of a stage holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Binding {
+pub(crate) enum Binding {
     /// A uniform buffer.
     Uniform,
     /// A uniform buffer bound at an offset given with each draw.
@@ -65,7 +65,7 @@ impl Binding {
 }
 
 /// A bind group layout of the slots at bindings 0, 1, 2, ...
-pub(super) fn layout(
+pub(crate) fn layout(
     context: &Context,
     stage: &str,
     visibility: wgpu::ShaderStages,
@@ -82,7 +82,7 @@ pub(super) fn layout(
 }
 
 /// A bind group of resources at bindings 0, 1, 2, ...
-pub(super) fn bind(
+pub(crate) fn bind(
     context: &Context,
     stage: &str,
     layout: &wgpu::BindGroupLayout,
@@ -100,23 +100,23 @@ pub(super) fn bind(
 }
 
 /// A texture as a binding.
-pub(super) fn texture_view(view: &wgpu::TextureView) -> wgpu::BindingResource<'_> {
+pub(crate) fn texture_view(view: &wgpu::TextureView) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::TextureView(view)
 }
 
 /// The range of a buffer from byte `offset`, `size` bytes long, as a binding.
-pub(super) fn buffer_range(buffer: &wgpu::Buffer, offset: u64, size: u64) -> wgpu::BindingResource<'_> {
+pub(crate) fn buffer_range(buffer: &wgpu::Buffer, offset: u64, size: u64) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size: std::num::NonZeroU64::new(size) })
 }
 
-pub(super) fn module(context: &Context, shader: Shader) -> wgpu::ShaderModule {
+pub(crate) fn module(context: &Context, shader: Shader) -> wgpu::ShaderModule {
     context.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(shader.name),
         source: wgpu::ShaderSource::Wgsl(shader.source().into()),
     })
 }
 
-pub(super) fn pipeline_layout(context: &Context, stage: &str, group: &wgpu::BindGroupLayout) -> wgpu::PipelineLayout {
+fn pipeline_layout(context: &Context, stage: &str, group: &wgpu::BindGroupLayout) -> wgpu::PipelineLayout {
     context.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some(&format!("{stage}.pipeline_layout")),
         bind_group_layouts: &[Some(group)],
@@ -125,7 +125,7 @@ pub(super) fn pipeline_layout(context: &Context, stage: &str, group: &wgpu::Bind
 }
 
 /// A compute pipeline of one entry point, specialised by override constants.
-pub(super) fn compute(
+pub(crate) fn compute(
     context: &Context,
     module: &wgpu::ShaderModule,
     stage: &str,
@@ -144,8 +144,52 @@ pub(super) fn compute(
     })
 }
 
+/// What differs between render pipelines. The vertex stage's entry point is `vertex.0`, with override constants.
+pub(crate) struct Render<'a> {
+    pub(crate) label: &'a str,
+    /// `None`: the stages are bound to nothing.
+    pub(crate) layout: Option<&'a wgpu::BindGroupLayout>,
+    pub(crate) module: &'a wgpu::ShaderModule,
+    pub(crate) vertex: (&'a str, &'a [(&'a str, f64)]),
+    pub(crate) buffers: &'a [Option<wgpu::VertexBufferLayout<'a>>],
+    pub(crate) topology: wgpu::PrimitiveTopology,
+    pub(crate) fragment: (&'a str, &'a [(&'a str, f64)]),
+    pub(crate) targets: &'a [Option<wgpu::ColorTargetState>],
+}
+
+impl Render<'_> {
+    pub(crate) fn pipeline(&self, context: &Context) -> wgpu::RenderPipeline {
+        let layout = match self.layout {
+            Some(group) => pipeline_layout(context, self.label, group),
+            None => context.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor::default()),
+        };
+        context.made_pipeline();
+        context.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some(self.label),
+            layout: Some(&layout),
+            vertex: wgpu::VertexState {
+                module: self.module,
+                entry_point: Some(self.vertex.0),
+                compilation_options: specialised(self.vertex.1),
+                buffers: self.buffers,
+            },
+            primitive: wgpu::PrimitiveState { topology: self.topology, ..Default::default() },
+            depth_stencil: None,
+            multisample: wgpu::MultisampleState::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: self.module,
+                entry_point: Some(self.fragment.0),
+                compilation_options: specialised(self.fragment.1),
+                targets: self.targets,
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
+    }
+}
+
 /// Makes two sets of pipelines at the same time.
-pub(super) fn both<A: Send, B: Send>(
+pub(crate) fn both<A: Send, B: Send>(
     context: &Context,
     first: impl FnOnce() -> A + Send,
     second: impl FnOnce() -> B + Send,
@@ -162,11 +206,11 @@ pub(super) fn both<A: Send, B: Send>(
 }
 
 /// The value of an override constant that is a bool.
-pub(super) fn flag(value: bool) -> f64 {
+pub(crate) fn flag(value: bool) -> f64 {
     f64::from(u8::from(value))
 }
 
 /// Override constants. No stage uses workgroup memory, so there is none to clear.
-pub(super) fn specialised<'a>(constants: &'a [(&'a str, f64)]) -> wgpu::PipelineCompilationOptions<'a> {
+fn specialised<'a>(constants: &'a [(&'a str, f64)]) -> wgpu::PipelineCompilationOptions<'a> {
     wgpu::PipelineCompilationOptions { constants, zero_initialize_workgroup_memory: false }
 }

@@ -2,7 +2,7 @@
 
 use super::context::Context;
 use super::layout;
-use super::pipeline::{Binding, bind, flag, layout, module, pipeline_layout, specialised};
+use super::pipeline::{Binding, Render, bind, flag, layout, module};
 use super::recorder::Recorder;
 use super::shaders;
 use crate::error::{Error, Result};
@@ -20,28 +20,17 @@ impl Present {
         let layout = layout(context, "present", wgpu::ShaderStages::FRAGMENT, &slots);
         let module = module(context, shaders::PRESENT);
         let target = wgpu::ColorTargetState { format, blend: None, write_mask: wgpu::ColorWrites::ALL };
-        context.made_pipeline();
-        let pipeline = context.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("present"),
-            layout: Some(&pipeline_layout(context, "present", &layout)),
-            vertex: wgpu::VertexState {
-                module: &module,
-                entry_point: Some("cover"),
-                compilation_options: specialised(&[]),
-                buffers: &[],
-            },
-            primitive: wgpu::PrimitiveState::default(),
-            depth_stencil: None,
-            multisample: wgpu::MultisampleState::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &module,
-                entry_point: Some("present_pixel"),
-                compilation_options: specialised(&[("SRGB", flag(format.is_srgb()))]),
-                targets: &[Some(target)],
-            }),
-            multiview_mask: None,
-            cache: None,
-        });
+        let render = Render {
+            label: "present",
+            layout: Some(&layout),
+            module: &module,
+            vertex: ("cover", &[]),
+            buffers: &[],
+            topology: wgpu::PrimitiveTopology::TriangleList,
+            fragment: ("present_pixel", &[("SRGB", flag(format.is_srgb()))]),
+            targets: &[Some(target)],
+        };
+        let pipeline = render.pipeline(context);
         Self { layout, pipeline }
     }
 

@@ -27,7 +27,7 @@ pub(crate) struct Readback {
 }
 
 /// Workgroups in two dimensions.
-pub(super) fn flat([x, y]: [u32; 2]) -> [u32; 3] {
+pub(crate) fn flat([x, y]: [u32; 2]) -> [u32; 3] {
     [x, y, 1]
 }
 
@@ -47,7 +47,7 @@ impl<'a> Recorder<'a> {
     }
 
     /// A compute pass of a stage, for several dispatches.
-    pub(super) fn compute_pass(&mut self, stage: &'static str) -> wgpu::ComputePass<'_> {
+    pub(crate) fn compute_pass(&mut self, stage: &'static str) -> wgpu::ComputePass<'_> {
         self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(stage),
             timestamp_writes: self.timing.compute(self.context, stage),
@@ -55,7 +55,7 @@ impl<'a> Recorder<'a> {
     }
 
     /// A compute pass of one dispatch.
-    pub(super) fn dispatch(
+    pub(crate) fn dispatch(
         &mut self,
         stage: &'static str,
         pipeline: &wgpu::ComputePipeline,
@@ -70,7 +70,7 @@ impl<'a> Recorder<'a> {
     }
 
     /// The same with a number of workgroups that the device finds: the first three words of a buffer.
-    pub(super) fn dispatch_indirect(
+    pub(crate) fn dispatch_indirect(
         &mut self,
         stage: &'static str,
         pipeline: &wgpu::ComputePipeline,
@@ -84,7 +84,7 @@ impl<'a> Recorder<'a> {
     }
 
     /// A render pass of a stage.
-    pub(super) fn render_pass(
+    pub(crate) fn render_pass(
         &mut self,
         stage: &'static str,
         attachments: &[Option<wgpu::RenderPassColorAttachment<'_>>],
@@ -98,12 +98,12 @@ impl<'a> Recorder<'a> {
     }
 
     /// Copies the first `bytes` of a buffer to another, from byte `at` on.
-    pub(super) fn copy(&mut self, from: &wgpu::Buffer, to: &wgpu::Buffer, at: u64, bytes: u64) {
+    pub(crate) fn copy(&mut self, from: &wgpu::Buffer, to: &wgpu::Buffer, at: u64, bytes: u64) {
         self.encoder.copy_buffer_to_buffer(from, 0, to, at, bytes);
     }
 
     /// Copies a buffer of rows of `row_bytes` bytes into a texture, from row `first_row` on.
-    pub(super) fn copy_rows(
+    pub(crate) fn copy_rows(
         &mut self,
         from: &wgpu::Buffer,
         row_bytes: u64,
@@ -130,7 +130,7 @@ impl<'a> Recorder<'a> {
     }
 
     /// Counts work that was recorded, and submits it if it is all that a submission may take.
-    pub(super) fn worked(&mut self, work: u64) {
+    pub(crate) fn worked(&mut self, work: u64) {
         self.work = self.work.saturating_add(work);
         if self.work >= MAX_WORK && !self.context.info.is_software() {
             self.submit();
@@ -145,7 +145,7 @@ impl<'a> Recorder<'a> {
     }
 
     /// Runs a stage on the host.
-    pub(super) fn on_host<T>(&mut self, stage: &'static str, work: impl FnOnce(&mut Self) -> T) -> T {
+    pub(crate) fn on_host<T>(&mut self, stage: &'static str, work: impl FnOnce(&mut Self) -> T) -> T {
         let (result, seconds) = on_host(|| work(self));
         match self.on_host.iter_mut().find(|(name, _)| *name == stage) {
             Some((_, sum)) => *sum += seconds,

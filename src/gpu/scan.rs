@@ -9,9 +9,9 @@ use super::shaders;
 use crate::error::Result;
 
 /// Values that one invocation sums; RUN in shaders/scan.wgsl.
-pub(super) const RUN: u64 = 128;
+pub(crate) const RUN: u64 = 128;
 /// Invocations of a workgroup; WORKGROUP in shaders/common/dispatch.wgsl.
-pub(super) const WORKGROUP: u64 = 64;
+pub(crate) const WORKGROUP: u64 = 64;
 
 /// The pipelines of the scan.
 pub(crate) struct Scan {

@@ -1,194 +1,96 @@
 //! The WGSL of each stage: the stage's own file, then the files that it uses. The stage's file is first so that the
 //! line numbers of errors are those of the file.
+//!
+//! A file names the files that it uses itself in a line `// uses: common/clip, common/frame`: paths in `shaders`
+//! without the ending. A line of code with a number sign stands for eight, with 0 to 7 in the sign's place.
 
 /// A stage's shader.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Shader {
     /// The stage's name.
     pub name: &'static str,
-    /// The stage's file and the files it uses, in that order.
-    parts: &'static [&'static str],
+    file: &'static str,
+    /// The file that reads voxels, if the stage's own file leaves that open.
+    voxels: Option<&'static str>,
 }
 
 impl Shader {
-    /// The whole source.
+    const fn new(name: &'static str) -> Self {
+        Self { name, file: name, voxels: None }
+    }
+
+    const fn of_scalars(name: &'static str, voxels: &'static str) -> Self {
+        Self { name, file: "gather_scalars", voxels: Some(voxels) }
+    }
+
+    /// The whole source: each file once.
     pub(crate) fn source(&self) -> String {
-        self.parts.join("\n")
+        let mut files: Vec<&str> = std::iter::once(self.file).chain(self.voxels).collect();
+        let mut texts = Vec::new();
+        while let Some(file) = files.get(texts.len()) {
+            let text = text_of(file).unwrap_or_default();
+            texts.push(text);
+            for used in uses(text) {
+                if !files.contains(&used) {
+                    files.push(used);
+                }
+            }
+        }
+        texts.iter().flat_map(|text| text.lines()).map(|line| written_out(line) + "\n").collect()
     }
 }
 
-const BOUNDS: &str = include_str!("../../shaders/common/bounds.wgsl");
-const LIGHTING: &str = include_str!("../../shaders/common/lighting.wgsl");
-const FLOOR: &str = include_str!("../../shaders/common/floor.wgsl");
-const NORMAL: &str = include_str!("../../shaders/common/normal.wgsl");
-const PIXEL_RAY: &str = include_str!("../../shaders/common/pixel_ray.wgsl");
-const ABSORBED: &str = include_str!("../../shaders/common/absorbed.wgsl");
-const RESPONSE: &str = include_str!("../../shaders/common/response.wgsl");
-const DISPATCH: &str = include_str!("../../shaders/common/dispatch.wgsl");
-const FRAME: &str = include_str!("../../shaders/common/frame.wgsl");
-const CLIP: &str = include_str!("../../shaders/common/clip.wgsl");
-const CLIP_VIEW: &str = include_str!("../../shaders/common/clip_view.wgsl");
-const PACKING: &str = include_str!("../../shaders/common/packing.wgsl");
-const RAYS: &str = include_str!("../../shaders/common/rays.wgsl");
-const RAY_GEOMETRY: &str = include_str!("../../shaders/common/ray_geometry.wgsl");
-const MARCH_PLANES: &str = include_str!("../../shaders/common/march_planes.wgsl");
-const MARCH_PARABOLA: &str = include_str!("../../shaders/common/march_parabola.wgsl");
-const LIT_SPLAT: &str = include_str!("../../shaders/common/lit_splat.wgsl");
-const PLANE: &str = include_str!("../../shaders/common/plane.wgsl");
-const VECTORS: &str = include_str!("../../shaders/voxels/vectors.wgsl");
-const SCALARS: &str = include_str!("../../shaders/voxels/scalars.wgsl");
-const SCALARS_SOFTWARE: &str = include_str!("../../shaders/voxels/scalars_software.wgsl");
-const SCALAR_PAIRS: &str = include_str!("../../shaders/voxels/scalar_pairs.wgsl");
-const LIGHT_VOLUME: &str = include_str!("../../shaders/common/light_volume.wgsl");
-const TRANSFER: &str = include_str!("../../shaders/common/transfer.wgsl");
-const STORED_SPLAT: &str = include_str!("../../shaders/common/splat.wgsl");
+/// A line with a number sign eight times, all in one line, so that the numbers of lines stay.
+fn written_out(line: &str) -> String {
+    let is_template = line.contains('#') && !line.trim_start().starts_with("//");
+    if is_template { (0..8).map(|n| line.replace('#', &n.to_string())).collect() } else { line.to_owned() }
+}
 
-pub(crate) const CLASSIFY: Shader = Shader {
-    name: "classify",
-    parts: &[include_str!("../../shaders/classify.wgsl"), STORED_SPLAT, NORMAL, FLOOR, DISPATCH],
+/// The text of a file.
+fn text_of(file: &str) -> Option<&'static str> {
+    FILES.iter().find(|(path, _)| *path == file).map(|(_, text)| *text)
+}
+
+/// The files that a text names in its line `// uses: ..`.
+fn uses(text: &'static str) -> impl Iterator<Item = &'static str> {
+    text.lines().filter_map(|line| line.strip_prefix("// uses: ")).flat_map(|files| files.split(", "))
+}
+
+macro_rules! files {
+    ($($path:literal),* $(,)?) => {
+        [$(($path, include_str!(concat!("../../shaders/", $path, ".wgsl")))),*]
+    };
+}
+
+/// All files, and their texts.
+static FILES: &[(&str, &str)] = &files! {
+    "classify", "common/absorbed", "common/bounds", "common/clip", "common/clip_view", "common/dispatch",
+    "common/frame", "common/light_volume", "common/lighting", "common/lit_splat", "common/march_parabola",
+    "common/march_planes", "common/normal", "common/packing", "common/pixel_ray", "common/plane", "common/ray_geometry",
+    "common/rays", "common/resolution", "common/response", "common/splat", "common/transfer", "composite", "estimate",
+    "gather", "gather_scalars", "pack", "prefilter", "present", "resample", "resolve", "scan", "shade", "skip", "sort",
+    "splat", "terminate", "voxels/scalar_pairs", "voxels/scalars", "voxels/scalars_software", "voxels/vectors",
 };
-pub(crate) const SCAN: Shader = Shader { name: "scan", parts: &[include_str!("../../shaders/scan.wgsl"), DISPATCH] };
-pub(crate) const SORT: Shader = Shader {
-    name: "sort",
-    parts: &[include_str!("../../shaders/sort.wgsl"), FRAME, CLIP, STORED_SPLAT, BOUNDS, DISPATCH],
-};
-pub(crate) const SPLAT: Shader = Shader {
-    name: "splat",
-    parts: &[
-        include_str!("../../shaders/splat.wgsl"),
-        FRAME,
-        CLIP,
-        CLIP_VIEW,
-        STORED_SPLAT,
-        BOUNDS,
-        LIT_SPLAT,
-        LIGHTING,
-        NORMAL,
-        FLOOR,
-        ABSORBED,
-    ],
-};
-pub(crate) const TERMINATE: Shader = Shader {
-    name: "terminate",
-    parts: &[include_str!("../../shaders/terminate.wgsl"), FRAME, CLIP, STORED_SPLAT, BOUNDS, DISPATCH],
-};
-pub(crate) const COMPOSITE: Shader =
-    Shader { name: "composite", parts: &[include_str!("../../shaders/composite.wgsl"), FRAME, CLIP, ABSORBED] };
-pub(crate) const SHADE: Shader = Shader {
-    name: "shade",
-    parts: &[
-        include_str!("../../shaders/shade.wgsl"),
-        FRAME,
-        CLIP,
-        CLIP_VIEW,
-        PIXEL_RAY,
-        MARCH_PARABOLA,
-        TRANSFER,
-        LIGHTING,
-        FLOOR,
-        LIGHT_VOLUME,
-        ABSORBED,
-    ],
-};
-pub(crate) const RESOLVE: Shader =
-    Shader { name: "resolve", parts: &[include_str!("../../shaders/resolve.wgsl"), FRAME, CLIP, RESPONSE, ABSORBED] };
-pub(crate) const PACK: Shader = Shader {
-    name: "pack",
-    parts: &[
-        include_str!("../../shaders/pack.wgsl"),
-        PACKING,
-        STORED_SPLAT,
-        LIT_SPLAT,
-        LIGHTING,
-        NORMAL,
-        FLOOR,
-        DISPATCH,
-    ],
-};
-pub(crate) const SKIP: Shader =
-    Shader { name: "skip", parts: &[include_str!("../../shaders/skip.wgsl"), RAYS, CLIP, PACKING] };
-pub(crate) const GATHER: Shader = Shader {
-    name: "gather",
-    parts: &[
-        include_str!("../../shaders/gather.wgsl"),
-        MARCH_PLANES,
-        RAY_GEOMETRY,
-        PLANE,
-        VECTORS,
-        RAYS,
-        CLIP,
-        PACKING,
-        RESPONSE,
-        ABSORBED,
-    ],
-};
-const GATHER_SCALARS_FILE: &str = include_str!("../../shaders/gather_scalars.wgsl");
-pub(crate) const GATHER_SCALARS: Shader = Shader {
-    name: "gather-scalars",
-    parts: &[
-        GATHER_SCALARS_FILE,
-        MARCH_PLANES,
-        RAY_GEOMETRY,
-        PLANE,
-        SCALARS,
-        SCALAR_PAIRS,
-        RAYS,
-        CLIP,
-        PACKING,
-        MARCH_PARABOLA,
-        TRANSFER,
-        LIGHTING,
-        FLOOR,
-        LIGHT_VOLUME,
-        ABSORBED,
-    ],
-};
-pub(crate) const GATHER_SCALARS_SOFTWARE: Shader = Shader {
-    name: "gather-scalars-software",
-    parts: &[
-        GATHER_SCALARS_FILE,
-        MARCH_PLANES,
-        RAY_GEOMETRY,
-        PLANE,
-        SCALARS_SOFTWARE,
-        SCALAR_PAIRS,
-        RAYS,
-        CLIP,
-        PACKING,
-        MARCH_PARABOLA,
-        TRANSFER,
-        LIGHTING,
-        FLOOR,
-        LIGHT_VOLUME,
-        ABSORBED,
-    ],
-};
-pub(crate) const GATHER_GRADIENTS: Shader = Shader {
-    name: "gather-gradients",
-    parts: &[
-        GATHER_SCALARS_FILE,
-        MARCH_PLANES,
-        RAY_GEOMETRY,
-        PLANE,
-        VECTORS,
-        RAYS,
-        CLIP,
-        PACKING,
-        MARCH_PARABOLA,
-        TRANSFER,
-        LIGHTING,
-        FLOOR,
-        LIGHT_VOLUME,
-        ABSORBED,
-    ],
-};
-pub(crate) const PREFILTER: Shader =
-    Shader { name: "prefilter", parts: &[include_str!("../../shaders/prefilter.wgsl")] };
-pub(crate) const ESTIMATE: Shader =
-    Shader { name: "estimate", parts: &[include_str!("../../shaders/estimate.wgsl"), RAYS, CLIP] };
-pub(crate) const RESAMPLE: Shader =
-    Shader { name: "resample", parts: &[include_str!("../../shaders/resample.wgsl"), RAYS, CLIP] };
-pub(crate) const PRESENT: Shader = Shader { name: "present", parts: &[include_str!("../../shaders/present.wgsl")] };
+
+pub(crate) const CLASSIFY: Shader = Shader::new("classify");
+pub(crate) const SCAN: Shader = Shader::new("scan");
+pub(crate) const SORT: Shader = Shader::new("sort");
+pub(crate) const SPLAT: Shader = Shader::new("splat");
+pub(crate) const TERMINATE: Shader = Shader::new("terminate");
+pub(crate) const COMPOSITE: Shader = Shader::new("composite");
+pub(crate) const SHADE: Shader = Shader::new("shade");
+pub(crate) const RESOLVE: Shader = Shader::new("resolve");
+pub(crate) const PACK: Shader = Shader::new("pack");
+pub(crate) const SKIP: Shader = Shader::new("skip");
+pub(crate) const GATHER: Shader = Shader::new("gather");
+pub(crate) const GATHER_SCALARS: Shader = Shader::of_scalars("gather-scalars", "voxels/scalars");
+pub(crate) const GATHER_SCALARS_SOFTWARE: Shader =
+    Shader::of_scalars("gather-scalars-software", "voxels/scalars_software");
+pub(crate) const GATHER_GRADIENTS: Shader = Shader::of_scalars("gather-gradients", "voxels/vectors");
+pub(crate) const PREFILTER: Shader = Shader::new("prefilter");
+pub(crate) const ESTIMATE: Shader = Shader::new("estimate");
+pub(crate) const RESAMPLE: Shader = Shader::new("resample");
+pub(crate) const PRESENT: Shader = Shader::new("present");
 
 /// Every shader there is.
 #[cfg(test)]
@@ -212,3 +114,38 @@ pub(crate) const ALL: [Shader; 18] = [
     RESAMPLE,
     PRESENT,
 ];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_use_files_that_there_are_and_no_circle_of_them() {
+        let mut left: Vec<&str> = FILES.iter().map(|(file, _)| *file).collect();
+        for (file, text) in FILES {
+            uses(text).for_each(|used| assert!(left.contains(&used), "{file} uses {used}"));
+        }
+        while !left.is_empty() {
+            let leans = |file: &&str| text_of(file).is_some_and(|text| uses(text).any(|used| left.contains(&used)));
+            let leaning: Vec<&str> = left.iter().copied().filter(leans).collect();
+            assert!(leaning.len() < left.len(), "a circle: {leaning:?}");
+            left = leaning;
+        }
+    }
+
+    #[test]
+    fn every_file_is_part_of_a_shader_once() {
+        let sources = ALL.map(|shader| shader.source());
+        for (file, text) in FILES {
+            let header = text.lines().next().unwrap();
+            let times = sources.iter().map(|source| source.lines().filter(|line| *line == header).count()).max();
+            assert_eq!(times, Some(1), "{file}");
+        }
+    }
+
+    #[test]
+    fn lines_with_a_number_sign_are_written_out() {
+        assert_eq!(written_out("// all #"), "// all #");
+        assert_eq!(written_out("a#(#);"), "a0(0);a1(1);a2(2);a3(3);a4(4);a5(5);a6(6);a7(7);");
+    }
+}

@@ -67,7 +67,6 @@ fn structs_are_laid_out_alike() {
         gradient_z,
         first_brick,
         gradient_points,
-        inverse_floor,
         base,
         faintest,
         inline_points
@@ -172,7 +171,6 @@ fn structs_are_laid_out_alike() {
         colors,
         from_lattice,
         shininess,
-        inverse_floor,
         faintest
     });
     same_layout!(Frame {
@@ -221,7 +219,7 @@ fn constants_are_those_of_the_host() {
         ("classify", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("classify", "MAX_INLINE_POINTS", super::layout::MAX_INLINE_POINTS as u64),
         ("scan", "RUN", super::scan::RUN),
-        ("terminate", "RUN", super::quads::terminate::RUN),
+        ("terminate", "RUN", crate::painters::quads::terminate::RUN),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),
     ];
     for (name, constant, value) in expected {

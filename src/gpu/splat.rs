@@ -1,5 +1,5 @@
-//! The twin of shaders/common/splat.wgsl, normal.wgsl, floor.wgsl and lighting.wgsl on the host: words of splats, and
-//! light on them.
+//! The twin of shaders/common/splat.wgsl, normal.wgsl, resolution.wgsl and lighting.wgsl on the host: words of splats,
+//! and light on them.
 
 use super::layout::Lighting;
 use crate::transfer::Resolution;
@@ -9,12 +9,9 @@ const COLOR_STEPS: [f32; 3] = [8191.0, 16383.0, 8191.0];
 
 /// The bits for "no direction".
 const NO_NORMAL: u32 = 0x8000_8000;
-/// With a floor under gradients: the largest value of a coordinate, and of a weight.
-const COORDINATE_STEPS: f32 = 2047.0;
-const WEIGHT_STEPS: f32 = 255.0;
 
 /// -ln(1 - opacity): `density` in shaders/classify.wgsl.
-pub(super) fn density(opacity: f32) -> f32 {
+pub(crate) fn density(opacity: f32) -> f32 {
     let a = opacity.min(1.0 - 1.0 / 65_536.0);
     if a < 0.1 {
         return a * (1.0 + a * (1.0 / 2.0 + a * (1.0 / 3.0 + a * (1.0 / 4.0 + a * (1.0 / 5.0 + a * (1.0 / 6.0))))));
@@ -28,7 +25,7 @@ fn nearest(value: f32) -> u32 {
 }
 
 /// The words density_blue and color.
-pub(super) fn packed_appearance(color: [f32; 3], density: f32) -> [u32; 2] {
+pub(crate) fn packed_appearance(color: [f32; 3], density: f32) -> [u32; 2] {
     let [r, g, b] = [0, 1, 2].map(|c| nearest(color[c].clamp(0.0, 1.0) * COLOR_STEPS[c]));
     // To the nearest: half of the lowest bit that stays is added.
     let rounded = density.to_bits().wrapping_add(128) & 0xffff_ff00;
@@ -36,7 +33,7 @@ pub(super) fn packed_appearance(color: [f32; 3], density: f32) -> [u32; 2] {
 }
 
 /// The same words with another density.
-pub(super) fn with_density([density_blue, color]: [u32; 2], density: f32) -> [u32; 2] {
+pub(crate) fn with_density([density_blue, color]: [u32; 2], density: f32) -> [u32; 2] {
     [density.to_bits().wrapping_add(128) & 0xffff_ff00 | density_blue & 0xff, color]
 }
 
@@ -45,39 +42,28 @@ fn sign_or_one(v: f32) -> f32 {
     if v >= 0.0 { 1.0 } else { -1.0 }
 }
 
-/// The weight of a surface, given the length of its gradient over the floor.
-pub(super) fn surface_share(steepness: f32) -> f32 {
-    let g = steepness.min(1e9);
-    g * g / (g * g + 1.0)
-}
-
 /// The central difference that counts half as a surface, at a scalar relative to the base.
-pub(super) fn resolution_at(scalar: f32, faintest: f32) -> f32 {
+pub(crate) fn resolution_at(scalar: f32, faintest: f32) -> f32 {
     Resolution::OF_DISTANCE as f32 * scalar.abs() + faintest
 }
 
-/// The bits of the direction of a vector of any length, and if there is a floor of the weight of its surface.
-pub(super) fn packed_normal([x, y, z]: [f32; 3], surface: Option<f32>) -> u32 {
+/// The bits of the direction of a vector of any length.
+pub(crate) fn packed_normal([x, y, z]: [f32; 3]) -> u32 {
     let sum = x.abs() + y.abs() + z.abs();
     if sum.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
-        return if surface.is_some() { 0 } else { NO_NORMAL };
+        return NO_NORMAL;
     }
     let mut p = [x / sum, y / sum];
     if z < 0.0 {
         p = [(1.0 - p[1].abs()) * sign_or_one(p[0]), (1.0 - p[0].abs()) * sign_or_one(p[1])];
     }
     // The nearest whole number, from a sum without bits for a fraction: the lowest bits hold it with its sign.
-    let steps = |largest: f32| p.map(|c| (c.clamp(-1.0, 1.0) * largest + 12_582_912.0).to_bits());
-    if let Some(surface) = surface {
-        let [low, high] = steps(COORDINATE_STEPS).map(|bits| bits & 0xfff);
-        return low | high << 12 | nearest(surface.clamp(0.0, 1.0) * WEIGHT_STEPS) << 24;
-    }
-    let [low, high] = steps(32767.0).map(|bits| bits & 0xffff);
+    let [low, high] = p.map(|c| (c.clamp(-1.0, 1.0) * 32767.0 + 12_582_912.0).to_bits() & 0xffff);
     low | high << 16
 }
 
 /// The steps of a gradient: `splat_gradient` in shaders/common/splat.wgsl.
-pub(super) fn gradient([low, high]: [u32; 2]) -> [f32; 3] {
+pub(crate) fn gradient([low, high]: [u32; 2]) -> [f32; 3] {
     let signed = |bits: u32| (bits << 14) as i32 >> 14;
     let steps = [low, low >> 18 | (high & 15) << 14, high >> 4].map(|bits| signed(bits & 0x3_ffff));
     let step = f32::from_bits(high >> 22 << 23) / 65_536.0;
@@ -85,7 +71,7 @@ pub(super) fn gradient([low, high]: [u32; 2]) -> [f32; 3] {
 }
 
 /// Splats that are coloured at a time: loops over so many vectorise.
-pub(super) const LANES: usize = 16;
+pub(crate) const LANES: usize = 16;
 
 /// A number of each of these splats.
 type Lanes = [f32; LANES];
@@ -93,7 +79,7 @@ type Lanes = [f32; LANES];
 type Vectors = [Lanes; 3];
 
 /// The colours and the densities of splats, given the words density_blue and color.
-pub(super) fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> (Vectors, Lanes) {
+pub(crate) fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> (Vectors, Lanes) {
     let mut colors = Vectors::default();
     let mut densities = Lanes::default();
     for i in 0..LANES {
@@ -108,30 +94,21 @@ pub(super) fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> 
 }
 
 /// What the words of normals say.
-pub(super) struct Normals {
+pub(crate) struct Normals {
     /// Octahedral coordinates.
     places: [Lanes; 2],
-    /// The weights of surfaces; 0 for "no direction".
+    /// 1, or 0 for "no direction".
     weights: Lanes,
 }
 
-/// What words of normals say: with a floor under gradients, they have weights.
-pub(super) fn normals(words: &[u32; LANES], floored: bool) -> Normals {
+/// Unpacks the words of normals.
+pub(crate) fn normals(words: &[u32; LANES]) -> Normals {
     let (mut px, mut py, mut weights) = (Lanes::default(), Lanes::default(), Lanes::default());
-    if floored {
-        for i in 0..LANES {
-            let place = |bits: u32| (bits as i32 >> 20) as f32 / COORDINATE_STEPS;
-            px[i] = place(words[i] << 20);
-            py[i] = place(words[i] << 8);
-            weights[i] = (words[i] >> 24) as i32 as f32 / WEIGHT_STEPS;
-        }
-    } else {
-        for i in 0..LANES {
-            let half = |bits: u32| (((bits << 16) as i32 >> 16) as f32 / 32767.0).max(-1.0);
-            px[i] = half(words[i]);
-            py[i] = half(words[i] >> 16);
-            weights[i] = if words[i] == NO_NORMAL { 0.0 } else { 1.0 };
-        }
+    for i in 0..LANES {
+        let half = |bits: u32| (((bits << 16) as i32 >> 16) as f32 / 32767.0).max(-1.0);
+        px[i] = half(words[i]);
+        py[i] = half(words[i] >> 16);
+        weights[i] = if words[i] == NO_NORMAL { 0.0 } else { 1.0 };
     }
     Normals { places: [px, py], weights }
 }
@@ -202,7 +179,7 @@ pub(crate) struct ToEye {
 
 impl ToEye {
     /// From these points of a row, in view coordinates.
-    pub(super) fn at(&self, xs: &[u32; LANES], y: u32, z: u32) -> Vectors {
+    pub(crate) fn at(&self, xs: &[u32; LANES], y: u32, z: u32) -> Vectors {
         if !self.perspective {
             return [[0.0; LANES], [0.0; LANES], [-1.0; LANES]];
         }
@@ -213,7 +190,7 @@ impl ToEye {
 }
 
 /// The places of lattice points in the coordinates of lights.
-pub(super) fn places(lighting: &Lighting, xs: &[u32; LANES], y: u32, z: u32) -> Vectors {
+pub(crate) fn places(lighting: &Lighting, xs: &[u32; LANES], y: u32, z: u32) -> Vectors {
     let [along_x, along_y, along_z, origin] = lighting.from_lattice;
     std::array::from_fn(|axis| {
         let start = along_y[axis] * y as f32 + along_z[axis] * z as f32 + origin[axis];
@@ -238,13 +215,13 @@ fn converging(light: [f32; 3], places: &Vectors, to_eye: &Vectors) -> Vectors {
 const AROUND: usize = 3;
 
 /// The words `kept` of a splat.
-pub(super) fn packed_kept(shares: [f64; 4]) -> [u32; 2] {
+pub(crate) fn packed_kept(shares: [f64; 4]) -> [u32; 2] {
     let [a, b, c, d] = shares.map(|share| nearest(share.clamp(0.0, 1.0) as f32 * 65_535.0));
     [a | b << 16, c | d << 16]
 }
 
 /// The shares of light that arrive at splats, given these words.
-pub(super) fn kept(low: &[u32; LANES], high: &[u32; LANES]) -> [Lanes; 4] {
+pub(crate) fn kept(low: &[u32; LANES], high: &[u32; LANES]) -> [Lanes; 4] {
     let mut kept = [Lanes::default(); 4];
     for i in 0..LANES {
         let shares = [low[i] & 0xffff, low[i] >> 16, high[i] & 0xffff, high[i] >> 16];
@@ -258,7 +235,7 @@ pub(super) fn kept(low: &[u32; LANES], high: &[u32; LANES]) -> [Lanes; 4] {
 ///
 /// `kept` are the shares of light that arrive, of the lights that cast shadows and of what is around; `None`: all.
 /// `places` are those of the splats; `None`: no light is at a place.
-pub(super) fn light(
+pub(crate) fn light(
     lighting: &Lighting,
     lights: u32,
     colors: &mut Vectors,
@@ -329,7 +306,7 @@ pub(super) fn light(
 }
 
 /// Four numbers of each splat as the nearest f16: `rounded` in shaders/common/packing.wgsl, then pack2x16float.
-pub(super) fn halves([x, y, z]: &Vectors, w: &Lanes) -> [[u32; 2]; LANES] {
+pub(crate) fn halves([x, y, z]: &Vectors, w: &Lanes) -> [[u32; 2]; LANES] {
     let half = |value: f32| {
         let bits = value.to_bits().wrapping_add(0x1000) & 0xffff_e000;
         let size = bits & 0x7fff_ffff;

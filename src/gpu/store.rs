@@ -9,8 +9,8 @@ use super::context::Context;
 use super::layout::{MAX_BRICKS, place};
 use super::recorder::Recorder;
 use crate::error::Result;
-use crate::memory::reserved;
 use crate::volume::BRICK_EDGE as EDGE;
+use voxsplat_volume::memory::reserved;
 
 /// The bricks that splats were looked for in.
 #[derive(Debug, Clone, Copy, Default)]
@@ -132,12 +132,11 @@ impl HostBrick {
         let words = stride as usize / 4;
         let mut splats = reserved(u64::from(self.count()) * words as u64, || "splats of a brick".to_owned())?;
         let mut values = self.words.chunks_exact(self.each);
-        for (row, &Row { mut bits, .. }) in (0..).zip(&self.rows) {
-            while bits != 0 {
-                splats.push(place([bits.trailing_zeros(), row % EDGE as u32, row / EDGE as u32], number));
+        for (row, &Row { bits, .. }) in (0..).zip(&self.rows) {
+            for x in places(bits) {
+                splats.push(place([x as u32, row % EDGE as u32, row / EDGE as u32], number));
                 splats.extend_from_slice(values.next().unwrap_or_default());
                 splats.resize(splats.len().next_multiple_of(words), 0);
-                bits &= bits - 1;
             }
         }
         Ok(splats)
@@ -153,6 +152,15 @@ impl HostBrick {
         }
         Ok(Self::new(&bits, words - 1, values))
     }
+}
+
+/// The numbers of the bits that are set, ascending.
+pub(crate) fn places(mut bits: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let place = bits.trailing_zeros();
+        bits &= bits.wrapping_sub(1);
+        (place < u32::BITS).then_some(place as usize)
+    })
 }
 
 /// Bytes of splats that are sent to the device at a time.
@@ -246,7 +254,7 @@ impl Store {
 }
 
 /// Splats that will be part of a store.
-pub(super) trait Part: Sized {
+pub(crate) trait Part: Sized {
     /// The splats of parts, one after the other, `count` of `stride` bytes each.
     fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<Splats>;
 }
@@ -262,7 +270,7 @@ impl Part for HostBrick {
 
 /// Joins the splats of bricks into few stores, each within a storage binding and within the bricks that a place can
 /// name.
-pub(super) struct StoreBuilder<'a, P> {
+pub(crate) struct StoreBuilder<'a, P> {
     context: &'a Context,
     /// Bytes of a splat.
     stride: u64,
@@ -277,14 +285,14 @@ pub(super) struct StoreBuilder<'a, P> {
 
 impl<'a, P: Part> StoreBuilder<'a, P> {
     /// Stores of at most `most` splats of `stride` bytes, or as many as the adapter binds.
-    pub(super) fn new(context: &'a Context, stride: u64, most: u32) -> Self {
+    pub(crate) fn new(context: &'a Context, stride: u64, most: u32) -> Self {
         let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / stride;
         let most = u32::try_from(bindable).unwrap_or(u32::MAX).min(most);
         Self { context, stride, most, parts: Vec::new(), bricks: Vec::new(), held: 0, stores: Vec::new() }
     }
 
     /// The numbers that the first brick and the first splat of a part will have in their store. The part is added next.
-    pub(super) fn make_room(&mut self, splats: u32, bricks: usize) -> Result<(u32, u32)> {
+    pub(crate) fn make_room(&mut self, splats: u32, bricks: usize) -> Result<(u32, u32)> {
         let full = self.held.checked_add(splats).is_none_or(|sum| sum > self.most);
         if full || self.bricks.len() + bricks > MAX_BRICKS {
             self.close()?;
@@ -292,7 +300,7 @@ impl<'a, P: Part> StoreBuilder<'a, P> {
         Ok((self.bricks.len() as u32, self.held))
     }
 
-    pub(super) fn add(&mut self, part: P, count: u32, bricks: impl IntoIterator<Item = BrickSplats>) {
+    pub(crate) fn add(&mut self, part: P, count: u32, bricks: impl IntoIterator<Item = BrickSplats>) {
         self.parts.push(part);
         self.bricks.extend(bricks);
         self.held += count;
@@ -308,7 +316,7 @@ impl<'a, P: Part> StoreBuilder<'a, P> {
         Ok(())
     }
 
-    pub(super) fn finish(mut self) -> Result<Vec<Store>> {
+    pub(crate) fn finish(mut self) -> Result<Vec<Store>> {
         self.close()?;
         Ok(self.stores)
     }

@@ -67,24 +67,24 @@ impl Reduction {
 }
 
 /// Samples as scalars.
-pub(super) struct Relative {
+pub(crate) struct Relative {
     slope: f64,
     intercept: f64,
     reduction: Reduction,
 }
 
 impl Relative {
-    pub(super) fn new(volume: &Volume, reduction: Reduction) -> Self {
+    pub(crate) fn new(volume: &Volume, reduction: Reduction) -> Self {
         let (slope, intercept) = volume.rescale();
         Self { slope, intercept, reduction }
     }
 
     /// Values as scalars.
-    pub(super) fn of_values(reduction: Reduction) -> Self {
+    pub(crate) fn of_values(reduction: Reduction) -> Self {
         Self { slope: 1.0, intercept: 0.0, reduction }
     }
 
-    pub(super) fn to(&self, raw: f64) -> f32 {
+    pub(crate) fn to(&self, raw: f64) -> f32 {
         self.reduction.scalar(self.slope * raw + self.intercept)
     }
 }
@@ -119,8 +119,6 @@ pub(crate) struct TransferTable {
     /// Whether extinction depends on gradients, and the place of a gradient's length among its bins: length times this.
     pub(crate) thins: bool,
     pub(crate) gradient_lookup: f32,
-    /// One over the floor under gradients; 0: there is none.
-    pub(crate) inverse_floor: f32,
     /// The resolution of a scalar of 0, over 0.
     pub(crate) faintest: f32,
 }
@@ -169,7 +167,6 @@ impl TransferTable {
             crowded,
             thins: !transfer.gradient_opacity().is_empty(),
             gradient_lookup: gradient_lookup.min(f64::from(f32::MAX)) as f32,
-            inverse_floor: transfer.inverse_floor(steepness * reduction.factor),
             faintest: reduction.faintest(resolution),
         }
     }

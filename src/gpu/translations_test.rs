@@ -101,8 +101,6 @@ fn happens(set: &PipelineConstants) -> bool {
         is("ATTENUATED") == Some(true) && (is("MAXIMUM") == Some(false) || is("MEAN") == Some(true)),
         // With or without, of four lights: others translate alike.
         is("POINT_LIGHTS") == Some(true) && set.get("LIGHTS").is_some_and(|&lights| lights != 4.0),
-        is("GRADIENT_FLOOR") == Some(true) && set.get("LIGHTS").is_some_and(|&lights| lights != 4.0),
-        is("GRADIENT_FLOOR") == Some(true) && is("LIT") == Some(false),
     ];
     !never.contains(&true)
 }

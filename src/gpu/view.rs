@@ -21,8 +21,6 @@ pub(crate) struct Weights {
     pub(crate) unit: f64,
     /// The largest of each channel of the splats' colours; 1 for scalars.
     pub(crate) brightest: [f64; 3],
-    /// Whether normals of classified voxels have weights: there is a floor under gradients.
-    pub(crate) floored: bool,
 }
 
 /// The farthest that a light at a place is taken to be, in half diagonals of the lattice: there it errs by 1e-6.
@@ -48,35 +46,35 @@ impl Fade {
 #[derive(Debug, Clone)]
 pub(crate) struct ViewGeometry {
     /// World length of a local one.
-    pub(super) unit: f64,
+    pub(crate) unit: f64,
     /// The middle of the lattice in the world.
     center: DVec3,
-    pub(super) camera: Camera,
-    pub(super) grid: Grid,
+    pub(crate) camera: Camera,
+    pub(crate) grid: Grid,
     /// Radius of the kernel as asked for, in voxels.
-    pub(super) radius: f64,
-    pub(super) growth: Growth,
+    pub(crate) radius: f64,
+    pub(crate) growth: Growth,
     /// The smallest and the largest growth of a kernel in the volume; of a layer, in the layer.
-    pub(super) growths: [f64; 2],
+    pub(crate) growths: [f64; 2],
     /// If the lattice is a layer: the share of the layer.
-    pub(super) fade: Option<Fade>,
+    pub(crate) fade: Option<Fade>,
     /// Gradients in the lattice of the view coordinates x (right), y (up) and z (forward), in world units.
-    pub(super) gradients: [DVec3; 3],
+    pub(crate) gradients: [DVec3; 3],
     /// View coordinates of the middle of the lattice, from the target.
-    pub(super) offset: DVec3,
+    pub(crate) offset: DVec3,
     /// Depth of the middle of the lattice in front of the eye (perspective); 0 for parallel rays.
-    pub(super) eye_depth: f64,
+    pub(crate) eye_depth: f64,
     /// View depth of the farthest voxel from the middle of the lattice.
-    pub(super) farthest: f64,
+    pub(crate) farthest: f64,
     /// From the middle of the lattice to the faces of what shows, in lattice points: post-shaded to those of the box of
     /// the voxels, half a voxel beyond the outermost; pre-shaded to where kernels end.
     pub(crate) faces: DVec3,
     /// What is not cut away, in the lattice.
-    pub(super) clip: Vec<Side>,
-    pub(super) post_shaded: bool,
+    pub(crate) clip: Vec<Side>,
+    pub(crate) post_shaded: bool,
     /// Optical depth from which on a pixel counts as opaque; infinite if nothing ends there.
-    pub(super) opaque_depth: f64,
-    pub(super) savings: Savings,
+    pub(crate) opaque_depth: f64,
+    pub(crate) savings: Savings,
 }
 
 impl ViewGeometry {
@@ -162,7 +160,7 @@ impl ViewGeometry {
 
     /// Whether the layer may have a share in what voxels of a box show. The box is that of a lattice which has so many
     /// copies beyond its faces. True if the lattice is no layer.
-    pub(super) fn layer_holds(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
+    pub(crate) fn layer_holds(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
         let Some(fade) = self.fade else { return true };
         let [low, high] = bounds.map(|p| DVec3::from_array(p.map(f64::from)) - f64::from(padding) - half(&self.grid));
         // Rays meet the plane of a voxel within twice the radius of its kernel.
@@ -174,7 +172,7 @@ impl ViewGeometry {
 
     /// Whether voxels of a box may take part in what is not cut away. The box is that of a lattice which has so many
     /// copies beyond its faces: so far beyond kernels scalars matter.
-    pub(super) fn may_show(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
+    pub(crate) fn may_show(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
         let [low, high] = bounds.map(|p| DVec3::from_array(p.map(f64::from)) - f64::from(padding) - half(&self.grid));
         let (middle, size) = ((low + high - 1.0) / 2.0, (high - low - 1.0) / 2.0);
         let reach = self.max_radius() + f64::from(padding);
@@ -182,22 +180,22 @@ impl ViewGeometry {
     }
 
     /// The growth of every kernel along parallel rays; 1 in perspective.
-    pub(super) fn parallel_growth(&self) -> f64 {
+    pub(crate) fn parallel_growth(&self) -> f64 {
         if self.is_perspective() { 1.0 } else { self.max_growth() }
     }
 
     /// How kernels grow with their depth before an eye, and the largest growth; 1 along parallel rays.
-    pub(super) fn depth_growth(&self) -> (Growth, f64) {
+    pub(crate) fn depth_growth(&self) -> (Growth, f64) {
         if self.is_perspective() { (self.growth, self.max_growth()) } else { (Growth::NONE, 1.0) }
     }
 
     /// Radius of the largest kernel in the volume, in voxels.
-    pub(super) fn max_radius(&self) -> f64 {
+    pub(crate) fn max_radius(&self) -> f64 {
         self.radius * self.growths[1]
     }
 
     /// About the pixels of the largest quad of a splat; infinite if a kernel may reach the eye.
-    pub(super) fn splat_pixels(&self) -> f64 {
+    pub(crate) fn splat_pixels(&self) -> f64 {
         let axes = self.grid.to_world().matrix3;
         let longest = [axes.x_axis, axes.y_axis, axes.z_axis].map(DVec3::length).into_iter().fold(0.0, f64::max);
         let reach = self.max_radius() * longest;
@@ -217,19 +215,19 @@ impl ViewGeometry {
     }
 
     /// Whether opaque pixels end anything.
-    pub(super) fn terminates(&self) -> bool {
+    pub(crate) fn terminates(&self) -> bool {
         self.opaque_depth.is_finite()
     }
 
     /// Whether kernels can reach the eye.
-    pub(super) fn is_among_voxels(&self) -> bool {
+    pub(crate) fn is_among_voxels(&self) -> bool {
         let Some(eye) = self.camera.eye() else { return false };
         let from_center = self.grid.to_lattice().transform_vector3(eye);
         from_center.abs().cmple(half(&self.grid) + self.max_radius()).all()
     }
 
     /// The sides of all that shows: the faces, and what cuts.
-    pub(super) fn shown(&self) -> impl Iterator<Item = Side> {
+    pub(crate) fn shown(&self) -> impl Iterator<Item = Side> {
         let faces = (0..3).flat_map(|a| [1.0, -1.0].map(|sign| (DVec3::AXES[a] * sign, self.faces[a])));
         faces.chain(self.clip.iter().copied())
     }
@@ -267,7 +265,7 @@ impl ViewGeometry {
     }
 
     /// From the lattice to view coordinates from its middle.
-    pub(super) fn map_of_lattice(&self) -> DAffine3 {
+    pub(crate) fn map_of_lattice(&self) -> DAffine3 {
         let Camera { right, up, forward, .. } = self.camera;
         let to_view = DMat3::from_cols(right, up, forward).transpose() * self.grid.to_world().matrix3;
         DAffine3::from_mat3_translation(to_view, -(to_view * half(&self.grid)))
@@ -324,15 +322,14 @@ impl ViewGeometry {
             from_lattice: layout::affine(&self.map_of_lattice()),
             shininess: lighting.shininess as f32,
             // Painters know it that light what has been reconstructed.
-            inverse_floor: 0.0,
             faintest: 0.0,
-            _pad: 0,
+            _pad: [0; 2],
         }
     }
 }
 
 /// From the middle of a lattice to its last point.
-pub(super) fn half(grid: &Grid) -> DVec3 {
+pub(crate) fn half(grid: &Grid) -> DVec3 {
     DVec3::from_array(grid.dims().map(|d| f64::from(d - 1) / 2.0))
 }
 

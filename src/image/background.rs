@@ -60,7 +60,8 @@ mod tests {
         assert_eq!(color("White"), Background::Color([1.0; 3]));
         assert_eq!(color("0,0.5,1"), Background::Color([0.0, 0.5, 1.0]));
         for bad in ["", "#12", "#ggg", "blurple", "1,2,3", "0,0", "nan,0,0"] {
-            assert!(bad.parse::<Background>().is_err(), "{bad}");
+            let refused = bad.parse::<Background>().unwrap_err().to_string();
+            assert!(refused.starts_with(&format!("background: {bad:?}, expected transparent")), "{refused}");
         }
     }
 }

@@ -9,11 +9,12 @@ use exr::meta::attribute::AttributeValue;
 use image::{ImageDecoder, ImageFormat, ImageReader};
 
 use super::{Background, Image};
+use voxsplat_volume::files;
+
 use crate::camera::Camera;
-use crate::error::{Error, Result};
-use crate::memory;
+use crate::error::{Error, InputError, Result};
 use crate::output::{check_writable, write_atomically};
-use crate::source;
+use voxsplat_volume::memory;
 
 fn format_of(path: &Path) -> Option<ImageFormat> {
     let extension = path.extension()?.to_str()?.to_lowercase();
@@ -168,18 +169,19 @@ impl Image {
     /// Reads a PNG or EXR picture. The alpha of a PNG is straight, that of an EXR premultiplied.
     ///
     /// # Errors
-    /// [`Error::Read`] if the file cannot be read, [`Error::Format`] if it is not a regular file (standard input
-    /// excepted), is neither PNG nor EXR, is damaged or too large; [`Error::Memory`] if there is no memory for it.
+    /// [`Error::Input`] if the file cannot be read, is
+    /// not a regular file (standard input excepted), is neither PNG nor EXR, is damaged or too large; [`Error::Memory`]
+    /// if there is no memory for it.
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         Self::load_from(path.as_ref())
     }
 
     fn load_from(path: &Path) -> Result<Self> {
         let damaged = |reason: String| Error::format(path, format!("the picture cannot be decoded: {reason}"));
-        let bytes = source::read(path, MAX_BYTES)?;
+        let bytes = files::read(path, MAX_BYTES)?;
         let reader = ImageReader::new(Cursor::new(&bytes))
             .with_guessed_format()
-            .map_err(|source| Error::Read { path: path.to_owned(), source })?;
+            .map_err(|source| InputError::Read { path: path.to_owned(), source })?;
         let format = reader.format();
         if !matches!(format, Some(ImageFormat::Png | ImageFormat::OpenExr)) {
             return Err(Error::format(path, "not a PNG or EXR picture"));

@@ -11,7 +11,7 @@ pub use region::Region;
 pub use crate::output::abandon_unfinished;
 
 use crate::error::{Error, Result};
-use crate::memory::reserved;
+use voxsplat_volume::memory::reserved;
 
 /// A picture as composited: premultiplied RGBA in f32, rows from the top, pixels of a row from the left.
 ///

@@ -9,8 +9,8 @@ use std::f64::consts::PI;
 use std::fmt;
 
 use crate::error::{Error, Result};
-use crate::names::named;
 use quadrature::integrate;
+use voxsplat_volume::names::named;
 
 /// A radially symmetric reconstruction kernel of compact support, peak 1, in lattice coordinates (unit: voxels).
 ///
@@ -129,7 +129,7 @@ impl Kernel {
 
     /// The variance along each axis, in voxels^2.
     #[must_use]
-    pub(crate) fn variance(&self) -> f64 {
+    pub fn variance(&self) -> f64 {
         let fourth = 4.0 * PI * integrate(0.0, self.radius(), 64, |r| self.value(r * r) * r.powi(4));
         fourth / (3.0 * self.integral())
     }
@@ -177,6 +177,11 @@ impl Normalization {
             Self::Unit => kernel.integral(),
             Self::Peak => 1.0,
         }
+    }
+
+    /// How much denser sums of a kernel are than with [`Self::Unit`].
+    pub(crate) fn density(self, kernel: &Kernel) -> f64 {
+        kernel.integral() / self.divisor(kernel)
     }
 }
 

@@ -21,18 +21,10 @@ pub struct LabelCount {
 
 /// What labels look like: those of a table, and all others in colours of their own. Label 0 is clear unless it is said
 /// to show.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Labels {
     table: BTreeMap<i64, Label>,
     changes: Vec<(Which, Change)>,
-    /// What opacities are multiplied by.
-    share: f64,
-}
-
-impl Default for Labels {
-    fn default() -> Self {
-        Self { table: BTreeMap::new(), changes: Vec::new(), share: 1.0 }
-    }
 }
 
 /// Some labels.
@@ -50,6 +42,8 @@ pub enum Which {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Change {
     Opacity(f64),
+    /// A factor of the opacity.
+    Share(f64),
     Color([f64; 3]),
 }
 
@@ -86,7 +80,8 @@ impl Labels {
     /// lookup tables of `FreeSurfer`, told apart by their content.
     ///
     /// # Errors
-    /// [`Error::Read`] if the file cannot be read, [`Error::Format`] if it is no such table.
+    /// [`Error::Input`](crate::Error::Input) if the file cannot be read, is
+    /// no such table.
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         Ok(Self { table: table::load(path.as_ref())?, ..Self::default() })
     }
@@ -127,12 +122,12 @@ impl Labels {
         self
     }
 
-    /// The same with all opacities multiplied by a share, 0 to 1.
+    /// Multiplies the opacities of some labels by a factor from 0 to 1.
     ///
     /// # Errors
-    /// [`Error::Setting`] if the share is outside 0 to 1.
-    pub fn thinned(mut self, share: f64) -> Result<Self> {
-        self.share *= checked(share)?;
+    /// [`Error::Setting`] if the factor is outside 0 to 1.
+    pub fn thinned(mut self, which: Which, factor: f64) -> Result<Self> {
+        self.changes.push((which, Change::Share(checked(factor)?)));
         Ok(self)
     }
 
@@ -148,11 +143,11 @@ impl Labels {
             if which.has(label, &found.name) {
                 match *change {
                     Change::Opacity(opacity) => found.opacity = opacity,
+                    Change::Share(factor) => found.opacity *= factor,
                     Change::Color(color) => found.color = color,
                 }
             }
         }
-        found.opacity *= self.share;
         found
     }
 
@@ -229,8 +224,8 @@ const PIECE: usize = 1 << 18;
 ///
 /// # Errors
 /// [`Error::Setting`] if values are not whole numbers of at most 2^53 or there are over a million of them;
-/// [`Error::NonFinite`] if a value is NaN or infinite; [`Error::Read`] and [`Error::Memory`] if samples left in a file
-/// cannot be read.
+/// [`Error::Input`](crate::Error::Input) if a value is NaN or infinite; [`Error::Input`](crate::Error::Input) and
+/// [`Error::Memory`] if samples left in a file cannot be read.
 pub fn count_labels(volume: &Volume) -> Result<Vec<LabelCount>> {
     volume.check_finite()?;
     let (slope, intercept) = volume.rescale();

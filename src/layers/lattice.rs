@@ -6,8 +6,8 @@ use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::memory::reserved;
 use crate::volume::{Grid, Number, Samples, ToF64, Volume, with_samples};
+use voxsplat_volume::memory::reserved;
 
 /// How labels came onto the lattice of another volume.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,8 +87,8 @@ pub(super) fn fit(labels: &Volume, of: &Volume) -> Result<Fit, String> {
 ///
 /// # Errors
 /// [`Error::Setting`] if nothing of it lies in the other volume, and if the lattices have other numbers of voxels while
-/// not both files, or neither, state an orientation in patient space, or one states no place at all; [`Error::Read`]
-/// and [`Error::Memory`].
+/// not both files, or neither, state an orientation in patient space, or one states no place at all;
+/// [`Error::Input`](crate::Error::Input) and [`Error::Memory`].
 pub fn on_lattice(labels: &Volume, of: &Volume) -> Result<(Volume, Fit)> {
     let refused = |reason: String| Err(Error::Setting { name: "labels", reason });
     let (grid, own) = (*of.grid(), *labels.grid());

@@ -20,7 +20,6 @@ pub(crate) use self::labels::{Look, look_of};
 pub use self::lattice::{Fit, on_lattice};
 pub use self::recognise::recognised;
 pub use self::table::Label;
-use crate::accuracy::Facts;
 use crate::clip::Clip;
 use crate::error::{Error, Result};
 use crate::framing::Hull;
@@ -249,15 +248,6 @@ impl Layer {
             Matter::Labels { looks, .. } => looks.iter().map(|look| look.opacity).fold(0.0, f64::max),
         }
     }
-
-    /// The colours that show.
-    fn visible_colors(&self) -> Vec<[f64; 3]> {
-        match &self.matter {
-            Matter::Scalars { transfer, .. } => transfer.visible_colors(),
-            Matter::Colors(_) => vec![[0.0; 3], [1.0; 3]],
-            Matter::Labels { looks, .. } => looks.iter().filter(|l| l.opacity > 0.0).map(|l| l.color).collect(),
-        }
-    }
 }
 
 /// Refuses a volume on another lattice.
@@ -321,7 +311,7 @@ impl Layers {
     /// may be hidden behind others. Reads labels again if something is cut away or masked.
     ///
     /// # Errors
-    /// [`Error::Read`] and [`Error::Memory`] if samples left in a file cannot be read.
+    /// [`Error::Input`] and [`Error::Memory`] if samples left in a file cannot be read.
     pub fn legend(&self, clip: &Clip) -> Result<Vec<LegendEntry>> {
         let mut entries = Vec::new();
         for layer in &self.layers {
@@ -371,19 +361,6 @@ impl Layers {
             Matter::Labels { looks, .. } => looks.iter().fold([0.0; 3], |most, look| larger(most, look.color)),
         };
         self.layers.iter().map(brightest).fold([0.0; 3], larger)
-    }
-
-    /// What errors are predicted from.
-    pub(crate) fn facts(&self) -> Facts {
-        let colors: Vec<[f64; 3]> = self.layers.iter().flat_map(Layer::visible_colors).collect();
-        let step = |thickness: f64| {
-            let of = |layer: &Layer| match &layer.matter {
-                Matter::Scalars { transfer, .. } => transfer.largest_step(thickness / layer.unit()),
-                Matter::Colors(_) | Matter::Labels { .. } => 0.0,
-            };
-            self.layers.iter().map(of).fold(0.0, f64::max)
-        };
-        Facts::of(&colors, self.max_density() / self.unit(), step, self.grid())
     }
 
     /// Refuses settings that layers are not drawn by, and values that are no numbers.

@@ -34,7 +34,7 @@ type Runs = Vec<(f64, u64)>;
 /// rounded to few values. At most 4 Mi samples are looked at, along the first axis. Bounds are rules of thumb.
 ///
 /// # Errors
-/// [`Error::Read`](crate::error::Error::Read) and [`Error::Memory`](crate::error::Error::Memory) if samples left in a
+/// [`Error::Input`](crate::Error::Input) and [`Error::Memory`](crate::error::Error::Memory) if samples left in a
 /// file cannot be read.
 pub fn recognised(volume: &Volume) -> Result<Option<String>> {
     match &volume.contents().segments {

@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use voxsplat_volume::files;
+
 use crate::color;
 use crate::error::{Error, Result};
-use crate::source;
 
 /// The largest table that is read, in bytes.
 const MAX_BYTES: u64 = 64 << 20;
@@ -25,8 +26,8 @@ pub struct Label {
 }
 
 pub(super) fn load(path: &Path) -> Result<BTreeMap<i64, Label>> {
-    let fault = |reason: String| Error::Format { path: path.to_owned(), reason, hint: None };
-    parse(&source::read_text(path, MAX_BYTES)?).map_err(fault)
+    let fault = |reason: String| Error::format(path, reason);
+    parse(&files::read_text(path, MAX_BYTES)?).map_err(fault)
 }
 
 fn parse(text: &str) -> Result<BTreeMap<i64, Label>, String> {
@@ -149,7 +150,7 @@ mod tests {
         let bids = "index\tname\tabbreviation\tcolor\n-3\tWhite matter\tWM\t#ff0000\n";
         assert_eq!(parse(bids).unwrap()[&-3].color, [1.0, 0.0, 0.0]);
         let csv = "LabelValue,Name,Color_R,Color_G,Color_B,Color_A\n4294967295,\"Big, no\",0,255,0,51\n";
-        assert!(parse(csv).is_err());
+        assert!(parse(csv).unwrap_err().starts_with("line 2: "));
         let csv = "LabelValue,Name,Color_R,Color_G,Color_B,Color_A\n4294967295,Big,0,255,0,51\n";
         assert_eq!(parse(csv).unwrap()[&4_294_967_295].opacity, 0.2);
     }
@@ -157,7 +158,8 @@ mod tests {
     #[test]
     fn what_is_no_table_is_refused() {
         for text in ["", "# nothing", "1 name 2 3", "name 1 2 3 4", "1 2 3 4 \"no\"", "{\"points\": []}"] {
-            assert!(parse(text).is_err(), "{text:?}");
+            let refused = parse(text).unwrap_err();
+            assert!(refused == "no label" || refused.contains("expected a number, a name"), "{text:?}: {refused}");
         }
     }
 }

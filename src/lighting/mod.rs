@@ -85,9 +85,7 @@ impl Light {
 ///
 /// (Blinn 1977, "Models of light reflection for computer synthesized pictures"). L is the share of the light that
 /// reaches the point and A that of the light from all around ([`Visibility`]): 1 without shadows and without occlusion.
-/// If the gradient is 0 there is no surface, and the colour is c (ambient A + (1 - ambient) mean of L). If the transfer
-/// function has a [floor](crate::transfer::TransferFunction::with_gradient_floor) under which a gradient is noise, both
-/// are mixed.
+/// If the gradient is 0 there is no surface, and the colour is c (ambient A + (1 - ambient) mean of L).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lighting {
     /// Share of the colour that shows without any light, 0 to 1.
@@ -325,30 +323,11 @@ impl Lighting {
     }
 
     /// The colour that a point without a surface shows.
-    fn shade_without_surface(&self, color: [f64; 3], visibility: &Visibility) -> [f64; 3] {
+    pub(crate) fn shade_without_surface(&self, color: [f64; 3], visibility: &Visibility) -> [f64; 3] {
         let lights = self.lights.iter().zip(visibility.lights);
         let kept = 1.0 - lights.map(|(_, kept)| 1.0 - kept).sum::<f64>() / self.lights.len() as f64;
         let shown = 1.0 - self.ambient * (1.0 - visibility.ambient) - (1.0 - self.ambient) * (1.0 - kept);
         color.map(|c| c * shown)
-    }
-
-    /// The colour that a lit point shows whose surface has a weight, 0 to 1: that of [`Self::shade`] with this weight,
-    /// and with the rest the colour of a point without a surface.
-    pub(crate) fn shade_in_part(
-        &self,
-        weight: f64,
-        color: [f64; 3],
-        gradient: DVec3,
-        place: DVec3,
-        to_eye: DVec3,
-        visibility: &Visibility,
-    ) -> [f64; 3] {
-        let shaded = self.shade(color, gradient, place, to_eye, visibility);
-        if weight >= 1.0 {
-            return shaded;
-        }
-        let plain = self.shade_without_surface(color, visibility);
-        std::array::from_fn(|c| weight * shaded[c] + (1.0 - weight) * plain[c])
     }
 
     /// The colour that a lit point shows. `color` is its own colour, `gradient` the gradient of the field in world
@@ -434,7 +413,8 @@ mod tests {
             let shown = |l: &Lighting| l.shade([0.5; 3], gradient, place, DVec3::NEG_Y, &Visibility::FULL);
             assert_eq!(shown(&lighting), shown(&directional(DVec3::new(2.0, 0.0, 0.0) - place)));
         }
-        assert!(Lighting { lights: vec![Light { size: 3.0, ..Light::at(DVec3::X) }], ..lighting }.validate().is_err());
+        let wide = Lighting { lights: vec![Light { size: 3.0, ..Light::at(DVec3::X) }], ..lighting };
+        assert_eq!(wide.validate().unwrap_err().to_string(), "light_size: a light at a place is a point");
     }
 
     #[test]
@@ -450,13 +430,16 @@ mod tests {
 
     #[test]
     fn wrong_materials_are_refused() {
-        let wrong = [
-            Lighting { ambient: -0.1, ..Lighting::default() },
-            Lighting { shininess: f64::NAN, ..Lighting::default() },
-            Lighting { lights: vec![], ..Lighting::default() },
-            Lighting { lights: vec![Light::directional(DVec3::ZERO)], ..Lighting::default() },
-        ];
-        assert!(wrong.iter().all(|l| l.validate().is_err()));
+        let nowhere = vec![Light::directional(DVec3::ZERO)];
+        for (wrong, expected) in [
+            (Lighting { ambient: -0.1, ..Lighting::default() }, "material: ambient is -0.1"),
+            (Lighting { shininess: f64::NAN, ..Lighting::default() }, "material: shininess is NaN"),
+            (Lighting { lights: vec![], ..Lighting::default() }, "light: 0 lights"),
+            (Lighting { lights: nowhere, ..Lighting::default() }, "light: direction [0, 0, 0] points nowhere"),
+        ] {
+            let error = wrong.validate().unwrap_err().to_string();
+            assert!(error.starts_with(expected), "{error}");
+        }
         assert!(Lighting::default().validate().is_ok());
     }
 }

@@ -29,8 +29,8 @@ use self::converging::Converging;
 use super::{Casting, MAX_CASTING, Origin};
 use crate::error::Result;
 use crate::kernel::{Kernel, section_by};
-use crate::memory::reserved;
 use crate::volume::{Grid, ToF64};
+use voxsplat_volume::memory::reserved;
 
 /// Optical depths beyond this are not told apart: no light of 1 passes that is 1e-7.
 const DARK: f64 = 16.0;

@@ -1,17 +1,11 @@
-//! How well a lattice of samples is turned back into a field: the error of reconstruction, apart from that of
-//! rendering.
-//!
-//! [`measure`] samples a signal that is known everywhere, reconstructs it by a [`Method`], and compares: the field, and
-//! its integrals along rays. What a method does to any signal is told as well: ripple, blur, gain of noise.
+//! Reconstruction of a field from a lattice of samples: as a weighted sum of samples that are filtered first.
 //!
 //! [`Settings::sharpness`](crate::settings::Settings::sharpness) filters the samples so that the kernels of
-//! post-shading pass through them; the filter is measured here, and made in `prefilter.rs`.
+//! post-shading pass through them; the filter is made in `prefilter.rs`. [`Reconstruction`] measures the noise of a
+//! field, and the waves that it keeps.
 
 mod prefilter;
-mod quality;
-mod signal;
+mod waves;
 
-pub(crate) use prefilter::Prefilter;
-pub use quality::{Errors, Method, Quality, measure};
-pub(crate) use quality::{noise, noise_of_gradients};
-pub use signal::Signal;
+pub use prefilter::Prefilter;
+pub use waves::Reconstruction;

@@ -7,9 +7,9 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::kernel::Kernel;
-use crate::memory::reserved;
 use crate::progress::Progress;
 use crate::volume::{Number, Samples, ToF64, Volume, with_samples};
+use voxsplat_volume::memory::reserved;
 
 /// The least share of a frequency that kernels leave of it and that is restored in full: no frequency of the samples
 /// becomes more than about 1 / [`LEAST`] times as large.
@@ -30,13 +30,13 @@ const MAX_RADIUS: f64 = 4.0;
 /// At the lattice points the sum of kernels is the convolution B of c with the kernel's own values there, over its
 /// integral. Interpolation asks for B c = f. The spectrum of B is real and at most about 1, so that the inverse of B is
 /// well approximated by a polynomial of B, which needs nothing but convolutions with a small stencil (Chebyshev
-/// polynomials; Golub and Varga 1961). Where B is under [`LEAST`] the inverse g is bent to 0:
+/// polynomials; Golub and Varga 1961). Where B is under its least value the inverse g is bent to 0:
 ///
 /// ```text
 /// g(b) = 1 / b for b >= LEAST,        (2 - u^2) u / LEAST with u = b / LEAST below
 /// ```
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Prefilter {
+pub struct Prefilter {
     /// The values of the kernel at lattice points over its integral, by squared distance.
     shells: Vec<f64>,
     reach: usize,
@@ -181,7 +181,8 @@ impl Prefilter {
     }
 
     /// By how much the filter multiplies a frequency (radians a voxel).
-    pub(crate) fn gain(&self, frequency: [f64; 3]) -> f64 {
+    #[must_use]
+    pub fn gain(&self, frequency: [f64; 3]) -> f64 {
         self.of_response(self.response(frequency))
     }
 
@@ -192,6 +193,15 @@ impl Prefilter {
         all.map(|frequency| self.response(frequency.map(w))).collect()
     }
 
+    /// The coefficients of the samples of a volume in f64.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) if values are too far apart; [`Error::Input`](crate::Error::Input) and
+    /// [`Error::Memory`].
+    pub fn filtered(&self, volume: &Volume) -> Result<Volume> {
+        self.apply::<f64>(volume, 0.0, &Progress::default())
+    }
+
     /// The volume of the coefficients: samples of type `T` with a rescale of their own, so that differences from `base`
     /// are kept whatever the values are. Beyond the faces coefficients repeat, as painters have it.
     ///
@@ -199,13 +209,14 @@ impl Prefilter {
     /// 2 x radius + 3 planes for each degree of the polynomial.
     ///
     /// # Errors
-    /// [`Error::Volume`] if values are too far apart; [`Error::Read`] and [`Error::Memory`].
+    /// [`Error::Input`](crate::Error::Input) if values are too far apart; [`Error::Input`](crate::Error::Input) and
+    /// [`Error::Memory`].
     pub(crate) fn apply<T: Real>(&self, volume: &Volume, base: f64, progress: &Progress) -> Result<Volume> {
         let (slope, intercept) = volume.rescale();
         let difference = |raw: f64| slope * raw + intercept - base;
         let largest = volume.ranges()?.iter().flatten().map(|&raw| difference(raw).abs()).fold(0.0, f64::max);
         if !largest.is_finite() {
-            return Err(Error::Volume("values are further apart than a number can hold".to_owned()));
+            return Err(Error::volume("values are further apart than a number can hold"));
         }
         let unit = largest.clamp(f64::MIN_POSITIVE, f64::MAX).log2().floor().clamp(-1000.0, 1000.0).exp2();
         let [nx, ny, nz] = volume.grid().dims().map(|d| d as usize);
@@ -259,7 +270,7 @@ impl Prefilter {
             progress.report("sharpening", (step + 1) as f64 / (nz + degree * lag) as f64);
         }
         let samples: Samples = T::collected(result);
-        Volume::new(*volume.grid(), samples)?.with_rescale(unit, base)
+        Ok(Volume::new(*volume.grid(), samples)?.with_rescale(unit, base)?)
     }
 
     /// A plane of a Chebyshev polynomial, given the planes of that before by their distance, and the plane of the one

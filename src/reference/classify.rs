@@ -82,8 +82,8 @@ impl Splats {
     /// Reads the volume once.
     ///
     /// # Errors
-    /// [`Error::Transfer`] where an extinction is too large to be a number, [`Error::Volume`] where values are too far
-    /// apart, [`Error::Read`] and [`Error::Memory`] if samples cannot be read.
+    /// [`Error::Transfer`] where an extinction is too large to be a number, [`Error::Input`](crate::Error::Input) where
+    /// values are too far apart, [`Error::Input`](crate::Error::Input) and [`Error::Memory`] if samples cannot be read.
     pub(super) fn new(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Self> {
         let unit = transfer.unit_or(volume.grid().min_spacing());
         if !TransferFunction::extinction(transfer.max_opacity(), unit).is_finite() {
@@ -99,7 +99,7 @@ impl Splats {
         };
         let [low, high] = cells.range();
         if repeats && ![low - base, high - base].iter().all(|v| v.is_finite()) {
-            return Err(Error::Volume("values are further apart than a number can hold".to_owned()));
+            return Err(Error::volume("values are further apart than a number can hold"));
         }
         let bounds = cells.bounds(dims, counts);
         let splats = Self {
@@ -287,12 +287,12 @@ impl Splats {
             let [x, y, z] = if self.has_gradients() { self.central_differences(point) } else { [0.0; 3] };
             return [value - self.base, x, y, z];
         }
-        let (mut color, tau, normal, weight) = match &self.media {
+        let (mut color, tau, normal) = match &self.media {
             Some(media) => media.voxel(point, self.lighting.is_some()),
             None => {
                 let (color, opacity) = self.transfer.sample(self.value(self.index(point)));
                 let normal = self.lighting.as_ref().map_or(DVec3::ZERO, |_| self.gradient(point));
-                (color, self.extinction(opacity, point), normal, self.transfer.surface_share(normal.length()))
+                (color, self.extinction(opacity, point), normal)
             }
         };
         if tau <= 0.0 {
@@ -303,7 +303,7 @@ impl Splats {
         }
         if let Some(lighting) = &self.lighting {
             let place = self.grid.to_world().transform_point3(DVec3::from_array(point.map(|p| p as f64)));
-            color = lighting.shade_in_part(weight, color, normal, place, viewer.from(place), visibility);
+            color = lighting.shade(color, normal, place, viewer.from(place), visibility);
         }
         let [red, green, blue] = color.map(|c| c * tau);
         [tau, red, green, blue]

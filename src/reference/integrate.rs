@@ -414,8 +414,10 @@ impl Classifier {
         }
         if let Some(lighting) = &self.lighting {
             let place = self.grid.transform_point3(place);
-            let weight = self.transfer.surface_share(gradient.length()) * self.resolution.share(differences, distance);
-            color = lighting.shade_in_part(weight, color, gradient, place, to_eye, &visibility());
+            let (surface, visibility) = (self.resolution.share(differences, distance), visibility());
+            let lit = lighting.shade(color, gradient, place, to_eye, &visibility);
+            let plain = lighting.shade_without_surface(color, &visibility);
+            color = std::array::from_fn(|c| surface * lit[c] + (1.0 - surface) * plain[c]);
         }
         [tau, tau * color[0], tau * color[1], tau * color[2]]
     }

@@ -98,7 +98,8 @@ impl Media {
                     Looks::Colors(colors.transfer.clone(), others.collect::<Result<_>>()?, colors.white)
                 }
             };
-            let mask = layer.mask.as_ref().map(|mask| Ok((Values::new(&mask.volume)?, Arc::clone(&mask.shown))));
+            let mask =
+                layer.mask.as_ref().map(|mask| Ok::<_, Error>((Values::new(&mask.volume)?, Arc::clone(&mask.shown))));
             let unit = layer.unit();
             let most = TransferFunction::extinction(layer.max_opacity(), unit);
             if !most.is_finite() {
@@ -171,8 +172,8 @@ impl Media {
         self.media.iter().map(|medium| self.absorbed(medium, point).1).sum()
     }
 
-    /// Colour, extinction, a normal of any length, and the weight of the surface, of a voxel.
-    pub(super) fn voxel(&self, point: [usize; 3], lit: bool) -> ([f64; 3], f64, DVec3, f64) {
+    /// Colour, extinction, and a normal of any length, of a voxel.
+    pub(super) fn voxel(&self, point: [usize; 3], lit: bool) -> ([f64; 3], f64, DVec3) {
         let point = point.map(|p| p as i64);
         let (mut emission, mut tau, mut most) = ([0.0; 3], 0.0, (0.0, None));
         for medium in &self.media {
@@ -184,18 +185,13 @@ impl Media {
             }
         }
         let normal = |medium| self.normal(medium, point);
-        let (normal, weight) = most.1.filter(|_| lit).map_or((DVec3::ZERO, 0.0), normal);
-        (emission.map(|channel| if tau > 0.0 { channel / tau } else { 0.0 }), tau, normal, weight)
+        let normal = most.1.filter(|_| lit).map_or(DVec3::ZERO, normal);
+        (emission.map(|channel| if tau > 0.0 { channel / tau } else { 0.0 }), tau, normal)
     }
 
-    fn normal(&self, medium: &Medium, point: [i64; 3]) -> (DVec3, f64) {
+    fn normal(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
         if !matches!(medium.look, Looks::Labels(_)) && medium.mask.is_none() {
-            let gradient = self.gradient_of_values(medium, point);
-            let weight = match &medium.look {
-                Looks::Transfer(transfer) => transfer.surface_share(gradient.length()),
-                _ => 1.0,
-            };
-            return (gradient, weight);
+            return self.gradient_of_values(medium, point);
         }
         let weight = |d: i64| (-((d * d) as f64) / SPREAD).exp();
         let (mut slope, mut moment) = (DVec3::ZERO, 0.0);
@@ -208,6 +204,6 @@ impl Media {
             slope += weight * tau * DVec3::from_array([x, y, z].map(|d| d as f64));
         }
         let slope = slope / moment;
-        (if slope.abs().max_element() > FLAT * medium.most { self.to_world * slope } else { DVec3::ZERO }, 1.0)
+        if slope.abs().max_element() > FLAT * medium.most { self.to_world * slope } else { DVec3::ZERO }
     }
 }

@@ -169,7 +169,7 @@ impl Reference {
     /// Reads a volume once, for the model, shading, light, kernel and normalization of `settings`.
     ///
     /// # Errors
-    /// [`Error::Setting`] if a setting is out of range, [`Error::Volume`] if
+    /// [`Error::Setting`] if a setting is out of range, [`Error::Input`] if
     /// samples are NaN, infinite or too far apart, [`Error::Transfer`] if an
     /// extinction overflows.
     pub fn new(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Self> {

@@ -9,7 +9,7 @@ use serde::{Serialize, Serializer};
 
 use crate::error::{Error, Result};
 use crate::image::Image;
-use crate::memory::reserved;
+use voxsplat_volume::memory::reserved;
 
 /// The result of a comparison. d stands for the differences of all channels of all pixels.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -7,7 +7,6 @@ mod plot;
 mod sample;
 mod study;
 
-pub use crate::names::readable;
 pub use compare::{Comparison, compare, difference_picture};
 pub(crate) use compare::{covered_differences, percentile};
 pub use date::today;
@@ -15,6 +14,7 @@ pub use date::today;
 pub use plot::{Marker, Point, plot};
 pub use sample::Sample;
 pub use study::{Errors, Measurement, Study, Variant, front, variants};
+pub use voxsplat_volume::names::{escaped, readable};
 
 use std::io::Write as _;
 use std::path::Path;

@@ -219,6 +219,7 @@ mod tests {
 
     #[test]
     fn nothing_timed_is_no_plot() {
-        assert!(plot("", "", &[point(f64::NAN, 1.0)]).is_err());
+        let refused = plot("", "", &[point(f64::NAN, 1.0)]).unwrap_err().to_string();
+        assert!(refused.contains("nothing was timed: there is no plot"), "{refused}");
     }
 }

@@ -78,7 +78,8 @@ mod tests {
         assert_eq!(sample.pixels(), [[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]]);
         let image = Image::new(3, 2, (0..6_u8).map(|i| [f32::from(i); 4]).collect()).unwrap();
         assert_eq!(sample.of(&image).unwrap(), image);
-        assert!(sample.of(&Image::transparent(2, 2).unwrap()).is_err());
+        let refused = sample.of(&Image::transparent(2, 2).unwrap()).unwrap_err().to_string();
+        assert!(refused.contains("0 pixels"), "{refused}");
         let line = Sample::new([1000, 1], 10);
         assert_eq!((line.grid(), line.pixels()[9]), ([10, 1], [950, 0]));
     }

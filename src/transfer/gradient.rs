@@ -1,5 +1,4 @@
-//! What the length of the scalar's gradient says: how much of its opacity a value keeps where the scalar changes so
-//! fast, and whether there is a surface.
+//! Gradient opacity, and the resolution of samples, below which a gradient is rounding and no surface.
 
 use super::TransferFunction;
 use crate::error::{Error, Result};
@@ -64,46 +63,6 @@ impl TransferFunction {
         share(&self.gradient, magnitude, |p| (p.magnitude, p.opacity))
     }
 
-    /// The same with a floor under which a gradient is noise, value per world unit. A colour counts as one on a lit
-    /// surface with the weight g^2 / (g^2 + floor^2), where the gradient is g long, and with the rest of its weight as
-    /// one without a surface ([`Lighting`](crate::lighting::Lighting)): flat matter does not sparkle. With 0, the
-    /// default, every gradient other than 0 makes a surface.
-    ///
-    /// Pre-shaded, directions of normals have 12 bits a coordinate with a floor and 16 without one, and weights 8.
-    ///
-    /// # Errors
-    /// [`Error::Transfer`] if the floor is not finite, or negative.
-    pub fn with_gradient_floor(self, floor: f64) -> Result<Self> {
-        if floor.is_finite() && floor >= 0.0 {
-            return Ok(Self { floor, ..self });
-        }
-        Err(Error::Transfer(format!("gradient floor {floor} must be 0 or more, value per world unit")))
-    }
-
-    /// The floor under which a gradient is noise, value per world unit; 0: there is none.
-    #[must_use]
-    pub fn gradient_floor(&self) -> f64 {
-        self.floor
-    }
-
-    /// The weight with which a colour is one on a lit surface where the gradient is so long, value per world unit.
-    #[must_use]
-    pub fn surface_share(&self, magnitude: f64) -> f64 {
-        if self.floor <= 0.0 {
-            return if magnitude > 0.0 { 1.0 } else { 0.0 };
-        }
-        // The square of a larger one is 1 beside it to the last bit.
-        let g = (magnitude / self.floor).min(1e9);
-        g * g / (g * g + 1.0)
-    }
-
-    /// One over the floor as shaders and their twins see it, whose gradients are `scale` times as long; 0: there is
-    /// none.
-    pub(crate) fn inverse_floor(&self, scale: f64) -> f32 {
-        let least = f64::from(f32::MIN_POSITIVE);
-        if self.floor > 0.0 { (self.floor * scale).recip().clamp(least, f64::from(f32::MAX)) as f32 } else { 0.0 }
-    }
-
     /// Gradient opacity as shaders and their twins see it, whose gradients are `scale` times as long: pairs of
     /// magnitude and share.
     pub(crate) fn scaled_gradient_opacity(&self, scale: f64) -> Vec<[f32; 2]> {
@@ -139,7 +98,7 @@ impl Resolution {
     /// The resolution of the values of a volume.
     ///
     /// # Errors
-    /// [`Error::Read`] if the samples cannot be read.
+    /// [`Error::Input`](crate::Error::Input) if the samples cannot be read.
     pub(crate) fn new(transfer: &TransferFunction, volume: &Volume) -> Result<Self> {
         let largest = volume.farthest_from(transfer.base())?;
         let extent = transfer.extent_or(largest);
@@ -212,23 +171,6 @@ mod tests {
             assert!((f64::from(scaled_share(&scaled, (magnitude * 1e-3) as f32)) - share).abs() < 1e-6, "{magnitude}");
         }
         assert_eq!(with(&[]).unwrap().gradient_share(5.0), 1.0);
-    }
-
-    #[test]
-    fn a_floor_weighs_surfaces_and_is_kept() {
-        let floored = with(&[(2.0, 0.5)]).unwrap().with_gradient_floor(3.0).unwrap();
-        for (magnitude, weight) in [(0.0, 0.0), (3.0, 0.5), (9.0, 0.9), (f64::INFINITY, 1.0)] {
-            assert!((floored.surface_share(magnitude) - weight).abs() < 1e-12, "{magnitude}");
-        }
-        let plain = with(&[]).unwrap();
-        assert_eq!([0.0, 1e-300].map(|magnitude| plain.surface_share(magnitude)), [0.0, 1.0]);
-        assert_eq!(TransferFunction::from_json(&floored.to_json()).unwrap(), floored);
-        assert!(!plain.to_json().contains("floor"));
-        assert_eq!(floored.clone().with_steeper_gradients(2.0).unwrap().gradient_floor(), 6.0);
-        for floor in [-1.0, f64::NAN, f64::INFINITY] {
-            let error = floored.clone().with_gradient_floor(floor).unwrap_err().to_string();
-            assert!(error.contains("gradient floor"), "{error}");
-        }
     }
 
     #[test]

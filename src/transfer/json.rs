@@ -3,8 +3,7 @@
 //! ```json
 //! {"unit_distance": 1.0, "points": [{"value": 0, "color": "#rrggbb", "opacity": 0.0},
 //!                                   {"value": 1, "color": [1.0, 0.9, 0.8], "opacity": 0.4}],
-//!  "gradient_opacity": [{"magnitude": 0, "opacity": 0.0}, {"magnitude": 20, "opacity": 1.0}],
-//!  "gradient_floor": 3.0}
+//!  "gradient_opacity": [{"magnitude": 0, "opacity": 0.0}, {"magnitude": 20, "opacity": 1.0}]}
 //! ```
 
 use std::fmt;
@@ -16,17 +15,14 @@ use serde_json::value::RawValue;
 use super::{ControlPoint, GradientPoint, TransferFunction};
 use crate::color;
 use crate::error::{Error, Result};
-use crate::source::{self, fault};
+use voxsplat_volume::files::{self, fault};
 
 /// The largest file that is read, in bytes: 1 KiB for each of the most points.
 const MAX_BYTES: u64 = 4 << 20;
 
 /// The file. Points stay text until each is parsed by itself, so an error can name the point and its line.
 #[derive(serde::Deserialize)]
-#[serde(
-    deny_unknown_fields,
-    expecting = "an object with the keys `points`, `unit_distance`, `gradient_opacity` and `gradient_floor`"
-)]
+#[serde(deny_unknown_fields, expecting = "an object with the keys `points`, `unit_distance` and `gradient_opacity`")]
 struct Document<'a> {
     #[serde(default)]
     unit_distance: Option<f64>,
@@ -34,8 +30,6 @@ struct Document<'a> {
     points: Vec<&'a RawValue>,
     #[serde(default)]
     gradient_opacity: Vec<Steepness>,
-    #[serde(default)]
-    gradient_floor: f64,
 }
 
 #[derive(serde::Deserialize)]
@@ -113,18 +107,18 @@ impl TransferFunction {
         }
         let steepness = |Steepness { magnitude, opacity }| GradientPoint { magnitude, opacity };
         let gradient = document.gradient_opacity.into_iter().map(steepness).collect();
-        let transfer = Self::new(points, document.unit_distance)?.with_gradient_opacity(gradient)?;
-        transfer.with_gradient_floor(document.gradient_floor)
+        Self::new(points, document.unit_distance)?.with_gradient_opacity(gradient)
     }
 
     /// Reads a transfer function from a JSON file.
     ///
     /// # Errors
-    /// [`Error::Read`] if the file cannot be read, [`Error::Format`] if it is not a regular file (standard input
-    /// excepted), takes over 4 MiB, or [`TransferFunction::from_json`] refuses its text.
+    /// [`Error::Input`] if the file cannot be read, is
+    /// not a regular file (standard input excepted), takes over 4 MiB, or [`TransferFunction::from_json`] refuses its
+    /// text.
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        let text = source::read_text(path, MAX_BYTES)?;
+        let text = files::read_text(path, MAX_BYTES)?;
         Self::from_json(&text).map_err(|e| match e {
             Error::Transfer(reason) => Error::format(path, reason),
             other => Error::format(path, other.to_string()),
@@ -152,11 +146,7 @@ impl TransferFunction {
             [] => String::new(),
             points => format!(",\n  \"gradient_opacity\": [\n{}\n  ]", points.join(",\n")),
         };
-        let floor = match self.floor {
-            floor if floor > 0.0 => format!(",\n  \"gradient_floor\": {}", number(floor)),
-            _ => String::new(),
-        };
-        format!("{{\n{unit}  \"points\": [\n{}\n  ]{gradient}{floor}\n}}\n", points.join(",\n"))
+        format!("{{\n{unit}  \"points\": [\n{}\n  ]{gradient}\n}}\n", points.join(",\n"))
     }
 }
 

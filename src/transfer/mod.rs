@@ -6,7 +6,6 @@ mod import;
 mod json;
 mod lines;
 pub mod maps;
-mod noise;
 pub mod presets;
 mod window;
 
@@ -53,7 +52,6 @@ pub struct TransferFunction {
     points: Vec<ControlPoint>,
     unit_distance: Option<f64>,
     gradient: Vec<GradientPoint>,
-    floor: f64,
 }
 
 impl TransferFunction {
@@ -94,7 +92,7 @@ impl TransferFunction {
                 .map_err(|reason| Error::Transfer(format!("point {}: {reason}", i + 1)))?;
         }
         unit_distance.map_or(Ok(()), Self::check_unit)?;
-        Ok(Self { points, unit_distance, gradient: Vec::new(), floor: 0.0 })
+        Ok(Self { points, unit_distance, gradient: Vec::new() })
     }
 
     fn check_unit(unit: f64) -> Result<()> {
@@ -298,39 +296,10 @@ impl TransferFunction {
         if extent > 0.0 { extent } else { other }
     }
 
-    /// The largest change of alpha, or of a colour times alpha, between two neighbouring points, of matter so many unit
-    /// distances thick: the whole of it if it is a step, half if the points are 1/256 of the range of all points apart.
-    pub(crate) fn largest_step(&self, thickness: f64) -> f64 {
-        const NEAR: f64 = 1.0 / 256.0;
-        let shown = |p: &ControlPoint| {
-            let alpha = -(-Self::extinction(p.opacity, 1.0) * thickness).exp_m1();
-            let [r, g, b] = p.color.map(|c| c * alpha);
-            [r, g, b, alpha]
-        };
-        let [first, last] = self.range();
-        let near = NEAR * (last - first);
-        let change = |[p, q]: [&ControlPoint; 2]| {
-            let most = shown(p).iter().zip(shown(q)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            let steepness = near / (near + q.value - p.value);
-            if steepness.is_finite() { most * steepness } else { most }
-        };
-        self.points.iter().zip(self.points.iter().skip(1)).map(|(p, q)| change([p, q])).fold(0.0, f64::max)
-    }
-
     /// The largest opacity of any point.
     #[must_use]
     pub(crate) fn max_opacity(&self) -> f64 {
         self.points.iter().map(|p| p.opacity).fold(0.0, f64::max)
-    }
-
-    /// The colours of the points between which something shows.
-    pub(crate) fn visible_colors(&self) -> Vec<[f64; 3]> {
-        let points = &self.points;
-        let shows = |i: usize| {
-            let from = i.saturating_sub(1);
-            points[from..(i + 2).min(points.len())].iter().any(|point| point.opacity > 0.0)
-        };
-        (0..points.len()).filter(|&i| shows(i)).map(|i| points[i].color).collect()
     }
 
     /// The largest of each channel of the colours.

@@ -7,8 +7,8 @@ use super::{ControlPoint, GradientPoint, TransferFunction};
 use crate::color;
 use crate::error::{Error, Result};
 use crate::lighting::Lighting;
-use crate::names::readable;
 use crate::volume::{Statistics, Volume};
+use voxsplat_volume::names::readable;
 
 /// A named way to make a transfer function from the values of a volume.
 #[derive(Debug, Clone, Copy)]
@@ -282,8 +282,8 @@ impl TransferFunction {
     /// A preset fitted to the values of a volume, which are all read.
     ///
     /// # Errors
-    /// [`Error::Transfer`] as [`preset`]; [`Error::Read`] and [`Error::Memory`] if samples left in a file cannot be
-    /// read.
+    /// [`Error::Transfer`] as [`preset`]; [`Error::Input`] and [`Error::Memory`] if samples left
+    /// in a file cannot be read.
     pub fn preset(name: &str, volume: &Volume) -> Result<Self> {
         preset(name, volume, &Statistics::of(volume)?)
     }

@@ -63,12 +63,11 @@ impl TransferFunction {
         Self { points: self.points.iter().map(point).collect(), ..self.clone() }.with_steeper_gradients(grown)
     }
 
-    /// The same with the opacities of gradient opacity at magnitudes so many times as large, and such a floor.
+    /// The same with the opacities of gradient opacity at magnitudes so many times as large.
     pub(super) fn with_steeper_gradients(self, times: f64) -> Result<Self> {
         let steeper = |p: &GradientPoint| GradientPoint { magnitude: p.magnitude * times, ..*p };
         let gradient = self.gradient.iter().map(steeper).collect();
-        let floor = self.floor * times;
-        self.with_gradient_opacity(gradient)?.with_gradient_floor(floor)
+        self.with_gradient_opacity(gradient)
     }
 
     /// The same function with the opacities of slabs `unit_distance` thick, in world units.
@@ -95,10 +94,12 @@ mod tests {
         assert_eq!(moved.points(), [point(75.0, 0.0), point(100.0, 0.5), point(125.0, 1.0)]);
         assert_eq!((moved.unit_distance(), moved.gradient_opacity()[0].magnitude), (Some(2.0), 100.0));
         for window in [[1.0, 0.0], [1.0, -1.0], [f64::NAN, 1.0], [1e300, 1.0], [0.0, f64::INFINITY]] {
-            assert!(transfer.stretched(&Window { level: window[0], width: window[1] }).is_err(), "{window:?}");
+            let error = transfer.stretched(&Window { level: window[0], width: window[1] }).unwrap_err().to_string();
+            assert!(error.starts_with("window: ") && error.ends_with("expected a width over 0"), "{window:?}: {error}");
         }
         let single = TransferFunction::new(vec![point(3.0, 0.5)], None).unwrap();
-        assert!(single.stretched(&Window { level: 0.0, width: 1.0 }).is_err());
+        let error = single.stretched(&Window { level: 0.0, width: 1.0 }).unwrap_err().to_string();
+        assert!(error.contains("all its points are at 3: no window stretches it"), "{error}");
         let widest = TransferFunction::new(vec![point(f64::MIN, 0.0), point(f64::MAX, 1.0)], None).unwrap();
         assert_eq!(widest.stretched(&Window { level: 0.0, width: 2.0 }).unwrap().range(), [-1.0, 1.0]);
     }

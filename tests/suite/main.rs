@@ -9,50 +9,70 @@
               functions only"
 )]
 
-mod accuracy;
 #[path = "../../src/gpu/adapter_test.rs"]
 mod adapter;
-mod algorithms;
-mod bounds;
-mod bundled;
-mod camera;
-mod cells;
-mod classification;
-mod cli;
-mod clipping;
-mod commands;
-mod cost;
-mod demos;
-mod embed;
-mod fuzz;
-mod golden;
-mod gradient_opacity;
-mod hard;
-mod hard_quads;
-mod hostile;
-mod lattices;
-mod layers;
-mod post_light;
-mod presets;
-mod projections;
-mod random;
-mod readers;
-mod readers_dicom;
-mod readers_errors;
-mod rendering;
-mod savings;
-mod scalar_cells;
-mod scenes;
-mod segmentations;
-mod shadows;
-mod sharpness;
-mod soak;
-mod streaming;
+mod house;
 mod support;
-mod tiles;
-mod tiles_hard;
-mod tiles_rays;
-mod transfer;
 mod truth;
-mod words;
-mod zarr;
+
+/// Files that are read, and files that are refused.
+mod formats {
+    mod dicom;
+    pub(crate) mod fixtures;
+    mod lying_headers;
+    mod peers;
+    mod streaming;
+    mod transfer_files;
+    mod zarr;
+}
+
+/// Contents of pictures by any painter: models, kernels, cameras, transfer functions, clips, layers.
+mod model {
+    mod algorithms;
+    mod camera;
+    mod classification;
+    mod clipping;
+    mod demos;
+    mod gradient_opacity;
+    mod lattices;
+    mod layers;
+    mod presets;
+    mod projections;
+    mod reconstruction;
+    mod rendering;
+    mod sharpness;
+}
+
+/// Painters: precision, limits, cost, devices, golden pictures.
+mod painters {
+    mod accuracy;
+    mod cost;
+    mod embed;
+    mod f32_limits;
+    mod golden;
+    mod savings;
+    pub(crate) mod tiles;
+    mod tiles_limits;
+    mod tiles_rays;
+}
+
+/// Cells that stand for several voxels.
+mod levels {
+    pub(crate) mod colors;
+    mod scalars;
+}
+
+/// Light on scalars, and shadows.
+mod light {
+    mod scalars;
+    mod shadows;
+}
+
+/// Random scenes, hard cases, damaged files and long turntables.
+mod hostile {
+    mod bounds;
+    pub(crate) mod fuzz;
+    mod hard_cases;
+    mod random;
+    mod soak;
+}

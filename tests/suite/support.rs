@@ -164,3 +164,9 @@ pub(crate) fn full() -> Settings {
     let exact = Settings { termination: 0.0, antialiasing: false, level: Level::At(0), ..Settings::default() };
     with_tiles(&exact, Resolution::Full)
 }
+
+/// The name by which the test binary runs a test of its own, given the path of its module.
+pub(crate) fn own_name(module: &str, test: &str) -> String {
+    let (_, path) = module.split_once("::").unwrap();
+    format!("{path}::{test}")
+}

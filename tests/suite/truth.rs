@@ -17,17 +17,17 @@ use voxsplat::volume::Volume;
 
 /// Files or folders of `src/` on which the reference's pictures depend, without their endings.
 const SOURCES: [&str; 11] = [
-    "camera",
-    "clip",
-    "kernel",
-    "layers",
-    "lighting",
-    "reconstruction/prefilter",
-    "reference",
-    "response",
-    "transfer/mod",
-    "transfer/gradient",
-    "volume",
+    "src/camera",
+    "src/clip",
+    "src/kernel",
+    "src/layers",
+    "src/lighting",
+    "src/reconstruction/prefilter",
+    "src/reference",
+    "src/response",
+    "src/transfer/mod",
+    "src/transfer/gradient",
+    "crates/volume/src/volume",
 ];
 
 /// The picture that the reference integrates.
@@ -53,12 +53,12 @@ impl Hash {
 
 /// The hash of the reference's sources.
 static SOURCES_HASH: LazyLock<Hash> = LazyLock::new(|| {
-    let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut hash = Hash::NEW;
     for source in SOURCES {
-        let file = src.join(source).with_extension("rs");
-        let mut files = if file.exists() { vec![file] } else { rust_files(&src.join(source)) };
-        assert!(!files.is_empty(), "there is neither src/{source}.rs nor a folder src/{source}: correct SOURCES");
+        let file = root.join(source).with_extension("rs");
+        let mut files = if file.exists() { vec![file] } else { rust_files(&root.join(source)) };
+        assert!(!files.is_empty(), "there is neither {source}.rs nor a folder {source}: correct SOURCES");
         files.sort();
         for file in files {
             hash.add(&fs::read(file).unwrap());

@@ -14,8 +14,9 @@ use super::lines::merged;
 use super::maps::ColorMap;
 
 use super::{GradientPoint, TransferFunction, Window};
+use voxsplat_volume::files;
+
 use crate::error::{Error, Result};
-use crate::source;
 use crate::volume::Grid;
 
 /// The largest file that is read, in bytes.
@@ -58,8 +59,8 @@ impl Imported {
     /// Reads a file. Behind a `#` the path may name one of several functions in it.
     ///
     /// # Errors
-    /// [`Error::Read`] if the file cannot be read; [`Error::Format`] if it is of another format or malformed, takes
-    /// over 4 MiB, or holds several functions and the path names none of them.
+    /// [`Error::Input`](crate::Error::Input) if the file cannot be read; [`Error::Input`](crate::Error::Input) if it is
+    /// of another format or malformed, takes over 4 MiB, or holds several functions and the path names none of them.
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         Self::with_file(path.as_ref(), Self::parse)
     }
@@ -124,7 +125,7 @@ impl Imported {
     fn with_file<T>(path: &Path, read: impl FnOnce(&str, Option<&str>) -> Result<T>) -> Result<T> {
         let whole = path.to_str().filter(|_| !path.exists()).and_then(|text| text.rsplit_once('#'));
         let (path, name) = whole.map_or((path, None), |(file, name)| (Path::new(file), Some(name)));
-        let text = source::read_text(path, MAX_BYTES)?;
+        let text = files::read_text(path, MAX_BYTES)?;
         read(&text, name).map_err(|e| match e {
             Error::Transfer(reason) => Error::format(path, reason),
             other => other,

@@ -1,0 +1,110 @@
+//! The arguments of the program, and its help.
+
+mod figure;
+mod input;
+mod inspect;
+mod model;
+mod pareto;
+mod render;
+mod turntable;
+mod view;
+
+use clap::{CommandFactory, Parser, Subcommand};
+
+pub(crate) use self::figure::FigureArgs;
+pub(crate) use self::input::InputArgs;
+pub(crate) use self::inspect::{CompareArgs, InfoArgs};
+pub(crate) use self::model::{LayerArgs, ModelArgs};
+pub(crate) use self::pareto::ParetoArgs;
+pub(crate) use self::render::{RenderArgs, StatsFormat};
+pub(crate) use self::turntable::TurntableArgs;
+pub(crate) use self::view::{FrameArg, ProjectionArg, ViewArgs};
+
+/// Render voxel volumes by splatting on the GPU.
+#[derive(Debug, Parser)]
+#[command(version, max_term_width = 100, after_help = MAIN_EXAMPLES, disable_help_subcommand = true)]
+#[command(subcommand_required = true, arg_required_else_help = false)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+    /// Print only results and errors: no notes, no progress
+    #[arg(short, long, global = true)]
+    pub(crate) quiet: bool,
+}
+
+const MAIN_EXAMPLES: &str = "\
+Examples:
+  voxsplat render demo:shepp-logan -o head.png
+  voxsplat info scan.nii.gz
+  voxsplat render scan.nii.gz -o scan.png --transfer ct-bone --azimuth 30
+  voxsplat pareto scan.nii.gz -o speed-against-error
+
+Exit codes: 0 done, 1 failed (compare: the pictures differ; --verify: --max-error is exceeded), 2 wrong
+arguments, 128 and its number for a signal. Output has no colours, with NO_COLOR and without.";
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Render a volume to a picture
+    Render(Box<RenderArgs>),
+    /// Render a turning volume: one picture or film frame per view
+    Turntable(Box<TurntableArgs>),
+    /// Measure the speed and the error of many settings
+    Pareto(Box<ParetoArgs>),
+    /// Describe a volume file and show how to render it
+    Info(InfoArgs),
+    /// Compare two pictures
+    Compare(CompareArgs),
+    /// List the graphics adapters, best first
+    Devices,
+    /// Print completions for a shell: bash, elvish, fish, powershell or zsh
+    Completions {
+        /// The shell
+        shell: clap_complete::Shell,
+    },
+    /// Print the manual page of the program or of a command, for man -l
+    Man {
+        /// A command, such as render
+        command: Option<String>,
+    },
+}
+
+/// The options of `render` and its relatives for a first picture, which `-h` shows.
+const BASIC: [&str; 21] = [
+    "output",
+    "size",
+    "background",
+    "stats",
+    "channel",
+    "time",
+    "azimuth",
+    "elevation",
+    "projection",
+    "zoom",
+    "transfer",
+    "window",
+    "model",
+    "shading",
+    "light",
+    "clip",
+    "labels",
+    "label",
+    "scale-bar",
+    "colour-bar",
+    "max-error",
+];
+
+/// The definition of the program's arguments. `-h` shows the options of [`BASIC`] and the ones of a command alone.
+pub(crate) fn command() -> clap::Command {
+    let own = [Some("Turntable"), Some("Measurement")];
+    let brief = |command: clap::Command| {
+        command.mut_args(|arg| {
+            let is_basic = arg.get_long().is_none_or(|long| BASIC.contains(&long));
+            let is_own = own.contains(&arg.get_help_heading());
+            arg.hide_short_help(!is_basic && !is_own)
+        })
+    };
+    Args::command().mut_subcommands(|command| match command.get_name() {
+        "render" | "turntable" | "pareto" => brief(command),
+        _ => command,
+    })
+}

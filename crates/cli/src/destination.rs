@@ -1,0 +1,58 @@
+//! Where a picture goes: a file, or standard output.
+
+use std::io::{IsTerminal, stdout};
+use std::path::{Path, PathBuf};
+
+use voxsplat::image::{Background, Image, Note};
+
+use super::failure::Failure;
+use super::output;
+
+/// What stands for standard input and standard output in place of a file.
+pub(crate) const STREAM: &str = "-";
+
+/// Where a picture goes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Destination {
+    /// Standard output, as PNG.
+    Stdout,
+    /// A file, in the format of its extension.
+    File(PathBuf),
+}
+
+impl Destination {
+    /// A destination that can be written to, as far as is known before the work.
+    pub(crate) fn checked(path: PathBuf) -> Result<Self, Failure> {
+        if path == Path::new(STREAM) {
+            return Self::stdout().map(|()| Self::Stdout);
+        }
+        Image::check_output(&path).map_err(|e| Failure::Usage(format!("{e:#}")))?;
+        Ok(Self::File(path))
+    }
+
+    /// Refuses a terminal, which shows no bytes.
+    pub(crate) fn stdout() -> Result<(), Failure> {
+        if stdout().is_terminal() {
+            return Err(Failure::Usage(
+                "--output -: standard output is a terminal, expected a pipe or a file".to_owned(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Whether it keeps the values of a picture, not what a screen shows of them.
+    pub(crate) fn keeps_values(&self) -> bool {
+        match self {
+            Self::Stdout => false,
+            Self::File(path) => path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")),
+        }
+    }
+
+    /// Writes a picture. A file appears whole or not at all.
+    pub(crate) fn write(&self, image: &Image, background: Background, notes: &[Note]) -> Result<(), Failure> {
+        match self {
+            Self::Stdout => output::print_bytes(&image.to_png_with_notes(background, notes)?),
+            Self::File(path) => Ok(image.save_with_notes(path, background, notes)?),
+        }
+    }
+}

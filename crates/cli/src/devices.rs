@@ -1,0 +1,21 @@
+//! `voxsplat devices`.
+
+use voxsplat::renderer::adapters;
+
+use super::failure::Failure;
+use super::output;
+use super::stderr::silenced;
+
+pub(crate) fn run() -> Result<(), Failure> {
+    let adapters = silenced(adapters);
+    if adapters.is_empty() {
+        return Err(Failure::Failed(
+            "no graphics adapter: install a Vulkan driver, or mesa-vulkan-drivers for rendering without a GPU"
+                .to_owned(),
+        ));
+    }
+    let width = adapters.iter().map(|a| a.name.chars().count()).max().unwrap_or(0);
+    let lines: String =
+        adapters.iter().map(|a| format!("{:width$}  {:10}  {:7}  {}\n", a.name, a.kind, a.backend, a.driver)).collect();
+    output::print(&lines)
+}

@@ -1,0 +1,303 @@
+//! `voxsplat info`.
+
+use std::ffi::OsStr;
+
+use glam::DVec3;
+use serde::Serialize;
+use voxsplat::appearance::Meaning;
+use voxsplat::error::Error;
+use voxsplat::formats::{self, LoadOptions, MissingSlices, PyramidLevel};
+use voxsplat::report::readable;
+use voxsplat::transfer::presets;
+use voxsplat::volume::{Channel, Grid, Statistics, Volume};
+
+use super::args::{InfoArgs, InputArgs};
+use super::failure::Failure;
+use super::progress::Progress;
+use super::rules::LABELS;
+use super::session::say_level;
+use super::{histogram, layers, output};
+
+/// The properties of a volume. Field names are the keys of the JSON.
+#[derive(Serialize)]
+struct Info {
+    source: String,
+    dims: [u32; 3],
+    voxels: u64,
+    #[serde(rename = "type")]
+    sample_type: &'static str,
+    bytes: u64,
+    slope: f64,
+    intercept: f64,
+    spacing: [f64; 3],
+    /// World length of the volume along each lattice axis, between its outer faces.
+    extent: [f64; 3],
+    center: [f64; 3],
+    /// The unit of world lengths; `None` if it is not known.
+    length_unit: Option<String>,
+    /// The unit of values; `None` if the file does not state it.
+    value_unit: Option<String>,
+    /// `None` if the file does not state it.
+    orientation: Option<Orientation>,
+    min: f64,
+    max: f64,
+    mean: f64,
+    std_dev: f64,
+    /// Counts in equal bins over min..max.
+    histogram: Vec<u64>,
+    /// Largest value of the background, and its share of the voxels; `None` if all values are the same.
+    background: Option<[f64; 2]>,
+    /// The suggested preset, or labels; `None` for a built-in volume, which has a transfer function of its own, and if
+    /// no preset fits.
+    preset: Option<&'static str>,
+    reason: String,
+    /// The points in time of the file.
+    times: u32,
+    /// The point in time that is described.
+    time: u32,
+    /// The levels of the file's pyramid.
+    levels: u32,
+    /// The level that is described.
+    level: u32,
+    /// The channels of the file.
+    channels: u32,
+    /// The channel that is described.
+    channel: u32,
+    /// What the file says of its channels; empty if it says nothing.
+    labels: Vec<Label>,
+    /// What of the file the volume could not keep.
+    notes: Vec<String>,
+    /// `None` if the volume needs a transfer function that the user must write.
+    command: Option<String>,
+}
+
+/// What the file says of a channel.
+#[derive(Serialize)]
+struct Label {
+    name: Option<String>,
+    /// As #rrggbb.
+    color: Option<String>,
+    window: Option<[f64; 2]>,
+}
+
+/// The directions of the lattice axes in the patient.
+#[derive(Serialize)]
+struct Orientation {
+    /// One letter per lattice axis: Left, Right, Posterior, Anterior, Superior or Inferior.
+    axes: String,
+    /// The largest angle between a lattice axis and the patient axis of its letter, degrees.
+    oblique: f64,
+}
+
+impl Label {
+    fn of(channel: &Channel) -> Self {
+        let color = channel.color.map(|[r, g, b]| format!("#{r:02x}{g:02x}{b:02x}"));
+        Self { name: channel.name.clone(), color, window: channel.window }
+    }
+
+    /// The name, the colour and the window, as far as they are stated.
+    fn text(&self) -> String {
+        let window = self.window.map(|[low, high]| format!("{} to {}", readable(low), readable(high)));
+        [self.name.clone(), self.color.clone(), window].into_iter().flatten().collect::<Vec<_>>().join(" ")
+    }
+}
+
+impl Orientation {
+    fn of(grid: &Grid) -> Self {
+        let m = grid.to_world().matrix3;
+        let mut oblique = 0.0_f64;
+        let letters = [m.x_axis, m.y_axis, m.z_axis].map(|axis: DVec3| {
+            let axis = axis.normalize();
+            // The axes of patient space run to the left, to the back and to the head.
+            let named = [(axis.x, "LR"), (axis.y, "PA"), (axis.z, "SI")];
+            let (along, names) = named
+                .into_iter()
+                .fold((0.0, "??"), |best: (f64, &str), next| if next.0.abs() > best.0.abs() { next } else { best });
+            oblique = oblique.max(along.abs().clamp(0.0, 1.0).acos().to_degrees());
+            &names[if along < 0.0 { 1..2 } else { 0..1 }]
+        });
+        Self { axes: letters.join("-"), oblique }
+    }
+}
+
+pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
+    args.input.check_one_time()?;
+    if args.labels {
+        let mut options = args.input.options();
+        options.replace_nan = options.replace_nan.or(Some(0.0));
+        let volume = formats::load(&args.input.source, &options)?;
+        let listed = layers::list(&volume, &layers::Looks::new(args.label_table.as_deref(), &[])?)?;
+        return if args.json { output::print_json(&listed) } else { layers::print(&listed, volume.length_unit()) };
+    }
+    let (volume, statistics) = {
+        let _progress = Progress::spinner("reading");
+        let options = args.input.options();
+        // A file of several channels is described by its first.
+        let channel = options.channel.or(Some(0));
+        // A pyramid by a level that is soon read.
+        let level = if args.input.pyramid.is_none() { PyramidLevel::Pixels(512.0) } else { options.level };
+        let volume = formats::load(&args.input.source, &LoadOptions { channel, level, ..options })?;
+        say_level(&volume, &options);
+        let statistics = Statistics::of(&volume)?;
+        (volume, statistics)
+    };
+    let info = Info::new(&args.input, &volume, &statistics)?;
+    if args.json { output::print_json(&info) } else { output::print(&info.to_text()) }
+}
+
+impl Info {
+    fn new(input: &InputArgs, volume: &Volume, statistics: &Statistics) -> Result<Self, Failure> {
+        let grid = volume.grid();
+        let (slope, intercept) = volume.rescale();
+        let (preset, reason, fits) = match Meaning::of(&input.source, volume, true, || Ok(statistics.clone())) {
+            Ok(Meaning::BuiltIn(_)) => (None, "a built-in volume has its own transfer function".to_owned(), true),
+            Ok(Meaning::Labels { reason }) => (Some(LABELS), reason, true),
+            Ok(Meaning::Values { preset, reason, .. }) => (Some(preset.name), reason, true),
+            Err(Error::Transfer(_)) => {
+                let reason = presets::suggest(volume, statistics).reason;
+                (None, format!("no preset fits: {reason}; write one, and give --transfer FILE.json"), false)
+            }
+            Err(error) => return Err(error.into()),
+        };
+        let (spacing, contents) = (grid.spacing(), volume.contents());
+        Ok(Self {
+            source: input.source.to_string_lossy().into_owned(),
+            dims: grid.dims(),
+            voxels: grid.len(),
+            sample_type: volume.sample_type().name(),
+            bytes: grid.len() * volume.sample_type().size() as u64,
+            slope,
+            intercept,
+            spacing,
+            extent: std::array::from_fn(|a| spacing[a] * f64::from(grid.dims()[a])),
+            center: grid.center().to_array(),
+            length_unit: volume.length_unit().map(str::to_owned),
+            value_unit: volume.value_unit().map(str::to_owned),
+            orientation: volume.is_oriented().then(|| Orientation::of(grid)),
+            min: statistics.min,
+            max: statistics.max,
+            mean: statistics.mean,
+            std_dev: statistics.std_dev,
+            histogram: statistics.histogram(),
+            background: statistics.background().map(|b| [b.limit, b.fraction]),
+            preset,
+            reason,
+            times: contents.times,
+            time: contents.time,
+            levels: contents.levels,
+            level: contents.level,
+            channels: contents.channels,
+            channel: contents.channel,
+            labels: contents.labels.iter().map(Label::of).collect(),
+            notes: contents.notes.clone(),
+            command: fits.then(|| command(input, preset)),
+        })
+    }
+
+    fn to_text(&self) -> String {
+        let by = |v: &[f64; 3]| v.map(readable).join(" x ");
+        let mut text = String::new();
+        let mut line = |name: &str, value: String| text += &format!("{name:<12} {value}\n");
+        line("volume", self.source.clone());
+        let [x, y, z] = self.dims;
+        line("lattice", format!("{x} x {y} x {z} = {} voxels", self.voxels));
+        line("samples", format!("{}, {}", self.sample_type, in_bytes(self.bytes)));
+        if self.times > 1 {
+            line("times", format!("0 to {}: {} is described", self.times - 1, self.time));
+        }
+        if self.levels > 1 {
+            line("pyramid", format!("levels 0 to {}: {} is described", self.levels - 1, self.level));
+        }
+        if self.channels > 1 {
+            line("channels", format!("0 to {}: {} is described", self.channels - 1, self.channel));
+            for (n, label) in self.labels.iter().enumerate() {
+                line("", format!("{n} {}", label.text()));
+            }
+        }
+        if (self.slope, self.intercept) != (1.0, 0.0) {
+            line("values", format!("{} * sample + {}", readable(self.slope), readable(self.intercept)));
+        }
+        line("spacing", by(&self.spacing));
+        for note in &self.notes {
+            line("note", note.clone());
+        }
+        let unit = self.length_unit.as_deref().unwrap_or("world units");
+        line("extent", format!("{} {unit}, centre at {}", by(&self.extent), self.center.map(readable).join(",")));
+        line(
+            "orientation",
+            match &self.orientation {
+                None => "not stated: world axes along the lattice".to_owned(),
+                Some(Orientation { axes, oblique }) if *oblique < 0.05 => axes.clone(),
+                Some(Orientation { axes, oblique }) => format!("{axes}, oblique by {oblique:.1} degrees"),
+            },
+        );
+        let unit = self.value_unit.as_deref().map(|unit| format!(" {unit}")).unwrap_or_default();
+        line("range", format!("{} to {}{unit}", readable(self.min), readable(self.max)));
+        line("mean", format!("{}, standard deviation {}", readable(self.mean), readable(self.std_dev)));
+        if let Some([limit, fraction]) = self.background {
+            line("background", format!("{:.1} % of the voxels, values up to {}", 100.0 * fraction, readable(limit)));
+        }
+        line("histogram", "(height: logarithm of the count)".to_owned());
+        text += &histogram::draw(&self.histogram);
+        text += &histogram::axis(&readable(self.min), &readable(self.max));
+        let preset = self.preset.map(|p| format!("{p}: ")).unwrap_or_default();
+        text += &format!("{:<12} {preset}{}\n", "transfer", self.reason);
+        text + &self.command.as_ref().map(|command| format!("{:<12} {command}\n", "render")).unwrap_or_default()
+    }
+}
+
+/// Bytes as people write them: in units of 1024 from 10 KiB on.
+fn in_bytes(bytes: u64) -> String {
+    let unit = [("GiB", 30), ("MiB", 20), ("KiB", 10)].into_iter().find(|(_, power)| bytes >= 10 << power);
+    match unit {
+        Some((name, power)) => format!("{:.0} {name}", bytes as f64 / f64::from(1_u32 << power)),
+        None => format!("{bytes} bytes"),
+    }
+}
+
+/// The command line that renders the volume, with the same input options.
+fn command(input: &InputArgs, preset: Option<&str>) -> String {
+    let mut words = vec!["voxsplat".to_owned(), "render".to_owned(), quoted(input.source.as_os_str())];
+    let mut option = |name: &str, value: Option<String>| words.extend(value.map(|v| format!("--{name} {v}")));
+    option("dims", input.dims.map(|d| d.map(|d| d.to_string()).join(",")));
+    option("type", input.sample_type.map(|t| t.to_string()));
+    option("endian", input.endian.map(|e| e.to_string()));
+    option("offset", (input.offset > 0).then(|| input.offset.to_string()));
+    option("spacing", input.spacing.map(|s| s.map(|s| s.to_string()).join(",")));
+    option("replace-nan", input.replace_nan.map(|v| v.to_string()));
+    option("time", input.time.map(|n| n.to_string()));
+    option("pyramid", input.pyramid.map(|n| n.to_string()));
+    option("series", input.series.map(|n| n.to_string()));
+    let fills = input.missing_slices != MissingSlices::default();
+    option("missing-slices", fills.then(|| input.missing_slices.to_string()));
+    option("channel", input.channel.first().map(|channel| channel.number.to_string()));
+    option("transfer", preset.map(str::to_owned));
+    let name = match input.source.to_str().and_then(|source| source.strip_prefix("demo:")) {
+        Some(name) => name.split(':').next().unwrap_or(name).to_owned(),
+        // All extensions are dropped: scan.nii.gz becomes scan.png.
+        None => input
+            .source
+            .file_name()
+            .and_then(|n| n.to_str()?.split('.').find(|part| !part.is_empty()))
+            .unwrap_or("volume")
+            .to_owned(),
+    };
+    words.push(format!("-o {}", quoted(format!("{name}.png").as_ref())));
+    words.join(" ")
+}
+
+/// The text as one word of a POSIX shell. Text that is not UTF-8 is written as `$'...'` (POSIX 2024).
+fn quoted(text: &OsStr) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./:,+=@%".contains(c);
+    match text.to_str() {
+        Some(text) if text.chars().all(plain) => text.to_owned(),
+        Some(text) => format!("'{}'", text.replace('\'', r"'\''")),
+        None => {
+            let byte = |&byte: &u8| match char::from(byte) {
+                c if c.is_ascii() && plain(c) => c.to_string(),
+                _ => format!("\\x{byte:02x}"),
+            };
+            format!("$'{}'", text.as_encoded_bytes().iter().map(byte).collect::<String>())
+        }
+    }
+}

@@ -1,0 +1,456 @@
+//! Jobs: arguments that have been checked against each other and by the library, before any file is read.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use voxsplat::appearance::Open;
+use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::figure::{Figure, LegendEntry};
+use voxsplat::formats::LoadOptions;
+use voxsplat::image::{Background, Image, Region};
+use voxsplat::layers::Layers;
+use voxsplat::lighting::{Light, Lighting, Source};
+use voxsplat::report::check_file;
+use voxsplat::settings::{Painter, Response, Settings};
+use voxsplat::transfer::TransferFunction;
+use voxsplat::volume::{Grid, Units};
+
+use super::args::{
+    CompareArgs, FigureArgs, FrameArg, ModelArgs, ParetoArgs, ProjectionArg, RenderArgs, StatsFormat, ViewArgs,
+};
+use super::channels::ChannelArg;
+use super::clip::ClipArg;
+use super::destination::Destination;
+use super::failure::Failure;
+use super::layers::LayersJob;
+use super::options::STUDIED;
+use super::parse::{LightArg, Occlusion, PainterArg, PlaceArg};
+use super::scene_file::SceneFile;
+use super::transfer::{Transfer, TransferChoice};
+use super::tune::{Tuning, pairs_without};
+
+/// The default space around what is fitted if there are texts above or below and a frame or zoom is asked for.
+const FIGURE_MARGIN: f64 = 0.1;
+
+/// The default vertical field of view, degrees.
+const DEFAULT_FOV: f64 = 30.0;
+
+/// The way to make the picture.
+#[derive(Debug, Clone)]
+pub(crate) enum Engine {
+    /// Splatting on a graphics adapter.
+    Device { adapter: Option<String> },
+    /// The f64 reference on the CPU.
+    Reference,
+}
+
+/// A picture to render.
+#[derive(Debug, Clone)]
+pub(crate) struct RenderJob {
+    pub(crate) source: PathBuf,
+    pub(crate) load: LoadOptions,
+    pub(crate) transfer: Transfer,
+    pub(crate) layers: LayersJob,
+    pub(crate) channels: Vec<ChannelArg>,
+    pub(crate) view: View,
+    pub(crate) frame: FrameArg,
+    /// Width and height of the picture, pixels.
+    pub(crate) size: [u32; 2],
+    /// The part of it that is wanted.
+    pub(crate) region: Region,
+    pub(crate) settings: Settings,
+    /// The cuts, which are in the settings once the volume is known.
+    pub(crate) clip: Vec<ClipArg>,
+    pub(crate) choices: Choices,
+    pub(crate) studio: Studio,
+    pub(crate) engine: Engine,
+    pub(crate) output: Outputs,
+    pub(crate) figure: FigureJob,
+    pub(crate) accuracy: Accuracy,
+}
+
+/// Choices that the arguments leave to the volume and its transfer function.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Choices {
+    /// Those of the library.
+    pub(crate) open: Open,
+    /// A frame beside the figure's colour bar and texts.
+    pub(crate) space: bool,
+}
+
+/// Studio light, as requested.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Studio {
+    /// Whether an option requests studio light.
+    pub(crate) requested: bool,
+    /// Whether it follows the eye in a turntable.
+    pub(crate) follows: bool,
+}
+
+/// Everything that a job writes.
+#[derive(Debug, Clone)]
+pub(crate) struct Outputs {
+    pub(crate) picture: Destination,
+    pub(crate) background: Background,
+    pub(crate) transfer: Option<PathBuf>,
+    pub(crate) scene: Option<SceneFile>,
+    pub(crate) stats: Option<StatsFormat>,
+}
+
+/// The figure on a picture.
+#[derive(Debug, Clone)]
+pub(crate) struct FigureJob {
+    /// The figure without the names of its legend.
+    pub(crate) drawn: Figure,
+    /// Whether the figure names labels or channels, once they are known.
+    pub(crate) legend: bool,
+    /// Units in place of the ones of the file.
+    pub(crate) units: Units,
+}
+
+/// The bound on the error of a picture, and its check.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Accuracy {
+    pub(crate) max_error: Option<f64>,
+    pub(crate) verify: bool,
+    /// Number of pixels to trace for either.
+    pub(crate) sample: u32,
+}
+
+impl RenderJob {
+    /// A picture that goes where its arguments say.
+    pub(crate) fn new(mut args: RenderArgs) -> Result<Self, Failure> {
+        args.input.check_one_time()?;
+        let Some(output) = args.output.take() else {
+            let missing = "--output FILE is missing: where the picture goes (see --help)";
+            return Err(Failure::Usage(missing.to_owned()));
+        };
+        let output = Destination::checked(output)?;
+        if output == Destination::Stdout && args.stats.is_some() {
+            return Err(Failure::Usage("--stats: standard output takes the picture".to_owned()));
+        }
+        Self::with_output(args, output)
+    }
+
+    /// A picture that goes to `output`.
+    pub(crate) fn with_output(args: RenderArgs, output: Destination) -> Result<Self, Failure> {
+        let mut view = view(&args.view)?;
+        let makes_room = args.view.fits_by_default();
+        let texts = args.figure.title.is_some() || args.figure.caption.is_some();
+        if args.view.margin.is_none() && texts && !makes_room {
+            view.margin = FIGURE_MARGIN;
+        }
+        let tuning = Tuning::new(&args.model.tune).map_err(Failure::Usage)?;
+        let settings = settings(&args.model, &tuning, painter(args.painter, &tuning), &view)?;
+        // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
+        Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
+        if settings.response == Response::Depth && !output.keeps_values() {
+            return Err(Failure::Usage(
+                "--response depth is for an .exr: a .png holds 0 to 1, window shows it".to_owned(),
+            ));
+        }
+        if let Some(path) = &args.save_transfer {
+            TransferFunction::check_output(path)
+                .and_then(|()| check_file(path))
+                .map_err(|e| Failure::Usage(format!("--save-transfer: {e:#}")))?;
+        }
+        let [width, height] = args.size;
+        let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
+        region.check_within(args.size)?;
+        let legend = args.figure.legend;
+        let (figure, units) = figure(args.figure, args.size, &settings)?;
+        let transfer = Transfer::new(&args.model)?;
+        let alone = matches!(transfer.choice, TransferChoice::Labels);
+        let layers = LayersJob::new(&args.layers, alone)?;
+        let is_one = !matches!(transfer.choice, TransferChoice::Suggested) && !transfer.is_window();
+        if legend && is_one && !layers.has_labels() {
+            return Err(Failure::Usage(NO_LEGEND.to_owned()));
+        }
+        if !layers.is_plain() {
+            Layers::check_settings(&settings)?;
+        }
+        let engine = match args.reference {
+            true => Engine::Reference,
+            false => Engine::Device { adapter: args.adapter },
+        };
+        Ok(Self {
+            load: LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&args.view, args.size) },
+            source: args.input.source,
+            transfer,
+            layers,
+            channels: args.input.channel,
+            view,
+            frame: frame(&args.view),
+            size: args.size,
+            region,
+            settings,
+            clip: args.model.clip,
+            choices: Choices {
+                open: Open {
+                    side: args.view.says_no_side(),
+                    light: args.model.light.is_empty(),
+                    material: args.model.material.is_none(),
+                    sharpness: args.model.kernel.is_none() && args.model.sharpness.is_none(),
+                },
+                space: makes_room,
+            },
+            studio: Studio {
+                requested: args.model.light.iter().any(|light| matches!(light, LightArg::Studio(_))),
+                follows: args.model.light.contains(&LightArg::Studio(true)),
+            },
+            engine,
+            output: Outputs {
+                picture: output,
+                background: args.background,
+                transfer: args.save_transfer,
+                scene: None,
+                stats: args.stats,
+            },
+            figure: FigureJob { drawn: figure, legend, units },
+            accuracy: Accuracy { max_error: args.max_error, verify: args.verify, sample: tuning.sample },
+        })
+    }
+}
+
+/// Why there is no legend.
+pub(crate) const NO_LEGEND: &str = "--legend names labels and channels, and there are none: \
+    --transfer labels takes values as labels, --colour-bar shows values";
+
+/// What is drawn on a picture, and the units of what it shows.
+fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings) -> Result<(Figure, Units), Failure> {
+    let FigureArgs { scale_bar, axes, colour_bar: color_bar, legend: names, title, caption, units } = args;
+    let figure = Figure { scale_bar, axes, color_bar, legend: Vec::new(), title, caption };
+    figure.validate(size, settings.model)?;
+    if names {
+        // Of which size the picture must be, one name tells before the others are known.
+        let legend = vec![LegendEntry { name: String::new(), color: [0; 3] }];
+        Figure { legend, ..figure.clone() }.validate(size, settings.model)?;
+    }
+    Ok((figure, units.unwrap_or_default()))
+}
+
+/// The settings of a picture.
+fn settings(model: &ModelArgs, tuning: &Tuning, painter: Painter, view: &View) -> Result<Settings, Failure> {
+    let settings = Settings {
+        model: model.model,
+        response: model.response,
+        depth_coded: model.depth_coded,
+        attenuation: model.attenuation,
+        shading: model.shading,
+        lighting: lighting(model, tuning, view)?,
+        interslice: tuning.interslice,
+        termination: tuning.termination,
+        antialiasing: tuning.antialiasing,
+        level: model.level,
+        kernel: model.kernel.unwrap_or_default(),
+        normalization: tuning.normalization,
+        sharpness: model.sharpness.unwrap_or_default(),
+        painter,
+        ..Settings::default()
+    };
+    settings.validate()?;
+    Ok(settings)
+}
+
+/// The requested painter with its knobs. A knob of a painter chooses its painter.
+fn painter(requested: PainterArg, tuning: &Tuning) -> Painter {
+    let chosen = if requested == PainterArg::Auto { tuning.painter.unwrap_or(requested) } else { requested };
+    match chosen {
+        PainterArg::Quads => Painter::Quads(tuning.quads),
+        PainterArg::Tiles => Painter::Tiles(tuning.tiles),
+        PainterArg::Auto => Painter::Auto,
+    }
+}
+
+/// The lights and their material; `None` if there is no light.
+fn lighting(args: &ModelArgs, tuning: &Tuning, view: &View) -> Result<Option<Lighting>, Failure> {
+    let usage = |message: String| Err(Failure::Usage(message));
+    let lit: Vec<LightArg> = args.light.iter().copied().filter(|l| *l != LightArg::Off).collect();
+    if lit.is_empty() {
+        return Ok(None);
+    }
+    if lit.len() < args.light.len() {
+        return usage("--light: off does not go with other lights".to_owned());
+    }
+    let mut lighting = if lit.iter().any(|light| matches!(light, LightArg::Studio(_))) {
+        if lit.len() > 1 {
+            return usage("--light: studio is all of the lights, no other goes with it".to_owned());
+        }
+        Lighting::studio(view.forward()?, view.up)
+    } else {
+        let mut lights = Vec::new();
+        for light in lit {
+            let LightArg::One(place, color) = light else { continue };
+            let light = match place {
+                PlaceArg::Eye => Light::HEADLIGHT,
+                PlaceArg::From(azimuth, elevation) => {
+                    let towards = -View { azimuth, elevation, up: view.up, ..View::default() }.forward()?;
+                    Light::directional(towards)
+                }
+                PlaceArg::At(place) => Light::at(DVec3::from_array(place)),
+            };
+            lights.push(Light { color, ..light });
+        }
+        Lighting { lights, ..Lighting::default() }
+    };
+    if let Some([ambient, diffuse, specular, shininess]) = args.material {
+        lighting = Lighting { ambient, diffuse, specular, shininess, ..lighting };
+    }
+    lighting.shadows = args.shadows.unwrap_or(lighting.shadows);
+    if let Some(size) = args.light_size {
+        let is_far = |light: &&mut Light| matches!(light.source, Source::Direction(_));
+        lighting.lights.iter_mut().filter(is_far).for_each(|light| light.size = size);
+    }
+    if let Some(Occlusion(radius)) = args.occlusion {
+        lighting.occlusion = radius;
+    }
+    lighting.shadow_bias = tuning.shadow_bias.unwrap_or(lighting.shadow_bias);
+    Ok(Some(lighting))
+}
+
+/// What a picture is fitted to.
+fn frame(args: &ViewArgs) -> FrameArg {
+    let placed = args.target.is_some() || args.view_height.is_some() || args.distance.is_some();
+    args.frame.unwrap_or(if placed { FrameArg::Volume } else { FrameArg::Visible })
+}
+
+fn view(args: &ViewArgs) -> Result<View, Failure> {
+    let projection = match args.projection {
+        ProjectionArg::Perspective => ProjectionKind::Perspective { fov: args.fov.unwrap_or(DEFAULT_FOV) },
+        ProjectionArg::Orthographic => ProjectionKind::Orthographic,
+    };
+    if args.up == Some(DVec3::ZERO) || args.direction == Some(DVec3::ZERO) {
+        return Err(Failure::Usage("--up and --direction need a length over 0".to_owned()));
+    }
+    Ok(View {
+        azimuth: args.azimuth.unwrap_or_default(),
+        elevation: args.elevation.unwrap_or_default(),
+        roll: args.roll,
+        up: args.up.unwrap_or(View::default().up),
+        direction: args.direction,
+        target: args.target,
+        around: None,
+        margin: args.margin.unwrap_or(View::default().margin),
+        reserved: View::default().reserved,
+        projection,
+        zoom: args.zoom,
+        view_height: args.view_height,
+        distance: args.distance,
+    })
+}
+
+/// A volume to be drawn in many ways.
+#[derive(Debug)]
+pub(crate) struct ParetoJob {
+    pub(crate) source: PathBuf,
+    pub(crate) load: LoadOptions,
+    pub(crate) transfer: Transfer,
+    /// The view asked for, and others.
+    pub(crate) views: Vec<View>,
+    pub(crate) frame: FrameArg,
+    /// Width and height of the pictures, pixels.
+    pub(crate) size: [u32; 2],
+    pub(crate) settings: Settings,
+    pub(crate) clip: Vec<ClipArg>,
+    /// Pairs of `--tune` that the study does not vary.
+    pub(crate) tune: Option<String>,
+    pub(crate) adapter: Option<String>,
+    pub(crate) directory: PathBuf,
+    pub(crate) repeats: u32,
+    pub(crate) sample: u32,
+    pub(crate) patience: f64,
+    pub(crate) resume: bool,
+    pub(crate) rivals: Option<PathBuf>,
+    /// What is drawn on the pictures of the page.
+    pub(crate) figure: Figure,
+    pub(crate) units: Units,
+}
+
+/// The golden angle, degrees: steps of it spread any number of views evenly.
+const GOLDEN_ANGLE: f64 = 137.507_764_050_037_85;
+
+impl ParetoJob {
+    pub(crate) fn new(args: ParetoArgs) -> Result<Self, Failure> {
+        args.input.check_one_time()?;
+        let first = view(&args.view)?;
+        let tuning = Tuning::new(&args.model.tune).map_err(Failure::Usage)?;
+        let settings = settings(&args.model, &tuning, Painter::Auto, &first)?;
+        if settings.response == Response::Depth {
+            return Err(Failure::Usage("--response depth is no picture for a report: window shows it".to_owned()));
+        }
+        Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
+        let (figure, units) = figure(args.figure, args.size, &settings)?;
+        let turned = |i: u32| {
+            let elevations = [0.0, 25.0, -35.0, 55.0, -15.0];
+            View {
+                direction: None,
+                azimuth: first.azimuth + f64::from(i) * GOLDEN_ANGLE,
+                elevation: elevations[i as usize % elevations.len()],
+                ..first.clone()
+            }
+        };
+        let views = std::iter::once(first.clone()).chain((1..args.views).map(turned)).collect();
+        let transfer = Transfer::new(&args.model)?;
+        if args.input.channel.len() > 1 {
+            return Err(Failure::Usage("--channel: a study is of one channel".to_owned()));
+        }
+        if matches!(transfer.choice, TransferChoice::Labels) {
+            return Err(Failure::Usage("--transfer labels is for render and turntable".to_owned()));
+        }
+        let tune = pairs_without(&args.model.tune, &STUDIED);
+        check_folder(&args.output)?;
+        Ok(Self {
+            load: LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&args.view, args.size) },
+            source: args.input.source,
+            transfer,
+            views,
+            frame: frame(&args.view),
+            size: args.size,
+            settings,
+            clip: args.model.clip,
+            tune,
+            adapter: args.adapter,
+            directory: args.output,
+            repeats: args.repeats,
+            sample: tuning.sample,
+            figure,
+            units,
+            patience: args.patience,
+            resume: args.resume,
+            rivals: args.rivals,
+        })
+    }
+}
+
+/// Refuses a folder that cannot be made or written to. It is made after the volume has been read.
+fn check_folder(folder: &Path) -> Result<(), Failure> {
+    let usage = |reason: String| Err(Failure::Usage(format!("--output: {}: {reason}", folder.display())));
+    let mut first = folder.join("report.html");
+    while let Some(above) = first.parent().filter(|above| !above.as_os_str().is_empty() && !above.is_dir()) {
+        if above.exists() {
+            return usage(format!("{} is no directory", above.display()));
+        }
+        first = above.to_owned();
+    }
+    check_file(&first).or_else(|error| usage(format!("{error:#}")))
+}
+
+/// Two pictures to compare.
+#[derive(Debug)]
+pub(crate) struct CompareJob {
+    pub(crate) a: PathBuf,
+    pub(crate) b: PathBuf,
+    pub(crate) tolerance: f64,
+    pub(crate) difference: Option<PathBuf>,
+    pub(crate) json: bool,
+}
+
+impl CompareJob {
+    pub(crate) fn new(args: CompareArgs) -> Result<Self, Failure> {
+        if let Some(path) = &args.difference {
+            Image::check_output(path).map_err(|e| Failure::Usage(format!("{e:#}")))?;
+        }
+        let CompareArgs { a, b, tolerance, difference, json } = args;
+        Ok(Self { a, b, tolerance, difference, json })
+    }
+}

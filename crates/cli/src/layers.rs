@@ -1,0 +1,340 @@
+//! Labels and masks beside the volume of a job.
+
+use std::path::{Path, PathBuf};
+
+use voxsplat::Background;
+use voxsplat::error::{Error, Hint};
+use voxsplat::formats::{self, LoadOptions};
+use voxsplat::layers::{Fit, Label, LabelCount, Labels, Layer, Layers, Which, count_labels, on_lattice};
+use voxsplat::report::readable;
+use voxsplat::volume::Volume;
+
+use super::args::LayerArgs;
+use super::failure::Failure;
+use super::output;
+
+/// A change of the looks of some labels.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct LabelArg {
+    which: Which,
+    look: LookArg,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum LookArg {
+    Opacity(f64),
+    /// A factor of the opacity.
+    Factor(f64),
+    Color([f64; 3]),
+}
+
+/// `WHICH:OPACITY`, `WHICH:xFACTOR`, `WHICH:on`, `WHICH:off` or `WHICH:COLOUR`.
+pub(crate) fn label(text: &str) -> Result<LabelArg, String> {
+    let expected = "expected WHICH:LOOK; WHICH is all, numbers such as 1,4,7-9, or a name, and LOOK an opacity from 0 \
+                    to 1, xF (a factor of the opacity from 0 to 1), on, off or a colour";
+    let (which, look) = text.rsplit_once(':').ok_or(expected)?;
+    let factor = look.strip_prefix('x').and_then(|factor| factor.parse().ok());
+    if let Some(factor) = factor.filter(|factor| (0.0..=1.0).contains(factor)) {
+        return Ok(LabelArg { which: which.parse().map_err(|_| expected)?, look: LookArg::Factor(factor) });
+    }
+    let look = match (look, look.parse::<f64>(), look.parse()) {
+        ("on", ..) => LookArg::Opacity(1.0),
+        ("off", ..) => LookArg::Opacity(0.0),
+        (_, Ok(opacity), _) if (0.0..=1.0).contains(&opacity) => LookArg::Opacity(opacity),
+        (_, Err(_), Ok(Background::Color(color))) => LookArg::Color(color),
+        _ => return Err(expected.to_owned()),
+    };
+    Ok(LabelArg { which: which.parse().map_err(|_| expected)?, look })
+}
+
+/// What a job draws beside its volume, or in place of its values.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct LayersJob {
+    /// Whether the volume is one of labels.
+    pub(crate) alone: bool,
+    labels: Option<PathBuf>,
+    looks: Looks,
+    mask: Option<(PathBuf, Which)>,
+}
+
+/// How labels are to look.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Looks {
+    table: Option<Labels>,
+    changes: Vec<LabelArg>,
+}
+
+impl Looks {
+    pub(crate) fn new(table: Option<&Path>, changes: &[LabelArg]) -> Result<Self, Failure> {
+        let looks = Self { table: table.map(Labels::load).transpose()?, changes: changes.to_vec() };
+        // Whether changes are valid does not depend on the labels.
+        looks.changed(Labels::default())?;
+        Ok(looks)
+    }
+
+    fn changed(&self, mut labels: Labels) -> Result<Labels, Failure> {
+        for LabelArg { which, look } in &self.changes {
+            labels = match *look {
+                LookArg::Opacity(opacity) => labels.with_opacity(which.clone(), opacity)?,
+                LookArg::Factor(factor) => labels.thinned(which.clone(), factor)?,
+                LookArg::Color(color) => labels.with_color(which.clone(), color),
+            };
+        }
+        Ok(labels)
+    }
+
+    /// Those of a volume: of the table or else of the volume's file, changed as options ask.
+    pub(crate) fn of(&self, volume: &Volume) -> Result<Labels, Failure> {
+        self.changed(self.table.clone().unwrap_or_else(|| Labels::stated(volume)))
+    }
+}
+
+impl LayersJob {
+    pub(crate) fn new(args: &LayerArgs, alone: bool) -> Result<Self, Failure> {
+        let LayerArgs { labels, label_table, label, mask } = args;
+        if alone && labels.is_some() {
+            let message = "--labels: the volume is one of labels itself, by --transfer labels";
+            return Err(Failure::Usage(message.to_owned()));
+        }
+        let looks = Looks::new(label_table.as_deref(), label)?;
+        Ok(Self { alone, labels: labels.clone(), looks, mask: mask.as_deref().map(masked).transpose()? })
+    }
+
+    /// Whether there is nothing but the values of the volume.
+    pub(crate) fn is_plain(&self) -> bool {
+        !self.has_labels() && self.mask.is_none()
+    }
+
+    /// Whether there are labels among what is drawn.
+    pub(crate) fn has_labels(&self) -> bool {
+        self.alone || self.labels.is_some()
+    }
+
+    /// A volume of labels as it is to look.
+    pub(crate) fn of_labels(&self, volume: &Volume) -> Result<Layer, Failure> {
+        let option = if self.alone { "transfer" } else { "labels" };
+        Layer::labels(volume, &self.looks.of(volume)?).map_err(|error| named(error, option).into())
+    }
+
+    /// What is drawn of some layers, and over them. `read` reads volumes of labels, onto the lattice of the layers.
+    pub(crate) fn over(
+        &self,
+        mut base: Vec<Layer>,
+        mut read: impl FnMut(&'static str, &Path) -> Result<Vec<Volume>, Failure>,
+    ) -> Result<Layers, Failure> {
+        if let Some((path, which)) = &self.mask {
+            let masks = read("mask", path)?;
+            let [mask] = masks.as_slice() else {
+                let (path, count) = (path.display(), masks.len());
+                let message = format!("--mask: {path} has {count} layers of labels, a mask has one");
+                return Err(Failure::Usage(message));
+            };
+            let masked = |layer: Layer| layer.masked(mask, which).map_err(|error| named(error, "mask"));
+            base = base.into_iter().map(masked).collect::<Result<_, _>>()?;
+        }
+        if let Some(path) = &self.labels {
+            for volume in read("labels", path)? {
+                base.push(self.of_labels(&volume)?);
+            }
+        }
+        let mut layers = base.into_iter();
+        let first = layers.next().map(Layers::new).ok_or_else(|| Failure::Failed("nothing to draw".to_owned()))?;
+        Ok(layers.try_fold(first, Layers::with)?)
+    }
+}
+
+/// `FILE` or `FILE:LABELS`: the file, and the rest from the colon on.
+pub(crate) fn parted(text: &Path) -> (PathBuf, &str) {
+    let parts = text.to_str().and_then(|text| Some((text, text.rfind(':')?)));
+    match parts.map(|(text, at)| (&text[..at], &text[at..], text[at + 1..].parse())) {
+        Some((file, labels, Ok(Which::All | Which::Numbers(_)))) => (PathBuf::from(file), labels),
+        // A path with a colon in it, such as C:\mask.nrrd, means itself.
+        _ => (text.to_owned(), ""),
+    }
+}
+
+/// The file of a mask and its labels: all but 0 if none are given.
+fn masked(text: &Path) -> Result<(PathBuf, Which), Failure> {
+    let (file, labels) = parted(text);
+    Ok((file, labels.strip_prefix(':').map_or(Ok(Which::All), str::parse)?))
+}
+
+/// An error of a setting by the name of the option that was typed.
+pub(crate) fn named(error: Error, option: &'static str) -> Error {
+    match error {
+        Error::Setting { reason, .. } => Error::Setting { name: option, reason },
+        other => other,
+    }
+}
+
+/// Reads the volumes of labels of a file, mostly one. NaN is label 0.
+pub(crate) fn read(path: &Path) -> Result<Vec<Volume>, Failure> {
+    let options = LoadOptions { replace_nan: Some(0.0), ..LoadOptions::default() };
+    // The options of bare samples are those of the volume.
+    let bare = |hint| matches!(hint, Hint::GiveDims | Hint::GiveSampleType | Hint::GiveDimsAndSampleType);
+    let of = |channel: Option<u32>| {
+        formats::load(path, &LoadOptions { channel, ..options }).map_err(|error| match error.hint().is_some_and(bare) {
+            true => Failure::Failed(error.to_string()),
+            false => error.into(),
+        })
+    };
+    let first = of(Some(0))?;
+    let channels = first.contents().channels;
+    if channels > 1 && first.contents().segments.is_none() {
+        // The error says how many there are.
+        return Ok(vec![of(None)?]);
+    }
+    std::iter::once(Ok(first)).chain((1..channels).map(|n| of(Some(n)))).collect()
+}
+
+/// Volumes of labels of an option on the lattice of another, and what is to be said of it.
+pub(crate) fn placed(
+    option: &'static str,
+    path: &Path,
+    volumes: Vec<Volume>,
+    of: &Volume,
+) -> Result<(Vec<Volume>, Option<String>), Failure> {
+    let mut note = None;
+    let mut on = |volume: Volume| {
+        let (placed, fit) = on_lattice(&volume, of).map_err(|error| match named(error, option) {
+            Error::Setting { name, reason } => Error::Setting { name, reason: format!("{}: {reason}", path.display()) },
+            other => other,
+        })?;
+        let said = |text: String| Some(format!("note: --{option} {}: {text}", path.display()));
+        match fit {
+            Fit::Same => {}
+            Fit::Unplaced => {
+                let text =
+                    "the files do not say where both lie in one space: voxels of the same numbers are put together";
+                note = said(text.to_owned());
+            }
+            Fit::Nearest { outside } => {
+                let by = volume.grid().dims().map(|d| d.to_string()).join(" x ");
+                let out = match 100.0 * outside {
+                    0.0 => "none".to_owned(),
+                    percent if percent < 0.1 => "under 0.1 %".to_owned(),
+                    percent => format!("{percent:.1} %"),
+                };
+                note = said(format!(
+                    "on a lattice of its own ({by}), so each voxel takes the label of the nearest; {out} of its \
+                     labelled voxels lie outside of the volume"
+                ));
+            }
+        }
+        Ok(placed)
+    };
+    let placed = volumes.into_iter().map(&mut on).collect::<Result<Vec<Volume>, Failure>>()?;
+    Ok((placed, note))
+}
+
+/// The labels of a volume as `info` lists them.
+#[derive(serde::Serialize)]
+pub(crate) struct Listed {
+    #[serde(flatten)]
+    count: LabelCount,
+    name: String,
+    color: String,
+    opacity: f64,
+    /// Cubic world units.
+    volume: f64,
+}
+
+pub(crate) fn list(volume: &Volume, looks: &Looks) -> Result<Vec<Listed>, Failure> {
+    let cell = volume.grid().to_world().matrix3.determinant().abs();
+    let looks = looks.of(volume)?;
+    let listed = |count: LabelCount| {
+        let Label { name, color, opacity } = looks.label(count.label);
+        let [r, g, b] = color.map(|channel| (255.0 * channel).round() as u8);
+        let volume = count.voxels as f64 * cell;
+        Listed { count, name, color: format!("#{r:02x}{g:02x}{b:02x}"), opacity, volume }
+    };
+    Ok(count_labels(volume)?.into_iter().map(listed).collect())
+}
+
+/// Units of length in metres, with the least volume that is written in cubes of each.
+const LENGTHS: [(&str, f64, f64); 5] =
+    [("nm", 1e-9, 0.0), ("µm", 1e-6, 1e-3), ("mm", 1e-3, 1e-3), ("cm", 1e-2, 1.0), ("m", 1.0, 1.0)];
+
+/// A volume in cubes of the largest unit that gives a number near 1 or above it; in the file's if that is no unit of
+/// length.
+fn in_cubes(volume: f64, unit: Option<&str>) -> String {
+    let name = match unit {
+        Some("um" | "μm" | "micron" | "microns" | "micrometer") => Some("µm"),
+        unit => unit,
+    };
+    let digits = |value: f64| match value.abs() {
+        size if (1e-3..1e9).contains(&size) => {
+            let places = (3.0 - size.log10().floor()).max(0.0) as usize;
+            readable(format!("{value:.places$}").parse().unwrap_or(value))
+        }
+        _ => readable(value),
+    };
+    let Some((_, metres, _)) = LENGTHS.iter().find(|(length, ..)| Some(*length) == name) else {
+        return readable(volume) + &unit.map(|unit| format!(" {unit}^3")).unwrap_or_default();
+    };
+    let cubes = |(name, length, least): &(&str, f64, f64)| {
+        let value = volume * (metres / length).powi(3);
+        (value >= *least).then(|| format!("{} {name}^3", digits(value)))
+    };
+    LENGTHS.iter().rev().find_map(cubes).unwrap_or_default()
+}
+
+/// Prints a list of labels.
+pub(crate) fn print(listed: &[Listed], unit: Option<&str>) -> Result<(), Failure> {
+    let header = format!("{:>12}  {:<7} {:>7} {:>12} {:>16}  name\n", "label", "colour", "opacity", "voxels", "volume");
+    let line = |listed: &Listed| {
+        let Listed { count: LabelCount { label, voxels }, name, color, opacity, volume } = listed;
+        let volume = in_cubes(*volume, unit);
+        format!("{label:>12}  {color:<7} {opacity:>7} {voxels:>12} {volume:>16}  {name}").trim_end().to_owned() + "\n"
+    };
+    output::print(&(header + &listed.iter().map(line).collect::<String>()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_are_told_by_number_range_and_name() {
+        let numbers = |ranges: &[[i64; 2]]| Which::Numbers(ranges.to_vec());
+        for (text, which, look) in [
+            ("3:0.5", numbers(&[[3, 3]]), LookArg::Opacity(0.5)),
+            ("-4--2,7:off", numbers(&[[-4, -2], [7, 7]]), LookArg::Opacity(0.0)),
+            ("all:on", Which::All, LookArg::Opacity(1.0)),
+            ("Left kidney:#ff0000", Which::Name("Left kidney".to_owned()), LookArg::Color([1.0, 0.0, 0.0])),
+            ("2-3:x0.25", numbers(&[[2, 3]]), LookArg::Factor(0.25)),
+            ("a:b:red", Which::Name("a:b".to_owned()), LookArg::Color([1.0, 0.0, 0.0])),
+        ] {
+            assert_eq!(label(text), Ok(LabelArg { which, look }), "{text}");
+        }
+        for bad in ["3", "3:2", ":0.5", "3:-1", "3:transparent", "3:x2", "all:x", "all:xred"] {
+            let error = label(bad).unwrap_err();
+            assert!(error.starts_with("expected WHICH:LOOK"), "{bad}: {error}");
+        }
+    }
+
+    #[test]
+    fn volumes_have_units_that_fit() {
+        for (volume, unit, text) in [
+            (4.9161e6, Some("mm"), "4916 cm^3"),
+            (4.9161e9, Some("mm"), "4.916 m^3"),
+            (12.0, Some("mm"), "12 mm^3"),
+            (0.05, Some("mm"), "0.05 mm^3"),
+            (5e7, Some("um"), "0.05 mm^3"),
+            (1.5e-7, Some("mm"), "150 µm^3"),
+            (1e-6, Some("m"), "1 cm^3"),
+            (7.5, Some("px"), "7.5 px^3"),
+            (5.0, None, "5"),
+        ] {
+            assert_eq!(in_cubes(volume, unit), text);
+        }
+    }
+
+    #[test]
+    fn masks_have_labels_behind_their_file() {
+        let of = |text: &str| masked(Path::new(text)).unwrap();
+        assert_eq!(of("m.nrrd"), (PathBuf::from("m.nrrd"), Which::All));
+        assert_eq!(of("C:/m.nrrd"), (PathBuf::from("C:/m.nrrd"), Which::All));
+        assert_eq!(of("C:/m.nrrd:2,5-6"), (PathBuf::from("C:/m.nrrd"), Which::Numbers(vec![[2, 2], [5, 6]])));
+    }
+}

@@ -1,0 +1,111 @@
+//! The command line. Arguments ([`args`]) become validated jobs ([`job`]); each command has a file that runs its jobs.
+//!
+//! Results go to stdout, everything else to stderr. Each error is one line. Exit codes: 0 done, 1 failed or, for
+//! `compare`, the pictures differ, 2 wrong arguments. A signal ends the program as it ends others.
+
+mod args;
+mod channels;
+mod clip;
+mod compare;
+mod destination;
+mod devices;
+mod draw;
+mod effects;
+mod failure;
+mod files;
+mod fitted;
+mod histogram;
+mod info;
+mod job;
+mod layers;
+mod manual;
+mod options;
+mod output;
+mod pareto;
+mod parse;
+mod progress;
+mod render;
+mod rules;
+mod scene;
+mod scene_file;
+mod session;
+mod signals;
+mod stages;
+mod stderr;
+mod transfer;
+mod tune;
+mod turntable;
+mod usage;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::FromArgMatches;
+use clap::error::ErrorKind;
+
+use failure::Failure;
+
+/// Parses the arguments, runs the command, reports its failure.
+fn main() -> ExitCode {
+    let words: Vec<OsString> = std::env::args_os().collect();
+    if usage::asks_for_knobs(&words) {
+        drop(output::print(&tune::help()));
+        return ExitCode::SUCCESS;
+    }
+    let parsed = args::command().try_get_matches();
+    let parsed = parsed.and_then(|matches| Ok((args::Args::from_arg_matches(&matches)?, matches)));
+    let result = match parsed {
+        Ok((args, matches)) => run(args, &matches),
+        Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
+            output::print(&error.render().to_string())
+        }
+        Err(error) => Err(Failure::Several(usage::messages(error, &words))),
+    };
+    let (code, messages) = match result {
+        Ok(()) => return ExitCode::SUCCESS,
+        Err(Failure::Failed(message)) => (1, vec![message]),
+        Err(Failure::Usage(message)) => (2, vec![message]),
+        Err(Failure::Several(messages)) => (2, messages),
+    };
+    // A volume that is not there comes before what is wrong with the options.
+    let missing = if code == 2 { usage::missing_input(&words) } else { None };
+    let typed = messages.iter().map(|message| usage::as_typed(message, &words));
+    missing.into_iter().chain(typed).for_each(|message| output::complain(&message));
+    ExitCode::from(code)
+}
+
+fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
+    signals::watch();
+    if args.quiet {
+        output::be_quiet();
+    }
+    let mut program = args::command();
+    program.build();
+    if let Some((name, matches)) = matches.subcommand()
+        && let Some(command) = program.find_subcommand(name)
+    {
+        let mut files = files::Files::default();
+        files.add(command, matches);
+        files.check()?;
+    }
+    // What was given is told apart from defaults by the matches of the command itself.
+    let (name, matches) = matches.subcommand().unwrap_or(("", matches));
+    match args.command {
+        args::Command::Render(args) => render::run(scene::jobs(*args, (name, matches), job::RenderJob::new)?),
+        args::Command::Turntable(args) => turntable::run(turntable::TurntableJob::new(*args, (name, matches))?),
+        args::Command::Pareto(args) => {
+            let notes = effects::noted(name, vec![matches])?;
+            let job = job::ParetoJob::new(*args)?;
+            notes.iter().for_each(|note| output::say(note));
+            pareto::run(job, matches)
+        }
+        args::Command::Info(args) => {
+            effects::noted(name, vec![matches])?.iter().for_each(|note| output::say(note));
+            info::run(&args)
+        }
+        args::Command::Compare(args) => compare::run(&job::CompareJob::new(args)?),
+        args::Command::Devices => devices::run(),
+        args::Command::Completions { shell } => manual::completions(shell),
+        args::Command::Man { command } => manual::page(command.as_deref()),
+    }
+}

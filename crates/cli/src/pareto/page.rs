@@ -1,0 +1,157 @@
+//! The report as one page that needs no other file.
+
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+use voxsplat::image::{Background, Image};
+use voxsplat::report::{Measurement, Variant, escaped};
+use voxsplat::{Result, Volume};
+
+use super::Kept;
+
+/// What differences are multiplied by to be seen.
+pub(crate) const GAIN: f64 = 50.0;
+
+/// What the page shows.
+pub(crate) struct Report<'a> {
+    /// The name of the file.
+    pub(crate) name: &'a str,
+    pub(crate) caption: Option<&'a str>,
+    pub(crate) volume: &'a Volume,
+    pub(crate) kept: &'a Kept,
+    /// Indices of measurements, fastest first.
+    pub(crate) front: &'a [usize],
+    /// The command of each measurement.
+    pub(crate) commands: &'a [String],
+    /// SVG.
+    pub(crate) plots: &'a [String],
+    pub(crate) pictures: &'a [Pictures],
+}
+
+/// A picture of the first view, and how it differs from the truth at the sampled pixels.
+pub(crate) struct Pictures {
+    pub(crate) title: String,
+    pub(crate) of: Variant,
+    pub(crate) image: Image,
+    pub(crate) difference: Image,
+}
+
+const STYLE: &str = "\
+body{font:15px/1.5 system-ui,sans-serif;color:#222;background:#fff;max-width:1000px;margin:2em auto;padding:0 1em}\
+h1{font-size:1.5em}h2{font-size:1.15em;margin-top:2em}svg{width:100%;height:auto}\
+table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}\
+th,td{padding:.25em .6em;text-align:right;border-bottom:1px solid #ddd;white-space:nowrap}\
+th:first-child,td:first-child,td.text,th.text{text-align:left;white-space:normal}\
+tr.front{background:#eef5fb}code{background:#f3f3f3;padding:.1em .3em;overflow-wrap:anywhere;white-space:normal}\
+.pair{display:flex;gap:1em;flex-wrap:wrap}.pair figure{flex:1 1 300px;margin:0}\
+.pair img{width:100%;image-rendering:pixelated;background:#000}figcaption{font-size:.9em;color:#555}\
+dl{display:grid;grid-template-columns:max-content 1fr;gap:.1em 1em}dt{color:#555}dd{margin:0}.wide{overflow-x:auto}";
+
+/// The page.
+pub(crate) fn page(report: &Report<'_>) -> Result<String> {
+    let caption = report.caption.map(|caption| format!(": {caption}")).unwrap_or_default();
+    let name = escaped(&format!("{}{caption}", report.name));
+    let mut html = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <title>{name}: speed against error</title>\n\
+         <meta name=\"viewport\" content=\"width=device-width\">\n<style>{STYLE}</style>\n</head>\n<body>\n\
+         <h1>{name}: speed against error</h1>\n"
+    );
+    html += &facts(report);
+    for plot in report.plots {
+        html += plot;
+        html += "\n";
+    }
+    html += "<h2>The front</h2>\n<p>No other way to draw the same shading and kernel is both faster and closer to the \
+             truth, by the rms of its error. Numbers are those of the first plot. Discs are pictures by the painter \
+             tiles, triangles by quads, squares by other renderers.</p>\n";
+    html += &table(report, report.front);
+    html += "<h2>As command lines</h2>\n<ol>\n";
+    for &index in report.front {
+        html += &format!("<li><code>{}</code></li>\n", escaped(&report.commands[index]));
+    }
+    html += "</ol>\n";
+    for pictures in report.pictures {
+        html += &pair(pictures)?;
+    }
+    html += "<h2>All measurements</h2>\n";
+    let mut all: Vec<usize> = (0..report.kept.measurements.len()).collect();
+    let seconds = |&index: &usize| report.kept.measurements[index].seconds().unwrap_or(f64::INFINITY);
+    all.sort_by(|a, b| seconds(a).total_cmp(&seconds(b)));
+    html += &table(report, &all);
+    html += "</body>\n</html>\n";
+    Ok(html)
+}
+
+fn facts(report: &Report<'_>) -> String {
+    let subject = &report.kept.subject;
+    let [x, y, z] = report.volume.grid().dims();
+    let [width, height] = subject.size;
+    let views = subject.views;
+    let facts = [
+        ("volume", format!("{x} x {y} x {z} voxels, {}", report.volume.sample_type().name())),
+        ("pictures", format!("{width} x {height} pixels, {views} views")),
+        (
+            "truth",
+            format!("f64 reference, about {} pixels of each view; each shading and kernel has its own", subject.sample),
+        ),
+        ("times", "medians of frames of a prepared scene, after a frame that is not timed".to_owned()),
+        ("adapter", format!("{} ({})", subject.adapter, subject.driver)),
+        ("version", format!("voxsplat {}", subject.version)),
+        ("date", report.kept.date.clone()),
+    ];
+    let rows: String =
+        facts.iter().map(|(name, fact)| format!("<dt>{name}</dt><dd>{}</dd>\n", escaped(fact))).collect();
+    format!("<dl>\n{rows}</dl>\n")
+}
+
+fn table(report: &Report<'_>, rows: &[usize]) -> String {
+    let mut html = "<div class=\"wide\"><table>\n<tr><th>#</th><th class=\"text\">way</th><th class=\"text\">of</th>\
+                    <th>frame, ms</th><th>first, ms</th><th>rms</th><th>99.9 %</th><th>max</th><th>PSNR, dB</th>\
+                    <th>alpha</th><th>colour</th></tr>\n"
+        .to_owned();
+    for &index in rows {
+        let measured = &report.kept.measurements[index];
+        let number = report.front.iter().position(|&at| at == index);
+        let class = if number.is_some() { " class=\"front\"" } else { "" };
+        let number = number.map(|number| (number + 1).to_string()).unwrap_or_default();
+        html += &format!(
+            "<tr{class}><td>{number}</td><td class=\"text\">{}</td><td class=\"text\">{}</td>{}</tr>\n",
+            escaped(&measured.name),
+            escaped(&measured.model),
+            numbers(measured)
+        );
+    }
+    html + "</table></div>\n"
+}
+
+fn numbers(measured: &Measurement) -> String {
+    if let Some(reason) = &measured.refused {
+        return format!("<td class=\"text\" colspan=\"8\">{}</td>", escaped(reason));
+    }
+    let milliseconds = |seconds: Option<f64>| seconds.map(|s| format!("{:.1}", s * 1e3)).unwrap_or_default();
+    let e = measured.errors;
+    let errors = [e.rms, e.p999, e.max].map(|error| format!("{error:.2e}"));
+    let psnr = if e.psnr > 0.0 { format!("{:.1}", e.psnr) } else { "exact".to_owned() };
+    let [alpha, color] = [e.alpha, e.color].map(|error| format!("{error:.2e}"));
+    let [frame, first] = [milliseconds(measured.seconds()), milliseconds(Some(measured.first))];
+    let [rms, p999, max] = errors;
+    [frame, first, rms, p999, max, psnr, alpha, color].map(|number| format!("<td>{number}</td>")).concat()
+}
+
+fn pair(pictures: &Pictures) -> Result<String> {
+    let Pictures { title, of, image, difference } = pictures;
+    let figure = |image: &Image, caption: &str| -> Result<String> {
+        let png = BASE64_STANDARD.encode(image.to_png(Background::default())?);
+        let alt = escaped(caption);
+        Ok(format!(
+            "<figure><img alt=\"{alt}\" src=\"data:image/png;base64,{png}\"><figcaption>{alt}</figcaption></figure>\n"
+        ))
+    };
+    Ok(format!(
+        "<h2>{title}</h2>\n<p>{}: {}</p>\n<div class=\"pair\">\n{}{}</div>\n",
+        escaped(&of.model),
+        escaped(&of.name),
+        figure(image, "the picture of the first view")?,
+        figure(difference, &format!("its difference from the truth at the sampled pixels, times {GAIN}"))?
+    ))
+}

@@ -1,0 +1,440 @@
+//! Parsers of option values. Their errors say what is accepted.
+
+use std::fmt;
+use std::str::FromStr;
+
+use clap::ValueEnum;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use glam::DVec3;
+use voxsplat::Background;
+use voxsplat::error::Error;
+use voxsplat::image::Region;
+use voxsplat::kernel::Kernel;
+use voxsplat::settings::{Level, Response};
+use voxsplat::transfer::{ControlPoint, GradientPoint, TransferFunction, Window};
+use voxsplat::volume::Units;
+
+/// The value of `--painter`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PainterArg {
+    Auto,
+    Quads,
+    Tiles,
+}
+
+/// The value of `--light`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum LightArg {
+    Off,
+    /// Whether it comes along with the eye.
+    Studio(bool),
+    /// A light with its colour.
+    One(PlaceArg, [f64; 3]),
+}
+
+/// Where a light is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum PlaceArg {
+    Eye,
+    /// Azimuth and elevation in degrees, as those of an eye.
+    From(f64, f64),
+    /// A place in the world.
+    At([f64; 3]),
+}
+
+/// Parses a value of the library. The error is without the option's name, which `clap` adds.
+pub(crate) fn library<T: FromStr<Err: Into<Error>>>(text: &str) -> Result<T, String> {
+    text.parse().map_err(|error: T::Err| reason(error.into()))
+}
+
+/// The message of an error without the setting's name.
+pub(crate) fn reason(error: Error) -> String {
+    match error {
+        Error::Setting { reason, .. } | Error::Transfer(reason) => reason,
+        other => other.to_string(),
+    }
+}
+
+/// Parses an enum of the library by its names. Help lists them.
+pub(crate) fn one_of<T, const N: usize>(all: [T; N], name: fn(T) -> &'static str) -> impl TypedValueParser<Value = T>
+where
+    T: FromStr<Err: Into<Error>> + Clone + Send + Sync + 'static,
+{
+    PossibleValuesParser::new(all.map(name)).try_map(|text| library(&text))
+}
+
+/// Comma-separated numbers.
+fn list<T: FromStr>(text: &str) -> Option<Vec<T>> {
+    text.split(',').map(|part| part.trim().parse().ok()).collect()
+}
+
+fn three<T: FromStr>(text: &str) -> Option<[T; 3]> {
+    list(text)?.try_into().ok()
+}
+
+/// A point or a direction, `X,Y,Z`.
+pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
+    three(text)
+        .map(DVec3::from_array)
+        .filter(|v| v.is_finite())
+        .ok_or_else(|| "expected three numbers X,Y,Z".to_owned())
+}
+
+/// A window, `LEVEL,WIDTH`.
+pub(crate) fn window(text: &str) -> Result<Window, String> {
+    let window = match list::<f64>(text).as_deref() {
+        Some(&[level, width]) => Some(Window { level, width }),
+        _ => None,
+    };
+    let valid = window.filter(|window| window.ends().is_ok());
+    valid.ok_or_else(|| "expected two numbers LEVEL,WIDTH, the width over 0".to_owned())
+}
+
+/// Distances between samples, `X,Y,Z`.
+pub(crate) fn spacing(text: &str) -> Result<[f64; 3], String> {
+    three(text)
+        .filter(|s: &[f64; 3]| s.iter().all(|s| s.is_finite() && *s > 0.0))
+        .ok_or_else(|| "expected three lengths over 0, X,Y,Z".to_owned())
+}
+
+/// Numbers of samples, `X,Y,Z`.
+pub(crate) fn dims(text: &str) -> Result<[u32; 3], String> {
+    three(text)
+        .filter(|d: &[u32; 3]| d.iter().all(|&d| d > 0))
+        .ok_or_else(|| "expected three whole numbers over 0, X,Y,Z".to_owned())
+}
+
+/// Pixels, `WxH` or one number for both.
+pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
+    let error = || "expected WIDTHxHEIGHT or one number for both, in pixels".to_owned();
+    let number = |part: &str| part.trim().parse().map_err(|_| error());
+    match text.split_once(['x', 'X']) {
+        Some((width, height)) => Ok([number(width)?, number(height)?]),
+        None => number(text).map(|n| [n, n]),
+    }
+}
+
+/// A part of a picture, `X,Y,W,H`.
+pub(crate) fn region(text: &str) -> Result<Region, String> {
+    let numbers: Option<[u32; 4]> = list(text).and_then(|numbers| numbers.try_into().ok());
+    match numbers {
+        Some([x, y, width, height]) if width > 0 && height > 0 => Ok(Region { x, y, width, height }),
+        _ => Err("expected four whole numbers X,Y,W,H, pixels from the top left, W and H over 0".to_owned()),
+    }
+}
+
+/// A part of a whole, `I/N`, counted from 1.
+pub(crate) fn part(text: &str) -> Result<[u32; 2], String> {
+    let parsed = text.split_once('/').and_then(|(i, n)| Some([i.trim().parse().ok()?, n.trim().parse().ok()?]));
+    let valid = parsed.filter(|&[i, n]: &[u32; 2]| (1..=n).contains(&i));
+    valid.ok_or_else(|| "expected I/N, such as 2/8, I from 1 to N".to_owned())
+}
+
+/// The value of `--time`: time points counted from 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum TimeArg {
+    One(u32),
+    /// The first and the last.
+    Range(u32, u32),
+    All,
+}
+
+impl TimeArg {
+    pub(crate) fn first(self) -> u32 {
+        match self {
+            Self::One(first) | Self::Range(first, _) => first,
+            Self::All => 0,
+        }
+    }
+}
+
+impl fmt::Display for TimeArg {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::One(time) => write!(f, "{time}"),
+            Self::Range(first, last) => write!(f, "{first}-{last}"),
+            Self::All => f.write_str("all"),
+        }
+    }
+}
+
+/// `N`, `FIRST-LAST` or `all`.
+pub(crate) fn time(text: &str) -> Result<TimeArg, String> {
+    let number = |text: &str| text.trim().parse::<u32>().ok().filter(|number| *number < u32::MAX);
+    let time = match text.split_once('-') {
+        _ if text == "all" => Some(TimeArg::All),
+        None => number(text).map(TimeArg::One),
+        Some((first, last)) => match (number(first), number(last)) {
+            (Some(first), Some(last)) if first <= last => Some(TimeArg::Range(first, last)),
+            _ => None,
+        },
+    };
+    time.ok_or_else(|| "expected N, FIRST-LAST or all, time points counted from 0".to_owned())
+}
+
+/// `length=U`, `value=U`, or both parted by a comma.
+pub(crate) fn units(text: &str) -> Result<Units, String> {
+    let mut units = Units::default();
+    for pair in text.split(',') {
+        let unit = match pair.split_once('=') {
+            Some((quantity, unit)) if !unit.trim().is_empty() => match quantity.trim() {
+                "length" => Some((&mut units.length, unit)),
+                "value" => Some((&mut units.value, unit)),
+                _ => None,
+            },
+            _ => None,
+        };
+        let (kept, unit) = unit.ok_or("expected length=UNIT, value=UNIT or both, such as length=mm,value=HU")?;
+        *kept = Some(unit.trim().to_owned());
+    }
+    Ok(units)
+}
+
+/// `off`, `studio`, `studio:eye`, or `headlight`, `AZ,EL` or `@X,Y,Z` with `:INTENSITY`, `:#RRGGBB` or
+/// `:INTENSITY,#RRGGBB`.
+pub(crate) fn light(text: &str) -> Result<LightArg, String> {
+    let expected = || {
+        "expected off, studio, studio:eye, headlight, AZ,EL in degrees or @X,Y,Z; the last three with :INTENSITY or \
+         :#RRGGBB"
+    };
+    let (place, color) = text.split_once(':').map_or((text, None), |(place, color)| (place, Some(color)));
+    let place = match (place, color) {
+        ("off", None) => return Ok(LightArg::Off),
+        ("studio", None) => return Ok(LightArg::Studio(false)),
+        ("studio", Some("eye")) => return Ok(LightArg::Studio(true)),
+        ("headlight", _) => PlaceArg::Eye,
+        _ if place.starts_with('@') => match list::<f64>(&place[1..]).as_deref() {
+            Some(&[x, y, z]) if [x, y, z].iter().all(|c| c.is_finite()) => PlaceArg::At([x, y, z]),
+            _ => return Err(expected().to_owned()),
+        },
+        _ => match list::<f64>(place).as_deref() {
+            Some(&[azimuth, elevation]) if azimuth.is_finite() && elevation.is_finite() => {
+                PlaceArg::From(azimuth, elevation)
+            }
+            _ => return Err(expected().to_owned()),
+        },
+    };
+    let mut light = [1.0; 3];
+    for part in color.into_iter().flat_map(|color| color.split(',')) {
+        let intensity = part.parse().ok().filter(|n: &f64| n.is_finite()).map(|n| [n; 3]);
+        let factors = match (intensity, part.parse()) {
+            (Some(intensity), _) => intensity,
+            (None, Ok(Background::Color(color))) => color,
+            _ => return Err(expected().to_owned()),
+        };
+        light.iter_mut().zip(factors).for_each(|(light, factor)| *light *= factor);
+    }
+    Ok(LightArg::One(place, light))
+}
+
+/// Ambient, diffuse, specular and shininess.
+pub(crate) fn material(text: &str) -> Result<[f64; 4], String> {
+    list::<f64>(text)
+        .and_then(|numbers| numbers.try_into().ok())
+        .ok_or_else(|| "expected four numbers AMBIENT,DIFFUSE,SPECULAR,SHININESS".to_owned())
+}
+
+/// `on`, `off` or a number.
+pub(crate) fn strength(text: &str) -> Result<f64, String> {
+    match text {
+        "on" => Ok(1.0),
+        "off" => Ok(0.0),
+        _ => number(text).map_err(|_| "expected on, off or a number from 0 to 1".to_owned()),
+    }
+}
+
+/// The value of `--occlusion`: a distance in voxels, or none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Occlusion(pub(crate) Option<f64>);
+
+/// `off` or a number.
+pub(crate) fn occlusion(text: &str) -> Result<Occlusion, String> {
+    if text == "off" {
+        return Ok(Occlusion(None));
+    }
+    number(text).map(|radius| Occlusion(Some(radius))).map_err(|_| "expected off or a radius in voxels".to_owned())
+}
+
+/// The value of `--gradient-opacity`; off has no points.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct GradientOpacity(pub(crate) Vec<GradientPoint>);
+
+/// `off`, or pairs `MAGNITUDE:OPACITY`.
+pub(crate) fn gradient_opacity(text: &str) -> Result<GradientOpacity, String> {
+    if text == "off" {
+        return Ok(GradientOpacity(Vec::new()));
+    }
+    let point = |pair: &str| {
+        let (magnitude, opacity) = pair.split_once(':')?;
+        Some(GradientPoint { magnitude: number(magnitude.trim()).ok()?, opacity: number(opacity.trim()).ok()? })
+    };
+    let points: Option<Vec<GradientPoint>> = text.split(',').map(point).collect();
+    let points = points
+        .ok_or("expected off, or MAGNITUDE:OPACITY pairs such as 10:0,50:1, magnitudes in values per world unit")?;
+    // Whether points go together does not depend on what they thin out.
+    let any = ControlPoint { value: 0.0, color: [1.0; 3], opacity: 1.0 };
+    let transfer = TransferFunction::new(vec![any], None).and_then(|any| any.with_gradient_opacity(points));
+    transfer.map(|transfer| GradientOpacity(transfer.gradient_opacity().to_vec())).map_err(reason)
+}
+
+/// A finite number.
+pub(crate) fn number(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(|| format!("expected a finite number{}", unit(text)))
+}
+
+/// What is to be said of a unit behind a number.
+fn unit(text: &str) -> &'static str {
+    let number = text.trim_end_matches(|c: char| !c.is_ascii_digit() && c != '.');
+    if number.len() < text.len() && number.parse::<f64>().is_ok() { ", without a unit" } else { "" }
+}
+
+/// A finite number over 0.
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
+    number(text).ok().filter(|&n| n > 0.0).ok_or_else(|| format!("expected a number over 0{}", unit(text)))
+}
+
+/// A finite number, 0 or over.
+pub(crate) fn tolerance(text: &str) -> Result<f64, String> {
+    number(text).ok().filter(|&n| n >= 0.0).ok_or_else(|| "expected a number, 0 or over".to_owned())
+}
+
+/// `auto` or a number.
+pub(crate) fn level(text: &str) -> Result<Level, String> {
+    match text {
+        "auto" => Ok(Level::Auto),
+        _ => text.parse().map(Level::At).map_err(|_| "expected auto, or a number from 0 to 12".to_owned()),
+    }
+}
+
+/// `gaussian[:SIGMA,RADIUS]` or `kaiser-bessel[:RADIUS,ALPHA]`.
+pub(crate) fn kernel(text: &str) -> Result<Kernel, String> {
+    let kernel = match name_and_pair(text)? {
+        ("gaussian", None) => Kernel::default(),
+        ("gaussian", Some([sigma, radius])) => Kernel::Gaussian { sigma, radius },
+        ("kaiser-bessel", None) => Kernel::KAISER_BESSEL,
+        ("kaiser-bessel", Some([radius, alpha])) => Kernel::KaiserBessel { radius, alpha },
+        _ => return Err("expected gaussian[:SIGMA,RADIUS] or kaiser-bessel[:RADIUS,ALPHA]".to_owned()),
+    };
+    kernel.validate().map(|()| kernel).map_err(reason)
+}
+
+/// `absorption`, `depth`, `window[:LOW,HIGH]` or `film[:EXPOSURE,GAMMA]`.
+pub(crate) fn response(text: &str) -> Result<Response, String> {
+    let response = match name_and_pair(text)? {
+        ("absorption", None) => Response::Absorption,
+        ("depth", None) => Response::Depth,
+        ("window", None) => Response::WINDOW,
+        ("window", Some([low, high])) => Response::Window { low, high },
+        ("film", None) => Response::FILM,
+        ("film", Some([exposure, gamma])) => Response::Film { exposure, gamma },
+        _ => return Err("expected absorption, depth, window[:LOW,HIGH] or film[:EXPOSURE,GAMMA]".to_owned()),
+    };
+    response.validate().map(|()| response).map_err(reason)
+}
+
+/// `NAME` or `NAME:NUMBER,NUMBER`.
+fn name_and_pair(text: &str) -> Result<(&str, Option<[f64; 2]>), String> {
+    let Some((name, numbers)) = text.split_once(':') else { return Ok((text, None)) };
+    let pair = list(numbers).and_then(|n| n.try_into().ok());
+    Ok((name, Some(pair.ok_or_else(|| format!("expected two numbers after {name}:, found {numbers:?}"))?)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes() {
+        assert_eq!(size("640x480"), Ok([640, 480]));
+        assert_eq!(size("512"), Ok([512, 512]));
+        for bad in ["", "x", "10x", "-1", "1.5", "1x2x3"] {
+            let error = size(bad).unwrap_err();
+            assert!(error.starts_with("expected WIDTHxHEIGHT"), "{bad}: {error}");
+        }
+    }
+
+    #[test]
+    fn times() {
+        for (text, given) in [("7", TimeArg::One(7)), ("0-12", TimeArg::Range(0, 12)), ("all", TimeArg::All)] {
+            assert_eq!(time(text), Ok(given));
+            assert_eq!(given.to_string(), text);
+        }
+        for bad in ["", "-1", "3-2", "1-", "ALL", "1,2", "1-2-3", "4294967295"] {
+            let error = time(bad).unwrap_err();
+            assert!(error.starts_with("expected N, FIRST-LAST or all"), "{bad}: {error}");
+        }
+    }
+
+    #[test]
+    fn units_of_lengths_and_values() {
+        let both = Units { length: Some("µm".to_owned()), value: Some("HU".to_owned()) };
+        assert_eq!(units("value=HU, length=µm"), Ok(both.clone()));
+        assert_eq!(units("value=HU"), Ok(Units { length: None, ..both }));
+        for bad in ["", "mm", "length=", "length=mm,width=3", "=mm"] {
+            assert!(units(bad).unwrap_err().starts_with("expected length=UNIT"), "{bad}");
+        }
+    }
+
+    #[test]
+    fn vectors() {
+        assert_eq!(vector("-1,0, 2.5"), Ok(DVec3::new(-1.0, 0.0, 2.5)));
+        for bad in ["", "1,2", "1,2,3,4", "1,nan,2", "a,b,c"] {
+            let error = vector(bad).unwrap_err();
+            assert!(error.starts_with("expected three numbers"), "{bad}: {error}");
+        }
+    }
+
+    #[test]
+    fn gradient_opacities() {
+        let point = |magnitude, opacity| GradientPoint { magnitude, opacity };
+        assert_eq!(gradient_opacity("1:0, 2.5:1"), Ok(GradientOpacity(vec![point(1.0, 0.0), point(2.5, 1.0)])));
+        assert_eq!(gradient_opacity("off"), Ok(GradientOpacity(Vec::new())));
+        for (bad, expected) in [
+            ("", "expected off, or"),
+            ("1", "expected off, or"),
+            ("1:2", "opacity"),
+            ("2:0,1:1", "magnitude"),
+            ("a:1", "expected off, or"),
+            ("-1:0", "magnitude"),
+        ] {
+            let error = gradient_opacity(bad).unwrap_err();
+            assert!(error.contains(expected), "{bad}: {error}");
+        }
+    }
+
+    #[test]
+    fn kernels() {
+        assert_eq!(kernel("gaussian"), Ok(Kernel::default()));
+        assert_eq!(kernel("gaussian:0.7,2.5"), Ok(Kernel::Gaussian { sigma: 0.7, radius: 2.5 }));
+        assert_eq!(kernel("kaiser-bessel:2,8"), Ok(Kernel::KaiserBessel { radius: 2.0, alpha: 8.0 }));
+        for (bad, expected) in [
+            ("box", "expected gaussian[:SIGMA,RADIUS]"),
+            ("gaussian:", "expected two numbers"),
+            ("gaussian:1", "expected two numbers"),
+            ("gaussian:0,2", "sigma"),
+            ("kaiser-bessel:99,2", "radius"),
+            ("gaussian:nan,1", "sigma"),
+        ] {
+            let error = kernel(bad).unwrap_err();
+            assert!(error.contains(expected), "{bad}: {error}");
+        }
+    }
+
+    #[test]
+    fn responses() {
+        for given in [Response::Absorption, Response::Depth, Response::WINDOW, Response::FILM] {
+            assert_eq!(response(&given.to_string()), Ok(given));
+        }
+        assert_eq!(response("film"), Ok(Response::FILM));
+        for (bad, expected) in [
+            ("white", "expected absorption, depth"),
+            ("depth:1,2", "expected absorption, depth"),
+            ("window:4,1", "the lower one first"),
+            ("film:0,3", "an exposure of 0"),
+            ("film:8", "expected two numbers"),
+        ] {
+            let error = response(bad).unwrap_err();
+            assert!(error.contains(expected), "{bad}: {error}");
+        }
+    }
+}

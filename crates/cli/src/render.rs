@@ -1,0 +1,148 @@
+//! `voxsplat render`.
+
+use serde::Serialize;
+use voxsplat::accuracy::{Estimate, Truth};
+use voxsplat::camera::Camera;
+use voxsplat::clip::Clip;
+use voxsplat::image::Image;
+use voxsplat::layers::Layers;
+use voxsplat::settings::Settings;
+use voxsplat::stats::{StageTime, Stats};
+
+use super::args::StatsFormat;
+use super::draw::in_words;
+use super::failure::Failure;
+use super::job::RenderJob;
+use super::output;
+use super::session::{Picture, Session};
+use super::stages::Stages;
+
+/// Statistics of a picture by the reference.
+#[derive(Serialize)]
+struct ReferenceStats {
+    painter: &'static str,
+    clip: Clip,
+    size: [u32; 2],
+    voxels: u64,
+    stages: Vec<StageTime>,
+}
+
+/// Makes the pictures of jobs of one volume and one device.
+pub(crate) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
+    let mut shared: Option<Session> = None;
+    for mut job in jobs {
+        let mut stages = Stages::default();
+        let (session, fitted) = match &mut shared {
+            Some(session) => {
+                let fitted = session.fitted(&job, &mut stages)?;
+                (session, fitted)
+            }
+            None => {
+                let (session, fitted) = Session::open(&job, &mut stages)?;
+                (shared.insert(session), fitted)
+            }
+        };
+        session.complete(&mut job, &fitted)?;
+        if let Some(path) = &job.output.transfer {
+            fitted.transfer.save(path, session.volume.grid())?;
+        }
+        let layers = session.layers(&job, &fitted, &mut stages)?;
+        let picture = session.picture(&job, &layers, &fitted.transfer, &mut stages)?;
+        let image = picture.image();
+        stages.time("encode", || job.output.picture.write(image, job.output.background, &picture.notes))?;
+        if let Some(scene) = &job.output.scene {
+            scene.save(&job.source, &job.transfer.choice, &fitted)?;
+        }
+        report(&job, &layers, picture, stages)?;
+    }
+    Ok(())
+}
+
+/// Prints what was asked for of a finished picture, and holds it to its bound.
+fn report(job: &RenderJob, layers: &Layers, picture: Picture, stages: Stages) -> Result<(), Failure> {
+    let Picture { image, camera, settings, estimate, stats, .. } = picture;
+    let Some(mut stats) = stats else {
+        let stats = ReferenceStats {
+            painter: "reference",
+            clip: settings.clip,
+            size: job.size,
+            voxels: layers.grid().len(),
+            stages: stages.0,
+        };
+        return print_stats(job.output.stats, &stats, |stats| {
+            let times: String = stats
+                .stages
+                .iter()
+                .map(|s| format!("{:<12} {:>9.3} ms  (host clock)\n", s.name, s.seconds * 1e3))
+                .collect();
+            let [width, height] = stats.size;
+            format!("painter      reference (f64)\npicture      {width} x {height} px\n{times}")
+        });
+    };
+    // What is done with the picture comes after what the renderer did.
+    let (before, after): (Vec<_>, Vec<_>) =
+        stages.0.into_iter().partition(|s| s.name != "figure" && s.name != "encode");
+    stats.stages.splice(0..0, before);
+    stats.stages.extend(after);
+    let verified = job.accuracy.verify.then(|| verify(&image, layers, &camera, &settings, job)).transpose()?;
+    let broken = verified.filter(|verified| job.accuracy.max_error.is_some_and(|bound| verified.interval[0] > bound));
+    print_stats(job.output.stats, &RenderStats { stats, estimate, verified }, RenderStats::to_text)?;
+    match (broken, job.accuracy.max_error) {
+        (Some(verified), Some(bound)) => {
+            Err(Failure::Failed(format!("--max-error {bound} is broken: {}", in_words(&verified))))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Statistics of a picture by the renderer, and what traced pixels say of it.
+#[derive(Serialize)]
+struct RenderStats {
+    #[serde(flatten)]
+    stats: Stats,
+    /// By the pixels that chose the settings.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    estimate: Option<Estimate>,
+    /// By other pixels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    verified: Option<Estimate>,
+}
+
+impl RenderStats {
+    fn to_text(&self) -> String {
+        let line = |name: &str, estimate: &Option<Estimate>| {
+            estimate.map(|estimate| format!("{name:<12} {}\n", in_words(&estimate))).unwrap_or_default()
+        };
+        format!("{}{}{}", self.stats, line("estimated", &self.estimate), line("verified", &self.verified))
+    }
+}
+
+/// What pixels other than those of the choice say of a picture.
+fn verify(
+    image: &Image,
+    layers: &Layers,
+    camera: &Camera,
+    settings: &Settings,
+    job: &RenderJob,
+) -> Result<Estimate, Failure> {
+    // A tenth more pixels along each axis fall between those of the other sample.
+    let pixels = job.accuracy.sample.saturating_add(job.accuracy.sample / 5);
+    let estimate = Truth::trace(layers, camera, settings, pixels)?.estimate(image)?;
+    if job.output.stats.is_none() {
+        output::say(&format!("verified: {}", in_words(&estimate)));
+    }
+    Ok(estimate)
+}
+
+/// Prints statistics if they are asked for.
+pub(crate) fn print_stats<S: Serialize>(
+    format: Option<StatsFormat>,
+    stats: &S,
+    table: impl FnOnce(&S) -> String,
+) -> Result<(), Failure> {
+    match format {
+        None => Ok(()),
+        Some(StatsFormat::Table) => output::print(&table(stats)),
+        Some(StatsFormat::Json) => output::print_json(stats),
+    }
+}

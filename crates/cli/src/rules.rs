@@ -1,0 +1,190 @@
+//! Conditions on what a command line gives, by which options lose their effect or contradict others.
+
+use std::path::Path;
+
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Command};
+use serde_json::{Map, Value};
+use voxsplat::formats::{data_files, is_zarr, read_json};
+
+/// The name of the transfer function that takes the values for labels.
+pub(crate) const LABELS: &str = "labels";
+
+/// The prefix of colour maps in the name of a transfer function.
+pub(crate) const MAP: &str = "map:";
+
+/// The largest file of key frames that is read, bytes.
+pub(crate) const MAX_KEY_FRAMES: u64 = 64 << 20;
+
+/// A condition that takes the effect from an option.
+pub(crate) struct Rule {
+    pub(crate) idle: fn(&Given<'_>) -> bool,
+    pub(crate) kind: Kind,
+}
+
+/// What happens to an option without effect. The text follows the name of the option.
+pub(crate) enum Kind {
+    /// The option contradicts others.
+    Refused(&'static str),
+    /// The option is harmless.
+    Noted(&'static str),
+}
+
+pub(crate) const fn refused(idle: fn(&Given<'_>) -> bool, says: &'static str) -> Rule {
+    Rule { idle, kind: Kind::Refused(says) }
+}
+
+pub(crate) const fn idle(idle: fn(&Given<'_>) -> bool, because: &'static str) -> Rule {
+    Rule { idle, kind: Kind::Noted(because) }
+}
+
+/// A lit picture.
+pub(crate) const NEEDS_LIGHT: Rule = refused(|given| !is_lit(given), " needs a --light");
+/// Rays on the CPU know neither painters nor devices.
+pub(crate) const BY_REFERENCE: Rule =
+    idle(|given| given.has("reference"), "because --reference integrates rays on the CPU");
+
+/// What a command line gives; of a scene, that of its picture first and then that of the program.
+pub(crate) struct Given<'a> {
+    pub(crate) command: &'a Command,
+    pub(crate) lines: Vec<&'a ArgMatches>,
+}
+
+impl Given<'_> {
+    pub(crate) fn is_for(&self, command: &str) -> bool {
+        self.command.get_name() == command
+    }
+
+    /// The identifier of an option, if the command has it.
+    fn id(&self, option: &str) -> Option<&str> {
+        let found = self.command.get_arguments().find(|arg| arg.get_long() == Some(option));
+        found.map(|arg| arg.get_id().as_str())
+    }
+
+    /// The lines that give an option.
+    fn giving<'b>(&'b self, id: &'b str) -> impl Iterator<Item = &'b ArgMatches> {
+        self.lines.iter().copied().filter(move |line| {
+            line.try_contains_id(id).is_ok() && line.value_source(id) == Some(ValueSource::CommandLine)
+        })
+    }
+
+    pub(crate) fn has(&self, option: &str) -> bool {
+        self.id(option).is_some_and(|id| self.giving(id).next().is_some())
+    }
+
+    /// The values of an option or its default.
+    fn values(&self, id: &str) -> Vec<String> {
+        let line = self.giving(id).next().or(self.lines.first().copied());
+        let raw = line.and_then(|line| line.try_get_raw(id).ok().flatten());
+        raw.into_iter().flatten().map(|value| value.to_string_lossy().into_owned()).collect()
+    }
+
+    /// The last value of an option or its default; empty without.
+    pub(crate) fn text(&self, option: &str) -> String {
+        self.id(option).and_then(|id| self.values(id).pop()).unwrap_or_default()
+    }
+
+    pub(crate) fn is(&self, option: &str, value: &str) -> bool {
+        self.text(option) == value
+    }
+
+    pub(crate) fn all(&self, option: &str, holds: impl Fn(&str) -> bool) -> bool {
+        self.id(option).is_some_and(|id| self.values(id).iter().all(|value| holds(value)))
+    }
+
+    /// The value that `--tune` gives to a key.
+    pub(crate) fn tuned(&self, key: &str) -> Option<String> {
+        let texts = self.id("tune").filter(|id| self.giving(id).next().is_some()).map(|id| self.values(id));
+        let pairs = texts?.join(",");
+        let mut pairs = pairs.split(',').filter_map(|pair| pair.split_once('=')).rev();
+        pairs.find_map(|(name, value)| (name.trim() == key).then(|| value.trim().to_owned()))
+    }
+
+    /// The volume as it was given.
+    pub(crate) fn source(&self) -> String {
+        self.values("source").pop().unwrap_or_default()
+    }
+
+    /// Whether a key frame sets this, and so all of them do.
+    pub(crate) fn keys_set(&self, name: &str) -> bool {
+        let keys = || read_json::<Vec<Map<String, Value>>>(Path::new(&self.text("key-frames")), MAX_KEY_FRAMES);
+        self.has("key-frames") && keys().is_ok_and(|keys| keys.iter().any(|key| key.contains_key(name)))
+    }
+
+    /// Whether the volume is a file outside of folders whose files belong together, or built in.
+    pub(crate) fn reads_one_file(&self) -> bool {
+        let source = self.source();
+        let path = Path::new(&source);
+        source.starts_with("demo:") || (path.is_file() && !path.parent().is_some_and(is_zarr))
+    }
+
+    /// Whether the volume is a Zarr or a folder of TIFF files. DICOM files do not go with TIFF files.
+    pub(crate) fn reads_no_dicom(&self) -> bool {
+        let source = self.source();
+        let path = Path::new(&source);
+        let is_tiff = |file: &Path| {
+            file.extension()
+                .is_some_and(|extension| ["tif", "tiff"].iter().any(|end| extension.eq_ignore_ascii_case(end)))
+        };
+        is_zarr(path)
+            || path.parent().is_some_and(|folder| path.is_file() && is_zarr(folder))
+            || (path.is_dir() && data_files(path).first().is_some_and(|file| is_tiff(file)))
+    }
+}
+
+/// Whether the picture is an `.exr`.
+pub(crate) fn keeps_values(given: &Given<'_>) -> bool {
+    !given.is_for("pareto") && given.text("output").to_lowercase().ends_with(".exr")
+}
+
+pub(crate) fn is_frames(given: &Given<'_>) -> bool {
+    given.is_for("turntable") && given.text("output").contains("{frame}")
+}
+
+pub(crate) fn is_film(given: &Given<'_>) -> bool {
+    given.is_for("turntable") && given.has("output") && !is_frames(given)
+}
+
+pub(crate) fn is_parallel(given: &Given<'_>) -> bool {
+    given.is("projection", "orthographic")
+}
+
+/// Whether the size of the picture is given in the world, so that nothing is fitted.
+pub(crate) fn is_sized(given: &Given<'_>) -> bool {
+    given.has("view-height") || given.has("distance")
+}
+
+pub(crate) fn shows_labels(given: &Given<'_>) -> bool {
+    given.is("transfer", LABELS)
+}
+
+pub(crate) fn shows_intensity(given: &Given<'_>) -> bool {
+    ["mip", "minip", "average"].iter().any(|model| given.is("model", model))
+}
+
+pub(crate) fn is_post_shaded(given: &Given<'_>) -> bool {
+    given.is("model", "composite") && given.is("shading", "post")
+}
+
+pub(crate) fn is_lit(given: &Given<'_>) -> bool {
+    given.has("light") && !given.all("light", |light| light == "off")
+}
+
+fn is_studio(given: &Given<'_>) -> bool {
+    given.text("light").starts_with("studio")
+}
+
+pub(crate) fn casts(given: &Given<'_>) -> bool {
+    match given.text("shadows").as_str() {
+        "" => is_studio(given),
+        "off" => false,
+        strength => strength.parse().ok() != Some(0.0),
+    }
+}
+
+pub(crate) fn occludes(given: &Given<'_>) -> bool {
+    match given.text("occlusion").as_str() {
+        "" => is_studio(given),
+        radius => radius != "off",
+    }
+}

@@ -1,0 +1,248 @@
+//! Scene files: the options of a picture by their names, as JSON.
+//!
+//! A scene becomes the words of a command line and is read by the parser of command lines, so it holds whatever that
+//! takes. Paths in a scene are relative to its folder.
+
+use std::ffi::{OsStr, OsString};
+use std::path::Path;
+
+use clap::builder::ValueHint;
+use clap::parser::ValueSource;
+use clap::{Arg, ArgAction, ArgMatches, Command, FromArgMatches};
+use serde_json::{Map, Value};
+use voxsplat::error::InputError;
+use voxsplat::formats::read_json;
+
+use super::args::{Args, RenderArgs};
+use super::destination::STREAM;
+use super::failure::Failure;
+use super::files::Files;
+use super::job::RenderJob;
+use super::rules::MAP;
+use super::scene_file::{Given, OF_TRANSFER, SceneFile, VERSION, VOLUME, is_scene};
+use super::{args, effects, output, usage};
+
+/// The largest scene file that is read, in bytes.
+const MAX_BYTES: u64 = 16 << 20;
+
+/// The key of several pictures.
+const OUTPUTS: &str = "outputs";
+
+/// Options that pictures of one volume and one device share, besides those of the input.
+const SHARED: [&str; 4] = ["adapter", "reference", "units", "save-scene"];
+/// The option whose values from a scene and from the command line go together: later pairs win.
+const TUNE: &str = "tune";
+
+/// The pictures that a command of this name is asked for: one, or those of a scene. `job` makes each of its arguments.
+pub(crate) fn jobs(
+    args: RenderArgs,
+    (name, matches): (&str, &ArgMatches),
+    job: impl Fn(RenderArgs) -> Result<RenderJob, Failure>,
+) -> Result<Vec<RenderJob>, Failure> {
+    let mut program = args::command();
+    program.build();
+    let Some(command) = program.find_subcommand("render") else { return Ok(Vec::new()) };
+    if !is_scene(&args.input.source) || args.input.dims.is_some() {
+        let notes = effects::noted(name, vec![matches])?;
+        let job = with_scene(args, given(command, matches), &job)?;
+        notes.iter().for_each(|note| output::say(note));
+        return Ok(vec![job]);
+    }
+    let path = &args.input.source;
+    let placed = |reason: String| format!("{}: {reason}", path.display());
+    let in_scene = |failure: Failure| match failure {
+        Failure::Usage(reason) => Failure::Usage(placed(reason)),
+        Failure::Several(reasons) => Failure::Several(reasons.into_iter().map(placed).collect()),
+        Failure::Failed(reason) => Failure::Failed(placed(reason)),
+    };
+    let no_scene = |error: InputError| match error {
+        InputError::Format { path, reason, .. } if reason.starts_with("line ") => {
+            Failure::Failed(format!("{}: no scene, which is a JSON object: {reason}", path.display()))
+        }
+        other => other.into(),
+    };
+    let scene = read_json(path, MAX_BYTES).map_err(no_scene)?;
+    let lines = read(path, scene, command, &given(command, matches)).map_err(in_scene)?;
+    if lines.len() > 1 && args.save_scene.is_some() {
+        return Err(Failure::Usage("--save-scene: a scene of several outputs is there already".to_owned()));
+    }
+    let mut notes: Vec<String> = Vec::new();
+    let mut files = Files::default();
+    // The outputs of the command line are in the lines too.
+    files.add_inputs(command, matches);
+    let mut parsed = |words: &Vec<OsString>| {
+        let failed = |e: clap::Error| Failure::Several(usage::messages(e, words));
+        let whole = args::command().try_get_matches_from(words).map_err(failed)?;
+        let of_scene = whole.subcommand_matches("render").unwrap_or(matches);
+        files.add(command, of_scene);
+        for note in effects::noted(name, vec![of_scene, matches])? {
+            if !notes.contains(&note) {
+                notes.push(note);
+            }
+        }
+        let options = given(command, of_scene);
+        match Args::from_arg_matches(&whole).map_err(failed)?.command {
+            args::Command::Render(args) => with_scene(*args, options, &job),
+            _ => Err(Failure::Usage("it is not about a picture".to_owned())),
+        }
+    };
+    let jobs =
+        lines.iter().map(|words| parsed(words).map_err(in_scene)).collect::<Result<Vec<RenderJob>, Failure>>()?;
+    files.check()?;
+    notes.iter().for_each(|note| output::say(note));
+    Ok(jobs)
+}
+
+/// A job with the scene that it is to write.
+fn with_scene(
+    args: RenderArgs,
+    options: Vec<Given>,
+    job: &impl Fn(RenderArgs) -> Result<RenderJob, Failure>,
+) -> Result<RenderJob, Failure> {
+    let scene = args.save_scene.clone().map(|path| SceneFile::new(path, options)).transpose()?;
+    if scene.is_some() && args.input.source == Path::new(STREAM) {
+        return Err(Failure::Usage("--save-scene: standard input cannot be named in a file".to_owned()));
+    }
+    let mut job = job(args)?;
+    job.output.scene = scene;
+    Ok(job)
+}
+
+/// The options that a command line gives, without the defaults.
+fn given(command: &Command, matches: &ArgMatches) -> Vec<Given> {
+    let asked = |arg: &&Arg| matches.value_source(arg.get_id().as_str()) == Some(ValueSource::CommandLine);
+    let option = |arg: &Arg| {
+        let raw = arg.get_action().takes_values().then(|| matches.get_raw(arg.get_id().as_str())).flatten();
+        Some((arg.get_long()?.to_owned(), raw.into_iter().flatten().map(OsStr::to_owned).collect()))
+    };
+    command.get_arguments().filter(asked).filter_map(option).collect()
+}
+
+/// The option of a name.
+fn option<'a>(command: &'a Command, name: &str) -> Option<&'a Arg> {
+    let called = |arg: &&Arg| {
+        arg.get_long() == Some(name) || arg.get_all_aliases().is_some_and(|aliases| aliases.contains(&name))
+    };
+    command.get_arguments().find(called)
+}
+
+/// Options with others in front: those of the same name, or that do not go with them, give way.
+fn overlaid(command: &Command, base: &[Given], over: &[Given]) -> Vec<Given> {
+    let gives_way = |name: &str| {
+        over.iter().any(|(other, _)| {
+            let conflicts = option(command, other).map(|arg| command.get_arg_conflicts_with(arg)).unwrap_or_default();
+            other == name || conflicts.iter().any(|arg| arg.get_long() == Some(name))
+        })
+    };
+    let tuned = |options: &[Given]| options.iter().find(|(name, _)| name == TUNE).map(|(_, pairs)| pairs.clone());
+    let mut all: Vec<Given> = base.iter().filter(|(name, _)| !gives_way(name)).chain(over).cloned().collect();
+    if let Some((_, pairs)) = all.iter_mut().find(|(name, _)| name == TUNE) {
+        *pairs = tuned(base).into_iter().chain(tuned(over)).flatten().collect();
+    }
+    all
+}
+
+/// The command lines of a scene, with options that replace its own.
+fn read(
+    path: &Path,
+    mut scene: Map<String, Value>,
+    command: &Command,
+    over: &[Given],
+) -> Result<Vec<Vec<OsString>>, Failure> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    scene.remove(VERSION);
+    let volume = match scene.remove(VOLUME) {
+        Some(Value::String(volume)) => found(folder, &volume, true),
+        _ => return Err(Failure::Usage(format!("{VOLUME:?} is missing: a scene names its volume"))),
+    };
+    let outputs = match scene.remove(OUTPUTS) {
+        None => vec![Map::new()],
+        Some(Value::Array(outputs)) if !outputs.is_empty() => {
+            let object = |output: Value| match output {
+                Value::Object(output) => Ok(output),
+                _ => Err(Failure::Usage(format!("{OUTPUTS:?} has objects, each an output with options of its own"))),
+            };
+            outputs.into_iter().map(object).collect::<Result<_, _>>()?
+        }
+        Some(_) => return Err(Failure::Usage(format!("{OUTPUTS:?}: expected a list of objects"))),
+    };
+    if outputs.len() > 1 && over.iter().any(|(name, _)| name == "output") {
+        return Err(Failure::Usage(format!("--output: the scene has {} outputs of its own", outputs.len())));
+    }
+    let options = |map: &Map<String, Value>| -> Result<Vec<Given>, Failure> {
+        let options = map.iter().map(|(key, value)| words(command, folder, key, value));
+        Ok(options.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
+    };
+    let base = options(&scene)?;
+    let line = |output: &Map<String, Value>| {
+        let shared = |name: &str| {
+            let of_input = option(command, name).is_some_and(|arg| arg.get_help_heading() == Some("Input"));
+            of_input || SHARED.contains(&name) || name == VOLUME
+        };
+        if let Some(name) = output.keys().find(|name| shared(name)) {
+            return Err(Failure::Usage(format!("{name:?} is for the whole scene, not for one of its outputs")));
+        }
+        let given = overlaid(command, &overlaid(command, &base, &options(output)?), over);
+        let mut line: Vec<OsString> = vec!["voxsplat".into(), "render".into()];
+        for (name, values) in given {
+            let flag = || OsString::from(format!("--{name}"));
+            if values.is_empty() {
+                line.push(flag());
+            }
+            line.extend(values.iter().map(|value| {
+                let mut word = flag();
+                word.push("=");
+                word.push(value);
+                word
+            }));
+        }
+        line.extend(["--".into(), volume.clone()]);
+        Ok(line)
+    };
+    outputs.iter().map(line).collect()
+}
+
+/// The option that a key of a scene stands for; `None` for a flag that is off.
+fn words(command: &Command, folder: &Path, key: &str, value: &Value) -> Result<Option<Given>, Failure> {
+    let arg = option(command, key);
+    let name = arg.and_then(Arg::get_long).unwrap_or(key).to_owned();
+    let fault = |expected: &str| Failure::Usage(format!("{key:?}: {value}, expected {expected}"));
+    let word = |value: &Value| match value {
+        Value::String(text) => Ok(text.clone()),
+        Value::Number(number) => Ok(number.to_string()),
+        _ => Err(fault("texts and numbers")),
+    };
+    let is_flag = arg.is_some_and(|arg| !arg.get_action().takes_values());
+    let texts = match value {
+        Value::Bool(on) if is_flag => return Ok(on.then_some((name, Vec::new()))),
+        _ if is_flag => return Err(fault("true or false")),
+        Value::Object(_) if name == OF_TRANSFER[0] => vec![value.to_string()],
+        Value::Array(values) if values.is_empty() => return Err(fault("one value or more")),
+        Value::Array(values) => {
+            let words = values.iter().map(word).collect::<Result<Vec<_>, _>>()?;
+            let repeats = arg.is_some_and(|arg| matches!(arg.get_action(), ArgAction::Append));
+            if repeats { words } else { vec![words.join(",")] }
+        }
+        value => vec![word(value)?],
+    };
+    let is_path = arg.is_some_and(|arg| arg.get_value_hint() == ValueHint::AnyPath);
+    let in_folder = |text: String| match is_path && !value.is_object() {
+        // A name may be that of a preset or a colour map.
+        true => found(folder, &text, !OF_TRANSFER.contains(&name.as_str())),
+        false => text.into(),
+    };
+    let values = texts.into_iter().map(in_folder).collect();
+    Ok(Some((name, values)))
+}
+
+/// The path that a text in a scene means. If it may be a name too, it is a path if there is such a file.
+fn found(folder: &Path, text: &str, is_path: bool) -> OsString {
+    if let Some(map) = text.strip_prefix(MAP) {
+        let mut value = OsString::from(MAP);
+        value.push(found(folder, map, is_path));
+        return value;
+    }
+    let file = folder.join(text.split('#').next().unwrap_or_default());
+    let stays = text == STREAM || text.starts_with("demo:");
+    if !stays && (is_path || file.is_file()) { folder.join(text).into() } else { text.into() }
+}

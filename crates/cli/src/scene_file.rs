@@ -1,0 +1,129 @@
+//! Scene files that are written: the options of a picture by their names, as JSON.
+
+use std::ffi::{OsStr, OsString};
+use std::path::{Component, Path, PathBuf};
+
+use serde_json::Value;
+use voxsplat::report::{check_file, write_file};
+use voxsplat::transfer::TransferFunction;
+
+use super::failure::Failure;
+use super::fitted::Fitted;
+use super::layers;
+use super::rules::LABELS;
+use super::transfer::TransferChoice;
+
+/// The key of the volume, which has no option.
+pub(crate) const VOLUME: &str = "volume";
+/// The key of the version that wrote the scene.
+pub(crate) const VERSION: &str = "voxsplat";
+/// Options that say where a picture goes and what is told of it, not what it shows.
+const OF_A_RUN: [&str; 6] = ["output", "save-scene", "save-transfer", "stats", "quiet", "help"];
+/// Options that make the transfer function.
+pub(crate) const OF_TRANSFER: [&str; 3] = ["transfer", "window", "gradient-opacity"];
+
+/// Options that name files of labels, which may have labels behind them.
+const OF_FILES: [&str; 3] = ["labels", "label-table", "mask"];
+
+/// An option by its long name, with its values; a flag has none.
+pub(crate) type Given = (String, Vec<OsString>);
+
+/// A scene to be written when its picture is done.
+#[derive(Debug, Clone)]
+pub(crate) struct SceneFile {
+    path: PathBuf,
+    options: Vec<Given>,
+}
+
+/// Whether a path names a scene, not a volume.
+pub(crate) fn is_scene(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"))
+}
+
+impl SceneFile {
+    /// A scene to be written to a file that can be written, and that `render` takes for a scene.
+    pub(crate) fn new(path: PathBuf, options: Vec<Given>) -> Result<Self, Failure> {
+        if !is_scene(&path) {
+            return Err(Failure::Usage(format!("--save-scene: {path:?}, expected a name that ends in .json")));
+        }
+        check_file(&path).map_err(|e| Failure::Usage(format!("--save-scene: {e:#}")))?;
+        Ok(Self { path, options })
+    }
+
+    /// Writes the scene of a job whose transfer function has been found.
+    pub(crate) fn save(&self, source: &Path, choice: &TransferChoice, fitted: &Fitted) -> Result<(), Failure> {
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let volume = relative(folder, source);
+        let volume = text(volume.as_os_str())?;
+        let mut fields = vec![
+            (VERSION.to_owned(), Value::from(env!("CARGO_PKG_VERSION")).to_string()),
+            (VOLUME.to_owned(), Value::from(volume).to_string()),
+        ];
+        // A file may change or vanish: what it held is kept. Presets adapt to the data, here and elsewhere.
+        let inlined = matches!(choice, TransferChoice::Given(_));
+        if fitted.labels {
+            fields.push((OF_TRANSFER[0].to_owned(), Value::from(LABELS).to_string()));
+        }
+        match fitted.preset {
+            _ if inlined => fields.push((OF_TRANSFER[0].to_owned(), indented(&fitted.transfer))),
+            Some(preset) => fields.push((OF_TRANSFER[0].to_owned(), Value::from(preset.name).to_string())),
+            None => {}
+        }
+        let kept = |name: &str| match OF_TRANSFER.contains(&name) {
+            true => !inlined && name != OF_TRANSFER[0],
+            false => !OF_A_RUN.contains(&name),
+        };
+        for (name, values) in self.options.iter().filter(|(name, _)| kept(name)) {
+            let placed = |value: &OsString| match OF_FILES.contains(&name.as_str()) {
+                true => moved(folder, value),
+                false => Ok(text(value)?.to_owned()),
+            };
+            let values = values.iter().map(|value| Ok(literal(&placed(value)?)));
+            let mut values = values.collect::<Result<Vec<Value>, Failure>>()?;
+            let value = match values.len() {
+                0 => Value::Bool(true),
+                1 => values.swap_remove(0),
+                _ => Value::Array(values),
+            };
+            fields.push((name.clone(), value.to_string()));
+        }
+        let fields: Vec<String> = fields.iter().map(|(name, value)| format!("  \"{name}\": {value}")).collect();
+        Ok(write_file(&self.path, format!("{{\n{}\n}}\n", fields.join(",\n")).as_bytes())?)
+    }
+}
+
+/// A transfer function as a value in a scene.
+fn indented(transfer: &TransferFunction) -> String {
+    transfer.to_json().trim_end().replace('\n', "\n  ")
+}
+
+/// A value of an option as a number, if it reads back as the same text.
+fn literal(text: &str) -> Value {
+    match serde_json::from_str::<serde_json::Number>(text) {
+        Ok(number) if number.to_string() == text => Value::Number(number),
+        _ => Value::from(text),
+    }
+}
+
+/// The name of a file, maybe with labels behind it, as it is seen from a folder.
+fn moved(folder: &Path, value: &OsStr) -> Result<String, Failure> {
+    let (file, labels) = layers::parted(Path::new(value));
+    let file = relative(folder, &file);
+    Ok(text(file.as_os_str())?.to_owned() + labels)
+}
+
+fn text(value: &OsStr) -> Result<&str, Failure> {
+    value.to_str().ok_or_else(|| Failure::Failed(format!("--save-scene: {value:?} is not Unicode, as JSON is")))
+}
+
+/// A path as it is seen from a folder, if both are on one drive.
+fn relative(folder: &Path, path: &Path) -> PathBuf {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let (Ok(folder), Ok(file)) = (folder.canonicalize(), path.canonicalize()) else { return path.to_owned() };
+    let shared = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
+    if shared == 0 {
+        return file;
+    }
+    let up = folder.components().skip(shared).map(|_| Component::ParentDir);
+    up.chain(file.components().skip(shared)).collect()
+}

@@ -1,0 +1,388 @@
+//! A volume in memory and a device, for one picture after another.
+
+use std::path::{Path, PathBuf};
+
+use voxsplat::accuracy::Estimate;
+use voxsplat::appearance::{Choice, Subject};
+use voxsplat::camera::{Camera, Hull, View};
+use voxsplat::clip::Clip;
+use voxsplat::demos;
+use voxsplat::figure::{Figure, LegendEntry, Shown};
+use voxsplat::formats::{LoadOptions, PyramidLevel, TimeSeries};
+use voxsplat::image::{Image, Note};
+use voxsplat::layers::{Layer, Layers};
+use voxsplat::lighting::Lighting;
+use voxsplat::reference::Reference;
+use voxsplat::renderer::{Renderer, RendererOptions};
+use voxsplat::report::readable;
+use voxsplat::settings::{Model, Settings};
+use voxsplat::stats::Stats;
+use voxsplat::transfer::TransferFunction;
+use voxsplat::volume::{Contents, Volume};
+
+use super::args::FrameArg;
+use super::clip::intersection;
+
+use super::draw::{Prepared, draw, framed, in_words, notes, with_units};
+use super::failure::Failure;
+use super::fitted::{Fitted, transfer};
+use super::job::{Engine, NO_LEGEND, RenderJob};
+use super::progress::{self, Progress, Remaining};
+use super::stages::Stages;
+use super::stderr::silenced;
+use super::transfer::TransferChoice;
+use super::{channels, layers, output};
+
+/// What pictures of one volume share.
+pub(crate) struct Session {
+    pub(crate) volume: Volume,
+    /// `None` if the reference makes the pictures.
+    renderer: Option<Renderer>,
+    /// What the last picture was made of.
+    prepared: Option<Prepared>,
+    /// What the last picture was fitted to, and how that was found.
+    framed: Option<(FrameArg, Clip, Layers, Option<Hull>)>,
+    /// What all pictures are fitted to, if that was found before them; of nothing that shows `Some(None)`.
+    steady: Option<Option<Hull>>,
+    /// What is drawn in place of its values, if it has several channels.
+    channels: Vec<Layer>,
+    /// Other labels of its file, that overlap with its own.
+    more: Vec<Volume>,
+    /// Volumes of labels on its lattice, by their files.
+    labels: Vec<(PathBuf, Vec<Volume>)>,
+    /// What the last legend was of, and says.
+    legend: Option<(Layers, Clip, Vec<LegendEntry>)>,
+    /// What the user has been told.
+    said: Vec<String>,
+}
+
+/// A picture, and how it was made.
+pub(crate) struct Picture {
+    /// As rendered, without figure.
+    pub(crate) image: Image,
+    /// With the figure, if there is one.
+    drawn: Option<Image>,
+    pub(crate) camera: Camera,
+    pub(crate) settings: Settings,
+    pub(crate) notes: Vec<Note>,
+    pub(crate) estimate: Option<Estimate>,
+    /// Those of the renderer; `None` if the reference made the picture.
+    pub(crate) stats: Option<Stats>,
+}
+
+impl Picture {
+    /// The picture as it is written.
+    pub(crate) fn image(&self) -> &Image {
+        self.drawn.as_ref().unwrap_or(&self.image)
+    }
+}
+
+/// Tells that a volume has no other level than its own if one was asked for.
+pub(crate) fn say_level(volume: &Volume, options: &LoadOptions) {
+    if volume.contents().levels <= 1 && matches!(options.level, PyramidLevel::At(level) if level > 0) {
+        output::say("note: --pyramid has no effect because the volume has one level");
+    }
+}
+
+/// Tells which of the volumes of a file was taken if that was not asked for.
+pub(crate) fn say_choice(volume: &Volume, options: &LoadOptions) {
+    let Contents { times, level, levels, notes, .. } = volume.contents();
+    notes.iter().for_each(|note| output::say(&format!("note: {note}")));
+    if *times > 1 && options.time.is_none() {
+        let (last, all) = (times - 1, "all of them: turntable --time all");
+        output::say(&format!("note: using --time 0 of 0 to {last} ({all})"));
+    }
+    say_level(volume, options);
+    if *levels > 1 && !matches!(options.level, PyramidLevel::At(_)) {
+        let [x, y, z] = volume.grid().dims();
+        let most = levels - 1;
+        output::say(&format!(
+            "note: using --pyramid {level} of 0 to {most} because its {x} x {y} x {z} samples are as fine as pixels"
+        ));
+    }
+}
+
+impl Session {
+    /// Reads the volume of a job and opens its device. The transfer function is that of the job.
+    pub(crate) fn open(job: &RenderJob, stages: &mut Stages) -> Result<(Self, Fitted), Failure> {
+        let mut opening = Stages::default();
+        let progress = Progress::spinner("reading");
+        // Opening the driver takes about as long as reading a small volume, so both run at once. The driver is silenced
+        // meanwhile, and with it this process: notes are printed afterwards.
+        let (read, opened) = std::thread::scope(|scope| {
+            let adapter = match &job.engine {
+                Engine::Device { adapter } => Some(adapter.clone()),
+                Engine::Reference => None,
+            };
+            let device = adapter.map(|adapter| {
+                let opening = &mut opening;
+                let options = RendererOptions { adapter, progress: progress::reporter() };
+                scope.spawn(move || opening.time("device", || silenced(|| Renderer::new(&options))))
+            });
+            let mut read = || {
+                let load = || channels::load(&job.source, &job.load, &job.channels, &job.transfer);
+                let channels::Loaded { volume, layers, labels, note } = stages.time("load", load)?;
+                let volume = with_units(volume, &job.figure.units);
+                let mut fitted = fitted(job, &volume, &layers, stages)?;
+                fitted.notes.extend(note);
+                Ok::<_, Failure>((volume, layers, labels, fitted))
+            };
+            (read(), device.map(|thread| thread.join()))
+        });
+        drop(progress);
+        let (volume, channels, more, fitted) = read?;
+        say_choice(&volume, &job.load);
+        stages.append(opening);
+        let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
+        let renderer = opened.transpose()?;
+        let session = Self {
+            volume,
+            renderer,
+            prepared: None,
+            framed: None,
+            steady: None,
+            channels,
+            more,
+            labels: Vec::new(),
+            legend: None,
+            said: Vec::new(),
+        };
+        Ok((session, fitted))
+    }
+
+    /// Tells the user a note once.
+    fn say(&mut self, note: String) {
+        if !self.said.contains(&note) {
+            output::say(&note);
+            self.said.push(note);
+        }
+    }
+
+    /// Tells what was found out for a job, and completes it with the view, the light and the sharpness that suit it.
+    ///
+    /// Refuses what the volume has nothing for.
+    pub(crate) fn complete(&mut self, job: &mut RenderJob, fitted: &Fitted) -> Result<(), Failure> {
+        let has_labels = fitted.labels || job.layers.has_labels();
+        if !self.channels.is_empty() && (job.figure.drawn.color_bar || job.output.transfer.is_some()) {
+            let message = "--colour-bar and --save-transfer are for one transfer function, not for several channels";
+            return Err(Failure::Usage(message.to_owned()));
+        }
+        if job.figure.legend && !has_labels && self.channels.iter().all(|layer| layer.entry().is_none()) {
+            return Err(Failure::Usage(NO_LEGEND.to_owned()));
+        }
+        if let Some(note) = &fitted.suggested {
+            self.say(note.clone());
+        }
+        fitted.notes.iter().for_each(|note| self.say(note.clone()));
+        if let TransferChoice::Given(imported) = &job.transfer.choice
+            && let Some(material) =
+                imported.material.filter(|_| job.choices.open.light && job.settings.model == Model::Composite)
+        {
+            let material = material.map(readable).join(",");
+            self.say(format!("note: the file requests light: add --light headlight --material {material}"));
+        }
+        job.settings.clip = intersection(&job.clip, &self.volume)?;
+        let subject = Subject {
+            volume: &self.volume,
+            built_in: demos::own_transfer(&job.source).is_some(),
+            preset: fitted.preset,
+            labels: has_labels,
+            plain: job.layers.is_plain(),
+        };
+        let choices = subject.choose(job.choices.open, &mut job.view, &mut job.settings)?;
+        // Studio light that was requested stands around the view.
+        if job.studio.follows || choices.iter().any(|choice| matches!(choice, Choice::Side { .. })) {
+            place_studio(job)?;
+        }
+        choices.iter().for_each(|choice| self.say(note_on(choice, job.studio.follows)));
+        Ok(())
+    }
+
+    /// Goes on to another point in time: its samples take the place of those there are, and all else stays.
+    pub(crate) fn go_to(&mut self, job: &RenderJob, series: &mut TimeSeries, time: u32) -> Result<(), Failure> {
+        let Contents { channel, time: now, .. } = *self.volume.contents();
+        if time == now {
+            return Ok(());
+        }
+        // What was made of the last one goes before the next one comes.
+        (self.prepared, self.framed) = (None, None);
+        let next = with_units(series.channel(time, channel)?, &job.figure.units);
+        for layer in &mut self.channels {
+            *layer = layer.with_samples(|of| match of.contents().channel {
+                same if same == channel => Ok(next.clone()),
+                other => Ok(series.channel(time, other)?),
+            })?;
+        }
+        for labels in &mut self.more {
+            *labels = series.channel(time, labels.contents().channel)?;
+        }
+        self.volume = next;
+        Ok(())
+    }
+
+    /// Fits all pictures of a job to what shows at any of some points in time, so that none moves or changes its size.
+    pub(crate) fn frame_all(
+        &mut self,
+        job: &RenderJob,
+        fitted: &Fitted,
+        series: &mut TimeSeries,
+        times: &[u32],
+    ) -> Result<(), Failure> {
+        let progress = Remaining::new("times", times.len());
+        let mut around: Option<Hull> = None;
+        for (done, &time) in times.iter().enumerate().filter(|_| job.frame != FrameArg::Volume) {
+            progress.at(done, &format!("framing {} of {} points in time", done + 1, times.len()));
+            self.go_to(job, series, time)?;
+            let layers = self.layers(job, fitted, &mut Stages::default())?;
+            let hull = framed(job.frame, &layers, &job.settings.clip)?;
+            around = match (around, hull) {
+                (Some(all), Some(hull)) => Some(all.joined(&hull)),
+                (all, hull) => all.or(hull),
+            };
+        }
+        self.steady = Some(around);
+        Ok(())
+    }
+
+    /// The transfer function of a job of the same volume.
+    pub(crate) fn fitted(&self, job: &RenderJob, stages: &mut Stages) -> Result<Fitted, Failure> {
+        fitted(job, &self.volume, &self.channels, stages)
+    }
+
+    /// What a job draws. Files of labels are read once.
+    pub(crate) fn layers(&mut self, job: &RenderJob, fitted: &Fitted, stages: &mut Stages) -> Result<Layers, Failure> {
+        let (held, lattice) = (&mut self.labels, &self.volume);
+        let read = |option: &'static str, path: &Path| match held.iter().find(|(of, _)| of == path) {
+            Some((_, volumes)) => Ok(volumes.clone()),
+            None => {
+                let (volumes, note) = layers::placed(option, path, layers::read(path)?, lattice)?;
+                note.iter().for_each(|note| output::say(note));
+                held.push((path.to_owned(), volumes.clone()));
+                Ok(volumes)
+            }
+        };
+        let transfer = &fitted.transfer;
+        if self.channels.is_empty() && job.layers.is_plain() && !fitted.labels {
+            return Ok(Layers::of(&self.volume, transfer));
+        }
+        let base = match (&*self.channels, fitted.labels) {
+            (_, true) => {
+                let all = std::iter::once(&self.volume).chain(&self.more);
+                all.map(|volume| job.layers.of_labels(volume)).collect::<Result<_, _>>()?
+            }
+            ([], false) => vec![Layer::scalars(&self.volume, transfer)],
+            (channels, false) => channels.to_vec(),
+        };
+        stages.time("labels", || job.layers.over(base, read))
+    }
+
+    /// Makes the picture of a job.
+    pub(crate) fn picture(
+        &mut self,
+        job: &RenderJob,
+        layers: &Layers,
+        transfer: &TransferFunction,
+        stages: &mut Stages,
+    ) -> Result<Picture, Failure> {
+        let inside = &job.settings.clip;
+        let around = match &self.framed {
+            _ if self.steady.is_some() => self.steady.clone().flatten(),
+            Some((frame, clip, of, hull)) if *frame == job.frame && clip == inside && of == layers => hull.clone(),
+            _ => stages.time("framing", || framed(job.frame, layers, inside))?,
+        };
+        self.framed = Some((job.frame, inside.clone(), layers.clone(), around.clone()));
+        let figure = self.figure(job, layers)?;
+        let reserved = if job.choices.space { figure.reserved(job.size, transfer)? } else { job.view.reserved };
+        let camera = Camera::new(&View { around, reserved, ..job.view.clone() }, self.volume.grid(), job.size)?;
+        let (image, settings, estimate, stats) = match &self.renderer {
+            Some(renderer) => {
+                let prepared = self.prepared.take().filter(|prepared| prepared.serves(layers, &job.settings));
+                let (drawn, prepared) = draw(renderer, layers, &camera, job, prepared)?;
+                self.prepared = prepared;
+                let (rendered, settings, estimate) = drawn;
+                (rendered.image, settings, estimate, Some(rendered.stats))
+            }
+            None => {
+                let image = stages.time("integrate", || {
+                    Reference::of_layers(layers, &job.settings)?
+                        .with_tolerance(Reference::TOLERANCE)
+                        .with_progress(progress::reporter())
+                        .render_region(&camera, job.region)
+                })?;
+                (image, job.settings.clone(), None, None)
+            }
+        };
+        let estimated = estimate.map(|e| Note { name: "Estimated error", text: in_words(&e) });
+        let notes = notes(&settings, &figure, estimated);
+        let shown = Shown { volume: &self.volume, transfer, camera: &camera, model: job.settings.model };
+        let draw = || figure.draw_region(&image, job.region, job.output.background, &shown);
+        let drawn = if figure.is_empty() { None } else { Some(stages.time("figure", draw)?) };
+        Ok(Picture { image, drawn, camera, settings, notes, estimate, stats })
+    }
+
+    /// What is drawn on the picture of a job, with the names of a legend.
+    fn figure(&mut self, job: &RenderJob, layers: &Layers) -> Result<Figure, Failure> {
+        if !job.figure.legend {
+            return Ok(job.figure.drawn.clone());
+        }
+        let clip = &job.settings.clip;
+        let legend = match &self.legend {
+            Some((of, inside, legend)) if of == layers && inside == clip => legend.clone(),
+            _ => layers.legend(clip)?,
+        };
+        self.legend = Some((layers.clone(), clip.clone(), legend.clone()));
+        if legend.is_empty() {
+            return Err(Failure::Failed("--legend: no label shows".to_owned()));
+        }
+        let figure = Figure { legend, ..job.figure.drawn.clone() };
+        figure.validate(job.size, job.settings.model)?;
+        Ok(figure)
+    }
+}
+
+/// The transfer function of a job, or none if the values of its volume are labels.
+fn fitted(job: &RenderJob, volume: &Volume, channels: &[Layer], stages: &mut Stages) -> Result<Fitted, Failure> {
+    if !channels.is_empty() {
+        return Fitted::clear();
+    }
+    transfer(&job.source, &job.transfer, volume, may_be_labels(job), stages)
+}
+
+/// Whether a job leaves open what values mean, and asks for nothing that labels are not drawn by.
+fn may_be_labels(job: &RenderJob) -> bool {
+    let asks = job.transfer.gradient.is_some() || job.figure.drawn.color_bar || job.output.transfer.is_some();
+    !asks && job.channels.is_empty() && !job.layers.has_labels() && Layers::check_settings(&job.settings).is_ok()
+}
+
+/// What the user is told of a choice, with the option that undoes it.
+fn note_on(choice: &Choice, follows: bool) -> String {
+    let text = match choice {
+        Choice::Side { azimuth, elevation } => {
+            let view = format!("--azimuth {azimuth} --elevation {elevation}");
+            format!("{view} because the file states no orientation (front view: --azimuth 0)")
+        }
+        Choice::Light { shadow_bias } => {
+            let name = if follows { "studio:eye" } else { "studio" };
+            let (bias, surfaces) = match shadow_bias {
+                None => (String::new(), "the preset shows surfaces"),
+                Some(bias) => (format!(" --tune shadow-bias={bias}"), "labels have surfaces"),
+            };
+            format!("--light {name}{bias} because {surfaces} (disable: --light off)")
+        }
+        Choice::Sharpness(sharpness) => {
+            format!("--sharpness {sharpness} because the preset shows surfaces (disable: --sharpness 0)")
+        }
+        other => other.to_string(),
+    };
+    format!("note: using {text}")
+}
+
+/// Places studio light, if a job asks for it, around its view.
+fn place_studio(job: &mut RenderJob) -> Result<(), Failure> {
+    if let Some(lighting) = job.settings.lighting.as_mut().filter(|_| job.studio.requested) {
+        let studio = Lighting::studio(job.view.forward()?, job.view.up);
+        let placed = lighting.lights.iter_mut().zip(studio.lights);
+        placed.for_each(|(light, there)| light.source = there.source);
+    }
+    Ok(())
+}

@@ -1,0 +1,23 @@
+//! Host times of the stages of a picture.
+
+use std::time::Instant;
+
+use voxsplat::stats::{Clock, StageTime};
+
+/// Host times of the stages, in the order in which they ran.
+#[derive(Default)]
+pub(crate) struct Stages(pub(crate) Vec<StageTime>);
+
+impl Stages {
+    pub(crate) fn time<T>(&mut self, name: &'static str, work: impl FnOnce() -> T) -> T {
+        let start = Instant::now();
+        let result = work();
+        self.0.push(StageTime { name, seconds: start.elapsed().as_secs_f64(), clock: Clock::Host });
+        result
+    }
+
+    /// The stages of both, one after the other.
+    pub(crate) fn append(&mut self, mut later: Self) {
+        self.0.append(&mut later.0);
+    }
+}

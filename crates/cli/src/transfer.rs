@@ -1,0 +1,101 @@
+//! The transfer function that arguments choose, before the volume is known.
+
+use std::path::Path;
+
+use voxsplat::transfer::maps::{self, ColorMap};
+use voxsplat::transfer::presets::{self, Preset};
+use voxsplat::transfer::{Imported, Window};
+
+use super::args::ModelArgs;
+use super::destination::STREAM;
+use super::failure::Failure;
+use super::parse::{GradientOpacity, reason};
+use super::rules::{LABELS, MAP};
+
+/// The choice of a transfer function.
+#[derive(Debug, Clone)]
+pub(crate) enum TransferChoice {
+    /// That of a built-in volume, otherwise the preset suggested by the values.
+    Suggested,
+    /// A preset.
+    Preset(&'static Preset),
+    /// From a file, or a colour map.
+    Given(Box<Imported>),
+    /// None: values are labels.
+    Labels,
+}
+
+/// A transfer function to be fitted to a volume.
+#[derive(Debug, Clone)]
+pub(crate) struct Transfer {
+    pub(crate) choice: TransferChoice,
+    /// The values that it begins and ends at.
+    pub(crate) window: Option<Window>,
+    /// Whether there is nothing but that window.
+    by_window: bool,
+    /// What replaces its gradient opacity.
+    pub(crate) gradient: Option<GradientOpacity>,
+}
+
+impl Transfer {
+    /// Whether it is only a window.
+    pub(crate) fn is_window(&self) -> bool {
+        self.by_window
+    }
+
+    pub(crate) fn new(args: &ModelArgs) -> Result<Self, Failure> {
+        let window = args.window;
+        let given = |imported| TransferChoice::Given(Box::new(imported));
+        let choice = match &args.transfer {
+            Some(name) if name == Path::new(LABELS) => TransferChoice::Labels,
+            Some(name) => match (presets::PRESETS.iter().find(|preset| name == Path::new(preset.name)), of_map(name)) {
+                (Some(preset), _) => TransferChoice::Preset(preset),
+                (None, Some(map)) if is_file_name(map) => given(Imported::of_map(&ColorMap::load(map)?)?),
+                (None, Some(map)) => {
+                    let map = maps::find(&map.to_string_lossy());
+                    let usage = |error| Failure::Usage(format!("--transfer: {}", reason(error)));
+                    given(Imported::of_map(&map.map_err(usage)?)?)
+                }
+                (None, None) if is_file_name(name) => given(Imported::load(name)?),
+                (None, None) if name.to_string_lossy().starts_with('{') => {
+                    given(Imported::parse(&name.to_string_lossy(), None)?)
+                }
+                (None, None) => return Err(Failure::Usage(no_transfer(name))),
+            },
+            // A window alone is the window of a radiologist: grey values.
+            None if window.is_some() => given(Imported::of_map(&maps::find("gray")?)?),
+            None => TransferChoice::Suggested,
+        };
+        let by_window = window.is_some() && args.transfer.is_none();
+        Ok(Self { choice, window, by_window, gradient: args.gradient_opacity.clone() })
+    }
+}
+
+/// Why a name is no transfer function.
+fn no_transfer(name: &Path) -> String {
+    let text = name.to_string_lossy();
+    if maps::find(&text).is_ok() {
+        return format!("--transfer: {name:?} is a colour map, give map:{text}");
+    }
+    let known: Vec<&str> = presets::PRESETS.iter().map(|preset| preset.name).collect();
+    format!("--transfer: {name:?}, expected a file, map:NAME, labels or one of {}", known.join(", "))
+}
+
+/// The name or the file of a colour map.
+fn of_map(transfer: &Path) -> Option<&Path> {
+    transfer.to_str()?.strip_prefix(MAP).map(Path::new)
+}
+
+/// Whether the text must mean a file. Then a missing file is reported, instead of an unknown name.
+fn is_file_name(text: &Path) -> bool {
+    let lossy = text.to_string_lossy();
+    if lossy == STREAM {
+        return true;
+    }
+    if lossy.starts_with('{') {
+        return false;
+    }
+    let file = lossy.split('#').next().unwrap_or_default().to_lowercase();
+    let endings = [".json", ".vp", ".xml"];
+    endings.iter().any(|ending| file.ends_with(ending)) || lossy.contains(['/', '\\', '#']) || text.is_file()
+}

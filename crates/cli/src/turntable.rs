@@ -1,0 +1,515 @@
+//! `voxsplat turntable`: many views of one volume, as pictures or as a film.
+
+use std::cell::RefCell;
+use std::io::{BufWriter, ErrorKind, Stdout, Write, stdout};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Instant;
+
+use clap::ArgMatches;
+use serde::{Deserialize, Serialize};
+use voxsplat::camera::View;
+use voxsplat::film::{Film, FilmFile, Format};
+use voxsplat::formats::{TimeSeries, read_json};
+use voxsplat::image::{Image, Note};
+
+use super::args::{FrameArg, RenderArgs, TurntableArgs};
+use super::destination::{Destination, STREAM};
+use super::failure::Failure;
+use super::fitted::Fitted;
+use super::job::RenderJob;
+use super::options::{command_line, file_name, without, without_folders};
+use super::parse::TimeArg;
+use super::progress::Remaining;
+use super::render::print_stats;
+use super::rules::MAX_KEY_FRAMES;
+use super::session::Session;
+use super::stages::Stages;
+use super::transfer::TransferChoice;
+use super::{output, scene};
+
+/// What stands for the number of a frame in the name of its file.
+const FRAME: &str = "{frame}";
+
+/// The frames of a turn, unless so many are asked for or they go through points in time.
+const FRAMES: u32 = 36;
+
+/// A point in a film, in a list of them as JSON. What it leaves out is as the options say.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KeyFrame {
+    /// The first frame is 0.
+    frame: u32,
+    azimuth: Option<f64>,
+    elevation: Option<f64>,
+    roll: Option<f64>,
+    zoom: Option<f64>,
+}
+
+/// Where frames go.
+#[derive(Debug)]
+enum Target {
+    /// A file for each, by a name with a place for the number.
+    Files(String),
+    /// One file.
+    Film(PathBuf, Format),
+    /// Standard output.
+    Stream(Format),
+}
+
+/// How the view changes.
+#[derive(Debug)]
+enum Course {
+    /// Degrees around.
+    Turn(f64),
+    /// In the order of frames.
+    Keys(Vec<KeyFrame>),
+}
+
+impl Course {
+    /// The views of frames, from that of the first on.
+    fn views(&self, first: &View, frames: u32) -> Vec<View> {
+        match self {
+            Self::Turn(turn) => {
+                let step = turn / f64::from(frames);
+                let turned = |frame| View { azimuth: first.azimuth + step * f64::from(frame), ..first.clone() };
+                (0..frames).map(turned).collect()
+            }
+            Self::Keys(keys) => views_of(first, keys, frames),
+        }
+    }
+}
+
+/// A turntable to be made.
+#[derive(Debug)]
+pub(crate) struct TurntableJob {
+    /// The first frame, without a destination of its own.
+    first: RenderJob,
+    course: Course,
+    /// The number of frames, if that does not depend on the file.
+    frames: Option<u32>,
+    /// The points in time that frames go through, if there are several.
+    times: Option<TimeArg>,
+    /// The part of the frames that is wanted now, and the number of parts.
+    part: [u32; 2],
+    rate: f64,
+    resume: bool,
+    target: Target,
+    /// The command, with names of files for their paths.
+    command: String,
+}
+
+/// Totals of a run.
+#[derive(Serialize)]
+struct Totals {
+    frames: usize,
+    size: [u32; 2],
+    /// From the start to the last byte.
+    seconds: f64,
+    seconds_per_frame: f64,
+}
+
+impl Totals {
+    fn new(frames: usize, size: [u32; 2], since: Instant) -> Self {
+        let seconds = since.elapsed().as_secs_f64();
+        Self { frames, size, seconds, seconds_per_frame: seconds / frames.max(1) as f64 }
+    }
+
+    fn to_text(&self) -> String {
+        let Self { frames, size: [width, height], seconds, seconds_per_frame } = self;
+        format!("{frames} frames of {width} x {height} px in {seconds:.2} s, {seconds_per_frame:.3} s each\n")
+    }
+}
+
+impl Target {
+    fn new(path: Option<PathBuf>, format: Option<Format>) -> Result<Self, Failure> {
+        let usage = |reason: String| Err(Failure::Usage(reason));
+        let Some(path) = path else {
+            return usage("--output is missing: DIR/{frame}.png, FILE.gif, FILE.html or -".to_owned());
+        };
+        if path == Path::new(STREAM) {
+            Destination::stdout()?;
+            return Ok(Self::Stream(format.unwrap_or(Format::Y4m)));
+        }
+        match (path.to_str().filter(|name| name.contains(FRAME)), format.or(Format::of(&path))) {
+            (Some(name), _) => {
+                let first = PathBuf::from(numbered(name, 0, 1));
+                // A folder for the frames is made. If it cannot be, the check says what is wrong.
+                if let Some(folder) = first.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+                    let made = std::fs::create_dir(folder).map_err(|e| (e.kind(), e));
+                    if let Err((ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem, e)) = made {
+                        return usage(format!("--output: the folder {} cannot be made: {e}", folder.display()));
+                    }
+                }
+                Destination::checked(first)?;
+                Ok(Self::Files(name.to_owned()))
+            }
+            (None, Some(format)) => {
+                FilmFile::check(&path).map_err(|e| Failure::Usage(format!("{e:#}")))?;
+                Ok(Self::Film(path, format))
+            }
+            (None, None) if is_video(&path) => {
+                let words = std::env::args().skip(1);
+                let words = command_line(&without(words, &["-o", "--output"], &[]));
+                let name = command_line(&[path.to_string_lossy().into_owned()]);
+                usage(format!(
+                    "--output: videos are encoded by ffmpeg: \
+                     voxsplat {words} -o - | ffmpeg -i - -pix_fmt yuv420p {name}"
+                ))
+            }
+            (None, None) => usage(format!(
+                "--output: {path:?}, expected a name with {FRAME} such as frames/{FRAME}.png, FILE.gif, FILE.apng, \
+                 FILE.y4m, FILE.html, or - for standard output"
+            )),
+        }
+    }
+}
+
+/// Whether a name is that of a video, which other programs encode.
+fn is_video(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    ["mp4", "m4v", "mov", "mkv", "webm", "avi", "mpg", "mpeg", "wmv", "ogv"].contains(&extension.as_str())
+}
+
+/// The name of the file of a frame, with as many digits as the last has.
+fn numbered(name: &str, frame: u32, frames: u32) -> String {
+    let digits = (frames.saturating_sub(1)).to_string().len().max(4);
+    name.replace(FRAME, &format!("{frame:0digits$}"))
+}
+
+impl TurntableJob {
+    pub(crate) fn new(args: TurntableArgs, matches: (&str, &ArgMatches)) -> Result<Self, Failure> {
+        let usage = |reason: &str| Err(Failure::Usage(reason.to_owned()));
+        let TurntableArgs { render, frames, turn, key_frames, rate, format, part, resume } = args;
+        // A scene may have an output and a time too.
+        let (path, times) = (RefCell::new(None), RefCell::new(None));
+        let first = |args: RenderArgs| {
+            times.replace(args.input.time.filter(|time| !matches!(time, TimeArg::One(_))));
+            let output = args.output.clone().unwrap_or_default();
+            path.replace(args.output.clone());
+            RenderJob::with_output(args, Destination::File(output))
+        };
+        let mut jobs = scene::jobs(render, matches, first)?;
+        let Some(mut first) = jobs.pop().filter(|_| jobs.is_empty()) else {
+            return usage("a turntable takes a scene of one picture");
+        };
+        // It looks from all sides.
+        first.choices.open.side = false;
+        first.studio.follows |= first.choices.open.light;
+        let target = Target::new(path.take(), format)?;
+        let times = times.into_inner();
+        if times.is_some() && first.source == Path::new(STREAM) {
+            return usage("--time: standard input is read once, several points in time need a file");
+        }
+        let frames = frames.or(match times {
+            None => Some(FRAMES),
+            Some(TimeArg::Range(first, last)) => Some(last - first + 1),
+            Some(_) => None,
+        });
+        let course = match &key_frames {
+            Some(path) => Course::Keys(read_key_frames(path)?),
+            None => Course::Turn(turn),
+        };
+        let words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
+        let command = format!("voxsplat {}", command_line(&without_folders(words, matches.1)));
+        let part = part.unwrap_or([1, 1]);
+        Ok(Self { first, course, frames, times, part, rate, resume, target, command })
+    }
+}
+
+/// The key frames of a file, in the order of frames.
+fn read_key_frames(path: &Path) -> Result<Vec<KeyFrame>, Failure> {
+    let mut keys: Vec<KeyFrame> = read_json(path, MAX_KEY_FRAMES)?;
+    if keys.is_empty() {
+        return Err(Failure::Failed(format!("{}: has no key frames", path.display())));
+    }
+    keys.sort_by_key(|key| key.frame);
+    Ok(keys)
+}
+
+/// The views of frames: straight from one key frame to the next, and as the nearest before the first and after the
+/// last.
+fn views_of(base: &View, keys: &[KeyFrame], frames: u32) -> Vec<View> {
+    let of = |value: fn(&KeyFrame) -> Option<f64>, default: f64| {
+        let known: Vec<(f64, f64)> = keys.iter().filter_map(|k| Some((f64::from(k.frame), value(k)?))).collect();
+        move |frame: u32| {
+            let frame = f64::from(frame);
+            let above = known.partition_point(|(at, _)| *at <= frame);
+            match (above.checked_sub(1).map(|below| known[below]), known.get(above)) {
+                (Some(a), Some(b)) => a.1 + (b.1 - a.1) * (frame - a.0) / (b.0 - a.0),
+                (Some(end), None) => end.1,
+                (None, Some(end)) => end.1,
+                (None, None) => default,
+            }
+        }
+    };
+    let azimuth = of(|key| key.azimuth, base.azimuth);
+    let elevation = of(|key| key.elevation, base.elevation);
+    let (roll, zoom) = (of(|key| key.roll, base.roll), of(|key| key.zoom, base.zoom));
+    let view = |frame| View {
+        azimuth: azimuth(frame),
+        elevation: elevation(frame),
+        roll: roll(frame),
+        zoom: zoom(frame),
+        ..base.clone()
+    };
+    (0..frames).map(view).collect()
+}
+
+/// A frame on its way to its file.
+struct Done {
+    frame: u32,
+    image: Image,
+    notes: Vec<Note>,
+}
+
+impl TurntableJob {
+    /// Of so many frames those that are wanted now.
+    fn wanted(&self, frames: u32) -> Vec<u32> {
+        let [part, parts] = self.part.map(u64::from);
+        let end = |part: u64| (u64::from(frames) * part / parts) as u32;
+        let exists = |frame: u32| match &self.target {
+            Target::Files(name) => self.resume && Path::new(&numbered(name, frame, frames)).is_file(),
+            _ => false,
+        };
+        (end(part - 1)..end(part)).filter(|&frame| !exists(frame)).collect()
+    }
+
+    /// The title of a page: the file, and the caption or else the title of the figure.
+    fn title(&self) -> String {
+        let file = file_name(&self.first.source.to_string_lossy());
+        let text = self.first.figure.drawn.caption.as_ref().or(self.first.figure.drawn.title.as_ref());
+        text.map_or_else(|| file.clone(), |text| format!("{file}: {text}"))
+    }
+
+    /// The points in time that are asked for, of a file that holds so many.
+    fn times_of(&self, asked: TimeArg, held: u32) -> Result<Range<u32>, Failure> {
+        let last = match asked {
+            TimeArg::One(time) | TimeArg::Range(_, time) => time,
+            TimeArg::All => held - 1,
+        };
+        let source = self.first.source.display();
+        match held {
+            1 => Err(Failure::Failed(format!("--time {asked}: {source} has one point in time"))),
+            _ if last >= held => {
+                Err(Failure::Failed(format!("--time {asked}: {source} has the points in time 0 to {}", held - 1)))
+            }
+            _ => Ok(asked.first()..last + 1),
+        }
+    }
+}
+
+pub(crate) fn run(job: TurntableJob) -> Result<(), Failure> {
+    let (start, first) = (Instant::now(), &job.first);
+    let size = [first.region.width, first.region.height];
+    let done = |frames| print_stats(first.output.stats, &Totals::new(frames, size, start), Totals::to_text);
+    if job.frames.is_some_and(|frames| job.wanted(frames).is_empty()) {
+        output::say("note: all frames are there");
+        return done(0);
+    }
+    let (mut session, fitted) = Session::open(first, &mut Stages::default())?;
+    let times = job.times.map(|asked| job.times_of(asked, session.volume.contents().times)).transpose()?;
+    let frames = job.frames.unwrap_or(times.as_ref().map_or(FRAMES, |times| times.end - times.start));
+    let wanted = job.wanted(frames);
+    if wanted.is_empty() {
+        output::say("note: all frames are there");
+        return done(0);
+    }
+    let mut completed = first.clone();
+    session.complete(&mut completed, &fitted)?;
+    if let Some(path) = &first.output.transfer {
+        fitted.transfer.save(path, session.volume.grid())?;
+    }
+    let mut series = match times {
+        None => None,
+        Some(times) => {
+            say_times(&completed, &times);
+            let times = spread(&times, frames);
+            let mut distinct = times.clone();
+            distinct.dedup();
+            let mut series = TimeSeries::new(&first.source, &first.load);
+            session.frame_all(&completed, &fitted, &mut series, &distinct)?;
+            Some((series, times))
+        }
+    };
+    let views = job.course.views(&first.view, frames);
+    // The next frame is made while the last one is encoded and written.
+    let (sender, receiver) = sync_channel::<Done>(1);
+    std::thread::scope(|scope| {
+        let writer = scope.spawn(|| write(&job, receiver, size, frames));
+        let made = make(&mut session, first, &fitted, (&views, &wanted), series.as_mut(), &sender);
+        drop(sender);
+        let written = writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        // If a frame could not be made, that is why frames are missing. A failed write ends `make` without an error.
+        made?;
+        written
+    })?;
+    done(wanted.len())
+}
+
+/// The points in time of frames: each as long as the others, or if there are fewer frames, as many at even distances.
+fn spread(times: &Range<u32>, frames: u32) -> Vec<u32> {
+    let count = u64::from(times.end - times.start);
+    (0..frames).map(|frame| times.start + (u64::from(frame) * count / u64::from(frames)) as u32).collect()
+}
+
+/// Tells what all points in time have in common.
+fn say_times(job: &RenderJob, times: &Range<u32>) {
+    let fitted = match &job.transfer.choice {
+        TransferChoice::Labels => false,
+        TransferChoice::Given(imported) => imported.fits && job.transfer.window.is_none(),
+        TransferChoice::Preset(_) | TransferChoice::Suggested => true,
+    };
+    let fitted = fitted.then_some("the transfer function is that of the first");
+    let framed = (job.frame != FrameArg::Volume).then_some("the picture frames what shows at any of them");
+    let told: Vec<&str> = fitted.into_iter().chain(framed).collect();
+    if !told.is_empty() {
+        let (first, last) = (times.start, times.end - 1);
+        output::say(&format!("note: points in time {first} to {last}: {}", told.join(", and ")));
+    }
+}
+
+/// Makes the frames that are wanted, of a series each at its point in time.
+fn make(
+    session: &mut Session,
+    first: &RenderJob,
+    fitted: &Fitted,
+    (views, wanted): (&[View], &[u32]),
+    mut series: Option<&mut (TimeSeries, Vec<u32>)>,
+    sender: &SyncSender<Done>,
+) -> Result<(), Failure> {
+    let progress = Remaining::new("frames", wanted.len());
+    let mut layers = None;
+    for (done, &frame) in wanted.iter().enumerate() {
+        progress.at(done, &format!("frame {} of {}", frame + 1, views.len()));
+        if let Some((series, times)) = series.as_deref_mut()
+            && let Some(&time) = times.get(frame as usize)
+            && time != session.volume.contents().time
+        {
+            layers = None;
+            session.go_to(first, series, time)?;
+        }
+        let layers = match &layers {
+            Some(layers) => layers,
+            None => layers.insert(session.layers(first, fitted, &mut Stages::default())?),
+        };
+        // Studio light may come with the eye.
+        let mut job = RenderJob { view: views[frame as usize].clone(), ..first.clone() };
+        session.complete(&mut job, fitted)?;
+        let picture = session.picture(&job, layers, &fitted.transfer, &mut Stages::default())?;
+        let image = picture.image().clone();
+        if sender.send(Done { frame, image, notes: picture.notes }).is_err() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Writes frames as they come.
+fn write(job: &TurntableJob, frames: Receiver<Done>, size: [u32; 2], count: u32) -> Result<(), Failure> {
+    let (rate, background) = (job.rate, job.first.output.background);
+    let title = job.title();
+    match &job.target {
+        Target::Files(name) => {
+            for Done { frame, image, notes } in frames {
+                let file = Destination::File(PathBuf::from(numbered(name, frame, count)));
+                file.write(&image, background, &notes)?;
+            }
+        }
+        Target::Film(path, format) => {
+            let mut film = FilmFile::new(*format, size, count, rate)?;
+            film.title(&title);
+            for Done { image, notes, .. } in frames {
+                film.add(&image, background)?;
+                film.describe(described(&job.command, notes));
+            }
+            film.save(path)?;
+        }
+        Target::Stream(format) => {
+            let fault = RefCell::new(None);
+            let stream = || {
+                let out = BufWriter::new(Watched { out: stdout(), fault: &fault });
+                let mut film = Film::new(out, *format, size, count, rate)?;
+                film.title(&title);
+                for Done { image, notes, .. } in frames {
+                    film.add(&image, background)?;
+                    film.describe(described(&job.command, notes));
+                }
+                film.finish()
+            };
+            let result = stream();
+            match fault.take() {
+                // The reader has enough, as `| head` has.
+                Some(e) if e.kind() == ErrorKind::BrokenPipe => {}
+                Some(e) => return Err(Failure::Failed(format!("cannot write to stdout: {e}"))),
+                None => result?,
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Standard output, which keeps its first error: encoders tell it in words of their own.
+struct Watched<'a> {
+    out: Stdout,
+    fault: &'a RefCell<Option<std::io::Error>>,
+}
+
+impl Watched<'_> {
+    fn kept<T>(&self, result: std::io::Result<T>) -> std::io::Result<T> {
+        result.map_err(|e| {
+            let told = std::io::Error::from(e.kind());
+            self.fault.borrow_mut().get_or_insert(e);
+            told
+        })
+    }
+}
+
+impl Write for Watched<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let written = self.out.write(bytes);
+        self.kept(written)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        let flushed = self.out.flush();
+        self.kept(flushed)
+    }
+}
+
+/// What a page says of its frames: the command, and what the file of the last picture would say.
+fn described(command: &str, notes: Vec<Note>) -> Vec<String> {
+    std::iter::once(command.to_owned())
+        .chain(notes.into_iter().map(|Note { name, text }| format!("{name}: {text}")))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn views_run_straight_between_key_frames() {
+        let text = r#"[{"frame": 2, "azimuth": 10, "zoom": 2}, {"frame": 6, "azimuth": 50}]"#;
+        let keys: Vec<KeyFrame> = serde_json::from_str(text).unwrap();
+        let views = views_of(&View { elevation: 7.0, ..View::default() }, &keys, 8);
+        let azimuths: Vec<f64> = views.iter().map(|view| view.azimuth).collect();
+        assert_eq!(azimuths, [10.0, 10.0, 10.0, 20.0, 30.0, 40.0, 50.0, 50.0]);
+        assert!(views.iter().all(|view| (view.elevation, view.zoom, view.roll) == (7.0, 2.0, 0.0)));
+    }
+
+    #[test]
+    fn points_in_time_are_spread_over_frames() {
+        assert_eq!(spread(&(2..5), 3), [2, 3, 4]);
+        assert_eq!(spread(&(2..5), 7), [2, 2, 2, 3, 3, 4, 4]);
+        assert_eq!(spread(&(0..10), 4), [0, 2, 5, 7]);
+        assert_eq!(spread(&(0..u32::MAX), 2), [0, u32::MAX / 2]);
+    }
+
+    #[test]
+    fn frames_have_as_many_digits_as_the_last() {
+        assert_eq!(numbered("a/{frame}.png", 7, 10), "a/0007.png");
+        assert_eq!(numbered("{frame}-{frame}.png", 7, 100_000), "00007-00007.png");
+    }
+}

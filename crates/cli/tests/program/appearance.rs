@@ -1,0 +1,74 @@
+//! The program and the library make the same choices for a volume, and the same pixels.
+
+use std::fs;
+use std::path::Path;
+
+use voxsplat::appearance::Choice;
+use voxsplat::image::{Background, Image};
+use voxsplat::{Appearance, LoadOptions, load};
+
+use crate::adapter::adapter;
+use crate::cli::{folder, voxsplat};
+use crate::support::RENDERER;
+
+/// A NRRD of 24^3 samples of i16.
+fn nrrd(path: &Path, fields: &str, value: impl Fn(f64, [i32; 3]) -> i16) {
+    let header =
+        format!("NRRD0004\ntype: int16\ndimension: 3\nsizes: 24 24 24\n{fields}endian: little\nencoding: raw\n\n");
+    let value = |i: i32| {
+        let place = [i % 24, i / 24 % 24, i / 576];
+        value(place.map(|p| (f64::from(p) - 11.5).powi(2)).iter().sum::<f64>().sqrt(), place)
+    };
+    let samples: Vec<u8> = (0..24 * 24 * 24).flat_map(|i| value(i).to_le_bytes()).collect();
+    fs::write(path, [header.as_bytes(), &samples].concat()).unwrap();
+}
+
+/// The choices of the library for a volume, whose picture has the pixels of the program's.
+fn choices(folder: &Path, source: &str) -> Vec<Choice> {
+    let line = format!("render {source} -o program.png --size 48 --adapter {}", adapter());
+    let output = voxsplat(folder, &line);
+    assert!(output.status.success(), "{source}: {}", String::from_utf8_lossy(&output.stderr));
+    let named = if source.starts_with("demo:") { source.into() } else { folder.join(source) };
+    let volume = load(&named, &LoadOptions::default()).unwrap();
+    let look = Appearance::of(&named, &volume).unwrap();
+    let scene = RENDERER.prepare_layers(&look.layers, &look.settings).unwrap();
+    let rendered = RENDERER.render(&scene, &look.camera([48, 48]).unwrap(), &look.settings).unwrap();
+    rendered.image.save(folder.join("library.png"), Background::default()).unwrap();
+    let [program, library] =
+        ["program.png", "library.png"].map(|name| Image::load(folder.join(name)).unwrap().pixels().to_vec());
+    assert!(program.iter().any(|pixel| pixel[0] > 0.0) && program == library, "{source}");
+    look.choices
+}
+
+#[test]
+fn the_library_chooses_what_the_program_draws() {
+    let dir = folder();
+    let oriented = "space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n\
+                    kinds: domain domain domain\n";
+    // Air, flesh and bone: Hounsfield units.
+    let scan = |r: f64, _: [i32; 3]| {
+        (-1000.0 + 1050.0 / (1.0 + (2.0 * (r - 10.0)).exp()) + 1200.0 / (1.0 + (r - 5.0).exp())) as i16
+    };
+    nrrd(&dir.path().join("scan.nrrd"), oriented, scan);
+    nrrd(&dir.path().join("bare.nrrd"), "", scan);
+    // A ball of four quarters.
+    let quarter = |[x, y, _]: [i32; 3]| 1 + (x / 12 + 2 * (y / 12)) as i16;
+    nrrd(&dir.path().join("labels.nrrd"), oriented, |r, place| if r > 9.0 { 0 } else { quarter(place) });
+    let kinds = |source: &str| -> Vec<&str> {
+        let name = |choice: &Choice| match choice {
+            Choice::Preset { .. } => "preset",
+            Choice::Labels { .. } => "labels",
+            Choice::Side { .. } => "side",
+            Choice::Light { .. } => "light",
+            Choice::Sharpness(_) => "sharpness",
+            _ => "another",
+        };
+        choices(dir.path(), source).iter().map(name).collect()
+    };
+    assert_eq!(kinds("scan.nrrd"), ["preset", "light", "sharpness"]);
+    assert_eq!(kinds("bare.nrrd"), ["preset", "side", "light", "sharpness"]);
+    assert_eq!(kinds("labels.nrrd"), ["labels", "light"]);
+    for demo in voxsplat::demos::demos() {
+        assert!(kinds(&format!("demo:{}:24", demo.name)).is_empty());
+    }
+}

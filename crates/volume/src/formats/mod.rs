@@ -1,0 +1,404 @@
+//! Readers: from the name of a volume to the volume.
+
+mod decode;
+#[cfg(feature = "dicom")]
+mod dicom;
+mod fields;
+mod folder;
+#[cfg(feature = "hdf5")]
+mod hdf5;
+mod input;
+mod metaimage;
+mod mrc;
+mod multifile;
+mod nifti;
+mod npy;
+mod nrrd;
+mod placement;
+mod readers;
+mod selection;
+#[cfg(feature = "tiff")]
+mod tiff;
+mod time_series;
+#[cfg(feature = "vtk")]
+mod vtk;
+#[cfg(any(feature = "tiff", feature = "vtk"))]
+mod xml;
+#[cfg(feature = "zarr")]
+mod zarr;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use decode::{Layout, lattice, read_all};
+pub use folder::is_zarr;
+use folder::zarr_folder_of;
+use input::{Input, Unpacked};
+use placement::{Placement, check_spacing};
+use readers::ZARR;
+pub use readers::{FORMATS, Format};
+use selection::{Pick, chosen};
+pub use time_series::TimeSeries;
+
+use crate::demos;
+use crate::error::{Error, Hint, Result};
+pub use crate::files::{read_json, read_text};
+use crate::names::{counted, named};
+use crate::volume::{Endian, SampleType, Volume};
+
+/// Which level of a pyramid is read: of a file that holds the same volume at several resolutions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum PyramidLevel {
+    /// The level of this number; 0 is the finest.
+    At(u32),
+    /// The coarsest level whose samples are no coarser than pixels, if the longest edge of the volume spans so many.
+    Pixels(f64),
+    /// The coarsest level whose samples are no further apart than this world length.
+    PixelSize(f64),
+}
+
+/// What becomes of a series of DICOM files that lacks slices between others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum MissingSlices {
+    /// It is an error that names their places.
+    #[default]
+    Refuse,
+    /// They are interpolated between their neighbours, and a note of [`Contents`](crate::volume::Contents) says so.
+    Interpolate,
+}
+
+named!("missing_slices", MissingSlices { Refuse: "refuse", Interpolate: "interpolate" });
+
+/// What the caller knows about a file, or wants done to its samples. The default is to believe its header.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LoadOptions {
+    /// Samples along x, y and z of a file without a header; x is fastest.
+    pub dims: Option<[u32; 3]>,
+    /// The sample type of a file without a header.
+    pub sample_type: Option<SampleType>,
+    /// World distance between samples along each axis. It replaces the spacing of a header, whose directions and origin
+    /// stay.
+    pub spacing: Option<[f64; 3]>,
+    /// The byte order of a file without a header; `None` is little-endian.
+    pub endian: Option<Endian>,
+    /// Bytes before the first sample of a file without a header.
+    pub offset: u64,
+    /// The finite number that replaces NaN and infinite samples; `None` makes such samples an error. They are
+    /// transparent if the transfer function gives this number no opacity.
+    pub replace_nan: Option<f64>,
+    /// The point in time of a file that holds several, counted from 0; `None` is the first.
+    pub time: Option<u32>,
+    /// The channel of a file that holds several, counted from 0; without it such a file is an error. Which there are
+    /// [`Volume::contents`] tells, of any one of them.
+    pub channel: Option<u32>,
+    /// The series of a folder of DICOM files that holds several, counted from 1 in the order of their numbers.
+    pub series: Option<u32>,
+    /// What becomes of a series of DICOM files that lacks slices.
+    pub missing_slices: MissingSlices,
+    /// The level of a pyramid; the finest by default.
+    pub level: PyramidLevel,
+    /// The largest volume, in bytes of samples, that is always read into memory; 4 MiB by default. A larger one stays
+    /// in its file if its samples are uncompressed and in one piece there, and is read brick by brick.
+    pub stream_over: u64,
+}
+
+impl Default for LoadOptions {
+    fn default() -> Self {
+        Self {
+            dims: None,
+            sample_type: None,
+            spacing: None,
+            endian: None,
+            offset: 0,
+            replace_nan: None,
+            time: None,
+            channel: None,
+            series: None,
+            missing_slices: MissingSlices::Refuse,
+            level: PyramidLevel::At(0),
+            stream_over: 4 << 20,
+        }
+    }
+}
+
+/// Loads a volume: a file of one of the formats below, a file of bare samples, or the built-in volume
+/// `demo:NAME[:SIZE]` (see [`demos`]).
+///
+/// [`FORMATS`] lists the formats. Of a file with
+/// several points in time or channels `time` and `channel` choose one; [`Volume::contents`] tells how many there are. A
+/// folder is read if it holds DICOM files, whose slices are sorted by position, or TIFF files, which are sections in
+/// natural order: 9 goes before 10; and if it is an array of Zarr 2 or 3 or an image of OME-Zarr, of whose
+/// pyramid `level` chooses. `FILE:SET` is a data set of HDF5 or NetCDF, which need the feature `hdf5`; without a name
+/// the only volume in the file is read.
+///
+/// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
+/// but TIFF and HDF5 may be compressed with gzip or bzip2. Files of bare samples need `dims` and `sample_type`. For all
+/// other files these two are an error, as are `endian` and `offset`.
+///
+/// # Errors
+/// - [`Error::Read`] if a file cannot be read.
+/// - [`Error::Format`] if it is not a regular file (standard input excepted), or its content is malformed, cut short,
+///   inconsistent or not supported.
+/// - [`Error::NonFinite`] if it has NaN or infinite samples and no replacement is given.
+/// - [`Error::Volume`] if the built-in volume does not exist.
+/// - [`Error::Setting`] if an option is out of range or does not apply to the file.
+/// - [`Error::Memory`] if there is no memory for the samples.
+pub fn load(source: impl AsRef<Path>, options: &LoadOptions) -> Result<Volume> {
+    load_from(source.as_ref(), options, None)
+}
+
+/// As [`load`]; what is compressed is kept in `unpacked`, if that is given, or taken from there.
+fn load_from(source: &Path, options: &LoadOptions, unpacked: Option<&Arc<Unpacked>>) -> Result<Volume> {
+    if let Some(spacing) = options.spacing {
+        check_spacing(spacing)?;
+    }
+    if let Some(value) = options.replace_nan
+        && !value.is_finite()
+    {
+        return Err(Error::Setting { name: "replace_nan", reason: format!("{value}, expected a finite number") });
+    }
+    let mut volume = match demos::name_in(source) {
+        Some(demo) => {
+            refuse_raw_options(source, options, "a built-in volume")?;
+            chosen(source, options, 1, 1)?;
+            demos::parsed(demo, options.spacing)?
+        }
+        None => match with_inside(source) {
+            Some((file, inside)) => load_file(&file, Some(&inside), options, unpacked)?,
+            None => load_file(source, None, options, unpacked)?,
+        },
+    };
+    volume = volume.loaded(options.stream_over)?;
+    if let Some(value) = options.replace_nan {
+        return volume.with_non_finite_replaced(value);
+    }
+    volume.check_finite()?;
+    Ok(volume)
+}
+
+/// The file and the data set of `FILE:SET`, if there is such a file and none of the whole name.
+fn with_inside(source: &Path) -> Option<(PathBuf, String)> {
+    let (file, inside) = source.to_str()?.rsplit_once(':')?;
+    (!inside.is_empty() && !source.exists() && Path::new(file).is_file()).then(|| (file.into(), inside.to_owned()))
+}
+
+fn load_file(
+    path: &Path,
+    inside: Option<&str>,
+    options: &LoadOptions,
+    unpacked: Option<&Arc<Unpacked>>,
+) -> Result<Volume> {
+    if path.is_dir() {
+        return load_folder(path, options);
+    }
+    if let Some(folder) = zarr_folder_of(path) {
+        return load_folder(folder, options);
+    }
+    let mut input = Input::open_kept(path, unpacked.cloned())?;
+    let head = input.peek(nifti::HEADER_SIZE)?;
+    if head.is_empty() {
+        return Err(input.error("is empty"));
+    }
+    let content = Format::of_content(&head);
+    let has_raw_options = options.dims.is_some() || options.sample_type.is_some();
+    // Users may name the image file of a NIfTI pair instead of its header.
+    if content.is_none()
+        && !has_raw_options
+        && nifti::is_image_name(path)
+        && let Some(header) = nifti::header_of_image(path)
+    {
+        return load_file(&header, inside, options, unpacked);
+    }
+    if content.is_none()
+        && nifti::is_analyze(&head)
+        && Format::of_name(path).is_some_and(|format| format.name == "NIfTI")
+    {
+        return Err(input.error("is in ANALYZE 7.5 format, which is not read: convert it to NIfTI"));
+    }
+    let Some(format) = content.or(Format::of_name(path)) else { return read_raw(input, &head, options) };
+    refuse_raw_options(path, options, &format!("a {} file", format.name))?;
+    if let Some(inside) = inside
+        && !format.has_sets
+    {
+        return Err(input.error(format!("is a {} file, which has no data set {inside:?}", format.name)));
+    }
+    format.read(input, inside, options)
+}
+
+/// Reads a folder of Zarr, or the sections that are files of a folder.
+fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
+    if is_zarr(folder) {
+        refuse_raw_options(folder, options, "a folder")?;
+        return ZARR.read_folder(folder, &[], options);
+    }
+    let mut parts = parts_of_folder(folder)?;
+    refuse_raw_options(folder, options, "a folder")?;
+    let Some((format, mut files)) = parts.pop() else {
+        return Err(Error::format(folder, "is a directory without TIFF or DICOM files, and no OME-Zarr"));
+    };
+    if let Some((other, _)) = parts.pop() {
+        let reason = format!("holds {} and {} files: give each a folder of its own", other.name, format.name);
+        return Err(Error::format(folder, reason));
+    }
+    files.sort_by_cached_key(|path| natural(&path.file_name().unwrap_or_default().to_string_lossy()));
+    format.read_folder(folder, &files, options)
+}
+
+/// The files of a folder that are sections of a volume, by their formats.
+fn parts_of_folder(folder: &Path) -> Result<Vec<(&'static Format, Vec<PathBuf>)>> {
+    let read_error = |source| Error::Read { path: folder.to_owned(), source };
+    let mut parts: Vec<(&Format, Vec<PathBuf>)> = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(read_error)? {
+        let path = entry.map_err(read_error)?.path();
+        if !path.is_file() {
+            continue;
+        }
+        // Other files may lie beside the slices, such as notes and previews.
+        let content = Format::of_content(&Input::open(&path)?.peek(nifti::HEADER_SIZE)?);
+        let Some(format) = content.filter(|format| format.has_sections && format.allows_name(&path)) else { continue };
+        match parts.iter_mut().find(|(of, _)| of.name == format.name) {
+            Some((_, files)) => files.push(path),
+            None => parts.push((format, vec![path])),
+        }
+    }
+    // The same message whatever the order of the directory.
+    parts.sort_by_key(|(format, _)| format.name);
+    Ok(parts)
+}
+
+/// The files besides `source` that a volume is read from: the data files that its header names, the slices in its
+/// folder, the files of a Zarr. Samples are not read, and a source that cannot be read has no such files.
+///
+/// A program that writes files can thus tell that it would overwrite its input.
+#[must_use]
+pub fn data_files(source: &Path) -> Vec<PathBuf> {
+    let of_header = |file: &Path| -> Result<Vec<PathBuf>> {
+        let mut input = Input::open(file)?;
+        match Format::of_content(&input.peek(nifti::HEADER_SIZE)?).or(Format::of_name(file)) {
+            Some(format) => format.data_files(input),
+            None if nifti::is_image_name(file) => Ok(nifti::header_of_image(file).into_iter().collect()),
+            None => Ok(Vec::new()),
+        }
+    };
+    if source.is_file() && zarr_folder_of(source).is_none() {
+        return of_header(source).unwrap_or_default();
+    }
+    let folder = zarr_folder_of(source).unwrap_or(source);
+    if is_zarr(folder) {
+        return files_within(folder);
+    }
+    let parts = if folder.is_dir() { parts_of_folder(folder).unwrap_or_default() } else { Vec::new() };
+    parts.into_iter().flat_map(|(_, files)| files).collect()
+}
+
+/// The files of a folder and of the folders in it. Links to folders are not followed.
+fn files_within(folder: &Path) -> Vec<PathBuf> {
+    let (mut files, mut folders) = (Vec::new(), vec![folder.to_owned()]);
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+            match entry.file_type() {
+                Ok(kind) if kind.is_dir() => folders.push(entry.path()),
+                _ => files.push(entry.path()),
+            }
+        }
+    }
+    files
+}
+
+/// A key that sorts names with numbers as people do: runs of digits are numbers, and 9 goes before 10.
+fn natural(name: &str) -> Vec<(String, usize, String)> {
+    let mut key = Vec::new();
+    let mut rest = name;
+    while !rest.is_empty() {
+        let text_end = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
+        let (text, after) = rest.split_at(text_end);
+        let digits_end = after.find(|c: char| !c.is_ascii_digit()).unwrap_or(after.len());
+        let (digits, after) = after.split_at(digits_end);
+        // Of numbers without leading zeros the one with more digits is the larger.
+        let number = digits.trim_start_matches('0');
+        key.push((text.to_lowercase(), number.len(), number.to_owned()));
+        rest = after;
+    }
+    // Names that differ in leading zeros and capitals alone keep one order.
+    key.push((name.to_owned(), 0, String::new()));
+    key
+}
+
+/// Refuses options for bare samples on any other source: they would contradict its header.
+fn refuse_raw_options(path: &Path, options: &LoadOptions, what: &str) -> Result<()> {
+    let given = [
+        ("dims", options.dims.is_some()),
+        ("sample_type", options.sample_type.is_some()),
+        ("endian", options.endian.is_some()),
+        ("offset", options.offset != 0),
+    ];
+    match given.into_iter().find(|(_, given)| *given) {
+        Some((name, _)) => {
+            let reason = format!("it is for files of bare samples, and {} is {what}", path.display());
+            Err(Error::Setting { name, reason })
+        }
+        None => Ok(()),
+    }
+}
+
+fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volume> {
+    let (dims, sample_type) = match (options.dims, options.sample_type) {
+        (Some(dims), Some(sample_type)) => (dims, sample_type),
+        (None, Some(_)) => return Err(input.error("holds bare samples of unknown number").hinted(Hint::GiveDims)),
+        (Some(_), None) => return Err(input.error("holds bare samples of unknown type").hinted(Hint::GiveSampleType)),
+        (None, None) => return Err(unknown(&input, head)),
+    };
+    let path = input.path().to_owned();
+    let dims = lattice(&path, &dims.map(i64::from))?;
+    let placement = Placement::axis_parallel([1.0; 3]);
+    let grid = placement.grid(&path, dims, options.spacing)?;
+    input.skip(options.offset)?;
+    let needed = grid.len().saturating_mul(sample_type.size() as u64);
+    if let Some(left) = input.exactly_left().filter(|left| *left < needed) {
+        let ([x, y, z], after) = (dims, if options.offset > 0 { " after the offset" } else { "" });
+        let reason = format!("has {left} bytes{after}, and {x} x {y} x {z} samples of {sample_type} need {needed}");
+        return Err(input.error(reason));
+    }
+    let layout = Layout::Binary(options.endian.unwrap_or_default());
+    let mut contents = chosen(&path, options, 1, 1)?;
+    if let Some(more) = input.exactly_left().map(|left| left - needed).filter(|more| *more > 0) {
+        let ([x, y, z], end) = (dims, counted(more, "byte"));
+        contents.notes.push(format!("{x} x {y} x {z} samples of {sample_type} leave {end} at the end of the file"));
+    }
+    let samples = read_all(input, &Pick::all(grid.len()), sample_type, layout)?;
+    Ok(placement.volume(grid, samples)?.with_contents(contents))
+}
+
+/// The error about a file of no known format.
+fn unknown(input: &Input, head: &[u8]) -> Error {
+    let formats: [(usize, &[u8], &str); 3] = [(0, b"<?xml", "XML"), (0, b"\x89PNG", "PNG"), (0, b"PK\x03\x04", "ZIP")];
+    match formats.iter().find(|(at, magic, _)| head.get(*at..).is_some_and(|h| h.starts_with(magic))) {
+        Some((_, _, name)) => {
+            let reason = "which is not read: convert it to NRRD, NIfTI, MetaImage or NumPy (.npy)";
+            input.error(format!("is a {name} file, {reason}"))
+        }
+        None => {
+            let names: Vec<&str> = FORMATS.iter().map(|format| format.name).collect();
+            let error = input.error(format!("is of no format that is read: {}", names.join(", ")));
+            error.hinted(Hint::GiveDimsAndSampleType)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::natural;
+
+    #[test]
+    fn names_are_sorted_as_people_do() {
+        let sorted =
+            ["a.tif", "slice2.tif", "slice09.tif", "Slice9.tif", "slice10.tif", "slice10b.tif", "t1z10", "t2z9"];
+        let mut names = sorted;
+        names.reverse();
+        names.sort_by_cached_key(|name| natural(name));
+        assert_eq!(names[4..], sorted[4..]);
+        assert_eq!((names[0], names[1]), ("a.tif", "slice2.tif"));
+        // Digits without end are a number too.
+        assert!(natural(&"1".repeat(99)) < natural(&"2".repeat(99)));
+    }
+}

@@ -1,0 +1,242 @@
+//! The formats that are read: a row for each.
+
+use std::path::{Path, PathBuf};
+
+use super::input::Input;
+use super::{LoadOptions, metaimage, mrc, nifti, npy, nrrd};
+use crate::error::{Error, Result};
+use crate::volume::Volume;
+
+/// Reads the volume of a file that begins here, or the data set of that name in it.
+type Read = fn(Input, Option<&str>, &LoadOptions) -> Result<Volume>;
+/// Reads a folder, or these files of it.
+type ReadFolder = fn(&Path, &[PathBuf], &LoadOptions) -> Result<Volume>;
+/// The files that a header names besides its own.
+type DataFiles = fn(Input) -> Result<Vec<PathBuf>>;
+
+/// A format of files or folders.
+///
+/// Which it is of a file the first bytes tell, otherwise the extension.
+#[derive(Debug)]
+pub struct Format {
+    /// Its name in messages.
+    pub name: &'static str,
+    /// What its files are called and hold, for lists of formats.
+    pub description: &'static str,
+    /// Extensions of its files in lower case, without the point.
+    pub extensions: &'static [&'static str],
+    /// The feature of this crate that its reader needs, if it needs one.
+    pub feature: Option<&'static str>,
+    /// Whether a file may hold several data sets: `FILE:SET`.
+    pub(super) has_sets: bool,
+    /// Whether a folder may hold files of it that are sections of one volume.
+    pub(super) has_sections: bool,
+    begins: fn(&[u8]) -> bool,
+    read: Option<Read>,
+    read_folder: Option<ReadFolder>,
+    data_files: Option<DataFiles>,
+}
+
+/// What most formats have: one volume in a file, no folder, no data beside the header.
+const PLAIN: Format = Format {
+    name: "",
+    description: "",
+    extensions: &[],
+    feature: None,
+    has_sets: false,
+    has_sections: false,
+    begins: |_| false,
+    read: None,
+    read_folder: None,
+    data_files: None,
+};
+
+/// A reader that is there if a feature is on.
+macro_rules! optional {
+    ($name:ident, $type:ty, $feature:literal, $reader:expr) => {
+        #[cfg(feature = $feature)]
+        const $name: Option<$type> = Some($reader);
+        #[cfg(not(feature = $feature))]
+        const $name: Option<$type> = None;
+    };
+}
+optional!(READ_VTI, Read, "vtk", |input, _, options| super::vtk::image_data::read(input, options));
+optional!(READ_VTK, Read, "vtk", |input, _, options| super::vtk::legacy::read(input, options));
+optional!(READ_TIFF, Read, "tiff", |input, _, options| super::tiff::read(input, options));
+optional!(READ_TIFFS, ReadFolder, "tiff", super::tiff::read_files);
+optional!(READ_DICOM, Read, "dicom", |input, _, options| {
+    let path = input.path().to_owned();
+    super::dicom::read_files(&path, std::slice::from_ref(&path), options)
+});
+optional!(READ_SLICES, ReadFolder, "dicom", super::dicom::read_files);
+optional!(READ_HDF5, Read, "hdf5", |input, inside, options| super::hdf5::read(&input, inside, options));
+optional!(READ_ZARR, ReadFolder, "zarr", |folder, _, options| super::zarr::read(folder, options));
+
+/// Zarr, whose folders are known by the files of metadata in them.
+pub(super) const ZARR: Format = Format {
+    name: "Zarr",
+    description: "folders of Zarr 2 and 3, and of OME-Zarr",
+    feature: Some("zarr"),
+    read_folder: READ_ZARR,
+    ..PLAIN
+};
+
+/// The formats, in the order in which the first bytes of a file are held against them.
+pub static FORMATS: [Format; 11] = [
+    // Its first 128 bytes are free: they may be those of another format, such as TIFF.
+    Format {
+        name: "DICOM",
+        description: "a file or a folder of slices; all but JPEG-LS and lossy JPEG of 12 bits",
+        feature: Some("dicom"),
+        begins: |head| head.get(128..132) == Some(b"DICM"),
+        has_sections: true,
+        read: READ_DICOM,
+        read_folder: READ_SLICES,
+        ..PLAIN
+    },
+    Format {
+        name: "NRRD",
+        description: ".nrrd, .nhdr",
+        extensions: &["nrrd", "nhdr"],
+        begins: |head| head.starts_with(b"NRRD000"),
+        read: Some(|input, _, options| nrrd::read(input, options)),
+        data_files: Some(nrrd::named_files),
+        ..PLAIN
+    },
+    Format {
+        name: "NumPy",
+        description: ".npy",
+        extensions: &["npy"],
+        begins: |head| head.starts_with(npy::MAGIC),
+        read: Some(|input, _, options| npy::read(input, options)),
+        ..PLAIN
+    },
+    Format {
+        name: "NIfTI",
+        description: "NIfTI-1 and -2: .nii, .hdr with .img",
+        extensions: &["nii", "hdr"],
+        begins: nifti::is_nifti,
+        read: Some(|input, _, options| nifti::read(input, options)),
+        data_files: Some(nifti::named_files),
+        ..PLAIN
+    },
+    Format {
+        name: "MetaImage",
+        description: ".mha, .mhd",
+        extensions: &["mha", "mhd"],
+        begins: metaimage::is_metaimage,
+        read: Some(|input, _, options| metaimage::read(input, options)),
+        data_files: Some(metaimage::named_files),
+        ..PLAIN
+    },
+    Format {
+        name: "MRC",
+        description: "MRC and CCP4: .mrc, .map, .ccp4, .rec, .st, .ali",
+        extensions: &["mrc", "mrcs", "map", "ccp4", "rec", "st", "ali"],
+        begins: mrc::is_mrc,
+        read: Some(|input, _, options| mrc::read(input, options)),
+        ..PLAIN
+    },
+    Format {
+        name: "legacy VTK",
+        description: "structured points: .vtk",
+        extensions: &["vtk"],
+        feature: Some("vtk"),
+        begins: |head| head.starts_with(b"# vtk DataFile Version"),
+        read: READ_VTK,
+        ..PLAIN
+    },
+    Format {
+        name: "VTK XML",
+        description: "image data: .vti",
+        extensions: &["vti"],
+        feature: Some("vtk"),
+        begins: |head| {
+            let head = String::from_utf8_lossy(head);
+            head.trim_start_matches('\u{feff}').trim_start().starts_with('<') && head.contains("<VTKFile")
+        },
+        read: READ_VTI,
+        ..PLAIN
+    },
+    Format {
+        name: "TIFF",
+        description: "stacks, and folders of sections: .tif, .tiff",
+        extensions: &["tif", "tiff"],
+        feature: Some("tiff"),
+        begins: |head| [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| head.starts_with(*magic)),
+        has_sections: true,
+        read: READ_TIFF,
+        read_folder: READ_TIFFS,
+        ..PLAIN
+    },
+    Format {
+        name: "HDF5 or NetCDF",
+        description: "FILE:/SET, MATLAB's .mat of version 7.3 too",
+        feature: Some("hdf5"),
+        has_sets: true,
+        begins: |head| {
+            let magics: [&[u8]; 5] = [b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3 MAT-file", b"CDF\x01", b"CDF\x02", b"CDF\x05"];
+            magics.iter().any(|magic| head.starts_with(magic))
+        },
+        read: READ_HDF5,
+        ..PLAIN
+    },
+    ZARR,
+];
+
+impl Format {
+    /// The format that the first bytes of a file belong to.
+    pub(super) fn of_content(head: &[u8]) -> Option<&'static Self> {
+        FORMATS.iter().find(|format| (format.begins)(head))
+    }
+
+    /// The format that the name of a file promises.
+    pub(super) fn of_name(path: &Path) -> Option<&'static Self> {
+        // The extension decides: what is lost of a name that is not UTF-8 does not count.
+        let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
+        let name = name.strip_suffix(".gz").or_else(|| name.strip_suffix(".bz2")).unwrap_or(&name);
+        let extension = name.rsplit_once('.')?.1;
+        FORMATS.iter().find(|format| format.extensions.contains(&extension))
+    }
+
+    /// Whether a file of this format may have that name: one of its extensions, if it has any.
+    pub(super) fn allows_name(&self, path: &Path) -> bool {
+        self.extensions.is_empty() || Self::of_name(path).is_some_and(|named| named.name == self.name)
+    }
+
+    /// Whether this build has its reader.
+    #[must_use]
+    pub fn is_built(&self) -> bool {
+        self.read.is_some() || self.read_folder.is_some()
+    }
+
+    /// Reads the volume of a file, or the data set of that name in it.
+    pub(super) fn read(&self, input: Input, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
+        match self.read {
+            Some(read) => read(input, inside, options),
+            None => Err(self.absent(input.path())),
+        }
+    }
+
+    /// Reads a folder, or these files of it.
+    pub(super) fn read_folder(&self, folder: &Path, files: &[PathBuf], options: &LoadOptions) -> Result<Volume> {
+        match self.read_folder {
+            Some(read) => read(folder, files, options),
+            None => Err(self.absent(folder)),
+        }
+    }
+
+    /// The files that a header names besides its own.
+    pub(super) fn data_files(&self, input: Input) -> Result<Vec<PathBuf>> {
+        self.data_files.map_or(Ok(Vec::new()), |named| named(input))
+    }
+
+    fn absent(&self, path: &Path) -> Error {
+        let (name, feature) = (self.name, self.feature.unwrap_or_default());
+        let what = if path.is_dir() { "folder" } else { "file" };
+        Error::format(
+            path,
+            format!("is a {name} {what}, and this build has no reader of it: build it with --features {feature}"),
+        )
+    }
+}

@@ -1,0 +1,250 @@
+//! ImageData in XML, .vti: arrays as text, in base64 or as bytes after the XML, plain or compressed.
+
+use glam::DVec3;
+
+use super::blocks::{Codec, decompressed};
+use super::{At, Lattice, axes, numbers};
+use crate::error::{Error, Result};
+use crate::formats::LoadOptions;
+use crate::formats::decode::{Layout, lattice, read_all};
+use crate::formats::input::Input;
+use crate::formats::selection::picked;
+use crate::formats::xml::Tag;
+use crate::volume::{Endian, SampleType, Volume};
+
+/// Reads the volume of a file that begins here: the array that is named as the active scalars, else the first with one
+/// number per sample, else the first with several; of points, else of cells.
+pub(in crate::formats) fn read(input: Input, options: &LoadOptions) -> Result<Volume> {
+    let again = input.at_most().is_some();
+    let path = input.path().to_owned();
+    match read_array(input, options, false) {
+        Ok(Some(volume)) => Ok(volume),
+        Ok(None) if again => {
+            let found = read_array(Input::open(&path)?, options, true)?;
+            found.ok_or_else(|| Error::format(&path, "has no array of scalars"))
+        }
+        Ok(None) => {
+            Err(Error::format(&path, "has no array of one number per sample, and is a stream: write it to a file"))
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// Reads the array; `several` tells whether it may have several numbers per sample without being named. `None` if
+/// there is no other.
+fn read_array(mut input: Input, options: &LoadOptions, several: bool) -> Result<Option<Volume>> {
+    let Some(file) = tag(&mut input, "VTKFile")? else {
+        return Err(input.error("is not a VTK file: it has no tag VTKFile"));
+    };
+    match file.get("type") {
+        Some("ImageData") => {}
+        other => return Err(input.error(format!("is of type {:?}, expected ImageData", other.unwrap_or_default()))),
+    }
+    let coding = Coding::of(&file, &input)?;
+    let Some(image) = tag(&mut input, "ImageData")? else { return Err(input.error("has no tag ImageData")) };
+    let image_lattice = image_lattice(&image, &input)?;
+    let Some(found) = find(&mut input, image.get("WholeExtent"), several)? else { return Ok(None) };
+    let (sizes, placement) = image_lattice.placed(found.at);
+    let dims = lattice(input.path(), &sizes)?;
+    let grid = placement.grid(input.path(), dims, options.spacing)?;
+    let (pick, contents) = picked(input.path(), &axes(found.components, sizes), options)?;
+    let (input, layout) = coding.at_samples(input, found.place)?;
+    let samples = read_all(input, &pick, found.sample_type, layout)?;
+    Ok(Some(placement.volume(grid, samples)?.with_contents(contents)))
+}
+
+/// The next tag of this name.
+fn tag(input: &mut Input, name: &str) -> Result<Option<Tag>> {
+    while let Some(tag) = Tag::next(input)? {
+        if tag.name == name {
+            return Ok(Some(tag));
+        }
+    }
+    Ok(None)
+}
+
+fn image_lattice(image: &Tag, input: &Input) -> Result<Lattice> {
+    fn stated<T: std::str::FromStr + Copy, const N: usize>(
+        image: &Tag,
+        input: &Input,
+        name: &str,
+        default: [T; N],
+    ) -> Result<[T; N]> {
+        let Some(text) = image.get(name) else { return Ok(default) };
+        numbers(text).ok_or_else(|| input.error(format!("{name} is {text:?}, expected {N} numbers")))
+    }
+    let [x0, x1, y0, y1, z0, z1] = stated(image, input, "WholeExtent", [0, -1, 0, -1, 0, -1])?;
+    let m = stated(image, input, "Direction", [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])?;
+    Ok(Lattice {
+        extent: [[x0, x1], [y0, y1], [z0, z1]],
+        spacing: stated(image, input, "Spacing", [1.0; 3])?,
+        origin: DVec3::from_array(stated(image, input, "Origin", [0.0; 3])?),
+        // Its columns are the directions of the axes.
+        directions: std::array::from_fn(|axis| DVec3::new(m[axis], m[axis + 3], m[axis + 6])),
+    })
+}
+
+/// An array of samples.
+struct Array {
+    at: At,
+    sample_type: SampleType,
+    /// The numbers of each sample.
+    components: u64,
+    place: Place,
+}
+
+/// Where the samples of an array are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Place {
+    /// Decimal numbers after the tag.
+    Text,
+    /// In base64 after the tag.
+    Inline,
+    /// So many bytes or characters behind the XML.
+    Appended { offset: u64, base64: bool },
+}
+
+/// Finds the array of scalars and reads up to its tag, or up to the appended data if it is there.
+fn find(input: &mut Input, whole: Option<&str>, several: bool) -> Result<Option<Array>> {
+    let (mut at, mut active) = (None, None);
+    let mut refused = false;
+    let mut appended: Option<Array> = None;
+    while let Some(tag) = Tag::next(input)? {
+        match tag.name.as_str() {
+            "Piece" if tag.get("Extent").is_some_and(|extent| whole.is_some_and(|whole| !same(extent, whole))) => {
+                return Err(input.error("is in several pieces: save it as one"));
+            }
+            "PointData" => (at, active) = (Some(At::Points), tag.get("Scalars").map(str::to_owned)),
+            "CellData" => (at, active) = (Some(At::Cells), tag.get("Scalars").map(str::to_owned)),
+            "/PointData" | "/CellData" => at = None,
+            "DataArray" => {
+                let Some(at) = at.filter(|_| appended.is_none()) else { continue };
+                if active.is_some() && tag.get("Name") != active.as_deref() {
+                    continue;
+                }
+                let components = tag.get("NumberOfComponents").unwrap_or("1");
+                let components = components
+                    .parse::<u64>()
+                    .map_err(|_| input.error(format!("NumberOfComponents is {components:?}, expected a number")))?;
+                if components != 1 && active.is_none() && !several {
+                    refused = true;
+                    continue;
+                }
+                let array =
+                    Array { at, sample_type: sample_type(&tag, input)?, components, place: place(&tag, input)? };
+                match array.place {
+                    Place::Appended { .. } => appended = Some(array),
+                    Place::Text | Place::Inline => return Ok(Some(array)),
+                }
+            }
+            "AppendedData" => {
+                let Some(Array { place: Place::Appended { offset, .. }, at, sample_type, components }) = appended
+                else {
+                    break;
+                };
+                let base64 = match tag.get("encoding") {
+                    Some("raw") => false,
+                    Some("base64") | None => true,
+                    Some(other) => return Err(input.error(format!("has appended data in the encoding {other:?}"))),
+                };
+                let place = Place::Appended { offset, base64 };
+                return Ok(Some(Array { at, sample_type, components, place }));
+            }
+            _ => {}
+        }
+    }
+    match (appended, refused) {
+        (Some(_), _) => Err(input.error("is cut short: it has no appended data")),
+        (None, false) => Err(input.error("has no array of scalars")),
+        (None, true) => Ok(None),
+    }
+}
+
+/// Whether two lists of numbers are the same.
+fn same(a: &str, b: &str) -> bool {
+    a.split_ascii_whitespace().eq(b.split_ascii_whitespace())
+}
+
+fn sample_type(tag: &Tag, input: &Input) -> Result<SampleType> {
+    let name = tag.get("type").unwrap_or_default();
+    SampleType::from_name(name).ok_or_else(|| input.error(format!("has an array of type {name:?}, which is not read")))
+}
+
+fn place(tag: &Tag, input: &Input) -> Result<Place> {
+    match tag.get("format") {
+        Some("ascii") => Ok(Place::Text),
+        Some("binary") => Ok(Place::Inline),
+        Some("appended") => {
+            let text = tag.get("offset").unwrap_or_default();
+            let offset = text.parse().map_err(|_| input.error(format!("offset is {text:?}, expected a number")))?;
+            Ok(Place::Appended { offset, base64: false })
+        }
+        other => Err(input.error(format!("has an array in the format {:?}", other.unwrap_or_default()))),
+    }
+}
+
+/// How the bytes of arrays are written.
+struct Coding {
+    endian: Endian,
+    /// Whether the numbers before an array have 8 bytes rather than 4.
+    wide: bool,
+    codec: Option<Codec>,
+}
+
+impl Coding {
+    fn of(file: &Tag, input: &Input) -> Result<Self> {
+        let endian = match file.get("byte_order") {
+            Some("LittleEndian") => Endian::Little,
+            Some("BigEndian") => Endian::Big,
+            other => {
+                let found = other.unwrap_or_default();
+                return Err(input.error(format!("byte_order is {found:?}, expected LittleEndian or BigEndian")));
+            }
+        };
+        let wide = match file.get("header_type") {
+            Some("UInt32") | None => false,
+            Some("UInt64") => true,
+            Some(other) => return Err(input.error(format!("header_type is {other:?}, expected UInt32 or UInt64"))),
+        };
+        let codec = match file.get("compressor") {
+            None | Some("") => None,
+            Some("vtkZLibDataCompressor") => Some(Codec::Zlib),
+            Some("vtkLZ4DataCompressor") => Some(Codec::Lz4),
+            Some(other) => {
+                let reason = "which is not read: save it with ZLib, LZ4 or no compression";
+                return Err(input.error(format!("is compressed by {other:?}, {reason}")));
+            }
+        };
+        Ok(Self { endian, wide, codec })
+    }
+
+    /// Moves from the end of a tag to the first sample.
+    fn at_samples(&self, mut input: Input, place: Place) -> Result<(Input, Layout)> {
+        let mut input = match place {
+            Place::Text => return Ok((input, Layout::Text)),
+            Place::Inline => input.unbase64(),
+            Place::Appended { offset, base64 } => {
+                input.skip_past(b'_')?;
+                input.skip(offset)?;
+                if base64 { input.unbase64() } else { input }
+            }
+        };
+        let number = |input: &mut Input| -> Result<u64> {
+            let bytes = input.bytes(if self.wide { 8 } else { 4 })?;
+            let more = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
+            Ok(match self.endian {
+                Endian::Little => bytes.iter().rev().fold(0, more),
+                Endian::Big => bytes.iter().fold(0, more),
+            })
+        };
+        let input = match self.codec {
+            Some(codec) => decompressed(input, codec, number)?,
+            None => {
+                // The length: the lattice says what is needed of it.
+                number(&mut input)?;
+                input
+            }
+        };
+        Ok((input, Layout::Binary(self.endian)))
+    }
+}

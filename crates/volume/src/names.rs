@@ -1,0 +1,121 @@
+//! One spelling per enum: messages, JSON and the command line all use it.
+
+/// A number of things whose plural ends in s: 1 slice, 2 slices.
+pub fn counted(count: u64, thing: &str) -> String {
+    format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
+}
+
+/// A number as people write it: up to four digits after the point, and powers of ten if it is very small or very large.
+#[must_use]
+pub fn readable(value: f64) -> String {
+    let trimmed = |text: &str| match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => text.to_owned(),
+    };
+    match value.abs() {
+        0.0 => "0".to_owned(),
+        size if value == value.trunc() && size < 1e15 => format!("{value}"),
+        size if (1e-3..1e9).contains(&size) => trimmed(&format!("{value:.4}")),
+        _ => match format!("{value:.4e}").split_once('e') {
+            Some((digits, power)) => format!("{}e{power}", trimmed(digits)),
+            None => format!("{value}"),
+        },
+    }
+}
+
+/// A text as HTML.
+#[must_use]
+pub fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// Names the variants of a field-less enum.
+///
+/// `spelled!` gives `ALL`, `name`, `Display` (which honours width and alignment) and `Serialize`. The `match` in `name`
+/// has no wildcard, so a variant left out of the list does not compile.
+#[macro_export]
+macro_rules! spelled {
+    ($type:ident { $($variant:ident: $name:literal),+ $(,)? }) => {
+        impl $type {
+            /// Every variant, in the order in which help and messages list them.
+            pub const ALL: [Self; [$($name),+].len()] = [$(Self::$variant),+];
+
+            /// The spelling of the variant in messages, in JSON and on the command line.
+            #[must_use]
+            pub fn name(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $name,)+
+                }
+            }
+        }
+
+        impl std::fmt::Display for $type {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.pad(self.name())
+            }
+        }
+
+        impl serde::Serialize for $type {
+            fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.serialize_str(self.name())
+            }
+        }
+    };
+}
+
+/// As `spelled!`, and `FromStr`: it accepts exactly the names, and its error is about the given setting. Where it is
+/// called, `Error` is an error with a variant `Setting { name, reason }`.
+#[macro_export]
+macro_rules! named {
+    ($setting:literal, $type:ident { $($variant:ident: $name:literal),+ $(,)? }) => {
+        $crate::names::spelled! { $type { $($variant: $name),+ } }
+
+        impl std::str::FromStr for $type {
+            type Err = Error;
+
+            fn from_str(text: &str) -> Result<Self, Self::Err> {
+                Self::ALL.into_iter().find(|variant| variant.name() == text).ok_or_else(|| {
+                    let reason = format!("{text:?}, expected {}", $crate::names::listed(&[$($name),+]));
+                    Self::Err::Setting { name: $setting, reason }
+                })
+            }
+        }
+    };
+}
+
+pub use crate::{named, spelled};
+
+/// Names in a sentence: "a", "a or b", "a, b or c".
+pub fn listed(names: &[&str]) -> String {
+    match names {
+        [] => String::new(),
+        [one] => (*one).to_owned(),
+        [first @ .., last] => format!("{} or {last}", first.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::formats::MissingSlices;
+    use crate::volume::SampleType;
+
+    #[test]
+    fn every_name_reads_back() {
+        for sample_type in SampleType::ALL {
+            assert_eq!(sample_type.name().parse::<SampleType>().unwrap(), sample_type);
+            assert_eq!(serde_json::to_string(&sample_type).unwrap(), format!("\"{sample_type}\""));
+        }
+        assert_eq!(SampleType::ALL.len(), 10);
+    }
+
+    #[test]
+    fn a_wrong_name_is_told_the_right_ones() {
+        let error = "Refuse".parse::<MissingSlices>().unwrap_err().to_string();
+        assert_eq!(error, "missing_slices: \"Refuse\", expected refuse or interpolate");
+    }
+
+    #[test]
+    fn names_are_padded() {
+        assert_eq!(format!("{:>4}|{:<4}|", SampleType::U8, SampleType::U8), "  u8|u8  |");
+    }
+}

@@ -1,0 +1,473 @@
+//! Volumes: scalar samples on a lattice, its position in the world, and the map from samples to values.
+
+mod bricks;
+mod grid;
+mod sample_type;
+mod statistics;
+mod stored;
+
+pub use bricks::{Brick, EDGE as BRICK_EDGE, RowCoding, Strip};
+pub use grid::{Grid, MAX_DIM};
+pub use sample_type::{Endian, Sample, SampleType};
+pub use sample_type::{Number, ToF64, with_type};
+pub use statistics::{BackgroundEstimate, Statistics};
+pub(crate) use stored::{FileSamples, Stored};
+
+use std::borrow::Cow;
+use std::ops::Range;
+use std::sync::{Arc, OnceLock};
+
+use crate::error::{Error, Result};
+
+/// The samples of a volume at the width of their file, x fastest, then y, then z.
+#[derive(Debug, Clone, PartialEq)]
+#[expect(missing_docs, reason = "each variant is named for the type of its samples")]
+pub enum Samples {
+    U8(Vec<u8>),
+    I8(Vec<i8>),
+    U16(Vec<u16>),
+    I16(Vec<i16>),
+    U32(Vec<u32>),
+    I32(Vec<i32>),
+    U64(Vec<u64>),
+    I64(Vec<i64>),
+    F32(Vec<f32>),
+    F64(Vec<f64>),
+}
+
+/// Runs one expression over [`Samples`] of any type: `$s` is their `Vec`.
+#[macro_export]
+macro_rules! with_samples {
+    ($samples:expr, $s:ident => $body:expr) => {
+        match $samples {
+            $crate::volume::Samples::U8($s) => $body,
+            $crate::volume::Samples::I8($s) => $body,
+            $crate::volume::Samples::U16($s) => $body,
+            $crate::volume::Samples::I16($s) => $body,
+            $crate::volume::Samples::U32($s) => $body,
+            $crate::volume::Samples::I32($s) => $body,
+            $crate::volume::Samples::U64($s) => $body,
+            $crate::volume::Samples::I64($s) => $body,
+            $crate::volume::Samples::F32($s) => $body,
+            $crate::volume::Samples::F64($s) => $body,
+        }
+    };
+}
+pub use crate::with_samples;
+
+impl Samples {
+    /// The number of samples.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        with_samples!(self, s => s.len())
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// A volume: samples on a grid, and the linear map from samples to values.
+///
+/// Samples are in memory, or stay in their file and are read as they are needed: see
+/// [`LoadOptions::stream_over`](crate::formats::LoadOptions::stream_over). Clones share them.
+#[derive(Debug, Clone)]
+pub struct Volume {
+    grid: Grid,
+    data: Arc<Data>,
+    slope: f64,
+    intercept: f64,
+    oriented: bool,
+    units: Units,
+    contents: Arc<Contents>,
+}
+
+/// The units that a file states, as it writes them.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Units {
+    /// Of world lengths, such as mm.
+    pub length: Option<String>,
+    /// Of values, such as HU.
+    pub value: Option<String>,
+}
+
+/// What the file of a volume holds: the volume is one of its channels at one point in time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contents {
+    /// The channel that the volume is, counted from 0.
+    pub channel: u32,
+    /// The number of channels.
+    pub channels: u32,
+    /// What the file says of its channels, in their order; empty if it says nothing.
+    pub labels: Vec<Channel>,
+    /// The point in time that the volume is of, counted from 0.
+    pub time: u32,
+    /// The number of points in time.
+    pub times: u32,
+    /// The level of a pyramid that the volume is; 0 is the finest.
+    pub level: u32,
+    /// The number of levels.
+    pub levels: u32,
+    /// The labels that the file names, of all its channels, if it says that its values are labels; empty if it says no
+    /// more of them.
+    pub segments: Option<Vec<Segment>>,
+    /// What of the file the volume could not keep, each as a sentence without a full stop, such as that coordinates are
+    /// unequally spaced.
+    pub notes: Vec<String>,
+}
+
+impl Default for Contents {
+    fn default() -> Self {
+        let (labels, notes) = (Vec::new(), Vec::new());
+        Self { channel: 0, channels: 1, labels, time: 0, times: 1, level: 0, levels: 1, segments: None, notes }
+    }
+}
+
+/// What a file says of a label.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Segment {
+    /// The channel whose values it is of: labels of one channel do not overlap.
+    pub channel: u32,
+    /// The value.
+    pub label: i64,
+    /// What it is of.
+    pub name: Option<String>,
+    /// Red, green and blue, sRGB.
+    pub color: Option<[u8; 3]>,
+}
+
+/// What a file says of a channel.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Channel {
+    /// Such as the name of a dye.
+    pub name: Option<String>,
+    /// Red, green and blue, sRGB.
+    pub color: Option<[u8; 3]>,
+    /// The values from which to which it is to be shown.
+    pub window: Option<[f64; 2]>,
+}
+
+/// The part of a volume that clones share.
+#[derive(Debug)]
+struct Data {
+    stored: Stored,
+    /// Whether every sample is finite; empty until it is asked for.
+    finite: OnceLock<bool>,
+    /// The least and the largest stored sample of each brick, x fastest; empty until they are asked for.
+    ranges: OnceLock<Vec<[f64; 2]>>,
+}
+
+impl Data {
+    fn new(stored: Stored) -> Self {
+        Self { stored, finite: OnceLock::new(), ranges: OnceLock::new() }
+    }
+}
+
+/// A volume with all its samples in memory.
+#[derive(Debug)]
+pub struct InMemory<'a> {
+    samples: Cow<'a, Samples>,
+    slope: f64,
+    intercept: f64,
+}
+
+impl InMemory<'_> {
+    /// The samples as stored.
+    #[must_use]
+    pub fn samples(&self) -> &Samples {
+        &self.samples
+    }
+
+    /// The value of sample `index` (x fastest), in f64.
+    ///
+    /// # Panics
+    /// If `index` is not under the number of samples.
+    #[must_use]
+    pub fn value(&self, index: usize) -> f64 {
+        self.slope * self.samples.raw(index) + self.intercept
+    }
+}
+
+/// Refuses samples that do not fill the lattice.
+fn check_count(grid: &Grid, count: usize) -> Result<()> {
+    if count as u64 == grid.len() {
+        return Ok(());
+    }
+    let [x, y, z] = grid.dims();
+    Err(Error::Volume(format!("{count} samples for a lattice of {x} x {y} x {z} = {}", grid.len())))
+}
+
+/// Samples read at a time by a pass over a whole volume: 4 Mi, at most 32 MiB.
+const PASS: usize = 1 << 22;
+
+impl Volume {
+    /// A volume of a copy of `samples`, x fastest, then y, then z, on a lattice whose axes are the world's.
+    ///
+    /// `dims` are the numbers of samples along x, y and z. `spacing` is the world distance between neighbouring samples
+    /// along each of them, in any unit of length. The first sample lies at the world's origin; [`Volume::with_grid`]
+    /// places the lattice elsewhere. Values are the samples themselves; [`Volume::with_rescale`] maps them.
+    ///
+    /// ```
+    /// use voxsplat_volume::volume::{SampleType, Volume};
+    ///
+    /// // 4 x 3 x 2 samples of 16 bits, slices twice as far apart as pixels.
+    /// let samples: Vec<i16> = (0..24).collect();
+    /// let volume = Volume::from_slice([4, 3, 2], [0.5, 0.5, 1.0], &samples)?;
+    /// assert_eq!(volume.sample_type(), SampleType::I16);
+    /// assert_eq!(volume.grid().spacing(), [0.5, 0.5, 1.0]);
+    /// # Ok::<(), voxsplat_volume::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::Volume`] if the number of samples is not the product of `dims`, if a dimension is 0 or over
+    /// [`MAX_DIM`], or if a spacing is 0 or not finite; [`Error::Memory`] if there is no memory for the copy.
+    pub fn from_slice<T: Sample>(dims: [u32; 3], spacing: [f64; 3], samples: &[T]) -> Result<Self> {
+        let grid = Grid::axis_parallel(dims, spacing)?;
+        check_count(&grid, samples.len())?;
+        Self::new(grid, T::collected(stored::copied(samples)?))
+    }
+
+    /// A volume of `samples` on `grid`, x fastest, then y, then z. Values are the samples themselves.
+    ///
+    /// # Errors
+    /// [`Error::Volume`] if the grid has another number of samples.
+    pub fn new(grid: Grid, samples: Samples) -> Result<Self> {
+        Self::of(grid, Stored::Memory(Arc::new(samples)))
+    }
+
+    pub(crate) fn of(grid: Grid, stored: Stored) -> Result<Self> {
+        check_count(&grid, stored.len())?;
+        let data = Arc::new(Data::new(stored));
+        Ok(Self {
+            grid,
+            data,
+            slope: 1.0,
+            intercept: 0.0,
+            oriented: false,
+            units: Units::default(),
+            contents: Arc::default(),
+        })
+    }
+
+    /// The same samples read as `slope * sample + intercept` (NIfTI's scl_slope and scl_inter, DICOM's rescale).
+    ///
+    /// # Errors
+    /// [`Error::Volume`] if either number is not finite or the slope is 0.
+    pub fn with_rescale(mut self, slope: f64, intercept: f64) -> Result<Self> {
+        if !slope.is_finite() || slope == 0.0 || !intercept.is_finite() {
+            return Err(Error::Volume(format!("slope {slope} and intercept {intercept} do not rescale")));
+        }
+        (self.slope, self.intercept) = (slope, intercept);
+        Ok(self)
+    }
+
+    /// The same volume, with its world declared to be patient space (see [`Grid`]).
+    #[must_use]
+    pub fn with_orientation_known(mut self) -> Self {
+        self.oriented = true;
+        self
+    }
+
+    /// The same volume, with other units.
+    #[must_use]
+    pub fn with_units(mut self, units: Units) -> Self {
+        self.units = units;
+        self
+    }
+
+    /// The same volume, with what else its file holds.
+    #[must_use]
+    pub fn with_contents(mut self, contents: Contents) -> Self {
+        self.contents = Arc::new(contents);
+        self
+    }
+
+    /// The same volume on another grid of the same dimensions.
+    ///
+    /// # Errors
+    /// [`Error::Volume`] if the dimensions differ.
+    pub fn with_grid(mut self, grid: Grid) -> Result<Self> {
+        if grid.dims() != self.grid.dims() {
+            return Err(Error::Volume(format!(
+                "a grid of {:?} cannot replace one of {:?}",
+                grid.dims(),
+                self.grid.dims()
+            )));
+        }
+        self.grid = grid;
+        Ok(self)
+    }
+
+    /// The same volume with `value` in place of every value that is NaN or infinite.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the type of the samples has no finite number for `value`; [`Error::Read`] and
+    /// [`Error::Memory`] if samples shared with a clone cannot be copied.
+    pub fn with_non_finite_replaced(mut self, value: f64) -> Result<Self> {
+        let raw = (value - self.intercept) / self.slope;
+        let held = match self.sample_type() {
+            SampleType::F32 => (raw as f32).is_finite(),
+            SampleType::F64 => raw.is_finite(),
+            _ => true,
+        };
+        if !held {
+            let reason = format!("{value:?}, expected a number that samples of type {} hold", self.sample_type());
+            return Err(Error::Setting { name: "replace_nan", reason });
+        }
+        let mut stored = match Arc::try_unwrap(self.data) {
+            Ok(data) => data.stored,
+            Err(shared) => Stored::Memory(Arc::new(shared.stored.read(0..shared.stored.len())?)),
+        };
+        stored.replace_non_finite(raw);
+        self.data = Arc::new(Data { finite: OnceLock::from(true), ..Data::new(stored) });
+        Ok(self)
+    }
+
+    /// Whether another volume has the same samples on the same grid, shared with a clone.
+    pub fn is_same(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.data, &other.data) && self.grid == other.grid && self.rescale() == other.rescale()
+    }
+
+    /// The lattice and its position in the world.
+    #[must_use]
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// The type of the samples.
+    #[must_use]
+    pub fn sample_type(&self) -> SampleType {
+        self.data.stored.sample_type()
+    }
+
+    /// Whether the samples are still in their file.
+    #[must_use]
+    pub fn is_streamed(&self) -> bool {
+        matches!(self.data.stored, Stored::File(_))
+    }
+
+    /// A copy of a range of the samples, x fastest, as stored.
+    pub fn read(&self, range: Range<usize>) -> Result<Samples> {
+        self.data.stored.read(range)
+    }
+
+    /// The samples, x fastest, if they are in memory; `None` if they are still in their file.
+    #[must_use]
+    pub fn held(&self) -> Option<&Samples> {
+        match &self.data.stored {
+            Stored::Memory(samples) => Some(samples),
+            Stored::File(_) => None,
+        }
+    }
+
+    /// All samples in memory. Samples in a file are read, at every call.
+    ///
+    /// # Errors
+    /// [`Error::Read`] and [`Error::Memory`] if samples in a file cannot be read.
+    pub fn in_memory(&self) -> Result<InMemory<'_>> {
+        let samples = match &self.data.stored {
+            Stored::Memory(samples) => Cow::Borrowed(&**samples),
+            Stored::File(_) => Cow::Owned(self.read(0..self.data.stored.len())?),
+        };
+        Ok(InMemory { samples, slope: self.slope, intercept: self.intercept })
+    }
+
+    /// All samples as stored, shared if they are in memory, or read.
+    pub fn shared_samples(&self) -> Result<Arc<Samples>> {
+        match &self.data.stored {
+            Stored::Memory(samples) => Ok(Arc::clone(samples)),
+            Stored::File(file) => Ok(Arc::new(self.read(0..file.count)?)),
+        }
+    }
+
+    /// The same volume with its samples in memory, unless they take more than `bytes`.
+    pub(crate) fn loaded(mut self, bytes: u64) -> Result<Self> {
+        if self.grid.len().saturating_mul(self.sample_type().size() as u64) <= bytes
+            && let Stored::File(_) = &self.data.stored
+        {
+            let samples = self.read(0..self.data.stored.len())?;
+            self.data = Arc::new(Data::new(Stored::Memory(Arc::new(samples))));
+        }
+        Ok(self)
+    }
+
+    /// The ranges of the bricks, x fastest; `None` before the first pass over the samples.
+    fn known_ranges(&self) -> Option<&[[f64; 2]]> {
+        self.data.ranges.get().map(Vec::as_slice)
+    }
+
+    fn keep_ranges(&self, ranges: Vec<[f64; 2]>) {
+        self.data.ranges.get_or_init(|| ranges);
+    }
+
+    /// (slope, intercept): value = slope * sample + intercept.
+    #[must_use]
+    pub fn rescale(&self) -> (f64, f64) {
+        (self.slope, self.intercept)
+    }
+
+    /// Whether the file stated the directions of its axes in patient space.
+    #[must_use]
+    pub fn is_oriented(&self) -> bool {
+        self.oriented
+    }
+
+    /// The units that the file states.
+    #[must_use]
+    pub fn units(&self) -> &Units {
+        &self.units
+    }
+
+    /// What the file of the volume holds besides.
+    #[must_use]
+    pub fn contents(&self) -> &Contents {
+        &self.contents
+    }
+
+    /// The unit of world lengths: the one stated, otherwise of patient space millimetres, as DICOM has it.
+    #[must_use]
+    pub fn length_unit(&self) -> Option<&str> {
+        self.units.length.as_deref().or(self.oriented.then_some("mm"))
+    }
+
+    /// The unit of values, if it is stated.
+    #[must_use]
+    pub fn value_unit(&self) -> Option<&str> {
+        self.units.value.as_deref()
+    }
+
+    /// Refuses NaN and infinite samples: one of them would spoil every pixel that its kernel reaches.
+    ///
+    /// # Errors
+    /// [`Error::NonFinite`] if there are such samples; [`Error::Read`] and [`Error::Memory`] if samples left in a file
+    /// cannot be read.
+    pub fn check_finite(&self) -> Result<()> {
+        if !self.sample_type().is_float() || self.data.finite.get() == Some(&true) {
+            return Ok(());
+        }
+        let (mut count, mut first) = (0, None);
+        match &self.data.stored {
+            Stored::Memory(samples) => (count, first) = samples.non_finite(),
+            Stored::File(file) => {
+                for start in (0..file.count).step_by(PASS) {
+                    let (found, at) = self.read(start..file.count.min(start + PASS))?.non_finite();
+                    count += found;
+                    first = first.or(at.map(|at| start + at));
+                }
+            }
+        }
+        match first {
+            None => {
+                self.data.finite.get_or_init(|| true);
+                Ok(())
+            }
+            Some(index) => {
+                let [nx, ny, _] = self.grid.dims().map(|d| d as usize);
+                let first = [index % nx, index / nx % ny, index / (nx * ny)].map(|at| at as u32);
+                Err(Error::NonFinite { count: count as u64, first })
+            }
+        }
+    }
+}

@@ -1,0 +1,220 @@
+//! The types of samples, and their byte order.
+
+use std::str::FromStr;
+
+use super::Samples;
+use crate::error::Error;
+use crate::names::{listed, spelled};
+
+/// The type of a volume's samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[expect(missing_docs, reason = "each variant is named for the type it stands for")]
+pub enum SampleType {
+    U8,
+    I8,
+    U16,
+    I16,
+    U32,
+    I32,
+    U64,
+    I64,
+    F32,
+    F64,
+}
+
+impl SampleType {
+    /// Bytes per sample.
+    #[must_use]
+    pub fn size(self) -> usize {
+        match self {
+            Self::U8 | Self::I8 => 1,
+            Self::U16 | Self::I16 => 2,
+            Self::U32 | Self::I32 | Self::F32 => 4,
+            Self::U64 | Self::I64 | Self::F64 => 8,
+        }
+    }
+
+    /// The least and the largest number of an integer type of at most 16 bits: so few that a table has them all.
+    pub fn few(self) -> Option<[i32; 2]> {
+        match self {
+            Self::U8 => Some([0, i32::from(u8::MAX)]),
+            Self::I8 => Some([i32::from(i8::MIN), i32::from(i8::MAX)]),
+            Self::U16 => Some([0, i32::from(u16::MAX)]),
+            Self::I16 => Some([i32::from(i16::MIN), i32::from(i16::MAX)]),
+            _ => None,
+        }
+    }
+
+    /// Whether numbers of this type can be NaN or infinite.
+    #[must_use]
+    pub fn is_float(self) -> bool {
+        matches!(self, Self::F32 | Self::F64)
+    }
+
+    /// The type with a common name, in any case; runs of blanks count as one.
+    ///
+    /// Names are those of C, NumPy and the NRRD format ("unsigned short int", "uint16_t", "ushort"). Plain "long" is
+    /// not accepted: depending on the writer it has 32 or 64 bits.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        let name = name.to_ascii_lowercase().split_ascii_whitespace().collect::<Vec<_>>().join(" ");
+        Some(match name.as_str() {
+            "u8" | "uint8" | "uint8_t" | "uchar" | "unsigned char" | "byte" => Self::U8,
+            "i8" | "int8" | "int8_t" | "char" | "schar" | "signed char" => Self::I8,
+            "u16" | "uint16" | "uint16_t" | "ushort" | "unsigned short" | "unsigned short int" => Self::U16,
+            "i16" | "int16" | "int16_t" | "short" | "short int" | "signed short" | "signed short int" => Self::I16,
+            "u32" | "uint32" | "uint32_t" | "uint" | "unsigned int" => Self::U32,
+            "i32" | "int32" | "int32_t" | "int" | "signed int" => Self::I32,
+            "u64" | "uint64" | "uint64_t" | "ulonglong" | "unsigned long long" | "unsigned long long int" => Self::U64,
+            "i64"
+            | "int64"
+            | "int64_t"
+            | "longlong"
+            | "long long"
+            | "long long int"
+            | "signed long long"
+            | "signed long long int" => Self::I64,
+            "f32" | "float32" | "float" | "single" => Self::F32,
+            "f64" | "float64" | "double" => Self::F64,
+            _ => return None,
+        })
+    }
+}
+
+spelled! {
+    SampleType {
+        U8: "u8",
+        I8: "i8",
+        U16: "u16",
+        I16: "i16",
+        U32: "u32",
+        I32: "i32",
+        U64: "u64",
+        I64: "i64",
+        F32: "f32",
+        F64: "f64",
+    }
+}
+
+impl FromStr for SampleType {
+    type Err = Error;
+
+    fn from_str(s: &str) -> Result<Self, Error> {
+        Self::from_name(s).ok_or_else(|| Error::Setting {
+            name: "sample_type",
+            reason: format!("{s:?} is not a sample type: expected {}", listed(&Self::ALL.map(Self::name))),
+        })
+    }
+}
+
+/// The byte order of samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Endian {
+    /// Least significant byte first, as in nearly every file.
+    #[default]
+    Little,
+    /// Most significant byte first.
+    Big,
+}
+
+impl Endian {
+    /// The byte order of this machine.
+    pub const NATIVE: Self = if cfg!(target_endian = "big") { Self::Big } else { Self::Little };
+}
+
+spelled! { Endian { Little: "little", Big: "big" } }
+
+impl FromStr for Endian {
+    type Err = Error;
+
+    fn from_str(s: &str) -> Result<Self, Error> {
+        match s.to_ascii_lowercase().as_str() {
+            "little" | "le" | "lsb" => Ok(Self::Little),
+            "big" | "be" | "msb" => Ok(Self::Big),
+            _ => Err(Error::Setting { name: "endian", reason: format!("{s:?}, expected little or big") }),
+        }
+    }
+}
+
+/// A number type that the samples of a volume can have: `u8`, `i8`, `u16`, `i16`, `u32`, `i32`, `u64`, `i64`, `f32` or
+/// `f64`.
+///
+/// Sealed: files hold these ten types, and the device classifies them.
+pub trait Sample: Number {
+    /// The type as a value.
+    const TYPE: SampleType;
+}
+
+mod number {
+    use super::Samples;
+
+    /// Conversion to f64: 64-bit integers beyond 2^53 are rounded, all other numbers are exact.
+    pub trait ToF64: Copy + Send + Sync {
+        /// The number in f64.
+        fn to_f64(self) -> f64;
+    }
+
+    /// What the library needs of a sample type; it is not part of the interface.
+    pub trait Number: bytemuck::Pod + ToF64 {
+        /// The same number from the other byte order.
+        #[must_use]
+        fn swap(self) -> Self;
+        /// Parses a decimal number; `None` if the text is not a number of this type.
+        fn parse(text: &str) -> Option<Self>;
+        /// The samples as [`Samples`].
+        fn collected(samples: Vec<Self>) -> Samples;
+    }
+}
+pub use number::{Number, ToF64};
+
+macro_rules! samples {
+    ($swap:expr, $parse:expr; $($variant:ident $t:ty),+) => { $(
+        impl Number for $t {
+            fn swap(self) -> Self { $swap(self) }
+            fn parse(text: &str) -> Option<Self> { $parse(text) }
+            fn collected(samples: Vec<Self>) -> Samples { Samples::$variant(samples) }
+        }
+
+        impl ToF64 for $t {
+            fn to_f64(self) -> f64 { self as f64 }
+        }
+
+        impl Sample for $t {
+            const TYPE: SampleType = SampleType::$variant;
+        }
+    )+ };
+}
+samples! {
+    Self::swap_bytes,
+    // Some writers spell integers as floats: 3.0 or 1e3.
+    |text: &str| text.parse().ok().or_else(|| {
+        let number: f64 = text.parse().ok()?;
+        let integer = number as Self;
+        // Below 9e15, a little under 2^53, f64 holds every integer exactly.
+        (integer as f64 == number && number.abs() < 9e15).then_some(integer)
+    });
+    U8 u8, I8 i8, U16 u16, I16 i16, U32 u32, I32 i32, U64 u64, I64 i64
+}
+samples! {
+    |number: Self| Self::from_bits(number.to_bits().swap_bytes()),
+    |text: &str| text.parse().ok();
+    F32 f32, F64 f64
+}
+
+/// Runs one expression with the Rust type `$t` of a [`SampleType`].
+#[macro_export]
+macro_rules! with_type {
+    ($type:expr, $t:ident => $body:expr) => {
+        $crate::volume::with_type!(@ $type, $t, $body;
+            U8 u8, I8 i8, U16 u16, I16 i16, U32 u32, I32 i32, U64 u64, I64 i64, F32 f32, F64 f64)
+    };
+    (@ $type:expr, $t:ident, $body:expr; $($variant:ident $rust:ty),+) => {
+        match $type {
+            $($crate::volume::SampleType::$variant => {
+                type $t = $rust;
+                $body
+            })+
+        }
+    };
+}
+pub use crate::with_type;

@@ -1,0 +1,6 @@
+//! What draws splats: [`quads`] rasterises them into sheets, [`tiles`] gathers them along rays.
+
+pub(crate) mod choice;
+pub(crate) mod painter;
+pub(crate) mod quads;
+pub(crate) mod tiles;

@@ -1,0 +1,218 @@
+//! sort: splats into batches of consecutive sheets, by a stable counting sort.
+
+use std::ops::Range;
+
+use super::plan::Target;
+use crate::error::Result;
+use crate::gpu::context::Context;
+use crate::gpu::layout::Sort;
+use crate::gpu::pipeline::{Binding, bind, buffer_range, compute, flag, layout, module};
+use crate::gpu::recorder::Recorder;
+use crate::gpu::scan::{Scan, WORKGROUP};
+use crate::gpu::shaders;
+use crate::gpu::store::Store;
+
+/// The least splats that one invocation sorts.
+const MIN_BLOCK: u64 = 64;
+/// Counters (blocks times batches) beyond which blocks grow instead: the scan stays cheap beside the splats.
+const MAX_COUNTERS: u64 = 1 << 22;
+
+/// What the pipelines are specialised for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) struct SortKey {
+    /// Sheets are voxel planes.
+    pub(crate) axis: bool,
+    /// Kernels grow.
+    pub(crate) grown: bool,
+    /// Splats are scalars.
+    pub(crate) scalars: bool,
+    /// Splats of scalars have gradients.
+    pub(crate) gradients: bool,
+    /// Light is kept from classified voxels.
+    pub(crate) shadows: bool,
+}
+
+/// The pipelines of the sort.
+pub(crate) struct Sorter {
+    layout: wgpu::BindGroupLayout,
+    count: wgpu::ComputePipeline,
+    mark: wgpu::ComputePipeline,
+    emit: wgpu::ComputePipeline,
+}
+
+/// A run of splats of one store.
+#[derive(Debug, Clone)]
+pub(crate) struct Piece<'a> {
+    store: &'a Store,
+    splats: wgpu::Buffer,
+    /// First splat, a multiple of what storage bindings align to.
+    first: u32,
+    count: u32,
+}
+
+impl<'a> Piece<'a> {
+    /// The splats as a binding.
+    pub(crate) fn splats(&self) -> wgpu::BindingResource<'_> {
+        let stride = self.store.stride;
+        buffer_range(&self.splats, u64::from(self.first) * stride, u64::from(self.count) * stride)
+    }
+
+    /// What of a run of the store's splats is in the piece, counted from its first.
+    fn part(&self, run: &Range<u32>) -> Option<Range<u32>> {
+        let (start, end) = (run.start.max(self.first), run.end.min(self.first + self.count));
+        (start < end).then(|| start - self.first..end - self.first)
+    }
+
+    /// Where the bricks that they name begin.
+    pub(crate) fn origins(&self) -> wgpu::BindingResource<'a> {
+        self.store.origins.as_entire_binding()
+    }
+}
+
+/// A piece sorted on its own, small enough that its entries fit into one binding.
+pub(crate) struct Span<'a> {
+    pub(crate) piece: Piece<'a>,
+    /// Splats in bricks in view.
+    pub(crate) sorted: u32,
+    /// Indices of splats in the piece, by batch.
+    pub(crate) entries: wgpu::Buffer,
+    /// Where each batch starts in `entries`; one more ends the last.
+    pub(crate) starts: Vec<u32>,
+}
+
+impl Span<'_> {
+    /// The places of a batch's entries.
+    pub(crate) fn batch(&self, batch: u32) -> Range<u32> {
+        let batch = batch as usize;
+        self.starts[batch]..self.starts[batch + 1]
+    }
+}
+
+impl Sorter {
+    pub(crate) fn new(context: &Context, key: SortKey) -> Self {
+        let constants = [
+            ("AXIS", flag(key.axis)),
+            ("GROWN", flag(key.grown)),
+            ("SCALARS", flag(key.scalars)),
+            ("GRADIENTS", flag(key.gradients)),
+            ("SHADOWS", flag(key.shadows)),
+        ];
+        let module = module(context, shaders::SORT);
+        let slots = [
+            Binding::Uniform,
+            Binding::Uniform,
+            Binding::Read,
+            Binding::Write,
+            Binding::Write,
+            Binding::Write,
+            Binding::Read,
+            Binding::Read,
+        ];
+        let layout = layout(context, "sort", wgpu::ShaderStages::COMPUTE, &slots);
+        let pipeline = |entry| compute(context, &module, "sort", entry, &layout, &constants);
+        Self { count: pipeline("count"), mark: pipeline("mark"), emit: pipeline("emit"), layout }
+    }
+
+    /// Sorts the splats of all stores into batches of `sheets` sheets.
+    pub(crate) fn run<'a>(
+        &self,
+        recorder: &mut Recorder<'_>,
+        scan: &Scan,
+        target: Target<'_>,
+        sheets: u32,
+        stores: &'a [Store],
+    ) -> Result<Vec<Span<'a>>> {
+        let context = recorder.context;
+        let binding = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size);
+        // Offsets of storage bindings are multiples of at most 256 bytes: 32 scalars.
+        let most = (binding / 4 / target.plan.batches_per_splat(sheets) / 32 * 32).max(32);
+        let mut spans = Vec::new();
+        for store in stores {
+            let runs = target.plan.in_view(store, target.region);
+            for first in (0..u64::from(store.count)).step_by(most as usize) {
+                let count = most.min(u64::from(store.count) - first);
+                let splats = store.on_device(context)?;
+                let piece = Piece { store, splats, first: first as u32, count: count as u32 };
+                let runs: Vec<_> = runs.iter().filter_map(|run| piece.part(run)).collect();
+                if !runs.is_empty() {
+                    spans.push(self.span(recorder, scan, target, sheets, piece, &runs)?);
+                }
+            }
+        }
+        Ok(spans)
+    }
+
+    /// Sorts the runs of a piece.
+    fn span<'a>(
+        &self,
+        recorder: &mut Recorder<'_>,
+        scan: &Scan,
+        Target { plan, frame, .. }: Target<'_>,
+        sheets_per_batch: u32,
+        piece: Piece<'a>,
+        runs: &[Range<u32>],
+    ) -> Result<Span<'a>> {
+        let context = recorder.context;
+        let batches = plan.sheets().div_ceil(sheets_per_batch);
+        let blocks = blocks(runs, batches);
+        let block_count = blocks.len() as u64;
+        let counters = block_count * u64::from(batches.max(1)) + 1;
+        let parameters = Sort { blocks: blocks.len() as u32, batches, sheets_per_batch };
+        let parameters =
+            context.upload("sort.parameters", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
+        let storage = wgpu::BufferUsages::STORAGE;
+        let places = context.buffer("sort.places", counters * 4, storage)?;
+        let starts_bytes = u64::from(batches + 1) * 4;
+        let starts = context.buffer("sort.starts", starts_bytes, storage | wgpu::BufferUsages::COPY_SRC)?;
+        let none = context.buffer("sort.no_entries", 16, storage)?;
+        let blocks = context.upload("sort.blocks", bytemuck::cast_slice(&blocks), storage)?;
+        let bindings = |entries: &wgpu::Buffer| {
+            let resources = [
+                frame.as_entire_binding(),
+                parameters.as_entire_binding(),
+                piece.splats(),
+                places.as_entire_binding(),
+                starts.as_entire_binding(),
+                entries.as_entire_binding(),
+                piece.origins(),
+                blocks.as_entire_binding(),
+            ];
+            bind(context, "sort", &self.layout, &resources)
+        };
+        let (x, y) = context.workgroups(block_count, WORKGROUP);
+        {
+            let mut pass = recorder.compute_pass("sort");
+            let group = bindings(&none);
+            pass.set_pipeline(&self.count);
+            pass.set_bind_group(0, &group, &[]);
+            pass.dispatch_workgroups(x, y, 1);
+            scan.record(context, &mut pass, &places, counters)?;
+            pass.set_pipeline(&self.mark);
+            pass.set_bind_group(0, &group, &[]);
+            let (x, y) = context.workgroups(u64::from(batches) + 1, WORKGROUP);
+            pass.dispatch_workgroups(x, y, 1);
+        }
+        let starts = recorder.read_back("sort.starts_staging", &starts, starts_bytes)?;
+        recorder.submit();
+        let starts: Vec<u32> = starts.values(context, "sorting")?;
+        let total = starts.last().copied().unwrap_or(0);
+        // Written by the termination of splats too.
+        let usage = storage | wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::COPY_SRC;
+        let entries = context.buffer("sort.entries", u64::from(total) * 4, usage)?;
+        recorder.dispatch("sort", &self.emit, &bindings(&entries), &[], [x, y, 1]);
+        recorder.submit();
+        let sorted = runs.iter().map(|run| run.len() as u32).sum();
+        Ok(Span { piece, sorted, entries, starts })
+    }
+}
+
+/// Runs of splats in the blocks that one invocation sorts each, given by their first splat and the one after the last.
+fn blocks(runs: &[Range<u32>], batches: u32) -> Vec<[u32; 2]> {
+    let sorted: u64 = runs.iter().map(|run| run.len() as u64).sum();
+    let block = sorted.div_ceil((MAX_COUNTERS / u64::from(batches.max(1))).max(1)).max(MIN_BLOCK) as u32;
+    let of = |run: &Range<u32>| {
+        let end = run.end;
+        run.clone().step_by(block as usize).map(move |first| [first, end.min(first + block)])
+    };
+    runs.iter().flat_map(of).collect()
+}

@@ -1,0 +1,70 @@
+//! A picture in layers: rays through one eye go through finer cells near the eye and coarser ones farther away, each
+//! level on its own, front to back. Most pictures have one layer.
+
+use super::Canvas;
+use super::paint::{Picture, need, refusal};
+use crate::error::Result;
+use crate::gpu::recorder::Recorder;
+use crate::image::Region;
+use crate::painters::painter::{Begun, Job, Painting, Room};
+use crate::stats::{PainterStats, TilesStats};
+
+/// The painter: fast, and not for every picture.
+pub(crate) const ROOM: Room = Room { refusal, need, layers: true, begin };
+
+fn begin<'a>(nearest: Job<'a>, behind: Vec<Job<'a>>) -> Result<Begun<'a>> {
+    let jobs = std::iter::once(nearest).chain(behind);
+    let pictures: std::result::Result<Vec<Picture<'_>>, String> = jobs.map(Picture::new).collect();
+    Ok(match pictures {
+        Err(reason) => Begun::Refused(reason),
+        Ok(pictures) if pictures.iter().any(Picture::is_left_to_quads) => {
+            Begun::Refused("an X-ray of few voxels is faster by quads".to_owned())
+        }
+        Ok(pictures) => Begun::Ready(Box::new(Layers(pictures))),
+    })
+}
+
+/// The layers of a picture, the nearest first.
+struct Layers<'a>(Vec<Picture<'a>>);
+
+impl Painting for Layers<'_> {
+    fn is_empty(&self) -> bool {
+        self.0.iter().all(Picture::is_empty)
+    }
+
+    fn pixel_bytes(&self) -> u32 {
+        self.0.iter().map(Picture::pixel_bytes).max().unwrap_or_default()
+    }
+
+    fn most_pixels(&self) -> u64 {
+        self.0.iter().map(Picture::most_pixels).min().unwrap_or(u64::MAX)
+    }
+
+    fn make_pipelines(&self) -> Result<()> {
+        self.0.iter().try_for_each(|layer| layer.pipelines().map(|_| ()))
+    }
+
+    fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, part: Region) -> Result<wgpu::Buffer> {
+        let mut canvas = Canvas::new(recorder.context, region, part)?;
+        self.0.iter_mut().try_for_each(|layer| layer.paint(recorder, &mut canvas))?;
+        Ok(canvas.pixels)
+    }
+
+    fn footprint_error(&self) -> f64 {
+        self.0.iter().map(Picture::footprint_error).fold(0.0, f64::max)
+    }
+
+    fn stats(&self) -> PainterStats {
+        let layers = self.0.iter().map(Picture::stats);
+        // Every layer has the same rays; slabs are the thinnest.
+        let all = layers.reduce(|near, far| TilesStats {
+            slabs: near.slabs + far.slabs,
+            rays: near.rays.max(far.rays),
+            packed_bytes: near.packed_bytes + far.packed_bytes,
+            marches: near.marches.max(far.marches),
+            spacing: near.spacing.or(far.spacing),
+            slab_thickness: near.slab_thickness,
+        });
+        PainterStats::Tiles(all.unwrap_or_default())
+    }
+}

@@ -1,0 +1,247 @@
+//! The stage on the host: the twin of the one on the device.
+
+use std::ops::Range;
+
+use bytemuck::Pod as Words;
+use rayon::prelude::*;
+
+use super::{Lit, Packing, Voxel};
+use crate::error::Result;
+use crate::gpu::layout::{MACROCELL, MARGIN, Pack};
+use crate::gpu::recorder::Recorder;
+use crate::gpu::splat::{self, LANES};
+use crate::gpu::store::{BrickSplats, HostBrick, Row, Store, places};
+use crate::painters::tiles::axis::unordered;
+use crate::volume::BRICK_EDGE as EDGE;
+use voxsplat_volume::memory::reserved;
+
+/// Bytes of the buffer that is packed and copied to the texture at a time: they stay in the caches.
+const BAND: u64 = 4 << 20;
+
+/// Rows of the texture that a thread packs at a time. It reads up to so many neighbours along a row of the lattice, so
+/// that cache lines are read once.
+const ROWS: usize = 16;
+
+/// The stage on the host.
+pub(super) struct HostStage<'a> {
+    pub(super) packing: &'a Packing,
+    pub(super) lit: &'a Lit<'a>,
+    /// Some light is at a place.
+    pub(super) points: bool,
+    pub(super) parameters: &'a Pack,
+}
+
+/// Splats of a row of a brick.
+struct Run<'a> {
+    /// Lattice points: along x, of each splat; beyond the last any.
+    xs: [u32; LANES],
+    y: u32,
+    z: u32,
+    /// Words of a splat without its place, and those of the splats and of some that follow.
+    each: usize,
+    words: &'a [u32],
+}
+
+impl Run<'_> {
+    /// Word number `index` of each splat; 0 beyond the last.
+    fn column(&self, index: usize) -> [u32; LANES] {
+        let mut column = [0; LANES];
+        for (place, words) in column.iter_mut().zip(self.words.chunks_exact(self.each)) {
+            *place = words[index];
+        }
+        column
+    }
+}
+
+/// A brick with its splats.
+type Held<'a> = (BrickSplats, &'a HostBrick);
+
+impl HostStage<'_> {
+    pub(super) fn run(
+        &self,
+        recorder: &mut Recorder<'_>,
+        stores: &[Store],
+        volume: &wgpu::Texture,
+        occupied: &wgpu::Texture,
+    ) -> Result<()> {
+        let context = recorder.context;
+        let held = stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
+        let bricks = stores.iter().zip(&held).flat_map(|(store, held)| store.bricks.iter().copied().zip(held.iter()));
+        let bricks: Vec<Held<'_>> = bricks.collect();
+        let marks = self.packing.marks(&bricks)?;
+        context.write_texels(occupied, [0; 3], bytemuck::cast_slice(&marks), self.packing.macrocells());
+        let Pack { scale, .. } = *self.parameters;
+        match self.packing.voxel {
+            Voxel::Scalar => self.fill(recorder, volume, &bricks, |run| run.column(0)),
+            Voxel::Gradient => self.fill(recorder, volume, &bricks, |run| {
+                let scalars = run.column(0).map(|bits| f32::from_bits(bits) * scale);
+                let mut gradients = [[0.0; LANES]; 3];
+                let (low, high) = (run.column(1), run.column(2));
+                for i in 0..LANES {
+                    let gradient = splat::gradient([low[i], high[i]]);
+                    (0..3).for_each(|axis| gradients[axis][i] = gradient[axis] * scale);
+                }
+                splat::halves(&gradients, &scalars)
+            }),
+            Voxel::Color { lights, shadows } => self.fill(recorder, volume, &bricks, |run| {
+                let (mut colors, densities) = splat::appearances(&run.column(0), &run.column(1));
+                if lights > 0 {
+                    let kept = shadows.then(|| splat::kept(&run.column(3), &run.column(4)));
+                    let to_eye = self.lit.to_eye.at(&run.xs, run.y, run.z);
+                    let lighting = self.lit.lighting;
+                    let places = self.points.then(|| splat::places(lighting, &run.xs, run.y, run.z));
+                    let normals = splat::normals(&run.column(2));
+                    splat::light(lighting, lights, &mut colors, &normals, kept.as_ref(), places.as_ref(), &to_eye);
+                }
+                let weights = densities.map(|density| density * scale);
+                for color in &mut colors {
+                    color.iter_mut().zip(weights).for_each(|(c, weight)| *c *= weight);
+                }
+                splat::halves(&colors, &weights)
+            }),
+        }
+    }
+
+    /// Fills the texture with what `packed` makes of splats.
+    fn fill<V: Words + Send + Sync>(
+        &self,
+        recorder: &mut Recorder<'_>,
+        volume: &wgpu::Texture,
+        bricks: &[Held<'_>],
+        packed: impl Fn(&Run<'_>) -> [V; LANES] + Sync,
+    ) -> Result<()> {
+        let context = recorder.context;
+        let [width, height] = self.packing.size;
+        let row = 2 * width as usize;
+        let most = (BAND as usize / (row * size_of::<V>())).next_multiple_of(ROWS).min(height as usize);
+        let mut band = reserved((most * row) as u64, || "a packed volume".to_owned())?;
+        band.resize(most * row, V::zeroed());
+        for first in (0..height as usize).step_by(most) {
+            let rows = first..(first + most).min(height as usize);
+            let planes = self.packing.planes(rows.start as u32..rows.end as u32);
+            let (low, axis) = (self.packing.low[2], self.packing.axes[2]);
+            let near = |(brick, _): &Held<'_>| {
+                brick.bounds[0][axis] < low + planes.end && brick.bounds[1][axis] > low + planes.start
+            };
+            let near: Vec<Held<'_>> = bricks.iter().copied().filter(near).collect();
+            let band = &mut band[..rows.len() * row];
+            band.par_chunks_mut(ROWS * row).enumerate().for_each(|(index, voxels)| {
+                voxels.fill(V::zeroed());
+                self.packing.fill_rows(first + index * ROWS, voxels, &near, &packed);
+            });
+            // One band at a time on its way, while the next one is filled.
+            context.wait("packing the volume")?;
+            let size = [width, rows.len() as u32, 1];
+            context.write_texels(volume, [0, first as u32, 0], bytemuck::cast_slice(band), size);
+            recorder.submit();
+        }
+        Ok(())
+    }
+}
+
+/// The part of a brick that is in a box of the lattice.
+struct Part {
+    /// Bits of the places in a row.
+    xs: u32,
+    ys: Range<u32>,
+    zs: Range<u32>,
+}
+
+impl Part {
+    /// The part from one lattice point to before another, if any.
+    fn new(brick: &BrickSplats, from: [u32; 3], to: [u32; 3]) -> Option<Self> {
+        let [low, high] = brick.bounds;
+        let [xs, ys, zs] = [0, 1, 2].map(|axis| low[axis].max(from[axis])..high[axis].min(to[axis]));
+        let x0 = brick.origin[0];
+        let bits = || u32::MAX << (xs.start - x0) & u32::MAX >> (u32::BITS - (xs.end - x0));
+        (!xs.is_empty() && !ys.is_empty() && !zs.is_empty()).then(|| Self { xs: bits(), ys, zs })
+    }
+}
+
+impl Packing {
+    /// A mark for each macrocell with splats.
+    fn marks(&self, bricks: &[Held<'_>]) -> Result<Vec<u32>> {
+        let [na, nb, nm] = self.macrocells();
+        let count = u64::from(na) * u64::from(nb) * u64::from(nm);
+        let mut marks = reserved(count, || "the macrocells of a volume".to_owned())?;
+        marks.resize(count as usize, 0_u32);
+        let low = unordered(self.axes, self.low);
+        let [step_x, step_y, step_z] = unordered(self.axes, [1, na, na * nb]);
+        let ends = unordered(self.axes, [0, 1, 2].map(|i| self.low[i] + self.dims[i]));
+        for (brick, held) in bricks {
+            let Some(Part { xs: mask, ys, zs }) = Part::new(brick, low, ends) else { continue };
+            let [x0, y0, z0] = brick.origin;
+            for (z, y) in zs.flat_map(|z| ys.clone().map(move |y| (z, y))) {
+                let mut bits = held.rows[(y - y0) as usize + EDGE * (z - z0) as usize].bits & mask;
+                let line = (y - low[1]) / MACROCELL * step_y + (z - low[2]) / MACROCELL * step_z;
+                while bits != 0 {
+                    let x = x0 + bits.trailing_zeros() - low[0];
+                    marks[(line + x / MACROCELL * step_x) as usize] = 1;
+                    // On to the next one that is in another macrocell.
+                    let rest = MACROCELL - x % MACROCELL + bits.trailing_zeros();
+                    bits &= u32::MAX.checked_shl(rest).unwrap_or(0);
+                }
+            }
+        }
+        Ok(marks)
+    }
+
+    /// Fills rows of the texture, from row `first` on, all zeros so far.
+    fn fill_rows<V: Copy>(
+        &self,
+        first: usize,
+        voxels: &mut [V],
+        bricks: &[Held<'_>],
+        packed: &impl Fn(&Run<'_>) -> [V; LANES],
+    ) {
+        let [across, down, deep] = self.dims.map(|n| n as usize);
+        let row = 2 * self.size[0] as usize;
+        let column = 2 * (self.row_texels + MARGIN) as usize;
+        let (columns, shelf) = (self.columns as usize, down + 1);
+        let end = first + voxels.len() / row;
+        // The rows may belong to several shelves.
+        for number in first / shelf..end.div_ceil(shelf) {
+            let top = number * shelf + 1;
+            let (b_low, b_high) = (first.saturating_sub(top).min(down), end.saturating_sub(top).min(down));
+            let (m_low, m_high) = (number * columns, ((number + 1) * columns).min(deep));
+            if b_low >= b_high || m_low >= m_high {
+                continue;
+            }
+            // The box of the lattice that they show, and how far apart neighbours along its axes are.
+            let low = unordered(self.axes, [0, b_low, m_low].map(|n| n as u32));
+            let high = unordered(self.axes, [across, b_high, m_high].map(|n| n as u32));
+            let steps = unordered(self.axes, [1, row as u32, column as u32]).map(|n| n as usize);
+            let start = (top + b_low - first) * row + 2 * MARGIN as usize;
+            let corner = unordered(self.axes, self.low);
+            for (brick, held) in bricks {
+                let [from, to] = [low, high].map(|end| [0, 1, 2].map(|axis| end[axis] + corner[axis]));
+                let Some(Part { xs: mask, ys, zs }) = Part::new(brick, from, to) else { continue };
+                let [x0, y0, z0] = brick.origin;
+                for z in zs {
+                    for y in ys.clone() {
+                        let Row { bits, first } = held.rows[(y - y0) as usize + EDGE * (z - z0) as usize];
+                        let wanted = bits & mask;
+                        let mut rest = places(wanted).map(|x| x0 + x as u32);
+                        if wanted == 0 {
+                            continue;
+                        }
+                        let before = (bits & ((1 << wanted.trailing_zeros()) - 1)).count_ones();
+                        let words = &held.words[(first + before) as usize * held.each..];
+                        let at = |axis: usize, place: u32| (place - low[axis] - corner[axis]) as usize * steps[axis];
+                        let line = start + at(1, y) + at(2, z);
+                        for words in words.chunks(held.each * LANES) {
+                            let mut run = Run { xs: [x0; LANES], y, z, each: held.each, words };
+                            let count = run.xs.iter_mut().zip(&mut rest).map(|(to, x)| *to = x).count();
+                            if count == 0 {
+                                break;
+                            }
+                            for (x, voxel) in run.xs.into_iter().zip(packed(&run)).take(count) {
+                                voxels[line + at(0, x)] = voxel;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,305 @@
+//! pack: from the splats of a scene to the texture that rays read, on the device or by its twin on the host. See
+//! shaders/common/packing.wgsl and shaders/pack.wgsl.
+
+mod device;
+mod host;
+
+use std::ops::Range;
+
+use bytemuck::Zeroable;
+
+use self::device::DeviceStage;
+use self::host::HostStage;
+use super::axis::unordered;
+use crate::error::Result;
+use crate::gpu::context::Context;
+use crate::gpu::layout::{Lighting, MACROCELL, MARGIN, Pack};
+use crate::gpu::pipeline::{Binding, compute, flag, layout, module};
+use crate::gpu::recorder::Recorder;
+use crate::gpu::shaders;
+use crate::gpu::splat::ToEye;
+use crate::gpu::store::Store;
+
+/// What is packed of a voxel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub(super) enum Voxel {
+    /// Colour and density of classified voxels. The colours are lit already, by this number of lights, some of whose
+    /// light may be kept from them.
+    Color { lights: u32, shadows: bool },
+    /// The scalar.
+    #[default]
+    Scalar,
+    /// The scalar and its gradient.
+    Gradient,
+}
+
+impl Voxel {
+    fn is_scalar(self) -> bool {
+        matches!(self, Self::Scalar | Self::Gradient)
+    }
+
+    /// Bytes of a texel, which holds two voxels.
+    fn texel(self) -> u64 {
+        if self == Self::Scalar { 8 } else { 16 }
+    }
+
+    /// The binding of the texture that rays read.
+    pub(super) fn binding(self, software: bool) -> Binding {
+        if self == Self::Scalar && !software {
+            Binding::IntegerTexture(wgpu::TextureViewDimension::D2)
+        } else {
+            Binding::ReadTexture(self.format())
+        }
+    }
+
+    /// Its format.
+    pub(super) fn format(self) -> wgpu::TextureFormat {
+        if self == Self::Scalar { wgpu::TextureFormat::Rg32Uint } else { wgpu::TextureFormat::Rgba32Uint }
+    }
+}
+
+/// The most bytes of a packed volume. The box around visible voxels is packed whole, so that much may be empty.
+const MAX_BYTES: u64 = 4 << 30;
+/// The largest density after scaling: a power of two with room below 65504, the largest f16.
+const F16_HEADROOM: f64 = 16_384.0;
+/// The largest factor that densities are scaled by, a power of two: products with it stay in the range of f32.
+const MAX_SCALE: f64 = (1_u128 << 100) as f64;
+
+/// Where the voxels of a volume are in the texture: the rows of shaders/common/packing.wgsl.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Packing {
+    pub(super) voxel: Voxel,
+    /// Numbers of the lattice axes a, b and m.
+    pub(super) axes: [usize; 3],
+    /// First lattice point of the box along a, b and m.
+    pub(super) low: [u32; 3],
+    /// Lattice points of the box along a, b and m.
+    pub(super) dims: [u32; 3],
+    /// Planes side by side.
+    pub(super) columns: u32,
+    /// Texels of a row of voxels, without its margin.
+    pub(super) row_texels: u32,
+    /// Width and height of the texture.
+    size: [u32; 2],
+}
+
+impl Packing {
+    /// The packing of the box around the bricks of splats that are `seen`, or if `whole`, of the lattice of `dims`
+    /// points; `None` if it does not fit into a texture.
+    pub(super) fn new(
+        context: &Context,
+        stores: &[Store],
+        dims: [u32; 3],
+        whole: bool,
+        seen: impl Fn([[u32; 3]; 2]) -> bool,
+        axes: [usize; 3],
+        voxel: Voxel,
+    ) -> Option<Self> {
+        let boxes = stores.iter().flat_map(Store::runs).map(|(brick, _)| brick.bounds).filter(|&bounds| seen(bounds));
+        let (low, high) = boxes.fold(([u32::MAX; 3], [0; 3]), |hull, next| {
+            let ends = |i: usize| (hull.0[i].min(next[0][i]), hull.1[i].max(next[1][i]));
+            let ends = [0, 1, 2].map(ends);
+            (ends.map(|(low, _)| low), ends.map(|(_, high)| high))
+        });
+        let (low, high) = if whole { ([0; 3], dims) } else { (low, high) };
+        let low = axes.map(|axis| low[axis]);
+        let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
+        let [a, b, m] = dims;
+        let most = u64::from(context.limits.max_texture_dimension_2d);
+        let row_texels = a.div_ceil(2);
+        let rows = u64::from(b) + 1;
+        // As many planes side by side as make the texture about square.
+        let column = u64::from(row_texels + MARGIN);
+        let columns = ((f64::from(m) * rows as f64 / column as f64).sqrt().ceil() as u64).clamp(1, u64::from(m.max(1)));
+        // A row of a buffer that is copied to a texture begins at a multiple of so many bytes; texels have 8 at least.
+        let align = u64::from(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT) / 8;
+        let width = (columns * column + u64::from(MARGIN)).next_multiple_of(align);
+        let height = u64::from(m).div_ceil(columns) * rows + 1;
+        let fits = width <= most && height <= most && width * height * voxel.texel() <= MAX_BYTES;
+        let macrocells =
+            dims.map(|n| n.div_ceil(MACROCELL)).iter().all(|&n| n <= context.limits.max_texture_dimension_3d);
+        (fits && macrocells).then_some(Self {
+            voxel,
+            axes,
+            low,
+            dims,
+            columns: columns as u32,
+            row_texels,
+            size: [width as u32, height as u32],
+        })
+    }
+
+    /// Whether there is no voxel in the box.
+    pub(super) fn is_empty(&self) -> bool {
+        self.dims.contains(&0)
+    }
+
+    /// Whether so many splats are packed faster on the host. A software adapter is the host: there the device takes
+    /// about 55 ns for each splat, the way to it included, and the host 2 ns for each byte of the texture, all of which
+    /// it sends.
+    pub(super) fn is_for_host(&self, context: &Context, splats: u64) -> bool {
+        const BYTES: u64 = 28;
+        let [width, height] = self.size.map(u64::from);
+        context.info.is_software() && BYTES * splats > width * height * self.voxel.texel()
+    }
+
+    /// Macrocells along a, b and m.
+    fn macrocells(&self) -> [u32; 3] {
+        self.dims.map(|n| n.div_ceil(MACROCELL))
+    }
+
+    /// The textures of the voxels and of the macrocells. Shaders read both as storage, or write them, and buffers are
+    /// copied to them.
+    fn textures(&self, context: &Context) -> [wgpu::Texture; 2] {
+        let usage =
+            wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
+        let texture = |label, format, size, dimension| context.texture(label, format, size, dimension, usage);
+        let [width, height] = self.size;
+        [
+            texture("pack.volume", self.voxel.format(), [width, height, 1], wgpu::TextureDimension::D2),
+            texture("pack.occupied", wgpu::TextureFormat::R32Uint, self.macrocells(), wgpu::TextureDimension::D3),
+        ]
+    }
+
+    /// The planes that have voxels in these rows of the texture.
+    fn planes(&self, rows: Range<u32>) -> Range<u32> {
+        let shelf = self.dims[1] + 1;
+        let at = |row: u32| (row / shelf * self.columns).min(self.dims[2]);
+        at(rows.start.saturating_sub(1))..at(rows.end.saturating_sub(1) + shelf)
+    }
+}
+
+/// A packed volume on the device.
+#[derive(Debug)]
+pub(crate) struct Packed {
+    pub(super) packing: Packing,
+    /// [`Store::id`] of the first store that it was made from.
+    pub(super) source: Option<u64>,
+    pub(super) volume: wgpu::TextureView,
+    pub(super) occupied: wgpu::TextureView,
+    /// The factor that densities, or scalars with gradients, were multiplied by: a power of two.
+    pub(super) scale: f64,
+    bytes: u64,
+}
+
+impl Packed {
+    /// Bytes on the device.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.bytes
+    }
+}
+
+/// What packs.
+pub(super) enum Packer {
+    Device {
+        layout: wgpu::BindGroupLayout,
+        voxels: wgpu::ComputePipeline,
+    },
+    /// The twin on the host, and whether some light is at a place.
+    Host {
+        points: bool,
+    },
+}
+
+/// The light on what is packed.
+pub(super) struct Lit<'a> {
+    pub(super) lighting: &'a Lighting,
+    pub(super) to_eye: ToEye,
+}
+
+impl Packer {
+    pub(super) fn new(context: &Context, voxel: Voxel, perspective: bool, points: bool, on_host: bool) -> Self {
+        if on_host { Self::Host { points } } else { Self::on_device(context, voxel, perspective, points) }
+    }
+
+    /// `points`: some light is at a place.
+    pub(super) fn on_device(context: &Context, voxel: Voxel, perspective: bool, points: bool) -> Self {
+        let slots = [
+            Binding::Uniform,
+            Binding::Uniform,
+            Binding::Read,
+            Binding::Read,
+            Binding::Write,
+            Binding::StorageTexture(wgpu::TextureFormat::R32Uint, wgpu::TextureViewDimension::D3),
+        ];
+        let stage = wgpu::ShaderStages::COMPUTE;
+        let pack = layout(context, "pack", stage, &slots);
+        let (lights, shadows) = match voxel {
+            Voxel::Color { lights, shadows } => (lights, shadows),
+            _ => (0, false),
+        };
+        let constants = [
+            ("LIGHTS", f64::from(lights)),
+            ("POINT_LIGHTS", flag(points && lights > 0)),
+            ("SHADOWS", flag(shadows)),
+            ("SCALARS", flag(voxel.is_scalar())),
+            ("GRADIENTS", flag(voxel == Voxel::Gradient)),
+            // The direction to the eye is all that a perspective changes here.
+            ("PERSPECTIVE", flag(perspective && lights > 0)),
+        ];
+        let voxels = compute(context, &module(context, shaders::PACK), "pack", "voxels", &pack, &constants);
+        Self::Device { layout: pack, voxels }
+    }
+
+    /// Packs the splats of stores, whose largest weight is `max_weight`; into the textures of `over`, the same splats
+    /// packed alike but for their light, if that is given.
+    pub(super) fn run(
+        &self,
+        recorder: &mut Recorder<'_>,
+        stores: &[Store],
+        packing: Packing,
+        lit: &Lit<'_>,
+        max_weight: f64,
+        over: Option<Packed>,
+    ) -> Result<Packed> {
+        let scale = match packing.voxel {
+            Voxel::Scalar => 1.0,
+            _ => (F16_HEADROOM / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(MAX_SCALE),
+        };
+        let ToEye { eye, view: [view_x, view_y, view_z], .. } = lit.to_eye;
+        let parameters = Pack {
+            low: unordered(packing.axes, packing.low),
+            axes: packing.axes.map(|axis| axis as u32),
+            rows: packing.dims[1],
+            columns: packing.columns,
+            row_texels: packing.row_texels,
+            width: packing.size[0],
+            scale: scale as f32,
+            planes: packing.dims[2],
+            across: packing.dims[0],
+            eye,
+            view_x,
+            view_y,
+            view_z,
+            ..Pack::zeroed()
+        };
+        let context = recorder.context;
+        let [volume, occupied] = match over {
+            Some(Packed { volume, occupied, .. }) => [volume, occupied].map(|view| view.texture().clone()),
+            None => packing.textures(context),
+        };
+        match self {
+            Self::Device { layout, voxels } => {
+                let lighting = lit.lighting;
+                let stage = DeviceStage { layout, voxels, stores, packing: &packing, lighting };
+                stage.run(recorder, parameters, &volume, &occupied)?;
+            }
+            &Self::Host { points } => {
+                let stage = HostStage { packing: &packing, lit, points, parameters: &parameters };
+                recorder.on_host("pack", |recorder| stage.run(recorder, stores, &volume, &occupied))?;
+            }
+        }
+        let [volume, occupied] =
+            [volume, occupied].map(|texture| texture.create_view(&wgpu::TextureViewDescriptor::default()));
+        let [width, height] = packing.size.map(u64::from);
+        let macrocells: u64 = packing.macrocells().into_iter().map(u64::from).product();
+        Ok(Packed {
+            packing,
+            source: stores.first().map(|store| store.id),
+            volume,
+            occupied,
+            scale,
+            bytes: width * height * packing.voxel.texel() + macrocells * 4,
+        })
+    }
+}

@@ -1,0 +1,407 @@
+//! layers: several media on one lattice to splats, on the host for every adapter. Emissions of all layers are added up
+//! voxel by voxel; the normal is that of the layer that absorbs most there.
+
+use super::cells::{Classification, Emission, Looks};
+use crate::error::Result;
+use crate::gpu::cache::Cache;
+use crate::gpu::classify::{Classified, STRIDE, gradient_of, gradients, steepness_of};
+use crate::gpu::context::Context;
+use crate::gpu::splat::{packed_appearance, packed_normal, resolution_at};
+use crate::gpu::store::{BrickSplats, Bricks, HostBrick, StoreBuilder};
+use crate::gpu::transfer::{Reduction, Relative};
+use crate::layers::{Layer, Layers, Mask, Matter, luminance};
+use crate::progress::Progress;
+use crate::transfer::{Resolution, TransferFunction, scaled_share};
+use crate::volume::{BRICK_EDGE as EDGE, Number, RowCoding, Strip, Volume};
+use voxsplat_volume::memory::reserved;
+
+/// Voxels to either side of one that its normal is made of, where that of samples would be blocky: labels and masks
+/// jump.
+const REACH: usize = 4;
+/// The standard deviation of the Gaussian that such normals are gradients of, voxels.
+const DEVIATION: f64 = 1.5;
+/// The least gradient of the smoothed field, per voxel, in the largest extinction of the layer: below there is no
+/// surface.
+const FLAT: f32 = 1e-4;
+
+/// What a layer has at a voxel: its [`Emission`], and the scalar that it is of.
+type Voxel = [f32; 5];
+
+/// A layer as it is classified.
+struct Painted<'a> {
+    /// What is read of it: one volume, or if voxels have colours, red, green, blue and maybe alpha.
+    volumes: Vec<&'a Volume>,
+    /// If they have.
+    white: Option<f64>,
+    classification: Classification<'a>,
+    scalars: Option<Relative>,
+    /// Gradient opacity, of gradients of scalars; empty: extinction does not depend on them.
+    thinning: Vec<[f32; 2]>,
+    /// The resolution of a scalar of 0; `None`: all gradients of scalars are a surface's.
+    faintest: Option<f32>,
+    mask: Option<&'a Mask>,
+    /// Whether normals are gradients of the smoothed extinction, not of scalars.
+    smoothed: bool,
+    /// The least gradient of that which is a surface's.
+    flat: f32,
+    /// Of each brick, x fastest, whether something of it may show.
+    shows: Vec<bool>,
+}
+
+impl<'a> Painted<'a> {
+    fn new(layer: &'a Layer, unit: f64, keep: bool) -> Result<Self> {
+        let volume = layer.volume();
+        let unit = unit / layer.unit();
+        let (mut volumes, mut white) = (vec![volume], None);
+        let mut faintest = None;
+        let (looks, scalars, thinning) = match &layer.matter {
+            Matter::Scalars { transfer, .. } => {
+                let reduction = Reduction::new(transfer, 1.0);
+                let scale = reduction.factor() * volume.grid().unit();
+                let thinning = transfer.scaled_gradient_opacity(scale);
+                faintest = Some(reduction.faintest(&Resolution::new(transfer, volume)?));
+                (Looks::Transfer(transfer), Some(Relative::new(volume, reduction)), thinning)
+            }
+            Matter::Labels { looks, .. } => (Looks::Labels(looks), None, Vec::new()),
+            Matter::Colors(colors) => {
+                volumes = colors.channels.iter().chain(&colors.alpha).collect();
+                white = Some(colors.white);
+                let reduction = Reduction::new(&colors.transfer, 1.0);
+                (Looks::Transfer(&colors.transfer), Some(Relative::of_values(reduction)), Vec::new())
+            }
+        };
+        let ranges = volumes.iter().map(|volume| value_ranges(volume)).collect::<Result<Vec<_>>>()?;
+        let range = |brick: usize| match ranges.as_slice() {
+            [red, green, blue] => [0, 1].map(|end| luminance([red, green, blue].map(|c| c[brick][end]))),
+            [.., last] => last[brick],
+            [] => [f64::NEG_INFINITY, f64::INFINITY],
+        };
+        let bricks = ranges.first().map_or(0, Vec::len);
+        let mut shows: Vec<bool> = (0..bricks).map(|brick| keep || looks.show(range(brick))).collect();
+        if let Some(Mask { volume, shown }) = &layer.mask {
+            for (shows, [low, high]) in shows.iter_mut().zip(value_ranges(volume)?) {
+                let from = shown.partition_point(|&label| (label as f64) < low);
+                *shows &= shown.get(from).is_some_and(|&label| label as f64 <= high);
+            }
+        }
+        Ok(Self {
+            classification: match white {
+                // Of luminance and alpha.
+                Some(_) => Classification::of_values(looks, unit),
+                None => Classification::new(volume, looks, unit),
+            },
+            volumes,
+            white,
+            smoothed: scalars.is_none() || layer.mask.is_some(),
+            scalars,
+            thinning,
+            faintest,
+            mask: layer.mask.as_ref(),
+            flat: FLAT * (TransferFunction::extinction(layer.max_opacity(), 1.0) * unit) as f32,
+            shows,
+        })
+    }
+
+    /// The difference under which those of a voxel's scalar are rounding.
+    fn resolution(&self, voxel: &Voxel) -> f32 {
+        self.faintest.map_or(0.0, |faintest| resolution_at(voxel[4], faintest))
+    }
+
+    /// What it has of a brick with the halo around it.
+    fn voxels(&self, at: [usize; 3], (samples, mask): &Strips) -> Vec<Voxel> {
+        let at = at.map(|c| c as i64);
+        let mut voxels: Vec<Voxel> = match (samples.as_slice(), self.white) {
+            ([samples], _) => bytemuck::pod_collect_to_vec(&samples.brick(at, self)),
+            (channels, white) => {
+                let values = |(strip, volume): (&Strip, &&Volume)| -> Vec<f32> {
+                    bytemuck::pod_collect_to_vec(&strip.brick(at, &Values(volume)))
+                };
+                let channels: Vec<Vec<f32>> = channels.iter().zip(&self.volumes).map(values).collect();
+                let count = channels.iter().map(Vec::len).min().unwrap_or_default();
+                (0..count).map(|i| self.colored(channels.iter().map(|c| c[i]), white.unwrap_or(1.0))).collect()
+            }
+        };
+        if let (Some(strip), Some(mask)) = (mask, self.mask) {
+            for (voxel, shown) in voxels.iter_mut().zip(strip.brick(at, mask)) {
+                let share = f32::from(shown);
+                voxel[..4].iter_mut().for_each(|channel| *channel *= share);
+            }
+        }
+        voxels
+    }
+}
+
+impl Painted<'_> {
+    /// A voxel of red, green, blue and maybe alpha.
+    fn colored(&self, mut channels: impl Iterator<Item = f32>, white: f64) -> Voxel {
+        let color: [f64; 3] = std::array::from_fn(|_| channels.next().map_or(0.0, f64::from));
+        let value = channels.next().map_or_else(|| luminance(color), f64::from);
+        let [.., density] = self.classification.of(value);
+        let [r, g, b] = color.map(|channel| (channel / white).clamp(0.0, 1.0) as f32 * density);
+        [r, g, b, density, self.scalars.as_ref().map_or(0.0, |scalars| scalars.to(value))]
+    }
+}
+
+/// Strips of the volumes of a layer, and of its mask.
+type Strips = (Vec<Strip>, Option<Strip>);
+
+/// The values of a volume in f32.
+struct Values<'a>(&'a Volume);
+
+impl RowCoding for Values<'_> {
+    fn append<T: Number>(&self, samples: &[T], bytes: &mut Vec<u8>) {
+        let (slope, intercept) = self.0.rescale();
+        bytes.extend(samples.iter().flat_map(|s| ((slope * s.to_f64() + intercept) as f32).to_ne_bytes()));
+    }
+}
+
+/// The ranges of values of the bricks of a volume.
+fn value_ranges(volume: &Volume) -> Result<Vec<[f64; 2]>> {
+    let (slope, intercept) = volume.rescale();
+    let values = |range: &[f64; 2]| {
+        let [a, b] = range.map(|raw| slope * raw + intercept);
+        [a.min(b), a.max(b)]
+    };
+    Ok(volume.ranges()?.iter().map(values).collect())
+}
+
+impl RowCoding for Painted<'_> {
+    fn append<T: Number>(&self, samples: &[T], bytes: &mut Vec<u8>) {
+        // Labels come in runs.
+        let mut last: Option<(f64, Voxel)> = None;
+        for &sample in samples {
+            let raw = sample.to_f64();
+            let voxel = match last {
+                Some((of, voxel)) if of == raw => voxel,
+                _ => {
+                    let [r, g, b, density] = self.classification.emission(sample);
+                    [r, g, b, density, self.scalars.as_ref().map_or(0.0, |scalars| scalars.to(raw))]
+                }
+            };
+            last = Some((raw, voxel));
+            bytes.extend_from_slice(bytemuck::bytes_of(&voxel));
+        }
+    }
+}
+
+impl RowCoding for Mask {
+    fn append<T: Number>(&self, samples: &[T], bytes: &mut Vec<u8>) {
+        let (slope, intercept) = self.volume.rescale();
+        let mut last = (f64::NAN, 0);
+        bytes.extend(samples.iter().map(|sample| {
+            let raw = sample.to_f64();
+            if last.0 != raw {
+                let label = (slope * raw + intercept) as i64;
+                last = (raw, u8::from(self.shown.binary_search(&label).is_ok()));
+            }
+            last.1
+        }));
+    }
+}
+
+/// A classifier of several layers.
+struct Classifier<'a> {
+    layers: Vec<Painted<'a>>,
+    dims: [u32; 3],
+    gradients: [[f32; 3]; 3],
+    lit: bool,
+    keep_invisible: bool,
+    halo: usize,
+}
+
+/// The visible voxels of layers as splats, brick by brick, with normals if there is light.
+pub(crate) fn classified(context: &Context, layers: &Layers, lit: bool, progress: &Progress) -> Result<Classified> {
+    let keep_invisible = !context.savings.voxels;
+    let keep = keep_invisible || !context.savings.bricks;
+    let painted = layers.all().iter().map(|layer| Painted::new(layer, layers.unit(), keep));
+    let painted = painted.collect::<Result<Vec<Painted<'_>>>>()?;
+    let halo = match painted.iter().any(|layer| layer.smoothed) {
+        true if lit => REACH,
+        _ => usize::from(lit || painted.iter().any(|layer| !layer.thinning.is_empty())),
+    };
+    let volume = layers.all()[0].volume();
+    let (dims, gradients) = (volume.grid().dims(), gradients(volume));
+    let classifier = Classifier { layers: painted, dims, gradients, lit, keep_invisible, halo };
+    let [across, down, deep] = volume.bricks().map(|n| n as usize);
+    let mut bricks = Bricks { all: (across * down * deep) as u32, ..Bricks::default() };
+    let mut stores = StoreBuilder::new(context, STRIDE, u32::MAX);
+    let mut rows = 0;
+    let row = |j: usize, k: usize| classifier.row([j, k], [across, down]);
+    volume.for_each_row([down, deep], halo, &row, &mut |made| {
+        for (brick, splats) in made {
+            let count = splats.count();
+            bricks.uploaded += 1;
+            bricks.bytes += u64::from(count) * STRIDE;
+            let (_, first) = stores.make_room(count, 1)?;
+            stores.add(splats, count, [BrickSplats { first, ..brick }]);
+        }
+        rows += 1;
+        progress.report("classifying", f64::from(rows) / (down * deep) as f64);
+        Ok(())
+    })?;
+    Ok(Classified { stores: stores.finish()?, bricks, kept: Cache::default() })
+}
+
+impl Classifier<'_> {
+    /// The bricks along x with these numbers in y and z, those that have splats.
+    fn row(&self, [j, k]: [usize; 2], [across, down]: [usize; 2]) -> Result<Vec<(BrickSplats, HostBrick)>> {
+        let first = (k * down + j) * across;
+        let (y, z) = (j * EDGE, k * EDGE);
+        let strip = |volume: &Volume| volume.strip([y, z].map(|c| c as i64), self.halo);
+        let strips = self.layers.iter().map(|layer| {
+            if !layer.shows[first..first + across].contains(&true) {
+                return Ok(None);
+            }
+            let samples = layer.volumes.iter().map(|volume| strip(volume)).collect::<Result<Vec<Strip>, _>>()?;
+            Ok(Some((samples, layer.mask.map(|mask| strip(&mask.volume)).transpose()?)))
+        });
+        let strips: Vec<Option<Strips>> = strips.collect::<Result<_>>()?;
+        let mut bricks = Vec::new();
+        for i in 0..across {
+            let at = [i * EDGE, y, z];
+            let showing = self.layers.iter().zip(&strips).filter(|(layer, _)| layer.shows[first + i]);
+            let showing = showing.filter_map(|(layer, strips)| Some((layer, layer.voxels(at, strips.as_ref()?))));
+            let showing: Vec<_> = showing.map(|(layer, voxels)| self.with_normals(layer, voxels)).collect();
+            let (brick, splats) = self.brick(at, &showing)?;
+            if splats.count() > 0 {
+                bricks.push((brick, splats));
+            }
+        }
+        Ok(bricks)
+    }
+
+    fn with_normals<'a>(&self, layer: &'a Painted<'a>, voxels: Vec<Voxel>) -> Part<'a> {
+        let uniform = || voxels.iter().all(|voxel| voxel[3] == voxels[0][3]);
+        let smoothed = self.lit && layer.smoothed && !uniform();
+        Part { layer, slopes: smoothed.then(|| slopes(&voxels)), voxels }
+    }
+
+    /// The splats of a brick, which begins at a lattice point.
+    fn brick(&self, origin: [usize; 3], parts: &[Part<'_>]) -> Result<(BrickSplats, HostBrick)> {
+        let edge = EDGE + 2 * self.halo;
+        let each = if self.lit { 3 } else { 2 };
+        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(self.dims[axis] as usize - origin[axis]));
+        let mut bits = vec![0_u32; EDGE * EDGE];
+        let mut words = reserved((nx * ny * nz * each) as u64, || "splats of a brick".to_owned())?;
+        for (y, z) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))) {
+            let start = self.halo + edge * (y + self.halo + edge * (z + self.halo));
+            for x in 0..nx {
+                let mut sum: Emission = [0.0; 4];
+                let mut most = (0.0, None);
+                for part in parts {
+                    let emission = self.emission(part, start + x);
+                    if emission[3] > most.0 {
+                        most = (emission[3], Some(part));
+                    }
+                    sum.iter_mut().zip(emission).for_each(|(sum, channel)| *sum += channel);
+                }
+                let [r, g, b, density] = sum;
+                if density <= 0.0 && !self.keep_invisible {
+                    continue;
+                }
+                bits[y + EDGE * z] |= 1 << x;
+                let color = [r, g, b].map(|channel| if density > 0.0 { channel / density } else { 0.0 });
+                words.extend(packed_appearance(color, density));
+                if self.lit {
+                    let normal = |part: &Part<'_>| self.normal(part, start + x, x + EDGE * (y + EDGE * z));
+                    words.push(packed_normal(most.1.map_or([0.0; 3], normal)));
+                }
+            }
+        }
+        words.shrink_to_fit();
+        let brick = BrickSplats::new(origin.map(|c| c as u32), 0, bits.iter().copied());
+        Ok((brick, HostBrick::new(&bits, each, words)))
+    }
+
+    /// Differences along the axes of the lattice of what a layer has at a voxel of its brick.
+    fn differences(&self, voxels: &[Voxel], index: usize) -> [f32; 3] {
+        let edge = EDGE + 2 * self.halo;
+        [1, edge, edge * edge].map(|step| voxels[index + step][4] - voxels[index - step][4])
+    }
+
+    fn emission(&self, Part { layer, voxels, .. }: &Part<'_>, index: usize) -> Emission {
+        let [r, g, b, density, _] = voxels[index];
+        if layer.thinning.is_empty() || density <= 0.0 {
+            return [r, g, b, density];
+        }
+        let gradient = gradient_of(&self.gradients, self.differences(voxels, index), layer.resolution(&voxels[index]));
+        let share = scaled_share(&layer.thinning, steepness_of(gradient));
+        [r, g, b, density].map(|channel| channel * share)
+    }
+
+    /// The normal of a layer at a voxel of its brick with the halo and without it, of any length.
+    fn normal(&self, part: &Part<'_>, index: usize, inside: usize) -> [f32; 3] {
+        let (differences, resolution) = match (&part.slopes, part.layer.smoothed) {
+            (Some(slopes), _) => {
+                let slope = [0, 1, 2].map(|axis| slopes[axis][inside]);
+                let most = slope.iter().fold(0.0_f32, |most, s| most.max(s.abs()));
+                (if most > part.layer.flat { slope } else { [0.0; 3] }, 0.0)
+            }
+            (None, true) => ([0.0; 3], 0.0),
+            (None, false) => (self.differences(&part.voxels, index), part.layer.resolution(&part.voxels[index])),
+        };
+        gradient_of(&self.gradients, differences, resolution).0
+    }
+}
+
+/// What a layer has in a brick.
+struct Part<'a> {
+    layer: &'a Painted<'a>,
+    voxels: Vec<Voxel>,
+    /// Of the smoothed extinction along the axes, without the halo, if it is not the same everywhere.
+    slopes: Option<[Vec<f32>; 3]>,
+}
+
+/// Weights of the voxels at distances 0 to [`REACH`] in a smoothed field, and in its slope.
+fn weights() -> [[f32; REACH + 1]; 2] {
+    let gauss: [f64; REACH + 1] = std::array::from_fn(|k| (-0.5 * (k as f64 / DEVIATION).powi(2)).exp());
+    let sum = gauss[0] + 2.0 * gauss[1..].iter().sum::<f64>();
+    let moment: f64 = (0..=REACH).map(|k| 2.0 * (k * k) as f64 * gauss[k]).sum();
+    [gauss.map(|g| (g / sum) as f32), std::array::from_fn(|k| (k as f64 * gauss[k] / moment) as f32)]
+}
+
+/// The slopes along the axes of the extinction of a brick with a halo of [`REACH`], smoothed by a Gaussian: those of
+/// the brick itself.
+fn slopes(voxels: &[Voxel]) -> [Vec<f32>; 3] {
+    const WITH_HALO: usize = EDGE + 2 * REACH;
+    let [smooth, slope] = weights();
+    let plane = WITH_HALO * WITH_HALO;
+    let field: Vec<f32> = voxels.iter().map(|voxel| voxel[3]).collect();
+    // Along x, then y, then z: each pass takes the halo of its axis off.
+    let along = |field: &[f32], is_slope: bool, lines: usize, stride: usize| {
+        let (weights, sign) = if is_slope { (&slope, -1.0) } else { (&smooth, 1.0) };
+        let mut out = vec![0.0; lines * EDGE * stride];
+        for (out, line) in out.chunks_exact_mut(EDGE * stride).zip(field.chunks_exact(WITH_HALO * stride)) {
+            let at = |k: usize| &line[k * stride..][..EDGE * stride];
+            out.iter_mut().zip(at(REACH)).for_each(|(out, v)| *out = weights[0] * v);
+            for (k, weight) in weights.iter().enumerate().skip(1) {
+                let pairs = at(REACH + k).iter().zip(at(REACH - k));
+                out.iter_mut().zip(pairs).for_each(|(out, (b, a))| *out += weight * (b + sign * a));
+            }
+        }
+        out
+    };
+    let x = |is_slope| along(&field, is_slope, plane, 1);
+    let y = |field: &[f32], is_slope| along(field, is_slope, WITH_HALO, EDGE);
+    let z = |field: &[f32], is_slope| along(field, is_slope, 1, EDGE * EDGE);
+    let (across, smoothed) = (x(true), x(false));
+    [z(&y(&across, false), false), z(&y(&smoothed, true), false), z(&y(&smoothed, false), true)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slopes_of_a_ramp_are_its_own() {
+        const WITH_HALO: usize = EDGE + 2 * REACH;
+        let ramp = |i: usize| (i % WITH_HALO) as f32 + 2.0 * (i / WITH_HALO % WITH_HALO) as f32;
+        let voxels: Vec<Voxel> = (0..WITH_HALO.pow(3)).map(|i| [0.0, 0.0, 0.0, ramp(i), 0.0]).collect();
+        for (slopes, expected) in slopes(&voxels).iter().zip([1.0, 2.0, 0.0]) {
+            assert_eq!(slopes.len(), EDGE.pow(3));
+            assert!(slopes.iter().all(|slope| (slope - expected).abs() < 1e-4));
+        }
+        let flat = vec![[0.0, 0.0, 0.0, 0.3, 0.0]; WITH_HALO.pow(3)];
+        assert!(slopes(&flat).iter().flatten().all(|&slope| slope == 0.0));
+    }
+}

@@ -1,0 +1,356 @@
+//! coarse: the scalars of cells, for post-shading along parallel rays of kernels that are wider than rays gather. On
+//! the host, from the samples as they are asked for, brick by brick: no volume of cells is kept.
+//!
+//! A cell stands for 2^n voxels along each axis, as for pre-shading (cells.rs): voxels are shared by the same weights,
+//! which keep their moments. All cells have one kernel, which rays gather. What else the kernels of voxels are, the
+//! cells are blurred by: classification magnifies differences of shape, and a Gaussian of the same variance is none of
+//! a kernel that is cut off. The lattice of cells has its middle in that of the voxels, and voxels beyond a face are
+//! copies of the outermost one.
+
+use std::ops::Range;
+
+use glam::{DMat3, DVec3};
+
+use super::cells::{Filter, LEAST_DEVIATION, response};
+use crate::error::Result;
+use crate::gpu::transfer::Relative;
+use crate::kernel::Kernel;
+use crate::transfer::TransferFunction;
+use crate::volume::{BRICK_EDGE as EDGE, Grid, ToF64, Volume, with_samples};
+use voxsplat_volume::memory::reserved;
+
+/// The least kernel of cells. The largest is a step of [`STEPS`] as large, and rays gather kernels of a radius of 2. It
+/// is smooth: its parts are fitted well, and the lattice does not show.
+const KERNEL: Kernel = Kernel::KaiserBessel { radius: 1.915, alpha: 5.0 };
+
+/// The largest scalar of voxels for which cells stand; what shows is within 2. The shapes of kernels differ by some
+/// hundredths of a scalar, which show beside values that are far beyond, like one for voxels without data.
+pub(crate) const MOST_SCALAR: f64 = 16.0;
+
+/// The optical depth up to which the fit of [`blur`] is right: denser matter shows the ends of kernels.
+pub(crate) const MOST_DEPTH: f64 = 1.0;
+
+/// Cells that rays gather on either side.
+const REACH: f64 = 4.0;
+/// The standard deviation, in cells, from which on grown kernels of voxels show no lattice.
+const SMOOTH_DEVIATION: f64 = 1.1;
+/// Radii that are more than they may be by this factor are so by rounding.
+const ROUNDING: f64 = 1.0 + 1e-6;
+
+/// Cells are blurred for growths of which so many make a doubling. What is between is left to their kernel, so that
+/// cells of one picture serve another that is a little larger.
+const STEPS: f64 = 16.0;
+
+/// Which cells stand for voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Coarse {
+    pub(crate) level: u32,
+    /// Cells are blurred for kernels of voxels that have grown to 2^(step / [`STEPS`]) of their size, in cells; `None`:
+    /// cells have the grown kernel of voxels itself.
+    step: Option<i32>,
+}
+
+impl Coarse {
+    /// The cells for kernels of voxels that have grown: of the coarsest level that can have such kernels, or of the
+    /// level asked for.
+    pub(crate) fn new(kernel: &Kernel, growth: f64, level: Option<u32>) -> Self {
+        let least = LEAST_DEVIATION / kernel.variance().sqrt();
+        // To within rounding: see `cells::level_of`.
+        let coarsest = (1.0001 * growth / least).log2().floor().max(0.0);
+        let level = level.unwrap_or(coarsest as u32);
+        let steps = |growth: f64| STEPS * growth.log2();
+        let step = steps(1.0001 * growth / f64::from(level).exp2()).floor();
+        // Kernels of coarser cells than these are as wide as the least, of finer ones as the next level's least.
+        let (first, last) = (steps(least).floor(), steps(2.0 * least).floor());
+        Self { level, step: Some(step.clamp(first, last) as i32) }
+    }
+
+    /// The finest cells in which kernels of voxels that have grown reach no farther than rays gather. There are up to 8
+    /// times as many as [`Self::new`] takes. Kernels are those of voxels, unless they are so narrow in cells that the
+    /// lattice of the cells would show.
+    pub(crate) fn fine(kernel: &Kernel, growth: f64) -> Self {
+        let level = (growth * kernel.radius() / (REACH * ROUNDING)).log2().ceil().max(0.0) as u32;
+        let deviation = growth * kernel.variance().sqrt() / f64::from(level).exp2();
+        if deviation < SMOOTH_DEVIATION { Self::new(kernel, growth, Some(level)) } else { Self { level, step: None } }
+    }
+
+    /// Voxels along an edge of a cell.
+    pub(crate) fn size(self) -> f64 {
+        f64::from(self.level).exp2()
+    }
+
+    /// The growth that cells are blurred for, in cells.
+    fn blurred(self) -> Option<f64> {
+        self.step.map(|step| (f64::from(step) / STEPS).exp2())
+    }
+
+    /// The kernel of cells, in cells, given that of voxels and how much it has grown.
+    pub(crate) fn kernel(self, voxels: &Kernel, growth: f64) -> Kernel {
+        match self.blurred() {
+            Some(blurred) => KERNEL.grown((growth / (self.size() * blurred)).max(1.0)),
+            None => voxels.grown(growth / self.size()),
+        }
+    }
+
+    /// The lattice of the cells.
+    pub(crate) fn grid(self, grid: &Grid) -> Result<Grid> {
+        let dims = grid.dims().map(|n| n.div_ceil(1 << self.level));
+        let mut to_world = grid.to_world();
+        let half = |dims: [u32; 3]| DVec3::from_array(dims.map(|n| f64::from(n - 1) / 2.0));
+        to_world.translation = to_world.transform_point3(half(grid.dims()) - self.size() * half(dims));
+        to_world.matrix3 *= self.size();
+        Ok(Grid::new(dims, to_world)?)
+    }
+
+    /// Gradients of cells are sums of differences of cells so far apart, times these: they are what cells make of the
+    /// central differences of voxels, up to the fifth derivative.
+    pub(crate) fn differences(self) -> [f64; 3] {
+        let square = self.size().powi(-2);
+        let nodes = [1.0, 4.0, 9.0];
+        nodes.map(|node: f64| {
+            let others = nodes.into_iter().filter(|&other| other != node);
+            others.map(|other| (square - other) / (node - other)).product::<f64>() / (2.0 * node.sqrt())
+        })
+    }
+
+    /// What voxels give to cells along each axis, if that is their kernel as asked for.
+    pub(crate) fn filters(self, kernel: &Kernel, grid: &Grid) -> Filters {
+        let blurred = self.blurred();
+        let blur = blurred.map_or_else(|| vec![1.0], |growth| blur(kernel, growth, self.level).to_vec());
+        let axes = grid.dims().map(|voxels| {
+            let cells = voxels.div_ceil(1 << self.level);
+            let before = (f64::from(cells) * self.size() - f64::from(voxels)) / 2.0;
+            Filter::new(self.level, before, &blur, 0)
+        });
+        let farther = blurred.map_or(0.0, |growth| self.size() * (kernel.radius() * growth - KERNEL.radius()));
+        Filters { axes, beside: farther.ceil().max(1.0) as i64 }
+    }
+}
+
+/// The weights along each axis, from the middle one on, by which [`KERNEL`] becomes a kernel that has grown: by least
+/// squares over frequencies along an axis and both kinds of diagonals.
+fn blur(kernel: &Kernel, growth: f64, level: u32) -> [f64; 4] {
+    /// Frequencies, in steps of a tenth of a radian: up to the next images of the lattice.
+    const FREQUENCIES: u32 = 60;
+    let (mut squares, mut wanted) = (DMat3::ZERO, DVec3::ZERO);
+    for frequency in (1..=FREQUENCIES).map(|n| f64::from(n) / 10.0) {
+        let cell = transform(&KERNEL, frequency);
+        // Nothing of it is left to weigh.
+        if cell < 0.02 {
+            break;
+        }
+        let ratio = (transform(kernel, growth * frequency) / cell).max(0.0);
+        for axes in [1.0, 2.0, 3.0_f64] {
+            // The frequency along each of the axes, and what the weights of one should make of it.
+            let along = frequency / axes.sqrt();
+            let factor = ratio.powf(axes.recip());
+            let importance = (axes * cell * factor.max(0.05).powf(axes - 1.0)).powi(2);
+            let kept = response(level, along);
+            let waves = DVec3::new(1.0, 2.0, 3.0).map(|n| 2.0 * (n * along).cos() - 2.0) * kept;
+            squares += DMat3::from_cols(waves * waves.x, waves * waves.y, waves * waves.z) * importance;
+            wanted += waves * (importance * (factor - kept));
+        }
+    }
+    let beside = squares.inverse() * wanted;
+    [1.0 - 2.0 * beside.element_sum(), beside.x, beside.y, beside.z]
+}
+
+/// The Fourier transform of a kernel at a frequency over 0, in radians per voxel, over that at 0.
+fn transform(kernel: &Kernel, frequency: f64) -> f64 {
+    const SHELLS: u32 = 512;
+    let (mut sum, mut whole) = (0.0, 0.0);
+    for shell in 0..SHELLS {
+        let r = kernel.radius() * (f64::from(shell) + 0.5) / f64::from(SHELLS);
+        let area = kernel.value(r * r) * r * r;
+        sum += area * (frequency * r).sin() / (frequency * r);
+        whole += area;
+    }
+    sum / whole
+}
+
+/// Whether things of one value show in a volume: in planes and rows far apart, over a twentieth of what shows are runs
+/// of equal samples. Light shows the direction of the smallest gradient, and there cells have others than voxels.
+pub(crate) fn has_plateaus(volume: &Volume, transfer: &TransferFunction) -> Result<bool> {
+    const PLANES: usize = 8;
+    const RUN: usize = 5;
+    let [nx, ny, nz] = volume.grid().dims().map(|n| n as usize);
+    let (slope, intercept) = volume.rescale();
+    let shows = |sample: f64| !transfer.is_invisible([slope * sample + intercept; 2]);
+    let (mut shown, mut equal) = (0_u64, 0_u64);
+    for plane in (0..PLANES).map(|n| (2 * n + 1) * nz / (2 * PLANES)) {
+        let samples = volume.read(plane * nx * ny..(plane + 1) * nx * ny)?;
+        with_samples!(&samples, s => {
+            for run in s.chunks_exact(nx).step_by(4).flat_map(|row| row.windows(RUN)) {
+                let shows = shows(run[0].to_f64());
+                shown += u64::from(shows);
+                equal += u64::from(shows && run.iter().all(|sample| *sample == run[0]));
+            }
+        });
+    }
+    Ok(20 * equal > shown)
+}
+
+/// What makes cells of the voxels of a volume.
+pub(crate) struct Filters {
+    axes: [Filter; 3],
+    /// Voxels beside those of a cell to which gradients reach farther than the kernel of the cell.
+    beside: i64,
+}
+
+/// The scalars of cells along a row of bricks.
+pub(crate) struct CellStrip {
+    /// The first cell.
+    first: [i64; 3],
+    /// Cells along each axis.
+    size: [usize; 3],
+    scalars: Vec<f32>,
+    /// If gradients are asked for, whether all voxels around a cell are equal; otherwise none.
+    flat: Vec<bool>,
+}
+
+impl Filters {
+    /// The voxels that give to a range of cells along an axis, copies beyond the faces included.
+    pub(crate) fn voxels(&self, axis: usize, cells: Range<i64>) -> Range<i64> {
+        self.axes[axis].voxels(cells.start, cells.end)
+    }
+
+    /// The cells of a volume from `first` to before `end`.
+    pub(crate) fn strip(
+        &self,
+        volume: &Volume,
+        relative: &Relative,
+        [first, end]: [[i64; 3]; 2],
+        gradients: bool,
+    ) -> Result<CellStrip> {
+        let size = [0, 1, 2].map(|axis| (end[axis] - first[axis]).max(0) as usize);
+        let dims = volume.grid().dims().map(|n| n as usize);
+        let [nx, ny, _] = dims;
+        let [across, down, deep] = size;
+        let taken = [0, 1, 2].map(|axis| self.axes[axis].taken(first[axis]..end[axis], dims[axis]));
+        let [columns, rows, planes] = [0, 1, 2].map(|axis| span(&taken[axis]));
+        let width = columns.len();
+        let mut scalars = filled(across * down * deep, 0.0)?;
+        let mut row = filled(width, 0.0)?;
+        // A plane of voxels in which rows are cells already, and one of cells.
+        let mut tall = filled(width * down, 0.0)?;
+        let mut plane = filled(across * down, 0.0)?;
+        let blocks = [0, 1, 2].map(|axis| self.axes[axis].blocks(first[axis]..end[axis], self.beside, dims[axis]));
+        let mut ranges = filled(if gradients { across * down * deep } else { 0 }, NONE)?;
+        let mut tall_ranges = filled(if gradients { width * down } else { 0 }, NONE)?;
+        for z in planes {
+            tall.fill(0.0);
+            tall_ranges.fill(NONE);
+            let at = |y: usize| (z * ny + y) * nx;
+            let samples = volume.read(at(rows.start)..at(rows.end))?;
+            for y in rows.clone() {
+                let start = at(y) - at(rows.start);
+                with_samples!(&samples, s => {
+                    let samples = &s[start + columns.start..start + columns.end];
+                    row.iter_mut().zip(samples).for_each(|(scalar, sample)| *scalar = relative.to(sample.to_f64()));
+                });
+                for (cells, weight) in tall.chunks_exact_mut(width).zip(weights(&taken[1], y)) {
+                    add(cells, weight, &row);
+                }
+                let ranges = tall_ranges.chunks_exact_mut(width).zip(&blocks[1]);
+                for (ranges, _) in ranges.filter(|(_, block)| block.contains(&y)) {
+                    ranges.iter_mut().zip(&row).for_each(|(range, &scalar)| *range = hull(*range, [scalar; 2]));
+                }
+            }
+            for (cells, voxels) in plane.chunks_exact_mut(across).zip(tall.chunks_exact(width)) {
+                for (cell, (first, weights)) in cells.iter_mut().zip(&taken[0]) {
+                    let voxels = &voxels[first - columns.start..];
+                    *cell = weights.iter().zip(voxels).map(|(weight, voxel)| weight * voxel).sum();
+                }
+            }
+            for (cells, weight) in scalars.chunks_exact_mut(plane.len()).zip(weights(&taken[2], z)) {
+                add(cells, weight, &plane);
+            }
+            let cells = ranges.chunks_exact_mut((across * down).max(1)).zip(&blocks[2]);
+            for (cells, _) in cells.filter(|(_, block)| block.contains(&z)) {
+                for (cells, voxels) in cells.chunks_exact_mut(across).zip(tall_ranges.chunks_exact(width)) {
+                    for (cell, block) in cells.iter_mut().zip(&blocks[0]) {
+                        let block = block.start - columns.start..block.end - columns.start;
+                        *cell = voxels[block].iter().fold(*cell, |range, &voxel| hull(range, voxel));
+                    }
+                }
+            }
+        }
+        let flat = ranges.iter().map(|[low, high]| low == high).collect();
+        Ok(CellStrip { first, size, scalars, flat })
+    }
+}
+
+/// The voxels that cells take, see [`Filter::taken`].
+fn span(taken: &[(usize, Vec<f32>)]) -> Range<usize> {
+    let ends = taken.iter().map(|(first, weights)| [*first, first + weights.len()]);
+    ends.reduce(|hull, [first, end]| [hull[0].min(first), hull[1].max(end)]).map_or(0..0, |[first, end]| first..end)
+}
+
+/// What each cell takes of a voxel.
+fn weights(taken: &[(usize, Vec<f32>)], voxel: usize) -> impl Iterator<Item = f32> {
+    let weight = move |(first, weights): &(usize, Vec<f32>)| weights.get(voxel.checked_sub(*first)?).copied();
+    taken.iter().map(move |cell| weight(cell).unwrap_or(0.0))
+}
+
+fn filled<T: Copy>(count: usize, value: T) -> Result<Vec<T>> {
+    let mut values = reserved(count as u64, || "the cells of a row of bricks".to_owned())?;
+    values.resize(count, value);
+    Ok(values)
+}
+
+/// The range of no scalars.
+const NONE: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
+
+/// The range of the scalars of two ranges.
+fn hull(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
+    [if b[0] < a[0] { b[0] } else { a[0] }, if b[1] > a[1] { b[1] } else { a[1] }]
+}
+
+fn add(sums: &mut [f32], weight: f32, values: &[f32]) {
+    if weight == 0.0 {
+        return;
+    }
+    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
+}
+
+impl CellStrip {
+    /// The cells around `first`, with `halo` cells around 32^3 of them, x fastest.
+    pub(crate) fn brick(&self, first: [i64; 3], halo: usize) -> Vec<f32> {
+        self.part(&self.scalars, first, halo)
+    }
+
+    /// Of 32^3 cells from `first` on, whether all voxels around them are equal: then there is no gradient. Weights that
+    /// are negative would make some of voxels farther away, and light shows the direction of the smallest.
+    pub(crate) fn flat(&self, first: [i64; 3]) -> Vec<bool> {
+        if self.flat.is_empty() { Vec::new() } else { self.part(&self.flat, first, 0) }
+    }
+
+    fn part<T: Copy>(&self, all: &[T], first: [i64; 3], halo: usize) -> Vec<T> {
+        let edge = EDGE + 2 * halo;
+        let [x, y, z] = [0, 1, 2].map(|axis| (first[axis] - halo as i64 - self.first[axis]) as usize);
+        let mut cells = Vec::with_capacity(edge * edge * edge);
+        for k in z..z + edge {
+            for j in y..y + edge {
+                cells.extend_from_slice(&all[x + self.size[0] * (j + self.size[1] * k)..][..edge]);
+            }
+        }
+        cells
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fine_cells_are_the_finest_that_rays_gather() {
+        for kernel in [Kernel::default(), Kernel::Gaussian { sigma: 0.5, radius: 1.0 }, Kernel::KAISER_BESSEL] {
+            for growth in [1.0, 2.0, 2.1, 3.9, 5.0, 17.0] {
+                let cells = Coarse::fine(&kernel, growth);
+                assert!(cells.kernel(&kernel, growth).radius() <= REACH * ROUNDING, "{kernel} {growth} {cells:?}");
+                let finer = kernel.radius() * growth / (0.5 * cells.size());
+                assert!(cells.level == 0 || finer > REACH, "{kernel} {growth} {cells:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,464 @@
+//! A volume prepared on a device.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use glam::DAffine3;
+
+use super::cells::{self, VoxelLight};
+use super::drawable::{Drawable, PostShaded, PreShaded, Wanted};
+use super::lattice::{Lattice, Lattices, kernel_of_voxels};
+use super::levels::ScalarNeed;
+use super::light_volume::{self, Classification, light_volume};
+use super::pyramid::Pyramid;
+use super::scalar_cells::{self, Coarse};
+use super::scalars::Asked;
+use super::shadows::Shadows;
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+use crate::gpu::cache::Cache;
+use crate::gpu::context::Context;
+use crate::gpu::light_volume::{LightVolume, PostShading};
+use crate::gpu::timing::on_host;
+use crate::gpu::transfer::{Reduction, Shows, TransferTable};
+use crate::gpu::view::{Fade, ViewGeometry, Weights};
+use crate::kernel::{Kernel, Normalization};
+use crate::layers::Layers;
+use crate::lighting::{Lighting, shadow};
+use crate::progress::Progress;
+use crate::settings::{Level, MAX_LEVEL, Model, Settings};
+use crate::transfer::{Resolution, TransferFunction};
+use crate::volume::{Grid, Volume};
+
+/// A volume prepared on the device of the [`Renderer`](crate::renderer::Renderer) that prepared it.
+pub struct Scene {
+    content: Content,
+    grid: Grid,
+    weights: Weights,
+    /// Seconds of preparation that no picture has reported yet, as the bits of an f64.
+    seconds: AtomicU64,
+    /// [`Context::id`] of the device that holds it.
+    device: u64,
+}
+
+/// What is on the device.
+enum Content {
+    /// Classified voxels or cells.
+    Splats(Box<PreShaded>),
+    /// Scalars, classified when they have been reconstructed.
+    Scalars(Box<PostShaded>),
+}
+
+fn shows(settings: &Settings) -> Shows {
+    match settings.model {
+        // The volume of a minimum is mirrored.
+        Model::Mip | Model::Minip => Shows::Largest,
+        Model::Average => Shows::Mean,
+        Model::Composite | Model::Xray => Shows::Opaque,
+    }
+}
+
+/// The distance that opacities are per, in units of [`Grid::local`].
+fn local_unit(transfer: &TransferFunction, grid: &Grid) -> f64 {
+    transfer.unit_or(grid.min_spacing()) / grid.unit()
+}
+
+impl Scene {
+    fn new(context: &Context, content: Content, grid: Grid, weights: Weights, seconds: f64) -> Self {
+        let seconds = AtomicU64::new(seconds.to_bits());
+        Self { content, grid, weights, seconds, device: context.id }
+    }
+
+    /// A scene of classified voxels. They are classified when a picture asks for them: which, depends on the picture.
+    pub(crate) fn of_splats(context: &Context, layers: &Layers, lit: bool) -> Self {
+        let grid = *layers.grid();
+        let weights = Weights {
+            max: layers.max_density(),
+            unit: layers.unit() / grid.unit(),
+            // Light may turn any colour white.
+            brightest: if lit { [1.0; 3] } else { layers.brightest() },
+        };
+        let voxels = PreShaded { layers: layers.clone(), lit, classified: Mutex::default(), cells: Mutex::default() };
+        Self::new(context, Content::Splats(Box::new(voxels)), grid, weights, 0.0)
+    }
+
+    /// A scene of scalars: all of post-shading that does not depend on the camera.
+    pub(crate) fn of_scalars(
+        context: &Context,
+        volume: &Volume,
+        transfer: &TransferFunction,
+        settings: &Settings,
+        progress: &Progress,
+    ) -> Result<Self> {
+        let shows = shows(settings);
+        let (prepared, seconds) = on_host(|| {
+            let volume = match settings.prefilter()? {
+                Some(filter) => filter.apply::<f32>(volume, transfer.base(), progress)?,
+                None => volume.clone(),
+            };
+            Ok::<_, Error>((volume.farthest_from(transfer.base())?, Resolution::new(transfer, &volume)?, volume))
+        });
+        let (largest, resolution, volume) = prepared?;
+        let reduction = Reduction::new(transfer, largest);
+        let weights = Weights { max: reduction.length(largest), unit: 1.0, brightest: [1.0; 3] };
+        let grid = *volume.grid();
+        let scalars = PostShaded {
+            volume,
+            sharpened: settings.sharpens(),
+            pyramid: Pyramid::default(),
+            transfer: transfer.clone(),
+            reduction,
+            resolution,
+            model: settings.model,
+            shows,
+            table: Mutex::default(),
+            plateaus: OnceLock::new(),
+            light: Mutex::new(None),
+            emitted: Mutex::new(None),
+        };
+        Ok(Self::new(context, Content::Scalars(Box::new(scalars)), grid, weights, seconds))
+    }
+
+    pub(crate) fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// Classifies the voxels of a pre-shaded scene before a picture asks for them.
+    pub(crate) fn classify(&self, context: &Context, pipelines: &Cache, progress: &Progress) -> Result<()> {
+        if let Content::Splats(voxels) = &self.content {
+            let (_, seconds) = voxels.classified(context, pipelines, None, progress)?;
+            self.seconds.store(seconds.to_bits(), Ordering::Relaxed);
+        }
+        Ok(())
+    }
+
+    /// What stands for the voxels in a picture, given its view of them: one lattice, or of rays through one eye
+    /// `layers`, the nearest first.
+    pub(crate) fn lattices(
+        &self,
+        voxels: &ViewGeometry,
+        settings: &Settings,
+        camera: &Camera,
+        layers: bool,
+    ) -> Result<Lattices> {
+        if let Some(coarse) = self.coarse(voxels, settings)? {
+            let nearest = self.scalar_cells(coarse, voxels, settings, camera)?;
+            return Ok(Lattices { nearest, behind: Vec::new() });
+        }
+        let levels = match settings.level {
+            Level::At(level) => [level; 2],
+            Level::Auto if !settings.takes_cells() || !self.has_cells() => [0; 2],
+            Level::Auto => {
+                let farthest = if layers { voxels.max_growth() } else { voxels.min_growth() };
+                let depth = self.voxel_depth(settings);
+                let level = |growth| cells::level_of(&settings.kernel, growth, &self.grid, depth);
+                [voxels.min_growth(), farthest].map(level)
+            }
+        };
+        let [nearest, farthest] = levels;
+        let of_level = |level| self.lattice(level, levels, voxels, settings, camera);
+        let behind = (nearest + 1..=farthest).map(of_level).collect::<Result<Vec<Lattice>>>()?;
+        Ok(Lattices { nearest: of_level(nearest)?, behind })
+    }
+
+    /// Whether cells can stand for voxels.
+    pub(crate) fn has_cells(&self) -> bool {
+        !matches!(&self.content, Content::Splats(voxels) if voxels.layers.plain().is_none())
+    }
+
+    /// The optical depth of the densest voxel along the longest axis of the lattice.
+    fn voxel_depth(&self, settings: &Settings) -> f64 {
+        let densest = match &self.content {
+            Content::Splats(voxels) => self.weights.max / voxels.layers.unit(),
+            Content::Scalars(scalars) if settings.model == Model::Composite => {
+                let unit = scalars.transfer.unit_or(self.grid.min_spacing());
+                TransferFunction::extinction(scalars.transfer.max_opacity(), unit)
+            }
+            Content::Scalars(_) => 0.0,
+        };
+        let [x, y, z] = self.grid.spacing();
+        densest * x.max(y).max(z) * settings.normalization.density(&settings.kernel)
+    }
+
+    /// The cells of one of the levels from the nearest to the farthest.
+    fn lattice(
+        &self,
+        level: u32,
+        [nearest, farthest]: [u32; 2],
+        voxels: &ViewGeometry,
+        settings: &Settings,
+        camera: &Camera,
+    ) -> Result<Lattice> {
+        let (settings, weights) = (settings.clone(), self.weights);
+        // Kernels nearer than those that cells can have are as wide as the least of these.
+        let least = |level| match settings.level {
+            Level::At(_) => cells::least_growth(&settings.kernel, level),
+            Level::Auto => cells::right_growth(&settings.kernel, level, self.voxel_depth(&settings)),
+        };
+        let growth = if level == 0 { 1.0 } else { voxels.min_growth().max(least(level)) };
+        let fade = (nearest < farthest).then(|| {
+            let ramp = |level| voxels.ramp(level, least(level)).map(|voxel| voxel / growth);
+            Fade {
+                begins: if level == nearest { Fade::NEAREST } else { ramp(level) },
+                ends: if level == farthest { Fade::FARTHEST } else { ramp(level + 1) },
+            }
+        });
+        let view_of = |grid: &Grid, settings: &Settings, grown| {
+            ViewGeometry::of_cells(camera, grid, settings, voxels.savings(), grown, fade)
+        };
+        let shadows = self.shadows(&settings);
+        if level == 0 {
+            let view = view_of(&self.grid, &settings, 1.0);
+            return Ok(Lattice { view, settings, weights, level, shadows, light: None, coarse: None });
+        }
+        let grid = cells::grid_of(&self.grid, level)?;
+        let light = settings.lighting.as_ref().map(|lighting| VoxelLight {
+            lighting: voxels.lighting(Some(lighting)),
+            lights: settings.light_count(),
+            points: settings.has_point_lights(),
+            to_eye: voxels.to_eye(),
+        });
+        let kernel = cells::kernel_of(&settings.kernel, growth, level);
+        // Cells are divided by the integral of their kernel. What voxels are divided by beside theirs stays.
+        let denser = settings.normalization.density(&settings.kernel);
+        let unit = weights.unit * self.grid.unit() / (grid.unit() * denser);
+        let grown = growth / f64::from(level).exp2();
+        let of_cells = Settings { kernel, normalization: Normalization::Unit, lighting: None, ..settings };
+        let settings = of_cells.with_sheets_of(grown);
+        let view = view_of(&grid, &settings, grown);
+        let weights = Weights { unit, ..weights };
+        Ok(Lattice { view, settings, weights, level, shadows, light, coarse: None })
+    }
+
+    /// Which light is kept from voxels, whatever the level: shadows of cells erred by up to 25 of 255.
+    fn shadows(&self, settings: &Settings) -> Option<Shadows> {
+        let Content::Splats(voxels) = &self.content else { return None };
+        let casting = settings.casting()?;
+        let divisor = settings.normalization.divisor(&settings.kernel);
+        let lattice = shadow::Lattice::new(&self.grid, settings.kernel, divisor, voxels.layers.unit(), 1.0);
+        Some(Shadows { casting, lattice, clip: settings.clip.sides(&self.grid) })
+    }
+
+    /// The cells of scalars that stand for voxels.
+    fn scalar_cells(
+        &self,
+        coarse: Coarse,
+        voxels: &ViewGeometry,
+        settings: &Settings,
+        camera: &Camera,
+    ) -> Result<Lattice> {
+        let (kernel, normalization) = (settings.kernel, settings.normalization);
+        // Cells are divided by the integral of their kernel. What voxels are divided by beside theirs stays.
+        let denser = normalization.density(&kernel);
+        let weights = Weights { unit: self.weights.unit / denser, ..self.weights };
+        let growth = voxels.max_growth();
+        let grown = growth / coarse.size();
+        let of_cells =
+            Settings { kernel: coarse.kernel(&kernel, growth), normalization: Normalization::Unit, ..settings.clone() };
+        let settings = of_cells.with_sheets_of(grown);
+        let grid = coarse.grid(&self.grid)?;
+        let mut view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings(), grown, None);
+        // Cells at the faces may reach beyond them.
+        view.faces = voxels.faces / coarse.size();
+        Ok(Lattice {
+            view,
+            settings,
+            weights,
+            level: coarse.level,
+            shadows: None,
+            light: None,
+            coarse: Some((coarse, kernel, normalization)),
+        })
+    }
+
+    /// Which cells of scalars stand for voxels; `None`: voxels do, or the cells of [`ScalarNeed::cut`].
+    fn coarse(&self, voxels: &ViewGeometry, settings: &Settings) -> Result<Option<Coarse>> {
+        let Content::Scalars(scalars) = &self.content else { return Ok(None) };
+        let at = |level| Coarse::new(&settings.kernel, voxels.max_growth(), level);
+        match settings.level {
+            Level::At(0) => Ok(None),
+            Level::At(_) if voxels.is_perspective() => {
+                let reason = "post-shading through one eye takes its levels by depth: expected auto or 0".to_owned();
+                Err(Error::Setting { name: "level", reason })
+            }
+            Level::At(level) => Ok(Some(at(Some(level)))),
+            Level::Auto => {
+                let serves = !voxels.is_perspective() && self.weights.max <= scalar_cells::MOST_SCALAR;
+                let dense = |cells: Coarse| self.voxel_depth(settings) * cells.size() > scalar_cells::MOST_DEPTH;
+                let fine = Coarse::fine(&settings.kernel, voxels.max_growth());
+                let cells = Some(at(None)).map(|cells| if dense(cells) { fine } else { cells });
+                let cells = cells.filter(|cells| serves && (1..=MAX_LEVEL).contains(&cells.level));
+                let lit = cells.is_some() && settings.lighting.is_some();
+                Ok(if lit && scalars.has_plateaus()? { None } else { cells })
+            }
+        }
+    }
+
+    /// The settings as painters draw the scene: where extinction depends on gradients that are reconstructed, they are
+    /// those of a lit scene, of a light that changes no colour.
+    pub(crate) fn drawn_with(&self, settings: &Settings) -> Settings {
+        let mut settings = settings.clone();
+        if let Content::Scalars(scalars) = &self.content
+            && settings.model == Model::Composite
+            && !scalars.transfer.gradient_opacity().is_empty()
+        {
+            settings.lighting.get_or_insert_with(Lighting::flat);
+        }
+        settings
+    }
+
+    /// Drops what stands for the voxels of a pre-shaded scene at other levels than these, the nearest and the farthest.
+    pub(crate) fn keep_levels(&self, [nearest, farthest]: [u32; 2]) {
+        if let Content::Splats(voxels) = &self.content {
+            let mut cells = voxels.cells.lock().unwrap_or_else(PoisonError::into_inner);
+            cells.retain(|cells| (nearest..=farthest).contains(&cells.level));
+        }
+    }
+
+    /// Seconds that preparing took, told once: pictures after the first did not take them.
+    pub(crate) fn take_seconds(&self) -> f64 {
+        f64::from_bits(self.seconds.swap(0, Ordering::Relaxed))
+    }
+
+    /// What scalars are classified by on a lattice of cells of a level.
+    fn table(&self, context: &Context, scalars: &PostShaded, level: u32) -> Arc<TransferTable> {
+        let mut held = scalars.table.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, table)) = held.as_ref()
+            && *of == level
+        {
+            return Arc::clone(table);
+        }
+        // The local unit of length goes with cells.
+        let size = f64::from(level).exp2();
+        let unit = local_unit(&scalars.transfer, &self.grid) / size;
+        // Gradients of cells are per cell.
+        let steepness = self.grid.unit() * size;
+        let PostShaded { transfer, reduction, shows, resolution, .. } = scalars;
+        let table = Arc::new(TransferTable::new(context, transfer, reduction, *shows, unit, steepness, resolution));
+        *held = Some((level, Arc::clone(&table)));
+        table
+    }
+
+    /// What a lattice of a post-shaded scene is classified and lit by, and the seconds it took to find the light, 0 if
+    /// the scene held it; `None` for classified voxels.
+    pub(crate) fn post_shading(
+        &self,
+        context: &Context,
+        pipelines: &Cache,
+        lattice: &Lattice,
+        progress: &Progress,
+    ) -> Result<(Option<PostShading>, f64)> {
+        let Content::Scalars(scalars) = &self.content else { return Ok((None, 0.0)) };
+        let table = self.table(context, scalars, lattice.level);
+        let Some(casting) = lattice.settings.casting() else {
+            let light = pipelines.get_or_make((), || Ok(LightVolume::none(context)))?;
+            let to_light = DAffine3::IDENTITY;
+            return Ok((Some(PostShading { table, light, shadows: false, to_light }), 0.0));
+        };
+        let (kernel, normalization) = lattice.kernel_of_voxels();
+        let (coarse, grid) = self.lit_cells(&kernel, lattice.level)?;
+        let denser = normalization.density(&kernel);
+        let cells = coarse.map_or(kernel, |(cells, growth)| cells.kernel(&kernel, growth));
+        let unit = scalars.transfer.unit_or(self.grid.min_spacing());
+        let voxels = coarse.map_or(1.0, |(cells, _)| cells.size());
+        let lattice_of_light = shadow::Lattice::new(&grid, cells, cells.integral() / denser, unit, voxels);
+        let clip = lattice.settings.clip.sides(&grid);
+        let shadows = Shadows { casting, lattice: lattice_of_light, clip };
+        let post = |light: &Arc<LightVolume>| {
+            let to_light = light.map_from(&lattice.coarse.map_or(Ok(self.grid), |(cells, ..)| cells.grid(&self.grid))?);
+            Ok::<_, Error>(Some(PostShading {
+                table: Arc::clone(&table),
+                light: Arc::clone(light),
+                shadows: true,
+                to_light,
+            }))
+        };
+        let lock = || scalars.light.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, light)) = lock().as_ref()
+            && *of == shadows
+        {
+            return Ok((post(light)?, 0.0));
+        }
+        let (light, seconds) = on_host(|| {
+            context.guarded("casting shadows", || {
+                // All that a place which may show is lit by lies between voxels so near.
+                let need = ScalarNeed { influence: kernel.radius() + 2.0, ..ScalarNeed::NONE };
+                let lit = !scalars.transfer.gradient_opacity().is_empty();
+                let coarse = coarse.map(|(cells, _)| cells);
+                let emitted = scalars.emit(context, &Asked { kernel, normalization, need, lit, coarse }, progress)?;
+                let PostShaded { transfer, reduction, .. } = scalars.as_ref();
+                light_volume(context, &emitted, &grid, &Classification { transfer, reduction }, &shadows, progress)
+            })
+        });
+        let light = Arc::new(light?);
+        *lock() = Some((shadows, Arc::clone(&light)));
+        Ok((post(&light)?, seconds))
+    }
+
+    /// The lattice that the light of a post-shaded picture is found on: voxels, or cells and the growth of the kernels
+    /// that they stand for. It is no finer than that of the picture, and no larger than a light volume may be.
+    fn lit_cells(&self, kernel: &Kernel, level: u32) -> Result<(Option<(Coarse, f64)>, Grid)> {
+        for level in level..=MAX_LEVEL {
+            let growth = cells::least_growth(kernel, level);
+            let coarse = (level > 0).then(|| (Coarse::new(kernel, growth, Some(level)), growth));
+            let grid = coarse.map_or(Ok(self.grid), |(cells, _)| cells.grid(&self.grid))?;
+            if grid.len() <= light_volume::MAX_CELLS {
+                return Ok((coarse, grid));
+            }
+        }
+        Err(Error::volume("no light volume has room for as many voxels"))
+    }
+
+    /// Refuses a scene of another device, and settings that it was not prepared for.
+    pub(crate) fn check(&self, context: &Context, settings: &Settings) -> Result<()> {
+        let error = |name, what: &str| {
+            let reason = format!("the scene was prepared {what}: prepare it with the settings it is rendered with");
+            Err(Error::Setting { name, reason })
+        };
+        if self.device != context.id {
+            return error("scene", "by another renderer, on another device");
+        }
+        match &self.content {
+            Content::Splats(_) if settings.is_post_shaded() => error("shading", "for pre-shading"),
+            Content::Splats(voxels) if !voxels.lit && settings.lighting.is_some() => error("light", "without light"),
+            Content::Splats(voxels) => voxels.layers.check(settings),
+            Content::Scalars(_) if !settings.is_post_shaded() => error("shading", "for post-shading"),
+            Content::Scalars(scalars) if scalars.model != settings.model => error("model", "for another model"),
+            Content::Scalars(scalars) if scalars.sharpened != settings.sharpens() => {
+                error("sharpness", "for another sharpness, or for that of another kernel")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The splats that a picture is made of, and the seconds it took to make them, 0 if the scene held them.
+    pub(crate) fn drawable(
+        &self,
+        context: &Context,
+        pipelines: &Cache,
+        wanted: Wanted<'_>,
+        progress: &Progress,
+    ) -> Result<(Drawable, f64)> {
+        let Wanted { settings, level, shadows, coarse, need, .. } = wanted;
+        let scalars = match &self.content {
+            Content::Splats(voxels) if level == 0 => return voxels.classified(context, pipelines, shadows, progress),
+            Content::Splats(voxels) => return voxels.cells(context, pipelines, wanted, progress),
+            Content::Scalars(scalars) => scalars,
+        };
+        let (kernel, normalization) = kernel_of_voxels(settings, coarse);
+        let coarse = coarse.map(|(coarse, ..)| coarse);
+        let asked = Asked { kernel, normalization, need, lit: settings.lighting.is_some(), coarse };
+        let lock = || scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, emitted)) = lock().as_ref()
+            && of.serves(&asked)
+        {
+            return Ok((Drawable::Emitted(Arc::clone(emitted)), 0.0));
+        }
+        // Not under the lock: who emits waits for a pool of threads, which may hand it work that asks for the lock.
+        let (emitted, seconds) =
+            on_host(|| context.guarded("emitting scalars", || scalars.emit(context, &asked, progress)));
+        let emitted = Arc::new(emitted?);
+        *lock() = Some((asked, Arc::clone(&emitted)));
+        Ok((Drawable::Emitted(emitted), seconds))
+    }
+}

@@ -1,0 +1,170 @@
+//! shadows: from splats to splats that know how much light arrives at them. On the host, for any adapter: once for each
+//! volume, transfer function and set of lights, not for each picture.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::clip::{Side, is_inside};
+use crate::error::Result;
+use crate::gpu::context::Context;
+use crate::gpu::layout::{SHADED_WORDS, Splat};
+use crate::gpu::splat::{LANES, kept, packed_kept};
+use crate::gpu::store::{BrickSplats, HostBrick, Store, StoreBuilder, places};
+use crate::lighting::Casting;
+use crate::lighting::shadow::{Block, Caster, Lattice, Medium};
+use crate::progress::Progress;
+use crate::volume::BRICK_EDGE as EDGE;
+use voxsplat_volume::memory::reserved;
+
+/// Words of a lit splat without its place and without what it keeps of light.
+const LIT: usize = size_of::<Splat>() / 4 - 1;
+
+/// Planes of a brick that are added up together: what they read together stays in caches.
+pub(crate) const PLANES: usize = 4;
+
+/// Which light is kept from the splats of a lattice of kernels.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Shadows {
+    pub(crate) casting: Casting,
+    pub(crate) lattice: Lattice,
+    /// What is not cut away: the rest casts none.
+    pub(crate) clip: Vec<Side>,
+}
+
+impl Shadows {
+    /// Whether the voxel at a lattice point casts shadows.
+    pub(crate) fn casts(&self, point: [usize; 3]) -> bool {
+        let from_middle = |axis: usize| point[axis] as f64 - (self.lattice.dims[axis] - 1) as f64 / 2.0;
+        is_inside(&self.clip, DVec3::from_array([0, 1, 2].map(from_middle)))
+    }
+}
+
+/// The splats of stores, lit ones, with the shares of light that arrive at each.
+pub(crate) fn shaded(
+    context: &Context,
+    stores: &[Store],
+    shadows: &Shadows,
+    progress: &Progress,
+) -> Result<Vec<Store>> {
+    let Shadows { casting, lattice, .. } = shadows;
+    let held = stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
+    let bricks = bricks_of(stores, &held);
+    let mut medium = Medium::<f32>::new(lattice.dims)?;
+    for (brick, held) in &bricks {
+        for (at, bits, words) in rows(brick, held) {
+            for (x, words) in places(bits).zip(words.chunks_exact(held.each)) {
+                let point = [at[0] + x, at[1], at[2]];
+                if shadows.casts(point) {
+                    medium.set(point, f32::from_bits(words[0] & 0xffff_ff00));
+                }
+            }
+        }
+    }
+    let caster = Caster::new(casting, lattice);
+    let done = AtomicUsize::new(0);
+    let shade = |&(brick, held): &(&BrickSplats, &HostBrick)| -> Result<(HostBrick, BrickSplats)> {
+        let count = u64::from(held.count());
+        let mut shaded = reserved(count * (SHADED_WORDS - 1) as u64, || "splats of a brick".to_owned())?;
+        let mut splats = held.words.chunks_exact(held.each);
+        each_share(&caster, &medium, (brick, held), |_, shares| {
+            shaded.extend(splats.next().iter().flat_map(|words| &words[..LIT]));
+            shaded.extend(packed_kept(shares));
+        });
+        let number = done.fetch_add(1, Ordering::Relaxed) + 1;
+        progress.report("casting shadows", number as f64 / bricks.len() as f64);
+        let bits: Vec<u32> = held.rows.iter().map(|row| row.bits).collect();
+        Ok((HostBrick::new(&bits, SHADED_WORDS - 1, shaded), *brick))
+    };
+    let shaded = bricks.par_iter().map(shade).collect::<Result<Vec<_>>>()?;
+    let mut stores = StoreBuilder::new(context, 4 * SHADED_WORDS as u64, u32::MAX);
+    for (splats, brick) in shaded {
+        let count = splats.count();
+        let (_, first) = stores.make_room(count, 1)?;
+        stores.add(splats, count, [BrickSplats { first, ..brick }]);
+    }
+    stores.finish()
+}
+
+/// The shares of light that arrive at the voxels of a lattice.
+pub(crate) struct Arriving {
+    /// Bricks along each axis.
+    bricks: [usize; 3],
+    /// By brick, x fastest: the splats of a store, and the number of the brick there. `None`: it has no splats.
+    held: Vec<Option<(Arc<Vec<HostBrick>>, usize)>>,
+}
+
+impl Arriving {
+    /// At the splats that [`shaded`] made of a lattice of so many points.
+    pub(crate) fn new(context: &Context, shaded: &[Store], dims: [u32; 3]) -> Result<Self> {
+        let bricks = dims.map(|n| (n as usize).div_ceil(EDGE));
+        let mut held = vec![None; bricks.iter().product()];
+        for store in shaded {
+            let splats = store.on_host(context)?;
+            for (number, brick) in store.bricks.iter().enumerate() {
+                let [x, y, z] = brick.origin.map(|p| p as usize / EDGE);
+                held[x + bricks[0] * (y + bricks[1] * z)] = Some((Arc::clone(&splats), number));
+            }
+        }
+        Ok(Self { bricks, held })
+    }
+
+    /// At [`LANES`] voxels of a row; all light arrives where there is no splat.
+    pub(crate) fn at(&self, [first, y, z]: [usize; 3]) -> [[f32; LANES]; 4] {
+        let (mut low, mut high) = ([u32::MAX; LANES], [u32::MAX; LANES]);
+        let row = self.bricks[0] * (y / EDGE + self.bricks[1] * (z / EDGE));
+        for number in first / EDGE..((first + LANES - 1) / EDGE + 1).min(self.bricks[0]) {
+            let Some((splats, brick)) = &self.held[row + number] else { continue };
+            let brick = &splats[*brick];
+            let row = brick.rows[y % EDGE + EDGE * (z % EDGE)];
+            for (x, words) in places(row.bits).zip(brick.words[row.first as usize * brick.each..].chunks(brick.each)) {
+                if let Some(at) = (number * EDGE + x).checked_sub(first).filter(|&at| at < LANES) {
+                    (low[at], high[at]) = (words[LIT], words[LIT + 1]);
+                }
+            }
+        }
+        kept(&low, &high)
+    }
+}
+
+/// The bricks of stores whose splats are held on the host.
+pub(crate) fn bricks_of<'a>(
+    stores: &'a [Store],
+    held: &'a [Arc<Vec<HostBrick>>],
+) -> Vec<(&'a BrickSplats, &'a HostBrick)> {
+    stores.iter().zip(held).flat_map(|(store, held)| store.bricks.iter().zip(held.iter())).collect()
+}
+
+/// Calls `visit` for each splat of a brick, in their order, with its lattice point and the shares of light that arrive
+/// there.
+pub(crate) fn each_share(
+    caster: &Caster<f32>,
+    medium: &Medium<f32>,
+    (brick, held): (&BrickSplats, &HostBrick),
+    mut visit: impl FnMut([usize; 3], [f64; 4]),
+) {
+    let bits: Vec<u32> = held.rows.iter().map(|row| row.bits).collect();
+    let [x, y, z] = brick.origin.map(|p| p as usize);
+    for (number, wanted) in bits.chunks_exact(EDGE * PLANES).enumerate() {
+        if wanted.iter().all(|&bits| bits == 0) {
+            continue;
+        }
+        let block = Block { start: [x, y, z + PLANES * number], down: EDGE, wanted };
+        for (row, shares) in caster.shares::<EDGE>(medium, &block).iter().enumerate() {
+            let (y, z) = (y + row % EDGE, block.start[2] + row / EDGE);
+            places(wanted[row]).for_each(|at| visit([x + at, y, z], shares.map(|share| share[at])));
+        }
+    }
+}
+
+/// The rows of a brick that have splats: the lattice point of their first place, the bits of the places, the words.
+pub(crate) fn rows<'a>(brick: &BrickSplats, held: &'a HostBrick) -> impl Iterator<Item = ([usize; 3], u32, &'a [u32])> {
+    let origin = brick.origin.map(|p| p as usize);
+    held.rows.iter().enumerate().filter(|(_, row)| row.bits != 0).map(move |(number, row)| {
+        let at = [origin[0], origin[1] + number % EDGE, origin[2] + number / EDGE];
+        let (first, count) = (row.first as usize, row.bits.count_ones() as usize);
+        (at, row.bits, &held.words[first * held.each..(first + count) * held.each])
+    })
+}

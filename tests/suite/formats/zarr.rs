@@ -1,0 +1,188 @@
+//! Folders of Zarr and OME-Zarr are read as zarr and ome-zarr read them: tests/data/zarr/make.py.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use voxsplat::formats::{LoadOptions, PyramidLevel, load};
+use voxsplat::volume::Volume;
+
+use crate::formats::fixtures::assert_affine;
+
+#[derive(Deserialize)]
+struct Expected {
+    path: String,
+    #[serde(rename = "type")]
+    sample_type: String,
+    dims: [u32; 3],
+    channels: u32,
+    times: u32,
+    /// Affines of a pyramid, the finest first.
+    levels: Vec<[[f64; 4]; 3]>,
+    unit: String,
+    labels: Vec<String>,
+    /// Sections that are not there, and the value in their place.
+    missing: Option<(u32, u32, f64)>,
+}
+
+fn folder(path: &str) -> PathBuf {
+    [env!("CARGO_MANIFEST_DIR"), "tests", "data", "zarr", path].iter().collect()
+}
+
+fn expected() -> Vec<Expected> {
+    serde_json::from_str(&std::fs::read_to_string(folder("expected.json")).unwrap()).unwrap()
+}
+
+/// The sample at a place, as in make.py.
+fn sample(sample_type: &str, [x, y, z]: [u32; 3], (channel, time): (u32, u32)) -> f64 {
+    let n = f64::from((7 * x + 13 * y + 29 * z + 101 * channel + 40 * time) % 251);
+    match sample_type {
+        "u8" => n,
+        "i8" => n - 125.0,
+        "u16" => 257.0 * n,
+        "i16" => 100.0 * n - 12_000.0,
+        "u32" => 70_001.0 * n,
+        "i32" => 70_001.0 * n - 9_000_000.0,
+        "u64" => 3e16 * n,
+        "i64" => 3e16 * (n - 100.0),
+        "f32" => n * 0.25 - 3.125,
+        "f64" => n / 4.0 - 7.125,
+        other => panic!("{other}"),
+    }
+}
+
+fn assert_samples(volume: &Volume, e: &Expected, step: u32, of: (u32, u32), what: &str) {
+    let samples = volume.in_memory().unwrap();
+    let [nx, ny, nz] = volume.grid().dims();
+    for (x, y, z) in (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| (x, y, z)))) {
+        let index = ((z * ny + y) * nx + x) as usize;
+        let expected = match e.missing {
+            Some((from, to, fill)) if (from..to).contains(&z) => fill,
+            _ => sample(&e.sample_type, [x * step, y * step, z * step], of),
+        };
+        assert_eq!(samples.value(index), expected, "{what}: sample {x}, {y}, {z}");
+    }
+}
+
+#[test]
+fn every_folder_is_read_as_by_zarr() {
+    let all = expected();
+    assert!(all.len() >= 50, "{} folders", all.len());
+    for e in &all {
+        for (channel, time) in (0..e.channels).flat_map(|c| (0..e.times).map(move |t| (c, t))) {
+            for (level, affine) in e.levels.iter().enumerate() {
+                let options = LoadOptions {
+                    channel: Some(channel),
+                    time: Some(time),
+                    level: PyramidLevel::At(level as u32),
+                    ..LoadOptions::default()
+                };
+                let volume = load(folder(&e.path), &options).unwrap_or_else(|error| panic!("{error:#}"));
+                let what = format!("{} level {level} channel {channel} time {time}", e.path);
+                assert_eq!(volume.grid().dims(), e.dims.map(|n| n >> level), "{what}");
+                assert_eq!(volume.sample_type().name(), e.sample_type, "{what}");
+                assert_samples(&volume, e, 1 << level, (channel, time), &what);
+                assert_affine(&volume, affine, &what);
+                assert_eq!(volume.units().length.as_deref().unwrap_or_default(), e.unit, "{what}");
+                let contents = volume.contents();
+                assert_eq!((contents.channels, contents.times), (e.channels, e.times), "{what}");
+                assert_eq!((contents.level, contents.levels), (level as u32, e.levels.len() as u32), "{what}");
+                let label = |channel: &voxsplat::volume::Channel| {
+                    let ([r, g, b], [low, high]) = (channel.color.unwrap(), channel.window.unwrap());
+                    format!("{} #{r:02x}{g:02x}{b:02x} {low} {high}", channel.name.as_deref().unwrap())
+                };
+                assert_eq!(contents.labels.iter().map(label).collect::<Vec<_>>(), e.labels, "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_level_is_the_coarsest_that_is_fine_enough() {
+    // 4 x 4.5 x 8 µm, in samples of 0.5 x 0.75 x 2 µm and of twice that.
+    let level = |level: PyramidLevel| {
+        load(folder("image-0.5.zarr"), &LoadOptions { level, ..LoadOptions::default() }).unwrap().contents().level
+    };
+    assert_eq!(level(PyramidLevel::Pixels(100.0)), 0);
+    // Pixels of 4 µm are as coarse as the sections of the second level.
+    assert_eq!(level(PyramidLevel::Pixels(2.0)), 1);
+    assert_eq!(level(PyramidLevel::Pixels(2.1)), 0);
+    assert_eq!(level(PyramidLevel::PixelSize(4.0)), 1);
+    assert_eq!(level(PyramidLevel::PixelSize(3.9)), 0);
+    let error = load(folder("image-0.5.zarr"), &LoadOptions { level: PyramidLevel::At(2), ..LoadOptions::default() });
+    assert!(error.unwrap_err().to_string().contains("has the levels 0 to 1"));
+}
+
+/// A copy of a folder in which a text of a file is another.
+fn changed(from: &str, file: &str, replace: impl Fn(Vec<u8>) -> Vec<u8>) -> tempfile::TempDir {
+    fn copied(from: &Path, to: &Path) {
+        std::fs::create_dir_all(to).unwrap();
+        for entry in std::fs::read_dir(from).unwrap().map(Result::unwrap) {
+            let to = to.join(entry.file_name());
+            match entry.path().is_dir() {
+                true => copied(&entry.path(), &to),
+                false => drop(std::fs::copy(entry.path(), to).unwrap()),
+            }
+        }
+    }
+    let copy = tempfile::tempdir().unwrap();
+    copied(&folder(from), copy.path());
+    let file = copy.path().join(file);
+    std::fs::write(&file, replace(std::fs::read(&file).unwrap())).unwrap();
+    copy
+}
+
+#[test]
+fn broken_folders_say_what_is_wrong() {
+    let cases = [
+        ("v2-i16.zarr", ".zarray", "\"<i2\"", "\"<c8\"", "dtype \"<c8\" is not read"),
+        ("v2-i16.zarr", ".zarray", "\"<i2\"", "[[\"a\", \"<i2\"]]", "no simple type"),
+        ("v2-i16.zarr", ".zarray", "\"C\"", "\"K\"", "order \"K\""),
+        ("v2-gzip.zarr", ".zarray", "\"gzip\"", "\"bz2\"", "codec \"bz2\" is not read"),
+        ("v2-i16.zarr", ".zarray", "{", "[", "expected"),
+        ("v2-i16.zarr", ".zarray", "\"shape\"", "\"sharp\"", "an array of []"),
+        ("v2-i16.zarr", ".zarray", "[\n    5,", "[\n    70000,", "dimension 3 is 70000"),
+        ("v2-i16.zarr", ".zarray", "\"chunks\": [\n    3", "\"chunks\": [\n    0", "in chunks of [0"),
+        (
+            "v2-i16.zarr",
+            ".zarray",
+            "\"chunks\": [\n    3",
+            "\"chunks\": [\n    300000000",
+            "expected at most 1073741824",
+        ),
+        ("v2-i16.zarr", ".zarray", "\"chunks\": [\n    3", "\"chunks\": [\n    4", "expected 64"),
+        ("v3-i16.zarr", "zarr.json", "\"int16\"", "\"complex64\"", "\"complex64\" is not read"),
+        ("v3-i16.zarr", "zarr.json", "\"regular\"", "\"rectangular\"", "regular grid"),
+        ("v3-i16.zarr", "zarr.json", "\"bytes\"", "\"vlen-utf8\"", "\"vlen-utf8\" is not read"),
+        ("v3-i16.zarr", "zarr.json", "\"little\"", "\"middle\"", "\"middle\""),
+        ("v3-shards.zarr", "zarr.json", "\"end\"", "\"middle\"", "\"middle\""),
+        ("v3-big-transposed.zarr", "zarr.json", "1,\n          2,\n          0", "1,1,0", "transpose"),
+        ("image-0.5.zarr", "zarr.json", "\"scale\": [", "\"scales\": [", "no scale of 3 numbers"),
+        ("image-0.5.zarr", "zarr.json", "\"scale\": [", "\"scale\": [1.0,", "no scale of 3 numbers"),
+        ("image-0.5.zarr", "zarr.json", "multiscales", "singlescale", "without an image"),
+        ("image-0.5.zarr", "zarr.json", "\"path\": \"", "\"path\": \"../", "outside of its folder"),
+        ("image-0.5.zarr", "zarr.json", "\"path\": \"", "\"path\": \"/", "outside of its folder"),
+    ];
+    for (from, file, text, with, words) in cases {
+        let copy = changed(from, file, |bytes| {
+            let old = String::from_utf8(bytes).unwrap();
+            assert!(old.contains(text), "{from}: {text} in {old}");
+            old.replacen(text, with, 1).into_bytes()
+        });
+        let error = load(copy.path(), &LoadOptions::default()).map(drop).unwrap_err();
+        crate::hostile::fuzz::targets::assert_one_line(&error);
+        assert!(error.to_string().contains(words), "{from}: {error} does not say {words}");
+    }
+    let cut = |bytes: Vec<u8>| bytes[..bytes.len() - 1].to_vec();
+    let turned = |mut bytes: Vec<u8>| {
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 0x40;
+        bytes
+    };
+    for (from, file) in [("v2-i16.zarr", "0.0.0"), ("v2-blosc-lz4-bytes.zarr", "0.0.0"), ("v3-shards.zarr", "c/0/0/0")]
+    {
+        let error = load(changed(from, file, cut).path(), &LoadOptions::default()).unwrap_err().to_string();
+        assert!(error.contains(file), "{error}");
+    }
+    let error = load(changed("v3-zstd-crc32c.zarr", "c/0/0/0", turned).path(), &LoadOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("checksum is wrong"), "{error}");
+}

@@ -1,0 +1,97 @@
+//! Turntables that go on: each turn gives the bytes of the first and adds no memory. Mesa 22.3.6 loses a copy of a
+//! shader, 0.2 MB and more, in each dispatch of one that decides anything by uniforms alone.
+
+use std::process::Command;
+
+use voxsplat::camera::View;
+use voxsplat::settings::{Model, Resolution, Response, Settings, Shading};
+
+use crate::support::{demo, draw_on, exact_quads, headlight, look, new_renderer, own_name, prepare_on, with_tiles};
+
+/// The frames of a turntable, if this process was started to make them.
+const FRAMES: &str = "VOXSPLAT_SOAK_FRAMES";
+
+/// Bytes of the process in memory; `None` where the system does not say.
+fn resident() -> Option<u64> {
+    let statm = std::fs::read_to_string("/proc/self/statm").ok()?;
+    // Pages of 4096 bytes on the systems that tests run on.
+    statm.split_whitespace().nth(1)?.parse::<u64>().ok().map(|pages| 4096 * pages)
+}
+
+/// Three turns of each kind of scene with each painter, with a device of their own in a process of its own.
+#[test]
+fn turns() {
+    let Some(frames) = std::env::var(FRAMES).ok().and_then(|n| n.parse::<u32>().ok()) else { return };
+    let renderer = new_renderer();
+    let base = exact_quads();
+    let scenes = [
+        ("pre, lit", "vessels", Settings { lighting: headlight(), ..base.clone() }),
+        ("post", "sphere", Settings { shading: Shading::Post, ..base.clone() }),
+        ("xray", "shepp-logan", Settings { model: Model::Xray, ..base.clone() }),
+        ("mip", "marschner-lobb", Settings { model: Model::Mip, ..base.clone() }),
+        ("depth", "vessels", Settings { model: Model::Mip, depth_coded: true, ..base.clone() }),
+        ("film", "shepp-logan", Settings { model: Model::Xray, response: Response::FILM, ..base.clone() }),
+        ("average", "marschner-lobb", Settings { model: Model::Average, ..base }),
+    ];
+    for (name, demo_name, quads) in scenes {
+        let (volume, transfer) = demo(demo_name, 24);
+        for settings in [with_tiles(&quads, Resolution::Capped), quads] {
+            let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
+            let mut painter = "";
+            let mut turn = || -> Vec<u8> {
+                let mut bytes = Vec::new();
+                for frame in 0..frames / 2 {
+                    let azimuth = 360.0 * f64::from(frame) / f64::from(frames / 2);
+                    let view = View { azimuth, elevation: 20.0, ..View::default() };
+                    let rendered = draw_on(&renderer, &scene, &look(&view, &volume, [48; 2]), &settings).unwrap();
+                    painter = rendered.stats.painter.name();
+                    // A picture's hash: what is kept of a turn is small.
+                    let pixels = rendered.image.pixels().as_flattened();
+                    let hash = pixels.iter().fold(0xcbf2_9ce4_8422_2325_u64, |hash, value| {
+                        (hash ^ u64::from(value.to_bits())).wrapping_mul(0x100_0000_01b3)
+                    });
+                    bytes.extend(hash.to_le_bytes());
+                }
+                bytes
+            };
+            // Two turns to warm up: drivers free what they no longer need some frames later.
+            let first = turn();
+            assert!(first == turn(), "{name}: the second turn differs");
+            let before = resident();
+            assert!(first == turn(), "{name}: the third turn differs");
+            let after = resident();
+            if let (Some(before), Some(after)) = (before, after) {
+                let grown = after.saturating_sub(before);
+                println!(
+                    "{name:<9} {painter:<5} {frames} frames in two turns: {} kB, {} kB more at the end",
+                    before >> 10,
+                    grown >> 10
+                );
+                assert!(grown < 1 << 20, "{name}, {painter}: a turn adds {grown} bytes");
+            }
+        }
+    }
+    println!("soaked");
+}
+
+/// Runs `turns` alone: memory is the process's, and other tests take theirs.
+fn soak(frames: u32) {
+    let own = std::env::current_exe().unwrap();
+    let name = own_name(module_path!(), "turns");
+    let output =
+        Command::new(own).args(["--exact", &name, "--nocapture"]).env(FRAMES, frames.to_string()).output().unwrap();
+    let (said, failed) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    println!("{said}");
+    assert!(output.status.success() && said.contains("soaked"), "{said}\n{failed}");
+}
+
+#[test]
+fn a_turntable_keeps_its_bytes() {
+    soak(24);
+}
+
+#[test]
+#[ignore = "slow: 1440 frames"]
+fn long_turntables_keep_their_bytes() {
+    soak(120);
+}

@@ -1,0 +1,192 @@
+//! The house: no file of a crate needs a file that needs the first one, directly or over others.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::Path;
+
+/// The place of a file among the modules of its crate; the root has no names.
+type Module = Vec<String>;
+
+/// The modules of a folder of sources with their text, without the files of tests.
+fn modules(folder: &Path, at: &[String], found: &mut BTreeMap<Module, String>) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+        let inner: Module = at.iter().cloned().chain([name.clone()]).collect();
+        if path.is_dir() {
+            if !name.starts_with("tests") {
+                modules(&path, &inner, found);
+            }
+        } else if path.extension().is_some_and(|extension| extension == "rs")
+            && !name.ends_with("_test")
+            && !name.ends_with("tests")
+        {
+            let module = if ["mod", "lib", "main"].contains(&name.as_str()) { at.to_vec() } else { inner };
+            found.insert(module, fs::read_to_string(&path).unwrap());
+        }
+    }
+}
+
+/// A source without comments, without blanks between the parts of paths, and without the tests at its end.
+fn code(source: &str) -> String {
+    let lines = source.lines().map(|line| line.split("//").next().unwrap_or_default());
+    let code: String = lines.flat_map(|line| [line, "\n"]).collect();
+    let mut end = code.len();
+    for (at, _) in code.match_indices("#[cfg(test)]") {
+        let words: Vec<&str> = code[at + "#[cfg(test)]".len()..].split_whitespace().take(3).collect();
+        if matches!(words[..], ["mod", _, "{"]) {
+            end = end.min(at);
+        }
+    }
+    code[..end].to_owned()
+}
+
+/// The paths of a tree of names, as behind `use`: `a::{b, c::{d, e}}`.
+fn expanded(tree: &str) -> Vec<Module> {
+    let names = |text: &str| -> Module {
+        text.split("::").map(|name| name.split(" as ").next().unwrap_or_default().trim().to_owned()).collect()
+    };
+    let Some((head, rest)) = tree.split_once('{') else { return vec![names(tree)] };
+    let head: Module = names(head).into_iter().filter(|name| !name.is_empty()).collect();
+    let inside = rest.rsplit_once('}').map_or(rest, |(inside, _)| inside);
+    let (mut depth, mut parts) = (0, vec![String::new()]);
+    for c in inside.chars() {
+        depth += i32::from(c == '{') - i32::from(c == '}');
+        if c == ',' && depth == 0 {
+            parts.push(String::new());
+        } else {
+            parts.last_mut().unwrap().push(c);
+        }
+    }
+    let all = parts.iter().filter(|part| !part.trim().is_empty()).flat_map(|part| expanded(part));
+    all.map(|tail| head.iter().cloned().chain(tail).collect()).collect()
+}
+
+/// The text of a path that starts here: names, and a tree in braces at its end.
+fn path(code: &str) -> &str {
+    let mut depth = 0;
+    for (at, c) in code.char_indices() {
+        depth += i32::from(c == '{') - i32::from(c == '}');
+        let goes_on = c.is_alphanumeric() || c == '_' || c == ':' || depth > 0;
+        if c == '}' && depth == 0 {
+            return &code[..=at];
+        }
+        if !goes_on {
+            return &code[..at];
+        }
+    }
+    code
+}
+
+/// The paths in a source, from the root of its crate: `crate::a::b`, and `super::b` of a module.
+fn paths(module: &Module, source: &str) -> Vec<Module> {
+    let code = code(source);
+    let mut all = Vec::new();
+    for keyword in ["crate::", "super::"] {
+        for (at, _) in code.match_indices(keyword) {
+            let before = code[..at].chars().next_back();
+            if before.is_some_and(|c| c.is_alphanumeric() || c == '_' || c == ':') {
+                continue;
+            }
+            let mut rest = &code[at..];
+            let mut base = module.clone();
+            if keyword == "crate::" {
+                (rest, base) = (&rest[keyword.len()..], Module::new());
+            }
+            while let Some(above) = rest.strip_prefix("super::") {
+                rest = above;
+                base.pop();
+            }
+            all.extend(
+                expanded(path(rest)).into_iter().map(|tail| base.iter().cloned().chain(tail).collect::<Module>()),
+            );
+        }
+    }
+    all
+}
+
+/// The circles of a crate: groups of modules each of which needs all others. The root is the face of the others, so
+/// that paths to it are none.
+fn circles(modules: &BTreeMap<Module, String>) -> Vec<Vec<String>> {
+    let known =
+        |path: Module| (1..=path.len()).rev().map(|n| path[..n].to_vec()).find(|path| modules.contains_key(path));
+    let needed: BTreeMap<&Module, BTreeSet<Module>> = modules
+        .iter()
+        .map(|(module, source)| {
+            let others = paths(module, source).into_iter().filter_map(known).filter(|other| other != module);
+            (module, others.collect())
+        })
+        .collect();
+    let reached = |from: &Module| {
+        let (mut reached, mut next) = (BTreeSet::new(), vec![from.clone()]);
+        while let Some(module) = next.pop() {
+            for other in needed.get(&module).into_iter().flatten() {
+                if reached.insert(other.clone()) {
+                    next.push(other.clone());
+                }
+            }
+        }
+        reached
+    };
+    let reached: BTreeMap<&Module, BTreeSet<Module>> = modules.keys().map(|module| (module, reached(module))).collect();
+    let mut circles = BTreeSet::new();
+    for (module, others) in reached.iter().filter(|(module, others)| others.contains(**module)) {
+        let group = others.iter().filter(|other| reached[other].contains(*module));
+        circles.insert(group.map(|module| module.join("::")).collect::<Vec<_>>());
+    }
+    circles.into_iter().collect()
+}
+
+#[test]
+fn no_crate_has_a_circle_of_files() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let crates = fs::read_dir(root.join("crates")).unwrap().map(|entry| entry.unwrap().path());
+    for folder in crates.chain([root.to_owned()]).map(|folder| folder.join("src")) {
+        let mut found = BTreeMap::new();
+        modules(&folder, &[], &mut found);
+        assert!(found.len() > 3, "{}: {} files", folder.display(), found.len());
+        assert_eq!(circles(&found), Vec::<Vec<String>>::new(), "{}", folder.display());
+    }
+}
+
+#[test]
+fn rooms_need_only_those_below_them() {
+    let mut found = BTreeMap::new();
+    modules(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &[], &mut found);
+    let rows: [(&str, &[&str]); 3] = [
+        ("gpu", &["crate::prepare", "crate::painters", "crate::renderer"]),
+        ("prepare", &["wgpu::", "crate::painters", "crate::renderer"]),
+        ("painters", &["crate::renderer", "crate::accuracy", "crate::appearance"]),
+    ];
+    for (room, above) in rows {
+        let files: Vec<_> =
+            found.iter().filter(|(module, _)| module.first().is_some_and(|name| name == room)).collect();
+        assert!(files.len() > 3, "{room}: {} files", files.len());
+        for (module, source) in files {
+            let named: Vec<_> = above.iter().filter(|name| code(source).contains(*name)).collect();
+            assert!(named.is_empty(), "{}: {named:?}", module.join("::"));
+        }
+    }
+}
+
+#[test]
+fn a_circle_is_found() {
+    let files = |files: &[(&str, &str)]| -> BTreeMap<Module, String> {
+        let module = |name: &str| name.split("::").filter(|name| !name.is_empty()).map(str::to_owned).collect();
+        files.iter().map(|(name, source)| (module(name), (*source).to_owned())).collect()
+    };
+    let straight = [
+        ("", "mod a; mod b; mod c;"),
+        (
+            "a",
+            "use crate::b::{self, Thing, c::{D, E}};\n// use crate::c::Not;\n#[cfg(test)]\nmod t { use crate::c::T; }",
+        ),
+        ("b", "use super::c;"),
+        ("b::c", "pub fn f() { super::super::c::g() }"),
+        ("c", "use crate::Root;"),
+    ];
+    assert!(circles(&files(&straight)).is_empty());
+    let mut round = straight;
+    round[4].1 = "fn g() { crate::a::f() }";
+    assert_eq!(circles(&files(&round)), [["a", "b", "b::c", "c"]]);
+}
