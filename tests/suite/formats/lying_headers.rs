@@ -600,7 +600,7 @@ fn broken_dicom_files_say_what_is_wrong() {
     let says = message(folder.path(), &LoadOptions::default());
     assert!(says.contains("two slices at one position: ct-a.dcm and ct-b.dcm"), "{says}");
     std::fs::copy(path("raw-u8.tif"), folder.path().join("a.tif")).unwrap();
-    assert!(message(folder.path(), &LoadOptions::default()).contains("TIFF and DICOM"));
+    assert!(message(folder.path(), &LoadOptions::default()).contains("DICOM and TIFF"));
 }
 
 #[test]

@@ -331,14 +331,6 @@ pub(crate) fn measured(
     };
     let (color, alpha) = errors(&compared, &expected);
     let rms = rms_covered(&compared, &expected);
-    println!(
-        "DATA {painter} {} {} slope {:.3} stepped {} alpha {alpha:.4} colour {color:.4} rms {rms:.4} of {:.4}",
-        settings.model,
-        settings.shading,
-        slope(transfer, range_of(volume, transfer), volume.grid().min_spacing()),
-        settings.kernel.radius() < 2.0,
-        bound.rms
-    );
     let pairs = compared.pixels().iter().zip(expected.pixels()).enumerate();
     let error = |p: &[f32; 4], q: &[f32; 4], channel: usize| f64::from((p[channel] - q[channel]).abs());
     let by = |p: &[f32; 4], q: &[f32; 4]| {

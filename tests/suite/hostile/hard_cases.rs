@@ -89,7 +89,7 @@ fn case(name: impl Into<String>, view: View) -> Case {
         volume: ball(DAffine3::IDENTITY),
         transfer: tones(),
         view,
-        size: [20, 17],
+        size: [26, 22],
         settings: exact_quads(),
     }
 }
