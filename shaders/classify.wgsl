@@ -1,6 +1,6 @@
-// classify: voxels to splats, brick by brick. Each invocation owns a row of a brick. `count` notes the visible voxels
-// of the row, a scan turns the counts into places, `emit` writes the splats there. There are no atomics: the order of
-// the splats is that of the bricks, and in a brick that of the lattice, whatever the scheduling.
+// classify: voxels to splats, brick by brick. Each invocation owns a row of a brick. `count` counts the visible voxels
+// of the row, a scan turns the counts into places, `emit` writes the splats there. There are no atomics: splats have
+// the order of the bricks, and within a brick the order of the lattice, whatever the scheduling.
 // uses: common/dispatch, common/normal, common/resolution, common/splat
 
 // How a sample is stored: 0 u8, 1 i8, 2 u16, 3 i16, 4 f32.
@@ -9,13 +9,13 @@ override SAMPLE_TYPE: u32 = 0u;
 override LIT: bool = false;
 // Whether extinction depends on gradients.
 override GRADIENT_OPACITY: bool = false;
-// Whether voxels that show nothing become splats too.
+// Whether invisible voxels also become splats.
 override KEEP_INVISIBLE: bool = false;
-// Number of control points, if there are at most MAX_INLINE_POINTS. A sample is then compared with one after the other,
-// in the uniform buffer, where all invocations read the same one at a time. 0: binary search in the storage buffer.
+// Number of control points, if there are at most MAX_INLINE_POINTS. A sample is then compared with each point in the
+// uniform buffer, where all invocations read the same point at a time. 0: binary search in the storage buffer.
 override INLINE_POINTS: u32 = 0u;
 const MAX_INLINE_POINTS: u32 = 32u;
-// Floats farther out than this are as far as any: their differences stay in the range of f32.
+// Floats are clamped to this, so that their differences stay in the range of f32.
 const FAR: f32 = 1e36;
 // Voxels along the side of a brick.
 const EDGE: u32 = 32u;
@@ -35,10 +35,10 @@ struct Classify {
     gradient_z: vec3f,
     // Number of the first brick of this batch among the bricks of the store.
     first_brick: u32,
-    // Control points of gradient opacity, behind the others: `sample` is the length of a gradient of samples.
+    // Control points of gradient opacity, after the other points: `sample` is the length of a gradient of samples.
     gradient_points: u32,
-    // The base of the transfer function in the units of the samples, and the resolution there, see
-    // common/resolution.wgsl.
+    // The base of the transfer function in the units of the samples, and the resolution there (see
+    // common/resolution.wgsl).
     base: f32,
     faintest: f32,
     inline_points: array<ControlPoint, MAX_INLINE_POINTS>,
@@ -55,12 +55,12 @@ struct ControlPoint {
 // Samples of the bricks, brick after brick, x fastest; several to a word, see SAMPLE_TYPE.
 @group(0) @binding(1) var<storage, read> samples: array<u32>;
 @group(0) @binding(2) var<storage, read> control_points: array<ControlPoint>;
-// By row of a brick: its number of visible voxels; after the scan, the place of its first splat.
+// For each row of a brick: its number of visible voxels; after the scan, the place of its first splat.
 @group(0) @binding(3) var<storage, read_write> places: array<u32>;
 @group(0) @binding(4) var<storage, read_write> splats: array<vec2u>;
 // Lattice points of the first voxels of bricks.
 @group(0) @binding(5) var<storage, read> origins: array<vec4u>;
-// By row of a brick: a bit for each voxel, set if it is visible; the lowest bit is the first voxel.
+// For each row of a brick: a bit for each voxel, set if it is visible; the lowest bit is the first voxel.
 @group(0) @binding(6) var<storage, read_write> seen: array<u32>;
 
 // Sample number `i` of the batch.
@@ -89,7 +89,7 @@ fn chosen(first: bool, a: ControlPoint, b: ControlPoint) -> ControlPoint {
 }
 
 // Colour and opacity of a sample: linear between control points, constant beyond the first and the last. If several
-// points have the same value, the last of them holds from there on.
+// points have the same value, the last of them holds above it.
 fn transfer(sample: f32) -> vec4f {
     // a: the last point that is not above the sample, or the first point. b: the point after it.
     var a = classify.inline_points[0];
@@ -123,8 +123,8 @@ fn transfer(sample: f32) -> vec4f {
     return vec4f(a.color + (b.color - a.color) * f, a.opacity + (b.opacity - a.opacity) * f);
 }
 
-// -ln(1 - opacity). Below 0.1, where the subtraction would cancel, by its series to opacity^6: the next term is 1.4e-7
-// of it there. The largest opacity is TransferFunction::MAX_OPACITY, 1 - 2^-16.
+// -ln(1 - opacity). Below 0.1 the subtraction would cancel, so the series to opacity^6 replaces it: the next term is
+// 1.4e-7 of the result. The largest opacity is TransferFunction::MAX_OPACITY, 1 - 2^-16.
 fn density(opacity: f32) -> f32 {
     let a = min(opacity, 0.9999847412109375);
     if a < 0.1 {
@@ -133,12 +133,12 @@ fn density(opacity: f32) -> f32 {
     return -log(1.0 - a);
 }
 
-// Whether bricks come with a layer of their neighbours' voxels around them, for gradients.
+// Whether bricks have a layer of neighbouring voxels around them, for gradients.
 fn has_halo() -> bool {
     return LIT || GRADIENT_OPACITY;
 }
 
-// Voxels along the side of a brick as it is stored.
+// Voxels along the side of a stored brick.
 fn stored_edge() -> u32 {
     return select(EDGE, EDGE + 2u, has_halo());
 }
@@ -151,7 +151,7 @@ struct BrickRow {
     point: vec3u,
     // Index of its first sample.
     first: u32,
-    // How many of its voxels are in the lattice.
+    // Number of its voxels in the lattice.
     count: u32,
 }
 
@@ -169,8 +169,8 @@ fn brick_row(index: u32) -> BrickRow {
     return BrickRow(brick, point, first, min(EDGE, classify.dims.x - point.x));
 }
 
-// The world gradient at a sample, by central differences: a vector of moderate length, and what it is to be multiplied
-// by; 0 if the differences are rounding.
+// The world gradient at a sample, by central differences: a vector of moderate length (xyz) and its factor (w); 0 if
+// the differences are rounding.
 fn gradient(i: u32) -> vec4f {
     let row = stored_edge();
     let plane = row * row;
@@ -181,7 +181,7 @@ fn gradient(i: u32) -> vec4f {
     if 0.5 * largest < resolution_at(sample_at(i) - classify.base, classify.faintest) {
         return vec4f(0.0);
     }
-    // Neither the unit of the samples nor that of the world takes it out of the range of f32.
+    // Neither the unit of the samples nor the unit of the world moves it out of the range of f32.
     let d = vec3f(x, y, z) / largest;
     let direction = classify.gradient_x * d.x + classify.gradient_y * d.y + classify.gradient_z * d.z;
     return vec4f(direction, 0.5 * largest);
@@ -192,7 +192,7 @@ fn magnitude_of(gradient: vec4f) -> f32 {
     return min(length(gradient.xyz) * gradient.w, FAR);
 }
 
-// The share of extinction that stays at a gradient.
+// Gradient opacity: the share of extinction at a gradient.
 fn gradient_share(gradient: vec4f) -> f32 {
     let magnitude = magnitude_of(gradient);
     var above = 0u;
@@ -215,7 +215,7 @@ fn gradient_share(gradient: vec4f) -> f32 {
     return a.opacity + (b.opacity - a.opacity) * f;
 }
 
-// Whether a sample shows.
+// Whether a sample is visible.
 fn shows(i: u32) -> bool {
     if KEEP_INVISIBLE {
         return true;
@@ -250,7 +250,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     }
     let row = brick_row(index);
     var place = places[index];
-    // The lowest bit that is set is the next visible voxel; `rest & (rest - 1)` clears it.
+    // The lowest set bit is the next visible voxel; `rest & (rest - 1)` clears it.
     for (var rest = seen[index]; rest != 0u; rest &= rest - 1u) {
         let i = firstTrailingBit(rest);
         let classified = transfer(sample_at(row.first + i) - classify.sample_origin);
