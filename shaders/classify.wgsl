@@ -9,13 +9,13 @@ override SAMPLE_TYPE: u32 = 0u;
 override LIT: bool = false;
 // Whether extinction depends on gradients.
 override GRADIENT_OPACITY: bool = false;
-// Whether invisible voxels also become splats.
+// Whether voxels that show nothing become splats too.
 override KEEP_INVISIBLE: bool = false;
-// Number of control points, if there are at most MAX_INLINE_POINTS. A sample is then compared with each point in the
-// uniform buffer, where all invocations read the same point at a time. 0: binary search in the storage buffer.
+// Number of control points, if there are at most MAX_INLINE_POINTS. A sample is then compared with one after the other,
+// in the uniform buffer, where all invocations read the same one at a time. 0: binary search in the storage buffer.
 override INLINE_POINTS: u32 = 0u;
 const MAX_INLINE_POINTS: u32 = 32u;
-// Floats are clamped to this, so that their differences stay in the range of f32.
+// Floats farther out than this are as far as any: their differences stay in the range of f32.
 const FAR: f32 = 1e36;
 // Voxels along the side of a brick.
 const EDGE: u32 = 32u;
@@ -37,8 +37,8 @@ struct Classify {
     first_brick: u32,
     // Control points of gradient opacity, after the other points: `sample` is the length of a gradient of samples.
     gradient_points: u32,
-    // The base of the transfer function in the units of the samples, and the resolution there (see
-    // common/resolution.wgsl).
+    // The base of the transfer function in the units of the samples, and the resolution there, see
+    // common/resolution.wgsl.
     base: f32,
     faintest: f32,
     inline_points: array<ControlPoint, MAX_INLINE_POINTS>,
@@ -89,7 +89,7 @@ fn chosen(first: bool, a: ControlPoint, b: ControlPoint) -> ControlPoint {
 }
 
 // Colour and opacity of a sample: linear between control points, constant beyond the first and the last. If several
-// points have the same value, the last of them holds above it.
+// points have the same value, the last of them holds from there on.
 fn transfer(sample: f32) -> vec4f {
     // a: the last point that is not above the sample, or the first point. b: the point after it.
     var a = classify.inline_points[0];
@@ -123,8 +123,8 @@ fn transfer(sample: f32) -> vec4f {
     return vec4f(a.color + (b.color - a.color) * f, a.opacity + (b.opacity - a.opacity) * f);
 }
 
-// -ln(1 - opacity). Below 0.1 the subtraction would cancel, so the series to opacity^6 replaces it: the next term is
-// 1.4e-7 of the result. The largest opacity is TransferFunction::MAX_OPACITY, 1 - 2^-16.
+// -ln(1 - opacity). Below 0.1, where the subtraction would cancel, by its series to opacity^6: the next term is 1.4e-7
+// of it there. The largest opacity is TransferFunction::MAX_OPACITY, 1 - 2^-16.
 fn density(opacity: f32) -> f32 {
     let a = min(opacity, 0.9999847412109375);
     if a < 0.1 {
@@ -192,7 +192,7 @@ fn magnitude_of(gradient: vec4f) -> f32 {
     return min(length(gradient.xyz) * gradient.w, FAR);
 }
 
-// Gradient opacity: the share of extinction at a gradient.
+// The share of extinction that stays at a gradient.
 fn gradient_share(gradient: vec4f) -> f32 {
     let magnitude = magnitude_of(gradient);
     var above = 0u;
@@ -215,7 +215,7 @@ fn gradient_share(gradient: vec4f) -> f32 {
     return a.opacity + (b.opacity - a.opacity) * f;
 }
 
-// Whether a sample is visible.
+// Whether a sample shows.
 fn shows(i: u32) -> bool {
     if KEEP_INVISIBLE {
         return true;
@@ -250,7 +250,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     }
     let row = brick_row(index);
     var place = places[index];
-    // The lowest set bit is the next visible voxel; `rest & (rest - 1)` clears it.
+    // The lowest bit that is set is the next visible voxel; `rest & (rest - 1)` clears it.
     for (var rest = seen[index]; rest != 0u; rest &= rest - 1u) {
         let i = firstTrailingBit(rest);
         let classified = transfer(sample_at(row.first + i) - classify.sample_origin);
