@@ -62,7 +62,7 @@ fn bounds(center: vec3f, growth: f32) -> vec4f {
 }
 
 // The slopes from `low` to `high` at which rays can meet a support that the plane of the eye cuts, in one plane
-// coordinate; the parameters are those of bounds_along().
+// coordinate; the parameters are the same as in bounds_along().
 fn cut_along(axis: vec3f, center: f32, depth: vec3f, z: f32, radius: f32, low: f32, high: f32) -> vec2f {
     let r2 = radius * radius;
     let a = z * z - r2 * dot(depth, depth);

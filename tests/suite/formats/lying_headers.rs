@@ -54,7 +54,7 @@ fn files_that_are_no_volume_are_named() {
     assert_refused("a.nrrd", b"NRRD0009\n", "NRRD0001 to NRRD0005");
     let dicom = [vec![0; 128], b"DICM".to_vec(), vec![0; 500]].concat();
     assert_refused("a.dcm", &dicom, "is damaged");
-    // The first 128 bytes of DICOM are free, and may be those of another format.
+    // The first 128 bytes of DICOM are free, and may look like another format.
     for preamble in [&b"II*\0"[..], b"NRRD0004", b"\x93NUMPY"] {
         let file = [preamble, &vec![0; 128 - preamble.len()], b"DICM", &[0; 500]].concat();
         assert_refused("a.dcm", &file, "is damaged: an element of the type");

@@ -108,7 +108,7 @@ fn straight_rays_are_those_that_lean_a_little() {
     let upright = [(0.0, 0.0, 0.0, 40), (90.0, 0.0, 0.0, 40), (180.0, 0.0, 0.0, 40), (0.0, 90.0, 0.0, 40)];
     let turned = [(90.0, 0.0, 90.0, 60), (180.0, 0.0, 30.0, 40), (180.0, 0.0, 30.0, 130), (0.0, 90.0, 0.0, 91)];
     for settings in cases {
-        // A maximum of scalars may be that of another voxel.
+        // A maximum of scalars may belong to another voxel.
         let turned = turned.into_iter().filter(|_| settings.model != Model::Mip);
         for (azimuth, elevation, roll, size) in upright.into_iter().chain(turned) {
             let [straight, leaning] = [0.0, 1e-3].map(|degrees| {
@@ -401,7 +401,7 @@ fn turning_packs_the_volume_once_an_axis() {
         let camera = camera(azimuth, 20.0, 1.0, &volume, 96);
         let stats = draw_on(&renderer, &scene, &camera, &settings).unwrap().stats;
         let packs = stats.stages.iter().any(|s| s.name == "pack");
-        // Software adapters pack dense volumes on the host, which sends what it packed.
+        // Software adapters pack dense volumes on the host, which sends the packed texture.
         let sent = if other_axis && renderer.adapter().is_software() { stats.tiles().unwrap().packed_bytes } else { 0 };
         // Marches also send uniforms, mostly tables of sections: rays of images, and of pixels. The first picture may
         // send the splats.
