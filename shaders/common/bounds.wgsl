@@ -14,8 +14,8 @@ fn view_center(lattice: vec3f) -> vec3f {
     );
 }
 
-// The growth of the kernel of a splat at view depth `z`. Cells of levels have already spread their voxels: their
-// kernels are narrower, such that both variances add up to the variance of the kernel of a voxel.
+// How many times as large as asked for the kernel of a splat at view depth `z` is. Cells of levels have spread their
+// voxels already: their kernels are so much narrower that the variances add up to that of the kernel of a voxel.
 fn growth_at(z: f32, level: u32) -> f32 {
     if !GROWN {
         return 1.0;
