@@ -256,7 +256,8 @@ impl Reference {
         })
     }
 
-    /// A tolerance far below the errors of painters. Takes 0.2 to 0.8 of the time of an exact picture.
+    /// A tolerance far below the errors of painters. A picture takes 0.3 of the time of an exact one pre-shaded, 0.5
+    /// post-shaded, and hardly less if it is lit post-shaded.
     pub const TOLERANCE: f64 = 1e-5;
 
     /// Sets the largest error of a pixel's channels, about; 0 is as exact as rounding allows.
