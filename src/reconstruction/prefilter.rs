@@ -234,7 +234,7 @@ impl Prefilter {
                     self.step(&planes, last, [nx, ny], plane);
                 }
                 let coefficient = T::from_f64(self.coefficients[*order]);
-                sum.iter_mut().zip(plane.iter()).for_each(|(sum, &v)| *sum = *sum + coefficient * v);
+                sum.iter_mut().zip(plane.iter()).for_each(|(sum, &v)| *sum += coefficient * v);
                 Ok::<(), Error>(())
             })?;
             for (order, z, plane, _) in work {
@@ -294,10 +294,10 @@ impl Prefilter {
                     let weight = T::from_f64(scale * shell);
                     let (left, right) = (&sum[self.reach - i..][..nx], &sum[self.reach + i..][..nx]);
                     if i == 0 {
-                        out.iter_mut().zip(left).for_each(|(out, &v)| *out = *out + weight * v);
+                        out.iter_mut().zip(left).for_each(|(out, &v)| *out += weight * v);
                     } else {
                         let pairs = left.iter().zip(right);
-                        out.iter_mut().zip(pairs).for_each(|(out, (&l, &r))| *out = *out + weight * (l + r));
+                        out.iter_mut().zip(pairs).for_each(|(out, (&l, &r))| *out += weight * (l + r));
                     }
                 }
             }
@@ -316,7 +316,7 @@ fn add_up<T: Real>(rows: &[&[T]], sum: &mut [T]) {
         if index == 0 {
             sum.iter_mut().zip(fours).for_each(|(sum, four)| *sum = four);
         } else {
-            sum.iter_mut().zip(fours).for_each(|(sum, four)| *sum = *sum + four);
+            sum.iter_mut().zip(fours).for_each(|(sum, four)| *sum += four);
         }
     }
 }
