@@ -1,4 +1,4 @@
-//! From the options of a view to a camera.
+//! Views as users describe them, and the cameras made of them.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -32,20 +32,19 @@ pub struct View {
     pub up: DVec3,
     /// The direction from eye to target, in place of azimuth and elevation.
     pub direction: Option<DVec3>,
-    /// The world point in the middle of the picture; by default the centre of what is fitted.
+    /// The world point in the middle of the picture; by default the centre of the hull.
     pub target: Option<DVec3>,
-    /// What is fitted to the picture: a hull, such as [`Hull::of_visible`], as if it were turned all around `up`, or
-    /// [from one side](Hull::from_one_side); or if `None`, the box of the volume, as it is seen from this side.
+    /// The hull that is fitted to the picture, such as [`Hull::of_visible`], as if it were turned all around `up` or
+    /// [from one side](Hull::from_one_side). `None` fits the box of the volume as seen from this side.
     pub around: Option<Hull>,
-    /// Space around what is fitted: a fraction of the picture on each side, 0 to under 0.5.
+    /// Free space around the hull: a fraction of the picture on each side, 0 to under 0.5.
     pub margin: f64,
-    /// Parts of the picture at its left, right, top and bottom that stay free beside what is fitted and its margin:
-    /// fractions of the width and of the height, 0 or more. They count if the view is fitted without a target, a
-    /// height or a distance of its own.
+    /// Parts of the picture at its left, right, top and bottom that stay free beside the hull and its margin: fractions
+    /// of the width and of the height, 0 or more. Ignored if the view has a target, a height or a distance of its own.
     pub reserved: [f64; 4],
     /// Parallel or perspective rays.
     pub projection: ProjectionKind,
-    /// Magnification of the fitted or stated size.
+    /// Magnification relative to the fitted or stated size.
     pub zoom: f64,
     /// World height that the picture spans at the target; fitted by default.
     pub view_height: Option<f64>,
@@ -109,23 +108,23 @@ pub struct Camera {
     pub size: [u32; 2],
 }
 
-/// The farthest that eye and target may be, in voxels: f32 holds it and its inverse.
+/// The largest distance of eye and target from the volume, in voxels: f32 holds it and its inverse.
 const MOST_VOXELS: f64 = 1e30;
 /// The smallest size of a pixel in voxels.
 const LEAST_VOXELS: f64 = 1e-30;
 
-/// The least pixels that a volume may be wide: the light of smaller ones, the square of this, is below what any format
-/// of pictures holds beside 1.
+/// The least width of a volume in pixels. The light of smaller volumes, the square of this, is below the resolution of
+/// every picture format.
 const LEAST_PIXELS: f64 = 1e-5;
 
 impl Camera {
     /// The largest width or height of a picture, in pixels.
     pub const MAX_SIZE: u32 = 32_768;
 
-    /// The camera of a view of a volume in a picture of `size` (width, height) pixels.
+    /// Makes the camera of a view of a volume for a picture of `size` (width, height) pixels.
     ///
-    /// A view without height and distance is fitted: the hull of [`View::around`] just fits into the picture, or the
-    /// box of the volume.
+    /// A view without height and distance is fitted: the hull of [`View::around`], or the box of the volume, just fits
+    /// into the picture.
     ///
     /// # Errors
     /// [`Error::Camera`] if a number is not finite or out of its range, or `up` is parallel to the direction;
@@ -137,82 +136,47 @@ impl Camera {
         let (right, up, forward) = (frame.x_axis, frame.y_axis, -frame.z_axis);
         let axis = unit(view.up);
         let aspect = f64::from(size[0]) / f64::from(size[1]);
-        let fill = 1.0 - 2.0 * view.margin;
-        // In perspective a place p is inside of a side of the picture if p . limit(side) <= distance, and for parallel
-        // rays if it is at most what half the height spans.
-        let (tan, limit): (f64, &dyn Fn(DVec3) -> DVec3) = match view.projection {
-            ProjectionKind::Orthographic => (1.0, &|side| side),
-            ProjectionKind::Perspective { fov } => {
-                let tan = (fov.to_radians() / 2.0).tan();
-                (tan * fill, &move |side| side / (tan * fill) - forward)
-            }
+        let (tan, towards) = match view.projection {
+            ProjectionKind::Orthographic => (1.0, DVec3::ZERO),
+            ProjectionKind::Perspective { fov } => ((fov.to_radians() / 2.0).tan(), -forward),
         };
+        // A place p from the target is inside a side of the picture if p . limit(side) is at most half the height of
+        // the picture, or in perspective the distance of the eye.
+        let room = tan * (1.0 - 2.0 * view.margin);
+        let limit = |side: DVec3| side / room + towards;
         let center = |hull: &Hull| {
-            let shift = |side: DVec3, wide: f64| [side * (wide * tan), limit(side / wide), limit(-side / wide)];
+            let shift = |side: DVec3, wide: f64| [side * (wide * room), limit(side / wide), limit(-side / wide)];
             hull.target(axis, up, [[forward, forward, -forward], shift(right, aspect), shift(up, 1.0)])
         };
-        let target = view.target.unwrap_or_else(|| view.around.as_ref().map_or_else(|| grid.center(), center));
-        // Offsets of the corners from the target, in (right, up, forward).
-        let from_target = grid.center() - target;
-        let corners = grid.corners_from_center(0.5).map(|c| {
-            let d = c + from_target;
-            DVec3::new(d.dot(right), d.dot(up), d.dot(forward))
-        });
-        let is_fitted = [view.view_height, view.distance] == [None; 2] && view.target.is_none();
-        if is_fitted && view.reserved != [0.0; 4] {
-            let middle = target;
-            let (target, projection) = match &view.around {
-                Some(hull) => beside(view, aspect, &frame, middle, &|direction| hull.extent(middle, axis, direction)),
-                None => beside(view, aspect, &frame, middle, &|direction| {
-                    let corners = grid.corners_from_center(0.5);
-                    corners.into_iter().map(|corner| corner.dot(direction)).fold(f64::NEG_INFINITY, f64::max)
-                }),
-            };
-            return Ok(Self { target, right, up, forward, projection, size });
-        }
-        // The most that the hull reaches, of the height of the picture; and with a width counted as a height.
-        let extent = |hull: &Hull| {
-            let sides = [up, -up, right / aspect, -right / aspect];
-            sides.into_iter().map(|side| hull.extent(target, axis, limit(side))).fold(f64::NEG_INFINITY, f64::max)
+        let middle = view.target.unwrap_or_else(|| view.around.as_ref().map_or_else(|| grid.center(), center));
+        let corners = grid.corners_from_center(0.5).map(|corner| corner + (grid.center() - middle));
+        let extent = |direction: DVec3| match &view.around {
+            Some(hull) => hull.extent(middle, axis, direction),
+            None => corners.iter().map(|corner| corner.dot(direction)).fold(f64::NEG_INFINITY, f64::max),
         };
+        let is_fitted = [view.view_height, view.distance] == [None; 2] && view.target.is_none();
+        let (shift, fitted) = if is_fitted && view.reserved != [0.0; 4] {
+            beside(view, aspect, &frame, (tan, towards), &extent)
+        } else {
+            let sides = [up, -up, right / aspect, -right / aspect];
+            (DVec3::ZERO, sides.map(|side| extent(limit(side))).into_iter().fold(f64::NEG_INFINITY, f64::max))
+        };
+        let half_height = view.view_height.map(|height| height / 2.0);
         let projection = match view.projection {
             ProjectionKind::Orthographic => {
-                let fitted = || {
-                    if let Some(hull) = &view.around {
-                        return 2.0 * extent(hull) / fill;
-                    }
-                    let half = corners.iter().fold(0.0_f64, |m, c| m.max(c.y.abs()).max(c.x.abs() / aspect));
-                    2.0 * half / fill
-                };
-                let height = view.view_height.unwrap_or_else(fitted) / view.zoom;
-                Projection::Orthographic { half_height: height / 2.0 }
+                Projection::Orthographic { half_height: half_height.unwrap_or(fitted) / view.zoom }
             }
-            ProjectionKind::Perspective { fov } => {
-                let tan = (fov.to_radians() / 2.0).tan();
-                let fitted = || {
-                    if let Some(hull) = &view.around {
-                        return extent(hull);
-                    }
-                    // Corner (x, y, z) is inside if |y| <= fill tan (distance + z), and likewise across.
-                    corners.iter().fold(0.0_f64, |m, c| m.max(c.y.abs().max(c.x.abs() / aspect) / (tan * fill) - c.z))
-                };
-                let distance = match (view.distance, view.view_height) {
-                    (Some(distance), _) => distance,
-                    (None, Some(height)) => height / 2.0 / tan,
-                    (None, None) => fitted(),
-                };
+            ProjectionKind::Perspective { .. } => {
+                let distance = view.distance.or(half_height.map(|half| half / tan)).unwrap_or(fitted);
                 // With both a distance and a height, the height decides the field of view.
-                let tan = match (view.distance, view.view_height) {
-                    (Some(distance), Some(height)) => height / 2.0 / distance,
-                    _ => tan,
-                };
+                let tan = half_height.filter(|_| view.distance.is_some()).map_or(tan, |half| half / distance);
                 Projection::Perspective { tan_half_fov: tan / view.zoom, distance }
             }
         };
-        Ok(Self { target, right, up, forward, projection, size })
+        Ok(Self { target: middle + shift, right, up, forward, projection, size })
     }
 
-    /// Refuses a camera that sees nothing defined.
+    /// Refuses a camera with numbers that are not finite or a wrong size.
     ///
     /// # Errors
     /// [`Error::Camera`] if a number is not finite, [`Error::Setting`] if a side of the picture is 0 or over
@@ -231,7 +195,7 @@ impl Camera {
         Ok(())
     }
 
-    /// The camera in the coordinates of [`Grid::local`].
+    /// Converts the camera to the coordinates of [`Grid::local`].
     pub(crate) fn local(&self, grid: &Grid) -> Self {
         let per_unit = 1.0 / grid.unit();
         let projection = match self.projection {
@@ -245,8 +209,8 @@ impl Camera {
         Self { target: (self.target - grid.center()) * per_unit, projection, ..*self }
     }
 
-    /// Refuses a camera whose picture of a volume on `grid` would show nothing of it for want of pixels, or whose
-    /// lengths in voxels leave the range of f32.
+    /// Refuses a camera for which a volume on `grid` is too small to be visible, or whose lengths in voxels leave the
+    /// range of f32.
     ///
     /// # Errors
     /// [`Error::Camera`].
@@ -274,7 +238,7 @@ impl Camera {
         let is_before_the_eye = camera.eye().is_none() || depth > half_diagonal;
         if is_before_the_eye && across < LEAST_PIXELS {
             return Err(Error::Camera(format!(
-                "the whole volume would be {across:.1e} pixels wide, which does not show: come closer, or zoom in"
+                "the whole volume would be {across:.1e} pixels wide, too small to be visible: come closer, or zoom in"
             )));
         }
         Ok(())
@@ -289,7 +253,7 @@ impl Camera {
         }
     }
 
-    /// World units that a pixel is wide; in perspective at the depth of the target.
+    /// The width of a pixel in world units; in perspective at the depth of the target.
     #[must_use]
     pub fn pixel_size(&self) -> f64 {
         let at = match self.projection {
@@ -299,8 +263,8 @@ impl Camera {
         self.pixels().0[0] * at
     }
 
-    /// Plane coordinates (offsets along right and up, in world units at the target for parallel rays, at unit depth for
-    /// perspective ones) of one pixel across and down, and of the top left corner of the picture.
+    /// The steps of one pixel across and down, and the top left corner of the picture, as offsets along right and up:
+    /// in world units at the target for parallel rays, at unit depth for perspective rays.
     pub(crate) fn pixels(&self) -> ([f64; 2], [f64; 2]) {
         let [w, h] = self.size.map(f64::from);
         let half = match self.projection {
@@ -311,7 +275,7 @@ impl Camera {
         ([scale, -scale], [-half * w / h, half])
     }
 
-    /// Image coordinates (sx, sy) of a pixel's centre; see [`Projection`].
+    /// Returns the image coordinates (sx, sy) of a pixel's centre; see [`Projection`].
     #[must_use]
     pub fn image_coordinates(&self, pixel: [u32; 2]) -> (f64, f64) {
         let [w, h] = self.size.map(f64::from);
@@ -320,7 +284,7 @@ impl Camera {
         (sx, sy)
     }
 
-    /// Origin and unit direction of the ray through image coordinates (sx, sy), in world coordinates.
+    /// Returns origin and unit direction of the ray through image coordinates (sx, sy), in world coordinates.
     ///
     /// A perspective ray starts at the eye. A parallel ray has no start: its origin lies in the target's plane and
     /// the ray extends both ways.
@@ -336,19 +300,21 @@ impl Camera {
     }
 }
 
-/// The target and the projection of a view that fits what is around a point beside the parts of its picture that are
-/// reserved. `extent` is how far that reaches from the point in a direction, whose length multiplies the result; the
-/// columns of `frame` are the camera's axes: right, up, backward.
-fn beside(view: &View, aspect: f64, frame: &DMat3, point: DVec3, extent: &dyn Fn(DVec3) -> f64) -> (DVec3, Projection) {
+/// How far the target of a view moves from a point, and the half height or the distance of the eye, to fit matter
+/// around the point beside the parts of the picture that are reserved. `extent` tells how far the matter reaches from
+/// the point in a direction, whose length multiplies the result; the columns of `frame` are the camera's axes: right,
+/// up, backward. A place p from the target is inside a side of the free part, at a height or distance of 1, if
+/// p . (side / (tan room) + towards) is at most 1.
+fn beside(
+    view: &View,
+    aspect: f64,
+    frame: &DMat3,
+    (tan, towards): (f64, DVec3),
+    extent: &dyn Fn(DVec3) -> f64,
+) -> (DVec3, f64) {
     let [left, right, top, bottom] = view.reserved.map(|part| 1.0 - 2.0 * (part + view.margin));
-    // With parallel rays a place p from the target is within a side of what is free if p . limit <= half the height,
-    // through an eye if p . limit <= distance.
-    let (tan, towards) = match view.projection {
-        ProjectionKind::Orthographic => (1.0, DVec3::ZERO),
-        ProjectionKind::Perspective { fov } => ((fov.to_radians() / 2.0).tan(), frame.z_axis),
-    };
     let axes = [(frame.x_axis, [aspect * right, aspect * left]), (frame.y_axis, [top, bottom])];
-    // Of both sides along an axis: how far there is room at a height or a distance of 1, and what is there.
+    // For both sides along an axis: the room at a height or a distance of 1, and the reach of the matter.
     let sides = axes.map(|(axis, room)| {
         let room = room.map(|room| room * tan);
         (axis, room, [extent(axis / room[0] + towards), extent(-axis / room[1] + towards)])
@@ -356,28 +322,22 @@ fn beside(view: &View, aspect: f64, frame: &DMat3, point: DVec3, extent: &dyn Fn
     // The least that holds both sides of each axis: the target moves until they need alike.
     let least = sides.map(|(_, [a, b], [far, near])| (far * a + near * b) / (a + b));
     let reach = least[0].max(least[1]);
-    // In the middle of the room that is left.
-    let target = sides.into_iter().fold(point, |target, (axis, [a, b], [far, near])| {
-        target + axis * (((far - reach) * a - (near - reach) * b) / 2.0)
+    // In the middle of the free part.
+    let shift = sides.into_iter().fold(DVec3::ZERO, |shift, (axis, [a, b], [far, near])| {
+        shift + axis * (((far - reach) * a - (near - reach) * b) / 2.0)
     });
-    let projection = match view.projection {
-        ProjectionKind::Orthographic => Projection::Orthographic { half_height: reach / view.zoom },
-        ProjectionKind::Perspective { .. } => {
-            Projection::Perspective { tan_half_fov: tan / view.zoom, distance: reach }
-        }
-    };
-    (target, projection)
+    (shift, reach)
 }
 
-/// How kernels grow if voxels fall closer together than pixels.
+/// The growth of kernels if voxels are closer together than pixels.
 ///
 /// A kernel at depth z in front of the eye (any, for parallel rays) is h(x / s) / s^3 in lattice coordinates, with
-/// s = max(1, constant + slope z): as wide as if there were one voxel per pixel, with its integral kept (Swan, Mueller
-/// et al. 1997, "An anti-aliasing technique for splatting"). What counts as the distance of two voxels is the smallest
-/// extent of a unit lattice ball in the image, so that anisotropic grids have no holes either.
+/// s = max(1, constant + slope z): as wide as if there were one voxel per pixel, with the same integral (Swan, Mueller
+/// et al. 1997, "An anti-aliasing technique for splatting"). The distance of two voxels is the smallest extent of a
+/// unit lattice ball in the image, so that anisotropic grids have no holes either.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Growth {
-    /// s for parallel rays; 0 for perspective ones.
+    /// s for parallel rays; 0 for perspective rays.
     pub constant: f64,
     /// s per world unit of depth in front of the eye; 0 for parallel rays.
     pub slope: f64,
@@ -387,7 +347,7 @@ impl Growth {
     /// Kernels that never grow.
     pub const NONE: Self = Self { constant: 1.0, slope: 0.0 };
 
-    /// s at world depth `depth` in front of the eye.
+    /// Returns s at world depth `depth` in front of the eye.
     #[must_use]
     pub fn at(&self, depth: f64) -> f64 {
         (self.constant + self.slope * depth).max(1.0)
@@ -395,10 +355,10 @@ impl Growth {
 }
 
 impl Camera {
-    /// How the kernels of a volume on `grid` grow in the picture.
+    /// Returns the growth of the kernels of a volume on `grid` in the picture.
     #[must_use]
     pub fn growth(&self, grid: &Grid) -> Growth {
-        // In a unit in which squares neither overflow nor vanish.
+        // Lengths in a unit whose squares neither overflow nor vanish.
         let unit = grid.min_spacing();
         let to_world = grid.to_world().matrix3.transpose();
         let (x, y) = (to_world * self.right / unit, to_world * self.up / unit);
@@ -423,7 +383,7 @@ fn check_size([width, height]: [u32; 2]) -> Result<()> {
 }
 
 impl View {
-    /// The world direction from eye to target, unit length.
+    /// Returns the world direction from eye to target, unit length.
     ///
     /// # Errors
     /// [`Error::Camera`] if a number is not finite or out of its range, or `up` is parallel to the direction.
@@ -447,7 +407,7 @@ impl View {
                 (forward, right.normalize())
             }
             None => {
-                // The front looks along +y, or if `up` is y itself along -z, as y-up worlds have it.
+                // The front looks along +y, or if `up` is y itself along -z, the custom of y-up worlds.
                 let seed = if world_up.dot(DVec3::Y).abs() < 0.999 { DVec3::Y } else { DVec3::NEG_Z };
                 let front = seed.reject_from_normalized(world_up).normalize();
                 let turned = DQuat::from_axis_angle(world_up, self.azimuth.to_radians()) * front;

@@ -1,4 +1,4 @@
-//! What is cut away of a volume.
+//! Clipping planes, which cut matter away.
 
 use std::ops::Range;
 
@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::volume::Grid;
 use voxsplat_volume::vector::{length, unit};
 
-/// A plane that cuts: what lies on the side that its normal points to stays.
+/// A clipping plane. Matter on the side that its normal points to stays.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plane {
     normal: DVec3,
@@ -18,7 +18,7 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// The points x of the world with x . n >= `offset` stay, n the direction of `normal`.
+    /// Makes the plane that keeps the world points x with x . n >= `offset`, where n is the direction of `normal`.
     ///
     /// # Errors
     /// [`Error::Setting`] if a number is not finite, or the normal is 0.
@@ -30,7 +30,7 @@ impl Plane {
         Ok(Self { normal: unit(normal), offset })
     }
 
-    /// The plane through a point of the world.
+    /// Makes the plane through a point of the world.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -39,7 +39,7 @@ impl Plane {
         Self::new(normal, plane.normal.dot(point))
     }
 
-    /// Unit vector to what stays.
+    /// The unit vector towards the matter that stays.
     #[must_use]
     pub fn normal(&self) -> DVec3 {
         self.normal
@@ -51,7 +51,7 @@ impl Plane {
         self.offset
     }
 
-    /// The same plane; what it keeps is what this one cuts away.
+    /// The same plane with its sides exchanged: it keeps the matter that this plane cuts away.
     #[must_use]
     pub fn flipped(self) -> Self {
         Self { normal: -self.normal, offset: -self.offset }
@@ -68,11 +68,11 @@ impl Serialize for Plane {
     }
 }
 
-/// The part of the world that shows: what lies on the inner side of every one of some planes. By default, all of it.
+/// The part of the world that shows: the inner side of all of its planes. By default, all of the world.
 ///
-/// Extinction and emission are 0 outside. Every ray has one interval inside, and counts there alone: the cut is exact,
-/// whatever the kernels. Pictures of parts that share nothing but their faces add up, composited front to back, to
-/// the picture of the whole. What is cut away casts no shadow.
+/// Extinction and emission are 0 outside. Every ray has one interval inside and is integrated there alone: the cut is
+/// exact for every kernel. Pictures of parts that share only their faces add up, composited front to back, to the
+/// picture of the whole. Clipped matter casts no shadow.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 #[serde(transparent)]
 pub struct Clip {
@@ -80,10 +80,10 @@ pub struct Clip {
 }
 
 impl Clip {
-    /// The most planes.
+    /// The largest number of planes.
     pub const MAX_PLANES: usize = 8;
 
-    /// What is on the inner side of these planes.
+    /// Makes the clip of some planes, which keeps the inner side of all of them.
     ///
     /// # Errors
     /// [`Error::Setting`] if there are more than [`Self::MAX_PLANES`].
@@ -95,10 +95,10 @@ impl Clip {
         Ok(Self { planes })
     }
 
-    /// A box of the world between two corners. An infinite number leaves its side open.
+    /// Makes a box of the world between two corners. An infinite number leaves its side open.
     ///
     /// # Errors
-    /// [`Error::Setting`] if a number is NaN, or one of `low` is not below that of `high`.
+    /// [`Error::Setting`] if a number is NaN, or a number of `low` is not below its counterpart in `high`.
     pub fn of_box(low: DVec3, high: DVec3) -> Result<Self> {
         if !low.cmplt(high).all() {
             let reason = format!("a box from {low} to {high}: expected the first corner below the second");
@@ -114,8 +114,8 @@ impl Clip {
         Self::new(planes)
     }
 
-    /// The cells of some voxels, by their numbers along the axes of the lattice: each reaches half a voxel from its
-    /// voxel. At the faces of the volume nothing is cut, so all of the voxels are the whole picture.
+    /// Makes the box of some voxels, given by their numbers along the axes of the lattice. It ends half a voxel beyond
+    /// its outermost voxels. At the faces of the volume nothing is cut, so the box of all voxels cuts nothing.
     ///
     /// # Errors
     /// [`Error::Setting`] if a range is empty or ends beyond the volume.
@@ -142,7 +142,7 @@ impl Clip {
         Self::new(planes)
     }
 
-    /// What is inside of both.
+    /// The part of the world inside both.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -157,13 +157,13 @@ impl Clip {
         &self.planes
     }
 
-    /// Whether nothing is cut away.
+    /// Whether there are no planes, so that nothing is cut away.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.planes.is_empty()
     }
 
-    /// The planes in a lattice.
+    /// Converts the planes to lattice coordinates.
     pub(crate) fn sides(&self, grid: &Grid) -> Vec<Side> {
         let center = grid.center();
         let side = |plane: &Plane| {
@@ -175,17 +175,17 @@ impl Clip {
     }
 }
 
-/// A half-space of a lattice, as (gradient, value in the middle of the lattice) of a linear function: points inside
-/// have values of 0 and more. Of clipping planes the gradient has length 1.
+/// A half-space of a lattice, as (gradient, value in the middle of the lattice) of a linear function, which is 0 or
+/// more inside. The gradients of clipping planes have length 1.
 pub(crate) type Side = (DVec3, f64);
 
-/// Whether a point, from the middle of the lattice, is on the inner side of all.
+/// Whether a point, relative to the middle of the lattice, is on the inner side of all planes.
 pub(crate) fn is_inside(sides: &[Side], point: DVec3) -> bool {
     sides.iter().all(|(gradient, value)| gradient.dot(point) + value >= 0.0)
 }
 
-/// The corners of the polytope inside all sides, from the middle of the lattice: three planes meet in one, and it lies
-/// on the inner side of the others.
+/// Returns the corners of the polytope inside all sides, relative to the middle of the lattice. In each corner three
+/// planes meet, and it lies on the inner side of the others.
 pub(crate) fn corners(sides: &[Side]) -> Vec<DVec3> {
     let mut corners = Vec::new();
     for i in 0..sides.len() {

@@ -1,4 +1,4 @@
-//! Colours as users write them: red, green and blue in 0..1, in display space.
+//! Colours as users write them: red, green and blue from 0 to 1, in display space.
 
 /// The sixteen colours of HTML 4 (<https://www.w3.org/TR/html401/types.html#h-6.5>), "gray" in both spellings.
 const NAMED: [(&str, u32); 17] = [
@@ -21,43 +21,43 @@ const NAMED: [(&str, u32); 17] = [
     ("aqua", 0x00_ffff),
 ];
 
-/// The colour of `0xrrggbb`.
+/// Unpacks the colour `0xrrggbb`.
 pub(crate) fn packed(rgb: u32) -> [f64; 3] {
     [16, 8, 0].map(|shift| f64::from(rgb >> shift & 0xff) / 255.0)
 }
 
-/// The colour of `#rrggbb`, digits in either case.
+/// Parses the colour `#rrggbb`; digits may have either case.
 pub(crate) fn hex(text: &str) -> Option<[f64; 3]> {
     digits(text, 6).map(packed)
 }
 
-/// The colour of `#rgb`, which stands for `#rrggbb` with each digit doubled.
+/// Parses the colour `#rgb`, which stands for `#rrggbb` with each digit doubled.
 pub(crate) fn short_hex(text: &str) -> Option<[f64; 3]> {
     digits(text, 3).map(|rgb| [8, 4, 0].map(|shift| f64::from(rgb >> shift & 0xf) / 15.0))
 }
 
-/// A colour of HTML 4 by its name in lower case.
+/// Looks up a colour of HTML 4 by its name in lower case.
 pub(crate) fn named(name: &str) -> Option<[f64; 3]> {
     NAMED.iter().find(|(known, _)| *known == name).map(|(_, rgb)| packed(*rgb))
 }
 
-/// The intensity of light of a display value in 0..1 (sRGB, IEC 61966-2-1).
+/// Converts a display value from 0 to 1 to the intensity of its light (sRGB, IEC 61966-2-1).
 pub(crate) fn to_linear(value: f64) -> f64 {
     if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The display value of an intensity of light in 0..1: the inverse of [`to_linear`].
+/// Converts an intensity of light from 0 to 1 to its display value: the inverse of [`to_linear`].
 pub(crate) fn from_linear(light: f64) -> f64 {
     if light <= 0.003_130_8 { light * 12.92 } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// The relative luminance of a colour in display space, 0..1 (ITU-R BT.709).
+/// Returns the relative luminance of a colour in display space, 0 to 1 (ITU-R BT.709).
 pub(crate) fn luminance(color: [f64; 3]) -> f64 {
     let [r, g, b] = color.map(to_linear);
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-/// The number of exactly `count` hexadecimal digits after `#`.
+/// Parses exactly `count` hexadecimal digits after `#`.
 fn digits(text: &str, count: usize) -> Option<u32> {
     let digits = text.strip_prefix('#').filter(|d| d.len() == count && d.bytes().all(|b| b.is_ascii_hexdigit()))?;
     u32::from_str_radix(digits, 16).ok()

@@ -1,4 +1,4 @@
-//! What an X-ray shows of the optical depth along a ray.
+//! The responses of an X-ray: from optical depth to pixels.
 
 use std::f64::consts::LN_10;
 use std::fmt;
@@ -6,30 +6,30 @@ use std::fmt;
 use crate::color::from_linear;
 use crate::error::{Error, Result};
 
-/// What a pixel of an X-ray is, given the optical depth along its ray: the integral of extinction, which a beam of
-/// intensity 1 leaves as exp(-depth).
+/// The pixel of an X-ray as a function of optical depth, the integral of extinction along the ray. A beam of intensity
+/// 1 leaves with the intensity exp(-depth).
 ///
-/// All but [`Self::Depth`] are white of an alpha that rises with the depth from 0 to 1.
+/// All responses but [`Self::Depth`] are white with an alpha that rises from 0 to 1 with the depth.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Response {
-    /// The share of the beam that is absorbed: alpha = 1 - exp(-depth).
+    /// The absorbed share of the beam: alpha = 1 - exp(-depth).
     #[default]
     Absorption,
     /// The depth itself in red, green and blue, unbounded; alpha = 1 - exp(-depth). For measurements, in an EXR.
     Depth,
-    /// Linear in depth, as digital radiographs are shown: black up to `low`, white from `high` on.
+    /// Linear in depth, as in digital radiographs: black up to `low`, white from `high` on.
     Window {
-        /// The depth up to which a pixel is black, 0 or more.
+        /// The largest depth of a black pixel, 0 or more.
         low: f64,
-        /// The depth from which on a pixel is white, at most 1e6.
+        /// The smallest depth of a white pixel, at most 1e6.
         high: f64,
     },
     /// Film on a light box. Its density is D = 3 / (1 + E^(-4 gamma / (3 ln 10))), E the exposure times exp(-depth):
-    /// the characteristic curve of Hurter and Driffield. A pixel has the display value (sRGB) of the light 10^-D that
-    /// passes, less that where nothing absorbs, over what passes clear film: black there, white where it is clear.
+    /// the characteristic curve of Hurter and Driffield. With T(depth) = 10^-D the transmitted light, a pixel has the
+    /// display value (sRGB) of (T - T(0)) / (1 - T(0)): black if nothing absorbs, white if the film is clear.
     Film {
-        /// The exposure by the whole beam, over the one that makes half of the largest density, 1 to 1e6. More of it
-        /// shows what is deeper.
+        /// The exposure by the whole beam, relative to the exposure that makes half of the largest density, 1 to 1e6.
+        /// A larger exposure shows deeper matter.
         exposure: f64,
         /// The contrast: the slope of density over the decimal logarithm of exposure, at half of the largest density,
         /// 0.1 to 20.
@@ -37,8 +37,8 @@ pub enum Response {
     },
 }
 
-/// The largest density of film, over that of clear film; `DENSITY` in shaders/common/response.wgsl is its natural
-/// logarithm.
+/// The largest density of film above the density of clear film; `DENSITY` in shaders/common/response.wgsl is its
+/// natural logarithm.
 const DENSITY: f64 = 3.0;
 
 impl Response {
@@ -67,7 +67,7 @@ impl Response {
         }
     }
 
-    /// RESPONSE and its `curve` in shaders/common/response.wgsl.
+    /// The constants RESPONSE and `curve` of shaders/common/response.wgsl.
     pub(crate) fn for_shaders(&self) -> (u32, [f32; 4]) {
         let (kind, curve) = match *self {
             Self::Absorption => (1, [0.0; 4]),
@@ -82,7 +82,7 @@ impl Response {
         (kind, curve.map(|c| c as f32))
     }
 
-    /// The pixel of an optical depth: premultiplied red, green, blue and alpha.
+    /// Returns the pixel of an optical depth: premultiplied red, green, blue and alpha.
     #[must_use]
     pub fn pixel(&self, depth: f64) -> [f64; 4] {
         let absorbed = -(-depth).exp_m1();
@@ -110,7 +110,7 @@ fn passed(depth: f64, exposure: f64, gamma: f64) -> f64 {
     (-LN_10 * density).exp()
 }
 
-/// As `--response` takes it.
+/// The spelling of `--response`.
 impl fmt::Display for Response {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -1,4 +1,4 @@
-//! The cheapest settings whose pictures keep a bound.
+//! The choice of the cheapest settings whose picture keeps an error bound.
 
 use super::{Estimate, Truth};
 use crate::camera::Camera;
@@ -7,56 +7,55 @@ use crate::layers::Layers;
 use crate::renderer::{Rendered, Renderer, Scene};
 use crate::settings::{Level, MAX_LEVEL, Model, Painter, QuadsSettings, Resolution, Settings, TilesSettings};
 
-/// Settings that were tried, and what came of it.
+/// Settings that were tried, with the error of their picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tried {
     /// The settings.
     pub settings: Settings,
-    /// How far the picture was off.
+    /// The error of the picture.
     pub estimate: Estimate,
 }
 
-/// The settings that a bound asks for.
+/// The settings chosen for an error bound.
 #[derive(Debug, Clone)]
 pub struct Chosen {
     /// The settings.
     pub settings: Settings,
-    /// The picture by them.
+    /// The picture with these settings.
     pub rendered: Rendered,
-    /// How far it is off.
+    /// The error of the picture.
     pub estimate: Estimate,
-    /// Whether it is expected to keep the bound. If not, it is the best of what was tried.
+    /// Whether the picture is expected to keep the bound. If not, it has the smallest error of all that were tried.
     pub keeps: bool,
-    /// All that was tried, in order, the settings chosen included.
+    /// All settings that were tried, in order, including the chosen settings.
     pub tried: Vec<Tried>,
 }
 
-/// The share of a bound that an estimate may take, for an estimate errs as well.
+/// The share of a bound that an estimate may reach, because the estimate errs as well.
 const MARGIN: f64 = 0.85;
-/// The share of a bound that thinner sheets aim at: errors grow as the square of the thickness, but not exactly.
+/// The share of a bound that thinner sheets aim at: errors grow only roughly as the square of the thickness.
 const AIM: f64 = 0.6;
-/// The share of a bound that early termination may take.
+/// The share of a bound that early ray termination may use up.
 const TERMINATION: f64 = 0.2;
-/// A bound under this excludes cells coarser than the picture resolves: their pictures are off by more.
+/// The smallest bound for which coarser cells than the picture resolves are tried: their pictures err by more.
 const LEAST_OF_CELLS: f64 = 3e-3;
-/// Splats from which coarser cells save more time than it takes to try them.
+/// Number of splats from which coarser cells save more time than the attempt takes.
 const MANY_SPLATS: u64 = 1 << 20;
-/// How much coarser than the picture resolves cells may be, in levels.
+/// Number of levels by which cells may be coarser than the picture resolves.
 const COARSER: u32 = 2;
-/// How often sheets are made thinner, or made of voxels.
+/// Largest number of attempts with thinner sheets, or with voxels in place of cells.
 const MOST_THINNER: usize = 5;
 /// The least thickness of sheets, voxels.
 const THINNEST: f64 = 0.05;
-/// By how much sheets become thinner at once.
+/// The range of factors by which sheets become thinner at once.
 const THINNER: [f64; 2] = [0.2, 0.8];
 
-/// The cheapest settings whose picture keeps an error of `max_error`: see [the module](super). The picture is drawn by
-/// one way after the other, the cheapest first, and compared with traced pixels, about `pixels` of them, until one is
-/// close enough.
+/// Chooses the cheapest settings whose picture keeps an error of `max_error` ([definition](super)). Draws the picture
+/// with one set of settings after the other, the cheapest first, and compares it with about `pixels` traced pixels,
+/// until it is close enough.
 ///
-/// What is drawn stays: model, shading, kernel, sharpness, light, normalisation and antialiasing. How it is drawn is
-/// chosen, but not what `settings` already say: a painter other than auto, a level other than auto, a termination other
-/// than the default.
+/// Model, shading, kernel, sharpness, light, normalization and antialiasing stay. So do explicit choices in `settings`:
+/// a painter or a level other than auto, and a termination other than the default.
 ///
 /// # Errors
 /// [`Error::Setting`] if the bound is not over 0; those of [`Truth::trace`], [`Renderer::prepare_layers`] and
@@ -93,10 +92,10 @@ pub fn choose(
     Ok(Chosen { settings, rendered, estimate, keeps: estimate.error <= bound, tried })
 }
 
-/// A number over 0 cut off after its second digit: it is read and copied by people.
+/// Cuts a number over 0 off after its second digit, because people read and copy it.
 fn rounded_down(number: f64) -> f64 {
     let unit = 10_f64.powi(number.log10().floor() as i32 - 1);
-    // By way of its decimal digits, so that it is the number they mean.
+    // Parsing its decimal digits gives exactly the number that they mean.
     format!("{:.1e}", (number / unit).floor() * unit).parse().unwrap_or(number)
 }
 
@@ -107,11 +106,11 @@ struct Search<'a> {
     truth: Truth,
     bound: f64,
     tried: Vec<Tried>,
-    /// The picture to be chosen so far, and its place among those tried.
+    /// The best picture so far, and its place in `tried`.
     best: Option<(usize, Rendered)>,
 }
 
-/// What drawing in one way has shown.
+/// The outcome of one attempt.
 struct Trial {
     keeps: bool,
     error: f64,
@@ -132,7 +131,7 @@ impl Search<'_> {
             splats: rendered.stats.splats_kept,
             level: rendered.stats.levels[1],
         };
-        // Ways that keep the bound are tried in the order of their cost, cheaper ones only after a dearer one kept it.
+        // After settings that keep the bound only cheaper settings are tried.
         let better = |(at, _): &(usize, Rendered)| trial.keeps || estimate.error < self.tried[*at].estimate.error;
         if self.best.as_ref().is_none_or(better) {
             self.best = Some((self.tried.len(), rendered));
@@ -141,7 +140,7 @@ impl Search<'_> {
         Ok(trial)
     }
 
-    /// Draws in another way, which becomes the last. A way that cannot be drawn is skipped.
+    /// Draws with other settings, whose outcome becomes `last`. Settings that a painter refuses are skipped.
     fn attempt(&mut self, settings: &Settings, last: &mut Trial) -> Result<()> {
         match self.draw(settings) {
             Err(error) if error.refuses_settings() => Ok(()),
@@ -149,7 +148,7 @@ impl Search<'_> {
         }
     }
 
-    /// Tries cells coarser than the picture resolves: cheaper ways than one that keeps the bound.
+    /// Tries cheaper settings after `first`, which keeps the bound: cells coarser than the picture resolves.
     fn coarser(&mut self, base: &Settings, first: &Trial) -> Result<()> {
         let coarse = self.bound >= LEAST_OF_CELLS && first.splats >= MANY_SPLATS && base.level == Level::Auto;
         let one_eye = base.is_post_shaded() && self.camera.eye().is_some();
@@ -165,7 +164,7 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Tries dearer ways than one that does not keep the bound, until one does.
+    /// Tries more expensive settings after `last`, which misses the bound, until some keep it.
     fn finer(&mut self, mut base: Settings, mut last: Trial) -> Result<()> {
         let chosen_for = base.painter;
         let level = last.level;
@@ -189,7 +188,7 @@ impl Search<'_> {
         // Rays by tiles resolve the depth of a voxel as well as a sheet does.
         let mut thickness = knobs.sheet_thickness;
         for _ in 0..MOST_THINNER {
-            // Cells that tiles has not taken: what they lose is not made up for by thinner sheets.
+            // Thinner sheets do not make up for the error of cells, so voxels come first.
             let coarse = base.level == Level::Auto && last.level > 0;
             if coarse {
                 base.level = Level::At(0);

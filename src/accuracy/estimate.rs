@@ -10,13 +10,13 @@ use crate::reference::Reference;
 use crate::report::{Sample, covered_differences, percentile};
 use crate::settings::Settings;
 
-/// The fraction of covered pixels that keep the error of a picture.
+/// The fraction of covered pixels whose errors the error of a picture bounds.
 const FRACTION: f64 = 0.999;
-/// The fraction beyond which errors are the tail.
+/// The fraction of errors below the tail.
 const TAIL: f64 = 0.95;
-/// How many times as many pixels as asked for are traced, where few are covered.
+/// The largest ratio of traced to requested pixels, if few pixels are covered.
 const MOST_DENSER: f64 = 16.0;
-/// Standard deviations to either end of an interval of 95 % confidence.
+/// Standard deviations from the middle to either end of an interval of 95 % confidence.
 const TWO_SIDED: f64 = 1.96;
 
 /// The true colours of a sample of a picture's pixels.
@@ -26,25 +26,25 @@ pub struct Truth {
     pixels: Image,
 }
 
-/// The error of a picture as a sample of its pixels tells it. Channels run from 0 to 1.
+/// The error of a picture, estimated from a sample of its pixels. Channels run from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Estimate {
-    /// Sampled pixels that the picture or the truth covers.
+    /// Number of sampled pixels that the picture or the truth covers.
     pub pixels: u64,
-    /// What 99.9 % of the covered pixels are estimated to keep.
+    /// The estimated 99.9th percentile of the errors of covered pixels.
     pub error: f64,
-    /// An interval that holds it with a confidence of 95 %, if errors beyond the largest twentieth of them fall off
-    /// as an exponential does.
+    /// An interval that contains `error` with a confidence of 95 %, if the largest twentieth of the errors has an
+    /// exponential distribution.
     pub interval: [f64; 2],
     /// Root mean square over sampled pixels of the largest difference of their channels.
     pub rms: f64,
-    /// The largest of the sample.
+    /// The largest error of the sample.
     pub max: f64,
 }
 
 impl Truth {
-    /// Traces pixels of a camera's picture by the f64 reference, evenly spread, so many that about `pixels` of them are
-    /// covered; all, if there are no more. At most 16 times as many are traced.
+    /// Traces evenly spread pixels of a camera's picture by the f64 reference, so many that about `pixels` of them are
+    /// covered: at most 16 times `pixels`, and at most the whole picture.
     ///
     /// # Errors
     /// Those of [`Reference::of_layers`] and [`Reference::pixels`].
@@ -66,7 +66,7 @@ impl Truth {
         Ok(traced((f64::from(pixels) * denser.min(MOST_DENSER)) as u32)?.0)
     }
 
-    /// How far a picture is off.
+    /// Estimates the error of a picture.
     ///
     /// # Errors
     /// [`Error::Image`](crate::error::Error::Image) if the picture has another size than the camera's.
@@ -76,16 +76,16 @@ impl Truth {
 }
 
 impl Estimate {
-    /// The estimate from the errors of sampled pixels.
+    /// Makes the estimate from the errors of sampled pixels.
     ///
-    /// The 99.9th percentile of a thousand numbers is one of them. More is known by the method of peaks over a
-    /// threshold (Pickands 1975, "Statistical inference using extreme order statistics", with an exponential tail):
-    /// beyond the 95th percentile u, errors exceed u by s on average, so that the percentile is u + s ln(p / 0.001), p
-    /// the fraction of errors over u. Where that is less than what the sample itself has, the sample counts. Channels
-    /// from 0 to 1 differ by 1 at most.
+    /// The 99.9th percentile of a thousand numbers depends on one of them. The method of peaks over a threshold uses
+    /// more (Pickands 1975, "Statistical inference using extreme order statistics", with an exponential tail): beyond
+    /// the 95th percentile u, errors exceed u by s on average, so the percentile is u + s ln(p / 0.001) with p the
+    /// fraction of errors over u. If the sample's own percentile is larger, it counts instead. Channels from 0 to 1
+    /// differ by 1 at most.
     fn of(mut errors: Vec<f64>) -> Self {
         let count = errors.len();
-        // The sum of nothing is -0.
+        // `sum` of no numbers is -0.
         let squares = errors.iter().map(|e| e * e).fold(0.0, |sum: f64, square| sum + square);
         let max = errors.iter().copied().fold(0.0, f64::max);
         let rms = (squares / count.max(1) as f64).sqrt();
@@ -97,7 +97,7 @@ impl Estimate {
         let tail = (threshold + mean * steps).min(max.max(1.0));
         let sampled = if count >= 1000 { percentile(&mut errors, FRACTION) } else { 0.0 };
         let error = if max.is_finite() { tail.max(sampled) } else { max };
-        // The mean of k exponential numbers is known to 1 / sqrt(k) of itself.
+        // The mean of k exponential numbers has a relative standard deviation of 1 / sqrt(k).
         let half = TWO_SIDED * mean * steps / excesses.sqrt();
         Self { pixels: count as u64, error, interval: [(error - half).max(0.0), error + half], rms, max }
     }

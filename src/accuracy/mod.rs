@@ -1,9 +1,8 @@
-//! How far a picture is from the truth: estimated from a sample of traced pixels, and kept below a bound by the choice
-//! of settings.
+//! The error of a picture: an estimate from a sample of traced pixels, and settings that keep it below a bound.
 //!
 //! The error of a pixel is the largest difference of its four channels, premultiplied, 0 to 1. The error of a picture
-//! is what 99.9 % of the covered pixels keep: the largest of all is that of single pixels that grazing rays make
-//! anything of, and no sample tells it.
+//! is the 99.9th percentile over the covered pixels. The largest error of all pixels is no measure: single pixels with
+//! grazing rays decide it, and no sample tells it.
 
 mod choose;
 mod estimate;

@@ -1,4 +1,4 @@
-//! The cumulative footprint as a table for shaders, and the footprint as a polynomial.
+//! The cumulative footprint as a table for shaders, and the whole footprint as a polynomial.
 
 use super::Kernel;
 use super::quadrature::integrate;
@@ -39,11 +39,11 @@ impl FootprintTable {
     const MIN_ROWS: u32 = 32;
     const MAX_ROWS: u32 = 4096;
 
-    /// The smallest table whose sections err by at most `max_error`, as a fraction of the peak of the footprint.
+    /// Makes the smallest table whose sections err by at most `max_error`, as a fraction of the footprint's peak.
     ///
     /// # Errors
     /// [`Error::Setting`] if no table of up to 16 terms and 4096 rows is that accurate. This happens below about 2e-7,
-    /// and with a kernel that is very narrow in its support.
+    /// and with kernels that are very narrow in their support.
     pub(crate) fn new(kernel: &Kernel, max_error: f64) -> Result<Self> {
         let mut best = f64::INFINITY;
         for terms in Self::TERMS {
@@ -72,7 +72,7 @@ impl FootprintTable {
         })
     }
 
-    /// A table of `rows` rows (at least 2) of `terms` coefficients (1 to 16).
+    /// Makes a table of `rows` rows (at least 2) of `terms` coefficients (1 to 16).
     #[must_use]
     pub(crate) fn with_size(kernel: &Kernel, rows: u32, terms: u32) -> Self {
         let row = |s: f64| fit(terms as usize, |q| mean_to(kernel, s, q));
@@ -83,9 +83,8 @@ impl FootprintTable {
         table
     }
 
-    /// The largest error of 2 G, as a fraction of the footprint's peak. It is measured half way between rows, where
-    /// linear interpolation errs most. An error of 2 G bounds that of the footprint, and of a section whose two ends
-    /// err oppositely.
+    /// Measures the largest error of 2 G, as a fraction of the footprint's peak, half way between rows, where linear
+    /// interpolation errs most. It bounds the error of the footprint, and of a section whose two ends err oppositely.
     fn measure(&self, kernel: &Kernel) -> f64 {
         const PROBES: u32 = 64;
         let radius = kernel.radius();
@@ -142,8 +141,8 @@ impl FootprintTable {
         self.max_error
     }
 
-    /// The section of the kernel between t0 and t1 (voxels along the ray from its closest point) of a ray at squared
-    /// distance r2 from the centre, as the shaders evaluate it but in f64.
+    /// Returns the section of the kernel between t0 and t1 (voxels along the ray from its closest point) for a ray at
+    /// squared distance r2 from the centre, evaluated as by the shaders but in f64.
     pub(crate) fn section(&self, radius: f64, r2: f64, t0: f64, t1: f64) -> f64 {
         let c2 = radius * radius - r2;
         if c2 <= 0.0 {
@@ -158,8 +157,8 @@ impl FootprintTable {
     }
 }
 
-/// The polynomial p with `terms` terms that makes c p(c^2) the footprint of a ray with half chord c (voxels):
-/// coefficients, lowest first, and the largest error as a fraction of the footprint's peak.
+/// Fits the polynomial p with `terms` terms that makes c p(c^2) the footprint of a ray with half chord c (voxels).
+/// Returns its coefficients, lowest first, and the largest error as a fraction of the footprint's peak.
 ///
 /// The footprint is 2 c times the mean of the kernel over half the chord, and this mean is analytic in c^2.
 pub(crate) fn footprint_polynomial(kernel: &Kernel, terms: usize) -> (Vec<f64>, f64) {
@@ -174,19 +173,19 @@ pub(crate) fn footprint_polynomial(kernel: &Kernel, terms: usize) -> (Vec<f64>, 
     (powers.iter().enumerate().map(|(k, a)| a / radius2.powi(k as i32)).collect(), error)
 }
 
-/// The section of the kernel between t0 and t1 of a ray at squared distance r2 from the centre, by quadrature: to 1e-7
-/// of the default Gaussian.
+/// Returns the section of the kernel between t0 and t1 for a ray at squared distance r2 from the centre, by quadrature:
+/// to 1e-7 for the default Gaussian.
 pub(crate) fn section(kernel: &Kernel, r2: f64, t0: f64, t1: f64) -> f64 {
     section_by(kernel, r2, [t0, t1], 2)
 }
 
-/// The same by so many panels of the quadrature.
+/// Returns the same section by quadrature of `panels` panels.
 pub(crate) fn section_by(kernel: &Kernel, r2: f64, [t0, t1]: [f64; 2], panels: u32) -> f64 {
     let c = (kernel.radius() * kernel.radius() - r2).max(0.0).sqrt();
     integrate(t0.clamp(-c, c), t1.clamp(-c, c), panels, |t| kernel.value(r2 + t * t))
 }
 
-/// The largest error of 2 G with `terms` coefficients on exact rows, as a fraction of the footprint's peak.
+/// Measures the largest error of 2 G with `terms` coefficients on exact rows, as a fraction of the footprint's peak.
 fn degree_error(kernel: &Kernel, terms: u32) -> f64 {
     let radius = kernel.radius();
     let worst = (1..=8).map(|i| {
@@ -202,7 +201,7 @@ fn degree_error(kernel: &Kernel, terms: u32) -> f64 {
     worst.fold(0.0, f64::max) / (2.0 * radius * mean_to(kernel, 1.0, 0.0))
 }
 
-/// G(t) / t, the mean of the kernel from the middle of the chord to t, at s = c^2 / R^2 and q = 1 - t^2 / c^2.
+/// Returns G(t) / t, the mean of the kernel from the middle of the chord to t, at s = c^2 / R^2 and q = 1 - t^2 / c^2.
 fn mean_to(kernel: &Kernel, s: f64, q: f64) -> f64 {
     let radius2 = kernel.radius() * kernel.radius();
     let c2 = s * radius2;
@@ -210,8 +209,9 @@ fn mean_to(kernel: &Kernel, s: f64, q: f64) -> f64 {
     integrate(0.0, 1.0, 6, |w| kernel.value(radius2 - c2 * (1.0 - v2 * w * w)))
 }
 
-/// Coefficients of the polynomial of `terms` terms through `f` at the Chebyshev nodes of [0, 1]: near-minimax
-/// (Trefethen, "Approximation Theory and Approximation Practice", chapter 16), by Newton's divided differences.
+/// Returns the coefficients of the polynomial of `terms` terms through `f` at the Chebyshev nodes of [0, 1], lowest
+/// first: near-minimax (Trefethen, "Approximation Theory and Approximation Practice", chapter 16), by Newton's divided
+/// differences.
 fn fit(terms: usize, f: impl Fn(f64) -> f64) -> Vec<f64> {
     let nodes: Vec<f64> = (0..terms)
         .map(|i| 0.5 - 0.5 * ((2 * i + 1) as f64 / (2 * terms) as f64 * std::f64::consts::PI).cos())

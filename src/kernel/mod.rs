@@ -1,9 +1,11 @@
-//! Reconstruction kernels: the density that a voxel spreads around its lattice point.
+//! Reconstruction kernels: the density of a voxel around its lattice point.
 
 mod footprint;
-mod quadrature;
+pub(crate) mod quadrature;
+mod real;
 
 pub(crate) use footprint::{FootprintTable, footprint_polynomial, section, section_by};
+pub(crate) use real::Real;
 
 use std::f64::consts::PI;
 use std::fmt;
@@ -43,7 +45,7 @@ impl Default for Kernel {
 }
 
 impl Kernel {
-    /// The blob with the parameters of Matej and Lewitt: radius 2, alpha 10.4.
+    /// The blob with the parameters of Matej and Lewitt (1996): radius 2, alpha 10.4.
     pub const KAISER_BESSEL: Self = Self::KaiserBessel { radius: 2.0, alpha: 10.4 };
 
     /// The largest support radius, in voxels: a splat of this kernel covers 32^3 voxels.
@@ -85,10 +87,11 @@ impl Kernel {
         }
     }
 
-    /// A narrower kernel in place of a Gaussian: a blob of radius 2, as broad as the Gaussian if it can be for a share
-    /// of 0, and [`Self::KAISER_BESSEL`] for 1. `None` if the kernel is a blob, or a Gaussian as narrow as that.
+    /// Returns a narrower kernel in place of a Gaussian: a blob of radius 2. For a share of 0 the blob is as broad as
+    /// the Gaussian, if a blob can be, and for 1 it is [`Self::KAISER_BESSEL`]. `None` if the kernel is a blob, or a
+    /// Gaussian no broader than [`Self::KAISER_BESSEL`].
     ///
-    /// A Gaussian as narrow would have ripple: 8.5 % with a sigma of 0.5. Blobs in between have at most 4.3 %.
+    /// A narrow Gaussian would have ripple: 8.5 % with a sigma of 0.5. The blobs have at most 4.3 %.
     pub(crate) fn narrowed(&self, share: f64) -> Option<Self> {
         let Self::KaiserBessel { radius, alpha: narrowest } = Self::KAISER_BESSEL else { return None };
         let blob = |alpha: f64| Self::KaiserBessel { radius, alpha };
@@ -105,17 +108,19 @@ impl Kernel {
         Some(blob(low + share * (narrowest - low)))
     }
 
-    /// The kernel at squared distance `rho2` (voxels^2) from its centre: 1 at 0, 0 outside the support.
+    /// Returns the kernel at squared distance `rho2` (voxels^2) from its centre: 1 at 0, 0 outside the support.
     #[must_use]
     pub(crate) fn value(&self, rho2: f64) -> f64 {
-        let radius2 = self.radius() * self.radius();
-        if rho2 > radius2 {
-            return 0.0;
-        }
+        if rho2 > self.radius() * self.radius() { 0.0 } else { self.continued(rho2) }
+    }
+
+    /// Returns the kernel at squared distance `rho2` (voxels^2), continued analytically beyond its support.
+    #[must_use]
+    pub(crate) fn continued(&self, rho2: f64) -> f64 {
         match *self {
             Self::Gaussian { sigma, .. } => (-rho2 / (2.0 * sigma * sigma)).exp(),
-            Self::KaiserBessel { alpha, .. } => {
-                let y = 1.0 - rho2 / radius2;
+            Self::KaiserBessel { radius, alpha } => {
+                let y = 1.0 - rho2 / (radius * radius);
                 y * y * bessel_i2_over_z2(alpha * alpha * y) / bessel_i2_over_z2(alpha * alpha)
             }
         }
@@ -137,7 +142,7 @@ impl Kernel {
     /// The integral along the line at distance `r` from the centre, up to `t` past its closest point (voxels): the
     /// cumulative footprint F(r, t) = integral from -inf to t of h(sqrt(r^2 + u^2)) du.
     ///
-    /// Integrated numerically to about 1e-13: what the sections of a [`FootprintTable`] are tested against.
+    /// Integrated numerically to about 1e-13, as a truth for the sections of a [`FootprintTable`].
     #[cfg(test)]
     pub(crate) fn cumulative_footprint(&self, r: f64, t: f64) -> f64 {
         let half_chord = (self.radius() * self.radius() - r * r).max(0.0).sqrt();
@@ -146,7 +151,7 @@ impl Kernel {
     }
 }
 
-/// As `--kernel` takes it.
+/// The spelling of `--kernel`.
 impl fmt::Display for Kernel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
@@ -160,7 +165,7 @@ impl fmt::Display for Kernel {
 /// The divisor N of the sum of kernels in f(x) = sum f_j h / N.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Normalization {
-    /// The kernel's integral: a constant field of 1 reconstructs to 1 on average, and integrates to path length.
+    /// The kernel's integral: a constant field of 1 is reconstructed as 1 on average and integrates to path length.
     #[default]
     Unit,
     /// 1, the kernel's peak. Historical: the volume is denser by the kernel's integral.
@@ -170,7 +175,7 @@ pub enum Normalization {
 named! { "normalization", Normalization { Unit: "unit", Peak: "peak" } }
 
 impl Normalization {
-    /// N for a kernel.
+    /// The divisor N of a kernel.
     #[must_use]
     pub(crate) fn divisor(self, kernel: &Kernel) -> f64 {
         match self {
@@ -179,20 +184,19 @@ impl Normalization {
         }
     }
 
-    /// How much denser sums of a kernel are than with [`Self::Unit`].
+    /// The ratio of sums of a kernel to sums with [`Self::Unit`].
     pub(crate) fn density(self, kernel: &Kernel) -> f64 {
         kernel.integral() / self.divisor(kernel)
     }
 }
 
-/// I_2(z) / z^2 from z^2: the series sum_k (z^2/4)^k / (4 k! (k+2)!) (Abramowitz and Stegun 9.6.10), all terms
-/// positive.
+/// I_2(z) / z^2 from z^2, of either sign: the series sum_k (z^2/4)^k / (4 k! (k+2)!) (Abramowitz and Stegun 9.6.10).
 fn bessel_i2_over_z2(z2: f64) -> f64 {
     let q = z2 / 4.0;
-    let mut term = 1.0 / 8.0;
+    let mut term: f64 = 1.0 / 8.0;
     let mut sum = term;
     let mut k = 1.0;
-    while term > sum * 1e-17 {
+    while term.abs() > sum.abs() * 1e-17 {
         term *= q / (k * (k + 2.0));
         sum += term;
         k += 1.0;

@@ -7,25 +7,25 @@ use glam::DVec3;
 use self::shadow::Shares;
 use crate::error::{Error, Result};
 
-/// Where a light is.
+/// The place of a light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Source {
-    /// At the eye. No shadow of it can be seen, so it casts none.
+    /// At the eye. Its shadows are never visible, so it casts none.
     Eye,
     /// Infinitely far away: the world direction towards the light, of any length over 0.
     Direction(DVec3),
-    /// At a place in the world. It is as bright at any distance; its size is 0.
+    /// At a place in the world. Its brightness does not fall with distance; its size is 0.
     Point(DVec3),
 }
 
 /// A light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Light {
-    /// Where it is.
+    /// The place of the light.
     pub source: Source,
-    /// Its red, green and blue, 0 to [`Self::BRIGHTEST`]; 1, 1, 1 is white of intensity 1.
+    /// Red, green and blue, 0 to [`Self::BRIGHTEST`]; 1, 1, 1 is white of intensity 1.
     pub color: [f64; 3],
-    /// How large it appears, across, degrees, 0 to 90: the sun 0.5, a window 20. Only shadows tell: 0 casts hard ones.
+    /// Apparent diameter in degrees, 0 to 90: the sun has 0.5, a window 20. It only softens shadows: 0 casts hard ones.
     pub size: f64,
 }
 
@@ -34,23 +34,23 @@ impl Light {
     pub const HEADLIGHT: Self = Self { source: Source::Eye, color: [1.0; 3], size: 0.0 };
     /// The largest component of a colour.
     pub const BRIGHTEST: f64 = 16.0;
-    /// The directions that stand for a light that is not a point.
+    /// Number of directions that represent a light with a size.
     const DIRECTIONS: u32 = 12;
 
-    /// A white light of intensity 1, infinitely far away in a world direction of any length over 0.
+    /// Makes a white light of intensity 1, infinitely far away in a world direction of any length over 0.
     #[must_use]
     pub const fn directional(towards: DVec3) -> Self {
         Self { source: Source::Direction(towards), ..Self::HEADLIGHT }
     }
 
-    /// A white light of intensity 1 at a place in the world.
+    /// Makes a white light of intensity 1 at a place in the world.
     #[must_use]
     pub const fn at(place: DVec3) -> Self {
         Self { source: Source::Point(place), ..Self::HEADLIGHT }
     }
 
-    /// Where light comes from: none if it is at the eye; of a light with a size world directions, unit length, spread
-    /// evenly over what can be seen of it (Vogel 1979, "A better way to construct the sunflower head").
+    /// Returns the origin of the light for shadows: no direction if it is at the eye; for a light with a size, unit
+    /// world directions spread evenly over its disc (Vogel 1979, "A better way to construct the sunflower head").
     fn origin(&self) -> Origin {
         let towards = match self.source {
             Source::Eye => return Origin::default(),
@@ -64,7 +64,7 @@ impl Light {
         let narrowest = (self.size.to_radians() / 2.0).cos();
         let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
         let direction = |i: u32| {
-            // Parts of the cap of equal area are parts of its height of equal length.
+            // Parts of a spherical cap of equal height have equal areas.
             let cosine = 1.0 - (1.0 - narrowest) * (f64::from(i) + 0.5) / f64::from(Self::DIRECTIONS);
             let sine = (1.0 - cosine * cosine).sqrt();
             let (y, x) = (golden * f64::from(i)).sin_cos();
@@ -74,7 +74,7 @@ impl Light {
     }
 }
 
-/// A material, the lights on it, and what of their light reaches it.
+/// A material, its lights, and their shadows.
 ///
 /// Let n be the unit normal (the direction of the gradient or its opposite, whichever faces the eye), v the direction
 /// to the eye, l the direction to a light of colour i and h = (v + l) / |v + l|. A point of colour c then shows
@@ -98,36 +98,37 @@ pub struct Lighting {
     pub shininess: f64,
     /// The lights, 1 to [`Lighting::MAX_LIGHTS`].
     pub lights: Vec<Light>,
-    /// How dark shadows are: 0, there are none, to 1, no light that is absorbed arrives. Of the first three lights; the
-    /// fourth, and one at the eye, casts none.
+    /// Darkness of shadows, from 0 (none) to 1 (absorbed light is missing in full). The first three lights cast
+    /// shadows; the fourth, and lights at the eye, cast none.
     pub shadows: f64,
-    /// How far from a voxel's centre what keeps light from it begins, voxels, 0 to [`Self::MAX_BIAS`]. At 0 the half of
-    /// the voxel itself that faces the light counts, so the surface of opaque matter lies in its own shadow. At 1.5 or
-    /// more surfaces that face the light are lit, whatever their extinction.
+    /// Distance from a voxel's centre within which occluders are ignored, voxels, 0 to [`Self::MAX_BIAS`]. At 0 the
+    /// half of the voxel itself that faces the light counts, so the surface of opaque matter lies in its own shadow. At
+    /// 1.5 or more, surfaces that face the light are lit at any extinction.
     pub shadow_bias: f64,
-    /// The distance within which voxels take the ambient light from each other, voxels, over 0; `None`: they do not.
+    /// The distance within which voxels occlude the ambient light of each other, voxels; `None`: no occlusion.
     pub occlusion: Option<f64>,
 }
 
-/// The most lights that cast shadows.
+/// The largest number of lights that cast shadows.
 pub(crate) const MAX_CASTING: usize = 3;
 
 /// The share of light that reaches a point, 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Visibility {
-    /// Of the lights, in order: exp(-D), where D is the optical depth on the way; of a light with a size the mean over
-    /// 12 directions. The fourth, and lights at the eye, have 1.
+    /// The share of each light, in order: exp(-D), where D is the optical depth towards the light; for a light with a
+    /// size, the mean over 12 directions. The fourth light and lights at the eye have 1.
     pub lights: [f64; Lighting::MAX_LIGHTS],
-    /// Of what is around: twice the mean of exp(-D) over all directions, at most 1, with D as far as
-    /// [`Lighting::occlusion`].
+    /// The share of the ambient light: twice the mean of exp(-D) over all directions, at most 1, with D the optical
+    /// depth within [`Lighting::occlusion`].
     pub ambient: f64,
 }
 
 impl Visibility {
-    /// All light arrives.
+    /// The full light arrives.
     pub const FULL: Self = Self { lights: [1.0; Lighting::MAX_LIGHTS], ambient: 1.0 };
 
-    pub(crate) fn of<const N: usize>(shares: &Shares<N>, index: usize) -> Self {
+    /// Returns the visibility of one voxel of a row.
+    pub(crate) fn of_voxel<const N: usize>(shares: &Shares<N>, index: usize) -> Self {
         let mut visibility = Self { ambient: shares[MAX_CASTING][index], ..Self::FULL };
         let lights = visibility.lights.iter_mut().zip(&shares[..MAX_CASTING]);
         lights.for_each(|(light, shares)| *light = shares[index]);
@@ -135,10 +136,10 @@ impl Visibility {
     }
 }
 
-/// Where the light that is kept from voxels comes from.
+/// The origin of a light that casts shadows.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Origin {
-    /// World directions; none: all of it arrives.
+    /// World directions, unit length; none: the light casts no shadows.
     Directions(Vec<DVec3>),
     /// A place in the world.
     Point(DVec3),
@@ -156,7 +157,7 @@ impl Origin {
     }
 }
 
-/// Which light is kept from voxels.
+/// The lights that cast shadows, and how.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Casting {
     /// The origins of the lights.
@@ -169,13 +170,13 @@ pub(crate) struct Casting {
 }
 
 impl Casting {
-    /// Where what keeps light from a voxel begins, voxels from its centre.
+    /// The distance from a voxel's centre within which occluders are ignored, voxels.
     pub(crate) fn bias(&self) -> f64 {
         self.bias
     }
 
-    /// What arrives at a point of the world, given the ambient share and the optical depth from the point in a unit
-    /// direction as far as a distance, as [`shadow`](self::shadow) has it.
+    /// Returns the visibility at a point of the world, given its ambient share and a function of the optical depth from
+    /// the point in a unit direction up to a distance.
     pub(crate) fn visibility(&self, point: DVec3, ambient: f64, depth: impl Fn(DVec3, f64) -> f64) -> Visibility {
         let mut visibility = Visibility { ambient, ..Visibility::FULL };
         for (share, origin) in visibility.lights.iter_mut().zip(&self.lights).filter(|(_, o)| !o.is_none()) {
@@ -210,23 +211,23 @@ impl Default for Lighting {
 }
 
 impl Lighting {
-    /// The most lights accepted.
+    /// The largest number of lights.
     pub const MAX_LIGHTS: usize = 4;
-    /// A light that changes no colour.
+    /// Returns a lighting that changes no colour.
     pub(crate) fn flat() -> Self {
         Self { ambient: 1.0, diffuse: 0.0, specular: 0.0, ..Self::default() }
     }
 
-    /// The farthest from a voxel that what keeps light from it begins, voxels.
+    /// The largest shadow bias, voxels.
     pub const MAX_BIAS: f64 = 16.0;
 
-    /// The farthest that occlusion reaches, voxels.
+    /// The largest distance of occlusion, voxels.
     pub const MAX_OCCLUSION: f64 = 256.0;
 
     /// Refuses numbers out of range, no light or too many, and directions without length.
     ///
     /// # Errors
-    /// [`Error::Setting`] that says what was given and what is accepted.
+    /// [`Error::Setting`] that states the wrong value and the accepted values.
     pub fn validate(&self) -> Result<()> {
         let error = |name, reason: String| Err(Error::Setting { name, reason });
         for (name, what, value, low, high) in [
@@ -269,10 +270,10 @@ impl Lighting {
         Ok(())
     }
 
-    /// Lights as a photographer sets them up, for an eye that looks `forward` with `up` upwards (world directions, not
+    /// Returns a photographer's set of lights for an eye that looks `forward` with `up` upwards (world directions, not
     /// parallel): a large warm key light from the upper left, which casts soft shadows, a weak cool fill light from the
-    /// right, which casts none, a rim light from behind, and a little from the eye. Voxels take the ambient light from
-    /// each other within 8 voxels. The lights stand still in the world if the eye moves on.
+    /// right, which casts none, a rim light from behind, and a weak light at the eye. Voxels occlude the ambient light
+    /// of each other within 8 voxels. The lights keep their places in the world if the eye moves.
     #[must_use]
     pub fn studio(forward: DVec3, up: DVec3) -> Self {
         let forward = forward.normalize();
@@ -296,7 +297,7 @@ impl Lighting {
         }
     }
 
-    /// Which light is kept from voxels; `None` if all of it arrives.
+    /// Returns the lights that cast shadows; `None` if there are no shadows and no occlusion.
     pub(crate) fn casting(&self) -> Option<Casting> {
         let mut lights: [Origin; MAX_CASTING] = Default::default();
         if self.shadows > 0.0 {
@@ -311,7 +312,7 @@ impl Lighting {
         self.lights.iter().any(|light| matches!(light.source, Source::Point(_)))
     }
 
-    /// The same lights in a world that begins elsewhere: at `origin`.
+    /// Returns the same lights in a world whose origin lies at `origin`.
     pub(crate) fn seen_from(&self, origin: DVec3) -> Self {
         let mut lighting = self.clone();
         for light in &mut lighting.lights {
@@ -322,7 +323,7 @@ impl Lighting {
         lighting
     }
 
-    /// The colour that a point without a surface shows.
+    /// Returns the colour of a point without a surface.
     pub(crate) fn shade_without_surface(&self, color: [f64; 3], visibility: &Visibility) -> [f64; 3] {
         let lights = self.lights.iter().zip(visibility.lights);
         let kept = 1.0 - lights.map(|(_, kept)| 1.0 - kept).sum::<f64>() / self.lights.len() as f64;
@@ -330,9 +331,9 @@ impl Lighting {
         color.map(|c| c * shown)
     }
 
-    /// The colour that a lit point shows. `color` is its own colour, `gradient` the gradient of the field in world
+    /// Returns the colour of a lit point. `color` is its own colour, `gradient` the gradient of the field in world
     /// coordinates, of any length, `place` the point in the world, `to_eye` the unit world direction to the eye, and
-    /// `visibility` what of the light arrives.
+    /// `visibility` the share of the light that arrives.
     #[must_use]
     pub fn shade(
         &self,
@@ -354,7 +355,7 @@ impl Lighting {
             let towards = match light.source {
                 Source::Eye => to_eye,
                 Source::Direction(towards) => towards.normalize(),
-                // At the light itself it comes from the eye.
+                // At the light itself the direction is undefined: the eye's stands for it.
                 Source::Point(light) => (light - place).try_normalize().unwrap_or(to_eye),
             };
             let half_way = match light.source {

@@ -1,4 +1,4 @@
-//! Shadows: how much of the light of each lamp reaches the centre of a voxel, in closed form.
+//! Shadows: the share of each light that reaches the centre of a voxel, in closed form.
 //!
 //! The extinction that light passes is the field that pre-shading splats, a sum of kernels. So its integral from the
 //! centre of voxel j along the unit lattice direction d, as far as `reach`, is a sum of sections of kernels:
@@ -8,10 +8,10 @@
 //! ```
 //!
 //! with h the kernel, N its divisor, l the world length of d and b the bias. S depends on the offset of two lattice
-//! points alone. It is not 0 within a kernel's radius of the ray only, and without bias a voxel's own kernel counts by
-//! half. So a direction is a list of offsets with weights, the same for every voxel of a volume, and D_j takes no
-//! sheets, no steps and no view. Rows of voxels are added up together. From a light at a place each voxel has a
-//! direction and a `reach` of its own: its kernels are added up by [`Converging`].
+//! points alone. It is 0 farther than a kernel's radius from the ray, and without bias a voxel's own kernel counts by
+//! half. So a direction is a list of offsets with weights, the same for every voxel of a volume, and D_j needs no
+//! sheets, no steps and no view. Rows of voxels are summed together. For a light at a place each voxel has a direction
+//! and a `reach` of its own: [`Converging`] sums its kernels.
 //!
 //! Splatters before shade one image of the light after another and look the voxel up there: Nulkar and Mueller 2001,
 //! "Splatting with shadows" (a volume of light, by sheets); Zhang and Crawfis 2003, "Shadows and soft shadows with
@@ -20,7 +20,7 @@
 
 mod converging;
 
-use std::ops::{Add, AddAssign, Mul, Range, Sub};
+use std::ops::Range;
 
 use glam::{DAffine3, DMat3, DVec3};
 use pulp::Arch;
@@ -28,77 +28,46 @@ use pulp::Arch;
 use self::converging::Converging;
 use super::{Casting, MAX_CASTING, Origin};
 use crate::error::Result;
-use crate::kernel::{Kernel, section_by};
-use crate::volume::{Grid, ToF64};
+use crate::kernel::{Kernel, Real, section_by};
+use crate::volume::Grid;
 use voxsplat_volume::memory::reserved;
 
-/// Optical depths beyond this are not told apart: no light of 1 passes that is 1e-7.
+/// Optical depths beyond this count as dark: they transmit 1e-7 of the light.
 const DARK: f64 = 16.0;
 
-/// Planes of the lattice whose offsets are added up before it is asked whether light is left.
+/// Number of planes of the lattice that are summed between two checks for darkness.
 const CHUNK: i32 = 8;
 
-/// The edge of the blocks that are empty or not, in voxels.
+/// The edge of the blocks that are marked as empty or occupied, in voxels.
 const BLOCK: usize = 8;
 
-/// Voxels of a row that are added up together, and the room at both ends of a row.
+/// Number of voxels of a row that are summed together, and the padding at both ends of a row.
 const LANES: usize = 32;
 
-/// f32 for pictures, f64 for the truth.
-pub(crate) trait Real:
-    ToF64 + Default + PartialOrd + Add<Output = Self> + AddAssign + Sub<Output = Self> + Mul<Output = Self>
-{
-    /// A number that no sum reaches.
-    const INFINITE: Self;
-    fn of(value: f64) -> Self;
-    fn sqrt(self) -> Self;
-}
-
-impl Real for f32 {
-    const INFINITE: Self = Self::INFINITY;
-    fn of(value: f64) -> Self {
-        value as Self
-    }
-    fn sqrt(self) -> Self {
-        self.sqrt()
-    }
-}
-
-impl Real for f64 {
-    const INFINITE: Self = Self::INFINITY;
-    fn of(value: f64) -> Self {
-        value
-    }
-    fn sqrt(self) -> Self {
-        self.sqrt()
-    }
-}
-
-/// What absorbs light: a number for each voxel of a lattice, x fastest, with room for a run of voxels at both ends of a
-/// row.
+/// The extinction of each voxel of a lattice, x fastest, with padding at both ends of a row.
 pub(crate) struct Medium<T> {
     dims: [usize; 3],
     values: Vec<T>,
-    /// Blocks along the axes, and whether there is anything in each.
+    /// The number of blocks along the axes, and whether each has a voxel that was set.
     blocks: [usize; 3],
     occupied: Vec<bool>,
     arch: Arch,
 }
 
 impl<T: Real> Medium<T> {
-    /// An empty one.
+    /// Makes an empty medium of `dims` voxels.
     ///
     /// # Errors
-    /// [`Error::Memory`](crate::Error::Memory) if there is no room for it: 4 or 8 bytes for each voxel.
+    /// [`Error::Memory`](crate::Error::Memory) if 4 or 8 bytes for each voxel cannot be allocated.
     pub(crate) fn new(dims: [usize; 3]) -> Result<Self> {
         let count = (dims[0] + 2 * LANES) * dims[1] * dims[2];
-        let mut values = reserved(count as u64, || "what casts shadows".to_owned())?;
+        let mut values = reserved(count as u64, || "the occluders of light".to_owned())?;
         values.resize(count, T::default());
         let blocks = dims.map(|n| n.div_ceil(BLOCK));
         Ok(Self { dims, values, blocks, occupied: vec![false; blocks.iter().product()], arch: Arch::new() })
     }
 
-    /// Where the row of voxels begins, the room before it included.
+    /// The index at which a row begins, its padding included.
     fn row(&self, y: usize, z: usize) -> usize {
         (self.dims[0] + 2 * LANES) * (y + self.dims[1] * z)
     }
@@ -114,7 +83,7 @@ impl<T: Real> Medium<T> {
         self.values[self.row(y, z) + LANES + x]
     }
 
-    /// Whether there is anything between two points, both included; they may lie outside.
+    /// Whether a block between two points is occupied, both points included; they may lie outside.
     fn is_occupied(&self, low: [i32; 3], high: [i32; 3]) -> bool {
         let range = |axis: usize| -> Range<usize> {
             let last = self.dims[axis] as i32 - 1;
@@ -128,41 +97,41 @@ impl<T: Real> Medium<T> {
         zs.into_iter().any(|z| ys.clone().any(|y| self.occupied[nx * (y + ny * z)..][xs.clone()].contains(&true)))
     }
 
-    /// The optical depths of rows of `N` voxels side by side, of those that are `wanted`. Depths over [`DARK`] may be
-    /// anything over it, and those of voxels that are not wanted are.
+    /// Sums the optical depths of rows of `N` voxels side by side. Depths above [`DARK`] are not exact; unwanted voxels
+    /// get an arbitrary depth above it.
     fn depths<const N: usize>(&self, ray: &Ray<T>, block: &Block<'_>, depths: &mut Vec<[T; N]>) {
         depths.clear();
-        let begin = |bits: u32, i: usize| if bits >> i & 1 != 0 { T::default() } else { T::INFINITE };
+        let begin = |bits: u32, i: usize| if bits >> i & 1 != 0 { T::default() } else { T::from_f64(f64::INFINITY) };
         depths.extend(block.wanted.iter().map(|&bits| std::array::from_fn(|i| begin(bits, i))));
-        self.arch.dispatch(Sum { medium: self, ray, block, depths });
+        self.arch.dispatch(RaySum { medium: self, ray, block, depths });
     }
 }
 
 /// Rows of voxels side by side.
 pub(crate) struct Block<'a> {
-    /// The lattice point of the first.
+    /// The lattice point of the first voxel.
     pub(crate) start: [usize; 3],
-    /// Rows along y.
+    /// Number of rows along y.
     pub(crate) down: usize,
-    /// Of each row, y before z, the bits of the voxels whose light is wanted, the first the lowest.
+    /// For each row, y before z, a bit for each voxel whose light is wanted; the lowest bit is the first voxel's.
     pub(crate) wanted: &'a [u32],
 }
 
-/// Adds a ray up. A type of its own, so that it is compiled for the widest vectors of the machine.
-struct Sum<'a, T, const N: usize> {
+/// The sum along a ray, as a type so that it is compiled for the widest vectors of the machine.
+struct RaySum<'a, T, const N: usize> {
     medium: &'a Medium<T>,
     ray: &'a Ray<T>,
     block: &'a Block<'a>,
     depths: &'a mut [[T; N]],
 }
 
-impl<T: Real, const N: usize> pulp::WithSimd for Sum<'_, T, N> {
+impl<T: Real, const N: usize> pulp::WithSimd for RaySum<'_, T, N> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
         let Self { medium, ray, block, depths } = self;
-        let dark = T::of(DARK);
+        let dark = T::from_f64(DARK);
         let start = block.start.map(|p| p as i32);
         let [nx, ny, nz] = medium.dims.map(|n| n as i32);
         let reach = [N, block.down, block.wanted.len() / block.down].map(|n| n as i32 - 1);
@@ -173,7 +142,7 @@ impl<T: Real, const N: usize> pulp::WithSimd for Sum<'_, T, N> {
         for chunk in &ray.chunks {
             let low: [i32; 3] = std::array::from_fn(|axis| start[axis] + chunk.low[axis]);
             let high: [i32; 3] = std::array::from_fn(|axis| start[axis] + chunk.high[axis] + reach[axis]);
-            // What lies beyond is farther out still: the lattice is convex.
+            // Later chunks lie farther outside: the lattice is convex.
             if rows.is_empty() || (0..3).any(|axis| high[axis] < 0 || low[axis] >= medium.dims[axis] as i32) {
                 break;
             }
@@ -181,19 +150,19 @@ impl<T: Real, const N: usize> pulp::WithSimd for Sum<'_, T, N> {
                 continue;
             }
             let taps = &ray.taps[chunk.taps.clone()];
-            // Rows of a block, and the part of the medium that they read, stay in the nearest cache.
+            // The rows of a block, and the part of the medium that they read, stay in the first cache.
             let mut lit = 0;
             for index in 0..rows.len() {
                 let (row, y, z) = rows[index];
                 let mut sums = depths[row];
                 for &([dx, dy, dz], weight) in taps {
                     let (x, y, z) = (start[0] + dx, y + dy, z + dz);
-                    // Outside of the lattice, or as far outside of the row as the run is long.
+                    // Outside the lattice, or outside the row by the length of the run.
                     if y < 0 || z < 0 || y >= ny || z >= nz || x <= -(N as i32) || x >= nx {
                         continue;
                     }
                     let at = medium.row(y as usize, z as usize) + (x + LANES as i32) as usize;
-                    // Products are added one by one: the sums are the same on every machine.
+                    // Products are added one by one, so the sums are the same on every machine.
                     for (sum, &value) in sums.iter_mut().zip(&medium.values[at..at + N]) {
                         *sum += weight * value;
                     }
@@ -209,15 +178,15 @@ impl<T: Real, const N: usize> pulp::WithSimd for Sum<'_, T, N> {
     }
 }
 
-/// The offsets and weights of a direction, the nearest first.
+/// The offsets and weights of a direction, nearest first.
 struct Ray<T> {
     taps: Vec<([i32; 3], T)>,
     chunks: Vec<Chunk>,
-    /// The share of a mean that it has.
+    /// The weight of the ray in the mean over the rays of a light.
     share: f64,
 }
 
-/// Some of the offsets, and the box around them, ends included.
+/// Consecutive offsets of a ray, and the box around them, ends included.
 struct Chunk {
     taps: Range<usize>,
     low: [i32; 3],
@@ -225,20 +194,20 @@ struct Chunk {
 }
 
 impl<T: Real> Ray<T> {
-    /// The sections, times `scale`, of a ray along the unit lattice direction `along`, between two distances in voxels,
-    /// in a lattice of `dims` points.
+    /// Makes the ray along the unit lattice direction `along`, between two distances in voxels, in a lattice of `dims`
+    /// points. Weights are sections times `scale`.
     fn new(kernel: &Kernel, dims: [usize; 3], along: DVec3, between: [f64; 2], scale: f64, share: f64) -> Self {
         let radius = kernel.radius();
         let d = along.to_array();
-        // Of a quarter of the kernel's deviation or less: to 1e-11.
+        // Panels of at most a quarter of the kernel's deviation: to 1e-11.
         let panels = (4.0 * radius / kernel.variance().sqrt()).ceil() as u32;
-        let main = (0..3).fold(0, |most, axis| if d[axis].abs() > d[most].abs() { axis } else { most });
+        let main = along.abs().max_position();
         let [u, v] = [(main + 1) % 3, (main + 2) % 3];
-        // Kernels whose centres lie so far along the main axis are met by the ray.
+        // The ray meets kernels whose centres lie up to this far along the main axis.
         let within = |length: f64| (length * d[main].abs() + radius).min(dims[main] as f64).floor() as i32;
         let (behind, ahead) = (radius.floor() as i32, within(between[1]));
         let mut ray = Self { taps: Vec::new(), chunks: Vec::new(), share };
-        // In a plane across the main axis kernels are met within an ellipse, at most so wide.
+        // In a plane across the main axis, the ray meets kernels within an ellipse of at most this half width.
         let wide = radius / d[main].abs();
         for planes in (-behind..=ahead).step_by(CHUNK as usize) {
             let first = ray.taps.len();
@@ -257,7 +226,7 @@ impl<T: Real> Ray<T> {
                     let t = o.dot(along);
                     let weight = section_by(kernel, o.length_squared() - t * t, between.map(|s| s - t), panels) * scale;
                     if weight > 0.0 {
-                        ray.taps.push((offset, T::of(weight)));
+                        ray.taps.push((offset, T::from_f64(weight)));
                     }
                 }
             }
@@ -276,30 +245,30 @@ impl<T: Real> Ray<T> {
     }
 }
 
-/// What voxels keep of light, for each light that casts shadows, then of the light from all around; 0 to 1.
+/// The shares of light that reach voxels, 0 to 1: of each light that casts shadows, then of the ambient light.
 pub(crate) type Shares<const N: usize> = [[f64; N]; MAX_CASTING + 1];
 
 /// A lattice of kernels with a length.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Lattice {
     pub(crate) kernel: Kernel,
-    /// What sums of kernels are divided by.
+    /// The divisor of sums of kernels.
     pub(crate) divisor: f64,
     pub(crate) dims: [usize; 3],
     /// From the world of lights to the lattice.
     pub(crate) to_lattice: DAffine3,
     /// From the lattice to the world, which may be measured in any unit.
     pub(crate) to_world: DMat3,
-    /// The length in that world that the numbers of a medium are per.
+    /// The length in that world that extinctions are per.
     pub(crate) unit: f64,
-    /// Voxels that a step along its axes is.
+    /// Voxels per step of the lattice along its axes.
     pub(crate) voxels: f64,
 }
 
 impl Lattice {
-    /// The lattice of a grid, the numbers of whose medium are per `unit` of the world.
+    /// Makes the lattice of a grid, with extinctions per `unit` of the world.
     pub(crate) fn new(grid: &Grid, kernel: Kernel, divisor: f64, unit: f64, voxels: f64) -> Self {
-        // In a world measured in the grid's own unit: no unit of a file leaves the range of numbers.
+        // In a world measured in the grid's own unit, so that no unit of a file leaves the range of numbers.
         Self {
             kernel,
             divisor,
@@ -312,16 +281,16 @@ impl Lattice {
     }
 }
 
-/// The rays that voxels send out.
+/// The rays from voxels towards the lights.
 pub(crate) struct Caster<T> {
-    /// For each light, then for the light from all around.
+    /// For each light, then for the ambient light.
     rays: [Rays<T>; MAX_CASTING + 1],
     strength: f64,
 }
 
-/// Where the rays of a light go.
+/// The rays towards a light.
 enum Rays<T> {
-    /// The same way from every voxel; none: all of it arrives.
+    /// In the same directions from every voxel; none: the full light arrives.
     Along(Vec<Ray<T>>),
     /// To a place.
     To(Converging),
@@ -357,7 +326,7 @@ impl<T: Real> Caster<T> {
         Self { rays, strength: casting.strength }
     }
 
-    /// What the voxels of rows keep, of those that are wanted.
+    /// Returns the shares of light that reach the wanted voxels of rows.
     pub(crate) fn shares<const N: usize>(&self, medium: &Medium<T>, block: &Block<'_>) -> Vec<Shares<N>> {
         let mut shares = vec![[[1.0; N]; MAX_CASTING + 1]; block.wanted.len()];
         let (mut depths, mut means) = (Vec::new(), Vec::new());
@@ -380,7 +349,7 @@ impl<T: Real> Caster<T> {
                     let [x, y, z] = block.start;
                     let wanted = (0..block.wanted.len()).flat_map(|row| (0..N).map(move |i| (row, i)));
                     let voxel = |&(row, i): &(usize, usize)| [x + i, y + row % block.down, z + row / block.down];
-                    // A block may reach beyond the lattice, where a ray has no planes to pass.
+                    // A block may extend beyond the lattice, where a ray has no planes to pass.
                     let is_wanted = |at: &(usize, usize)| {
                         block.wanted[at.0] >> at.1 & 1 != 0 && voxel(at).iter().zip(medium.dims).all(|(p, n)| *p < n)
                     };
@@ -393,7 +362,7 @@ impl<T: Real> Caster<T> {
             }
             for (shares, means) in shares.iter_mut().zip(&means) {
                 shares[number] = match number {
-                    // Half of what is around a point of a plane is behind it.
+                    // Half of the surroundings of a point on a plane lie behind the plane.
                     MAX_CASTING => means.map(|mean| (2.0 * mean).min(1.0)),
                     _ => means.map(|mean| 1.0 - self.strength * (1.0 - mean)),
                 };
@@ -403,9 +372,9 @@ impl<T: Real> Caster<T> {
     }
 }
 
-/// The 26 directions to the neighbours of a lattice point with the weights of Lebedev's rule of degree 7 (Lebedev 1975,
-/// "Values of the nodes and weights of ninth to seventeenth order Gauss-Markov quadrature formulae invariant under the
-/// octahedron group with inversion"): 6 along axes, 12 along edges, 8 along diagonals.
+/// Returns the 26 directions to the neighbours of a lattice point with the weights of Lebedev's rule of degree 7
+/// (Lebedev 1975, "Values of the nodes and weights of ninth to seventeenth order Gauss-Markov quadrature formulae
+/// invariant under the octahedron group with inversion"): 6 along axes, 12 along edges, 8 along diagonals.
 fn all_around() -> impl Iterator<Item = (DVec3, f64)> {
     let weights = [1.0 / 21.0, 4.0 / 105.0, 9.0 / 280.0];
     let steps = || (-1..=1).map(f64::from);
@@ -439,11 +408,11 @@ mod tests {
         }
     }
 
-    fn medium<T: Real>(dims: [usize; 3], of: impl Fn([usize; 3]) -> f64) -> Medium<T> {
+    fn medium<T: Real>(dims: [usize; 3], value: impl Fn([usize; 3]) -> f64) -> Medium<T> {
         let mut medium = Medium::new(dims).unwrap();
         for index in 0..dims.iter().product() {
             let at = [index % dims[0], index / dims[0] % dims[1], index / dims[0] / dims[1]];
-            medium.set(at, T::of(of(at)));
+            medium.set(at, T::from_f64(value(at)));
         }
         medium
     }

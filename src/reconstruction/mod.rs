@@ -1,8 +1,8 @@
-//! Reconstruction of a field from a lattice of samples: as a weighted sum of samples that are filtered first.
+//! Reconstruction of a field from a lattice of samples, as a weighted sum of filtered samples.
 //!
 //! [`Settings::sharpness`](crate::settings::Settings::sharpness) filters the samples so that the kernels of
-//! post-shading pass through them; the filter is made in `prefilter.rs`. [`Reconstruction`] measures the noise of a
-//! field, and the waves that it keeps.
+//! post-shading pass through them; `prefilter.rs` makes the filter. [`Reconstruction`] measures the noise of a field
+//! and the attenuation of waves.
 
 mod prefilter;
 mod waves;

@@ -1,36 +1,36 @@
-//! The filter of samples that undoes the blur of a kernel at the lattice points.
+//! The filter of samples that undoes a kernel's blur at the lattice points.
 
 use std::f64::consts::PI;
-use std::ops::{Add, Mul, Sub};
 
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::kernel::Kernel;
+use crate::kernel::quadrature::chebyshev;
+use crate::kernel::{Kernel, Real};
 use crate::progress::Progress;
-use crate::volume::{Number, Samples, ToF64, Volume, with_samples};
+use crate::volume::{Samples, ToF64, Volume, with_samples};
 use voxsplat_volume::memory::reserved;
 
-/// The least share of a frequency that kernels leave of it and that is restored in full: no frequency of the samples
-/// becomes more than about 1 / [`LEAST`] times as large.
+/// The least response of a kernel at which a frequency is restored in full: no frequency of the samples grows by more
+/// than about 1 / [`LEAST`].
 const LEAST: f64 = 0.05;
-/// How far the kernel and its filter together may be from 1 at the lattice points, of what is to be restored.
+/// The largest deviation from 1 of the response of kernel and filter together, at restored frequencies.
 const ACCURACY: f64 = 5e-3;
 /// The highest degree of the polynomial.
 const MAX_DEGREE: usize = 24;
-/// Beyond the spectrum of the kernel, so that rounding and the faces of the lattice stay within.
+/// The margin around the spectrum of the kernel, so that rounding and the faces of the lattice stay within the span.
 const MARGIN: f64 = 0.01;
-/// Frequencies along an axis at which a spectrum is looked at, from 0 to Nyquist's.
+/// Number of intervals between the frequencies of a spectrum along an axis, from 0 to Nyquist's.
 const FREQUENCIES: usize = 24;
-/// The largest radius of a kernel that is undone, voxels: work grows with its cube.
+/// The largest kernel radius that is undone, voxels: the work grows with its cube.
 const MAX_RADIUS: f64 = 4.0;
 
 /// A filter of samples: coefficients c that make a sum of kernels pass through the samples f.
 ///
 /// At the lattice points the sum of kernels is the convolution B of c with the kernel's own values there, over its
-/// integral. Interpolation asks for B c = f. The spectrum of B is real and at most about 1, so that the inverse of B is
-/// well approximated by a polynomial of B, which needs nothing but convolutions with a small stencil (Chebyshev
-/// polynomials; Golub and Varga 1961). Where B is under its least value the inverse g is bent to 0:
+/// integral. Interpolation requires B c = f. The spectrum of B is real and at most about 1, so a polynomial of B
+/// approximates its inverse well, and needs only convolutions with a small stencil (Chebyshev polynomials; Golub and
+/// Varga 1961). Below [`LEAST`] the inverse g is bent to 0:
 ///
 /// ```text
 /// g(b) = 1 / b for b >= LEAST,        (2 - u^2) u / LEAST with u = b / LEAST below
@@ -40,32 +40,13 @@ pub struct Prefilter {
     /// The values of the kernel at lattice points over its integral, by squared distance.
     shells: Vec<f64>,
     reach: usize,
-    /// What the Chebyshev polynomials span.
+    /// The range of responses that the Chebyshev polynomials span.
     span: [f64; 2],
-    /// Of the Chebyshev polynomials, lowest first.
+    /// The coefficients of the Chebyshev polynomials, lowest first.
     coefficients: Vec<f64>,
 }
 
-/// Numbers that samples are filtered in.
-pub(crate) trait Real:
-    Number + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Send + Sync
-{
-    fn of(value: f64) -> Self;
-}
-
-impl Real for f32 {
-    fn of(value: f64) -> Self {
-        value as Self
-    }
-}
-
-impl Real for f64 {
-    fn of(value: f64) -> Self {
-        value
-    }
-}
-
-/// The inverse, bent to 0 where it is large.
+/// The inverse of a response, bent to 0 if it is large.
 fn inverse(b: f64) -> f64 {
     let u = b / LEAST;
     if u >= 1.0 { 1.0 / b } else { u.max(-1.0) * (2.0 - u * u).max(1.0) / LEAST }
@@ -87,7 +68,7 @@ impl Prefilter {
         Err(Error::Setting { name: "sharpness", reason })
     }
 
-    /// The filter of a kernel for a sharpness from 0 (none) to 1: the share of what it changes.
+    /// Makes the filter of a kernel for a sharpness from 0 (no change) to 1 (all of the change).
     ///
     /// # Errors
     /// [`Error::Setting`] if the kernel is too large.
@@ -96,7 +77,7 @@ impl Prefilter {
         let radius = kernel.radius();
         let reach = radius.floor() as usize;
         let at = |square: usize| {
-            // On the rim the mean of its two sides: what a kernel is on a sphere counts for nothing.
+            // On the rim, the mean of its two sides.
             let near = |square: f64| kernel.value(square.max(0.0));
             let square = square as f64;
             f64::midpoint(near(square - 1e-9), near(square + 1e-9)) / kernel.integral()
@@ -108,7 +89,7 @@ impl Prefilter {
         let [low, high] = spectrum.iter().fold([f64::INFINITY, f64::NEG_INFINITY], bounds);
         filter.span = [low - MARGIN, high + MARGIN];
         let far = |filter: &Self| {
-            let error = |&b: &f64| (1.0 - b * filter.of_response(b)).abs();
+            let error = |&b: &f64| (1.0 - b * filter.gain_at(b)).abs();
             spectrum.iter().filter(|&&b| b >= LEAST).map(error).fold(0.0, f64::max)
         };
         let constant = filter.response([0.0; 3]);
@@ -124,8 +105,8 @@ impl Prefilter {
         Ok(filter)
     }
 
-    /// Coefficients of a polynomial of a degree near the inverse. It has the value of the inverse at the share that is
-    /// left of a constant, so that slow waves are right; what remains is fitted at Chebyshev's nodes.
+    /// Returns the coefficients of a polynomial of a degree that approximates the inverse. At the response to a
+    /// constant it is exact, so that slow waves are right; the rest is fitted at Chebyshev's nodes.
     fn fitted(&self, degree: usize, constant: f64) -> Vec<f64> {
         let remains = |b: f64| match b {
             b if b >= LEAST => -1.0 / (b * constant),
@@ -135,27 +116,18 @@ impl Prefilter {
         self.transformed(degree, |b| 1.0 / constant + (b - constant) * self.sum(&rest, b))
     }
 
-    /// Coefficients of the polynomial of a degree through a function at Chebyshev's nodes.
+    /// Returns the coefficients of the polynomial of a degree through a function at Chebyshev's nodes.
     fn transformed(&self, degree: usize, function: impl Fn(f64) -> f64) -> Vec<f64> {
         let [low, high] = self.span;
-        let nodes = degree + 1;
-        let angle = |node: usize| PI * (node as f64 + 0.5) / nodes as f64;
-        let place = |node: usize| f64::midpoint(low, high) + (high - low) / 2.0 * angle(node).cos();
-        let values: Vec<f64> = (0..nodes).map(|node| function(place(node))).collect();
-        (0..=degree)
-            .map(|m| {
-                let sum: f64 = values.iter().enumerate().map(|(node, v)| v * (m as f64 * angle(node)).cos()).sum();
-                sum * if m == 0 { 1.0 } else { 2.0 } / nodes as f64
-            })
-            .collect()
+        chebyshev(degree + 1, |x| function(f64::midpoint(low, high) + (high - low) / 2.0 * x))
     }
 
-    /// What the filter makes of a frequency of which the kernel leaves the share `b`.
-    fn of_response(&self, b: f64) -> f64 {
+    /// The factor of the filter at a frequency where the kernel's response is `b`.
+    fn gain_at(&self, b: f64) -> f64 {
         self.sum(&self.coefficients, b)
     }
 
-    /// A sum of Chebyshev polynomials, by Clenshaw's rule.
+    /// Sums Chebyshev polynomials by Clenshaw's rule.
     fn sum(&self, coefficients: &[f64], b: f64) -> f64 {
         let [low, high] = self.span;
         let x = (2.0 * b - low - high) / (high - low);
@@ -163,7 +135,7 @@ impl Prefilter {
         coefficients.first().copied().unwrap_or(0.0) + x * first - second
     }
 
-    /// The share that the kernel leaves of a frequency (radians a voxel) at the lattice points.
+    /// The kernel's response to a frequency (radians a voxel) at the lattice points.
     fn response(&self, frequency: [f64; 3]) -> f64 {
         let cosines = frequency.map(|w| -> Vec<f64> {
             (0..=self.reach).map(|i| if i == 0 { 1.0 } else { 2.0 * (i as f64 * w).cos() }).collect()
@@ -180,20 +152,20 @@ impl Prefilter {
         sum
     }
 
-    /// By how much the filter multiplies a frequency (radians a voxel).
+    /// The factor of the filter at a frequency (radians a voxel).
     #[must_use]
     pub fn gain(&self, frequency: [f64; 3]) -> f64 {
-        self.of_response(self.response(frequency))
+        self.gain_at(self.response(frequency))
     }
 
-    /// The shares that the kernel leaves of frequencies at the lattice points.
+    /// The kernel's responses to the frequencies of a grid.
     fn spectrum(&self) -> Vec<f64> {
         let w = |i: usize| i as f64 * PI / FREQUENCIES as f64;
         let all = (0..=FREQUENCIES).flat_map(|i| (0..=i).flat_map(move |j| (0..=j).map(move |k| [i, j, k])));
         all.map(|frequency| self.response(frequency.map(w))).collect()
     }
 
-    /// The coefficients of the samples of a volume in f64.
+    /// Filters the samples of a volume in f64.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) if values are too far apart; [`Error::Input`](crate::Error::Input) and
@@ -202,11 +174,12 @@ impl Prefilter {
         self.apply::<f64>(volume, 0.0, &Progress::default())
     }
 
-    /// The volume of the coefficients: samples of type `T` with a rescale of their own, so that differences from `base`
-    /// are kept whatever the values are. Beyond the faces coefficients repeat, as painters have it.
+    /// Filters the samples of a volume. The result has samples of type `T` with a rescale of their own, so that
+    /// differences from `base` keep their digits at any offset. Beyond the faces coefficients repeat, as painters
+    /// assume.
     ///
-    /// Planes go through all applications of the stencil as they are read, so that besides the result there are
-    /// 2 x radius + 3 planes for each degree of the polynomial.
+    /// Planes pass all applications of the stencil as they are read: besides the result, memory holds 2 x radius + 3
+    /// planes for each degree of the polynomial.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) if values are too far apart; [`Error::Input`](crate::Error::Input) and
@@ -222,9 +195,9 @@ impl Prefilter {
         let [nx, ny, nz] = volume.grid().dims().map(|d| d as usize);
         let size = nx * ny;
         let mut result: Vec<T> = reserved(volume.grid().len(), || "filtered samples".to_owned())?;
-        result.resize(size * nz, T::of(0.0));
+        result.resize(size * nz, T::from_f64(0.0));
         let degree = self.coefficients.len() - 1;
-        // A plane of a polynomial is made when all that it needs have been made a step before, at the latest.
+        // A plane of a polynomial is made once the planes that it needs have been made, a step before at the latest.
         let lag = self.reach + 1;
         let depth = 2 * lag + 1;
         let mut rings: Vec<Vec<Vec<T>>> = vec![vec![Vec::new(); depth]; degree + 1];
@@ -240,7 +213,7 @@ impl Prefilter {
                 let mut plane = std::mem::take(&mut rings[order][z % depth]);
                 if plane.is_empty() {
                     plane = reserved(size as u64, || "filtered samples".to_owned())?;
-                    plane.resize(size, T::of(0.0));
+                    plane.resize(size, T::from_f64(0.0));
                 }
                 work.push((order, z, plane, sum));
             }
@@ -248,7 +221,7 @@ impl Prefilter {
                 if *order == 0 {
                     let samples = volume.read(*z * size..(*z + 1) * size)?;
                     with_samples!(&samples, s => {
-                        let scaled = s.iter().map(|v| T::of(difference(v.to_f64()) / unit));
+                        let scaled = s.iter().map(|v| T::from_f64(difference(v.to_f64()) / unit));
                         plane.iter_mut().zip(scaled).for_each(|(to, v)| *to = v);
                     });
                 } else {
@@ -260,8 +233,8 @@ impl Prefilter {
                     let last = order.checked_sub(2).map(|order| &rings[order][*z % depth][..]);
                     self.step(&planes, last, [nx, ny], plane);
                 }
-                let coefficient = T::of(self.coefficients[*order]);
-                sum.iter_mut().zip(plane.iter()).for_each(|(sum, &v)| *sum = *sum + coefficient * v);
+                let coefficient = T::from_f64(self.coefficients[*order]);
+                sum.iter_mut().zip(plane.iter()).for_each(|(sum, &v)| *sum += coefficient * v);
                 Ok::<(), Error>(())
             })?;
             for (order, z, plane, _) in work {
@@ -273,8 +246,8 @@ impl Prefilter {
         Ok(Volume::new(*volume.grid(), samples)?.with_rescale(unit, base)?)
     }
 
-    /// A plane of a Chebyshev polynomial, given the planes of that before by their distance, and the plane of the one
-    /// before that.
+    /// Makes a plane of a Chebyshev polynomial, given the planes of the preceding polynomial by their distance, and the
+    /// plane of the polynomial before that.
     fn step<'a, T: Real>(
         &self,
         planes: &dyn Fn(i64) -> &'a [T],
@@ -285,10 +258,10 @@ impl Prefilter {
         let [low, high] = self.span;
         let times = if last.is_some() { 2.0 } else { 1.0 };
         let scale = 2.0 * times / (high - low);
-        let own = T::of(-times * (high + low) / (high - low));
+        let own = T::from_f64(-times * (high + low) / (high - low));
         let reach = self.reach as i64;
-        // Rows at the same distance from the row in the middle weigh the same, whatever the place along the row.
-        let mut sums = vec![vec![T::of(0.0); nx + 2 * self.reach]; self.shells.len()];
+        // Rows at the same distance from the row in the middle have the same weight.
+        let mut sums = vec![vec![T::from_f64(0.0); nx + 2 * self.reach]; self.shells.len()];
         let mut rows: Vec<Vec<&[T]>> = vec![Vec::new(); self.shells.len()];
         for (y, out) in out.chunks_exact_mut(nx).enumerate() {
             rows.iter_mut().for_each(Vec::clear);
@@ -318,13 +291,13 @@ impl Prefilter {
                 sum[self.reach + nx..].fill(end);
                 for i in 0..=self.reach {
                     let Some(&shell) = self.shells.get(square + i * i) else { break };
-                    let weight = T::of(scale * shell);
+                    let weight = T::from_f64(scale * shell);
                     let (left, right) = (&sum[self.reach - i..][..nx], &sum[self.reach + i..][..nx]);
                     if i == 0 {
-                        out.iter_mut().zip(left).for_each(|(out, &v)| *out = *out + weight * v);
+                        out.iter_mut().zip(left).for_each(|(out, &v)| *out += weight * v);
                     } else {
                         let pairs = left.iter().zip(right);
-                        out.iter_mut().zip(pairs).for_each(|(out, (&l, &r))| *out = *out + weight * (l + r));
+                        out.iter_mut().zip(pairs).for_each(|(out, (&l, &r))| *out += weight * (l + r));
                     }
                 }
             }
@@ -332,7 +305,7 @@ impl Prefilter {
     }
 }
 
-/// The sum of rows: one, or a multiple of four, as many as there are lattice points on a circle.
+/// Sums rows: one, or a multiple of four, the number of lattice points on a circle.
 fn add_up<T: Real>(rows: &[&[T]], sum: &mut [T]) {
     if let [row] = rows {
         sum.copy_from_slice(row);
@@ -343,7 +316,7 @@ fn add_up<T: Real>(rows: &[&[T]], sum: &mut [T]) {
         if index == 0 {
             sum.iter_mut().zip(fours).for_each(|(sum, four)| *sum = four);
         } else {
-            sum.iter_mut().zip(fours).for_each(|(sum, four)| *sum = *sum + four);
+            sum.iter_mut().zip(fours).for_each(|(sum, four)| *sum += four);
         }
     }
 }
@@ -442,7 +415,7 @@ mod tests {
         let blob = |radius, alpha| Kernel::KaiserBessel { radius, alpha };
         for kernel in [gaussian(1.0, 2.0), gaussian(2.0, 4.0), gaussian(0.3, 0.5), blob(2.0, 2.0), blob(4.0, 0.0)] {
             let filter = Prefilter::new(&kernel, 1.0).unwrap();
-            let worst = filter.spectrum().iter().map(|&b| filter.of_response(b).abs()).fold(0.0, f64::max);
+            let worst = filter.spectrum().iter().map(|&b| filter.gain_at(b).abs()).fold(0.0, f64::max);
             assert!(worst < 1.3 / LEAST, "{kernel}: {worst}");
             // A sharpness is a share of the change.
             let half = Prefilter::new(&kernel, 0.5).unwrap();

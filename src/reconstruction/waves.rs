@@ -1,4 +1,4 @@
-//! What a reconstruction makes of waves and of noise.
+//! The response of a reconstruction to waves and noise.
 
 use std::f64::consts::PI;
 
@@ -11,18 +11,18 @@ use crate::settings::Settings;
 /// A function of one argument.
 type Function<T> = Box<dyn Fn(T) -> f64 + Send + Sync>;
 
-/// A field as a weighted sum of samples that are filtered first.
+/// A field as a weighted sum of filtered samples.
 pub struct Reconstruction {
-    /// Samples to either side of a point, along each axis, that have a weight.
+    /// Number of samples with a weight to either side of a point, along each axis.
     pub reach: u32,
-    /// The weight of a sample by its offset from the point, voxels.
+    /// The weight of a sample, given its offset from the point in voxels.
     pub weight: Function<DVec3>,
-    /// The factor of the filter for a frequency, radians a voxel.
+    /// The factor of the filter at a frequency, radians a voxel.
     pub gain: Function<[f64; 3]>,
 }
 
 impl Reconstruction {
-    /// The reconstruction of pictures with these settings: their kernel over its integral, and their filter.
+    /// Makes the reconstruction of pictures with these settings: their kernel over its integral, and their filter.
     ///
     /// # Errors
     /// [`Error::Setting`](crate::error::Error::Setting) if the settings are refused.
@@ -38,8 +38,8 @@ impl Reconstruction {
         })
     }
 
-    /// The sum of weights times a wave (radians a voxel), real and imaginary part, at each of `places`^3 points between
-    /// samples, x fastest.
+    /// Sums weights times a wave (radians a voxel) at each of `places`^3 points between samples, x fastest. Returns
+    /// real and imaginary parts.
     #[must_use]
     pub fn waves(&self, frequency: [f64; 3], places: u32) -> Vec<[f64; 2]> {
         let place = |i: u32| (f64::from(i) + 0.5) / f64::from(places);
@@ -69,7 +69,7 @@ impl Reconstruction {
         .collect()
     }
 
-    /// Root mean square of the noise of the field over the noise of the samples, if their noise is white.
+    /// Returns the root mean square of the noise of the field over that of the samples, if their noise is white.
     #[must_use]
     pub fn noise(&self) -> f64 {
         /// Frequencies along an axis, and places between samples.

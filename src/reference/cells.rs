@@ -1,4 +1,4 @@
-//! The ranges of samples in small cells: where along a ray nothing can show, whatever the sums of kernels are.
+//! The ranges of samples in small cells, which tell where along a ray nothing can be visible.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -9,7 +9,7 @@ use super::ray::LatticeRay;
 const EDGE: usize = 4;
 /// Voxels between the places of a ray at which cells are looked up.
 const STEP: f64 = 1.0;
-/// Lookups of one ray at most: a longer ray is not looked up but walked.
+/// The largest number of lookups of a ray: a longer ray is walked without lookups.
 const MAX_LOOKUPS: f64 = 16_384.0;
 
 /// The least and the largest value of each cell of a volume, x fastest.
@@ -19,7 +19,7 @@ pub(super) struct Cells {
     ranges: Vec<[f64; 2]>,
 }
 
-/// The range of no value.
+/// The empty range.
 const NOTHING: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
 
 fn union(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
@@ -52,14 +52,14 @@ impl Cells {
         self.ranges.iter().fold(NOTHING, |a, b| union(a, *b))
     }
 
-    /// The range of the values from lattice point `first` on, `edge` of them along each axis, and maybe some around.
+    /// Returns the range of `edge`^3 values from lattice point `first` on, and maybe of some values around them.
     pub(super) fn range_of(&self, first: [usize; 3], edge: usize) -> [f64; 2] {
         let [x, y, z] = std::array::from_fn(|a| first[a] / EDGE..self.counts[a].min((first[a] + edge).div_ceil(EDGE)));
         let rows = z.flat_map(|k| y.clone().map(move |j| (k * self.counts[1] + j) * self.counts[0]));
         rows.flat_map(|row| &self.ranges[row + x.start..row + x.end]).fold(NOTHING, |a, b| union(a, *b))
     }
 
-    /// The lattice box of the cells whose range counts, both ends included; `None` if there are none.
+    /// Returns the lattice box of the cells whose range counts, both ends included; `None` if there are none.
     pub(super) fn bounds(&self, dims: [usize; 3], counts: impl Fn([f64; 2]) -> bool) -> Option<[[i64; 2]; 3]> {
         let [nx, ny, _] = self.counts;
         let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
@@ -71,10 +71,10 @@ impl Cells {
         (low[0] <= high[0]).then(|| std::array::from_fn(|a| [low[a] as i64, high[a] as i64]))
     }
 
-    /// What can show around each place: `most` of the range of the values that kernels of support radius `reach` bring
-    /// there.
+    /// Returns a bound for each place: `most` of the range of the values whose kernels, of support radius `reach`,
+    /// cover the place.
     pub(super) fn map(&self, reach: f64, most: impl Fn([f64; 2]) -> f64 + Sync) -> Map {
-        // A place is up to half a step from where it is looked up.
+        // A place is up to half a step from the place of its lookup.
         let around = ((reach + 0.5 * STEP + 0.5).floor() / EDGE as f64).ceil() as usize;
         let mut ranges = self.ranges.clone();
         let mut stride = 1;
@@ -94,7 +94,7 @@ impl Cells {
     }
 }
 
-/// The most that can show in each cell of places.
+/// A bound of the visible field in each cell of places.
 #[derive(Debug)]
 pub(super) struct Map {
     counts: [usize; 3],
@@ -103,7 +103,7 @@ pub(super) struct Map {
 
 impl Map {
     fn at(&self, point: DVec3) -> f64 {
-        // Beyond an edge kernels reach no voxels but those that they reach from the edge.
+        // Only kernels that cover the edge cover places beyond it.
         let cell = |axis: usize| {
             // A float to integer cast saturates.
             (((point[axis] + 0.5) * (1.0 / EDGE as f64)) as usize).min(self.counts[axis] - 1)
@@ -111,50 +111,34 @@ impl Map {
         self.most[(cell(2) * self.counts[1] + cell(1)) * self.counts[0] + cell(0)]
     }
 
-    /// Calls `visit` for the parts of a ray where more than `enough` may show, front to back, until it returns false.
-    /// Parts are at least `apart` voxels apart.
-    pub(super) fn parts(&self, ray: &LatticeRay, enough: f64, apart: f64, mut visit: impl FnMut(LatticeRay) -> bool) {
-        let lookups = ((ray.end - ray.start) / STEP).ceil().max(1.0);
-        if lookups > MAX_LOOKUPS {
-            visit(*ray);
-            return;
-        }
-        let step = (ray.end - ray.start) / lookups;
-        let place = |i: usize| ray.start + i as f64 * step;
-        let mut part: Option<[usize; 2]> = None;
-        let mut call = |[first, end]: [usize; 2]| {
-            let end = if end as f64 == lookups { ray.end } else { place(end) };
-            visit(LatticeRay { start: place(first), end, ..*ray })
+    /// Returns the parts of a ray, one lookup long, and their bounds; `None` if there are too many.
+    fn lookups(&self, ray: LatticeRay) -> Option<impl Iterator<Item = (LatticeRay, f64)>> {
+        let count = ((ray.end - ray.start) / STEP).ceil().max(1.0);
+        let step = (ray.end - ray.start) / count;
+        let place = move |i: f64| if i == count { ray.end } else { ray.start + i * step };
+        let lookup = move |i: u32| {
+            let start = place(f64::from(i));
+            let most = self.at(ray.origin + ray.direction * (start + 0.5 * step));
+            (LatticeRay { start, end: place(f64::from(i) + 1.0), ..ray }, most)
         };
-        for i in 0..lookups as usize {
-            if self.at(ray.origin + ray.direction * (place(i) + 0.5 * step)) <= enough {
-                continue;
-            }
-            match &mut part {
-                Some([_, end]) if (i - *end) as f64 * step < apart => *end = i + 1,
-                _ => {
-                    if !part.is_none_or(&mut call) {
-                        return;
-                    }
-                    part = Some([i, i + 1]);
-                }
-            }
-        }
-        if let Some(part) = part {
-            call(part);
-        }
+        (count <= MAX_LOOKUPS).then(|| (0..count as u32).map(lookup))
     }
 
-    /// The part of a ray, one lookup long, where most may show.
-    pub(super) fn best(&self, ray: &LatticeRay) -> Option<LatticeRay> {
-        let lookups = ((ray.end - ray.start) / STEP).ceil().max(1.0);
-        if lookups > MAX_LOOKUPS {
-            return None;
+    /// Returns the parts of a ray where bounds exceed `enough`, front to back, at least `apart` voxels apart.
+    pub(super) fn parts(&self, ray: LatticeRay, enough: f64, apart: f64) -> Vec<LatticeRay> {
+        let Some(lookups) = self.lookups(ray) else { return vec![ray] };
+        let mut parts: Vec<LatticeRay> = Vec::new();
+        for (next, _) in lookups.filter(|(_, most)| *most > enough) {
+            match parts.last_mut() {
+                Some(last) if next.start - last.end < apart => last.end = next.end,
+                _ => parts.push(next),
+            }
         }
-        let step = (ray.end - ray.start) / lookups;
-        let place = |i: usize| ray.start + i as f64 * step;
-        let most = |i: &usize| self.at(ray.origin + ray.direction * (place(*i) + 0.5 * step));
-        let best = (0..lookups as usize).max_by(|a, b| most(a).total_cmp(&most(b)))?;
-        Some(LatticeRay { start: place(best), end: place(best + 1).min(ray.end), ..*ray })
+        parts
+    }
+
+    /// Returns the part of a ray, one lookup long, with the largest bound.
+    pub(super) fn best(&self, ray: LatticeRay) -> Option<LatticeRay> {
+        self.lookups(ray)?.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(part, _)| part)
     }
 }

@@ -1,35 +1,36 @@
-//! A ray, where its light goes to, and what it gathers.
+//! A ray in the lattice, the viewer, and the weights of splats.
 
 use glam::DVec3;
 
 use crate::clip::Side;
 use crate::volume::Grid;
 
-/// What a splat adds to a ray where its kernel is 1:
+/// The weights of a splat, which multiply its kernel:
 ///
-/// * pre-shading: extinction per world unit, then emission in red, green and blue (colour times extinction), of which
-///   X-ray leaves the emission 0;
+/// * pre-shading: extinction per world unit, then emission in red, green and blue (colour times extinction); X-rays
+///   have no emission;
 /// * post-shading and projections of intensity: scalar less base, then the scalar's central differences along the
-///   lattice axes, 0 where neither light nor opacity depends on them.
+///   lattice axes, 0 if neither light nor opacity depends on them.
 pub(super) type Weights = [f64; 4];
 
-/// A ray in lattice coordinates. Positions on it are lengths u in voxels from `origin`, which lies abreast of the
-/// volume however far away the eye is, so that u keeps its digits.
+/// A ray in lattice coordinates. Positions on it are lengths u in voxels from `origin`, the point nearest to the middle
+/// of the volume, so that u keeps its digits for a distant eye.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LatticeRay {
     pub(super) origin: DVec3,
     /// Unit length.
     pub(super) direction: DVec3,
-    /// Where the ray starts: minus infinity for a parallel ray.
+    /// The position of the start: minus infinity for a parallel ray.
     pub(super) start: f64,
-    /// Where it ends: infinity unless it was clipped.
+    /// The position of the end: infinity unless the ray was clipped.
     pub(super) end: f64,
     /// Voxels along the ray per world unit.
     pub(super) voxels_per_unit: f64,
 }
 
 impl LatticeRay {
-    /// The ray from `origin_world` along `direction_world` (unit length); `two_sided` rays extend backwards as well.
+    /// Makes the ray from `origin_world` along `direction_world` (unit length); `two_sided` rays extend backwards as
+    /// well.
     pub(super) fn new(grid: &Grid, origin_world: DVec3, direction_world: DVec3, two_sided: bool) -> Self {
         let eye = grid.to_lattice().transform_point3(origin_world);
         let step = grid.to_lattice().transform_vector3(direction_world);
@@ -41,7 +42,7 @@ impl LatticeRay {
         Self { origin: eye + direction * ahead, direction, start, end: f64::INFINITY, voxels_per_unit }
     }
 
-    /// The part of the ray inside a lattice box grown by `margin`, if any.
+    /// Returns the part of the ray inside a lattice box grown by `margin`, if any.
     pub(super) fn clipped(mut self, bounds: &[[i64; 2]; 3], margin: f64) -> Option<Self> {
         for (axis, bound) in bounds.iter().enumerate() {
             let (origin, slope) = (self.origin[axis], self.direction[axis]);
@@ -59,8 +60,8 @@ impl LatticeRay {
         (self.start < self.end).then_some(self)
     }
 
-    /// The part of the ray inside half-spaces around `middle`, if any (Cyrus and Beck 1978, "Generalized two- and
-    /// three-dimensional clipping").
+    /// Returns the part of the ray inside half-spaces relative to `middle`, if any (Cyrus and Beck 1978, "Generalized
+    /// two- and three-dimensional clipping").
     pub(super) fn within(mut self, sides: &[Side], middle: DVec3) -> Option<Self> {
         for (gradient, value) in sides {
             let (at, slope) = (gradient.dot(self.origin - middle) + value, gradient.dot(self.direction));
@@ -76,16 +77,17 @@ impl LatticeRay {
     }
 }
 
-/// Where light goes to, in world coordinates.
+/// The viewer of a picture, in world coordinates.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Viewer {
-    /// To an eye.
+    /// An eye at a place.
     At(DVec3),
-    /// In one direction, unit length, wherever it comes from.
+    /// An eye infinitely far away in a direction, unit length.
     Towards(DVec3),
 }
 
 impl Viewer {
+    /// Returns the unit direction from a point to the viewer.
     pub(super) fn from(self, point: DVec3) -> DVec3 {
         match self {
             Self::At(eye) => (eye - point).normalize_or_zero(),

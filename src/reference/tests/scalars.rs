@@ -216,8 +216,8 @@ fn gradients_are_central_differences_of_the_field() {
         ..settings(Kernel::default(), Model::Composite, Shading::Post)
     };
     let transfer = ramp(&[(0.3, 0.0), (1.0, 1.0)], 1.0);
-    let splats = Splats::new(&volume, &transfer, &lit).unwrap();
-    let bricks = Bricks::new(&splats, Viewer::Towards(DVec3::X), false);
+    let splats = Splats::new(&Layers::of(&volume, &transfer), &lit).unwrap();
+    let bricks = Bricks::new(&splats, Viewer::Towards(DVec3::X));
     // What the walk adds up at a point, against f one voxel ahead and behind.
     let to_world = volume.grid().to_world();
     let x = DVec3::new(2.2, 2.7, 1.6);

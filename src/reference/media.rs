@@ -1,4 +1,4 @@
-//! Several layers in f64: what each voxel absorbs and emits, and its normal, summed directly.
+//! Layers in f64: the extinction, colour and normal of each voxel, summed directly.
 
 use std::sync::Arc;
 
@@ -9,14 +9,14 @@ use crate::layers::{Layer, Layers, Look, Matter, look_of, luminance};
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::{Samples, Volume};
 
-/// Voxels to either side of one whose extinctions make its normal, where samples jump.
+/// Number of voxels to either side whose extinctions make the normal of a voxel, if samples jump.
 const REACH: i64 = 4;
-/// Twice the variance of the Gaussian that they are weighted by, voxels^2.
+/// Twice the variance of the Gaussian weights of these voxels, voxels^2.
 const SPREAD: f64 = 2.0 * 1.5 * 1.5;
-/// The least slope of the smoothed extinction, per voxel, over the largest of the layer.
+/// The least slope of the smoothed extinction, per voxel, over the largest extinction of the layer.
 const FLAT: f64 = 1e-4;
 
-/// Values of a volume in memory.
+/// The values of a volume, in memory.
 struct Values {
     samples: Arc<Samples>,
     slope: f64,
@@ -34,7 +34,7 @@ impl Values {
     }
 }
 
-enum Looks {
+enum Optics {
     Transfer(TransferFunction),
     Labels(Arc<[Look]>),
     /// The transfer function of alpha or luminance, the channels beside red, and their largest value.
@@ -43,29 +43,31 @@ enum Looks {
 
 struct Medium {
     values: Values,
-    look: Looks,
+    optics: Optics,
     unit: f64,
-    /// Which differences of values are rounding.
+    /// The scalar that differences are relative to.
+    base: f64,
+    /// Tells differences of scalars that are only rounding.
     resolution: Resolution,
     mask: Option<(Values, Arc<[i64]>)>,
-    /// The largest extinction.
+    /// The largest extinction of any voxel.
     most: f64,
 }
 
 impl Medium {
-    /// Red, green and blue, or three times the value.
+    /// Returns red, green and blue, or the value three times.
     fn channels(&self, index: usize) -> [f64; 3] {
         let red = self.values.at(index);
-        match &self.look {
-            Looks::Colors(_, others, _) => [red, others[0].at(index), others[1].at(index)],
+        match &self.optics {
+            Optics::Colors(_, others, _) => [red, others[0].at(index), others[1].at(index)],
             _ => [red; 3],
         }
     }
 
-    /// What opacity depends on.
+    /// Returns the number that opacity depends on.
     fn scalar(&self, index: usize) -> f64 {
-        match &self.look {
-            Looks::Colors(_, others, _) => match others.get(2) {
+        match &self.optics {
+            Optics::Colors(_, others, _) => match others.get(2) {
                 Some(alpha) => alpha.at(index),
                 None => luminance(self.channels(index)),
             },
@@ -74,10 +76,11 @@ impl Medium {
     }
 }
 
-/// The media of a lattice.
+/// The media of a lattice, at least one.
 pub(super) struct Media {
     dims: [usize; 3],
     media: Vec<Medium>,
+    /// From gradients along the lattice axes to gradients in the world.
     to_world: DMat3,
 }
 
@@ -90,12 +93,12 @@ impl std::fmt::Debug for Media {
 impl Media {
     pub(super) fn new(layers: &Layers) -> Result<Self> {
         let medium = |layer: &Layer| {
-            let look = match &layer.matter {
-                Matter::Scalars { transfer, .. } => Looks::Transfer(transfer.clone()),
-                Matter::Labels { looks, .. } => Looks::Labels(Arc::clone(looks)),
+            let optics = match &layer.matter {
+                Matter::Scalars { transfer, .. } => Optics::Transfer(transfer.clone()),
+                Matter::Labels { looks, .. } => Optics::Labels(Arc::clone(looks)),
                 Matter::Colors(colors) => {
                     let others = colors.channels[1..].iter().chain(&colors.alpha).map(Values::new);
-                    Looks::Colors(colors.transfer.clone(), others.collect::<Result<_>>()?, colors.white)
+                    Optics::Colors(colors.transfer.clone(), others.collect::<Result<_>>()?, colors.white)
                 }
             };
             let mask =
@@ -105,11 +108,12 @@ impl Media {
             if !most.is_finite() {
                 return Err(Error::Transfer(format!("opacity per {unit} is more extinction than a number can hold")));
             }
-            let resolution = match &layer.matter {
-                Matter::Scalars { transfer, .. } => Resolution::new(transfer, layer.volume())?,
-                _ => Resolution::NONE,
+            let (base, resolution) = match &layer.matter {
+                Matter::Scalars { transfer, .. } => (transfer.base(), Resolution::new(transfer, layer.volume())?),
+                _ => (0.0, Resolution::NONE),
             };
-            Ok(Medium { values: Values::new(layer.volume())?, look, unit, resolution, mask: mask.transpose()?, most })
+            let (values, mask) = (Values::new(layer.volume())?, mask.transpose()?);
+            Ok(Medium { values, optics, unit, base, resolution, mask, most })
         };
         Ok(Self {
             dims: layers.grid().dims().map(|d| d as usize),
@@ -118,26 +122,61 @@ impl Media {
         })
     }
 
-    /// The place of the voxel that a lattice point, or the nearest inside, is.
+    /// The transfer function, if there is only one medium, of scalars and without a mask.
+    pub(super) fn plain(&self) -> Option<&TransferFunction> {
+        match self.media.as_slice() {
+            [Medium { optics: Optics::Transfer(transfer), mask: None, .. }] => Some(transfer),
+            _ => None,
+        }
+    }
+
+    /// Returns the number that tells whether a voxel may be visible: its value, or for several media its extinction.
+    pub(super) fn number(&self, index: usize) -> f64 {
+        if self.plain().is_some() { self.media[0].scalar(index) } else { self.tau(self.point(index)) }
+    }
+
+    /// Whether voxels with numbers in a range may be visible.
+    pub(super) fn may_show(&self, range: [f64; 2]) -> bool {
+        self.plain().map_or(range[1] > 0.0, |transfer| !transfer.is_invisible(range))
+    }
+
+    /// The lattice point of a voxel, by its place in memory.
+    pub(super) fn point(&self, index: usize) -> [usize; 3] {
+        let [nx, ny, _] = self.dims;
+        [index % nx, index / nx % ny, index / nx / ny]
+    }
+
+    /// The place in memory of the voxel at or nearest to a lattice point.
     fn index(&self, point: [i64; 3]) -> usize {
         let [i, j, k] = [0, 1, 2].map(|axis| point[axis].clamp(0, self.dims[axis] as i64 - 1) as usize);
         i + self.dims[0] * (j + self.dims[1] * k)
     }
 
-    /// The gradient, in the world, of the values of a medium at a voxel.
-    fn gradient_of_values(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
-        let at = |axis: usize, step: i64| {
+    /// Returns the scalar of a medium at a voxel less the base, and half the differences of its neighbours along the
+    /// lattice axes. A neighbour beyond the edge has the value at the edge.
+    fn scalar(&self, medium: &Medium, point: [i64; 3], differs: bool) -> [f64; 4] {
+        // Halved first, so that no difference of numbers overflows.
+        let half = |axis: usize, step: i64| {
             let mut beside = point;
             beside[axis] += step;
             medium.scalar(self.index(beside)) / 2.0
         };
-        let differences = [0, 1, 2].map(|axis| at(axis, 1) - at(axis, -1));
-        let base = if let Looks::Transfer(transfer) = &medium.look { transfer.base() } else { 0.0 };
-        let distance = medium.scalar(self.index(point)) - base;
+        let [x, y, z] = [0, 1, 2].map(|axis| if differs { half(axis, 1) - half(axis, -1) } else { 0.0 });
+        [medium.scalar(self.index(point)) - medium.base, x, y, z]
+    }
+
+    /// Returns the same for the first medium; without `differs` the differences are 0.
+    pub(super) fn first_scalar(&self, point: [usize; 3], differs: bool) -> [f64; 4] {
+        self.scalar(&self.media[0], point.map(|p| p as i64), differs)
+    }
+
+    /// Returns the world gradient of the scalar of a medium at a voxel; 0 if its differences are only rounding.
+    fn gradient(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
+        let [distance, differences @ ..] = self.scalar(medium, point, true);
         self.to_world * DVec3::from_array(medium.resolution.resolved(differences, distance))
     }
 
-    /// Colour and extinction of a medium at a voxel, before gradient opacity.
+    /// Returns colour and extinction of a medium at a voxel, before gradient opacity.
     fn flat(&self, medium: &Medium, index: usize) -> ([f64; 3], f64) {
         if let Some((values, shown)) = &medium.mask
             && !shown.contains(&(values.at(index) as i64))
@@ -145,34 +184,34 @@ impl Media {
             return ([0.0; 3], 0.0);
         }
         let value = medium.scalar(index);
-        let (color, opacity) = match &medium.look {
-            Looks::Colors(transfer, _, white) => {
+        let (color, opacity) = match &medium.optics {
+            Optics::Colors(transfer, _, white) => {
                 let color = medium.channels(index).map(|channel| (channel / white).clamp(0.0, 1.0));
                 (color, transfer.sample(value).1)
             }
-            Looks::Transfer(transfer) => transfer.sample(value),
-            Looks::Labels(looks) => look_of(looks, value).map_or(([0.0; 3], 0.0), |look| (look.color, look.opacity)),
+            Optics::Transfer(transfer) => transfer.sample(value),
+            Optics::Labels(looks) => look_of(looks, value).map_or(([0.0; 3], 0.0), |look| (look.color, look.opacity)),
         };
         (color, TransferFunction::extinction(opacity, medium.unit))
     }
 
     fn absorbed(&self, medium: &Medium, point: [i64; 3]) -> ([f64; 3], f64) {
         let (color, tau) = self.flat(medium, self.index(point));
-        match &medium.look {
-            Looks::Transfer(transfer) if tau > 0.0 && !transfer.gradient_opacity().is_empty() => {
-                (color, tau * transfer.gradient_share(self.gradient_of_values(medium, point).length()))
+        match &medium.optics {
+            Optics::Transfer(transfer) if tau > 0.0 && !transfer.gradient_opacity().is_empty() => {
+                (color, tau * transfer.gradient_share(self.gradient(medium, point).length()))
             }
             _ => (color, tau),
         }
     }
 
-    /// The extinction of a voxel.
+    /// Returns the extinction of a voxel, per world unit.
     pub(super) fn tau(&self, point: [usize; 3]) -> f64 {
         let point = point.map(|p| p as i64);
         self.media.iter().map(|medium| self.absorbed(medium, point).1).sum()
     }
 
-    /// Colour, extinction, and a normal of any length, of a voxel.
+    /// Returns colour, extinction, and a normal of any length of a voxel.
     pub(super) fn voxel(&self, point: [usize; 3], lit: bool) -> ([f64; 3], f64, DVec3) {
         let point = point.map(|p| p as i64);
         let (mut emission, mut tau, mut most) = ([0.0; 3], 0.0, (0.0, None));
@@ -190,8 +229,8 @@ impl Media {
     }
 
     fn normal(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
-        if !matches!(medium.look, Looks::Labels(_)) && medium.mask.is_none() {
-            return self.gradient_of_values(medium, point);
+        if !matches!(medium.optics, Optics::Labels(_)) && medium.mask.is_none() {
+            return self.gradient(medium, point);
         }
         let weight = |d: i64| (-((d * d) as f64) / SPREAD).exp();
         let (mut slope, mut moment) = (DVec3::ZERO, 0.0);

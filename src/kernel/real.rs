@@ -1,0 +1,35 @@
+//! The numbers that sums of kernels are taken in.
+
+use std::ops::{Add, AddAssign, Mul, Sub};
+
+use crate::volume::Number;
+
+/// f32 for pictures, f64 for the truth.
+pub(crate) trait Real:
+    Number + Default + PartialOrd + Add<Output = Self> + AddAssign + Sub<Output = Self> + Mul<Output = Self>
+{
+    /// The number nearest to a value.
+    fn from_f64(value: f64) -> Self;
+    /// The square root.
+    fn sqrt(self) -> Self;
+}
+
+impl Real for f32 {
+    fn from_f64(value: f64) -> Self {
+        value as Self
+    }
+
+    fn sqrt(self) -> Self {
+        self.sqrt()
+    }
+}
+
+impl Real for f64 {
+    fn from_f64(value: f64) -> Self {
+        value
+    }
+
+    fn sqrt(self) -> Self {
+        self.sqrt()
+    }
+}
