@@ -1,5 +1,7 @@
 //! Renderer (a device), what it prepares (a scene), and pictures.
 
+use std::sync::Arc;
+
 use crate::adapter::AdapterInfo;
 use crate::camera::Camera;
 #[cfg(doc)]
@@ -10,7 +12,7 @@ use crate::gpu::context::{self, Context, PIXEL_BYTES};
 use crate::gpu::light_volume::PostShading;
 use crate::gpu::present::{self, Present};
 use crate::gpu::recorder::Recorder;
-use crate::gpu::store::Bricks;
+use crate::gpu::store::{Bricks, Drawable};
 use crate::gpu::timing::on_host;
 use crate::gpu::view::ViewGeometry;
 use crate::image::Image;
@@ -18,7 +20,6 @@ use crate::image::Region;
 use crate::layers::Layers;
 use crate::painters::choice::Choice;
 use crate::painters::painter::{Begun, Job, Room};
-use crate::prepare::drawable::{Drawable, Wanted};
 use crate::prepare::lattice::{Lattice, Lattices};
 use crate::prepare::levels::ScalarNeed;
 pub use crate::prepare::scene::Scene;
@@ -66,7 +67,7 @@ struct Layer {
     need: ScalarNeed,
     /// What scalars are classified and lit by.
     post: Option<PostShading>,
-    drawable: Drawable,
+    drawable: Arc<Drawable>,
 }
 
 /// The most memory that the sheets of a pass take; larger pictures are made in parts.
@@ -305,10 +306,10 @@ impl Renderer {
             rendered?;
         }
         let traffic = context.traffic();
-        let drawables = || std::iter::once(nearest).chain(behind).map(|layer| &layer.drawable);
-        let bricks = drawables().map(Drawable::bricks).fold(Bricks::default(), Bricks::and);
-        let (splats, splats_kept) =
-            drawables().fold((0, 0), |(splats, kept), drawable| (splats + drawable.splats(), kept + drawable.voxels()));
+        let drawables = || std::iter::once(nearest).chain(behind).map(|layer| layer.drawable.as_ref());
+        let bricks = drawables().map(|drawable| &drawable.bricks).fold(Bricks::default(), Bricks::and);
+        let splats_padding = drawables().map(|drawable| drawable.copies).sum();
+        let splats_kept = drawables().map(Drawable::splats).sum::<u64>() - splats_padding;
         Ok(Stats {
             adapter: context.info.clone(),
             painter: painting.stats(),
@@ -324,7 +325,7 @@ impl Renderer {
             voxels: scene.grid().len(),
             splats_kept,
             splats_dropped: scene.grid().len().saturating_sub(splats_kept),
-            splats_padding: splats - splats_kept,
+            splats_padding,
             bricks: bricks.all,
             bricks_uploaded: bricks.uploaded,
             bytes_uploaded: bricks.bytes,
@@ -345,10 +346,7 @@ impl Renderer {
     /// What a painter asks of a scene for a layer of a picture. Adds the seconds that making it took.
     fn layer(&self, scene: &Scene, room: &Room, lattice: Lattice, seconds: &mut f64) -> Result<Layer> {
         let need = (room.need)(&lattice.view, &lattice.settings, lattice.weights);
-        let Lattice { settings, level, shadows, light, coarse, .. } = &lattice;
-        let (shadows, light) = (shadows.as_ref(), light.as_ref());
-        let wanted = Wanted { settings, level: *level, shadows, light, coarse: *coarse, need };
-        let (drawable, took) = scene.drawable(&self.context, &self.pipelines, wanted, &self.progress)?;
+        let (drawable, took) = scene.drawable(&self.context, &self.pipelines, &lattice, need, &self.progress)?;
         *seconds += took;
         let (post, took) = scene.post_shading(&self.context, &self.pipelines, &lattice, &self.progress)?;
         *seconds += took;
@@ -362,8 +360,8 @@ impl Renderer {
             pipelines: &self.pipelines,
             view: &lattice.view,
             settings: &lattice.settings,
-            kept: drawable.kept(),
-            stores: drawable.stores(),
+            kept: &drawable.kept,
+            stores: &drawable.stores,
             weights: lattice.weights,
             post: post.as_ref(),
             padding: need.padding,

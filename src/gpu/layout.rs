@@ -72,11 +72,7 @@ pub(crate) struct Classify {
     pub base: f32,
     pub faintest: f32,
     pub _pad: u32,
-    pub inline_points: [ControlPoint; MAX_INLINE_POINTS],
 }
-
-/// The most control points that a sample is compared with one after the other; shaders/classify.wgsl.
-pub(crate) const MAX_INLINE_POINTS: usize = 32;
 
 /// A control point of the transfer function in the units of the samples; shaders/classify.wgsl.
 #[repr(C)]

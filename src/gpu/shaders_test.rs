@@ -68,8 +68,7 @@ fn structs_are_laid_out_alike() {
         first_brick,
         gradient_points,
         base,
-        faintest,
-        inline_points
+        faintest
     });
     same_layout!(ControlPoint { color, sample, opacity });
     same_layout!(Sort { blocks, batches, sheets_per_batch });
@@ -217,7 +216,6 @@ fn constants_are_those_of_the_host() {
     // (shader, constant, the host's value)
     let expected = [
         ("classify", "EDGE", crate::volume::BRICK_EDGE as u64),
-        ("classify", "MAX_INLINE_POINTS", super::layout::MAX_INLINE_POINTS as u64),
         ("scan", "RUN", super::scan::RUN),
         ("terminate", "RUN", crate::painters::quads::terminate::RUN),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),

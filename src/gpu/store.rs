@@ -9,7 +9,8 @@ use super::context::Context;
 use super::layout::{MAX_BRICKS, place};
 use super::recorder::Recorder;
 use crate::error::Result;
-use crate::volume::BRICK_EDGE as EDGE;
+use crate::progress::Progress;
+use crate::volume::{BRICK_EDGE as EDGE, Volume};
 use voxsplat_volume::memory::reserved;
 
 /// The bricks that splats were looked for in.
@@ -268,32 +269,73 @@ impl Part for HostBrick {
     }
 }
 
-/// Joins the splats of bricks into few stores, each within a storage binding and within the bricks that a place can
-/// name.
+/// The splats of a volume, or of a level of it.
+#[derive(Default)]
+pub(crate) struct Drawable {
+    pub(crate) stores: Vec<Store>,
+    pub(crate) bricks: Bricks,
+    /// Splats that are copies of voxels beyond the faces of the volume.
+    pub(crate) copies: u64,
+    /// What painters made of the splats.
+    pub(crate) kept: Cache,
+}
+
+impl Drawable {
+    pub(crate) fn splats(&self) -> u64 {
+        self.stores.iter().map(|store| u64::from(store.count)).sum()
+    }
+
+    /// Bytes of memory.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.stores.iter().map(Store::bytes).sum()
+    }
+}
+
+/// A brick whose splats were made on the host.
+pub(crate) struct MadeBrick {
+    /// As if it were the first of its store.
+    pub(crate) brick: BrickSplats,
+    pub(crate) splats: HostBrick,
+    /// Splats that are copies of voxels beyond the faces of the volume.
+    pub(crate) copies: u64,
+}
+
+impl MadeBrick {
+    /// The brick of level 0 at `origin`, of `each` words a splat without the place, given the bits of the places of
+    /// each row along x, y before z, the first of a row the lowest.
+    pub(crate) fn new(origin: [u32; 3], bits: &[u32], each: usize, mut words: Vec<u32>) -> Self {
+        words.shrink_to_fit();
+        let brick = BrickSplats::new(origin, 0, bits.iter().copied());
+        Self { brick, splats: HostBrick::new(bits, each, words), copies: 0 }
+    }
+}
+
+/// Joins the splats of bricks into few stores, each within a storage binding and within the number of bricks that a
+/// place can name.
 pub(crate) struct StoreBuilder<'a, P> {
     context: &'a Context,
     /// Bytes of a splat.
     stride: u64,
-    /// The most splats of a store.
-    most: u32,
+    /// The largest number of splats of a store.
+    limit: u32,
     /// What goes into the next store.
     parts: Vec<P>,
     bricks: Vec<BrickSplats>,
     held: u32,
-    stores: Vec<Store>,
+    made: Drawable,
 }
 
 impl<'a, P: Part> StoreBuilder<'a, P> {
-    /// Stores of at most `most` splats of `stride` bytes, or as many as the adapter binds.
-    pub(crate) fn new(context: &'a Context, stride: u64, most: u32) -> Self {
+    /// Stores of at most `limit` splats of `stride` bytes, or as many as the adapter binds.
+    pub(crate) fn new(context: &'a Context, stride: u64, limit: u32) -> Self {
         let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / stride;
-        let most = u32::try_from(bindable).unwrap_or(u32::MAX).min(most);
-        Self { context, stride, most, parts: Vec::new(), bricks: Vec::new(), held: 0, stores: Vec::new() }
+        let limit = u32::try_from(bindable).unwrap_or(u32::MAX).min(limit);
+        Self { context, stride, limit, parts: Vec::new(), bricks: Vec::new(), held: 0, made: Drawable::default() }
     }
 
     /// The numbers that the first brick and the first splat of a part will have in their store. The part is added next.
     pub(crate) fn make_room(&mut self, splats: u32, bricks: usize) -> Result<(u32, u32)> {
-        let full = self.held.checked_add(splats).is_none_or(|sum| sum > self.most);
+        let full = self.held.checked_add(splats).is_none_or(|sum| sum > self.limit);
         if full || self.bricks.len() + bricks > MAX_BRICKS {
             self.close()?;
         }
@@ -311,24 +353,48 @@ impl<'a, P: Part> StoreBuilder<'a, P> {
         let held = std::mem::take(&mut self.held);
         if !parts.is_empty() {
             let splats = P::join(self.context, parts, self.stride, held)?;
-            self.stores.push(Store::new(self.context, splats, self.stride, held, bricks)?);
+            self.made.stores.push(Store::new(self.context, splats, self.stride, held, bricks)?);
         }
         Ok(())
     }
 
-    pub(crate) fn finish(mut self) -> Result<Vec<Store>> {
+    pub(crate) fn finish(mut self) -> Result<Drawable> {
         self.close()?;
-        Ok(self.stores)
+        Ok(self.made)
     }
 }
 
-/// Splats that were made on the host, of scalars or of cells, on the device.
-#[derive(Default)]
-pub(crate) struct Emitted {
-    pub(crate) stores: Vec<Store>,
-    /// Voxels of the volume among the splats; the others are copies beyond its faces.
-    pub(crate) voxels: u64,
-    pub(crate) bricks: Bricks,
-    /// What painters made of the splats.
-    pub(crate) kept: Cache,
+impl StoreBuilder<'_, HostBrick> {
+    /// Adds a brick that may have splats.
+    pub(crate) fn push(&mut self, MadeBrick { brick, splats, copies }: MadeBrick) -> Result<()> {
+        let count = splats.count();
+        self.made.bricks.uploaded += 1;
+        self.made.bricks.bytes += u64::from(count) * self.stride;
+        self.made.copies += copies;
+        if count > 0 {
+            let (_, first) = self.make_room(count, 1)?;
+            self.add(splats, count, [BrickSplats { first, ..brick }]);
+        }
+        Ok(())
+    }
+
+    /// Adds the bricks of a lattice of so many along each axis: `row` makes those along x with these numbers in y and z,
+    /// in parallel, of the samples of bricks of a volume with a halo so wide.
+    pub(crate) fn push_rows(
+        &mut self,
+        volume: &Volume,
+        [across, down, deep]: [usize; 3],
+        halo: usize,
+        (progress, doing): (&Progress, &'static str),
+        row: &(dyn Fn(usize, usize) -> Result<Vec<MadeBrick>> + Sync),
+    ) -> Result<()> {
+        self.made.bricks.all += (across * down * deep) as u32;
+        let mut rows = 0;
+        volume.for_each_row([down, deep], halo, row, &mut |made| {
+            made.into_iter().try_for_each(|brick| self.push(brick))?;
+            rows += 1;
+            progress.report(doing, f64::from(rows) / (down * deep) as f64);
+            Ok(())
+        })
+    }
 }

@@ -18,7 +18,7 @@ use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{Lighting, Splat};
 use crate::gpu::splat::{self, LANES, ToEye, packed_appearance, packed_normal};
-use crate::gpu::store::{BrickSplats, Emitted, HostBrick, StoreBuilder};
+use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
 use crate::gpu::transfer::{Reduction, Relative};
 use crate::kernel::Kernel;
 use crate::layers::{Look, look_of};
@@ -207,42 +207,16 @@ impl Filter {
         within(first)..within(end)
     }
 
-    /// What voxels, the first that gives to the first of the cells and those behind it, give to the cells. Voxels
-    /// outside `shown` give nothing.
-    fn gather<const N: usize>(&self, voxels: &[[f32; N]], shown: &Range<usize>, cells: &mut [[f32; N]]) {
-        // Four sums at a time: none waits for its own last addition.
-        let (fours, rest) = cells.as_chunks_mut::<4>();
-        let behind = 4 * fours.len();
-        for (number, four) in fours.iter_mut().enumerate() {
-            *four = self.sums(4 * number, voxels, shown);
-        }
-        for (number, cell) in rest.iter_mut().enumerate() {
-            [*cell] = self.sums(behind + number, voxels, shown);
-        }
-    }
-
-    /// What voxels give to cells side by side, the first of this number.
-    fn sums<const N: usize, const CELLS: usize>(
-        &self,
-        first: usize,
-        voxels: &[[f32; N]],
-        shown: &Range<usize>,
-    ) -> [[f32; N]; CELLS] {
-        let mut sums = [[0.0; N]; CELLS];
-        // Of the voxels of each, those of which some show.
-        let [near, far] = [first, first + CELLS - 1].map(|cell| cell * self.size);
-        let taps = shown.start.saturating_sub(far)..shown.end.saturating_sub(near).min(self.weights.len());
-        let Some(weights) = self.weights.get(taps.clone()) else { return sums };
-        let voxels: [_; CELLS] =
-            std::array::from_fn(|cell| &voxels[near + cell * self.size + taps.start..][..weights.len()]);
-        for (at, weight) in weights.iter().enumerate() {
-            for (sum, voxels) in sums.iter_mut().zip(voxels) {
-                for (sum, channel) in sum.iter_mut().zip(&voxels[at]) {
-                    *sum += weight * channel;
-                }
+    /// Replaces cells by the sums of what voxels give to them: the first voxel is the first that gives to the first
+    /// cell.
+    fn gather(&self, voxels: &[Emission], cells: &mut [Emission]) {
+        cells.fill([0.0; 4]);
+        // Cell by cell a sum would wait for its own last addition.
+        for (tap, weight) in self.weights.iter().enumerate() {
+            for (cell, voxel) in cells.iter_mut().zip(voxels[tap..].iter().step_by(self.size)) {
+                cell.iter_mut().zip(voxel).for_each(|(sum, channel)| *sum += weight * channel);
             }
         }
-        sums
     }
 
     /// The cells from `cell` to before `end` that a voxel gives to.
@@ -352,38 +326,23 @@ impl<'a> Classification<'a> {
         }
     }
 
-    /// What a row of voxels emits; the voxels outside the returned range emit nothing.
+    /// Gives voxels what their samples emit. Returns a range outside which there is nothing.
     fn row<T: Number>(&self, samples: &[T], voxels: &mut [Emission]) -> Range<usize> {
-        match size_of::<T>() {
-            1 if !self.table.is_empty() => {
-                let samples: &[u8] = bytemuck::cast_slice(samples);
-                emit(samples, voxels, |sample| self.table[usize::from(sample)])
+        const RUN: usize = 32;
+        let mut shown: Option<Range<usize>> = None;
+        for (run, (samples, voxels)) in samples.chunks(RUN).zip(voxels.chunks_mut(RUN)).enumerate() {
+            let mut most = 0.0_f32;
+            for (sample, voxel) in samples.iter().zip(voxels) {
+                *voxel = self.emission(*sample);
+                most = most.max(voxel[3]);
             }
-            2 if !self.table.is_empty() => {
-                let samples: &[u16] = bytemuck::cast_slice(samples);
-                emit(samples, voxels, |sample| self.table[usize::from(sample)])
+            if most > 0.0 {
+                let start = shown.map_or(run * RUN, |shown| shown.start);
+                shown = Some(start..run * RUN + samples.len());
             }
-            _ => emit(samples, voxels, |sample| self.of(sample.to_f64())),
         }
+        shown.unwrap_or_default()
     }
-}
-
-/// Gives voxels what their samples emit. Returns a range outside which there is nothing.
-fn emit<T: Copy>(samples: &[T], voxels: &mut [Emission], of: impl Fn(T) -> Emission) -> Range<usize> {
-    const RUN: usize = 32;
-    let mut shown: Option<Range<usize>> = None;
-    for (run, (samples, voxels)) in samples.chunks(RUN).zip(voxels.chunks_mut(RUN)).enumerate() {
-        let mut most = 0.0_f32;
-        for (sample, voxel) in samples.iter().zip(voxels) {
-            *voxel = of(*sample);
-            most = most.max(voxel[3]);
-        }
-        if most > 0.0 {
-            let start = shown.map_or(run * RUN, |shown| shown.start);
-            shown = Some(start..run * RUN + samples.len());
-        }
-    }
-    shown.unwrap_or_default()
 }
 
 /// A volume and what makes cells of a level of it.
@@ -438,35 +397,19 @@ impl<'a> Coarsening<'a> {
     }
 
     /// The cells as splats.
-    pub(crate) fn emit(&self, context: &Context, progress: &Progress) -> Result<Emitted> {
-        let [_, down, deep] = self.dims.map(|n| n.div_ceil(EDGE));
+    pub(crate) fn emit(&self, context: &Context, progress: &Progress) -> Result<Drawable> {
         let mut stores = StoreBuilder::new(context, size_of::<Splat>() as u64, u32::MAX);
-        let mut emitted = Emitted::default();
-        let mut rows = 0;
         // The rows that a row of bricks reads, beyond those of a brick of voxels.
         let halo = (self.filter.voxels(0, EDGE as i64).count() - EDGE).div_ceil(2);
-        let row = |j, k| self.row([j, k]);
-        self.volume.for_each_row([down, deep], halo, &row, &mut |bricks| {
-            for (splats, brick) in bricks {
-                let count = splats.count();
-                let (_, first) = stores.make_room(count, 1)?;
-                emitted.bricks.bytes += u64::from(count) * size_of::<Splat>() as u64;
-                emitted.bricks.uploaded += 1;
-                emitted.voxels += u64::from(count);
-                stores.add(splats, count, [BrickSplats { first, ..brick }]);
-            }
-            rows += 1;
-            progress.report("classifying", f64::from(rows) / (down * deep) as f64);
-            Ok(())
-        })?;
-        emitted.bricks.all = self.dims.iter().map(|n| n.div_ceil(EDGE) as u32).product();
-        emitted.stores = stores.finish()?;
+        let counts = self.dims.map(|n| n.div_ceil(EDGE));
+        stores.push_rows(self.volume, counts, halo, (progress, "classifying"), &|j, k| self.row([j, k]))?;
+        let cells = stores.finish()?;
         context.wait("classifying the volume")?;
-        Ok(emitted)
+        Ok(cells)
     }
 
     /// The bricks along x with these numbers in y and z, those that have cells.
-    fn row(&self, [j, k]: [usize; 2]) -> Result<Vec<(HostBrick, BrickSplats)>> {
+    fn row(&self, [j, k]: [usize; 2]) -> Result<Vec<MadeBrick>> {
         let [across, down, deep] = self.dims;
         let [ys, zs] = [(j, down), (k, deep)].map(|(brick, n)| brick * EDGE..n.min((brick + 1) * EDGE));
         let [nx, ny, nz] = self.volume.grid().dims().map(i64::from);
@@ -496,9 +439,7 @@ impl<'a> Coarsening<'a> {
                 let reached = self.filter.reached(&shown, across);
                 let narrow = &mut narrow[reached.clone()];
                 let start = reached.start * self.filter.size;
-                // From the first voxel on that gives to these cells.
-                let shown = (begin + shown.start).saturating_sub(start)..(begin + shown.end).saturating_sub(start);
-                self.filter.gather(&voxels[start..], &shown, narrow);
+                self.filter.gather(&voxels[start..], narrow);
                 for (cell, weight) in self.filter.cells(y, ys.start, ys.end) {
                     block.add_to_plane([reached.start, cell - ys.start], weight, narrow);
                 }
@@ -513,8 +454,8 @@ impl<'a> Coarsening<'a> {
         Ok((0..across.div_ceil(EDGE)).filter_map(|i| self.brick(&block, [i, j, k])).collect())
     }
 
-    /// The splats of a brick without its number, if there are any.
-    fn brick(&self, block: &Block, brick: [usize; 3]) -> Option<(HostBrick, BrickSplats)> {
+    /// The splats of a brick, if there are any.
+    fn brick(&self, block: &Block, brick: [usize; 3]) -> Option<MadeBrick> {
         let start = brick[0] * EDGE;
         let count = EDGE.min(self.dims[0] - start);
         let mut words = Vec::new();
@@ -533,9 +474,7 @@ impl<'a> Coarsening<'a> {
             }
         }
         let origin = brick.map(|b| (b * EDGE) as u32);
-        words.shrink_to_fit();
-        (!words.is_empty())
-            .then(|| (HostBrick::new(&rows, 2, words), BrickSplats::new(origin, 0, rows.iter().copied())))
+        (!words.is_empty()).then(|| MadeBrick::new(origin, &rows, 2, words))
     }
 }
 
@@ -737,16 +676,14 @@ mod tests {
             let all = filter.voxels(0, cells as i64);
             let begin = (-all.start) as usize;
             for shown in [0..voxels, 0..3, 7..19, voxels - 1..voxels] {
-                let mut row = vec![[0.0_f32]; (all.end - all.start) as usize];
-                shown.clone().for_each(|voxel| row[begin + voxel as usize] = [1.0 + 0.1 * voxel as f32]);
+                let mut row = vec![[0.0_f32; 4]; (all.end - all.start) as usize];
+                shown.clone().for_each(|voxel| row[begin + voxel as usize][3] = 1.0 + 0.1 * voxel as f32);
                 let range = shown.start as usize..shown.end as usize;
                 let reached = filter.reached(&range, cells);
-                let mut got = vec![[0.0; 1]; cells];
-                let start = reached.start * filter.size;
-                let within = (begin + range.start).saturating_sub(start)..begin + range.end - start;
-                filter.gather(&row[start..], &within, &mut got[reached]);
-                for (cell, [got]) in got.into_iter().enumerate() {
-                    let given = |voxel: i64| Some(filter.weight(voxel, cell as i64)? * row[begin + voxel as usize][0]);
+                let mut got = vec![[0.0; 4]; cells];
+                filter.gather(&row[reached.start * filter.size..], &mut got[reached]);
+                for (cell, [.., got]) in got.into_iter().enumerate() {
+                    let given = |voxel: i64| Some(filter.weight(voxel, cell as i64)? * row[begin + voxel as usize][3]);
                     let expected: f32 = shown.clone().filter_map(given).sum();
                     assert!(
                         (got - expected).abs() < 1e-6 * voxels as f32,

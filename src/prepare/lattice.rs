@@ -29,18 +29,10 @@ pub(crate) struct Lattice {
     pub(crate) coarse: Option<(Coarse, Kernel, Normalization)>,
 }
 
-/// The kernel of voxels in a picture that may be drawn of cells, and what sums of it are divided by.
-pub(crate) fn kernel_of_voxels(
-    settings: &Settings,
-    coarse: Option<(Coarse, Kernel, Normalization)>,
-) -> (Kernel, Normalization) {
-    let given = (settings.kernel, settings.normalization);
-    coarse.map_or(given, |(_, kernel, normalization)| (kernel, normalization))
-}
-
 impl Lattice {
-    /// The kernel of voxels, and what sums of it are divided by.
+    /// The kernel of voxels, and the normalisation of their sums.
     pub(crate) fn kernel_of_voxels(&self) -> (Kernel, Normalization) {
-        kernel_of_voxels(&self.settings, self.coarse)
+        let drawn = (self.settings.kernel, self.settings.normalization);
+        self.coarse.map_or(drawn, |(_, kernel, normalization)| (kernel, normalization))
     }
 }

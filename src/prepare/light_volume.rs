@@ -15,7 +15,7 @@ use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::light_volume::LightVolume;
 use crate::gpu::splat;
-use crate::gpu::store::{BrickSplats, Emitted, HostBrick, places};
+use crate::gpu::store::{BrickSplats, Drawable, HostBrick, places};
 use crate::gpu::transfer::Reduction;
 use crate::lighting::shadow::{Caster, Medium};
 use crate::progress::Progress;
@@ -52,7 +52,7 @@ impl Classification<'_> {
 /// What arrives at the places of `grid` that have splats of scalars.
 pub(crate) fn light_volume(
     context: &Context,
-    emitted: &Emitted,
+    emitted: &Drawable,
     grid: &Grid,
     classification: &Classification<'_>,
     shadows: &Shadows,

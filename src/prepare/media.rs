@@ -3,11 +3,10 @@
 
 use super::cells::{Classification, Emission, Looks};
 use crate::error::Result;
-use crate::gpu::cache::Cache;
-use crate::gpu::classify::{Classified, STRIDE, gradient_of, gradients, steepness_of};
+use crate::gpu::classify::{STRIDE, gradient_of, gradients, steepness_of};
 use crate::gpu::context::Context;
 use crate::gpu::splat::{packed_appearance, packed_normal, resolution_at};
-use crate::gpu::store::{BrickSplats, Bricks, HostBrick, StoreBuilder};
+use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
 use crate::gpu::transfer::{Reduction, Relative};
 use crate::layers::{Layer, Layers, Mask, Matter, luminance};
 use crate::progress::Progress;
@@ -210,7 +209,7 @@ struct Classifier<'a> {
 }
 
 /// The visible voxels of layers as splats, brick by brick, with normals if there is light.
-pub(crate) fn classified(context: &Context, layers: &Layers, lit: bool, progress: &Progress) -> Result<Classified> {
+pub(crate) fn classified(context: &Context, layers: &Layers, lit: bool, progress: &Progress) -> Result<Drawable> {
     let keep_invisible = !context.savings.voxels;
     let keep = keep_invisible || !context.savings.bricks;
     let painted = layers.all().iter().map(|layer| Painted::new(layer, layers.unit(), keep));
@@ -222,29 +221,16 @@ pub(crate) fn classified(context: &Context, layers: &Layers, lit: bool, progress
     let volume = layers.all()[0].volume();
     let (dims, gradients) = (volume.grid().dims(), gradients(volume));
     let classifier = Classifier { layers: painted, dims, gradients, lit, keep_invisible, halo };
-    let [across, down, deep] = volume.bricks().map(|n| n as usize);
-    let mut bricks = Bricks { all: (across * down * deep) as u32, ..Bricks::default() };
+    let counts @ [across, down, _] = volume.bricks().map(|n| n as usize);
     let mut stores = StoreBuilder::new(context, STRIDE, u32::MAX);
-    let mut rows = 0;
     let row = |j: usize, k: usize| classifier.row([j, k], [across, down]);
-    volume.for_each_row([down, deep], halo, &row, &mut |made| {
-        for (brick, splats) in made {
-            let count = splats.count();
-            bricks.uploaded += 1;
-            bricks.bytes += u64::from(count) * STRIDE;
-            let (_, first) = stores.make_room(count, 1)?;
-            stores.add(splats, count, [BrickSplats { first, ..brick }]);
-        }
-        rows += 1;
-        progress.report("classifying", f64::from(rows) / (down * deep) as f64);
-        Ok(())
-    })?;
-    Ok(Classified { stores: stores.finish()?, bricks, kept: Cache::default() })
+    stores.push_rows(volume, counts, halo, (progress, "classifying"), &row)?;
+    stores.finish()
 }
 
 impl Classifier<'_> {
     /// The bricks along x with these numbers in y and z, those that have splats.
-    fn row(&self, [j, k]: [usize; 2], [across, down]: [usize; 2]) -> Result<Vec<(BrickSplats, HostBrick)>> {
+    fn row(&self, [j, k]: [usize; 2], [across, down]: [usize; 2]) -> Result<Vec<MadeBrick>> {
         let first = (k * down + j) * across;
         let (y, z) = (j * EDGE, k * EDGE);
         let strip = |volume: &Volume| volume.strip([y, z].map(|c| c as i64), self.halo);
@@ -262,11 +248,9 @@ impl Classifier<'_> {
             let showing = self.layers.iter().zip(&strips).filter(|(layer, _)| layer.shows[first + i]);
             let showing = showing.filter_map(|(layer, strips)| Some((layer, layer.voxels(at, strips.as_ref()?))));
             let showing: Vec<_> = showing.map(|(layer, voxels)| self.with_normals(layer, voxels)).collect();
-            let (brick, splats) = self.brick(at, &showing)?;
-            if splats.count() > 0 {
-                bricks.push((brick, splats));
-            }
+            bricks.push(self.brick(at, &showing)?);
         }
+        bricks.retain(|made| made.splats.count() > 0);
         Ok(bricks)
     }
 
@@ -277,7 +261,7 @@ impl Classifier<'_> {
     }
 
     /// The splats of a brick, which begins at a lattice point.
-    fn brick(&self, origin: [usize; 3], parts: &[Part<'_>]) -> Result<(BrickSplats, HostBrick)> {
+    fn brick(&self, origin: [usize; 3], parts: &[Part<'_>]) -> Result<MadeBrick> {
         let edge = EDGE + 2 * self.halo;
         let each = if self.lit { 3 } else { 2 };
         let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(self.dims[axis] as usize - origin[axis]));
@@ -308,9 +292,7 @@ impl Classifier<'_> {
                 }
             }
         }
-        words.shrink_to_fit();
-        let brick = BrickSplats::new(origin.map(|c| c as u32), 0, bits.iter().copied());
-        Ok((brick, HostBrick::new(&bits, each, words)))
+        Ok(MadeBrick::new(origin.map(|c| c as u32), &bits, each, words))
     }
 
     /// Differences along the axes of the lattice of what a layer has at a voxel of its brick.

@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient};
 use crate::gpu::savings::Savings;
-use crate::gpu::store::{BrickSplats, Emitted, HostBrick, StoreBuilder};
+use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
 use crate::gpu::transfer::{Reduction, Relative, Shows};
 use crate::kernel::{Kernel, Normalization};
 use crate::prepare::pyramid::{Level, Pyramid};
@@ -157,23 +157,6 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<bool> {
     squares.into_iter().map(|square| square <= reach).collect()
 }
 
-impl Emitted {
-    /// Adds the splats of a brick, of so many words each.
-    fn add(&mut self, stores: &mut StoreBuilder<'_, HostBrick>, found: BrickScalars, words: usize) -> Result<()> {
-        let BrickScalars { brick, splats, voxels } = found;
-        self.bricks.uploaded += 1;
-        self.voxels += voxels;
-        let count = splats.count();
-        if count == 0 {
-            return Ok(());
-        }
-        let (_, first) = stores.make_room(count, 1)?;
-        self.bricks.bytes += u64::from(count) * 4 * words as u64;
-        stores.add(splats, count, [BrickSplats { first, ..brick }]);
-        Ok(())
-    }
-}
-
 /// What decides which scalars of a volume become splats: the voxels that can take part in something visible, and copies
 /// beyond its faces.
 ///
@@ -284,27 +267,19 @@ impl<'a> Emission<'a> {
     }
 
     /// The splats.
-    pub(crate) fn emit(&self, context: &Context, pyramid: &Pyramid, progress: &Progress) -> Result<Emitted> {
+    pub(crate) fn emit(&self, context: &Context, pyramid: &Pyramid, progress: &Progress) -> Result<Drawable> {
         let [finest, coarsest] = self.levels();
         let cells = pyramid.levels(self.volume, &self.relative, coarsest as usize)?;
         let mut stores = StoreBuilder::new(context, 4 * self.words as u64, u32::MAX);
-        let mut emitted = Emitted::default();
         for level in finest..=coarsest {
             let cells = level.checked_sub(1).and_then(|index| cells.get(index as usize).cloned());
             let lattice = Lattice::new(self.dims, level, self.need, cells);
-            let [_, down, deep] = lattice.counts;
-            let mut rows = 0;
-            self.volume.for_each_row([down, deep], self.halo, &|j, k| self.row(&lattice, j, k), &mut |row| {
-                row.into_iter().try_for_each(|brick| emitted.add(&mut stores, brick, self.words))?;
-                rows += 1;
-                progress.report("emitting scalars", f64::from(rows) / (down * deep) as f64);
-                Ok(())
-            })?;
-            emitted.bricks.all += lattice.counts.iter().product::<usize>() as u32;
+            let row = |j: usize, k: usize| self.row(&lattice, j, k);
+            stores.push_rows(self.volume, lattice.counts, self.halo, (progress, "emitting scalars"), &row)?;
         }
-        emitted.stores = stores.finish()?;
+        let scalars = stores.finish()?;
         context.wait("emitting scalars")?;
-        Ok(emitted)
+        Ok(scalars)
     }
 
     /// Whether a scalar can show.
@@ -336,7 +311,7 @@ impl<'a> Emission<'a> {
     }
 
     /// The bricks along x with these numbers in y and z that can hold splats.
-    fn row(&self, lattice: &Lattice, j: usize, k: usize) -> Result<Vec<BrickScalars>> {
+    fn row(&self, lattice: &Lattice, j: usize, k: usize) -> Result<Vec<MadeBrick>> {
         let takes_part = |i| {
             (self.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
                 && (!self.savings.bricks || self.is_near(lattice, [i, j, k]))
@@ -374,7 +349,7 @@ impl<'a> Emission<'a> {
     }
 
     /// The splats of a brick, given its scalars with the halo around them, and which have no gradient, if any.
-    fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32], flat: &[bool]) -> BrickScalars {
+    fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32], flat: &[bool]) -> MadeBrick {
         let (halo, lit) = (self.halo, self.words == LIT_SCALAR_WORDS);
         let kept = self.singly.then(|| {
             let active: Vec<bool> = scalars.iter().map(|&s| self.is_active(s)).collect();
@@ -391,7 +366,7 @@ impl<'a> Emission<'a> {
         });
         // Cells are 2^level voxels apart, and gradients are per voxel.
         let steepness = (-f64::from(lattice.level)).exp2();
-        let (mut words, mut in_volume) = (Vec::new(), 0);
+        let (mut words, mut copies) = (Vec::new(), 0);
         let mut rows = vec![0; EDGE * EDGE];
         for z in 0..nz {
             for y in 0..ny {
@@ -416,15 +391,14 @@ impl<'a> Emission<'a> {
                             let gradient = gradient.map(|c| (f64::from(c) * steepness * count) as f32);
                             words.extend(packed_gradient(gradient));
                         }
-                        in_volume += u64::from(inside && voxels[0].contains(&x));
+                        copies += u64::from(!inside || !voxels[0].contains(&x));
                     }
                 }
             }
         }
         let origin = origin.map(|o| lattice.origin + ((o as u32) << lattice.level));
-        let brick = BrickSplats::new(origin, 0, rows.iter().copied()).of_level(lattice.level);
-        words.shrink_to_fit();
-        BrickScalars { brick, splats: HostBrick::new(&rows, self.words - 1, words), voxels: in_volume }
+        let made = MadeBrick::new(origin, &rows, self.words - 1, words);
+        MadeBrick { brick: made.brick.of_level(lattice.level), copies, ..made }
     }
 }
 
@@ -442,12 +416,4 @@ fn central_differences(scalars: &[f32], at: usize, edge: usize, weights: [f32; 3
         let difference = |n: usize, weight: f32| weight * scalars[at + n * step] - weight * scalars[at - n * step];
         (1..).zip(weights).map(|(n, &weight)| difference(n, weight)).sum()
     })
-}
-
-/// The splats of one brick.
-struct BrickScalars {
-    /// As if it were the first of its store.
-    brick: BrickSplats,
-    splats: HostBrick,
-    voxels: u64,
 }

@@ -1,13 +1,13 @@
 //! A volume prepared on a device.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use glam::DAffine3;
 
 use super::cells::{self, VoxelLight};
-use super::drawable::{Drawable, PostShaded, PreShaded, Wanted};
-use super::lattice::{Lattice, Lattices, kernel_of_voxels};
+use super::drawable::{Held, PostShaded, PreShaded};
+use super::lattice::{Lattice, Lattices};
 use super::levels::ScalarNeed;
 use super::light_volume::{self, Classification, light_volume};
 use super::pyramid::Pyramid;
@@ -19,6 +19,7 @@ use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::light_volume::{LightVolume, PostShading};
+use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, Shows, TransferTable};
 use crate::gpu::view::{Fade, ViewGeometry, Weights};
@@ -78,8 +79,7 @@ impl Scene {
             // Light may turn any colour white.
             brightest: if lit { [1.0; 3] } else { layers.brightest() },
         };
-        let voxels = PreShaded { layers: layers.clone(), lit, classified: Mutex::default(), cells: Mutex::default() };
-        Self::new(context, Content::Splats(Box::new(voxels)), grid, weights, 0.0)
+        Self::new(context, Content::Splats(Box::new(PreShaded::new(layers.clone(), lit))), grid, weights, 0.0)
     }
 
     /// A scene of scalars: all of post-shading that does not depend on the camera.
@@ -111,10 +111,9 @@ impl Scene {
             resolution,
             model: settings.model,
             shows,
-            table: Mutex::default(),
-            plateaus: OnceLock::new(),
-            light: Mutex::new(None),
-            emitted: Mutex::new(None),
+            kept: Cache::default(),
+            light: Held::default(),
+            emitted: Held::default(),
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), grid, weights, seconds))
     }
@@ -310,8 +309,8 @@ impl Scene {
     /// Drops what stands for the voxels of a pre-shaded scene at other levels than these, the nearest and the farthest.
     pub(crate) fn keep_levels(&self, [nearest, farthest]: [u32; 2]) {
         if let Content::Splats(voxels) = &self.content {
-            let mut cells = voxels.cells.lock().unwrap_or_else(PoisonError::into_inner);
-            cells.retain(|cells| (nearest..=farthest).contains(&cells.level));
+            let others = (0..).zip(&voxels.cells).filter(|(level, _)| !(nearest..=farthest).contains(level));
+            others.for_each(|(_, cells)| cells.clear());
         }
     }
 
@@ -320,27 +319,19 @@ impl Scene {
         f64::from_bits(self.seconds.swap(0, Ordering::Relaxed))
     }
 
-    /// What scalars are classified by on a lattice of cells of a level.
-    fn table(&self, context: &Context, scalars: &PostShaded, level: u32) -> Arc<TransferTable> {
-        let mut held = scalars.table.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((of, table)) = held.as_ref()
-            && *of == level
-        {
-            return Arc::clone(table);
-        }
-        // The local unit of length goes with cells.
+    /// The table by which scalars are classified on a lattice of cells of a level.
+    fn table(&self, context: &Context, scalars: &PostShaded, level: u32) -> Result<Arc<TransferTable>> {
+        // The local unit of length goes with cells, and their gradients are per cell.
         let size = f64::from(level).exp2();
         let unit = local_unit(&scalars.transfer, &self.grid) / size;
-        // Gradients of cells are per cell.
         let steepness = self.grid.unit() * size;
         let PostShaded { transfer, reduction, shows, resolution, .. } = scalars;
-        let table = Arc::new(TransferTable::new(context, transfer, reduction, *shows, unit, steepness, resolution));
-        *held = Some((level, Arc::clone(&table)));
-        table
+        let table = || Ok(TransferTable::new(context, transfer, reduction, *shows, unit, steepness, resolution));
+        scalars.kept.get_or_make(level, table)
     }
 
-    /// What a lattice of a post-shaded scene is classified and lit by, and the seconds it took to find the light, 0 if
-    /// the scene held it; `None` for classified voxels.
+    /// The table and the light of a lattice of a post-shaded scene, and the seconds that it took to find the light, 0
+    /// if the scene held it; `None` for classified voxels.
     pub(crate) fn post_shading(
         &self,
         context: &Context,
@@ -349,11 +340,10 @@ impl Scene {
         progress: &Progress,
     ) -> Result<(Option<PostShading>, f64)> {
         let Content::Scalars(scalars) = &self.content else { return Ok((None, 0.0)) };
-        let table = self.table(context, scalars, lattice.level);
+        let table = self.table(context, scalars, lattice.level)?;
         let Some(casting) = lattice.settings.casting() else {
             let light = pipelines.get_or_make((), || Ok(LightVolume::none(context)))?;
-            let to_light = DAffine3::IDENTITY;
-            return Ok((Some(PostShading { table, light, shadows: false, to_light }), 0.0));
+            return Ok((Some(PostShading { table, light, shadows: false, to_light: DAffine3::IDENTITY }), 0.0));
         };
         let (kernel, normalization) = lattice.kernel_of_voxels();
         let (coarse, grid) = self.lit_cells(&kernel, lattice.level)?;
@@ -364,35 +354,20 @@ impl Scene {
         let lattice_of_light = shadow::Lattice::new(&grid, cells, cells.integral() / denser, unit, voxels);
         let clip = lattice.settings.clip.sides(&grid);
         let shadows = Shadows { casting, lattice: lattice_of_light, clip };
-        let post = |light: &Arc<LightVolume>| {
-            let to_light = light.map_from(&lattice.coarse.map_or(Ok(self.grid), |(cells, ..)| cells.grid(&self.grid))?);
-            Ok::<_, Error>(Some(PostShading {
-                table: Arc::clone(&table),
-                light: Arc::clone(light),
-                shadows: true,
-                to_light,
-            }))
-        };
-        let lock = || scalars.light.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((of, light)) = lock().as_ref()
-            && *of == shadows
-        {
-            return Ok((post(light)?, 0.0));
-        }
-        let (light, seconds) = on_host(|| {
+        let (light, seconds) = scalars.light.get_or_make(shadows.clone(), PartialEq::eq, |_| {
             context.guarded("casting shadows", || {
-                // All that a place which may show is lit by lies between voxels so near.
+                // All light on a place that may show lies between voxels so near.
                 let need = ScalarNeed { influence: kernel.radius() + 2.0, ..ScalarNeed::NONE };
                 let lit = !scalars.transfer.gradient_opacity().is_empty();
                 let coarse = coarse.map(|(cells, _)| cells);
                 let emitted = scalars.emit(context, &Asked { kernel, normalization, need, lit, coarse }, progress)?;
                 let PostShaded { transfer, reduction, .. } = scalars.as_ref();
-                light_volume(context, &emitted, &grid, &Classification { transfer, reduction }, &shadows, progress)
+                let classification = Classification { transfer, reduction };
+                Ok(Arc::new(light_volume(context, &emitted, &grid, &classification, &shadows, progress)?))
             })
-        });
-        let light = Arc::new(light?);
-        *lock() = Some((shadows, Arc::clone(&light)));
-        Ok((post(&light)?, seconds))
+        })?;
+        let to_light = light.map_from(&lattice.coarse.map_or(Ok(self.grid), |(cells, ..)| cells.grid(&self.grid))?);
+        Ok((Some(PostShading { table, light, shadows: true, to_light }), seconds))
     }
 
     /// The lattice that the light of a post-shaded picture is found on: voxels, or cells and the growth of the kernels
@@ -431,34 +406,21 @@ impl Scene {
         }
     }
 
-    /// The splats that a picture is made of, and the seconds it took to make them, 0 if the scene held them.
+    /// The splats of a lattice, and the seconds that it took to make them, 0 if the scene held them.
     pub(crate) fn drawable(
         &self,
         context: &Context,
         pipelines: &Cache,
-        wanted: Wanted<'_>,
+        lattice: &Lattice,
+        need: ScalarNeed,
         progress: &Progress,
-    ) -> Result<(Drawable, f64)> {
-        let Wanted { settings, level, shadows, coarse, need, .. } = wanted;
-        let scalars = match &self.content {
-            Content::Splats(voxels) if level == 0 => return voxels.classified(context, pipelines, shadows, progress),
-            Content::Splats(voxels) => return voxels.cells(context, pipelines, wanted, progress),
-            Content::Scalars(scalars) => scalars,
-        };
-        let (kernel, normalization) = kernel_of_voxels(settings, coarse);
-        let coarse = coarse.map(|(coarse, ..)| coarse);
-        let asked = Asked { kernel, normalization, need, lit: settings.lighting.is_some(), coarse };
-        let lock = || scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((of, emitted)) = lock().as_ref()
-            && of.serves(&asked)
-        {
-            return Ok((Drawable::Emitted(Arc::clone(emitted)), 0.0));
+    ) -> Result<(Arc<Drawable>, f64)> {
+        match &self.content {
+            Content::Splats(voxels) if lattice.level == 0 => {
+                voxels.classified(context, pipelines, lattice.shadows.as_ref(), progress)
+            }
+            Content::Splats(voxels) => voxels.cells(context, pipelines, lattice, progress),
+            Content::Scalars(scalars) => scalars.emitted(context, lattice, need, progress),
         }
-        // Not under the lock: who emits waits for a pool of threads, which may hand it work that asks for the lock.
-        let (emitted, seconds) =
-            on_host(|| context.guarded("emitting scalars", || scalars.emit(context, &asked, progress)));
-        let emitted = Arc::new(emitted?);
-        *lock() = Some((asked, Arc::clone(&emitted)));
-        Ok((Drawable::Emitted(emitted), seconds))
     }
 }

@@ -12,7 +12,7 @@ use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{SHADED_WORDS, Splat};
 use crate::gpu::splat::{LANES, kept, packed_kept};
-use crate::gpu::store::{BrickSplats, HostBrick, Store, StoreBuilder, places};
+use crate::gpu::store::{BrickSplats, HostBrick, MadeBrick, Store, StoreBuilder, places};
 use crate::lighting::Casting;
 use crate::lighting::shadow::{Block, Caster, Lattice, Medium};
 use crate::progress::Progress;
@@ -65,7 +65,7 @@ pub(crate) fn shaded(
     }
     let caster = Caster::new(casting, lattice);
     let done = AtomicUsize::new(0);
-    let shade = |&(brick, held): &(&BrickSplats, &HostBrick)| -> Result<(HostBrick, BrickSplats)> {
+    let shade = |&(brick, held): &(&BrickSplats, &HostBrick)| -> Result<MadeBrick> {
         let count = u64::from(held.count());
         let mut shaded = reserved(count * (SHADED_WORDS - 1) as u64, || "splats of a brick".to_owned())?;
         let mut splats = held.words.chunks_exact(held.each);
@@ -76,16 +76,12 @@ pub(crate) fn shaded(
         let number = done.fetch_add(1, Ordering::Relaxed) + 1;
         progress.report("casting shadows", number as f64 / bricks.len() as f64);
         let bits: Vec<u32> = held.rows.iter().map(|row| row.bits).collect();
-        Ok((HostBrick::new(&bits, SHADED_WORDS - 1, shaded), *brick))
+        Ok(MadeBrick::new(brick.origin, &bits, SHADED_WORDS - 1, shaded))
     };
     let shaded = bricks.par_iter().map(shade).collect::<Result<Vec<_>>>()?;
     let mut stores = StoreBuilder::new(context, 4 * SHADED_WORDS as u64, u32::MAX);
-    for (splats, brick) in shaded {
-        let count = splats.count();
-        let (_, first) = stores.make_room(count, 1)?;
-        stores.add(splats, count, [BrickSplats { first, ..brick }]);
-    }
-    stores.finish()
+    shaded.into_iter().try_for_each(|brick| stores.push(brick))?;
+    Ok(stores.finish()?.stores)
 }
 
 /// The shares of light that arrive at the voxels of a lattice.
