@@ -130,8 +130,7 @@ pub(crate) struct Frame {
     pub home_slope: [f32; 2],
     pub tiles: u32,
     pub tile_size: u32,
-    pub level_spread: f32,
-    pub _pad: u32,
+    pub _pad: [u32; 2],
     pub model: [f32; 4],
     pub clip_planes: ClipPlanes,
 }

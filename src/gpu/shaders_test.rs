@@ -205,7 +205,6 @@ fn structs_are_laid_out_alike() {
         home_slope,
         tiles,
         tile_size,
-        level_spread,
         model,
         clip_planes,
     });

@@ -211,10 +211,14 @@ impl Filter {
     /// cell.
     fn gather(&self, voxels: &[Emission], cells: &mut [Emission]) {
         cells.fill([0.0; 4]);
-        // Cell by cell a sum would wait for its own last addition.
-        for (tap, weight) in self.weights.iter().enumerate() {
-            for (cell, voxel) in cells.iter_mut().zip(voxels[tap..].iter().step_by(self.size)) {
-                cell.iter_mut().zip(voxel).for_each(|(sum, channel)| *sum += weight * channel);
+        // So few taps at a time that the sums of neighbouring cells overlap: each addition waits for the one before.
+        const TAPS: usize = 8;
+        for (run, weights) in self.weights.chunks(TAPS).enumerate() {
+            let taps = voxels[run * TAPS..].windows(weights.len()).step_by(self.size);
+            for (cell, taps) in cells.iter_mut().zip(taps) {
+                for (weight, voxel) in weights.iter().zip(taps) {
+                    cell.iter_mut().zip(voxel).for_each(|(sum, channel)| *sum += weight * channel);
+                }
             }
         }
     }

@@ -6,7 +6,6 @@ use super::cells::{Coarsening, VoxelLight};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::media;
-use super::pyramid::Pyramid;
 use super::scalar_cells;
 use super::scalars::{Asked, Emission};
 use super::shadows::{Arriving, Shadows, shaded};
@@ -81,8 +80,6 @@ pub(super) struct PostShaded {
     pub(super) volume: Volume,
     /// The kernel and the sharpness that they are filtered for.
     pub(super) sharpened: Option<(Kernel, f64)>,
-    /// The volume at lower resolutions, for kernels that have grown.
-    pub(super) pyramid: Pyramid,
     pub(super) transfer: TransferFunction,
     pub(super) reduction: Reduction,
     /// Which differences of values are rounding.
@@ -100,9 +97,9 @@ pub(super) struct PostShaded {
 impl PostShaded {
     /// Emits splats of scalars.
     pub(super) fn emit(&self, context: &Context, asked: &Asked, progress: &Progress) -> Result<Drawable> {
-        let Self { volume, pyramid, transfer, reduction, shows, .. } = self;
+        let Self { volume, transfer, reduction, shows, .. } = self;
         context.guarded("emitting scalars", || {
-            Emission::new(context, volume, transfer, reduction, *shows, asked)?.emit(context, pyramid, progress)
+            Emission::new(context, volume, transfer, reduction, *shows, asked)?.emit(context, progress)
         })
     }
 

@@ -18,8 +18,8 @@ const MOST_RISE: f64 = 0.125;
 /// Over how many doublings of the growth a level gives way to the next: while both are drawn, each has a share.
 const BLEND: f64 = 0.5;
 
-/// The coarsest level. Pictures that would take coarser ones show nothing: 2^24 voxels are a pixel.
-const MAX_LEVEL: u32 = 24;
+/// The coarsest level. In pictures that could use coarser ones the volume is much smaller than a pixel.
+const MAX_LEVEL: u32 = 18;
 
 /// The cells of levels that stand for voxels. Level 0 is the voxels themselves.
 #[derive(Debug, Clone, Copy, PartialEq)]

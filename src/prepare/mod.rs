@@ -7,7 +7,6 @@ pub(crate) mod lattice;
 pub(crate) mod levels;
 pub(crate) mod light_volume;
 pub(crate) mod media;
-pub(crate) mod pyramid;
 pub(crate) mod scalar_cells;
 pub(crate) mod scalars;
 pub(crate) mod scene;

@@ -102,29 +102,29 @@ impl Coarse {
         Ok(Grid::new(dims, to_world)?)
     }
 
-    /// Gradients of cells are sums of differences of cells so far apart, times these: they are what cells make of the
-    /// central differences of voxels, up to the fifth derivative.
-    pub(crate) fn differences(self) -> [f64; 3] {
-        let square = self.size().powi(-2);
-        let nodes = [1.0, 4.0, 9.0];
-        nodes.map(|node: f64| {
-            let others = nodes.into_iter().filter(|&other| other != node);
-            others.map(|other| (square - other) / (node - other)).product::<f64>() / (2.0 * node.sqrt())
-        })
-    }
-
-    /// What voxels give to cells along each axis, if that is their kernel as asked for.
+    /// The filters that make these cells of voxels with this kernel.
     pub(crate) fn filters(self, kernel: &Kernel, grid: &Grid) -> Filters {
         let blurred = self.blurred();
         let blur = blurred.map_or_else(|| vec![1.0], |growth| blur(kernel, growth, self.level).to_vec());
-        let axes = grid.dims().map(|voxels| {
+        let before = grid.dims().map(|voxels| {
             let cells = voxels.div_ceil(1 << self.level);
-            let before = (f64::from(cells) * self.size() - f64::from(voxels)) / 2.0;
-            Filter::new(self.level, before, &blur, 0)
+            (f64::from(cells) * self.size() - f64::from(voxels)) / 2.0
         });
+        let filters = Filters::new(self.level, before, &blur);
         let farther = blurred.map_or(0.0, |growth| self.size() * (kernel.radius() * growth - KERNEL.radius()));
-        Filters { axes, beside: farther.ceil().max(1.0) as i64 }
+        Filters { beside: farther.ceil().max(1.0) as i64, ..filters }
     }
+}
+
+/// The weights of the differences of cells 1, 2 and 3 to either side, whose sums are the gradients of cells of a level:
+/// these are the central differences of voxels, up to the fifth derivative.
+pub(crate) fn differences(level: u32) -> [f64; 3] {
+    let square = f64::from(level).exp2().powi(-2);
+    let nodes = [1.0, 4.0, 9.0];
+    nodes.map(|node: f64| {
+        let others = nodes.into_iter().filter(|&other| other != node);
+        others.map(|other| (square - other) / (node - other)).product::<f64>() / (2.0 * node.sqrt())
+    })
 }
 
 /// The weights along each axis, from the middle one on, by which [`KERNEL`] becomes a kernel that has grown: by least
@@ -209,6 +209,12 @@ pub(crate) struct CellStrip {
 }
 
 impl Filters {
+    /// The filters of cells of a level, the first of which begins so many voxels before the volume along each axis.
+    /// Cells are blurred by weights, from the middle one on.
+    pub(crate) fn new(level: u32, before: [f64; 3], blur: &[f64]) -> Self {
+        Self { axes: before.map(|before| Filter::new(level, before, blur, 0)), beside: 1 }
+    }
+
     /// The voxels that give to a range of cells along an axis, copies beyond the faces included.
     pub(crate) fn voxels(&self, axis: usize, cells: Range<i64>) -> Range<i64> {
         self.axes[axis].voxels(cells.start, cells.end)
@@ -341,6 +347,57 @@ impl CellStrip {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gpu::transfer::Reduction;
+    use crate::transfer::ControlPoint;
+
+    /// The scalars of cells of a level of a volume of `value` at each voxel, from `first` to before `end`.
+    fn cells(dims: [usize; 3], value: impl Fn([usize; 3]) -> f32, level: u32, ends: [[i64; 3]; 2]) -> Vec<f32> {
+        let points = (0..dims.iter().product()).map(|i| [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])]);
+        let samples: Vec<f32> = points.map(value).collect();
+        let volume = Volume::from_slice(dims.map(|d| d as u32), [1.0; 3], &samples).unwrap();
+        let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
+        let transfer = TransferFunction::new(vec![point(0.0, 0.0), point(1.0, 1.0)], None).unwrap();
+        let relative = Relative::new(&volume, Reduction::new(&transfer, 1.0));
+        Filters::new(level, [0.0; 3], &[1.0]).strip(&volume, &relative, ends, false).unwrap().scalars
+    }
+
+    #[test]
+    fn cells_keep_the_sum_the_centre_and_the_spread_of_voxels() {
+        let dims = [41, 37, 50];
+        let inside = |p: [usize; 3]| (0..3).all(|a| p[a] >= 12 && p[a] + 12 < dims[a]);
+        let value = |p: [usize; 3]| if inside(p) { ((p[0] * 7 + p[1] * 5 + p[2] * 3) % 11) as f32 } else { 0.0 };
+        let mut expected = None;
+        for level in 0..=3 {
+            let size = f64::from(level).exp2();
+            // Farther than any voxel gives.
+            let first = [-6; 3];
+            let end = dims.map(|d| d.div_ceil(1 << level) as i64 + 6);
+            let across = (end[0] - first[0]) as usize;
+            let mut sums = [0.0; 3];
+            for (i, cell) in cells(dims, value, level, [first, end]).into_iter().enumerate() {
+                let place = ((i % across) as f64 + first[0] as f64 + 0.5) * size - 0.5;
+                (0..)
+                    .zip(&mut sums)
+                    .for_each(|(power, sum)| *sum += f64::from(cell) * size.powi(3) * place.powi(power));
+            }
+            let expected = *expected.get_or_insert(sums);
+            for (got, expected) in sums.into_iter().zip(expected) {
+                assert!((got / expected - 1.0).abs() < 1e-4, "level {level}: {got} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn cells_beyond_the_faces_are_copies_of_the_outermost_voxels() {
+        // An odd number of voxels, which differ up to the faces.
+        let dims = [7, 5, 3];
+        for level in 1..=4 {
+            let end = (7 >> level) + 9;
+            let row = cells(dims, |[x, ..]| x as f32, level, [[-8, 0, 0], [end, 1, 1]]);
+            assert!(row[..4].iter().all(|cell| cell.abs() < 1e-5), "level {level}: {row:?}");
+            assert!(row[row.len() - 4..].iter().all(|cell| (cell - 6.0).abs() < 1e-5), "level {level}: {row:?}");
+        }
+    }
 
     #[test]
     fn fine_cells_are_the_finest_that_rays_gather() {

@@ -1,10 +1,9 @@
-//! scalars: a volume to splats of scalars, for post-shading. On the host, brick by brick: which voxels can show depends
-//! on their surroundings. If kernels have grown, cells of a pyramid stand for voxels (see levels.rs).
-
-use std::sync::Arc;
+//! scalars: a volume to splats of scalars, for post-shading. On the host, brick by brick: which voxels can be visible
+//! depends on their surroundings. If kernels have grown, cells stand for voxels (scalar_cells.rs), through one eye cells
+//! of several levels (levels.rs).
 
 use super::levels::{Cut, ScalarNeed};
-use super::scalar_cells::{Coarse, Filters};
+use super::scalar_cells::{Coarse, Filters, differences};
 use crate::budget::{MAX_GROWTH, MAX_PLACES, too_much};
 use crate::error::Result;
 use crate::gpu::context::Context;
@@ -13,7 +12,6 @@ use crate::gpu::savings::Savings;
 use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
 use crate::gpu::transfer::{Reduction, Relative, Shows};
 use crate::kernel::{Kernel, Normalization};
-use crate::prepare::pyramid::{Level, Pyramid};
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, Volume};
@@ -104,17 +102,6 @@ impl Invisible {
     }
 }
 
-/// Places of the lattices that splats are looked for in, copies beyond the faces of the volume included.
-fn places(dims: [u32; 3], need: ScalarNeed) -> u64 {
-    let of = |level: u32, padding: u32| {
-        let along = |d: u32| u64::from(d.div_ceil(1 << level)).saturating_add(2 * u64::from(padding));
-        dims.into_iter().map(along).fold(1, u64::saturating_mul)
-    };
-    let Some(cut) = need.cut else { return of(0, need.padding) };
-    let [finest, coarsest] = cut.levels;
-    (finest..=coarsest).map(|level| of(level, cut.padding(level))).fold(0, u64::saturating_add)
-}
-
 /// Of the places of a brick, x fastest, whether they are within `reach` of an active one of the brick or its halo.
 fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<bool> {
     // Far enough, and sums of two stay in range.
@@ -157,57 +144,64 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<bool> {
     squares.into_iter().map(|square| square <= reach).collect()
 }
 
-/// What decides which scalars of a volume become splats: the voxels that can take part in something visible, and copies
-/// beyond its faces.
+/// Chooses the scalars of a volume that become splats: voxels that can take part in something visible, and copies beyond
+/// the faces of the volume.
 ///
-/// A place shows only if a voxel outside [`Invisible`] reaches it. So a voxel is kept if such a voxel is within the
-/// influence of the two. The others change nothing: neither what shows, nor what does not show.
+/// A place is visible only if a voxel outside [`Invisible`] reaches it. So a voxel is kept if such a voxel is within the
+/// influence of the two. The other voxels change nothing: neither visible places nor invisible ones.
 pub(crate) struct Emission<'a> {
     volume: &'a Volume,
     relative: Relative,
     invisible: Invisible,
     savings: Savings,
-    need: ScalarNeed,
-    /// Words of a splat.
-    words: usize,
-    /// The lattice of splats: voxels, or cells if there are filters.
-    dims: [u32; 3],
-    filters: Option<Filters>,
-    /// What gradients are sums of: differences of places 1, 2 and 3 to either side, times these.
-    differences: [f32; 3],
-    /// Of each brick of the volume, x fastest, whether a voxel of it can show.
+    asked: Asked,
+    /// The voxels, or the cells of each level that has a share in the picture.
+    lattices: Vec<Lattice>,
+    /// Of each brick of the volume, x fastest, whether it has a voxel that can be visible.
     active: Vec<bool>,
-    /// Layers of voxels around a brick that are searched for voxels that can show, or that gradients take differences
-    /// with.
-    halo: usize,
-    /// Whether they are; otherwise bricks are kept whole.
+    /// Whether voxels are kept one by one; otherwise bricks are kept whole.
     singly: bool,
 }
 
 /// The cells of a level, or the voxels as level 0, with the copies beyond the faces.
 struct Lattice {
     level: u32,
-    /// What the cells hold; `None`: the volume is read.
-    cells: Option<Arc<Level>>,
+    /// What makes cells of voxels; `None`: the lattice is that of the voxels.
+    filters: Option<Filters>,
+    /// Weights of the differences of places 1, 2 and 3 to either side, whose sums gradients are.
+    differences: [f32; 3],
+    /// Cells around a brick that are searched for voxels that can be visible, or that gradients take differences with.
+    halo: usize,
     /// Cells that cover the volume along each axis.
     dims: [usize; 3],
     /// Cells of copies beyond each face.
     padding: usize,
     /// The lattice point at which the first of them begins, in the lattice extended by [`ScalarNeed::padding`].
     origin: u32,
-    /// Cells along each axis, copies included; below, bricks of them.
+    /// Cells along each axis, copies included.
     extended: [usize; 3],
+    /// Bricks of these cells along each axis.
     counts: [usize; 3],
 }
 
 impl Lattice {
-    fn new(dims: [u32; 3], level: u32, need: ScalarNeed, cells: Option<Arc<Level>>) -> Self {
+    fn new(volume: &Volume, level: u32, Asked { kernel, need, coarse, lit, .. }: &Asked, halo: usize) -> Self {
+        let grid = volume.grid();
+        let filters = match coarse {
+            Some(coarse) => Some(coarse.filters(kernel, grid)),
+            None => (level > 0).then(|| Filters::new(level, [0.0; 3], &[1.0])),
+        };
+        // Cells along parallel rays have a lattice of their own, in which they are of level 0.
+        let level_of_cells = coarse.map_or(level, |coarse| coarse.level);
+        let differences = differences(level_of_cells).map(|weight| weight as f32);
         let padding = need.cut.map_or(need.padding, |cut| cut.padding(level).min(need.padding >> level));
-        let dims = dims.map(|d| d.div_ceil(1 << level) as usize);
+        let dims = grid.dims().map(|d| d.div_ceil(1 << level_of_cells) as usize);
         let extended = dims.map(|d| d + 2 * padding as usize);
         Self {
             level,
-            cells,
+            filters,
+            differences,
+            halo: if *lit { halo.max(reach_of(differences)) } else { halo },
             dims,
             padding: padding as usize,
             origin: need.padding - (padding << level),
@@ -231,35 +225,22 @@ impl<'a> Emission<'a> {
         shows: Shows,
         asked: &Asked,
     ) -> Result<Self> {
-        let Asked { need, coarse, .. } = *asked;
-        let grid = volume.grid();
-        let dims = match coarse {
-            Some(coarse) => coarse.grid(grid)?.dims(),
-            None => grid.dims(),
-        };
-        let differences = coarse.map_or([0.5, 0.0, 0.0], Coarse::differences).map(|weight| weight as f32);
-        let places = places(dims, need);
+        let (savings, need) = (context.savings, asked.need);
+        let halo = need.influence.floor() as usize;
+        let singly = savings.voxels && halo <= MAX_HALO && need.cut.is_none();
+        let [finest, coarsest] = need.cut.map_or([0, 0], |cut| cut.levels);
+        let lattice = |level| Lattice::new(volume, level, asked, if singly { halo } else { 0 });
+        let lattices: Vec<Lattice> = (finest..=coarsest).map(lattice).collect();
+        let places = |lattice: &Lattice| lattice.extended.into_iter().fold(1_u64, |n, d| n.saturating_mul(d as u64));
+        let places = lattices.iter().map(places).fold(0, u64::saturating_add);
         if need.growth > MAX_GROWTH || places > MAX_PLACES.max(2 * volume.grid().len()) {
             let what = format!("post-shading would copy {} layers of voxels beyond the faces", need.padding);
             return Err(too_much(&what, need.growth));
         }
-        let mut emission = Self {
-            volume,
-            relative: Relative::new(volume, *reduction),
-            invisible: Invisible::new(transfer, reduction, shows, magnification(&asked.kernel, asked.normalization)),
-            savings: context.savings,
-            need,
-            words: asked.words(),
-            dims,
-            filters: coarse.map(|coarse| coarse.filters(&asked.kernel, grid)),
-            differences,
-            active: Vec::new(),
-            halo: 0,
-            singly: false,
-        };
-        let halo = need.influence.floor() as usize;
-        emission.singly = emission.savings.voxels && halo <= MAX_HALO && need.cut.is_none();
-        emission.halo = if emission.singly { halo } else { 0 }.max(if asked.lit { reach_of(differences) } else { 0 });
+        let relative = Relative::new(volume, *reduction);
+        let invisible = Invisible::new(transfer, reduction, shows, magnification(&asked.kernel, asked.normalization));
+        let mut emission =
+            Self { volume, relative, invisible, savings, asked: *asked, lattices, active: Vec::new(), singly };
         let ranges = volume.ranges()?.iter();
         emission.active =
             ranges.map(|range| range.iter().any(|&raw| emission.is_active(emission.relative.to(raw)))).collect();
@@ -267,15 +248,11 @@ impl<'a> Emission<'a> {
     }
 
     /// The splats.
-    pub(crate) fn emit(&self, context: &Context, pyramid: &Pyramid, progress: &Progress) -> Result<Drawable> {
-        let [finest, coarsest] = self.levels();
-        let cells = pyramid.levels(self.volume, &self.relative, coarsest as usize)?;
-        let mut stores = StoreBuilder::new(context, 4 * self.words as u64, u32::MAX);
-        for level in finest..=coarsest {
-            let cells = level.checked_sub(1).and_then(|index| cells.get(index as usize).cloned());
-            let lattice = Lattice::new(self.dims, level, self.need, cells);
-            let row = |j: usize, k: usize| self.row(&lattice, j, k);
-            stores.push_rows(self.volume, lattice.counts, self.halo, (progress, "emitting scalars"), &row)?;
+    pub(crate) fn emit(&self, context: &Context, progress: &Progress) -> Result<Drawable> {
+        let mut stores = StoreBuilder::new(context, 4 * self.asked.words() as u64, u32::MAX);
+        for lattice in &self.lattices {
+            let row = |j: usize, k: usize| self.row(lattice, j, k);
+            stores.push_rows(self.volume, lattice.counts, lattice.halo, (progress, "emitting scalars"), &row)?;
         }
         let scalars = stores.finish()?;
         context.wait("emitting scalars")?;
@@ -287,23 +264,15 @@ impl<'a> Emission<'a> {
         !self.savings.voxels || !self.invisible.holds(f64::from(scalar))
     }
 
-    /// The finest and the coarsest level that splats are cells of.
-    fn levels(&self) -> [u32; 2] {
-        self.need.cut.map_or([0, 0], |cut| cut.levels)
-    }
-
     /// Whether any brick of the volume is active that has voxels within the influence of this one.
     fn is_near(&self, lattice: &Lattice, brick: [usize; 3]) -> bool {
         let [across, down, deep] = self.volume.bricks().map(|n| n as usize);
-        let reach = self.need.influence.floor() as i64;
+        let reach = (self.asked.need.influence / f64::from(lattice.level).exp2()).ceil() as i64;
         let start = lattice.first(brick);
         let bricks = |axis: usize, n: usize| {
             let at = |place: i64| place.div_euclid(EDGE as i64).clamp(0, n as i64 - 1) as usize;
-            let end = start[axis] + EDGE as i64;
-            let voxels = match &self.filters {
-                Some(filters) => filters.voxels(axis, start[axis] - reach..end + reach),
-                None => (start[axis] << lattice.level) - reach..(end << lattice.level) + reach,
-            };
+            let cells = start[axis] - reach..start[axis] + EDGE as i64 + reach;
+            let voxels = lattice.filters.as_ref().map_or(cells.clone(), |filters| filters.voxels(axis, cells));
             at(voxels.start)..=at(voxels.end - 1)
         };
         let active = |[x, y, z]: [usize; 3]| self.active[x + across * (y + down * z)];
@@ -313,33 +282,33 @@ impl<'a> Emission<'a> {
     /// The bricks along x with these numbers in y and z that can hold splats.
     fn row(&self, lattice: &Lattice, j: usize, k: usize) -> Result<Vec<MadeBrick>> {
         let takes_part = |i| {
-            (self.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
+            (self.asked.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
                 && (!self.savings.bricks || self.is_near(lattice, [i, j, k]))
         };
         let bricks: Vec<[usize; 3]> = (0..lattice.counts[0]).filter(|&i| takes_part(i)).map(|i| [i, j, k]).collect();
         let (Some(&leftmost), Some(&rightmost)) = (bricks.first(), bricks.last()) else { return Ok(Vec::new()) };
-        let made = |scalars: &dyn Fn([i64; 3]) -> Vec<f32>, flat: &dyn Fn([i64; 3]) -> Vec<bool>| {
-            let first = |brick| lattice.first(brick);
-            bricks.iter().map(|&b| self.brick(lattice, b, &scalars(first(b)), &flat(first(b)))).collect()
-        };
-        let some = |_| Vec::new();
-        if let Some(cells) = &lattice.cells {
-            return Ok(made(&|first| cells.brick(first, self.halo), &some));
-        }
         let (first, last) = (lattice.first(leftmost), lattice.first(rightmost));
-        if let Some(filters) = &self.filters {
-            let halo = self.halo as i64;
-            let [first, end] = [first.map(|cell| cell - halo), last.map(|cell| cell + EDGE as i64 + halo)];
-            let strip = filters.strip(self.volume, &self.relative, [first, end], self.words == LIT_SCALAR_WORDS)?;
-            return Ok(made(&|first| strip.brick(first, self.halo), &|first| strip.flat(first)));
-        }
-        let strip = self.volume.strip([first[1], first[2]], self.halo)?;
-        Ok(made(&|first| bytemuck::pod_collect_to_vec::<u8, f32>(&strip.brick(first, &self.relative)), &some))
+        let made = |scalars: &dyn Fn([i64; 3]) -> (Vec<f32>, Vec<bool>)| {
+            let brick = |&brick: &[usize; 3]| {
+                let (scalars, flat) = scalars(lattice.first(brick));
+                self.brick(lattice, brick, &scalars, &flat)
+            };
+            bricks.iter().map(brick).collect()
+        };
+        let Some(filters) = &lattice.filters else {
+            let strip = self.volume.strip([first[1], first[2]], lattice.halo)?;
+            let scalars = |first| bytemuck::pod_collect_to_vec(&strip.brick(first, &self.relative));
+            return Ok(made(&|first| (scalars(first), Vec::new())));
+        };
+        let halo = lattice.halo as i64;
+        let ends = [first.map(|cell| cell - halo), last.map(|cell| cell + EDGE as i64 + halo)];
+        let strip = filters.strip(self.volume, &self.relative, ends, self.asked.lit)?;
+        Ok(made(&|first| (strip.brick(first, lattice.halo), strip.flat(first))))
     }
 
     /// How many voxels the scalar of a cell counts for; 0: it takes no part in the picture.
     fn count(&self, lattice: &Lattice, cell: [i64; 3]) -> f64 {
-        match self.need.cut {
+        match self.asked.need.cut {
             None => 1.0,
             Some(cut) if cut.reaches(lattice.level, cell, self.volume.grid().dims()) => {
                 f64::from(3 * lattice.level).exp2() * cut.part(lattice.level, cell)
@@ -350,10 +319,10 @@ impl<'a> Emission<'a> {
 
     /// The splats of a brick, given its scalars with the halo around them, and which have no gradient, if any.
     fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32], flat: &[bool]) -> MadeBrick {
-        let (halo, lit) = (self.halo, self.words == LIT_SCALAR_WORDS);
+        let (halo, lit) = (lattice.halo, self.asked.lit);
         let kept = self.singly.then(|| {
             let active: Vec<bool> = scalars.iter().map(|&s| self.is_active(s)).collect();
-            within_reach(&active, halo, self.need.influence)
+            within_reach(&active, halo, self.asked.need.influence)
         });
         let origin = brick.map(|b| b * EDGE);
         let first = lattice.first(brick);
@@ -378,16 +347,16 @@ impl<'a> Emission<'a> {
                     if kept.is_some_and(|kept| !kept[x]) {
                         continue;
                     }
-                    let lit = lit && !flat.get(x + EDGE * (y + EDGE * z)).is_some_and(|&flat| flat);
-                    let gradient =
-                        if lit { central_differences(scalars, start + x, edge, self.differences) } else { [0.0; 3] };
+                    let slopes = lit && !flat.get(x + EDGE * (y + EDGE * z)).is_some_and(|&flat| flat);
+                    let gradient = || central_differences(scalars, start + x, edge, lattice.differences);
+                    let gradient = if slopes { gradient() } else { [0.0; 3] };
                     let cell = [0, 1, 2].map(|axis| first[axis] + [x, y, z][axis] as i64);
                     let count = self.count(lattice, cell);
                     if count > 0.0 && (scalar != 0.0 || gradient != [0.0; 3]) {
                         let scalar = (f64::from(scalar) * count) as f32;
                         rows[y + EDGE * z] |= 1 << x;
                         words.push(scalar.to_bits());
-                        if self.words == LIT_SCALAR_WORDS {
+                        if lit {
                             let gradient = gradient.map(|c| (f64::from(c) * steepness * count) as f32);
                             words.extend(packed_gradient(gradient));
                         }
@@ -397,7 +366,7 @@ impl<'a> Emission<'a> {
             }
         }
         let origin = origin.map(|o| lattice.origin + ((o as u32) << lattice.level));
-        let made = MadeBrick::new(origin, &rows, self.words - 1, words);
+        let made = MadeBrick::new(origin, &rows, self.asked.words() - 1, words);
         MadeBrick { brick: made.brick.of_level(lattice.level), copies, ..made }
     }
 }

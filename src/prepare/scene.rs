@@ -10,7 +10,6 @@ use super::drawable::{Held, PostShaded, PreShaded};
 use super::lattice::{Lattice, Lattices};
 use super::levels::ScalarNeed;
 use super::light_volume::{self, Classification, light_volume};
-use super::pyramid::Pyramid;
 use super::scalar_cells::{self, Coarse};
 use super::scalars::Asked;
 use super::shadows::Shadows;
@@ -105,7 +104,6 @@ impl Scene {
         let scalars = PostShaded {
             volume,
             sharpened: settings.sharpens(),
-            pyramid: Pyramid::default(),
             transfer: transfer.clone(),
             reduction,
             resolution,
