@@ -20,7 +20,7 @@ use crate::image::Region;
 use crate::layers::Layers;
 use crate::painters::choice::Choice;
 use crate::painters::painter::{Begun, Job, Room};
-use crate::prepare::lattice::{Lattice, Lattices};
+use crate::prepare::lattice::Lattice;
 use crate::prepare::levels::ScalarNeed;
 pub use crate::prepare::scene::Scene;
 use crate::progress::Progress;
@@ -258,26 +258,21 @@ impl Renderer {
         let mut layers;
         let mut painting = loop {
             let room = choice.kind.room();
-            let Lattices { nearest, behind } = scene.lattices(&voxels, settings, camera, room.layers)?;
-            let mut refusals =
-                std::iter::once(&nearest).chain(&behind).map(|of| (room.refusal)(&of.view, &of.settings));
-            if let Some(reason) = refusals.find_map(|reason| reason) {
+            let lattices = scene.lattices(&voxels, settings, camera, room.layers)?;
+            if let Some(reason) = lattices.iter().find_map(|of| (room.refusal)(&of.view, &of.settings)) {
                 choice = Choice::instead(context, settings, reason)?;
                 continue;
             }
-            let farthest = behind.last().map_or(nearest.level, |lattice| lattice.level);
-            scene.keep_levels([nearest.level, farthest]);
-            let mut layer = |lattice| self.layer(scene, &room, lattice, &mut seconds);
-            layers = (layer(nearest)?, behind.into_iter().map(layer).collect::<Result<Vec<Layer>>>()?);
-            let (nearest, behind) = &layers;
-            let behind = behind.iter().map(|layer| self.job(layer)).collect();
-            match (room.begin)(self.job(nearest), behind)? {
+            scene.keep_levels(&lattices);
+            let layer = |lattice| self.layer(scene, &room, lattice, &mut seconds);
+            layers = lattices.into_iter().map(layer).collect::<Result<Vec<Layer>>>()?;
+            let mut jobs: Vec<Job<'_>> = layers.iter().map(|layer| self.job(layer)).collect();
+            match (room.begin)(jobs.remove(0), jobs)? {
                 Begun::Ready(painting) => break painting,
                 Begun::Refused(reason) => choice = Choice::instead(context, settings, reason)?,
             }
         };
-        let (nearest, behind) = &layers;
-        let farthest = behind.last().unwrap_or(nearest);
+        let (nearest, farthest) = (&layers[0], &layers[layers.len() - 1]);
         let levels = nearest.need.cut.map_or([nearest, farthest].map(|layer| layer.lattice.level), |cut| cut.levels);
         let mut stages = Vec::new();
         if seconds > 0.0 {
@@ -295,18 +290,23 @@ impl Renderer {
             let (made, seconds) = on_host(|| painting.make_pipelines());
             made?;
             stages.push(StageTime::host("pipelines", seconds));
-            let rendered = self.timed(&mut stages, |recorder| {
-                (0_u32..).zip(&regions).try_for_each(|(done, &(region, part))| {
-                    self.progress.report("rendering", f64::from(done) / regions.len() as f64);
-                    let pixels = painting.paint(recorder, region, part)?;
-                    take(recorder, region, part, &pixels)
+            let mut recorder = Recorder::timed(context);
+            let (rendered, seconds) = on_host(|| {
+                context.guarded("rendering", || {
+                    (0_u32..).zip(&regions).try_for_each(|(done, &(region, part))| {
+                        self.progress.report("rendering", f64::from(done) / regions.len() as f64);
+                        let pixels = painting.paint(&mut recorder, region, part)?;
+                        take(&mut recorder, region, part, &pixels)
+                    })
                 })
             });
             self.progress.report("rendering", 1.0);
             rendered?;
+            stages.extend(context.guarded("reading timestamps", || recorder.times())?);
+            stages.push(StageTime::host("frame", seconds));
         }
         let traffic = context.traffic();
-        let drawables = || std::iter::once(nearest).chain(behind).map(|layer| layer.drawable.as_ref());
+        let drawables = || layers.iter().map(|layer| layer.drawable.as_ref());
         let bricks = drawables().map(|drawable| &drawable.bricks).fold(Bricks::default(), Bricks::and);
         let splats_padding = drawables().map(|drawable| drawable.copies).sum();
         let splats_kept = drawables().map(Drawable::splats).sum::<u64>() - splats_padding;
@@ -366,16 +366,6 @@ impl Renderer {
             post: post.as_ref(),
             padding: need.padding,
         }
-    }
-
-    /// Runs the stages of a picture and notes their times.
-    fn timed(&self, stages: &mut Vec<StageTime>, work: impl FnOnce(&mut Recorder<'_>) -> Result<()>) -> Result<()> {
-        let mut recorder = Recorder::timed(&self.context);
-        let (result, seconds) = on_host(|| self.context.guarded("rendering", || work(&mut recorder)));
-        result?;
-        stages.extend(self.context.guarded("reading timestamps", || recorder.times())?);
-        stages.push(StageTime::host("frame", seconds));
-        Ok(())
     }
 
     /// Side in pixels of the largest part that a picture is made in: within the adapter's textures and bindings, and

@@ -136,7 +136,7 @@ impl RowCoding for SampleCoding {
 }
 
 /// A volume to classify, as the stage and its twin on the host read it.
-struct Input<'a> {
+pub(crate) struct Input<'a> {
     context: &'a Context,
     volume: &'a Volume,
     transfer: &'a TransferFunction,
@@ -154,7 +154,8 @@ struct Input<'a> {
 }
 
 impl<'a> Input<'a> {
-    fn new(
+    /// A volume whose splats get normals if they are lit.
+    pub(crate) fn new(
         context: &'a Context,
         volume: &'a Volume,
         transfer: &'a TransferFunction,
@@ -218,15 +219,8 @@ pub(crate) struct Classifier {
 
 impl Classifier {
     pub(crate) fn new(context: &Context) -> Self {
-        let slots = [
-            Binding::Uniform,
-            Binding::Read,
-            Binding::Read,
-            Binding::Write,
-            Binding::Write,
-            Binding::Read,
-            Binding::Write,
-        ];
+        use Binding::{Read, Uniform, Write};
+        let slots = [Uniform, Read, Read, Write, Write, Read, Write];
         Self {
             module: module(context, shaders::CLASSIFY),
             layout: layout(context, "classify", wgpu::ShaderStages::COMPUTE, &slots),
@@ -234,20 +228,11 @@ impl Classifier {
     }
 
     /// The visible voxels of a volume as splats, brick by brick, with normals if there is light.
-    pub(crate) fn run(
-        &self,
-        context: &Context,
-        scan: &Scan,
-        volume: &Volume,
-        transfer: &TransferFunction,
-        lit: bool,
-        progress: &Progress,
-    ) -> Result<Drawable> {
-        let input = Input::new(context, volume, transfer, lit, progress)?;
-        let Input { coding, points, thinning, resolution: [base, faintest], .. } = &input;
+    pub(crate) fn run(&self, scan: &Scan, input: &Input<'_>) -> Result<Drawable> {
+        let Input { context, volume, lit, coding, points, thinning, resolution: [base, faintest], .. } = input;
         let constants = [
             ("SAMPLE_TYPE", f64::from(coding.sample_type)),
-            ("LIT", flag(lit)),
+            ("LIT", flag(*lit)),
             ("GRADIENT_OPACITY", flag(!thinning.is_empty())),
             ("KEEP_INVISIBLE", flag(input.keeps_invisible())),
         ];
@@ -405,7 +390,7 @@ impl Part for ClassifiedPart {
 
 /// The twin of the device's stage, on the host: on a software adapter it is the faster one.
 pub(crate) struct HostClassifier<'a> {
-    input: Input<'a>,
+    input: &'a Input<'a>,
     /// The entry of each sample of 8 and 16 bits, by its bits.
     table: Vec<Entry>,
 }
@@ -421,24 +406,17 @@ struct Entry {
 
 impl HostClassifier<'_> {
     /// The visible voxels of a volume as splats, brick by brick, with normals if there is light.
-    pub(crate) fn run(
-        context: &Context,
-        volume: &Volume,
-        transfer: &TransferFunction,
-        lit: bool,
-        progress: &Progress,
-    ) -> Result<Drawable> {
-        let input = Input::new(context, volume, transfer, lit, progress)?;
+    pub(crate) fn run(input: &Input<'_>) -> Result<Drawable> {
         let mut classifier = HostClassifier { input, table: Vec::new() };
-        classifier.table = match classifier.input.coding.sample_type {
+        classifier.table = match input.coding.sample_type {
             0 => classifier.table(256, |bits| bits as u8 as f32),
             1 => classifier.table(256, |bits| bits as i8 as f32),
             2 => classifier.table(65_536, |bits| bits as f32),
             3 => classifier.table(65_536, |bits| bits as i16 as f32),
             _ => Vec::new(),
         };
-        let mut stores = StoreBuilder::new(context, STRIDE, JOINED);
-        let bricks = classifier.input.each_brick(&|brick| classifier.brick(brick), &mut |brick| stores.push(brick))?;
+        let mut stores = StoreBuilder::new(input.context, STRIDE, JOINED);
+        let bricks = input.each_brick(&|brick| classifier.brick(brick), &mut |brick| stores.push(brick))?;
         Ok(Drawable { bricks, ..stores.finish()? })
     }
 
@@ -492,7 +470,7 @@ impl HostClassifier<'_> {
         sample: impl Fn(T) -> f32,
         entry: impl Fn(T) -> Entry,
     ) -> Result<MadeBrick> {
-        let Input { lit, thinning, gradients, resolution: [base, faintest], .. } = &self.input;
+        let Input { lit, thinning, gradients, resolution: [base, faintest], .. } = self.input;
         let halo = usize::from(self.input.has_halo());
         let edge = EDGE + 2 * halo;
         let each = if *lit { 3 } else { 2 };

@@ -1,6 +1,6 @@
 //! The device: chosen, opened, and watched for errors.
 
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::savings::Savings;
@@ -64,22 +64,15 @@ pub(crate) struct Context {
     pub(crate) features: wgpu::Features,
     /// What the device said outside error scopes: the reason it was lost, or an error nobody waited for.
     failure: Arc<Mutex<Option<String>>>,
-    traffic: Counters,
+    traffic: Mutex<Traffic>,
     /// Tells this device from others of the program.
     pub(crate) id: u64,
     /// What is left out; all of it but in tests.
     pub(crate) savings: Savings,
 }
 
-#[derive(Default)]
-struct Counters {
-    allocated: AtomicU64,
-    sent: AtomicU64,
-    pipelines: AtomicU32,
-}
-
 /// What was made on a device since it was opened.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Traffic {
     /// Bytes of buffers and textures.
     pub(crate) allocated: u64,
@@ -103,7 +96,7 @@ impl Context {
             limits,
             features,
             failure: Arc::default(),
-            traffic: Counters::default(),
+            traffic: Mutex::default(),
             id: OPENED.fetch_add(1, Ordering::Relaxed),
             savings: Savings::default(),
         }
@@ -207,7 +200,7 @@ impl Context {
                 self.limits.max_buffer_size
             )));
         }
-        self.traffic.allocated.fetch_add(size, Ordering::Relaxed);
+        self.count(|traffic| traffic.allocated += size);
         Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size,
@@ -225,7 +218,7 @@ impl Context {
 
     /// Sends `data` into a buffer, from byte `at` on, a multiple of 4.
     pub(crate) fn write(&self, buffer: &wgpu::Buffer, at: u64, data: &[u8]) {
-        self.traffic.sent.fetch_add(data.len() as u64, Ordering::Relaxed);
+        self.count(|traffic| traffic.sent += data.len() as u64);
         // Copies are made of whole words: the bytes past the last word go in one of their own.
         let (words, rest) = data.split_at(data.len() / 4 * 4);
         self.queue.write_buffer(buffer, at, words);
@@ -253,7 +246,7 @@ impl Context {
     ) -> wgpu::Texture {
         let texel = u64::from(format.block_copy_size(None).unwrap_or(16));
         let texels = u64::from(width) * u64::from(height) * u64::from(depth_or_array_layers);
-        self.traffic.allocated.fetch_add(texel * texels, Ordering::Relaxed);
+        self.count(|traffic| traffic.allocated += texel * texels);
         self.device.create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
             size: wgpu::Extent3d { width, height, depth_or_array_layers },
@@ -283,7 +276,7 @@ impl Context {
         bytes: &[u8],
         [width, height, depth_or_array_layers]: [u32; 3],
     ) {
-        self.traffic.sent.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        self.count(|traffic| traffic.sent += bytes.len() as u64);
         let row = bytes.len() / (height * depth_or_array_layers) as usize;
         self.queue.write_texture(
             wgpu::TexelCopyTextureInfo { origin: wgpu::Origin3d { x, y, z }, ..texture.as_image_copy() },
@@ -295,16 +288,16 @@ impl Context {
 
     /// What was made since the device was opened.
     pub(crate) fn traffic(&self) -> Traffic {
-        Traffic {
-            allocated: self.traffic.allocated.load(Ordering::Relaxed),
-            sent: self.traffic.sent.load(Ordering::Relaxed),
-            pipelines: self.traffic.pipelines.load(Ordering::Relaxed),
-        }
+        *self.traffic.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn count(&self, add: impl FnOnce(&mut Traffic)) {
+        add(&mut self.traffic.lock().unwrap_or_else(PoisonError::into_inner));
     }
 
     /// Counts a pipeline that was made.
     pub(crate) fn made_pipeline(&self) {
-        self.traffic.pipelines.fetch_add(1, Ordering::Relaxed);
+        self.count(|traffic| traffic.pipelines += 1);
     }
 
     /// Reads the whole of a buffer that was made with `MAP_READ`.

@@ -1,7 +1,7 @@
 //! Commands for the device: recorded in order, timed stage by stage, submitted together, and results read back.
 
 use super::context::Context;
-use super::timing::{Timing, on_host};
+use super::timing::{Timing, add, on_host};
 use crate::error::Result;
 use crate::stats::{Clock, StageTime};
 
@@ -147,10 +147,7 @@ impl<'a> Recorder<'a> {
     /// Runs a stage on the host.
     pub(crate) fn on_host<T>(&mut self, stage: &'static str, work: impl FnOnce(&mut Self) -> T) -> T {
         let (result, seconds) = on_host(|| work(self));
-        match self.on_host.iter_mut().find(|(name, _)| *name == stage) {
-            Some((_, sum)) => *sum += seconds,
-            None => self.on_host.push((stage, seconds)),
-        }
+        add(&mut self.on_host, stage, seconds);
         result
     }
 

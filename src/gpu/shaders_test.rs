@@ -7,7 +7,7 @@ use super::layout::{
 };
 use super::shaders::{ALL, Shader};
 
-fn parsed(shader: Shader) -> naga::Module {
+fn parsed(shader: &Shader) -> naga::Module {
     let source = shader.source();
     match naga::front::wgsl::parse_str(&source) {
         Ok(module) => module,
@@ -220,7 +220,7 @@ fn constants_are_those_of_the_host() {
         ("scan", "WORKGROUP", super::scan::WORKGROUP),
     ];
     for (name, constant, value) in expected {
-        let shader = ALL.into_iter().find(|s| s.name == name).unwrap();
+        let shader = ALL.iter().find(|s| s.name == name).unwrap();
         assert!(
             shader.source().contains(&format!("const {constant}: u32 = {value}u;")),
             "{name}: {constant} is not {value}"

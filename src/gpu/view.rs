@@ -206,10 +206,6 @@ impl ViewGeometry {
         (2.0 * reach / (self.camera.pixels().0[0] * depth) + 2.0).powi(2)
     }
 
-    pub(crate) fn savings(&self) -> Savings {
-        self.savings
-    }
-
     pub(crate) fn is_perspective(&self) -> bool {
         matches!(self.camera.projection, Projection::Perspective { .. })
     }

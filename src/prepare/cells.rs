@@ -15,6 +15,7 @@ use glam::{DVec3, Vec3};
 
 use super::shadows::Arriving;
 use crate::error::Result;
+use crate::gpu::classify::gradients;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{Lighting, Splat};
 use crate::gpu::splat::{self, LANES, ToEye, packed_appearance, packed_normal};
@@ -383,12 +384,11 @@ impl<'a> Coarsening<'a> {
         level: u32,
         light: Option<(&'a VoxelLight, Option<&'a Arriving>)>,
     ) -> Self {
-        let gradients = volume.grid().local().to_lattice().matrix3.transpose();
         let reduction = Reduction::new(transfer, 1.0);
         let scale = reduction.factor() * volume.grid().unit();
         let thinning = transfer.scaled_gradient_opacity(scale);
         let steep = light.is_some() || !thinning.is_empty();
-        let gradients = [0, 1, 2].map(|axis| gradients.col(axis).as_vec3());
+        let gradients = gradients(volume).map(Vec3::from_array);
         Self {
             volume,
             filter: Filter::new(level, 0.0, &[1.0], REACH),
@@ -422,7 +422,9 @@ impl<'a> Coarsening<'a> {
             voxels.start.clamp(0, n)..voxels.end.clamp(0, n)
         };
         let rows = within(&ys, ny);
-        let mut block = Block::new(across, [ys.len(), zs.len()])?;
+        // The cells of the row of bricks, and a plane of them that the voxels of a plane are narrowed into.
+        let mut cells = filled(across * ys.len() * zs.len(), [0.0; 4])?;
+        let mut plane = filled(across * ys.len(), [0.0; 4])?;
         let mut slices = Slices { coarsening: self, rows: rows.clone(), slices: Vec::new() };
         // A row with room for the voxels before the first and behind the last, which give nothing.
         let all = self.filter.voxels(0, across as i64);
@@ -445,36 +447,37 @@ impl<'a> Coarsening<'a> {
                 let start = reached.start * self.filter.size;
                 self.filter.gather(&voxels[start..], narrow);
                 for (cell, weight) in self.filter.cells(y, ys.start, ys.end) {
-                    block.add_to_plane([reached.start, cell - ys.start], weight, narrow);
+                    let sums = &mut plane[(cell - ys.start) * across + reached.start..];
+                    add(sums.as_flattened_mut(), weight, narrow.as_flattened());
                 }
             }
             if shows {
                 for (cell, weight) in self.filter.cells(z, zs.start, zs.end) {
-                    block.add_plane(cell - zs.start, weight);
+                    let sums = &mut cells[(cell - zs.start) * plane.len()..];
+                    add(sums.as_flattened_mut(), weight, plane.as_flattened());
                 }
-                block.clear_plane();
+                plane.fill([0.0; 4]);
             }
         }
-        Ok((0..across.div_ceil(EDGE)).filter_map(|i| self.brick(&block, [i, j, k])).collect())
+        Ok((0..across.div_ceil(EDGE)).filter_map(|i| self.brick(&cells, [i, j, k])).collect())
     }
 
     /// The splats of a brick, if there are any.
-    fn brick(&self, block: &Block, brick: [usize; 3]) -> Option<MadeBrick> {
+    fn brick(&self, cells: &[Emission], brick: [usize; 3]) -> Option<MadeBrick> {
         let start = brick[0] * EDGE;
         let count = EDGE.min(self.dims[0] - start);
         let mut words = Vec::new();
         let mut rows = vec![0; EDGE * EDGE];
-        for z in 0..block.size[1] {
-            for y in 0..block.size[0] {
-                for (x, cell) in block.row([y, z])[start..start + count].iter().enumerate() {
-                    let density = cell[3];
-                    if density.abs() <= self.least {
-                        continue;
-                    }
-                    rows[y + EDGE * z] |= 1 << x;
-                    let color = [cell[0], cell[1], cell[2]].map(|c| c / density);
-                    words.extend(packed_appearance(color, density));
+        let down = EDGE.min(self.dims[1] - brick[1] * EDGE);
+        for (number, row) in cells.chunks_exact(self.dims[0]).enumerate() {
+            for (x, cell) in row[start..start + count].iter().enumerate() {
+                let density = cell[3];
+                if density.abs() <= self.least {
+                    continue;
                 }
+                rows[number % down + EDGE * (number / down)] |= 1 << x;
+                let color = [cell[0], cell[1], cell[2]].map(|c| c / density);
+                words.extend(packed_appearance(color, density));
             }
         }
         let origin = brick.map(|b| (b * EDGE) as u32);
@@ -482,47 +485,17 @@ impl<'a> Coarsening<'a> {
     }
 }
 
-fn add(sums: &mut [Emission], weight: f32, cells: &[Emission]) {
-    for (sum, cell) in sums.as_flattened_mut().iter_mut().zip(cells.as_flattened()) {
-        *sum += weight * cell;
-    }
+/// A vector of so many values of cells.
+pub(super) fn filled<T: Copy>(count: usize, value: T) -> Result<Vec<T>> {
+    let mut values = reserved(count as u64, || "the cells of a row of bricks".to_owned())?;
+    values.resize(count, value);
+    Ok(values)
 }
 
-/// The cells of a row of bricks, and a plane that voxels are narrowed into along x and y.
-struct Block {
-    /// Cells along x.
-    across: usize,
-    /// Cells along y and z.
-    size: [usize; 2],
-    cells: Vec<Emission>,
-    plane: Vec<Emission>,
-}
-
-impl Block {
-    fn new(across: usize, size: [usize; 2]) -> Result<Self> {
-        let empty = |count: usize| -> Result<Vec<Emission>> {
-            let mut cells = reserved(count as u64, || "cells of a row of bricks".to_owned())?;
-            cells.resize(count, [0.0; 4]);
-            Ok(cells)
-        };
-        Ok(Self { across, size, cells: empty(across * size[0] * size[1])?, plane: empty(across * size[0])? })
-    }
-
-    fn add_to_plane(&mut self, [x, y]: [usize; 2], weight: f32, row: &[Emission]) {
-        add(&mut self.plane[y * self.across + x..], weight, row);
-    }
-
-    fn add_plane(&mut self, z: usize, weight: f32) {
-        let count = self.plane.len();
-        add(&mut self.cells[z * count..][..count], weight, &self.plane);
-    }
-
-    fn clear_plane(&mut self) {
-        self.plane.fill([0.0; 4]);
-    }
-
-    fn row(&self, [y, z]: [usize; 2]) -> &[Emission] {
-        &self.cells[self.across * (y + self.size[0] * z)..][..self.across]
+/// Adds weighted values to sums.
+pub(super) fn add(sums: &mut [f32], weight: f32, values: &[f32]) {
+    if weight != 0.0 {
+        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
     }
 }
 

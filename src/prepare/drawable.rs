@@ -11,7 +11,7 @@ use super::scalars::{Asked, Emission};
 use super::shadows::{Arriving, Shadows, shaded};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
-use crate::gpu::classify::{Classifier, HostClassifier};
+use crate::gpu::classify::{Classifier, HostClassifier, Input};
 use crate::gpu::context::Context;
 use crate::gpu::light_volume::LightVolume;
 use crate::gpu::scan::Scan;
@@ -143,14 +143,15 @@ impl PreShaded {
         let classify = || {
             Ok(Arc::new(match self.layers.plain() {
                 None => media::classified(context, &self.layers, self.lit, progress)?,
-                // Such a device is the host, which classifies faster without it.
-                Some((volume, transfer)) if context.info.is_software() => {
-                    HostClassifier::run(context, volume, transfer, self.lit, progress)?
-                }
                 Some((volume, transfer)) => {
-                    let scan = Scan::of(pipelines, context)?;
-                    let classifier = pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
-                    classifier.run(context, &scan, volume, transfer, self.lit, progress)?
+                    let input = Input::new(context, volume, transfer, self.lit, progress)?;
+                    if context.info.is_software() {
+                        // Such a device is the host, which classifies faster without it.
+                        HostClassifier::run(&input)?
+                    } else {
+                        let classifier = pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
+                        classifier.run(&*Scan::of(pipelines, context)?, &input)?
+                    }
                 }
             }))
         };

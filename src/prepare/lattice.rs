@@ -7,12 +7,6 @@ use crate::gpu::view::{ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
 use crate::settings::Settings;
 
-/// What a picture is drawn of: of rays through one eye there may be coarser cells behind the nearest.
-pub(crate) struct Lattices {
-    pub(crate) nearest: Lattice,
-    pub(crate) behind: Vec<Lattice>,
-}
-
 /// How a picture is drawn of the cells of a level; of voxels, if that is 0.
 pub(crate) struct Lattice {
     /// The view of the lattice of the cells, which is a layer if there are others.

@@ -10,14 +10,14 @@ use half::f16;
 use rayon::prelude::*;
 use voxsplat_volume::memory::reserved;
 
-use super::shadows::{Shadows, bricks_of, each_share, rows};
+use super::shadows::{Shadows, bricks_of, each_share, medium};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::light_volume::LightVolume;
 use crate::gpu::splat;
-use crate::gpu::store::{BrickSplats, Drawable, HostBrick, places};
+use crate::gpu::store::{BrickSplats, Drawable, HostBrick};
 use crate::gpu::transfer::Reduction;
-use crate::lighting::shadow::{Caster, Medium};
+use crate::lighting::shadow::Caster;
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
 use crate::volume::Grid;
@@ -61,21 +61,7 @@ pub(crate) fn light_volume(
     let Shadows { casting, lattice, .. } = shadows;
     let held = emitted.stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
     let bricks = bricks_of(&emitted.stores, &held);
-    let dense = |(brick, held): &(&BrickSplats, &HostBrick)| {
-        let found = rows(brick, held).flat_map(|(at, bits, words)| {
-            let found = places(bits)
-                .zip(words.chunks_exact(held.each))
-                .map(move |(x, words)| ([at[0] + x, at[1], at[2]], classification.density(words, grid)));
-            found.filter(|(point, density)| *density > 0.0 && shadows.casts(*point))
-        });
-        found.collect::<Vec<_>>()
-    };
-    let mut medium = Medium::<f32>::new(lattice.dims)?;
-    // Some at a time: what they give is in memory twice for a moment.
-    for bricks in bricks.chunks(256) {
-        let found: Vec<_> = bricks.par_iter().map(dense).collect();
-        found.into_iter().flatten().for_each(|(point, density)| medium.set(point, density));
-    }
+    let medium = medium(&bricks, shadows, &|words| classification.density(words, grid))?;
     let bounds = bricks.iter().filter(|(_, held)| held.count() > 0).map(|(brick, _)| brick.bounds);
     let [low, high] = bounds.fold([[u32::MAX; 3], [0; 3]], |[low, high], bounds| {
         [[0, 1, 2].map(|a| low[a].min(bounds[0][a])), [0, 1, 2].map(|a| high[a].max(bounds[1][a]))]

@@ -11,13 +11,12 @@ use std::ops::Range;
 
 use glam::{DMat3, DVec3};
 
-use super::cells::{Filter, LEAST_DEVIATION, response};
+use super::cells::{Filter, LEAST_DEVIATION, add, filled, response};
 use crate::error::Result;
 use crate::gpu::transfer::Relative;
 use crate::kernel::Kernel;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, Grid, ToF64, Volume, with_samples};
-use voxsplat_volume::memory::reserved;
 
 /// The least kernel of cells. The largest is a step of [`STEPS`] as large, and rays gather kernels of a radius of 2. It
 /// is smooth: its parts are fitted well, and the lattice does not show.
@@ -298,25 +297,12 @@ fn weights(taken: &[(usize, Vec<f32>)], voxel: usize) -> impl Iterator<Item = f3
     taken.iter().map(move |cell| weight(cell).unwrap_or(0.0))
 }
 
-fn filled<T: Copy>(count: usize, value: T) -> Result<Vec<T>> {
-    let mut values = reserved(count as u64, || "the cells of a row of bricks".to_owned())?;
-    values.resize(count, value);
-    Ok(values)
-}
-
 /// The range of no scalars.
 const NONE: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
 
 /// The range of the scalars of two ranges.
 fn hull(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
     [if b[0] < a[0] { b[0] } else { a[0] }, if b[1] > a[1] { b[1] } else { a[1] }]
-}
-
-fn add(sums: &mut [f32], weight: f32, values: &[f32]) {
-    if weight == 0.0 {
-        return;
-    }
-    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
 }
 
 impl CellStrip {

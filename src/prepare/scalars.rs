@@ -53,24 +53,16 @@ impl Asked {
 /// what lies between.
 fn magnification(kernel: &Kernel, normalization: Normalization) -> f64 {
     let reach = kernel.radius().ceil() as i32;
-    let offsets = [0.0, 0.25, 0.5];
-    let mut worst = kernel.integral();
-    for x in offsets {
-        for y in offsets {
-            for z in offsets {
-                let mut sum = 0.0;
-                for k in -reach..=reach + 1 {
-                    for j in -reach..=reach + 1 {
-                        for i in -reach..=reach + 1 {
-                            let d = [f64::from(i) - x, f64::from(j) - y, f64::from(k) - z];
-                            sum += kernel.value(d.iter().map(|c| c * c).sum());
-                        }
-                    }
-                }
-                worst = worst.max(sum);
-            }
-        }
-    }
+    let cube = |along: &[f64]| -> Vec<[f64; 3]> {
+        let plane = |z: f64| along.iter().flat_map(move |&y| along.iter().map(move |&x| [x, y, z]));
+        along.iter().flat_map(|&z| plane(z)).collect()
+    };
+    let points = cube(&(-reach..=reach + 1).map(f64::from).collect::<Vec<f64>>());
+    let sum = |offset: [f64; 3]| -> f64 {
+        let square = |point: &[f64; 3]| (0..3).map(|axis| (point[axis] - offset[axis]).powi(2)).sum();
+        points.iter().map(|point| kernel.value(square(point))).sum()
+    };
+    let worst = cube(&[0.0, 0.25, 0.5]).into_iter().map(sum).fold(kernel.integral(), f64::max);
     1.1 * worst / normalization.divisor(kernel)
 }
 

@@ -7,7 +7,7 @@ use glam::DAffine3;
 
 use super::cells::{self, VoxelLight};
 use super::drawable::{Held, PostShaded, PreShaded};
-use super::lattice::{Lattice, Lattices};
+use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::light_volume::{self, Classification, light_volume};
 use super::scalar_cells::{self, Coarse};
@@ -129,18 +129,17 @@ impl Scene {
         Ok(())
     }
 
-    /// What stands for the voxels in a picture, given its view of them: one lattice, or of rays through one eye
-    /// `layers`, the nearest first.
+    /// The lattices of a picture, given its view of the voxels: one, or of rays through one eye `layers`, the nearest
+    /// first.
     pub(crate) fn lattices(
         &self,
         voxels: &ViewGeometry,
         settings: &Settings,
         camera: &Camera,
         layers: bool,
-    ) -> Result<Lattices> {
+    ) -> Result<Vec<Lattice>> {
         if let Some(coarse) = self.coarse(voxels, settings)? {
-            let nearest = self.scalar_cells(coarse, voxels, settings, camera)?;
-            return Ok(Lattices { nearest, behind: Vec::new() });
+            return Ok(vec![self.scalar_cells(coarse, voxels, settings, camera)?]);
         }
         let levels = match settings.level {
             Level::At(level) => [level; 2],
@@ -152,10 +151,7 @@ impl Scene {
                 [voxels.min_growth(), farthest].map(level)
             }
         };
-        let [nearest, farthest] = levels;
-        let of_level = |level| self.lattice(level, levels, voxels, settings, camera);
-        let behind = (nearest + 1..=farthest).map(of_level).collect::<Result<Vec<Lattice>>>()?;
-        Ok(Lattices { nearest: of_level(nearest)?, behind })
+        (levels[0]..=levels[1]).map(|level| self.lattice(level, levels, voxels, settings, camera)).collect()
     }
 
     /// Whether cells can stand for voxels.
@@ -201,7 +197,7 @@ impl Scene {
             }
         });
         let view_of = |grid: &Grid, settings: &Settings, grown| {
-            ViewGeometry::of_cells(camera, grid, settings, voxels.savings(), grown, fade)
+            ViewGeometry::of_cells(camera, grid, settings, voxels.savings, grown, fade)
         };
         let shadows = self.shadows(&settings);
         if level == 0 {
@@ -254,7 +250,7 @@ impl Scene {
             Settings { kernel: coarse.kernel(&kernel, growth), normalization: Normalization::Unit, ..settings.clone() };
         let settings = of_cells.with_sheets_of(grown);
         let grid = coarse.grid(&self.grid)?;
-        let mut view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings(), grown, None);
+        let mut view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings, grown, None);
         // Cells at the faces may reach beyond them.
         view.faces = voxels.faces / coarse.size();
         Ok(Lattice {
@@ -304,11 +300,11 @@ impl Scene {
         settings
     }
 
-    /// Drops what stands for the voxels of a pre-shaded scene at other levels than these, the nearest and the farthest.
-    pub(crate) fn keep_levels(&self, [nearest, farthest]: [u32; 2]) {
+    /// Drops the cells of a pre-shaded scene at other levels than these lattices have.
+    pub(crate) fn keep_levels(&self, lattices: &[Lattice]) {
         if let Content::Splats(voxels) = &self.content {
-            let others = (0..).zip(&voxels.cells).filter(|(level, _)| !(nearest..=farthest).contains(level));
-            others.for_each(|(_, cells)| cells.clear());
+            let is_kept = |level: u32| lattices.iter().any(|lattice| lattice.level == level);
+            (0..).zip(&voxels.cells).filter(|(level, _)| !is_kept(*level)).for_each(|(_, cells)| cells.clear());
         }
     }
 

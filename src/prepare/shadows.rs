@@ -12,7 +12,7 @@ use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{SHADED_WORDS, Splat};
 use crate::gpu::splat::{LANES, kept, packed_kept};
-use crate::gpu::store::{BrickSplats, HostBrick, MadeBrick, Store, StoreBuilder, places};
+use crate::gpu::store::{BrickSplats, HostBrick, MadeBrick, Row, Store, StoreBuilder, places};
 use crate::lighting::Casting;
 use crate::lighting::shadow::{Block, Caster, Lattice, Medium};
 use crate::progress::Progress;
@@ -52,17 +52,7 @@ pub(crate) fn shaded(
     let Shadows { casting, lattice, .. } = shadows;
     let held = stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
     let bricks = bricks_of(stores, &held);
-    let mut medium = Medium::<f32>::new(lattice.dims)?;
-    for (brick, held) in &bricks {
-        for (at, bits, words) in rows(brick, held) {
-            for (x, words) in places(bits).zip(words.chunks_exact(held.each)) {
-                let point = [at[0] + x, at[1], at[2]];
-                if shadows.casts(point) {
-                    medium.set(point, f32::from_bits(words[0] & 0xffff_ff00));
-                }
-            }
-        }
-    }
+    let medium = medium(&bricks, shadows, &|words| f32::from_bits(words[0] & 0xffff_ff00))?;
     let caster = Caster::new(casting, lattice);
     let done = AtomicUsize::new(0);
     let shade = |&(brick, held): &(&BrickSplats, &HostBrick)| -> Result<MadeBrick> {
@@ -133,6 +123,30 @@ pub(crate) fn bricks_of<'a>(
     stores.iter().zip(held).flat_map(|(store, held)| store.bricks.iter().zip(held.iter())).collect()
 }
 
+/// The densities of the splats of bricks that cast shadows, given the density of a splat by its words without the place.
+pub(crate) fn medium(
+    bricks: &[(&BrickSplats, &HostBrick)],
+    shadows: &Shadows,
+    density: &(dyn Fn(&[u32]) -> f32 + Sync),
+) -> Result<Medium<f32>> {
+    let mut medium = Medium::new(shadows.lattice.dims)?;
+    let dense = |(brick, held): &(&BrickSplats, &HostBrick)| {
+        let [x, y, z] = brick.origin.map(|p| p as usize);
+        let rows = held.rows.iter().enumerate();
+        let points = rows.flat_map(|(row, &Row { bits, .. })| {
+            places(bits).map(move |place| [x + place, y + row % EDGE, z + row / EDGE])
+        });
+        let splats = points.zip(held.words.chunks_exact(held.each)).map(|(point, words)| (point, density(words)));
+        splats.filter(|(point, density)| *density > 0.0 && shadows.casts(*point)).collect::<Vec<_>>()
+    };
+    // Some at a time: their densities are in memory twice for a moment.
+    for bricks in bricks.chunks(256) {
+        let found: Vec<_> = bricks.par_iter().map(dense).collect();
+        found.into_iter().flatten().for_each(|(point, density)| medium.set(point, density));
+    }
+    Ok(medium)
+}
+
 /// Calls `visit` for each splat of a brick, in their order, with its lattice point and the shares of light that arrive
 /// there.
 pub(crate) fn each_share(
@@ -153,14 +167,4 @@ pub(crate) fn each_share(
             places(wanted[row]).for_each(|at| visit([x + at, y, z], shares.map(|share| share[at])));
         }
     }
-}
-
-/// The rows of a brick that have splats: the lattice point of their first place, the bits of the places, the words.
-pub(crate) fn rows<'a>(brick: &BrickSplats, held: &'a HostBrick) -> impl Iterator<Item = ([usize; 3], u32, &'a [u32])> {
-    let origin = brick.origin.map(|p| p as usize);
-    held.rows.iter().enumerate().filter(|(_, row)| row.bits != 0).map(move |(number, row)| {
-        let at = [origin[0], origin[1] + number % EDGE, origin[2] + number / EDGE];
-        let (first, count) = (row.first as usize, row.bits.count_ones() as usize);
-        (at, row.bits, &held.words[first * held.each..(first + count) * held.each])
-    })
 }
