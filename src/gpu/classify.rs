@@ -16,7 +16,6 @@ use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::transfer::{self, Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
-use voxsplat_volume::memory::reserved;
 
 /// Bricks of one batch, a million voxels: the memory that preparing a scene takes besides its splats, and far within
 /// every limit.
@@ -474,14 +473,10 @@ impl HostClassifier<'_> {
         let halo = usize::from(self.input.has_halo());
         let edge = EDGE + 2 * halo;
         let each = if *lit { 3 } else { 2 };
-        let dims = self.input.volume.grid().dims();
-        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min((dims[axis] - origin[axis]) as usize));
-        let mut bits = vec![0_u32; EDGE * EDGE];
-        let mut words = reserved((nx * ny * nz * each) as u64, || "splats of a brick".to_owned())?;
-        for (y, z) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))) {
+        MadeBrick::of_rows(origin, self.input.volume.grid().dims(), each, |[y, z], count, words| {
             let start = halo + edge * (y + halo + edge * (z + halo));
-            let row = &mut bits[y + EDGE * z];
-            for (x, &value) in samples[start..][..nx].iter().enumerate() {
+            let mut bits = 0;
+            for (x, &value) in samples[start..][..count].iter().enumerate() {
                 let Entry { density, appearance: Some(mut appearance), .. } = entry(value) else { continue };
                 let gradient = || {
                     let at = |i: usize| sample(samples[i]);
@@ -497,14 +492,14 @@ impl HostClassifier<'_> {
                     }
                     appearance = with_density(appearance, density * share);
                 }
-                *row |= 1 << x;
+                bits |= 1 << x;
                 words.extend(appearance);
                 if *lit {
                     words.push(packed_normal(gradient.0));
                 }
             }
-        }
-        Ok(MadeBrick::new(origin, &bits, each, words))
+            bits
+        })
     }
 }
 

@@ -30,36 +30,24 @@ pub(crate) enum Binding {
 
 impl Binding {
     fn binding_type(self) -> wgpu::BindingType {
-        let buffer =
-            |ty, has_dynamic_offset| wgpu::BindingType::Buffer { ty, has_dynamic_offset, min_binding_size: None };
-        let texture = |sample_type, view_dimension| wgpu::BindingType::Texture {
-            sample_type,
-            view_dimension,
-            multisampled: false,
-        };
+        use wgpu::{BindingType, BufferBindingType, SamplerBindingType, StorageTextureAccess, TextureSampleType};
+        let buffer = |ty, has_dynamic_offset| BindingType::Buffer { ty, has_dynamic_offset, min_binding_size: None };
+        let storage = |read_only| buffer(BufferBindingType::Storage { read_only }, false);
+        let texture =
+            |sample_type, view_dimension| BindingType::Texture { sample_type, view_dimension, multisampled: false };
+        let float = |filterable, dimension| texture(TextureSampleType::Float { filterable }, dimension);
+        let stored = |access, format, view_dimension| BindingType::StorageTexture { access, format, view_dimension };
         match self {
-            Self::Uniform => buffer(wgpu::BufferBindingType::Uniform, false),
-            Self::DynamicUniform => buffer(wgpu::BufferBindingType::Uniform, true),
-            Self::Read => buffer(wgpu::BufferBindingType::Storage { read_only: true }, false),
-            Self::Write => buffer(wgpu::BufferBindingType::Storage { read_only: false }, false),
-            Self::Texture(view_dimension) => {
-                texture(wgpu::TextureSampleType::Float { filterable: false }, view_dimension)
-            }
-            Self::FilteredTexture(view_dimension) => {
-                texture(wgpu::TextureSampleType::Float { filterable: true }, view_dimension)
-            }
-            Self::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
-            Self::IntegerTexture(view_dimension) => texture(wgpu::TextureSampleType::Uint, view_dimension),
-            Self::ReadTexture(format) => wgpu::BindingType::StorageTexture {
-                access: wgpu::StorageTextureAccess::ReadOnly,
-                format,
-                view_dimension: wgpu::TextureViewDimension::D2,
-            },
-            Self::StorageTexture(format, view_dimension) => wgpu::BindingType::StorageTexture {
-                access: wgpu::StorageTextureAccess::WriteOnly,
-                format,
-                view_dimension,
-            },
+            Self::Uniform => buffer(BufferBindingType::Uniform, false),
+            Self::DynamicUniform => buffer(BufferBindingType::Uniform, true),
+            Self::Read => storage(true),
+            Self::Write => storage(false),
+            Self::Texture(dimension) => float(false, dimension),
+            Self::FilteredTexture(dimension) => float(true, dimension),
+            Self::Sampler => BindingType::Sampler(SamplerBindingType::Filtering),
+            Self::IntegerTexture(dimension) => texture(TextureSampleType::Uint, dimension),
+            Self::ReadTexture(format) => stored(StorageTextureAccess::ReadOnly, format, wgpu::TextureViewDimension::D2),
+            Self::StorageTexture(format, dimension) => stored(StorageTextureAccess::WriteOnly, format, dimension),
         }
     }
 }

@@ -39,7 +39,7 @@ impl<'a> Recorder<'a> {
 
     /// Records without taking times.
     pub(crate) fn untimed(context: &'a Context) -> Self {
-        Self::new(context, Timing::off())
+        Self::new(context, Timing::default())
     }
 
     fn new(context: &'a Context, timing: Timing) -> Self {

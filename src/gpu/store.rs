@@ -100,11 +100,10 @@ impl BrickSplats {
         Self { origin, level: 0, first, bounds: [low, high] }
     }
 
-    /// The same brick with cells of a level for voxels.
-    pub(crate) fn of_level(self, level: u32) -> Self {
-        let scaled =
-            |point: [u32; 3]| [0, 1, 2].map(|axis| self.origin[axis] + ((point[axis] - self.origin[axis]) << level));
-        Self { level, bounds: self.bounds.map(scaled), ..self }
+    /// The same brick with cells of a level for voxels, in a lattice where the first cell lies at `first` along each axis.
+    pub(crate) fn of_level(self, level: u32, first: u32) -> Self {
+        let scaled = |point: [u32; 3]| point.map(|cell| first + (cell << level));
+        Self { level, origin: scaled(self.origin), bounds: self.bounds.map(scaled), ..self }
     }
 }
 
@@ -303,10 +302,27 @@ pub(crate) struct MadeBrick {
 impl MadeBrick {
     /// The brick of level 0 at `origin`, of `each` words a splat without the place, given the bits of the places of
     /// each row along x, y before z, the first of a row the lowest.
-    pub(crate) fn new(origin: [u32; 3], bits: &[u32], each: usize, mut words: Vec<u32>) -> Self {
-        words.shrink_to_fit();
+    pub(crate) fn new(origin: [u32; 3], bits: &[u32], each: usize, words: Vec<u32>) -> Self {
         let brick = BrickSplats::new(origin, 0, bits.iter().copied());
         Self { brick, splats: HostBrick::new(bits, each, words), copies: 0 }
+    }
+
+    /// The brick at `origin` of a lattice of `dims` places. `row` adds the words of the splats of a row with this y and z
+    /// in the brick and so many places along x, and returns the bits of their places.
+    pub(crate) fn of_rows(
+        origin: [u32; 3],
+        dims: [u32; 3],
+        each: usize,
+        mut row: impl FnMut([usize; 2], usize, &mut Vec<u32>) -> u32,
+    ) -> Result<Self> {
+        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min((dims[axis] - origin[axis]) as usize));
+        let mut bits = vec![0; EDGE * EDGE];
+        let mut words = reserved((nx * ny * nz * each) as u64, || "splats of a brick".to_owned())?;
+        for (y, z) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))) {
+            bits[y + EDGE * z] = row([y, z], nx, &mut words);
+        }
+        words.shrink_to_fit();
+        Ok(Self::new(origin, &bits, each, words))
     }
 }
 

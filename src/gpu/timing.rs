@@ -8,7 +8,8 @@ use crate::error::Result;
 /// Queries of one set: the least that WebGPU promises.
 const SET: u32 = 4096;
 
-/// Records begin and end of passes by stage.
+/// Records begin and end of passes by stage; by default nothing.
+#[derive(Default)]
 pub(crate) struct Timing {
     sets: Vec<wgpu::QuerySet>,
     /// The stage of each pair of queries.
@@ -18,13 +19,7 @@ pub(crate) struct Timing {
 
 impl Timing {
     pub(crate) fn new(context: &Context) -> Self {
-        let enabled = context.features.contains(wgpu::Features::TIMESTAMP_QUERY);
-        Self { sets: Vec::new(), stages: Vec::new(), enabled }
-    }
-
-    /// Records nothing.
-    pub(crate) fn off() -> Self {
-        Self { sets: Vec::new(), stages: Vec::new(), enabled: false }
+        Self { enabled: context.features.contains(wgpu::Features::TIMESTAMP_QUERY), ..Self::default() }
     }
 
     /// The set of queries and the pair in it for the begin and the end of a pass of a stage.

@@ -459,29 +459,29 @@ impl<'a> Coarsening<'a> {
                 plane.fill([0.0; 4]);
             }
         }
-        Ok((0..across.div_ceil(EDGE)).filter_map(|i| self.brick(&cells, [i, j, k])).collect())
+        let mut bricks: Vec<_> =
+            (0..across.div_ceil(EDGE)).map(|i| self.brick(&cells, [i, j, k])).collect::<Result<_>>()?;
+        bricks.retain(|made| made.splats.count() > 0);
+        Ok(bricks)
     }
 
-    /// The splats of a brick, if there are any.
-    fn brick(&self, cells: &[Emission], brick: [usize; 3]) -> Option<MadeBrick> {
-        let start = brick[0] * EDGE;
-        let count = EDGE.min(self.dims[0] - start);
-        let mut words = Vec::new();
-        let mut rows = vec![0; EDGE * EDGE];
-        let down = EDGE.min(self.dims[1] - brick[1] * EDGE);
-        for (number, row) in cells.chunks_exact(self.dims[0]).enumerate() {
-            for (x, cell) in row[start..start + count].iter().enumerate() {
-                let density = cell[3];
-                if density.abs() <= self.least {
-                    continue;
-                }
-                rows[number % down + EDGE * (number / down)] |= 1 << x;
-                let color = [cell[0], cell[1], cell[2]].map(|c| c / density);
-                words.extend(packed_appearance(color, density));
-            }
-        }
+    /// The splats of a brick, given the cells of its row of bricks.
+    fn brick(&self, cells: &[Emission], brick: [usize; 3]) -> Result<MadeBrick> {
+        let [across, down, _] = self.dims;
+        let down = EDGE.min(down - brick[1] * EDGE);
         let origin = brick.map(|b| (b * EDGE) as u32);
-        (!words.is_empty()).then(|| MadeBrick::new(origin, &rows, 2, words))
+        MadeBrick::of_rows(origin, self.dims.map(|n| n as u32), 2, |[y, z], count, words| {
+            let start = across * (y + down * z) + brick[0] * EDGE;
+            let mut bits = 0;
+            for (x, cell) in cells[start..start + count].iter().enumerate() {
+                let [r, g, b, density] = *cell;
+                if density.abs() > self.least {
+                    bits |= 1 << x;
+                    words.extend(packed_appearance([r, g, b].map(|c| c / density), density));
+                }
+            }
+            bits
+        })
     }
 }
 

@@ -12,7 +12,6 @@ use crate::layers::{Layer, Layers, Mask, Matter, luminance};
 use crate::progress::Progress;
 use crate::transfer::{Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Number, RowCoding, Strip, Volume};
-use voxsplat_volume::memory::reserved;
 
 /// Voxels to either side of one that its normal is made of, where that of samples would be blocky: labels and masks
 /// jump.
@@ -264,18 +263,16 @@ impl Classifier<'_> {
     fn brick(&self, origin: [usize; 3], parts: &[Part<'_>]) -> Result<MadeBrick> {
         let edge = EDGE + 2 * self.halo;
         let each = if self.lit { 3 } else { 2 };
-        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(self.dims[axis] as usize - origin[axis]));
-        let mut bits = vec![0_u32; EDGE * EDGE];
-        let mut words = reserved((nx * ny * nz * each) as u64, || "splats of a brick".to_owned())?;
-        for (y, z) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))) {
+        MadeBrick::of_rows(origin.map(|c| c as u32), self.dims, each, |[y, z], count, words| {
             let start = self.halo + edge * (y + self.halo + edge * (z + self.halo));
-            for x in 0..nx {
+            let mut bits = 0;
+            for x in 0..count {
                 let mut sum: Emission = [0.0; 4];
-                let mut most = (0.0, None);
+                let mut densest = (0.0, None);
                 for part in parts {
                     let emission = self.emission(part, start + x);
-                    if emission[3] > most.0 {
-                        most = (emission[3], Some(part));
+                    if emission[3] > densest.0 {
+                        densest = (emission[3], Some(part));
                     }
                     sum.iter_mut().zip(emission).for_each(|(sum, channel)| *sum += channel);
                 }
@@ -283,16 +280,16 @@ impl Classifier<'_> {
                 if density <= 0.0 && !self.keep_invisible {
                     continue;
                 }
-                bits[y + EDGE * z] |= 1 << x;
+                bits |= 1 << x;
                 let color = [r, g, b].map(|channel| if density > 0.0 { channel / density } else { 0.0 });
                 words.extend(packed_appearance(color, density));
                 if self.lit {
                     let normal = |part: &Part<'_>| self.normal(part, start + x, x + EDGE * (y + EDGE * z));
-                    words.push(packed_normal(most.1.map_or([0.0; 3], normal)));
+                    words.push(packed_normal(densest.1.map_or([0.0; 3], normal)));
                 }
             }
-        }
-        Ok(MadeBrick::new(origin.map(|c| c as u32), &bits, each, words))
+            bits
+        })
     }
 
     /// Differences along the axes of the lattice of what a layer has at a voxel of its brick.

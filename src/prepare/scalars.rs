@@ -16,7 +16,8 @@ use crate::progress::Progress;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, Volume};
 
-/// The largest influence, in voxels, within which single voxels are looked for. If it is larger, bricks are kept whole.
+/// The largest influence, in voxels, within which single voxels are searched: a row of a brick with its halo is 64 bits.
+/// If the influence is larger, bricks are kept whole.
 const MAX_HALO: usize = 16;
 
 /// What splats of scalars depend on besides volume and transfer function.
@@ -94,46 +95,29 @@ impl Invisible {
     }
 }
 
-/// Of the places of a brick, x fastest, whether they are within `reach` of an active one of the brick or its halo.
-fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<bool> {
-    // Far enough, and sums of two stay in range.
-    const FAR: u16 = 1 << 14;
+/// The places of a brick, as bits of each row along x, that are within `reach` of an active place of the brick or of its
+/// halo.
+fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<u32> {
     let edge = EDGE + 2 * halo;
-    let inner = halo..halo + EDGE;
-    // Squares of distances, axis by axis (Saito and Toriwaki 1994): along x by a sweep each way, then the least over
-    // the neighbours along y and z.
-    let mut squares = Vec::with_capacity(EDGE * edge * edge);
-    let mut distances = vec![0_u16; edge];
-    for row in active.chunks_exact(edge) {
-        let mut distance = 127;
-        for (d, &active) in distances.iter_mut().zip(row) {
-            distance = if active { 0 } else { (distance + 1).min(127) };
-            *d = distance;
-        }
-        distance = 127;
-        for (d, &active) in distances.iter_mut().zip(row).rev() {
-            distance = if active { 0 } else { (distance + 1).min(127) };
-            *d = distance.min(*d);
-        }
-        squares.extend(distances[inner.clone()].iter().map(|&d| d * d));
-    }
-    // `stride` apart; `lines` of them after each other are neighbours along the axis.
-    let least = |squares: &[u16], stride: usize| {
-        let mut result = vec![FAR; squares.len() / edge * EDGE];
-        for (result, squares) in result.chunks_exact_mut(EDGE * stride).zip(squares.chunks_exact(edge * stride)) {
-            for (i, result) in result.chunks_exact_mut(stride).enumerate() {
-                for (offset, line) in squares[i * stride..].chunks_exact(stride).take(2 * halo + 1).enumerate() {
-                    let square = (offset as u16).abs_diff(halo as u16).pow(2);
-                    result.iter_mut().zip(line).for_each(|(least, &s)| *least = (*least).min(s + square));
-                }
-            }
-        }
-        result
+    let bits = |row: &[bool]| row.iter().rev().fold(0_u64, |bits, &active| bits << 1 | u64::from(active));
+    let rows: Vec<u64> = active.chunks_exact(edge).map(bits).collect();
+    // The places within 0, 1, 2, .. places of an active one along x.
+    let wider = |rows: &Vec<u64>| Some(rows.iter().map(|row| row | row << 1 | row >> 1).collect());
+    let widened: Vec<Vec<u64>> = std::iter::successors(Some(rows), wider).take(halo + 1).collect();
+    let square = (reach * reach).floor() as usize;
+    let offsets = (0..edge - EDGE + 1).flat_map(|z| (0..edge - EDGE + 1).map(move |y| (y, z)));
+    let offsets: Vec<(usize, usize)> = offsets
+        .filter_map(|(y, z)| {
+            let left = square.checked_sub(y.abs_diff(halo).pow(2) + z.abs_diff(halo).pow(2))?;
+            Some((left.isqrt().min(halo), y + edge * z))
+        })
+        .collect();
+    let near = |row: usize| {
+        let start = row % EDGE + edge * (row / EDGE);
+        let bits = offsets.iter().fold(0, |bits, &(along, offset)| bits | widened[along][start + offset]);
+        (bits >> halo) as u32
     };
-    let squares = least(&squares, EDGE);
-    let squares = least(&squares, EDGE * EDGE);
-    let reach = (reach * reach).floor() as u16;
-    squares.into_iter().map(|square| square <= reach).collect()
+    (0..EDGE * EDGE).map(near).collect()
 }
 
 /// Chooses the scalars of a volume that become splats: voxels that can take part in something visible, and copies beyond
@@ -290,12 +274,12 @@ impl<'a> Emission<'a> {
         let Some(filters) = &lattice.filters else {
             let strip = self.volume.strip([first[1], first[2]], lattice.halo)?;
             let scalars = |first| bytemuck::pod_collect_to_vec(&strip.brick(first, &self.relative));
-            return Ok(made(&|first| (scalars(first), Vec::new())));
+            return made(&|first| (scalars(first), Vec::new()));
         };
         let halo = lattice.halo as i64;
         let ends = [first.map(|cell| cell - halo), last.map(|cell| cell + EDGE as i64 + halo)];
         let strip = filters.strip(self.volume, &self.relative, ends, self.asked.lit)?;
-        Ok(made(&|first| (strip.brick(first, lattice.halo), strip.flat(first))))
+        made(&|first| (strip.brick(first, lattice.halo), strip.flat(first)))
     }
 
     /// How many voxels the scalar of a cell counts for; 0: it takes no part in the picture.
@@ -310,56 +294,42 @@ impl<'a> Emission<'a> {
     }
 
     /// The splats of a brick, given its scalars with the halo around them, and which have no gradient, if any.
-    fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32], flat: &[bool]) -> MadeBrick {
+    fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32], flat: &[bool]) -> Result<MadeBrick> {
         let (halo, lit) = (lattice.halo, self.asked.lit);
         let kept = self.singly.then(|| {
             let active: Vec<bool> = scalars.iter().map(|&s| self.is_active(s)).collect();
             within_reach(&active, halo, self.asked.need.influence)
         });
-        let origin = brick.map(|b| b * EDGE);
         let first = lattice.first(brick);
         let edge = EDGE + 2 * halo;
-        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(lattice.extended[axis] - origin[axis]));
-        // The places along each axis that hold cells of the volume, not copies.
-        let voxels = [0, 1, 2].map(|axis| {
-            let place = |cell: usize| (cell + lattice.padding).saturating_sub(origin[axis]);
-            place(0)..place(lattice.dims[axis])
-        });
         // Cells are 2^level voxels apart, and gradients are per voxel.
         let steepness = (-f64::from(lattice.level)).exp2();
-        let (mut words, mut copies) = (Vec::new(), 0);
-        let mut rows = vec![0; EDGE * EDGE];
-        for z in 0..nz {
-            for y in 0..ny {
-                let start = halo + edge * (y + halo + edge * (z + halo));
-                let row = &scalars[start..][..nx];
-                let kept = kept.as_ref().map(|kept| &kept[EDGE * (y + EDGE * z)..][..nx]);
-                let inside = voxels[1].contains(&y) && voxels[2].contains(&z);
-                for (x, &scalar) in row.iter().enumerate() {
-                    if kept.is_some_and(|kept| !kept[x]) {
-                        continue;
+        let mut copies = 0;
+        let (origin, dims) = (brick.map(|b| (b * EDGE) as u32), lattice.extended.map(|n| n as u32));
+        let made = MadeBrick::of_rows(origin, dims, self.asked.words() - 1, |[y, z], count, words| {
+            let start = halo + edge * (y + halo + edge * (z + halo));
+            let kept = kept.as_ref().map_or(u32::MAX, |kept| kept[y + EDGE * z]);
+            let mut bits = 0;
+            for (x, &scalar) in scalars[start..][..count].iter().enumerate().filter(|(x, _)| kept >> x & 1 == 1) {
+                let slopes = lit && !flat.get(x + EDGE * (y + EDGE * z)).is_some_and(|&flat| flat);
+                let gradient = || central_differences(scalars, start + x, edge, lattice.differences);
+                let gradient = if slopes { gradient() } else { [0.0; 3] };
+                let cell = [0, 1, 2].map(|axis| first[axis] + [x, y, z][axis] as i64);
+                let count = self.count(lattice, cell);
+                if count > 0.0 && (scalar != 0.0 || gradient != [0.0; 3]) {
+                    bits |= 1 << x;
+                    words.push(((f64::from(scalar) * count) as f32).to_bits());
+                    if lit {
+                        let gradient = gradient.map(|c| (f64::from(c) * steepness * count) as f32);
+                        words.extend(packed_gradient(gradient));
                     }
-                    let slopes = lit && !flat.get(x + EDGE * (y + EDGE * z)).is_some_and(|&flat| flat);
-                    let gradient = || central_differences(scalars, start + x, edge, lattice.differences);
-                    let gradient = if slopes { gradient() } else { [0.0; 3] };
-                    let cell = [0, 1, 2].map(|axis| first[axis] + [x, y, z][axis] as i64);
-                    let count = self.count(lattice, cell);
-                    if count > 0.0 && (scalar != 0.0 || gradient != [0.0; 3]) {
-                        let scalar = (f64::from(scalar) * count) as f32;
-                        rows[y + EDGE * z] |= 1 << x;
-                        words.push(scalar.to_bits());
-                        if lit {
-                            let gradient = gradient.map(|c| (f64::from(c) * steepness * count) as f32);
-                            words.extend(packed_gradient(gradient));
-                        }
-                        copies += u64::from(!inside || !voxels[0].contains(&x));
-                    }
+                    let is_voxel = |axis: usize| (0..lattice.dims[axis] as i64).contains(&cell[axis]);
+                    copies += u64::from(!(0..3).all(is_voxel));
                 }
             }
-        }
-        let origin = origin.map(|o| lattice.origin + ((o as u32) << lattice.level));
-        let made = MadeBrick::new(origin, &rows, self.asked.words() - 1, words);
-        MadeBrick { brick: made.brick.of_level(lattice.level), copies, ..made }
+            bits
+        })?;
+        Ok(MadeBrick { brick: made.brick.of_level(lattice.level, lattice.origin), copies, ..made })
     }
 }
 
