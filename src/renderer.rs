@@ -1,4 +1,4 @@
-//! Renderer (a device), what it prepares (a scene), and pictures.
+//! The renderer (a device), its scenes (prepared volumes) and their pictures.
 
 use std::sync::Arc;
 
@@ -30,12 +30,12 @@ use crate::stats::{StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
 
-/// How a renderer is made.
+/// Options of a renderer.
 #[derive(Debug, Clone, Default)]
 pub struct RendererOptions {
-    /// Part of the name of the adapter to take, letter case ignored; `None` takes the best.
+    /// A part of the name of the adapter, letter case ignored; `None` uses the best adapter.
     pub adapter: Option<String>,
-    /// Who is told how far preparing a scene is, and emitting its scalars for a picture.
+    /// Called with the progress of scene preparation and of the emission of scalars.
     pub progress: Progress,
 }
 
@@ -52,32 +52,31 @@ pub struct Renderer {
     progress: Progress,
 }
 
-/// A picture and what it took.
+/// A picture with its statistics.
 #[derive(Debug, Clone)]
 pub struct Rendered {
     /// The picture.
     pub image: Image,
-    /// What it took.
+    /// The statistics.
     pub stats: Stats,
 }
 
-/// A layer of a picture: its lattice and what is drawn of it. Most pictures have one.
+/// A layer of a picture: its lattice and its splats. Most pictures have one.
 struct Layer {
     lattice: Lattice,
     need: ScalarNeed,
-    /// What scalars are classified and lit by.
+    /// The classification and the light of scalars.
     post: Option<PostShading>,
     drawable: Arc<Drawable>,
 }
 
-/// The most memory that the sheets of a pass take; larger pictures are made in parts.
+/// The largest memory of the sheets of a pass; larger pictures are made in parts.
 const MAX_SHEET_BYTES: u64 = 256 << 20;
 
 impl Renderer {
     /// Opens a device.
     ///
-    /// # Errors
-    /// [`Error::NoAdapter`] if there is none, none of that name, or it cannot be opened.
+    /// # Errors [`Error::NoAdapter`] if there is no adapter, none of this name, or it cannot be opened.
     pub fn new(options: &RendererOptions) -> Result<Self> {
         Ok(Self {
             context: Context::new(options.adapter.as_deref())?,
@@ -88,7 +87,7 @@ impl Renderer {
 
     /// Renders on a device that the caller has opened, to share textures with it ([`Self::render_into`]).
     ///
-    /// The device needs no features; of those in [`Self::FEATURES`] it should have what its adapter has. Without
+    /// The device needs no features. It should have the [`Self::FEATURES`] that its adapter has: without
     /// `FLOAT32_BLENDABLE` sheets are f16. The callbacks for errors and for a lost device stay the caller's.
     /// `options.adapter` has no effect.
     #[must_use]
@@ -106,7 +105,7 @@ impl Renderer {
         }
     }
 
-    /// The device features that rendering uses if they are there.
+    /// The device features that rendering uses if they are available.
     pub const FEATURES: wgpu::Features = Context::FEATURES;
 
     /// The adapter in use.
@@ -115,16 +114,14 @@ impl Renderer {
         &self.context.info
     }
 
-    /// Prepares a volume for pictures of these settings: of them, what counts is the model, the shading, whether
-    /// there is light, and of a sharper post-shaded picture the kernel and the sharpness. Voxels that cannot show are
-    /// dropped.
+    /// Prepares a volume for pictures with these settings. The scene depends only on the model, the shading and whether
+    /// there is light; of a sharpened post-shaded picture also on kernel and sharpness. Invisible voxels are dropped.
     ///
     /// Pre-shaded voxels are classified here if the level is [`Level::At(0)`](Level::At). Otherwise the first picture
-    /// tells whether voxels or cells are wanted, and takes that time. The file of a streamed volume must stay for it.
+    /// decides between voxels and cells and spends that time. The file of a streamed volume must exist until then.
     ///
-    /// # Errors
-    /// [`Error::Setting`] if a setting is out of range, [`Error::Input`] if a sample is NaN or
-    /// infinite, and the errors of [`Self::render`] if the device fails or is too small.
+    /// # Errors [`Error::Setting`] if a setting is out of range, [`Error::Input`] if a sample is NaN or infinite, and
+    /// the errors of [`Self::render`] if the device fails or is too small.
     pub fn prepare(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Scene> {
         settings.validate()?;
         volume.check_finite()?;
@@ -138,12 +135,11 @@ impl Renderer {
         self.prepared(&Layers::of(volume, transfer), settings)
     }
 
-    /// Prepares layers for pre-shaded pictures; one volume alone as [`Self::prepare`] does. Several layers are always
-    /// classified on the host, and drawn of voxels.
+    /// Prepares layers for pre-shaded pictures; one volume alone like [`Self::prepare`]. Several layers are always
+    /// classified on the host and drawn of voxels.
     ///
-    /// # Errors
-    /// Those of [`Self::prepare`], and [`Error::Setting`] if several layers are to be post-shaded, projected or drawn
-    /// of cells.
+    /// # Errors Like [`Self::prepare`], and [`Error::Setting`] if several layers are to be post-shaded, projected or
+    /// drawn of cells.
     pub fn prepare_layers(&self, layers: &Layers, settings: &Settings) -> Result<Scene> {
         if let Some((volume, transfer)) = layers.plain() {
             return self.prepare(volume, transfer, settings);
@@ -163,23 +159,22 @@ impl Renderer {
 
     /// Renders a picture of a scene that this renderer prepared.
     ///
-    /// # Errors
-    /// [`Error::Setting`] if a setting is out of range or the scene was prepared for others, [`Error::Camera`] if the
-    /// camera is not finite, [`Error::Unsupported`] if the adapter cannot do what is asked, and [`Error::OutOfMemory`]
-    /// or [`Error::Device`] if the device fails. There is no picture then.
+    /// # Errors [`Error::Setting`] if a setting is out of range or the scene was prepared for other settings,
+    /// [`Error::Camera`] if the camera is not finite, [`Error::Unsupported`] if the adapter cannot render the picture,
+    /// and [`Error::OutOfMemory`] or [`Error::Device`] if the device fails. There is no picture then.
     pub fn render(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
         let [width, height] = camera.size;
         self.render_region(scene, camera, settings, Region { x: 0, y: 0, width, height })
     }
 
-    /// Renders a part of the picture that [`Self::render`] makes of the same: the same bytes, without the rest. The
-    /// image has the size of the region.
+    /// Renders a part of the picture that [`Self::render`] makes: the same bytes, without the rest. The image has the
+    /// size of the region.
     ///
-    /// The painter tiles, and so `auto`, marches only the rays that the region takes. Quads draws the picture part by
-    /// part (see [`Stats::parts`]), and of these all that the region touches.
+    /// The painter tiles, and so `auto`, marches only the rays that the region needs. Quads draws the picture part by
+    /// part (see [`Stats::parts`]), and all parts that the region touches.
     ///
-    /// # Errors
-    /// Those of [`Self::render`], and [`Error::Setting`] if the region has no pixels or reaches beyond the picture.
+    /// # Errors Like [`Self::render`], and [`Error::Setting`] if the region has no pixels or reaches beyond the
+    /// picture.
     pub fn render_region(
         &self,
         scene: &Scene,
@@ -196,16 +191,15 @@ impl Renderer {
         Ok(Rendered { image, stats })
     }
 
-    /// Renders a picture into a texture of this renderer's device, all of it: what the volume does not reach becomes
-    /// transparent. Returns what it took; nothing is read back.
+    /// Renders a picture into a texture of this renderer's device. Pixels that the volume does not reach become
+    /// transparent. Returns the statistics; nothing is read back.
     ///
     /// The texture has the size of the camera's picture, one sample, four float or normalised channels, and the usage
-    /// `RENDER_ATTACHMENT`. It gets display values with premultiplied alpha, stored as they are also if its format is
-    /// an sRGB one. Commands are submitted when this returns; what the caller submits next comes after them.
+    /// `RENDER_ATTACHMENT`. It receives display values with premultiplied alpha, stored unchanged in sRGB formats too.
+    /// Commands are submitted when this returns; later submissions of the caller come after them.
     ///
-    /// # Errors
-    /// Those of [`Self::render`], and [`Error::Setting`] if the texture does not fit. The texture may be transparent
-    /// then.
+    /// # Errors Like [`Self::render`], and [`Error::Setting`] if the texture does not fit. The texture may be
+    /// transparent then.
     pub fn render_into(
         &self,
         scene: &Scene,
@@ -231,7 +225,7 @@ impl Renderer {
         })
     }
 
-    /// Paints what a region of a picture takes, one region of the whole after the other, each of which `take` gets.
+    /// Paints the regions of a picture that a part of it needs, one after the other, and passes each to `take`.
     fn paint(
         &self,
         scene: &Scene,
@@ -280,7 +274,7 @@ impl Renderer {
         }
         // The kernels of the farthest layer are the largest.
         let bounds = farthest.lattice.view.projected_bounds().filter(|_| !painting.is_empty());
-        // The regions of the whole picture, whatever is wanted of it, so that their bytes are the same.
+        // The regions of the whole picture, so that their bytes do not depend on the part.
         let regions = bounds.map_or_else(Vec::new, |bounds| {
             bounds.parts(self.part_side(painting.pixel_bytes(), painting.most_pixels()))
         });
@@ -343,7 +337,7 @@ impl Renderer {
         })
     }
 
-    /// What a painter asks of a scene for a layer of a picture. Adds the seconds that making it took.
+    /// Makes a layer of a picture for a painter. Adds the seconds that this took.
     fn layer(&self, scene: &Scene, room: &Room, lattice: Lattice, seconds: &mut f64) -> Result<Layer> {
         let need = (room.need)(&lattice.view, &lattice.settings, lattice.weights);
         let (drawable, took) = scene.drawable(&self.context, &self.pipelines, &lattice, need, &self.progress)?;
@@ -368,8 +362,8 @@ impl Renderer {
         }
     }
 
-    /// Side in pixels of the largest part that a picture is made in: within the adapter's textures and bindings, and
-    /// [`MAX_SHEET_BYTES`] of sheets, given their bytes a pixel, and of at most so many pixels.
+    /// The side in pixels of the largest part that a picture is made in: within the adapter's textures and bindings,
+    /// [`MAX_SHEET_BYTES`] of sheets, given their bytes a pixel, and `most` pixels.
     fn part_side(&self, sheet_bytes: u32, most: u64) -> u32 {
         let limits = &self.context.limits;
         let bindable = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / PIXEL_BYTES;
@@ -378,10 +372,10 @@ impl Renderer {
     }
 }
 
-/// What takes the regions of a picture, and the parts of them that are wanted.
+/// Receives the regions of a picture, and the parts of them that are needed.
 type Take<'a> = dyn FnMut(&mut Recorder<'_>, Region, Region, &wgpu::Buffer) -> Result<()> + 'a;
 
-/// Reads a region back and puts the part of it that is wanted into an image of another region.
+/// Reads a region back and copies a part of it into an image of another region.
 fn put(
     image: &mut Image,
     [of_image, painted, part]: [Region; 3],

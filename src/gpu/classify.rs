@@ -17,23 +17,23 @@ use crate::progress::Progress;
 use crate::transfer::{self, Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
 
-/// Bricks of one batch, a million voxels: the memory that preparing a scene takes besides its splats, and far within
+/// Bricks of one batch, a million voxels: the memory that preparing a scene needs besides its splats, and far within
 /// every limit.
 const BATCH: usize = 32;
 
-/// The most splats that are joined: while they are, they are in memory twice.
+/// The largest number of splats that are joined: meanwhile they are in memory twice.
 const JOINED: u32 = 1 << 19;
 
-/// The largest control point, and beyond it the largest sample, that shaders see: differences stay in the range of f32.
+/// The limit of control points and samples that shaders see: differences stay in the range of f32.
 const FAR: f64 = 1e36;
-/// The least extent of the control points in floats as they are: their products stay in the range of f32.
+/// The least extent of the control points in unreduced floats: their products stay in the range of f32.
 const LEAST_EXTENT: f64 = 1e-24;
 
 /// How the shader reads samples: SAMPLE_TYPE in shaders/classify.wgsl.
 ///
-/// Types whose every value is exact in f32 are uploaded as they are. Others, and floats whose control points are near
-/// the ends of the range of f32, are reduced on the host, chunk by chunk, to the scalars of post-shading: a window of
-/// 10 at 4e9 keeps its resolution.
+/// Types whose every value is exact in f32 are uploaded unchanged. Others, and floats whose control points are near the
+/// ends of the range of f32, are reduced on the host, chunk by chunk, to the scalars of post-shading: a window of 10 at
+/// 4e9 keeps its resolution.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct SampleCoding {
     sample_type: u32,
@@ -48,7 +48,7 @@ impl SampleCoding {
         let (slope, intercept) = volume.rescale();
         let sample = |value: f64| (value - intercept) / slope;
         let sample_type = match volume.sample_type() {
-            // A falling map would turn the control points round, and with them the side on which a step belongs.
+            // A falling map would reverse the control points, and the side on which a step belongs.
             _ if slope < 0.0 => None,
             SampleType::U8 => Some(0),
             SampleType::I8 => Some(1),
@@ -67,13 +67,13 @@ impl SampleCoding {
             Some(4) => (0.0, None),
             // An integer within the samples' range, so that the shader's subtraction is exact.
             Some(_) => (sample(transfer.points()[0].value).round().clamp(-32_768.0, 65_535.0), None),
-            // A function without extent is constant, whatever it is told.
+            // A function without extent is constant, whatever its input.
             None => (0.0, Some(Reduction::new(transfer, 1.0))),
         };
         Self { sample_type: sample_type.unwrap_or(4), origin, reduction, slope, intercept }
     }
 
-    /// The control points as the shader compares them with samples.
+    /// The control points in the units in which the shader compares samples.
     fn points(&self, transfer: &TransferFunction) -> Vec<ControlPoint> {
         let point = |p: &transfer::ControlPoint| ControlPoint {
             color: p.color.map(|c| c as f32),
@@ -85,7 +85,7 @@ impl SampleCoding {
     }
 
     /// The base of the transfer function as a sample, and the resolution of samples there; 0 if nothing depends on
-    /// gradients, for it takes the ranges of the samples, which reads them all once more.
+    /// gradients, because the resolution needs the ranges of all samples.
     fn resolution(&self, transfer: &TransferFunction, volume: &Volume, lit: bool) -> Result<[f32; 2]> {
         if !lit && transfer.gradient_opacity().is_empty() {
             return Ok([0.0; 2]);
@@ -106,7 +106,7 @@ impl SampleCoding {
         self.reduction.map_or(1.0 / self.slope.abs(), |reduction| reduction.factor())
     }
 
-    /// A value of the transfer function as the shader compares it with samples.
+    /// A value of the transfer function in the units in which the shader compares samples.
     fn point(&self, value: f64) -> f32 {
         match &self.reduction {
             Some(reduction) => reduction.scalar(value),
@@ -117,7 +117,7 @@ impl SampleCoding {
     }
 }
 
-/// The least f32 that is not under a number.
+/// The least f32 that is at least a number.
 fn next_f32(value: f64) -> f32 {
     let nearest = value as f32;
     if f64::from(nearest) < value { nearest.next_up() } else { nearest }
@@ -292,7 +292,7 @@ struct BrickBatch {
     bytes: Vec<u8>,
 }
 
-/// What all batches of a volume share.
+/// The state that all batches of a volume share.
 struct Job<'a> {
     context: &'a Context,
     scan: &'a Scan,
@@ -387,19 +387,19 @@ impl Part for ClassifiedPart {
     }
 }
 
-/// The twin of the device's stage, on the host: on a software adapter it is the faster one.
+/// The twin of the device's stage on the host, faster on software adapters.
 pub(crate) struct HostClassifier<'a> {
     input: &'a Input<'a>,
     /// The entry of each sample of 8 and 16 bits, by its bits.
     table: Vec<Entry>,
 }
 
-/// A sample, and what becomes of it.
+/// A sample and its appearance.
 #[derive(Debug, Clone, Copy)]
 struct Entry {
     sample: f32,
     density: f32,
-    /// Words of the splat; `None`: it does not show.
+    /// Words of the splat; `None`: the sample is invisible.
     appearance: Option<[u32; 2]>,
 }
 
@@ -503,8 +503,8 @@ impl HostClassifier<'_> {
     }
 }
 
-/// `gradient` in shaders/classify.wgsl, of the differences along the axes of the lattice: a vector, and what it is to
-/// be multiplied by; 0 if half of the differences is under their resolution.
+/// `gradient` in shaders/classify.wgsl, of the differences along the axes of the lattice: a vector and its factor; 0 if
+/// half of the differences is under their resolution.
 pub(crate) fn gradient_of([x, y, z]: &[[f32; 3]; 3], steps: [f32; 3], resolution: f32) -> ([f32; 3], f32) {
     let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
     if largest <= 0.0 || 0.5 * largest < resolution {

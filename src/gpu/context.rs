@@ -52,26 +52,26 @@ static OPENED: AtomicU64 = AtomicU64::new(0);
 /// Bytes of a pixel: premultiplied RGBA, f32.
 pub(crate) const PIXEL_BYTES: u64 = 16;
 
-/// How long another thread may take to pass on that a buffer is mapped.
+/// How long another thread may take to report that a buffer is mapped.
 const MAP_TIMEOUT: std::time::Duration = std::time::Duration::from_secs(60);
 
-/// An open device with its queue, and what went wrong on it.
+/// An open device with its queue and its errors.
 pub(crate) struct Context {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     pub(crate) info: AdapterInfo,
     pub(crate) limits: wgpu::Limits,
     pub(crate) features: wgpu::Features,
-    /// What the device said outside error scopes: the reason it was lost, or an error nobody waited for.
+    /// The first report of the device outside error scopes: the reason of its loss, or an error.
     failure: Arc<Mutex<Option<String>>>,
     traffic: Mutex<Traffic>,
-    /// Tells this device from others of the program.
+    /// Distinguishes this device from others of the program.
     pub(crate) id: u64,
-    /// What is left out; all of it but in tests.
+    /// What is left out: everything possible, except in tests.
     pub(crate) savings: Savings,
 }
 
-/// What was made on a device since it was opened.
+/// The resources made on a device since it was opened.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Traffic {
     /// Bytes of buffers and textures.
@@ -86,7 +86,7 @@ impl Context {
     pub(crate) const FEATURES: wgpu::Features =
         wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::FLOAT32_BLENDABLE);
 
-    /// A device that is open already. Its callbacks of errors stay the owner's.
+    /// A device that is open already. Its error callbacks stay the owner's.
     pub(crate) fn of_device(device: wgpu::Device, queue: wgpu::Queue, info: AdapterInfo) -> Self {
         let (limits, features) = (device.limits(), device.features() & Self::FEATURES);
         Self {
@@ -140,7 +140,7 @@ impl Context {
         Ok(context)
     }
 
-    /// Notes what the device says outside error scopes.
+    /// Notes reports of the device outside error scopes.
     fn watch(&self) {
         let note = |failure: &Mutex<Option<String>>, what: String| {
             let mut failure = failure.lock().unwrap_or_else(PoisonError::into_inner);
@@ -157,7 +157,7 @@ impl Context {
         self.device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| note(&uncaptured, one_line(&e.to_string()))));
     }
 
-    /// Runs `work` and turns whatever the device reports meanwhile into an error that names `stage`.
+    /// Runs `work` and turns errors of the device into an error that names `stage`.
     pub(crate) fn guarded<T>(&self, stage: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
         let out_of_memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
@@ -183,7 +183,7 @@ impl Context {
         self.features.contains(wgpu::Features::FLOAT32_BLENDABLE)
     }
 
-    /// Waits until the device has done all that was submitted.
+    /// Waits until the device has done all submitted work.
     pub(crate) fn wait(&self, stage: &str) -> Result<()> {
         self.device
             .poll(wgpu::PollType::wait_indefinitely())
@@ -191,7 +191,7 @@ impl Context {
             .map_err(|e| Error::Device { stage: stage.to_owned(), reason: one_line(&e.to_string()) })
     }
 
-    /// A buffer of `size` bytes, rounded up to what copies need.
+    /// A buffer of `size` bytes, rounded up to the alignment of copies.
     pub(crate) fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
         let size = size.max(16).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT);
         if size > self.limits.max_buffer_size {
@@ -219,7 +219,7 @@ impl Context {
     /// Sends `data` into a buffer, from byte `at` on, a multiple of 4.
     pub(crate) fn write(&self, buffer: &wgpu::Buffer, at: u64, data: &[u8]) {
         self.count(|traffic| traffic.sent += data.len() as u64);
-        // Copies are made of whole words: the bytes past the last word go in one of their own.
+        // Copies take whole words: the bytes past the last word go in a word of their own.
         let (words, rest) = data.split_at(data.len() / 4 * 4);
         self.queue.write_buffer(buffer, at, words);
         if !rest.is_empty() {
@@ -286,7 +286,7 @@ impl Context {
         );
     }
 
-    /// What was made since the device was opened.
+    /// The resources made since the device was opened.
     pub(crate) fn traffic(&self) -> Traffic {
         *self.traffic.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -308,11 +308,11 @@ impl Context {
         };
         let (done, outcome) = std::sync::mpsc::channel();
         buffer.map_async(wgpu::MapMode::Read, .., move |result| {
-            // If the wait has failed, nobody listens any more.
+            // If the wait has failed, nobody receives.
             let _ = done.send(result);
         });
         self.wait(stage)?;
-        // Where several threads wait, the one that is told that the buffer is mapped need not be this one: by now it is
+        // If several threads wait, another thread may be the one that learns that the buffer is mapped: by now it is
         // about to pass that on.
         match outcome.recv_timeout(MAP_TIMEOUT) {
             Ok(Ok(())) => {}

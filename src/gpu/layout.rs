@@ -15,10 +15,10 @@ pub(crate) struct Splat {
     pub normal: u32,
 }
 
-/// The words of a classified voxel that light is kept from: those of [`Splat`], and two more.
+/// The words of a classified voxel with shadows: those of [`Splat`] and two more.
 pub(crate) const SHADED_WORDS: usize = 6;
 
-/// The words of a splat of a scalar that is not lit, and of one that is; shaders/common/splat.wgsl explains them.
+/// The words of an unlit and of a lit splat of a scalar; shaders/common/splat.wgsl explains them.
 pub(crate) const SCALAR_WORDS: usize = 2;
 pub(crate) const LIT_SCALAR_WORDS: usize = 4;
 
@@ -37,7 +37,7 @@ pub(crate) fn packed_gradient(gradient: [f32; 3]) -> [u32; 2] {
     [x | y << 18, y >> 14 | z << 4 | exponent << 22]
 }
 
-/// The bit of a place at which the number of its brick begins: 5 bits of each of x, y and z are below.
+/// The bit of a place at which the number of its brick begins; below are 5 bits each of x, y and z.
 pub(crate) const BRICK_SHIFT: u32 = 15;
 
 /// The place of a voxel in a brick, and the brick's number in the store.
@@ -45,10 +45,11 @@ pub(crate) fn place([x, y, z]: [u32; 3], brick: u32) -> u32 {
     x | y << 5 | z << 10 | brick << BRICK_SHIFT
 }
 
-/// The most bricks that a place can tell apart.
+/// The largest number of bricks that a place can distinguish.
 pub(crate) const MAX_BRICKS: usize = 1 << (u32::BITS - BRICK_SHIFT);
 
-/// An affine map as a matrix of 4 columns and 3 rows: x, y, z and what is added. The last number of each is not read.
+/// An affine map as a matrix of 4 columns and 3 rows: x, y, z and the translation. The last number of each column is
+/// not read.
 pub(crate) type Affine = [[f32; 4]; 4];
 
 /// An affine map as shaders have it.
@@ -94,7 +95,7 @@ pub(crate) fn clip_planes(planes: impl Iterator<Item = DVec4>) -> ClipPlanes {
     slots
 }
 
-/// What all stages of one frame share; each field is explained in shaders/common/frame.wgsl.
+/// The uniforms of all stages of a frame; each field is explained in shaders/common/frame.wgsl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub(crate) struct Frame {
@@ -144,7 +145,7 @@ pub(crate) struct Sort {
     pub sheets_per_batch: u32,
 }
 
-/// What one batch of sheets adds to the frame; shaders/splat.wgsl.
+/// A batch of sheets of the frame; shaders/splat.wgsl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub(crate) struct Batch {
@@ -207,7 +208,7 @@ pub(crate) struct Terminate {
     pub count: u32,
 }
 
-/// Where a region goes in the caller's texture; shaders/present.wgsl.
+/// The place of a region in the caller's texture; shaders/present.wgsl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub(crate) struct Present {
@@ -342,7 +343,7 @@ pub(crate) struct Pack {
 mod tests {
     use super::*;
 
-    /// What `splat_gradient` makes of the words.
+    /// `splat_gradient` of the words.
     fn unpacked([low, high]: [u32; 2]) -> [f64; 3] {
         let signed = |bits: u32| f64::from((bits << 14) as i32 >> 14);
         let steps = [low, low >> 18 | (high & 15) << 14, high >> 4].map(|bits| signed(bits & 0x3ffff));

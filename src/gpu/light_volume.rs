@@ -1,4 +1,4 @@
-//! The light that arrives at each place of a field of scalars, as a texture.
+//! The texture of the light that arrives at each place of a field of scalars.
 
 use std::sync::Arc;
 
@@ -8,29 +8,29 @@ use super::context::Context;
 use super::transfer::TransferTable;
 use crate::volume::Grid;
 
-/// The light that arrives, as a texture.
+/// The light that arrives at each place.
 pub(crate) struct LightVolume {
     pub(crate) texture: wgpu::TextureView,
     pub(crate) sampler: wgpu::Sampler,
-    /// From the world to the texture, which reaches from 0 to 1.
+    /// The map from the world to the texture, which spans 0 to 1.
     from_world: DAffine3,
-    /// What a scene takes for it.
+    /// The memory of a scene for it, in bytes.
     pub(crate) bytes: u64,
 }
 
-/// What a post-shaded picture is classified and lit by.
+/// The classification and the light of a post-shaded picture.
 pub(crate) struct PostShading {
     pub(crate) table: Arc<TransferTable>,
     pub(crate) light: Arc<LightVolume>,
-    /// Whether it is; otherwise the light volume is [`LightVolume::none`].
+    /// Whether there are shadows; otherwise the light volume is [`LightVolume::none`].
     pub(crate) shadows: bool,
     /// The map to the light volume from the lattice that the picture is drawn of.
     pub(crate) to_light: DAffine3,
 }
 
 impl LightVolume {
-    /// The light at the places of `grid` from `low` on, `size` of them along each axis: half floats for three lights
-    /// and the ambient one, x fastest.
+    /// The light at the places of `grid` from `low` on, `size` places along each axis: half floats for three lights and
+    /// ambient light, x fastest.
     pub(crate) fn new(context: &Context, grid: &Grid, low: [u32; 3], size: [u32; 3], texels: &[[u16; 4]]) -> Self {
         // The middle of the first texel is half a texel from the edge.
         let shift = DAffine3::from_translation(DVec3::splat(0.5) - DVec3::from_array(low.map(f64::from)));

@@ -1,10 +1,10 @@
-//! Short forms of wgpu's descriptors for what the stages need.
+//! Short forms of wgpu's descriptors.
 
 use super::context::Context;
 use super::shaders::Shader;
 use crate::error::Result;
 
-/// What a binding of a stage holds.
+/// The kind of a binding of a stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Binding {
     /// A uniform buffer.
@@ -17,7 +17,7 @@ pub(crate) enum Binding {
     Write,
     /// A float texture, read without filtering.
     Texture(wgpu::TextureViewDimension),
-    /// A float texture, read between texels, and what reads it.
+    /// A float texture that a sampler reads between texels.
     FilteredTexture(wgpu::TextureViewDimension),
     Sampler,
     /// A texture of unsigned integers.
@@ -132,7 +132,7 @@ pub(crate) fn compute(
     })
 }
 
-/// What differs between render pipelines. The vertex stage's entry point is `vertex.0`, with override constants.
+/// The parts in which render pipelines differ. Entry points come with their override constants.
 pub(crate) struct Render<'a> {
     pub(crate) label: &'a str,
     /// `None`: the stages are bound to nothing.
@@ -182,8 +182,8 @@ pub(crate) fn both<A: Send, B: Send>(
     first: impl FnOnce() -> A + Send,
     second: impl FnOnce() -> B + Send,
 ) -> Result<(A, B)> {
-    // What catches a device's errors is a thread's own. A thread, not a pool's: callers hold locks, and who waits in a
-    // pool may be handed work that asks for them.
+    // Error scopes belong to a thread. It is no thread of a pool: callers hold locks, and a thread that waits in a pool
+    // may be handed work that takes them.
     const STAGE: &str = "making pipelines";
     std::thread::scope(|scope| {
         let first = scope.spawn(|| context.guarded(STAGE, || Ok(first())));

@@ -10,7 +10,7 @@ pub(crate) struct Shader {
     /// The stage's name.
     pub name: &'static str,
     file: &'static str,
-    /// The file that reads voxels, if the stage's own file leaves that open.
+    /// The file that reads voxels, if the stage's own file has none.
     voxels: Option<&'static str>,
 }
 
@@ -23,7 +23,7 @@ impl Shader {
         Self { name, file: "gather_scalars", voxels: Some(voxels) }
     }
 
-    /// The whole source: each file once.
+    /// The whole source, with each file once.
     pub(crate) fn source(&self) -> String {
         let mut files: Vec<&str> = std::iter::once(self.file).chain(self.voxels).collect();
         let mut texts = Vec::new();
@@ -40,7 +40,7 @@ impl Shader {
     }
 }
 
-/// A line with a number sign eight times, all in one line, so that the numbers of lines stay.
+/// Writes a line with a number sign eight times, all in one line, so that the numbers of lines stay.
 fn written_out(line: &str) -> String {
     let is_template = line.contains('#') && !line.trim_start().starts_with("//");
     if is_template { (0..8).map(|n| line.replace('#', &n.to_string())).collect() } else { line.to_owned() }

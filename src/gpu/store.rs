@@ -13,19 +13,19 @@ use crate::progress::Progress;
 use crate::volume::{BRICK_EDGE as EDGE, Volume};
 use voxsplat_volume::memory::reserved;
 
-/// The bricks that splats were looked for in.
+/// The bricks that were searched for splats.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Bricks {
-    /// Those of the volume and of the copies beyond its faces.
+    /// Bricks of the volume and of the copies beyond its faces.
     pub(crate) all: u32,
-    /// Those that may hold anything that shows: only they are classified, or looked at voxel by voxel.
+    /// Bricks that may be visible: only these are classified, or searched voxel by voxel.
     pub(crate) uploaded: u32,
     /// Bytes sent to the device for them.
     pub(crate) bytes: u64,
 }
 
 impl Bricks {
-    /// Those of two levels of a volume.
+    /// The bricks of two levels of a volume together.
     pub(crate) fn and(self, other: &Self) -> Self {
         Self { all: self.all + other.all, uploaded: self.uploaded + other.uploaded, bytes: self.bytes + other.bytes }
     }
@@ -35,17 +35,17 @@ impl Bricks {
 #[derive(Debug)]
 pub(crate) struct Store {
     splats: Mutex<Splats>,
-    /// Tells stores of the program apart.
+    /// Distinguishes the stores of the program.
     pub(crate) id: u64,
     /// Bytes of a splat on the device.
     pub(crate) stride: u64,
     pub(crate) count: u32,
-    /// Where the bricks that splats name begin, as the shaders read it.
+    /// The origins of the bricks that splats name, as shaders read them.
     pub(crate) origins: wgpu::Buffer,
     pub(crate) bricks: Vec<BrickSplats>,
 }
 
-/// Where splats are. They move when they are asked for elsewhere, so that they are never in memory twice for long.
+/// The memory that holds splats. They move on demand, so that they are never in memory twice for long.
 #[derive(Debug)]
 pub(crate) enum Splats {
     Device(wgpu::Buffer),
@@ -66,7 +66,7 @@ pub(crate) struct HostBrick {
 /// A row of a brick along x.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Row {
-    /// Bits of the places where there are splats, the first the lowest.
+    /// The bits of the places with splats, the first place the lowest.
     pub(crate) bits: u32,
     /// The number of the first of them among the splats of the brick.
     pub(crate) first: u32,
@@ -77,18 +77,18 @@ pub(crate) struct Row {
 pub(crate) struct BrickSplats {
     /// Lattice point of the brick's first voxel.
     pub(crate) origin: [u32; 3],
-    /// Its places are cells of 2^level voxels a side.
+    /// Places are cells of 2^level voxels a side.
     pub(crate) level: u32,
     /// Its first splat in the store.
     pub(crate) first: u32,
-    /// Lattice points of the box around its splats: the first, and the one after the last. Both are equal if
-    /// there are none.
+    /// The box around the splats: its first lattice point, and the one after the last. Both are equal if there are no
+    /// splats.
     pub(crate) bounds: [[u32; 3]; 2],
 }
 
 impl BrickSplats {
-    /// The splats from `first` on of the brick of level 0 at `origin`, given for each row along x, y before z, the bits
-    /// of the places where there are any, the first of a row the lowest.
+    /// The splats from `first` on of the brick of level 0 at `origin`, given the bits of the places of each row along
+    /// x, y before z, the first of a row the lowest.
     pub(crate) fn new(origin: [u32; 3], first: u32, rows: impl Iterator<Item = u32>) -> Self {
         let mut places = [0_u32; 3];
         for (row, bits) in rows.enumerate().filter(|&(_, bits)| bits != 0) {
@@ -100,7 +100,8 @@ impl BrickSplats {
         Self { origin, level: 0, first, bounds: [low, high] }
     }
 
-    /// The same brick with cells of a level for voxels, in a lattice where the first cell lies at `first` along each axis.
+    /// The same brick with cells of a level for voxels, in a lattice where the first cell lies at `first` along each
+    /// axis.
     pub(crate) fn of_level(self, level: u32, first: u32) -> Self {
         let scaled = |point: [u32; 3]| point.map(|cell| first + (cell << level));
         Self { level, origin: scaled(self.origin), bounds: self.bounds.map(scaled), ..self }
@@ -108,7 +109,7 @@ impl BrickSplats {
 }
 
 impl HostBrick {
-    /// The splats at the places of which rows have bits, of `each` words without the place.
+    /// The splats at these places, of `each` words without the place, given the bits of the places of each row.
     pub(crate) fn new(bits: &[u32], each: usize, words: Vec<u32>) -> Self {
         let mut first = 0;
         let row = |&bits: &u32| {
@@ -127,7 +128,7 @@ impl HostBrick {
         (size_of_val(self.rows.as_slice()) + size_of_val(self.words.as_slice())) as u64
     }
 
-    /// The splats as the device has them, of `stride` bytes each, in the brick of this number.
+    /// The splats in the format of the device, of `stride` bytes each, in the brick of this number.
     fn splats(&self, stride: u64, number: u32) -> Result<Vec<u32>> {
         let words = stride as usize / 4;
         let mut splats = reserved(u64::from(self.count()) * words as u64, || "splats of a brick".to_owned())?;
@@ -142,7 +143,7 @@ impl HostBrick {
         Ok(splats)
     }
 
-    /// Splats of a brick as the device has them, of `words` words each.
+    /// Reads the splats of a brick from the format of the device, of `words` words each.
     fn of(splats: &[u32], words: usize) -> Result<Self> {
         let mut bits = vec![0_u32; EDGE * EDGE];
         let mut values = reserved((splats.len() / words * (words - 1)) as u64, || "splats of a brick".to_owned())?;
@@ -177,7 +178,7 @@ fn upload(context: &Context, bricks: &[HostBrick], stride: u64, count: u32) -> R
         let bytes = size_of_val(splats.as_slice()) as u64;
         (at, waiting) = (at + bytes, waiting + bytes);
         if waiting > SENT {
-            // Copies on their way take memory until they have arrived.
+            // Copies in flight take memory until they have arrived.
             context.queue.submit([]);
             context.wait("sending splats")?;
             waiting = 0;
@@ -253,9 +254,9 @@ impl Store {
     }
 }
 
-/// Splats that will be part of a store.
+/// Splats to be joined into a store.
 pub(crate) trait Part: Sized {
-    /// The splats of parts, one after the other, `count` of `stride` bytes each.
+    /// Joins parts to `count` splats of `stride` bytes each.
     fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<Splats>;
 }
 
@@ -275,7 +276,7 @@ pub(crate) struct Drawable {
     pub(crate) bricks: Bricks,
     /// Splats that are copies of voxels beyond the faces of the volume.
     pub(crate) copies: u64,
-    /// What painters made of the splats.
+    /// Resources that painters made of the splats.
     pub(crate) kept: Cache,
 }
 
@@ -307,8 +308,8 @@ impl MadeBrick {
         Self { brick, splats: HostBrick::new(bits, each, words), copies: 0 }
     }
 
-    /// The brick at `origin` of a lattice of `dims` places. `row` adds the words of the splats of a row with this y and z
-    /// in the brick and so many places along x, and returns the bits of their places.
+    /// The brick at `origin` of a lattice of `dims` places. `row` adds the words of the splats of a row with this y and
+    /// z in the brick and so many places along x, and returns the bits of their places.
     pub(crate) fn of_rows(
         origin: [u32; 3],
         dims: [u32; 3],
@@ -334,7 +335,7 @@ pub(crate) struct StoreBuilder<'a, P> {
     stride: u64,
     /// The largest number of splats of a store.
     limit: u32,
-    /// What goes into the next store.
+    /// The parts of the next store.
     parts: Vec<P>,
     bricks: Vec<BrickSplats>,
     held: u32,
@@ -349,7 +350,7 @@ impl<'a, P: Part> StoreBuilder<'a, P> {
         Self { context, stride, limit, parts: Vec::new(), bricks: Vec::new(), held: 0, made: Drawable::default() }
     }
 
-    /// The numbers that the first brick and the first splat of a part will have in their store. The part is added next.
+    /// The numbers of the first brick and the first splat of the next part in its store. The part is added next.
     pub(crate) fn make_room(&mut self, splats: u32, bricks: usize) -> Result<(u32, u32)> {
         let full = self.held.checked_add(splats).is_none_or(|sum| sum > self.limit);
         if full || self.bricks.len() + bricks > MAX_BRICKS {
@@ -394,8 +395,8 @@ impl StoreBuilder<'_, HostBrick> {
         Ok(())
     }
 
-    /// Adds the bricks of a lattice of so many along each axis: `row` makes those along x with these numbers in y and z,
-    /// in parallel, of the samples of bricks of a volume with a halo so wide.
+    /// Adds the bricks of a lattice of `across`, `down` and `deep` bricks. `row` makes, in parallel, the bricks along x
+    /// with these numbers in y and z, from the samples of bricks of a volume with this halo.
     pub(crate) fn push_rows(
         &mut self,
         volume: &Volume,

@@ -22,7 +22,7 @@ impl Timing {
         Self { enabled: context.features.contains(wgpu::Features::TIMESTAMP_QUERY), ..Self::default() }
     }
 
-    /// The set of queries and the pair in it for the begin and the end of a pass of a stage.
+    /// The set of queries, and the pair of queries in it for the begin and the end of a pass of a stage.
     fn next(&mut self, context: &Context, stage: &'static str) -> Option<(&wgpu::QuerySet, [Option<u32>; 2])> {
         if !self.enabled {
             return None;
@@ -95,7 +95,7 @@ pub(crate) fn add(sums: &mut Vec<(&'static str, f64)>, stage: &'static str, seco
     }
 }
 
-/// Runs `work` and returns what it gave with the seconds it took on the host.
+/// Runs `work` and returns its result with the seconds that it took on the host.
 pub(crate) fn on_host<T>(work: impl FnOnce() -> T) -> (T, f64) {
     let start = Instant::now();
     let result = work();

@@ -1,6 +1,6 @@
-//! scalars: a volume to splats of scalars, for post-shading. On the host, brick by brick: which voxels can be visible
-//! depends on their surroundings. If kernels have grown, cells stand for voxels (scalar_cells.rs), through one eye cells
-//! of several levels (levels.rs).
+//! scalars: a volume to splats of scalars, for post-shading. On the host, brick by brick: whether a voxel can be
+//! visible depends on its surroundings. If kernels have grown, cells stand for voxels (scalar_cells.rs), through one
+//! eye cells of several levels (levels.rs).
 
 use super::levels::{Cut, ScalarNeed};
 use super::scalar_cells::{Coarse, Filters, differences};
@@ -16,11 +16,11 @@ use crate::progress::Progress;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, Volume};
 
-/// The largest influence, in voxels, within which single voxels are searched: a row of a brick with its halo is 64 bits.
-/// If the influence is larger, bricks are kept whole.
+/// The largest influence, in voxels, within which single voxels are searched: a row of a brick with its halo is 64
+/// bits. If the influence is larger, bricks are kept whole.
 const MAX_HALO: usize = 16;
 
-/// What splats of scalars depend on besides volume and transfer function.
+/// The settings that splats of scalars depend on, besides volume and transfer function.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Asked {
     pub(crate) kernel: Kernel,
@@ -28,7 +28,7 @@ pub(crate) struct Asked {
     pub(crate) need: ScalarNeed,
     /// Whether splats have gradients.
     pub(crate) lit: bool,
-    /// Which cells stand for voxels along parallel rays; `None`: voxels do, or those of [`ScalarNeed::cut`].
+    /// The cells that stand for voxels along parallel rays; `None`: voxels, or the cells of [`ScalarNeed::cut`].
     pub(crate) coarse: Option<Coarse>,
 }
 
@@ -38,8 +38,8 @@ impl Asked {
         if self.lit { LIT_SCALAR_WORDS } else { SCALAR_WORDS }
     }
 
-    /// Whether splats made for `self` can be reused for `other`. They must reach at least as far; reaching up to 1.5
-    /// times as far changes no pixel and costs only time.
+    /// Whether splats made for `self` serve `other`. They must reach at least as far; reaching up to 1.5 times as far
+    /// changes no pixel and costs only time.
     pub(crate) fn serves(&self, other: &Self) -> bool {
         let influence = other.need.influence..=1.5 * other.need.influence;
         let ScalarNeed { influence: held, growth, .. } = self.need;
@@ -48,10 +48,11 @@ impl Asked {
     }
 }
 
-/// The largest sum of kernels over the lattice, over the divisor: reconstruction magnifies differences by no more.
+/// The largest sum of kernels over the lattice, divided by the normalisation: reconstruction magnifies differences by
+/// no more.
 ///
-/// Looked for on a grid of a quarter of a voxel, for a kernel as asked and as a broad one has it; a tenth is added for
-/// what lies between.
+/// Searched on a grid of a quarter of a voxel, for this kernel and for a broad one; a tenth is added for places
+/// between.
 fn magnification(kernel: &Kernel, normalization: Normalization) -> f64 {
     let reach = kernel.radius().ceil() as i32;
     let cube = |along: &[f64]| -> Vec<[f64; 3]> {
@@ -67,9 +68,9 @@ fn magnification(kernel: &Kernel, normalization: Normalization) -> f64 {
     1.1 * worst / normalization.divisor(kernel)
 }
 
-/// Which scalars, relative to the base, show nothing however kernels add them up.
+/// The scalars, relative to the base, that are invisible however kernels add them up.
 ///
-/// The interval holds 0, so sums of some of its scalars, be the others left out or not, do not show either.
+/// The interval holds 0, so sums of some of its scalars are invisible too, whether or not others are left out.
 #[derive(Debug, Clone, Copy)]
 struct Invisible([f64; 2]);
 
@@ -95,8 +96,8 @@ impl Invisible {
     }
 }
 
-/// The places of a brick, as bits of each row along x, that are within `reach` of an active place of the brick or of its
-/// halo.
+/// The places of a brick, as bits of each row along x, that are within `reach` of an active place of the brick or of
+/// its halo.
 fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<u32> {
     let edge = EDGE + 2 * halo;
     let bits = |row: &[bool]| row.iter().rev().fold(0_u64, |bits, &active| bits << 1 | u64::from(active));
@@ -120,11 +121,11 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<u32> {
     (0..EDGE * EDGE).map(near).collect()
 }
 
-/// Chooses the scalars of a volume that become splats: voxels that can take part in something visible, and copies beyond
-/// the faces of the volume.
+/// Chooses the scalars of a volume that become splats: voxels that can take part in something visible, and copies
+/// beyond the faces of the volume.
 ///
-/// A place is visible only if a voxel outside [`Invisible`] reaches it. So a voxel is kept if such a voxel is within the
-/// influence of the two. The other voxels change nothing: neither visible places nor invisible ones.
+/// A place is visible only if a voxel outside [`Invisible`] reaches it. So a voxel is kept if such a voxel is within
+/// the influence of the two. The other voxels change nothing: neither visible places nor invisible ones.
 pub(crate) struct Emission<'a> {
     volume: &'a Volume,
     relative: Relative,
@@ -142,9 +143,9 @@ pub(crate) struct Emission<'a> {
 /// The cells of a level, or the voxels as level 0, with the copies beyond the faces.
 struct Lattice {
     level: u32,
-    /// What makes cells of voxels; `None`: the lattice is that of the voxels.
+    /// The filters that make cells; `None`: the lattice is that of the voxels.
     filters: Option<Filters>,
-    /// Weights of the differences of places 1, 2 and 3 to either side, whose sums gradients are.
+    /// Weights of the differences of places 1, 2 and 3 to either side in gradients.
     differences: [f32; 3],
     /// Cells around a brick that are searched for voxels that can be visible, or that gradients take differences with.
     halo: usize,
@@ -223,7 +224,7 @@ impl<'a> Emission<'a> {
         Ok(emission)
     }
 
-    /// The splats.
+    /// Makes the splats.
     pub(crate) fn emit(&self, context: &Context, progress: &Progress) -> Result<Drawable> {
         let mut stores = StoreBuilder::new(context, 4 * self.asked.words() as u64, u32::MAX);
         for lattice in &self.lattices {
@@ -235,12 +236,12 @@ impl<'a> Emission<'a> {
         Ok(scalars)
     }
 
-    /// Whether a scalar can show.
+    /// Whether a scalar can be visible.
     fn is_active(&self, scalar: f32) -> bool {
         !self.savings.voxels || !self.invisible.holds(f64::from(scalar))
     }
 
-    /// Whether any brick of the volume is active that has voxels within the influence of this one.
+    /// Whether an active brick of the volume has voxels within the influence of this brick.
     fn is_near(&self, lattice: &Lattice, brick: [usize; 3]) -> bool {
         let [across, down, deep] = self.volume.bricks().map(|n| n as usize);
         let reach = (self.asked.need.influence / f64::from(lattice.level).exp2()).ceil() as i64;
@@ -282,7 +283,7 @@ impl<'a> Emission<'a> {
         made(&|first| (strip.brick(first, lattice.halo), strip.flat(first)))
     }
 
-    /// How many voxels the scalar of a cell counts for; 0: it takes no part in the picture.
+    /// The number of voxels that a cell counts for; 0: it has no share in the picture.
     fn count(&self, lattice: &Lattice, cell: [i64; 3]) -> f64 {
         match self.asked.need.cut {
             None => 1.0,
@@ -293,7 +294,7 @@ impl<'a> Emission<'a> {
         }
     }
 
-    /// The splats of a brick, given its scalars with the halo around them, and which have no gradient, if any.
+    /// The splats of a brick, given its scalars with the halo around them, and the cells that have no gradient, if any.
     fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32], flat: &[bool]) -> Result<MadeBrick> {
         let (halo, lit) = (lattice.halo, self.asked.lit);
         let kept = self.singly.then(|| {
@@ -333,13 +334,13 @@ impl<'a> Emission<'a> {
     }
 }
 
-/// How far from a place gradients take differences.
+/// The distance of the places that gradients depend on.
 fn reach_of(weights: [f32; 3]) -> usize {
     weights.iter().rposition(|&weight| weight != 0.0).map_or(0, |last| last + 1)
 }
 
-/// The gradient at a place of a brick of `edge` places a side: sums of the differences of places to either side along
-/// x, y and z, times these. It is zero where all are equal, so that no light falls there.
+/// The gradient at a place of a brick of `edge` places a side: weighted sums of the differences of places to either
+/// side along x, y and z. It is zero where all are equal, so that no light falls there.
 fn central_differences(scalars: &[f32], at: usize, edge: usize, weights: [f32; 3]) -> [f32; 3] {
     let weights = &weights[..reach_of(weights)];
     [1, edge, edge * edge].map(|step| {

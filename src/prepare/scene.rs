@@ -58,7 +58,7 @@ fn shows(settings: &Settings) -> Shows {
     }
 }
 
-/// The distance that opacities are per, in units of [`Grid::local`].
+/// The unit distance of opacities, in units of [`Grid::local`].
 fn local_unit(transfer: &TransferFunction, grid: &Grid) -> f64 {
     transfer.unit_or(grid.min_spacing()) / grid.unit()
 }
@@ -69,7 +69,8 @@ impl Scene {
         Self { content, grid, weights, seconds, device: context.id }
     }
 
-    /// A scene of classified voxels. They are classified when a picture asks for them: which, depends on the picture.
+    /// A scene of classified voxels. The first picture classifies them, because the picture decides between voxels and
+    /// cells.
     pub(crate) fn of_splats(context: &Context, layers: &Layers, lit: bool) -> Self {
         let grid = *layers.grid();
         let weights = Weights {
@@ -81,7 +82,7 @@ impl Scene {
         Self::new(context, Content::Splats(Box::new(PreShaded::new(layers.clone(), lit))), grid, weights, 0.0)
     }
 
-    /// A scene of scalars: all of post-shading that does not depend on the camera.
+    /// A scene of scalars: the part of post-shading that does not depend on the camera.
     pub(crate) fn of_scalars(
         context: &Context,
         volume: &Volume,
@@ -120,7 +121,7 @@ impl Scene {
         &self.grid
     }
 
-    /// Classifies the voxels of a pre-shaded scene before a picture asks for them.
+    /// Classifies the voxels of a pre-shaded scene before the first picture.
     pub(crate) fn classify(&self, context: &Context, pipelines: &Cache, progress: &Progress) -> Result<()> {
         if let Content::Splats(voxels) = &self.content {
             let (_, seconds) = voxels.classified(context, pipelines, None, progress)?;
@@ -129,8 +130,8 @@ impl Scene {
         Ok(())
     }
 
-    /// The lattices of a picture, given its view of the voxels: one, or of rays through one eye `layers`, the nearest
-    /// first.
+    /// The lattices of a picture, the nearest first, given its view of the voxels. With `layers`, a picture through one
+    /// eye may have several.
     pub(crate) fn lattices(
         &self,
         voxels: &ViewGeometry,
@@ -183,7 +184,7 @@ impl Scene {
         camera: &Camera,
     ) -> Result<Lattice> {
         let (settings, weights) = (settings.clone(), self.weights);
-        // Kernels nearer than those that cells can have are as wide as the least of these.
+        // Nearer kernels are as wide as the least that cells can have.
         let least = |level| match settings.level {
             Level::At(_) => cells::least_growth(&settings.kernel, level),
             Level::Auto => cells::right_growth(&settings.kernel, level, self.voxel_depth(&settings)),
@@ -212,7 +213,7 @@ impl Scene {
             to_eye: voxels.to_eye(),
         });
         let kernel = cells::kernel_of(&settings.kernel, growth, level);
-        // Cells are divided by the integral of their kernel. What voxels are divided by beside theirs stays.
+        // Cells are divided by the integral of their kernel. The normalisation of voxels still applies on top.
         let denser = settings.normalization.density(&settings.kernel);
         let unit = weights.unit * self.grid.unit() / (grid.unit() * denser);
         let grown = growth / f64::from(level).exp2();
@@ -223,7 +224,7 @@ impl Scene {
         Ok(Lattice { view, settings, weights, level, shadows, light, coarse: None })
     }
 
-    /// Which light is kept from voxels, whatever the level: shadows of cells erred by up to 25 of 255.
+    /// The shadows on voxels. Cells use them too: shadows of cells erred by up to 25 of 255.
     fn shadows(&self, settings: &Settings) -> Option<Shadows> {
         let Content::Splats(voxels) = &self.content else { return None };
         let casting = settings.casting()?;
@@ -232,7 +233,7 @@ impl Scene {
         Some(Shadows { casting, lattice, clip: settings.clip.sides(&self.grid) })
     }
 
-    /// The cells of scalars that stand for voxels.
+    /// The lattice of the cells of scalars that stand for voxels.
     fn scalar_cells(
         &self,
         coarse: Coarse,
@@ -241,7 +242,7 @@ impl Scene {
         camera: &Camera,
     ) -> Result<Lattice> {
         let (kernel, normalization) = (settings.kernel, settings.normalization);
-        // Cells are divided by the integral of their kernel. What voxels are divided by beside theirs stays.
+        // Cells are divided by the integral of their kernel. The normalisation of voxels still applies on top.
         let denser = normalization.density(&kernel);
         let weights = Weights { unit: self.weights.unit / denser, ..self.weights };
         let growth = voxels.max_growth();
@@ -251,7 +252,7 @@ impl Scene {
         let settings = of_cells.with_sheets_of(grown);
         let grid = coarse.grid(&self.grid)?;
         let mut view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings, grown, None);
-        // Cells at the faces may reach beyond them.
+        // Cells at the faces may reach beyond the faces.
         view.faces = voxels.faces / coarse.size();
         Ok(Lattice {
             view,
@@ -264,7 +265,8 @@ impl Scene {
         })
     }
 
-    /// Which cells of scalars stand for voxels; `None`: voxels do, or the cells of [`ScalarNeed::cut`].
+    /// The cells of scalars that stand for voxels along parallel rays; `None`: voxels, or the cells of
+    /// [`ScalarNeed::cut`].
     fn coarse(&self, voxels: &ViewGeometry, settings: &Settings) -> Result<Option<Coarse>> {
         let Content::Scalars(scalars) = &self.content else { return Ok(None) };
         let at = |level| Coarse::new(&settings.kernel, voxels.max_growth(), level);
@@ -287,8 +289,8 @@ impl Scene {
         }
     }
 
-    /// The settings as painters draw the scene: where extinction depends on gradients that are reconstructed, they are
-    /// those of a lit scene, of a light that changes no colour.
+    /// The settings as painters draw the scene. If extinction depends on reconstructed gradients, they have a light
+    /// that changes no colour, because only lit scenes have gradients.
     pub(crate) fn drawn_with(&self, settings: &Settings) -> Settings {
         let mut settings = settings.clone();
         if let Content::Scalars(scalars) = &self.content
@@ -308,7 +310,7 @@ impl Scene {
         }
     }
 
-    /// Seconds that preparing took, told once: pictures after the first did not take them.
+    /// Preparation time in seconds; returned once, then zero.
     pub(crate) fn take_seconds(&self) -> f64 {
         f64::from_bits(self.seconds.swap(0, Ordering::Relaxed))
     }
@@ -364,8 +366,8 @@ impl Scene {
         Ok((Some(PostShading { table, light, shadows: true, to_light }), seconds))
     }
 
-    /// The lattice that the light of a post-shaded picture is found on: voxels, or cells and the growth of the kernels
-    /// that they stand for. It is no finer than that of the picture, and no larger than a light volume may be.
+    /// The lattice of the light of a post-shaded picture: voxels, or cells and the growth of the kernels that they
+    /// stand for. It is no finer than the lattice of the picture and no larger than a light volume may be.
     fn lit_cells(&self, kernel: &Kernel, level: u32) -> Result<(Option<(Coarse, f64)>, Grid)> {
         for level in level..=MAX_LEVEL {
             let growth = cells::least_growth(kernel, level);

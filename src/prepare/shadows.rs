@@ -1,5 +1,5 @@
-//! shadows: from splats to splats that know how much light arrives at them. On the host, for any adapter: once for each
-//! volume, transfer function and set of lights, not for each picture.
+//! shadows: from splats to splats with the shares of light that arrive at them. On the host, for any adapter: once for
+//! a volume, a transfer function and a set of lights.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -19,18 +19,18 @@ use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
 use voxsplat_volume::memory::reserved;
 
-/// Words of a lit splat without its place and without what it keeps of light.
+/// Words of a lit splat without its place and without the shares of light.
 const LIT: usize = size_of::<Splat>() / 4 - 1;
 
-/// Planes of a brick that are added up together: what they read together stays in caches.
+/// Planes of a brick whose sums are computed together, so that their input stays in caches.
 pub(crate) const PLANES: usize = 4;
 
-/// Which light is kept from the splats of a lattice of kernels.
+/// The shadows on a lattice of splats.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Shadows {
     pub(crate) casting: Casting,
     pub(crate) lattice: Lattice,
-    /// What is not cut away: the rest casts none.
+    /// The sides of unclipped matter; clipped matter casts no shadows.
     pub(crate) clip: Vec<Side>,
 }
 
@@ -42,7 +42,7 @@ impl Shadows {
     }
 }
 
-/// The splats of stores, lit ones, with the shares of light that arrive at each.
+/// Returns lit splats with the shares of light that arrive at each.
 pub(crate) fn shaded(
     context: &Context,
     stores: &[Store],
@@ -78,12 +78,12 @@ pub(crate) fn shaded(
 pub(crate) struct Arriving {
     /// Bricks along each axis.
     bricks: [usize; 3],
-    /// By brick, x fastest: the splats of a store, and the number of the brick there. `None`: it has no splats.
+    /// By brick, x fastest: the splats of a store, and the number of the brick in it; `None`: the brick has no splats.
     held: Vec<Option<(Arc<Vec<HostBrick>>, usize)>>,
 }
 
 impl Arriving {
-    /// At the splats that [`shaded`] made of a lattice of so many points.
+    /// The shares at the splats of [`shaded`], on a lattice of `dims` points.
     pub(crate) fn new(context: &Context, shaded: &[Store], dims: [u32; 3]) -> Result<Self> {
         let bricks = dims.map(|n| (n as usize).div_ceil(EDGE));
         let mut held = vec![None; bricks.iter().product()];
@@ -97,7 +97,7 @@ impl Arriving {
         Ok(Self { bricks, held })
     }
 
-    /// At [`LANES`] voxels of a row; all light arrives where there is no splat.
+    /// The shares at [`LANES`] voxels of a row; all light arrives at voxels without a splat.
     pub(crate) fn at(&self, [first, y, z]: [usize; 3]) -> [[f32; LANES]; 4] {
         let (mut low, mut high) = ([u32::MAX; LANES], [u32::MAX; LANES]);
         let row = self.bricks[0] * (y / EDGE + self.bricks[1] * (z / EDGE));
@@ -115,7 +115,7 @@ impl Arriving {
     }
 }
 
-/// The bricks of stores whose splats are held on the host.
+/// The bricks of stores with their splats on the host.
 pub(crate) fn bricks_of<'a>(
     stores: &'a [Store],
     held: &'a [Arc<Vec<HostBrick>>],
@@ -123,7 +123,7 @@ pub(crate) fn bricks_of<'a>(
     stores.iter().zip(held).flat_map(|(store, held)| store.bricks.iter().zip(held.iter())).collect()
 }
 
-/// The densities of the splats of bricks that cast shadows, given the density of a splat by its words without the place.
+/// The densities of the splats that cast shadows. `density` gets the words of a splat without the place.
 pub(crate) fn medium(
     bricks: &[(&BrickSplats, &HostBrick)],
     shadows: &Shadows,
@@ -139,7 +139,7 @@ pub(crate) fn medium(
         let splats = points.zip(held.words.chunks_exact(held.each)).map(|(point, words)| (point, density(words)));
         splats.filter(|(point, density)| *density > 0.0 && shadows.casts(*point)).collect::<Vec<_>>()
     };
-    // Some at a time: their densities are in memory twice for a moment.
+    // Some bricks at a time: their densities are in memory twice for a moment.
     for bricks in bricks.chunks(256) {
         let found: Vec<_> = bricks.par_iter().map(dense).collect();
         found.into_iter().flatten().for_each(|(point, density)| medium.set(point, density));
@@ -147,8 +147,7 @@ pub(crate) fn medium(
     Ok(medium)
 }
 
-/// Calls `visit` for each splat of a brick, in their order, with its lattice point and the shares of light that arrive
-/// there.
+/// Calls `visit` for each splat of a brick, in order, with its lattice point and the shares of light that arrive there.
 pub(crate) fn each_share(
     caster: &Caster<f32>,
     medium: &Medium<f32>,
