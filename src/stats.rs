@@ -218,11 +218,6 @@ impl fmt::Display for Stats {
     }
 }
 
-/// Writes a row of the table: what was modelled, what was left out, and the reason.
-fn row(f: &mut fmt::Formatter<'_>, name: &str, modelled: u64, left_out: u64, why: &str) -> fmt::Result {
-    writeln!(f, "{name:<10} {:>15} {:>15}  {why}", grouped(modelled), grouped(left_out))
-}
-
 impl Stats {
     fn header(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [width, height] = self.size;
@@ -278,41 +273,36 @@ impl Stats {
         }
     }
 
+    /// Of each kind of thing, the number that was modelled, the number that was left out, and the reason.
     fn table(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "\n{:<10} {:>15} {:>15}", "", "modelled", "left out")?;
-        let pixels = self.size.map(u64::from).iter().product::<u64>();
-        row(
-            f,
-            "pixels",
-            self.pixels_covered,
-            pixels.saturating_sub(self.pixels_covered),
-            "out of reach of the volume, or of the region",
-        )?;
-        row(f, "bricks", self.bricks_uploaded.into(), (self.bricks - self.bricks_uploaded).into(), "show nothing")?;
+        let pixels = self.size.map(u64::from).iter().product::<u64>().saturating_sub(self.pixels_covered);
+        let bricks = [self.bricks_uploaded, self.bricks - self.bricks_uploaded].map(u64::from);
         let dropped = if self.levels[1] > 0 { "show nothing, or are part of a cell" } else { "show nothing" };
-        row(f, "voxels", self.splats_kept, self.splats_dropped, dropped)?;
+        let mut rows = vec![
+            ("pixels", self.pixels_covered, pixels, "out of reach of the volume, or of the region"),
+            ("bricks", bricks[0], bricks[1], "show nothing"),
+            ("voxels", self.splats_kept, self.splats_dropped, dropped),
+        ];
         if self.splats_padding > 0 {
-            row(f, "copies", self.splats_padding, 0, "beyond the faces, for the field to be complete there")?;
+            rows.push(("copies", self.splats_padding, 0, "beyond the faces, for the field to be complete there"));
         }
         // Tiles does not count the splats that rays meet.
         if let PainterStats::Quads(q) = &self.painter {
-            let splats = self.splats_kept + self.splats_padding;
-            row(f, "splats", q.splats_in_view, splats.saturating_sub(q.splats_in_view), "out of view")?;
-            row(f, "quads", q.quads - q.quads_terminated, q.quads_terminated, "hidden")?;
-            row(f, "batches", q.passes, u64::from(q.batches).saturating_sub(q.passes), "empty")?;
+            let out_of_view = (self.splats_kept + self.splats_padding).saturating_sub(q.splats_in_view);
+            rows.push(("splats", q.splats_in_view, out_of_view, "out of view"));
+            rows.push(("quads", q.quads - q.quads_terminated, q.quads_terminated, "hidden"));
+            rows.push(("batches", q.passes, u64::from(q.batches).saturating_sub(q.passes), "empty"));
         }
-        Ok(())
+        writeln!(f, "\n{:<10} {:>15} {:>15}", "", "modelled", "left out")?;
+        rows.into_iter().try_for_each(|(name, modelled, left_out, why)| {
+            writeln!(f, "{name:<10} {:>15} {:>15}  {why}", grouped(modelled), grouped(left_out))
+        })
     }
 
     fn footer(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let packed = self.tiles().map_or(0, |t| t.packed_bytes);
-        writeln!(
-            f,
-            "\nGPU memory   {} bytes of volume, {} of picture; {} sent for it",
-            grouped(self.scene_bytes + packed),
-            grouped(self.frame_bytes),
-            grouped(self.bytes_sent)
-        )?;
+        let [volume, picture, sent] = [self.scene_bytes + packed, self.frame_bytes, self.bytes_sent].map(grouped);
+        writeln!(f, "\nGPU memory   {volume} bytes of volume, {picture} of picture; {sent} sent for it")?;
         writeln!(f, "pipelines    {} made so far", self.pipelines)?;
         for stage in &self.stages {
             writeln!(f, "{:<12} {:>9.3} ms  ({} clock)", stage.name, stage.seconds * 1e3, stage.clock)?;

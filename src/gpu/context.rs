@@ -104,11 +104,7 @@ impl Context {
 
     /// Opens the best adapter, or the first whose name contains `name` (letter case ignored).
     pub(crate) fn new(name: Option<&str>) -> Result<Self> {
-        pollster::block_on(Self::open(name))
-    }
-
-    async fn open(name: Option<&str>) -> Result<Self> {
-        let found = enumerate().await;
+        let found = pollster::block_on(enumerate());
         if found.is_empty() {
             return Err(Error::NoAdapter(
                 "no Vulkan, Metal or DX12 driver found; on Debian and Ubuntu `apt-get install mesa-vulkan-drivers \
@@ -126,14 +122,13 @@ impl Context {
             })?;
         let features = adapter.features() & Self::FEATURES;
         let limits = adapter.limits();
-        let (device, queue) = adapter
-            .request_device(&wgpu::DeviceDescriptor {
-                label: Some("voxsplat"),
-                required_features: features,
-                required_limits: limits,
-                ..Default::default()
-            })
-            .await
+        let request = adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("voxsplat"),
+            required_features: features,
+            required_limits: limits,
+            ..Default::default()
+        });
+        let (device, queue) = pollster::block_on(request)
             .map_err(|e| Error::NoAdapter(format!("{} cannot be opened: {}", info.name, one_line(&e.to_string()))))?;
         let context = Self::of_device(device, queue, info);
         context.watch();

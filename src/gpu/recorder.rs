@@ -154,11 +154,10 @@ impl<'a> Recorder<'a> {
     /// The time of each stage: stages on the host, then stages on the device in the order of their first pass. Stages
     /// on the device are left out without timestamps.
     pub(crate) fn times(self) -> Result<Vec<StageTime>> {
-        let mut times: Vec<_> = self.on_host.iter().map(|&(name, seconds)| StageTime::host(name, seconds)).collect();
-        for (name, seconds) in self.timing.finish(self.context)?.into_iter().flatten() {
-            times.push(StageTime { name, seconds, clock: Clock::Device });
-        }
-        Ok(times)
+        let on_host = self.on_host.into_iter().map(|(name, seconds)| StageTime::host(name, seconds));
+        let on_device = self.timing.finish(self.context)?.into_iter();
+        let on_device = on_device.map(|(name, seconds)| StageTime { name, seconds, clock: Clock::Device });
+        Ok(on_host.chain(on_device).collect())
     }
 }
 

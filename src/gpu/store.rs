@@ -144,7 +144,7 @@ impl HostBrick {
     }
 
     /// Reads the splats of a brick from the format of the device, of `words` words each.
-    fn of(splats: &[u32], words: usize) -> Result<Self> {
+    fn from_device(splats: &[u32], words: usize) -> Result<Self> {
         let mut bits = vec![0_u32; EDGE * EDGE];
         let mut values = reserved((splats.len() / words * (words - 1)) as u64, || "splats of a brick".to_owned())?;
         for splat in splats.chunks_exact(words) {
@@ -227,7 +227,8 @@ impl Store {
         recorder.submit();
         let words: Vec<u32> = words.values(context, "reading splats")?;
         let each = self.stride as usize / 4;
-        let brick = |run: Range<u32>| HostBrick::of(&words[run.start as usize * each..run.end as usize * each], each);
+        let brick =
+            |run: Range<u32>| HostBrick::from_device(&words[run.start as usize * each..run.end as usize * each], each);
         let bricks = Arc::new(self.all_runs().map(|(_, run)| brick(run)).collect::<Result<Vec<_>>>()?);
         *splats = Splats::Host(Arc::clone(&bricks));
         Ok(bricks)

@@ -98,7 +98,7 @@ impl RowCoding for Relative {
 
 /// The visible values of a scalar field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Shows {
+pub(crate) enum VisibleValues {
     /// All values with opacity.
     Opaque,
     /// The largest value, if it has opacity. Smaller values matter only because they are not larger.
@@ -131,18 +131,18 @@ impl TransferTable {
         context: &Context,
         transfer: &TransferFunction,
         reduction: &Reduction,
-        shows: Shows,
+        shows: VisibleValues,
         unit: f64,
         steepness: f64,
         resolution: &Resolution,
     ) -> Self {
         let value = |color: [f64; 3], opacity: f64| match shows {
-            Shows::Opaque => {
+            VisibleValues::Opaque => {
                 let extinction = TransferFunction::extinction(opacity, unit);
                 let [r, g, b] = color.map(|c| c * extinction);
                 [r, g, b, extinction]
             }
-            Shows::Largest | Shows::Mean => {
+            VisibleValues::Largest | VisibleValues::Mean => {
                 let [r, g, b] = color;
                 [r, g, b, opacity / transfer.max_opacity().max(f64::MIN_POSITIVE)]
             }

@@ -264,12 +264,12 @@ pub(crate) struct VoxelLight {
 
 /// The source of the colour and opacity of values.
 #[derive(Clone, Copy)]
-pub(crate) enum Looks<'a> {
+pub(crate) enum ColorSource<'a> {
     Transfer(&'a TransferFunction),
     Labels(&'a [Look]),
 }
 
-impl Looks<'_> {
+impl ColorSource<'_> {
     /// Whether some value of a range, both ends included, may be visible.
     pub(crate) fn show(&self, [low, high]: [f64; 2]) -> bool {
         match self {
@@ -284,7 +284,7 @@ impl Looks<'_> {
 
 /// Classifies samples.
 pub(crate) struct Classification<'a> {
-    looks: Looks<'a>,
+    looks: ColorSource<'a>,
     slope: f64,
     intercept: f64,
     /// The unit distance of densities, in unit distances of opacities.
@@ -294,27 +294,30 @@ pub(crate) struct Classification<'a> {
 }
 
 impl<'a> Classification<'a> {
-    pub(crate) fn new(volume: &Volume, looks: Looks<'a>, unit: f64) -> Self {
+    pub(crate) fn new(volume: &Volume, looks: ColorSource<'a>, unit: f64) -> Self {
         let (slope, intercept) = volume.rescale();
         let mut classification = Self { looks, slope, intercept, unit, table: Vec::new() };
         if let Some([first, last]) = volume.sample_type().few() {
             // The bits of negative numbers follow those of the others.
             let samples = (0..=last).chain(first..0);
-            classification.table = samples.map(|sample| classification.of(f64::from(sample))).collect();
+            classification.table = samples.map(|sample| classification.classified(f64::from(sample))).collect();
         }
         classification
     }
 
     /// Classifies values instead of the samples of a volume.
-    pub(crate) fn of_values(looks: Looks<'a>, unit: f64) -> Self {
+    pub(crate) fn of_values(looks: ColorSource<'a>, unit: f64) -> Self {
         Self { looks, slope: 1.0, intercept: 0.0, unit, table: Vec::new() }
     }
 
-    pub(crate) fn of(&self, sample: f64) -> Emission {
+    /// The emission of a sample.
+    pub(crate) fn classified(&self, sample: f64) -> Emission {
         let value = self.slope * sample + self.intercept;
         let (color, opacity) = match self.looks {
-            Looks::Transfer(transfer) => transfer.sample(value),
-            Looks::Labels(looks) => look_of(looks, value).map_or(([0.0; 3], 0.0), |look| (look.color, look.opacity)),
+            ColorSource::Transfer(transfer) => transfer.sample(value),
+            ColorSource::Labels(looks) => {
+                look_of(looks, value).map_or(([0.0; 3], 0.0), |look| (look.color, look.opacity))
+            }
         };
         let density = TransferFunction::extinction(opacity, 1.0) * self.unit;
         let [r, g, b] = color.map(|c| (c * density) as f32);
@@ -326,7 +329,7 @@ impl<'a> Classification<'a> {
         match *bytemuck::bytes_of(&sample) {
             [bits] if !self.table.is_empty() => self.table[usize::from(bits)],
             [a, b] if !self.table.is_empty() => self.table[usize::from(u16::from_ne_bytes([a, b]))],
-            _ => self.of(sample.to_f64()),
+            _ => self.classified(sample.to_f64()),
         }
     }
 
@@ -391,7 +394,7 @@ impl<'a> Coarsening<'a> {
         Self {
             volume,
             filter: Filter::new(level, 0.0, &[1.0], REACH),
-            classification: Classification::new(volume, Looks::Transfer(transfer), 1.0),
+            classification: Classification::new(volume, ColorSource::Transfer(transfer), 1.0),
             light,
             steepness: steep.then(|| Steepness { scalars: Relative::new(volume, reduction), gradients, thinning }),
             dims: dims_of(volume.grid(), level),

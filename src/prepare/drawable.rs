@@ -7,7 +7,7 @@ use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::media;
 use super::scalar_cells;
-use super::scalars::{Asked, Emission};
+use super::scalars::{Emission, EmissionKey};
 use super::shadows::{Arriving, Shadows, shaded};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
@@ -17,7 +17,7 @@ use crate::gpu::light_volume::LightVolume;
 use crate::gpu::scan::Scan;
 use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
-use crate::gpu::transfer::{Reduction, Shows};
+use crate::gpu::transfer::{Reduction, VisibleValues};
 use crate::kernel::Kernel;
 use crate::layers::Layers;
 use crate::progress::Progress;
@@ -86,20 +86,20 @@ pub(super) struct PostShaded {
     pub(super) resolution: Resolution,
     /// The model that it was prepared for.
     pub(super) model: Model,
-    pub(super) shows: Shows,
+    pub(super) shows: VisibleValues,
     /// The tables by which scalars are classified, and whether the volume has plateaus.
     pub(super) kept: Cache,
     /// The light that arrives.
     pub(super) light: Held<Shadows, LightVolume>,
-    pub(super) emitted: Held<Asked, Drawable>,
+    pub(super) emitted: Held<EmissionKey, Drawable>,
 }
 
 impl PostShaded {
     /// Emits splats of scalars.
-    pub(super) fn emit(&self, context: &Context, asked: &Asked, progress: &Progress) -> Result<Drawable> {
+    pub(super) fn emit(&self, context: &Context, key: &EmissionKey, progress: &Progress) -> Result<Drawable> {
         let Self { volume, transfer, reduction, shows, .. } = self;
         context.guarded("emitting scalars", || {
-            Emission::new(context, volume, transfer, reduction, *shows, asked)?.emit(context, progress)
+            Emission::new(context, volume, transfer, reduction, *shows, key)?.emit(context, progress)
         })
     }
 
@@ -113,10 +113,10 @@ impl PostShaded {
     ) -> Result<(Arc<Drawable>, f64)> {
         let (kernel, normalization) = lattice.kernel_of_voxels();
         let coarse = lattice.coarse.map(|(coarse, ..)| coarse);
-        let asked = Asked { kernel, normalization, need, lit: lattice.settings.lighting.is_some(), coarse };
-        self.emitted.get_or_make(asked, Asked::serves, |held| {
+        let key = EmissionKey { kernel, normalization, need, lit: lattice.settings.lighting.is_some(), coarse };
+        self.emitted.get_or_make(key, EmissionKey::serves, |held| {
             drop(held);
-            Ok(Arc::new(self.emit(context, &asked, progress)?))
+            Ok(Arc::new(self.emit(context, &key, progress)?))
         })
     }
 

@@ -1,7 +1,7 @@
 //! media: several layers on one lattice to splats, on the host for every adapter. The emissions of all layers are added
 //! up voxel by voxel; the normal is that of the layer with the largest density there.
 
-use super::cells::{Classification, Emission, Looks};
+use super::cells::{Classification, ColorSource, Emission};
 use crate::error::Result;
 use crate::gpu::classify::{STRIDE, gradient_of, gradients, steepness_of};
 use crate::gpu::context::Context;
@@ -58,14 +58,14 @@ impl<'a> Painted<'a> {
                 let scale = reduction.factor() * volume.grid().unit();
                 let thinning = transfer.scaled_gradient_opacity(scale);
                 faintest = Some(reduction.faintest(&Resolution::new(transfer, volume)?));
-                (Looks::Transfer(transfer), Some(Relative::new(volume, reduction)), thinning)
+                (ColorSource::Transfer(transfer), Some(Relative::new(volume, reduction)), thinning)
             }
-            Matter::Labels { looks, .. } => (Looks::Labels(looks), None, Vec::new()),
+            Matter::Labels { looks, .. } => (ColorSource::Labels(looks), None, Vec::new()),
             Matter::Colors(colors) => {
                 volumes = colors.channels.iter().chain(&colors.alpha).collect();
                 white = Some(colors.white);
                 let reduction = Reduction::new(&colors.transfer, 1.0);
-                (Looks::Transfer(&colors.transfer), Some(Relative::of_values(reduction)), Vec::new())
+                (ColorSource::Transfer(&colors.transfer), Some(Relative::of_values(reduction)), Vec::new())
             }
         };
         let ranges = volumes.iter().map(|volume| value_ranges(volume)).collect::<Result<Vec<_>>>()?;
@@ -134,7 +134,7 @@ impl Painted<'_> {
     fn colored(&self, mut channels: impl Iterator<Item = f32>, white: f64) -> Voxel {
         let color: [f64; 3] = std::array::from_fn(|_| channels.next().map_or(0.0, f64::from));
         let value = channels.next().map_or_else(|| luminance(color), f64::from);
-        let [.., density] = self.classification.of(value);
+        let [.., density] = self.classification.classified(value);
         let [r, g, b] = color.map(|channel| (channel / white).clamp(0.0, 1.0) as f32 * density);
         [r, g, b, density, self.scalars.as_ref().map_or(0.0, |scalars| scalars.to(value))]
     }

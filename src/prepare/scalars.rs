@@ -10,7 +10,7 @@ use crate::gpu::context::Context;
 use crate::gpu::layout::{LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient};
 use crate::gpu::savings::Savings;
 use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
-use crate::gpu::transfer::{Reduction, Relative, Shows};
+use crate::gpu::transfer::{Reduction, Relative, VisibleValues};
 use crate::kernel::{Kernel, Normalization};
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
@@ -22,7 +22,7 @@ const MAX_HALO: usize = 16;
 
 /// The settings that splats of scalars depend on, besides volume and transfer function.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Asked {
+pub(crate) struct EmissionKey {
     pub(crate) kernel: Kernel,
     pub(crate) normalization: Normalization,
     pub(crate) need: ScalarNeed,
@@ -32,7 +32,7 @@ pub(crate) struct Asked {
     pub(crate) coarse: Option<Coarse>,
 }
 
-impl Asked {
+impl EmissionKey {
     /// Words of a splat.
     fn words(&self) -> usize {
         if self.lit { LIT_SCALAR_WORDS } else { SCALAR_WORDS }
@@ -75,15 +75,15 @@ fn magnification(kernel: &Kernel, normalization: Normalization) -> f64 {
 struct Invisible([f64; 2]);
 
 impl Invisible {
-    fn new(transfer: &TransferFunction, reduction: &Reduction, shows: Shows, magnification: f64) -> Self {
+    fn new(transfer: &TransferFunction, reduction: &Reduction, shows: VisibleValues, magnification: f64) -> Self {
         let base = transfer.base();
         let around = transfer.invisible_around(base);
         let ends = match shows {
-            Shows::Opaque => around,
-            Shows::Largest => around
+            VisibleValues::Opaque => around,
+            VisibleValues::Largest => around
                 .filter(|_| transfer.is_invisible([f64::NEG_INFINITY, base]))
                 .map(|[_, high]| [f64::NEG_INFINITY, high]),
-            Shows::Mean => None,
+            VisibleValues::Mean => None,
         };
         // Empty if every value is visible.
         let ends = ends.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
@@ -131,7 +131,7 @@ pub(crate) struct Emission<'a> {
     relative: Relative,
     invisible: Invisible,
     savings: Savings,
-    asked: Asked,
+    key: EmissionKey,
     /// The voxels, or the cells of each level that has a share in the picture.
     lattices: Vec<Lattice>,
     /// Of each brick of the volume, x fastest, whether it has a voxel that can be visible.
@@ -162,7 +162,12 @@ struct Lattice {
 }
 
 impl Lattice {
-    fn new(volume: &Volume, level: u32, Asked { kernel, need, coarse, lit, .. }: &Asked, halo: usize) -> Self {
+    fn new(
+        volume: &Volume,
+        level: u32,
+        EmissionKey { kernel, need, coarse, lit, .. }: &EmissionKey,
+        halo: usize,
+    ) -> Self {
         let grid = volume.grid();
         let filters = match coarse {
             Some(coarse) => Some(coarse.filters(kernel, grid)),
@@ -199,14 +204,14 @@ impl<'a> Emission<'a> {
         volume: &'a Volume,
         transfer: &TransferFunction,
         reduction: &Reduction,
-        shows: Shows,
-        asked: &Asked,
+        shows: VisibleValues,
+        key: &EmissionKey,
     ) -> Result<Self> {
-        let (savings, need) = (context.savings, asked.need);
+        let (savings, need) = (context.savings, key.need);
         let halo = need.influence.floor() as usize;
         let singly = savings.voxels && halo <= MAX_HALO && need.cut.is_none();
         let [finest, coarsest] = need.cut.map_or([0, 0], |cut| cut.levels);
-        let lattice = |level| Lattice::new(volume, level, asked, if singly { halo } else { 0 });
+        let lattice = |level| Lattice::new(volume, level, key, if singly { halo } else { 0 });
         let lattices: Vec<Lattice> = (finest..=coarsest).map(lattice).collect();
         let places = |lattice: &Lattice| lattice.extended.into_iter().fold(1_u64, |n, d| n.saturating_mul(d as u64));
         let places = lattices.iter().map(places).fold(0, u64::saturating_add);
@@ -215,9 +220,9 @@ impl<'a> Emission<'a> {
             return Err(too_much(&what, need.growth));
         }
         let relative = Relative::new(volume, *reduction);
-        let invisible = Invisible::new(transfer, reduction, shows, magnification(&asked.kernel, asked.normalization));
+        let invisible = Invisible::new(transfer, reduction, shows, magnification(&key.kernel, key.normalization));
         let mut emission =
-            Self { volume, relative, invisible, savings, asked: *asked, lattices, active: Vec::new(), singly };
+            Self { volume, relative, invisible, savings, key: *key, lattices, active: Vec::new(), singly };
         let ranges = volume.ranges()?.iter();
         emission.active =
             ranges.map(|range| range.iter().any(|&raw| emission.is_active(emission.relative.to(raw)))).collect();
@@ -226,7 +231,7 @@ impl<'a> Emission<'a> {
 
     /// Makes the splats.
     pub(crate) fn emit(&self, context: &Context, progress: &Progress) -> Result<Drawable> {
-        let mut stores = StoreBuilder::new(context, 4 * self.asked.words() as u64, u32::MAX);
+        let mut stores = StoreBuilder::new(context, 4 * self.key.words() as u64, u32::MAX);
         for lattice in &self.lattices {
             let row = |j: usize, k: usize| self.row(lattice, j, k);
             stores.push_rows(self.volume, lattice.counts, lattice.halo, (progress, "emitting scalars"), &row)?;
@@ -244,7 +249,7 @@ impl<'a> Emission<'a> {
     /// Whether an active brick of the volume has voxels within the influence of this brick.
     fn is_near(&self, lattice: &Lattice, brick: [usize; 3]) -> bool {
         let [across, down, deep] = self.volume.bricks().map(|n| n as usize);
-        let reach = (self.asked.need.influence / f64::from(lattice.level).exp2()).ceil() as i64;
+        let reach = (self.key.need.influence / f64::from(lattice.level).exp2()).ceil() as i64;
         let start = lattice.first(brick);
         let bricks = |axis: usize, n: usize| {
             let at = |place: i64| place.div_euclid(EDGE as i64).clamp(0, n as i64 - 1) as usize;
@@ -259,7 +264,7 @@ impl<'a> Emission<'a> {
     /// The bricks along x with these numbers in y and z that can hold splats.
     fn row(&self, lattice: &Lattice, j: usize, k: usize) -> Result<Vec<MadeBrick>> {
         let takes_part = |i| {
-            (self.asked.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
+            (self.key.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
                 && (!self.savings.bricks || self.is_near(lattice, [i, j, k]))
         };
         let bricks: Vec<[usize; 3]> = (0..lattice.counts[0]).filter(|&i| takes_part(i)).map(|i| [i, j, k]).collect();
@@ -279,13 +284,13 @@ impl<'a> Emission<'a> {
         };
         let halo = lattice.halo as i64;
         let ends = [first.map(|cell| cell - halo), last.map(|cell| cell + EDGE as i64 + halo)];
-        let strip = filters.strip(self.volume, &self.relative, ends, self.asked.lit)?;
+        let strip = filters.strip(self.volume, &self.relative, ends, self.key.lit)?;
         made(&|first| (strip.brick(first, lattice.halo), strip.flat(first)))
     }
 
     /// The number of voxels that a cell counts for; 0: it has no share in the picture.
     fn count(&self, lattice: &Lattice, cell: [i64; 3]) -> f64 {
-        match self.asked.need.cut {
+        match self.key.need.cut {
             None => 1.0,
             Some(cut) if cut.reaches(lattice.level, cell, self.volume.grid().dims()) => {
                 f64::from(3 * lattice.level).exp2() * cut.part(lattice.level, cell)
@@ -296,10 +301,10 @@ impl<'a> Emission<'a> {
 
     /// The splats of a brick, given its scalars with the halo around them, and the cells that have no gradient, if any.
     fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32], flat: &[bool]) -> Result<MadeBrick> {
-        let (halo, lit) = (lattice.halo, self.asked.lit);
+        let (halo, lit) = (lattice.halo, self.key.lit);
         let kept = self.singly.then(|| {
             let active: Vec<bool> = scalars.iter().map(|&s| self.is_active(s)).collect();
-            within_reach(&active, halo, self.asked.need.influence)
+            within_reach(&active, halo, self.key.need.influence)
         });
         let first = lattice.first(brick);
         let edge = EDGE + 2 * halo;
@@ -307,7 +312,7 @@ impl<'a> Emission<'a> {
         let steepness = (-f64::from(lattice.level)).exp2();
         let mut copies = 0;
         let (origin, dims) = (brick.map(|b| (b * EDGE) as u32), lattice.extended.map(|n| n as u32));
-        let made = MadeBrick::of_rows(origin, dims, self.asked.words() - 1, |[y, z], count, words| {
+        let made = MadeBrick::of_rows(origin, dims, self.key.words() - 1, |[y, z], count, words| {
             let start = halo + edge * (y + halo + edge * (z + halo));
             let kept = kept.as_ref().map_or(u32::MAX, |kept| kept[y + EDGE * z]);
             let mut bits = 0;

@@ -11,7 +11,7 @@ use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::light_volume::{self, Classification, light_volume};
 use super::scalar_cells::{self, Coarse};
-use super::scalars::Asked;
+use super::scalars::EmissionKey;
 use super::shadows::Shadows;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -20,7 +20,7 @@ use crate::gpu::context::Context;
 use crate::gpu::light_volume::{LightVolume, PostShading};
 use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
-use crate::gpu::transfer::{Reduction, Shows, TransferTable};
+use crate::gpu::transfer::{Reduction, TransferTable, VisibleValues};
 use crate::gpu::view::{Fade, ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
 use crate::layers::Layers;
@@ -49,18 +49,13 @@ enum Content {
     Scalars(Box<PostShaded>),
 }
 
-fn shows(settings: &Settings) -> Shows {
+fn shows(settings: &Settings) -> VisibleValues {
     match settings.model {
         // The volume of a minimum is mirrored.
-        Model::Mip | Model::Minip => Shows::Largest,
-        Model::Average => Shows::Mean,
-        Model::Composite | Model::Xray => Shows::Opaque,
+        Model::Mip | Model::Minip => VisibleValues::Largest,
+        Model::Average => VisibleValues::Mean,
+        Model::Composite | Model::Xray => VisibleValues::Opaque,
     }
-}
-
-/// The unit distance of opacities, in units of [`Grid::local`].
-fn local_unit(transfer: &TransferFunction, grid: &Grid) -> f64 {
-    transfer.unit_or(grid.min_spacing()) / grid.unit()
 }
 
 impl Scene {
@@ -319,7 +314,7 @@ impl Scene {
     fn table(&self, context: &Context, scalars: &PostShaded, level: u32) -> Result<Arc<TransferTable>> {
         // The local unit of length goes with cells, and their gradients are per cell.
         let size = f64::from(level).exp2();
-        let unit = local_unit(&scalars.transfer, &self.grid) / size;
+        let unit = scalars.transfer.unit_or(self.grid.min_spacing()) / (self.grid.unit() * size);
         let steepness = self.grid.unit() * size;
         let PostShaded { transfer, reduction, shows, resolution, .. } = scalars;
         let table = || Ok(TransferTable::new(context, transfer, reduction, *shows, unit, steepness, resolution));
@@ -356,7 +351,8 @@ impl Scene {
                 let need = ScalarNeed { influence: kernel.radius() + 2.0, ..ScalarNeed::NONE };
                 let lit = !scalars.transfer.gradient_opacity().is_empty();
                 let coarse = coarse.map(|(cells, _)| cells);
-                let emitted = scalars.emit(context, &Asked { kernel, normalization, need, lit, coarse }, progress)?;
+                let emitted =
+                    scalars.emit(context, &EmissionKey { kernel, normalization, need, lit, coarse }, progress)?;
                 let PostShaded { transfer, reduction, .. } = scalars.as_ref();
                 let classification = Classification { transfer, reduction };
                 Ok(Arc::new(light_volume(context, &emitted, &grid, &classification, &shadows, progress)?))
