@@ -11,10 +11,6 @@ override LIT: bool = false;
 override GRADIENT_OPACITY: bool = false;
 // Whether voxels that show nothing become splats too.
 override KEEP_INVISIBLE: bool = false;
-// Number of control points, if there are at most MAX_INLINE_POINTS. A sample is then compared with one after the other,
-// in the uniform buffer, where all invocations read the same one at a time. 0: binary search in the storage buffer.
-override INLINE_POINTS: u32 = 0u;
-const MAX_INLINE_POINTS: u32 = 32u;
 // Floats farther out than this are as far as any: their differences stay in the range of f32.
 const FAR: f32 = 1e36;
 // Voxels along the side of a brick.
@@ -41,7 +37,6 @@ struct Classify {
     // common/resolution.wgsl.
     base: f32,
     faintest: f32,
-    inline_points: array<ControlPoint, MAX_INLINE_POINTS>,
 }
 
 struct ControlPoint {
@@ -82,45 +77,33 @@ fn sample_at(i: u32) -> f32 {
     return f32(bitcast<i32>(bits) >> 24u);
 }
 
-// `a` if `first`, otherwise `b`: select() takes no structs.
-fn chosen(first: bool, a: ControlPoint, b: ControlPoint) -> ControlPoint {
-    let color = select(b.color, a.color, first);
-    return ControlPoint(color, select(b.sample, a.sample, first), select(b.opacity, a.opacity, first));
-}
-
-// Colour and opacity of a sample: linear between control points, constant beyond the first and the last. If several
-// points have the same value, the last of them holds from there on.
-fn transfer(sample: f32) -> vec4f {
-    // a: the last point that is not above the sample, or the first point. b: the point after it.
-    var a = classify.inline_points[0];
-    var b = a;
-    if INLINE_POINTS > 0u {
-        for (var i = 0u; i < INLINE_POINTS; i++) {
-            let next = classify.inline_points[min(i + 1u, INLINE_POINTS - 1u)];
-            let reached = classify.inline_points[i].sample <= sample;
-            a = chosen(reached, classify.inline_points[i], a);
-            b = chosen(reached, next, b);
+// Colour and opacity of a sample by `count` control points from number `first` on: linear between points, constant
+// beyond the first and the last. If several points have the same value, the last of them holds from there on.
+fn looked_up(sample: f32, first: u32, count: u32) -> vec4f {
+    var above = 0u;
+    var end = count;
+    while above < end {
+        let middle = (above + end) / 2u;
+        if control_points[first + middle].sample <= sample {
+            above = middle + 1u;
+        } else {
+            end = middle;
         }
-    } else {
-        var above = 0u;
-        var end = classify.points;
-        while above < end {
-            let middle = (above + end) / 2u;
-            if control_points[middle].sample <= sample {
-                above = middle + 1u;
-            } else {
-                end = middle;
-            }
-        }
-        a = control_points[max(above, 1u) - 1u];
-        b = control_points[min(above, classify.points - 1u)];
     }
+    // The last point that is not above the sample, or the first point; and the point after it.
+    let a = control_points[first + max(above, 1u) - 1u];
+    let b = control_points[first + min(above, count - 1u)];
     let width = b.sample - a.sample;
     var f = 0.0;
     if width > 0.0 {
         f = clamp((sample - a.sample) / width, 0.0, 1.0);
     }
     return vec4f(a.color + (b.color - a.color) * f, a.opacity + (b.opacity - a.opacity) * f);
+}
+
+// Colour and opacity of a sample.
+fn transfer(i: u32) -> vec4f {
+    return looked_up(sample_at(i) - classify.sample_origin, 0u, classify.points);
 }
 
 // -ln(1 - opacity). Below 0.1, where the subtraction would cancel, by its series to opacity^6: the next term is 1.4e-7
@@ -194,25 +177,7 @@ fn magnitude_of(gradient: vec4f) -> f32 {
 
 // The share of extinction that stays at a gradient.
 fn gradient_share(gradient: vec4f) -> f32 {
-    let magnitude = magnitude_of(gradient);
-    var above = 0u;
-    var end = classify.gradient_points;
-    while above < end {
-        let middle = (above + end) / 2u;
-        if control_points[classify.points + middle].sample <= magnitude {
-            above = middle + 1u;
-        } else {
-            end = middle;
-        }
-    }
-    let a = control_points[classify.points + max(above, 1u) - 1u];
-    let b = control_points[classify.points + min(above, classify.gradient_points - 1u)];
-    let width = b.sample - a.sample;
-    var f = 0.0;
-    if width > 0.0 {
-        f = clamp((magnitude - a.sample) / width, 0.0, 1.0);
-    }
-    return a.opacity + (b.opacity - a.opacity) * f;
+    return looked_up(magnitude_of(gradient), classify.points, classify.gradient_points).a;
 }
 
 // Whether a sample shows.
@@ -220,7 +185,7 @@ fn shows(i: u32) -> bool {
     if KEEP_INVISIBLE {
         return true;
     }
-    let opaque = transfer(sample_at(i) - classify.sample_origin).a > 0.0;
+    let opaque = transfer(i).a > 0.0;
     if !GRADIENT_OPACITY || !opaque {
         return opaque;
     }
@@ -253,7 +218,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     // The lowest bit that is set is the next visible voxel; `rest & (rest - 1)` clears it.
     for (var rest = seen[index]; rest != 0u; rest &= rest - 1u) {
         let i = firstTrailingBit(rest);
-        let classified = transfer(sample_at(row.first + i) - classify.sample_origin);
+        let classified = transfer(row.first + i);
         let at = splat_place(i, row.point.y % EDGE, row.point.z % EDGE, classify.first_brick + row.brick);
         var density = density(classified.a);
         if GRADIENT_OPACITY {

@@ -34,7 +34,7 @@ fn batches_of(index: u32) -> vec2i {
     let words = splat_words(index);
     let lattice = splat_lattice(words);
     let z = dot(frame.view_z, lattice - frame.lattice_center);
-    let extent = frame.depth_extent * growth_at(z, splat_level(words));
+    let extent = frame.depth_extent * growth_at(z);
     let first = floor((z - extent - frame.sheet_origin) * frame.inverse_sheet_step);
     let last = floor((z + extent - frame.sheet_origin) * frame.inverse_sheet_step);
     let n = i32(sort.sheets_per_batch);

@@ -65,7 +65,7 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     let words = splat_words(entry);
     let lattice = splat_lattice(words);
     let center = view_center(lattice);
-    let growth = growth_at(center.z, splat_level(words));
+    let growth = growth_at(center.z);
     let side = vec2f(f32(corner & 1u), f32(corner >> 1u)) * 2.0 - 1.0;
     if CLIP_PLANES > 0u && is_cut_away(center, frame.radius * growth) {
         return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);

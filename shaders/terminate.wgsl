@@ -91,7 +91,7 @@ fn is_hidden(box: vec4f) -> bool {
 fn is_behind_opaque_tiles(index: u32) -> bool {
     let words = splat_words(index);
     let center = view_center(splat_lattice(words));
-    let growth = growth_at(center.z, splat_level(words));
+    let growth = growth_at(center.z);
     return bounded(center, growth) && is_hidden(bounds(center, growth));
 }
 

@@ -9,15 +9,15 @@ use voxsplat_volume::names::spelled;
 pub struct AdapterInfo {
     /// The name of the device.
     pub name: String,
-    /// The graphics interface it is reached through: vulkan, metal or dx12.
+    /// The graphics interface: vulkan, metal or dx12.
     pub backend: String,
-    /// What kind of device it is.
+    /// The kind of device.
     pub kind: AdapterKind,
     /// The driver and its version.
     pub driver: String,
 }
 
-/// What kind of device an adapter is, the fastest kind first.
+/// The kind of device of an adapter, the fastest kind first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum AdapterKind {
     /// A GPU with memory of its own.
@@ -26,7 +26,7 @@ pub enum AdapterKind {
     Integrated,
     /// A GPU seen through a virtual machine.
     Virtual,
-    /// A device of which the driver does not say what it is.
+    /// A device whose driver does not state its kind.
     Other,
     /// A processor that does the work of a GPU, such as Mesa's lavapipe.
     Cpu,

@@ -1,12 +1,12 @@
-//! The most work that one picture may take. What would take more is refused before it begins: kernels that have grown,
-//! copies beyond the faces of a volume and wide fields of view can ask for any amount.
+//! Limits of the work of one picture. More is refused before it begins: grown kernels, copies beyond the faces of a
+//! volume and wide fields of view can need any amount.
 //!
 //! For comparison, a volume of 512^3 visible voxels at 512 x 512 pixels is some 3e9 fragments by the painter quads and
 //! 3e9 chords for the reference; at 4096 x 4096 pixels 1e11 fragments.
 
 use crate::error::Error;
 
-/// Places of lattices, copies beyond the faces included, in which splats of scalars are looked for, unless the volume
+/// Places of lattices, copies beyond the faces included, that are searched for splats of scalars, unless the volume
 /// itself has half as many. A splat is 8 bytes.
 pub(crate) const MAX_PLACES: u64 = 1 << 27;
 
@@ -20,15 +20,13 @@ pub(crate) const MAX_CHORDS: f64 = (1_u64 << 36) as f64;
 /// Chords of one ray, on average over a picture. A chord takes some 100 bytes, and each thread keeps those of a ray.
 pub(crate) const MAX_RAY_CHORDS: f64 = (1_u64 << 24) as f64;
 
-/// Blocks of a ray of the reference over which its largest kernel reaches. A thread keeps some 1000 bytes for each.
+/// Blocks of a ray of the reference that its largest kernel spans. A thread keeps some 1000 bytes for each.
 pub(crate) const MAX_BLOCKS: f64 = (1_u64 << 18) as f64;
 
-/// How many times kernels of scalars may have grown: beyond, the whole volume is a fraction of a voxel of the coarsest
-/// level.
+/// The largest growth of kernels of scalars: beyond, the whole volume is a fraction of a voxel of the coarsest level.
 pub(crate) const MAX_GROWTH: f64 = (1_u64 << 26) as f64;
 
-/// The refusal of a picture that takes too much: `what` it would have to do, and how many times the largest kernel has
-/// grown.
+/// The refusal of a picture that needs too much work: `what` it would have to do, and the growth of its largest kernel.
 pub(crate) fn too_much(what: &str, growth: f64) -> Error {
     if growth > 1.0 {
         return Error::Setting {

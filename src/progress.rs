@@ -1,11 +1,11 @@
-//! Who is told how far long work is.
+//! Progress of long work.
 
 use std::fmt;
 use std::sync::Arc;
 
-/// A callback for long work; the default tells nobody.
+/// A callback for the progress of long work; by default there is none.
 ///
-/// It is told what is being done, such as "classifying the volume", and the fraction done, 0 to 1, from one thread at a
+/// It is called with the name of the work, such as "classifying", and the fraction done, 0 to 1, from one thread at a
 /// time. Fractions of one work never fall.
 #[derive(Clone, Default)]
 pub struct Progress(Option<Arc<Callback>>);
@@ -13,7 +13,7 @@ pub struct Progress(Option<Arc<Callback>>);
 type Callback = dyn Fn(&'static str, f64) + Send + Sync;
 
 impl Progress {
-    /// Tells `callback`.
+    /// Reports progress to `callback`.
     pub fn new(callback: impl Fn(&'static str, f64) + Send + Sync + 'static) -> Self {
         Self(Some(Arc::new(callback)))
     }

@@ -1,4 +1,6 @@
-//! Renderer (a device), what it prepares (a scene), and pictures.
+//! The renderer (a device), its scenes (prepared volumes) and their pictures.
+
+use std::sync::Arc;
 
 use crate::adapter::AdapterInfo;
 use crate::camera::Camera;
@@ -10,7 +12,7 @@ use crate::gpu::context::{self, Context, PIXEL_BYTES};
 use crate::gpu::light_volume::PostShading;
 use crate::gpu::present::{self, Present};
 use crate::gpu::recorder::Recorder;
-use crate::gpu::store::Bricks;
+use crate::gpu::store::{Bricks, Drawable};
 use crate::gpu::timing::on_host;
 use crate::gpu::view::ViewGeometry;
 use crate::image::Image;
@@ -18,8 +20,7 @@ use crate::image::Region;
 use crate::layers::Layers;
 use crate::painters::choice::Choice;
 use crate::painters::painter::{Begun, Job, Room};
-use crate::prepare::drawable::{Drawable, Wanted};
-use crate::prepare::lattice::{Lattice, Lattices};
+use crate::prepare::lattice::Lattice;
 use crate::prepare::levels::ScalarNeed;
 pub use crate::prepare::scene::Scene;
 use crate::progress::Progress;
@@ -29,12 +30,12 @@ use crate::stats::{StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
 
-/// How a renderer is made.
+/// Options of a renderer.
 #[derive(Debug, Clone, Default)]
 pub struct RendererOptions {
-    /// Part of the name of the adapter to take, letter case ignored; `None` takes the best.
+    /// A part of the name of the adapter, letter case ignored; `None` uses the best adapter.
     pub adapter: Option<String>,
-    /// Who is told how far preparing a scene is, and emitting its scalars for a picture.
+    /// Called with the progress of scene preparation and of the emission of scalars.
     pub progress: Progress,
 }
 
@@ -51,32 +52,31 @@ pub struct Renderer {
     progress: Progress,
 }
 
-/// A picture and what it took.
+/// A picture with its statistics.
 #[derive(Debug, Clone)]
 pub struct Rendered {
     /// The picture.
     pub image: Image,
-    /// What it took.
+    /// The statistics.
     pub stats: Stats,
 }
 
-/// A layer of a picture: its lattice and what is drawn of it. Most pictures have one.
+/// A layer of a picture: its lattice and its splats. Most pictures have one.
 struct Layer {
     lattice: Lattice,
     need: ScalarNeed,
-    /// What scalars are classified and lit by.
+    /// The classification and the light of scalars.
     post: Option<PostShading>,
-    drawable: Drawable,
+    drawable: Arc<Drawable>,
 }
 
-/// The most memory that the sheets of a pass take; larger pictures are made in parts.
+/// The largest memory of the sheets of a pass; larger pictures are made in parts.
 const MAX_SHEET_BYTES: u64 = 256 << 20;
 
 impl Renderer {
     /// Opens a device.
     ///
-    /// # Errors
-    /// [`Error::NoAdapter`] if there is none, none of that name, or it cannot be opened.
+    /// # Errors [`Error::NoAdapter`] if there is no adapter, none of this name, or it cannot be opened.
     pub fn new(options: &RendererOptions) -> Result<Self> {
         Ok(Self {
             context: Context::new(options.adapter.as_deref())?,
@@ -87,7 +87,7 @@ impl Renderer {
 
     /// Renders on a device that the caller has opened, to share textures with it ([`Self::render_into`]).
     ///
-    /// The device needs no features; of those in [`Self::FEATURES`] it should have what its adapter has. Without
+    /// The device needs no features. It should have the [`Self::FEATURES`] that its adapter has: without
     /// `FLOAT32_BLENDABLE` sheets are f16. The callbacks for errors and for a lost device stay the caller's.
     /// `options.adapter` has no effect.
     #[must_use]
@@ -105,7 +105,7 @@ impl Renderer {
         }
     }
 
-    /// The device features that rendering uses if they are there.
+    /// The device features that rendering uses if they are available.
     pub const FEATURES: wgpu::Features = Context::FEATURES;
 
     /// The adapter in use.
@@ -114,16 +114,14 @@ impl Renderer {
         &self.context.info
     }
 
-    /// Prepares a volume for pictures of these settings: of them, what counts is the model, the shading, whether
-    /// there is light, and of a sharper post-shaded picture the kernel and the sharpness. Voxels that cannot show are
-    /// dropped.
+    /// Prepares a volume for pictures with these settings. The scene depends only on the model, the shading and whether
+    /// there is light; of a sharpened post-shaded picture also on kernel and sharpness. Invisible voxels are dropped.
     ///
     /// Pre-shaded voxels are classified here if the level is [`Level::At(0)`](Level::At). Otherwise the first picture
-    /// tells whether voxels or cells are wanted, and takes that time. The file of a streamed volume must stay for it.
+    /// decides between voxels and cells and spends that time. The file of a streamed volume must exist until then.
     ///
-    /// # Errors
-    /// [`Error::Setting`] if a setting is out of range, [`Error::Input`] if a sample is NaN or
-    /// infinite, and the errors of [`Self::render`] if the device fails or is too small.
+    /// # Errors [`Error::Setting`] if a setting is out of range, [`Error::Input`] if a sample is NaN or infinite, and
+    /// the errors of [`Self::render`] if the device fails or is too small.
     pub fn prepare(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Scene> {
         settings.validate()?;
         volume.check_finite()?;
@@ -137,12 +135,11 @@ impl Renderer {
         self.prepared(&Layers::of(volume, transfer), settings)
     }
 
-    /// Prepares layers for pre-shaded pictures; one volume alone as [`Self::prepare`] does. Several layers are always
-    /// classified on the host, and drawn of voxels.
+    /// Prepares layers for pre-shaded pictures; one volume alone like [`Self::prepare`]. Several layers are always
+    /// classified on the host and drawn of voxels.
     ///
-    /// # Errors
-    /// Those of [`Self::prepare`], and [`Error::Setting`] if several layers are to be post-shaded, projected or drawn
-    /// of cells.
+    /// # Errors Like [`Self::prepare`], and [`Error::Setting`] if several layers are to be post-shaded, projected or
+    /// drawn of cells.
     pub fn prepare_layers(&self, layers: &Layers, settings: &Settings) -> Result<Scene> {
         if let Some((volume, transfer)) = layers.plain() {
             return self.prepare(volume, transfer, settings);
@@ -162,23 +159,22 @@ impl Renderer {
 
     /// Renders a picture of a scene that this renderer prepared.
     ///
-    /// # Errors
-    /// [`Error::Setting`] if a setting is out of range or the scene was prepared for others, [`Error::Camera`] if the
-    /// camera is not finite, [`Error::Unsupported`] if the adapter cannot do what is asked, and [`Error::OutOfMemory`]
-    /// or [`Error::Device`] if the device fails. There is no picture then.
+    /// # Errors [`Error::Setting`] if a setting is out of range or the scene was prepared for other settings,
+    /// [`Error::Camera`] if the camera is not finite, [`Error::Unsupported`] if the adapter cannot render the picture,
+    /// and [`Error::OutOfMemory`] or [`Error::Device`] if the device fails. There is no picture then.
     pub fn render(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
         let [width, height] = camera.size;
         self.render_region(scene, camera, settings, Region { x: 0, y: 0, width, height })
     }
 
-    /// Renders a part of the picture that [`Self::render`] makes of the same: the same bytes, without the rest. The
-    /// image has the size of the region.
+    /// Renders a part of the picture that [`Self::render`] makes: the same bytes, without the rest. The image has the
+    /// size of the region.
     ///
-    /// The painter tiles, and so `auto`, marches only the rays that the region takes. Quads draws the picture part by
-    /// part (see [`Stats::parts`]), and of these all that the region touches.
+    /// The painter tiles, and so `auto`, marches only the rays that the region needs. Quads draws the picture part by
+    /// part (see [`Stats::parts`]), and all parts that the region touches.
     ///
-    /// # Errors
-    /// Those of [`Self::render`], and [`Error::Setting`] if the region has no pixels or reaches beyond the picture.
+    /// # Errors Like [`Self::render`], and [`Error::Setting`] if the region has no pixels or reaches beyond the
+    /// picture.
     pub fn render_region(
         &self,
         scene: &Scene,
@@ -195,16 +191,15 @@ impl Renderer {
         Ok(Rendered { image, stats })
     }
 
-    /// Renders a picture into a texture of this renderer's device, all of it: what the volume does not reach becomes
-    /// transparent. Returns what it took; nothing is read back.
+    /// Renders a picture into a texture of this renderer's device. Pixels that the volume does not reach become
+    /// transparent. Returns the statistics; nothing is read back.
     ///
     /// The texture has the size of the camera's picture, one sample, four float or normalised channels, and the usage
-    /// `RENDER_ATTACHMENT`. It gets display values with premultiplied alpha, stored as they are also if its format is
-    /// an sRGB one. Commands are submitted when this returns; what the caller submits next comes after them.
+    /// `RENDER_ATTACHMENT`. It receives display values with premultiplied alpha, stored unchanged in sRGB formats too.
+    /// Commands are submitted when this returns; later submissions of the caller come after them.
     ///
-    /// # Errors
-    /// Those of [`Self::render`], and [`Error::Setting`] if the texture does not fit. The texture may be transparent
-    /// then.
+    /// # Errors Like [`Self::render`], and [`Error::Setting`] if the texture does not fit. The texture may be
+    /// transparent then.
     pub fn render_into(
         &self,
         scene: &Scene,
@@ -230,7 +225,7 @@ impl Renderer {
         })
     }
 
-    /// Paints what a region of a picture takes, one region of the whole after the other, each of which `take` gets.
+    /// Paints the regions of a picture that a part of it needs, one after the other, and passes each to `take`.
     fn paint(
         &self,
         scene: &Scene,
@@ -257,26 +252,21 @@ impl Renderer {
         let mut layers;
         let mut painting = loop {
             let room = choice.kind.room();
-            let Lattices { nearest, behind } = scene.lattices(&voxels, settings, camera, room.layers)?;
-            let mut refusals =
-                std::iter::once(&nearest).chain(&behind).map(|of| (room.refusal)(&of.view, &of.settings));
-            if let Some(reason) = refusals.find_map(|reason| reason) {
+            let lattices = scene.lattices(&voxels, settings, camera, room.layers)?;
+            if let Some(reason) = lattices.iter().find_map(|of| (room.refusal)(&of.view, &of.settings)) {
                 choice = Choice::instead(context, settings, reason)?;
                 continue;
             }
-            let farthest = behind.last().map_or(nearest.level, |lattice| lattice.level);
-            scene.keep_levels([nearest.level, farthest]);
-            let mut layer = |lattice| self.layer(scene, &room, lattice, &mut seconds);
-            layers = (layer(nearest)?, behind.into_iter().map(layer).collect::<Result<Vec<Layer>>>()?);
-            let (nearest, behind) = &layers;
-            let behind = behind.iter().map(|layer| self.job(layer)).collect();
-            match (room.begin)(self.job(nearest), behind)? {
+            scene.keep_levels(&lattices);
+            let layer = |lattice| self.layer(scene, &room, lattice, &mut seconds);
+            layers = lattices.into_iter().map(layer).collect::<Result<Vec<Layer>>>()?;
+            let mut jobs: Vec<Job<'_>> = layers.iter().map(|layer| self.job(layer)).collect();
+            match (room.begin)(jobs.remove(0), jobs)? {
                 Begun::Ready(painting) => break painting,
                 Begun::Refused(reason) => choice = Choice::instead(context, settings, reason)?,
             }
         };
-        let (nearest, behind) = &layers;
-        let farthest = behind.last().unwrap_or(nearest);
+        let (nearest, farthest) = (&layers[0], &layers[layers.len() - 1]);
         let levels = nearest.need.cut.map_or([nearest, farthest].map(|layer| layer.lattice.level), |cut| cut.levels);
         let mut stages = Vec::new();
         if seconds > 0.0 {
@@ -284,7 +274,7 @@ impl Renderer {
         }
         // The kernels of the farthest layer are the largest.
         let bounds = farthest.lattice.view.projected_bounds().filter(|_| !painting.is_empty());
-        // The regions of the whole picture, whatever is wanted of it, so that their bytes are the same.
+        // The regions of the whole picture, so that their bytes do not depend on the part.
         let regions = bounds.map_or_else(Vec::new, |bounds| {
             bounds.parts(self.part_side(painting.pixel_bytes(), painting.most_pixels()))
         });
@@ -294,21 +284,26 @@ impl Renderer {
             let (made, seconds) = on_host(|| painting.make_pipelines());
             made?;
             stages.push(StageTime::host("pipelines", seconds));
-            let rendered = self.timed(&mut stages, |recorder| {
-                (0_u32..).zip(&regions).try_for_each(|(done, &(region, part))| {
-                    self.progress.report("rendering", f64::from(done) / regions.len() as f64);
-                    let pixels = painting.paint(recorder, region, part)?;
-                    take(recorder, region, part, &pixels)
+            let mut recorder = Recorder::timed(context);
+            let (rendered, seconds) = on_host(|| {
+                context.guarded("rendering", || {
+                    (0_u32..).zip(&regions).try_for_each(|(done, &(region, part))| {
+                        self.progress.report("rendering", f64::from(done) / regions.len() as f64);
+                        let pixels = painting.paint(&mut recorder, region, part)?;
+                        take(&mut recorder, region, part, &pixels)
+                    })
                 })
             });
             self.progress.report("rendering", 1.0);
             rendered?;
+            stages.extend(context.guarded("reading timestamps", || recorder.times())?);
+            stages.push(StageTime::host("frame", seconds));
         }
         let traffic = context.traffic();
-        let drawables = || std::iter::once(nearest).chain(behind).map(|layer| &layer.drawable);
-        let bricks = drawables().map(Drawable::bricks).fold(Bricks::default(), Bricks::and);
-        let (splats, splats_kept) =
-            drawables().fold((0, 0), |(splats, kept), drawable| (splats + drawable.splats(), kept + drawable.voxels()));
+        let drawables = || layers.iter().map(|layer| layer.drawable.as_ref());
+        let bricks = drawables().map(|drawable| &drawable.bricks).fold(Bricks::default(), Bricks::and);
+        let splats_padding = drawables().map(|drawable| drawable.copies).sum();
+        let splats_kept = drawables().map(Drawable::splats).sum::<u64>() - splats_padding;
         Ok(Stats {
             adapter: context.info.clone(),
             painter: painting.stats(),
@@ -324,7 +319,7 @@ impl Renderer {
             voxels: scene.grid().len(),
             splats_kept,
             splats_dropped: scene.grid().len().saturating_sub(splats_kept),
-            splats_padding: splats - splats_kept,
+            splats_padding,
             bricks: bricks.all,
             bricks_uploaded: bricks.uploaded,
             bytes_uploaded: bricks.bytes,
@@ -342,13 +337,10 @@ impl Renderer {
         })
     }
 
-    /// What a painter asks of a scene for a layer of a picture. Adds the seconds that making it took.
+    /// Makes a layer of a picture for a painter. Adds the seconds that this took.
     fn layer(&self, scene: &Scene, room: &Room, lattice: Lattice, seconds: &mut f64) -> Result<Layer> {
         let need = (room.need)(&lattice.view, &lattice.settings, lattice.weights);
-        let Lattice { settings, level, shadows, light, coarse, .. } = &lattice;
-        let (shadows, light) = (shadows.as_ref(), light.as_ref());
-        let wanted = Wanted { settings, level: *level, shadows, light, coarse: *coarse, need };
-        let (drawable, took) = scene.drawable(&self.context, &self.pipelines, wanted, &self.progress)?;
+        let (drawable, took) = scene.drawable(&self.context, &self.pipelines, &lattice, need, &self.progress)?;
         *seconds += took;
         let (post, took) = scene.post_shading(&self.context, &self.pipelines, &lattice, &self.progress)?;
         *seconds += took;
@@ -362,26 +354,16 @@ impl Renderer {
             pipelines: &self.pipelines,
             view: &lattice.view,
             settings: &lattice.settings,
-            kept: drawable.kept(),
-            stores: drawable.stores(),
+            kept: &drawable.kept,
+            stores: &drawable.stores,
             weights: lattice.weights,
             post: post.as_ref(),
             padding: need.padding,
         }
     }
 
-    /// Runs the stages of a picture and notes their times.
-    fn timed(&self, stages: &mut Vec<StageTime>, work: impl FnOnce(&mut Recorder<'_>) -> Result<()>) -> Result<()> {
-        let mut recorder = Recorder::timed(&self.context);
-        let (result, seconds) = on_host(|| self.context.guarded("rendering", || work(&mut recorder)));
-        result?;
-        stages.extend(self.context.guarded("reading timestamps", || recorder.times())?);
-        stages.push(StageTime::host("frame", seconds));
-        Ok(())
-    }
-
-    /// Side in pixels of the largest part that a picture is made in: within the adapter's textures and bindings, and
-    /// [`MAX_SHEET_BYTES`] of sheets, given their bytes a pixel, and of at most so many pixels.
+    /// The side in pixels of the largest part that a picture is made in: within the adapter's textures and bindings,
+    /// [`MAX_SHEET_BYTES`] of sheets, given their bytes a pixel, and `most` pixels.
     fn part_side(&self, sheet_bytes: u32, most: u64) -> u32 {
         let limits = &self.context.limits;
         let bindable = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / PIXEL_BYTES;
@@ -390,10 +372,10 @@ impl Renderer {
     }
 }
 
-/// What takes the regions of a picture, and the parts of them that are wanted.
+/// Receives the regions of a picture, and the parts of them that are needed.
 type Take<'a> = dyn FnMut(&mut Recorder<'_>, Region, Region, &wgpu::Buffer) -> Result<()> + 'a;
 
-/// Reads a region back and puts the part of it that is wanted into an image of another region.
+/// Reads a region back and copies a part of it into an image of another region.
 fn put(
     image: &mut Image,
     [of_image, painted, part]: [Region; 3],

@@ -1,4 +1,4 @@
-//! What a picture took: what was modelled and what was left out.
+//! Statistics of a picture: what was modelled, what was left out, and the time.
 
 use std::fmt;
 
@@ -16,7 +16,7 @@ pub struct StageTime {
     pub name: &'static str,
     /// Seconds.
     pub seconds: f64,
-    /// Whether the device's timestamps told, or the host's clock.
+    /// The clock that measured it.
     pub clock: Clock,
 }
 
@@ -27,7 +27,7 @@ impl StageTime {
     }
 }
 
-/// What a stage was timed by.
+/// The clock that measured a stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Clock {
     /// Timestamp queries on the device: the stage alone.
@@ -38,30 +38,31 @@ pub enum Clock {
 
 spelled! { Clock { Device: "device", Host: "host" } }
 
-/// What a picture took.
+/// Statistics of a picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stats {
     /// The adapter that made it.
     pub adapter: AdapterInfo,
-    /// The painter that made it, and what it did.
+    /// The painter that made it, with its statistics.
     pub painter: PainterStats,
-    /// Why that painter did.
+    /// The reason for this painter.
     pub painter_reason: String,
-    /// What a pixel is.
+    /// The model: what a pixel is.
     pub model: Model,
-    /// When the transfer function was applied; after reconstruction for every maximum intensity projection.
+    /// Whether the transfer function was applied before or after reconstruction; after it for every maximum intensity
+    /// projection.
     pub shading: Shading,
     /// Whether rays start at the eye.
     pub perspective: bool,
     /// The number of lights; 0: colours are those of the transfer function.
     pub lights: u32,
-    /// The planes that cut, in the world.
+    /// The clipping planes, in the world.
     pub clip: Clip,
     /// Width and height of the picture, pixels.
     pub size: [u32; 2],
     /// Pixels that the volume can reach: only these were drawn.
     pub pixels_covered: u64,
-    /// Parts that the picture was made in, one after the other: more than one if it outgrows the adapter's textures or
+    /// Parts that the picture was made in, one after the other: several if it outgrows the adapter's textures or
     /// bindings, or 256 MiB of sheets.
     pub parts: u32,
     /// Voxels of the volume.
@@ -71,42 +72,41 @@ pub struct Stats {
     pub splats_kept: u64,
     /// Voxels that were dropped before drawing, or that cells of a coarser level stand for.
     pub splats_dropped: u64,
-    /// Copies of voxels beyond the faces of the volume, for the scalar field to be complete up to them.
+    /// Copies of voxels beyond the faces of the volume, which complete the scalar field up to the faces.
     pub splats_padding: u64,
     /// Bricks of 32^3 voxels that are searched for splats, bricks of copies included.
     pub bricks: u32,
-    /// Bricks that may hold something that shows, by their ranges of values: only they are uploaded to be classified,
-    /// or for post-shading looked at voxel by voxel.
+    /// Bricks that may be visible, by their ranges of values: only these are uploaded to be classified, or for
+    /// post-shading searched voxel by voxel.
     pub bricks_uploaded: u32,
-    /// Bytes sent to the device for them: samples, or for post-shading the scalars that are kept.
+    /// Bytes sent to the device for these bricks: samples, or for post-shading the scalars that are kept.
     pub bytes_uploaded: u64,
-    /// The size of the largest kernel over the size asked for: kernels grow so that no voxel falls between pixels.
+    /// The largest growth of a kernel: kernels grow so that no voxel falls between pixels.
     pub kernel_growth: f64,
-    /// The finest and the coarsest level of the volume that splats were taken from. A cell of level n stands for 2^n
-    /// voxels along each axis, where kernels have grown so far that they resolve no single voxels. Level 0 is the
-    /// volume itself. Only post-shading and maximum intensity by the painter quads take coarser ones.
+    /// The finest and the coarsest level of the splats. A cell of level n stands for 2^n voxels along each axis if
+    /// kernels have grown so far that they do not resolve single voxels. Level 0 is the voxels.
     pub levels: [u32; 2],
-    /// The sharpness asked for: see [`Settings::sharpness`](crate::settings::Settings::sharpness).
+    /// The sharpness: see [`Settings::sharpness`](crate::settings::Settings::sharpness).
     pub sharpness: f64,
-    /// Root mean square of the noise of the reconstructed field over that of the samples, if theirs is white; `None`
+    /// Root mean square of the noise of the reconstructed field over the noise of the samples, if that is white; `None`
     /// without sharpness.
     pub noise: Option<f64>,
     /// Largest error of the footprints, as a fraction of their peak.
     pub footprint_error: f64,
     /// Bytes of the prepared volume on the device.
     pub scene_bytes: u64,
-    /// Bytes made on the device for this picture besides.
+    /// Bytes allocated on the device for this picture.
     pub frame_bytes: u64,
-    /// Bytes sent to the device for this picture: parameters and lists of bricks, and splats of scalars if the device
-    /// does not hold them from the picture before.
+    /// Bytes sent to the device for this picture: parameters and lists of bricks, and splats of scalars unless the
+    /// device holds them from the picture before.
     pub bytes_sent: u64,
-    /// Pipelines that this renderer has made so far, for this picture, its scene, and all before.
+    /// Pipelines that this renderer has made so far, for all scenes and pictures.
     pub pipelines: u32,
     /// The time of each stage.
     pub stages: Vec<StageTime>,
 }
 
-/// What the painter of a picture did.
+/// Statistics of the painter of a picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "name", rename_all = "lowercase")]
 pub enum PainterStats {
@@ -116,12 +116,12 @@ pub enum PainterStats {
     Tiles(TilesStats),
 }
 
-/// What the painter quads did.
+/// Statistics of the painter quads.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct QuadsStats {
-    /// How splats were gathered into sheets.
+    /// The alignment of the sheets.
     pub alignment: Sheets,
-    /// What a sheet added up.
+    /// The quantity that a sheet adds up.
     pub accumulation: Accumulation,
     /// The format of the sheets.
     pub precision: Precision,
@@ -135,7 +135,7 @@ pub struct QuadsStats {
     pub batches: u32,
     /// Passes drawn, one per batch of sheets that splats reach, summed over the parts of the picture.
     pub passes: u64,
-    /// Splats in bricks within view: the others were not looked at. Summed over the parts of the picture.
+    /// Splats in bricks within view, summed over the parts of the picture. The others were skipped.
     pub splats_in_view: u64,
     /// Quads, one per splat and batch that it reaches.
     pub quads: u64,
@@ -145,32 +145,30 @@ pub struct QuadsStats {
     pub footprint_table: [u32; 2],
 }
 
-/// What the painter tiles did.
+/// Statistics of the painter tiles.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct TilesStats {
     /// Slabs across the volume, along voxel planes.
     pub slabs: u32,
     /// World thickness of a slab along the rays.
     pub slab_thickness: f64,
-    /// Rays. If they go through an intermediate image, those of pixels that it does not show well enough are not
-    /// counted.
+    /// Rays. Through an intermediate image, the rays of pixels that it does not show well enough are not counted.
     pub rays: u64,
-    /// How far the rays are apart, of the march with the largest share; `None`: there was nothing to see.
+    /// The spacing of the rays of the march with the largest share; `None` if nothing was visible.
     pub spacing: Option<RaySpacing>,
-    /// Marches whose colours were mixed: along each principal axis with a share in the picture, with each spacing.
+    /// Marches whose colours were mixed: one for each principal axis with a share in the picture, and each spacing.
     pub marches: u32,
     /// Bytes of the packed volume on the device.
     pub packed_bytes: u64,
 }
 
-/// How far rays are apart.
+/// The spacing of rays.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RaySpacing {
-    /// Rays per voxel along the two lattice axes across the principal viewing axis, the axis that rays lean to less
-    /// first.
+    /// Rays per voxel along the two lattice axes across the principal viewing axis; rays lean least along the first.
     PerVoxel([u32; 2]),
-    /// Pixels from ray to ray; 1: each pixel has its own.
+    /// Pixels from ray to ray; 1: each pixel has its own ray.
     Pixels(f64),
 }
 
@@ -186,36 +184,30 @@ impl PainterStats {
 }
 
 impl Stats {
-    /// What the painter quads did; `None` if another painter drew.
+    /// The statistics of the painter quads; `None` if another painter drew.
     #[must_use]
     pub fn quads(&self) -> Option<&QuadsStats> {
         if let PainterStats::Quads(quads) = &self.painter { Some(quads) } else { None }
     }
 
-    /// What the painter tiles did; `None` if another painter drew.
+    /// The statistics of the painter tiles; `None` if another painter drew.
     #[must_use]
     pub fn tiles(&self) -> Option<&TilesStats> {
         if let PainterStats::Tiles(tiles) = &self.painter { Some(tiles) } else { None }
     }
 
-    /// Seconds of a stage; `None` if it did not run.
+    /// The seconds of a stage; `None` if it did not run.
     #[must_use]
     pub fn seconds(&self, stage: &str) -> Option<f64> {
         self.stages.iter().find(|s| s.name == stage).map(|s| s.seconds)
     }
 }
 
-/// A number with its thousands apart.
+/// A number with its thousands separated.
 fn grouped(n: u64) -> String {
     let digits = n.to_string();
-    let mut text = String::new();
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
+    let groups: Vec<&[u8]> = digits.as_bytes().rchunks(3).rev().collect();
+    String::from_utf8_lossy(&groups.join(&b',')).into_owned()
 }
 
 impl fmt::Display for Stats {
@@ -224,11 +216,6 @@ impl fmt::Display for Stats {
         self.table(f)?;
         self.footer(f)
     }
-}
-
-/// One row of the table: what was modelled, what was left out, and why.
-fn row(f: &mut fmt::Formatter<'_>, name: &str, modelled: u64, left_out: u64, why: &str) -> fmt::Result {
-    writeln!(f, "{name:<10} {:>15} {:>15}  {why}", grouped(modelled), grouped(left_out))
 }
 
 impl Stats {
@@ -286,41 +273,36 @@ impl Stats {
         }
     }
 
+    /// Of each kind of thing, the number that was modelled, the number that was left out, and the reason.
     fn table(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "\n{:<10} {:>15} {:>15}", "", "modelled", "left out")?;
-        let pixels = self.size.map(u64::from).iter().product::<u64>();
-        row(
-            f,
-            "pixels",
-            self.pixels_covered,
-            pixels.saturating_sub(self.pixels_covered),
-            "out of reach of the volume, or of the region",
-        )?;
-        row(f, "bricks", self.bricks_uploaded.into(), (self.bricks - self.bricks_uploaded).into(), "show nothing")?;
+        let pixels = self.size.map(u64::from).iter().product::<u64>().saturating_sub(self.pixels_covered);
+        let bricks = [self.bricks_uploaded, self.bricks - self.bricks_uploaded].map(u64::from);
         let dropped = if self.levels[1] > 0 { "show nothing, or are part of a cell" } else { "show nothing" };
-        row(f, "voxels", self.splats_kept, self.splats_dropped, dropped)?;
+        let mut rows = vec![
+            ("pixels", self.pixels_covered, pixels, "out of reach of the volume, or of the region"),
+            ("bricks", bricks[0], bricks[1], "show nothing"),
+            ("voxels", self.splats_kept, self.splats_dropped, dropped),
+        ];
         if self.splats_padding > 0 {
-            row(f, "copies", self.splats_padding, 0, "beyond the faces, for the field to be complete there")?;
+            rows.push(("copies", self.splats_padding, 0, "beyond the faces, for the field to be complete there"));
         }
         // Tiles does not count the splats that rays meet.
         if let PainterStats::Quads(q) = &self.painter {
-            let splats = self.splats_kept + self.splats_padding;
-            row(f, "splats", q.splats_in_view, splats.saturating_sub(q.splats_in_view), "out of view")?;
-            row(f, "quads", q.quads - q.quads_terminated, q.quads_terminated, "hidden")?;
-            row(f, "batches", q.passes, u64::from(q.batches).saturating_sub(q.passes), "empty")?;
+            let out_of_view = (self.splats_kept + self.splats_padding).saturating_sub(q.splats_in_view);
+            rows.push(("splats", q.splats_in_view, out_of_view, "out of view"));
+            rows.push(("quads", q.quads - q.quads_terminated, q.quads_terminated, "hidden"));
+            rows.push(("batches", q.passes, u64::from(q.batches).saturating_sub(q.passes), "empty"));
         }
-        Ok(())
+        writeln!(f, "\n{:<10} {:>15} {:>15}", "", "modelled", "left out")?;
+        rows.into_iter().try_for_each(|(name, modelled, left_out, why)| {
+            writeln!(f, "{name:<10} {:>15} {:>15}  {why}", grouped(modelled), grouped(left_out))
+        })
     }
 
     fn footer(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let packed = self.tiles().map_or(0, |t| t.packed_bytes);
-        writeln!(
-            f,
-            "\nGPU memory   {} bytes of volume, {} of picture; {} sent for it",
-            grouped(self.scene_bytes + packed),
-            grouped(self.frame_bytes),
-            grouped(self.bytes_sent)
-        )?;
+        let [volume, picture, sent] = [self.scene_bytes + packed, self.frame_bytes, self.bytes_sent].map(grouped);
+        writeln!(f, "\nGPU memory   {volume} bytes of volume, {picture} of picture; {sent} sent for it")?;
         writeln!(f, "pipelines    {} made so far", self.pipelines)?;
         for stage in &self.stages {
             writeln!(f, "{:<12} {:>9.3} ms  ({} clock)", stage.name, stage.seconds * 1e3, stage.clock)?;

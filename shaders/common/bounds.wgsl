@@ -14,17 +14,12 @@ fn view_center(lattice: vec3f) -> vec3f {
     );
 }
 
-// How many times as large as asked for the kernel of a splat at view depth `z` is. Cells of levels have spread their
-// voxels already: their kernels are so much narrower that the variances add up to that of the kernel of a voxel.
-fn growth_at(z: f32, level: u32) -> f32 {
+// The size of the kernel of a splat at view depth `z`, in sizes of the kernel that the settings give.
+fn growth_at(z: f32) -> f32 {
     if !GROWN {
         return 1.0;
     }
-    let growth = max(1.0, frame.growth.x + frame.growth.y * z);
-    if level == 0u {
-        return growth;
-    }
-    return sqrt(max(growth * growth - frame.level_spread * (ldexp(1.0, i32(2u * level)) - 1.0), 1.0));
+    return max(1.0, frame.growth.x + frame.growth.y * z);
 }
 
 // Bounds of a splat in one plane coordinate, as (middle, half extent). Its support is a ball in the lattice, of

@@ -65,8 +65,6 @@ struct Frame {
     // Tiles of early splat termination across and down the region, and pixels along the side of one.
     tiles: u32,
     tile_size: u32,
-    // By how much growth^2 shrinks at level n, over 4^n - 1.
-    level_spread: f32,
     // What the model takes. X-ray: `curve` of common/response.wgsl. Coded or attenuated by depth: the share of
     // view depth z in the depth of the box is model.x z + model.y, and model.z is the attenuation.
     model: vec4f,

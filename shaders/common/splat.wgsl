@@ -78,11 +78,6 @@ fn splat_brick(words: vec2u) -> u32 {
     return words.x >> 15u;
 }
 
-// The level of its brick.
-fn splat_level(words: vec2u) -> u32 {
-    return origins[splat_brick(words)].w;
-}
-
 // Its lattice point, at level 0.
 fn splat_point(words: vec2u) -> vec3u {
     let p = words.x;

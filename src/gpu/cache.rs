@@ -1,4 +1,4 @@
-//! What is made once and kept: pipelines on a renderer, what a painter made of a scene on the scene.
+//! Values that are made once and kept: pipelines on a renderer, packed splats and the like on a scene.
 
 use std::any::{Any, TypeId};
 use std::collections::HashMap;
@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::Result;
 
-/// Values of any types, by type of key and value, then by key. Who keeps a value need not know the types.
+/// Values of any type, by the types of key and value, then by key. The owner of a cache need not know the types.
 #[derive(Default)]
 pub(crate) struct Cache(Mutex<HashMap<TypeId, Arc<dyn Any + Send + Sync>>>);
 
@@ -16,7 +16,7 @@ pub(crate) struct Cache(Mutex<HashMap<TypeId, Arc<dyn Any + Send + Sync>>>);
 type Kept<K, V> = Mutex<HashMap<K, Arc<V>>>;
 
 impl Cache {
-    /// What was made for `key` before, or is made now. While it is made, others that ask for the same types wait.
+    /// The value for `key`, made now if there is none. Meanwhile others that need the same types wait.
     pub(crate) fn get_or_make<K, V>(&self, key: K, make: impl FnOnce() -> Result<V>) -> Result<Arc<V>>
     where
         K: Eq + Hash + Send + 'static,

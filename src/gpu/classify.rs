@@ -3,48 +3,37 @@
 use bytemuck::Zeroable;
 use rayon::prelude::*;
 
-use super::cache::Cache;
 use super::context::Context;
-use super::layout::{Classify, ControlPoint, MAX_INLINE_POINTS, Splat};
+use super::layout::{Classify, ControlPoint, Splat};
 use super::pipeline::{Binding, bind, compute, flag, layout, module};
 use super::recorder::Recorder;
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
 use super::splat::{density, packed_appearance, packed_normal, resolution_at, with_density};
-use super::store::{BrickSplats, Bricks, HostBrick, Part, Splats, Store, StoreBuilder};
+use super::store::{BrickSplats, Bricks, Drawable, MadeBrick, Part, Splats, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::transfer::{self, Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
-use voxsplat_volume::memory::reserved;
 
-/// Bricks of one batch, a million voxels: the memory that preparing a scene takes besides its splats, and far within
+/// Bricks of one batch, a million voxels: the memory that preparing a scene needs besides its splats, and far within
 /// every limit.
 const BATCH: usize = 32;
 
-/// The most splats that are joined: while they are, they are in memory twice.
+/// The largest number of splats that are joined: meanwhile they are in memory twice.
 const JOINED: u32 = 1 << 19;
 
-/// What became of a volume.
-#[derive(Default)]
-pub(crate) struct Classified {
-    pub(crate) stores: Vec<Store>,
-    pub(crate) bricks: Bricks,
-    /// What painters made of the splats.
-    pub(crate) kept: Cache,
-}
-
-/// The largest control point, and beyond it the largest sample, that shaders see: differences stay in the range of f32.
+/// The limit of control points and samples that shaders see: differences stay in the range of f32.
 const FAR: f64 = 1e36;
-/// The least extent of the control points in floats as they are: their products stay in the range of f32.
+/// The least extent of the control points in unreduced floats: their products stay in the range of f32.
 const LEAST_EXTENT: f64 = 1e-24;
 
 /// How the shader reads samples: SAMPLE_TYPE in shaders/classify.wgsl.
 ///
-/// Types whose every value is exact in f32 are uploaded as they are. Others, and floats whose control points are near
-/// the ends of the range of f32, are reduced on the host, chunk by chunk, to the scalars of post-shading: a window of
-/// 10 at 4e9 keeps its resolution.
+/// Types whose every value is exact in f32 are uploaded unchanged. Others, and floats whose control points are near the
+/// ends of the range of f32, are reduced on the host, chunk by chunk, to the scalars of post-shading: a window of 10 at
+/// 4e9 keeps its resolution.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct SampleCoding {
     sample_type: u32,
@@ -59,7 +48,7 @@ impl SampleCoding {
         let (slope, intercept) = volume.rescale();
         let sample = |value: f64| (value - intercept) / slope;
         let sample_type = match volume.sample_type() {
-            // A falling map would turn the control points round, and with them the side on which a step belongs.
+            // A falling map would reverse the control points, and the side on which a step belongs.
             _ if slope < 0.0 => None,
             SampleType::U8 => Some(0),
             SampleType::I8 => Some(1),
@@ -78,13 +67,13 @@ impl SampleCoding {
             Some(4) => (0.0, None),
             // An integer within the samples' range, so that the shader's subtraction is exact.
             Some(_) => (sample(transfer.points()[0].value).round().clamp(-32_768.0, 65_535.0), None),
-            // A function without extent is constant, whatever it is told.
+            // A function without extent is constant, whatever its input.
             None => (0.0, Some(Reduction::new(transfer, 1.0))),
         };
         Self { sample_type: sample_type.unwrap_or(4), origin, reduction, slope, intercept }
     }
 
-    /// The control points as the shader compares them with samples.
+    /// The control points in the units in which the shader compares samples.
     fn points(&self, transfer: &TransferFunction) -> Vec<ControlPoint> {
         let point = |p: &transfer::ControlPoint| ControlPoint {
             color: p.color.map(|c| c as f32),
@@ -95,13 +84,8 @@ impl SampleCoding {
         transfer.points().iter().map(point).collect()
     }
 
-    /// The control points of gradient opacity, of gradients of samples on a lattice of this unit of length.
-    fn gradient_points(&self, transfer: &TransferFunction, unit: f64) -> Vec<[f32; 2]> {
-        transfer.scaled_gradient_opacity(self.gradient_scale() * unit)
-    }
-
     /// The base of the transfer function as a sample, and the resolution of samples there; 0 if nothing depends on
-    /// gradients, for it takes the ranges of the samples, which reads them all once more.
+    /// gradients, because the resolution needs the ranges of all samples.
     fn resolution(&self, transfer: &TransferFunction, volume: &Volume, lit: bool) -> Result<[f32; 2]> {
         if !lit && transfer.gradient_opacity().is_empty() {
             return Ok([0.0; 2]);
@@ -122,7 +106,7 @@ impl SampleCoding {
         self.reduction.map_or(1.0 / self.slope.abs(), |reduction| reduction.factor())
     }
 
-    /// A value of the transfer function as the shader compares it with samples.
+    /// A value of the transfer function in the units in which the shader compares samples.
     fn point(&self, value: f64) -> f32 {
         match &self.reduction {
             Some(reduction) => reduction.scalar(value),
@@ -133,7 +117,7 @@ impl SampleCoding {
     }
 }
 
-/// The least f32 that is not under a number.
+/// The least f32 that is at least a number.
 fn next_f32(value: f64) -> f32 {
     let nearest = value as f32;
     if f64::from(nearest) < value { nearest.next_up() } else { nearest }
@@ -150,6 +134,82 @@ impl RowCoding for SampleCoding {
     }
 }
 
+/// A volume to classify, as the stage and its twin on the host read it.
+pub(crate) struct Input<'a> {
+    context: &'a Context,
+    volume: &'a Volume,
+    transfer: &'a TransferFunction,
+    /// Whether splats have normals.
+    lit: bool,
+    progress: &'a Progress,
+    coding: SampleCoding,
+    /// The control points as samples are compared with them.
+    points: Vec<ControlPoint>,
+    /// Gradient opacity, of gradients of samples; empty: extinction does not depend on them.
+    thinning: Vec<[f32; 2]>,
+    /// The base of the transfer function as a sample, and the resolution there.
+    resolution: [f32; 2],
+    gradients: [[f32; 3]; 3],
+}
+
+impl<'a> Input<'a> {
+    /// A volume whose splats get normals if they are lit.
+    pub(crate) fn new(
+        context: &'a Context,
+        volume: &'a Volume,
+        transfer: &'a TransferFunction,
+        lit: bool,
+        progress: &'a Progress,
+    ) -> Result<Self> {
+        let coding = SampleCoding::new(volume, transfer);
+        let points = coding.points(transfer);
+        // On a lattice of the volume's unit of length.
+        let thinning = transfer.scaled_gradient_opacity(coding.gradient_scale() * volume.grid().unit());
+        let resolution = coding.resolution(transfer, volume, lit)?;
+        let gradients = gradients(volume);
+        Ok(Self { context, volume, transfer, lit, progress, coding, points, thinning, resolution, gradients })
+    }
+
+    /// Whether bricks come with a layer of their neighbours' voxels around them, for gradients.
+    fn has_halo(&self) -> bool {
+        self.lit || !self.thinning.is_empty()
+    }
+
+    /// Whether voxels that do not show become splats too.
+    fn keeps_invisible(&self) -> bool {
+        !self.context.savings.voxels
+    }
+
+    /// Calls `take` with the result of `make`, which runs in parallel, for each brick that may show, in order.
+    fn each_brick<B: Send>(
+        &self,
+        make: &(dyn Fn(Brick) -> Result<B> + Sync),
+        take: &mut dyn FnMut(B) -> Result<()>,
+    ) -> Result<Bricks> {
+        let Self { volume, transfer, progress, .. } = self;
+        let mut bricks = Bricks::default();
+        let (slope, intercept) = volume.rescale();
+        let keep = !self.context.savings.bricks || self.keeps_invisible();
+        let shows = |range: [f64; 2]| {
+            let [a, b] = range.map(|raw| slope * raw + intercept);
+            keep || !transfer.is_invisible([a.min(b), a.max(b)])
+        };
+        let total = volume.bricks().into_iter().product::<u32>();
+        let made = |brick: Brick| Ok::<_, Error>((brick.1.len() as u64, make(brick)?));
+        volume.for_each_brick(&shows, usize::from(self.has_halo()), &self.coding, &made, &mut |brick| {
+            bricks.all += 1;
+            if let Some((bytes, brick)) = brick {
+                bricks.uploaded += 1;
+                bricks.bytes += bytes;
+                take(brick)?;
+            }
+            progress.report("classifying", f64::from(bricks.all) / f64::from(total));
+            Ok(())
+        })?;
+        Ok(bricks)
+    }
+}
+
 /// The pipelines of classification, made for one way of reading samples at a time.
 pub(crate) struct Classifier {
     module: wgpu::ShaderModule,
@@ -158,15 +218,8 @@ pub(crate) struct Classifier {
 
 impl Classifier {
     pub(crate) fn new(context: &Context) -> Self {
-        let slots = [
-            Binding::Uniform,
-            Binding::Read,
-            Binding::Read,
-            Binding::Write,
-            Binding::Write,
-            Binding::Read,
-            Binding::Write,
-        ];
+        use Binding::{Read, Uniform, Write};
+        let slots = [Uniform, Read, Read, Write, Write, Read, Write];
         Self {
             module: module(context, shaders::CLASSIFY),
             layout: layout(context, "classify", wgpu::ShaderStages::COMPUTE, &slots),
@@ -174,38 +227,19 @@ impl Classifier {
     }
 
     /// The visible voxels of a volume as splats, brick by brick, with normals if there is light.
-    pub(crate) fn run(
-        &self,
-        context: &Context,
-        scan: &Scan,
-        volume: &Volume,
-        transfer: &TransferFunction,
-        lit: bool,
-        progress: &Progress,
-    ) -> Result<Classified> {
-        let savings = context.savings;
-        let coding = SampleCoding::new(volume, transfer);
-        let points = coding.points(transfer);
-        let thinning = coding.gradient_points(transfer, volume.grid().unit());
-        let [base, faintest] = coding.resolution(transfer, volume, lit)?;
-        // So few points are part of the pipeline, which is made for their number.
-        let mut few = [ControlPoint::zeroed(); MAX_INLINE_POINTS];
-        let is_few = points.len() <= MAX_INLINE_POINTS;
-        if is_few {
-            few[..points.len()].copy_from_slice(&points);
-        }
+    pub(crate) fn run(&self, scan: &Scan, input: &Input<'_>) -> Result<Drawable> {
+        let Input { context, volume, lit, coding, points, thinning, resolution: [base, faintest], .. } = input;
         let constants = [
             ("SAMPLE_TYPE", f64::from(coding.sample_type)),
-            ("LIT", flag(lit)),
+            ("LIT", flag(*lit)),
             ("GRADIENT_OPACITY", flag(!thinning.is_empty())),
-            ("KEEP_INVISIBLE", flag(!savings.voxels)),
-            ("INLINE_POINTS", if is_few { points.len() as f64 } else { 0.0 }),
+            ("KEEP_INVISIBLE", flag(input.keeps_invisible())),
         ];
         let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
-        let [gradient_x, gradient_y, gradient_z] = gradients(volume);
-        let storage = wgpu::BufferUsages::STORAGE;
+        let [gradient_x, gradient_y, gradient_z] = input.gradients;
         let steepness = |&[sample, opacity]: &[f32; 2]| ControlPoint { sample, opacity, ..ControlPoint::zeroed() };
         let all: Vec<ControlPoint> = points.iter().copied().chain(thinning.iter().map(steepness)).collect();
+        let storage = wgpu::BufferUsages::STORAGE;
         let job = Job {
             context,
             scan,
@@ -223,16 +257,14 @@ impl Classifier {
                 gradient_z,
                 first_brick: 0,
                 gradient_points: thinning.len() as u32,
-                base,
-                faintest,
+                base: *base,
+                faintest: *faintest,
                 _pad: 0,
-                inline_points: few,
             },
         };
         let mut batch = BrickBatch::default();
         let mut stores = StoreBuilder::new(context, STRIDE, JOINED);
-        let halo = lit || !thinning.is_empty();
-        let bricks = each_brick(context, volume, transfer, halo, &coding, progress, &Ok, &mut |([x, y, z], bytes)| {
+        let bricks = input.each_brick(&Ok, &mut |([x, y, z], bytes)| {
             batch.origins.push([x, y, z, 0]);
             batch.bytes.extend_from_slice(&bytes);
             if batch.origins.len() == BATCH { job.run(&std::mem::take(&mut batch), &mut stores) } else { Ok(()) }
@@ -240,42 +272,8 @@ impl Classifier {
         if !batch.origins.is_empty() {
             job.run(&batch, &mut stores)?;
         }
-        Ok(Classified { stores: stores.finish()?, bricks, kept: Cache::default() })
+        Ok(Drawable { bricks, ..stores.finish()? })
     }
-}
-
-/// Calls `take` with what `make`, in parallel, makes of each brick that may show something, in order.
-#[expect(clippy::too_many_arguments, reason = "what two ways of classifying a volume share")]
-fn each_brick<B: Send>(
-    context: &Context,
-    volume: &Volume,
-    transfer: &TransferFunction,
-    halo: bool,
-    coding: &SampleCoding,
-    progress: &Progress,
-    make: &(dyn Fn(Brick) -> Result<B> + Sync),
-    take: &mut dyn FnMut(B) -> Result<()>,
-) -> Result<Bricks> {
-    let savings = context.savings;
-    let mut bricks = Bricks::default();
-    let (slope, intercept) = volume.rescale();
-    let shows = |[low, high]: [f64; 2]| {
-        let [a, b] = [low, high].map(|raw| slope * raw + intercept);
-        !savings.bricks || !savings.voxels || !transfer.is_invisible([a.min(b), a.max(b)])
-    };
-    let total = volume.bricks().into_iter().product::<u32>();
-    let made = |brick: Brick| Ok::<_, Error>((brick.1.len() as u64, make(brick)?));
-    volume.for_each_brick(&shows, usize::from(halo), coding, &made, &mut |brick| {
-        bricks.all += 1;
-        if let Some((bytes, brick)) = brick {
-            bricks.uploaded += 1;
-            bricks.bytes += bytes;
-            take(brick)?;
-        }
-        progress.report("classifying", f64::from(bricks.all) / f64::from(total));
-        Ok(())
-    })?;
-    Ok(bricks)
 }
 
 /// World gradients of the lattice coordinates.
@@ -294,7 +292,7 @@ struct BrickBatch {
     bytes: Vec<u8>,
 }
 
-/// What all batches of a volume share.
+/// The state that all batches of a volume share.
 struct Job<'a> {
     context: &'a Context,
     scan: &'a Scan,
@@ -389,78 +387,36 @@ impl Part for ClassifiedPart {
     }
 }
 
-/// The twin of the device's stage, on the host: on a software adapter it is the faster one.
-pub(crate) struct HostClassifier {
-    points: Vec<ControlPoint>,
-    coding: SampleCoding,
-    origin: f32,
-    gradients: [[f32; 3]; 3],
-    dims: [u32; 3],
-    lit: bool,
-    /// Gradient opacity, of gradients of samples; empty: extinction does not depend on them.
-    thinning: Vec<[f32; 2]>,
-    /// The base of the transfer function as a sample, and the resolution there.
-    resolution: [f32; 2],
-    keep_invisible: bool,
-    /// What becomes of each sample of 8 and 16 bits, by its bits.
+/// The twin of the device's stage on the host, faster on software adapters.
+pub(crate) struct HostClassifier<'a> {
+    input: &'a Input<'a>,
+    /// The entry of each sample of 8 and 16 bits, by its bits.
     table: Vec<Entry>,
 }
 
-/// A sample, and what becomes of it.
+/// A sample and its appearance.
 #[derive(Debug, Clone, Copy)]
 struct Entry {
     sample: f32,
     density: f32,
-    /// Words of the splat; `None`: it does not show.
+    /// Words of the splat; `None`: the sample is invisible.
     appearance: Option<[u32; 2]>,
 }
 
-impl HostClassifier {
+impl HostClassifier<'_> {
     /// The visible voxels of a volume as splats, brick by brick, with normals if there is light.
-    pub(crate) fn run(
-        context: &Context,
-        volume: &Volume,
-        transfer: &TransferFunction,
-        lit: bool,
-        progress: &Progress,
-    ) -> Result<Classified> {
-        let coding = SampleCoding::new(volume, transfer);
-        let mut classifier = Self {
-            points: coding.points(transfer),
-            origin: coding.origin as f32,
-            coding,
-            gradients: gradients(volume),
-            dims: volume.grid().dims(),
-            lit,
-            thinning: coding.gradient_points(transfer, volume.grid().unit()),
-            resolution: coding.resolution(transfer, volume, lit)?,
-            keep_invisible: !context.savings.voxels,
-            table: Vec::new(),
-        };
-        classifier.table = match coding.sample_type {
+    pub(crate) fn run(input: &Input<'_>) -> Result<Drawable> {
+        let mut classifier = HostClassifier { input, table: Vec::new() };
+        classifier.table = match input.coding.sample_type {
             0 => classifier.table(256, |bits| bits as u8 as f32),
             1 => classifier.table(256, |bits| bits as i8 as f32),
             2 => classifier.table(65_536, |bits| bits as f32),
             3 => classifier.table(65_536, |bits| bits as i16 as f32),
             _ => Vec::new(),
         };
-        let mut stores = StoreBuilder::new(context, STRIDE, JOINED);
-        let make = |brick: Brick| classifier.brick(brick);
-        let halo = classifier.has_halo();
-        let bricks = each_brick(context, volume, transfer, halo, &coding, progress, &make, &mut |(brick, splats)| {
-            let count = splats.count();
-            if count > 0 {
-                let (_, first) = stores.make_room(count, 1)?;
-                stores.add(splats, count, [BrickSplats { first, ..brick }]);
-            }
-            Ok(())
-        })?;
-        Ok(Classified { stores: stores.finish()?, bricks, kept: Cache::default() })
-    }
-
-    /// Whether bricks come with a layer of their neighbours' voxels around them, for gradients.
-    fn has_halo(&self) -> bool {
-        self.lit || !self.thinning.is_empty()
+        let mut stores = StoreBuilder::new(input.context, STRIDE, JOINED);
+        let bricks = input.each_brick(&|brick| classifier.brick(brick), &mut |brick| stores.push(brick))?;
+        Ok(Drawable { bricks, ..stores.finish()? })
     }
 
     fn table(&self, count: u32, sample: impl Fn(u32) -> f32 + Sync) -> Vec<Entry> {
@@ -468,20 +424,16 @@ impl HostClassifier {
     }
 
     fn entry(&self, sample: f32) -> Entry {
-        let (color, opacity) = self.transfer(sample - self.origin);
-        let shows = self.keep_invisible || opacity > 0.0;
+        let (color, opacity) = self.transfer(sample - self.input.coding.origin as f32);
+        let shows = self.input.keeps_invisible() || opacity > 0.0;
         let density = density(opacity);
         Entry { sample, density, appearance: shows.then(|| packed_appearance(color, density)) }
     }
 
     /// `transfer` in shaders/classify.wgsl.
     fn transfer(&self, sample: f32) -> ([f32; 3], f32) {
-        let points = self.points.as_slice();
-        let above = if points.len() <= MAX_INLINE_POINTS {
-            points.iter().map(|point| usize::from(point.sample <= sample)).sum()
-        } else {
-            points.partition_point(|point| point.sample <= sample)
-        };
+        let points = self.input.points.as_slice();
+        let above = points.partition_point(|point| point.sample <= sample);
         let a = points[above.max(1) - 1];
         let b = points[above.min(points.len() - 1)];
         let width = b.sample - a.sample;
@@ -490,8 +442,8 @@ impl HostClassifier {
         (color, a.opacity + (b.opacity - a.opacity) * f)
     }
 
-    fn brick(&self, (origin, bytes): Brick) -> Result<(BrickSplats, HostBrick)> {
-        match self.coding.sample_type {
+    fn brick(&self, (origin, bytes): Brick) -> Result<MadeBrick> {
+        match self.input.coding.sample_type {
             0 | 1 => {
                 let entry = |bits: u8| self.table[usize::from(bits)];
                 self.splats(origin, &bytes, |bits| entry(bits).sample, entry)
@@ -516,54 +468,43 @@ impl HostClassifier {
         samples: &[T],
         sample: impl Fn(T) -> f32,
         entry: impl Fn(T) -> Entry,
-    ) -> Result<(BrickSplats, HostBrick)> {
-        let halo = usize::from(self.has_halo());
+    ) -> Result<MadeBrick> {
+        let Input { lit, thinning, gradients, resolution: [base, faintest], .. } = self.input;
+        let halo = usize::from(self.input.has_halo());
         let edge = EDGE + 2 * halo;
-        let each = if self.lit { 3 } else { 2 };
-        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min((self.dims[axis] - origin[axis]) as usize));
-        let mut bits = vec![0_u32; EDGE * EDGE];
-        let mut words = reserved((nx * ny * nz * each) as u64, || "splats of a brick".to_owned())?;
-        for z in 0..nz {
-            for y in 0..ny {
-                let start = halo + edge * (y + halo + edge * (z + halo));
-                let row = &mut bits[y + EDGE * z];
-                for (x, &value) in samples[start..][..nx].iter().enumerate() {
-                    let Entry { density, appearance: Some(mut appearance), .. } = entry(value) else { continue };
-                    let gradient = || {
-                        let at = |i: usize| sample(samples[i]);
-                        let i = start + x;
-                        let [base, faintest] = self.resolution;
-                        let differences = [1, edge, edge * edge].map(|step| at(i + step) - at(i - step));
-                        gradient_of(&self.gradients, differences, resolution_at(at(i) - base, faintest))
-                    };
-                    let gradient = if halo > 0 { gradient() } else { ([0.0; 3], 0.0) };
-                    if !self.thinning.is_empty() {
-                        let share = self.share(gradient);
-                        if share <= 0.0 && !self.keep_invisible {
-                            continue;
-                        }
-                        appearance = with_density(appearance, density * share);
+        let each = if *lit { 3 } else { 2 };
+        MadeBrick::of_rows(origin, self.input.volume.grid().dims(), each, |[y, z], count, words| {
+            let start = halo + edge * (y + halo + edge * (z + halo));
+            let mut bits = 0;
+            for (x, &value) in samples[start..][..count].iter().enumerate() {
+                let Entry { density, appearance: Some(mut appearance), .. } = entry(value) else { continue };
+                let gradient = || {
+                    let at = |i: usize| sample(samples[i]);
+                    let i = start + x;
+                    let differences = [1, edge, edge * edge].map(|step| at(i + step) - at(i - step));
+                    gradient_of(gradients, differences, resolution_at(at(i) - base, *faintest))
+                };
+                let gradient = if halo > 0 { gradient() } else { ([0.0; 3], 0.0) };
+                if !thinning.is_empty() {
+                    let share = scaled_share(thinning, steepness_of(gradient));
+                    if share <= 0.0 && !self.input.keeps_invisible() {
+                        continue;
                     }
-                    *row |= 1 << x;
-                    words.extend(appearance);
-                    if self.lit {
-                        words.push(packed_normal(gradient.0));
-                    }
+                    appearance = with_density(appearance, density * share);
+                }
+                bits |= 1 << x;
+                words.extend(appearance);
+                if *lit {
+                    words.push(packed_normal(gradient.0));
                 }
             }
-        }
-        words.shrink_to_fit();
-        Ok((BrickSplats::new(origin, 0, bits.iter().copied()), HostBrick::new(&bits, each, words)))
-    }
-
-    /// `gradient_share` in shaders/classify.wgsl.
-    fn share(&self, gradient: ([f32; 3], f32)) -> f32 {
-        scaled_share(&self.thinning, steepness_of(gradient))
+            bits
+        })
     }
 }
 
-/// `gradient` in shaders/classify.wgsl, of the differences along the axes of the lattice: a vector, and what it is to
-/// be multiplied by; 0 if half of the differences is under their resolution.
+/// `gradient` in shaders/classify.wgsl, of the differences along the axes of the lattice: a vector and its factor; 0 if
+/// half of the differences is under their resolution.
 pub(crate) fn gradient_of([x, y, z]: &[[f32; 3]; 3], steps: [f32; 3], resolution: f32) -> ([f32; 3], f32) {
     let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
     if largest <= 0.0 || 0.5 * largest < resolution {

@@ -1,6 +1,6 @@
 //! The device: chosen, opened, and watched for errors.
 
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::savings::Savings;
@@ -52,34 +52,27 @@ static OPENED: AtomicU64 = AtomicU64::new(0);
 /// Bytes of a pixel: premultiplied RGBA, f32.
 pub(crate) const PIXEL_BYTES: u64 = 16;
 
-/// How long another thread may take to pass on that a buffer is mapped.
+/// How long another thread may take to report that a buffer is mapped.
 const MAP_TIMEOUT: std::time::Duration = std::time::Duration::from_secs(60);
 
-/// An open device with its queue, and what went wrong on it.
+/// An open device with its queue and its errors.
 pub(crate) struct Context {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     pub(crate) info: AdapterInfo,
     pub(crate) limits: wgpu::Limits,
     pub(crate) features: wgpu::Features,
-    /// What the device said outside error scopes: the reason it was lost, or an error nobody waited for.
+    /// The first report of the device outside error scopes: the reason of its loss, or an error.
     failure: Arc<Mutex<Option<String>>>,
-    traffic: Counters,
-    /// Tells this device from others of the program.
+    traffic: Mutex<Traffic>,
+    /// Distinguishes this device from others of the program.
     pub(crate) id: u64,
-    /// What is left out; all of it but in tests.
+    /// What is left out: everything possible, except in tests.
     pub(crate) savings: Savings,
 }
 
-#[derive(Default)]
-struct Counters {
-    allocated: AtomicU64,
-    sent: AtomicU64,
-    pipelines: AtomicU32,
-}
-
-/// What was made on a device since it was opened.
-#[derive(Debug, Clone, Copy)]
+/// The resources made on a device since it was opened.
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Traffic {
     /// Bytes of buffers and textures.
     pub(crate) allocated: u64,
@@ -93,7 +86,7 @@ impl Context {
     pub(crate) const FEATURES: wgpu::Features =
         wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::FLOAT32_BLENDABLE);
 
-    /// A device that is open already. Its callbacks of errors stay the owner's.
+    /// A device that is open already. Its error callbacks stay the owner's.
     pub(crate) fn of_device(device: wgpu::Device, queue: wgpu::Queue, info: AdapterInfo) -> Self {
         let (limits, features) = (device.limits(), device.features() & Self::FEATURES);
         Self {
@@ -103,7 +96,7 @@ impl Context {
             limits,
             features,
             failure: Arc::default(),
-            traffic: Counters::default(),
+            traffic: Mutex::default(),
             id: OPENED.fetch_add(1, Ordering::Relaxed),
             savings: Savings::default(),
         }
@@ -111,11 +104,7 @@ impl Context {
 
     /// Opens the best adapter, or the first whose name contains `name` (letter case ignored).
     pub(crate) fn new(name: Option<&str>) -> Result<Self> {
-        pollster::block_on(Self::open(name))
-    }
-
-    async fn open(name: Option<&str>) -> Result<Self> {
-        let found = enumerate().await;
+        let found = pollster::block_on(enumerate());
         if found.is_empty() {
             return Err(Error::NoAdapter(
                 "no Vulkan, Metal or DX12 driver found; on Debian and Ubuntu `apt-get install mesa-vulkan-drivers \
@@ -133,21 +122,20 @@ impl Context {
             })?;
         let features = adapter.features() & Self::FEATURES;
         let limits = adapter.limits();
-        let (device, queue) = adapter
-            .request_device(&wgpu::DeviceDescriptor {
-                label: Some("voxsplat"),
-                required_features: features,
-                required_limits: limits,
-                ..Default::default()
-            })
-            .await
+        let request = adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("voxsplat"),
+            required_features: features,
+            required_limits: limits,
+            ..Default::default()
+        });
+        let (device, queue) = pollster::block_on(request)
             .map_err(|e| Error::NoAdapter(format!("{} cannot be opened: {}", info.name, one_line(&e.to_string()))))?;
         let context = Self::of_device(device, queue, info);
         context.watch();
         Ok(context)
     }
 
-    /// Notes what the device says outside error scopes.
+    /// Notes reports of the device outside error scopes.
     fn watch(&self) {
         let note = |failure: &Mutex<Option<String>>, what: String| {
             let mut failure = failure.lock().unwrap_or_else(PoisonError::into_inner);
@@ -164,7 +152,7 @@ impl Context {
         self.device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| note(&uncaptured, one_line(&e.to_string()))));
     }
 
-    /// Runs `work` and turns whatever the device reports meanwhile into an error that names `stage`.
+    /// Runs `work` and turns errors of the device into an error that names `stage`.
     pub(crate) fn guarded<T>(&self, stage: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
         let out_of_memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
@@ -190,7 +178,7 @@ impl Context {
         self.features.contains(wgpu::Features::FLOAT32_BLENDABLE)
     }
 
-    /// Waits until the device has done all that was submitted.
+    /// Waits until the device has done all submitted work.
     pub(crate) fn wait(&self, stage: &str) -> Result<()> {
         self.device
             .poll(wgpu::PollType::wait_indefinitely())
@@ -198,7 +186,7 @@ impl Context {
             .map_err(|e| Error::Device { stage: stage.to_owned(), reason: one_line(&e.to_string()) })
     }
 
-    /// A buffer of `size` bytes, rounded up to what copies need.
+    /// A buffer of `size` bytes, rounded up to the alignment of copies.
     pub(crate) fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
         let size = size.max(16).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT);
         if size > self.limits.max_buffer_size {
@@ -207,7 +195,7 @@ impl Context {
                 self.limits.max_buffer_size
             )));
         }
-        self.traffic.allocated.fetch_add(size, Ordering::Relaxed);
+        self.count(|traffic| traffic.allocated += size);
         Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size,
@@ -225,8 +213,8 @@ impl Context {
 
     /// Sends `data` into a buffer, from byte `at` on, a multiple of 4.
     pub(crate) fn write(&self, buffer: &wgpu::Buffer, at: u64, data: &[u8]) {
-        self.traffic.sent.fetch_add(data.len() as u64, Ordering::Relaxed);
-        // Copies are made of whole words: the bytes past the last word go in one of their own.
+        self.count(|traffic| traffic.sent += data.len() as u64);
+        // Copies take whole words: the bytes past the last word go in a word of their own.
         let (words, rest) = data.split_at(data.len() / 4 * 4);
         self.queue.write_buffer(buffer, at, words);
         if !rest.is_empty() {
@@ -253,7 +241,7 @@ impl Context {
     ) -> wgpu::Texture {
         let texel = u64::from(format.block_copy_size(None).unwrap_or(16));
         let texels = u64::from(width) * u64::from(height) * u64::from(depth_or_array_layers);
-        self.traffic.allocated.fetch_add(texel * texels, Ordering::Relaxed);
+        self.count(|traffic| traffic.allocated += texel * texels);
         self.device.create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
             size: wgpu::Extent3d { width, height, depth_or_array_layers },
@@ -283,7 +271,7 @@ impl Context {
         bytes: &[u8],
         [width, height, depth_or_array_layers]: [u32; 3],
     ) {
-        self.traffic.sent.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        self.count(|traffic| traffic.sent += bytes.len() as u64);
         let row = bytes.len() / (height * depth_or_array_layers) as usize;
         self.queue.write_texture(
             wgpu::TexelCopyTextureInfo { origin: wgpu::Origin3d { x, y, z }, ..texture.as_image_copy() },
@@ -293,18 +281,18 @@ impl Context {
         );
     }
 
-    /// What was made since the device was opened.
+    /// The resources made since the device was opened.
     pub(crate) fn traffic(&self) -> Traffic {
-        Traffic {
-            allocated: self.traffic.allocated.load(Ordering::Relaxed),
-            sent: self.traffic.sent.load(Ordering::Relaxed),
-            pipelines: self.traffic.pipelines.load(Ordering::Relaxed),
-        }
+        *self.traffic.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn count(&self, add: impl FnOnce(&mut Traffic)) {
+        add(&mut self.traffic.lock().unwrap_or_else(PoisonError::into_inner));
     }
 
     /// Counts a pipeline that was made.
     pub(crate) fn made_pipeline(&self) {
-        self.traffic.pipelines.fetch_add(1, Ordering::Relaxed);
+        self.count(|traffic| traffic.pipelines += 1);
     }
 
     /// Reads the whole of a buffer that was made with `MAP_READ`.
@@ -315,11 +303,11 @@ impl Context {
         };
         let (done, outcome) = std::sync::mpsc::channel();
         buffer.map_async(wgpu::MapMode::Read, .., move |result| {
-            // If the wait has failed, nobody listens any more.
+            // If the wait has failed, nobody receives.
             let _ = done.send(result);
         });
         self.wait(stage)?;
-        // Where several threads wait, the one that is told that the buffer is mapped need not be this one: by now it is
+        // If several threads wait, another thread may be the one that learns that the buffer is mapped: by now it is
         // about to pass that on.
         match outcome.recv_timeout(MAP_TIMEOUT) {
             Ok(Ok(())) => {}

@@ -1,4 +1,4 @@
-//! The light that arrives at each place of a field of scalars, as a texture.
+//! The texture of the light that arrives at each place of a field of scalars.
 
 use std::sync::Arc;
 
@@ -8,30 +8,42 @@ use super::context::Context;
 use super::transfer::TransferTable;
 use crate::volume::Grid;
 
-/// The light that arrives, as a texture.
+/// The light that arrives at each place.
 pub(crate) struct LightVolume {
     pub(crate) texture: wgpu::TextureView,
     pub(crate) sampler: wgpu::Sampler,
-    /// From the world to the texture, which reaches from 0 to 1.
+    /// The map from the world to the texture, which spans 0 to 1.
     from_world: DAffine3,
-    /// What a scene takes for it.
+    /// The memory of a scene for it, in bytes.
     pub(crate) bytes: u64,
 }
 
-/// What a post-shaded picture is classified and lit by.
+/// The classification and the light of a post-shaded picture.
 pub(crate) struct PostShading {
     pub(crate) table: Arc<TransferTable>,
     pub(crate) light: Arc<LightVolume>,
-    /// Whether it is; otherwise the light volume is [`LightVolume::none`].
+    /// Whether there are shadows; otherwise the light volume is [`LightVolume::none`].
     pub(crate) shadows: bool,
     /// The map to the light volume from the lattice that the picture is drawn of.
     pub(crate) to_light: DAffine3,
 }
 
 impl LightVolume {
-    /// The light at the places of `grid` from `low` on, `size` of them along each axis: half floats for three lights
-    /// and the ambient one, x fastest.
+    /// The light at the places of `grid` from `low` on, `size` places along each axis: half floats for three lights and
+    /// ambient light, x fastest.
     pub(crate) fn new(context: &Context, grid: &Grid, low: [u32; 3], size: [u32; 3], texels: &[[u16; 4]]) -> Self {
+        // The middle of the first texel is half a texel from the edge.
+        let shift = DAffine3::from_translation(DVec3::splat(0.5) - DVec3::from_array(low.map(f64::from)));
+        let scale = DAffine3::from_scale(DVec3::from_array(size.map(|n| f64::from(n).recip())));
+        Self::of_texels(context, scale * shift * grid.to_lattice(), size, texels)
+    }
+
+    /// A texture for stages that need one and do not read it.
+    pub(crate) fn none(context: &Context) -> Self {
+        Self::of_texels(context, DAffine3::IDENTITY, [1; 3], &[])
+    }
+
+    fn of_texels(context: &Context, from_world: DAffine3, size: [u32; 3], texels: &[[u16; 4]]) -> Self {
         let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
         let (format, dimension) = (wgpu::TextureFormat::Rgba16Float, wgpu::TextureDimension::D3);
         let texture = context.texture("light_volume", format, size, dimension, usage);
@@ -40,37 +52,18 @@ impl LightVolume {
         for (z, texels) in (0..).zip(texels.chunks_exact(plane)) {
             context.write_texels(&texture, [0, 0, z], bytemuck::cast_slice(texels), [size[0], size[1], 1]);
         }
-        // The middle of the first texel is half a texel from the edge.
-        let shift = DAffine3::from_translation(DVec3::splat(0.5) - DVec3::from_array(low.map(f64::from)));
-        let scale = DAffine3::from_scale(DVec3::from_array(size.map(|n| f64::from(n).recip())));
-        Self {
-            texture: texture.create_view(&Default::default()),
-            sampler: sampler(context),
-            from_world: scale * shift * grid.to_lattice(),
-            bytes: 8 * texels.len() as u64,
-        }
+        let sampler = context.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("light_volume"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..Default::default()
+        });
+        let (texture, bytes) = (texture.create_view(&Default::default()), 8 * texels.len() as u64);
+        Self { texture, sampler, from_world, bytes }
     }
 
     /// The map from a lattice to the texture.
     pub(crate) fn map_from(&self, grid: &Grid) -> DAffine3 {
         self.from_world * grid.to_world()
     }
-
-    /// A texture for stages that need one and do not read it.
-    pub(crate) fn none(context: &Context) -> Self {
-        let usage = wgpu::TextureUsages::TEXTURE_BINDING;
-        let (format, dimension) = (wgpu::TextureFormat::Rgba16Float, wgpu::TextureDimension::D3);
-        let texture = context.texture("light_volume", format, [1; 3], dimension, usage);
-        let texture = texture.create_view(&Default::default());
-        Self { texture, sampler: sampler(context), from_world: DAffine3::IDENTITY, bytes: 0 }
-    }
-}
-
-fn sampler(context: &Context) -> wgpu::Sampler {
-    context.device.create_sampler(&wgpu::SamplerDescriptor {
-        label: Some("light_volume"),
-        mag_filter: wgpu::FilterMode::Linear,
-        min_filter: wgpu::FilterMode::Linear,
-        ..Default::default()
-    })
 }

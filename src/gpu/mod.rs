@@ -1,4 +1,4 @@
-//! The device, its buffers and shaders, and what every painter needs of them.
+//! The device, its buffers and shaders, and what all painters need of them.
 
 #[cfg(test)]
 pub(crate) mod adapter_test;

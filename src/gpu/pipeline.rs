@@ -1,10 +1,10 @@
-//! Short forms of wgpu's descriptors for what the stages need.
+//! Short forms of wgpu's descriptors.
 
 use super::context::Context;
 use super::shaders::Shader;
 use crate::error::Result;
 
-/// What a binding of a stage holds.
+/// The kind of a binding of a stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Binding {
     /// A uniform buffer.
@@ -17,7 +17,7 @@ pub(crate) enum Binding {
     Write,
     /// A float texture, read without filtering.
     Texture(wgpu::TextureViewDimension),
-    /// A float texture, read between texels, and what reads it.
+    /// A float texture that a sampler reads between texels.
     FilteredTexture(wgpu::TextureViewDimension),
     Sampler,
     /// A texture of unsigned integers.
@@ -30,36 +30,24 @@ pub(crate) enum Binding {
 
 impl Binding {
     fn binding_type(self) -> wgpu::BindingType {
-        let buffer =
-            |ty, has_dynamic_offset| wgpu::BindingType::Buffer { ty, has_dynamic_offset, min_binding_size: None };
-        let texture = |sample_type, view_dimension| wgpu::BindingType::Texture {
-            sample_type,
-            view_dimension,
-            multisampled: false,
-        };
+        use wgpu::{BindingType, BufferBindingType, SamplerBindingType, StorageTextureAccess, TextureSampleType};
+        let buffer = |ty, has_dynamic_offset| BindingType::Buffer { ty, has_dynamic_offset, min_binding_size: None };
+        let storage = |read_only| buffer(BufferBindingType::Storage { read_only }, false);
+        let texture =
+            |sample_type, view_dimension| BindingType::Texture { sample_type, view_dimension, multisampled: false };
+        let float = |filterable, dimension| texture(TextureSampleType::Float { filterable }, dimension);
+        let stored = |access, format, view_dimension| BindingType::StorageTexture { access, format, view_dimension };
         match self {
-            Self::Uniform => buffer(wgpu::BufferBindingType::Uniform, false),
-            Self::DynamicUniform => buffer(wgpu::BufferBindingType::Uniform, true),
-            Self::Read => buffer(wgpu::BufferBindingType::Storage { read_only: true }, false),
-            Self::Write => buffer(wgpu::BufferBindingType::Storage { read_only: false }, false),
-            Self::Texture(view_dimension) => {
-                texture(wgpu::TextureSampleType::Float { filterable: false }, view_dimension)
-            }
-            Self::FilteredTexture(view_dimension) => {
-                texture(wgpu::TextureSampleType::Float { filterable: true }, view_dimension)
-            }
-            Self::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
-            Self::IntegerTexture(view_dimension) => texture(wgpu::TextureSampleType::Uint, view_dimension),
-            Self::ReadTexture(format) => wgpu::BindingType::StorageTexture {
-                access: wgpu::StorageTextureAccess::ReadOnly,
-                format,
-                view_dimension: wgpu::TextureViewDimension::D2,
-            },
-            Self::StorageTexture(format, view_dimension) => wgpu::BindingType::StorageTexture {
-                access: wgpu::StorageTextureAccess::WriteOnly,
-                format,
-                view_dimension,
-            },
+            Self::Uniform => buffer(BufferBindingType::Uniform, false),
+            Self::DynamicUniform => buffer(BufferBindingType::Uniform, true),
+            Self::Read => storage(true),
+            Self::Write => storage(false),
+            Self::Texture(dimension) => float(false, dimension),
+            Self::FilteredTexture(dimension) => float(true, dimension),
+            Self::Sampler => BindingType::Sampler(SamplerBindingType::Filtering),
+            Self::IntegerTexture(dimension) => texture(TextureSampleType::Uint, dimension),
+            Self::ReadTexture(format) => stored(StorageTextureAccess::ReadOnly, format, wgpu::TextureViewDimension::D2),
+            Self::StorageTexture(format, dimension) => stored(StorageTextureAccess::WriteOnly, format, dimension),
         }
     }
 }
@@ -144,7 +132,7 @@ pub(crate) fn compute(
     })
 }
 
-/// What differs between render pipelines. The vertex stage's entry point is `vertex.0`, with override constants.
+/// The parts in which render pipelines differ. Entry points come with their override constants.
 pub(crate) struct Render<'a> {
     pub(crate) label: &'a str,
     /// `None`: the stages are bound to nothing.
@@ -194,8 +182,8 @@ pub(crate) fn both<A: Send, B: Send>(
     first: impl FnOnce() -> A + Send,
     second: impl FnOnce() -> B + Send,
 ) -> Result<(A, B)> {
-    // What catches a device's errors is a thread's own. A thread, not a pool's: callers hold locks, and who waits in a
-    // pool may be handed work that asks for them.
+    // Error scopes belong to a thread. It is no thread of a pool: callers hold locks, and a thread that waits in a pool
+    // may be handed work that takes them.
     const STAGE: &str = "making pipelines";
     std::thread::scope(|scope| {
         let first = scope.spawn(|| context.guarded(STAGE, || Ok(first())));

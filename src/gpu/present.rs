@@ -1,4 +1,4 @@
-//! present: the pixels of a region into the caller's texture. See shaders/present.wgsl.
+//! present: copies the pixels of a region into the caller's texture. See shaders/present.wgsl.
 
 use super::context::Context;
 use super::layout;
@@ -34,7 +34,7 @@ impl Present {
         Self { layout, pipeline }
     }
 
-    /// Records the writing of a region into its place in a texture.
+    /// Records the copy of a region to its place in a texture.
     pub(crate) fn record(
         &self,
         recorder: &mut Recorder<'_>,

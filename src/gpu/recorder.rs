@@ -1,11 +1,11 @@
 //! Commands for the device: recorded in order, timed stage by stage, submitted together, and results read back.
 
 use super::context::Context;
-use super::timing::{Timing, on_host};
+use super::timing::{Timing, add, on_host};
 use crate::error::Result;
 use crate::stats::{Clock, StageTime};
 
-/// Commands under way, with the device they are for and the times of their stages.
+/// Recorded commands, with their device and the times of their stages.
 pub(crate) struct Recorder<'a> {
     pub(crate) context: &'a Context,
     encoder: wgpu::CommandEncoder,
@@ -16,8 +16,8 @@ pub(crate) struct Recorder<'a> {
     work: u64,
 }
 
-/// The most work of a submission on a GPU, in fragments of splats: by their operations and the sheets that they blend,
-/// a few tenths of a second on the slowest. Operating systems reset a GPU whose commands take seconds.
+/// The largest work of a submission on a GPU, in fragments of splats: by their operations and the sheets that they
+/// blend, a few tenths of a second on the slowest. Operating systems reset a GPU whose commands take seconds.
 pub(crate) const MAX_WORK: u64 = 200_000_000;
 
 /// A copy of a buffer that the host can read once the commands before it are done.
@@ -26,7 +26,7 @@ pub(crate) struct Readback {
     bytes: u64,
 }
 
-/// Workgroups in two dimensions.
+/// Extends two-dimensional workgroups by a third dimension of one.
 pub(crate) fn flat([x, y]: [u32; 2]) -> [u32; 3] {
     [x, y, 1]
 }
@@ -39,7 +39,7 @@ impl<'a> Recorder<'a> {
 
     /// Records without taking times.
     pub(crate) fn untimed(context: &'a Context) -> Self {
-        Self::new(context, Timing::off())
+        Self::new(context, Timing::default())
     }
 
     fn new(context: &'a Context, timing: Timing) -> Self {
@@ -69,7 +69,7 @@ impl<'a> Recorder<'a> {
         pass.dispatch_workgroups(x, y, z);
     }
 
-    /// The same with a number of workgroups that the device finds: the first three words of a buffer.
+    /// Like [`Self::dispatch`], with the number of workgroups in the first three words of a buffer.
     pub(crate) fn dispatch_indirect(
         &mut self,
         stage: &'static str,
@@ -121,7 +121,7 @@ impl<'a> Recorder<'a> {
         );
     }
 
-    /// Copies the first `bytes` of a buffer to where the host can read them after [`Self::submit`].
+    /// Copies the first `bytes` of a buffer to memory that the host can read after [`Self::submit`].
     pub(crate) fn read_back(&mut self, label: &str, buffer: &wgpu::Buffer, bytes: u64) -> Result<Readback> {
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         let staging = self.context.buffer(label, bytes, usage)?;
@@ -129,7 +129,7 @@ impl<'a> Recorder<'a> {
         Ok(Readback { staging, bytes })
     }
 
-    /// Counts work that was recorded, and submits it if it is all that a submission may take.
+    /// Counts recorded work, and submits it when it reaches the limit of a submission.
     pub(crate) fn worked(&mut self, work: u64) {
         self.work = self.work.saturating_add(work);
         if self.work >= MAX_WORK && !self.context.info.is_software() {
@@ -137,7 +137,7 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// Hands what was recorded to the device, which starts on it.
+    /// Submits the recorded commands to the device.
     pub(crate) fn submit(&mut self) {
         self.work = 0;
         let recorded = std::mem::replace(&mut self.encoder, encoder(self.context));
@@ -147,33 +147,29 @@ impl<'a> Recorder<'a> {
     /// Runs a stage on the host.
     pub(crate) fn on_host<T>(&mut self, stage: &'static str, work: impl FnOnce(&mut Self) -> T) -> T {
         let (result, seconds) = on_host(|| work(self));
-        match self.on_host.iter_mut().find(|(name, _)| *name == stage) {
-            Some((_, sum)) => *sum += seconds,
-            None => self.on_host.push((stage, seconds)),
-        }
+        add(&mut self.on_host, stage, seconds);
         result
     }
 
-    /// The time of each stage: those on the host, then those on the device in the order in which they first ran. The
-    /// latter are left out without timestamps.
+    /// The time of each stage: stages on the host, then stages on the device in the order of their first pass. Stages
+    /// on the device are left out without timestamps.
     pub(crate) fn times(self) -> Result<Vec<StageTime>> {
-        let mut times: Vec<_> = self.on_host.iter().map(|&(name, seconds)| StageTime::host(name, seconds)).collect();
-        for (name, seconds) in self.timing.finish(self.context)?.into_iter().flatten() {
-            times.push(StageTime { name, seconds, clock: Clock::Device });
-        }
-        Ok(times)
+        let on_host = self.on_host.into_iter().map(|(name, seconds)| StageTime::host(name, seconds));
+        let on_device = self.timing.finish(self.context)?.into_iter();
+        let on_device = on_device.map(|(name, seconds)| StageTime { name, seconds, clock: Clock::Device });
+        Ok(on_host.chain(on_device).collect())
     }
 }
 
 impl Readback {
-    /// The bytes, once all that was submitted is done. `doing` completes an error: "while ...".
+    /// The bytes, once all submitted work is done. `doing` completes an error: "while ...".
     pub(crate) fn bytes(&self, context: &Context, doing: &str) -> Result<Vec<u8>> {
         let mut bytes = context.read(doing, &self.staging)?;
         bytes.truncate(self.bytes as usize);
         Ok(bytes)
     }
 
-    /// The same as values of a type.
+    /// The bytes as values of a type.
     pub(crate) fn values<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
         &self,
         context: &Context,

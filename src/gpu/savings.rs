@@ -1,15 +1,16 @@
-//! What is left out because it cannot show.
+//! Work that is left out because it is invisible.
 
-/// Switches of what is left out. Leaving out changes no picture: tests turn each switch off and compare bytes.
+/// Switches of the work that is left out. Leaving it out changes no picture: tests turn each switch off and compare
+/// bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Savings {
-    /// Bricks whose range of values shows nothing are not looked at.
+    /// Skips bricks whose range of values is invisible.
     pub(crate) bricks: bool,
-    /// Voxels that cannot show get no splat: transparent ones; of scalars, those out of reach of anything visible.
+    /// Makes no splats of invisible voxels: transparent ones; of scalars, voxels out of reach of anything visible.
     pub(crate) voxels: bool,
-    /// Splats of bricks out of view are neither sorted nor drawn.
+    /// Neither sorts nor draws splats of bricks out of view.
     pub(crate) view: bool,
-    /// Sheets are composited and shaded only in the pixels that bricks reach.
+    /// Composites and shades sheets only in pixels that bricks reach.
     pub(crate) pixels: bool,
 }
 

@@ -21,7 +21,7 @@ pub(crate) struct Scan {
 }
 
 impl Scan {
-    /// The pipelines made before, or now.
+    /// The pipelines of the scan, made now if there are none.
     pub(crate) fn of(pipelines: &Cache, context: &Context) -> Result<Arc<Self>> {
         pipelines.get_or_make((), || Ok(Self::new(context)))
     }
@@ -50,7 +50,7 @@ impl Scan {
             &[buffer_range(values, 0, count * 4), buffer_range(&sums, 0, runs * 4)],
         );
         let (x, y) = context.workgroups(runs, WORKGROUP);
-        // With a single run there is no higher level: its offset is the zero that a new buffer holds.
+        // A single run has no higher level: its offset is the zero of a new buffer.
         if runs > 1 {
             pass.set_pipeline(&self.reduce);
             pass.set_bind_group(0, &group, &[]);

@@ -10,7 +10,7 @@ pub(crate) struct Shader {
     /// The stage's name.
     pub name: &'static str,
     file: &'static str,
-    /// The file that reads voxels, if the stage's own file leaves that open.
+    /// The file that reads voxels, if the stage's own file has none.
     voxels: Option<&'static str>,
 }
 
@@ -23,7 +23,7 @@ impl Shader {
         Self { name, file: "gather_scalars", voxels: Some(voxels) }
     }
 
-    /// The whole source: each file once.
+    /// The whole source, with each file once.
     pub(crate) fn source(&self) -> String {
         let mut files: Vec<&str> = std::iter::once(self.file).chain(self.voxels).collect();
         let mut texts = Vec::new();
@@ -40,7 +40,7 @@ impl Shader {
     }
 }
 
-/// A line with a number sign eight times, all in one line, so that the numbers of lines stay.
+/// Writes a line with a number sign eight times, all in one line, so that the numbers of lines stay.
 fn written_out(line: &str) -> String {
     let is_template = line.contains('#') && !line.trim_start().starts_with("//");
     if is_template { (0..8).map(|n| line.replace('#', &n.to_string())).collect() } else { line.to_owned() }
@@ -72,48 +72,36 @@ static FILES: &[(&str, &str)] = &files! {
     "splat", "terminate", "voxels/scalar_pairs", "voxels/scalars", "voxels/scalars_software", "voxels/vectors",
 };
 
-pub(crate) const CLASSIFY: Shader = Shader::new("classify");
-pub(crate) const SCAN: Shader = Shader::new("scan");
-pub(crate) const SORT: Shader = Shader::new("sort");
-pub(crate) const SPLAT: Shader = Shader::new("splat");
-pub(crate) const TERMINATE: Shader = Shader::new("terminate");
-pub(crate) const COMPOSITE: Shader = Shader::new("composite");
-pub(crate) const SHADE: Shader = Shader::new("shade");
-pub(crate) const RESOLVE: Shader = Shader::new("resolve");
-pub(crate) const PACK: Shader = Shader::new("pack");
-pub(crate) const SKIP: Shader = Shader::new("skip");
-pub(crate) const GATHER: Shader = Shader::new("gather");
-pub(crate) const GATHER_SCALARS: Shader = Shader::of_scalars("gather-scalars", "voxels/scalars");
-pub(crate) const GATHER_SCALARS_SOFTWARE: Shader =
-    Shader::of_scalars("gather-scalars-software", "voxels/scalars_software");
-pub(crate) const GATHER_GRADIENTS: Shader = Shader::of_scalars("gather-gradients", "voxels/vectors");
-pub(crate) const PREFILTER: Shader = Shader::new("prefilter");
-pub(crate) const ESTIMATE: Shader = Shader::new("estimate");
-pub(crate) const RESAMPLE: Shader = Shader::new("resample");
-pub(crate) const PRESENT: Shader = Shader::new("present");
+macro_rules! shaders {
+    ($($constant:ident: $shader:expr),* $(,)?) => {
+        $(pub(crate) const $constant: Shader = $shader;)*
 
-/// Every shader there is.
-#[cfg(test)]
-pub(crate) const ALL: [Shader; 18] = [
-    CLASSIFY,
-    SCAN,
-    SORT,
-    SPLAT,
-    TERMINATE,
-    COMPOSITE,
-    SHADE,
-    RESOLVE,
-    PACK,
-    SKIP,
-    GATHER,
-    GATHER_SCALARS,
-    GATHER_SCALARS_SOFTWARE,
-    GATHER_GRADIENTS,
-    PREFILTER,
-    ESTIMATE,
-    RESAMPLE,
-    PRESENT,
-];
+        /// All shaders.
+        #[cfg(test)]
+        pub(crate) const ALL: &[Shader] = &[$($constant),*];
+    };
+}
+
+shaders! {
+    CLASSIFY: Shader::new("classify"),
+    SCAN: Shader::new("scan"),
+    SORT: Shader::new("sort"),
+    SPLAT: Shader::new("splat"),
+    TERMINATE: Shader::new("terminate"),
+    COMPOSITE: Shader::new("composite"),
+    SHADE: Shader::new("shade"),
+    RESOLVE: Shader::new("resolve"),
+    PACK: Shader::new("pack"),
+    SKIP: Shader::new("skip"),
+    GATHER: Shader::new("gather"),
+    GATHER_SCALARS: Shader::of_scalars("gather-scalars", "voxels/scalars"),
+    GATHER_SCALARS_SOFTWARE: Shader::of_scalars("gather-scalars-software", "voxels/scalars_software"),
+    GATHER_GRADIENTS: Shader::of_scalars("gather-gradients", "voxels/vectors"),
+    PREFILTER: Shader::new("prefilter"),
+    ESTIMATE: Shader::new("estimate"),
+    RESAMPLE: Shader::new("resample"),
+    PRESENT: Shader::new("present"),
+}
 
 #[cfg(test)]
 mod tests {
@@ -135,7 +123,7 @@ mod tests {
 
     #[test]
     fn every_file_is_part_of_a_shader_once() {
-        let sources = ALL.map(|shader| shader.source());
+        let sources: Vec<String> = ALL.iter().map(Shader::source).collect();
         for (file, text) in FILES {
             let header = text.lines().next().unwrap();
             let times = sources.iter().map(|source| source.lines().filter(|line| *line == header).count()).max();

@@ -1,5 +1,5 @@
-//! The twin of shaders/common/splat.wgsl, normal.wgsl, resolution.wgsl and lighting.wgsl on the host: words of splats,
-//! and light on them.
+//! The twin of shaders/common/splat.wgsl, normal.wgsl, resolution.wgsl and lighting.wgsl on the host: the words of
+//! splats and the light on them.
 
 use super::layout::Lighting;
 use crate::transfer::Resolution;
@@ -19,7 +19,7 @@ pub(crate) fn density(opacity: f32) -> f32 {
     -(1.0 - a).ln()
 }
 
-/// The nearest whole number to one of 0 to 2^22, the even one of two: the sum has no bits for a fraction.
+/// The whole number nearest to a number of 0 to 2^22, the even one of two: the sum has no bits for a fraction.
 fn nearest(value: f32) -> u32 {
     (value + 8_388_608.0).to_bits() & 0x7f_ffff
 }
@@ -32,7 +32,7 @@ pub(crate) fn packed_appearance(color: [f32; 3], density: f32) -> [u32; 2] {
     [rounded | b >> 5, r | g << 13 | b << 27]
 }
 
-/// The same words with another density.
+/// These words with another density.
 pub(crate) fn with_density([density_blue, color]: [u32; 2], density: f32) -> [u32; 2] {
     [density.to_bits().wrapping_add(128) & 0xffff_ff00 | density_blue & 0xff, color]
 }
@@ -70,7 +70,7 @@ pub(crate) fn gradient([low, high]: [u32; 2]) -> [f32; 3] {
     steps.map(|c| c as f32 * step)
 }
 
-/// Splats that are coloured at a time: loops over so many vectorise.
+/// Splats that are coloured together: loops of this length vectorise.
 pub(crate) const LANES: usize = 16;
 
 /// A number of each of these splats.
@@ -93,7 +93,7 @@ pub(crate) fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> 
     (colors, densities)
 }
 
-/// What the words of normals say.
+/// Unpacked normals of splats.
 pub(crate) struct Normals {
     /// Octahedral coordinates.
     places: [Lanes; 2],
@@ -152,7 +152,7 @@ fn power(x: f32, exponent: f32) -> f32 {
     f32::from_bits((rounded.to_bits() << 23).wrapping_add(rest.to_bits()))
 }
 
-/// Unit vectors against x * step + start, for each x.
+/// Unit vectors opposite to x * step + start, for each x.
 fn directions(xs: &[u32; LANES], step: [f32; 3], start: [f32; 3]) -> Vectors {
     let (mut vx, mut vy, mut vz) = (Lanes::default(), Lanes::default(), Lanes::default());
     for i in 0..LANES {
@@ -178,7 +178,7 @@ pub(crate) struct ToEye {
 }
 
 impl ToEye {
-    /// From these points of a row, in view coordinates.
+    /// The directions from these points of a row, in view coordinates.
     pub(crate) fn at(&self, xs: &[u32; LANES], y: u32, z: u32) -> Vectors {
         if !self.perspective {
             return [[0.0; LANES], [0.0; LANES], [-1.0; LANES]];
@@ -211,7 +211,7 @@ fn converging(light: [f32; 3], places: &Vectors, to_eye: &Vectors) -> Vectors {
     towards
 }
 
-/// The place of the light from all around among the shares that are kept.
+/// The index of ambient light among the shares.
 const AROUND: usize = 3;
 
 /// The words `kept` of a splat.
@@ -220,7 +220,7 @@ pub(crate) fn packed_kept(shares: [f64; 4]) -> [u32; 2] {
     [a | b << 16, c | d << 16]
 }
 
-/// The shares of light that arrive at splats, given these words.
+/// The shares of light that arrive at splats, given the words `kept`.
 pub(crate) fn kept(low: &[u32; LANES], high: &[u32; LANES]) -> [Lanes; 4] {
     let mut kept = [Lanes::default(); 4];
     for i in 0..LANES {
@@ -230,11 +230,11 @@ pub(crate) fn kept(low: &[u32; LANES], high: &[u32; LANES]) -> [Lanes; 4] {
     kept
 }
 
-/// Lights splats of these colours, given their normals and unit vectors to the eye in view coordinates:
-/// `lit_splat` in shaders/common/lit_splat.wgsl.
+/// Lights splats of these colours, given their normals and unit vectors to the eye in view coordinates: `lit_splat` in
+/// shaders/common/lit_splat.wgsl.
 ///
-/// `kept` are the shares of light that arrive, of the lights that cast shadows and of what is around; `None`: all.
-/// `places` are those of the splats; `None`: no light is at a place.
+/// `kept` are the shares of the light that arrive from lights with shadows and from all around; `None`: all of it.
+/// `places` are the places of the splats; `None`: no light has a position.
 pub(crate) fn light(
     lighting: &Lighting,
     lights: u32,
@@ -272,7 +272,7 @@ pub(crate) fn light(
             shines[i] = if cosines[i] > 0.0 { shines[i] } else { 0.0 };
             cosines[i] = cosines[i].max(0.0);
         }
-        // The fourth light casts no shadow.
+        // The fourth light has no shadows.
         if let Some(kept) = kept
             && number < AROUND
         {

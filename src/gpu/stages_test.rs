@@ -3,9 +3,9 @@
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use super::adapter_test::adapter;
-use super::classify::{Classifier, HostClassifier};
+use super::classify::{Classifier, HostClassifier, Input};
 use super::context::Context;
-use super::layout::{MAX_INLINE_POINTS, Splat};
+use super::layout::Splat;
 use super::recorder::Recorder;
 use super::savings::Savings;
 use super::scan::Scan;
@@ -43,10 +43,9 @@ fn words(bytes: &[u8]) -> Vec<u32> {
 }
 
 fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Vec<Store> {
-    Classifier::new(context)
-        .run(context, &Scan::new(context), volume, transfer, false, &Progress::default())
-        .unwrap()
-        .stores
+    let progress = Progress::default();
+    let input = Input::new(context, volume, transfer, false, &progress).unwrap();
+    Classifier::new(context).run(&Scan::new(context), &input).unwrap().stores
 }
 
 /// The stage on the host gives the same splats as the one on the device, but for the rounding of drivers.
@@ -71,9 +70,9 @@ fn classify_on_the_host_matches_the_device() {
             let thinning = if thins { vec![point(1.013, 0.0), point(4.0, 0.7), point(20.0, 1.0)] } else { Vec::new() };
             let transfer = steps().with_gradient_opacity(thinning).unwrap();
             let progress = Progress::default();
-            let device = Classifier::new(&context);
-            let device = device.run(&context, &Scan::new(&context), &volume, &transfer, lit, &progress).unwrap();
-            let host = HostClassifier::run(&context, &volume, &transfer, lit, &progress).unwrap();
+            let input = Input::new(&context, &volume, &transfer, lit, &progress).unwrap();
+            let device = Classifier::new(&context).run(&Scan::new(&context), &input).unwrap();
+            let host = HostClassifier::run(&input).unwrap();
             let words = |store: &Store| -> Vec<Splat> {
                 let bytes = download(&context, &store.on_device(&context).unwrap(), u64::from(store.count) * 16);
                 bytes.chunks_exact(16).map(bytemuck::pod_read_unaligned).collect()
@@ -111,7 +110,9 @@ fn splats_move_between_host_and_device() {
     let grid = Grid::axis_parallel([70, 37, 35], [1.0; 3]).unwrap();
     let samples = Samples::U8((0..70 * 37 * 35).map(|i: u32| (i * 37 % 251 * (i / 70 % 5) / 8) as u8).collect());
     let volume = Volume::new(grid, samples).unwrap();
-    let classified = HostClassifier::run(&context, &volume, &steps(), true, &Progress::default()).unwrap();
+    let (transfer, progress) = (steps(), Progress::default());
+    let input = Input::new(&context, &volume, &transfer, true, &progress).unwrap();
+    let classified = HostClassifier::run(&input).unwrap();
     for store in &classified.stores {
         let before = store.on_host(&context).unwrap();
         store.on_device(&context).unwrap();
@@ -195,7 +196,7 @@ fn classify_matches_its_twin_for_few_and_many_control_points() {
     let context = context();
     let samples = Samples::F32((0..40 * 7 * 3).map(|i| (i * 37 % 1000) as f32 / 7.0 - 10.0).collect());
     let volume = Volume::new(Grid::axis_parallel([40, 7, 3], [1.0; 3]).unwrap(), samples).unwrap();
-    for count in [1, 2, MAX_INLINE_POINTS - 1, MAX_INLINE_POINTS, MAX_INLINE_POINTS + 1, 3 * MAX_INLINE_POINTS] {
+    for count in [1, 2, 3, 31, 32, 96] {
         // Two at each value but the first: ramps and steps, with what is clear in between.
         let point = |i: usize| ControlPoint {
             value: (i.div_ceil(2) as f64) * 100.0 / count as f64,

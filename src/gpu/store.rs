@@ -9,22 +9,23 @@ use super::context::Context;
 use super::layout::{MAX_BRICKS, place};
 use super::recorder::Recorder;
 use crate::error::Result;
-use crate::volume::BRICK_EDGE as EDGE;
+use crate::progress::Progress;
+use crate::volume::{BRICK_EDGE as EDGE, Volume};
 use voxsplat_volume::memory::reserved;
 
-/// The bricks that splats were looked for in.
+/// The bricks that were searched for splats.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Bricks {
-    /// Those of the volume and of the copies beyond its faces.
+    /// Bricks of the volume and of the copies beyond its faces.
     pub(crate) all: u32,
-    /// Those that may hold anything that shows: only they are classified, or looked at voxel by voxel.
+    /// Bricks that may be visible: only these are classified, or searched voxel by voxel.
     pub(crate) uploaded: u32,
     /// Bytes sent to the device for them.
     pub(crate) bytes: u64,
 }
 
 impl Bricks {
-    /// Those of two levels of a volume.
+    /// The bricks of two levels of a volume together.
     pub(crate) fn and(self, other: &Self) -> Self {
         Self { all: self.all + other.all, uploaded: self.uploaded + other.uploaded, bytes: self.bytes + other.bytes }
     }
@@ -34,17 +35,17 @@ impl Bricks {
 #[derive(Debug)]
 pub(crate) struct Store {
     splats: Mutex<Splats>,
-    /// Tells stores of the program apart.
+    /// Distinguishes the stores of the program.
     pub(crate) id: u64,
     /// Bytes of a splat on the device.
     pub(crate) stride: u64,
     pub(crate) count: u32,
-    /// Where the bricks that splats name begin, as the shaders read it.
+    /// The origins of the bricks that splats name, as shaders read them.
     pub(crate) origins: wgpu::Buffer,
     pub(crate) bricks: Vec<BrickSplats>,
 }
 
-/// Where splats are. They move when they are asked for elsewhere, so that they are never in memory twice for long.
+/// The memory that holds splats. They move on demand, so that they are never in memory twice for long.
 #[derive(Debug)]
 pub(crate) enum Splats {
     Device(wgpu::Buffer),
@@ -65,7 +66,7 @@ pub(crate) struct HostBrick {
 /// A row of a brick along x.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Row {
-    /// Bits of the places where there are splats, the first the lowest.
+    /// The bits of the places with splats, the first place the lowest.
     pub(crate) bits: u32,
     /// The number of the first of them among the splats of the brick.
     pub(crate) first: u32,
@@ -76,18 +77,18 @@ pub(crate) struct Row {
 pub(crate) struct BrickSplats {
     /// Lattice point of the brick's first voxel.
     pub(crate) origin: [u32; 3],
-    /// Its places are cells of 2^level voxels a side.
+    /// Places are cells of 2^level voxels a side.
     pub(crate) level: u32,
     /// Its first splat in the store.
     pub(crate) first: u32,
-    /// Lattice points of the box around its splats: the first, and the one after the last. Both are equal if
-    /// there are none.
+    /// The box around the splats: its first lattice point, and the one after the last. Both are equal if there are no
+    /// splats.
     pub(crate) bounds: [[u32; 3]; 2],
 }
 
 impl BrickSplats {
-    /// The splats from `first` on of the brick of level 0 at `origin`, given for each row along x, y before z, the bits
-    /// of the places where there are any, the first of a row the lowest.
+    /// The splats from `first` on of the brick of level 0 at `origin`, given the bits of the places of each row along
+    /// x, y before z, the first of a row the lowest.
     pub(crate) fn new(origin: [u32; 3], first: u32, rows: impl Iterator<Item = u32>) -> Self {
         let mut places = [0_u32; 3];
         for (row, bits) in rows.enumerate().filter(|&(_, bits)| bits != 0) {
@@ -99,16 +100,16 @@ impl BrickSplats {
         Self { origin, level: 0, first, bounds: [low, high] }
     }
 
-    /// The same brick with cells of a level for voxels.
-    pub(crate) fn of_level(self, level: u32) -> Self {
-        let scaled =
-            |point: [u32; 3]| [0, 1, 2].map(|axis| self.origin[axis] + ((point[axis] - self.origin[axis]) << level));
-        Self { level, bounds: self.bounds.map(scaled), ..self }
+    /// The same brick with cells of a level for voxels, in a lattice where the first cell lies at `first` along each
+    /// axis.
+    pub(crate) fn of_level(self, level: u32, first: u32) -> Self {
+        let scaled = |point: [u32; 3]| point.map(|cell| first + (cell << level));
+        Self { level, origin: scaled(self.origin), bounds: self.bounds.map(scaled), ..self }
     }
 }
 
 impl HostBrick {
-    /// The splats at the places of which rows have bits, of `each` words without the place.
+    /// The splats at these places, of `each` words without the place, given the bits of the places of each row.
     pub(crate) fn new(bits: &[u32], each: usize, words: Vec<u32>) -> Self {
         let mut first = 0;
         let row = |&bits: &u32| {
@@ -127,7 +128,7 @@ impl HostBrick {
         (size_of_val(self.rows.as_slice()) + size_of_val(self.words.as_slice())) as u64
     }
 
-    /// The splats as the device has them, of `stride` bytes each, in the brick of this number.
+    /// The splats in the format of the device, of `stride` bytes each, in the brick of this number.
     fn splats(&self, stride: u64, number: u32) -> Result<Vec<u32>> {
         let words = stride as usize / 4;
         let mut splats = reserved(u64::from(self.count()) * words as u64, || "splats of a brick".to_owned())?;
@@ -142,8 +143,8 @@ impl HostBrick {
         Ok(splats)
     }
 
-    /// Splats of a brick as the device has them, of `words` words each.
-    fn of(splats: &[u32], words: usize) -> Result<Self> {
+    /// Reads the splats of a brick from the format of the device, of `words` words each.
+    fn from_device(splats: &[u32], words: usize) -> Result<Self> {
         let mut bits = vec![0_u32; EDGE * EDGE];
         let mut values = reserved((splats.len() / words * (words - 1)) as u64, || "splats of a brick".to_owned())?;
         for splat in splats.chunks_exact(words) {
@@ -177,7 +178,7 @@ fn upload(context: &Context, bricks: &[HostBrick], stride: u64, count: u32) -> R
         let bytes = size_of_val(splats.as_slice()) as u64;
         (at, waiting) = (at + bytes, waiting + bytes);
         if waiting > SENT {
-            // Copies on their way take memory until they have arrived.
+            // Copies in flight take memory until they have arrived.
             context.queue.submit([]);
             context.wait("sending splats")?;
             waiting = 0;
@@ -226,7 +227,8 @@ impl Store {
         recorder.submit();
         let words: Vec<u32> = words.values(context, "reading splats")?;
         let each = self.stride as usize / 4;
-        let brick = |run: Range<u32>| HostBrick::of(&words[run.start as usize * each..run.end as usize * each], each);
+        let brick =
+            |run: Range<u32>| HostBrick::from_device(&words[run.start as usize * each..run.end as usize * each], each);
         let bricks = Arc::new(self.all_runs().map(|(_, run)| brick(run)).collect::<Result<Vec<_>>>()?);
         *splats = Splats::Host(Arc::clone(&bricks));
         Ok(bricks)
@@ -253,9 +255,9 @@ impl Store {
     }
 }
 
-/// Splats that will be part of a store.
+/// Splats to be joined into a store.
 pub(crate) trait Part: Sized {
-    /// The splats of parts, one after the other, `count` of `stride` bytes each.
+    /// Joins parts to `count` splats of `stride` bytes each.
     fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<Splats>;
 }
 
@@ -268,32 +270,90 @@ impl Part for HostBrick {
     }
 }
 
-/// Joins the splats of bricks into few stores, each within a storage binding and within the bricks that a place can
-/// name.
+/// The splats of a volume, or of a level of it.
+#[derive(Default)]
+pub(crate) struct Drawable {
+    pub(crate) stores: Vec<Store>,
+    pub(crate) bricks: Bricks,
+    /// Splats that are copies of voxels beyond the faces of the volume.
+    pub(crate) copies: u64,
+    /// Resources that painters made of the splats.
+    pub(crate) kept: Cache,
+}
+
+impl Drawable {
+    pub(crate) fn splats(&self) -> u64 {
+        self.stores.iter().map(|store| u64::from(store.count)).sum()
+    }
+
+    /// Bytes of memory.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.stores.iter().map(Store::bytes).sum()
+    }
+}
+
+/// A brick whose splats were made on the host.
+pub(crate) struct MadeBrick {
+    /// As if it were the first of its store.
+    pub(crate) brick: BrickSplats,
+    pub(crate) splats: HostBrick,
+    /// Splats that are copies of voxels beyond the faces of the volume.
+    pub(crate) copies: u64,
+}
+
+impl MadeBrick {
+    /// The brick of level 0 at `origin`, of `each` words a splat without the place, given the bits of the places of
+    /// each row along x, y before z, the first of a row the lowest.
+    pub(crate) fn new(origin: [u32; 3], bits: &[u32], each: usize, words: Vec<u32>) -> Self {
+        let brick = BrickSplats::new(origin, 0, bits.iter().copied());
+        Self { brick, splats: HostBrick::new(bits, each, words), copies: 0 }
+    }
+
+    /// The brick at `origin` of a lattice of `dims` places. `row` adds the words of the splats of a row with this y and
+    /// z in the brick and so many places along x, and returns the bits of their places.
+    pub(crate) fn of_rows(
+        origin: [u32; 3],
+        dims: [u32; 3],
+        each: usize,
+        mut row: impl FnMut([usize; 2], usize, &mut Vec<u32>) -> u32,
+    ) -> Result<Self> {
+        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min((dims[axis] - origin[axis]) as usize));
+        let mut bits = vec![0; EDGE * EDGE];
+        let mut words = reserved((nx * ny * nz * each) as u64, || "splats of a brick".to_owned())?;
+        for (y, z) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))) {
+            bits[y + EDGE * z] = row([y, z], nx, &mut words);
+        }
+        words.shrink_to_fit();
+        Ok(Self::new(origin, &bits, each, words))
+    }
+}
+
+/// Joins the splats of bricks into few stores, each within a storage binding and within the number of bricks that a
+/// place can name.
 pub(crate) struct StoreBuilder<'a, P> {
     context: &'a Context,
     /// Bytes of a splat.
     stride: u64,
-    /// The most splats of a store.
-    most: u32,
-    /// What goes into the next store.
+    /// The largest number of splats of a store.
+    limit: u32,
+    /// The parts of the next store.
     parts: Vec<P>,
     bricks: Vec<BrickSplats>,
     held: u32,
-    stores: Vec<Store>,
+    made: Drawable,
 }
 
 impl<'a, P: Part> StoreBuilder<'a, P> {
-    /// Stores of at most `most` splats of `stride` bytes, or as many as the adapter binds.
-    pub(crate) fn new(context: &'a Context, stride: u64, most: u32) -> Self {
+    /// Stores of at most `limit` splats of `stride` bytes, or as many as the adapter binds.
+    pub(crate) fn new(context: &'a Context, stride: u64, limit: u32) -> Self {
         let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / stride;
-        let most = u32::try_from(bindable).unwrap_or(u32::MAX).min(most);
-        Self { context, stride, most, parts: Vec::new(), bricks: Vec::new(), held: 0, stores: Vec::new() }
+        let limit = u32::try_from(bindable).unwrap_or(u32::MAX).min(limit);
+        Self { context, stride, limit, parts: Vec::new(), bricks: Vec::new(), held: 0, made: Drawable::default() }
     }
 
-    /// The numbers that the first brick and the first splat of a part will have in their store. The part is added next.
+    /// The numbers of the first brick and the first splat of the next part in its store. The part is added next.
     pub(crate) fn make_room(&mut self, splats: u32, bricks: usize) -> Result<(u32, u32)> {
-        let full = self.held.checked_add(splats).is_none_or(|sum| sum > self.most);
+        let full = self.held.checked_add(splats).is_none_or(|sum| sum > self.limit);
         if full || self.bricks.len() + bricks > MAX_BRICKS {
             self.close()?;
         }
@@ -311,24 +371,48 @@ impl<'a, P: Part> StoreBuilder<'a, P> {
         let held = std::mem::take(&mut self.held);
         if !parts.is_empty() {
             let splats = P::join(self.context, parts, self.stride, held)?;
-            self.stores.push(Store::new(self.context, splats, self.stride, held, bricks)?);
+            self.made.stores.push(Store::new(self.context, splats, self.stride, held, bricks)?);
         }
         Ok(())
     }
 
-    pub(crate) fn finish(mut self) -> Result<Vec<Store>> {
+    pub(crate) fn finish(mut self) -> Result<Drawable> {
         self.close()?;
-        Ok(self.stores)
+        Ok(self.made)
     }
 }
 
-/// Splats that were made on the host, of scalars or of cells, on the device.
-#[derive(Default)]
-pub(crate) struct Emitted {
-    pub(crate) stores: Vec<Store>,
-    /// Voxels of the volume among the splats; the others are copies beyond its faces.
-    pub(crate) voxels: u64,
-    pub(crate) bricks: Bricks,
-    /// What painters made of the splats.
-    pub(crate) kept: Cache,
+impl StoreBuilder<'_, HostBrick> {
+    /// Adds a brick that may have splats.
+    pub(crate) fn push(&mut self, MadeBrick { brick, splats, copies }: MadeBrick) -> Result<()> {
+        let count = splats.count();
+        self.made.bricks.uploaded += 1;
+        self.made.bricks.bytes += u64::from(count) * self.stride;
+        self.made.copies += copies;
+        if count > 0 {
+            let (_, first) = self.make_room(count, 1)?;
+            self.add(splats, count, [BrickSplats { first, ..brick }]);
+        }
+        Ok(())
+    }
+
+    /// Adds the bricks of a lattice of `across`, `down` and `deep` bricks. `row` makes, in parallel, the bricks along x
+    /// with these numbers in y and z, from the samples of bricks of a volume with this halo.
+    pub(crate) fn push_rows(
+        &mut self,
+        volume: &Volume,
+        [across, down, deep]: [usize; 3],
+        halo: usize,
+        (progress, doing): (&Progress, &'static str),
+        row: &(dyn Fn(usize, usize) -> Result<Vec<MadeBrick>> + Sync),
+    ) -> Result<()> {
+        self.made.bricks.all += (across * down * deep) as u32;
+        let mut rows = 0;
+        volume.for_each_row([down, deep], halo, row, &mut |made| {
+            made.into_iter().try_for_each(|brick| self.push(brick))?;
+            rows += 1;
+            progress.report(doing, f64::from(rows) / (down * deep) as f64);
+            Ok(())
+        })
+    }
 }

@@ -8,7 +8,8 @@ use crate::error::Result;
 /// Queries of one set: the least that WebGPU promises.
 const SET: u32 = 4096;
 
-/// Records begin and end of passes by stage.
+/// Records begin and end of passes by stage; by default nothing.
+#[derive(Default)]
 pub(crate) struct Timing {
     sets: Vec<wgpu::QuerySet>,
     /// The stage of each pair of queries.
@@ -18,16 +19,11 @@ pub(crate) struct Timing {
 
 impl Timing {
     pub(crate) fn new(context: &Context) -> Self {
-        let enabled = context.features.contains(wgpu::Features::TIMESTAMP_QUERY);
-        Self { sets: Vec::new(), stages: Vec::new(), enabled }
+        Self { enabled: context.features.contains(wgpu::Features::TIMESTAMP_QUERY), ..Self::default() }
     }
 
-    /// Records nothing.
-    pub(crate) fn off() -> Self {
-        Self { sets: Vec::new(), stages: Vec::new(), enabled: false }
-    }
-
-    fn next(&mut self, context: &Context, stage: &'static str) -> Option<(usize, u32)> {
+    /// The set of queries, and the pair of queries in it for the begin and the end of a pass of a stage.
+    fn next(&mut self, context: &Context, stage: &'static str) -> Option<(&wgpu::QuerySet, [Option<u32>; 2])> {
         if !self.enabled {
             return None;
         }
@@ -40,7 +36,7 @@ impl Timing {
             }));
         }
         self.stages.push(stage);
-        Some((self.sets.len() - 1, index % SET))
+        Some((self.sets.last()?, [Some(index % SET), Some(index % SET + 1)]))
     }
 
     /// Timestamps for a compute pass of `stage`.
@@ -49,12 +45,8 @@ impl Timing {
         context: &Context,
         stage: &'static str,
     ) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
-        let (set, index) = self.next(context, stage)?;
-        Some(wgpu::ComputePassTimestampWrites {
-            query_set: &self.sets[set],
-            beginning_of_pass_write_index: Some(index),
-            end_of_pass_write_index: Some(index + 1),
-        })
+        let (query_set, [beginning_of_pass_write_index, end_of_pass_write_index]) = self.next(context, stage)?;
+        Some(wgpu::ComputePassTimestampWrites { query_set, beginning_of_pass_write_index, end_of_pass_write_index })
     }
 
     /// Timestamps for a render pass of `stage`.
@@ -63,28 +55,20 @@ impl Timing {
         context: &Context,
         stage: &'static str,
     ) -> Option<wgpu::RenderPassTimestampWrites<'_>> {
-        let (set, index) = self.next(context, stage)?;
-        Some(wgpu::RenderPassTimestampWrites {
-            query_set: &self.sets[set],
-            beginning_of_pass_write_index: Some(index),
-            end_of_pass_write_index: Some(index + 1),
-        })
+        let (query_set, [beginning_of_pass_write_index, end_of_pass_write_index]) = self.next(context, stage)?;
+        Some(wgpu::RenderPassTimestampWrites { query_set, beginning_of_pass_write_index, end_of_pass_write_index })
     }
 
-    /// Seconds per stage, in the order in which the stages first ran; `None` without timestamps.
-    pub(crate) fn finish(self, context: &Context) -> Result<Option<Vec<(&'static str, f64)>>> {
-        if !self.enabled || self.stages.is_empty() {
-            return Ok(None);
+    /// Seconds per stage, in the order in which the stages first ran; none without timestamps.
+    pub(crate) fn finish(self, context: &Context) -> Result<Vec<(&'static str, f64)>> {
+        if self.stages.is_empty() {
+            return Ok(Vec::new());
         }
         let count = 2 * self.stages.len() as u32;
         let bytes = u64::from(count) * 8;
-        let resolved = context.buffer(
-            "timing.resolved",
-            bytes,
-            wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
-        )?;
-        let staging =
-            context.buffer("timing.staging", bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST)?;
+        use wgpu::BufferUsages as Usages;
+        let resolved = context.buffer("timing.resolved", bytes, Usages::QUERY_RESOLVE | Usages::COPY_SRC)?;
+        let staging = context.buffer("timing.staging", bytes, Usages::MAP_READ | Usages::COPY_DST)?;
         let mut encoder = context.device.create_command_encoder(&Default::default());
         for (set, first) in self.sets.iter().zip((0..count).step_by(SET as usize)) {
             encoder.resolve_query_set(set, 0..SET.min(count - first), &resolved, u64::from(first) * 8);
@@ -97,16 +81,21 @@ impl Timing {
         let mut sums: Vec<(&'static str, f64)> = Vec::new();
         for (stage, pair) in self.stages.iter().zip(ticks.chunks_exact(2)) {
             let seconds = pair[1].saturating_sub(pair[0]) as f64 * second;
-            match sums.iter_mut().find(|(name, _)| name == stage) {
-                Some((_, sum)) => *sum += seconds,
-                None => sums.push((stage, seconds)),
-            }
+            add(&mut sums, stage, seconds);
         }
-        Ok(Some(sums))
+        Ok(sums)
     }
 }
 
-/// Runs `work` and returns what it gave with the seconds it took on the host.
+/// Adds seconds to the sum of a stage.
+pub(crate) fn add(sums: &mut Vec<(&'static str, f64)>, stage: &'static str, seconds: f64) {
+    match sums.iter_mut().find(|(name, _)| *name == stage) {
+        Some((_, sum)) => *sum += seconds,
+        None => sums.push((stage, seconds)),
+    }
+}
+
+/// Runs `work` and returns its result with the seconds that it took on the host.
 pub(crate) fn on_host<T>(work: impl FnOnce() -> T) -> (T, f64) {
     let start = Instant::now();
     let result = work();

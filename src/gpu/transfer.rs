@@ -1,4 +1,4 @@
-//! The transfer function as shaders read it: shaders/common/transfer.wgsl.
+//! The transfer function in the format of shaders: shaders/common/transfer.wgsl.
 
 use super::context::Context;
 use crate::transfer::{ControlPoint, Resolution, TransferFunction};
@@ -10,17 +10,18 @@ const ROWS: usize = 6;
 const BIN_ROW: usize = 4;
 /// Equal bins of scalars that lead to segments; as many of lengths of gradients.
 const BINS: usize = 4096;
-/// The most segments: textures of every device are as wide.
+/// The largest number of segments: every device has textures of this width.
 const MAX_SEGMENTS: usize = 8192;
-/// How far the function may be from linear in a segment: this fraction of its value, and this one of its largest value.
+/// The largest deviation of the function from linear in a segment: a fraction of its value and a fraction of its
+/// largest value.
 const BEND: [f64; 2] = [3e-4, 1e-5];
-/// How often a segment is halved at most.
+/// The largest number of halvings of a segment.
 const MAX_HALVINGS: u32 = 10;
 /// The share of a bin by which rounding may place a scalar in the bin beside it.
 const BIN_ROUNDING: f64 = 0.05;
 
-/// How values become the scalars that shaders see: relative to the transfer function's base, times a power of two that
-/// brings the farthest control point that matters to between 1 and 2. Data in any unit give the same scalars.
+/// How values become the scalars of shaders: relative to the transfer function's base, times a power of two that brings
+/// the farthest relevant control point to between 1 and 2. Data in any unit give the same scalars.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Reduction {
     base: f64,
@@ -28,8 +29,8 @@ pub(crate) struct Reduction {
 }
 
 impl Reduction {
-    /// The largest scalar. A value beyond it is so far from all control points that the place at which the field on its
-    /// way there crosses them is the same.
+    /// The largest scalar. Values beyond are so far from all control points that the field on its way there crosses
+    /// these at the same place.
     pub(crate) const LIMIT: f64 = (1_u128 << 64) as f64;
 
     /// The reduction of values that are at most `largest` from the base.
@@ -95,24 +96,24 @@ impl RowCoding for Relative {
     }
 }
 
-/// What of a scalar field shows.
+/// The visible values of a scalar field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Shows {
-    /// Whatever the transfer function gives opacity.
+pub(crate) enum VisibleValues {
+    /// All values with opacity.
     Opaque,
-    /// The largest value, if it has opacity. Smaller values only matter for not being larger.
+    /// The largest value, if it has opacity. Smaller values matter only because they are not larger.
     Largest,
     /// The mean of all values.
     Mean,
 }
 
-/// What scalars are classified by.
+/// The table by which shaders classify scalars.
 pub(crate) struct TransferTable {
     /// Segments between knots, and bins that lead to them.
     pub(crate) texture: wgpu::TextureView,
-    /// The scalars around 0, ends included, at which nothing shows; there are none if the first is larger.
+    /// The range of invisible scalars around 0, ends included; empty if the first is larger.
     pub(crate) invisible: [f32; 2],
-    /// Place of a scalar among the bins: scalar times the first, plus the second.
+    /// The place of a scalar among the bins is the scalar times the first, plus the second.
     pub(crate) lookup: [f32; 2],
     /// Whether a bin lies in more than two segments.
     pub(crate) crowded: bool,
@@ -130,18 +131,18 @@ impl TransferTable {
         context: &Context,
         transfer: &TransferFunction,
         reduction: &Reduction,
-        shows: Shows,
+        shows: VisibleValues,
         unit: f64,
         steepness: f64,
         resolution: &Resolution,
     ) -> Self {
         let value = |color: [f64; 3], opacity: f64| match shows {
-            Shows::Opaque => {
+            VisibleValues::Opaque => {
                 let extinction = TransferFunction::extinction(opacity, unit);
                 let [r, g, b] = color.map(|c| c * extinction);
                 [r, g, b, extinction]
             }
-            Shows::Largest | Shows::Mean => {
+            VisibleValues::Largest | VisibleValues::Mean => {
                 let [r, g, b] = color;
                 [r, g, b, opacity / transfer.max_opacity().max(f64::MIN_POSITIVE)]
             }
@@ -192,14 +193,14 @@ struct Segments(Vec<Segment>);
 
 impl Segments {
     fn new(points: &[ControlPoint], reduction: &Reduction, value: &dyn Fn([f64; 3], f64) -> Value) -> Self {
-        // As many segments as a texture holds: then only the function between control points is less exact.
+        // At most as many segments as a texture holds; with more, the function between control points is less exact.
         let made = (0..)
             .map(|coarser| Self::within(points, reduction, value, BEND.map(|bend| bend * 4_f64.powi(coarser))))
             .find(|made| made.0.len() <= MAX_SEGMENTS);
         made.unwrap_or(Self(Vec::new()))
     }
 
-    /// Segments in which the function is as linear as `bend` says.
+    /// Segments in which the function is linear to within `bend`.
     fn within(
         points: &[ControlPoint],
         reduction: &Reduction,
@@ -233,7 +234,7 @@ impl Segments {
             }
         }
         segments.push(Segment { start: scalar(last), values: [at(last); 2] });
-        // Of knots that are one number for shaders, the last holds from there on.
+        // Of knots that are one number in shaders, the last holds from there on.
         let mut kept: Vec<Segment> = Vec::with_capacity(segments.len());
         for segment in segments {
             if kept.last().is_some_and(|before| segment.start <= before.start) {
@@ -261,15 +262,15 @@ impl Segments {
         [[0.0; 4]].into_iter().chain(inner).collect()
     }
 
-    /// The texture, row by row, where scalars are among the bins, and whether a bin lies in more than two segments.
+    /// The texture row by row, the place of scalars among the bins, and whether a bin lies in more than two segments.
     fn texels(&self) -> (Vec<f32>, [f32; 2], bool) {
         let Self(segments) = self;
         let width = segments.len().max(BINS);
         let mut texels = vec![[0.0_f32; 4]; width * ROWS];
         let (rows, bins) = texels.split_at_mut(width * BIN_ROW);
-        // Integrals are told from the base on, where scalars are the most precise.
+        // Integrals begin at the base, where scalars are the most precise.
         let integrals = self.integrals();
-        // The first segment has no start: its integral is told from its end.
+        // The first segment has no start: its integral begins at its end.
         let start = |index: usize| segments[index.max(1).min(segments.len() - 1)].start;
         let origin = integrals[segments.partition_point(|s| s.start <= 0.0).saturating_sub(1)];
         for (index, (segment, end)) in segments.iter().zip(self.ends()).enumerate() {
@@ -282,7 +283,7 @@ impl Segments {
         }
         let knots: Vec<f64> = segments.iter().skip(1).map(|s| s.start).collect();
         let (low, high) = (knots.first().copied().unwrap_or(0.0), knots.last().copied().unwrap_or(0.0));
-        // Bins so narrow that rounding places scalars in them rightly.
+        // Bins wide enough for rounding to place scalars in the right one.
         let span = (high - low).max(low.abs().max(high.abs()) / 16.0).max(1e-6);
         let scale = BINS as f64 / span;
         let segment = |place: f64| knots.partition_point(|knot| (knot - low) * scale <= place);

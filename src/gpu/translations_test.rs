@@ -11,14 +11,12 @@ use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Binding, ImageClass, Module, ShaderStage, StorageAccess, TypeInner};
 use rayon::prelude::*;
 
-use super::layout::MAX_INLINE_POINTS;
 use super::shaders::ALL;
 
 /// What each override constant of a shader may be. Of numbers, the ends of their ranges and what stands between by its
 /// own path through the shader.
 fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
     const FLAG: [f64; 2] = [0.0, 1.0];
-    const POINTS: [f64; 4] = [0.0, 1.0, 2.0, MAX_INLINE_POINTS as f64];
     match (shader, name) {
         // Post-shaded volumes are gathered as scalars only.
         ("gather", "SCALARS") => &FLAG[..1],
@@ -26,7 +24,6 @@ fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
         // Vectors of four lights at most.
         (_, "LIGHTS") => &[0.0, 1.0, 4.0],
         ("classify", "SAMPLE_TYPE") => &[0.0, 1.0, 2.0, 3.0, 4.0],
-        ("classify", "INLINE_POINTS") => &POINTS,
         // Texels of a row of the footprint table; a row of voxels.
         ("splat", "TEXELS") => &[1.0, 2.0, 3.0, 4.0],
         (_, "TEXELS") => &[3.0, 7.0],

@@ -1,4 +1,4 @@
-//! The geometry of one picture that every painter needs, in f64: camera, lattice, pixels, growth of kernels, light.
+//! The geometry of a picture that every painter needs, in f64: camera, lattice, pixels, growth of kernels, light.
 
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -12,51 +12,51 @@ use crate::lighting::{Lighting, Source};
 use crate::settings::{Model, Settings};
 use crate::volume::Grid;
 
-/// What the splats of a scene weigh.
+/// The weights of the splats of a scene.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Weights {
     /// The largest weight of a splat: extinction times unit distance, or the distance of a scalar from the base.
     pub(crate) max: f64,
-    /// Local distance (see [`Grid::local`]) that weights are per; 1 for scalars.
+    /// The local distance (see [`Grid::local`]) that weights are per; 1 for scalars.
     pub(crate) unit: f64,
     /// The largest of each channel of the splats' colours; 1 for scalars.
     pub(crate) brightest: [f64; 3],
 }
 
-/// The farthest that a light at a place is taken to be, in half diagonals of the lattice: there it errs by 1e-6.
+/// The limit of the distance of a point light, in half diagonals of the lattice: there it errs by 1e-6.
 const FARTHEST_LIGHT: f64 = 1e6;
 
 /// The share of a layer in a picture of several, by the growth that its own kernels have at a depth: it begins, is
 /// whole, fades, and ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Fade {
-    /// Where the share begins, and where it is whole.
+    /// The growths at which the share begins and is whole.
     pub(crate) begins: [f64; 2],
-    /// Where it begins to fade, and where nothing of it is left.
+    /// The growths at which the share begins to fade and ends.
     pub(crate) ends: [f64; 2],
 }
 
 impl Fade {
-    /// Growths nearer and farther than any, but not infinite.
+    /// Growths of anything nearer, and of anything farther; not infinite.
     pub(crate) const NEAREST: [f64; 2] = [-2e8, -1e8];
     pub(crate) const FARTHEST: [f64; 2] = [1e8, 2e8];
 }
 
-/// A camera on a lattice, in local coordinates: see [`Grid::local`]. What is called world here is local.
+/// A camera on a lattice, in local coordinates: see [`Grid::local`]. World means local here.
 #[derive(Debug, Clone)]
 pub(crate) struct ViewGeometry {
-    /// World length of a local one.
+    /// The world length of a local unit.
     pub(crate) unit: f64,
     /// The middle of the lattice in the world.
     center: DVec3,
     pub(crate) camera: Camera,
     pub(crate) grid: Grid,
-    /// Radius of the kernel as asked for, in voxels.
+    /// The radius of the kernel without growth, in voxels.
     pub(crate) radius: f64,
     pub(crate) growth: Growth,
-    /// The smallest and the largest growth of a kernel in the volume; of a layer, in the layer.
+    /// The smallest and the largest growth of a kernel in the volume, or in the layer.
     pub(crate) growths: [f64; 2],
-    /// If the lattice is a layer: the share of the layer.
+    /// The share of the layer, if the lattice is a layer.
     pub(crate) fade: Option<Fade>,
     /// Gradients in the lattice of the view coordinates x (right), y (up) and z (forward), in world units.
     pub(crate) gradients: [DVec3; 3],
@@ -66,13 +66,13 @@ pub(crate) struct ViewGeometry {
     pub(crate) eye_depth: f64,
     /// View depth of the farthest voxel from the middle of the lattice.
     pub(crate) farthest: f64,
-    /// From the middle of the lattice to the faces of what shows, in lattice points: post-shaded to those of the box of
-    /// the voxels, half a voxel beyond the outermost; pre-shaded to where kernels end.
+    /// From the middle of the lattice to the faces of the visible field, in lattice points: post-shaded half a voxel
+    /// beyond the outermost voxels, pre-shaded to the ends of kernels.
     pub(crate) faces: DVec3,
-    /// What is not cut away, in the lattice.
+    /// The sides of unclipped matter, in the lattice.
     pub(crate) clip: Vec<Side>,
     pub(crate) post_shaded: bool,
-    /// Optical depth from which on a pixel counts as opaque; infinite if nothing ends there.
+    /// The optical depth from which on a pixel counts as opaque; infinite without termination.
     pub(crate) opaque_depth: f64,
     pub(crate) savings: Savings,
 }
@@ -83,7 +83,7 @@ impl ViewGeometry {
         Self::of_cells(camera, grid, settings, savings, 1.0, None)
     }
 
-    /// The same of a lattice of cells: the settings have the kernel that has grown `grown` times as its voxels see it.
+    /// The view of a camera on a lattice of cells, whose kernel in the settings stands for a growth of `grown`.
     pub(crate) fn of_cells(
         camera: &Camera,
         grid: &Grid,
@@ -107,7 +107,7 @@ impl ViewGeometry {
         };
         let growth = if settings.antialiasing { camera.growth(grid) } else { Growth::NONE };
         let growth = Growth { constant: growth.constant / grown, slope: growth.slope / grown };
-        // At the nearest voxel, or at the eye if the voxel is behind it, and at the farthest.
+        // Of the nearest voxel, or at the eye if the voxel is behind it, and of the farthest.
         let growths = [-farthest, farthest].map(|z| {
             let all = growth.at(z + eye_depth);
             fade.map_or(all, |fade| all.max(fade.begins[0]).min(fade.ends[1]).max(1.0))
@@ -148,17 +148,17 @@ impl ViewGeometry {
         self.growths[1]
     }
 
-    /// The growths between which voxels, or cells of the level before, give way to cells of a level, which stand for
-    /// voxels grown `least` times or more. The ramp is four of these cells deep: over fewer planes the shares of both
-    /// would not add up to 1.
+    /// The growths between which voxels, or cells of the level before, give way to cells of a level that begins at a
+    /// growth of `least`. The ramp is four of these cells deep: over fewer planes the shares of both would not add up
+    /// to 1.
     pub(crate) fn ramp(&self, level: u32, least: f64) -> [f64; 2] {
         let [x, y, z] = self.grid.spacing();
         let depth = 4.0 * f64::from(level).exp2() * x.max(y).max(z);
-        // A quarter less than the least is little to the eye, and deeper ramps are those of a few cells.
+        // A quarter less than the least is hardly visible, and only few cells would have deeper ramps.
         [least - (self.growth.slope * depth).min(least / 4.0), least]
     }
 
-    /// Whether the layer may have a share in what voxels of a box show. The box is that of a lattice which has so many
+    /// Whether the layer may have a share in the picture of the voxels of a box. The lattice of the box has `padding`
     /// copies beyond its faces. True if the lattice is no layer.
     pub(crate) fn layer_holds(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
         let Some(fade) = self.fade else { return true };
@@ -170,8 +170,8 @@ impl ViewGeometry {
         middle + reach > fade.begins[0] && middle - reach < fade.ends[1]
     }
 
-    /// Whether voxels of a box may take part in what is not cut away. The box is that of a lattice which has so many
-    /// copies beyond its faces: so far beyond kernels scalars matter.
+    /// Whether voxels of a box may take part in unclipped matter. The lattice of the box has `padding` copies beyond
+    /// its faces: scalars matter so far beyond kernels.
     pub(crate) fn may_show(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
         let [low, high] = bounds.map(|p| DVec3::from_array(p.map(f64::from)) - f64::from(padding) - half(&self.grid));
         let (middle, size) = ((low + high - 1.0) / 2.0, (high - low - 1.0) / 2.0);
@@ -184,7 +184,7 @@ impl ViewGeometry {
         if self.is_perspective() { 1.0 } else { self.max_growth() }
     }
 
-    /// How kernels grow with their depth before an eye, and the largest growth; 1 along parallel rays.
+    /// The growth of kernels with their depth before an eye, and the largest growth; 1 along parallel rays.
     pub(crate) fn depth_growth(&self) -> (Growth, f64) {
         if self.is_perspective() { (self.growth, self.max_growth()) } else { (Growth::NONE, 1.0) }
     }
@@ -194,7 +194,7 @@ impl ViewGeometry {
         self.radius * self.growths[1]
     }
 
-    /// About the pixels of the largest quad of a splat; infinite if a kernel may reach the eye.
+    /// An estimate of the pixels of the largest quad of a splat; infinite if a kernel may reach the eye.
     pub(crate) fn splat_pixels(&self) -> f64 {
         let axes = self.grid.to_world().matrix3;
         let longest = [axes.x_axis, axes.y_axis, axes.z_axis].map(DVec3::length).into_iter().fold(0.0, f64::max);
@@ -206,15 +206,11 @@ impl ViewGeometry {
         (2.0 * reach / (self.camera.pixels().0[0] * depth) + 2.0).powi(2)
     }
 
-    pub(crate) fn savings(&self) -> Savings {
-        self.savings
-    }
-
     pub(crate) fn is_perspective(&self) -> bool {
         matches!(self.camera.projection, Projection::Perspective { .. })
     }
 
-    /// Whether opaque pixels end anything.
+    /// Whether opaque pixels end rays.
     pub(crate) fn terminates(&self) -> bool {
         self.opaque_depth.is_finite()
     }
@@ -226,14 +222,13 @@ impl ViewGeometry {
         from_center.abs().cmple(half(&self.grid) + self.max_radius()).all()
     }
 
-    /// The sides of all that shows: the faces, and what cuts.
+    /// The sides of the visible field: the faces and the clipping planes.
     pub(crate) fn shown(&self) -> impl Iterator<Item = Side> {
         let faces = (0..3).flat_map(|a| [1.0, -1.0].map(|sign| (DVec3::AXES[a] * sign, self.faces[a])));
         faces.chain(self.clip.iter().copied())
     }
 
-    /// The smallest rectangle of pixels that holds every point which the volume's kernels project to and which is not
-    /// cut away; `None`: none does.
+    /// The smallest rectangle of pixels that holds the projection of all unclipped kernels; `None` if there are none.
     pub(crate) fn projected_bounds(&self) -> Option<Region> {
         let camera = &self.camera;
         let [w, h] = camera.size;
@@ -245,7 +240,7 @@ impl ViewGeometry {
             let mut plane = [d.dot(camera.right), d.dot(camera.up)];
             if let Projection::Perspective { distance, .. } = camera.projection {
                 let z = d.dot(camera.forward) + distance;
-                // A corner beside or behind the eye projects to no pixel that bounds anything.
+                // A corner beside or behind the eye bounds no pixels.
                 if z <= 1e-6 * distance {
                     return Some(whole);
                 }
@@ -264,7 +259,7 @@ impl ViewGeometry {
         (right > x && bottom > y).then(|| Region { x, y, width: right - x, height: bottom - y })
     }
 
-    /// From the lattice to view coordinates from its middle.
+    /// The map from the lattice to view coordinates from its middle.
     pub(crate) fn map_of_lattice(&self) -> DAffine3 {
         let Camera { right, up, forward, .. } = self.camera;
         let to_view = DMat3::from_cols(right, up, forward).transpose() * self.grid.to_world().matrix3;
@@ -284,7 +279,7 @@ impl ViewGeometry {
         }
     }
 
-    /// Material and lights in view coordinates; all zero if there is no light. Places are those of the lattice.
+    /// Material and lights in view coordinates; all zero without light. Places are lattice points.
     pub(crate) fn lighting(&self, lighting: Option<&Lighting>) -> layout::Lighting {
         let Some(lighting) = lighting else { return layout::Lighting::default() };
         let camera = &self.camera;
@@ -321,14 +316,14 @@ impl ViewGeometry {
             colors,
             from_lattice: layout::affine(&self.map_of_lattice()),
             shininess: lighting.shininess as f32,
-            // Painters know it that light what has been reconstructed.
+            // Painters that light reconstructed gradients fill it in.
             faintest: 0.0,
             _pad: [0; 2],
         }
     }
 }
 
-/// From the middle of a lattice to its last point.
+/// The vector from the middle of a lattice to its last point.
 pub(crate) fn half(grid: &Grid) -> DVec3 {
     DVec3::from_array(grid.dims().map(|d| f64::from(d - 1) / 2.0))
 }

@@ -1,13 +1,13 @@
-//! cells: a volume and a transfer function to classified cells of a level, for pre-shading of kernels that have grown
-//! (Laur and Hanrahan 1991, "Hierarchical splatting"). On the host: it is memory traffic rather than arithmetic.
+//! cells: a volume and a transfer function to classified cells of a level, for pre-shading with grown kernels (Laur and
+//! Hanrahan 1991, "Hierarchical splatting"). On the host: it is memory traffic rather than arithmetic.
 //!
-//! A cell of level n stands for 2^n voxels along each axis. Voxels are classified and lit one by one; a cell holds the
+//! A cell of level n stands for 2^n voxels along each axis. Voxels are classified and lit one by one. A cell holds the
 //! light that they emit and absorb, weighted by the polynomials of degree 5 that interpolate cells at the places of
-//! voxels (Lagrange). So the moments of each voxel, up to the fifth, are kept: sum, place and spread. Weights farther
-//! than a cell away are negative. A cell may therefore absorb a little less than nothing.
+//! voxels (Lagrange). So the moments of each voxel are kept up to the fifth. Weights farther than a cell away are
+//! negative, so a cell may absorb a little less than nothing.
 //!
-//! Cells have no normals, because a mean normal is not lit as the voxels are: uniform matter, which has none, and folds
-//! finer than a cell erred by 20 and 30 of 255. So cells are made anew if a light or the eye moves.
+//! Cells have no normals: lit by a mean normal, uniform matter erred by 20 of 255 and folds finer than a cell by 30. So
+//! cells are made anew if a light or the eye moves.
 
 use std::ops::Range;
 
@@ -15,10 +15,11 @@ use glam::{DVec3, Vec3};
 
 use super::shadows::Arriving;
 use crate::error::Result;
+use crate::gpu::classify::gradients;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{Lighting, Splat};
 use crate::gpu::splat::{self, LANES, ToEye, packed_appearance, packed_normal};
-use crate::gpu::store::{BrickSplats, Emitted, HostBrick, StoreBuilder};
+use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
 use crate::gpu::transfer::{Reduction, Relative};
 use crate::kernel::Kernel;
 use crate::layers::{Look, look_of};
@@ -28,45 +29,45 @@ use crate::transfer::{TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Grid, Number, Samples, ToF64, Volume, with_samples};
 use voxsplat_volume::memory::reserved;
 
-/// Cells to either side of a voxel among which it is shared.
+/// Cells to either side of a voxel that it is shared among.
 const REACH: usize = 3;
 
-/// The least standard deviation of the kernels of cells, in cells: narrower ones would show the lattice. Kernels of the
-/// default Gaussian have it at a growth of 1.5.
+/// The least standard deviation of the kernels of cells, in cells: narrower kernels would show the lattice. The default
+/// Gaussian has it at a growth of 1.5.
 pub(crate) const LEAST_DEVIATION: f64 = 0.585;
 
-/// The same of kernels that reach many of their standard deviations, like the blob, which end later than others: rays
-/// through one eye reach 4 voxels of grown kernels, and by then cells must stand for them.
+/// The least standard deviation of compact kernels such as the blob, in cells: rays through one eye reach 4 voxels of
+/// grown kernels, and by then cells must stand for voxels.
 const LEAST_DEVIATION_OF_WIDE: f64 = 0.5;
-/// The voxels that rays through one eye reach.
+/// The voxels that rays through one eye reach to either side.
 const WIDEST: f64 = 4.0;
 
-/// The radius of the narrowest Gaussian of cells, as a multiple of its standard deviation: as much as polynomials of 8
-/// terms follow footprints, by which rays evaluate them, so that it is small where it is cut off.
+/// The radius of the narrowest Gaussian of cells, in standard deviations: the largest that polynomials of 8 terms, by
+/// which rays evaluate footprints, can follow, so that little is cut off.
 const NARROW_RADIUS: f64 = 3.28;
-/// The standard deviation in cells from which on cells have the grown Gaussian of voxels itself.
+/// The standard deviation, in cells, from which on cells have the grown Gaussian of voxels.
 const BROAD: f64 = 0.975;
 /// The largest radius, in cells, of kernels that rays gather eight together.
 const SHARED_RADIUS: f64 = 2.0;
 
-/// The optical depth of a cell up to which cells are right from their least growth on.
+/// The optical depth of a cell up to which a level begins at its least growth.
 const THIN: f64 = 0.6;
-/// The power of the optical depth of denser cells by which their growth must be larger.
+/// The exponent by which the first growth of a level rises with the optical depth of denser cells.
 const DENSER: f64 = 0.42;
 
-/// The coarsest level whose cells are right for voxels whose kernels have grown so much, given the optical depth of a
-/// voxel; 0: voxels stand for themselves. No level is coarser than the one of which a cell holds the volume.
+/// The coarsest level whose cells are accurate for voxels with grown kernels, given the optical depth of a voxel; 0
+/// stands for the voxels. At the coarsest level of all, one cell holds the volume.
 pub(crate) fn level_of(kernel: &Kernel, growth: f64, grid: &Grid, depth: f64) -> u32 {
     let one = grid.dims().into_iter().max().unwrap_or(1).next_power_of_two().ilog2();
-    // A growth of 1.5 is often that of a picture, to within rounding.
+    // The growth of a picture is often 1.5, to within rounding.
     let is_right = |level: &u32| right_growth(kernel, *level, depth) <= 1.0001 * growth;
     (1..=one.min(MAX_LEVEL)).take_while(is_right).last().unwrap_or(0)
 }
 
-/// The growth of kernels from which on cells of a level are right, given the optical depth of a voxel.
+/// The growth of kernels from which on cells of a level are accurate, given the optical depth of a voxel.
 ///
-/// Cells ring beside edges by a few hundredths of their optical depth, which shows the more the denser they are;
-/// kernels that are wide beside cells smooth it. Measured on noise, boxes, specks, balls, shells and tubes:
+/// Cells ring beside edges by a few hundredths of their optical depth. Denser cells ring more visibly, and kernels that
+/// are wide beside cells smooth the ringing. Measured on noise, boxes, specks, balls, shells and tubes:
 /// docs/measurements/2026-11-23-levels.md.
 pub(crate) fn right_growth(kernel: &Kernel, level: u32, depth: f64) -> f64 {
     let denser = (depth * f64::from(level).exp2() / THIN).max(1.0);
@@ -84,12 +85,12 @@ fn least_deviation(kernel: &Kernel) -> f64 {
     wide.clamp(LEAST_DEVIATION_OF_WIDE, LEAST_DEVIATION)
 }
 
-/// The kernel of cells of a level, in cells: as broad as the kernel of voxels that has grown, at least
-/// [`least_growth`] times.
+/// The kernel of cells of a level, in cells: as broad as the grown kernel of voxels, whose growth is at least
+/// [`least_growth`].
 pub(crate) fn kernel_of(kernel: &Kernel, growth: f64, level: u32) -> Kernel {
     let grown = kernel.grown(growth / f64::from(level).exp2());
     let deviation = grown.variance().sqrt();
-    // A blob is small where it ends, so that cells may have it as it is.
+    // A blob is small where it ends, so cells may have it unchanged.
     if matches!(grown, Kernel::KaiserBessel { .. }) || deviation >= BROAD {
         return grown;
     }
@@ -99,7 +100,7 @@ pub(crate) fn kernel_of(kernel: &Kernel, growth: f64, level: u32) -> Kernel {
     gaussian(if grown.radius() <= SHARED_RADIUS { radius.min(SHARED_RADIUS) } else { radius }, deviation)
 }
 
-/// The Gaussian cut off at a radius whose standard deviation is this, to rounding: by bisection.
+/// Returns the Gaussian of this radius and standard deviation, found by bisection to rounding.
 fn gaussian(radius: f64, deviation: f64) -> Kernel {
     let of = |sigma: f64| Kernel::Gaussian { sigma, radius };
     let [mut low, mut high] = [0.25 * deviation, 8.0 * deviation];
@@ -128,26 +129,26 @@ fn dims_of(grid: &Grid, level: u32) -> [usize; 3] {
     grid.dims().map(|d| d.div_ceil(1 << level) as usize + 2 * REACH)
 }
 
-/// What voxels give to cells along an axis.
+/// The weights by which voxels are shared among cells along an axis.
 pub(crate) struct Filter {
-    /// Voxels of a cell.
+    /// Voxels along a cell.
     size: usize,
-    /// The first voxel that gives to the first cell; negative, as that lies beyond the face.
+    /// The first voxel with a weight in the first cell; negative because that cell lies beyond the face.
     first: i64,
-    /// The weights of that voxel and of those behind it; of the next cell the same weights, `size` voxels on.
+    /// The weights of that voxel and of those behind it. The next cell has the same weights, `size` voxels on.
     weights: Vec<f32>,
 }
 
 impl Filter {
-    /// So many cells lie beyond the face, and so many voxels between the first cell's end there and the face. Cells
-    /// are blurred by weights, from the middle one on.
+    /// A filter of cells of a level. `beyond` cells lie before the face, and `before` voxels between the end of these
+    /// cells and the face. Cells are blurred by the weights `blur`, from the middle one on.
     pub(crate) fn new(level: u32, before: f64, blur: &[f64], beyond: usize) -> Self {
         let size = f64::from(level).exp2();
         let in_cells = |voxel: i64| (voxel as f64 + before + 0.5) / size - 0.5;
         let reach = blur.len() as i64 - 1;
         let blur = || blur.iter().skip(1).rev().chain(blur).zip(-reach..);
         let weight = |x: f64| blur().map(|(weight, node)| weight * lagrange(x - node as f64)).sum::<f64>() / size;
-        // More voxels than give to cell 0, numbered as if it lay at the face; less those at both ends that do not.
+        // More voxels than have weights in a cell 0 that begins at the face; both ends are cut below.
         let most = ((reach + REACH as i64 + 1) as f64 * size + before).ceil() as i64;
         let mut first = -most;
         let mut weights: Vec<f32> = (first..most).map(|voxel| weight(in_cells(voxel)) as f32).collect();
@@ -159,14 +160,14 @@ impl Filter {
         Self { size, first: first - (beyond * size) as i64, weights }
     }
 
-    /// The voxels that give to cells from `cell` to before `end`.
+    /// The voxels with weights in the cells from `cell` to before `end`.
     pub(crate) fn voxels(&self, cell: i64, end: i64) -> Range<i64> {
         let first = |cell: i64| self.first + cell * self.size as i64;
         first(cell)..first(end - 1) + self.weights.len() as i64
     }
 
-    /// What each cell takes of the voxels of an axis of `count`, which go on beyond the faces as copies: of the first
-    /// that it takes, and of those behind it.
+    /// For each cell, the first voxel with a weight in it and the weights from there on. The axis has `count` voxels,
+    /// which go on beyond the faces as copies.
     pub(crate) fn taken(&self, cells: Range<i64>, count: usize) -> Vec<(usize, Vec<f32>)> {
         let of_cell = |cell: i64| {
             let voxels = self.voxels(cell, cell + 1);
@@ -179,12 +180,12 @@ impl Filter {
         cells.map(of_cell).collect()
     }
 
-    /// The voxels that cells stand for and so many to either side, of an axis of `count`: the outermost if they lie
-    /// beyond a face.
+    /// The voxels that each cell stands for and `more` to either side, of an axis of `count` voxels; the outermost
+    /// voxel if they lie beyond a face.
     pub(crate) fn blocks(&self, cells: Range<i64>, more: i64, count: usize) -> Vec<Range<usize>> {
         let inside = |voxel: i64| voxel.clamp(0, count as i64 - 1) as usize;
         let block = |cell: i64| {
-            // In the middle of those that give to it; one more if a voxel lies in two cells.
+            // In the middle of the voxels with weights; one more if a voxel lies in two cells.
             let Range { start, end } = self.voxels(cell, cell + 1);
             let beside = (end - start - self.size as i64) / 2 - more;
             inside(start + beside)..inside(end - beside - 1) + 1
@@ -198,7 +199,7 @@ impl Filter {
         usize::try_from(at).ok().and_then(|at| self.weights.get(at).copied())
     }
 
-    /// The first `cells` cells to which some of these voxels give, and the one after the last.
+    /// The range of the first `cells` cells in which some of these voxels have weights.
     fn reached(&self, voxels: &Range<usize>, cells: usize) -> Range<usize> {
         let size = self.size as i64;
         let first = (voxels.start as i64 - self.first - self.weights.len() as i64).div_euclid(size) + 1;
@@ -207,45 +208,22 @@ impl Filter {
         within(first)..within(end)
     }
 
-    /// What voxels, the first that gives to the first of the cells and those behind it, give to the cells. Voxels
-    /// outside `shown` give nothing.
-    fn gather<const N: usize>(&self, voxels: &[[f32; N]], shown: &Range<usize>, cells: &mut [[f32; N]]) {
-        // Four sums at a time: none waits for its own last addition.
-        let (fours, rest) = cells.as_chunks_mut::<4>();
-        let behind = 4 * fours.len();
-        for (number, four) in fours.iter_mut().enumerate() {
-            *four = self.sums(4 * number, voxels, shown);
-        }
-        for (number, cell) in rest.iter_mut().enumerate() {
-            [*cell] = self.sums(behind + number, voxels, shown);
-        }
-    }
-
-    /// What voxels give to cells side by side, the first of this number.
-    fn sums<const N: usize, const CELLS: usize>(
-        &self,
-        first: usize,
-        voxels: &[[f32; N]],
-        shown: &Range<usize>,
-    ) -> [[f32; N]; CELLS] {
-        let mut sums = [[0.0; N]; CELLS];
-        // Of the voxels of each, those of which some show.
-        let [near, far] = [first, first + CELLS - 1].map(|cell| cell * self.size);
-        let taps = shown.start.saturating_sub(far)..shown.end.saturating_sub(near).min(self.weights.len());
-        let Some(weights) = self.weights.get(taps.clone()) else { return sums };
-        let voxels: [_; CELLS] =
-            std::array::from_fn(|cell| &voxels[near + cell * self.size + taps.start..][..weights.len()]);
-        for (at, weight) in weights.iter().enumerate() {
-            for (sum, voxels) in sums.iter_mut().zip(voxels) {
-                for (sum, channel) in sum.iter_mut().zip(&voxels[at]) {
-                    *sum += weight * channel;
+    /// Replaces cells by weighted sums of voxels. The first voxel is the first with a weight in the first cell.
+    fn gather(&self, voxels: &[Emission], cells: &mut [Emission]) {
+        cells.fill([0.0; 4]);
+        // So few taps at a time let the sums of neighbouring cells overlap: each addition waits for the one before.
+        const TAPS: usize = 8;
+        for (run, weights) in self.weights.chunks(TAPS).enumerate() {
+            let taps = voxels[run * TAPS..].windows(weights.len()).step_by(self.size);
+            for (cell, taps) in cells.iter_mut().zip(taps) {
+                for (weight, voxel) in weights.iter().zip(taps) {
+                    cell.iter_mut().zip(voxel).for_each(|(sum, channel)| *sum += weight * channel);
                 }
             }
         }
-        sums
     }
 
-    /// The cells from `cell` to before `end` that a voxel gives to.
+    /// The cells from `cell` to before `end` in which a voxel has weights.
     fn cells(&self, voxel: i64, cell: usize, end: usize) -> impl Iterator<Item = (usize, f32)> {
         (cell..end).filter_map(move |cell| Some((cell, self.weight(voxel, cell as i64)?)))
     }
@@ -261,38 +239,38 @@ fn lagrange(x: f64) -> f64 {
     (-2..=3).map(f64::from).filter(|&other| other != node).map(|other| (at - other) / (node - other)).product()
 }
 
-/// What cells of a level keep of a wave along an axis, of a frequency in radians per cell.
+/// The share of a wave along an axis that cells of a level keep, given its frequency in radians per cell.
 pub(crate) fn response(level: u32, frequency: f64) -> f64 {
-    // Voxels of a cell beyond which more change nothing.
+    // More voxels to a cell change nothing.
     let size = 1_i64 << level.min(3);
     let at = |voxel: i64| (voxel as f64 + 0.5 * ((size - 1) % 2) as f64) / size as f64;
     let reach = REACH as i64 * size;
     (-reach..=reach).map(|voxel| lagrange(at(voxel)) * (frequency * at(voxel)).cos()).sum::<f64>() / size as f64
 }
 
-/// What a voxel emits and absorbs: colour times density, density.
+/// The emission and absorption of a voxel: colour times density, density.
 pub(crate) type Emission = [f32; 4];
 
-/// The light on voxels that become cells: of one picture, because it depends on the eye.
+/// The light of one picture on voxels that become cells; it depends on the eye.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct VoxelLight {
     pub(crate) lighting: Lighting,
     /// The number of lights.
     pub(crate) lights: u32,
-    /// Whether some light is at a place.
+    /// Whether a light has a position.
     pub(crate) points: bool,
     pub(crate) to_eye: ToEye,
 }
 
-/// What values look like.
+/// The source of the colour and opacity of values.
 #[derive(Clone, Copy)]
-pub(crate) enum Looks<'a> {
+pub(crate) enum ColorSource<'a> {
     Transfer(&'a TransferFunction),
     Labels(&'a [Look]),
 }
 
-impl Looks<'_> {
-    /// Whether a value of a range, both ends included, may show.
+impl ColorSource<'_> {
+    /// Whether some value of a range, both ends included, may be visible.
     pub(crate) fn show(&self, [low, high]: [f64; 2]) -> bool {
         match self {
             Self::Transfer(transfer) => !transfer.is_invisible([low, high]),
@@ -304,104 +282,92 @@ impl Looks<'_> {
     }
 }
 
-/// Samples to what voxels emit.
+/// Classifies samples.
 pub(crate) struct Classification<'a> {
-    looks: Looks<'a>,
+    looks: ColorSource<'a>,
     slope: f64,
     intercept: f64,
-    /// The unit distance of densities, in that of opacities.
+    /// The unit distance of densities, in unit distances of opacities.
     unit: f64,
-    /// By the bits of samples, if these are few; otherwise empty.
+    /// The emission of each sample by its bits, if samples have few bits; otherwise empty.
     table: Vec<Emission>,
 }
 
 impl<'a> Classification<'a> {
-    pub(crate) fn new(volume: &Volume, looks: Looks<'a>, unit: f64) -> Self {
+    pub(crate) fn new(volume: &Volume, looks: ColorSource<'a>, unit: f64) -> Self {
         let (slope, intercept) = volume.rescale();
         let mut classification = Self { looks, slope, intercept, unit, table: Vec::new() };
         if let Some([first, last]) = volume.sample_type().few() {
             // The bits of negative numbers follow those of the others.
             let samples = (0..=last).chain(first..0);
-            classification.table = samples.map(|sample| classification.of(f64::from(sample))).collect();
+            classification.table = samples.map(|sample| classification.classified(f64::from(sample))).collect();
         }
         classification
     }
 
-    /// Of values, not of the samples of a volume.
-    pub(crate) fn of_values(looks: Looks<'a>, unit: f64) -> Self {
+    /// Classifies values instead of the samples of a volume.
+    pub(crate) fn of_values(looks: ColorSource<'a>, unit: f64) -> Self {
         Self { looks, slope: 1.0, intercept: 0.0, unit, table: Vec::new() }
     }
 
-    pub(crate) fn of(&self, sample: f64) -> Emission {
+    /// The emission of a sample.
+    pub(crate) fn classified(&self, sample: f64) -> Emission {
         let value = self.slope * sample + self.intercept;
         let (color, opacity) = match self.looks {
-            Looks::Transfer(transfer) => transfer.sample(value),
-            Looks::Labels(looks) => look_of(looks, value).map_or(([0.0; 3], 0.0), |look| (look.color, look.opacity)),
+            ColorSource::Transfer(transfer) => transfer.sample(value),
+            ColorSource::Labels(looks) => {
+                look_of(looks, value).map_or(([0.0; 3], 0.0), |look| (look.color, look.opacity))
+            }
         };
         let density = TransferFunction::extinction(opacity, 1.0) * self.unit;
         let [r, g, b] = color.map(|c| (c * density) as f32);
         [r, g, b, density as f32]
     }
 
-    /// What a voxel emits.
+    /// The emission of a voxel.
     pub(crate) fn emission<T: Number>(&self, sample: T) -> Emission {
         match *bytemuck::bytes_of(&sample) {
             [bits] if !self.table.is_empty() => self.table[usize::from(bits)],
             [a, b] if !self.table.is_empty() => self.table[usize::from(u16::from_ne_bytes([a, b]))],
-            _ => self.of(sample.to_f64()),
+            _ => self.classified(sample.to_f64()),
         }
     }
 
-    /// What a row of voxels emits; the voxels outside the returned range emit nothing.
+    /// Classifies a row of voxels. Returns a range outside which all are transparent.
     fn row<T: Number>(&self, samples: &[T], voxels: &mut [Emission]) -> Range<usize> {
-        match size_of::<T>() {
-            1 if !self.table.is_empty() => {
-                let samples: &[u8] = bytemuck::cast_slice(samples);
-                emit(samples, voxels, |sample| self.table[usize::from(sample)])
+        const RUN: usize = 32;
+        let mut shown: Option<Range<usize>> = None;
+        for (run, (samples, voxels)) in samples.chunks(RUN).zip(voxels.chunks_mut(RUN)).enumerate() {
+            let mut most = 0.0_f32;
+            for (sample, voxel) in samples.iter().zip(voxels) {
+                *voxel = self.emission(*sample);
+                most = most.max(voxel[3]);
             }
-            2 if !self.table.is_empty() => {
-                let samples: &[u16] = bytemuck::cast_slice(samples);
-                emit(samples, voxels, |sample| self.table[usize::from(sample)])
+            if most > 0.0 {
+                let start = shown.map_or(run * RUN, |shown| shown.start);
+                shown = Some(start..run * RUN + samples.len());
             }
-            _ => emit(samples, voxels, |sample| self.of(sample.to_f64())),
         }
+        shown.unwrap_or_default()
     }
 }
 
-/// Gives voxels what their samples emit. Returns a range outside which there is nothing.
-fn emit<T: Copy>(samples: &[T], voxels: &mut [Emission], of: impl Fn(T) -> Emission) -> Range<usize> {
-    const RUN: usize = 32;
-    let mut shown: Option<Range<usize>> = None;
-    for (run, (samples, voxels)) in samples.chunks(RUN).zip(voxels.chunks_mut(RUN)).enumerate() {
-        let mut most = 0.0_f32;
-        for (sample, voxel) in samples.iter().zip(voxels) {
-            *voxel = of(*sample);
-            most = most.max(voxel[3]);
-        }
-        if most > 0.0 {
-            let start = shown.map_or(run * RUN, |shown| shown.start);
-            shown = Some(start..run * RUN + samples.len());
-        }
-    }
-    shown.unwrap_or_default()
-}
-
-/// A volume and what makes cells of a level of it.
+/// Makes the cells of a level of a volume.
 pub(crate) struct Coarsening<'a> {
     volume: &'a Volume,
     filter: Filter,
     classification: Classification<'a>,
-    /// The light on voxels, and the shares of it that arrive at each; `None`: voxels are not lit.
+    /// The light on voxels and the shares of it that arrive; `None`: voxels are unlit.
     light: Option<(&'a VoxelLight, Option<&'a Arriving>)>,
-    /// If light or opacity depends on gradients.
+    /// Gradients, if light or opacity depends on them.
     steepness: Option<Steepness>,
     /// Cells along each axis.
     dims: [usize; 3],
-    /// Cells that absorb less are left out, per unit distance.
+    /// Cells of a lower density are left out.
     least: f32,
 }
 
-/// What gradients are made of.
+/// The inputs of gradients and what depends on them.
 struct Steepness {
     scalars: Relative,
     /// World gradients of the lattice coordinates.
@@ -410,7 +376,7 @@ struct Steepness {
     thinning: Vec<[f32; 2]>,
 }
 
-/// What a cell must absorb to be kept, of the most that a voxel can.
+/// The least density of a cell that is kept, as a share of the largest of a voxel.
 const LEAST: f64 = 1.0 / 1024.0;
 
 impl<'a> Coarsening<'a> {
@@ -420,16 +386,15 @@ impl<'a> Coarsening<'a> {
         level: u32,
         light: Option<(&'a VoxelLight, Option<&'a Arriving>)>,
     ) -> Self {
-        let gradients = volume.grid().local().to_lattice().matrix3.transpose();
         let reduction = Reduction::new(transfer, 1.0);
         let scale = reduction.factor() * volume.grid().unit();
         let thinning = transfer.scaled_gradient_opacity(scale);
         let steep = light.is_some() || !thinning.is_empty();
-        let gradients = [0, 1, 2].map(|axis| gradients.col(axis).as_vec3());
+        let gradients = gradients(volume).map(Vec3::from_array);
         Self {
             volume,
             filter: Filter::new(level, 0.0, &[1.0], REACH),
-            classification: Classification::new(volume, Looks::Transfer(transfer), 1.0),
+            classification: Classification::new(volume, ColorSource::Transfer(transfer), 1.0),
             light,
             steepness: steep.then(|| Steepness { scalars: Relative::new(volume, reduction), gradients, thinning }),
             dims: dims_of(volume.grid(), level),
@@ -438,35 +403,19 @@ impl<'a> Coarsening<'a> {
     }
 
     /// The cells as splats.
-    pub(crate) fn emit(&self, context: &Context, progress: &Progress) -> Result<Emitted> {
-        let [_, down, deep] = self.dims.map(|n| n.div_ceil(EDGE));
+    pub(crate) fn emit(&self, context: &Context, progress: &Progress) -> Result<Drawable> {
         let mut stores = StoreBuilder::new(context, size_of::<Splat>() as u64, u32::MAX);
-        let mut emitted = Emitted::default();
-        let mut rows = 0;
-        // The rows that a row of bricks reads, beyond those of a brick of voxels.
+        // The rows that a row of bricks reads, beyond the rows of a brick of voxels.
         let halo = (self.filter.voxels(0, EDGE as i64).count() - EDGE).div_ceil(2);
-        let row = |j, k| self.row([j, k]);
-        self.volume.for_each_row([down, deep], halo, &row, &mut |bricks| {
-            for (splats, brick) in bricks {
-                let count = splats.count();
-                let (_, first) = stores.make_room(count, 1)?;
-                emitted.bricks.bytes += u64::from(count) * size_of::<Splat>() as u64;
-                emitted.bricks.uploaded += 1;
-                emitted.voxels += u64::from(count);
-                stores.add(splats, count, [BrickSplats { first, ..brick }]);
-            }
-            rows += 1;
-            progress.report("classifying", f64::from(rows) / (down * deep) as f64);
-            Ok(())
-        })?;
-        emitted.bricks.all = self.dims.iter().map(|n| n.div_ceil(EDGE) as u32).product();
-        emitted.stores = stores.finish()?;
+        let counts = self.dims.map(|n| n.div_ceil(EDGE));
+        stores.push_rows(self.volume, counts, halo, (progress, "classifying"), &|j, k| self.row([j, k]))?;
+        let cells = stores.finish()?;
         context.wait("classifying the volume")?;
-        Ok(emitted)
+        Ok(cells)
     }
 
-    /// The bricks along x with these numbers in y and z, those that have cells.
-    fn row(&self, [j, k]: [usize; 2]) -> Result<Vec<(HostBrick, BrickSplats)>> {
+    /// The bricks with cells along x, with these numbers in y and z.
+    fn row(&self, [j, k]: [usize; 2]) -> Result<Vec<MadeBrick>> {
         let [across, down, deep] = self.dims;
         let [ys, zs] = [(j, down), (k, deep)].map(|(brick, n)| brick * EDGE..n.min((brick + 1) * EDGE));
         let [nx, ny, nz] = self.volume.grid().dims().map(i64::from);
@@ -475,9 +424,11 @@ impl<'a> Coarsening<'a> {
             voxels.start.clamp(0, n)..voxels.end.clamp(0, n)
         };
         let rows = within(&ys, ny);
-        let mut block = Block::new(across, [ys.len(), zs.len()])?;
+        // The cells of the row of bricks, and a plane of cells for the voxels of one plane.
+        let mut cells = filled(across * ys.len() * zs.len(), [0.0; 4])?;
+        let mut plane = filled(across * ys.len(), [0.0; 4])?;
         let mut slices = Slices { coarsening: self, rows: rows.clone(), slices: Vec::new() };
-        // A row with room for the voxels before the first and behind the last, which give nothing.
+        // A row with room for empty voxels before the first and behind the last.
         let all = self.filter.voxels(0, across as i64);
         let mut voxels = vec![[0.0; 4]; (all.end - all.start) as usize];
         let begin = (-all.start) as usize;
@@ -496,94 +447,61 @@ impl<'a> Coarsening<'a> {
                 let reached = self.filter.reached(&shown, across);
                 let narrow = &mut narrow[reached.clone()];
                 let start = reached.start * self.filter.size;
-                // From the first voxel on that gives to these cells.
-                let shown = (begin + shown.start).saturating_sub(start)..(begin + shown.end).saturating_sub(start);
-                self.filter.gather(&voxels[start..], &shown, narrow);
+                self.filter.gather(&voxels[start..], narrow);
                 for (cell, weight) in self.filter.cells(y, ys.start, ys.end) {
-                    block.add_to_plane([reached.start, cell - ys.start], weight, narrow);
+                    let sums = &mut plane[(cell - ys.start) * across + reached.start..];
+                    add(sums.as_flattened_mut(), weight, narrow.as_flattened());
                 }
             }
             if shows {
                 for (cell, weight) in self.filter.cells(z, zs.start, zs.end) {
-                    block.add_plane(cell - zs.start, weight);
+                    let sums = &mut cells[(cell - zs.start) * plane.len()..];
+                    add(sums.as_flattened_mut(), weight, plane.as_flattened());
                 }
-                block.clear_plane();
+                plane.fill([0.0; 4]);
             }
         }
-        Ok((0..across.div_ceil(EDGE)).filter_map(|i| self.brick(&block, [i, j, k])).collect())
+        let mut bricks: Vec<_> =
+            (0..across.div_ceil(EDGE)).map(|i| self.brick(&cells, [i, j, k])).collect::<Result<_>>()?;
+        bricks.retain(|made| made.splats.count() > 0);
+        Ok(bricks)
     }
 
-    /// The splats of a brick without its number, if there are any.
-    fn brick(&self, block: &Block, brick: [usize; 3]) -> Option<(HostBrick, BrickSplats)> {
-        let start = brick[0] * EDGE;
-        let count = EDGE.min(self.dims[0] - start);
-        let mut words = Vec::new();
-        let mut rows = vec![0; EDGE * EDGE];
-        for z in 0..block.size[1] {
-            for y in 0..block.size[0] {
-                for (x, cell) in block.row([y, z])[start..start + count].iter().enumerate() {
-                    let density = cell[3];
-                    if density.abs() <= self.least {
-                        continue;
-                    }
-                    rows[y + EDGE * z] |= 1 << x;
-                    let color = [cell[0], cell[1], cell[2]].map(|c| c / density);
-                    words.extend(packed_appearance(color, density));
-                }
-            }
-        }
+    /// The splats of a brick, given the cells of its row of bricks.
+    fn brick(&self, cells: &[Emission], brick: [usize; 3]) -> Result<MadeBrick> {
+        let [across, down, _] = self.dims;
+        let down = EDGE.min(down - brick[1] * EDGE);
         let origin = brick.map(|b| (b * EDGE) as u32);
-        words.shrink_to_fit();
-        (!words.is_empty())
-            .then(|| (HostBrick::new(&rows, 2, words), BrickSplats::new(origin, 0, rows.iter().copied())))
+        MadeBrick::of_rows(origin, self.dims.map(|n| n as u32), 2, |[y, z], count, words| {
+            let start = across * (y + down * z) + brick[0] * EDGE;
+            let mut bits = 0;
+            for (x, cell) in cells[start..start + count].iter().enumerate() {
+                let [r, g, b, density] = *cell;
+                if density.abs() > self.least {
+                    bits |= 1 << x;
+                    words.extend(packed_appearance([r, g, b].map(|c| c / density), density));
+                }
+            }
+            bits
+        })
     }
 }
 
-fn add(sums: &mut [Emission], weight: f32, cells: &[Emission]) {
-    for (sum, cell) in sums.as_flattened_mut().iter_mut().zip(cells.as_flattened()) {
-        *sum += weight * cell;
+/// Returns a vector of `count` equal values, or an error if there is no memory.
+pub(super) fn filled<T: Copy>(count: usize, value: T) -> Result<Vec<T>> {
+    let mut values = reserved(count as u64, || "the cells of a row of bricks".to_owned())?;
+    values.resize(count, value);
+    Ok(values)
+}
+
+/// Adds weighted values to sums.
+pub(super) fn add(sums: &mut [f32], weight: f32, values: &[f32]) {
+    if weight != 0.0 {
+        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
     }
 }
 
-/// The cells of a row of bricks, and a plane that voxels are narrowed into along x and y.
-struct Block {
-    /// Cells along x.
-    across: usize,
-    /// Cells along y and z.
-    size: [usize; 2],
-    cells: Vec<Emission>,
-    plane: Vec<Emission>,
-}
-
-impl Block {
-    fn new(across: usize, size: [usize; 2]) -> Result<Self> {
-        let empty = |count: usize| -> Result<Vec<Emission>> {
-            let mut cells = reserved(count as u64, || "cells of a row of bricks".to_owned())?;
-            cells.resize(count, [0.0; 4]);
-            Ok(cells)
-        };
-        Ok(Self { across, size, cells: empty(across * size[0] * size[1])?, plane: empty(across * size[0])? })
-    }
-
-    fn add_to_plane(&mut self, [x, y]: [usize; 2], weight: f32, row: &[Emission]) {
-        add(&mut self.plane[y * self.across + x..], weight, row);
-    }
-
-    fn add_plane(&mut self, z: usize, weight: f32) {
-        let count = self.plane.len();
-        add(&mut self.cells[z * count..][..count], weight, &self.plane);
-    }
-
-    fn clear_plane(&mut self) {
-        self.plane.fill([0.0; 4]);
-    }
-
-    fn row(&self, [y, z]: [usize; 2]) -> &[Emission] {
-        &self.cells[self.across * (y + self.size[0] * z)..][..self.across]
-    }
-}
-
-/// Some rows of the planes of voxels at hand; for gradients also the rows and planes beside them.
+/// A few planes of some rows of voxels; for gradients also the rows and planes beside them.
 struct Slices<'a> {
     coarsening: &'a Coarsening<'a>,
     rows: Range<i64>,
@@ -595,12 +513,12 @@ struct Slice {
     /// The first row.
     first: i64,
     samples: Samples,
-    /// Of all rows, for gradients; the outermost of a row twice.
+    /// Scalars of all rows for gradients, with the outermost of a row repeated.
     scalars: Vec<f32>,
 }
 
 impl Slices<'_> {
-    /// Reads the plane `z`, which is the first or follows the one before.
+    /// Reads the plane `z`: the first, or the one after the plane before.
     fn advance(&mut self, z: i64) -> Result<()> {
         let Coarsening { volume, steepness, .. } = self.coarsening;
         let [nx, ny, nz] = volume.grid().dims().map(i64::from);
@@ -626,7 +544,7 @@ impl Slices<'_> {
         Ok(())
     }
 
-    /// What the voxels of a row emit; a range outside which they emit nothing.
+    /// Classifies a row. Returns a range outside which all voxels are transparent.
     fn classify(&self, [y, z]: [i64; 2], voxels: &mut [Emission]) -> Range<usize> {
         let Some(slice) = self.slices.iter().find(|slice| slice.z == z) else { return 0..0 };
         let count = voxels.len();
@@ -634,8 +552,8 @@ impl Slices<'_> {
         with_samples!(&slice.samples, s => self.coarsening.classification.row(&s[start..start + count], voxels))
     }
 
-    /// Thins some voxels of a row by gradient opacity and lights them. Gradients are central differences, as if the
-    /// outermost voxels went on beyond the faces.
+    /// Thins the voxels `shown` of a row by gradient opacity and lights them. Gradients are central differences; beyond
+    /// the faces voxels are copies of the outermost.
     fn apply_gradients(&self, [y, z]: [i64; 2], shown: Range<usize>, voxels: &mut [Emission]) {
         let Some(Steepness { gradients, thinning, .. }) = &self.coarsening.steepness else { return };
         let [_, ny, nz] = self.coarsening.volume.grid().dims().map(i64::from);
@@ -701,16 +619,16 @@ impl VoxelLight {
     }
 }
 
-/// Voxels whose directions are found together.
+/// Voxels whose gradients are computed together.
 const RUN: usize = LANES;
 
-/// Differences of neighbours along the axes of the lattice to gradients in the world: directions of length 1 or 0, and
-/// magnitudes.
+/// Converts differences of neighbours along the axes of the lattice to gradients in the world: directions of length 1
+/// or 0, and magnitudes.
 fn directions([gx, gy, gz]: [Vec3; 3], [dx, dy, dz]: [[f32; RUN]; 3]) -> ([[f32; RUN]; 3], [f32; RUN]) {
     let mut directions = [[0.0; RUN]; 3];
     let mut magnitudes = [0.0; RUN];
     for at in 0..RUN {
-        // By the largest, so that no square leaves the range of f32.
+        // Divided by the largest, no square leaves the range of f32.
         let most = dx[at].abs().max(dy[at].abs()).max(dz[at].abs());
         let scale = if most > f32::MIN_POSITIVE && most < f32::MAX { 1.0 / most } else { 0.0 };
         let gradient = gx * (scale * dx[at]) + gy * (scale * dy[at]) + gz * (scale * dz[at]);
@@ -737,16 +655,14 @@ mod tests {
             let all = filter.voxels(0, cells as i64);
             let begin = (-all.start) as usize;
             for shown in [0..voxels, 0..3, 7..19, voxels - 1..voxels] {
-                let mut row = vec![[0.0_f32]; (all.end - all.start) as usize];
-                shown.clone().for_each(|voxel| row[begin + voxel as usize] = [1.0 + 0.1 * voxel as f32]);
+                let mut row = vec![[0.0_f32; 4]; (all.end - all.start) as usize];
+                shown.clone().for_each(|voxel| row[begin + voxel as usize][3] = 1.0 + 0.1 * voxel as f32);
                 let range = shown.start as usize..shown.end as usize;
                 let reached = filter.reached(&range, cells);
-                let mut got = vec![[0.0; 1]; cells];
-                let start = reached.start * filter.size;
-                let within = (begin + range.start).saturating_sub(start)..begin + range.end - start;
-                filter.gather(&row[start..], &within, &mut got[reached]);
-                for (cell, [got]) in got.into_iter().enumerate() {
-                    let given = |voxel: i64| Some(filter.weight(voxel, cell as i64)? * row[begin + voxel as usize][0]);
+                let mut got = vec![[0.0; 4]; cells];
+                filter.gather(&row[reached.start * filter.size..], &mut got[reached]);
+                for (cell, [.., got]) in got.into_iter().enumerate() {
+                    let given = |voxel: i64| Some(filter.weight(voxel, cell as i64)? * row[begin + voxel as usize][3]);
                     let expected: f32 = shown.clone().filter_map(given).sum();
                     assert!(
                         (got - expected).abs() < 1e-6 * voxels as f32,

@@ -1,230 +1,195 @@
-//! The splats of a picture, made when it asks for them and kept for the next.
+//! The splats of a picture, made when a picture needs them and kept for the next one.
 
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::cells::{Coarsening, VoxelLight};
+use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::media;
-use super::pyramid::Pyramid;
-use super::scalar_cells::{self, Coarse};
-use super::scalars::{Asked, Emission};
+use super::scalar_cells;
+use super::scalars::{Emission, EmissionKey};
 use super::shadows::{Arriving, Shadows, shaded};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
-use crate::gpu::classify::{Classified, Classifier, HostClassifier};
+use crate::gpu::classify::{Classifier, HostClassifier, Input};
 use crate::gpu::context::Context;
 use crate::gpu::light_volume::LightVolume;
 use crate::gpu::scan::Scan;
-use crate::gpu::store::{Bricks, Emitted, Store};
+use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
-use crate::gpu::transfer::{Reduction, Shows, TransferTable};
-use crate::kernel::{Kernel, Normalization};
+use crate::gpu::transfer::{Reduction, VisibleValues};
+use crate::kernel::Kernel;
 use crate::layers::Layers;
 use crate::progress::Progress;
-use crate::settings::{Model, Settings};
+use crate::settings::{MAX_LEVEL, Model};
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::Volume;
+
+/// The value that was made last, and its key.
+pub(super) struct Held<K, V>(Mutex<Option<(K, Arc<V>)>>);
+
+impl<K, V> Default for Held<K, V> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<K, V> Held<K, V> {
+    /// The value that is held if its key serves, otherwise the value that `make` makes for `key`, given the one that is
+    /// held. Also returns the seconds that making it took, 0 for a value that was held.
+    pub(super) fn get_or_make(
+        &self,
+        key: K,
+        serves: impl Fn(&K, &K) -> bool,
+        make: impl FnOnce(Option<Arc<V>>) -> Result<Arc<V>>,
+    ) -> Result<(Arc<V>, f64)> {
+        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let held = {
+            let mut held = lock();
+            match &*held {
+                Some((of, value)) if serves(of, &key) => return Ok((Arc::clone(value), 0.0)),
+                _ => held.take().map(|(_, value)| value),
+            }
+        };
+        // Not made under the lock: the maker waits for a pool of threads, which may hand it work that takes the lock.
+        let (made, seconds) = on_host(|| make(held));
+        let made = made?;
+        *lock() = Some((key, Arc::clone(&made)));
+        Ok((made, seconds))
+    }
+
+    pub(super) fn clear(&self) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+}
 
 /// A volume as pre-shading draws it.
 pub(super) struct PreShaded {
     pub(super) layers: Layers,
     /// Whether splats have normals.
     pub(super) lit: bool,
-    /// The voxels that show, once a picture has asked for them.
-    pub(super) classified: Mutex<Option<(Option<Shadows>, Arc<Classified>)>>,
-    /// The cells of the levels that the picture before asked for.
-    pub(super) cells: Mutex<Vec<CellsOf>>,
-}
-
-/// The cells of a level.
-pub(super) struct CellsOf {
-    pub(super) level: u32,
-    pub(super) light: Option<VoxelLight>,
-    pub(super) shadows: Option<Shadows>,
-    pub(super) cells: Arc<Emitted>,
+    /// The visible voxels, with the shadows on them.
+    pub(super) classified: Held<Option<Shadows>, Drawable>,
+    /// The cells of each level, with the light on the voxels and the shadows.
+    pub(super) cells: [Held<(Option<VoxelLight>, Option<Shadows>), Drawable>; MAX_LEVEL as usize + 1],
 }
 
 /// A volume as post-shading draws it.
 pub(super) struct PostShaded {
-    /// The samples, filtered if the picture is to be sharper.
+    /// The samples, filtered if the picture is sharpened.
     pub(super) volume: Volume,
-    /// What they are filtered for.
+    /// The kernel and the sharpness that they are filtered for.
     pub(super) sharpened: Option<(Kernel, f64)>,
-    /// The volume at lower resolutions, for kernels that have grown.
-    pub(super) pyramid: Pyramid,
     pub(super) transfer: TransferFunction,
     pub(super) reduction: Reduction,
     /// Which differences of values are rounding.
     pub(super) resolution: Resolution,
     /// The model that it was prepared for.
     pub(super) model: Model,
-    pub(super) shows: Shows,
-    /// What scalars are classified by, for cells of a level.
-    pub(super) table: Mutex<Option<(u32, Arc<TransferTable>)>>,
-    /// Whether things of one value show; empty until a lit picture asks.
-    pub(super) plateaus: OnceLock<bool>,
-    /// The light that arrives, for the lights of the picture before.
-    pub(super) light: Mutex<Option<(Shadows, Arc<LightVolume>)>>,
-    /// The splats of the picture before, drawn again unless a picture needs others.
-    pub(super) emitted: Mutex<Option<(Asked, Arc<Emitted>)>>,
-}
-
-/// The splats of one picture.
-pub(crate) enum Drawable {
-    Splats(Arc<Classified>),
-    Emitted(Arc<Emitted>),
-}
-
-/// What a picture asks of a scene.
-#[derive(Clone, Copy)]
-pub(crate) struct Wanted<'a> {
-    pub(crate) settings: &'a Settings,
-    /// The level whose cells stand for the voxels of a pre-shaded scene.
-    pub(crate) level: u32,
-    /// Which light is kept from voxels.
-    pub(crate) shadows: Option<&'a Shadows>,
-    /// The light on the voxels of cells.
-    pub(crate) light: Option<&'a VoxelLight>,
-    /// The cells that stand for those of a post-shaded one, and the kernel of its voxels.
-    pub(crate) coarse: Option<(Coarse, Kernel, Normalization)>,
-    /// How far the scalars of a post-shaded one must reach.
-    pub(crate) need: ScalarNeed,
+    pub(super) shows: VisibleValues,
+    /// The tables by which scalars are classified, and whether the volume has plateaus.
+    pub(super) kept: Cache,
+    /// The light that arrives.
+    pub(super) light: Held<Shadows, LightVolume>,
+    pub(super) emitted: Held<EmissionKey, Drawable>,
 }
 
 impl PostShaded {
-    /// The splats of scalars that are asked for.
-    pub(super) fn emit(&self, context: &Context, asked: &Asked, progress: &Progress) -> Result<Emitted> {
-        let Self { volume, pyramid, transfer, reduction, shows, .. } = self;
-        Emission::new(context, volume, transfer, reduction, *shows, asked)?.emit(context, pyramid, progress)
+    /// Emits splats of scalars.
+    pub(super) fn emit(&self, context: &Context, key: &EmissionKey, progress: &Progress) -> Result<Drawable> {
+        let Self { volume, transfer, reduction, shows, .. } = self;
+        context.guarded("emitting scalars", || {
+            Emission::new(context, volume, transfer, reduction, *shows, key)?.emit(context, progress)
+        })
     }
 
+    /// The splats of scalars of a lattice, and the seconds that it took to make them.
+    pub(super) fn emitted(
+        &self,
+        context: &Context,
+        lattice: &Lattice,
+        need: ScalarNeed,
+        progress: &Progress,
+    ) -> Result<(Arc<Drawable>, f64)> {
+        let (kernel, normalization) = lattice.kernel_of_voxels();
+        let coarse = lattice.coarse.map(|(coarse, ..)| coarse);
+        let key = EmissionKey { kernel, normalization, need, lit: lattice.settings.lighting.is_some(), coarse };
+        self.emitted.get_or_make(key, EmissionKey::serves, |held| {
+            drop(held);
+            Ok(Arc::new(self.emit(context, &key, progress)?))
+        })
+    }
+
+    /// Whether things of one value are visible.
     pub(super) fn has_plateaus(&self) -> Result<bool> {
-        if let Some(known) = self.plateaus.get() {
-            return Ok(*known);
-        }
-        let found = scalar_cells::has_plateaus(&self.volume, &self.transfer)?;
-        Ok(*self.plateaus.get_or_init(|| found))
+        let found = || Ok(scalar_cells::has_plateaus(&self.volume, &self.transfer)?);
+        Ok(*self.kept.get_or_make((), found)?)
     }
 }
 
 impl PreShaded {
-    /// The voxels that show.
+    pub(super) fn new(layers: Layers, lit: bool) -> Self {
+        Self { layers, lit, classified: Held::default(), cells: Default::default() }
+    }
+
+    /// The visible voxels, and the seconds that it took to make them.
     pub(super) fn classified(
         &self,
         context: &Context,
         pipelines: &Cache,
         shadows: Option<&Shadows>,
         progress: &Progress,
-    ) -> Result<(Drawable, f64)> {
-        let lock = || self.classified.lock().unwrap_or_else(PoisonError::into_inner);
-        let held = lock().clone();
-        if let Some((of, classified)) = &held
-            && of.as_ref() == shadows
-        {
-            return Ok((Drawable::Splats(Arc::clone(classified)), 0.0));
-        }
-        let (classified, seconds) = on_host(|| {
-            context.guarded("classifying the volume", || {
-                // What light keeps from voxels is told anew, which they are is not.
-                let classified = match held {
-                    Some((_, classified)) if shadows.is_some() => classified,
-                    _ => Arc::new(match self.layers.plain() {
-                        None => media::classified(context, &self.layers, self.lit, progress)?,
+    ) -> Result<(Arc<Drawable>, f64)> {
+        let classify = || {
+            Ok(Arc::new(match self.layers.plain() {
+                None => media::classified(context, &self.layers, self.lit, progress)?,
+                Some((volume, transfer)) => {
+                    let input = Input::new(context, volume, transfer, self.lit, progress)?;
+                    if context.info.is_software() {
                         // Such a device is the host, which classifies faster without it.
-                        Some((volume, transfer)) if context.info.is_software() => {
-                            HostClassifier::run(context, volume, transfer, self.lit, progress)?
-                        }
-                        Some((volume, transfer)) => {
-                            let scan = Scan::of(pipelines, context)?;
-                            let classifier = pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
-                            classifier.run(context, &scan, volume, transfer, self.lit, progress)?
-                        }
-                    }),
-                };
-                let Some(shadows) = shadows else { return Ok(classified) };
-                let stores = shaded(context, &classified.stores, shadows, progress)?;
-                Ok(Arc::new(Classified { stores, bricks: classified.bricks, kept: Cache::default() }))
+                        HostClassifier::run(&input)?
+                    } else {
+                        let classifier = pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
+                        classifier.run(&*Scan::of(pipelines, context)?, &input)?
+                    }
+                }
+            }))
+        };
+        self.classified.get_or_make(shadows.cloned(), PartialEq::eq, |held| {
+            context.guarded("classifying the volume", || match shadows {
+                None => classify(),
+                Some(shadows) => {
+                    // Other shadows lie on the same voxels.
+                    let classified = held.map_or_else(classify, Ok)?;
+                    let stores = shaded(context, &classified.stores, shadows, progress)?;
+                    Ok(Arc::new(Drawable { stores, bricks: classified.bricks, ..Drawable::default() }))
+                }
             })
-        });
-        let classified = classified?;
-        *lock() = Some((shadows.cloned(), Arc::clone(&classified)));
-        Ok((Drawable::Splats(classified), seconds))
+        })
     }
 
-    /// The cells of a level.
+    /// The cells of a lattice, and the seconds that it took to make them.
     pub(super) fn cells(
         &self,
         context: &Context,
         pipelines: &Cache,
-        Wanted { level, light, shadows, .. }: Wanted<'_>,
+        Lattice { level, light, shadows, .. }: &Lattice,
         progress: &Progress,
-    ) -> Result<(Drawable, f64)> {
-        let lock = || self.cells.lock().unwrap_or_else(PoisonError::into_inner);
-        let serves = |of: &CellsOf| of.level == level && of.light.as_ref() == light && of.shadows.as_ref() == shadows;
-        let held = lock().iter().find(|of| serves(of)).map(|of| Arc::clone(&of.cells));
-        if let Some(cells) = held {
-            return Ok((Drawable::Emitted(cells), 0.0));
-        }
-        // Those of another light go first, so that old and new are never in memory together.
-        lock().retain(|cells| cells.level != level);
+    ) -> Result<(Arc<Drawable>, f64)> {
         let Some((volume, transfer)) = self.layers.plain() else {
             return Err(Error::volume("several layers have no cells"));
         };
-        let (cells, seconds) = on_host(|| {
+        self.cells[*level as usize].get_or_make((light.clone(), shadows.clone()), PartialEq::eq, |held| {
+            // Cells of another light are not in memory together with the new ones.
+            drop(held);
+            let shadows = shadows.as_ref();
             let shaded = shadows.map(|_| self.classified(context, pipelines, shadows, progress)).transpose()?;
             context.guarded("classifying the volume", || {
                 let dims = volume.grid().dims();
-                let arriving = |(shaded, _): (Drawable, f64)| Arriving::new(context, shaded.stores(), dims);
-                let arriving = shaded.map(arriving).transpose()?;
-                let light = light.map(|light| (light, arriving.as_ref()));
-                Coarsening::new(volume, transfer, level, light).emit(context, progress)
+                let arriving = shaded.map(|(shaded, _)| Arriving::new(context, &shaded.stores, dims)).transpose()?;
+                let light = light.as_ref().map(|light| (light, arriving.as_ref()));
+                Ok(Arc::new(Coarsening::new(volume, transfer, *level, light).emit(context, progress)?))
             })
-        });
-        let cells = Arc::new(cells?);
-        let (light, shadows) = (light.cloned(), shadows.cloned());
-        lock().push(CellsOf { level, light, shadows, cells: Arc::clone(&cells) });
-        Ok((Drawable::Emitted(cells), seconds))
-    }
-}
-
-impl Drawable {
-    pub(crate) fn stores(&self) -> &[Store] {
-        match self {
-            Self::Splats(classified) => &classified.stores,
-            Self::Emitted(emitted) => &emitted.stores,
-        }
-    }
-
-    /// What painters made of them for the pictures before.
-    pub(crate) fn kept(&self) -> &Cache {
-        match self {
-            Self::Splats(classified) => &classified.kept,
-            Self::Emitted(emitted) => &emitted.kept,
-        }
-    }
-
-    pub(crate) fn splats(&self) -> u64 {
-        self.stores().iter().map(|s| u64::from(s.count)).sum()
-    }
-
-    /// Those that are voxels of the volume.
-    pub(crate) fn voxels(&self) -> u64 {
-        match self {
-            Self::Splats(_) => self.splats(),
-            Self::Emitted(emitted) => emitted.voxels,
-        }
-    }
-
-    /// The bricks that splats were looked for in.
-    pub(crate) fn bricks(&self) -> &Bricks {
-        match self {
-            Self::Splats(classified) => &classified.bricks,
-            Self::Emitted(emitted) => &emitted.bricks,
-        }
-    }
-
-    /// Bytes on the device.
-    pub(crate) fn bytes(&self) -> u64 {
-        self.stores().iter().map(Store::bytes).sum()
+        })
     }
 }

@@ -1,4 +1,4 @@
-//! The lattices that a picture is drawn of: voxels, or cells of levels that stand for them.
+//! The lattices that a picture is drawn of: voxels, or the cells of levels that stand for voxels.
 
 use super::cells::VoxelLight;
 use super::scalar_cells::Coarse;
@@ -7,40 +7,26 @@ use crate::gpu::view::{ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
 use crate::settings::Settings;
 
-/// What a picture is drawn of: of rays through one eye there may be coarser cells behind the nearest.
-pub(crate) struct Lattices {
-    pub(crate) nearest: Lattice,
-    pub(crate) behind: Vec<Lattice>,
-}
-
-/// How a picture is drawn of the cells of a level; of voxels, if that is 0.
+/// How a picture is drawn of the cells of a level; level 0 is the voxels.
 pub(crate) struct Lattice {
-    /// The view of the lattice of the cells, which is a layer if there are others.
+    /// The view of the lattice, which is a layer if a picture has several lattices.
     pub(crate) view: ViewGeometry,
-    /// The settings with the kernel of cells.
+    /// The settings, with the kernel of the cells.
     pub(crate) settings: Settings,
     pub(crate) weights: Weights,
     pub(crate) level: u32,
-    /// Which light is kept from voxels; `None`: all of it arrives.
+    /// The shadows on voxels; `None`: all light arrives.
     pub(crate) shadows: Option<Shadows>,
-    /// The light on the voxels of cells, which are drawn unlit.
+    /// The light on the voxels of cells; the cells are drawn unlit.
     pub(crate) light: Option<VoxelLight>,
-    /// If they are of scalars, which cells they are, and the kernel that voxels have as asked for.
+    /// Cells of scalars, and the kernel and normalisation of their voxels.
     pub(crate) coarse: Option<(Coarse, Kernel, Normalization)>,
 }
 
-/// The kernel of voxels in a picture that may be drawn of cells, and what sums of it are divided by.
-pub(crate) fn kernel_of_voxels(
-    settings: &Settings,
-    coarse: Option<(Coarse, Kernel, Normalization)>,
-) -> (Kernel, Normalization) {
-    let given = (settings.kernel, settings.normalization);
-    coarse.map_or(given, |(_, kernel, normalization)| (kernel, normalization))
-}
-
 impl Lattice {
-    /// The kernel of voxels, and what sums of it are divided by.
+    /// The kernel of voxels, and the normalisation of their sums.
     pub(crate) fn kernel_of_voxels(&self) -> (Kernel, Normalization) {
-        kernel_of_voxels(&self.settings, self.coarse)
+        let drawn = (self.settings.kernel, self.settings.normalization);
+        self.coarse.map_or(drawn, |(_, kernel, normalization)| (kernel, normalization))
     }
 }

@@ -1,45 +1,45 @@
-//! Which cells of which levels of a volume stand for its voxels in a picture whose kernels have grown: hierarchical
-//! splatting (Laur and Hanrahan 1991), so that cost follows the picture and not the volume.
+//! Chooses the cells and levels that stand for voxels in a post-shaded picture through one eye whose kernels have
+//! grown: hierarchical splatting (Laur and Hanrahan 1991), so that cost follows the picture and not the volume.
 
 use glam::DVec3;
 
 use crate::gpu::view::{ViewGeometry, half};
 use crate::kernel::Kernel;
 
-/// The least standard deviation in cells, and the least growth, of kernels of cells. The smaller, the fewer cells and
-/// the larger the error: measured in docs/algorithms.md.
+/// The least standard deviation, in cells, and the least growth of kernels of cells. Smaller ones give fewer cells and
+/// larger errors: docs/algorithms.md.
 const LEAST_DEVIATION: f64 = 1.6;
 const LEAST_GROWTH: f64 = 2.0;
 
-/// The most that the growth of kernels may differ within a cell, as a share of it: where it rises steeply with depth,
-/// kernels of voxels are not alike.
+/// The largest difference of the growth of kernels within a cell, as a share of the growth: where growth rises steeply
+/// with depth, the kernels of the voxels of a cell differ.
 const MOST_RISE: f64 = 0.125;
 
-/// Over how many doublings of the growth a level gives way to the next: while both are drawn, each has a share.
+/// The doublings of the growth over which a level gives way to the next: both are drawn there, each with a share.
 const BLEND: f64 = 0.5;
 
-/// The coarsest level. Pictures that would take coarser ones show nothing: 2^24 voxels are a pixel.
-const MAX_LEVEL: u32 = 24;
+/// The coarsest level. In pictures that could use coarser ones the volume is much smaller than a pixel.
+const MAX_LEVEL: u32 = 18;
 
 /// The cells of levels that stand for voxels. Level 0 is the voxels themselves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Cut {
-    /// Growth of kernels at lattice point p: constant + slope . p, or 1 if that is less.
+    /// The growth of kernels at lattice point p is constant + slope . p, and at least 1.
     constant: f64,
     slope: DVec3,
-    /// Growth from which on cells of level 1 have a share; of the next level twice that, and so on.
+    /// The growth from which on cells of level 1 have a share; twice as much for each further level.
     first: f64,
-    /// Kernels reach this many voxels, and this many more for each time that they have grown.
+    /// The reach of kernels in voxels: a constant part, and a part for each unit of growth.
     reach: [f64; 2],
-    /// The largest growth of a kernel that reaches what is asked for.
+    /// The largest growth of a kernel that reaches the places that the picture needs.
     most: f64,
-    /// The finest and the coarsest level that have shares.
+    /// The finest and the coarsest level with shares.
     pub(crate) levels: [u32; 2],
 }
 
 impl Cut {
-    /// The cut of a picture that asks for scalars `beside` voxels and kernels' reach beyond the faces of the volume;
-    /// `None` if voxels alone stand for themselves.
+    /// The cut of a picture that needs scalars `beside` voxels and the reach of kernels beyond the faces of the volume;
+    /// `None` if the picture is drawn of voxels alone.
     pub(crate) fn new(view: &ViewGeometry, kernel: &Kernel, beside: f64) -> Option<Self> {
         let least = LEAST_GROWTH.max(LEAST_DEVIATION / kernel.variance().sqrt());
         let mut cut = Self {
@@ -54,7 +54,7 @@ impl Cut {
         cut.constant -= cut.slope.dot(half(&view.grid));
         cut.first = cut.first.max(2.0 * cut.slope.abs().element_sum() / MOST_RISE);
         let [nearest, farthest] = view.growths;
-        // Copies beyond the faces may be nearer and farther by as much as kernels reach.
+        // Copies beyond the faces may be nearer and farther by the reach of kernels.
         let margin = (beside + view.radius * farthest) * cut.slope.length();
         cut.most = farthest + margin;
         let coarsest = cut.level_after(cut.most);
@@ -64,7 +64,7 @@ impl Cut {
         let finest = cut.level_after((nearest - margin) / BLEND.exp2()).min(coarsest);
         cut.levels = [finest, coarsest];
         if cut.slope == DVec3::ZERO && finest == coarsest {
-            // The same cut at any growth between, and as far as kernels may reach, in whole cells.
+            // One cut serves all these growths, and all reaches that round up to the same whole number of cells.
             let size = f64::from(coarsest).exp2();
             cut.reach = [((beside + view.radius * cut.most) / size).ceil() * size, 0.0];
             (cut.constant, cut.most) = (cut.full(coarsest), cut.full(coarsest));
@@ -72,13 +72,13 @@ impl Cut {
         Some(cut)
     }
 
-    /// The coarsest level that has begun to have a share at some growth.
+    /// The coarsest level that has a share at some growth.
     fn level_after(&self, growth: f64) -> u32 {
         let level = (growth / self.first).log2().floor() + 1.0;
         level.clamp(0.0, f64::from(MAX_LEVEL)) as u32
     }
 
-    /// The growth from which on a level leaves nothing to finer ones.
+    /// The growth from which on finer levels have no share.
     fn full(&self, level: u32) -> f64 {
         self.first * (f64::from(level) - 1.0 + BLEND).exp2()
     }
@@ -87,7 +87,7 @@ impl Cut {
         (self.constant + self.slope.dot(p)).max(1.0)
     }
 
-    /// What a level takes at some growth of what coarser ones leave.
+    /// The share of a level at some growth, of what coarser levels leave.
     fn share(&self, level: u32, growth: f64) -> f64 {
         if level == 0 {
             return 1.0;
@@ -95,7 +95,7 @@ impl Cut {
         (1.0 + (growth / self.full(level)).log2() / BLEND).clamp(0.0, 1.0)
     }
 
-    /// The part that a cell of a level has in the picture, 0 to 1.
+    /// The share of a cell of a level in the picture, 0 to 1.
     pub(crate) fn part(&self, level: u32, cell: [i64; 3]) -> f64 {
         let coarser = (level + 1..=self.levels[1]).map(|coarser| {
             let cell = cell.map(|c| c >> (coarser - level));
@@ -104,19 +104,19 @@ impl Cut {
         self.share(level, self.growth(middle(level, cell))) * coarser.product::<f64>()
     }
 
-    /// Whether any cell of a brick of cells of a level may have a part: the first one, and cells along an edge.
+    /// Whether some cell of a brick may have a share, given the first cell and the cells along an edge of the brick.
     pub(crate) fn takes_part(&self, level: u32, first: [i64; 3], edge: usize) -> bool {
         let size = f64::from(level).exp2();
         let center = middle(level, first) + 0.5 * size * (edge as f64 - 1.0);
         let spread = 0.5 * size * edge as f64 * self.slope.abs().element_sum();
         let growth = self.growth(center);
-        // The next level may be looked at half a cell aside.
+        // The next level may be evaluated half a cell aside.
         let next = level < self.levels[1]
             && growth - spread - 0.5 * size * self.slope.abs().element_sum() >= self.full(level + 1);
         !next && (level == 0 || self.share(level, growth + spread) > 0.0)
     }
 
-    /// Whether the kernel of a cell reaches a lattice that spans `dims` voxels, or what is asked for beside it.
+    /// Whether the kernel of a cell reaches a lattice of `dims` voxels, or the places beside it that the picture needs.
     pub(crate) fn reaches(&self, level: u32, cell: [i64; 3], dims: [u32; 3]) -> bool {
         let center = middle(level, cell);
         let last = DVec3::from_array(dims.map(|d| f64::from(d) - 0.5));
@@ -124,16 +124,16 @@ impl Cut {
         outside == DVec3::ZERO || outside.length() < self.reach[0] + self.reach[1] * self.growth(center)
     }
 
-    /// Cells of a level beyond each face that may reach the volume.
+    /// The cells of a level beyond each face that may reach the volume.
     pub(crate) fn padding(&self, level: u32) -> u32 {
         let size = f64::from(level).exp2();
-        // Beyond that growth there are coarser cells only.
+        // Beyond this growth there are coarser cells only.
         let coarser = if level < self.levels[1] { self.full(level + 1) } else { f64::INFINITY };
         let most = self.most.min(coarser + size * self.slope.abs().element_sum());
         (((self.reach[0] + self.reach[1] * most) / size).ceil() as u32).saturating_add(1)
     }
 
-    /// Voxels beyond each face that cells of all levels may cover, a whole number of each of them.
+    /// The voxels beyond each face that cells of all levels may cover, a whole number of cells of each level.
     pub(crate) fn layers(&self) -> u32 {
         let [finest, coarsest] = self.levels;
         let layers = (finest..=coarsest).map(|level| self.padding(level).saturating_mul(1 << level)).max();
@@ -141,28 +141,28 @@ impl Cut {
     }
 }
 
-/// How far splats of scalars must reach, for post-shading.
+/// How far the splats of scalars of a post-shaded picture must reach.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ScalarNeed {
-    /// Layers by which the lattice is extended on every side, each a copy of the outermost one: the field is then
+    /// Layers by which the lattice is extended on every side, each a copy of the outermost layer: the field is then
     /// complete up to the faces of the volume and does not fade there.
     pub(crate) padding: u32,
-    /// Distance in voxels within which two voxels can take part in the classification of the same place.
+    /// The distance in voxels within which two voxels can take part in the classification of the same place.
     pub(crate) influence: f64,
-    /// Which cells stand for voxels; `None`: voxels do.
+    /// The cells that stand for voxels by depth; `None`: voxels, or cells of one level.
     pub(crate) cut: Option<Cut>,
     /// The largest growth of a kernel, for messages.
     pub(crate) growth: f64,
 }
 
 impl ScalarNeed {
-    /// The need of classified voxels.
+    /// The need of pictures of classified voxels.
     pub(crate) const NONE: Self = Self { padding: 0, influence: 0.0, cut: None, growth: 1.0 };
 
-    /// The need for kernels that reach `reach` voxels from any place whose field is asked for, and for an `influence`
-    /// in voxels.
+    /// The need for kernels that reach `reach` voxels from any place of the field, and for an `influence` in voxels.
     ///
-    /// The influence is rounded up to sixteenths: rounding errors ask for no other splats when the camera turns.
+    /// The influence is rounded up to sixteenths, so that rounding errors do not change the splats when the camera
+    /// turns.
     pub(crate) fn new(view: &ViewGeometry, reach: f64, influence: f64) -> Self {
         Self {
             padding: (reach * (1.0 - 1e-9)).ceil() as u32,
@@ -172,11 +172,11 @@ impl ScalarNeed {
         }
     }
 
-    /// The same need with cells for voxels.
+    /// The need if cells stand for voxels.
     pub(crate) fn with_cells(self, cut: Cut) -> Self {
         Self {
             padding: cut.layers(),
-            // What shows in a cell shows in voxels no farther than that from its middle.
+            // A cell is visible because of voxels no farther than this from its middle.
             influence: self.influence + f64::from(cut.levels[1] + 1).exp2(),
             cut: Some(cut),
             ..self

@@ -1,31 +1,31 @@
-//! light-volume: how much light arrives at each place of a field of scalars, for post-shading (Kniss et al. 2003 call
-//! it a light volume; ours is found once, not from each view). On the host, for any adapter: once for a volume, a
-//! transfer function and a set of lights.
+//! light-volume: the share of each light that arrives at each place of a field of scalars, for post-shading (Kniss et
+//! al. 2003 compute a light volume for each view; this one once for a volume, a transfer function and a set of lights).
+//! On the host, for any adapter.
 //!
-//! The scalars of voxels, or of cells, are classified as if they were splats of pre-shading, and the sums of
-//! `lighting/shadow.rs` say what arrives at each of them that can show. Rays read between them linearly.
+//! The scalars of voxels, or of cells, are classified like splats of pre-shading, and the sums of `lighting/shadow.rs`
+//! give the light that arrives at each visible one. Rays interpolate linearly between them.
 
 use glam::DVec3;
 use half::f16;
 use rayon::prelude::*;
 use voxsplat_volume::memory::reserved;
 
-use super::shadows::{Shadows, bricks_of, each_share, rows};
+use super::shadows::{Shadows, bricks_of, each_share, medium};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::light_volume::LightVolume;
 use crate::gpu::splat;
-use crate::gpu::store::{BrickSplats, Emitted, HostBrick, places};
+use crate::gpu::store::{BrickSplats, Drawable, HostBrick};
 use crate::gpu::transfer::Reduction;
-use crate::lighting::shadow::{Caster, Medium};
+use crate::lighting::shadow::Caster;
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
 use crate::volume::Grid;
 
-/// The most cells of a light volume, 8 bytes each: coarser ones stand for those of larger lattices.
+/// The largest number of cells of a light volume, 8 bytes each: larger lattices use coarser cells.
 pub(crate) const MAX_CELLS: u64 = 1 << 25;
 
-/// What scalars are classified by.
+/// The classification of scalars.
 pub(crate) struct Classification<'a> {
     pub(crate) transfer: &'a TransferFunction,
     pub(crate) reduction: &'a Reduction,
@@ -49,10 +49,10 @@ impl Classification<'_> {
     }
 }
 
-/// What arrives at the places of `grid` that have splats of scalars.
+/// Computes the light at the places of `grid` that have splats of scalars.
 pub(crate) fn light_volume(
     context: &Context,
-    emitted: &Emitted,
+    emitted: &Drawable,
     grid: &Grid,
     classification: &Classification<'_>,
     shadows: &Shadows,
@@ -61,26 +61,12 @@ pub(crate) fn light_volume(
     let Shadows { casting, lattice, .. } = shadows;
     let held = emitted.stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
     let bricks = bricks_of(&emitted.stores, &held);
-    let dense = |(brick, held): &(&BrickSplats, &HostBrick)| {
-        let found = rows(brick, held).flat_map(|(at, bits, words)| {
-            let found = places(bits)
-                .zip(words.chunks_exact(held.each))
-                .map(move |(x, words)| ([at[0] + x, at[1], at[2]], classification.density(words, grid)));
-            found.filter(|(point, density)| *density > 0.0 && shadows.casts(*point))
-        });
-        found.collect::<Vec<_>>()
-    };
-    let mut medium = Medium::<f32>::new(lattice.dims)?;
-    // Some at a time: what they give is in memory twice for a moment.
-    for bricks in bricks.chunks(256) {
-        let found: Vec<_> = bricks.par_iter().map(dense).collect();
-        found.into_iter().flatten().for_each(|(point, density)| medium.set(point, density));
-    }
+    let medium = medium(&bricks, shadows, &|words| classification.density(words, grid))?;
     let bounds = bricks.iter().filter(|(_, held)| held.count() > 0).map(|(brick, _)| brick.bounds);
     let [low, high] = bounds.fold([[u32::MAX; 3], [0; 3]], |[low, high], bounds| {
         [[0, 1, 2].map(|a| low[a].min(bounds[0][a])), [0, 1, 2].map(|a| high[a].max(bounds[1][a]))]
     });
-    // Without splats there is a texel all the same.
+    // Without splats there is one texel.
     let low = [0, 1, 2].map(|axis| if low[axis] < high[axis] { low[axis] } else { 0 });
     let size = [0, 1, 2].map(|axis| high[axis].saturating_sub(low[axis]).max(1));
     let count = size.iter().map(|&n| u64::from(n)).product();

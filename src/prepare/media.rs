@@ -1,50 +1,48 @@
-//! layers: several media on one lattice to splats, on the host for every adapter. Emissions of all layers are added up
-//! voxel by voxel; the normal is that of the layer that absorbs most there.
+//! media: several layers on one lattice to splats, on the host for every adapter. The emissions of all layers are added
+//! up voxel by voxel; the normal is that of the layer with the largest density there.
 
-use super::cells::{Classification, Emission, Looks};
+use super::cells::{Classification, ColorSource, Emission};
 use crate::error::Result;
-use crate::gpu::cache::Cache;
-use crate::gpu::classify::{Classified, STRIDE, gradient_of, gradients, steepness_of};
+use crate::gpu::classify::{STRIDE, gradient_of, gradients, steepness_of};
 use crate::gpu::context::Context;
 use crate::gpu::splat::{packed_appearance, packed_normal, resolution_at};
-use crate::gpu::store::{BrickSplats, Bricks, HostBrick, StoreBuilder};
+use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
 use crate::gpu::transfer::{Reduction, Relative};
 use crate::layers::{Layer, Layers, Mask, Matter, luminance};
 use crate::progress::Progress;
 use crate::transfer::{Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Number, RowCoding, Strip, Volume};
-use voxsplat_volume::memory::reserved;
 
-/// Voxels to either side of one that its normal is made of, where that of samples would be blocky: labels and masks
-/// jump.
+/// Voxels to either side that a smoothed normal depends on: labels and masks jump, and gradients of samples would be
+/// blocky.
 const REACH: usize = 4;
-/// The standard deviation of the Gaussian that such normals are gradients of, voxels.
+/// The standard deviation of the Gaussian of smoothed normals, in voxels.
 const DEVIATION: f64 = 1.5;
-/// The least gradient of the smoothed field, per voxel, in the largest extinction of the layer: below there is no
-/// surface.
+/// The least gradient of the smoothed field that is a surface, per voxel, as a share of the largest extinction of the
+/// layer.
 const FLAT: f32 = 1e-4;
 
-/// What a layer has at a voxel: its [`Emission`], and the scalar that it is of.
+/// The [`Emission`] of a layer at a voxel, and its scalar.
 type Voxel = [f32; 5];
 
-/// A layer as it is classified.
+/// A layer with its classification.
 struct Painted<'a> {
-    /// What is read of it: one volume, or if voxels have colours, red, green, blue and maybe alpha.
+    /// The volumes that are read: one, or if voxels have colours, red, green, blue and perhaps alpha.
     volumes: Vec<&'a Volume>,
-    /// If they have.
+    /// The value of white, if voxels have colours.
     white: Option<f64>,
     classification: Classification<'a>,
     scalars: Option<Relative>,
     /// Gradient opacity, of gradients of scalars; empty: extinction does not depend on them.
     thinning: Vec<[f32; 2]>,
-    /// The resolution of a scalar of 0; `None`: all gradients of scalars are a surface's.
+    /// The resolution of a scalar of 0; `None`: every gradient of scalars is a surface.
     faintest: Option<f32>,
     mask: Option<&'a Mask>,
     /// Whether normals are gradients of the smoothed extinction, not of scalars.
     smoothed: bool,
-    /// The least gradient of that which is a surface's.
+    /// The least gradient of the smoothed extinction that is a surface.
     flat: f32,
-    /// Of each brick, x fastest, whether something of it may show.
+    /// Of each brick, x fastest, whether it may have visible voxels.
     shows: Vec<bool>,
 }
 
@@ -60,14 +58,14 @@ impl<'a> Painted<'a> {
                 let scale = reduction.factor() * volume.grid().unit();
                 let thinning = transfer.scaled_gradient_opacity(scale);
                 faintest = Some(reduction.faintest(&Resolution::new(transfer, volume)?));
-                (Looks::Transfer(transfer), Some(Relative::new(volume, reduction)), thinning)
+                (ColorSource::Transfer(transfer), Some(Relative::new(volume, reduction)), thinning)
             }
-            Matter::Labels { looks, .. } => (Looks::Labels(looks), None, Vec::new()),
+            Matter::Labels { looks, .. } => (ColorSource::Labels(looks), None, Vec::new()),
             Matter::Colors(colors) => {
                 volumes = colors.channels.iter().chain(&colors.alpha).collect();
                 white = Some(colors.white);
                 let reduction = Reduction::new(&colors.transfer, 1.0);
-                (Looks::Transfer(&colors.transfer), Some(Relative::of_values(reduction)), Vec::new())
+                (ColorSource::Transfer(&colors.transfer), Some(Relative::of_values(reduction)), Vec::new())
             }
         };
         let ranges = volumes.iter().map(|volume| value_ranges(volume)).collect::<Result<Vec<_>>>()?;
@@ -86,7 +84,7 @@ impl<'a> Painted<'a> {
         }
         Ok(Self {
             classification: match white {
-                // Of luminance and alpha.
+                // Values are luminance or alpha.
                 Some(_) => Classification::of_values(looks, unit),
                 None => Classification::new(volume, looks, unit),
             },
@@ -102,12 +100,12 @@ impl<'a> Painted<'a> {
         })
     }
 
-    /// The difference under which those of a voxel's scalar are rounding.
+    /// The difference at a voxel under which differences of scalars are rounding.
     fn resolution(&self, voxel: &Voxel) -> f32 {
         self.faintest.map_or(0.0, |faintest| resolution_at(voxel[4], faintest))
     }
 
-    /// What it has of a brick with the halo around it.
+    /// The voxels of a brick with the halo around it.
     fn voxels(&self, at: [usize; 3], (samples, mask): &Strips) -> Vec<Voxel> {
         let at = at.map(|c| c as i64);
         let mut voxels: Vec<Voxel> = match (samples.as_slice(), self.white) {
@@ -132,11 +130,11 @@ impl<'a> Painted<'a> {
 }
 
 impl Painted<'_> {
-    /// A voxel of red, green, blue and maybe alpha.
+    /// A voxel of red, green, blue and perhaps alpha.
     fn colored(&self, mut channels: impl Iterator<Item = f32>, white: f64) -> Voxel {
         let color: [f64; 3] = std::array::from_fn(|_| channels.next().map_or(0.0, f64::from));
         let value = channels.next().map_or_else(|| luminance(color), f64::from);
-        let [.., density] = self.classification.of(value);
+        let [.., density] = self.classification.classified(value);
         let [r, g, b] = color.map(|channel| (channel / white).clamp(0.0, 1.0) as f32 * density);
         [r, g, b, density, self.scalars.as_ref().map_or(0.0, |scalars| scalars.to(value))]
     }
@@ -210,7 +208,7 @@ struct Classifier<'a> {
 }
 
 /// The visible voxels of layers as splats, brick by brick, with normals if there is light.
-pub(crate) fn classified(context: &Context, layers: &Layers, lit: bool, progress: &Progress) -> Result<Classified> {
+pub(crate) fn classified(context: &Context, layers: &Layers, lit: bool, progress: &Progress) -> Result<Drawable> {
     let keep_invisible = !context.savings.voxels;
     let keep = keep_invisible || !context.savings.bricks;
     let painted = layers.all().iter().map(|layer| Painted::new(layer, layers.unit(), keep));
@@ -222,29 +220,16 @@ pub(crate) fn classified(context: &Context, layers: &Layers, lit: bool, progress
     let volume = layers.all()[0].volume();
     let (dims, gradients) = (volume.grid().dims(), gradients(volume));
     let classifier = Classifier { layers: painted, dims, gradients, lit, keep_invisible, halo };
-    let [across, down, deep] = volume.bricks().map(|n| n as usize);
-    let mut bricks = Bricks { all: (across * down * deep) as u32, ..Bricks::default() };
+    let counts @ [across, down, _] = volume.bricks().map(|n| n as usize);
     let mut stores = StoreBuilder::new(context, STRIDE, u32::MAX);
-    let mut rows = 0;
     let row = |j: usize, k: usize| classifier.row([j, k], [across, down]);
-    volume.for_each_row([down, deep], halo, &row, &mut |made| {
-        for (brick, splats) in made {
-            let count = splats.count();
-            bricks.uploaded += 1;
-            bricks.bytes += u64::from(count) * STRIDE;
-            let (_, first) = stores.make_room(count, 1)?;
-            stores.add(splats, count, [BrickSplats { first, ..brick }]);
-        }
-        rows += 1;
-        progress.report("classifying", f64::from(rows) / (down * deep) as f64);
-        Ok(())
-    })?;
-    Ok(Classified { stores: stores.finish()?, bricks, kept: Cache::default() })
+    stores.push_rows(volume, counts, halo, (progress, "classifying"), &row)?;
+    stores.finish()
 }
 
 impl Classifier<'_> {
-    /// The bricks along x with these numbers in y and z, those that have splats.
-    fn row(&self, [j, k]: [usize; 2], [across, down]: [usize; 2]) -> Result<Vec<(BrickSplats, HostBrick)>> {
+    /// The bricks with splats along x, with these numbers in y and z.
+    fn row(&self, [j, k]: [usize; 2], [across, down]: [usize; 2]) -> Result<Vec<MadeBrick>> {
         let first = (k * down + j) * across;
         let (y, z) = (j * EDGE, k * EDGE);
         let strip = |volume: &Volume| volume.strip([y, z].map(|c| c as i64), self.halo);
@@ -262,11 +247,9 @@ impl Classifier<'_> {
             let showing = self.layers.iter().zip(&strips).filter(|(layer, _)| layer.shows[first + i]);
             let showing = showing.filter_map(|(layer, strips)| Some((layer, layer.voxels(at, strips.as_ref()?))));
             let showing: Vec<_> = showing.map(|(layer, voxels)| self.with_normals(layer, voxels)).collect();
-            let (brick, splats) = self.brick(at, &showing)?;
-            if splats.count() > 0 {
-                bricks.push((brick, splats));
-            }
+            bricks.push(self.brick(at, &showing)?);
         }
+        bricks.retain(|made| made.splats.count() > 0);
         Ok(bricks)
     }
 
@@ -276,22 +259,20 @@ impl Classifier<'_> {
         Part { layer, slopes: smoothed.then(|| slopes(&voxels)), voxels }
     }
 
-    /// The splats of a brick, which begins at a lattice point.
-    fn brick(&self, origin: [usize; 3], parts: &[Part<'_>]) -> Result<(BrickSplats, HostBrick)> {
+    /// The splats of the brick that begins at a lattice point.
+    fn brick(&self, origin: [usize; 3], parts: &[Part<'_>]) -> Result<MadeBrick> {
         let edge = EDGE + 2 * self.halo;
         let each = if self.lit { 3 } else { 2 };
-        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(self.dims[axis] as usize - origin[axis]));
-        let mut bits = vec![0_u32; EDGE * EDGE];
-        let mut words = reserved((nx * ny * nz * each) as u64, || "splats of a brick".to_owned())?;
-        for (y, z) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))) {
+        MadeBrick::of_rows(origin.map(|c| c as u32), self.dims, each, |[y, z], count, words| {
             let start = self.halo + edge * (y + self.halo + edge * (z + self.halo));
-            for x in 0..nx {
+            let mut bits = 0;
+            for x in 0..count {
                 let mut sum: Emission = [0.0; 4];
-                let mut most = (0.0, None);
+                let mut densest = (0.0, None);
                 for part in parts {
                     let emission = self.emission(part, start + x);
-                    if emission[3] > most.0 {
-                        most = (emission[3], Some(part));
+                    if emission[3] > densest.0 {
+                        densest = (emission[3], Some(part));
                     }
                     sum.iter_mut().zip(emission).for_each(|(sum, channel)| *sum += channel);
                 }
@@ -299,21 +280,19 @@ impl Classifier<'_> {
                 if density <= 0.0 && !self.keep_invisible {
                     continue;
                 }
-                bits[y + EDGE * z] |= 1 << x;
+                bits |= 1 << x;
                 let color = [r, g, b].map(|channel| if density > 0.0 { channel / density } else { 0.0 });
                 words.extend(packed_appearance(color, density));
                 if self.lit {
                     let normal = |part: &Part<'_>| self.normal(part, start + x, x + EDGE * (y + EDGE * z));
-                    words.push(packed_normal(most.1.map_or([0.0; 3], normal)));
+                    words.push(packed_normal(densest.1.map_or([0.0; 3], normal)));
                 }
             }
-        }
-        words.shrink_to_fit();
-        let brick = BrickSplats::new(origin.map(|c| c as u32), 0, bits.iter().copied());
-        Ok((brick, HostBrick::new(&bits, each, words)))
+            bits
+        })
     }
 
-    /// Differences along the axes of the lattice of what a layer has at a voxel of its brick.
+    /// Differences of the scalar of a layer along the axes of the lattice, at a voxel of its brick.
     fn differences(&self, voxels: &[Voxel], index: usize) -> [f32; 3] {
         let edge = EDGE + 2 * self.halo;
         [1, edge, edge * edge].map(|step| voxels[index + step][4] - voxels[index - step][4])
@@ -329,7 +308,8 @@ impl Classifier<'_> {
         [r, g, b, density].map(|channel| channel * share)
     }
 
-    /// The normal of a layer at a voxel of its brick with the halo and without it, of any length.
+    /// The normal of a layer at a voxel, by its index in the brick with the halo and in the brick without it; of any
+    /// length.
     fn normal(&self, part: &Part<'_>, index: usize, inside: usize) -> [f32; 3] {
         let (differences, resolution) = match (&part.slopes, part.layer.smoothed) {
             (Some(slopes), _) => {
@@ -344,15 +324,15 @@ impl Classifier<'_> {
     }
 }
 
-/// What a layer has in a brick.
+/// The voxels of a layer in a brick.
 struct Part<'a> {
     layer: &'a Painted<'a>,
     voxels: Vec<Voxel>,
-    /// Of the smoothed extinction along the axes, without the halo, if it is not the same everywhere.
+    /// The slopes of the smoothed extinction along the axes, without the halo, if the extinction differs somewhere.
     slopes: Option<[Vec<f32>; 3]>,
 }
 
-/// Weights of the voxels at distances 0 to [`REACH`] in a smoothed field, and in its slope.
+/// The weights of the voxels at distances 0 to [`REACH`] in a smoothed field and in its slope.
 fn weights() -> [[f32; REACH + 1]; 2] {
     let gauss: [f64; REACH + 1] = std::array::from_fn(|k| (-0.5 * (k as f64 / DEVIATION).powi(2)).exp());
     let sum = gauss[0] + 2.0 * gauss[1..].iter().sum::<f64>();
@@ -360,14 +340,14 @@ fn weights() -> [[f32; REACH + 1]; 2] {
     [gauss.map(|g| (g / sum) as f32), std::array::from_fn(|k| (k as f64 * gauss[k] / moment) as f32)]
 }
 
-/// The slopes along the axes of the extinction of a brick with a halo of [`REACH`], smoothed by a Gaussian: those of
-/// the brick itself.
+/// The slopes along the axes of the extinction of a brick, smoothed by a Gaussian. The brick has a halo of [`REACH`];
+/// the slopes have none.
 fn slopes(voxels: &[Voxel]) -> [Vec<f32>; 3] {
     const WITH_HALO: usize = EDGE + 2 * REACH;
     let [smooth, slope] = weights();
     let plane = WITH_HALO * WITH_HALO;
     let field: Vec<f32> = voxels.iter().map(|voxel| voxel[3]).collect();
-    // Along x, then y, then z: each pass takes the halo of its axis off.
+    // Along x, then y, then z: each pass removes the halo of its axis.
     let along = |field: &[f32], is_slope: bool, lines: usize, stride: usize| {
         let (weights, sign) = if is_slope { (&slope, -1.0) } else { (&smooth, 1.0) };
         let mut out = vec![0.0; lines * EDGE * stride];

@@ -1,5 +1,5 @@
-//! From a volume to what painters draw: splats, cells that stand for several of them, and the light on them. On the
-//! host, but for the classification of voxels, which [`gpu::classify`](crate::gpu::classify) has for devices.
+//! From a volume to splats that painters draw: voxels, cells that stand for several voxels, and the light on them. On
+//! the host; on devices the classification of voxels is in [`gpu::classify`](crate::gpu::classify).
 
 pub(crate) mod cells;
 pub(crate) mod drawable;
@@ -7,7 +7,6 @@ pub(crate) mod lattice;
 pub(crate) mod levels;
 pub(crate) mod light_volume;
 pub(crate) mod media;
-pub(crate) mod pyramid;
 pub(crate) mod scalar_cells;
 pub(crate) mod scalars;
 pub(crate) mod scene;

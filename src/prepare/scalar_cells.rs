@@ -1,73 +1,71 @@
-//! coarse: the scalars of cells, for post-shading along parallel rays of kernels that are wider than rays gather. On
-//! the host, from the samples as they are asked for, brick by brick: no volume of cells is kept.
+//! scalar-cells: the scalars of cells, for post-shading if kernels are wider than rays gather. On the host, from the
+//! samples, brick by brick on demand: no volume of cells is kept.
 //!
 //! A cell stands for 2^n voxels along each axis, as for pre-shading (cells.rs): voxels are shared by the same weights,
-//! which keep their moments. All cells have one kernel, which rays gather. What else the kernels of voxels are, the
-//! cells are blurred by: classification magnifies differences of shape, and a Gaussian of the same variance is none of
-//! a kernel that is cut off. The lattice of cells has its middle in that of the voxels, and voxels beyond a face are
-//! copies of the outermost one.
+//! which keep their moments. Along parallel rays all cells have one kernel, which rays gather. Cells are blurred by the
+//! difference to the kernels of voxels, because classification magnifies differences of shape: a Gaussian of the same
+//! variance does not replace a truncated kernel. The middle of the lattice of cells is the middle of the voxels, and
+//! voxels beyond a face are copies of the outermost one.
 
 use std::ops::Range;
 
 use glam::{DMat3, DVec3};
 
-use super::cells::{Filter, LEAST_DEVIATION, response};
+use super::cells::{Filter, LEAST_DEVIATION, add, filled, response};
 use crate::error::Result;
 use crate::gpu::transfer::Relative;
 use crate::kernel::Kernel;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, Grid, ToF64, Volume, with_samples};
-use voxsplat_volume::memory::reserved;
 
-/// The least kernel of cells. The largest is a step of [`STEPS`] as large, and rays gather kernels of a radius of 2. It
-/// is smooth: its parts are fitted well, and the lattice does not show.
+/// The least kernel of cells; the largest is one of [`STEPS`] larger, and rays gather kernels of a radius of 2. It is
+/// smooth: its parts are fitted well, and the lattice is invisible.
 const KERNEL: Kernel = Kernel::KaiserBessel { radius: 1.915, alpha: 5.0 };
 
-/// The largest scalar of voxels for which cells stand; what shows is within 2. The shapes of kernels differ by some
-/// hundredths of a scalar, which show beside values that are far beyond, like one for voxels without data.
+/// The largest scalar of voxels that have cells; visible scalars are within 2. The shapes of kernels differ by some
+/// hundredths of a scalar, which is visible beside distant values such as a value for missing data.
 pub(crate) const MOST_SCALAR: f64 = 16.0;
 
-/// The optical depth up to which the fit of [`blur`] is right: denser matter shows the ends of kernels.
+/// The optical depth of a cell up to which the fit of [`blur`] is accurate: denser matter shows the ends of kernels.
 pub(crate) const MOST_DEPTH: f64 = 1.0;
 
-/// Cells that rays gather on either side.
+/// Cells that rays gather to either side.
 const REACH: f64 = 4.0;
-/// The standard deviation, in cells, from which on grown kernels of voxels show no lattice.
+/// The standard deviation, in cells, from which on grown kernels of voxels do not show the lattice.
 const SMOOTH_DEVIATION: f64 = 1.1;
-/// Radii that are more than they may be by this factor are so by rounding.
+/// Radii may exceed their limit by this factor, because of rounding.
 const ROUNDING: f64 = 1.0 + 1e-6;
 
-/// Cells are blurred for growths of which so many make a doubling. What is between is left to their kernel, so that
-/// cells of one picture serve another that is a little larger.
+/// Growths, per doubling, that cells are blurred for. The kernel of cells makes up for growths between, so that cells
+/// of one picture serve a picture of another size.
 const STEPS: f64 = 16.0;
 
-/// Which cells stand for voxels.
+/// The cells that stand for voxels along parallel rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Coarse {
     pub(crate) level: u32,
-    /// Cells are blurred for kernels of voxels that have grown to 2^(step / [`STEPS`]) of their size, in cells; `None`:
-    /// cells have the grown kernel of voxels itself.
+    /// Cells are blurred for kernels of voxels with a growth of 2^(step / [`STEPS`]) in cells; `None`: cells have the
+    /// grown kernel of voxels.
     step: Option<i32>,
 }
 
 impl Coarse {
-    /// The cells for kernels of voxels that have grown: of the coarsest level that can have such kernels, or of the
-    /// level asked for.
+    /// The cells for grown kernels of voxels: of this level, or of the coarsest that can have such kernels.
     pub(crate) fn new(kernel: &Kernel, growth: f64, level: Option<u32>) -> Self {
         let least = LEAST_DEVIATION / kernel.variance().sqrt();
-        // To within rounding: see `cells::level_of`.
+        // Rounding: see `cells::level_of`.
         let coarsest = (1.0001 * growth / least).log2().floor().max(0.0);
         let level = level.unwrap_or(coarsest as u32);
         let steps = |growth: f64| STEPS * growth.log2();
         let step = steps(1.0001 * growth / f64::from(level).exp2()).floor();
-        // Kernels of coarser cells than these are as wide as the least, of finer ones as the next level's least.
+        // The least kernel serves coarser cells too; finer cells have the least kernel of the next level.
         let (first, last) = (steps(least).floor(), steps(2.0 * least).floor());
         Self { level, step: Some(step.clamp(first, last) as i32) }
     }
 
-    /// The finest cells in which kernels of voxels that have grown reach no farther than rays gather. There are up to 8
-    /// times as many as [`Self::new`] takes. Kernels are those of voxels, unless they are so narrow in cells that the
-    /// lattice of the cells would show.
+    /// The finest cells in which grown kernels of voxels reach no farther than rays gather, up to 8 times as many as
+    /// [`Self::new`] returns. Kernels are those of voxels, unless they are so narrow in cells that the lattice of the
+    /// cells would be visible.
     pub(crate) fn fine(kernel: &Kernel, growth: f64) -> Self {
         let level = (growth * kernel.radius() / (REACH * ROUNDING)).log2().ceil().max(0.0) as u32;
         let deviation = growth * kernel.variance().sqrt() / f64::from(level).exp2();
@@ -79,12 +77,12 @@ impl Coarse {
         f64::from(self.level).exp2()
     }
 
-    /// The growth that cells are blurred for, in cells.
+    /// The growth, in cells, that cells are blurred for.
     fn blurred(self) -> Option<f64> {
         self.step.map(|step| (f64::from(step) / STEPS).exp2())
     }
 
-    /// The kernel of cells, in cells, given that of voxels and how much it has grown.
+    /// The kernel of cells, in cells, given the kernel of voxels and its growth.
     pub(crate) fn kernel(self, voxels: &Kernel, growth: f64) -> Kernel {
         match self.blurred() {
             Some(blurred) => KERNEL.grown((growth / (self.size() * blurred)).max(1.0)),
@@ -102,32 +100,32 @@ impl Coarse {
         Ok(Grid::new(dims, to_world)?)
     }
 
-    /// Gradients of cells are sums of differences of cells so far apart, times these: they are what cells make of the
-    /// central differences of voxels, up to the fifth derivative.
-    pub(crate) fn differences(self) -> [f64; 3] {
-        let square = self.size().powi(-2);
-        let nodes = [1.0, 4.0, 9.0];
-        nodes.map(|node: f64| {
-            let others = nodes.into_iter().filter(|&other| other != node);
-            others.map(|other| (square - other) / (node - other)).product::<f64>() / (2.0 * node.sqrt())
-        })
-    }
-
-    /// What voxels give to cells along each axis, if that is their kernel as asked for.
+    /// The filters that make these cells of voxels with this kernel.
     pub(crate) fn filters(self, kernel: &Kernel, grid: &Grid) -> Filters {
         let blurred = self.blurred();
         let blur = blurred.map_or_else(|| vec![1.0], |growth| blur(kernel, growth, self.level).to_vec());
-        let axes = grid.dims().map(|voxels| {
+        let before = grid.dims().map(|voxels| {
             let cells = voxels.div_ceil(1 << self.level);
-            let before = (f64::from(cells) * self.size() - f64::from(voxels)) / 2.0;
-            Filter::new(self.level, before, &blur, 0)
+            (f64::from(cells) * self.size() - f64::from(voxels)) / 2.0
         });
+        let filters = Filters::new(self.level, before, &blur);
         let farther = blurred.map_or(0.0, |growth| self.size() * (kernel.radius() * growth - KERNEL.radius()));
-        Filters { axes, beside: farther.ceil().max(1.0) as i64 }
+        Filters { beside: farther.ceil().max(1.0) as i64, ..filters }
     }
 }
 
-/// The weights along each axis, from the middle one on, by which [`KERNEL`] becomes a kernel that has grown: by least
+/// The weights of the differences of cells 1, 2 and 3 to either side in the gradients of cells of a level: sums of
+/// these are the central differences of voxels, up to the fifth derivative.
+pub(crate) fn differences(level: u32) -> [f64; 3] {
+    let square = f64::from(level).exp2().powi(-2);
+    let nodes = [1.0, 4.0, 9.0];
+    nodes.map(|node: f64| {
+        let others = nodes.into_iter().filter(|&other| other != node);
+        others.map(|other| (square - other) / (node - other)).product::<f64>() / (2.0 * node.sqrt())
+    })
+}
+
+/// The weights along each axis, from the middle one on, by which [`KERNEL`] is blurred to a grown kernel: by least
 /// squares over frequencies along an axis and both kinds of diagonals.
 fn blur(kernel: &Kernel, growth: f64, level: u32) -> [f64; 4] {
     /// Frequencies, in steps of a tenth of a radian: up to the next images of the lattice.
@@ -135,13 +133,13 @@ fn blur(kernel: &Kernel, growth: f64, level: u32) -> [f64; 4] {
     let (mut squares, mut wanted) = (DMat3::ZERO, DVec3::ZERO);
     for frequency in (1..=FREQUENCIES).map(|n| f64::from(n) / 10.0) {
         let cell = transform(&KERNEL, frequency);
-        // Nothing of it is left to weigh.
+        // The cell keeps nothing of such waves.
         if cell < 0.02 {
             break;
         }
         let ratio = (transform(kernel, growth * frequency) / cell).max(0.0);
         for axes in [1.0, 2.0, 3.0_f64] {
-            // The frequency along each of the axes, and what the weights of one should make of it.
+            // The frequency along each axis, and the factor that the weights of one axis should have.
             let along = frequency / axes.sqrt();
             let factor = ratio.powf(axes.recip());
             let importance = (axes * cell * factor.max(0.05).powf(axes - 1.0)).powi(2);
@@ -155,7 +153,7 @@ fn blur(kernel: &Kernel, growth: f64, level: u32) -> [f64; 4] {
     [1.0 - 2.0 * beside.element_sum(), beside.x, beside.y, beside.z]
 }
 
-/// The Fourier transform of a kernel at a frequency over 0, in radians per voxel, over that at 0.
+/// The Fourier transform of a kernel at a frequency over 0, in radians per voxel, divided by the transform at 0.
 fn transform(kernel: &Kernel, frequency: f64) -> f64 {
     const SHELLS: u32 = 512;
     let (mut sum, mut whole) = (0.0, 0.0);
@@ -168,8 +166,9 @@ fn transform(kernel: &Kernel, frequency: f64) -> f64 {
     sum / whole
 }
 
-/// Whether things of one value show in a volume: in planes and rows far apart, over a twentieth of what shows are runs
-/// of equal samples. Light shows the direction of the smallest gradient, and there cells have others than voxels.
+/// Whether regions of one value are visible: over a twentieth of the visible voxels, in planes and rows far apart, are
+/// runs of equal samples. Light shows the direction of the smallest gradient, and there cells have other gradients than
+/// voxels.
 pub(crate) fn has_plateaus(volume: &Volume, transfer: &TransferFunction) -> Result<bool> {
     const PLANES: usize = 8;
     const RUN: usize = 5;
@@ -190,10 +189,10 @@ pub(crate) fn has_plateaus(volume: &Volume, transfer: &TransferFunction) -> Resu
     Ok(20 * equal > shown)
 }
 
-/// What makes cells of the voxels of a volume.
+/// The filters that make cells of the voxels of a volume.
 pub(crate) struct Filters {
     axes: [Filter; 3],
-    /// Voxels beside those of a cell to which gradients reach farther than the kernel of the cell.
+    /// Voxels to either side of a cell that its gradients depend on although its kernel does not.
     beside: i64,
 }
 
@@ -204,12 +203,18 @@ pub(crate) struct CellStrip {
     /// Cells along each axis.
     size: [usize; 3],
     scalars: Vec<f32>,
-    /// If gradients are asked for, whether all voxels around a cell are equal; otherwise none.
+    /// Whether all voxels around a cell are equal; empty if no gradients are needed.
     flat: Vec<bool>,
 }
 
 impl Filters {
-    /// The voxels that give to a range of cells along an axis, copies beyond the faces included.
+    /// The filters of cells of a level. The first cell begins `before` voxels before the volume along each axis. Cells
+    /// are blurred by the weights `blur`, from the middle one on.
+    pub(crate) fn new(level: u32, before: [f64; 3], blur: &[f64]) -> Self {
+        Self { axes: before.map(|before| Filter::new(level, before, blur, 0)), beside: 1 }
+    }
+
+    /// The voxels with weights in a range of cells along an axis, copies beyond the faces included.
     pub(crate) fn voxels(&self, axis: usize, cells: Range<i64>) -> Range<i64> {
         self.axes[axis].voxels(cells.start, cells.end)
     }
@@ -231,7 +236,7 @@ impl Filters {
         let width = columns.len();
         let mut scalars = filled(across * down * deep, 0.0)?;
         let mut row = filled(width, 0.0)?;
-        // A plane of voxels in which rows are cells already, and one of cells.
+        // A plane in which rows are cells and columns still voxels, and a plane of cells.
         let mut tall = filled(width * down, 0.0)?;
         let mut plane = filled(across * down, 0.0)?;
         let blocks = [0, 1, 2].map(|axis| self.axes[axis].blocks(first[axis]..end[axis], self.beside, dims[axis]));
@@ -280,47 +285,35 @@ impl Filters {
     }
 }
 
-/// The voxels that cells take, see [`Filter::taken`].
+/// The hull of the voxels with weights in cells, see [`Filter::taken`].
 fn span(taken: &[(usize, Vec<f32>)]) -> Range<usize> {
     let ends = taken.iter().map(|(first, weights)| [*first, first + weights.len()]);
     ends.reduce(|hull, [first, end]| [hull[0].min(first), hull[1].max(end)]).map_or(0..0, |[first, end]| first..end)
 }
 
-/// What each cell takes of a voxel.
+/// The weight of a voxel in each cell.
 fn weights(taken: &[(usize, Vec<f32>)], voxel: usize) -> impl Iterator<Item = f32> {
     let weight = move |(first, weights): &(usize, Vec<f32>)| weights.get(voxel.checked_sub(*first)?).copied();
     taken.iter().map(move |cell| weight(cell).unwrap_or(0.0))
 }
 
-fn filled<T: Copy>(count: usize, value: T) -> Result<Vec<T>> {
-    let mut values = reserved(count as u64, || "the cells of a row of bricks".to_owned())?;
-    values.resize(count, value);
-    Ok(values)
-}
-
-/// The range of no scalars.
+/// The empty range of scalars.
 const NONE: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
 
-/// The range of the scalars of two ranges.
+/// The hull of two ranges of scalars.
 fn hull(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
     [if b[0] < a[0] { b[0] } else { a[0] }, if b[1] > a[1] { b[1] } else { a[1] }]
 }
 
-fn add(sums: &mut [f32], weight: f32, values: &[f32]) {
-    if weight == 0.0 {
-        return;
-    }
-    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
-}
-
 impl CellStrip {
-    /// The cells around `first`, with `halo` cells around 32^3 of them, x fastest.
+    /// The 32^3 cells from `first` on with `halo` cells around them, x fastest.
     pub(crate) fn brick(&self, first: [i64; 3], halo: usize) -> Vec<f32> {
         self.part(&self.scalars, first, halo)
     }
 
-    /// Of 32^3 cells from `first` on, whether all voxels around them are equal: then there is no gradient. Weights that
-    /// are negative would make some of voxels farther away, and light shows the direction of the smallest.
+    /// For each of the 32^3 cells from `first` on, whether all voxels around it are equal, so that it has no gradient.
+    /// Negative weights would give it a remainder of farther voxels, and light shows the direction of the smallest
+    /// gradient.
     pub(crate) fn flat(&self, first: [i64; 3]) -> Vec<bool> {
         if self.flat.is_empty() { Vec::new() } else { self.part(&self.flat, first, 0) }
     }
@@ -341,6 +334,57 @@ impl CellStrip {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gpu::transfer::Reduction;
+    use crate::transfer::ControlPoint;
+
+    /// The scalars of cells of a level of a volume of `value` at each voxel, from `first` to before `end`.
+    fn cells(dims: [usize; 3], value: impl Fn([usize; 3]) -> f32, level: u32, ends: [[i64; 3]; 2]) -> Vec<f32> {
+        let points = (0..dims.iter().product()).map(|i| [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])]);
+        let samples: Vec<f32> = points.map(value).collect();
+        let volume = Volume::from_slice(dims.map(|d| d as u32), [1.0; 3], &samples).unwrap();
+        let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
+        let transfer = TransferFunction::new(vec![point(0.0, 0.0), point(1.0, 1.0)], None).unwrap();
+        let relative = Relative::new(&volume, Reduction::new(&transfer, 1.0));
+        Filters::new(level, [0.0; 3], &[1.0]).strip(&volume, &relative, ends, false).unwrap().scalars
+    }
+
+    #[test]
+    fn cells_keep_the_sum_the_centre_and_the_spread_of_voxels() {
+        let dims = [41, 37, 50];
+        let inside = |p: [usize; 3]| (0..3).all(|a| p[a] >= 12 && p[a] + 12 < dims[a]);
+        let value = |p: [usize; 3]| if inside(p) { ((p[0] * 7 + p[1] * 5 + p[2] * 3) % 11) as f32 } else { 0.0 };
+        let mut expected = None;
+        for level in 0..=3 {
+            let size = f64::from(level).exp2();
+            // Farther than any voxel gives.
+            let first = [-6; 3];
+            let end = dims.map(|d| d.div_ceil(1 << level) as i64 + 6);
+            let across = (end[0] - first[0]) as usize;
+            let mut sums = [0.0; 3];
+            for (i, cell) in cells(dims, value, level, [first, end]).into_iter().enumerate() {
+                let place = ((i % across) as f64 + first[0] as f64 + 0.5) * size - 0.5;
+                (0..)
+                    .zip(&mut sums)
+                    .for_each(|(power, sum)| *sum += f64::from(cell) * size.powi(3) * place.powi(power));
+            }
+            let expected = *expected.get_or_insert(sums);
+            for (got, expected) in sums.into_iter().zip(expected) {
+                assert!((got / expected - 1.0).abs() < 1e-4, "level {level}: {got} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn cells_beyond_the_faces_are_copies_of_the_outermost_voxels() {
+        // An odd number of voxels, which differ up to the faces.
+        let dims = [7, 5, 3];
+        for level in 1..=4 {
+            let end = (7 >> level) + 9;
+            let row = cells(dims, |[x, ..]| x as f32, level, [[-8, 0, 0], [end, 1, 1]]);
+            assert!(row[..4].iter().all(|cell| cell.abs() < 1e-5), "level {level}: {row:?}");
+            assert!(row[row.len() - 4..].iter().all(|cell| (cell - 6.0).abs() < 1e-5), "level {level}: {row:?}");
+        }
+    }
 
     #[test]
     fn fine_cells_are_the_finest_that_rays_gather() {

@@ -1,46 +1,45 @@
-//! scalars: a volume to splats of scalars, for post-shading. On the host, brick by brick: which voxels can show depends
-//! on their surroundings. If kernels have grown, cells of a pyramid stand for voxels (see levels.rs).
-
-use std::sync::Arc;
+//! scalars: a volume to splats of scalars, for post-shading. On the host, brick by brick: whether a voxel can be
+//! visible depends on its surroundings. If kernels have grown, cells stand for voxels (scalar_cells.rs), through one
+//! eye cells of several levels (levels.rs).
 
 use super::levels::{Cut, ScalarNeed};
-use super::scalar_cells::{Coarse, Filters};
+use super::scalar_cells::{Coarse, Filters, differences};
 use crate::budget::{MAX_GROWTH, MAX_PLACES, too_much};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient};
 use crate::gpu::savings::Savings;
-use crate::gpu::store::{BrickSplats, Emitted, HostBrick, StoreBuilder};
-use crate::gpu::transfer::{Reduction, Relative, Shows};
+use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
+use crate::gpu::transfer::{Reduction, Relative, VisibleValues};
 use crate::kernel::{Kernel, Normalization};
-use crate::prepare::pyramid::{Level, Pyramid};
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, Volume};
 
-/// The largest influence, in voxels, within which single voxels are looked for. If it is larger, bricks are kept whole.
+/// The largest influence, in voxels, within which single voxels are searched: a row of a brick with its halo is 64
+/// bits. If the influence is larger, bricks are kept whole.
 const MAX_HALO: usize = 16;
 
-/// What splats of scalars depend on besides volume and transfer function.
+/// The settings that splats of scalars depend on, besides volume and transfer function.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Asked {
+pub(crate) struct EmissionKey {
     pub(crate) kernel: Kernel,
     pub(crate) normalization: Normalization,
     pub(crate) need: ScalarNeed,
     /// Whether splats have gradients.
     pub(crate) lit: bool,
-    /// Which cells stand for voxels along parallel rays; `None`: voxels do, or those of [`ScalarNeed::cut`].
+    /// The cells that stand for voxels along parallel rays; `None`: voxels, or the cells of [`ScalarNeed::cut`].
     pub(crate) coarse: Option<Coarse>,
 }
 
-impl Asked {
+impl EmissionKey {
     /// Words of a splat.
     fn words(&self) -> usize {
         if self.lit { LIT_SCALAR_WORDS } else { SCALAR_WORDS }
     }
 
-    /// Whether splats made for `self` can be reused for `other`. They must reach at least as far; reaching up to 1.5
-    /// times as far changes no pixel and costs only time.
+    /// Whether splats made for `self` serve `other`. They must reach at least as far; reaching up to 1.5 times as far
+    /// changes no pixel and costs only time.
     pub(crate) fn serves(&self, other: &Self) -> bool {
         let influence = other.need.influence..=1.5 * other.need.influence;
         let ScalarNeed { influence: held, growth, .. } = self.need;
@@ -49,49 +48,42 @@ impl Asked {
     }
 }
 
-/// The largest sum of kernels over the lattice, over the divisor: reconstruction magnifies differences by no more.
+/// The largest sum of kernels over the lattice, divided by the normalisation: reconstruction magnifies differences by
+/// no more.
 ///
-/// Looked for on a grid of a quarter of a voxel, for a kernel as asked and as a broad one has it; a tenth is added for
-/// what lies between.
+/// Searched on a grid of a quarter of a voxel, for this kernel and for a broad one; a tenth is added for places
+/// between.
 fn magnification(kernel: &Kernel, normalization: Normalization) -> f64 {
     let reach = kernel.radius().ceil() as i32;
-    let offsets = [0.0, 0.25, 0.5];
-    let mut worst = kernel.integral();
-    for x in offsets {
-        for y in offsets {
-            for z in offsets {
-                let mut sum = 0.0;
-                for k in -reach..=reach + 1 {
-                    for j in -reach..=reach + 1 {
-                        for i in -reach..=reach + 1 {
-                            let d = [f64::from(i) - x, f64::from(j) - y, f64::from(k) - z];
-                            sum += kernel.value(d.iter().map(|c| c * c).sum());
-                        }
-                    }
-                }
-                worst = worst.max(sum);
-            }
-        }
-    }
+    let cube = |along: &[f64]| -> Vec<[f64; 3]> {
+        let plane = |z: f64| along.iter().flat_map(move |&y| along.iter().map(move |&x| [x, y, z]));
+        along.iter().flat_map(|&z| plane(z)).collect()
+    };
+    let points = cube(&(-reach..=reach + 1).map(f64::from).collect::<Vec<f64>>());
+    let sum = |offset: [f64; 3]| -> f64 {
+        let square = |point: &[f64; 3]| (0..3).map(|axis| (point[axis] - offset[axis]).powi(2)).sum();
+        points.iter().map(|point| kernel.value(square(point))).sum()
+    };
+    let worst = cube(&[0.0, 0.25, 0.5]).into_iter().map(sum).fold(kernel.integral(), f64::max);
     1.1 * worst / normalization.divisor(kernel)
 }
 
-/// Which scalars, relative to the base, show nothing however kernels add them up.
+/// The scalars, relative to the base, that are invisible however kernels add them up.
 ///
-/// The interval holds 0, so sums of some of its scalars, be the others left out or not, do not show either.
+/// The interval holds 0, so sums of some of its scalars are invisible too, whether or not others are left out.
 #[derive(Debug, Clone, Copy)]
 struct Invisible([f64; 2]);
 
 impl Invisible {
-    fn new(transfer: &TransferFunction, reduction: &Reduction, shows: Shows, magnification: f64) -> Self {
+    fn new(transfer: &TransferFunction, reduction: &Reduction, shows: VisibleValues, magnification: f64) -> Self {
         let base = transfer.base();
         let around = transfer.invisible_around(base);
         let ends = match shows {
-            Shows::Opaque => around,
-            Shows::Largest => around
+            VisibleValues::Opaque => around,
+            VisibleValues::Largest => around
                 .filter(|_| transfer.is_invisible([f64::NEG_INFINITY, base]))
                 .map(|[_, high]| [f64::NEG_INFINITY, high]),
-            Shows::Mean => None,
+            VisibleValues::Mean => None,
         };
         // Empty if every value is visible.
         let ends = ends.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
@@ -104,127 +96,94 @@ impl Invisible {
     }
 }
 
-/// Places of the lattices that splats are looked for in, copies beyond the faces of the volume included.
-fn places(dims: [u32; 3], need: ScalarNeed) -> u64 {
-    let of = |level: u32, padding: u32| {
-        let along = |d: u32| u64::from(d.div_ceil(1 << level)).saturating_add(2 * u64::from(padding));
-        dims.into_iter().map(along).fold(1, u64::saturating_mul)
-    };
-    let Some(cut) = need.cut else { return of(0, need.padding) };
-    let [finest, coarsest] = cut.levels;
-    (finest..=coarsest).map(|level| of(level, cut.padding(level))).fold(0, u64::saturating_add)
-}
-
-/// Of the places of a brick, x fastest, whether they are within `reach` of an active one of the brick or its halo.
-fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<bool> {
-    // Far enough, and sums of two stay in range.
-    const FAR: u16 = 1 << 14;
+/// The places of a brick, as bits of each row along x, that are within `reach` of an active place of the brick or of
+/// its halo.
+fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<u32> {
     let edge = EDGE + 2 * halo;
-    let inner = halo..halo + EDGE;
-    // Squares of distances, axis by axis (Saito and Toriwaki 1994): along x by a sweep each way, then the least over
-    // the neighbours along y and z.
-    let mut squares = Vec::with_capacity(EDGE * edge * edge);
-    let mut distances = vec![0_u16; edge];
-    for row in active.chunks_exact(edge) {
-        let mut distance = 127;
-        for (d, &active) in distances.iter_mut().zip(row) {
-            distance = if active { 0 } else { (distance + 1).min(127) };
-            *d = distance;
-        }
-        distance = 127;
-        for (d, &active) in distances.iter_mut().zip(row).rev() {
-            distance = if active { 0 } else { (distance + 1).min(127) };
-            *d = distance.min(*d);
-        }
-        squares.extend(distances[inner.clone()].iter().map(|&d| d * d));
-    }
-    // `stride` apart; `lines` of them after each other are neighbours along the axis.
-    let least = |squares: &[u16], stride: usize| {
-        let mut result = vec![FAR; squares.len() / edge * EDGE];
-        for (result, squares) in result.chunks_exact_mut(EDGE * stride).zip(squares.chunks_exact(edge * stride)) {
-            for (i, result) in result.chunks_exact_mut(stride).enumerate() {
-                for (offset, line) in squares[i * stride..].chunks_exact(stride).take(2 * halo + 1).enumerate() {
-                    let square = (offset as u16).abs_diff(halo as u16).pow(2);
-                    result.iter_mut().zip(line).for_each(|(least, &s)| *least = (*least).min(s + square));
-                }
-            }
-        }
-        result
+    let bits = |row: &[bool]| row.iter().rev().fold(0_u64, |bits, &active| bits << 1 | u64::from(active));
+    let rows: Vec<u64> = active.chunks_exact(edge).map(bits).collect();
+    // The places within 0, 1, 2, .. places of an active one along x.
+    let wider = |rows: &Vec<u64>| Some(rows.iter().map(|row| row | row << 1 | row >> 1).collect());
+    let widened: Vec<Vec<u64>> = std::iter::successors(Some(rows), wider).take(halo + 1).collect();
+    let square = (reach * reach).floor() as usize;
+    let offsets = (0..edge - EDGE + 1).flat_map(|z| (0..edge - EDGE + 1).map(move |y| (y, z)));
+    let offsets: Vec<(usize, usize)> = offsets
+        .filter_map(|(y, z)| {
+            let left = square.checked_sub(y.abs_diff(halo).pow(2) + z.abs_diff(halo).pow(2))?;
+            Some((left.isqrt().min(halo), y + edge * z))
+        })
+        .collect();
+    let near = |row: usize| {
+        let start = row % EDGE + edge * (row / EDGE);
+        let bits = offsets.iter().fold(0, |bits, &(along, offset)| bits | widened[along][start + offset]);
+        (bits >> halo) as u32
     };
-    let squares = least(&squares, EDGE);
-    let squares = least(&squares, EDGE * EDGE);
-    let reach = (reach * reach).floor() as u16;
-    squares.into_iter().map(|square| square <= reach).collect()
+    (0..EDGE * EDGE).map(near).collect()
 }
 
-impl Emitted {
-    /// Adds the splats of a brick, of so many words each.
-    fn add(&mut self, stores: &mut StoreBuilder<'_, HostBrick>, found: BrickScalars, words: usize) -> Result<()> {
-        let BrickScalars { brick, splats, voxels } = found;
-        self.bricks.uploaded += 1;
-        self.voxels += voxels;
-        let count = splats.count();
-        if count == 0 {
-            return Ok(());
-        }
-        let (_, first) = stores.make_room(count, 1)?;
-        self.bricks.bytes += u64::from(count) * 4 * words as u64;
-        stores.add(splats, count, [BrickSplats { first, ..brick }]);
-        Ok(())
-    }
-}
-
-/// What decides which scalars of a volume become splats: the voxels that can take part in something visible, and copies
-/// beyond its faces.
+/// Chooses the scalars of a volume that become splats: voxels that can take part in something visible, and copies
+/// beyond the faces of the volume.
 ///
-/// A place shows only if a voxel outside [`Invisible`] reaches it. So a voxel is kept if such a voxel is within the
-/// influence of the two. The others change nothing: neither what shows, nor what does not show.
+/// A place is visible only if a voxel outside [`Invisible`] reaches it. So a voxel is kept if such a voxel is within
+/// the influence of the two. The other voxels change nothing: neither visible places nor invisible ones.
 pub(crate) struct Emission<'a> {
     volume: &'a Volume,
     relative: Relative,
     invisible: Invisible,
     savings: Savings,
-    need: ScalarNeed,
-    /// Words of a splat.
-    words: usize,
-    /// The lattice of splats: voxels, or cells if there are filters.
-    dims: [u32; 3],
-    filters: Option<Filters>,
-    /// What gradients are sums of: differences of places 1, 2 and 3 to either side, times these.
-    differences: [f32; 3],
-    /// Of each brick of the volume, x fastest, whether a voxel of it can show.
+    key: EmissionKey,
+    /// The voxels, or the cells of each level that has a share in the picture.
+    lattices: Vec<Lattice>,
+    /// Of each brick of the volume, x fastest, whether it has a voxel that can be visible.
     active: Vec<bool>,
-    /// Layers of voxels around a brick that are searched for voxels that can show, or that gradients take differences
-    /// with.
-    halo: usize,
-    /// Whether they are; otherwise bricks are kept whole.
+    /// Whether voxels are kept one by one; otherwise bricks are kept whole.
     singly: bool,
 }
 
 /// The cells of a level, or the voxels as level 0, with the copies beyond the faces.
 struct Lattice {
     level: u32,
-    /// What the cells hold; `None`: the volume is read.
-    cells: Option<Arc<Level>>,
+    /// The filters that make cells; `None`: the lattice is that of the voxels.
+    filters: Option<Filters>,
+    /// Weights of the differences of places 1, 2 and 3 to either side in gradients.
+    differences: [f32; 3],
+    /// Cells around a brick that are searched for voxels that can be visible, or that gradients take differences with.
+    halo: usize,
     /// Cells that cover the volume along each axis.
     dims: [usize; 3],
     /// Cells of copies beyond each face.
     padding: usize,
     /// The lattice point at which the first of them begins, in the lattice extended by [`ScalarNeed::padding`].
     origin: u32,
-    /// Cells along each axis, copies included; below, bricks of them.
+    /// Cells along each axis, copies included.
     extended: [usize; 3],
+    /// Bricks of these cells along each axis.
     counts: [usize; 3],
 }
 
 impl Lattice {
-    fn new(dims: [u32; 3], level: u32, need: ScalarNeed, cells: Option<Arc<Level>>) -> Self {
+    fn new(
+        volume: &Volume,
+        level: u32,
+        EmissionKey { kernel, need, coarse, lit, .. }: &EmissionKey,
+        halo: usize,
+    ) -> Self {
+        let grid = volume.grid();
+        let filters = match coarse {
+            Some(coarse) => Some(coarse.filters(kernel, grid)),
+            None => (level > 0).then(|| Filters::new(level, [0.0; 3], &[1.0])),
+        };
+        // Cells along parallel rays have a lattice of their own, in which they are of level 0.
+        let level_of_cells = coarse.map_or(level, |coarse| coarse.level);
+        let differences = differences(level_of_cells).map(|weight| weight as f32);
         let padding = need.cut.map_or(need.padding, |cut| cut.padding(level).min(need.padding >> level));
-        let dims = dims.map(|d| d.div_ceil(1 << level) as usize);
+        let dims = grid.dims().map(|d| d.div_ceil(1 << level_of_cells) as usize);
         let extended = dims.map(|d| d + 2 * padding as usize);
         Self {
             level,
-            cells,
+            filters,
+            differences,
+            halo: if *lit { halo.max(reach_of(differences)) } else { halo },
             dims,
             padding: padding as usize,
             origin: need.padding - (padding << level),
@@ -245,90 +204,57 @@ impl<'a> Emission<'a> {
         volume: &'a Volume,
         transfer: &TransferFunction,
         reduction: &Reduction,
-        shows: Shows,
-        asked: &Asked,
+        shows: VisibleValues,
+        key: &EmissionKey,
     ) -> Result<Self> {
-        let Asked { need, coarse, .. } = *asked;
-        let grid = volume.grid();
-        let dims = match coarse {
-            Some(coarse) => coarse.grid(grid)?.dims(),
-            None => grid.dims(),
-        };
-        let differences = coarse.map_or([0.5, 0.0, 0.0], Coarse::differences).map(|weight| weight as f32);
-        let places = places(dims, need);
+        let (savings, need) = (context.savings, key.need);
+        let halo = need.influence.floor() as usize;
+        let singly = savings.voxels && halo <= MAX_HALO && need.cut.is_none();
+        let [finest, coarsest] = need.cut.map_or([0, 0], |cut| cut.levels);
+        let lattice = |level| Lattice::new(volume, level, key, if singly { halo } else { 0 });
+        let lattices: Vec<Lattice> = (finest..=coarsest).map(lattice).collect();
+        let places = |lattice: &Lattice| lattice.extended.into_iter().fold(1_u64, |n, d| n.saturating_mul(d as u64));
+        let places = lattices.iter().map(places).fold(0, u64::saturating_add);
         if need.growth > MAX_GROWTH || places > MAX_PLACES.max(2 * volume.grid().len()) {
             let what = format!("post-shading would copy {} layers of voxels beyond the faces", need.padding);
             return Err(too_much(&what, need.growth));
         }
-        let mut emission = Self {
-            volume,
-            relative: Relative::new(volume, *reduction),
-            invisible: Invisible::new(transfer, reduction, shows, magnification(&asked.kernel, asked.normalization)),
-            savings: context.savings,
-            need,
-            words: asked.words(),
-            dims,
-            filters: coarse.map(|coarse| coarse.filters(&asked.kernel, grid)),
-            differences,
-            active: Vec::new(),
-            halo: 0,
-            singly: false,
-        };
-        let halo = need.influence.floor() as usize;
-        emission.singly = emission.savings.voxels && halo <= MAX_HALO && need.cut.is_none();
-        emission.halo = if emission.singly { halo } else { 0 }.max(if asked.lit { reach_of(differences) } else { 0 });
+        let relative = Relative::new(volume, *reduction);
+        let invisible = Invisible::new(transfer, reduction, shows, magnification(&key.kernel, key.normalization));
+        let mut emission =
+            Self { volume, relative, invisible, savings, key: *key, lattices, active: Vec::new(), singly };
         let ranges = volume.ranges()?.iter();
         emission.active =
             ranges.map(|range| range.iter().any(|&raw| emission.is_active(emission.relative.to(raw)))).collect();
         Ok(emission)
     }
 
-    /// The splats.
-    pub(crate) fn emit(&self, context: &Context, pyramid: &Pyramid, progress: &Progress) -> Result<Emitted> {
-        let [finest, coarsest] = self.levels();
-        let cells = pyramid.levels(self.volume, &self.relative, coarsest as usize)?;
-        let mut stores = StoreBuilder::new(context, 4 * self.words as u64, u32::MAX);
-        let mut emitted = Emitted::default();
-        for level in finest..=coarsest {
-            let cells = level.checked_sub(1).and_then(|index| cells.get(index as usize).cloned());
-            let lattice = Lattice::new(self.dims, level, self.need, cells);
-            let [_, down, deep] = lattice.counts;
-            let mut rows = 0;
-            self.volume.for_each_row([down, deep], self.halo, &|j, k| self.row(&lattice, j, k), &mut |row| {
-                row.into_iter().try_for_each(|brick| emitted.add(&mut stores, brick, self.words))?;
-                rows += 1;
-                progress.report("emitting scalars", f64::from(rows) / (down * deep) as f64);
-                Ok(())
-            })?;
-            emitted.bricks.all += lattice.counts.iter().product::<usize>() as u32;
+    /// Makes the splats.
+    pub(crate) fn emit(&self, context: &Context, progress: &Progress) -> Result<Drawable> {
+        let mut stores = StoreBuilder::new(context, 4 * self.key.words() as u64, u32::MAX);
+        for lattice in &self.lattices {
+            let row = |j: usize, k: usize| self.row(lattice, j, k);
+            stores.push_rows(self.volume, lattice.counts, lattice.halo, (progress, "emitting scalars"), &row)?;
         }
-        emitted.stores = stores.finish()?;
+        let scalars = stores.finish()?;
         context.wait("emitting scalars")?;
-        Ok(emitted)
+        Ok(scalars)
     }
 
-    /// Whether a scalar can show.
+    /// Whether a scalar can be visible.
     fn is_active(&self, scalar: f32) -> bool {
         !self.savings.voxels || !self.invisible.holds(f64::from(scalar))
     }
 
-    /// The finest and the coarsest level that splats are cells of.
-    fn levels(&self) -> [u32; 2] {
-        self.need.cut.map_or([0, 0], |cut| cut.levels)
-    }
-
-    /// Whether any brick of the volume is active that has voxels within the influence of this one.
+    /// Whether an active brick of the volume has voxels within the influence of this brick.
     fn is_near(&self, lattice: &Lattice, brick: [usize; 3]) -> bool {
         let [across, down, deep] = self.volume.bricks().map(|n| n as usize);
-        let reach = self.need.influence.floor() as i64;
+        let reach = (self.key.need.influence / f64::from(lattice.level).exp2()).ceil() as i64;
         let start = lattice.first(brick);
         let bricks = |axis: usize, n: usize| {
             let at = |place: i64| place.div_euclid(EDGE as i64).clamp(0, n as i64 - 1) as usize;
-            let end = start[axis] + EDGE as i64;
-            let voxels = match &self.filters {
-                Some(filters) => filters.voxels(axis, start[axis] - reach..end + reach),
-                None => (start[axis] << lattice.level) - reach..(end << lattice.level) + reach,
-            };
+            let cells = start[axis] - reach..start[axis] + EDGE as i64 + reach;
+            let voxels = lattice.filters.as_ref().map_or(cells.clone(), |filters| filters.voxels(axis, cells));
             at(voxels.start)..=at(voxels.end - 1)
         };
         let active = |[x, y, z]: [usize; 3]| self.active[x + across * (y + down * z)];
@@ -336,35 +262,35 @@ impl<'a> Emission<'a> {
     }
 
     /// The bricks along x with these numbers in y and z that can hold splats.
-    fn row(&self, lattice: &Lattice, j: usize, k: usize) -> Result<Vec<BrickScalars>> {
+    fn row(&self, lattice: &Lattice, j: usize, k: usize) -> Result<Vec<MadeBrick>> {
         let takes_part = |i| {
-            (self.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
+            (self.key.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
                 && (!self.savings.bricks || self.is_near(lattice, [i, j, k]))
         };
         let bricks: Vec<[usize; 3]> = (0..lattice.counts[0]).filter(|&i| takes_part(i)).map(|i| [i, j, k]).collect();
         let (Some(&leftmost), Some(&rightmost)) = (bricks.first(), bricks.last()) else { return Ok(Vec::new()) };
-        let made = |scalars: &dyn Fn([i64; 3]) -> Vec<f32>, flat: &dyn Fn([i64; 3]) -> Vec<bool>| {
-            let first = |brick| lattice.first(brick);
-            bricks.iter().map(|&b| self.brick(lattice, b, &scalars(first(b)), &flat(first(b)))).collect()
-        };
-        let some = |_| Vec::new();
-        if let Some(cells) = &lattice.cells {
-            return Ok(made(&|first| cells.brick(first, self.halo), &some));
-        }
         let (first, last) = (lattice.first(leftmost), lattice.first(rightmost));
-        if let Some(filters) = &self.filters {
-            let halo = self.halo as i64;
-            let [first, end] = [first.map(|cell| cell - halo), last.map(|cell| cell + EDGE as i64 + halo)];
-            let strip = filters.strip(self.volume, &self.relative, [first, end], self.words == LIT_SCALAR_WORDS)?;
-            return Ok(made(&|first| strip.brick(first, self.halo), &|first| strip.flat(first)));
-        }
-        let strip = self.volume.strip([first[1], first[2]], self.halo)?;
-        Ok(made(&|first| bytemuck::pod_collect_to_vec::<u8, f32>(&strip.brick(first, &self.relative)), &some))
+        let made = |scalars: &dyn Fn([i64; 3]) -> (Vec<f32>, Vec<bool>)| {
+            let brick = |&brick: &[usize; 3]| {
+                let (scalars, flat) = scalars(lattice.first(brick));
+                self.brick(lattice, brick, &scalars, &flat)
+            };
+            bricks.iter().map(brick).collect()
+        };
+        let Some(filters) = &lattice.filters else {
+            let strip = self.volume.strip([first[1], first[2]], lattice.halo)?;
+            let scalars = |first| bytemuck::pod_collect_to_vec(&strip.brick(first, &self.relative));
+            return made(&|first| (scalars(first), Vec::new()));
+        };
+        let halo = lattice.halo as i64;
+        let ends = [first.map(|cell| cell - halo), last.map(|cell| cell + EDGE as i64 + halo)];
+        let strip = filters.strip(self.volume, &self.relative, ends, self.key.lit)?;
+        made(&|first| (strip.brick(first, lattice.halo), strip.flat(first)))
     }
 
-    /// How many voxels the scalar of a cell counts for; 0: it takes no part in the picture.
+    /// The number of voxels that a cell counts for; 0: it has no share in the picture.
     fn count(&self, lattice: &Lattice, cell: [i64; 3]) -> f64 {
-        match self.need.cut {
+        match self.key.need.cut {
             None => 1.0,
             Some(cut) if cut.reaches(lattice.level, cell, self.volume.grid().dims()) => {
                 f64::from(3 * lattice.level).exp2() * cut.part(lattice.level, cell)
@@ -373,68 +299,53 @@ impl<'a> Emission<'a> {
         }
     }
 
-    /// The splats of a brick, given its scalars with the halo around them, and which have no gradient, if any.
-    fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32], flat: &[bool]) -> BrickScalars {
-        let (halo, lit) = (self.halo, self.words == LIT_SCALAR_WORDS);
+    /// The splats of a brick, given its scalars with the halo around them, and the cells that have no gradient, if any.
+    fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32], flat: &[bool]) -> Result<MadeBrick> {
+        let (halo, lit) = (lattice.halo, self.key.lit);
         let kept = self.singly.then(|| {
             let active: Vec<bool> = scalars.iter().map(|&s| self.is_active(s)).collect();
-            within_reach(&active, halo, self.need.influence)
+            within_reach(&active, halo, self.key.need.influence)
         });
-        let origin = brick.map(|b| b * EDGE);
         let first = lattice.first(brick);
         let edge = EDGE + 2 * halo;
-        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min(lattice.extended[axis] - origin[axis]));
-        // The places along each axis that hold cells of the volume, not copies.
-        let voxels = [0, 1, 2].map(|axis| {
-            let place = |cell: usize| (cell + lattice.padding).saturating_sub(origin[axis]);
-            place(0)..place(lattice.dims[axis])
-        });
         // Cells are 2^level voxels apart, and gradients are per voxel.
         let steepness = (-f64::from(lattice.level)).exp2();
-        let (mut words, mut in_volume) = (Vec::new(), 0);
-        let mut rows = vec![0; EDGE * EDGE];
-        for z in 0..nz {
-            for y in 0..ny {
-                let start = halo + edge * (y + halo + edge * (z + halo));
-                let row = &scalars[start..][..nx];
-                let kept = kept.as_ref().map(|kept| &kept[EDGE * (y + EDGE * z)..][..nx]);
-                let inside = voxels[1].contains(&y) && voxels[2].contains(&z);
-                for (x, &scalar) in row.iter().enumerate() {
-                    if kept.is_some_and(|kept| !kept[x]) {
-                        continue;
+        let mut copies = 0;
+        let (origin, dims) = (brick.map(|b| (b * EDGE) as u32), lattice.extended.map(|n| n as u32));
+        let made = MadeBrick::of_rows(origin, dims, self.key.words() - 1, |[y, z], count, words| {
+            let start = halo + edge * (y + halo + edge * (z + halo));
+            let kept = kept.as_ref().map_or(u32::MAX, |kept| kept[y + EDGE * z]);
+            let mut bits = 0;
+            for (x, &scalar) in scalars[start..][..count].iter().enumerate().filter(|(x, _)| kept >> x & 1 == 1) {
+                let slopes = lit && !flat.get(x + EDGE * (y + EDGE * z)).is_some_and(|&flat| flat);
+                let gradient = || central_differences(scalars, start + x, edge, lattice.differences);
+                let gradient = if slopes { gradient() } else { [0.0; 3] };
+                let cell = [0, 1, 2].map(|axis| first[axis] + [x, y, z][axis] as i64);
+                let count = self.count(lattice, cell);
+                if count > 0.0 && (scalar != 0.0 || gradient != [0.0; 3]) {
+                    bits |= 1 << x;
+                    words.push(((f64::from(scalar) * count) as f32).to_bits());
+                    if lit {
+                        let gradient = gradient.map(|c| (f64::from(c) * steepness * count) as f32);
+                        words.extend(packed_gradient(gradient));
                     }
-                    let lit = lit && !flat.get(x + EDGE * (y + EDGE * z)).is_some_and(|&flat| flat);
-                    let gradient =
-                        if lit { central_differences(scalars, start + x, edge, self.differences) } else { [0.0; 3] };
-                    let cell = [0, 1, 2].map(|axis| first[axis] + [x, y, z][axis] as i64);
-                    let count = self.count(lattice, cell);
-                    if count > 0.0 && (scalar != 0.0 || gradient != [0.0; 3]) {
-                        let scalar = (f64::from(scalar) * count) as f32;
-                        rows[y + EDGE * z] |= 1 << x;
-                        words.push(scalar.to_bits());
-                        if self.words == LIT_SCALAR_WORDS {
-                            let gradient = gradient.map(|c| (f64::from(c) * steepness * count) as f32);
-                            words.extend(packed_gradient(gradient));
-                        }
-                        in_volume += u64::from(inside && voxels[0].contains(&x));
-                    }
+                    let is_voxel = |axis: usize| (0..lattice.dims[axis] as i64).contains(&cell[axis]);
+                    copies += u64::from(!(0..3).all(is_voxel));
                 }
             }
-        }
-        let origin = origin.map(|o| lattice.origin + ((o as u32) << lattice.level));
-        let brick = BrickSplats::new(origin, 0, rows.iter().copied()).of_level(lattice.level);
-        words.shrink_to_fit();
-        BrickScalars { brick, splats: HostBrick::new(&rows, self.words - 1, words), voxels: in_volume }
+            bits
+        })?;
+        Ok(MadeBrick { brick: made.brick.of_level(lattice.level, lattice.origin), copies, ..made })
     }
 }
 
-/// How far from a place gradients take differences.
+/// The distance of the places that gradients depend on.
 fn reach_of(weights: [f32; 3]) -> usize {
     weights.iter().rposition(|&weight| weight != 0.0).map_or(0, |last| last + 1)
 }
 
-/// The gradient at a place of a brick of `edge` places a side: sums of the differences of places to either side along
-/// x, y and z, times these. It is zero where all are equal, so that no light falls there.
+/// The gradient at a place of a brick of `edge` places a side: weighted sums of the differences of places to either
+/// side along x, y and z. It is zero where all are equal, so that no light falls there.
 fn central_differences(scalars: &[f32], at: usize, edge: usize, weights: [f32; 3]) -> [f32; 3] {
     let weights = &weights[..reach_of(weights)];
     [1, edge, edge * edge].map(|step| {
@@ -442,12 +353,4 @@ fn central_differences(scalars: &[f32], at: usize, edge: usize, weights: [f32; 3
         let difference = |n: usize, weight: f32| weight * scalars[at + n * step] - weight * scalars[at - n * step];
         (1..).zip(weights).map(|(n, &weight)| difference(n, weight)).sum()
     })
-}
-
-/// The splats of one brick.
-struct BrickScalars {
-    /// As if it were the first of its store.
-    brick: BrickSplats,
-    splats: HostBrick,
-    voxels: u64,
 }

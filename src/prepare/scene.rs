@@ -1,26 +1,26 @@
 //! A volume prepared on a device.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use glam::DAffine3;
 
 use super::cells::{self, VoxelLight};
-use super::drawable::{Drawable, PostShaded, PreShaded, Wanted};
-use super::lattice::{Lattice, Lattices, kernel_of_voxels};
+use super::drawable::{Held, PostShaded, PreShaded};
+use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::light_volume::{self, Classification, light_volume};
-use super::pyramid::Pyramid;
 use super::scalar_cells::{self, Coarse};
-use super::scalars::Asked;
+use super::scalars::EmissionKey;
 use super::shadows::Shadows;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::light_volume::{LightVolume, PostShading};
+use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
-use crate::gpu::transfer::{Reduction, Shows, TransferTable};
+use crate::gpu::transfer::{Reduction, TransferTable, VisibleValues};
 use crate::gpu::view::{Fade, ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
 use crate::layers::Layers;
@@ -49,18 +49,13 @@ enum Content {
     Scalars(Box<PostShaded>),
 }
 
-fn shows(settings: &Settings) -> Shows {
+fn shows(settings: &Settings) -> VisibleValues {
     match settings.model {
         // The volume of a minimum is mirrored.
-        Model::Mip | Model::Minip => Shows::Largest,
-        Model::Average => Shows::Mean,
-        Model::Composite | Model::Xray => Shows::Opaque,
+        Model::Mip | Model::Minip => VisibleValues::Largest,
+        Model::Average => VisibleValues::Mean,
+        Model::Composite | Model::Xray => VisibleValues::Opaque,
     }
-}
-
-/// The distance that opacities are per, in units of [`Grid::local`].
-fn local_unit(transfer: &TransferFunction, grid: &Grid) -> f64 {
-    transfer.unit_or(grid.min_spacing()) / grid.unit()
 }
 
 impl Scene {
@@ -69,7 +64,8 @@ impl Scene {
         Self { content, grid, weights, seconds, device: context.id }
     }
 
-    /// A scene of classified voxels. They are classified when a picture asks for them: which, depends on the picture.
+    /// A scene of classified voxels. The first picture classifies them, because the picture decides between voxels and
+    /// cells.
     pub(crate) fn of_splats(context: &Context, layers: &Layers, lit: bool) -> Self {
         let grid = *layers.grid();
         let weights = Weights {
@@ -78,11 +74,10 @@ impl Scene {
             // Light may turn any colour white.
             brightest: if lit { [1.0; 3] } else { layers.brightest() },
         };
-        let voxels = PreShaded { layers: layers.clone(), lit, classified: Mutex::default(), cells: Mutex::default() };
-        Self::new(context, Content::Splats(Box::new(voxels)), grid, weights, 0.0)
+        Self::new(context, Content::Splats(Box::new(PreShaded::new(layers.clone(), lit))), grid, weights, 0.0)
     }
 
-    /// A scene of scalars: all of post-shading that does not depend on the camera.
+    /// A scene of scalars: the part of post-shading that does not depend on the camera.
     pub(crate) fn of_scalars(
         context: &Context,
         volume: &Volume,
@@ -105,16 +100,14 @@ impl Scene {
         let scalars = PostShaded {
             volume,
             sharpened: settings.sharpens(),
-            pyramid: Pyramid::default(),
             transfer: transfer.clone(),
             reduction,
             resolution,
             model: settings.model,
             shows,
-            table: Mutex::default(),
-            plateaus: OnceLock::new(),
-            light: Mutex::new(None),
-            emitted: Mutex::new(None),
+            kept: Cache::default(),
+            light: Held::default(),
+            emitted: Held::default(),
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), grid, weights, seconds))
     }
@@ -123,7 +116,7 @@ impl Scene {
         &self.grid
     }
 
-    /// Classifies the voxels of a pre-shaded scene before a picture asks for them.
+    /// Classifies the voxels of a pre-shaded scene before the first picture.
     pub(crate) fn classify(&self, context: &Context, pipelines: &Cache, progress: &Progress) -> Result<()> {
         if let Content::Splats(voxels) = &self.content {
             let (_, seconds) = voxels.classified(context, pipelines, None, progress)?;
@@ -132,18 +125,17 @@ impl Scene {
         Ok(())
     }
 
-    /// What stands for the voxels in a picture, given its view of them: one lattice, or of rays through one eye
-    /// `layers`, the nearest first.
+    /// The lattices of a picture, the nearest first, given its view of the voxels. With `layers`, a picture through one
+    /// eye may have several.
     pub(crate) fn lattices(
         &self,
         voxels: &ViewGeometry,
         settings: &Settings,
         camera: &Camera,
         layers: bool,
-    ) -> Result<Lattices> {
+    ) -> Result<Vec<Lattice>> {
         if let Some(coarse) = self.coarse(voxels, settings)? {
-            let nearest = self.scalar_cells(coarse, voxels, settings, camera)?;
-            return Ok(Lattices { nearest, behind: Vec::new() });
+            return Ok(vec![self.scalar_cells(coarse, voxels, settings, camera)?]);
         }
         let levels = match settings.level {
             Level::At(level) => [level; 2],
@@ -155,10 +147,7 @@ impl Scene {
                 [voxels.min_growth(), farthest].map(level)
             }
         };
-        let [nearest, farthest] = levels;
-        let of_level = |level| self.lattice(level, levels, voxels, settings, camera);
-        let behind = (nearest + 1..=farthest).map(of_level).collect::<Result<Vec<Lattice>>>()?;
-        Ok(Lattices { nearest: of_level(nearest)?, behind })
+        (levels[0]..=levels[1]).map(|level| self.lattice(level, levels, voxels, settings, camera)).collect()
     }
 
     /// Whether cells can stand for voxels.
@@ -190,7 +179,7 @@ impl Scene {
         camera: &Camera,
     ) -> Result<Lattice> {
         let (settings, weights) = (settings.clone(), self.weights);
-        // Kernels nearer than those that cells can have are as wide as the least of these.
+        // Nearer kernels are as wide as the least that cells can have.
         let least = |level| match settings.level {
             Level::At(_) => cells::least_growth(&settings.kernel, level),
             Level::Auto => cells::right_growth(&settings.kernel, level, self.voxel_depth(&settings)),
@@ -204,7 +193,7 @@ impl Scene {
             }
         });
         let view_of = |grid: &Grid, settings: &Settings, grown| {
-            ViewGeometry::of_cells(camera, grid, settings, voxels.savings(), grown, fade)
+            ViewGeometry::of_cells(camera, grid, settings, voxels.savings, grown, fade)
         };
         let shadows = self.shadows(&settings);
         if level == 0 {
@@ -219,7 +208,7 @@ impl Scene {
             to_eye: voxels.to_eye(),
         });
         let kernel = cells::kernel_of(&settings.kernel, growth, level);
-        // Cells are divided by the integral of their kernel. What voxels are divided by beside theirs stays.
+        // Cells are divided by the integral of their kernel. The normalisation of voxels still applies on top.
         let denser = settings.normalization.density(&settings.kernel);
         let unit = weights.unit * self.grid.unit() / (grid.unit() * denser);
         let grown = growth / f64::from(level).exp2();
@@ -230,7 +219,7 @@ impl Scene {
         Ok(Lattice { view, settings, weights, level, shadows, light, coarse: None })
     }
 
-    /// Which light is kept from voxels, whatever the level: shadows of cells erred by up to 25 of 255.
+    /// The shadows on voxels. Cells use them too: shadows of cells erred by up to 25 of 255.
     fn shadows(&self, settings: &Settings) -> Option<Shadows> {
         let Content::Splats(voxels) = &self.content else { return None };
         let casting = settings.casting()?;
@@ -239,7 +228,7 @@ impl Scene {
         Some(Shadows { casting, lattice, clip: settings.clip.sides(&self.grid) })
     }
 
-    /// The cells of scalars that stand for voxels.
+    /// The lattice of the cells of scalars that stand for voxels.
     fn scalar_cells(
         &self,
         coarse: Coarse,
@@ -248,7 +237,7 @@ impl Scene {
         camera: &Camera,
     ) -> Result<Lattice> {
         let (kernel, normalization) = (settings.kernel, settings.normalization);
-        // Cells are divided by the integral of their kernel. What voxels are divided by beside theirs stays.
+        // Cells are divided by the integral of their kernel. The normalisation of voxels still applies on top.
         let denser = normalization.density(&kernel);
         let weights = Weights { unit: self.weights.unit / denser, ..self.weights };
         let growth = voxels.max_growth();
@@ -257,8 +246,8 @@ impl Scene {
             Settings { kernel: coarse.kernel(&kernel, growth), normalization: Normalization::Unit, ..settings.clone() };
         let settings = of_cells.with_sheets_of(grown);
         let grid = coarse.grid(&self.grid)?;
-        let mut view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings(), grown, None);
-        // Cells at the faces may reach beyond them.
+        let mut view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings, grown, None);
+        // Cells at the faces may reach beyond the faces.
         view.faces = voxels.faces / coarse.size();
         Ok(Lattice {
             view,
@@ -271,7 +260,8 @@ impl Scene {
         })
     }
 
-    /// Which cells of scalars stand for voxels; `None`: voxels do, or the cells of [`ScalarNeed::cut`].
+    /// The cells of scalars that stand for voxels along parallel rays; `None`: voxels, or the cells of
+    /// [`ScalarNeed::cut`].
     fn coarse(&self, voxels: &ViewGeometry, settings: &Settings) -> Result<Option<Coarse>> {
         let Content::Scalars(scalars) = &self.content else { return Ok(None) };
         let at = |level| Coarse::new(&settings.kernel, voxels.max_growth(), level);
@@ -294,8 +284,8 @@ impl Scene {
         }
     }
 
-    /// The settings as painters draw the scene: where extinction depends on gradients that are reconstructed, they are
-    /// those of a lit scene, of a light that changes no colour.
+    /// The settings as painters draw the scene. If extinction depends on reconstructed gradients, they have a light
+    /// that changes no colour, because only lit scenes have gradients.
     pub(crate) fn drawn_with(&self, settings: &Settings) -> Settings {
         let mut settings = settings.clone();
         if let Content::Scalars(scalars) = &self.content
@@ -307,40 +297,32 @@ impl Scene {
         settings
     }
 
-    /// Drops what stands for the voxels of a pre-shaded scene at other levels than these, the nearest and the farthest.
-    pub(crate) fn keep_levels(&self, [nearest, farthest]: [u32; 2]) {
+    /// Drops the cells of a pre-shaded scene at other levels than these lattices have.
+    pub(crate) fn keep_levels(&self, lattices: &[Lattice]) {
         if let Content::Splats(voxels) = &self.content {
-            let mut cells = voxels.cells.lock().unwrap_or_else(PoisonError::into_inner);
-            cells.retain(|cells| (nearest..=farthest).contains(&cells.level));
+            let is_kept = |level: u32| lattices.iter().any(|lattice| lattice.level == level);
+            (0..).zip(&voxels.cells).filter(|(level, _)| !is_kept(*level)).for_each(|(_, cells)| cells.clear());
         }
     }
 
-    /// Seconds that preparing took, told once: pictures after the first did not take them.
+    /// Preparation time in seconds; returned once, then zero.
     pub(crate) fn take_seconds(&self) -> f64 {
         f64::from_bits(self.seconds.swap(0, Ordering::Relaxed))
     }
 
-    /// What scalars are classified by on a lattice of cells of a level.
-    fn table(&self, context: &Context, scalars: &PostShaded, level: u32) -> Arc<TransferTable> {
-        let mut held = scalars.table.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((of, table)) = held.as_ref()
-            && *of == level
-        {
-            return Arc::clone(table);
-        }
-        // The local unit of length goes with cells.
+    /// The table by which scalars are classified on a lattice of cells of a level.
+    fn table(&self, context: &Context, scalars: &PostShaded, level: u32) -> Result<Arc<TransferTable>> {
+        // The local unit of length goes with cells, and their gradients are per cell.
         let size = f64::from(level).exp2();
-        let unit = local_unit(&scalars.transfer, &self.grid) / size;
-        // Gradients of cells are per cell.
+        let unit = scalars.transfer.unit_or(self.grid.min_spacing()) / (self.grid.unit() * size);
         let steepness = self.grid.unit() * size;
         let PostShaded { transfer, reduction, shows, resolution, .. } = scalars;
-        let table = Arc::new(TransferTable::new(context, transfer, reduction, *shows, unit, steepness, resolution));
-        *held = Some((level, Arc::clone(&table)));
-        table
+        let table = || Ok(TransferTable::new(context, transfer, reduction, *shows, unit, steepness, resolution));
+        scalars.kept.get_or_make(level, table)
     }
 
-    /// What a lattice of a post-shaded scene is classified and lit by, and the seconds it took to find the light, 0 if
-    /// the scene held it; `None` for classified voxels.
+    /// The table and the light of a lattice of a post-shaded scene, and the seconds that it took to find the light, 0
+    /// if the scene held it; `None` for classified voxels.
     pub(crate) fn post_shading(
         &self,
         context: &Context,
@@ -349,11 +331,10 @@ impl Scene {
         progress: &Progress,
     ) -> Result<(Option<PostShading>, f64)> {
         let Content::Scalars(scalars) = &self.content else { return Ok((None, 0.0)) };
-        let table = self.table(context, scalars, lattice.level);
+        let table = self.table(context, scalars, lattice.level)?;
         let Some(casting) = lattice.settings.casting() else {
             let light = pipelines.get_or_make((), || Ok(LightVolume::none(context)))?;
-            let to_light = DAffine3::IDENTITY;
-            return Ok((Some(PostShading { table, light, shadows: false, to_light }), 0.0));
+            return Ok((Some(PostShading { table, light, shadows: false, to_light: DAffine3::IDENTITY }), 0.0));
         };
         let (kernel, normalization) = lattice.kernel_of_voxels();
         let (coarse, grid) = self.lit_cells(&kernel, lattice.level)?;
@@ -364,39 +345,25 @@ impl Scene {
         let lattice_of_light = shadow::Lattice::new(&grid, cells, cells.integral() / denser, unit, voxels);
         let clip = lattice.settings.clip.sides(&grid);
         let shadows = Shadows { casting, lattice: lattice_of_light, clip };
-        let post = |light: &Arc<LightVolume>| {
-            let to_light = light.map_from(&lattice.coarse.map_or(Ok(self.grid), |(cells, ..)| cells.grid(&self.grid))?);
-            Ok::<_, Error>(Some(PostShading {
-                table: Arc::clone(&table),
-                light: Arc::clone(light),
-                shadows: true,
-                to_light,
-            }))
-        };
-        let lock = || scalars.light.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((of, light)) = lock().as_ref()
-            && *of == shadows
-        {
-            return Ok((post(light)?, 0.0));
-        }
-        let (light, seconds) = on_host(|| {
+        let (light, seconds) = scalars.light.get_or_make(shadows.clone(), PartialEq::eq, |_| {
             context.guarded("casting shadows", || {
-                // All that a place which may show is lit by lies between voxels so near.
+                // All light on a place that may show lies between voxels so near.
                 let need = ScalarNeed { influence: kernel.radius() + 2.0, ..ScalarNeed::NONE };
                 let lit = !scalars.transfer.gradient_opacity().is_empty();
                 let coarse = coarse.map(|(cells, _)| cells);
-                let emitted = scalars.emit(context, &Asked { kernel, normalization, need, lit, coarse }, progress)?;
+                let emitted =
+                    scalars.emit(context, &EmissionKey { kernel, normalization, need, lit, coarse }, progress)?;
                 let PostShaded { transfer, reduction, .. } = scalars.as_ref();
-                light_volume(context, &emitted, &grid, &Classification { transfer, reduction }, &shadows, progress)
+                let classification = Classification { transfer, reduction };
+                Ok(Arc::new(light_volume(context, &emitted, &grid, &classification, &shadows, progress)?))
             })
-        });
-        let light = Arc::new(light?);
-        *lock() = Some((shadows, Arc::clone(&light)));
-        Ok((post(&light)?, seconds))
+        })?;
+        let to_light = light.map_from(&lattice.coarse.map_or(Ok(self.grid), |(cells, ..)| cells.grid(&self.grid))?);
+        Ok((Some(PostShading { table, light, shadows: true, to_light }), seconds))
     }
 
-    /// The lattice that the light of a post-shaded picture is found on: voxels, or cells and the growth of the kernels
-    /// that they stand for. It is no finer than that of the picture, and no larger than a light volume may be.
+    /// The lattice of the light of a post-shaded picture: voxels, or cells and the growth of the kernels that they
+    /// stand for. It is no finer than the lattice of the picture and no larger than a light volume may be.
     fn lit_cells(&self, kernel: &Kernel, level: u32) -> Result<(Option<(Coarse, f64)>, Grid)> {
         for level in level..=MAX_LEVEL {
             let growth = cells::least_growth(kernel, level);
@@ -431,34 +398,21 @@ impl Scene {
         }
     }
 
-    /// The splats that a picture is made of, and the seconds it took to make them, 0 if the scene held them.
+    /// The splats of a lattice, and the seconds that it took to make them, 0 if the scene held them.
     pub(crate) fn drawable(
         &self,
         context: &Context,
         pipelines: &Cache,
-        wanted: Wanted<'_>,
+        lattice: &Lattice,
+        need: ScalarNeed,
         progress: &Progress,
-    ) -> Result<(Drawable, f64)> {
-        let Wanted { settings, level, shadows, coarse, need, .. } = wanted;
-        let scalars = match &self.content {
-            Content::Splats(voxels) if level == 0 => return voxels.classified(context, pipelines, shadows, progress),
-            Content::Splats(voxels) => return voxels.cells(context, pipelines, wanted, progress),
-            Content::Scalars(scalars) => scalars,
-        };
-        let (kernel, normalization) = kernel_of_voxels(settings, coarse);
-        let coarse = coarse.map(|(coarse, ..)| coarse);
-        let asked = Asked { kernel, normalization, need, lit: settings.lighting.is_some(), coarse };
-        let lock = || scalars.emitted.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((of, emitted)) = lock().as_ref()
-            && of.serves(&asked)
-        {
-            return Ok((Drawable::Emitted(Arc::clone(emitted)), 0.0));
+    ) -> Result<(Arc<Drawable>, f64)> {
+        match &self.content {
+            Content::Splats(voxels) if lattice.level == 0 => {
+                voxels.classified(context, pipelines, lattice.shadows.as_ref(), progress)
+            }
+            Content::Splats(voxels) => voxels.cells(context, pipelines, lattice, progress),
+            Content::Scalars(scalars) => scalars.emitted(context, lattice, need, progress),
         }
-        // Not under the lock: who emits waits for a pool of threads, which may hand it work that asks for the lock.
-        let (emitted, seconds) =
-            on_host(|| context.guarded("emitting scalars", || scalars.emit(context, &asked, progress)));
-        let emitted = Arc::new(emitted?);
-        *lock() = Some((asked, Arc::clone(&emitted)));
-        Ok((Drawable::Emitted(emitted), seconds))
     }
 }

@@ -1,5 +1,5 @@
-//! shadows: from splats to splats that know how much light arrives at them. On the host, for any adapter: once for each
-//! volume, transfer function and set of lights, not for each picture.
+//! shadows: from splats to splats with the shares of light that arrive at them. On the host, for any adapter: once for
+//! a volume, a transfer function and a set of lights.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -12,25 +12,25 @@ use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{SHADED_WORDS, Splat};
 use crate::gpu::splat::{LANES, kept, packed_kept};
-use crate::gpu::store::{BrickSplats, HostBrick, Store, StoreBuilder, places};
+use crate::gpu::store::{BrickSplats, HostBrick, MadeBrick, Row, Store, StoreBuilder, places};
 use crate::lighting::Casting;
 use crate::lighting::shadow::{Block, Caster, Lattice, Medium};
 use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
 use voxsplat_volume::memory::reserved;
 
-/// Words of a lit splat without its place and without what it keeps of light.
+/// Words of a lit splat without its place and without the shares of light.
 const LIT: usize = size_of::<Splat>() / 4 - 1;
 
-/// Planes of a brick that are added up together: what they read together stays in caches.
+/// Planes of a brick whose sums are computed together, so that their input stays in caches.
 pub(crate) const PLANES: usize = 4;
 
-/// Which light is kept from the splats of a lattice of kernels.
+/// The shadows on a lattice of splats.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Shadows {
     pub(crate) casting: Casting,
     pub(crate) lattice: Lattice,
-    /// What is not cut away: the rest casts none.
+    /// The sides of unclipped matter; clipped matter casts no shadows.
     pub(crate) clip: Vec<Side>,
 }
 
@@ -42,7 +42,7 @@ impl Shadows {
     }
 }
 
-/// The splats of stores, lit ones, with the shares of light that arrive at each.
+/// Returns lit splats with the shares of light that arrive at each.
 pub(crate) fn shaded(
     context: &Context,
     stores: &[Store],
@@ -52,20 +52,10 @@ pub(crate) fn shaded(
     let Shadows { casting, lattice, .. } = shadows;
     let held = stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
     let bricks = bricks_of(stores, &held);
-    let mut medium = Medium::<f32>::new(lattice.dims)?;
-    for (brick, held) in &bricks {
-        for (at, bits, words) in rows(brick, held) {
-            for (x, words) in places(bits).zip(words.chunks_exact(held.each)) {
-                let point = [at[0] + x, at[1], at[2]];
-                if shadows.casts(point) {
-                    medium.set(point, f32::from_bits(words[0] & 0xffff_ff00));
-                }
-            }
-        }
-    }
+    let medium = medium(&bricks, shadows, &|words| f32::from_bits(words[0] & 0xffff_ff00))?;
     let caster = Caster::new(casting, lattice);
     let done = AtomicUsize::new(0);
-    let shade = |&(brick, held): &(&BrickSplats, &HostBrick)| -> Result<(HostBrick, BrickSplats)> {
+    let shade = |&(brick, held): &(&BrickSplats, &HostBrick)| -> Result<MadeBrick> {
         let count = u64::from(held.count());
         let mut shaded = reserved(count * (SHADED_WORDS - 1) as u64, || "splats of a brick".to_owned())?;
         let mut splats = held.words.chunks_exact(held.each);
@@ -76,28 +66,24 @@ pub(crate) fn shaded(
         let number = done.fetch_add(1, Ordering::Relaxed) + 1;
         progress.report("casting shadows", number as f64 / bricks.len() as f64);
         let bits: Vec<u32> = held.rows.iter().map(|row| row.bits).collect();
-        Ok((HostBrick::new(&bits, SHADED_WORDS - 1, shaded), *brick))
+        Ok(MadeBrick::new(brick.origin, &bits, SHADED_WORDS - 1, shaded))
     };
     let shaded = bricks.par_iter().map(shade).collect::<Result<Vec<_>>>()?;
     let mut stores = StoreBuilder::new(context, 4 * SHADED_WORDS as u64, u32::MAX);
-    for (splats, brick) in shaded {
-        let count = splats.count();
-        let (_, first) = stores.make_room(count, 1)?;
-        stores.add(splats, count, [BrickSplats { first, ..brick }]);
-    }
-    stores.finish()
+    shaded.into_iter().try_for_each(|brick| stores.push(brick))?;
+    Ok(stores.finish()?.stores)
 }
 
 /// The shares of light that arrive at the voxels of a lattice.
 pub(crate) struct Arriving {
     /// Bricks along each axis.
     bricks: [usize; 3],
-    /// By brick, x fastest: the splats of a store, and the number of the brick there. `None`: it has no splats.
+    /// By brick, x fastest: the splats of a store, and the number of the brick in it; `None`: the brick has no splats.
     held: Vec<Option<(Arc<Vec<HostBrick>>, usize)>>,
 }
 
 impl Arriving {
-    /// At the splats that [`shaded`] made of a lattice of so many points.
+    /// The shares at the splats of [`shaded`], on a lattice of `dims` points.
     pub(crate) fn new(context: &Context, shaded: &[Store], dims: [u32; 3]) -> Result<Self> {
         let bricks = dims.map(|n| (n as usize).div_ceil(EDGE));
         let mut held = vec![None; bricks.iter().product()];
@@ -111,7 +97,7 @@ impl Arriving {
         Ok(Self { bricks, held })
     }
 
-    /// At [`LANES`] voxels of a row; all light arrives where there is no splat.
+    /// The shares at [`LANES`] voxels of a row; all light arrives at voxels without a splat.
     pub(crate) fn at(&self, [first, y, z]: [usize; 3]) -> [[f32; LANES]; 4] {
         let (mut low, mut high) = ([u32::MAX; LANES], [u32::MAX; LANES]);
         let row = self.bricks[0] * (y / EDGE + self.bricks[1] * (z / EDGE));
@@ -129,7 +115,7 @@ impl Arriving {
     }
 }
 
-/// The bricks of stores whose splats are held on the host.
+/// The bricks of stores with their splats on the host.
 pub(crate) fn bricks_of<'a>(
     stores: &'a [Store],
     held: &'a [Arc<Vec<HostBrick>>],
@@ -137,8 +123,31 @@ pub(crate) fn bricks_of<'a>(
     stores.iter().zip(held).flat_map(|(store, held)| store.bricks.iter().zip(held.iter())).collect()
 }
 
-/// Calls `visit` for each splat of a brick, in their order, with its lattice point and the shares of light that arrive
-/// there.
+/// The densities of the splats that cast shadows. `density` gets the words of a splat without the place.
+pub(crate) fn medium(
+    bricks: &[(&BrickSplats, &HostBrick)],
+    shadows: &Shadows,
+    density: &(dyn Fn(&[u32]) -> f32 + Sync),
+) -> Result<Medium<f32>> {
+    let mut medium = Medium::new(shadows.lattice.dims)?;
+    let dense = |(brick, held): &(&BrickSplats, &HostBrick)| {
+        let [x, y, z] = brick.origin.map(|p| p as usize);
+        let rows = held.rows.iter().enumerate();
+        let points = rows.flat_map(|(row, &Row { bits, .. })| {
+            places(bits).map(move |place| [x + place, y + row % EDGE, z + row / EDGE])
+        });
+        let splats = points.zip(held.words.chunks_exact(held.each)).map(|(point, words)| (point, density(words)));
+        splats.filter(|(point, density)| *density > 0.0 && shadows.casts(*point)).collect::<Vec<_>>()
+    };
+    // Some bricks at a time: their densities are in memory twice for a moment.
+    for bricks in bricks.chunks(256) {
+        let found: Vec<_> = bricks.par_iter().map(dense).collect();
+        found.into_iter().flatten().for_each(|(point, density)| medium.set(point, density));
+    }
+    Ok(medium)
+}
+
+/// Calls `visit` for each splat of a brick, in order, with its lattice point and the shares of light that arrive there.
 pub(crate) fn each_share(
     caster: &Caster<f32>,
     medium: &Medium<f32>,
@@ -157,14 +166,4 @@ pub(crate) fn each_share(
             places(wanted[row]).for_each(|at| visit([x + at, y, z], shares.map(|share| share[at])));
         }
     }
-}
-
-/// The rows of a brick that have splats: the lattice point of their first place, the bits of the places, the words.
-pub(crate) fn rows<'a>(brick: &BrickSplats, held: &'a HostBrick) -> impl Iterator<Item = ([usize; 3], u32, &'a [u32])> {
-    let origin = brick.origin.map(|p| p as usize);
-    held.rows.iter().enumerate().filter(|(_, row)| row.bits != 0).map(move |(number, row)| {
-        let at = [origin[0], origin[1] + number % EDGE, origin[2] + number / EDGE];
-        let (first, count) = (row.first as usize, row.bits.count_ones() as usize);
-        (at, row.bits, &held.words[first * held.each..(first + count) * held.each])
-    })
 }

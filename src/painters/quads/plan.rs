@@ -10,7 +10,6 @@ use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
 use crate::kernel::Kernel;
 use crate::prepare::levels::{Cut, ScalarNeed};
-use crate::prepare::pyramid::spread;
 use crate::settings::{Level, Model, Precision, Settings, Sheets};
 
 /// A region of a picture and the uniforms to render it with, on the device.
@@ -370,8 +369,7 @@ impl<'a> Plan<'a> {
             home_slope: f2(home_slope.to_array()),
             tiles: self.tiles(region)[0],
             tile_size: self.tile_size(),
-            level_spread: (spread(1) / (3.0 * self.kernel.variance())) as f32,
-            _pad: 0,
+            _pad: [0; 2],
             model: self.model,
             clip_planes: clip_planes(view.clip.iter().map(plane)),
         }
