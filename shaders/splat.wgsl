@@ -67,7 +67,8 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     let center = view_center(lattice);
     let growth = growth_at(center.z, splat_level(words));
     let side = vec2f(f32(corner & 1u), f32(corner >> 1u)) * 2.0 - 1.0;
-    if CLIP_PLANES > 0u && is_cut_away(center, frame.radius * growth) {
+    // Scalars are cut when they are classified.
+    if CLIP_PLANES > 0u && !SCALARS && is_cut_away(center, frame.radius * growth) {
         return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
     }
     var box: vec4f;
@@ -172,7 +173,7 @@ fn chord(in: Varyings) -> Chord {
     let half = sqrt(max(half2, 0.0));
     c.low = -half;
     c.high = half;
-    if CLIP_PLANES > 0u {
+    if CLIP_PLANES > 0u && !SCALARS {
         let inside = (clipped(vec2f(-BEYOND, BEYOND), plane) - in.center.z) * grid_per_depth + along;
         c.low = clamp(inside.x, -half, half);
         c.high = clamp(inside.y, c.low, half);

@@ -38,7 +38,7 @@ fn splat_place(x: u32, y: u32, z: u32, brick: u32) -> u32 {
     return x | (y << 5u) | (z << 10u) | (brick << 15u);
 }
 
-// Classified voxels have the words `kept`.
+// Classified voxels have the words `kept`; scalars never have.
 override SHADOWS: bool = false;
 
 // Where a splat begins.
@@ -46,7 +46,7 @@ fn splat_at(index: u32) -> u32 {
     if SCALARS && !GRADIENTS {
         return index;
     }
-    return index * select(2u, 3u, SHADOWS);
+    return index * select(2u, 3u, SHADOWS && !SCALARS);
 }
 
 // The first two words of a splat.

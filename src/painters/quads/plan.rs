@@ -35,7 +35,7 @@ impl Target<'_> {
 pub(crate) struct Plan<'a> {
     pub(super) view: &'a ViewGeometry,
     /// Lattice axis of axis-aligned sheets.
-    pub(super) axis: Option<usize>,
+    pub(crate) axis: Option<usize>,
     /// Layers of the lattice beyond the faces of the volume.
     pub(super) padding: u32,
     /// View depth at which the first sheet begins.
@@ -244,10 +244,6 @@ impl<'a> Plan<'a> {
         self.sheet_origin + f64::from(sheet) * self.sheet_step
     }
 
-    pub(crate) fn is_axis_aligned(&self) -> bool {
-        self.axis.is_some()
-    }
-
     /// The parameters of the batch that begins with sheet `first`.
     pub(crate) fn batch(&self, first: u32) -> Batch {
         let from = if self.axis.is_some() { 0 } else { first };
@@ -267,15 +263,6 @@ impl<'a> Plan<'a> {
     /// Tiles across and down a region.
     pub(crate) fn tiles(&self, region: Region) -> [u32; 2] {
         [region.width, region.height].map(|side| side.div_ceil(self.tile_size()))
-    }
-
-    pub(crate) fn sheets(&self) -> u32 {
-        self.sheets
-    }
-
-    /// World thickness of a sheet.
-    pub(crate) fn sheet_step(&self) -> f64 {
-        self.sheet_step
     }
 
     /// The most batches of `sheets` that one kernel can reach into.

@@ -5,18 +5,17 @@ use std::ops::Range;
 use super::Packing;
 use crate::error::Result;
 use crate::gpu::layout::{Lighting, Pack};
-use crate::gpu::pipeline::{bind, texture_view};
+use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
-use crate::gpu::scan::WORKGROUP;
 use crate::gpu::store::Store;
+use crate::painters::stage::{Stage, for_each};
 
 /// Bytes of the buffer that is packed and copied to the texture at a time: small beside the volume.
 const BAND: u64 = 16 << 20;
 
 /// A run of the stage on the device.
 pub(super) struct DeviceStage<'a> {
-    pub(super) layout: &'a wgpu::BindGroupLayout,
-    pub(super) voxels: &'a wgpu::ComputePipeline,
+    pub(super) stage: &'a Stage,
     pub(super) stores: &'a [Store],
     pub(super) packing: &'a Packing,
     pub(super) lighting: &'a Lighting,
@@ -61,9 +60,7 @@ impl DeviceStage<'_> {
                     texels.as_entire_binding(),
                     texture_view(&occupied),
                 ];
-                let group = bind(context, "pack", self.layout, &resources);
-                let (x, y) = context.workgroups(splats.len() as u64, WORKGROUP);
-                recorder.dispatch("pack", self.voxels, &group, &[], [x, y, 1]);
+                self.stage.run(recorder, &resources, for_each(context, splats.len() as u64));
             }
             recorder.copy_rows(&texels, row_bytes, volume, first_row, [width, row_count]);
             recorder.submit();

@@ -26,8 +26,6 @@ const ROWS: usize = 16;
 pub(super) struct HostStage<'a> {
     pub(super) packing: &'a Packing,
     pub(super) lit: &'a Lit<'a>,
-    /// Some light is at a place.
-    pub(super) points: bool,
     pub(super) parameters: &'a Pack,
 }
 
@@ -89,7 +87,7 @@ impl HostStage<'_> {
                     let kept = shadows.then(|| splat::kept(&run.column(3), &run.column(4)));
                     let to_eye = self.lit.to_eye.at(&run.xs, run.y, run.z);
                     let lighting = self.lit.lighting;
-                    let places = self.points.then(|| splat::places(lighting, &run.xs, run.y, run.z));
+                    let places = self.lit.points.then(|| splat::places(lighting, &run.xs, run.y, run.z));
                     let normals = splat::normals(&run.column(2));
                     splat::light(lighting, lights, &mut colors, &normals, kept.as_ref(), places.as_ref(), &to_eye);
                 }

@@ -14,11 +14,12 @@ use super::axis::unordered;
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{Lighting, MACROCELL, MARGIN, Pack};
-use crate::gpu::pipeline::{Binding, compute, flag, layout, module};
+use crate::gpu::pipeline::Binding;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
 use crate::gpu::splat::ToEye;
 use crate::gpu::store::Store;
+use crate::painters::stage::{Constants, Stage};
 
 /// What is packed of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -34,10 +35,6 @@ pub(super) enum Voxel {
 }
 
 impl Voxel {
-    fn is_scalar(self) -> bool {
-        matches!(self, Self::Scalar | Self::Gradient)
-    }
-
     /// Bytes of a texel, which holds two voxels.
     fn texel(self) -> u64 {
         if self == Self::Scalar { 8 } else { 16 }
@@ -179,41 +176,27 @@ pub(crate) struct Packed {
     pub(super) occupied: wgpu::TextureView,
     /// The factor that densities, or scalars with gradients, were multiplied by: a power of two.
     pub(super) scale: f64,
-    bytes: u64,
-}
-
-impl Packed {
     /// Bytes on the device.
-    pub(crate) fn bytes(&self) -> u64 {
-        self.bytes
-    }
+    pub(super) bytes: u64,
 }
 
-/// What packs.
+/// The stage that packs.
 pub(super) enum Packer {
-    Device {
-        layout: wgpu::BindGroupLayout,
-        voxels: wgpu::ComputePipeline,
-    },
-    /// The twin on the host, and whether some light is at a place.
-    Host {
-        points: bool,
-    },
+    Device(Stage),
+    /// The twin on the host.
+    Host,
 }
 
-/// The light on what is packed.
+/// The light on packed voxels.
 pub(super) struct Lit<'a> {
     pub(super) lighting: &'a Lighting,
     pub(super) to_eye: ToEye,
+    /// Some light is at a place.
+    pub(super) points: bool,
 }
 
 impl Packer {
-    pub(super) fn new(context: &Context, voxel: Voxel, perspective: bool, points: bool, on_host: bool) -> Self {
-        if on_host { Self::Host { points } } else { Self::on_device(context, voxel, perspective, points) }
-    }
-
-    /// `points`: some light is at a place.
-    pub(super) fn on_device(context: &Context, voxel: Voxel, perspective: bool, points: bool) -> Self {
+    pub(super) fn on_device(context: &Context, constants: &Constants) -> Self {
         let slots = [
             Binding::Uniform,
             Binding::Uniform,
@@ -222,23 +205,7 @@ impl Packer {
             Binding::Write,
             Binding::StorageTexture(wgpu::TextureFormat::R32Uint, wgpu::TextureViewDimension::D3),
         ];
-        let stage = wgpu::ShaderStages::COMPUTE;
-        let pack = layout(context, "pack", stage, &slots);
-        let (lights, shadows) = match voxel {
-            Voxel::Color { lights, shadows } => (lights, shadows),
-            _ => (0, false),
-        };
-        let constants = [
-            ("LIGHTS", f64::from(lights)),
-            ("POINT_LIGHTS", flag(points && lights > 0)),
-            ("SHADOWS", flag(shadows)),
-            ("SCALARS", flag(voxel.is_scalar())),
-            ("GRADIENTS", flag(voxel == Voxel::Gradient)),
-            // The direction to the eye is all that a perspective changes here.
-            ("PERSPECTIVE", flag(perspective && lights > 0)),
-        ];
-        let voxels = compute(context, &module(context, shaders::PACK), "pack", "voxels", &pack, &constants);
-        Self::Device { layout: pack, voxels }
+        Self::Device(Stage::new(context, shaders::PACK, ("pack", "voxels"), &slots, constants))
     }
 
     /// Packs the splats of stores, whose largest weight is `max_weight`; into the textures of `over`, the same splats
@@ -279,13 +246,12 @@ impl Packer {
             None => packing.textures(context),
         };
         match self {
-            Self::Device { layout, voxels } => {
-                let lighting = lit.lighting;
-                let stage = DeviceStage { layout, voxels, stores, packing: &packing, lighting };
+            Self::Device(stage) => {
+                let stage = DeviceStage { stage, stores, packing: &packing, lighting: lit.lighting };
                 stage.run(recorder, parameters, &volume, &occupied)?;
             }
-            &Self::Host { points } => {
-                let stage = HostStage { packing: &packing, lit, points, parameters: &parameters };
+            Self::Host => {
+                let stage = HostStage { packing: &packing, lit, parameters: &parameters };
                 recorder.on_host("pack", |recorder| stage.run(recorder, stores, &volume, &occupied))?;
             }
         }
