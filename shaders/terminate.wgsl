@@ -6,8 +6,8 @@
 
 // Entries of one invocation.
 const RUN: u32 = 16u;
-// The most tiles along a side that bounds are held against. A tile is half of what a splat in the middle of the volume
-// spans, so only splats beside the eye span more, and those are drawn.
+// The most tiles along a side of the bounds of a splat. A tile is half the span of a splat in the middle of the volume,
+// so only splats beside the eye span more, and those are drawn.
 const MAX_SPAN: u32 = 8u;
 
 struct Terminate {

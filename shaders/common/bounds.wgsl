@@ -1,7 +1,7 @@
 // The part of the image that a splat can touch.
 
 override PERSPECTIVE: bool = false;
-// Whether kernels may be larger than asked for in this frame, where voxels fall closer together than pixels.
+// Whether kernels may have grown in this frame, because voxels fall closer together than pixels.
 override GROWN: bool = false;
 
 // View coordinates of a lattice point.
@@ -14,8 +14,8 @@ fn view_center(lattice: vec3f) -> vec3f {
     );
 }
 
-// How many times as large as asked for the kernel of a splat at view depth `z` is. Cells of levels have spread their
-// voxels already: their kernels are so much narrower that the variances add up to that of the kernel of a voxel.
+// The growth of the kernel of a splat at view depth `z`. Cells of levels have spread their voxels already: their
+// kernels are narrower, such that the variances add up to the variance of the kernel of a voxel.
 fn growth_at(z: f32, level: u32) -> f32 {
     if !GROWN {
         return 1.0;
@@ -36,8 +36,8 @@ fn bounds_along(axis: vec3f, center: f32, depth: vec3f, z: f32, radius: f32) -> 
     }
     // Planes through the eye, of slope k = x / z, touch the support if (center - k z)^2 = R^2 |axis - k depth|^2. With
     // s = center / z, e = R depth / z and g = R axis: (s - k)^2 = |g / z - k e|^2. The middle and the half extent of
-    // the roots are formed without the square of s, beside which that of a small support would be rounded away, and
-    // without that of z, which may be 1e30.
+    // the roots are formed without the square of s, beside which the square of a small support would be rounded away,
+    // and without the square of z, which may be 1e30.
     let e = depth * (radius / z);
     let g = axis * radius;
     let s = center / z;
@@ -72,8 +72,8 @@ fn cut_along(axis: vec3f, center: f32, depth: vec3f, z: f32, radius: f32, low: f
     if a >= 0.0 || d <= 0.0 {
         return vec2f(low, high);
     }
-    // Planes of slopes between the roots of a k^2 - 2 b k + c pass the support by. What of it is before the eye lies to
-    // that side of them to which its centre does.
+    // Planes of slopes between the roots of a k^2 - 2 b k + c pass the support by. Its part before the eye lies on the
+    // same side of them as its centre.
     let q = b + select(-1.0, 1.0, b >= 0.0) * sqrt(d);
     let near = c / q;
     let far = q / a;

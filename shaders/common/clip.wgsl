@@ -8,8 +8,8 @@ const MAX_CLIP_PLANES: u32 = 8u;
 // Before or behind every place on a ray, but not infinite.
 const BEYOND: f32 = 1e30;
 
-// Of the part of a ray between two places, what is on the inner side of a plane: where at + slope * place >= 0. Nothing
-// is left if x >= y. A plane and its opposite cut at the same place, to the bit.
+// The part of a ray between two places that is on the inner side of a plane: where at + slope * place >= 0. Nothing is
+// left if x >= y. A plane and its opposite cut at the same place, to the bit.
 fn on_inner_side(part: vec2f, at: f32, slope: f32) -> vec2f {
     // Along the plane, to rounding: all of the ray or nothing.
     let along = abs(slope) < 1e-20;

@@ -40,8 +40,8 @@ struct Frame {
     clip_offset: vec2f,
     // Half extent by which a quad is grown, in plane coordinates: absorbs the rounding of its corners.
     quad_pad: vec2f,
-    // What a sheet accumulates per density and world length of a section: sheet_scale / (N unit_distance), N the
-    // integral of the kernel.
+    // The value of a sheet per density and world length of a section: sheet_scale / (N unit_distance), N the integral
+    // of the kernel.
     section_scale: f32,
     // Optical depth per accumulated value, 1 / sheet_scale.
     inverse_sheet_scale: f32,
@@ -67,10 +67,10 @@ struct Frame {
     tile_size: u32,
     // By how much growth^2 shrinks at level n, over 4^n - 1.
     level_spread: f32,
-    // What the model takes. X-ray: `curve` of common/response.wgsl. Coded or attenuated by depth: the share of
+    // Parameters of the model. X-ray: `curve` of common/response.wgsl. Coded or attenuated by depth: the share of
     // view depth z in the depth of the box is model.x z + model.y, and model.z is the attenuation.
     model: vec4f,
-    // What is on the inner side of a clipping plane, at view coordinates (x, y, z): dot(xyz, (x, y, z)) + w >= 0, in
+    // The inner side of a clipping plane are the view coordinates (x, y, z) with dot(xyz, (x, y, z)) + w >= 0, in
     // voxels. See common/clip.wgsl.
     clip_planes: array<vec4f, MAX_CLIP_PLANES>,
 }

@@ -1,11 +1,11 @@
 // The light that arrives at each place of a field of scalars: shares of it at voxels or cells, linear between them. The
-// bindings are those of a stage that uses it.
+// bindings belong to the stage that uses it.
 // uses: common/lighting
 
 // Whether light is kept from the field.
 override SHADOWS: bool = false;
 
-// The shares that arrive at a place of the texture: of the lights that cast shadows (xyz) and of what is around (w).
+// The shares that arrive at a place of the texture: of the lights that cast shadows (xyz) and of ambient light (w).
 fn kept_at(place: vec3f) -> vec4f {
     if !SHADOWS {
         return UNSHADED;

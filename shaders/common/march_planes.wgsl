@@ -1,10 +1,9 @@
-// The march of one ray from voxel plane to voxel plane, run after run. Each stage of rays says what a plane adds to the
-// slabs that are not complete: the struct `Slabs`, the functions `feed` and `begin_run`, and FLUSH, the planes that are
-// marched after the last of a run until every slab that the run feeds has been composited; and by `is_opaque` whether a
-// ray ends.
+// The march of one ray from voxel plane to voxel plane, run after run. Each stage of rays defines `Slabs`, the slabs
+// that are not complete, `feed`, which adds a plane to them, `begin_run`, `is_opaque`, which ends rays, and FLUSH, the
+// number of planes after the last of a run until every slab that the run feeds has been composited.
 // uses: common/plane, common/ray_geometry
 
-// `start` is what the ray has gathered before.
+// Marches a ray on from the state `start`.
 fn march_planes(tile: vec3u, geometry: RayGeometry, start: RayState) -> RayState {
     let footprints = footprints_of(geometry);
     var ray = start;

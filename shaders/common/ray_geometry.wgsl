@@ -1,18 +1,17 @@
-// What a ray of the painter `tiles` is like, and what it has gathered so far: shared by gather.wgsl and
-// gather_scalars.wgsl.
+// The geometry and the state of a ray of the painter `tiles`, shared by gather.wgsl and gather_scalars.wgsl.
 // uses: common/rays
 
 // Voxels are scalars.
 override SCALARS: bool = false;
 
-// A section of kernels as asked for, and what a growth less 1, and the square of that, change of it.
+// A section of kernels that have not grown, and its coefficients of the growth less 1 and of the square of that.
 struct GrowingSection {
     as_asked: Section,
     once: Section,
     twice: Section,
 }
 
-// What is constant along a ray. Lengths are in voxels unless a name says otherwise; axes (a, b, m) as in
+// The constants of a ray. Lengths are in voxels unless a name says otherwise; axes (a, b, m) as in
 // common/rays.wgsl.
 struct RayGeometry {
     // The ray meets plane k at base + k shear.
@@ -32,7 +31,7 @@ struct RayGeometry {
     // The growth of a kernel where the ray meets plane 0, and its change from plane to plane.
     growth: vec2f,
     // The planes, as real numbers, between which the ray counts: of scalars in front of the eye and inside the box; of
-    // colours all or, if what the ray meets is behind the eye, none.
+    // colours all or, if the volume along the ray is behind the eye, none.
     inside: vec2f,
     // The planes between which the ray is not cut away.
     cut: vec2f,
@@ -40,7 +39,7 @@ struct RayGeometry {
     to_eye: vec3f,
 }
 
-// What a ray has gathered.
+// The state of a ray.
 struct RayState {
     // Premultiplied colour. Of the largest scalar: color.x is the scalar, color.y is 1 once there is one, and color.z
     // is its place, in planes. Of the mean: color.x is the sum over slabs.
@@ -68,7 +67,7 @@ fn section_between(step: u32, fraction: f32, lean: f32) -> Section {
     );
 }
 
-// The same with what growth changes.
+// A section that grows, between two entries of each table.
 fn sections_between(step: u32, fraction: f32, lean: f32) -> GrowingSection {
     return GrowingSection(
         section_between(step, fraction, lean),
@@ -142,7 +141,7 @@ fn geometry_of(point: vec2u) -> RayGeometry {
 }
 
 // The point of an invocation's ray, in a tile of 8 x 8 neighbours. Eight invocations in a row, which software marches
-// together, are a block of 4 x 2 points: their rays end at more nearly the same depth than those of a row do.
+// together, are a block of 4 x 2 points: their rays end at more nearly the same depth than the rays of a row.
 fn point_of(tile: vec3u, lane: u32) -> vec2u {
     let x = (lane & 3u) | ((lane >> 1u) & 4u);
     let y = ((lane >> 2u) & 1u) | ((lane >> 3u) & 6u);

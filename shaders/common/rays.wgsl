@@ -26,8 +26,8 @@ const FAR: f32 = 1e8;
 // 0.542, of the others 0.592 each.
 const SECTIONS: u32 = 9u;
 const SECTION_STEPS: f32 = 8.0 / 1.55;
-// Tables of sections: their values for kernels as asked for, and the coefficients of their growth less 1 and of the
-// square of that.
+// Tables of sections: their values for kernels that have not grown, and the coefficients of the growth less 1 and of
+// the square of that.
 const SECTION_POWERS: u32 = 3u;
 // Where the tables of the slabs that only wide kernels of scalars reach begin.
 const FAR_SECTIONS: u32 = SECTIONS * SECTION_POWERS;
@@ -54,7 +54,7 @@ struct Rays {
     // Square of the kernel's radius.
     radius2: f32,
     // Rays through one eye: a point (a, b, plane) in the middle of the volume that a ray in the middle of all of them
-    // goes through. Places are measured from it, as the eye may be too far away for f32.
+    // goes through. Places are measured from it, because the eye may be too far away for f32.
     middle: vec3f,
     // Parallel rays: in the row of voxels at distance v along b from a ray, the kernels that reach the ray are centred
     // within row_half of row_slope v along a.
@@ -126,8 +126,8 @@ struct Rays {
     // that reach the ray.
     growth_most: f32,
     growth_around: f32,
-    // Layers (see LAYERED): the growth at which the share of the layer begins, and over how much it becomes whole, as a
-    // reciprocal; the growth at which nothing of it is left, and over how much it fades before.
+    // Layers (see LAYERED): the growth at which the share of the layer begins, and one over the growth until it is
+    // whole; the growth at which nothing of it is left, and one over the growth in which it fades before.
     fade_in: vec2f,
     fade_out: vec2f,
     // The place of the length of a gradient among bins: see common/transfer.wgsl.
@@ -137,13 +137,12 @@ struct Rays {
     // From (a, b, plane) to the light volume, and to the lattice.
     to_light: mat4x3f,
     to_lattice: mat4x3f,
-    // What the model takes. X-ray: `curve` of common/response.wgsl. Coded or attenuated by
-    // depth: the share of a place (a, b, plane)
-    // in the depth of the box is dot(model.xyz, place) + model.w.
+    // Parameters of the model. X-ray: `curve` of common/response.wgsl. Coded or attenuated by depth: the share of a
+    // place (a, b, plane) in the depth of the box is dot(model.xyz, place) + model.w.
     model: vec4f,
     // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.
     sections: array<Section, 2u * FAR_SECTIONS>,
-    // What is on the inner side of a clipping plane, at (a, b, plane): dot(xyz, (a, b, plane)) + w >= 0. See
+    // The inner side of a clipping plane are the places (a, b, plane) with dot(xyz, (a, b, plane)) + w >= 0. See
     // common/clip.wgsl.
     clip_planes: array<vec4f, MAX_CLIP_PLANES>,
 }
@@ -207,7 +206,7 @@ fn footprint_half_of(shear: vec2f) -> vec2f {
     return sqrt(rays.radius2 * (1.0 + shear * shear));
 }
 
-// How much less of a ray's unit vector may run along an axis than along another, and the axis has a share in the ray.
+// How much smaller than the largest component of a ray's unit vector the component along an axis with a share may be.
 const BLEND: f32 = 0.05;
 
 // The share of axis m in the colour of a ray: 1 if the ray runs along m most closely by far, and smoothly less down to
@@ -221,7 +220,7 @@ fn share_of(line: Line) -> f32 {
     let m = smoothstep(-BLEND, BLEND, d.z - max(along.x, along.y));
     let a = smoothstep(-BLEND, BLEND, along.x - max(along.y, along.z));
     let b = smoothstep(-BLEND, BLEND, along.y - max(along.x, along.z));
-    // Against m: d.z is negative, and the sum is that of the two other axes or of the opposite direction.
+    // Against m: d.z is negative, and the sum belongs to the two other axes or to the opposite direction.
     return m / max(m + a + b, 0.5) * rays.share;
 }
 
@@ -231,8 +230,8 @@ fn with_share(pixel: vec4f, value: vec4f) -> vec4f {
     return vec4f(sum.rgb / max(sum.a, 1.0), min(sum.a, 1.0));
 }
 
-// The tiles of 8 x 8 pixels that have pixels with rays of their own. `workgroups` are those of `refine`, and the first
-// three words are the arguments of its dispatch.
+// The tiles of 8 x 8 pixels that have pixels with rays of their own. `workgroups`, the first three words, are the
+// arguments of the dispatch of `refine`.
 struct Refined {
     workgroups: vec3u,
     count: u32,

@@ -22,8 +22,8 @@
 //
 // Where light is kept from voxels it takes two more:
 //
-//     kept                the shares of light that arrive, 16 bits each: of the first three lights, then of what is
-//                         around; 65535 is all of it
+//     kept                the shares of light that arrive, 16 bits each: of the first three lights, then of ambient
+//                         light; 65535 is all of it
 //
 // `origins` are the lattice points at which the bricks of the store begin (xyz), 32^3 places each, and their level (w):
 // a place is a cell of 2^level voxels a side, which stands for them with one kernel in its middle.

@@ -333,7 +333,7 @@ fn sort_matches_its_twin() {
             let weights = Weights { max: 1.0, unit: 1.0, brightest: [1.0; 3] };
             let plan = Plan::new(&view, &settings, weights, Precision::F32);
             let axis = plan.axis.is_some();
-            let constants = vec![("AXIS", axis.into()), ("GROWN", (view.max_growth() > 1.0).into())];
+            let constants = [("AXIS", axis.into()), ("GROWN", (view.max_growth() > 1.0).into())];
             let sorter = Sorter::new(&context, &constants);
             let frame = plan.frame(WHOLE);
             let uniform = wgpu::BufferUsages::UNIFORM;

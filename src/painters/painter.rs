@@ -3,7 +3,7 @@
 //! A painter is a folder beside this file with the functions of a [`Room`]. It says what it refuses and what it needs
 //! of a scene before any work, and begins a [`Painting`] when the splats are there.
 
-use super::stage::Constants;
+use super::stage::Constant;
 use crate::error::Result;
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
@@ -66,7 +66,7 @@ impl Job<'_> {
     }
 
     /// The override constants that both painters take.
-    pub(crate) fn constants(&self) -> Constants {
+    pub(crate) fn constants(&self) -> Vec<Constant> {
         let Self { view, settings, post, .. } = *self;
         let lit_scalars = settings.is_post_shaded() && settings.lighting.is_some();
         let shadows = post.map_or(settings.casting().is_some(), |post| post.shadows);

@@ -6,11 +6,11 @@ use crate::gpu::recorder::Recorder;
 use crate::gpu::scan::WORKGROUP;
 use crate::gpu::shaders::Shader;
 
-/// Override constants of shaders and their values. A painter has one list for all of its shaders.
-pub(crate) type Constants = Vec<(&'static str, u32)>;
+/// An override constant of shaders and its value. A painter has one list for all of its shaders.
+pub(crate) type Constant = (&'static str, u32);
 
 /// The constants that a shader declares: others would be errors.
-pub(crate) fn declared(shader: Shader, constants: &Constants) -> Vec<(&'static str, f64)> {
+pub(crate) fn declared(shader: Shader, constants: &[Constant]) -> Vec<(&'static str, f64)> {
     let source = shader.source();
     let declares = |name: &str| source.contains(&format!("override {name}:"));
     constants.iter().filter(|(name, _)| declares(name)).map(|&(name, value)| (name, f64::from(value))).collect()
@@ -30,7 +30,7 @@ impl Stage {
         shader: Shader,
         (name, entry): (&'static str, &str),
         slots: &[Binding],
-        constants: &Constants,
+        constants: &[Constant],
     ) -> Self {
         let [stage] = Self::several(context, shader, [(name, entry)], slots, constants);
         stage
@@ -42,7 +42,7 @@ impl Stage {
         shader: Shader,
         entries: [(&'static str, &str); N],
         slots: &[Binding],
-        constants: &Constants,
+        constants: &[Constant],
     ) -> [Self; N] {
         let constants = declared(shader, constants);
         let module = module(context, shader);

@@ -9,7 +9,8 @@ use crate::error::{Error, Result};
 use crate::gpu::context::Context;
 use crate::gpu::layout::{Area, Lighting, Shade, affine};
 use crate::gpu::light_volume::PostShading;
-use crate::gpu::pipeline::{Binding, texture_view};
+use crate::gpu::pipeline::Binding::{DynamicUniform, Texture, Uniform, Write};
+use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::{Recorder, flat};
 use crate::gpu::shaders;
 use crate::gpu::view::half;
@@ -44,13 +45,10 @@ struct Steps {
 impl Consumer {
     pub(super) fn new(context: &Context, key: &QuadsKey) -> Self {
         let (feed, constants) = (key.feed, &key.constants);
-        let resolve = || {
-            let slots = [Binding::Uniform, Binding::Write];
-            Stage::new(context, shaders::RESOLVE, ("resolve", "resolve"), &slots, constants)
-        };
+        let resolve = || Stage::new(context, shaders::RESOLVE, ("resolve", "resolve"), &[Uniform, Write], constants);
         let composite = |entry| {
-            let sheets = Binding::Texture(wgpu::TextureViewDimension::D2Array);
-            let slots = [Binding::Uniform, sheets, Binding::Write, Binding::DynamicUniform];
+            let sheets = Texture(wgpu::TextureViewDimension::D2Array);
+            let slots = [Uniform, sheets, Write, DynamicUniform];
             Stage::new(context, shaders::COMPOSITE, ("composite", entry), &slots, constants)
         };
         let [sheets, resolve] = match feed {

@@ -25,7 +25,7 @@ use crate::gpu::layout::{Area, Lighting};
 use crate::gpu::light_volume::PostShading;
 use crate::gpu::pipeline::{both, buffer_range};
 use crate::gpu::recorder::Recorder;
-use crate::painters::stage::Constants;
+use crate::painters::stage::Constant;
 use crate::settings::Precision;
 
 /// The contents of sheets, and their use.
@@ -52,32 +52,40 @@ pub(crate) struct QuadsKey {
     /// Opaque pixels hide splats.
     terminates: bool,
     /// Override constants of all shaders.
-    constants: Constants,
+    constants: Vec<Constant>,
 }
 
 impl QuadsKey {
     /// Bytes of a pixel in all sheets that are held.
     fn sheet_bytes(&self) -> u32 {
-        self.sheets_per_pass * self.feed.sheet_bytes(self.precision) * self.batches_held()
+        self.layers() * self.feed.texel_bytes(self.precision) * self.batches_held()
     }
 
     /// Batches whose sheets are held at a time: shading looks back.
     fn batches_held(&self) -> u32 {
         if self.feed.is_scalar() { 2 } else { 1 }
     }
+
+    /// Layers of a batch.
+    fn layers(&self) -> u32 {
+        self.sheets_per_pass / self.feed.sheets_per_layer()
+    }
 }
 
 impl Feed {
-    /// Bytes of a pixel of one sheet.
-    fn sheet_bytes(self, precision: Precision) -> u32 {
-        let channel = match precision {
-            Precision::F16 => 2,
-            Precision::F32 => 4,
-        };
-        match self {
-            Self::Colors | Self::LitScalars => 4 * channel,
-            Self::Depth | Self::Scalars | Self::Projection => channel,
+    /// The format of a layer of sheets.
+    fn format(self, precision: Precision) -> wgpu::TextureFormat {
+        match (self, precision) {
+            (Self::Depth, Precision::F16) => wgpu::TextureFormat::R16Float,
+            (Self::Depth, Precision::F32) => wgpu::TextureFormat::R32Float,
+            (_, Precision::F16) => wgpu::TextureFormat::Rgba16Float,
+            (_, Precision::F32) => wgpu::TextureFormat::Rgba32Float,
         }
+    }
+
+    /// Bytes of a pixel of a layer.
+    fn texel_bytes(self, precision: Precision) -> u32 {
+        self.format(precision).block_copy_size(None).unwrap_or(16)
     }
 
     /// Whether sheets hold scalars.
@@ -85,12 +93,9 @@ impl Feed {
         matches!(self, Self::Scalars | Self::LitScalars | Self::Projection)
     }
 
-    /// Sheets that share an attachment.
-    fn sheets_per_attachment(self) -> u32 {
-        match self {
-            Self::Scalars | Self::Projection => 4,
-            Self::Colors | Self::LitScalars | Self::Depth => 1,
-        }
+    /// Sheets that share a layer, a channel each.
+    fn sheets_per_layer(self) -> u32 {
+        if matches!(self, Self::Scalars | Self::Projection) { 4 } else { 1 }
     }
 
     /// How many sheets a batch may have. Shading looks at the last three of the batch before.
@@ -139,8 +144,8 @@ impl Quads {
         Ok(Self { key: key.clone(), sorter, splatting, terminator, consumer })
     }
 
-    /// Records the drawing of the spans' splats, those of each batch within its area of `covered`, and adds to the
-    /// counts. Returns the pixels, premultiplied RGBA in f32.
+    /// Records the drawing of the spans' splats, each batch within its area of `covered`, and adds to the counts.
+    /// Returns the pixels, premultiplied RGBA in f32.
     fn draw(
         &self,
         recorder: &mut Recorder<'_>,

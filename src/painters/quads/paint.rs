@@ -31,7 +31,7 @@ struct Picture<'a> {
     plan: Plan<'a>,
     key: QuadsKey,
     table: FootprintTable,
-    footprint: Option<wgpu::TextureView>,
+    footprint: wgpu::TextureView,
     drawn: Drawn,
     /// Parts of the picture that were painted.
     parts: u32,
@@ -77,7 +77,8 @@ impl<'a> Picture<'a> {
                 return Err(too_much(&what, view.max_growth()));
             }
         }
-        Ok(Self { job, plan, key, table, footprint: None, drawn: Drawn::default(), parts: 0 })
+        let footprint = footprint_texture(context, &table);
+        Ok(Self { job, plan, key, table, footprint, drawn: Drawn::default(), parts: 0 })
     }
 
     fn pipelines(&self) -> Result<Arc<Quads>> {
@@ -104,11 +105,7 @@ impl Painting for Picture<'_> {
     fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, _part: Region) -> Result<wgpu::Buffer> {
         let quads = self.pipelines()?;
         let Job { context, pipelines, stores, .. } = self.job;
-        let inputs = Inputs {
-            footprint: self.footprint.get_or_insert_with(|| footprint_texture(context, &self.table)),
-            lighting: self.job.lighting(),
-            post: self.job.post,
-        };
+        let inputs = Inputs { footprint: &self.footprint, lighting: self.job.lighting(), post: self.job.post };
         let (plan, per_pass) = (&self.plan, self.key.sheets_per_pass);
         let frame = context.upload("frame", bytemuck::bytes_of(&plan.frame(region)), wgpu::BufferUsages::UNIFORM)?;
         let target = Target { plan, region, frame: &frame };
@@ -157,10 +154,9 @@ fn precision(requested: Option<Precision>, blends_f32: bool) -> Option<Precision
 
 /// How many sheets a pass can feed within the adapter's attachments, the most first.
 fn batch_sizes(context: &Context, feed: Feed, precision: Precision) -> impl Iterator<Item = u32> {
-    let shared = feed.sheets_per_attachment();
     let bytes = context.limits.max_color_attachment_bytes_per_sample;
-    let attachments = context.limits.max_color_attachments.min(bytes / (shared * feed.sheet_bytes(precision)));
-    feed.batch_sizes().iter().copied().filter(move |&n| n <= shared * attachments)
+    let layers = context.limits.max_color_attachments.min(bytes / feed.texel_bytes(precision));
+    feed.batch_sizes().iter().copied().filter(move |&n| n <= layers * feed.sheets_per_layer())
 }
 
 /// The number of sheets that one pass feeds: the most that the adapter's attachments hold, up to 8 on software, which
@@ -169,7 +165,7 @@ fn sheets_per_pass(context: &Context, feed: Feed, precision: Precision) -> Resul
     if feed == Feed::Depth {
         return Ok(1);
     }
-    let preferred = if context.info.is_software() || feed.sheets_per_attachment() > 1 { 8 } else { 4 };
+    let preferred = if context.info.is_software() || feed.sheets_per_layer() > 1 { 8 } else { 4 };
     let largest = batch_sizes(context, feed, precision).filter(|&n| n <= preferred).max();
     largest.ok_or_else(|| context.unsupported(format!("cannot draw into so many {precision} sheets at once")))
 }

@@ -5,21 +5,18 @@ use glam::DAffine3;
 use super::plan::Plan;
 use crate::gpu::layout::{Area, Shade, affine};
 use crate::gpu::light_volume::PostShading;
-use crate::gpu::pipeline::Binding;
+use crate::gpu::pipeline::Binding::{
+    self, DynamicUniform, FilteredTexture, ReadTexture, Sampler, Texture, Uniform, Write,
+};
 use crate::gpu::view::half;
 
 /// The bindings of shaders/shade.wgsl.
-pub(super) const SLOTS: [Binding; 9] = [
-    Binding::Uniform,
-    Binding::DynamicUniform,
-    Binding::Uniform,
-    Binding::Texture(wgpu::TextureViewDimension::D2Array),
-    Binding::Texture(wgpu::TextureViewDimension::D2Array),
-    Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float),
-    Binding::Write,
-    Binding::FilteredTexture(wgpu::TextureViewDimension::D3),
-    Binding::Sampler,
-];
+pub(super) const SLOTS: [Binding; 9] = {
+    let sheets = Texture(wgpu::TextureViewDimension::D2Array);
+    let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
+    let light = FilteredTexture(wgpu::TextureViewDimension::D3);
+    [Uniform, DynamicUniform, Uniform, sheets, sheets, transfer, Write, light, Sampler]
+};
 
 /// A step for each batch, whose last sheet waits for its neighbour, and one for the last sheet of all. A step takes the
 /// pixels that its batch or the batch before reaches, or `whole` regions of this size.

@@ -6,12 +6,13 @@ use super::plan::Target;
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Sort;
-use crate::gpu::pipeline::{Binding, buffer_range};
+use crate::gpu::pipeline::Binding::{Read, Uniform, Write};
+use crate::gpu::pipeline::buffer_range;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::scan::Scan;
 use crate::gpu::shaders;
 use crate::gpu::store::Store;
-use crate::painters::stage::{Constants, Stage, for_each};
+use crate::painters::stage::{Constant, Stage, for_each};
 
 /// The least splats that one invocation sorts.
 const MIN_BLOCK: u64 = 64;
@@ -30,7 +31,7 @@ pub(crate) struct Sorter {
 pub(crate) struct Piece<'a> {
     store: &'a Store,
     splats: wgpu::Buffer,
-    /// First splat, a multiple of what storage bindings align to.
+    /// First splat, a multiple of the alignment of storage bindings.
     first: u32,
     count: u32,
 }
@@ -42,13 +43,13 @@ impl<'a> Piece<'a> {
         buffer_range(&self.splats, u64::from(self.first) * stride, u64::from(self.count) * stride)
     }
 
-    /// What of a run of the store's splats is in the piece, counted from its first.
+    /// The part of a run of the store's splats that is in the piece, counted from its first.
     fn part(&self, run: &Range<u32>) -> Option<Range<u32>> {
         let (start, end) = (run.start.max(self.first), run.end.min(self.first + self.count));
         (start < end).then(|| start - self.first..end - self.first)
     }
 
-    /// Where the bricks that they name begin.
+    /// The lattice points at which the bricks of the splats begin.
     pub(crate) fn origins(&self) -> wgpu::BindingResource<'a> {
         self.store.origins.as_entire_binding()
     }
@@ -61,7 +62,7 @@ pub(crate) struct Span<'a> {
     pub(crate) sorted: u32,
     /// Indices of splats in the piece, by batch.
     pub(crate) entries: wgpu::Buffer,
-    /// Where each batch starts in `entries`; one more ends the last.
+    /// The start of each batch in `entries`; one more ends the last.
     pub(crate) starts: Vec<u32>,
 }
 
@@ -74,19 +75,10 @@ impl Span<'_> {
 }
 
 impl Sorter {
-    pub(crate) fn new(context: &Context, constants: &Constants) -> Self {
-        const SLOTS: [Binding; 8] = [
-            Binding::Uniform,
-            Binding::Uniform,
-            Binding::Read,
-            Binding::Write,
-            Binding::Write,
-            Binding::Write,
-            Binding::Read,
-            Binding::Read,
-        ];
+    pub(crate) fn new(context: &Context, constants: &[Constant]) -> Self {
+        let slots = [Uniform, Uniform, Read, Write, Write, Write, Read, Read];
         let entries = ["count", "mark", "emit"].map(|entry| ("sort", entry));
-        let [count, mark, emit] = Stage::several(context, shaders::SORT, entries, &SLOTS, constants);
+        let [count, mark, emit] = Stage::several(context, shaders::SORT, entries, &slots, constants);
         Self { count, mark, emit }
     }
 
@@ -182,9 +174,9 @@ impl Sorter {
 fn blocks(runs: &[Range<u32>], batches: u32) -> Vec<[u32; 2]> {
     let sorted: u64 = runs.iter().map(|run| run.len() as u64).sum();
     let block = sorted.div_ceil((MAX_COUNTERS / u64::from(batches.max(1))).max(1)).max(MIN_BLOCK) as u32;
-    let of = |run: &Range<u32>| {
+    let blocks = |run: &Range<u32>| {
         let end = run.end;
         run.clone().step_by(block as usize).map(move |first| [first, end.min(first + block)])
     };
-    runs.iter().flat_map(of).collect()
+    runs.iter().flat_map(blocks).collect()
 }

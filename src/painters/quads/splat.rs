@@ -8,12 +8,12 @@ use super::{DynamicUniforms, Feed, Inputs, QuadsKey};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Area;
-use crate::gpu::pipeline::{Binding, Render, bind, layout, module, texture_view};
+use crate::gpu::pipeline::Binding::{DynamicUniform, Read, ReadTexture, Uniform};
+use crate::gpu::pipeline::{Render, bind, layout, module, texture_view};
 use crate::gpu::recorder::{MAX_WORK, Recorder};
 use crate::gpu::shaders;
 use crate::kernel::FootprintTable;
 use crate::painters::stage::declared;
-use crate::settings::Precision;
 
 /// The render pipelines that feed sheets and clear them.
 pub(super) struct Splatting {
@@ -33,8 +33,7 @@ pub(super) struct SheetTextures {
 
 /// The stage bound to a region.
 pub(super) struct Splats<'a> {
-    pipeline: &'a wgpu::RenderPipeline,
-    wipe: Option<&'a wgpu::RenderPipeline>,
+    stage: &'a Splatting,
     extent: [u32; 2],
     batches: DynamicUniforms,
     groups: Vec<wgpu::BindGroup>,
@@ -46,21 +45,6 @@ pub(super) struct Splats<'a> {
 const SOFTWARE_PASS: u32 = 1 << 18;
 
 impl QuadsKey {
-    /// The format of a layer.
-    fn format(&self) -> wgpu::TextureFormat {
-        match (self.feed, self.precision) {
-            (Feed::Depth, Precision::F16) => wgpu::TextureFormat::R16Float,
-            (Feed::Depth, Precision::F32) => wgpu::TextureFormat::R32Float,
-            (_, Precision::F16) => wgpu::TextureFormat::Rgba16Float,
-            (_, Precision::F32) => wgpu::TextureFormat::Rgba32Float,
-        }
-    }
-
-    /// Layers of a batch.
-    fn layers(&self) -> u32 {
-        self.sheets_per_pass / self.feed.sheets_per_attachment()
-    }
-
     /// The fragment stage.
     fn entry(&self) -> String {
         match self.feed {
@@ -75,37 +59,23 @@ impl SheetTextures {
     pub(super) fn new(context: &Context, key: &QuadsKey, [width, height]: [u32; 2]) -> Self {
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
         let (size, layered) = ([width, height, key.layers()], wgpu::TextureDimension::D2);
-        let texture = context.texture("splat.sheets", key.format(), size, layered, usage);
-        let targets = (0..key.layers())
-            .map(|layer| {
-                texture.create_view(&wgpu::TextureViewDescriptor {
-                    label: Some("splat.sheet"),
-                    dimension: Some(wgpu::TextureViewDimension::D2),
-                    base_array_layer: layer,
-                    array_layer_count: Some(1),
-                    ..Default::default()
-                })
-            })
-            .collect();
-        let all = texture.create_view(&wgpu::TextureViewDescriptor {
-            label: Some("composite.sheets"),
-            dimension: Some(wgpu::TextureViewDimension::D2Array),
-            ..Default::default()
-        });
+        let texture = context.texture("splat.sheets", key.feed.format(key.precision), size, layered, usage);
+        let view = |base_array_layer, array_layer_count, dimension| {
+            let dimension = Some(dimension);
+            let layers =
+                wgpu::TextureViewDescriptor { dimension, base_array_layer, array_layer_count, ..Default::default() };
+            texture.create_view(&layers)
+        };
+        let targets = (0..key.layers()).map(|layer| view(layer, Some(1), wgpu::TextureViewDimension::D2)).collect();
+        let all = view(0, None, wgpu::TextureViewDimension::D2Array);
         Self { targets, all }
     }
 }
 
 impl Splatting {
     pub(super) fn new(context: &Context, key: &QuadsKey) -> Self {
-        let slots = [
-            Binding::Uniform,
-            Binding::DynamicUniform,
-            Binding::Read,
-            Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float),
-            Binding::Read,
-            Binding::Uniform,
-        ];
+        let table = ReadTexture(wgpu::TextureFormat::Rgba32Float);
+        let slots = [Uniform, DynamicUniform, Read, table, Read, Uniform];
         let layout = layout(context, "splat", wgpu::ShaderStages::VERTEX_FRAGMENT, &slots);
         let module = &module(context, shaders::SPLAT);
         let constants = &declared(shaders::SPLAT, &key.constants);
@@ -115,7 +85,11 @@ impl Splatting {
             operation: wgpu::BlendOperation::Add,
         };
         let targets = |blend| {
-            let target = wgpu::ColorTargetState { format: key.format(), blend, write_mask: wgpu::ColorWrites::ALL };
+            let target = wgpu::ColorTargetState {
+                format: key.feed.format(key.precision),
+                blend,
+                write_mask: wgpu::ColorWrites::ALL,
+            };
             vec![Some(target); key.layers() as usize]
         };
         let place = wgpu::VertexAttribute { format: wgpu::VertexFormat::Uint32, offset: 0, shader_location: 0 };
@@ -182,7 +156,7 @@ impl Splatting {
         let extent = target.extent();
         let pixels = extent.into_iter().map(f64::from).product();
         let quad_pixels = target.plan.view.splat_pixels().min(pixels) as u64;
-        Ok(Splats { pipeline: &self.pipeline, wipe: self.wipe.as_ref(), extent, batches, groups, quad_pixels })
+        Ok(Splats { stage: self, extent, batches, groups, quad_pixels })
     }
 }
 
@@ -200,7 +174,7 @@ impl Splats<'_> {
         let [width, height] = area.size();
         let part = u64::from(width) * u64::from(height);
         let all = u64::from(self.extent[0]) * u64::from(self.extent[1]);
-        let wipe = self.wipe.filter(|_| 2 * part < all && part > 0);
+        let wipe = self.stage.wipe.as_ref().filter(|_| 2 * part < all && part > 0);
         let most = match recorder.context.info.is_software() {
             true => SOFTWARE_PASS,
             false => u32::try_from(MAX_WORK / self.quad_pixels.max(1)).unwrap_or(u32::MAX).max(1),
@@ -226,7 +200,7 @@ impl Splats<'_> {
                 pass.draw(0..3, 0..1);
                 pass.set_scissor_rect(0, 0, self.extent[0], self.extent[1]);
             }
-            pass.set_pipeline(self.pipeline);
+            pass.set_pipeline(&self.stage.pipeline);
             let mut quads = 0;
             for (index, piece) in pieces {
                 quads += piece.len() as u64;

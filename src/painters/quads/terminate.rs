@@ -6,10 +6,10 @@ use super::sort::Span;
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Terminate;
-use crate::gpu::pipeline::Binding;
+use crate::gpu::pipeline::Binding::{DynamicUniform, Read, Uniform, Write};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
-use crate::painters::stage::{Constants, Stage, for_each};
+use crate::painters::stage::{Constant, Stage, for_each};
 
 /// Entries that one invocation tests; RUN in shaders/terminate.wgsl.
 pub(crate) const RUN: u64 = 16;
@@ -32,19 +32,10 @@ pub(super) struct Termination<'a> {
 }
 
 impl Terminator {
-    pub(super) fn new(context: &Context, constants: &Constants) -> Self {
-        const SLOTS: [Binding; 8] = [
-            Binding::Uniform,
-            Binding::DynamicUniform,
-            Binding::Read,
-            Binding::Write,
-            Binding::Read,
-            Binding::Write,
-            Binding::Write,
-            Binding::Read,
-        ];
+    pub(super) fn new(context: &Context, constants: &[Constant]) -> Self {
+        let slots = [Uniform, DynamicUniform, Read, Write, Read, Write, Write, Read];
         let entries = ["tile", "mark"].map(|entry| ("terminate", entry));
-        let [tile, mark] = Stage::several(context, shaders::TERMINATE, entries, &SLOTS, constants);
+        let [tile, mark] = Stage::several(context, shaders::TERMINATE, entries, &slots, constants);
         Self { tile, mark }
     }
 

@@ -6,18 +6,18 @@ use glam::{DVec2, DVec3};
 use crate::camera::{Camera, Projection};
 use crate::volume::Grid;
 
-/// The margin around the picture, as a fraction of half its size, for whose rays axes are found too: coarse
-/// intermediate images reach beyond the picture.
+/// The margin around the picture, as a fraction of half its size, in which rays get axes too: coarse intermediate
+/// images reach beyond the picture.
 pub(super) const RAY_MARGIN: f64 = 0.25;
 /// The largest component along a of a ray's unit vector. The shaders read six voxels of a row, and the first of them
 /// may lie one voxel too early. So kernels, with a radius of 2 voxels, may reach 2.5 voxels along a row at most: 2 /
 /// sqrt(1 - a^2) < 2.5 if a < 0.6.
 const MAX_LEAN: f64 = 0.599;
 
-/// How much less of a ray's unit vector may run along an axis than along the one that it runs along most closely, and
-/// the ray is marched along that axis too; BLEND in shaders/common/rays.wgsl. Marches along two axes give colours that
-/// differ by up to 1e-2 (3e-2 post-shaded), so they are mixed by shares that change smoothly over two degrees on either
-/// side of a tie: a degree changes a share by 0.4 at most.
+/// How much smaller than its largest component a component of a ray's unit vector may be for the ray to be marched
+/// along that axis too; BLEND in shaders/common/rays.wgsl. Marches along two axes give colours that differ by up to
+/// 1e-2 (3e-2 post-shaded), so they are mixed by shares that change smoothly over two degrees on either side of a tie:
+/// a degree changes a share by 0.4 at most.
 const BLEND: f64 = 0.05;
 
 /// The largest component across of a ray's unit vector in which m has a share.
@@ -31,14 +31,14 @@ const ACROSS: [[usize; 2]; 3] = [[1, 2], [0, 2], [0, 1]];
 pub(super) struct PrincipalAxis {
     /// Numbers of the lattice axes a, b and m. a is the first of the two across along which parallel rays lean little
     /// enough (see `MAX_LEAN`). It is the same in most pictures of a turning volume, so few of them pack the volume
-    /// anew. Of rays through one eye a is the one along which they lean less.
+    /// anew. Rays through one eye have as a the axis along which they lean less.
     pub(super) axes: [usize; 3],
     /// The largest component along a of the unit vectors of rays.
     pub(super) lean: f64,
     /// Whether rays run against m.
     pub(super) flipped: bool,
-    /// Unit vector of a ray in (a, b, m), its component along m positive. Of rays through one eye it is that of a ray
-    /// in the middle of those that run along m.
+    /// Unit vector of a ray in (a, b, m), its component along m positive; of rays through one eye, of a ray in the
+    /// middle of those that run along m.
     pub(super) direction: DVec3,
     /// Rays through one eye: plane coordinates of that ray at unit depth, see `Camera::pixels`.
     pub(super) middle: DVec2,
@@ -128,7 +128,7 @@ impl PrincipalAxis {
         self.stretch / self.direction.z
     }
 
-    /// The same in voxels.
+    /// The same distance in voxels.
     pub(super) fn slab_voxels(&self) -> f64 {
         1.0 / self.direction.z
     }
@@ -181,7 +181,7 @@ impl Lens {
 
     /// The largest component along an axis across m of the unit vectors of rays in which m has a share.
     fn lean(&self, axis: usize, m: usize, flipped: bool) -> f64 {
-        // Cubic splines read two points beyond the picture; what is farther out reaches it by hundredths.
+        // Cubic splines read two points beyond the picture; points farther out count by hundredths.
         const EDGE: f64 = 1.0 + RAY_MARGIN / 4.0;
         /// Places along each side of the part: no maximum lies within, as the axis itself is outside.
         const STEPS: usize = 16;
@@ -191,7 +191,7 @@ impl Lens {
             (0..STEPS).map(move |step| p + step as f64 / STEPS as f64 * (q - p))
         };
         let leans = (0..part.len()).flat_map(side).map(|place| self.ray(place).normalize()[axis].abs());
-        // Between the places it may be a little more, but never more than where m no longer has a share.
+        // Between the places it may be a little more, up to the lean at which m loses its share.
         (leans.fold(0.0, f64::max) + 0.003).min(LARGEST_LEAN)
     }
 }
@@ -215,8 +215,8 @@ impl Pyramid {
     }
 }
 
-/// The share of axis m in what a ray shows: 1 if the ray runs along m most closely by far, and smoothly less down to 0.
-/// The shares of a ray add up to 1. `share_of` in shaders/common/rays.wgsl is the same.
+/// The share of axis m in the colour of a ray: 1 if the ray runs along m most closely by far, and smoothly less down to
+/// 0. The shares of a ray add up to 1. `share_of` in shaders/common/rays.wgsl is the same.
 fn share(m: usize, ray: DVec3) -> f64 {
     let unit = ray.normalize().abs();
     let lead = |m: usize| unit[m] - unit[(m + 1) % 3].max(unit[(m + 2) % 3]);

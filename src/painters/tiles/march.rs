@@ -8,19 +8,16 @@ use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{self, TILE};
 use crate::gpu::light_volume::PostShading;
-use crate::gpu::pipeline::{Binding, texture_view};
+use crate::gpu::pipeline::Binding::{
+    self, FilteredTexture, IntegerTexture, Read, ReadTexture, Sampler, StorageTexture, Uniform, Write,
+};
+use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
-use crate::painters::stage::{Constants, Stage};
+use crate::painters::stage::{Constant, Stage};
 
 /// The bindings of `skip`, then those that `skip_refined` has beside them.
-const SKIP: [Binding; 5] = [
-    Binding::Uniform,
-    Binding::IntegerTexture(wgpu::TextureViewDimension::D3),
-    Binding::Write,
-    Binding::Read,
-    Binding::Write,
-];
+const SKIP: [Binding; 5] = [Uniform, IntegerTexture(wgpu::TextureViewDimension::D3), Write, Read, Write];
 
 /// The resources that rays are marched with, besides the volume.
 pub(super) struct Targets<'a> {
@@ -37,30 +34,29 @@ pub(super) struct Targets<'a> {
 }
 
 /// The stage that finds runs.
-pub(super) fn skip(context: &Context, constants: &Constants) -> Stage {
+pub(super) fn skip(context: &Context, constants: &[Constant]) -> Stage {
     Stage::new(context, shaders::SKIP, ("skip", "skip"), &SKIP[..3], constants)
 }
 
 /// The stage that marches the rays of a picture.
 pub(super) fn gather(context: &Context, key: &TilesKey) -> Stage {
     let software = context.info.is_software();
-    let image = Binding::StorageTexture(FORMAT, wgpu::TextureViewDimension::D2);
-    let of_colors = |entry, state| (shaders::GATHER, entry, vec![state, Binding::Write]);
+    let image = StorageTexture(FORMAT, wgpu::TextureViewDimension::D2);
+    let of_colors = |entry, state| (shaders::GATHER, entry, vec![state, Write]);
     let of_scalars = |shader| {
-        let transfer = Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float);
-        let light = Binding::FilteredTexture(wgpu::TextureViewDimension::D3);
-        (shader, "gather", vec![Binding::Write, Binding::Uniform, transfer, light, Binding::Sampler])
+        let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
+        let light = FilteredTexture(wgpu::TextureViewDimension::D3);
+        (shader, "gather", vec![Write, Uniform, transfer, light, Sampler])
     };
     let (shader, entry, slots) = match (key.voxel, key.rays) {
         (Voxel::Scalar, _) if software => of_scalars(shaders::GATHER_SCALARS_SOFTWARE),
         (Voxel::Scalar, _) => of_scalars(shaders::GATHER_SCALARS),
         (Voxel::Gradient, _) => of_scalars(shaders::GATHER_GRADIENTS),
-        (_, RayKind::Shared) => of_colors("blocked", image),
-        (_, RayKind::StraightBlocks(_)) => of_colors("straight", image),
-        (_, RayKind::Layered) => of_colors("layer", Binding::Write),
+        (_, RayKind::Shared | RayKind::StraightBlocks(_)) => of_colors("eight", image),
+        (_, RayKind::Layered) => of_colors("layer", Write),
         _ => of_colors("single", image),
     };
-    let slots = [&[Binding::Uniform, key.voxel.binding(software), Binding::Read][..], &slots].concat();
+    let slots = [&[Uniform, key.voxel.binding(software), Read][..], &slots].concat();
     Stage::new(context, shader, ("gather", entry), &slots, &key.constants)
 }
 
@@ -125,7 +121,7 @@ pub(super) struct Refiner {
 impl Refiner {
     pub(super) fn new(context: &Context, key: &TilesKey) -> Self {
         let volume = key.voxel.binding(context.info.is_software());
-        let slots = [Binding::Uniform, volume, Binding::Read, Binding::Read, Binding::Write, Binding::Read];
+        let slots = [Uniform, volume, Read, Read, Write, Read];
         Self {
             skip: Stage::new(context, shaders::SKIP, ("skip", "skip_refined"), &SKIP, &key.constants),
             refine: Stage::new(context, shaders::GATHER, ("refine", "refine"), &slots, &key.constants),

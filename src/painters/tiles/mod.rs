@@ -19,12 +19,12 @@ use std::sync::Arc;
 
 use axis::PrincipalAxis;
 use march::{Refiner, Targets, march};
-use pack::{Packed, Packer, Voxel};
+use pack::{Packed, Voxel};
 use paint::Picture;
 use rays::Rays;
-use resample::{FORMAT, IntermediateImage, Resampler};
+use resample::{IntermediateImage, Resampler};
 
-use super::stage::{Constants, Stage};
+use super::stage::{Constant, Stage};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::pipeline::{both, texture_view};
@@ -35,7 +35,7 @@ use crate::stats::TilesStats;
 /// The largest radius of kernels, in voxels, along rays that share footprints: they reach at most two planes and three
 /// texels of a row.
 const MAX_RADIUS: f64 = 2.0;
-/// The largest radius of kernels along other rays: their shaders read more planes and texels.
+/// The largest radius of kernels along other rays, whose shaders read more planes and texels.
 const MAX_SINGLE_RADIUS: f64 = 4.0;
 
 /// How far rays may move across the volume, in voxels, and still count as straight: 1e-4 of a voxel changes a footprint
@@ -82,12 +82,13 @@ pub(crate) struct TilesKey {
     rays: RayKind,
     packs_on_host: bool,
     /// Override constants of all shaders.
-    constants: Constants,
+    constants: Vec<Constant>,
 }
 
 /// The pipelines of the painter.
 pub(crate) struct Tiles {
-    packer: Packer,
+    /// None: the host packs.
+    packer: Option<Stage>,
     skip: Stage,
     gather: Stage,
     /// If rays do not go through pixels: the stages that resample their image, and that add the rays of some pixels.
@@ -97,7 +98,7 @@ pub(crate) struct Tiles {
 impl Tiles {
     pub(crate) fn new(context: &Context, key: &TilesKey) -> Result<Self> {
         let rest = || {
-            let packer = if key.packs_on_host { Packer::Host } else { Packer::on_device(context, &key.constants) };
+            let packer = (!key.packs_on_host).then(|| pack::stage(context, &key.constants));
             let resample = key.rays.is_resampled().then(|| (Resampler::new(context), Refiner::new(context, key)));
             (packer, march::skip(context, &key.constants), resample)
         };
@@ -127,50 +128,38 @@ impl Tiles {
             };
             let setup = picture.setup(axis);
             let mut pixel_rays = scaled(setup.pixel_rays(region));
-            let Some((resampler, refiner)) = &self.resample else {
-                let before;
-                let unused = texture(context, "gather.intermediate", FORMAT, [1, 1]);
-                let state = if picture.is_layered() {
-                    before = canvas.before(context, &axis.axis)?;
-                    before.as_entire_binding()
-                } else {
-                    texture_view(&unused)
-                };
-                let rays = &upload(&pixel_rays)?;
-                let post = picture.job.post;
-                let targets = Targets { rays, state, pixels: &canvas.pixels, lighting: &lighting, post };
-                march(recorder, [&self.skip, &self.gather], packed, &pixel_rays.uniforms, targets)?;
-                drawn.rays += pixel_rays.count();
-                drawn.marches += 1;
-                drawn.spacing = Some(pixel_rays.spacing);
-                continue;
+            let marched = match &self.resample {
+                Some(_) => setup.image_rays(region).into_iter().map(scaled).collect(),
+                None => vec![pixel_rays],
             };
-            let images = setup.image_rays(region);
-            if images.is_empty() {
+            if marched.is_empty() {
                 continue;
             }
-            let refinement = context.buffer("refine.shares", region.area() * 4, wgpu::BufferUsages::STORAGE)?;
-            for rays in images.into_iter().map(scaled) {
-                let image = IntermediateImage::new(context, upload(&rays)?, rays.uniforms.size);
-                let targets = Targets {
-                    rays: &image.rays,
-                    state: texture_view(&image.textures[0]),
-                    pixels: &canvas.pixels,
-                    lighting: &lighting,
-                    post: None,
-                };
+            let shares = if self.resample.is_some() { region.area() } else { 1 };
+            let refinement = context.buffer("refine.shares", shares * 4, wgpu::BufferUsages::STORAGE)?;
+            for rays in marched {
+                let size = if self.resample.is_some() { rays.uniforms.size } else { [1; 2] };
+                let image = IntermediateImage::new(context, upload(&rays)?, size);
+                let before = if picture.is_layered() { Some(canvas.before(context, &axis.axis)?) } else { None };
+                let state = before.as_ref().map_or(texture_view(&image.textures[0]), wgpu::Buffer::as_entire_binding);
+                let post = picture.job.post;
+                let targets = Targets { rays: &image.rays, state, pixels: &canvas.pixels, lighting: &lighting, post };
                 march(recorder, [&self.skip, &self.gather], packed, &rays.uniforms, targets)?;
-                resampler.run(recorder, &image, &canvas.pixels, &refinement, [region.width, region.height]);
+                if let Some((resampler, _)) = &self.resample {
+                    resampler.run(recorder, &image, &canvas.pixels, &refinement, [region.width, region.height]);
+                }
                 drawn.rays += rays.count();
                 drawn.marches += 1;
                 if rays.uniforms.share > largest {
                     (largest, drawn.spacing) = (rays.uniforms.share, Some(rays.spacing));
                 }
             }
-            // Their shares are in `refinement`.
-            pixel_rays.uniforms.share = 1.0;
-            let buffer = upload(&pixel_rays)?;
-            refiner.run(recorder, packed, &pixel_rays.uniforms, &buffer, &canvas.pixels, &refinement)?;
+            if let Some((_, refiner)) = &self.resample {
+                // Their shares are in `refinement`.
+                pixel_rays.uniforms.share = 1.0;
+                let buffer = upload(&pixel_rays)?;
+                refiner.run(recorder, packed, &pixel_rays.uniforms, &buffer, &canvas.pixels, &refinement)?;
+            }
         }
         Ok(drawn)
     }
@@ -204,15 +193,4 @@ impl Canvas {
         self.before.push((axis.axes, axis.flipped, buffer.clone()));
         Ok(buffer)
     }
-}
-
-fn texture(
-    context: &Context,
-    label: &str,
-    format: wgpu::TextureFormat,
-    [width, height]: [u32; 2],
-) -> wgpu::TextureView {
-    let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING;
-    let texture = context.texture(label, format, [width, height, 1], wgpu::TextureDimension::D2, usage);
-    texture.create_view(&wgpu::TextureViewDescriptor::default())
 }

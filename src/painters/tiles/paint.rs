@@ -1,11 +1,11 @@
-//! A picture by rays: what is refused, what the picture needs, and its regions.
+//! A picture by rays: refusals, needs, preparation and regions.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::axis::PrincipalAxis;
 use super::pack::{Lit, Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
-use super::rays::{RaySetup, Rays, max_depth};
+use super::rays::{RaySetup, Rays, max_depth, parallel};
 use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
 use crate::gpu::layout::{self, TILE};
@@ -18,30 +18,30 @@ use crate::prepare::levels::ScalarNeed;
 use crate::settings::{Model, Painter, Resolution, Settings};
 use crate::stats::TilesStats;
 
-/// Pixels for which a splat of an X-ray is worth a quad: a quad takes as long as about 40 rays for pixels, and most of
-/// them meet nothing. Measured on software; see `docs/measurements`.
+/// The number of pixels to a splat beyond which software draws X-rays faster by quads: a quad takes as long as about 40
+/// rays of pixels, and most rays meet nothing. Measured; see `docs/measurements`.
 const PIXELS_PER_QUAD: u64 = 8;
 
-/// Work of a plane of a ray, in that of fragments of splats: 15 texels of 16 bytes and some 800 operations. A fragment
-/// has 150, and blends up to 8 sheets.
+/// The work of a plane of a ray, in units of the work of a fragment of a splat: 15 texels of 16 bytes and some 800
+/// operations, where a fragment has 150 and blends up to 8 sheets.
 const PLANE_WORK: u64 = 4;
-/// The same of scalars: two slabs with three moments each, classified in pieces.
+/// The same for scalars: two slabs with three moments each, classified in pieces.
 const SCALAR_PLANE_WORK: u64 = 12;
 
 /// Optical depth of a voxel from which on parts of kernels are parabolas. Fitted by lines they err by 0.13 of 255 (rms)
 /// there, and by 0.9 at 2.3.
 const DENSE: f64 = 0.7;
 
-/// The fewest bytes of a pixel, which limit the regions of a picture and with them what is marched at a time.
+/// The least bytes of a pixel, which limit the regions of a picture and so the number of rays that march at a time.
 const MIN_PIXEL_BYTES: u32 = 16;
 
-/// The largest scalar that post-shading draws; what shows is within 2. The parts of a single kernel err by some
-/// hundredths of it where a ray touches its rim; those of many kernels cancel unless a value stands alone, like one for
-/// voxels without data.
+/// The largest scalar that post-shading draws; visible ones are within 2. The parts of a single kernel err by some
+/// hundredths of its scalar where a ray touches its rim. Errors of many kernels cancel unless a value stands alone,
+/// like a value for voxels without data.
 const MAX_SCALAR: f64 = 4096.0;
 
-/// The least radius of kernels of scalars, in voxels: the fitted parts of narrower ones in slabs of half a plane err by
-/// half of what they are (a maximum of gaussian:0.25,0.5 by 0.26, rms).
+/// The least radius of kernels of scalars, in voxels: the fitted parts of narrower kernels in slabs of half a plane err
+/// by half (a maximum of gaussian:0.25,0.5 by 0.26, rms).
 const MIN_SCALAR_RADIUS: f64 = 1.0;
 
 /// The rounding of radii at a limit.
@@ -64,8 +64,8 @@ pub(super) fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String
 
 /// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a
 /// ray at most sqrt(3) / 2 voxels, so three are at most 2.6 voxels. They count as 3: the parts of kernels in slabs are
-/// fitted, and a fit fades a little later than its kernel. None of it depends on the direction, so that turning
-/// asks for no other splats.
+/// fitted, and a fit fades a little later than its kernel. The need does not depend on the direction, so that a turn
+/// needs no other splats.
 pub(super) fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
     if !settings.is_post_shaded() {
         return ScalarNeed::NONE;
@@ -105,8 +105,8 @@ impl<'a> Picture<'a> {
         let Job { context, view, settings, stores, post, .. } = job;
         if settings.is_post_shaded() && job.weights.max > MAX_SCALAR {
             return Err(
-                "tiles draws values of which none is far beyond all that shows: parts of kernels are fitted, and \
-                        what is a small part of such a value would show"
+                "tiles does not draw values far beyond all visible ones: parts of kernels are fitted, and a small \
+                 part of such a value would show"
                     .to_owned(),
             );
         }
@@ -132,7 +132,7 @@ impl<'a> Picture<'a> {
             Packing::new(context, stores, dims, job.base_shows(), seen, axis.axes, voxel)
         });
         let packings: Option<Vec<Packing>> = packings.collect();
-        let packings = packings.ok_or("tiles packs the volume into a texture, which this volume outgrows")?;
+        let packings = packings.ok_or("tiles packs the volume into a texture, and this volume does not fit")?;
         let dense = max_depth(&job) > DENSE;
         let kind = match post {
             Some(_) => SlabKind::Scalars,
@@ -147,7 +147,7 @@ impl<'a> Picture<'a> {
         let drawn = TilesStats::default();
         let picture = Self { job, kernel, footprint, kind, voxel, lighting, axes, packed: None, drawn };
         if picture.outgrows_textures() {
-            return Err("tiles has rays at least a voxel apart, and here they outgrow a texture".to_owned());
+            return Err("tiles has rays at least a voxel apart, and here they do not fit into a texture".to_owned());
         }
         Ok(picture)
     }
@@ -156,10 +156,15 @@ impl<'a> Picture<'a> {
         let Job { context, view, .. } = self.job;
         // A ball of the lattice reaches as far along a row.
         let most = view.depth_growth().1;
-        let reach = |axis: &PackedAxis| most * self.kernel.radius() / (1.0 - axis.axis.lean.powi(2)).sqrt();
+        let along_row = |axis: &PackedAxis| most * self.kernel.radius() / (1.0 - axis.axis.lean.powi(2)).sqrt();
         // n texels serve a reach of up to n - 1/2 voxels; of the largest kernels, along the rays that lean most, it is
         // 5.9.
-        let texels = self.axes.iter().map(reach).fold(0.0, f64::max) + 0.5;
+        let texels = self.axes.iter().map(along_row).fold(0.0, f64::max) + 0.5;
+        let reach = match most * self.kernel.radius() / ROUNDING {
+            radius if radius <= 2.0 => 2,
+            radius if radius <= 3.0 && self.kind != SlabKind::Scalars => 3,
+            _ => 4,
+        };
         let rays = self.ray_kind();
         let mut constants = self.job.constants();
         constants.extend([
@@ -167,16 +172,9 @@ impl<'a> Picture<'a> {
             ("CURVED", (self.kind == SlabKind::DenseColors).into()),
             ("TERMS", self.footprint.terms()),
             ("TEXELS", texels.floor().clamp(2.0, 6.0) as u32 + 1),
-            (
-                "REACH",
-                match most * self.kernel.radius() / ROUNDING {
-                    radius if self.kind == SlabKind::Scalars && radius <= 2.0 => 2,
-                    radius if self.kind != SlabKind::Scalars && radius <= 3.0 => 3,
-                    _ => 4,
-                },
-            ),
+            ("REACH", reach),
             ("STRAIGHT", (rays == RayKind::Straight).into()),
-            ("RESAMPLED", (rays == RayKind::Coarser).into()),
+            ("RESAMPLED", rays.is_resampled().into()),
             ("LAYERED", (rays == RayKind::Layered).into()),
         ]);
         if let RayKind::StraightBlocks(Block { across, rows }) = rays {
@@ -208,7 +206,7 @@ impl<'a> Picture<'a> {
         !per_pixel && self.axes.iter().any(|axis| self.setup(axis).pixel_share() < 1.0)
     }
 
-    /// Whether the picture has other layers too.
+    /// Whether the picture has other layers.
     pub(super) fn is_layered(&self) -> bool {
         self.job.view.fade.is_some()
     }
@@ -219,7 +217,7 @@ impl<'a> Picture<'a> {
         Region { x: 0, y: 0, width, height }
     }
 
-    /// Whether the rays of a picture are more than its pixels, and more than a texture has room for.
+    /// Whether the rays of a picture outnumber its pixels and do not fit into a texture.
     fn outgrows_textures(&self) -> bool {
         let Job { context, view, .. } = self.job;
         let most = context.limits.max_texture_dimension_2d;
@@ -248,7 +246,7 @@ impl<'a> Picture<'a> {
         if post.is_some() || !context.info.is_software() {
             return None;
         }
-        self.setup(axis).block(self.whole())
+        parallel::block(&self.setup(axis), self.whole())
     }
 
     /// Whether software draws the picture faster by quads, and may.
@@ -274,7 +272,7 @@ impl<'a> Picture<'a> {
         let held = self.job.kept.get_or_make((), || Ok(Mutex::<Vec<Arc<Packed>>>::default()))?;
         let mut held = held.lock().unwrap_or_else(PoisonError::into_inner);
         // Drop unusable packings first, so that old and new are never in memory together. Colours may be lit from the
-        // eye: lit ones are packed over, as textures that exist are not cleared first.
+        // eye: lit ones are packed over, because textures that exist are not cleared first.
         let is_served = |packed: &Packed| self.axes.iter().any(|axis| self.serves(axis, packed));
         let is_lit = matches!(self.voxel, Voxel::Color { lights: 1.., .. });
         let served = held.drain(..).filter(|packed| is_served(packed));
@@ -287,7 +285,7 @@ impl<'a> Picture<'a> {
                 Some(packed) => packed,
                 None => {
                     let over = spare.iter().position(|packed| self.serves(axis, packed)).map(|i| spare.swap_remove(i));
-                    Arc::new(pipelines.packer.run(recorder, stores, axis.packing, &lit, weights.max, over)?)
+                    Arc::new(axis.packing.pack(recorder, pipelines.packer.as_ref(), stores, &lit, weights.max, over)?)
                 }
             });
         }
@@ -328,8 +326,8 @@ impl Picture<'_> {
     /// See [`Painting::pixel_bytes`](crate::painters::painter::Painting::pixel_bytes).
     pub(super) fn pixel_bytes(&self) -> u32 {
         // The two intermediate images, RGBA, f32, if there are any, and the runs of a tile, two words each. Runs count
-        // two and a half times: a binding holds at least half of what a part of a picture may take, and its tiles may
-        // stand out beyond it.
+        // two and a half times: a binding holds at least half of the bytes of a part of a picture, and tiles may extend
+        // beyond the part.
         let images = if self.is_resampled() { 32 } else { 0 };
         let bytes = |rays: Rays| {
             let per_ray = images + u64::from(rays.uniforms.run_slots * 20).div_ceil(u64::from(TILE * TILE));
@@ -344,7 +342,7 @@ impl Picture<'_> {
         if self.job.context.info.is_software() {
             return u64::MAX;
         }
-        // Each pixel may have its own ray beside those of the images.
+        // Each pixel may have its own ray beside the rays of the images.
         let beside = if self.is_resampled() { self.whole().area() } else { 0 };
         let planes = |axis: &PackedAxis| {
             let rays: u64 = self.all_rays(axis).iter().map(Rays::count).sum();

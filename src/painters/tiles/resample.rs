@@ -1,12 +1,12 @@
 //! estimate, prefilter and resample: from an intermediate image to the picture, by interpolating cubic B-splines. See
 //! shaders/estimate.wgsl, shaders/prefilter.wgsl and shaders/resample.wgsl.
 
-use super::texture;
 use crate::gpu::context::Context;
-use crate::gpu::pipeline::{Binding, texture_view};
+use crate::gpu::pipeline::Binding::{self, ReadTexture, StorageTexture, Uniform, Write};
+use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
-use crate::painters::stage::{Constants, Stage};
+use crate::painters::stage::{Constant, Stage};
 
 /// The format of intermediate images.
 pub(super) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
@@ -17,23 +17,29 @@ const WORKGROUP: u32 = 64;
 /// The format of the estimated errors of splines.
 pub(super) const ESTIMATES: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
 
-/// The image whose points rays go through if they do not go through pixels.
+/// The image through whose points rays go if they do not go through pixels.
 pub(super) struct IntermediateImage {
     /// The uniforms of the rays.
     pub(super) rays: wgpu::Buffer,
     /// Points across and down.
     pub(super) size: [u32; 2],
-    /// The image, and room for filtering it.
+    /// The image, and a second texture for filtering it.
     pub(super) textures: [wgpu::TextureView; 2],
     /// The estimated errors of the splines through the image around each of its points.
     pub(super) estimates: wgpu::TextureView,
 }
 
 impl IntermediateImage {
-    /// An image of no colour.
+    /// An image without colour.
     pub(super) fn new(context: &Context, rays: wgpu::Buffer, size: [u32; 2]) -> Self {
-        let textures = [0, 1].map(|_| texture(context, "gather.intermediate", FORMAT, size));
-        Self { rays, size, textures, estimates: texture(context, "estimate.estimates", ESTIMATES, size) }
+        let [width, height] = size;
+        let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING;
+        let texture = |label, format| {
+            let texture = context.texture(label, format, [width, height, 1], wgpu::TextureDimension::D2, usage);
+            texture.create_view(&wgpu::TextureViewDescriptor::default())
+        };
+        let textures = [0, 1].map(|_| texture("gather.intermediate", FORMAT));
+        Self { rays, size, textures, estimates: texture("estimate.estimates", ESTIMATES) }
     }
 }
 
@@ -47,23 +53,17 @@ pub(super) struct Resampler {
 
 impl Resampler {
     pub(super) fn new(context: &Context) -> Self {
-        let written = |format| Binding::StorageTexture(format, wgpu::TextureViewDimension::D2);
-        let stage = |shader: shaders::Shader, slots: &[Binding], constants: &Constants| {
+        let written = |format| StorageTexture(format, wgpu::TextureViewDimension::D2);
+        let stage = |shader: shaders::Shader, slots: &[Binding], constants: &[Constant]| {
             Stage::new(context, shader, (shader.name, shader.name), slots, constants)
         };
-        let estimate = [Binding::Uniform, Binding::ReadTexture(FORMAT), written(ESTIMATES)];
-        let prefilter = [Binding::ReadTexture(FORMAT), written(FORMAT)];
-        let resample = [
-            Binding::Uniform,
-            Binding::ReadTexture(FORMAT),
-            Binding::Write,
-            Binding::ReadTexture(ESTIMATES),
-            Binding::Write,
-        ];
+        let estimate = [Uniform, ReadTexture(FORMAT), written(ESTIMATES)];
+        let prefilter = [ReadTexture(FORMAT), written(FORMAT)];
+        let resample = [Uniform, ReadTexture(FORMAT), Write, ReadTexture(ESTIMATES), Write];
         Self {
-            estimate: stage(shaders::ESTIMATE, &estimate, &Vec::new()),
-            prefilter: [0, 1].map(|down| stage(shaders::PREFILTER, &prefilter, &vec![("DOWN", down)])),
-            resample: stage(shaders::RESAMPLE, &resample, &Vec::new()),
+            estimate: stage(shaders::ESTIMATE, &estimate, &[]),
+            prefilter: [0, 1].map(|down| stage(shaders::PREFILTER, &prefilter, &[("DOWN", down)])),
+            resample: stage(shaders::RESAMPLE, &resample, &[]),
         }
     }
 

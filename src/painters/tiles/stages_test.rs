@@ -1,4 +1,4 @@
-//! pack, skip, prefilter and resample on the device, against what they must give, written the plain way.
+//! pack, skip, prefilter and resample on the device, against plain twins.
 
 use std::collections::BTreeSet;
 
@@ -8,7 +8,7 @@ use half::f16;
 
 use super::axis::PrincipalAxis;
 use super::march::{find_runs, skip};
-use super::pack::{Lit, Packed, Packer, Packing, Voxel};
+use super::pack::{self, Lit, Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{RaySetup, Rays};
 use super::resample::{ESTIMATES, FORMAT, IntermediateImage, Resampler};
@@ -27,7 +27,7 @@ use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
 use crate::kernel::Kernel;
 use crate::painters::painter::Job;
-use crate::painters::stage::Constants;
+use crate::painters::stage::{Constant, Stage};
 use crate::settings::Settings;
 use crate::stats::RaySpacing;
 use crate::volume::Grid;
@@ -203,7 +203,7 @@ fn points() -> BTreeSet<[u32; 3]> {
     all.filter(|&p| ball(p) || [[43, 3, 18], [32, 31, 3], [33, 31, 3], [31, 32, 19]].contains(&p)).collect()
 }
 
-/// A store of the points, brick after brick; `words` are those of a splat after its place.
+/// A store of the points, brick after brick; `words` returns the words of a splat after its place.
 fn store<const N: usize>(context: &Context, words: impl Fn([u32; 3]) -> [u32; N]) -> Store {
     let (mut splats, mut bricks): (Vec<u32>, Vec<BrickSplats>) = (Vec::new(), Vec::new());
     // In the order of the lattice, x fastest.
@@ -230,7 +230,7 @@ fn store<const N: usize>(context: &Context, words: impl Fn([u32; 3]) -> [u32; N]
 }
 
 /// The override constants of the packing of voxels; `points`: some light is at a place.
-fn constants(voxel: Voxel, perspective: bool, points: bool) -> Constants {
+fn constants(voxel: Voxel, perspective: bool, points: bool) -> Vec<Constant> {
     let (lights, shadows) = match voxel {
         Voxel::Color { lights, shadows } => (lights, shadows),
         _ => (0, false),
@@ -246,16 +246,13 @@ fn constants(voxel: Voxel, perspective: bool, points: bool) -> Constants {
 }
 
 fn packed(context: &Context, store: Store, axes: [usize; 3], voxel: Voxel, max_weight: f64) -> Packed {
-    let packer = match context.info.is_software() {
-        true => Packer::Host,
-        false => Packer::on_device(context, &constants(voxel, false, false)),
-    };
-    packed_by(context, (&packer, false, false), store, axes, voxel, max_weight, |_| true)
+    let stage = (!context.info.is_software()).then(|| pack::stage(context, &constants(voxel, false, false)));
+    packed_by(context, (stage.as_ref(), false, false), store, axes, voxel, max_weight, |_| true)
 }
 
 fn packed_by(
     context: &Context,
-    (packer, perspective, points): (&Packer, bool, bool),
+    (stage, perspective, points): (Option<&Stage>, bool, bool),
     store: Store,
     axes: [usize; 3],
     voxel: Voxel,
@@ -280,7 +277,7 @@ fn packed_by(
     let view = [[1.0, 0.1, -0.2], [0.0, 0.9, 0.3], [0.2, -0.3, 1.1]];
     let to_eye = ToEye { perspective, eye: [20.0, 3.0, -60.0], view };
     let lit = Lit { lighting: &lighting, to_eye, points };
-    packer.run(&mut Recorder::untimed(context), &stores, packing, &lit, max_weight, None).unwrap()
+    packing.pack(&mut Recorder::untimed(context), stage, &stores, &lit, max_weight, None).unwrap()
 }
 
 /// The stage on the host gives the same texels as the one on the device: to the last bit, but where colours are lit.
@@ -307,17 +304,17 @@ fn packing_on_the_host_matches_the_device() {
         // A part of the bricks: splats of others are left out.
         let seen = |[low, _]: [[u32; 3]; 2]| number % 2 == 0 || low[0] >= 32;
         let points = number == 4;
-        let run = |packer: &Packer| {
+        let run = |stage: Option<&Stage>| {
             let stored = match voxel {
                 Voxel::Scalar => store(&context, |p| [made(p)[0]]),
                 _ => store(&context, made),
             };
-            let packed = packed_by(&context, (packer, perspective, points), stored, axes, voxel, 30.0, seen);
+            let packed = packed_by(&context, (stage, perspective, points), stored, axes, voxel, 30.0, seen);
             assert_occupied(&context, &packed);
             read_volume(&context, &packed.volume)
         };
-        let device = run(&Packer::on_device(&context, &constants(voxel, perspective, points)));
-        let host = run(&Packer::Host);
+        let device = run(Some(&pack::stage(&context, &constants(voxel, perspective, points))));
+        let host = run(None);
         if !matches!(voxel, Voxel::Color { lights: 1.., .. }) {
             assert_eq!(host, device, "{axes:?} {voxel:?}");
             continue;
@@ -477,7 +474,7 @@ fn scalars_keep_their_bits_and_gradients_half_of_them() {
 
 /// Per tile, phase after phase: its runs.
 fn runs(context: &Context, packed: &Packed, uniforms: &layout::Rays, perspective: bool) -> Vec<Vec<[u32; 2]>> {
-    let skip = skip(context, &vec![("PERSPECTIVE", perspective.into())]);
+    let skip = skip(context, &[("PERSPECTIVE", perspective.into())]);
     let rays = context.upload("test.rays", bytemuck::bytes_of(uniforms), wgpu::BufferUsages::UNIFORM).unwrap();
     let mut recorder = Recorder::untimed(context);
     let runs = find_runs(&mut recorder, &skip, packed, uniforms, &rays, &[]).unwrap();

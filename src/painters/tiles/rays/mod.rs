@@ -1,13 +1,12 @@
 //! The rays of a picture: where they meet the voxel planes, how far apart they are, and which points of the
 //! intermediate image they go through. See shaders/common/rays.wgsl.
 
-mod parallel;
+pub(super) mod parallel;
 mod perspective;
 
 use bytemuck::Zeroable;
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
-use super::Block;
 use super::axis::{PrincipalAxis, smoothstep, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};
@@ -139,7 +138,7 @@ impl RaySetup<'_> {
         };
         let has_depth = settings.depth_coded || settings.attenuation > 0.0;
         let coefficient = |n: usize| footprint.coefficients.get(n).map_or(0.0, |&c| c as f32);
-        // View coordinates of a gradient along each axis of the lattice: the transpose of what maps view to lattice.
+        // View coordinates of a gradient along each axis of the lattice: the transpose of the map from view to lattice.
         let axes = DMat3::from_cols(view.camera.right, view.camera.up, view.camera.forward);
         let gradients = (view.grid.to_lattice().matrix3 * axes).transpose();
         let [box_low, box_high] = self.bounds();
@@ -202,11 +201,6 @@ impl RaySetup<'_> {
         }
     }
 
-    /// The pixels of a region whose parallel rays along the axis share voxels.
-    pub(super) fn block(&self, region: Region) -> Option<Block> {
-        parallel::block(self, region)
-    }
-
     /// The rays of the pixels of a region.
     pub(super) fn pixel_rays(&self, region: Region) -> Rays {
         let common = self.uniforms(region);
@@ -245,8 +239,8 @@ impl Rays {
         self
     }
 
-    /// The same rays, but only those around the pixels of a part of the region are marched: the bytes of these pixels do
-    /// not depend on the others.
+    /// The same rays, but only those around the pixels of a part of the region are marched: the bytes of these pixels
+    /// do not depend on the others.
     pub(super) fn around(mut self, region: Region, part: Region) -> Self {
         // The splines of a pixel depend on the points within this distance.
         const MARGIN: f64 = SPLINE_MARGIN + 4.0;
@@ -266,24 +260,24 @@ impl Rays {
     }
 }
 
-/// The least and the largest of what a linear map makes of the pixels of a rectangle.
+/// The least and the largest place of the pixels of a rectangle under a linear map.
 fn ends(origin: DVec2, x: DVec2, y: DVec2, [low, high]: [DVec2; 2]) -> [DVec2; 2] {
     let corners = [low, DVec2::new(high.x, low.y), DVec2::new(low.x, high.y), high];
     let points = corners.map(|corner| origin + x * corner.x + y * corner.y);
     points.iter().fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], &p| [low.min(p), high.max(p)])
 }
 
-/// The rays per voxel that the densest voxel asks for by its optical depth, as a power of 2: opacity saturates, so the
-/// edges of what is opaque are sharper than kernels are. No view changes it.
+/// The rays per voxel that the densest voxel needs for its optical depth, as a power of 2: opacity saturates, so the
+/// edges of opaque matter are sharper than kernels. It is the same in every view.
 ///
 /// Measured; docs/measurements/2026-11-22-rays.md has the table.
 fn level_for_depth(depth: f64) -> f64 {
     if depth > 0.4 { 1.0 } else { 0.0 }
 }
 
-/// The rays per voxel that a kernel asks for by its width, as a whole power of 2: the estimate of what splines err by
-/// sees only kernels that several rays meet. It changes with the view only where kernels grow, and there every pixel
-/// has its own ray.
+/// The rays per voxel that a kernel needs for its width, as a whole power of 2: the estimate of the errors of splines
+/// sees only kernels that several rays meet. It changes with the view only if kernels grow, and then every pixel has
+/// its own ray.
 fn level_for_kernel(kernel: &Kernel) -> f64 {
     let radius = kernel.radius();
     // The standard deviation of the footprint along a or b.
@@ -295,7 +289,7 @@ fn level_for_kernel(kernel: &Kernel) -> f64 {
         squares += footprint * r * r * r / 2.0;
     }
     let width = (squares / sum).sqrt();
-    // What is cut off at the rim: 0.14 of the default Gaussian's peak.
+    // The step at the rim: 0.14 of the default Gaussian's peak.
     let rim = kernel.value(radius * radius * (1.0 - 1e-9)) / kernel.value(0.0);
     (2.0 * (0.58 / width).log2()).max((rim - 0.15) / 0.15).max(0.0).ceil()
 }

@@ -4,20 +4,20 @@
 use glam::{DMat2, DVec2};
 
 use super::{
-    Block, RaySetup, Rays, SPLINE_MARGIN, ends, f2, f3, first_pixel, level_for_depth, level_for_kernel, max_depth,
-    smoothstep,
+    RaySetup, Rays, SPLINE_MARGIN, ends, f2, f3, first_pixel, level_for_depth, level_for_kernel, max_depth, smoothstep,
 };
 use crate::gpu::layout;
 use crate::image::Region;
+use crate::painters::tiles::Block;
 use crate::stats::RaySpacing;
 
-/// Voxels of a row, and rows at least and at most, that `straight` in shaders/gather.wgsl reads of a plane.
+/// Voxels of a row, and rows at least and at most, that `eight` in shaders/gather.wgsl reads of a plane.
 const BLOCK_COLUMNS: f64 = 5.0;
 const BLOCK_ROWS: [f64; 2] = [5.0, 7.0];
 
 /// Rays per voxel along an axis, as a power of 2, if rays move by `shear` voxels along it from plane to plane. If that
 /// is close to a whole number, the ripple and the rims of kernels in plane after plane fall on one another, and one ray
-/// per voxel misses what is between.
+/// per voxel misses the matter between.
 ///
 /// Measured; docs/measurements/2026-11-22-rays.md has the table, 2026-11-22-near-straight.md what was changed.
 fn level_for_shear(shear: f64) -> f64 {
@@ -40,7 +40,7 @@ fn levels(setup: &RaySetup<'_>) -> DVec2 {
 /// The least share of its own ray in each pixel: all of it if rays run along the axis, if kernels ask for more than
 /// four rays a voxel, if voxels are as small as pixels, or if there would be more rays than pixels.
 pub(super) fn pixel_share(setup: &RaySetup<'_>) -> f64 {
-    // Wherever a share is between 0 and 1, the rays of pixels and those of images are marched: over few views.
+    // Wherever a share is between 0 and 1, the rays of pixels and of images are marched: in few views.
     let straight = setup.axis.shear().map(|shear| smoothstep(0.035, 0.03, shear.abs()));
     let levels = levels(setup);
     let magnification = setup.job.view.grid.min_spacing() / setup.pixel();
@@ -68,8 +68,8 @@ fn marched(level: f64) -> f64 {
     powers(level).map(|(rays, share)| f64::from(rays) * (8.0 * share).min(1.0)).into_iter().sum()
 }
 
-/// The eight pixels that best share the voxels that their rays along the axis meet.
-pub(super) fn block(setup: &RaySetup<'_>, region: Region) -> Option<Block> {
+/// The eight pixels of a region that best share the voxels that their rays along the axis meet.
+pub(in crate::painters::tiles) fn block(setup: &RaySetup<'_>, region: Region) -> Option<Block> {
     let [_, step_x, step_y] = pixels_at(setup, region);
     block_of(step_x, step_y, setup.kernel.radius())
 }
@@ -107,24 +107,11 @@ pub(super) fn image_rays(setup: &RaySetup<'_>, region: Region, common: layout::R
     let [a, b] = levels(setup).to_array().map(powers);
     let common = along(setup, common);
     let mut images = Vec::new();
-    for (b, share_b) in b {
-        for (a, share_a) in a {
-            let share = share_a * share_b;
-            let Some(points) = ImagePoints::new(setup, region, [a, b]).filter(|_| share > 0.0) else { continue };
-            let uniforms = layout::Rays {
-                origin: f2(points.origin),
-                step_x: [points.steps.x as f32, 0.0],
-                step_y: [0.0, points.steps.y as f32],
-                phases: [a, b],
-                size: points.size,
-                pixel_origin: f2(points.pixel_origin),
-                pixel_x: f2(points.pixel_x),
-                pixel_y: f2(points.pixel_y),
-                share: (setup.axis.share * share) as f32,
-                ..common
-            };
-            images.push(Rays { uniforms, spacing: RaySpacing::PerVoxel([a, b]) });
-        }
+    for ((a, share_a), (b, share_b)) in b.into_iter().flat_map(|b| a.map(|a| (a, b))) {
+        let share = share_a * share_b;
+        let Some(points) = through_points(setup, region, [a, b], common).filter(|_| share > 0.0) else { continue };
+        let uniforms = layout::Rays { share: (setup.axis.share * share) as f32, ..points };
+        images.push(Rays { uniforms, spacing: RaySpacing::PerVoxel([a, b]) });
     }
     images
 }
@@ -152,7 +139,7 @@ fn pixels_at(setup: &RaySetup<'_>, region: Region) -> [DVec2; 3] {
     let base = |p: DVec2| {
         let (camera, plane) = (&setup.job.view.camera, setup.plane(p));
         let p = setup.placed(camera.target + (camera.right * plane.x + camera.up * plane.y));
-        DVec2::new(p.x, p.y) - shear * p.z
+        p.truncate() - shear * p.z
     };
     let corner = first_pixel(region);
     let first = base(corner);
@@ -164,49 +151,43 @@ fn footprint_half(radius: f64, shear: DVec2) -> DVec2 {
     radius * (DVec2::ONE + shear * shear).map(f64::sqrt)
 }
 
-/// The points of an intermediate image in base coordinates, and where pixels lie among them.
-struct ImagePoints {
-    /// The first point, and the steps to its neighbours along a and b, in base coordinates.
-    origin: DVec2,
-    steps: DVec2,
-    /// Points across and down.
-    size: [u32; 2],
-    /// The region's first pixel, and the steps to its neighbours, in points.
-    pixel_origin: DVec2,
-    pixel_x: DVec2,
-    pixel_y: DVec2,
-}
-
-impl ImagePoints {
-    /// The points, `per_voxel` along a and b; `None` if no ray of the region reaches the volume.
-    fn new(setup: &RaySetup<'_>, region: Region, per_voxel: [u32; 2]) -> Option<Self> {
-        let shear = setup.axis.shear();
-        let [first, pixel_x, pixel_y] = pixels_at(setup, region);
-        let steps = DVec2::from_array(per_voxel.map(f64::from)).recip();
-        // The part of the volume that the region sees, in base coordinates.
-        let volume_ends = base_ends(setup, shear);
-        let extent = DVec2::new(f64::from(region.width), f64::from(region.height)) - 1.0;
-        let [low, high] = ends(first, pixel_x, pixel_y, [DVec2::ZERO, extent]);
-        let (low, high) = (low.max(volume_ends[0]), high.min(volume_ends[1]));
-        if low.cmpgt(high).any() {
-            return None;
-        }
-        // Whole steps from the ray through the first voxel of the volume: the same rays whatever part of it is packed,
-        // and whatever the region.
-        let anchor = setup.placed(setup.job.view.grid.to_world().translation);
-        let anchor = DVec2::new(anchor.x, anchor.y) - shear * anchor.z;
-        let origin = anchor + steps * (((low - anchor) / steps).floor() - SPLINE_MARGIN);
-        let count = ((high - origin) / steps + SPLINE_MARGIN).ceil() + 1.0;
-        let to_points = DMat2::from_diagonal(steps.recip());
-        Some(Self {
-            origin,
-            steps,
-            size: [count.x as u32, count.y as u32],
-            pixel_origin: to_points * (first - origin),
-            pixel_x: to_points * pixel_x,
-            pixel_y: to_points * pixel_y,
-        })
+/// The rays through the points of an intermediate image, `per_voxel` along a and b; `None` if no ray of the region
+/// reaches the volume.
+fn through_points(
+    setup: &RaySetup<'_>,
+    region: Region,
+    per_voxel: [u32; 2],
+    common: layout::Rays,
+) -> Option<layout::Rays> {
+    let shear = setup.axis.shear();
+    let [first, pixel_x, pixel_y] = pixels_at(setup, region);
+    let steps = DVec2::from_array(per_voxel.map(f64::from)).recip();
+    // The part of the volume that the region sees, in base coordinates.
+    let volume_ends = base_ends(setup, shear);
+    let extent = DVec2::new(f64::from(region.width), f64::from(region.height)) - 1.0;
+    let [low, high] = ends(first, pixel_x, pixel_y, [DVec2::ZERO, extent]);
+    let (low, high) = (low.max(volume_ends[0]), high.min(volume_ends[1]));
+    if low.cmpgt(high).any() {
+        return None;
     }
+    // Whole steps from the ray through the first voxel of the volume: the same rays whatever part of it is packed, and
+    // whatever the region.
+    let anchor = setup.placed(setup.job.view.grid.to_world().translation);
+    let anchor = anchor.truncate() - shear * anchor.z;
+    let origin = anchor + steps * (((low - anchor) / steps).floor() - SPLINE_MARGIN);
+    let count = ((high - origin) / steps + SPLINE_MARGIN).ceil() + 1.0;
+    let to_points = DMat2::from_diagonal(steps.recip());
+    Some(layout::Rays {
+        origin: f2(origin),
+        step_x: [steps.x as f32, 0.0],
+        step_y: [0.0, steps.y as f32],
+        phases: per_voxel,
+        size: [count.x as u32, count.y as u32],
+        pixel_origin: f2(to_points * (first - origin)),
+        pixel_x: f2(to_points * pixel_x),
+        pixel_y: f2(to_points * pixel_y),
+        ..common
+    })
 }
 
 /// The least and the largest base coordinates of rays that reach a kernel of the packed box.

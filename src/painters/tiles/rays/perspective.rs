@@ -23,46 +23,49 @@ pub(super) fn pixel_share(setup: &RaySetup<'_>, distance: f64) -> f64 {
 
 /// The rays of the pixels of a region.
 pub(super) fn pixel_rays(setup: &RaySetup<'_>, region: Region, distance: f64, common: layout::Rays) -> Rays {
-    let points = ImagePoints {
-        pitch: 1.0,
-        first: first_pixel(region),
-        size: [region.width, region.height],
-        pixel_origin: DVec2::ZERO,
-    };
-    through(points, setup, distance, common)
+    let common = layout::Rays { size: [region.width, region.height], ..common };
+    through([first_pixel(region), DVec2::ONE], setup, distance, common)
 }
 
 /// The rays of the intermediate image of a region, `None` if the axis has no share in it.
 pub(super) fn image_rays(setup: &RaySetup<'_>, region: Region, distance: f64, common: layout::Rays) -> Option<Rays> {
     let pitch = pitch(setup, distance);
-    // What shows is as a rule nearer than the far end, and has more rays a voxel. Rays that do not move in step with
-    // the lattice err by a little more. Of marschner-lobb:48 at 40 degrees the margin takes oblique views from 1.23e-2
-    // to 1.1e-2; along an axis 1.26e-2 stay, where 1.2e-2 is promised.
+    // Visible matter is as a rule nearer than the far end, and has more rays a voxel. Rays that do not move in step
+    // with the lattice err by a little more. Of marschner-lobb:48 at 40 degrees the margin takes oblique views from
+    // 1.23e-2 to 1.1e-2; along an axis 1.26e-2 stay, where 1.2e-2 is promised.
     const MARGIN: f64 = 1.15;
     let [middle, far] = depths(setup, distance);
     let fineness = (magnification(setup, far) / pitch * (far / middle.abs()).min(2.0) * MARGIN) as f32;
-    // From halves of the picture, y upwards, to its pixels.
+    // The part of the picture in which the axis has a share: from halves of the picture, y upwards, to its pixels.
     let half = DVec2::from_array(setup.job.view.camera.size.map(f64::from)) / 2.0;
     let [low, high] = setup.axis.part;
     let part = [DVec2::new(low.x, -high.y), DVec2::new(high.x, -low.y)].map(|end| (end + 1.0) * half);
-    let points = ImagePoints::new(pitch, region, part)?;
-    Some(through(points, setup, distance, layout::Rays { fineness, ..common }))
+    let all =
+        ((DVec2::new(f64::from(region.width), f64::from(region.height)) - 1.0) / pitch + 2.0 * SPLINE_MARGIN).ceil();
+    let first = first_pixel(region) - SPLINE_MARGIN * pitch;
+    // The same points whatever the part, so that none of them moves while the part does.
+    let [low, high] = part.map(|end| (end - first) / pitch);
+    let low = (low - SPLINE_MARGIN).floor().max(DVec2::ZERO);
+    let count = (high + SPLINE_MARGIN).ceil().min(all) - low + 1.0;
+    let (size, pixel_origin) = ([count.x as u32, count.y as u32], f2(SPLINE_MARGIN - low));
+    let common = layout::Rays { fineness, size, pixel_origin, ..common };
+    (count.min_element() >= 1.0).then(|| through([first + low * pitch, DVec2::splat(pitch)], setup, distance, common))
 }
 
-/// The rays through these points.
-fn through(points: ImagePoints, setup: &RaySetup<'_>, distance: f64, common: layout::Rays) -> Rays {
+/// The rays through points, given the first point and the steps to its neighbours in pixels of the picture.
+fn through([first, steps]: [DVec2; 2], setup: &RaySetup<'_>, distance: f64, common: layout::Rays) -> Rays {
     let (view, axis) = (setup.job.view, setup.axis);
     let (camera, grid) = (&view.camera, &view.grid);
     let to_lattice = grid.to_lattice().matrix3;
     let heading = |plane: DVec2| axis.ordered(to_lattice * (camera.right * plane.x + camera.up * plane.y));
     let forward = axis.ordered(to_lattice * camera.forward);
-    let first = setup.plane(points.first);
-    let next = setup.plane(points.first + points.pitch);
+    let next = setup.plane(first + steps);
+    let first = setup.plane(first);
     let [step_x, step_y] = [DVec2::new(next.x - first.x, 0.0), DVec2::new(0.0, next.y - first.y)].map(heading);
     // Places are measured from the point in the middle plane that a ray in the middle of all that run along m goes
     // through: measured from an eye that is far away they would cancel. Let c be the heading of that ray, E the eye and
     // M = E + t c the point. A ray of heading h meets the middle plane at E + t c.m / h.m h = M + t (c.m h - h.m c) /
-    // h.m. The numerator is linear in h, and 0 for h = c: it is that of the difference.
+    // h.m. The numerator is linear in h, and 0 for h = c: it is the numerator of the difference.
     let central = forward + heading(axis.middle);
     let placed = |from_target: DVec3| setup.placed(camera.target + from_target);
     let eye = placed(-camera.forward * distance);
@@ -88,17 +91,15 @@ fn through(points: ImagePoints, setup: &RaySetup<'_>, distance: f64, common: lay
         eye_plane: eye.z.clamp(-1e8, 1e8) as f32,
         growth_slope: f3(growth_slope),
         growth_middle: (growth.constant + growth.slope * depth) as f32,
-        // Rays of which m has a share lean by less than twice m, so that kernels reach less than twice their radius.
+        // Rays in which m has a share lean by less than twice m, so that kernels reach less than twice their radius.
         growth_around: (growth_slope.truncate().length() * 2.0 * most * setup.kernel.radius()) as f32,
         slope_origin: f2(first),
         slope_step: f2(next - first),
-        size: points.size,
-        pixel_origin: f2(points.pixel_origin),
-        pixel_x: f2(DVec2::X / points.pitch),
-        pixel_y: f2(DVec2::Y / points.pitch),
+        pixel_x: f2(DVec2::X / steps),
+        pixel_y: f2(DVec2::Y / steps),
         ..common
     };
-    Rays { uniforms, spacing: RaySpacing::Pixels(points.pitch) }
+    Rays { uniforms, spacing: RaySpacing::Pixels(steps.x) }
 }
 
 /// Depths before the eye of the middle of the volume and of its far end.
@@ -124,37 +125,4 @@ fn pitch(setup: &RaySetup<'_>, distance: f64) -> f64 {
     // it is for parallel rays.
     let [_, far] = depths(setup, distance);
     (magnification(setup, far) / level.exp2()).min(most)
-}
-
-/// The points of the intermediate image.
-struct ImagePoints {
-    /// Pixels between neighbouring points; 1: the points are the pixels.
-    pitch: f64,
-    /// The first point, in pixels of the picture.
-    first: DVec2,
-    /// Points across and down.
-    size: [u32; 2],
-    /// The middle of the region's first pixel, in points.
-    pixel_origin: DVec2,
-}
-
-impl ImagePoints {
-    /// The points around the part of a region in which an axis has a share; the part is given by the least and the
-    /// largest place in it, in pixels of the picture. `None` if there is no such part.
-    fn new(pitch: f64, region: Region, part: [DVec2; 2]) -> Option<Self> {
-        let size = DVec2::new(f64::from(region.width), f64::from(region.height));
-        let all = ((size - 1.0) / pitch + 2.0 * SPLINE_MARGIN).ceil();
-        let first = first_pixel(region) - SPLINE_MARGIN * pitch;
-        // The same points whatever the part, so that none of them moves while the part does.
-        let [low, high] = part.map(|end| (end - first) / pitch);
-        let low = (low - SPLINE_MARGIN).floor().max(DVec2::ZERO);
-        let high = (high + SPLINE_MARGIN).ceil().min(all);
-        let count = high - low + 1.0;
-        (count.min_element() >= 1.0).then(|| Self {
-            pitch,
-            first: first + low * pitch,
-            size: [count.x as u32, count.y as u32],
-            pixel_origin: SPLINE_MARGIN - low,
-        })
-    }
 }
