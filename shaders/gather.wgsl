@@ -34,7 +34,7 @@ override RESAMPLED: bool = false;
 // Parts are parabolas in s.
 override CURVED: bool = false;
 
-// Planes that kernels reach before and behind their own: 3, or 4; along `eight`, 2.
+// Planes that kernels reach before and behind their own: 2 to 4; along `eight`, 2.
 override REACH: i32 = 3;
 
 // Sums in the slabs around a plane, from four planes before its own, which is number 4, to four behind it.

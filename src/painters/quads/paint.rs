@@ -54,7 +54,7 @@ impl<'a> Picture<'a> {
         };
         let f32_fits = feed == Feed::Depth || batch_sizes(context, feed, Precision::F32).next().is_some();
         let precision = precision(knobs.precision, context.blends_f32() && f32_fits)
-            .ok_or_else(|| context.unsupported("cannot blend f32 sheets: take the precision f16".to_owned()))?;
+            .ok_or_else(|| context.unsupported("cannot blend f32 sheets: choose the precision f16".to_owned()))?;
         let plan = Plan::new(view, settings, job.weights, precision);
         let table_error = knobs.table_error.unwrap_or_else(|| precision.footprint_error());
         let table = FootprintTable::new(&settings.kernel, table_error)?;
@@ -65,10 +65,12 @@ impl<'a> Picture<'a> {
             ("AXIS", plan.axis.is_some().into()),
             ("ADDITIVE", (knobs.accumulation == Accumulation::Additive).into()),
             ("SHEETS", sheets_per_pass),
-            ("SAMPLES", settings.samples_per_slab(knobs.sheet_thickness, PIECES)),
             ("ROWS", table.rows()),
             ("TEXELS", table.terms() / 4),
         ]);
+        if feed.is_scalar() {
+            constants.push(("SAMPLES", settings.samples_per_slab(knobs.sheet_thickness, PIECES)));
+        }
         let key = QuadsKey { feed, precision, sheets_per_pass, terminates: view.terminates(), constants };
         if let Some(region) = view.projected_bounds() {
             let fragments = plan.fragments(job.stores, region, key.sheets_per_pass);
@@ -167,7 +169,7 @@ fn sheets_per_pass(context: &Context, feed: Feed, precision: Precision) -> Resul
     }
     let preferred = if context.info.is_software() || feed.sheets_per_layer() > 1 { 8 } else { 4 };
     let largest = batch_sizes(context, feed, precision).filter(|&n| n <= preferred).max();
-    largest.ok_or_else(|| context.unsupported(format!("cannot draw into so many {precision} sheets at once")))
+    largest.ok_or_else(|| context.unsupported(format!("cannot draw into the {precision} sheets of one pass at once")))
 }
 
 #[cfg(test)]

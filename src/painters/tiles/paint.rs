@@ -155,12 +155,12 @@ impl<'a> Picture<'a> {
     fn key(&self) -> TilesKey {
         let Job { context, view, .. } = self.job;
         // A ball of the lattice reaches as far along a row.
-        let most = view.depth_growth().1;
-        let along_row = |axis: &PackedAxis| most * self.kernel.radius() / (1.0 - axis.axis.lean.powi(2)).sqrt();
+        let growth = view.depth_growth().1;
+        let along_row = |axis: &PackedAxis| growth * self.kernel.radius() / (1.0 - axis.axis.lean.powi(2)).sqrt();
         // n texels serve a reach of up to n - 1/2 voxels; of the largest kernels, along the rays that lean most, it is
         // 5.9.
         let texels = self.axes.iter().map(along_row).fold(0.0, f64::max) + 0.5;
-        let reach = match most * self.kernel.radius() / ROUNDING {
+        let reach = match growth * self.kernel.radius() / ROUNDING {
             radius if radius <= 2.0 => 2,
             radius if radius <= 3.0 && self.kind != SlabKind::Scalars => 3,
             _ => 4,
@@ -168,7 +168,7 @@ impl<'a> Picture<'a> {
         let rays = self.ray_kind();
         let mut constants = self.job.constants();
         constants.extend([
-            ("GROWN", (most > 1.0).into()),
+            ("GROWN", (growth > 1.0).into()),
             ("CURVED", (self.kind == SlabKind::DenseColors).into()),
             ("TERMS", self.footprint.terms()),
             ("TEXELS", texels.floor().clamp(2.0, 6.0) as u32 + 1),
@@ -394,11 +394,11 @@ mod tests {
 
     #[test]
     fn auto_takes_a_ray_for_each_pixel_on_gpus() {
-        let of = |painter| Settings { painter, ..Settings::default() };
-        let capped = of(Painter::Tiles(TilesSettings { resolution: Resolution::Capped }));
-        let full = of(Painter::Tiles(TilesSettings { resolution: Resolution::Full }));
+        let by = |painter| Settings { painter, ..Settings::default() };
+        let capped = by(Painter::Tiles(TilesSettings { resolution: Resolution::Capped }));
+        let full = by(Painter::Tiles(TilesSettings { resolution: Resolution::Full }));
         assert_eq!(
-            [true, false].map(|software| resolution(&of(Painter::Auto), software)),
+            [true, false].map(|software| resolution(&by(Painter::Auto), software)),
             [Resolution::Capped, Resolution::Full]
         );
         for software in [true, false] {

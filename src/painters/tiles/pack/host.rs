@@ -106,11 +106,11 @@ impl Packing {
         let context = recorder.context;
         let [width, height] = self.size;
         let row = 2 * width as usize;
-        let most = (BAND as usize / (row * size_of::<V>())).next_multiple_of(ROWS).min(height as usize);
-        let mut band = reserved((most * row) as u64, || "a packed volume".to_owned())?;
-        band.resize(most * row, V::zeroed());
-        for first in (0..height as usize).step_by(most) {
-            let rows = first..(first + most).min(height as usize);
+        let band_rows = (BAND as usize / (row * size_of::<V>())).next_multiple_of(ROWS).min(height as usize);
+        let mut band = reserved((band_rows * row) as u64, || "a packed volume".to_owned())?;
+        band.resize(band_rows * row, V::zeroed());
+        for first in (0..height as usize).step_by(band_rows) {
+            let rows = first..(first + band_rows).min(height as usize);
             let planes = self.planes(rows.start as u32..rows.end as u32);
             let (low, axis) = (self.low[2], self.axes[2]);
             let near = |(brick, _): &Held<'_>| {

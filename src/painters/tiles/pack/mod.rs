@@ -97,7 +97,7 @@ impl Packing {
         let low = axes.map(|axis| low[axis]);
         let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
         let [a, b, m] = dims;
-        let most = u64::from(context.limits.max_texture_dimension_2d);
+        let limit = u64::from(context.limits.max_texture_dimension_2d);
         let row_texels = a.div_ceil(2);
         let rows = u64::from(b) + 1;
         // As many planes side by side as make the texture about square.
@@ -107,7 +107,7 @@ impl Packing {
         let align = u64::from(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT) / 8;
         let width = (columns * column + u64::from(MARGIN)).next_multiple_of(align);
         let height = u64::from(m).div_ceil(columns) * rows + 1;
-        let fits = width <= most && height <= most && width * height * voxel.texel() <= MAX_BYTES;
+        let fits = width <= limit && height <= limit && width * height * voxel.texel() <= MAX_BYTES;
         let macrocells =
             dims.map(|n| n.div_ceil(MACROCELL)).iter().all(|&n| n <= context.limits.max_texture_dimension_3d);
         (fits && macrocells).then_some(Self {
