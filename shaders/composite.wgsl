@@ -51,38 +51,14 @@ fn composite(@builtin(global_invocation_id) id: vec3u) {
     // Written out because software drivers do not unroll a loop over the sheets. Most pixels of most batches are empty:
     // these neither read nor write the frame.
     var s = array<vec4f, 8>();
-    s[0] = load(at, 0u);
-    var reached = s[0].a;
-    if SHEETS >= 2u {
-        s[1] = load(at, 1u);
-        reached += s[1].a;
-    }
-    if SHEETS >= 4u {
-        s[2] = load(at, 2u);
-        s[3] = load(at, 3u);
-        reached += s[2].a + s[3].a;
-    }
-    if SHEETS >= 8u {
-        s[4] = load(at, 4u);
-        s[5] = load(at, 5u);
-        s[6] = load(at, 6u);
-        s[7] = load(at, 7u);
-        reached += s[4].a + s[5].a + s[6].a + s[7].a;
-    }
+    var reached = 0.0;
+    if #u < SHEETS { s[#] = load(at, #u); reached += s[#].a; }
     if reached <= 0.0 {
         return;
     }
     let index = at.y * frame.region.x + at.x;
-    var pixel = with_sheet(pixels[index], s[0]);
-    if SHEETS >= 2u {
-        pixel = with_sheet(pixel, s[1]);
-    }
-    if SHEETS >= 4u {
-        pixel = with_sheet(with_sheet(pixel, s[2]), s[3]);
-    }
-    if SHEETS >= 8u {
-        pixel = with_sheet(with_sheet(with_sheet(with_sheet(pixel, s[4]), s[5]), s[6]), s[7]);
-    }
+    var pixel = pixels[index];
+    if #u < SHEETS { pixel = with_sheet(pixel, s[#]); }
     pixels[index] = pixel;
 }
 

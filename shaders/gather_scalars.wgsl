@@ -146,58 +146,35 @@ fn is_opaque(ray: RayState) -> bool {
     return !MAXIMUM && !MEAN && ray.depth > rays.opaque_depth;
 }
 
-// Planes marched after the last plane of a run: kernels reach REACH planes beyond it, and slabs are composited REACH
-// planes late.
+// Planes after the last of a run: kernels reach REACH planes beyond it, and slabs wait for as many.
 override FLUSH: i32 = 2 * REACH;
 
-// The incomplete slabs, the foremost first, two for each plane; and the slab composited last.
 struct Slabs {
+    // What was composited last.
     composited: Before,
-    s0: vec4f,
-    s1: vec4f,
-    s2: vec4f,
-    s3: vec4f,
-    s4: vec4f,
-    s5: vec4f,
-    // 0 if kernels reach 2 planes.
-    s6: vec4f,
-    s7: vec4f,
-    s8: vec4f,
-    s9: vec4f,
-    s10: vec4f,
-    s11: vec4f,
-    s12: vec4f,
-    s13: vec4f,
+    // Sums in the slabs around a plane, from eight before it to eight behind it; then two that are 0. Kernels that
+    // reach 2 planes fill the middle eight.
+    sums: array<vec4f, 18>,
 }
 
-// The parts of the kernels of a plane in four slabs: terms that are even in s, equal on both sides, and odd terms,
-// which change sign behind.
-struct FourParts {
-    even0: vec4f,
-    even1: vec4f,
-    even2: vec4f,
-    even3: vec4f,
-    odd0: vec4f,
-    odd1: vec4f,
-    odd2: vec4f,
-    odd3: vec4f,
+// Adds the parts of the kernels of a plane in slab number `slab` before the plane and in the slab as far behind it:
+// terms that are even in s are alike on both sides, odd ones change sign. `section` are the factors of m0, m1 and m2.
+fn add_part(slabs: ptr<function, Slabs>, slab: i32, section: vec3f, sums: Moments) {
+    let even = section.x * sums.m0 + section.z * vec4f(0.0, 0.0, 0.0, sums.m2.w);
+    let odd = section.y * sums.m1;
+    (*slabs).sums[slab] = (*slabs).sums[slab] + even + odd;
+    (*slabs).sums[15 - slab] = (*slabs).sums[15 - slab] + even - odd;
 }
 
-fn parts_of(section: Section, sums: Moments) -> FourParts {
+// Adds the parts in four slabs from number `slab` on, and in the slabs as far behind the plane.
+fn add_parts(slabs: ptr<function, Slabs>, slab: i32, section: Section, sums: Moments) {
     let x = section.by_m0;
     let y = section.by_m1;
     let z = section.by_m2;
-    let m2 = vec4f(0.0, 0.0, 0.0, sums.m2.w);
-    return FourParts(
-        x.x * sums.m0 + z.x * m2,
-        x.y * sums.m0 + z.y * m2,
-        x.z * sums.m0 + z.z * m2,
-        x.w * sums.m0 + z.w * m2,
-        y.x * sums.m1,
-        y.y * sums.m1,
-        y.z * sums.m1,
-        y.w * sums.m1,
-    );
+    add_part(slabs, slab, vec3f(x.x, y.x, z.x), sums);
+    add_part(slabs, slab + 1, vec3f(x.y, y.y, z.y), sums);
+    add_part(slabs, slab + 2, vec3f(x.z, y.z, z.z), sums);
+    add_part(slabs, slab + 3, vec3f(x.w, y.w, z.w), sums);
 }
 
 // Adds a plane to the slabs that its kernels reach, and composites the two slabs before these.
@@ -209,53 +186,17 @@ fn feed(
     plane: i32,
     end: i32,
 ) {
-    let near = parts_of(section_at(geometry.near, geometry, plane), sums);
-    let pending = *slabs;
+    add_parts(slabs, 4, section_at(geometry.near, geometry, plane), sums);
+    if REACH > 2 {
+        add_parts(slabs, 0, section_at(geometry.far, geometry, plane), sums);
+    }
     // The middle of the slab that waits.
     let middle = f32(plane) - f32(REACH) - 0.25;
-    if REACH > 2 {
-        let far = parts_of(section_at(geometry.far, geometry, plane), sums);
-        let first = advance(ray, pending.composited, pending.s0 + far.even0 + far.odd0, geometry, middle);
-        let second = advance(ray, first, pending.s1 + far.even1 + far.odd1, geometry, middle + 0.5);
-        *slabs = Slabs(
-            second,
-            pending.s2 + far.even2 + far.odd2,
-            pending.s3 + far.even3 + far.odd3,
-            pending.s4 + near.even0 + near.odd0,
-            pending.s5 + near.even1 + near.odd1,
-            pending.s6 + near.even2 + near.odd2,
-            pending.s7 + near.even3 + near.odd3,
-            pending.s8 + near.even3 - near.odd3,
-            pending.s9 + near.even2 - near.odd2,
-            pending.s10 + near.even1 - near.odd1,
-            pending.s11 + near.even0 - near.odd0,
-            pending.s12 + far.even3 - far.odd3,
-            pending.s13 + far.even2 - far.odd2,
-            far.even1 - far.odd1,
-            far.even0 - far.odd0,
-        );
-    } else {
-        let first = advance(ray, pending.composited, pending.s0 + near.even0 + near.odd0, geometry, middle);
-        let second = advance(ray, first, pending.s1 + near.even1 + near.odd1, geometry, middle + 0.5);
-        let none = vec4f(0.0);
-        *slabs = Slabs(
-            second,
-            pending.s2 + near.even2 + near.odd2,
-            pending.s3 + near.even3 + near.odd3,
-            pending.s4 + near.even3 - near.odd3,
-            pending.s5 + near.even2 - near.odd2,
-            near.even1 - near.odd1,
-            near.even0 - near.odd0,
-            none,
-            none,
-            none,
-            none,
-            none,
-            none,
-            none,
-            none,
-        );
-    }
+    let first = advance(ray, (*slabs).composited, (*slabs).sums[8 - 2 * REACH], geometry, middle);
+    (*slabs).composited = advance(ray, first, (*slabs).sums[9 - 2 * REACH], geometry, middle + 0.5);
+    // On to the next plane.
+    if # >= 8 - 2 * REACH { (*slabs).sums[#] = (*slabs).sums[# + 2]; }
+    if # < 2 * REACH { (*slabs).sums[8 + #] = (*slabs).sums[10 + #]; }
 }
 
 @compute @workgroup_size(64)

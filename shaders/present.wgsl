@@ -1,7 +1,7 @@
 // present: the pixels of a region into the caller's texture, one fragment a pixel.
 
-// Whether the texture encodes written values by the sRGB curve. Pixels are display values already, so they are decoded
-// first.
+// Whether the texture encodes written values by the sRGB curve. Pixels hold display values already, so they are decoded
+// first and stored as they are.
 override SRGB: bool = false;
 
 struct Present {

@@ -6,11 +6,11 @@
 // Storage textures are read faster than others on software Vulkan.
 @group(0) @binding(1) var coefficients: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(2) var<storage, read_write> pixels: array<vec4f>;
-// The estimated error of splines around each point, and the resulting share of its own ray in each pixel.
+// The estimated error of the splines around each point, and the share of its own ray that each pixel gets for it.
 @group(0) @binding(3) var estimates: texture_storage_2d<r32float, read>;
 @group(0) @binding(4) var<storage, read_write> refinement: array<f32>;
 
-// The largest estimate at which a pixel uses the splines alone, and the least at which it uses its own ray alone. See
+// The estimate up to which a pixel takes the splines, and the estimate from which on it takes its own ray. See
 // docs/measurements/2026-11-22-rays.md.
 const SPLINES: f32 = 0.16;
 const OWN_RAY: f32 = 0.27;

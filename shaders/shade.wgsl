@@ -1,5 +1,5 @@
 // shade: post-shading (Mueller, Moeller and Crawfis 1999, "Splatting without the blur"). Sheets hold means of the
-// scalar: the sheets of a batch, and the last two of the batch before. Each sheet is classified and lit for each pixel,
+// scalar: all of a batch, and the last three of the batch before. Each sheet is classified and lit for each pixel,
 // between its two neighbours, and composited; so shading is one sheet behind splatting. `project` keeps the largest
 // scalar instead, or the mean. Scalars are relative to the transfer function's base, so that the space between splats
 // is 0.
@@ -17,7 +17,7 @@ struct Shade {
     depth: f32,
     // 1 if the batch before has splats, otherwise 0.
     previous: f32,
-    // The same for this batch.
+    // 1 if this batch has splats, otherwise 0.
     current: f32,
     // Place of the length of a gradient in the table of the transfer function: length * gradient_lookup.
     gradient_lookup: f32,
@@ -45,13 +45,8 @@ struct Shade {
 @group(0) @binding(7) var light_volume: texture_3d<f32>;
 @group(0) @binding(8) var light_sampler: sampler;
 
-// Means of consecutive sheets at a pixel: the last three of the batch before, then the four (a) or eight (a, b) of the
-// batch.
-struct Means {
-    before: vec3f,
-    a: vec4f,
-    b: vec4f,
-}
+// Means of consecutive sheets at a pixel: the last three of the batch before, then the four or eight of the batch.
+alias Means = array<f32, 11>;
 
 // The scalars of sheets `first` to `first` + 3 of the batch, in the units of sheets.
 fn scalars_at(at: vec2u, first: i32) -> vec4f {
@@ -67,34 +62,30 @@ fn scalars_at(at: vec2u, first: i32) -> vec4f {
 }
 
 fn means_at(at: vec2u) -> Means {
-    var m: Means;
+    var before: vec3f;
     if LIGHTS == 0u {
-        m.before = textureLoad(previous, at, i32(SHEETS / 4u) - 1, 0).yzw;
+        before = textureLoad(previous, at, i32(SHEETS / 4u) - 1, 0).yzw;
     } else {
         let last = i32(SHEETS) - 1;
-        m.before = vec3f(
+        before = vec3f(
             textureLoad(previous, at, last - 2, 0).a,
             textureLoad(previous, at, last - 1, 0).a,
             textureLoad(previous, at, last, 0).a,
         );
     }
-    m.before *= frame.inverse_sheet_scale * shading.previous;
-    m.a = scalars_at(at, 0) * (frame.inverse_sheet_scale * shading.current);
+    before *= frame.inverse_sheet_scale * shading.previous;
+    let a = scalars_at(at, 0) * (frame.inverse_sheet_scale * shading.current);
+    var b = vec4f(0.0);
     if SHEETS > 4u {
-        m.b = scalars_at(at, 4) * (frame.inverse_sheet_scale * shading.current);
+        b = scalars_at(at, 4) * (frame.inverse_sheet_scale * shading.current);
     }
-    return m;
+    return Means(before.x, before.y, before.z, a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w);
 }
 
 fn is_invisible_batch(m: Means) -> bool {
-    var low = min(m.before.yzyz, m.a);
-    var high = max(m.before.yzyz, m.a);
-    if SHEETS > 4u {
-        low = min(low, m.b);
-        high = max(high, m.b);
-    }
-    let least = min(min(low.x, low.y), min(low.z, low.w));
-    let largest = max(max(high.x, high.y), max(high.z, high.w));
+    var least = min(m[1], m[2]);
+    var largest = max(m[1], m[2]);
+    if #u < SHEETS { least = min(least, m[# + 3]); largest = max(largest, m[# + 3]); }
     return is_invisible_range(least, largest, shading.invisible);
 }
 
@@ -119,7 +110,7 @@ fn gradient_of(at: vec2u, sheet: i32) -> vec3f {
     return textureLoad(current, at, sheet, 0).rgb * shading.current;
 }
 
-// The effect of a gradient on the matter there.
+// The effect of a gradient on the matter of a sheet.
 struct Surface {
     light: Shine,
     // Gradient opacity: the share of extinction.
@@ -157,7 +148,7 @@ fn whole_samples() -> u32 {
     return select(2u * half_samples(), SAMPLES, LIGHTS == 0u || SAMPLES == 1u);
 }
 
-// The state in front of the next sheet, behind the sheet at view depth `z`; `means` are the means around that sheet.
+// The beginning of the sheet behind the sheet that begins at view depth `z`; `means` are the means around that.
 fn before_of(means: vec3f, ray: PixelRay, z: f32) -> Before {
     var before = Before(AT_THE_FACE, Classified());
     if ray.inside.x >= z + frame.sheet_step {
@@ -255,25 +246,9 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let ray = pixel_ray(pixel_at);
-    let step = frame.sheet_step;
     var z = shading.depth;
-    pixel = with_sheet(pixel, m.before.x, vec3f(m.before.yz, m.a.x), pixel_at, -1, ray, z);
-    z += step;
-    pixel = with_sheet(pixel, m.before.y, vec3f(m.before.z, m.a.xy), pixel_at, 0, ray, z);
-    z += step;
-    pixel = with_sheet(pixel, m.before.z, m.a.xyz, pixel_at, 1, ray, z);
-    z += step;
-    pixel = with_sheet(pixel, m.a.x, m.a.yzw, pixel_at, 2, ray, z);
-    if SHEETS > 4u {
-        z += step;
-        pixel = with_sheet(pixel, m.a.y, vec3f(m.a.zw, m.b.x), pixel_at, 3, ray, z);
-        z += step;
-        pixel = with_sheet(pixel, m.a.z, vec3f(m.a.w, m.b.xy), pixel_at, 4, ray, z);
-        z += step;
-        pixel = with_sheet(pixel, m.a.w, m.b.xyz, pixel_at, 5, ray, z);
-        z += step;
-        pixel = with_sheet(pixel, m.b.x, m.b.yzw, pixel_at, 6, ray, z);
-    }
+    let m# = vec3f(m[# + 1], m[# + 2], m[# + 3]);
+    if #u < SHEETS { pixel = with_sheet(pixel, m[#], m#, pixel_at, # - 1, ray, z); z += frame.sheet_step; }
     pixels[index] = pixel;
 }
 
@@ -316,25 +291,10 @@ fn project(@builtin(global_invocation_id) id: vec3u) {
     }
     let index = pixel_at.y * frame.region.x + pixel_at.x;
     let m = means_at(pixel_at);
-    let step = frame.sheet_step;
     var z = shading.depth;
-    var so_far = updated_projection(pixels[index].xyz, vec3f(m.before.yz, m.a.x), ray, z);
-    z += step;
-    so_far = updated_projection(so_far, vec3f(m.before.z, m.a.xy), ray, z);
-    z += step;
-    so_far = updated_projection(so_far, m.a.xyz, ray, z);
-    z += step;
-    so_far = updated_projection(so_far, m.a.yzw, ray, z);
-    if SHEETS > 4u {
-        z += step;
-        so_far = updated_projection(so_far, vec3f(m.a.zw, m.b.x), ray, z);
-        z += step;
-        so_far = updated_projection(so_far, vec3f(m.a.w, m.b.xy), ray, z);
-        z += step;
-        so_far = updated_projection(so_far, m.b.xyz, ray, z);
-        z += step;
-        so_far = updated_projection(so_far, m.b.yzw, ray, z);
-    }
+    var so_far = pixels[index].xyz;
+    let m# = vec3f(m[# + 1], m[# + 2], m[# + 3]);
+    if #u < SHEETS { so_far = updated_projection(so_far, m#, ray, z); z += frame.sheet_step; }
     pixels[index] = vec4f(so_far, 0.0);
 }
 

@@ -12,7 +12,7 @@
 @group(0) @binding(3) var<storage, read> refinement: array<f32>;
 @group(0) @binding(4) var<storage, read_write> listed: ListedTiles;
 
-// `Refined` in its writable form.
+// `Refined` for writing.
 struct ListedTiles {
     workgroups_x: atomic<u32>,
     workgroups_y: atomic<u32>,
@@ -79,8 +79,8 @@ fn is_wanted(tile: vec3u) -> bool {
     return all(tile.xy >= rays.clip_low) && all(tile.xy < rays.clip_high);
 }
 
-// The same for the tiles of pixels with their own rays, which it lists for `refine`. The order of the list changes no
-// picture.
+// Lists the tiles of pixels that have rays of their own for `refine`, and finds their runs. The order of the list
+// changes no picture.
 @compute @workgroup_size(8, 8)
 fn skip_refined(@builtin(global_invocation_id) tile: vec3u) {
     if !is_wanted(tile) {
@@ -120,7 +120,7 @@ fn find_runs(tile: vec3u) {
             let half = rays.growth_most * footprint_half_of(line.shear);
             corners.footprint_half = max(corners.footprint_half, half);
             // Corners bound the rays between them if all four run along m, so that no shear between them is infinite. A
-            // marched ray has a cosine to m of at least 1 / sqrt(3) = 0.58; at 0.2 shears are below 5.
+            // ray that is marched has a cosine to m of at least 1 / sqrt(3) = 0.58; at 0.2 shears are below 5.
             corners.bounded = corners.bounded && line.heading.z > 0.2 * length(line.heading);
         }
     }

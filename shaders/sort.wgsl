@@ -1,6 +1,6 @@
 // sort: a stable counting sort of splats by batch. A batch is the consecutive sheets that one pass feeds; a splat goes
 // into every batch that its kernel reaches. Each invocation owns a block of consecutive splats and one counter for each
-// batch. So no atomics are needed, and a batch keeps the order of the splats.
+// batch. So no atomics are needed, and splats keep their order within a batch.
 // uses: common/bounds, common/dispatch, common/frame, common/splat
 
 // Sheets are voxel planes (axis-aligned), not slabs.
@@ -50,18 +50,26 @@ fn batches_of(index: u32) -> vec2i {
     return vec2i(max(i32(first), 0) / n, min(i32(last), i32(frame.sheets) - 1) / n);
 }
 
-@compute @workgroup_size(WORKGROUP)
-fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let block = invocation_index(id, groups);
+// Counts the splats of a block in each batch, or if `emits`, writes their indices to their places.
+fn sort_block(block: u32, emits: bool) {
     if block >= sort.blocks {
         return;
     }
     for (var i = blocks[block].x; i < blocks[block].y; i++) {
         let range = batches_of(i);
         for (var batch = range.x; batch <= range.y; batch++) {
-            places[u32(batch) * sort.blocks + block] += 1u;
+            let place = u32(batch) * sort.blocks + block;
+            if emits {
+                entries[places[place]] = i;
+            }
+            places[place] += 1u;
         }
     }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    sort_block(invocation_index(id, groups), false);
 }
 
 // Copies the places where batches start, and the total, before `emit` advances the places.
@@ -75,16 +83,5 @@ fn mark(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
 
 @compute @workgroup_size(WORKGROUP)
 fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let block = invocation_index(id, groups);
-    if block >= sort.blocks {
-        return;
-    }
-    for (var i = blocks[block].x; i < blocks[block].y; i++) {
-        let range = batches_of(i);
-        for (var batch = range.x; batch <= range.y; batch++) {
-            let place = u32(batch) * sort.blocks + block;
-            entries[places[place]] = i;
-            places[place] += 1u;
-        }
-    }
+    sort_block(invocation_index(id, groups), true);
 }

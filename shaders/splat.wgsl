@@ -33,7 +33,7 @@ struct Varyings {
     @builtin(position) position: vec4f,
     // View coordinates of the splat's centre.
     @location(0) @interpolate(flat) center: vec3f,
-    // The contribution to a sheet of a section with a world length of 1: (colour, 1) * density * section_scale. For
+    // The contribution to a sheet of a section with a world length of 1: (colour, 1) * density * section_scale. Of
     // scalars, the contribution of a mean of 1: (gradient, scalar) * section_scale.
     @location(1) @interpolate(flat) emission: vec4f,
     // 1 / growth of the kernel, see common/bounds.wgsl.
@@ -58,17 +58,19 @@ fn to_eye_from(center: vec3f) -> vec3f {
 
 @vertex
 fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyings {
+    // All corners in one place, so that there are no fragments.
+    let nothing = Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
     if is_terminated(entry) {
-        // All corners coincide, so there are no fragments.
-        return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
+        return nothing;
     }
     let words = splat_words(entry);
     let lattice = splat_lattice(words);
     let center = view_center(lattice);
     let growth = growth_at(center.z);
     let side = vec2f(f32(corner & 1u), f32(corner >> 1u)) * 2.0 - 1.0;
-    if CLIP_PLANES > 0u && is_cut_away(center, frame.radius * growth) {
-        return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
+    // Scalars are cut when they are classified.
+    if CLIP_PLANES > 0u && !SCALARS && is_cut_away(center, frame.radius * growth) {
+        return nothing;
     }
     var box: vec4f;
     if bounded(center, growth) {
@@ -76,7 +78,7 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     } else if in_view(center, growth) {
         box = cut_bounds(center, growth);
     } else {
-        return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
+        return nothing;
     }
     // Clamped to the surroundings of the image: a rasteriser that clips a quad of 1e9 pixels moves its edges.
     let clip = clamp((box.xy + side * box.zw) * frame.clip_scale + frame.clip_offset, vec2f(-2.0), vec2f(2.0));
@@ -114,7 +116,7 @@ struct Chord {
     first: f32,
     // Distance between sheet planes.
     step: f32,
-    // The ends of the chord: half its length before and behind its middle, or less if it is clipped.
+    // The ends of the chord: half its length before and behind its middle, or nearer at a cut.
     low: f32,
     high: f32,
     // 1 / half^2.
@@ -124,11 +126,8 @@ struct Chord {
     scale: f32,
     // If sheets are voxel planes: number of the splat's sheet in the batch.
     sheet: u32,
-    // Coefficients 0 to 3, 4 to 7, 8 to 11, 12 to 15 of the row.
-    a0: vec4f,
-    a1: vec4f,
-    a2: vec4f,
-    a3: vec4f,
+    // Coefficients 4 n to 4 n + 3 of the row: TEXELS of them.
+    a: array<vec4f, 8>,
 }
 
 // Coefficients at a fraction `f` of the way from row `row` to the next.
@@ -172,7 +171,7 @@ fn chord(in: Varyings) -> Chord {
     let half = sqrt(max(half2, 0.0));
     c.low = -half;
     c.high = half;
-    if CLIP_PLANES > 0u {
+    if CLIP_PLANES > 0u && !SCALARS {
         let inside = (clipped(vec2f(-BEYOND, BEYOND), plane) - in.center.z) * grid_per_depth + along;
         c.low = clamp(inside.x, -half, half);
         c.high = clamp(inside.y, c.low, half);
@@ -186,16 +185,7 @@ fn chord(in: Varyings) -> Chord {
     let s = clamp(half2 / (frame.radius * frame.radius), 0.0, 1.0) * f32(ROWS - 1u);
     let row = min(u32(s), ROWS - 2u);
     let f = s - f32(row);
-    c.a0 = coefficients(0u, row, f);
-    if TEXELS > 1u {
-        c.a1 = coefficients(1u, row, f);
-    }
-    if TEXELS > 2u {
-        c.a2 = coefficients(2u, row, f);
-    }
-    if TEXELS > 3u {
-        c.a3 = coefficients(3u, row, f);
-    }
+    if #u < TEXELS { c.a[#] = coefficients(#u, row, f); }
     return c;
 }
 
@@ -207,19 +197,11 @@ fn horner(sum: f32, q: f32, a: vec4f) -> f32 {
 fn cumulative_to(c: Chord, t: f32) -> f32 {
     let q = max(1.0 - t * t * c.inverse_half2, 0.0);
     var sum = 0.0;
-    if TEXELS > 3u {
-        sum = horner(sum, q, c.a3);
-    }
-    if TEXELS > 2u {
-        sum = horner(sum, q, c.a2);
-    }
-    if TEXELS > 1u {
-        sum = horner(sum, q, c.a1);
-    }
-    return horner(sum, q, c.a0) * t * c.scale;
+    if 7u - #u < TEXELS { sum = horner(sum, q, c.a[7 - #]); }
+    return sum * t * c.scale;
 }
 
-// The same to sheet plane `k` of the batch.
+// The integral to sheet plane `k` of the batch.
 fn cumulative(c: Chord, k: f32) -> f32 {
     return cumulative_to(c, clamp(c.first + k * c.step, c.low, c.high));
 }

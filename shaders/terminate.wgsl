@@ -6,8 +6,8 @@
 
 // Entries of one invocation.
 const RUN: u32 = 16u;
-// The largest number of tiles along a side for which bounds are tested. A tile is half as wide as a splat in the middle
-// of the volume, so only splats near the eye span more tiles; they are drawn.
+// The most tiles along a side of the bounds of a splat. A tile is half the span of a splat in the middle of the volume,
+// so only splats beside the eye span more, and those are drawn.
 const MAX_SPAN: u32 = 8u;
 
 struct Terminate {

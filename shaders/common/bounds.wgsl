@@ -1,7 +1,7 @@
 // The part of the image that a splat can touch.
 
 override PERSPECTIVE: bool = false;
-// Whether kernels may grow in this frame, because voxels are closer together than pixels.
+// Whether kernels may have grown in this frame, because voxels fall closer together than pixels.
 override GROWN: bool = false;
 
 // View coordinates of a lattice point.
@@ -31,8 +31,8 @@ fn bounds_along(axis: vec3f, center: f32, depth: vec3f, z: f32, radius: f32) -> 
     }
     // Planes through the eye, of slope k = x / z, touch the support if (center - k z)^2 = R^2 |axis - k depth|^2. With
     // s = center / z, e = R depth / z and g = R axis: (s - k)^2 = |g / z - k e|^2. The middle and the half extent of
-    // the roots are formed without the square of s, beside which a small support would be rounded away, and without the
-    // square of z, which may be 1e30.
+    // the roots are formed without the square of s, beside which the square of a small support would be rounded away,
+    // and without the square of z, which may be 1e30.
     let e = depth * (radius / z);
     let g = axis * radius;
     let s = center / z;
@@ -67,8 +67,8 @@ fn cut_along(axis: vec3f, center: f32, depth: vec3f, z: f32, radius: f32, low: f
     if a >= 0.0 || d <= 0.0 {
         return vec2f(low, high);
     }
-    // Planes of slopes between the roots of a k^2 - 2 b k + c miss the support. The part of the support in front of the
-    // eye lies on the same side of them as its centre.
+    // Planes of slopes between the roots of a k^2 - 2 b k + c pass the support by. Its part before the eye lies on the
+    // same side of them as its centre.
     let q = b + select(-1.0, 1.0, b >= 0.0) * sqrt(d);
     let near = c / q;
     let far = q / a;

@@ -8,8 +8,8 @@ const MAX_CLIP_PLANES: u32 = 8u;
 // Beyond every place on a ray, but not infinite.
 const BEYOND: f32 = 1e30;
 
-// The part of a ray between two places on the inner side of a plane, where at + slope * place >= 0. It is empty if
-// x >= y. A plane and its opposite cut at the same place, to the bit.
+// The part of a ray between two places that is on the inner side of a plane: where at + slope * place >= 0. Nothing is
+// left if x >= y. A plane and its opposite cut at the same place, to the bit.
 fn on_inner_side(part: vec2f, at: f32, slope: f32) -> vec2f {
     // The ray is parallel to the plane, to rounding: all of it is inside, or nothing.
     let along = abs(slope) < 1e-20;

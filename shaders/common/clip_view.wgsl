@@ -1,7 +1,7 @@
 // The clipping planes of the painter `quads`.
 // uses: common/clip
 
-// The unclipped part of a ray between two view depths. `plane` are the ray's plane coordinates.
+// The part of a ray between two view depths that is not cut away. `plane` are the ray's plane coordinates.
 fn clipped(part: vec2f, plane: vec2f) -> vec2f {
     var inside = part;
     for (var i = 0u; i < CLIP_PLANES; i++) {

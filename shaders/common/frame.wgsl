@@ -40,8 +40,8 @@ struct Frame {
     clip_offset: vec2f,
     // Half extent added to a quad, in plane coordinates: absorbs the rounding of its corners.
     quad_pad: vec2f,
-    // Accumulated value per density and world length of a section: sheet_scale / (N unit_distance), N the integral of
-    // the kernel.
+    // The value of a sheet per density and world length of a section: sheet_scale / (N unit_distance), N the integral
+    // of the kernel.
     section_scale: f32,
     // Optical depth per accumulated value, 1 / sheet_scale.
     inverse_sheet_scale: f32,
@@ -68,7 +68,7 @@ struct Frame {
     // What the model takes. X-ray: `curve` of common/response.wgsl. Coded or attenuated by depth: the share of
     // view depth z in the depth of the box is model.x z + model.y, and model.z is the attenuation.
     model: vec4f,
-    // A clipping plane: view coordinates (x, y, z) are on its inner side if dot(xyz, (x, y, z)) + w >= 0, in voxels.
-    // See common/clip.wgsl.
+    // The inner side of a clipping plane are the view coordinates (x, y, z) with dot(xyz, (x, y, z)) + w >= 0, in
+    // voxels. See common/clip.wgsl.
     clip_planes: array<vec4f, MAX_CLIP_PLANES>,
 }

@@ -1,12 +1,11 @@
-// The light that arrives at each place of a field of scalars: shares at voxels or cells, linear between them. Each
-// stage that uses it declares the bindings.
+// The light that arrives at each place of a field of scalars: shares of it at voxels or cells, linear between them. The
+// bindings belong to the stage that uses it.
 // uses: common/lighting
 
 // Whether the field has shadows.
 override SHADOWS: bool = false;
 
-// The shares of light that arrive at a place of the texture: of the lights that cast shadows (xyz), and of the ambient
-// light (w).
+// The shares that arrive at a place of the texture: of the lights that cast shadows (xyz) and of ambient light (w).
 fn kept_at(place: vec3f) -> vec4f {
     if !SHADOWS {
         return UNSHADED;

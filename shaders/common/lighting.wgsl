@@ -35,12 +35,12 @@ struct Shine {
     plain: f32,
 }
 
-// Light that does not change a colour.
+// A light that leaves a colour unchanged.
 fn no_shine() -> Shine {
     return Shine(vec3f(1.0), vec3f(0.0), 1.0, 0.0);
 }
 
-// All light arrives: of the lights that cast shadows (xyz), and the ambient light (w).
+// All light arrives: of the lights that cast shadows (xyz) and of ambient light (w).
 const UNSHADED = vec4f(1.0);
 
 // The unit vector from a place towards a light.
@@ -70,7 +70,7 @@ fn light_from(index: u32, normal: vec3f, place: vec3f, to_eye: vec3f) -> vec2f {
     return vec2f(cosine, pow(max(highlight, 0.0), lighting.shininess));
 }
 
-// The light number `index`, whose share `kept` arrives.
+// Light number `index`, if the share `kept` of it arrives.
 fn shine_of(index: u32, normal: vec3f, place: vec3f, to_eye: vec3f, kept: f32) -> Shine {
     let shares = light_from(index, normal, place, to_eye) * kept;
     let color = lighting.colors[index].rgb;
@@ -81,14 +81,14 @@ fn sum_of(a: Shine, b: Shine) -> Shine {
     return Shine(a.diffuse + b.diffuse, a.specular + b.specular, 1.0, 0.0);
 }
 
-// The factor of a colour without a surface: the light that arrives.
+// The light that arrives where there is no surface, which multiplies colours.
 fn light_without_surface(kept: vec4f) -> f32 {
     let lost = dot(vec3f(1.0) - kept.xyz, vec3f(1.0)) / f32(max(LIGHTS, 1u));
     return 1.0 - lighting.ambient * (1.0 - kept.w) - (1.0 - lighting.ambient) * lost;
 }
 
-// The light on a surface across a gradient of any length; `kept` are the shares of light that arrive. Without a
-// gradient there is no surface, and the light that arrives sets the brightness. `surface` is the weight of the surface
+// The light on a surface across a gradient of any length, if the shares `kept` of each light arrive. Without a gradient
+// there is no surface: the colour is as bright as the light that arrives. `surface` is the weight of the surface
 // (common/resolution.wgsl), `point` its place in the lattice.
 fn light_on(gradient: vec3f, surface: f32, point: vec3f, to_eye: vec3f, kept: vec4f) -> Shine {
     let largest = max(abs(gradient.x), max(abs(gradient.y), abs(gradient.z)));

@@ -1,11 +1,11 @@
 // The march through one slab of scalars, the same for both painters: the parabola through the means of the slab and of
-// its two neighbours, in pieces of equal length. Along a piece the scalar is linear and the transfer function is
-// integrated exactly. Each stage defines the sum over pieces: the type `Marched` and `add_sample`. (Between batches
-// `shade` keeps only optical depth; `gather` also keeps transmittance.)
+// its two neighbours in pieces of equal length, along each of which the scalar is linear and the transfer function is
+// integrated exactly. Each stage defines the effect of a piece: the type `Marched` and `add_sample`. (`shade` keeps
+// optical depth alone between batches, `gather` keeps transmittance beside it.)
 // uses: common/lighting, common/transfer
 
-// The state in front of a slab:
-// an invisible slab, or skipped space;
+// The matter before a slab:
+// a slab that shows nothing, or skipped space;
 const INVISIBLE: u32 = 0u;
 // nothing, if the slab is the first at a face of the volume or at the eye;
 const AT_THE_FACE: u32 = 1u;
@@ -19,17 +19,17 @@ struct Before {
     end: Classified,
 }
 
-// The parabola whose values at the ends of pieces give each piece the mean of the original parabola; it lies a little
-// below.
+// The parabola for the scalars at the ends of pieces: a little below the parabola through the means, so that both have
+// the same mean in each piece.
 fn marched_parabola(means: vec3f, step: f32) -> vec3f {
     let p = parabola(means);
     return vec3f(p.x - p.z * step * step / 6.0, p.yz);
 }
 
-// Marches through a slab. `means` are the means of the slab before, of the slab and of the slab behind. `part` is the
-// part of the slab that counts, its ends from -1/2 to 1/2; `length` is the length along the ray of a piece. The
-// parabola of the slab before ends near the beginning of this parabola; the scalar is made continuous, so that values
-// between the two are not lost. Returns the state in front of the next slab.
+// Marches the part of a slab that counts, with its ends from -1/2 to 1/2. `means` belong to the slab before, the slab
+// and the slab behind; `length` is the length along the ray of a piece. The parabola of the slab before ends nearly
+// where this one begins; the scalar is made continuous, so that visible scalars between the two are not lost. Returns
+// the matter before the slab behind.
 fn march_parabola(
     so_far: ptr<function, Marched>,
     means: vec3f,

@@ -1,9 +1,9 @@
-// The march of one ray from voxel plane to voxel plane, run after run. Each stage of rays defines how a plane adds to
-// incomplete slabs: the struct `Slabs`, and the functions `feed` and `begin_run`. FLUSH is the number of planes marched
-// after the last plane of a run, until every slab of the run has been composited. `is_opaque` ends a ray.
+// The march of one ray from voxel plane to voxel plane, run after run. Each stage of rays defines `Slabs`, the slabs
+// that are not complete, `feed`, which adds a plane to them, `begin_run`, `is_opaque`, which ends rays, and FLUSH, the
+// number of planes after the last of a run until every slab that the run feeds has been composited.
 // uses: common/plane, common/ray_geometry
 
-// `start` is the state of the ray before this march.
+// Marches a ray on from the state `start`.
 fn march_planes(tile: vec3u, geometry: RayGeometry, start: RayState) -> RayState {
     let footprints = footprints_of(geometry);
     var ray = start;

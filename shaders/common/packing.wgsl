@@ -2,8 +2,8 @@
 // plane, one for each voxel along b, stand below one another; `columns` planes stand side by side and make a shelf;
 // shelves stand below one another. MARGIN texels of zeros precede each row, one row of zeros precedes each shelf.
 
-// Texels of zeros before each row. `blocked` in gather.wgsl reads 7 texels from a place whose start `texel_at` clamps:
-// if a ray misses the row, all of them are zeros, before or after the row.
+// Texels of zeros before each row. `eight` in gather.wgsl reads 7 texels from a place of which `texel_at` clamps the
+// start: if a ray misses the row, all of them are zeros, before it or after it.
 const MARGIN: i32 = 7;
 // Voxels along the side of a macrocell: `skip` tests macrocells, and rays skip them as a whole.
 const MACROCELL: i32 = 4;
@@ -26,7 +26,7 @@ struct Pack {
     // The rows of the texture in the buffer: the first, and their number.
     first_row: u32,
     row_count: u32,
-    // Factor of values stored as f16, to stay in the range of f16.
+    // The factor of values that are stored as f16, to stay in the range of f16.
     scale: f32,
     end_splat: u32,
     // Voxel planes.

@@ -1,11 +1,11 @@
-// The sums that a ray of the painter `tiles` gathers from one voxel plane.
+// The sums over one voxel plane along a ray of the painter `tiles`.
 // uses: common/packing, common/ray_geometry
 
 // Terms of the footprint's polynomial: 6 or 8.
 override TERMS: u32 = 6u;
-// Texels read from a row of voxels, two voxels each; 3 to 7. A texel begins at an even voxel, so the first voxel may
-// lie one before the kernels that reach the ray: n texels suffice if kernels reach less than n - 1/2 voxels along the
-// row.
+// Texels that are read of a row of voxels, two voxels each. The first voxel may lie one before the kernels that reach
+// the ray, because a texel begins at an even one: n texels do if kernels reach less than n - 1/2 voxels along the row.
+// 3 to 7.
 override TEXELS: u32 = 3u;
 // Kernels have grown in proportion to their depth before the eye.
 override GROWN: bool = false;
@@ -24,12 +24,16 @@ fn footprint(square: f32) -> f32 {
     return sqrt(c2) * ((((high * c2 + f.w) * c2 + f.z) * c2 + f.y) * c2 + f.x);
 }
 
-// The part of that integral before a place `t` on the ray, measured from the point nearest to the centre.
+// The factors of the powers in footprint_before(): 1 / ((2 k + 1) times the unit of J(k)).
+const FACTORS = array<f32, 8>(1.0, 1.0 / 2.0, 3.0 / 8.0, 5.0 / 16.0, 35.0 / 128.0, 63.0 / 256.0, 231.0 / 1024.0,
+    429.0 / 2048.0);
+
+// The part of that integral before a place `t` on the ray, from the point that is nearest to the centre.
 //
-// With c the half chord, integration by parts reduces the integral of (c^2 - u^2)^k over u from 0 to t to the power
-// k - 1. The kernel is the polynomial in c^2 - u^2 whose footprint is footprint(). So its integral is the sum of the
-// footprint's coefficients times integrals J, each in the unit of its value over the half chord for c = 1: J(0) = t,
-// J(k) = c^2 J(k - 1) + t (c^2 - t^2)^k / ((2 k + 1) times the unit of k).
+// With c the half chord, the integral of (c^2 - u^2)^k over u from 0 to t is one of the power k - 1 by parts. The
+// kernel is the polynomial in c^2 - u^2 whose footprint is footprint(). So its integrals J have the factors of the
+// footprint's powers, in units of the integrals over the half chord for c = 1: J(0) = t, J(k) = c^2
+// J(k - 1) + t (c^2 - t^2)^k / ((2 k + 1) times that unit).
 fn footprint_before(square: f32, t: f32) -> f32 {
     let c2 = max(rays.radius2 - square, 0.0);
     let c = sqrt(c2);
@@ -37,36 +41,16 @@ fn footprint_before(square: f32, t: f32) -> f32 {
     let y = max(c2 - p * p, 0.0);
     let f = rays.footprint;
     let g = rays.footprint_high;
-    var power = p * y;
-    var j = p;
-    var sum = f.x * j;
-    j = c2 * j + power * (1.0 / 2.0);
-    sum += f.y * j;
-    power *= y;
-    j = c2 * j + power * (3.0 / 8.0);
-    sum += f.z * j;
-    power *= y;
-    j = c2 * j + power * (5.0 / 16.0);
-    sum += f.w * j;
-    power *= y;
-    j = c2 * j + power * (35.0 / 128.0);
-    sum += g.x * j;
-    power *= y;
-    j = c2 * j + power * (63.0 / 256.0);
-    sum += g.y * j;
-    if TERMS > 6u {
-        power *= y;
-        j = c2 * j + power * (231.0 / 1024.0);
-        sum += g.z * j;
-        power *= y;
-        j = c2 * j + power * (429.0 / 2048.0);
-        sum += g.w * j;
-    }
+    let a = array<f32, 8>(f.x, f.y, f.z, f.w, g.x, g.y, g.z, g.w);
+    var power = p;
+    var j = 0.0;
+    var sum = 0.0;
+    if #u < TERMS { j = c2 * j + power * FACTORS[#]; sum += a[#] * j; power *= y; }
     return 0.5 * (footprint(square) + sum);
 }
 
-// The part of a voxel's footprint before a place on the ray. (du, dv) and `place` are measured from the point where the
-// ray meets the plane of the voxel; the other parameters are the parameters of weights().
+// The part of the footprint of the voxel at (du, dv) from where a ray meets its plane that lies before a place along
+// the ray from there; see weights() for the other parameters.
 fn weight_before(du: f32, dv: f32, place: f32, direction: vec2f, growth: f32) -> f32 {
     let s = du * direction.x + dv * direction.y;
     let square = du * du + dv * dv - s * s;
@@ -77,9 +61,9 @@ fn weight_before(du: f32, dv: f32, place: f32, direction: vec2f, growth: f32) ->
     return footprint_before(square, place - s);
 }
 
-// Footprint w of a voxel, w s and w s^2, with s the voxel's place along the ray. (du, dv) is measured from the point
-// where the ray meets the plane of the voxel. `direction` is the ray's unit vector, without its component along m.
-// `growth` is the growth of a kernel on the ray (see growth_at()).
+// Footprint w of the voxel at (du, dv) from where a ray meets its plane, w s and w s^2, s the voxel's place along the
+// ray. `direction` is the ray's unit vector, without its component along m. `growth` is the growth of a kernel at
+// the ray's place, see growth_at().
 fn weights(du: f32, dv: f32, direction: vec2f, growth: f32) -> vec3f {
     let s = du * direction.x + dv * direction.y;
     let square = du * du + dv * dv - s * s;
@@ -95,12 +79,12 @@ fn weights(du: f32, dv: f32, direction: vec2f, growth: f32) -> vec3f {
     return vec3f(w, w * s, w * s * s);
 }
 
-// The growth of a kernel where a ray meets a plane; below 1 the kernel does not grow.
+// The growth of a kernel where a ray meets a plane; below 1 kernels do not grow.
 fn growth_at(geometry: RayGeometry, plane: i32) -> f32 {
     return geometry.growth.x + geometry.growth.y * f32(plane);
 }
 
-// The factor of the reach of kernels around that point: the growth of the largest of them.
+// The factor of the reach of kernels around there: the growth of the largest of them.
 fn reach_at(growth: f32) -> f32 {
     if GROWN {
         return clamp(growth + rays.growth_around, 1.0, rays.growth_most);
@@ -202,14 +186,7 @@ fn voxel_row(geometry: RayGeometry, center: vec2f, row: i32, origin: vec2i, half
 }
 
 // Weights of the first six voxels of a row.
-struct RowWeights {
-    w0: vec3f,
-    w1: vec3f,
-    w2: vec3f,
-    w3: vec3f,
-    w4: vec3f,
-    w5: vec3f,
-}
+alias RowWeights = array<vec3f, 6>;
 
 fn row_weights(row: VoxelRow, direction: vec2f, growth: f32) -> RowWeights {
     return RowWeights(
@@ -224,9 +201,9 @@ fn row_weights(row: VoxelRow, direction: vec2f, growth: f32) -> RowWeights {
 
 // Adds six voxels of a row in one expression, because addition pair by pair takes a tenth longer on software Vulkan.
 fn add_row(sums: ptr<function, Moments>, w: RowWeights, a: vec4f, b: vec4f, c: vec4f, d: vec4f, e: vec4f, f: vec4f) {
-    (*sums).m0 += w.w0.x * a + w.w1.x * b + w.w2.x * c + w.w3.x * d + w.w4.x * e + w.w5.x * f;
-    (*sums).m1 += w.w0.y * a + w.w1.y * b + w.w2.y * c + w.w3.y * d + w.w4.y * e + w.w5.y * f;
-    (*sums).m2 += w.w0.z * a + w.w1.z * b + w.w2.z * c + w.w3.z * d + w.w4.z * e + w.w5.z * f;
+    (*sums).m0 += w[0].x * a + w[1].x * b + w[2].x * c + w[3].x * d + w[4].x * e + w[5].x * f;
+    (*sums).m1 += w[0].y * a + w[1].y * b + w[2].y * c + w[3].y * d + w[4].y * e + w[5].y * f;
+    (*sums).m2 += w[0].z * a + w[1].z * b + w[2].z * c + w[3].z * d + w[4].z * e + w[5].z * f;
 }
 
 // Adds the two voxels of texel number `texel` of a row.
@@ -242,8 +219,8 @@ fn add_pair(sums: ptr<function, Moments>, row: VoxelRow, texel: i32, direction: 
     (*sums).m2 += w.z * v + x.z * u;
 }
 
-// The part of the kernels of a plane before a place, in planes from that plane, on the ray that meets plane 0 at
-// `base`; 0 if the plane is not before `end`.
+// The sum of the kernels of a plane before a place on the ray that meets plane 0 at `base`. The place is in planes from
+// that plane; the sum is 0 if the plane is not before `end`.
 fn gathered_up_to(place: f32, base: vec2f, geometry: RayGeometry, plane: i32, end: i32) -> vec4f {
     let direction = geometry.direction;
     let center = base + geometry.shear * f32(plane);

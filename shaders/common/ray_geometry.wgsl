@@ -1,17 +1,18 @@
-// The geometry of a ray of the painter `tiles`, and its state: shared by gather.wgsl and gather_scalars.wgsl.
+// The geometry and the state of a ray of the painter `tiles`, shared by gather.wgsl and gather_scalars.wgsl.
 // uses: common/rays
 
 // Voxels are scalars.
 override SCALARS: bool = false;
 
-// A section of kernels without growth, and its changes with growth - 1 and with the square of growth - 1.
+// A section of kernels that have not grown, and its coefficients of the growth less 1 and of the square of that.
 struct GrowingSection {
     as_asked: Section,
     once: Section,
     twice: Section,
 }
 
-// The constants of a ray. Lengths are in voxels unless a name says otherwise; axes (a, b, m) as in common/rays.wgsl.
+// The constants of a ray. Lengths are in voxels unless a name says otherwise; axes (a, b, m) as in
+// common/rays.wgsl.
 struct RayGeometry {
     // The ray meets plane k at base + k shear.
     base: vec2f,
@@ -29,8 +30,8 @@ struct RayGeometry {
     far: GrowingSection,
     // The growth of a kernel where the ray meets plane 0, and its change from plane to plane.
     growth: vec2f,
-    // The planes, as real numbers, between which the ray counts: for scalars, in front of the eye and inside the box;
-    // for colours all planes, or none if the volume lies behind the eye.
+    // The planes, as real numbers, between which the ray counts: of scalars in front of the eye and inside the box; of
+    // colours all or, if the volume along the ray is behind the eye, none.
     inside: vec2f,
     // The planes between which the ray is unclipped.
     cut: vec2f,
@@ -38,7 +39,7 @@ struct RayGeometry {
     to_eye: vec3f,
 }
 
-// The sums of a ray so far.
+// The state of a ray.
 struct RayState {
     // Premultiplied colour. For the largest scalar: color.x is the scalar, color.y is 1 once there is one, and color.z
     // is its place, in planes. For the mean: color.x is the sum over slabs.
@@ -66,7 +67,7 @@ fn section_between(step: u32, fraction: f32, lean: f32) -> Section {
     );
 }
 
-// The same, with the changes by growth.
+// A section that grows, between two entries of each table.
 fn sections_between(step: u32, fraction: f32, lean: f32) -> GrowingSection {
     return GrowingSection(
         section_between(step, fraction, lean),
@@ -139,8 +140,8 @@ fn geometry_of(point: vec2u) -> RayGeometry {
     return geometry;
 }
 
-// The point of an invocation's ray, in a tile of 8 x 8 neighbours. Software marches eight consecutive invocations
-// together. They are a block of 4 x 2 points, whose rays end at more similar depths than the rays of a row.
+// The point of an invocation's ray, in a tile of 8 x 8 neighbours. Eight invocations in a row, which software marches
+// together, are a block of 4 x 2 points: their rays end at more nearly the same depth than the rays of a row.
 fn point_of(tile: vec3u, lane: u32) -> vec2u {
     let x = (lane & 3u) | ((lane >> 1u) & 4u);
     let y = ((lane >> 2u) & 1u) | ((lane >> 3u) & 6u);

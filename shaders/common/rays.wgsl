@@ -26,7 +26,8 @@ const FAR: f32 = 1e8;
 // least 0.542, the others are at most 0.592.
 const SECTIONS: u32 = 9u;
 const SECTION_STEPS: f32 = 8.0 / 1.55;
-// Tables of sections: their values for kernels without growth, and the coefficients of growth - 1 and of its square.
+// Tables of sections: their values for kernels that have not grown, and the coefficients of the growth less 1 and of
+// the square of that.
 const SECTION_POWERS: u32 = 3u;
 // The beginning of the tables for slabs that only wide kernels of scalars reach.
 const FAR_SECTIONS: u32 = SECTIONS * SECTION_POWERS;
@@ -52,8 +53,8 @@ struct Rays {
     heading_y: vec3f,
     // Square of the kernel's radius.
     radius2: f32,
-    // Rays through one eye: a point (a, b, plane) in the middle of the volume, on the ray in the middle of all rays.
-    // Places are measured from it, because the eye may be too far away for f32.
+    // Rays through one eye: a point (a, b, plane) in the middle of the volume that a ray in the middle of all of them
+    // goes through. Places are measured from it, because the eye may be too far away for f32.
     middle: vec3f,
     // Parallel rays: in the row of voxels at distance v along b from a ray, the kernels that reach the ray are centred
     // within row_half of row_slope v along a.
@@ -125,8 +126,8 @@ struct Rays {
     // where the ray meets the kernel's plane.
     growth_most: f32,
     growth_around: f32,
-    // LAYERED: the growth at which the share of the lattice begins, and the reciprocal of the range in which it rises
-    // to 1; the growth at which the share ends, and the reciprocal of the range in which it fades before.
+    // Layers (see LAYERED): the growth at which the share of the layer begins, and one over the growth until it is
+    // whole; the growth at which nothing of it is left, and one over the growth in which it fades before.
     fade_in: vec2f,
     fade_out: vec2f,
     // The place of the length of a gradient among bins: see common/transfer.wgsl.
@@ -141,7 +142,8 @@ struct Rays {
     model: vec4f,
     // Parallel rays use the first section. Other rays interpolate, with s in units of the length of their shear.
     sections: array<Section, 2u * FAR_SECTIONS>,
-    // A clipping plane: (a, b, plane) is on its inner side if dot(xyz, (a, b, plane)) + w >= 0. See common/clip.wgsl.
+    // The inner side of a clipping plane are the places (a, b, plane) with dot(xyz, (a, b, plane)) + w >= 0. See
+    // common/clip.wgsl.
     clip_planes: array<vec4f, MAX_CLIP_PLANES>,
 }
 
@@ -204,8 +206,7 @@ fn footprint_half_of(shear: vec2f) -> vec2f {
     return sqrt(rays.radius2 * (1.0 + shear * shear));
 }
 
-// The largest difference between two components of a ray's unit vector at which the axis of the smaller one has a share
-// in the ray.
+// How much smaller than the largest component of a ray's unit vector the component along an axis with a share may be.
 const BLEND: f32 = 0.05;
 
 // The share of axis m in the colour of a ray: 1 if m is the closest axis by far, falling smoothly to 0. The shares of
@@ -219,7 +220,7 @@ fn share_of(line: Line) -> f32 {
     let m = smoothstep(-BLEND, BLEND, d.z - max(along.x, along.y));
     let a = smoothstep(-BLEND, BLEND, along.x - max(along.y, along.z));
     let b = smoothstep(-BLEND, BLEND, along.y - max(along.x, along.z));
-    // A ray against m: d.z is negative, and the sum belongs to the other two axes or to the opposite direction.
+    // Against m: d.z is negative, and the sum belongs to the two other axes or to the opposite direction.
     return m / max(m + a + b, 0.5) * rays.share;
 }
 
@@ -229,8 +230,8 @@ fn with_share(pixel: vec4f, value: vec4f) -> vec4f {
     return vec4f(sum.rgb / max(sum.a, 1.0), min(sum.a, 1.0));
 }
 
-// The tiles of 8 x 8 pixels with pixels that have their own rays. `workgroups` are the workgroups of `refine`; the
-// first three words are the arguments of its dispatch.
+// The tiles of 8 x 8 pixels that have pixels with rays of their own. `workgroups`, the first three words, are the
+// arguments of the dispatch of `refine`.
 struct Refined {
     workgroups: vec3u,
     count: u32,

@@ -21,8 +21,8 @@
 //
 // If there are shadows or occlusion it takes two more:
 //
-//     kept                the shares of light that arrive, 16 bits each: of the first three lights, then of the ambient
-//                         light; 65535 is all light
+//     kept                the shares of light that arrive, 16 bits each: of the first three lights, then of ambient
+//                         light; 65535 is all of it
 //
 // `origins` are the lattice points at which the bricks of the store begin (xyz), 32^3 places each, and their level (w):
 // a place is a cell of 2^level voxels a side, which represents them by one kernel in its middle.
@@ -37,7 +37,7 @@ fn splat_place(x: u32, y: u32, z: u32, brick: u32) -> u32 {
     return x | (y << 5u) | (z << 10u) | (brick << 15u);
 }
 
-// Classified voxels have the words `kept`.
+// Classified voxels have the words `kept`; scalars never have.
 override SHADOWS: bool = false;
 
 // The index of the first word of a splat.
@@ -45,7 +45,7 @@ fn splat_at(index: u32) -> u32 {
     if SCALARS && !GRADIENTS {
         return index;
     }
-    return index * select(2u, 3u, SHADOWS);
+    return index * select(2u, 3u, SHADOWS && !SCALARS);
 }
 
 // The first two words of a splat.

@@ -2,13 +2,13 @@
 // transfer function as segments. Scalars are relative to the transfer function's base, so that the space between splats
 // is 0, and multiplied by a power of two.
 
-// A difference of means beyond all visible values: control points are at most 2 from the base.
+// A difference of means beyond all visible ones: control points are at most 2 from the base.
 const JUMP: f32 = 64.0;
 
 // The parabola x + y u + z u^2 whose means over three slabs are `m`; the middle slab is from u = -1/2 to 1/2.
 //
 // If one neighbour is far away and the other is not, as beside a voxel without data, the scalar jumps there, and the
-// far neighbour says nothing about the slab: the difference of the other neighbour replaces its difference.
+// far one tells nothing of the slab: the difference to it is replaced by the other difference.
 fn parabola(m: vec3f) -> vec3f {
     let before = m.y - m.x;
     let behind = m.z - m.y;
@@ -29,7 +29,7 @@ fn is_invisible_range(low: f32, high: f32, invisible: vec2f) -> bool {
     return low >= invisible.x && high <= invisible.y;
 }
 
-// The same for three means.
+// Whether three means are all among them.
 fn is_invisible(m: vec3f, invisible: vec2f) -> bool {
     return is_invisible_range(min(m.x, min(m.y, m.z)), max(m.x, max(m.y, m.z)), invisible);
 }
@@ -63,7 +63,7 @@ fn place_of_largest(m: vec3f, part: vec2f) -> f32 {
 // A maximum is attenuated by its depth.
 override ATTENUATED: bool = false;
 
-// A value at a share of the depth of the box: its difference from the base falls with depth.
+// A value at a share of the depth of the box: values over the base fade with depth.
 fn faded(value: f32, depth: f32, attenuation: f32) -> f32 {
     return select(value, value * exp(-attenuation * depth), value > 0.0);
 }

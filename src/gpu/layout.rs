@@ -336,7 +336,7 @@ pub(crate) const SECTION_POWERS: usize = 3;
 pub(crate) const MACROCELL: u32 = 4;
 /// Texels of zeros before each row of packed voxels; MARGIN in shaders/common/packing.wgsl.
 pub(crate) const MARGIN: u32 = 7;
-/// Side of a tile, in rays; a workgroup of `single` is 8 x 8 rays, one of `blocked` 8 rows of 8.
+/// Side of a tile, in rays; a workgroup of `single` is 8 x 8 rays, one of `eight` 8 blocks of 8.
 pub(crate) const TILE: u32 = 8;
 
 #[cfg(test)]

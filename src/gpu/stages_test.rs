@@ -18,7 +18,7 @@ use crate::formats::{LoadOptions, load};
 use crate::image::Region;
 use crate::kernel::FootprintTable;
 use crate::painters::quads::plan::{Plan, Target};
-use crate::painters::quads::sort::{SortKey, Sorter};
+use crate::painters::quads::sort::Sorter;
 use crate::progress::Progress;
 use crate::renderer::{Rendered, Renderer, RendererOptions};
 use crate::settings::{Accumulation, Level, Model, Painter, Precision, QuadsSettings, Settings, Sheets};
@@ -333,19 +333,14 @@ fn sort_matches_its_twin() {
             let view = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default());
             let weights = Weights { max: 1.0, unit: 1.0, brightest: [1.0; 3] };
             let plan = Plan::new(&view, &settings, weights, Precision::F32);
-            let key = SortKey {
-                axis: plan.is_axis_aligned(),
-                grown: view.max_growth() > 1.0,
-                scalars: false,
-                gradients: false,
-                shadows: false,
-            };
-            let sorter = Sorter::new(&context, key);
+            let axis = plan.axis.is_some();
+            let constants = [("AXIS", axis.into()), ("GROWN", (view.max_growth() > 1.0).into())];
+            let sorter = Sorter::new(&context, &constants);
             let frame = plan.frame(WHOLE);
             let uniform = wgpu::BufferUsages::UNIFORM;
             let buffer = context.upload("test.frame", bytemuck::bytes_of(&frame), uniform).unwrap();
             let target = Target { plan: &plan, region: WHOLE, frame: &buffer };
-            let mode = twins::Mode { perspective, axis: key.axis, additive: false };
+            let mode = twins::Mode { perspective, axis, additive: false };
             for sheets in [1, 4] {
                 let mut recorder = Recorder::untimed(&context);
                 let spans = sorter.run(&mut recorder, &scan, target, sheets, &stores).unwrap();

@@ -27,14 +27,15 @@ fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
         // Texels of a row of the footprint table; a row of voxels.
         ("splat", "TEXELS") => &[1.0, 2.0, 3.0, 4.0],
         (_, "TEXELS") => &[3.0, 7.0],
-        ("gather", "REACH") => &[3.0, 4.0],
+        ("gather", "REACH") if entry == "eight" => &[2.0],
+        ("gather", "REACH") => &[2.0, 3.0, 4.0],
         (_, "REACH") => &[2.0, 4.0],
         // It follows from REACH.
         (_, "FLUSH") => &[9.0],
         // Layers have an entry point of their own.
         ("gather", "LAYERED") if entry == "layer" => &FLAG[1..],
         (_, "LAYERED") => &FLAG[..1],
-        ("gather", "ACROSS") => &[2.0, 4.0],
+        ("gather", "ACROSS") => &[2.0, 4.0, 8.0],
         ("gather", "ROWS") => &[5.0, 7.0],
         (_, "CLIP_PLANES") => &[0.0, 8.0],
         ("splat", "ROWS") => &[2.0, 4096.0],

@@ -32,36 +32,31 @@ impl Choice {
     /// The painter of a picture, unless it refuses.
     pub(crate) fn new(context: &Context, settings: &Settings) -> Self {
         let (kind, reason) = match settings.painter {
-            Painter::Quads(_) => (PainterKind::Quads, ASKED_FOR),
-            Painter::Tiles(_) => (PainterKind::Tiles, ASKED_FOR),
-            Painter::Auto => (PainterKind::Tiles, preference(context.info.is_software())),
+            Painter::Quads(_) => (PainterKind::Quads, "requested"),
+            Painter::Tiles(_) => (PainterKind::Tiles, "requested"),
+            Painter::Auto if context.info.is_software() => (PainterKind::Tiles, "the adapter is software"),
+            Painter::Auto => (PainterKind::Tiles, EXPECTED),
         };
-        Self::of(context, kind, reason.to_owned())
+        Self::with_precision(context, kind, reason.to_owned())
     }
 
-    /// A painter for a reason, to which what its sheets lose is added.
-    fn of(context: &Context, kind: PainterKind, mut reason: String) -> Self {
+    /// A painter for a reason, with a remark if its sheets are half floats.
+    fn with_precision(context: &Context, kind: PainterKind, mut reason: String) -> Self {
         if kind == PainterKind::Quads && !context.blends_f32() {
             reason += "; sheets are half floats, because the adapter does not blend 32-bit ones";
         }
         Self { kind, reason }
     }
 
-    /// The painter in place of one that refused: the one that draws every picture, unless the other was asked for.
+    /// The fallback for a painter that refused: quads, which draws every picture. An error if the painter was
+    /// requested.
     pub(crate) fn instead(context: &Context, settings: &Settings, reason: String) -> Result<Self> {
         match settings.painter {
-            Painter::Auto => Ok(Self::of(context, PainterKind::Quads, reason)),
+            Painter::Auto => Ok(Self::with_precision(context, PainterKind::Quads, reason)),
             _ => Err(Error::Setting { name: "painter", reason }),
         }
     }
 }
 
-const ASKED_FOR: &str = "asked for";
-
-/// Why [`Painter::Auto`] takes tiles unless it refuses.
-fn preference(is_software: bool) -> &'static str {
-    match is_software {
-        true => "the adapter is software",
-        false => "by operations and bytes, rays are expected to be faster on GPUs, of which none has been measured",
-    }
-}
+/// The reason for tiles on GPUs.
+const EXPECTED: &str = "by operations and bytes, rays are expected to be faster on GPUs; none has been measured";

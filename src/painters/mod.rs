@@ -1,6 +1,7 @@
-//! What draws splats: [`quads`] rasterises them into sheets, [`tiles`] gathers them along rays.
+//! The painters: [`quads`] rasterises splats into sheets, [`tiles`] gathers them along rays.
 
 pub(crate) mod choice;
 pub(crate) mod painter;
 pub(crate) mod quads;
+pub(crate) mod stage;
 pub(crate) mod tiles;

@@ -1,8 +1,9 @@
-//! What painters have in common. The choice between them is in `choice.rs`.
+//! The interface of painters. `choice.rs` chooses one.
 //!
-//! A painter is a folder beside this file with the functions of a [`Room`]: it says what it refuses and what it needs
+//! A painter is a folder beside this file with the functions of a [`Room`]. It says what it refuses and what it needs
 //! of a scene before any work, and begins a [`Painting`] when the splats are there.
 
+use super::stage::Constant;
 use crate::error::Result;
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
@@ -13,18 +14,18 @@ use crate::gpu::store::Store;
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
 use crate::prepare::levels::ScalarNeed;
-use crate::settings::Settings;
+use crate::settings::{Model, Settings};
 use crate::stats::PainterStats;
 
-/// What a painter is asked, in this order.
+/// The functions of a painter, in the order in which they are called.
 pub(crate) struct Room {
-    /// Why it does not draw a picture, as a sentence; `None`: it does, unless it finds out late.
+    /// Why the painter does not draw a picture, as a sentence; `None` if it does, unless `begin` refuses.
     pub(crate) refusal: fn(&ViewGeometry, &Settings) -> Option<String>,
     /// How far the scalars of a post-shaded scene must reach.
     pub(crate) need: fn(&ViewGeometry, &Settings, Weights) -> ScalarNeed,
-    /// Whether it draws cells of several levels as layers of one picture, coarser ones farther from the eye.
+    /// Whether the painter draws cells of several levels as layers of one picture, coarser ones farther from the eye.
     pub(crate) layers: bool,
-    /// Begins a picture of its nearest layer and of those behind it, of which there are none without `layers`.
+    /// Begins a picture of its nearest layer and the layers behind it (none without `layers`).
     pub(crate) begin: for<'a> fn(Job<'a>, Vec<Job<'a>>) -> Result<Begun<'a>>,
 }
 
@@ -34,35 +35,64 @@ pub(crate) struct Job<'a> {
     pub(crate) context: &'a Context,
     /// Pipelines of the renderer.
     pub(crate) pipelines: &'a Cache,
-    /// What painters made of the scene for pictures before.
+    /// What painters made of the scene for earlier pictures.
     pub(crate) kept: &'a Cache,
     pub(crate) view: &'a ViewGeometry,
     pub(crate) settings: &'a Settings,
     /// The splats.
     pub(crate) stores: &'a [Store],
     pub(crate) weights: Weights,
-    /// What scalars are classified and lit by; `None` for classified voxels.
+    /// The tables that classify and light scalars; `None` for classified voxels.
     pub(crate) post: Option<&'a PostShading>,
     /// Layers of the lattice beyond the faces of the volume.
     pub(crate) padding: u32,
 }
 
 impl Job<'_> {
+    /// The number of splats.
     pub(crate) fn splats(&self) -> u64 {
         self.stores.iter().map(|store| u64::from(store.count)).sum()
     }
 
-    /// Material and lights as shaders have them.
+    /// Whether empty space shows: places without splats hold the transfer function's base.
+    pub(crate) fn base_shows(&self) -> bool {
+        self.post.is_some_and(|post| post.table.invisible[0] > post.table.invisible[1])
+    }
+
+    /// Material and lights for shaders.
     pub(crate) fn lighting(&self) -> Lighting {
         let faintest = self.post.map_or(0.0, |post| post.table.faintest);
         Lighting { faintest, ..self.view.lighting(self.settings.lighting.as_ref()) }
     }
+
+    /// The override constants that both painters take.
+    pub(crate) fn constants(&self) -> Vec<Constant> {
+        let Self { view, settings, post, .. } = *self;
+        let lit_scalars = settings.is_post_shaded() && settings.lighting.is_some();
+        let shadows = post.map_or(settings.casting().is_some(), |post| post.shadows);
+        vec![
+            ("PERSPECTIVE", view.is_perspective().into()),
+            ("CLIP_PLANES", view.clip.len() as u32),
+            ("SCALARS", settings.is_post_shaded().into()),
+            ("GRADIENTS", lit_scalars.into()),
+            ("LIGHTS", settings.light_count()),
+            ("POINT_LIGHTS", settings.has_point_lights().into()),
+            ("SHADOWS", shadows.into()),
+            ("CROWDED", post.is_some_and(|post| post.table.crowded).into()),
+            ("GRADIENT_OPACITY", post.is_some_and(|post| post.table.thins).into()),
+            ("RESPONSE", settings.xray_response().0),
+            ("MAXIMUM", matches!(settings.model, Model::Mip | Model::Minip).into()),
+            ("MEAN", (settings.model == Model::Average).into()),
+            ("DEPTH_CODED", settings.depth_coded.into()),
+            ("ATTENUATED", (settings.attenuation > 0.0).into()),
+        ]
+    }
 }
 
-/// A picture begun, or refused late: what decides was known only with the splats.
+/// A picture begun, or refused late because only the splats could tell.
 pub(crate) enum Begun<'a> {
     Ready(Box<dyn Painting + 'a>),
-    /// Why, as a sentence.
+    /// The reason, as a sentence.
     Refused(String),
 }
 
@@ -74,22 +104,22 @@ pub(crate) trait Painting {
     /// Bytes on the device for each pixel of a region, besides the pixel itself.
     fn pixel_bytes(&self) -> u32;
 
-    /// The most pixels of a region that is submitted at a time, for no watchdog to end it.
+    /// The most pixels of a region that is submitted at a time, so that a GPU watchdog does not end the commands.
     fn most_pixels(&self) -> u64 {
         u64::MAX
     }
 
-    /// Makes the pipelines that the picture takes, or finds those of a picture before.
+    /// Makes the pipelines of the picture, or finds those of an earlier picture.
     fn make_pipelines(&self) -> Result<()>;
 
-    /// Paints a region: its pixels, premultiplied RGBA, four f32 each, row by row. Only a part of it is wanted; other
-    /// pixels may be anything. The bytes of the part are those of the whole region's picture there. The last commands
-    /// may be recorded and not submitted.
+    /// Paints a region and returns its pixels: premultiplied RGBA, four f32 each, row by row. Only the pixels of `part`
+    /// need be right; their bytes are those of the whole region's picture. The last commands may be recorded and not
+    /// submitted.
     fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, part: Region) -> Result<wgpu::Buffer>;
 
     /// Largest error of the footprints, as a fraction of their peak.
     fn footprint_error(&self) -> f64;
 
-    /// What it took.
+    /// The painter's part of the picture's statistics.
     fn stats(&self) -> PainterStats;
 }

@@ -1,88 +1,156 @@
-//! composite and resolve: pre-shaded sheets into the frame, and the frame into a picture.
+//! composite, shade and resolve: sheets into the frame, and the frame into a picture.
+
+use glam::DAffine3;
 
 use super::plan::Target;
 use super::splat::SheetTextures;
-use super::{DynamicUniforms, Feed, Frame, QuadsKey};
-use crate::error::Result;
+use super::{DynamicUniforms, Feed, Inputs, QuadsKey, shade};
+use crate::error::{Error, Result};
 use crate::gpu::context::Context;
-use crate::gpu::layout::Area;
-use crate::gpu::pipeline::{Binding, bind, compute, flag, layout, module, texture_view};
+use crate::gpu::layout::{Area, Lighting, Shade, affine};
+use crate::gpu::light_volume::PostShading;
+use crate::gpu::pipeline::Binding::{DynamicUniform, Texture, Uniform, Write};
+use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::{Recorder, flat};
 use crate::gpu::shaders;
+use crate::gpu::view::half;
+use crate::painters::stage::Stage;
 
-/// The pipelines.
-pub(super) struct CompositeStage {
-    composite_layout: wgpu::BindGroupLayout,
-    composite: wgpu::ComputePipeline,
-    resolve_layout: wgpu::BindGroupLayout,
-    resolve: wgpu::ComputePipeline,
+/// The pipelines that bring sheets into the frame, and that make the frame a picture.
+pub(super) struct Consumer {
+    feed: Feed,
+    sheets_per_pass: u32,
+    sheets: Stage,
+    resolve: Stage,
 }
 
-/// What one region is composited with.
-pub(super) struct Compositing<'a> {
-    stage: &'a CompositeStage,
-    /// The pixels of each batch; none if it has no splats.
-    reached: Vec<Area>,
-    areas: DynamicUniforms,
-    sheets: wgpu::BindGroup,
-    pixels: wgpu::BindGroup,
+/// A consumer bound to a region.
+pub(super) struct Bound<'a> {
+    consumer: &'a Consumer,
+    steps: Steps,
+    resolve: wgpu::BindGroup,
     workgroups: [u32; 2],
 }
 
-impl CompositeStage {
-    pub(super) fn new(context: &Context, key: QuadsKey) -> Self {
-        let compute_stage = wgpu::ShaderStages::COMPUTE;
-        let sheets = Binding::Texture(wgpu::TextureViewDimension::D2Array);
-        let slots = [Binding::Uniform, sheets, Binding::Write, Binding::DynamicUniform];
-        let composite_layout = layout(context, "composite", compute_stage, &slots);
-        let resolve_layout = layout(context, "resolve", compute_stage, &[Binding::Uniform, Binding::Write]);
-        let constants = [("SHEETS", f64::from(key.sheets_per_pass)), ("ADDITIVE", flag(key.additive))];
-        let (entry, constants) = match key.feed {
-            Feed::Colors => ("composite", constants.as_slice()),
-            _ => ("depth", [].as_slice()),
+/// The bindings of the stage that reads sheets.
+struct Steps {
+    /// Parameters of each step: one for each batch, and one more if a sheet of the last batch waits for its neighbour.
+    uniforms: DynamicUniforms,
+    /// The pixels that each step reaches.
+    areas: Vec<Area>,
+    /// For even and for odd batches.
+    groups: [wgpu::BindGroup; 2],
+}
+
+impl Consumer {
+    pub(super) fn new(context: &Context, key: &QuadsKey) -> Self {
+        let (feed, constants) = (key.feed, &key.constants);
+        let resolve = || Stage::new(context, shaders::RESOLVE, ("resolve", "resolve"), &[Uniform, Write], constants);
+        let composite = |entry| {
+            let sheets = Texture(wgpu::TextureViewDimension::D2Array);
+            let slots = [Uniform, sheets, Write, DynamicUniform];
+            Stage::new(context, shaders::COMPOSITE, ("composite", entry), &slots, constants)
         };
-        let shader = module(context, shaders::COMPOSITE);
-        let composite = compute(context, &shader, "composite", entry, &composite_layout, constants);
-        let response = [("RESPONSE", f64::from(key.response))];
-        let shader = module(context, shaders::RESOLVE);
-        let resolve = compute(context, &shader, "resolve", "resolve", &resolve_layout, &response);
-        Self { composite_layout, composite, resolve_layout, resolve }
+        let [sheets, resolve] = match feed {
+            Feed::Colors => [composite("composite"), resolve()],
+            Feed::Depth => [composite("depth"), resolve()],
+            Feed::Projection => {
+                let entries = [("shade", "project"), ("resolve", "resolve_projection")];
+                Stage::several(context, shaders::SHADE, entries, &shade::SLOTS, constants)
+            }
+            Feed::Scalars | Feed::LitScalars => {
+                [Stage::new(context, shaders::SHADE, ("shade", "shade"), &shade::SLOTS, constants), resolve()]
+            }
+        };
+        Self { feed, sheets_per_pass: key.sheets_per_pass, sheets, resolve }
     }
 
-    pub(super) fn bind<'a>(
-        &'a self,
+    /// Binds the sheets and the pixels of a region. `reached` are the pixels of each batch, none if it has no splats.
+    pub(super) fn bind(
+        &self,
         context: &Context,
         target: Target<'_>,
-        sheets: &SheetTextures,
-        Frame { pixels, reached }: Frame<'_>,
-    ) -> Result<Compositing<'a>> {
-        let areas = DynamicUniforms::new(context, "composite.areas", reached)?;
+        inputs: &Inputs<'_>,
+        sheets: &[SheetTextures],
+        pixels: &wgpu::Buffer,
+        reached: &[Area],
+    ) -> Result<Bound<'_>> {
         let frame = target.frame.as_entire_binding();
-        let sheets = texture_view(&sheets.all);
-        let resources = [frame.clone(), sheets, pixels.as_entire_binding(), areas.binding()];
-        Ok(Compositing {
-            stage: self,
-            reached: reached.to_vec(),
-            sheets: bind(context, "composite", &self.composite_layout, &resources),
-            pixels: bind(context, "resolve", &self.resolve_layout, &[frame, pixels.as_entire_binding()]),
-            workgroups: target.extent().map(|side| side.div_ceil(8)),
-            areas,
-        })
+        let steps = if self.feed.is_scalar() {
+            let post = inputs.post.ok_or_else(|| Error::Device {
+                stage: "shade".to_owned(),
+                reason: "the scene has no transfer function to classify scalars by".to_owned(),
+            })?;
+            self.shading(context, target, (post, inputs.lighting), sheets, pixels, reached)?
+        } else {
+            let uniforms = DynamicUniforms::new(context, "composite.areas", reached)?;
+            let sheets = texture_view(&sheets[0].all);
+            let group = [frame.clone(), sheets, pixels.as_entire_binding(), uniforms.binding()];
+            let group = self.sheets.bind(context, &group);
+            Steps { uniforms, areas: reached.to_vec(), groups: [group.clone(), group] }
+        };
+        let resolve = match self.feed {
+            Feed::Projection => steps.groups[0].clone(),
+            _ => self.resolve.bind(context, &[frame, pixels.as_entire_binding()]),
+        };
+        Ok(Bound { consumer: self, steps, resolve, workgroups: target.extent().map(|side| side.div_ceil(8)) })
+    }
+
+    /// Binds sheets of scalars.
+    fn shading(
+        &self,
+        context: &Context,
+        target: Target<'_>,
+        (post, lighting): (&PostShading, Lighting),
+        sheets: &[SheetTextures],
+        pixels: &wgpu::Buffer,
+        reached: &[Area],
+    ) -> Result<Steps> {
+        // Pixels that neither batch reaches hold the base. They are shaded only if the base shows or counts.
+        let [low, high] = post.table.invisible;
+        let whole = (low > high || self.feed == Feed::Projection).then_some(target.extent());
+        let parameters = shade::steps(target.plan, post, self.sheets_per_pass, reached, whole);
+        let uniforms = DynamicUniforms::new(context, "shade.batches", &parameters)?;
+        // Rays are in the lattice from its middle.
+        let view = target.plan.view;
+        let from_middle = view.map_of_lattice() * DAffine3::from_translation(half(&view.grid));
+        let lighting = Lighting { from_lattice: affine(&from_middle), ..lighting };
+        let lighting = context.upload("shade.lighting", bytemuck::bytes_of(&lighting), wgpu::BufferUsages::UNIFORM)?;
+        let groups = [0, 1].map(|parity| {
+            let resources = [
+                target.frame.as_entire_binding(),
+                uniforms.binding(),
+                lighting.as_entire_binding(),
+                texture_view(&sheets[1 - parity].all),
+                texture_view(&sheets[parity].all),
+                texture_view(&post.table.texture),
+                pixels.as_entire_binding(),
+                texture_view(&post.light.texture),
+                wgpu::BindingResource::Sampler(&post.light.sampler),
+            ];
+            self.sheets.bind(context, &resources)
+        });
+        let areas = parameters.iter().map(|&Shade { low, high, .. }| Area { low, high }).collect();
+        Ok(Steps { uniforms, areas, groups })
     }
 }
 
-impl Compositing<'_> {
-    /// Brings the sheets of the batch that was splatted last into the frame.
+impl Bound<'_> {
+    /// Brings a batch into the frame after it was splatted. Shading is one sheet behind.
     pub(super) fn batch(&self, recorder: &mut Recorder<'_>, batch: u32) {
-        let workgroups = self.reached[batch as usize].size().map(|side| side.div_ceil(8));
+        let Steps { uniforms, areas, groups } = &self.steps;
+        let workgroups = areas[batch as usize].size().map(|side| side.div_ceil(8));
         if workgroups[0] > 0 && workgroups[1] > 0 {
-            let offsets = [self.areas.offset(batch)];
-            recorder.dispatch("composite", &self.stage.composite, &self.sheets, &offsets, flat(workgroups));
+            let group = &groups[batch as usize % 2];
+            self.consumer.sheets.dispatch(recorder, group, &[uniforms.offset(batch)], flat(workgroups));
         }
     }
 
-    /// Makes the frame a picture.
-    pub(super) fn resolve(&self, recorder: &mut Recorder<'_>) {
-        recorder.dispatch("resolve", &self.stage.resolve, &self.pixels, &[], flat(self.workgroups));
+    /// Takes the steps after the last batch, then makes the frame a picture.
+    pub(super) fn resolve(&self, recorder: &mut Recorder<'_>, batches: u32) {
+        (batches..self.steps.areas.len() as u32).for_each(|batch| self.batch(recorder, batch));
+        // Projections resolve with the bindings of their steps, which have an offset.
+        let offsets: &[u32] = if self.consumer.feed == Feed::Projection { &[0] } else { &[] };
+        self.consumer.resolve.dispatch(recorder, &self.resolve, offsets, flat(self.workgroups));
     }
 }

@@ -3,9 +3,7 @@
 use std::sync::Arc;
 
 use super::plan::{Plan, Target};
-use super::sort::{SortKey, Sorter};
 use super::splat::footprint_texture;
-use super::terminate::Terminator;
 use super::{Drawn, Feed, Inputs, Quads, QuadsKey};
 use crate::budget::{MAX_FRAGMENTS, too_much};
 use crate::error::Result;
@@ -21,19 +19,19 @@ use crate::stats::{PainterStats, QuadsStats};
 /// The painter draws every picture.
 pub(crate) const ROOM: Room = Room {
     refusal: |_, _| None,
-    // Scalars are asked for alike in both precisions.
+    // The need is the same in both precisions.
     need: |view, settings, weights| Plan::new(view, settings, weights, Precision::F32).scalar_need(),
     layers: false,
     begin: |job, _| Ok(Begun::Ready(Box::new(Picture::new(job)?))),
 };
 
-/// A picture under way.
+/// A picture in progress.
 struct Picture<'a> {
     job: Job<'a>,
     plan: Plan<'a>,
     key: QuadsKey,
     table: FootprintTable,
-    footprint: Option<wgpu::TextureView>,
+    footprint: wgpu::TextureView,
     drawn: Drawn,
     /// Parts of the picture that were painted.
     parts: u32,
@@ -49,41 +47,31 @@ impl<'a> Picture<'a> {
         let knobs = settings.quads();
         let feed = match settings.model {
             Model::Xray => Feed::Depth,
-            Model::Mip | Model::Minip => Feed::Maximum,
-            Model::Average => Feed::Mean,
+            Model::Mip | Model::Minip | Model::Average => Feed::Projection,
             Model::Composite if settings.is_post_shaded() && settings.lighting.is_some() => Feed::LitScalars,
             Model::Composite if settings.is_post_shaded() => Feed::Scalars,
             Model::Composite => Feed::Colors,
         };
         let f32_fits = feed == Feed::Depth || batch_sizes(context, feed, Precision::F32).next().is_some();
         let precision = precision(knobs.precision, context.blends_f32() && f32_fits)
-            .ok_or_else(|| context.unsupported("cannot blend f32 sheets: take the precision f16".to_owned()))?;
+            .ok_or_else(|| context.unsupported("cannot blend f32 sheets: choose the precision f16".to_owned()))?;
         let plan = Plan::new(view, settings, job.weights, precision);
         let table_error = knobs.table_error.unwrap_or_else(|| precision.footprint_error());
         let table = FootprintTable::new(&settings.kernel, table_error)?;
-        let key = QuadsKey {
-            feed,
-            response: settings.xray_response().0,
-            depth_coded: settings.depth_coded,
-            attenuated: settings.attenuation > 0.0,
-            perspective: view.is_perspective(),
-            grown: view.max_growth() > 1.0,
-            axis: plan.is_axis_aligned(),
-            additive: knobs.accumulation == Accumulation::Additive,
-            lights: settings.light_count(),
-            point_lights: settings.has_point_lights(),
-            shadows: !feed.is_scalar() && settings.casting().is_some(),
-            post_shadows: job.post.is_some_and(|post| post.shadows),
-            samples: if feed.is_scalar() { settings.samples_per_slab(knobs.sheet_thickness, PIECES) } else { 1 },
-            crowded: job.post.is_some_and(|post| post.table.crowded),
-            thins: job.post.is_some_and(|post| post.table.thins),
-            clip_planes: view.clip.len() as u32,
-            terminates: view.terminates(),
-            precision,
-            sheets_per_pass: sheets_per_pass(context, feed, precision)?,
-            footprint_rows: table.rows(),
-            footprint_terms: table.terms(),
-        };
+        let sheets_per_pass = sheets_per_pass(context, feed, precision)?;
+        let mut constants = job.constants();
+        constants.extend([
+            ("GROWN", (view.max_growth() > 1.0).into()),
+            ("AXIS", plan.axis.is_some().into()),
+            ("ADDITIVE", (knobs.accumulation == Accumulation::Additive).into()),
+            ("SHEETS", sheets_per_pass),
+            ("ROWS", table.rows()),
+            ("TEXELS", table.terms() / 4),
+        ]);
+        if feed.is_scalar() {
+            constants.push(("SAMPLES", settings.samples_per_slab(knobs.sheet_thickness, PIECES)));
+        }
+        let key = QuadsKey { feed, precision, sheets_per_pass, terminates: view.terminates(), constants };
         if let Some(region) = view.projected_bounds() {
             let fragments = plan.fragments(job.stores, region, key.sheets_per_pass);
             if fragments > MAX_FRAGMENTS {
@@ -91,28 +79,20 @@ impl<'a> Picture<'a> {
                 return Err(too_much(&what, view.max_growth()));
             }
         }
-        Ok(Self { job, plan, key, table, footprint: None, drawn: Drawn::default(), parts: 0 })
+        let footprint = footprint_texture(context, &table);
+        Ok(Self { job, plan, key, table, footprint, drawn: Drawn::default(), parts: 0 })
     }
 
-    fn pipelines(&self) -> Result<(Arc<Sorter>, Arc<Quads>)> {
-        let context = self.job.context;
-        let pipelines = self.job.pipelines;
-        let sort = SortKey {
-            axis: self.key.axis,
-            grown: self.key.grown,
-            scalars: self.key.feed.is_scalar(),
-            gradients: self.key.feed == Feed::LitScalars,
-            shadows: self.key.shadows,
-        };
-        let sorter = pipelines.get_or_make(sort, || Ok(Sorter::new(context, sort)))?;
-        Ok((sorter, pipelines.get_or_make(self.key, || Quads::new(context, self.key))?))
+    fn pipelines(&self) -> Result<Arc<Quads>> {
+        let Job { context, pipelines, .. } = self.job;
+        pipelines.get_or_make(self.key.clone(), || Quads::new(context, &self.key))
     }
 }
 
 impl Painting for Picture<'_> {
     fn is_empty(&self) -> bool {
         // Post-shading draws even without splats: the base value itself may be visible.
-        (self.job.splats() == 0 && !self.key.feed.is_scalar()) || self.plan.sheets() == 0
+        (self.job.splats() == 0 && !self.key.feed.is_scalar()) || self.plan.sheets == 0
     }
 
     fn pixel_bytes(&self) -> u32 {
@@ -125,27 +105,16 @@ impl Painting for Picture<'_> {
 
     /// The whole region: a splat is hidden if all that it covers is opaque, within the part or not.
     fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, _part: Region) -> Result<wgpu::Buffer> {
-        let (sorter, quads) = self.pipelines()?;
+        let quads = self.pipelines()?;
         let Job { context, pipelines, stores, .. } = self.job;
-        let inputs = Inputs {
-            footprint: self.footprint.get_or_insert_with(|| footprint_texture(context, &self.table)),
-            lighting: self.job.lighting(),
-            post: self.job.post,
-        };
-        let plan = &self.plan;
+        let inputs = Inputs { footprint: &self.footprint, lighting: self.job.lighting(), post: self.job.post };
+        let (plan, per_pass) = (&self.plan, self.key.sheets_per_pass);
         let frame = context.upload("frame", bytemuck::bytes_of(&plan.frame(region)), wgpu::BufferUsages::UNIFORM)?;
         let target = Target { plan, region, frame: &frame };
-        let spans = sorter.run(recorder, &*Scan::of(pipelines, context)?, target, self.key.sheets_per_pass, stores)?;
-        let covered = plan.covered(stores, region, self.key.sheets_per_pass);
-        let drawn = quads.draw(recorder, target, &inputs, &spans, &covered)?;
-        let mut counts = drawn.drawn;
-        if let Some(tally) = &drawn.tally {
-            recorder.submit();
-            counts.terminated = Terminator::marked(context, tally)?;
-        }
-        self.drawn.add(counts);
+        let spans = quads.sorter.run(recorder, &*Scan::of(pipelines, context)?, target, per_pass, stores)?;
+        let covered = plan.covered(stores, region, per_pass);
         self.parts += 1;
-        Ok(drawn.pixels)
+        quads.draw(recorder, target, &inputs, &spans, &covered, &mut self.drawn)
     }
 
     fn footprint_error(&self) -> f64 {
@@ -155,13 +124,13 @@ impl Painting for Picture<'_> {
     fn stats(&self) -> PainterStats {
         let knobs = self.job.settings.quads();
         let Drawn { sorted, passes, quads, terminated } = self.drawn;
-        let (sheets, per_pass) = (self.plan.sheets(), self.key.sheets_per_pass);
+        let (sheets, per_pass) = (self.plan.sheets, self.key.sheets_per_pass);
         PainterStats::Quads(QuadsStats {
             alignment: knobs.sheets,
             accumulation: knobs.accumulation,
             precision: self.key.precision,
             sheets,
-            sheet_thickness: self.plan.sheet_step() * self.job.view.unit,
+            sheet_thickness: self.plan.sheet_step * self.job.view.unit,
             sheets_per_pass: per_pass,
             batches: if self.parts > 0 { sheets.div_ceil(per_pass) } else { 0 },
             passes,
@@ -173,21 +142,11 @@ impl Painting for Picture<'_> {
     }
 }
 
-impl Drawn {
-    /// Adds what was drawn of another part of the picture.
-    fn add(&mut self, other: Self) {
-        self.sorted += other.sorted;
-        self.passes += other.passes;
-        self.quads += other.quads;
-        self.terminated += other.terminated;
-    }
-}
-
-/// The precision asked for, or f32 wherever the adapter blends it, whatever the model, the thickness and the growth:
-/// half floats lose what is small beside a sum, and some hardware cuts them off. `None` if f32 is asked for and not
-/// blended.
-fn precision(asked: Option<Precision>, blends_f32: bool) -> Option<Precision> {
-    match (asked, blends_f32) {
+/// The requested precision, or f32 wherever the adapter blends it, whatever the model, the thickness and the growth:
+/// half floats lose small contributions to a large sum, and some hardware cuts them off. `None` if f32 is requested and
+/// the adapter does not blend it.
+fn precision(requested: Option<Precision>, blends_f32: bool) -> Option<Precision> {
+    match (requested, blends_f32) {
         (Some(Precision::F32), false) => None,
         (Some(precision), _) => Some(precision),
         (None, true) => Some(Precision::F32),
@@ -197,10 +156,9 @@ fn precision(asked: Option<Precision>, blends_f32: bool) -> Option<Precision> {
 
 /// How many sheets a pass can feed within the adapter's attachments, the most first.
 fn batch_sizes(context: &Context, feed: Feed, precision: Precision) -> impl Iterator<Item = u32> {
-    let shared = feed.sheets_per_attachment();
     let bytes = context.limits.max_color_attachment_bytes_per_sample;
-    let attachments = context.limits.max_color_attachments.min(bytes / (shared * feed.sheet_bytes(precision)));
-    feed.batch_sizes().iter().copied().filter(move |&n| n <= shared * attachments)
+    let layers = context.limits.max_color_attachments.min(bytes / feed.texel_bytes(precision));
+    feed.batch_sizes().iter().copied().filter(move |&n| n <= layers * feed.sheets_per_layer())
 }
 
 /// The number of sheets that one pass feeds: the most that the adapter's attachments hold, up to 8 on software, which
@@ -209,9 +167,9 @@ fn sheets_per_pass(context: &Context, feed: Feed, precision: Precision) -> Resul
     if feed == Feed::Depth {
         return Ok(1);
     }
-    let preferred = if context.info.is_software() || feed.sheets_per_attachment() > 1 { 8 } else { 4 };
+    let preferred = if context.info.is_software() || feed.sheets_per_layer() > 1 { 8 } else { 4 };
     let largest = batch_sizes(context, feed, precision).filter(|&n| n <= preferred).max();
-    largest.ok_or_else(|| context.unsupported(format!("cannot draw into so many {precision} sheets at once")))
+    largest.ok_or_else(|| context.unsupported(format!("cannot draw into the {precision} sheets of one pass at once")))
 }
 
 #[cfg(test)]
@@ -229,8 +187,8 @@ mod tests {
             (Some(F32), true, Some(F32)),
             (Some(F32), false, None),
         ];
-        for (asked, blends_f32, expected) in rows {
-            assert_eq!(precision(asked, blends_f32), expected, "{asked:?} {blends_f32}");
+        for (requested, blends_f32, expected) in rows {
+            assert_eq!(precision(requested, blends_f32), expected, "{requested:?} {blends_f32}");
         }
     }
 }

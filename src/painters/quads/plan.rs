@@ -1,6 +1,6 @@
 //! The sheets of one picture, and the uniforms of its frames.
 
-use glam::{DMat3, DVec2, DVec3, DVec4};
+use glam::{DMat3, DVec2, DVec3};
 
 use super::frustum::visible_depths;
 use crate::camera::{Camera, Projection};
@@ -34,7 +34,7 @@ impl Target<'_> {
 pub(crate) struct Plan<'a> {
     pub(super) view: &'a ViewGeometry,
     /// Lattice axis of axis-aligned sheets.
-    pub(super) axis: Option<usize>,
+    pub(crate) axis: Option<usize>,
     /// Layers of the lattice beyond the faces of the volume.
     pub(super) padding: u32,
     /// View depth at which the first sheet begins.
@@ -51,13 +51,13 @@ pub(crate) struct Plan<'a> {
     takes_cells: bool,
 }
 
-/// What a sheet accumulates is scaled so that a sheet filled with the densest material accumulates about this: an f16
-/// sheet then resolves contributions 2e6 times smaller before they turn subnormal, and holds 250 times more (oblique
-/// perspective rays, `Normalization::Peak`) before it overflows, whatever the units of the scene.
+/// The value of a sheet filled with the densest material, about: sheets are scaled to it. An f16 sheet then resolves
+/// contributions 2e6 times smaller before they turn subnormal, and holds 250 times more (oblique perspective rays,
+/// `Normalization::Peak`) before it overflows, whatever the units of the scene.
 const SHEET_FULL: f64 = 256.0;
 
-/// Sheets from which on it is worth while to find out which of them the picture shows: the kernels of stretched
-/// lattices may reach far beyond it, before and behind.
+/// The number of sheets from which on the sheets beyond the picture are left out: the kernels of stretched lattices may
+/// reach far beyond it, before and behind.
 const MANY_SHEETS: u32 = 4096;
 
 /// Pixels by which a quad is grown on every side. Rasterisers snap corners to 1/16 pixel at the coarsest (Vulkan's
@@ -69,7 +69,7 @@ const QUAD_PAD: f64 = 3.0 / 64.0;
 const F16_THICKNESS: f64 = 4.0;
 
 /// How many times as long as the central ray an oblique ray may be in a sheet before sheets become thinner: pre-shaded
-/// and post-shaded. Classification magnifies what differs within a sheet.
+/// and post-shaded. Classification magnifies differences within a sheet.
 const MAX_STRETCH: [f64; 2] = [2.0, 1.25];
 
 /// The radius in voxels of kernels that a sheet of scalars a voxel thick resolves. Narrower ones take thinner sheets.
@@ -79,9 +79,9 @@ const RESOLVED_RADIUS: f64 = 2.0;
 /// farthest kernels have grown 12 times as much as the nearest, which decide the thickness, and would reach 600.
 const MOST_REACHED: f64 = 128.0;
 
-/// The thickness of the sheets of a picture in voxels, in the middle of it and before kernels grow: what was asked for,
-/// unless the picture would suffer. The one sheet of an X-ray in f32 is infinite. `growths` are those of the nearest
-/// and the farthest kernel.
+/// The thickness of the sheets of a picture in voxels, in its middle and before kernels grow: the requested one, unless
+/// the picture would suffer. The one sheet of an X-ray in f32 is infinite. `growths` belong to the nearest and the
+/// farthest kernel.
 fn thickness(camera: &Camera, growths: [f64; 2], settings: &Settings, precision: Precision) -> f64 {
     let post = settings.is_post_shaded();
     let thickness = match settings.model {
@@ -113,53 +113,38 @@ fn largest_stretch(camera: &Camera) -> f64 {
     }
 }
 
-/// The sheets across a volume.
-struct SheetStack {
-    /// See [`Plan`].
-    origin: f64,
-    step: f64,
-    count: u32,
-}
-
-impl SheetStack {
-    /// Leaves out the sheets before and behind all that the picture shows of the volume.
-    fn keep_visible(&mut self, view: &ViewGeometry) {
-        let Some(range) = visible_depths(view) else { return };
-        let [first, last] = range.map(|depth| ((depth - self.origin) / self.step).floor().max(0.0));
-        // One more on either side is what shading looks at, and one absorbs rounding.
-        let first = (first - 2.0).max(0.0);
-        self.origin += first * self.step;
-        self.count = (f64::from(self.count) - first).min(last + 3.0 - first).max(0.0) as u32;
+/// The image-aligned sheets across a volume: the view depth at which the first begins, their thickness and their
+/// number.
+fn image_aligned(view: &ViewGeometry, settings: &Settings, precision: Precision) -> (f64, f64, u32) {
+    let depth_per_voxel = view.gradients[2];
+    let reach = if view.post_shaded {
+        depth_per_voxel.abs().dot(view.faces)
+    } else {
+        view.farthest + view.max_radius() * depth_per_voxel.length()
+    };
+    let grid_forward = view.grid.to_lattice().matrix3 * view.camera.forward;
+    // One voxel of thickness is the world length in which the central ray advances by one lattice unit. Kernels that
+    // have grown resolve less in proportion.
+    let voxel = view.growths[0] / grid_forward.length();
+    let step = thickness(&view.camera, view.growths, settings, precision) * voxel;
+    // Shading reads a sheet before the first and one after the last.
+    let beside = if view.post_shaded { step } else { 0.0 };
+    let mut origin = -reach - beside;
+    if view.is_perspective() {
+        // Rays start at the eye, and with them the first sheet.
+        origin = origin.max(-view.eye_depth);
     }
-
-    /// Image-aligned sheets.
-    fn along(view: &ViewGeometry, settings: &Settings, precision: Precision) -> Self {
-        let depth_per_voxel = view.gradients[2];
-        let reach = if view.post_shaded {
-            depth_per_voxel.abs().dot(view.faces)
-        } else {
-            view.farthest + view.max_radius() * depth_per_voxel.length()
-        };
-        let grid_forward = view.grid.to_lattice().matrix3 * view.camera.forward;
-        // One voxel of thickness is the world length in which the central ray advances by one lattice unit. Grown
-        // kernels resolve so much less.
-        let voxel = view.growths[0] / grid_forward.length();
-        let step = thickness(&view.camera, view.growths, settings, precision) * voxel;
-        // Shading takes in a sheet before the first and one after the last.
-        let beside = if view.post_shaded { step } else { 0.0 };
-        let mut origin = -reach - beside;
-        if view.is_perspective() {
-            // Rays start at the eye, and with them the first sheet.
-            origin = origin.max(-view.eye_depth);
-        }
-        let whole = if reach > origin { reach + beside - origin } else { 0.0 };
-        let step = if step.is_finite() { step } else { whole.max(voxel) };
-        let mut stack = Self { origin, step, count: (whole / step).ceil().clamp(0.0, f64::from(u32::MAX / 2)) as u32 };
-        if stack.count > MANY_SHEETS {
-            stack.keep_visible(view);
-        }
-        stack
-    }
+    let whole = if reach > origin { reach + beside - origin } else { 0.0 };
+    let step = if step.is_finite() { step } else { whole.max(voxel) };
+    let count = (whole / step).ceil().clamp(0.0, f64::from(u32::MAX / 2)) as u32;
+    let Some(range) = (count > MANY_SHEETS).then(|| visible_depths(view)).flatten() else {
+        return (origin, step, count);
+    };
+    let [first, last] = range.map(|depth| ((depth - origin) / step).floor().max(0.0));
+    // Shading reads one more on either side, and one absorbs rounding.
+    let first = (first - 2.0).max(0.0);
+    let count = (f64::from(count) - first).min(last + 3.0 - first).max(0.0) as u32;
+    (origin + first * step, step, count)
 }
 
 /// The lattice axis of axis-aligned sheets: the normal of its voxel planes, the gradient of its lattice coordinate, is
@@ -174,8 +159,7 @@ fn sheet_axis(view: &ViewGeometry) -> usize {
 
 impl<'a> Plan<'a> {
     pub(crate) fn new(view: &'a ViewGeometry, settings: &Settings, weights: Weights, precision: Precision) -> Self {
-        let SheetStack { origin: sheet_origin, step: sheet_step, count: mut sheets } =
-            SheetStack::along(view, settings, precision);
+        let (sheet_origin, sheet_step, mut sheets) = image_aligned(view, settings, precision);
         let axis = (settings.quads().sheets == Sheets::Axis).then(|| sheet_axis(view));
         if let Some(axis) = axis
             && sheets > 0
@@ -209,7 +193,7 @@ impl<'a> Plan<'a> {
         plan
     }
 
-    /// How far splats of scalars must reach in this picture; nothing if voxels are classified.
+    /// How far splats of scalars must reach in this picture: not at all if voxels are classified.
     pub(crate) fn scalar_need(&self) -> ScalarNeed {
         let view = self.view;
         if !view.post_shaded {
@@ -243,18 +227,14 @@ impl<'a> Plan<'a> {
         self.sheet_origin + f64::from(sheet) * self.sheet_step
     }
 
-    pub(crate) fn is_axis_aligned(&self) -> bool {
-        self.axis.is_some()
-    }
-
     /// The parameters of the batch that begins with sheet `first`.
     pub(crate) fn batch(&self, first: u32) -> Batch {
         let from = if self.axis.is_some() { 0 } else { first };
         Batch { depth: self.sheet_depth(from) as f32, first_sheet: first }
     }
 
-    /// Side of a tile of early splat termination in pixels, a power of two from 4 on: about half of what a splat in the
-    /// middle of the volume spans.
+    /// Side of a tile of early splat termination in pixels, a power of two from 4 on: about half the span of a splat in
+    /// the middle of the volume.
     fn tile_size(&self) -> u32 {
         let view = self.view;
         let depth = if view.is_perspective() { view.eye_depth.max(self.sheet_step) } else { 1.0 };
@@ -266,15 +246,6 @@ impl<'a> Plan<'a> {
     /// Tiles across and down a region.
     pub(crate) fn tiles(&self, region: Region) -> [u32; 2] {
         [region.width, region.height].map(|side| side.div_ceil(self.tile_size()))
-    }
-
-    pub(crate) fn sheets(&self) -> u32 {
-        self.sheets
-    }
-
-    /// World thickness of a sheet.
-    pub(crate) fn sheet_step(&self) -> f64 {
-        self.sheet_step
     }
 
     /// The most batches of `sheets` that one kernel can reach into.
@@ -330,12 +301,6 @@ impl<'a> Plan<'a> {
             let slopes = map.transpose() * *gradient;
             slopes.extend(value - slopes.truncate().dot(offset))
         };
-        let clip = DVec4::new(
-            2.0 / span[0],
-            -2.0 / span[1],
-            -1.0 - 2.0 * corner[0] / span[0],
-            1.0 + 2.0 * corner[1] / span[1],
-        );
         Frame {
             lattice_center: view.grid.dims().map(|d| (d - 1) as f32 / 2.0 + self.padding as f32),
             radius: view.radius as f32,
@@ -353,8 +318,8 @@ impl<'a> Plan<'a> {
             sheet_step: self.sheet_step as f32,
             pixel_scale: f2(scale),
             pixel_offset: f2(corner),
-            clip_scale: [clip.x as f32, clip.y as f32],
-            clip_offset: [clip.z as f32, clip.w as f32],
+            clip_scale: f2([2.0 / span[0], -2.0 / span[1]]),
+            clip_offset: f2([-1.0 - 2.0 * corner[0] / span[0], 1.0 + 2.0 * corner[1] / span[1]]),
             quad_pad: scale.map(|pixel| (QUAD_PAD * pixel.abs()) as f32),
             section_scale: self.section_scale as f32,
             inverse_sheet_scale: (1.0 / self.sheet_scale) as f32,
@@ -425,7 +390,7 @@ mod tests {
     #[test]
     fn sheets_are_as_thin_as_the_picture_needs() {
         let grid = Grid::axis_parallel([400; 3], [1.0; 3]).unwrap();
-        let of = |fov, precision, settings: Settings| {
+        let thickness_at = |fov, precision, settings: Settings| {
             let view = View { projection: ProjectionKind::Perspective { fov }, ..View::default() };
             thickness(&Camera::new(&view, &grid, [64; 2]).unwrap(), [1.0, 1.0], &settings, precision)
         };
@@ -453,7 +418,7 @@ mod tests {
             (30.0, Precision::F16, xray.clone(), 4.0),
             (170.0, Precision::F16, xray, 4.0),
         ] {
-            let got = of(fov, precision, settings);
+            let got = thickness_at(fov, precision, settings);
             assert!(got == expected || (got - expected).abs() < 1e-12, "{fov} {precision}: {got} {expected}");
         }
     }

@@ -6,38 +6,24 @@ use super::plan::Target;
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Sort;
-use crate::gpu::pipeline::{Binding, bind, buffer_range, compute, flag, layout, module};
+use crate::gpu::pipeline::Binding::{Read, Uniform, Write};
+use crate::gpu::pipeline::buffer_range;
 use crate::gpu::recorder::Recorder;
-use crate::gpu::scan::{Scan, WORKGROUP};
+use crate::gpu::scan::Scan;
 use crate::gpu::shaders;
 use crate::gpu::store::Store;
+use crate::painters::stage::{Constant, Stage, for_each};
 
 /// The least splats that one invocation sorts.
 const MIN_BLOCK: u64 = 64;
 /// Counters (blocks times batches) beyond which blocks grow instead: the scan stays cheap beside the splats.
 const MAX_COUNTERS: u64 = 1 << 22;
 
-/// What the pipelines are specialised for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(crate) struct SortKey {
-    /// Sheets are voxel planes.
-    pub(crate) axis: bool,
-    /// Kernels grow.
-    pub(crate) grown: bool,
-    /// Splats are scalars.
-    pub(crate) scalars: bool,
-    /// Splats of scalars have gradients.
-    pub(crate) gradients: bool,
-    /// Light is kept from classified voxels.
-    pub(crate) shadows: bool,
-}
-
 /// The pipelines of the sort.
 pub(crate) struct Sorter {
-    layout: wgpu::BindGroupLayout,
-    count: wgpu::ComputePipeline,
-    mark: wgpu::ComputePipeline,
-    emit: wgpu::ComputePipeline,
+    count: Stage,
+    mark: Stage,
+    emit: Stage,
 }
 
 /// A run of splats of one store.
@@ -45,7 +31,7 @@ pub(crate) struct Sorter {
 pub(crate) struct Piece<'a> {
     store: &'a Store,
     splats: wgpu::Buffer,
-    /// First splat, a multiple of what storage bindings align to.
+    /// First splat, a multiple of the alignment of storage bindings.
     first: u32,
     count: u32,
 }
@@ -57,13 +43,13 @@ impl<'a> Piece<'a> {
         buffer_range(&self.splats, u64::from(self.first) * stride, u64::from(self.count) * stride)
     }
 
-    /// What of a run of the store's splats is in the piece, counted from its first.
+    /// The part of a run of the store's splats that is in the piece, counted from its first.
     fn part(&self, run: &Range<u32>) -> Option<Range<u32>> {
         let (start, end) = (run.start.max(self.first), run.end.min(self.first + self.count));
         (start < end).then(|| start - self.first..end - self.first)
     }
 
-    /// Where the bricks that they name begin.
+    /// The lattice points at which the bricks of the splats begin.
     pub(crate) fn origins(&self) -> wgpu::BindingResource<'a> {
         self.store.origins.as_entire_binding()
     }
@@ -76,7 +62,7 @@ pub(crate) struct Span<'a> {
     pub(crate) sorted: u32,
     /// Indices of splats in the piece, by batch.
     pub(crate) entries: wgpu::Buffer,
-    /// Where each batch starts in `entries`; one more ends the last.
+    /// The start of each batch in `entries`; one more ends the last.
     pub(crate) starts: Vec<u32>,
 }
 
@@ -89,28 +75,11 @@ impl Span<'_> {
 }
 
 impl Sorter {
-    pub(crate) fn new(context: &Context, key: SortKey) -> Self {
-        let constants = [
-            ("AXIS", flag(key.axis)),
-            ("GROWN", flag(key.grown)),
-            ("SCALARS", flag(key.scalars)),
-            ("GRADIENTS", flag(key.gradients)),
-            ("SHADOWS", flag(key.shadows)),
-        ];
-        let module = module(context, shaders::SORT);
-        let slots = [
-            Binding::Uniform,
-            Binding::Uniform,
-            Binding::Read,
-            Binding::Write,
-            Binding::Write,
-            Binding::Write,
-            Binding::Read,
-            Binding::Read,
-        ];
-        let layout = layout(context, "sort", wgpu::ShaderStages::COMPUTE, &slots);
-        let pipeline = |entry| compute(context, &module, "sort", entry, &layout, &constants);
-        Self { count: pipeline("count"), mark: pipeline("mark"), emit: pipeline("emit"), layout }
+    pub(crate) fn new(context: &Context, constants: &[Constant]) -> Self {
+        let slots = [Uniform, Uniform, Read, Write, Write, Write, Read, Read];
+        let entries = ["count", "mark", "emit"].map(|entry| ("sort", entry));
+        let [count, mark, emit] = Stage::several(context, shaders::SORT, entries, &slots, constants);
+        Self { count, mark, emit }
     }
 
     /// Sorts the splats of all stores into batches of `sheets` sheets.
@@ -153,7 +122,7 @@ impl Sorter {
         runs: &[Range<u32>],
     ) -> Result<Span<'a>> {
         let context = recorder.context;
-        let batches = plan.sheets().div_ceil(sheets_per_batch);
+        let batches = plan.sheets.div_ceil(sheets_per_batch);
         let blocks = blocks(runs, batches);
         let block_count = blocks.len() as u64;
         let counters = block_count * u64::from(batches.max(1)) + 1;
@@ -177,20 +146,15 @@ impl Sorter {
                 piece.origins(),
                 blocks.as_entire_binding(),
             ];
-            bind(context, "sort", &self.layout, &resources)
+            self.count.bind(context, &resources)
         };
-        let (x, y) = context.workgroups(block_count, WORKGROUP);
+        let each_block = for_each(context, block_count);
         {
             let mut pass = recorder.compute_pass("sort");
             let group = bindings(&none);
-            pass.set_pipeline(&self.count);
-            pass.set_bind_group(0, &group, &[]);
-            pass.dispatch_workgroups(x, y, 1);
+            self.count.record(&mut pass, &group, &[], each_block);
             scan.record(context, &mut pass, &places, counters)?;
-            pass.set_pipeline(&self.mark);
-            pass.set_bind_group(0, &group, &[]);
-            let (x, y) = context.workgroups(u64::from(batches) + 1, WORKGROUP);
-            pass.dispatch_workgroups(x, y, 1);
+            self.mark.record(&mut pass, &group, &[], for_each(context, u64::from(batches) + 1));
         }
         let starts = recorder.read_back("sort.starts_staging", &starts, starts_bytes)?;
         recorder.submit();
@@ -199,7 +163,7 @@ impl Sorter {
         // Written by the termination of splats too.
         let usage = storage | wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::COPY_SRC;
         let entries = context.buffer("sort.entries", u64::from(total) * 4, usage)?;
-        recorder.dispatch("sort", &self.emit, &bindings(&entries), &[], [x, y, 1]);
+        self.emit.dispatch(recorder, &bindings(&entries), &[], each_block);
         recorder.submit();
         let sorted = runs.iter().map(|run| run.len() as u32).sum();
         Ok(Span { piece, sorted, entries, starts })
@@ -210,9 +174,9 @@ impl Sorter {
 fn blocks(runs: &[Range<u32>], batches: u32) -> Vec<[u32; 2]> {
     let sorted: u64 = runs.iter().map(|run| run.len() as u64).sum();
     let block = sorted.div_ceil((MAX_COUNTERS / u64::from(batches.max(1))).max(1)).max(MIN_BLOCK) as u32;
-    let of = |run: &Range<u32>| {
+    let blocks = |run: &Range<u32>| {
         let end = run.end;
         run.clone().step_by(block as usize).map(move |first| [first, end.min(first + block)])
     };
-    runs.iter().flat_map(of).collect()
+    runs.iter().flat_map(blocks).collect()
 }

@@ -8,18 +8,19 @@ use super::{DynamicUniforms, Feed, Inputs, QuadsKey};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Area;
-use crate::gpu::pipeline::{Binding, Render, bind, flag, layout, module, texture_view};
+use crate::gpu::pipeline::Binding::{DynamicUniform, Read, ReadTexture, Uniform};
+use crate::gpu::pipeline::{Render, bind, layout, module, texture_view};
 use crate::gpu::recorder::{MAX_WORK, Recorder};
 use crate::gpu::shaders;
 use crate::kernel::FootprintTable;
-use crate::settings::Precision;
+use crate::painters::stage::declared;
 
-/// The render pipeline that feeds sheets.
+/// The render pipelines that feed sheets and clear them.
 pub(super) struct Splatting {
-    key: QuadsKey,
+    sheets_per_pass: u32,
     layout: wgpu::BindGroupLayout,
     pipeline: wgpu::RenderPipeline,
-    /// Clears parts of sheets; scalars are looked at beyond them.
+    /// Clears parts of sheets; not of scalars, which shading reads beyond these parts.
     wipe: Option<wgpu::RenderPipeline>,
 }
 
@@ -30,10 +31,9 @@ pub(super) struct SheetTextures {
     pub(super) all: wgpu::TextureView,
 }
 
-/// What the batches of one region are drawn with.
+/// The stage bound to a region.
 pub(super) struct Splats<'a> {
-    pipeline: &'a wgpu::RenderPipeline,
-    wipe: Option<&'a wgpu::RenderPipeline>,
+    stage: &'a Splatting,
     extent: [u32; 2],
     batches: DynamicUniforms,
     groups: Vec<wgpu::BindGroup>,
@@ -45,70 +45,86 @@ pub(super) struct Splats<'a> {
 const SOFTWARE_PASS: u32 = 1 << 18;
 
 impl QuadsKey {
-    /// The format of a layer.
-    fn format(&self) -> wgpu::TextureFormat {
-        match (self.feed, self.precision) {
-            (Feed::Depth, Precision::F16) => wgpu::TextureFormat::R16Float,
-            (Feed::Depth, Precision::F32) => wgpu::TextureFormat::R32Float,
-            (_, Precision::F16) => wgpu::TextureFormat::Rgba16Float,
-            (_, Precision::F32) => wgpu::TextureFormat::Rgba32Float,
-        }
-    }
-
-    /// Layers of a batch.
-    fn layers(&self) -> u32 {
-        self.sheets_per_pass / self.feed.sheets_per_attachment()
-    }
-
     /// The fragment stage.
     fn entry(&self) -> String {
         match self.feed {
             Feed::Colors | Feed::LitScalars => format!("feed_{}", self.sheets_per_pass),
             Feed::Depth => "feed_depth".to_owned(),
-            Feed::Scalars | Feed::Maximum | Feed::Mean => format!("scalars_{}", self.sheets_per_pass),
+            Feed::Scalars | Feed::Projection => format!("scalars_{}", self.sheets_per_pass),
         }
     }
 }
 
 impl SheetTextures {
-    pub(super) fn new(context: &Context, key: QuadsKey, [width, height]: [u32; 2]) -> Self {
+    pub(super) fn new(context: &Context, key: &QuadsKey, [width, height]: [u32; 2]) -> Self {
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
         let (size, layered) = ([width, height, key.layers()], wgpu::TextureDimension::D2);
-        let texture = context.texture("splat.sheets", key.format(), size, layered, usage);
-        let targets = (0..key.layers())
-            .map(|layer| {
-                texture.create_view(&wgpu::TextureViewDescriptor {
-                    label: Some("splat.sheet"),
-                    dimension: Some(wgpu::TextureViewDimension::D2),
-                    base_array_layer: layer,
-                    array_layer_count: Some(1),
-                    ..Default::default()
-                })
-            })
-            .collect();
-        let all = texture.create_view(&wgpu::TextureViewDescriptor {
-            label: Some("composite.sheets"),
-            dimension: Some(wgpu::TextureViewDimension::D2Array),
-            ..Default::default()
-        });
+        let texture = context.texture("splat.sheets", key.feed.format(key.precision), size, layered, usage);
+        let view = |base_array_layer, array_layer_count, dimension| {
+            let dimension = Some(dimension);
+            let layers =
+                wgpu::TextureViewDescriptor { dimension, base_array_layer, array_layer_count, ..Default::default() };
+            texture.create_view(&layers)
+        };
+        let targets = (0..key.layers()).map(|layer| view(layer, Some(1), wgpu::TextureViewDimension::D2)).collect();
+        let all = view(0, None, wgpu::TextureViewDimension::D2Array);
         Self { targets, all }
     }
 }
 
 impl Splatting {
-    pub(super) fn new(context: &Context, key: QuadsKey) -> Self {
-        let slots = [
-            Binding::Uniform,
-            Binding::DynamicUniform,
-            Binding::Read,
-            Binding::ReadTexture(wgpu::TextureFormat::Rgba32Float),
-            Binding::Read,
-            Binding::Uniform,
-        ];
+    pub(super) fn new(context: &Context, key: &QuadsKey) -> Self {
+        let table = ReadTexture(wgpu::TextureFormat::Rgba32Float);
+        let slots = [Uniform, DynamicUniform, Read, table, Read, Uniform];
         let layout = layout(context, "splat", wgpu::ShaderStages::VERTEX_FRAGMENT, &slots);
-        let module = module(context, shaders::SPLAT);
-        let wipe = (!key.feed.is_scalar()).then(|| wiping(context, key, &module));
-        Self { key, pipeline: pipeline(context, key, &module, &layout), wipe, layout }
+        let module = &module(context, shaders::SPLAT);
+        let constants = &declared(shaders::SPLAT, &key.constants);
+        let add = wgpu::BlendComponent {
+            src_factor: wgpu::BlendFactor::One,
+            dst_factor: wgpu::BlendFactor::One,
+            operation: wgpu::BlendOperation::Add,
+        };
+        let targets = |blend| {
+            let target = wgpu::ColorTargetState {
+                format: key.feed.format(key.precision),
+                blend,
+                write_mask: wgpu::ColorWrites::ALL,
+            };
+            vec![Some(target); key.layers() as usize]
+        };
+        let place = wgpu::VertexAttribute { format: wgpu::VertexFormat::Uint32, offset: 0, shader_location: 0 };
+        let places = wgpu::VertexBufferLayout {
+            array_stride: 4,
+            step_mode: wgpu::VertexStepMode::Instance,
+            attributes: &[place],
+        };
+        let pipeline = Render {
+            label: "splat",
+            layout: Some(&layout),
+            module,
+            vertex: ("vertex", constants),
+            buffers: &[Some(places)],
+            topology: wgpu::PrimitiveTopology::TriangleStrip,
+            fragment: (&key.entry(), constants),
+            targets: &targets(Some(wgpu::BlendState { color: add, alpha: add })),
+        };
+        // Writes nothing but zeros.
+        let wipe = Render {
+            label: "splat.wipe",
+            layout: None,
+            module,
+            vertex: ("cover", &[]),
+            buffers: &[],
+            topology: wgpu::PrimitiveTopology::TriangleList,
+            fragment: (&format!("wipe_{}", key.layers()), &[]),
+            targets: &targets(None),
+        };
+        Self {
+            sheets_per_pass: key.sheets_per_pass,
+            pipeline: pipeline.pipeline(context),
+            wipe: (!key.feed.is_scalar()).then(|| wipe.pipeline(context)),
+            layout,
+        }
     }
 
     pub(super) fn bind(
@@ -119,7 +135,7 @@ impl Splatting {
         spans: &[Span<'_>],
         batches: u32,
     ) -> Result<Splats<'_>> {
-        let parameters: Vec<_> = (0..batches).map(|b| target.plan.batch(b * self.key.sheets_per_pass)).collect();
+        let parameters: Vec<_> = (0..batches).map(|b| target.plan.batch(b * self.sheets_per_pass)).collect();
         let batches = DynamicUniforms::new(context, "splat.batches", &parameters)?;
         let lighting =
             context.upload("splat.lighting", bytemuck::bytes_of(&inputs.lighting), wgpu::BufferUsages::UNIFORM)?;
@@ -140,12 +156,12 @@ impl Splatting {
         let extent = target.extent();
         let pixels = extent.into_iter().map(f64::from).product();
         let quad_pixels = target.plan.view.splat_pixels().min(pixels) as u64;
-        Ok(Splats { pipeline: &self.pipeline, wipe: self.wipe.as_ref(), extent, batches, groups, quad_pixels })
+        Ok(Splats { stage: self, extent, batches, groups, quad_pixels })
     }
 }
 
 impl Splats<'_> {
-    /// Draws the entries of a batch into its sheets, of which the area that they reach is cleared before.
+    /// Draws the entries of a batch into its sheets, after clearing the area that they reach.
     pub(super) fn record(
         &self,
         recorder: &mut Recorder<'_>,
@@ -154,11 +170,11 @@ impl Splats<'_> {
         batch: u32,
         area: Area,
     ) {
-        // Where that is much of them, drivers clear faster.
+        // Drivers clear large parts faster.
         let [width, height] = area.size();
         let part = u64::from(width) * u64::from(height);
         let all = u64::from(self.extent[0]) * u64::from(self.extent[1]);
-        let wipe = self.wipe.filter(|_| 2 * part < all && part > 0);
+        let wipe = self.stage.wipe.as_ref().filter(|_| 2 * part < all && part > 0);
         let most = match recorder.context.info.is_software() {
             true => SOFTWARE_PASS,
             false => u32::try_from(MAX_WORK / self.quad_pixels.max(1)).unwrap_or(u32::MAX).max(1),
@@ -184,7 +200,7 @@ impl Splats<'_> {
                 pass.draw(0..3, 0..1);
                 pass.set_scissor_rect(0, 0, self.extent[0], self.extent[1]);
             }
-            pass.set_pipeline(self.pipeline);
+            pass.set_pipeline(&self.stage.pipeline);
             let mut quads = 0;
             for (index, piece) in pieces {
                 quads += piece.len() as u64;
@@ -217,75 +233,6 @@ fn passes(spans: &[Span<'_>], batch: u32, most: u32) -> Vec<Vec<(usize, Range<u3
         }
     }
     passes
-}
-
-/// The pipeline that writes nothing but zeros.
-fn wiping(context: &Context, key: QuadsKey, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
-    let target = Some(wgpu::ColorTargetState { format: key.format(), blend: None, write_mask: wgpu::ColorWrites::ALL });
-    let targets = vec![target; key.layers() as usize];
-    let render = Render {
-        label: "splat.wipe",
-        layout: None,
-        module,
-        vertex: ("cover", &[]),
-        buffers: &[],
-        topology: wgpu::PrimitiveTopology::TriangleList,
-        fragment: (&format!("wipe_{}", key.layers()), &[]),
-        targets: &targets,
-    };
-    render.pipeline(context)
-}
-
-fn pipeline(
-    context: &Context,
-    key: QuadsKey,
-    module: &wgpu::ShaderModule,
-    group: &wgpu::BindGroupLayout,
-) -> wgpu::RenderPipeline {
-    // A stage takes only the constants that it uses.
-    let common = [
-        ("PERSPECTIVE", flag(key.perspective)),
-        ("GROWN", flag(key.grown)),
-        ("AXIS", flag(key.axis)),
-        ("SCALARS", flag(key.feed.is_scalar())),
-        // What is reconstructed of scalars is cut when it is classified.
-        ("CLIP_PLANES", if key.feed.is_scalar() { 0.0 } else { f64::from(key.clip_planes) }),
-    ];
-    let vertex = [
-        ("ADDITIVE", flag(key.additive)),
-        ("LIGHTS", f64::from(key.splat_lights())),
-        ("POINT_LIGHTS", flag(key.point_lights)),
-        ("SHADOWS", flag(key.shadows)),
-        ("GRADIENTS", flag(key.feed == Feed::LitScalars)),
-    ];
-    let fragment = [("TEXELS", f64::from(key.footprint_terms / 4)), ("ROWS", f64::from(key.footprint_rows))];
-    let vertex_constants = [common.as_slice(), &vertex].concat();
-    let fragment_constants = [common.as_slice(), &fragment].concat();
-    let add = wgpu::BlendComponent {
-        src_factor: wgpu::BlendFactor::One,
-        dst_factor: wgpu::BlendFactor::One,
-        operation: wgpu::BlendOperation::Add,
-    };
-    let target = Some(wgpu::ColorTargetState {
-        format: key.format(),
-        blend: Some(wgpu::BlendState { color: add, alpha: add }),
-        write_mask: wgpu::ColorWrites::ALL,
-    });
-    let targets = vec![target; key.layers() as usize];
-    let place = wgpu::VertexAttribute { format: wgpu::VertexFormat::Uint32, offset: 0, shader_location: 0 };
-    let places =
-        wgpu::VertexBufferLayout { array_stride: 4, step_mode: wgpu::VertexStepMode::Instance, attributes: &[place] };
-    let render = Render {
-        label: "splat",
-        layout: Some(group),
-        module,
-        vertex: ("vertex", &vertex_constants),
-        buffers: &[Some(places)],
-        topology: wgpu::PrimitiveTopology::TriangleStrip,
-        fragment: (&key.entry(), &fragment_constants),
-        targets: &targets,
-    };
-    render.pipeline(context)
 }
 
 /// The footprint table as a texture: one row of texels per row of the table, four coefficients each.

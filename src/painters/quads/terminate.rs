@@ -1,29 +1,28 @@
 //! terminate: marks the entries of a batch that opaque pixels hide.
 
+use super::DynamicUniforms;
 use super::plan::Target;
 use super::sort::Span;
-use super::{DynamicUniforms, Feed, QuadsKey};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Terminate;
-use crate::gpu::pipeline::{Binding, bind, compute, flag, layout, module};
-use crate::gpu::recorder::{Readback, Recorder};
-use crate::gpu::scan::WORKGROUP;
+use crate::gpu::pipeline::Binding::{DynamicUniform, Read, Uniform, Write};
+use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
+use crate::painters::stage::{Constant, Stage, for_each};
 
-/// Entries that one invocation looks at; RUN in shaders/terminate.wgsl.
+/// Entries that one invocation tests; RUN in shaders/terminate.wgsl.
 pub(crate) const RUN: u64 = 16;
 /// Bytes of `Tally` in shaders/terminate.wgsl.
 const TALLY: u64 = 8;
 
 /// The pipelines.
 pub(super) struct Terminator {
-    layout: wgpu::BindGroupLayout,
-    tile: wgpu::ComputePipeline,
-    mark: wgpu::ComputePipeline,
+    tile: Stage,
+    mark: Stage,
 }
 
-/// What the batches of one region are looked at with.
+/// The stage bound to a region.
 pub(super) struct Termination<'a> {
     stage: &'a Terminator,
     batches: DynamicUniforms,
@@ -33,28 +32,11 @@ pub(super) struct Termination<'a> {
 }
 
 impl Terminator {
-    pub(super) fn new(context: &Context, key: QuadsKey) -> Self {
-        let slots = [
-            Binding::Uniform,
-            Binding::DynamicUniform,
-            Binding::Read,
-            Binding::Write,
-            Binding::Read,
-            Binding::Write,
-            Binding::Write,
-            Binding::Read,
-        ];
-        let layout = layout(context, "terminate", wgpu::ShaderStages::COMPUTE, &slots);
-        let module = module(context, shaders::TERMINATE);
-        let constants = [
-            ("PERSPECTIVE", flag(key.perspective)),
-            ("GROWN", flag(key.grown)),
-            ("SCALARS", flag(key.feed.is_scalar())),
-            ("GRADIENTS", flag(key.feed == Feed::LitScalars)),
-            ("SHADOWS", flag(key.shadows)),
-        ];
-        let pipeline = |entry, constants: &[_]| compute(context, &module, "terminate", entry, &layout, constants);
-        Self { tile: pipeline("tile", &[]), mark: pipeline("mark", &constants), layout }
+    pub(super) fn new(context: &Context, constants: &[Constant]) -> Self {
+        let slots = [Uniform, DynamicUniform, Read, Write, Read, Write, Write, Read];
+        let entries = ["tile", "mark"].map(|entry| ("terminate", entry));
+        let [tile, mark] = Stage::several(context, shaders::TERMINATE, entries, &slots, constants);
+        Self { tile, mark }
     }
 
     pub(super) fn bind(
@@ -87,7 +69,7 @@ impl Terminator {
                     tally.as_entire_binding(),
                     span.piece.origins(),
                 ];
-                bind(context, "terminate", &self.layout, &resources)
+                self.mark.bind(context, &resources)
             })
             .collect();
         Ok(Termination { stage: self, batches, groups, tiles: count, tally })
@@ -100,30 +82,20 @@ impl Termination<'_> {
         let Some(first) = self.groups.first() else { return };
         let context = recorder.context;
         let mut pass = recorder.compute_pass("terminate");
-        pass.set_pipeline(&self.stage.tile);
-        pass.set_bind_group(0, first, &[0]);
-        let (x, y) = context.workgroups(self.tiles, WORKGROUP);
-        pass.dispatch_workgroups(x, y, 1);
-        pass.set_pipeline(&self.stage.mark);
+        self.stage.tile.record(&mut pass, first, &[0], for_each(context, self.tiles));
         for ((index, span), group) in (0..).zip(spans).zip(&self.groups) {
             let count = span.batch(batch).len() as u64;
             if count > 0 {
-                pass.set_bind_group(0, group, &[self.batches.offset(batch * spans.len() as u32 + index)]);
-                let (x, y) = context.workgroups(count.div_ceil(RUN), WORKGROUP);
-                pass.dispatch_workgroups(x, y, 1);
+                let offset = self.batches.offset(batch * spans.len() as u32 + index);
+                self.stage.mark.record(&mut pass, group, &[offset], for_each(context, count.div_ceil(RUN)));
             }
         }
     }
 
-    /// Asks for the number of entries marked, which [`Terminator::marked`] reads.
-    pub(super) fn tally(&self, recorder: &mut Recorder<'_>) -> Result<Readback> {
-        recorder.read_back("terminate.staging", &self.tally, TALLY)
-    }
-}
-
-impl Terminator {
-    /// The number of entries marked, once the commands are done.
-    pub(super) fn marked(context: &Context, tally: &Readback) -> Result<u64> {
-        Ok(tally.values::<u32>(context, "splatting")?.get(1).copied().map_or(0, u64::from))
+    /// Submits what was recorded and returns the number of entries marked.
+    pub(super) fn marked(&self, recorder: &mut Recorder<'_>) -> Result<u64> {
+        let tally = recorder.read_back("terminate.staging", &self.tally, TALLY)?;
+        recorder.submit();
+        Ok(tally.values::<u32>(recorder.context, "splatting")?.get(1).copied().map_or(0, u64::from))
     }
 }

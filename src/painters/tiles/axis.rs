@@ -6,39 +6,39 @@ use glam::{DVec2, DVec3};
 use crate::camera::{Camera, Projection};
 use crate::volume::Grid;
 
-/// The margin around the picture, as a fraction of half its size, for whose rays axes are found too: coarse
-/// intermediate images reach beyond the picture.
+/// The margin around the picture, as a fraction of half its size, in which rays get axes too: coarse intermediate
+/// images reach beyond the picture.
 pub(super) const RAY_MARGIN: f64 = 0.25;
 /// The largest component along a of a ray's unit vector. The shaders read six voxels of a row, and the first of them
 /// may lie one voxel too early. So kernels, with a radius of 2 voxels, may reach 2.5 voxels along a row at most: 2 /
 /// sqrt(1 - a^2) < 2.5 if a < 0.6.
 const MAX_LEAN: f64 = 0.599;
 
-/// How much less of a ray's unit vector may run along an axis than along the one that it runs along most closely, and
-/// the ray is marched along that axis too; BLEND in shaders/common/rays.wgsl. Marches along two axes give colours that
-/// differ by up to 1e-2 (3e-2 post-shaded), so they are mixed by shares that change smoothly over two degrees on either
-/// side of a tie: a degree changes a share by 0.4 at most.
+/// How much smaller than its largest component a component of a ray's unit vector may be for the ray to be marched
+/// along that axis too; BLEND in shaders/common/rays.wgsl. Marches along two axes give colours that differ by up to
+/// 1e-2 (3e-2 post-shaded), so they are mixed by shares that change smoothly over two degrees on either side of a tie:
+/// a degree changes a share by 0.4 at most.
 const BLEND: f64 = 0.05;
 
 /// The largest component across of a ray's unit vector in which m has a share.
 const LARGEST_LEAN: f64 = 0.733;
 
 /// The axes across each axis.
-const ACROSS: [(usize, usize); 3] = [(1, 2), (0, 2), (0, 1)];
+const ACROSS: [[usize; 2]; 3] = [[1, 2], [0, 2], [0, 1]];
 
 /// A principal viewing axis, called m: the lattice axis that rays run along most closely.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PrincipalAxis {
     /// Numbers of the lattice axes a, b and m. a is the first of the two across along which parallel rays lean little
     /// enough (see `MAX_LEAN`). It is the same in most pictures of a turning volume, so few of them pack the volume
-    /// anew. Of rays through one eye a is the one along which they lean less.
+    /// anew. Rays through one eye have as a the axis along which they lean less.
     pub(super) axes: [usize; 3],
     /// The largest component along a of the unit vectors of rays.
     pub(super) lean: f64,
     /// Whether rays run against m.
     pub(super) flipped: bool,
-    /// Unit vector of a ray in (a, b, m), its component along m positive. Of rays through one eye it is that of a ray
-    /// in the middle of those that run along m.
+    /// Unit vector of a ray in (a, b, m), its component along m positive; of rays through one eye, of a ray in the
+    /// middle of those that run along m.
     pub(super) direction: DVec3,
     /// Rays through one eye: plane coordinates of that ray at unit depth, see `Camera::pixels`.
     pub(super) middle: DVec2,
@@ -46,7 +46,7 @@ pub(super) struct PrincipalAxis {
     /// halves of its width and height from its middle, y upwards.
     pub(super) part: [DVec2; 2],
     /// World length per lattice length along that ray.
-    stretch: f64,
+    pub(super) stretch: f64,
     /// The share of this axis in a picture of parallel rays. Rays through one eye have shares of their own, and this
     /// is 1.
     pub(super) share: f64,
@@ -55,13 +55,13 @@ pub(super) struct PrincipalAxis {
 impl PrincipalAxis {
     /// The axes of a picture, each with a share in it: the one that parallel rays run along most closely, and near a
     /// tie the others; of rays through one eye every axis and direction that has a share in some ray.
-    pub(super) fn all(camera: &Camera, grid: &Grid, size: [u32; 2]) -> Vec<Self> {
+    pub(super) fn all(camera: &Camera, grid: &Grid) -> Vec<Self> {
         let to_lattice = grid.to_lattice().matrix3;
-        let Some(lens) = Lens::new(camera, grid, size) else {
+        let Some(lens) = Lens::new(camera, grid) else {
             let ray = to_lattice * camera.forward;
             let unit = ray.normalize();
             let axes = (0..3).map(|m| {
-                let (i, j) = ACROSS[m];
+                let [i, j] = ACROSS[m];
                 let across = if unit[i].abs() < MAX_LEAN { [i, j] } else { [j, i] };
                 let share = share(m, ray);
                 Self { share, ..Self::along(across, m, ray[m] < 0.0, ray, 1.0, unit[across[0]].abs()) }
@@ -70,38 +70,40 @@ impl PrincipalAxis {
             axes.sort_by(|a, b| b.share.total_cmp(&a.share));
             return axes;
         };
-        let ways = (0..3).flat_map(|m| [(m, false), (m, true)]);
-        ways.filter_map(|(m, flipped)| {
+        let directions = (0..3).flat_map(|m| [(m, false), (m, true)]);
+        let axes = directions.filter_map(|(m, flipped)| {
             let part = lens.part(m, flipped, 1.0 + RAY_MARGIN);
             // The ray in the middle of that part stands for all of them.
             let count = part.len() as f64;
-            let (x, y) = part.iter().fold((0.0, 0.0), |(x, y), p| (x + p.0 / count, y + p.1 / count));
-            let middle = DVec2::new(x * lens.aspect, y) * lens.tan_half_fov;
-            let places = || part.iter().map(|&(x, y)| DVec2::new(x, y));
-            let ends = [places().fold(DVec2::INFINITY, DVec2::min), places().fold(DVec2::NEG_INFINITY, DVec2::max)];
+            let center = part.iter().fold(DVec2::ZERO, |sum, place| sum + place / count);
+            let middle = DVec2::new(center.x * lens.aspect, center.y) * lens.tan_half_fov;
+            let ends = [
+                part.iter().copied().fold(DVec2::INFINITY, DVec2::min),
+                part.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max),
+            ];
             let world = (1.0 + middle.length_squared()).sqrt();
-            let (i, j) = ACROSS[m];
+            let [i, j] = ACROSS[m];
             let leans = [i, j].map(|axis| lens.lean(axis, m, flipped));
             let (across, lean) = if leans[0] <= leans[1] { ([i, j], leans[0]) } else { ([j, i], leans[1]) };
-            let axis = || Self { middle, part: ends, ..Self::along(across, m, flipped, lens.ray((x, y)), world, lean) };
+            let axis = || Self { middle, part: ends, ..Self::along(across, m, flipped, lens.ray(center), world, lean) };
             (!part.is_empty()).then(axis)
-        })
-        .collect()
+        });
+        axes.collect()
     }
 
-    /// The pyramid of the rays through one eye in which the axis has a share, `None` if rays are parallel. The lattice
-    /// begins so many layers before the volume.
-    pub(super) fn pyramid(&self, camera: &Camera, grid: &Grid, size: [u32; 2], padding: u32) -> Option<Pyramid> {
-        let (lens, eye) = (Lens::new(camera, grid, size)?, camera.eye()?);
+    /// The pyramid of the rays through one eye in which the axis has a share, in a lattice with `padding` layers before
+    /// the volume; `None` if rays are parallel.
+    pub(super) fn pyramid(&self, camera: &Camera, grid: &Grid, padding: u32) -> Option<Pyramid> {
+        let (lens, eye) = (Lens::new(camera, grid)?, camera.eye()?);
         let part = lens.part(self.axes[2], self.flipped, 1.0 + RAY_MARGIN);
-        let edges: Vec<DVec3> = part.into_iter().map(|at| lens.ray(at)).collect();
+        let edges: Vec<DVec3> = part.into_iter().map(|place| lens.ray(place)).collect();
         let middle: DVec3 = edges.iter().map(|edge| edge.normalize()).sum();
         let sides = (0..edges.len()).map(|i| edges[i].cross(edges[(i + 1) % edges.len()]).normalize_or_zero());
         let sides = sides.map(|side| if side.dot(middle) < 0.0 { -side } else { side }).collect();
         Some(Pyramid { eye: grid.to_lattice().transform_point3(eye) + f64::from(padding), sides })
     }
 
-    /// The axis m and those across it for rays around one, given as a lattice vector and its world length.
+    /// The axis m and the axes across it for rays around one, given as a lattice vector and its world length.
     fn along([a, b]: [usize; 2], m: usize, flipped: bool, ray: DVec3, world: f64, lean: f64) -> Self {
         let unit = ray.normalize();
         Self {
@@ -121,17 +123,12 @@ impl PrincipalAxis {
         DVec2::new(self.direction.x, self.direction.y) / self.direction.z
     }
 
-    /// World length of a voxel along a ray.
-    pub(super) fn voxel(&self) -> f64 {
-        self.stretch
-    }
-
     /// World distance between two voxel planes along a ray.
     pub(super) fn slab(&self) -> f64 {
         self.stretch / self.direction.z
     }
 
-    /// The same in voxels.
+    /// The same distance in voxels.
     pub(super) fn slab_voxels(&self) -> f64 {
         1.0 / self.direction.z
     }
@@ -154,29 +151,29 @@ struct Lens {
 
 impl Lens {
     /// `None` if rays are parallel.
-    fn new(camera: &Camera, grid: &Grid, size: [u32; 2]) -> Option<Self> {
+    fn new(camera: &Camera, grid: &Grid) -> Option<Self> {
         let Projection::Perspective { tan_half_fov, .. } = camera.projection else { return None };
         let to_lattice = grid.to_lattice().matrix3;
-        let aspect = f64::from(size[0]) / f64::from(size[1]);
+        let aspect = f64::from(camera.size[0]) / f64::from(camera.size[1]);
         let [right, up] = [camera.right * aspect, camera.up].map(|axis| to_lattice * axis * tan_half_fov);
         Some(Self { aspect, tan_half_fov, right, up, forward: to_lattice * camera.forward })
     }
 
     /// The direction of the ray through a place of the picture, in halves of its width and height.
-    fn ray(&self, (x, y): (f64, f64)) -> DVec3 {
-        self.forward + self.right * x + self.up * y
+    fn ray(&self, place: DVec2) -> DVec3 {
+        self.forward + self.right * place.x + self.up * place.y
     }
 
     /// The part of the picture in whose rays m has a share in this direction: no other component is larger by more than
     /// the blend. The part is cut by straight lines, which leave too much of it rather than too little. The picture
     /// ends at `edge` halves of its size from its middle.
-    fn part(&self, m: usize, flipped: bool, edge: f64) -> Vec<(f64, f64)> {
+    fn part(&self, m: usize, flipped: bool, edge: f64) -> Vec<DVec2> {
         let sign = if flipped { -1.0 } else { 1.0 };
-        let mut part = vec![(-edge, -edge), (edge, -edge), (edge, edge), (-edge, edge)];
+        let mut part = vec![DVec2::splat(-edge), DVec2::new(edge, -edge), DVec2::splat(edge), DVec2::new(-edge, edge)];
         for other in (0..3).filter(|&other| other != m) {
             for against in [1.0, -1.0] {
                 let lead = |d: DVec3| sign * d[m] - against * d[other] + BLEND * d.length();
-                part = clipped(&part, |at| lead(self.ray(at)));
+                part = clipped(&part, |place| lead(self.ray(place)));
             }
         }
         part
@@ -184,20 +181,17 @@ impl Lens {
 
     /// The largest component along an axis across m of the unit vectors of rays in which m has a share.
     fn lean(&self, axis: usize, m: usize, flipped: bool) -> f64 {
-        // Cubic splines read two points beyond the picture; what is farther out reaches it by hundredths.
+        // Cubic splines read two points beyond the picture; points farther out count by hundredths.
         const EDGE: f64 = 1.0 + RAY_MARGIN / 4.0;
         /// Places along each side of the part: no maximum lies within, as the axis itself is outside.
         const STEPS: usize = 16;
         let part = self.part(m, flipped, EDGE);
         let side = |i: usize| {
             let (p, q) = (part[i], part[(i + 1) % part.len()]);
-            (0..STEPS).map(move |step| {
-                let t = step as f64 / STEPS as f64;
-                (p.0 + t * (q.0 - p.0), p.1 + t * (q.1 - p.1))
-            })
+            (0..STEPS).map(move |step| p + step as f64 / STEPS as f64 * (q - p))
         };
-        let leans = (0..part.len()).flat_map(side).map(|at| self.ray(at).normalize()[axis].abs());
-        // Between the places it may be a little more, but never more than where m no longer has a share.
+        let leans = (0..part.len()).flat_map(side).map(|place| self.ray(place).normalize()[axis].abs());
+        // Between the places it may be a little more, up to the lean at which m loses its share.
         (leans.fold(0.0, f64::max) + 0.003).min(LARGEST_LEAN)
     }
 }
@@ -221,8 +215,8 @@ impl Pyramid {
     }
 }
 
-/// The share of axis m in what a ray shows: 1 if the ray runs along m most closely by far, and smoothly less down to 0.
-/// The shares of a ray add up to 1. `share_of` in shaders/common/rays.wgsl is the same.
+/// The share of axis m in the colour of a ray: 1 if the ray runs along m most closely by far, and smoothly less down to
+/// 0. The shares of a ray add up to 1. `share_of` in shaders/common/rays.wgsl is the same.
 fn share(m: usize, ray: DVec3) -> f64 {
     let unit = ray.normalize().abs();
     let lead = |m: usize| unit[m] - unit[(m + 1) % 3].max(unit[(m + 2) % 3]);
@@ -247,7 +241,7 @@ pub(super) fn unordered(axes: [usize; 3], values: [u32; 3]) -> [u32; 3] {
 
 /// The part of a convex polygon in which a linear function is not negative (Sutherland and Hodgman 1974, "Reentrant
 /// polygon clipping").
-fn clipped(polygon: &[(f64, f64)], value: impl Fn((f64, f64)) -> f64) -> Vec<(f64, f64)> {
+fn clipped(polygon: &[DVec2], value: impl Fn(DVec2) -> f64) -> Vec<DVec2> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (i, &p) in polygon.iter().enumerate() {
         let q = polygon[(i + 1) % polygon.len()];
@@ -256,8 +250,7 @@ fn clipped(polygon: &[(f64, f64)], value: impl Fn((f64, f64)) -> f64) -> Vec<(f6
             kept.push(p);
         }
         if (at_p >= 0.0) != (at_q >= 0.0) {
-            let t = at_p / (at_p - at_q);
-            kept.push((p.0 + t * (q.0 - p.0), p.1 + t * (q.1 - p.1)));
+            kept.push(p + at_p / (at_p - at_q) * (q - p));
         }
     }
     kept
@@ -273,7 +266,7 @@ mod tests {
         let count = |fov, azimuth, elevation| {
             let projection = crate::camera::ProjectionKind::Perspective { fov };
             let view = crate::camera::View { projection, azimuth, elevation, ..crate::camera::View::default() };
-            PrincipalAxis::all(&Camera::new(&view, &grid, [64, 48]).unwrap(), &grid, [64, 48]).len()
+            PrincipalAxis::all(&Camera::new(&view, &grid, [64, 48]).unwrap(), &grid).len()
         };
         assert_eq!(count(30.0, 0.0, 0.0), 1);
         assert_eq!(count(30.0, 45.0, 0.0), 2);
@@ -291,12 +284,12 @@ mod tests {
             let projection = crate::camera::ProjectionKind::Perspective { fov };
             let view = crate::camera::View { projection, azimuth, elevation, ..crate::camera::View::default() };
             let camera = Camera::new(&view, &grid, size).unwrap();
-            let lens = Lens::new(&camera, &grid, size).unwrap();
+            let lens = Lens::new(&camera, &grid).unwrap();
             let eye = grid.to_lattice().transform_point3(camera.eye().unwrap());
-            for axis in PrincipalAxis::all(&camera, &grid, size) {
-                let pyramid = axis.pyramid(&camera, &grid, size, 0).unwrap();
+            for axis in PrincipalAxis::all(&camera, &grid) {
+                let pyramid = axis.pyramid(&camera, &grid, 0).unwrap();
                 for i in 0..21 * 21 {
-                    let ray = lens.ray((f64::from(i % 21) / 10.0 - 1.0, f64::from(i / 21) / 10.0 - 1.0));
+                    let ray = lens.ray(DVec2::new(f64::from(i % 21), f64::from(i / 21)) / 10.0 - 1.0);
                     for distance in [40.0, 60.0, 80.0] {
                         let p = eye + ray / ray.length() * distance;
                         if p.min_element() < 0.0 {

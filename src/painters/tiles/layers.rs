@@ -9,7 +9,7 @@ use crate::image::Region;
 use crate::painters::painter::{Begun, Job, Painting, Room};
 use crate::stats::{PainterStats, TilesStats};
 
-/// The painter: fast, and not for every picture.
+/// The painter `tiles`: fast, but it refuses some pictures.
 pub(crate) const ROOM: Room = Room { refusal, need, layers: true, begin };
 
 fn begin<'a>(nearest: Job<'a>, behind: Vec<Job<'a>>) -> Result<Begun<'a>> {
@@ -56,7 +56,7 @@ impl Painting for Layers<'_> {
 
     fn stats(&self) -> PainterStats {
         let layers = self.0.iter().map(Picture::stats);
-        // Every layer has the same rays; slabs are the thinnest.
+        // Every layer has the same rays; the thickness belongs to the thinnest slabs.
         let all = layers.reduce(|near, far| TilesStats {
             slabs: near.slabs + far.slabs,
             rays: near.rays.max(far.rays),

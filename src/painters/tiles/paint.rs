@@ -1,11 +1,11 @@
-//! A picture by rays: what is refused, what the picture needs, and its regions.
+//! A picture by rays: refusals, needs, preparation and regions.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::axis::PrincipalAxis;
 use super::pack::{Lit, Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
-use super::rays::{Classification, FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
+use super::rays::{RaySetup, Rays, max_depth, parallel};
 use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
 use crate::gpu::layout::{self, TILE};
@@ -15,44 +15,36 @@ use crate::image::Region;
 use crate::kernel::Kernel;
 use crate::painters::painter::Job;
 use crate::prepare::levels::ScalarNeed;
-use crate::response::Response;
 use crate::settings::{Model, Painter, Resolution, Settings};
-use crate::stats::{RaySpacing, TilesStats};
+use crate::stats::TilesStats;
 
-/// Pixels for which a splat of an X-ray is worth a quad: a quad takes as long as about 40 rays for pixels, and most of
-/// them meet nothing. Measured on software; see `docs/measurements`.
+/// The number of pixels to a splat beyond which software draws X-rays faster by quads: a quad takes as long as about 40
+/// rays of pixels, and most rays meet nothing. Measured; see `docs/measurements`.
 const PIXELS_PER_QUAD: u64 = 8;
 
-/// Work of a plane of a ray, in that of fragments of splats: 15 texels of 16 bytes and some 800 operations. A fragment
-/// has 150, and blends up to 8 sheets.
+/// The work of a plane of a ray, in units of the work of a fragment of a splat: 15 texels of 16 bytes and some 800
+/// operations, where a fragment has 150 and blends up to 8 sheets.
 const PLANE_WORK: u64 = 4;
-/// The same of scalars: two slabs with three moments each, classified in pieces.
+/// The same for scalars: two slabs with three moments each, classified in pieces.
 const SCALAR_PLANE_WORK: u64 = 12;
 
 /// Optical depth of a voxel from which on parts of kernels are parabolas. Fitted by lines they err by 0.13 of 255 (rms)
 /// there, and by 0.9 at 2.3.
 const DENSE: f64 = 0.7;
 
-/// The fewest bytes of a pixel, which limit the regions of a picture and with them what is marched at a time.
+/// The least bytes of a pixel, which limit the regions of a picture and so the number of rays that march at a time.
 const MIN_PIXEL_BYTES: u32 = 16;
 
-/// The largest scalar that post-shading draws; what shows is within 2. The parts of a single kernel err by some
-/// hundredths of it where a ray touches its rim; those of many kernels cancel unless a value stands alone, like one for
-/// voxels without data.
+/// The largest scalar that post-shading draws; visible ones are within 2. The parts of a single kernel err by some
+/// hundredths of its scalar where a ray touches its rim. Errors of many kernels cancel unless a value stands alone,
+/// like a value for voxels without data.
 const MAX_SCALAR: f64 = 4096.0;
 
-/// Pieces per voxel in which slabs of scalars are classified. Slabs are thin: on the demos of 32^3 voxels, three err as
-/// eight do, to 1 % (rms; vessels 7 %).
-const PIECES: f64 = 3.0;
-
-/// The least radius of kernels of scalars, in voxels: the fitted parts of narrower ones in slabs of half a plane err by
-/// half of what they are (a maximum of gaussian:0.25,0.5 by 0.26, rms).
+/// The least radius of kernels of scalars, in voxels: the fitted parts of narrower kernels in slabs of half a plane err
+/// by half (a maximum of gaussian:0.25,0.5 by 0.26, rms).
 const MIN_SCALAR_RADIUS: f64 = 1.0;
 
-/// Optical depth over alpha is never more.
-const BRIGHTEST_DEPTH: f64 = 1e30;
-
-/// Radii that are more than they may be by this factor are so by rounding.
+/// The rounding of radii at a limit.
 const ROUNDING: f64 = 1.0 + 1e-6;
 
 pub(super) fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
@@ -72,8 +64,8 @@ pub(super) fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String
 
 /// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a
 /// ray at most sqrt(3) / 2 voxels, so three are at most 2.6 voxels. They count as 3: the parts of kernels in slabs are
-/// fitted, and a fit fades a little later than its kernel. None of it depends on the direction, so that turning
-/// asks for no other splats.
+/// fitted, and a fit fades a little later than its kernel. The need does not depend on the direction, so that a turn
+/// needs no other splats.
 pub(super) fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
     if !settings.is_post_shaded() {
         return ScalarNeed::NONE;
@@ -83,37 +75,38 @@ pub(super) fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) 
     ScalarNeed::new(view, radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS)
 }
 
-/// A picture under way.
+/// A picture in progress.
 pub(super) struct Picture<'a> {
     pub(super) job: Job<'a>,
-    /// The kernel as it has grown; in perspective, where it does not.
+    /// The kernel: along parallel rays as it has grown.
     kernel: Kernel,
     footprint: Footprint,
     kind: SlabKind,
+    voxel: Voxel,
     pub(super) lighting: layout::Lighting,
-    /// Those of the largest share first.
-    pub(super) ways: Vec<Way>,
+    /// The axes of the picture, the one with the largest share first.
+    pub(super) axes: Vec<PackedAxis>,
     packed: Option<Vec<Arc<Packed>>>,
-    rays: u64,
-    spacing: Option<Spacing>,
-    marches: u32,
+    /// The rays of the regions so far.
+    drawn: TilesStats,
 }
 
 /// A principal axis that rays are marched along, and the volume as these rays read it.
-pub(super) struct Way {
+pub(super) struct PackedAxis {
     pub(super) axis: PrincipalAxis,
     packing: Packing,
     sections: Sections,
 }
 
 impl<'a> Picture<'a> {
-    /// Says why if it cannot be: the volume does not fit into a texture, or the kernel's footprint is no polynomial.
+    /// An error is the reason for a refusal: the volume does not fit into a texture, or the kernel's footprint is no
+    /// polynomial.
     pub(super) fn new(job: Job<'a>) -> std::result::Result<Self, String> {
         let Job { context, view, settings, stores, post, .. } = job;
         if settings.is_post_shaded() && job.weights.max > MAX_SCALAR {
             return Err(
-                "tiles draws values of which none is far beyond all that shows: parts of kernels are fitted, and \
-                        what is a small part of such a value would show"
+                "tiles does not draw values far beyond all visible ones: parts of kernels are fitted, and a small \
+                 part of such a value would show"
                     .to_owned(),
             );
         }
@@ -127,80 +120,79 @@ impl<'a> Picture<'a> {
             (true, _) => Voxel::Gradient,
         };
         let dims = view.grid.dims().map(|n| n + 2 * job.padding);
-        let whole = !shows_nothing_else(&job);
-        let axes = PrincipalAxis::all(&view.camera, &view.grid, view.camera.size);
+        let axes = PrincipalAxis::all(&view.camera, &view.grid);
         let packings = axes.iter().map(|axis| {
             // A ray meets kernels a radius away, grown ones too; one voxel more for rounding.
-            let pyramid = axis.pyramid(&view.camera, &view.grid, view.camera.size, job.padding);
+            let pyramid = axis.pyramid(&view.camera, &view.grid, job.padding);
             let seen = |bounds| {
                 view.layer_holds(bounds, job.padding)
                     && view.may_show(bounds, job.padding)
                     && pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, view.max_radius() + 1.0))
             };
-            Packing::new(context, stores, dims, whole, seen, axis.axes, voxel)
+            Packing::new(context, stores, dims, job.base_shows(), seen, axis.axes, voxel)
         });
         let packings: Option<Vec<Packing>> = packings.collect();
-        let packings = packings.ok_or("tiles packs the volume into a texture, which this volume outgrows")?;
+        let packings = packings.ok_or("tiles packs the volume into a texture, and this volume does not fit")?;
         let dense = max_depth(&job) > DENSE;
         let kind = match post {
             Some(_) => SlabKind::Scalars,
             None if dense => SlabKind::DenseColors,
             None => SlabKind::Colors,
         };
-        let ways = axes.into_iter().zip(packings).filter(|(_, packing)| !packing.is_empty()).map(|(axis, packing)| {
+        let axes = axes.into_iter().zip(packings).filter(|(_, packing)| !packing.is_empty()).map(|(axis, packing)| {
             let sections = Sections::new(&kernel, &view.camera, &axis, kind, view.depth_growth().1);
-            Way { axis, packing, sections }
+            PackedAxis { axis, packing, sections }
         });
-        let ways = ways.collect();
-        let lighting = job.lighting();
-        let picture =
-            Self { job, kernel, footprint, kind, lighting, ways, packed: None, rays: 0, spacing: None, marches: 0 };
+        let (axes, lighting) = (axes.collect(), job.lighting());
+        let drawn = TilesStats::default();
+        let picture = Self { job, kernel, footprint, kind, voxel, lighting, axes, packed: None, drawn };
         if picture.outgrows_textures() {
-            return Err("tiles has rays at least a voxel apart, and here they outgrow a texture".to_owned());
+            return Err("tiles has rays at least a voxel apart, and here they do not fit into a texture".to_owned());
         }
         Ok(picture)
     }
 
     fn key(&self) -> TilesKey {
-        let [way, ..] = self.ways.as_slice() else { return TilesKey::default() };
-        let Job { view, settings, .. } = self.job;
+        let Job { context, view, .. } = self.job;
         // A ball of the lattice reaches as far along a row.
-        let most = view.depth_growth().1;
-        let reach = |way: &Way| most * self.kernel.radius() / (1.0 - way.axis.lean.powi(2)).sqrt();
-        TilesKey {
-            model: settings.model,
-            response: settings.xray_response().0,
-            depth_coded: settings.depth_coded,
-            attenuated: settings.attenuation > 0.0,
-            voxel: way.packing.voxel,
-            lights: settings.light_count(),
-            point_lights: settings.has_point_lights(),
-            crowded: self.job.post.is_some_and(|post| post.table.crowded),
-            thins: self.job.post.is_some_and(|post| post.table.thins),
-            post_shadows: self.job.post.is_some_and(|post| post.shadows),
-            perspective: view.is_perspective(),
-            grown: most > 1.0,
-            packs_on_host: way.packing.is_for_host(self.job.context, self.job.splats()),
-            curved: self.kind == SlabKind::DenseColors,
-            terms: self.footprint.terms(),
-            reach: match most * self.kernel.radius() / ROUNDING {
-                radius if self.kind == SlabKind::Scalars && radius <= 2.0 => 2,
-                radius if self.kind != SlabKind::Scalars && radius <= 3.0 => 3,
-                _ => 4,
-            },
-            // n texels serve a reach of up to n - 1/2 voxels; of the largest kernels, along the rays that lean most,
-            // it is 5.9.
-            texels: (self.ways.iter().map(reach).fold(0.0, f64::max) + 0.5).floor().clamp(2.0, 6.0) as u32 + 1,
-            clip_planes: view.clip.len() as u32,
-            rays: match self.is_resampled() {
-                _ if self.is_layered() => RayKind::Layered,
-                true if view.is_perspective() => RayKind::Coarser,
-                true => RayKind::Shared,
-                false if self.is_straight(way) => match self.block(way) {
-                    Some(block) => RayKind::StraightBlocks(block),
-                    None => RayKind::Straight,
-                },
-                false => RayKind::Pixels,
+        let growth = view.depth_growth().1;
+        let along_row = |axis: &PackedAxis| growth * self.kernel.radius() / (1.0 - axis.axis.lean.powi(2)).sqrt();
+        // n texels serve a reach of up to n - 1/2 voxels; of the largest kernels, along the rays that lean most, it is
+        // 5.9.
+        let texels = self.axes.iter().map(along_row).fold(0.0, f64::max) + 0.5;
+        let reach = match growth * self.kernel.radius() / ROUNDING {
+            radius if radius <= 2.0 => 2,
+            radius if radius <= 3.0 && self.kind != SlabKind::Scalars => 3,
+            _ => 4,
+        };
+        let rays = self.ray_kind();
+        let mut constants = self.job.constants();
+        constants.extend([
+            ("GROWN", (growth > 1.0).into()),
+            ("CURVED", (self.kind == SlabKind::DenseColors).into()),
+            ("TERMS", self.footprint.terms()),
+            ("TEXELS", texels.floor().clamp(2.0, 6.0) as u32 + 1),
+            ("REACH", reach),
+            ("STRAIGHT", (rays == RayKind::Straight).into()),
+            ("RESAMPLED", rays.is_resampled().into()),
+            ("LAYERED", (rays == RayKind::Layered).into()),
+        ]);
+        if let RayKind::StraightBlocks(Block { across, rows }) = rays {
+            constants.extend([("ACROSS", across), ("ROWS", rows)]);
+        }
+        let is_for_host = |axis: &PackedAxis| axis.packing.is_for_host(context, self.job.splats());
+        TilesKey { voxel: self.voxel, rays, packs_on_host: self.axes.first().is_some_and(is_for_host), constants }
+    }
+
+    fn ray_kind(&self) -> RayKind {
+        let axis = self.axes.first();
+        match self.is_resampled() {
+            _ if self.is_layered() => RayKind::Layered,
+            true if self.job.view.is_perspective() => RayKind::Coarser,
+            true => RayKind::Shared,
+            false => match axis.filter(|axis| self.is_straight(axis)) {
+                Some(axis) => self.block(axis).map_or(RayKind::Straight, RayKind::StraightBlocks),
+                None => RayKind::Pixels,
             },
         }
     }
@@ -208,13 +200,13 @@ impl<'a> Picture<'a> {
     /// Whether some pixels do without rays of their own.
     fn is_resampled(&self) -> bool {
         let Job { settings, post, .. } = self.job;
-        // What is classified has edges that only the rays of pixels keep; rays that are shared reach two voxels.
+        // Classification makes edges that only the rays of pixels keep; rays that are shared reach two voxels.
         let full = resolution(settings, self.job.context.info.is_software()) == Resolution::Full;
         let per_pixel = full || post.is_some() || self.kernel.radius() > MAX_RADIUS || self.is_layered();
-        !per_pixel && self.ways.iter().any(|way| self.setup(way).pixel_share(&way.axis) < 1.0)
+        !per_pixel && self.axes.iter().any(|axis| self.setup(axis).pixel_share() < 1.0)
     }
 
-    /// Whether the picture has other layers too.
+    /// Whether the picture has other layers.
     pub(super) fn is_layered(&self) -> bool {
         self.job.view.fade.is_some()
     }
@@ -225,35 +217,36 @@ impl<'a> Picture<'a> {
         Region { x: 0, y: 0, width, height }
     }
 
-    /// Whether the rays of a picture are more than its pixels, and more than a texture has room for.
+    /// Whether the rays of a picture outnumber its pixels and do not fit into a texture.
     fn outgrows_textures(&self) -> bool {
         let Job { context, view, .. } = self.job;
         let most = context.limits.max_texture_dimension_2d;
-        let rays = self.ways.iter().flat_map(|way| self.all_rays(way));
+        let rays = self.axes.iter().flat_map(|axis| self.all_rays(axis));
         let sizes = rays.flat_map(|rays| rays.uniforms.size.into_iter().zip(view.camera.size));
         sizes.into_iter().any(|(rays, pixels)| rays > most.max(pixels))
     }
 
     /// The rays of all marches of the whole picture along an axis.
-    fn all_rays(&self, way: &Way) -> Vec<Rays> {
-        if self.is_resampled() { self.image_rays(way, self.whole()) } else { vec![self.pixel_rays(way, self.whole())] }
+    fn all_rays(&self, axis: &PackedAxis) -> Vec<Rays> {
+        let setup = self.setup(axis);
+        if self.is_resampled() { setup.image_rays(self.whole()) } else { vec![setup.pixel_rays(self.whole())] }
     }
 
     /// Whether rays run along m so closely that they meet all planes at the same place.
-    fn is_straight(&self, Way { axis, packing, .. }: &Way) -> bool {
+    fn is_straight(&self, PackedAxis { axis, packing, .. }: &PackedAxis) -> bool {
         !self.job.view.is_perspective()
             && self.kernel.radius() <= MAX_RADIUS
             && axis.shear().abs().max_element() * f64::from(packing.dims[2]) < STRAIGHT
     }
 
-    /// Pixels whose straight rays share the voxels that they meet. On GPUs and of scalars, none do: see [`resolution`];
-    /// and what takes time there is to classify.
-    fn block(&self, way: &Way) -> Option<Block> {
+    /// Pixels whose straight rays share the voxels that they meet. None do on GPUs (see [`resolution`]), and none of
+    /// scalars, whose classification takes the time.
+    fn block(&self, axis: &PackedAxis) -> Option<Block> {
         let Job { context, post, .. } = self.job;
         if post.is_some() || !context.info.is_software() {
             return None;
         }
-        self.setup(way).block(&way.axis, self.whole())
+        parallel::block(&self.setup(axis), self.whole())
     }
 
     /// Whether software draws the picture faster by quads, and may.
@@ -262,40 +255,37 @@ impl<'a> Picture<'a> {
         self.job.settings.painter == Painter::Auto
             && self.job.context.info.is_software()
             && self.job.settings.model == Model::Xray
-            && matches!(self.key().rays, RayKind::Pixels | RayKind::Straight | RayKind::StraightBlocks(_))
+            && matches!(self.ray_kind(), RayKind::Pixels | RayKind::Straight | RayKind::StraightBlocks(_))
             && PIXELS_PER_QUAD * self.job.splats() < width * height
     }
 
-    /// Whether `packed` holds the splats of this picture in the layout of a axis.
-    fn serves(&self, way: usize, packed: &Packed) -> bool {
+    /// Whether `packed` holds the splats of this picture in the layout of an axis.
+    fn serves(&self, axis: &PackedAxis, packed: &Packed) -> bool {
         let source = self.job.stores.first().map(|store| store.id);
-        self.ways[way].packing == packed.packing && source == packed.source
+        axis.packing == packed.packing && source == packed.source
     }
 
-    /// Whether `packed`, made for an earlier picture, can be reused by a axis: as [`Self::serves`], and no light is
-    /// baked into its colours, which may come from the eye.
-    fn is_reusable(&self, packed: &Packed) -> bool {
-        let lit = matches!(packed.packing.voxel, Voxel::Color { lights: 1.., .. });
-        !lit && (0..self.ways.len()).any(|way| self.serves(way, packed))
-    }
-
-    /// The splats as each axis reads them: those that the scene holds from a picture before, or packed now.
+    /// The splats as each axis reads them: packed for an earlier picture of the scene, or now.
     fn pack(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles) -> Result<Vec<Arc<Packed>>> {
+        let Job { view, settings, stores, weights, .. } = self.job;
+        let lit = Lit { lighting: &self.lighting, to_eye: view.to_eye(), points: settings.has_point_lights() };
         let held = self.job.kept.get_or_make((), || Ok(Mutex::<Vec<Arc<Packed>>>::default()))?;
         let mut held = held.lock().unwrap_or_else(PoisonError::into_inner);
-        // Drop unusable packings first, so that old and new are never in memory together. Those of another light are
-        // packed over: textures that exist are not cleared first.
-        let (reusable, rest): (Vec<_>, Vec<_>) = held.drain(..).partition(|packed| self.is_reusable(packed));
-        let is_served = |packed: &Packed| (0..self.ways.len()).any(|way| self.serves(way, packed));
-        let mut spare: Vec<Packed> = rest.into_iter().filter_map(Arc::into_inner).filter(is_served).collect();
+        // Drop unusable packings first, so that old and new are never in memory together. Colours may be lit from the
+        // eye: lit ones are packed over, because textures that exist are not cleared first.
+        let is_served = |packed: &Packed| self.axes.iter().any(|axis| self.serves(axis, packed));
+        let is_lit = matches!(self.voxel, Voxel::Color { lights: 1.., .. });
+        let served = held.drain(..).filter(|packed| is_served(packed));
+        let (spare, reusable): (Vec<_>, Vec<_>) = served.partition(|_| is_lit);
+        let mut spare: Vec<Packed> = spare.into_iter().filter_map(Arc::into_inner).collect();
         let mut packed: Vec<Arc<Packed>> = Vec::new();
-        for way in 0..self.ways.len() {
-            let served = packed.iter().chain(&reusable).find(|packed| self.serves(way, packed)).map(Arc::clone);
+        for axis in &self.axes {
+            let served = packed.iter().chain(&reusable).find(|packed| self.serves(axis, packed)).map(Arc::clone);
             packed.push(match served {
                 Some(packed) => packed,
                 None => {
-                    let over = spare.iter().position(|packed| self.serves(way, packed)).map(|i| spare.swap_remove(i));
-                    self.pack_for(recorder, pipelines, way, over)?
+                    let over = spare.iter().position(|packed| self.serves(axis, packed)).map(|i| spare.swap_remove(i));
+                    Arc::new(axis.packing.pack(recorder, pipelines.packer.as_ref(), stores, &lit, weights.max, over)?)
                 }
             });
         }
@@ -303,76 +293,17 @@ impl<'a> Picture<'a> {
         Ok(packed)
     }
 
-    fn pack_for(
-        &self,
-        recorder: &mut Recorder<'_>,
-        pipelines: &Tiles,
-        way: usize,
-        over: Option<Packed>,
-    ) -> Result<Arc<Packed>> {
-        let Job { view, stores, weights, .. } = self.job;
-        let lit = Lit { lighting: &self.lighting, to_eye: view.to_eye() };
-        let packing = self.ways[way].packing;
-        Ok(Arc::new(pipelines.packer.run(recorder, stores, packing, &lit, weights.max, over)?))
+    /// The inputs of the rays along an axis.
+    pub(super) fn setup<'s>(&'s self, axis: &'s PackedAxis) -> RaySetup<'s> {
+        let PackedAxis { axis, packing, sections } = axis;
+        let (job, footprint) = (&self.job, &self.footprint);
+        RaySetup { job, axis, packing: *packing, kernel: self.kernel, footprint, sections }
     }
 
-    fn setup<'s>(&'s self, Way { axis, packing, sections }: &'s Way) -> RaySetup<'s> {
-        let Job { view, settings, weights, post, padding, .. } = self.job;
-        let scalars = post.map(|post| Classification {
-            invisible: post.table.invisible,
-            lookup: post.table.lookup,
-            gradient_lookup: post.table.gradient_lookup,
-            to_light: post.to_light,
-            // Slabs of scalars are half a plane thick.
-            samples: settings.samples_per_slab(axis.slab_voxels() / 2.0, PIECES),
-            skip_nothing: !shows_nothing_else(&self.job),
-        });
-        let divisor = settings.normalization.divisor(&settings.kernel) * view.parallel_growth().powi(3);
-        let (growth, most) = view.depth_growth();
-        RaySetup {
-            camera: &view.camera,
-            size: view.camera.size,
-            volume: PackedBox { grid: &view.grid, packing: *packing, padding, faces: view.faces, clip: &view.clip },
-            kernel: FittedKernel {
-                kernel: self.kernel,
-                footprint: &self.footprint,
-                sections,
-                growth,
-                most,
-                fade: view.fade,
-            },
-            optics: Optics {
-                density_scale: 1.0 / (divisor * weights.unit),
-                opaque_depth: view.opaque_depth,
-                max_depth: max_depth(&self.job),
-                // An X-ray is white, whatever the colours of the transfer function, or as bright as it is deep.
-                brightest: match (settings.model, settings.response) {
-                    (Model::Xray, Response::Depth) => [BRIGHTEST_DEPTH; 3],
-                    (Model::Xray, _) => [1.0; 3],
-                    _ => weights.brightest,
-                },
-                curve: settings.xray_response().1,
-                depth_coded: settings.depth_coded,
-                attenuation: settings.attenuation,
-            },
-            scalars,
-        }
-    }
-
-    /// The rays of the pixels of a region.
-    pub(super) fn pixel_rays(&self, way: &Way, region: Region) -> Rays {
-        Rays::of_pixels(&self.setup(way), &way.axis, region)
-    }
-
-    /// Those of the intermediate images of a region.
-    pub(super) fn image_rays(&self, way: &Way, region: Region) -> Vec<Rays> {
-        Rays::of_images(&self.setup(way), &way.axis, region)
-    }
-
-    /// The pipelines that the picture takes.
+    /// The pipelines of the picture.
     pub(super) fn pipelines(&self) -> Result<Arc<Tiles>> {
         let key = self.key();
-        self.job.pipelines.get_or_make(key, || Tiles::new(self.job.context, key))
+        self.job.pipelines.get_or_make(key.clone(), || Tiles::new(self.job.context, &key))
     }
 }
 
@@ -386,36 +317,23 @@ fn resolution(settings: &Settings, is_software: bool) -> Resolution {
     }
 }
 
-/// Optical depth of the densest voxel over the longest edge of a voxel: the same in every view, so that nothing that
-/// depends on it changes while a volume turns.
-fn max_depth(job: &Job<'_>) -> f64 {
-    let [x, y, z] = job.view.grid.spacing();
-    job.weights.max * x.max(y).max(z) / job.weights.unit
-}
-
-/// Whether places without splats, at the transfer function's base, show nothing.
-fn shows_nothing_else(job: &Job<'_>) -> bool {
-    job.post.is_none_or(|post| post.table.invisible[0] <= post.table.invisible[1])
-}
-
 impl Picture<'_> {
     /// Whether nothing can show.
     pub(super) fn is_empty(&self) -> bool {
-        self.ways.is_empty() || self.job.stores.is_empty() && shows_nothing_else(&self.job)
+        self.axes.is_empty() || self.job.stores.is_empty() && !self.job.base_shows()
     }
 
     /// See [`Painting::pixel_bytes`](crate::painters::painter::Painting::pixel_bytes).
     pub(super) fn pixel_bytes(&self) -> u32 {
         // The two intermediate images, RGBA, f32, if there are any, and the runs of a tile, two words each. Runs count
-        // two and a half times: a binding holds at least half of what a part of a picture may take, and its tiles may
-        // stand out beyond it.
+        // two and a half times: a binding holds at least half of the bytes of a part of a picture, and tiles may extend
+        // beyond the part.
         let images = if self.is_resampled() { 32 } else { 0 };
         let bytes = |rays: Rays| {
             let per_ray = images + u64::from(rays.uniforms.run_slots * 20).div_ceil(u64::from(TILE * TILE));
-            let count: u64 = rays.uniforms.size.into_iter().map(u64::from).product();
-            (count * per_ray).div_ceil(self.whole().area()) as u32
+            (rays.count() * per_ray).div_ceil(self.whole().area()) as u32
         };
-        let rays = self.ways.iter().flat_map(|way| self.all_rays(way));
+        let rays = self.axes.iter().flat_map(|axis| self.all_rays(axis));
         rays.map(bytes).fold(MIN_PIXEL_BYTES, u32::max)
     }
 
@@ -424,15 +342,14 @@ impl Picture<'_> {
         if self.job.context.info.is_software() {
             return u64::MAX;
         }
-        // Each pixel may have its own ray beside those of the images.
+        // Each pixel may have its own ray beside the rays of the images.
         let beside = if self.is_resampled() { self.whole().area() } else { 0 };
-        let planes = |way: &Way| {
-            let images = self.all_rays(way);
-            let rays = images.iter().map(|rays| rays.uniforms.size.into_iter().map(u64::from).product::<u64>());
-            (rays.sum::<u64>() + beside) * u64::from(way.packing.dims[2])
+        let planes = |axis: &PackedAxis| {
+            let rays: u64 = self.all_rays(axis).iter().map(Rays::count).sum();
+            (rays + beside) * u64::from(axis.packing.dims[2])
         };
         let each = if self.job.post.is_some() { SCALAR_PLANE_WORK } else { PLANE_WORK };
-        let work: u128 = self.ways.iter().map(|way| u128::from(each) * u128::from(planes(way))).sum();
+        let work: u128 = self.axes.iter().map(|axis| u128::from(each) * u128::from(planes(axis))).sum();
         (u128::from(MAX_WORK) * u128::from(self.whole().area()) / work.max(1)) as u64
     }
 
@@ -443,11 +360,11 @@ impl Picture<'_> {
             Some(packed) => packed,
             None => self.pack(recorder, &pipelines)?,
         };
-        let marched = pipelines.draw(recorder, self, &packed, canvas)?;
+        let drawn = pipelines.draw(recorder, self, &packed, canvas)?;
         self.packed = Some(packed);
-        self.rays += marched.rays;
-        self.spacing = marched.spacing.or(self.spacing);
-        self.marches = self.marches.max(marched.marches);
+        self.drawn.rays += drawn.rays;
+        self.drawn.spacing = drawn.spacing.or(self.drawn.spacing);
+        self.drawn.marches = self.drawn.marches.max(drawn.marches);
         Ok(())
     }
 
@@ -455,22 +372,17 @@ impl Picture<'_> {
         self.footprint.error
     }
 
-    /// What it took.
+    /// The painter's part of the picture's statistics.
     pub(super) fn stats(&self) -> TilesStats {
         let per_plane = if self.job.post.is_some() { 2 } else { 1 };
-        let (slabs, slab_thickness) = self.ways.first().map_or((0, 0.0), |Way { axis, packing, .. }| {
+        let (slabs, slab_thickness) = self.axes.first().map_or((0, 0.0), |PackedAxis { axis, packing, .. }| {
             (packing.dims[2] * per_plane, axis.slab() / f64::from(per_plane))
         });
         TilesStats {
             slabs,
             slab_thickness: slab_thickness * self.job.view.unit,
-            rays: self.rays,
-            spacing: self.spacing.map(|spacing| match spacing {
-                Spacing::Voxel(rays) => RaySpacing::PerVoxel(rays),
-                Spacing::Pixels(pitch) => RaySpacing::Pixels(pitch),
-            }),
-            marches: self.marches,
-            packed_bytes: self.packed.iter().flatten().map(|packed| packed.bytes()).sum(),
+            packed_bytes: self.packed.iter().flatten().map(|packed| packed.bytes).sum(),
+            ..self.drawn
         }
     }
 }
@@ -482,11 +394,11 @@ mod tests {
 
     #[test]
     fn auto_takes_a_ray_for_each_pixel_on_gpus() {
-        let of = |painter| Settings { painter, ..Settings::default() };
-        let capped = of(Painter::Tiles(TilesSettings { resolution: Resolution::Capped }));
-        let full = of(Painter::Tiles(TilesSettings { resolution: Resolution::Full }));
+        let by = |painter| Settings { painter, ..Settings::default() };
+        let capped = by(Painter::Tiles(TilesSettings { resolution: Resolution::Capped }));
+        let full = by(Painter::Tiles(TilesSettings { resolution: Resolution::Full }));
         assert_eq!(
-            [true, false].map(|software| resolution(&of(Painter::Auto), software)),
+            [true, false].map(|software| resolution(&by(Painter::Auto), software)),
             [Resolution::Capped, Resolution::Full]
         );
         for software in [true, false] {

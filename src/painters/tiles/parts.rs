@@ -37,38 +37,28 @@ impl Footprint {
     }
 }
 
-/// What slabs hold, which decides how thick they are and how parts are fitted.
+/// The contents of slabs, which decide how thick they are and how parts are fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum SlabKind {
     /// Colours, in slabs a plane thick: x + y s.
     Colors,
-    /// Colours of dense material, which shows where parts are off by little: x + y s + z s^2.
+    /// Colours of dense material, which shows small errors of parts: x + y s + z s^2.
     DenseColors,
     /// Scalars, in slabs half a plane thick: x + y s + z s^2.
     Scalars,
 }
 
 impl SlabKind {
-    /// Where slabs begin and end along m, from the kernel's plane: four near ones, then far ones. Of scalars the
-    /// foremost of four is first, of colours the one next to the kernel's own: shaders/common/rays.wgsl expects them
-    /// so.
-    fn slabs(self) -> &'static [[f64; 2]] {
-        match self {
-            Self::Scalars => &[
-                [-2.0, -1.5],
-                [-1.5, -1.0],
-                [-1.0, -0.5],
-                [-0.5, 0.0],
-                [-4.0, -3.5],
-                [-3.5, -3.0],
-                [-3.0, -2.5],
-                [-2.5, -2.0],
-            ],
-            Self::Colors | Self::DenseColors => &[[-1.5, -0.5], [-2.5, -1.5], [-3.5, -2.5], [-4.5, -3.5]],
-        }
+    /// The places where slabs begin and end along m, from the kernel's plane: four near slabs, then far ones. Of
+    /// scalars the foremost of four is first, of colours the one next to the kernel's own, as in
+    /// shaders/common/rays.wgsl.
+    fn slabs(self) -> Vec<[f64; 2]> {
+        let scalars = [-2.0, -1.5, -1.0, -0.5, -4.0, -3.5, -3.0, -2.5].map(|low| [low, low + 0.5]);
+        let colors = [-1.5, -2.5, -3.5, -4.5].map(|low| [low, low + 1.0]);
+        if self == Self::Scalars { scalars.to_vec() } else { colors.to_vec() }
     }
 
-    /// Powers of s that are fitted.
+    /// The number of powers of s that are fitted.
     fn terms(self) -> usize {
         match self {
             Self::Colors => 2,
@@ -120,12 +110,12 @@ impl Sections {
     }
 }
 
-/// An entry of the table of sections: those of every ray whose shear has this length, its lean, with s in units of the
-/// lean. In this unit the coefficients change smoothly towards rays along m, which meet all kernels of a plane at s =
-/// 0.
+/// An entry of the table of sections: the parts along every ray whose shear has this length, its lean, with s in units
+/// of the lean. In this unit the coefficients change smoothly towards rays along m, which meet all kernels of a plane
+/// at s = 0.
 fn section_step(step: usize, kernel: &Kernel, kind: SlabKind) -> NearAndFar {
-    // Rays along m have no fit over s. The entry for them is that of a lean of 1e-3: in units of the lean, which s is
-    // twice at most, its linear terms are below 4e-4 of the footprint, and 0 is their limit.
+    // Rays along m have no fit over s. They get the entry of a lean of 1e-3. Its linear terms are below 4e-4 of the
+    // footprint, because s is at most twice the lean, and 0 is their limit.
     let lean = (LARGEST_SHEAR * step as f64 / (layout::SECTIONS - 1) as f64).max(1e-3);
     let both = sections(kernel, DVec3::new(0.0, lean, 1.0).normalize(), kind);
     let lean = lean as f32;
@@ -134,14 +124,14 @@ fn section_step(step: usize, kernel: &Kernel, kind: SlabKind) -> NearAndFar {
 
 /// The parts of a kernel in the slabs before its centre, as fractions of its footprint: x + y s, or x + y s + z
 /// s^2. s is the place of its centre along the ray, from where the ray meets its plane; lengths are in
-/// voxels. The fit is that of least squares over all places of the plane in which a ray meets the kernel.
+/// voxels. The fit is by least squares over all places of the plane in which a ray meets the kernel.
 ///
 /// A slab of colours is a plane thick and has its plane in the middle. A slab of scalars is half a plane thick and lies
 /// between two planes or half planes.
 ///
 /// Returned are x, y and z, each for up to four near slabs, and for up to four far ones.
 fn sections(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> NearAndFar {
-    /// Places along each side of the square around the ray: more change the fractions by less than 1e-3.
+    /// Places along each side of the square around the ray. More of them change the fractions by less than 1e-3.
     const SIDE: i32 = 25;
     let radius = kernel.radius();
     let reach = radius / direction.z;
@@ -150,7 +140,8 @@ fn sections(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> NearAndFar {
     // The normal equations: sums of products of the footprint times powers of s, and of these times each part.
     let mut normal = DMat3::ZERO;
     let mut parts = [DVec3::ZERO; 8];
-    // Others are out of reach.
+    let slabs = kind.slabs();
+    // The kernel does not reach other slabs.
     let reached = |slab: &[f64; 2]| -slab[1] < radius;
     for i in 0..SIDE {
         for j in 0..SIDE {
@@ -163,7 +154,7 @@ fn sections(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> NearAndFar {
             }
             let powers = DVec3::new(1.0, s, s * s) * section(kernel, r2, -radius, radius);
             normal += DMat3::from_cols(powers * powers.x, powers * powers.y, powers * powers.z);
-            for (sum, slab) in parts.iter_mut().zip(kind.slabs()).filter(|(_, slab)| reached(slab)) {
+            for (sum, slab) in parts.iter_mut().zip(&slabs).filter(|(_, slab)| reached(slab)) {
                 *sum += powers * section(kernel, r2, slab[0] / direction.z - s, slab[1] / direction.z - s);
             }
         }
@@ -188,12 +179,12 @@ fn sections(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> NearAndFar {
 mod tests {
     use super::*;
 
-    /// Root mean square of what the parts err by, of the footprint's peak, over the square that rays meet a plane in.
+    /// Root mean square error of the parts, of the footprint's peak, over the square in which rays meet a plane.
     fn rms_of_parts(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> f64 {
         let slabs = kind.slabs();
         let fits = sections(kernel, direction, kind).map(|half| half.map(|row| row.map(f64::from)));
         let radius = kernel.radius();
-        // Places of its own, between those of the fit.
+        // Places between the places of the fit.
         let places = (0..20).map(|i| (f64::from(2 * i + 1) / 20.0 - 1.0) * radius / direction.z);
         let (mut squares, mut count) = (0.0, 0.0);
         for (du, dv) in places.clone().flat_map(|u| places.clone().map(move |v| (u, v))) {

@@ -1,4 +1,4 @@
-//! pack, skip, prefilter and resample on the device, against what they must give, written the plain way.
+//! pack, skip, prefilter and resample on the device, against plain twins.
 
 use std::collections::BTreeSet;
 
@@ -6,25 +6,30 @@ use bytemuck::Zeroable;
 use glam::{DVec2, DVec3};
 use half::f16;
 
-use super::TilesKey;
 use super::axis::PrincipalAxis;
-use super::march::{Stage, find_runs};
-use super::pack::{Lit, Packed, Packer, Packing, Voxel};
+use super::march::{find_runs, skip};
+use super::pack::{self, Lit, Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
-use super::rays::{FittedKernel, Optics, PackedBox, RaySetup, Rays, Spacing};
+use super::rays::{RaySetup, Rays};
 use super::resample::{ESTIMATES, FORMAT, IntermediateImage, Resampler};
-use crate::camera::{Camera, Growth, ProjectionKind, View};
+use crate::camera::{Camera, ProjectionKind, View};
 use crate::gpu::adapter_test::adapter;
+use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{self, Lighting, MACROCELL, MARGIN, Splat, TILE, packed_gradient};
 use crate::gpu::pipeline::{Binding, bind, compute, layout as group_layout, texture_view};
 use crate::gpu::recorder::Recorder;
+use crate::gpu::savings::Savings;
 use crate::gpu::splat::ToEye;
 use crate::gpu::store::{BrickSplats, Splats, Store};
 use crate::gpu::twins_test as twins;
-use crate::gpu::view::half;
+use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
 use crate::kernel::Kernel;
+use crate::painters::painter::Job;
+use crate::painters::stage::{Constant, Stage};
+use crate::settings::Settings;
+use crate::stats::RaySpacing;
 use crate::volume::Grid;
 
 fn context() -> Context {
@@ -198,7 +203,7 @@ fn points() -> BTreeSet<[u32; 3]> {
     all.filter(|&p| ball(p) || [[43, 3, 18], [32, 31, 3], [33, 31, 3], [31, 32, 19]].contains(&p)).collect()
 }
 
-/// A store of the points, brick after brick; `words` are those of a splat after its place.
+/// A store of the points, brick after brick; `words` returns the words of a splat after its place.
 fn store<const N: usize>(context: &Context, words: impl Fn([u32; 3]) -> [u32; N]) -> Store {
     let (mut splats, mut bricks): (Vec<u32>, Vec<BrickSplats>) = (Vec::new(), Vec::new());
     // In the order of the lattice, x fastest.
@@ -224,14 +229,30 @@ fn store<const N: usize>(context: &Context, words: impl Fn([u32; 3]) -> [u32; N]
     Store::new(context, Splats::Device(buffer), 4 * (N as u64 + 1), count, bricks).unwrap()
 }
 
+/// The override constants of the packing of voxels; `points`: some light is at a place.
+fn constants(voxel: Voxel, perspective: bool, points: bool) -> Vec<Constant> {
+    let (lights, shadows) = match voxel {
+        Voxel::Color { lights, shadows } => (lights, shadows),
+        _ => (0, false),
+    };
+    vec![
+        ("LIGHTS", lights),
+        ("POINT_LIGHTS", points.into()),
+        ("SHADOWS", shadows.into()),
+        ("SCALARS", (!matches!(voxel, Voxel::Color { .. })).into()),
+        ("GRADIENTS", (voxel == Voxel::Gradient).into()),
+        ("PERSPECTIVE", perspective.into()),
+    ]
+}
+
 fn packed(context: &Context, store: Store, axes: [usize; 3], voxel: Voxel, max_weight: f64) -> Packed {
-    let packer = Packer::new(context, voxel, false, false, context.info.is_software());
-    packed_by(context, (&packer, false), store, axes, voxel, max_weight, |_| true)
+    let stage = (!context.info.is_software()).then(|| pack::stage(context, &constants(voxel, false, false)));
+    packed_by(context, (stage.as_ref(), false, false), store, axes, voxel, max_weight, |_| true)
 }
 
 fn packed_by(
     context: &Context,
-    (packer, perspective): (&Packer, bool),
+    (stage, perspective, points): (Option<&Stage>, bool, bool),
     store: Store,
     axes: [usize; 3],
     voxel: Voxel,
@@ -255,8 +276,8 @@ fn packed_by(
     };
     let view = [[1.0, 0.1, -0.2], [0.0, 0.9, 0.3], [0.2, -0.3, 1.1]];
     let to_eye = ToEye { perspective, eye: [20.0, 3.0, -60.0], view };
-    let lit = Lit { lighting: &lighting, to_eye };
-    packer.run(&mut Recorder::untimed(context), &stores, packing, &lit, max_weight, None).unwrap()
+    let lit = Lit { lighting: &lighting, to_eye, points };
+    packing.pack(&mut Recorder::untimed(context), stage, &stores, &lit, max_weight, None).unwrap()
 }
 
 /// The stage on the host gives the same texels as the one on the device: to the last bit, but where colours are lit.
@@ -282,18 +303,18 @@ fn packing_on_the_host_matches_the_device() {
         let perspective = number == 5;
         // A part of the bricks: splats of others are left out.
         let seen = |[low, _]: [[u32; 3]; 2]| number % 2 == 0 || low[0] >= 32;
-        let run = |packer: &Packer| {
+        let points = number == 4;
+        let run = |stage: Option<&Stage>| {
             let stored = match voxel {
                 Voxel::Scalar => store(&context, |p| [made(p)[0]]),
                 _ => store(&context, made),
             };
-            let packed = packed_by(&context, (packer, perspective), stored, axes, voxel, 30.0, seen);
+            let packed = packed_by(&context, (stage, perspective, points), stored, axes, voxel, 30.0, seen);
             assert_occupied(&context, &packed);
             read_volume(&context, &packed.volume)
         };
-        let points = number == 4;
-        let device = run(&Packer::on_device(&context, voxel, perspective, points));
-        let host = run(&Packer::Host { points });
+        let device = run(Some(&pack::stage(&context, &constants(voxel, perspective, points))));
+        let host = run(None);
         if !matches!(voxel, Voxel::Color { lights: 1.., .. }) {
             assert_eq!(host, device, "{axes:?} {voxel:?}");
             continue;
@@ -453,10 +474,10 @@ fn scalars_keep_their_bits_and_gradients_half_of_them() {
 
 /// Per tile, phase after phase: its runs.
 fn runs(context: &Context, packed: &Packed, uniforms: &layout::Rays, perspective: bool) -> Vec<Vec<[u32; 2]>> {
-    let skip = Stage::skip(context, TilesKey { perspective, ..TilesKey::default() });
+    let skip = skip(context, &[("PERSPECTIVE", perspective.into())]);
     let rays = context.upload("test.rays", bytemuck::bytes_of(uniforms), wgpu::BufferUsages::UNIFORM).unwrap();
     let mut recorder = Recorder::untimed(context);
-    let runs = find_runs(&mut recorder, &skip, packed, uniforms, &rays).unwrap();
+    let runs = find_runs(&mut recorder, &skip, packed, uniforms, &rays, &[]).unwrap();
     let runs = recorder.read_back("test.runs", &runs, runs.size()).unwrap();
     recorder.submit();
     let runs: Vec<[u32; 2]> = runs.values(context, "test").unwrap();
@@ -493,6 +514,7 @@ fn rays_meet_no_voxel_between_runs() {
     let grid = Grid::axis_parallel(DIMS, [1.0; 3]).unwrap();
     let kernel = Kernel::default();
     let footprint = Footprint::new(&kernel).unwrap();
+    let settings = Settings { antialiasing: false, ..Settings::default() };
     let shown = points();
     let size = [90, 70];
     let region = Region { x: 0, y: 0, width: size[0], height: size[1] };
@@ -507,44 +529,28 @@ fn rays_meet_no_voxel_between_runs() {
         let view = View { projection, azimuth, elevation, ..View::default() };
         let camera = Camera::new(&view, &grid, size).unwrap();
         let perspective = projection != ProjectionKind::Orthographic;
-        let axes = PrincipalAxis::all(&camera, &grid, size);
-        for axis in &axes {
-            let sections = Sections::new(&kernel, &camera, axis, SlabKind::Colors, 1.0);
+        let view = ViewGeometry::new(&camera, &grid, &settings, Savings::default());
+        for axis in &PrincipalAxis::all(&view.camera, &view.grid) {
+            let sections = Sections::new(&kernel, &view.camera, axis, SlabKind::Colors, 1.0);
             let packed =
                 packed(&context, store(&context, words_of), axis.axes, Voxel::Color { lights: 0, shadows: false }, 3.0);
-            let setup = RaySetup {
-                camera: &camera,
-                size,
-                volume: PackedBox {
-                    grid: &grid,
-                    packing: packed.packing,
-                    padding: 0,
-                    faces: half(&grid) + kernel.radius(),
-                    clip: &[],
-                },
-                kernel: FittedKernel {
-                    kernel,
-                    footprint: &footprint,
-                    sections: &sections,
-                    growth: Growth::NONE,
-                    most: 1.0,
-                    fade: None,
-                },
-                optics: Optics {
-                    density_scale: 1.0,
-                    opaque_depth: f64::INFINITY,
-                    max_depth: 0.1,
-                    brightest: [1.0; 3],
-                    curve: [0.0; 4],
-                    depth_coded: false,
-                    attenuation: 0.0,
-                },
-                scalars: None,
+            let job = Job {
+                context: &context,
+                pipelines: &Cache::default(),
+                kept: &Cache::default(),
+                view: &view,
+                settings: &settings,
+                stores: &[],
+                weights: Weights { max: 0.1, unit: 1.0, brightest: [1.0; 3] },
+                post: None,
+                padding: 0,
             };
-            let images = Rays::of_images(&setup, axis, region);
-            let pixels = (setup.pixel_share(axis) > 0.0).then(|| Rays::of_pixels(&setup, axis, region));
+            let (packing, footprint, sections) = (packed.packing, &footprint, &sections);
+            let setup = RaySetup { job: &job, axis, packing, kernel, footprint, sections };
+            let images = setup.image_rays(region);
+            let pixels = (setup.pixel_share() > 0.0).then(|| setup.pixel_rays(region));
             for Rays { uniforms, spacing } in images.into_iter().chain(pixels) {
-                shared |= matches!(spacing, Spacing::Voxel(_));
+                shared |= matches!(spacing, RaySpacing::PerVoxel(_));
                 let voxels: Vec<[u32; 3]> =
                     places(packed.packing).filter(|(_, p)| shown.contains(p)).map(|(at, _)| at).collect();
                 let last = packed.packing.dims[2] - 1;

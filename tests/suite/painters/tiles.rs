@@ -384,7 +384,7 @@ fn auto_takes_tiles_where_they_serve_and_says_why_not() {
     assert_eq!(got.painter.name(), "quads");
     assert!(!software || got.painter_reason.contains("few voxels"), "{}", got.painter_reason);
     let quads = stats(&with_quads(&auto, |_| ()), &near).unwrap();
-    assert_eq!((quads.painter.name(), quads.painter_reason.as_str()), ("quads", "asked for"));
+    assert_eq!((quads.painter.name(), quads.painter_reason.as_str()), ("quads", "requested"));
     let post = Settings { shading: Shading::Post, ..auto };
     let scene = prepare(&volume, &transfer, &post);
     assert_eq!(draw(&scene, &near, &post).stats.painter.name(), expected);

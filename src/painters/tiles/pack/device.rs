@@ -2,50 +2,63 @@
 
 use std::ops::Range;
 
-use super::Packing;
+use bytemuck::Zeroable;
+
+use super::{Lit, Packing};
 use crate::error::Result;
-use crate::gpu::layout::{Lighting, Pack};
-use crate::gpu::pipeline::{bind, texture_view};
+use crate::gpu::layout::Pack;
+use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
-use crate::gpu::scan::WORKGROUP;
+use crate::gpu::splat::ToEye;
 use crate::gpu::store::Store;
+use crate::painters::stage::{Stage, for_each};
+use crate::painters::tiles::axis::unordered;
 
 /// Bytes of the buffer that is packed and copied to the texture at a time: small beside the volume.
 const BAND: u64 = 16 << 20;
 
-/// A run of the stage on the device.
-pub(super) struct DeviceStage<'a> {
-    pub(super) layout: &'a wgpu::BindGroupLayout,
-    pub(super) voxels: &'a wgpu::ComputePipeline,
-    pub(super) stores: &'a [Store],
-    pub(super) packing: &'a Packing,
-    pub(super) lighting: &'a Lighting,
-}
-
-impl DeviceStage<'_> {
-    /// Makes the texture of splats, and that of the macrocells which have any.
-    pub(super) fn run(
+impl Packing {
+    /// Fills the texture of voxels and the texture of macrocells with splats.
+    pub(super) fn fill_on_device(
         &self,
         recorder: &mut Recorder<'_>,
-        common: Pack,
-        volume: &wgpu::Texture,
-        occupied: &wgpu::Texture,
+        stage: &Stage,
+        stores: &[Store],
+        lit: &Lit<'_>,
+        scale: f32,
+        [volume, occupied]: &[wgpu::Texture; 2],
     ) -> Result<()> {
-        let Self { packing, stores, .. } = self;
         let context = recorder.context;
         let uniform = wgpu::BufferUsages::UNIFORM;
-        let [width, height] = packing.size;
+        let [width, height] = self.size;
+        let ToEye { eye, view: [view_x, view_y, view_z], .. } = lit.to_eye;
+        let common = Pack {
+            low: unordered(self.axes, self.low),
+            axes: self.axes.map(|axis| axis as u32),
+            rows: self.dims[1],
+            columns: self.columns,
+            row_texels: self.row_texels,
+            width,
+            scale,
+            planes: self.dims[2],
+            across: self.dims[0],
+            eye,
+            view_x,
+            view_y,
+            view_z,
+            ..Pack::zeroed()
+        };
         let occupied = occupied.create_view(&wgpu::TextureViewDescriptor::default());
-        let lighting = context.upload("pack.lighting", bytemuck::bytes_of(self.lighting), uniform)?;
-        let row_bytes = u64::from(width) * packing.voxel.texel();
+        let lighting = context.upload("pack.lighting", bytemuck::bytes_of(lit.lighting), uniform)?;
+        let row_bytes = u64::from(width) * self.voxel.texel();
         let band = (BAND / row_bytes).clamp(1, u64::from(height)) as u32;
         for first_row in (0..height).step_by(band as usize) {
             let row_count = band.min(height - first_row);
             let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
             let texels = context.buffer("pack.texels", u64::from(row_count) * row_bytes, usage)?;
-            let planes = packing.planes(first_row..first_row + row_count);
-            for store in *stores {
-                let splats = packing.splats(store, &planes);
+            let planes = self.planes(first_row..first_row + row_count);
+            for store in stores {
+                let splats = self.splats(store, &planes);
                 if splats.is_empty() {
                     continue;
                 }
@@ -61,9 +74,7 @@ impl DeviceStage<'_> {
                     texels.as_entire_binding(),
                     texture_view(&occupied),
                 ];
-                let group = bind(context, "pack", self.layout, &resources);
-                let (x, y) = context.workgroups(splats.len() as u64, WORKGROUP);
-                recorder.dispatch("pack", self.voxels, &group, &[], [x, y, 1]);
+                stage.run(recorder, &resources, for_each(context, splats.len() as u64));
             }
             recorder.copy_rows(&texels, row_bytes, volume, first_row, [width, row_count]);
             recorder.submit();
@@ -72,10 +83,8 @@ impl DeviceStage<'_> {
         }
         Ok(())
     }
-}
 
-impl Packing {
-    /// The splats of a store from the first to the last that can be in these planes.
+    /// The splats of a store from the first to the last that may be in these planes.
     fn splats(&self, store: &Store, planes: &Range<u32>) -> Range<u32> {
         let (low, axis) = (self.low[2], self.axes[2]);
         let inside = |[first, end]: [u32; 2]| first < low + planes.end && end > low + planes.start;

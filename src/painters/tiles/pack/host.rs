@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::{Lit, Packing, Voxel};
 use crate::error::Result;
-use crate::gpu::layout::{MACROCELL, MARGIN, Pack};
+use crate::gpu::layout::{MACROCELL, MARGIN};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::splat::{self, LANES};
 use crate::gpu::store::{BrickSplats, HostBrick, Row, Store, places};
@@ -15,30 +15,22 @@ use crate::painters::tiles::axis::unordered;
 use crate::volume::BRICK_EDGE as EDGE;
 use voxsplat_volume::memory::reserved;
 
-/// Bytes of the buffer that is packed and copied to the texture at a time: they stay in the caches.
+/// Bytes of the buffer that is packed and copied to the texture at a time: few enough for the caches.
 const BAND: u64 = 4 << 20;
 
-/// Rows of the texture that a thread packs at a time. It reads up to so many neighbours along a row of the lattice, so
+/// Rows of the texture that a thread packs at a time. It then reads up to 16 neighbours along a row of the lattice, so
 /// that cache lines are read once.
 const ROWS: usize = 16;
 
-/// The stage on the host.
-pub(super) struct HostStage<'a> {
-    pub(super) packing: &'a Packing,
-    pub(super) lit: &'a Lit<'a>,
-    /// Some light is at a place.
-    pub(super) points: bool,
-    pub(super) parameters: &'a Pack,
-}
-
 /// Splats of a row of a brick.
 struct Run<'a> {
-    /// Lattice points: along x, of each splat; beyond the last any.
+    /// Lattice points of the splats along x; arbitrary beyond the last.
     xs: [u32; LANES],
     y: u32,
     z: u32,
-    /// Words of a splat without its place, and those of the splats and of some that follow.
+    /// Words of a splat without its place.
     each: usize,
+    /// The words of the splats and of some that follow.
     words: &'a [u32],
 }
 
@@ -56,22 +48,23 @@ impl Run<'_> {
 /// A brick with its splats.
 type Held<'a> = (BrickSplats, &'a HostBrick);
 
-impl HostStage<'_> {
-    pub(super) fn run(
+impl Packing {
+    /// Fills the texture of voxels and the texture of macrocells with splats.
+    pub(super) fn fill_on_host(
         &self,
         recorder: &mut Recorder<'_>,
         stores: &[Store],
-        volume: &wgpu::Texture,
-        occupied: &wgpu::Texture,
+        lit: &Lit<'_>,
+        scale: f32,
+        [volume, occupied]: &[wgpu::Texture; 2],
     ) -> Result<()> {
         let context = recorder.context;
         let held = stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
         let bricks = stores.iter().zip(&held).flat_map(|(store, held)| store.bricks.iter().copied().zip(held.iter()));
         let bricks: Vec<Held<'_>> = bricks.collect();
-        let marks = self.packing.marks(&bricks)?;
-        context.write_texels(occupied, [0; 3], bytemuck::cast_slice(&marks), self.packing.macrocells());
-        let Pack { scale, .. } = *self.parameters;
-        match self.packing.voxel {
+        let marks = self.marks(&bricks)?;
+        context.write_texels(occupied, [0; 3], bytemuck::cast_slice(&marks), self.macrocells());
+        match self.voxel {
             Voxel::Scalar => self.fill(recorder, volume, &bricks, |run| run.column(0)),
             Voxel::Gradient => self.fill(recorder, volume, &bricks, |run| {
                 let scalars = run.column(0).map(|bits| f32::from_bits(bits) * scale);
@@ -87,9 +80,9 @@ impl HostStage<'_> {
                 let (mut colors, densities) = splat::appearances(&run.column(0), &run.column(1));
                 if lights > 0 {
                     let kept = shadows.then(|| splat::kept(&run.column(3), &run.column(4)));
-                    let to_eye = self.lit.to_eye.at(&run.xs, run.y, run.z);
-                    let lighting = self.lit.lighting;
-                    let places = self.points.then(|| splat::places(lighting, &run.xs, run.y, run.z));
+                    let to_eye = lit.to_eye.at(&run.xs, run.y, run.z);
+                    let lighting = lit.lighting;
+                    let places = lit.points.then(|| splat::places(lighting, &run.xs, run.y, run.z));
                     let normals = splat::normals(&run.column(2));
                     splat::light(lighting, lights, &mut colors, &normals, kept.as_ref(), places.as_ref(), &to_eye);
                 }
@@ -102,7 +95,7 @@ impl HostStage<'_> {
         }
     }
 
-    /// Fills the texture with what `packed` makes of splats.
+    /// Fills the texture with voxels that `packed` makes of splats.
     fn fill<V: Words + Send + Sync>(
         &self,
         recorder: &mut Recorder<'_>,
@@ -111,15 +104,15 @@ impl HostStage<'_> {
         packed: impl Fn(&Run<'_>) -> [V; LANES] + Sync,
     ) -> Result<()> {
         let context = recorder.context;
-        let [width, height] = self.packing.size;
+        let [width, height] = self.size;
         let row = 2 * width as usize;
-        let most = (BAND as usize / (row * size_of::<V>())).next_multiple_of(ROWS).min(height as usize);
-        let mut band = reserved((most * row) as u64, || "a packed volume".to_owned())?;
-        band.resize(most * row, V::zeroed());
-        for first in (0..height as usize).step_by(most) {
-            let rows = first..(first + most).min(height as usize);
-            let planes = self.packing.planes(rows.start as u32..rows.end as u32);
-            let (low, axis) = (self.packing.low[2], self.packing.axes[2]);
+        let band_rows = (BAND as usize / (row * size_of::<V>())).next_multiple_of(ROWS).min(height as usize);
+        let mut band = reserved((band_rows * row) as u64, || "a packed volume".to_owned())?;
+        band.resize(band_rows * row, V::zeroed());
+        for first in (0..height as usize).step_by(band_rows) {
+            let rows = first..(first + band_rows).min(height as usize);
+            let planes = self.planes(rows.start as u32..rows.end as u32);
+            let (low, axis) = (self.low[2], self.axes[2]);
             let near = |(brick, _): &Held<'_>| {
                 brick.bounds[0][axis] < low + planes.end && brick.bounds[1][axis] > low + planes.start
             };
@@ -127,9 +120,9 @@ impl HostStage<'_> {
             let band = &mut band[..rows.len() * row];
             band.par_chunks_mut(ROWS * row).enumerate().for_each(|(index, voxels)| {
                 voxels.fill(V::zeroed());
-                self.packing.fill_rows(first + index * ROWS, voxels, &near, &packed);
+                self.fill_rows(first + index * ROWS, voxels, &near, &packed);
             });
-            // One band at a time on its way, while the next one is filled.
+            // One band is in transfer while the next one is filled.
             context.wait("packing the volume")?;
             let size = [width, rows.len() as u32, 1];
             context.write_texels(volume, [0, first as u32, 0], bytemuck::cast_slice(band), size);
@@ -139,23 +132,14 @@ impl HostStage<'_> {
     }
 }
 
-/// The part of a brick that is in a box of the lattice.
-struct Part {
-    /// Bits of the places in a row.
-    xs: u32,
-    ys: Range<u32>,
-    zs: Range<u32>,
-}
-
-impl Part {
-    /// The part from one lattice point to before another, if any.
-    fn new(brick: &BrickSplats, from: [u32; 3], to: [u32; 3]) -> Option<Self> {
-        let [low, high] = brick.bounds;
-        let [xs, ys, zs] = [0, 1, 2].map(|axis| low[axis].max(from[axis])..high[axis].min(to[axis]));
-        let x0 = brick.origin[0];
-        let bits = || u32::MAX << (xs.start - x0) & u32::MAX >> (u32::BITS - (xs.end - x0));
-        (!xs.is_empty() && !ys.is_empty() && !zs.is_empty()).then(|| Self { xs: bits(), ys, zs })
-    }
+/// The part of a brick from one lattice point to before another, if any: bits of the places in a row along x, and the
+/// ranges along y and z.
+fn part(brick: &BrickSplats, from: [u32; 3], to: [u32; 3]) -> Option<(u32, Range<u32>, Range<u32>)> {
+    let [low, high] = brick.bounds;
+    let [xs, ys, zs] = [0, 1, 2].map(|axis| low[axis].max(from[axis])..high[axis].min(to[axis]));
+    let x0 = brick.origin[0];
+    let bits = || u32::MAX << (xs.start - x0) & u32::MAX >> (u32::BITS - (xs.end - x0));
+    (!xs.is_empty() && !ys.is_empty() && !zs.is_empty()).then(|| (bits(), ys, zs))
 }
 
 impl Packing {
@@ -169,7 +153,7 @@ impl Packing {
         let [step_x, step_y, step_z] = unordered(self.axes, [1, na, na * nb]);
         let ends = unordered(self.axes, [0, 1, 2].map(|i| self.low[i] + self.dims[i]));
         for (brick, held) in bricks {
-            let Some(Part { xs: mask, ys, zs }) = Part::new(brick, low, ends) else { continue };
+            let Some((mask, ys, zs)) = part(brick, low, ends) else { continue };
             let [x0, y0, z0] = brick.origin;
             for (z, y) in zs.flat_map(|z| ys.clone().map(move |y| (z, y))) {
                 let mut bits = held.rows[(y - y0) as usize + EDGE * (z - z0) as usize].bits & mask;
@@ -177,7 +161,7 @@ impl Packing {
                 while bits != 0 {
                     let x = x0 + bits.trailing_zeros() - low[0];
                     marks[(line + x / MACROCELL * step_x) as usize] = 1;
-                    // On to the next one that is in another macrocell.
+                    // On to the next voxel in another macrocell.
                     let rest = MACROCELL - x % MACROCELL + bits.trailing_zeros();
                     bits &= u32::MAX.checked_shl(rest).unwrap_or(0);
                 }
@@ -207,7 +191,7 @@ impl Packing {
             if b_low >= b_high || m_low >= m_high {
                 continue;
             }
-            // The box of the lattice that they show, and how far apart neighbours along its axes are.
+            // The box of the lattice in these rows, and the distances of neighbours along its axes.
             let low = unordered(self.axes, [0, b_low, m_low].map(|n| n as u32));
             let high = unordered(self.axes, [across, b_high, m_high].map(|n| n as u32));
             let steps = unordered(self.axes, [1, row as u32, column as u32]).map(|n| n as usize);
@@ -215,7 +199,7 @@ impl Packing {
             let corner = unordered(self.axes, self.low);
             for (brick, held) in bricks {
                 let [from, to] = [low, high].map(|end| [0, 1, 2].map(|axis| end[axis] + corner[axis]));
-                let Some(Part { xs: mask, ys, zs }) = Part::new(brick, from, to) else { continue };
+                let Some((mask, ys, zs)) = part(brick, from, to) else { continue };
                 let [x0, y0, z0] = brick.origin;
                 for z in zs {
                     for y in ys.clone() {

@@ -6,25 +6,21 @@ mod host;
 
 use std::ops::Range;
 
-use bytemuck::Zeroable;
-
-use self::device::DeviceStage;
-use self::host::HostStage;
-use super::axis::unordered;
 use crate::error::Result;
 use crate::gpu::context::Context;
-use crate::gpu::layout::{Lighting, MACROCELL, MARGIN, Pack};
-use crate::gpu::pipeline::{Binding, compute, flag, layout, module};
+use crate::gpu::layout::{Lighting, MACROCELL, MARGIN};
+use crate::gpu::pipeline::Binding::{self, Read, Uniform, Write};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
 use crate::gpu::splat::ToEye;
 use crate::gpu::store::Store;
+use crate::painters::stage::{Constant, Stage};
 
-/// What is packed of a voxel.
+/// The packed data of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(super) enum Voxel {
-    /// Colour and density of classified voxels. The colours are lit already, by this number of lights, some of whose
-    /// light may be kept from them.
+    /// Colour and density of classified voxels. The colours are lit already, by this number of lights, with or without
+    /// shadows.
     Color { lights: u32, shadows: bool },
     /// The scalar.
     #[default]
@@ -34,10 +30,6 @@ pub(super) enum Voxel {
 }
 
 impl Voxel {
-    fn is_scalar(self) -> bool {
-        matches!(self, Self::Scalar | Self::Gradient)
-    }
-
     /// Bytes of a texel, which holds two voxels.
     fn texel(self) -> u64 {
         if self == Self::Scalar { 8 } else { 16 }
@@ -52,13 +44,13 @@ impl Voxel {
         }
     }
 
-    /// Its format.
+    /// The format of that texture.
     pub(super) fn format(self) -> wgpu::TextureFormat {
         if self == Self::Scalar { wgpu::TextureFormat::Rg32Uint } else { wgpu::TextureFormat::Rgba32Uint }
     }
 }
 
-/// The most bytes of a packed volume. The box around visible voxels is packed whole, so that much may be empty.
+/// The most bytes of a packed volume. The box around visible voxels is packed whole; much of it may be empty.
 const MAX_BYTES: u64 = 4 << 30;
 /// The largest density after scaling: a power of two with room below 65504, the largest f16.
 const F16_HEADROOM: f64 = 16_384.0;
@@ -105,17 +97,17 @@ impl Packing {
         let low = axes.map(|axis| low[axis]);
         let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
         let [a, b, m] = dims;
-        let most = u64::from(context.limits.max_texture_dimension_2d);
+        let limit = u64::from(context.limits.max_texture_dimension_2d);
         let row_texels = a.div_ceil(2);
         let rows = u64::from(b) + 1;
         // As many planes side by side as make the texture about square.
         let column = u64::from(row_texels + MARGIN);
         let columns = ((f64::from(m) * rows as f64 / column as f64).sqrt().ceil() as u64).clamp(1, u64::from(m.max(1)));
-        // A row of a buffer that is copied to a texture begins at a multiple of so many bytes; texels have 8 at least.
+        // A row of a buffer that is copied to a texture begins at a multiple of this; texels have at least 8 bytes.
         let align = u64::from(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT) / 8;
         let width = (columns * column + u64::from(MARGIN)).next_multiple_of(align);
         let height = u64::from(m).div_ceil(columns) * rows + 1;
-        let fits = width <= most && height <= most && width * height * voxel.texel() <= MAX_BYTES;
+        let fits = width <= limit && height <= limit && width * height * voxel.texel() <= MAX_BYTES;
         let macrocells =
             dims.map(|n| n.div_ceil(MACROCELL)).iter().all(|&n| n <= context.limits.max_texture_dimension_3d);
         (fits && macrocells).then_some(Self {
@@ -134,9 +126,8 @@ impl Packing {
         self.dims.contains(&0)
     }
 
-    /// Whether so many splats are packed faster on the host. A software adapter is the host: there the device takes
-    /// about 55 ns for each splat, the way to it included, and the host 2 ns for each byte of the texture, all of which
-    /// it sends.
+    /// Whether this number of splats is packed faster on the host. A software adapter is the host: there the device
+    /// takes about 55 ns for each splat, transfer included, and the host 2 ns for each byte of the whole texture.
     pub(super) fn is_for_host(&self, context: &Context, splats: u64) -> bool {
         const BYTES: u64 = 28;
         let [width, height] = self.size.map(u64::from);
@@ -161,7 +152,7 @@ impl Packing {
         ]
     }
 
-    /// The planes that have voxels in these rows of the texture.
+    /// The planes with voxels in these rows of the texture.
     fn planes(&self, rows: Range<u32>) -> Range<u32> {
         let shelf = self.dims[1] + 1;
         let at = |row: u32| (row / shelf * self.columns).min(self.dims[2]);
@@ -173,133 +164,66 @@ impl Packing {
 #[derive(Debug)]
 pub(crate) struct Packed {
     pub(super) packing: Packing,
-    /// [`Store::id`] of the first store that it was made from.
+    /// [`Store::id`] of the first store of its splats.
     pub(super) source: Option<u64>,
     pub(super) volume: wgpu::TextureView,
     pub(super) occupied: wgpu::TextureView,
     /// The factor that densities, or scalars with gradients, were multiplied by: a power of two.
     pub(super) scale: f64,
-    bytes: u64,
-}
-
-impl Packed {
     /// Bytes on the device.
-    pub(crate) fn bytes(&self) -> u64 {
-        self.bytes
-    }
+    pub(super) bytes: u64,
 }
 
-/// What packs.
-pub(super) enum Packer {
-    Device {
-        layout: wgpu::BindGroupLayout,
-        voxels: wgpu::ComputePipeline,
-    },
-    /// The twin on the host, and whether some light is at a place.
-    Host {
-        points: bool,
-    },
-}
-
-/// The light on what is packed.
+/// The light on packed voxels.
 pub(super) struct Lit<'a> {
     pub(super) lighting: &'a Lighting,
     pub(super) to_eye: ToEye,
+    /// Some light is at a place.
+    pub(super) points: bool,
 }
 
-impl Packer {
-    pub(super) fn new(context: &Context, voxel: Voxel, perspective: bool, points: bool, on_host: bool) -> Self {
-        if on_host { Self::Host { points } } else { Self::on_device(context, voxel, perspective, points) }
-    }
+/// The stage that packs on the device.
+pub(super) fn stage(context: &Context, constants: &[Constant]) -> Stage {
+    let marks = Binding::StorageTexture(wgpu::TextureFormat::R32Uint, wgpu::TextureViewDimension::D3);
+    let slots = [Uniform, Uniform, Read, Read, Write, marks];
+    Stage::new(context, shaders::PACK, ("pack", "voxels"), &slots, constants)
+}
 
-    /// `points`: some light is at a place.
-    pub(super) fn on_device(context: &Context, voxel: Voxel, perspective: bool, points: bool) -> Self {
-        let slots = [
-            Binding::Uniform,
-            Binding::Uniform,
-            Binding::Read,
-            Binding::Read,
-            Binding::Write,
-            Binding::StorageTexture(wgpu::TextureFormat::R32Uint, wgpu::TextureViewDimension::D3),
-        ];
-        let stage = wgpu::ShaderStages::COMPUTE;
-        let pack = layout(context, "pack", stage, &slots);
-        let (lights, shadows) = match voxel {
-            Voxel::Color { lights, shadows } => (lights, shadows),
-            _ => (0, false),
-        };
-        let constants = [
-            ("LIGHTS", f64::from(lights)),
-            ("POINT_LIGHTS", flag(points && lights > 0)),
-            ("SHADOWS", flag(shadows)),
-            ("SCALARS", flag(voxel.is_scalar())),
-            ("GRADIENTS", flag(voxel == Voxel::Gradient)),
-            // The direction to the eye is all that a perspective changes here.
-            ("PERSPECTIVE", flag(perspective && lights > 0)),
-        ];
-        let voxels = compute(context, &module(context, shaders::PACK), "pack", "voxels", &pack, &constants);
-        Self::Device { layout: pack, voxels }
-    }
-
-    /// Packs the splats of stores, whose largest weight is `max_weight`; into the textures of `over`, the same splats
-    /// packed alike but for their light, if that is given.
-    pub(super) fn run(
-        &self,
+impl Packing {
+    /// Packs the splats of stores, whose largest weight is `max_weight`, by the stage or without it on the host: into
+    /// new textures, or into the textures of `over`, the same splats in the same layout under another light.
+    pub(super) fn pack(
+        self,
         recorder: &mut Recorder<'_>,
+        stage: Option<&Stage>,
         stores: &[Store],
-        packing: Packing,
         lit: &Lit<'_>,
         max_weight: f64,
         over: Option<Packed>,
     ) -> Result<Packed> {
-        let scale = match packing.voxel {
+        let scale = match self.voxel {
             Voxel::Scalar => 1.0,
             _ => (F16_HEADROOM / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(MAX_SCALE),
         };
-        let ToEye { eye, view: [view_x, view_y, view_z], .. } = lit.to_eye;
-        let parameters = Pack {
-            low: unordered(packing.axes, packing.low),
-            axes: packing.axes.map(|axis| axis as u32),
-            rows: packing.dims[1],
-            columns: packing.columns,
-            row_texels: packing.row_texels,
-            width: packing.size[0],
-            scale: scale as f32,
-            planes: packing.dims[2],
-            across: packing.dims[0],
-            eye,
-            view_x,
-            view_y,
-            view_z,
-            ..Pack::zeroed()
-        };
-        let context = recorder.context;
-        let [volume, occupied] = match over {
+        let textures = match over {
             Some(Packed { volume, occupied, .. }) => [volume, occupied].map(|view| view.texture().clone()),
-            None => packing.textures(context),
+            None => self.textures(recorder.context),
         };
-        match self {
-            Self::Device { layout, voxels } => {
-                let lighting = lit.lighting;
-                let stage = DeviceStage { layout, voxels, stores, packing: &packing, lighting };
-                stage.run(recorder, parameters, &volume, &occupied)?;
-            }
-            &Self::Host { points } => {
-                let stage = HostStage { packing: &packing, lit, points, parameters: &parameters };
-                recorder.on_host("pack", |recorder| stage.run(recorder, stores, &volume, &occupied))?;
-            }
+        match stage {
+            Some(stage) => self.fill_on_device(recorder, stage, stores, lit, scale as f32, &textures)?,
+            None => recorder
+                .on_host("pack", |recorder| self.fill_on_host(recorder, stores, lit, scale as f32, &textures))?,
         }
-        let [volume, occupied] =
-            [volume, occupied].map(|texture| texture.create_view(&wgpu::TextureViewDescriptor::default()));
-        let [width, height] = packing.size.map(u64::from);
-        let macrocells: u64 = packing.macrocells().into_iter().map(u64::from).product();
+        let [volume, occupied] = textures.map(|texture| texture.create_view(&wgpu::TextureViewDescriptor::default()));
+        let [width, height] = self.size.map(u64::from);
+        let macrocells: u64 = self.macrocells().into_iter().map(u64::from).product();
         Ok(Packed {
-            packing,
+            packing: self,
             source: stores.first().map(|store| store.id),
             volume,
             occupied,
             scale,
-            bytes: width * height * packing.voxel.texel() + macrocells * 4,
+            bytes: width * height * self.voxel.texel() + macrocells * 4,
         })
     }
 }

@@ -4,19 +4,20 @@
 use glam::{DMat2, DVec2};
 
 use super::{
-    Block, RaySetup, Rays, SPLINE_MARGIN, Spacing, f2, f3, first_pixel, level_for_depth, level_for_kernel, smoothstep,
+    RaySetup, Rays, SPLINE_MARGIN, ends, f2, f3, first_pixel, level_for_depth, level_for_kernel, max_depth, smoothstep,
 };
 use crate::gpu::layout;
 use crate::image::Region;
-use crate::painters::tiles::axis::PrincipalAxis;
+use crate::painters::tiles::Block;
+use crate::stats::RaySpacing;
 
-/// Voxels of a row, and rows at least and at most, that `straight` in shaders/gather.wgsl reads of a plane.
+/// Voxels of a row, and rows at least and at most, that `eight` in shaders/gather.wgsl reads of a plane.
 const BLOCK_COLUMNS: f64 = 5.0;
 const BLOCK_ROWS: [f64; 2] = [5.0, 7.0];
 
 /// Rays per voxel along an axis, as a power of 2, if rays move by `shear` voxels along it from plane to plane. If that
 /// is close to a whole number, the ripple and the rims of kernels in plane after plane fall on one another, and one ray
-/// per voxel misses what is between.
+/// per voxel misses the matter between.
 ///
 /// Measured; docs/measurements/2026-11-22-rays.md has the table, 2026-11-22-near-straight.md what was changed.
 fn level_for_shear(shear: f64) -> f64 {
@@ -31,18 +32,18 @@ fn ramp(zero: f64, one: f64, value: f64) -> f64 {
 }
 
 /// Rays per voxel along a and b, as powers of 2.
-fn levels(setup: &RaySetup<'_>, axis: &PrincipalAxis) -> DVec2 {
-    let least = level_for_depth(setup.optics.max_depth).max(level_for_kernel(&setup.kernel.kernel));
-    axis.shear().map(|shear| level_for_shear(shear).max(least))
+fn levels(setup: &RaySetup<'_>) -> DVec2 {
+    let least = level_for_depth(max_depth(setup.job)).max(level_for_kernel(&setup.kernel));
+    setup.axis.shear().map(|shear| level_for_shear(shear).max(least))
 }
 
 /// The least share of its own ray in each pixel: all of it if rays run along the axis, if kernels ask for more than
 /// four rays a voxel, if voxels are as small as pixels, or if there would be more rays than pixels.
-pub(super) fn pixel_share(setup: &RaySetup<'_>, axis: &PrincipalAxis) -> f64 {
-    // Wherever a share is between 0 and 1, the rays of pixels and those of images are marched: over few views.
-    let straight = axis.shear().map(|shear| smoothstep(0.035, 0.03, shear.abs()));
-    let levels = levels(setup, axis);
-    let magnification = setup.volume.grid.min_spacing() / setup.pixel();
+pub(super) fn pixel_share(setup: &RaySetup<'_>) -> f64 {
+    // Wherever a share is between 0 and 1, the rays of pixels and of images are marched: in few views.
+    let straight = setup.axis.shear().map(|shear| smoothstep(0.035, 0.03, shear.abs()));
+    let levels = levels(setup);
+    let magnification = setup.job.view.grid.min_spacing() / setup.pixel();
     let rays_per_pixel = levels.map(marched).element_product() / (magnification * magnification);
     let shares = [
         straight.element_product(),
@@ -67,10 +68,10 @@ fn marched(level: f64) -> f64 {
     powers(level).map(|(rays, share)| f64::from(rays) * (8.0 * share).min(1.0)).into_iter().sum()
 }
 
-/// The eight pixels that best share the voxels that their rays along the axis meet.
-pub(super) fn block(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region) -> Option<Block> {
-    let [_, step_x, step_y] = pixels_at(setup, axis, region);
-    block_of(step_x, step_y, setup.kernel.kernel.radius())
+/// The eight pixels of a region that best share the voxels that their rays along the axis meet.
+pub(in crate::painters::tiles) fn block(setup: &RaySetup<'_>, region: Region) -> Option<Block> {
+    let [_, step_x, step_y] = pixels_at(setup, region);
+    block_of(step_x, step_y, setup.kernel.radius())
 }
 
 /// The block that meets the fewest rows. `None` if pixels are too large for blocks, or too oblique to the rows.
@@ -86,8 +87,8 @@ fn block_of(step_x: DVec2, step_y: DVec2, radius: f64) -> Option<Block> {
 }
 
 /// The rays of the pixels of a region.
-pub(super) fn of_pixels(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region, common: layout::Rays) -> Rays {
-    let [first, step_x, step_y] = pixels_at(setup, axis, region);
+pub(super) fn pixel_rays(setup: &RaySetup<'_>, region: Region, common: layout::Rays) -> Rays {
+    let [first, step_x, step_y] = pixels_at(setup, region);
     let uniforms = layout::Rays {
         origin: f2(first),
         step_x: f2(step_x),
@@ -96,48 +97,35 @@ pub(super) fn of_pixels(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Regi
         pixel_x: [1.0, 0.0],
         pixel_y: [0.0, 1.0],
         // The images that these rays refine have shares.
-        ..along(setup, axis, common)
+        ..along(setup, common)
     };
-    Rays { uniforms, spacing: Spacing::Pixels(1.0) }
+    Rays { uniforms, spacing: RaySpacing::Pixels(1.0) }
 }
 
-/// The rays of intermediate images: with the powers of 2 around the rays per voxel that are asked for.
-pub(super) fn of_images(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region, common: layout::Rays) -> Vec<Rays> {
-    let [a, b] = levels(setup, axis).to_array().map(powers);
-    let common = along(setup, axis, common);
+/// The rays of intermediate images: with the powers of 2 around the rays per voxel of [`levels`].
+pub(super) fn image_rays(setup: &RaySetup<'_>, region: Region, common: layout::Rays) -> Vec<Rays> {
+    let [a, b] = levels(setup).to_array().map(powers);
+    let common = along(setup, common);
     let mut images = Vec::new();
-    for (b, share_b) in b {
-        for (a, share_a) in a {
-            let share = share_a * share_b;
-            let Some(points) = ImagePoints::new(setup, axis, region, [a, b]).filter(|_| share > 0.0) else { continue };
-            let uniforms = layout::Rays {
-                origin: f2(points.origin),
-                step_x: [points.steps.x as f32, 0.0],
-                step_y: [0.0, points.steps.y as f32],
-                phases: [a, b],
-                size: points.size,
-                pixel_origin: f2(points.pixel_origin),
-                pixel_x: f2(points.pixel_x),
-                pixel_y: f2(points.pixel_y),
-                share: (axis.share * share) as f32,
-                ..common
-            };
-            images.push(Rays { uniforms, spacing: Spacing::Voxel([a, b]) });
-        }
+    for ((a, share_a), (b, share_b)) in b.into_iter().flat_map(|b| a.map(|a| (a, b))) {
+        let share = share_a * share_b;
+        let Some(points) = through_points(setup, region, [a, b], common).filter(|_| share > 0.0) else { continue };
+        let uniforms = layout::Rays { share: (setup.axis.share * share) as f32, ..points };
+        images.push(Rays { uniforms, spacing: RaySpacing::PerVoxel([a, b]) });
     }
     images
 }
 
 /// The uniforms of rays along an axis.
-fn along(setup: &RaySetup<'_>, axis: &PrincipalAxis, common: layout::Rays) -> layout::Rays {
-    let radius = setup.kernel.kernel.radius();
-    let (direction, shear) = (axis.direction, axis.shear());
+fn along(setup: &RaySetup<'_>, common: layout::Rays) -> layout::Rays {
+    let radius = setup.kernel.radius();
+    let (direction, shear) = (setup.axis.direction, setup.axis.shear());
     // A kernel is a ball of the lattice: at distance v along b it reaches a ray from within row_half of row_slope v.
     let square = 1.0 - direction.x * direction.x;
     layout::Rays {
         shear: f2(shear),
         direction: f3(direction),
-        stretch: axis.voxel() as f32,
+        stretch: setup.axis.stretch as f32,
         row_half: (radius / square.sqrt()) as f32,
         row_slope: (direction.x * direction.y / square) as f32,
         footprint_half: f2(footprint_half(radius, shear)),
@@ -146,11 +134,12 @@ fn along(setup: &RaySetup<'_>, axis: &PrincipalAxis, common: layout::Rays) -> la
 }
 
 /// Where the ray of a region's first pixel meets plane 0, and the steps to its neighbours' in x and y.
-fn pixels_at(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region) -> [DVec2; 3] {
-    let shear = axis.shear();
+fn pixels_at(setup: &RaySetup<'_>, region: Region) -> [DVec2; 3] {
+    let shear = setup.axis.shear();
     let base = |p: DVec2| {
-        let p = setup.volume.placed(axis, setup.camera.target + setup.raised(p));
-        DVec2::new(p.x, p.y) - shear * p.z
+        let (camera, plane) = (&setup.job.view.camera, setup.plane(p));
+        let p = setup.placed(camera.target + (camera.right * plane.x + camera.up * plane.y));
+        p.truncate() - shear * p.z
     };
     let corner = first_pixel(region);
     let first = base(corner);
@@ -162,58 +151,49 @@ fn footprint_half(radius: f64, shear: DVec2) -> DVec2 {
     radius * (DVec2::ONE + shear * shear).map(f64::sqrt)
 }
 
-/// The points of an intermediate image in base coordinates, and where pixels lie among them.
-struct ImagePoints {
-    /// The first point, and the steps to its neighbours along a and b, in base coordinates.
-    origin: DVec2,
-    steps: DVec2,
-    /// Points across and down.
-    size: [u32; 2],
-    /// The region's first pixel, and the steps to its neighbours, in points.
-    pixel_origin: DVec2,
-    pixel_x: DVec2,
-    pixel_y: DVec2,
-}
-
-impl ImagePoints {
-    /// So many points per voxel along a and b. `None` if no ray of the region reaches the volume.
-    fn new(setup: &RaySetup<'_>, axis: &PrincipalAxis, region: Region, per_voxel: [u32; 2]) -> Option<Self> {
-        let shear = axis.shear();
-        let volume = &setup.volume;
-        let [first, pixel_x, pixel_y] = pixels_at(setup, axis, region);
-        let steps = DVec2::from_array(per_voxel.map(f64::from)).recip();
-        // What the region sees of the volume, in base coordinates.
-        let volume_ends = base_ends(setup, shear);
-        let extent = DVec2::new(f64::from(region.width), f64::from(region.height)) - 1.0;
-        let corners = [(0.0, 0.0), (extent.x, 0.0), (0.0, extent.y), (extent.x, extent.y)]
-            .map(|(x, y)| first + pixel_x * x + pixel_y * y);
-        let low = corners.iter().fold(DVec2::INFINITY, |low, &c| low.min(c)).max(volume_ends[0]);
-        let high = corners.iter().fold(DVec2::NEG_INFINITY, |high, &c| high.max(c)).min(volume_ends[1]);
-        if low.cmpgt(high).any() {
-            return None;
-        }
-        // Whole steps from the ray through the first voxel of the volume: the same rays whatever part of it is packed,
-        // and whatever the region.
-        let anchor = volume.placed(axis, volume.grid.to_world().translation);
-        let anchor = DVec2::new(anchor.x, anchor.y) - shear * anchor.z;
-        let origin = anchor + steps * (((low - anchor) / steps).floor() - SPLINE_MARGIN);
-        let count = ((high - origin) / steps + SPLINE_MARGIN).ceil() + 1.0;
-        let to_points = DMat2::from_diagonal(steps.recip());
-        Some(Self {
-            origin,
-            steps,
-            size: [count.x as u32, count.y as u32],
-            pixel_origin: to_points * (first - origin),
-            pixel_x: to_points * pixel_x,
-            pixel_y: to_points * pixel_y,
-        })
+/// The rays through the points of an intermediate image, `per_voxel` along a and b; `None` if no ray of the region
+/// reaches the volume.
+fn through_points(
+    setup: &RaySetup<'_>,
+    region: Region,
+    per_voxel: [u32; 2],
+    common: layout::Rays,
+) -> Option<layout::Rays> {
+    let shear = setup.axis.shear();
+    let [first, pixel_x, pixel_y] = pixels_at(setup, region);
+    let steps = DVec2::from_array(per_voxel.map(f64::from)).recip();
+    // The part of the volume that the region sees, in base coordinates.
+    let volume_ends = base_ends(setup, shear);
+    let extent = DVec2::new(f64::from(region.width), f64::from(region.height)) - 1.0;
+    let [low, high] = ends(first, pixel_x, pixel_y, [DVec2::ZERO, extent]);
+    let (low, high) = (low.max(volume_ends[0]), high.min(volume_ends[1]));
+    if low.cmpgt(high).any() {
+        return None;
     }
+    // Whole steps from the ray through the first voxel of the volume: the same rays whatever part of it is packed, and
+    // whatever the region.
+    let anchor = setup.placed(setup.job.view.grid.to_world().translation);
+    let anchor = anchor.truncate() - shear * anchor.z;
+    let origin = anchor + steps * (((low - anchor) / steps).floor() - SPLINE_MARGIN);
+    let count = ((high - origin) / steps + SPLINE_MARGIN).ceil() + 1.0;
+    let to_points = DMat2::from_diagonal(steps.recip());
+    Some(layout::Rays {
+        origin: f2(origin),
+        step_x: [steps.x as f32, 0.0],
+        step_y: [0.0, steps.y as f32],
+        phases: per_voxel,
+        size: [count.x as u32, count.y as u32],
+        pixel_origin: f2(to_points * (first - origin)),
+        pixel_x: f2(to_points * pixel_x),
+        pixel_y: f2(to_points * pixel_y),
+        ..common
+    })
 }
 
 /// The least and the largest base coordinates of rays that reach a kernel of the packed box.
 fn base_ends(setup: &RaySetup<'_>, shear: DVec2) -> [DVec2; 2] {
-    let dims = setup.volume.packing.dims.map(f64::from);
-    let half = footprint_half(setup.kernel.kernel.radius(), shear);
+    let dims = setup.packing.dims.map(f64::from);
+    let half = footprint_half(setup.kernel.radius(), shear);
     // How far rays move between the first plane and the last.
     let drift = shear * (dims[2] - 1.0);
     [-half - drift.max(DVec2::ZERO), DVec2::new(dims[0], dims[1]) - 1.0 + half - drift.min(DVec2::ZERO)]

@@ -1,0 +1,112 @@
+//! Compute stages of the painters: a pipeline of an entry point, specialised, with the layout of its bindings.
+
+use crate::gpu::context::Context;
+use crate::gpu::pipeline::{self, Binding, compute, module};
+use crate::gpu::recorder::Recorder;
+use crate::gpu::scan::WORKGROUP;
+use crate::gpu::shaders::Shader;
+
+/// An override constant of shaders and its value. A painter has one list for all of its shaders.
+pub(crate) type Constant = (&'static str, u32);
+
+/// The constants that a shader declares: others would be errors.
+pub(crate) fn declared(shader: Shader, constants: &[Constant]) -> Vec<(&'static str, f64)> {
+    let source = shader.source();
+    let declares = |name: &str| source.contains(&format!("override {name}:"));
+    constants.iter().filter(|(name, _)| declares(name)).map(|&(name, value)| (name, f64::from(value))).collect()
+}
+
+/// A compute pipeline and the layout of its bindings.
+pub(crate) struct Stage {
+    name: &'static str,
+    layout: wgpu::BindGroupLayout,
+    pipeline: wgpu::ComputePipeline,
+}
+
+impl Stage {
+    /// The pipeline of one entry point. The stage has its `name` in [`Stats::stages`](crate::stats::Stats::stages).
+    pub(crate) fn new(
+        context: &Context,
+        shader: Shader,
+        (name, entry): (&'static str, &str),
+        slots: &[Binding],
+        constants: &[Constant],
+    ) -> Self {
+        let [stage] = Self::several(context, shader, [(name, entry)], slots, constants);
+        stage
+    }
+
+    /// The pipelines of entry points with the same bindings: a group of one serves the others.
+    pub(crate) fn several<const N: usize>(
+        context: &Context,
+        shader: Shader,
+        entries: [(&'static str, &str); N],
+        slots: &[Binding],
+        constants: &[Constant],
+    ) -> [Self; N] {
+        let constants = declared(shader, constants);
+        let module = module(context, shader);
+        let layout = pipeline::layout(context, shader.name, wgpu::ShaderStages::COMPUTE, slots);
+        entries.map(|(name, entry)| {
+            let pipeline = compute(context, &module, shader.name, entry, &layout, &constants);
+            Self { name, layout: layout.clone(), pipeline }
+        })
+    }
+
+    /// A group of resources at bindings 0, 1, 2, ...
+    pub(crate) fn bind(&self, context: &Context, resources: &[wgpu::BindingResource<'_>]) -> wgpu::BindGroup {
+        pipeline::bind(context, self.name, &self.layout, resources)
+    }
+
+    /// Records a dispatch as a pass of its own.
+    pub(crate) fn dispatch(
+        &self,
+        recorder: &mut Recorder<'_>,
+        group: &wgpu::BindGroup,
+        offsets: &[u32],
+        workgroups: [u32; 3],
+    ) {
+        recorder.dispatch(self.name, &self.pipeline, group, offsets, workgroups);
+    }
+
+    /// Binds resources and records a dispatch as a pass of its own.
+    pub(crate) fn run(
+        &self,
+        recorder: &mut Recorder<'_>,
+        resources: &[wgpu::BindingResource<'_>],
+        workgroups: [u32; 3],
+    ) {
+        let group = self.bind(recorder.context, resources);
+        self.dispatch(recorder, &group, &[], workgroups);
+    }
+
+    /// Like [`Self::run`], with the number of workgroups in the first three words of a buffer.
+    pub(crate) fn run_indirect(
+        &self,
+        recorder: &mut Recorder<'_>,
+        resources: &[wgpu::BindingResource<'_>],
+        workgroups: &wgpu::Buffer,
+    ) {
+        let group = self.bind(recorder.context, resources);
+        recorder.dispatch_indirect(self.name, &self.pipeline, &group, workgroups);
+    }
+
+    /// Adds a dispatch to a pass.
+    pub(crate) fn record(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        group: &wgpu::BindGroup,
+        offsets: &[u32],
+        [x, y, z]: [u32; 3],
+    ) {
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, group, offsets);
+        pass.dispatch_workgroups(x, y, z);
+    }
+}
+
+/// The workgroups of a dispatch with an invocation for each of `count` items.
+pub(crate) fn for_each(context: &Context, count: u64) -> [u32; 3] {
+    let (x, y) = context.workgroups(count, WORKGROUP);
+    [x, y, 1]
+}
