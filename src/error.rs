@@ -97,7 +97,20 @@ impl Error {
         InputError::format(path, reason).into()
     }
 
-    /// Whether a way to draw is refused, and another way may still succeed.
+    /// An [`Error::Setting`].
+    pub(crate) fn setting(name: &'static str, reason: impl Into<String>) -> Self {
+        Self::Setting { name, reason: reason.into() }
+    }
+
+    /// The same error with the path of the file whose text is no transfer function.
+    pub(crate) fn in_file(self, path: &Path) -> Self {
+        match self {
+            Self::Transfer(reason) => Self::format(path, reason),
+            other => other,
+        }
+    }
+
+    /// Whether the error refuses one way to draw, and another way may still succeed.
     pub(crate) fn refuses_settings(&self) -> bool {
         matches!(self, Self::Setting { .. } | Self::Unsupported { .. } | Self::Memory { .. } | Self::OutOfMemory(_))
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use voxsplat::Background;
 use voxsplat::error::{Error, Hint};
 use voxsplat::formats::{self, LoadOptions};
-use voxsplat::layers::{Fit, Label, LabelCount, Labels, Layer, Layers, Which, count_labels, on_lattice};
+use voxsplat::layers::{Fit, Label, LabelChange, LabelCount, Labels, Layer, Layers, Which, count_labels, on_lattice};
 use voxsplat::report::readable;
 use voxsplat::volume::Volume;
 
@@ -17,15 +17,7 @@ use super::output;
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LabelArg {
     which: Which,
-    look: LookArg,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum LookArg {
-    Opacity(f64),
-    /// A factor of the opacity.
-    Factor(f64),
-    Color([f64; 3]),
+    look: LabelChange,
 }
 
 /// `WHICH:OPACITY`, `WHICH:xFACTOR`, `WHICH:on`, `WHICH:off` or `WHICH:COLOUR`.
@@ -35,13 +27,13 @@ pub(crate) fn label(text: &str) -> Result<LabelArg, String> {
     let (which, look) = text.rsplit_once(':').ok_or(expected)?;
     let factor = look.strip_prefix('x').and_then(|factor| factor.parse().ok());
     if let Some(factor) = factor.filter(|factor| (0.0..=1.0).contains(factor)) {
-        return Ok(LabelArg { which: which.parse().map_err(|_| expected)?, look: LookArg::Factor(factor) });
+        return Ok(LabelArg { which: which.parse().map_err(|_| expected)?, look: LabelChange::Factor(factor) });
     }
     let look = match (look, look.parse::<f64>(), look.parse()) {
-        ("on", ..) => LookArg::Opacity(1.0),
-        ("off", ..) => LookArg::Opacity(0.0),
-        (_, Ok(opacity), _) if (0.0..=1.0).contains(&opacity) => LookArg::Opacity(opacity),
-        (_, Err(_), Ok(Background::Color(color))) => LookArg::Color(color),
+        ("on", ..) => LabelChange::Opacity(1.0),
+        ("off", ..) => LabelChange::Opacity(0.0),
+        (_, Ok(opacity), _) if (0.0..=1.0).contains(&opacity) => LabelChange::Opacity(opacity),
+        (_, Err(_), Ok(Background::Color(color))) => LabelChange::Color(color),
         _ => return Err(expected.to_owned()),
     };
     Ok(LabelArg { which: which.parse().map_err(|_| expected)?, look })
@@ -74,11 +66,7 @@ impl Looks {
 
     fn changed(&self, mut labels: Labels) -> Result<Labels, Failure> {
         for LabelArg { which, look } in &self.changes {
-            labels = match *look {
-                LookArg::Opacity(opacity) => labels.with_opacity(which.clone(), opacity)?,
-                LookArg::Factor(factor) => labels.thinned(which.clone(), factor)?,
-                LookArg::Color(color) => labels.with_color(which.clone(), color),
-            };
+            labels = labels.changed(which.clone(), *look)?;
         }
         Ok(labels)
     }
@@ -298,12 +286,12 @@ mod tests {
     fn labels_are_told_by_number_range_and_name() {
         let numbers = |ranges: &[[i64; 2]]| Which::Numbers(ranges.to_vec());
         for (text, which, look) in [
-            ("3:0.5", numbers(&[[3, 3]]), LookArg::Opacity(0.5)),
-            ("-4--2,7:off", numbers(&[[-4, -2], [7, 7]]), LookArg::Opacity(0.0)),
-            ("all:on", Which::All, LookArg::Opacity(1.0)),
-            ("Left kidney:#ff0000", Which::Name("Left kidney".to_owned()), LookArg::Color([1.0, 0.0, 0.0])),
-            ("2-3:x0.25", numbers(&[[2, 3]]), LookArg::Factor(0.25)),
-            ("a:b:red", Which::Name("a:b".to_owned()), LookArg::Color([1.0, 0.0, 0.0])),
+            ("3:0.5", numbers(&[[3, 3]]), LabelChange::Opacity(0.5)),
+            ("-4--2,7:off", numbers(&[[-4, -2], [7, 7]]), LabelChange::Opacity(0.0)),
+            ("all:on", Which::All, LabelChange::Opacity(1.0)),
+            ("Left kidney:#ff0000", Which::Name("Left kidney".to_owned()), LabelChange::Color([1.0, 0.0, 0.0])),
+            ("2-3:x0.25", numbers(&[[2, 3]]), LabelChange::Factor(0.25)),
+            ("a:b:red", Which::Name("a:b".to_owned()), LabelChange::Color([1.0, 0.0, 0.0])),
         ] {
             assert_eq!(label(text), Ok(LabelArg { which, look }), "{text}");
         }

@@ -3,7 +3,7 @@
 use voxsplat::camera::ProjectionKind;
 use voxsplat::error::Error;
 use voxsplat::image::Image;
-use voxsplat::layers::{Label, Labels, Layer, Layers, Which, count_labels};
+use voxsplat::layers::{Label, LabelChange, Labels, Layer, Layers, Which, count_labels};
 use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
 use voxsplat::settings::{Level, Model, Settings, Shading};
@@ -49,9 +49,9 @@ fn looks() -> Labels {
     let big = Which::Numbers(vec![[4_000_000_000; 2]]);
     Labels::default()
         .with(3, three)
-        .with_opacity(Which::Numbers(vec![[-7, -7]]), 0.1)
+        .changed(Which::Numbers(vec![[-7, -7]]), LabelChange::Opacity(0.1))
+        .and_then(|labels| labels.changed(big, LabelChange::Color([1.0; 3])))
         .unwrap()
-        .with_color(big, [1.0; 3])
 }
 
 /// Samples that vary along an axis.
