@@ -11,7 +11,7 @@
 //!
 //! # fn main() -> voxsplat::Result<()> {
 //! let volume = load("scan.nii.gz", &Default::default())?;
-//! let look = Appearance::of("scan.nii.gz", &volume)?; // transfer function, side, light, as `voxsplat render`
+//! let look = Appearance::for_file("scan.nii.gz", &volume)?; // transfer function, side, light, as `voxsplat render`
 //! let renderer = Renderer::new(&RendererOptions::default())?; // a device
 //! let scene = renderer.prepare_layers(&look.layers, &look.settings)?; // the visible voxels on it
 //! let rendered = renderer.render(&scene, &look.camera([1024, 1024])?, &look.settings)?;

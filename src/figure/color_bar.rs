@@ -9,7 +9,7 @@ use super::path::Path;
 use crate::error::{Error, Result};
 use crate::transfer::{ControlPoint, TransferFunction};
 
-/// The values that a bar shows: those of the control points, without clear ones at the ends.
+/// The range of values of a bar: from the first to the last control point, without clear ones at the ends.
 pub(super) fn range(transfer: &TransferFunction) -> Result<[f64; 2]> {
     let points = transfer.points();
     let clear = |p: &&ControlPoint| p.opacity <= 0.0;
@@ -18,43 +18,42 @@ pub(super) fn range(transfer: &TransferFunction) -> Result<[f64; 2]> {
     let last = points.len() - 1 - points.iter().rev().take_while(clear).count().saturating_sub(1);
     let visible = if first < last { [points[first].value, points[last].value] } else { transfer.range() };
     let spread = |[low, high]: [f64; 2]| low < high && (high - low).is_finite();
-    [visible, transfer.range()].into_iter().find(|&range| spread(range)).ok_or_else(|| Error::Setting {
-        name: "color_bar",
-        reason: "the transfer function has one value, or values too far apart: there is no range to show".to_owned(),
-    })
+    let reason = "the transfer function has one value, or values too far apart: there is no range to show";
+    let range = [visible, transfer.range()].into_iter().find(|&range| spread(range));
+    range.ok_or_else(|| Error::setting("color_bar", reason))
 }
 
-/// The height of a bar in an area of a height: the unit is above, and below it says what the curve is.
+/// The height of a bar in an area of a height: the unit is above it, and the label of the curve below.
 pub(super) fn room(height: f64, em: f64) -> f64 {
     height - 3.0 * em
 }
 
-/// Where a bar and its labels are.
+/// The places of a bar and its labels.
 struct Layout {
+    range: [f64; 2],
     values: Vec<f64>,
     labels: Vec<String>,
-    /// Of the letters of labels, pixels.
+    /// The size of the letters of labels, pixels.
     text: f64,
     /// The edges of the bar, and its height, pixels.
     left: f64,
     right: f64,
     top: f64,
     tall: f64,
-    /// The width of the panel of the curve at its left.
+    /// The width of the panel of the curve at the left of the bar.
     wide: f64,
-    /// The largest opacity of what it shows.
+    /// The largest opacity in the range.
     densest: f64,
 }
 
 impl Layout {
-    /// That of a bar with its labels against the right of the area between two corners and in the middle of its
-    /// height.
+    /// Places a bar with its labels at the right of the area between two corners, in the middle of its height.
     fn new(font: &Font, transfer: &TransferFunction, em: f64, [least, most]: [DVec2; 2]) -> Result<Self> {
-        let [low, high] = range(transfer)?;
+        let range @ [low, high] = range(transfer)?;
         let text = 0.9 * em;
         let tall = room(most.y - least.y, em).min(16.0 * em).floor();
         let top = (f64::midpoint(least.y, most.y) - tall / 2.0).round();
-        let (step, values) = ticks([low, high], (tall / (1.9 * em)).clamp(2.0, 6.0) as usize);
+        let (step, values) = ticks(range, (tall / (1.9 * em)).clamp(2.0, 6.0) as usize);
         let labels: Vec<String> = values.iter().map(|&value| label(value, step)).collect();
         let widest = labels.iter().map(|label| font.width(label, text)).fold(0.0, f64::max);
         let right = (most.x - widest - 0.45 * em).floor();
@@ -62,37 +61,36 @@ impl Layout {
         let densest =
             transfer.points().iter().filter(|p| (low..=high).contains(&p.value)).map(|p| p.opacity).fold(0.0, f64::max);
         let wide = if densest > 0.0 { 2.0 * em } else { 0.0 };
-        Ok(Self { values, labels, text, left, right, top, tall, wide, densest })
+        Ok(Self { range, values, labels, text, left, right, top, tall, wide, densest })
     }
 }
 
-/// How far to the left a bar reaches that is drawn in an area, with a little space beside it.
+/// The left end of a bar that is drawn in an area, with a little space beside it.
 pub(super) fn left_end(font: &Font, transfer: &TransferFunction, em: f64, area: [DVec2; 2]) -> Result<f64> {
     let layout = Layout::new(font, transfer, em, area)?;
     let text = if layout.wide > 0.0 { font.width(&curve_text(layout.densest), CURVE_TEXT * em) } else { 0.0 };
     Ok((layout.left - layout.wide).min(area[1].x - text) - 0.5 * em)
 }
 
-/// The size of the letters that say what the curve is, in sizes of letters.
+/// The size of the label of the curve, in sizes of letters.
 const CURVE_TEXT: f64 = 0.8;
 
-/// What the curve is whose largest opacity is `densest`.
+/// The label of a curve with a largest opacity.
 fn curve_text(densest: f64) -> String {
     // Two digits, without a last 0.
     let number = label(densest, (densest / 10.0).min(0.1));
     format!("opacity 0–{}", if densest < 1.0 { number.trim_end_matches('0') } else { "1" })
 }
 
-/// Draws the bar with its labels, against the right of the area between two corners and in the middle of its height.
+/// Draws the bar with its labels at the right of the area between two corners, in the middle of its height.
 pub(super) fn draw(
     canvas: &mut Canvas,
     transfer: &TransferFunction,
     unit: Option<&str>,
     area: [DVec2; 2],
 ) -> Result<()> {
-    let [low, high] = range(transfer)?;
     let (em, [_, most]) = (canvas.em, area);
-    let Layout { values, labels, text, left, right, top, tall, wide, densest } =
+    let Layout { range: [low, high], values, labels, text, left, right, top, tall, wide, densest } =
         Layout::new(&canvas.font, transfer, em, area)?;
     let y_of = |value: f64| top + tall * (high - value) / (high - low);
 

@@ -418,13 +418,14 @@ fn write(job: &TurntableJob, frames: Receiver<Done>, size: [u32; 2], count: u32)
             }
         }
         Target::Film(path, format) => {
-            let mut film = FilmFile::new(*format, size, count, rate)?;
+            let mut file = FilmFile::new(*format, size, count, rate)?;
+            let film = &mut file.film;
             film.title(&title);
             for Done { image, notes, .. } in frames {
                 film.add(&image, background)?;
                 film.describe(described(&job.command, notes));
             }
-            film.save(path)?;
+            file.save(path)?;
         }
         Target::Stream(format) => {
             let fault = RefCell::new(None);
