@@ -216,12 +216,12 @@ impl Appearance {
                 Self::new(layers, ChoiceContext { labels: true, ..alone }, Some(Choice::Labels { reason }))
             }
             ValueMeaning::BuiltIn(transfer) => {
-                Self::new(Layers::of(volume, &transfer), ChoiceContext { built_in: true, ..alone }, None)
+                Self::new(Layers::of_volume(volume, &transfer), ChoiceContext { built_in: true, ..alone }, None)
             }
             ValueMeaning::Values { transfer, preset, reason } => {
                 let choice = Choice::Preset { name: preset.name, reason };
                 let context = ChoiceContext { preset: Some(preset), ..alone };
-                Self::new(Layers::of(volume, &transfer), context, Some(choice))
+                Self::new(Layers::of_volume(volume, &transfer), context, Some(choice))
             }
         }
     }
@@ -232,7 +232,7 @@ impl Appearance {
     /// [`Error::Transfer`](crate::Error::Transfer) if there is no such preset, or if all values are the same;
     /// [`Error::Input`](crate::Error::Input) and [`Error::Memory`](crate::Error::Memory) if samples cannot be read.
     pub fn for_preset(name: &str, volume: &Volume) -> Result<Self> {
-        let layers = Layers::of(volume, &TransferFunction::preset(name, volume)?);
+        let layers = Layers::of_volume(volume, &TransferFunction::preset(name, volume)?);
         let preset = Some(presets::find(name)?);
         Self::new(layers, ChoiceContext { volume, built_in: false, preset, labels: false, plain: true }, None)
     }

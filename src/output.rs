@@ -13,26 +13,22 @@ fn directory_of(path: &Path) -> &Path {
 
 /// The file behind a path. Follows links, because a rename onto a link would replace the link.
 fn target(path: &Path) -> Result<PathBuf> {
-    let error = |reason: &str| Err(Error::Output { path: path.to_owned(), reason: reason.to_owned() });
+    let error = |reason: String| Error::Output { path: path.to_owned(), reason };
     // `Path` drops a separator behind a name, and a dot behind the separator.
     let name = path.file_name().unwrap_or_default().as_encoded_bytes();
     if !path.as_os_str().as_encoded_bytes().ends_with(name) {
-        return error("it ends as a directory does, expected a file name");
+        return Err(error("it ends as a directory does, expected a file name".to_owned()));
     }
-    let file = if path.is_symlink() {
-        match path.canonicalize() {
-            Ok(file) => file,
-            Err(e) => return error(&format!("it is a link that leads nowhere: {e}")),
-        }
-    } else {
-        path.to_owned()
-    };
+    let mut file = path.to_owned();
+    if path.is_symlink() {
+        file = path.canonicalize().map_err(|e| error(format!("it is a link that leads nowhere: {e}")))?;
+    }
     if file.is_dir() {
-        return error("it is a directory, expected a file name");
+        return Err(error("it is a directory, expected a file name".to_owned()));
     }
     // A rename would replace a device or a pipe instead of writing to it.
     if file.exists() && !file.is_file() {
-        return error("it is not a regular file");
+        return Err(error("it is not a regular file".to_owned()));
     }
     Ok(file)
 }

@@ -25,7 +25,7 @@ pub(super) struct End {
 const PATIENT: [[&str; 2]; 3] = [["L", "R"], ["P", "A"], ["S", "I"]];
 const WORLD: [[&str; 2]; 3] = [["X", "−X"], ["Y", "−Y"], ["Z", "−Z"]];
 
-/// An axis whose ends are nearer to the middle than this is seen along its length: its near end alone has a name.
+/// An axis with ends closer to the middle than this is seen along its length: only its near end has a name.
 const ALONG: f64 = 0.4;
 
 /// Red, green and blue, of one luminance that shows on black and on white.

@@ -31,10 +31,7 @@ pub(super) fn room(height: f64, em: f64) -> f64 {
 /// The places of a bar and its labels.
 struct Layout {
     range: [f64; 2],
-    values: Vec<f64>,
-    labels: Vec<String>,
-    /// The size of the letters of labels, pixels.
-    text: f64,
+    labels: Vec<(f64, String)>,
     /// The edges of the bar, and its height, pixels.
     left: f64,
     right: f64,
@@ -50,18 +47,17 @@ impl Layout {
     /// Places a bar with its labels at the right of the area between two corners, in the middle of its height.
     fn new(font: &Font, transfer: &TransferFunction, em: f64, [least, most]: [DVec2; 2]) -> Result<Self> {
         let range @ [low, high] = range(transfer)?;
-        let text = 0.9 * em;
         let tall = room(most.y - least.y, em).min(16.0 * em).floor();
         let top = (f64::midpoint(least.y, most.y) - tall / 2.0).round();
         let (step, values) = ticks(range, (tall / (1.9 * em)).clamp(2.0, 6.0) as usize);
-        let labels: Vec<String> = values.iter().map(|&value| label(value, step)).collect();
-        let widest = labels.iter().map(|label| font.width(label, text)).fold(0.0, f64::max);
+        let labels: Vec<(f64, String)> = values.into_iter().map(|value| (value, label(value, step))).collect();
+        let widest = labels.iter().map(|(_, label)| font.width(label, TEXT * em)).fold(0.0, f64::max);
         let right = (most.x - widest - 0.45 * em).floor();
         let left = right - em.round();
         let densest =
             transfer.points().iter().filter(|p| (low..=high).contains(&p.value)).map(|p| p.opacity).fold(0.0, f64::max);
         let wide = if densest > 0.0 { 2.0 * em } else { 0.0 };
-        Ok(Self { range, values, labels, text, left, right, top, tall, wide, densest })
+        Ok(Self { range, labels, left, right, top, tall, wide, densest })
     }
 }
 
@@ -72,7 +68,8 @@ pub(super) fn left_end(font: &Font, transfer: &TransferFunction, em: f64, area: 
     Ok((layout.left - layout.wide).min(area[1].x - text) - 0.5 * em)
 }
 
-/// The size of the label of the curve, in sizes of letters.
+/// The size of labels, and of the label of the curve, in sizes of letters.
+const TEXT: f64 = 0.9;
 const CURVE_TEXT: f64 = 0.8;
 
 /// The label of a curve with a largest opacity.
@@ -90,33 +87,32 @@ pub(super) fn draw(
     area: [DVec2; 2],
 ) -> Result<()> {
     let (em, [_, most]) = (canvas.em, area);
-    let Layout { range: [low, high], values, labels, text, left, right, top, tall, wide, densest } =
+    let Layout { range: [low, high], labels, left, right, top, tall, wide, densest } =
         Layout::new(&canvas.font, transfer, em, area)?;
-    let y_of = |value: f64| top + tall * (high - value) / (high - low);
 
     // The curve of opacity, to the left; the largest opacity is as far from the bar as the panel is wide.
     let rows = tall as u32;
     let value_of = |y: f64| high - (high - low) * (y - top) / tall;
-    let places: Vec<f64> = (0..=rows).map(|row| top + f64::from(row)).collect();
-    let opacity = |y: f64| transfer.sample(value_of(y).clamp(low, high)).1;
     if densest > 0.0 {
-        let curve: Vec<DVec2> = places.iter().map(|&y| DVec2::new(left - wide * opacity(y) / densest, y)).collect();
-        let panel = Path::rectangle(DVec2::new(left - wide, top), DVec2::new(left, top + tall));
-        canvas.ground(&panel);
+        let place = |row: u32| {
+            let y = top + f64::from(row);
+            DVec2::new(left - wide * transfer.sample(value_of(y).clamp(low, high)).1 / densest, y)
+        };
+        let curve: Vec<DVec2> = (0..=rows).map(place).collect();
+        canvas.ground(&Path::rectangle(DVec2::new(left - wide, top), DVec2::new(left, top + tall)));
         let ends = [DVec2::new(left, top + tall), DVec2::new(left, top)];
         canvas.fill(&Path::polygon(curve.iter().copied().chain(ends).collect()), canvas.ink, 0.3);
         canvas.fill(&Path::line(&curve, (0.09 * em).max(1.0)), canvas.ink, 1.0);
         canvas.write(&curve_text(densest), CURVE_TEXT * em, DVec2::new(most.x, top + tall + 0.85 * em), 1.0);
     }
 
-    let frame = Path::rectangle(DVec2::new(left, top), DVec2::new(right, top + tall));
-    canvas.halo(&frame);
+    canvas.halo(&Path::rectangle(DVec2::new(left, top), DVec2::new(right, top + tall)));
     let thin = (em / 14.0).max(1.0);
-    for (value, label) in values.iter().zip(&labels) {
-        let y = y_of(*value).clamp(top + thin / 2.0, top + tall - thin / 2.0);
+    for (value, label) in &labels {
+        let y = (top + tall * (high - value) / (high - low)).clamp(top + thin / 2.0, top + tall - thin / 2.0);
         let tick = [DVec2::new(right, y - thin / 2.0), DVec2::new(right + 0.25 * em, y + thin / 2.0)];
         canvas.fill_with_halo(&Path::rectangle(tick[0], tick[1]), canvas.ink);
-        canvas.write(label, text, DVec2::new(right + 0.45 * em, y), 0.0);
+        canvas.write(label, TEXT * em, DVec2::new(right + 0.45 * em, y), 0.0);
     }
     // Over the halos of its ticks.
     for row in 0..rows {
@@ -125,7 +121,7 @@ pub(super) fn draw(
         canvas.fill(&Path::rectangle(DVec2::new(left, y), DVec2::new(right, y + 1.0)), color, 1.0);
     }
     if let Some(unit) = unit {
-        canvas.write(unit, text, DVec2::new(most.x, top - 0.9 * em), 1.0);
+        canvas.write(unit, TEXT * em, DVec2::new(most.x, top - 0.9 * em), 1.0);
     }
     Ok(())
 }

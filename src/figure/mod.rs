@@ -48,7 +48,7 @@ use crate::volume::Volume;
 pub struct Figure {
     /// A bar of a round length (1, 2 or 5 times a power of ten) at the lower right, in the unit of
     /// [`Volume::length_unit`], otherwise in voxels if they are 1 apart, or in units. With parallel rays it is true
-    /// everywhere; in perspective it is true at the depth of the camera's target, and says "at the centre".
+    /// everywhere; in perspective it is true at the depth of the camera's target, and labelled "at the centre".
     pub scale_bar: bool,
     /// The axes of the world at the lower left, as seen at the centre. If [`Volume::is_oriented`], letters name the
     /// sides of the patient: right and left, anterior and posterior, superior and inferior. Otherwise they are X, Y and

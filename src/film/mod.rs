@@ -34,7 +34,7 @@ named!("format", Format { Gif: "gif", Apng: "apng", Y4m: "y4m", Html: "html" });
 impl Format {
     /// Returns the format for the extension of a path.
     #[must_use]
-    pub fn of(path: &Path) -> Option<Self> {
+    pub fn for_path(path: &Path) -> Option<Self> {
         let extension = path.extension()?.to_str()?.to_lowercase();
         Self::ALL.into_iter().find(|format| format.name() == extension)
     }

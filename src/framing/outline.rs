@@ -1,4 +1,4 @@
-//! The outermost voxels of a volume whose values are in given ranges.
+//! The outermost voxels of a volume with values in given ranges.
 
 use std::ops::Range;
 

@@ -7,13 +7,13 @@ use std::path::Path;
 use exr::image::SpecificChannels;
 use exr::image::write::WritableImage;
 use exr::meta::attribute::AttributeValue;
-use image::{ImageDecoder, ImageFormat, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Rgba};
 
 use super::{Background, Image};
 use voxsplat_volume::files;
 
 use crate::camera::Camera;
-use crate::error::{Error, InputError, Result};
+use crate::error::{Error, Result};
 use crate::output::{check_writable, write_atomically};
 use voxsplat_volume::memory;
 
@@ -121,12 +121,10 @@ impl Image {
         // 8-bit pixels with and without alpha, or the encoder's copy of f32, and the file.
         let area = u64::from(self.width) * u64::from(self.height);
         memory::check(area * if format == ImageFormat::Png { 12 } else { 32 }, || name.to_owned())?;
-        if format == ImageFormat::OpenExr {
-            return Ok(self.exr(notes));
-        }
-        Ok(match background {
-            Background::Transparent => self.png(&self.to_rgba8(background), png::ColorType::Rgba, notes),
-            Background::Color(_) => self.png(&self.to_rgb8(background), png::ColorType::Rgb, notes),
+        Ok(match (format, background) {
+            (ImageFormat::OpenExr, _) => self.exr(notes),
+            (_, Background::Transparent) => self.png(&self.to_rgba8(background), png::ColorType::Rgba, notes),
+            (_, Background::Color(_)) => self.png(&self.to_rgb8(background), png::ColorType::Rgb, notes),
         })
     }
 
@@ -149,10 +147,8 @@ impl Image {
 
     fn exr(&self, notes: &[Note]) -> io::Result<Vec<u8>> {
         let size = (self.width as usize, self.height as usize);
-        let channels = SpecificChannels::rgba(|at: exr::math::Vec2<usize>| {
-            let [r, g, b, a] = self.pixels[at.y() * size.0 + at.x()];
-            (r, g, b, a)
-        });
+        let pixel = |at: exr::math::Vec2<usize>| <(f32, f32, f32, f32)>::from(self.pixels[at.y() * size.0 + at.x()]);
+        let channels = SpecificChannels::rgba(pixel);
         let mut image = exr::image::Image::from_channels(size, channels);
         for Note { name, text } in notes {
             // OpenEXR holds bytes of Latin-1.
@@ -177,36 +173,28 @@ impl Image {
         let path = path.as_ref();
         let damaged = |reason: String| Error::format(path, format!("the picture cannot be decoded: {reason}"));
         let bytes = files::read(path, MAX_BYTES)?;
-        let reader = ImageReader::new(Cursor::new(&bytes))
-            .with_guessed_format()
-            .map_err(|source| InputError::Read { path: path.to_owned(), source })?;
-        let format = reader.format();
-        if !matches!(format, Some(ImageFormat::Png | ImageFormat::OpenExr)) {
-            return Err(Error::format(path, "not a PNG or EXR picture"));
-        }
-        if format == Some(ImageFormat::OpenExr) {
+        let format = match image::guess_format(&bytes) {
+            Ok(format @ (ImageFormat::Png | ImageFormat::OpenExr)) => format,
+            _ => return Err(Error::format(path, "not a PNG or EXR picture")),
+        };
+        if format == ImageFormat::OpenExr {
             check_exr(path, &bytes)?;
         }
+        let reader = ImageReader::with_format(Cursor::new(&bytes), format);
         let decoder = reader.into_decoder().map_err(|e| damaged(e.to_string()))?;
-        let ((width, height), color) = (decoder.dimensions(), decoder.color_type());
+        let (width, height) = decoder.dimensions();
         let area = u64::from(width) * u64::from(height);
         if width > Camera::MAX_SIZE || height > Camera::MAX_SIZE || area > MAX_AREA {
             return Err(Error::format(path, format!("a picture of {width} x {height} pixels is too large")));
         }
-        let what = || format!("the picture {}", path.display());
-        // The decoder needs about as much again.
-        let size = decoder.total_bytes();
-        memory::check(2 * size + 16 * area, what)?;
-        let mut decoded = memory::reserved(size, what)?;
-        decoded.resize(size as usize, 0);
-        decoder.read_image(&mut decoded).map_err(|e| damaged(e.to_string()))?;
-        let mut pixels = memory::reserved(area, what)?;
-        let straight = format == Some(ImageFormat::Png);
-        pixels.extend(decoded.chunks_exact(color.bytes_per_pixel().into()).map(|pixel| {
-            let [r, g, b, a] = channels(pixel, color.channel_count());
-            if straight { [r * a, g * a, b * a, a] } else { [r, g, b, a] }
-        }));
-        Self::new(width, height, pixels)
+        // The decoder, its pixels of any type, and two copies in f32.
+        memory::check(2 * decoder.total_bytes() + 32 * area, || format!("the picture {}", path.display()))?;
+        let decoded = DynamicImage::from_decoder(decoder).map_err(|e| damaged(e.to_string()))?.into_rgba32f();
+        let pixel = |&Rgba([r, g, b, a]): &Rgba<f32>| match format {
+            ImageFormat::Png => [r * a, g * a, b * a, a],
+            _ => [r, g, b, a],
+        };
+        Self::new(width, height, decoded.pixels().map(pixel).collect())
     }
 }
 
@@ -215,22 +203,6 @@ const MAX_AREA: u64 = 1 << 28;
 
 /// The largest file that is read, in bytes: the largest picture, and as much again for unused channels.
 const MAX_BYTES: u64 = 32 * MAX_AREA;
-
-/// Red, green, blue and alpha of a decoded pixel: of `count` channels of 8 or 16 bits, scaled to 0..1, or of f32.
-fn channels(pixel: &[u8], count: u8) -> [f32; 4] {
-    let channel = |i: usize| {
-        let size = pixel.len() / usize::from(count);
-        match pixel[i * size..(i + 1) * size] {
-            [byte] => f32::from(byte) / 255.0,
-            [a, b] => f32::from(u16::from_ne_bytes([a, b])) / 65_535.0,
-            [a, b, c, d] => f32::from_ne_bytes([a, b, c, d]),
-            _ => 0.0,
-        }
-    };
-    let alpha = if count.is_multiple_of(2) { channel(usize::from(count) - 1) } else { 1.0 };
-    let [r, g, b] = if count < 3 { [channel(0); 3] } else { [0, 1, 2].map(channel) };
-    [r, g, b, alpha]
-}
 
 /// Sorts the attributes in the header of an encoded EXR with one part by their names. The encoder keeps them in a hash
 /// map, so that the bytes of one picture would differ from run to run. The header keeps its length.

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::table::{self, Label};
+use crate::color;
 use crate::error::{Error, Result};
 use crate::volume::{Segment, ToF64, Volume, with_samples};
 
@@ -24,12 +25,12 @@ pub struct LabelCount {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Labels {
     table: BTreeMap<i64, Label>,
-    changes: Vec<(Which, LabelChange)>,
+    changes: Vec<(LabelSelection, LabelChange)>,
 }
 
 /// A choice of labels.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Which {
+pub enum LabelSelection {
     /// All but 0.
     All,
     /// Labels with numbers in one of these ranges, both ends included.
@@ -70,11 +71,7 @@ fn generated_color(label: i64) -> [f64; 3] {
     let number = label.unsigned_abs().wrapping_sub(1) as f64;
     let hue = (number * GOLDEN).rem_euclid(1.0);
     let [saturation, brightness] = [[0.75, 0.95], [0.5, 1.0], [0.85, 0.7]][(number % 3.0) as usize];
-    // Hue, saturation and value (Smith 1978, "Color gamut transform pairs").
-    [5.0, 3.0, 1.0].map(|n: f64| {
-        let k = (n + 6.0 * hue) % 6.0;
-        brightness * (1.0 - saturation * k.min(4.0 - k).clamp(0.0, 1.0))
-    })
+    color::hsv([hue, saturation, brightness])
 }
 
 impl Labels {
@@ -110,7 +107,7 @@ impl Labels {
     ///
     /// # Errors
     /// [`Error::Setting`] if an opacity or a factor is outside 0 to 1.
-    pub fn changed(mut self, which: Which, change: LabelChange) -> Result<Self> {
+    pub fn changed(mut self, which: LabelSelection, change: LabelChange) -> Result<Self> {
         if let LabelChange::Opacity(opacity) | LabelChange::Factor(opacity) = change
             && !(0.0..=1.0).contains(&opacity)
         {
@@ -150,7 +147,7 @@ impl Labels {
     }
 }
 
-impl Which {
+impl LabelSelection {
     /// Whether a label with a name is among them.
     pub(super) fn has(&self, label: i64, name: &str) -> bool {
         match self {
@@ -161,7 +158,7 @@ impl Which {
     }
 }
 
-impl std::str::FromStr for Which {
+impl std::str::FromStr for LabelSelection {
     type Err = Error;
 
     /// Parses `all`, numbers and ranges (1,4,7-9), or a name.
@@ -175,12 +172,10 @@ impl std::str::FromStr for Which {
         }
         let range = |part: &str| -> Option<[i64; 2]> {
             let part = part.trim();
-            if let Ok(number) = part.parse() {
-                return Some([number, number]);
-            }
-            // Not the sign of the first number.
-            let dash = part.char_indices().skip(1).find(|(_, c)| *c == '-')?.0;
-            let ends = [part[..dash].trim().parse().ok()?, part[dash + 1..].trim().parse().ok()?];
+            // A dash at the beginning is a sign.
+            let dash = part.char_indices().skip(1).find(|(_, c)| *c == '-');
+            let (low, high) = dash.map_or((part, part), |(at, _)| (&part[..at], &part[at + 1..]));
+            let ends = [low.trim().parse().ok()?, high.trim().parse().ok()?];
             (ends[0] <= ends[1]).then_some(ends)
         };
         let ranges: Option<Vec<[i64; 2]>> = text.split(',').map(range).collect();

@@ -34,7 +34,7 @@ fn are_comparable(a: &Volume, b: &Volume) -> bool {
     a.is_oriented() == b.is_oriented() && is_placed(a) && is_placed(b)
 }
 
-/// The map from the places of one lattice to those of another.
+/// The map from lattice coordinates of one lattice to lattice coordinates of another.
 fn between(from: &Grid, to: &Grid) -> DAffine3 {
     // Around the middle of the first, so that a distant origin costs no digits.
     let shift = to.to_lattice().matrix3 * (from.center() - to.center());

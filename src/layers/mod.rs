@@ -15,7 +15,7 @@ mod table;
 
 use std::sync::Arc;
 
-pub use self::labels::{LabelChange, LabelCount, Labels, Which, count_labels};
+pub use self::labels::{LabelChange, LabelCount, LabelSelection, Labels, count_labels};
 pub(crate) use self::labels::{Look, look_of};
 pub use self::lattice::{Fit, on_lattice};
 pub use self::recognise::recognised;
@@ -152,7 +152,7 @@ impl Layer {
     /// # Errors
     /// The errors of [`Self::labels`], and [`Error::Setting`] if the lattices differ (see [`on_lattice`]) or no voxel
     /// has such a label.
-    pub fn masked(self, mask: &Volume, which: &Which) -> Result<Self> {
+    pub fn masked(self, mask: &Volume, which: &LabelSelection) -> Result<Self> {
         check_lattice("mask", self.volume(), mask)?;
         let shown: Vec<i64> =
             count_labels(mask)?.into_iter().map(|count| count.label).filter(|&label| which.has(label, "")).collect();
@@ -224,7 +224,7 @@ fn check_lattice(name: &'static str, volume: &Volume, other: &Volume) -> Result<
 impl Layers {
     /// Makes one layer of a volume and its transfer function.
     #[must_use]
-    pub fn of(volume: &Volume, transfer: &TransferFunction) -> Self {
+    pub fn of_volume(volume: &Volume, transfer: &TransferFunction) -> Self {
         Self::new(Layer::scalars(volume, transfer))
     }
 

@@ -169,30 +169,15 @@ impl TransferFunction {
     ///
     /// If opacity jumps at such an end, the base value is off it, on the invisible side: half way to the neighbouring
     /// invisible point, or by half the range of the points if there is none; but by no more than half the value, if
-    /// that is not 0. So a clear point far away does not matter. A step at 0 alone tells nothing of the data: the
+    /// that is not 0. A clear point far away therefore does not matter. A single step at 0 gives no scale: the
     /// distance is 0.5.
     #[must_use]
     pub fn base(&self) -> f64 {
+        let below = self.base_below();
+        if let Some(base) = below.or_else(|| self.mirrored().base_below().map(|base| -base)) {
+            return base;
+        }
         let p = &self.points;
-        let invisible = |i: usize| p[i].opacity <= 0.0;
-        let last = p.len() - 1;
-        // The distance from a step, given the points on its invisible side.
-        let off = |value: f64, beyond: &[ControlPoint]| {
-            let half = |q: &ControlPoint| (q.value / 2.0 - value / 2.0).abs();
-            let neighbour = beyond.iter().map(half).filter(|&gap| gap > 0.0).reduce(f64::min);
-            let gap = neighbour.unwrap_or((p[last].value / 2.0 - p[0].value / 2.0).abs());
-            [gap, value.abs() / 2.0].into_iter().filter(|&gap| gap > 0.0).reduce(f64::min).unwrap_or(0.5)
-        };
-        if invisible(0) {
-            let end = (0..=last).take_while(|&i| invisible(i)).last().unwrap_or(0);
-            let steps = p.get(end + 1).is_some_and(|next| next.value <= p[end].value);
-            return p[end].value - if steps { off(p[end].value, &p[..end]) } else { 0.0 };
-        }
-        if invisible(last) {
-            let start = (0..=last).rev().take_while(|&i| invisible(i)).last().unwrap_or(last);
-            let steps = start > 0 && p[start - 1].value >= p[start].value;
-            return p[start].value + if steps { off(p[start].value, &p[start..]) } else { 0.0 };
-        }
         // Between two invisible points every value is invisible. A single invisible point is invisible at its value,
         // unless it is part of a step.
         let between = p.windows(2).find(|w| w.iter().all(|q| q.opacity <= 0.0) && w[0].value < w[1].value);
@@ -200,6 +185,22 @@ impl TransferFunction {
             return f64::midpoint(a.value, b.value);
         }
         p.iter().find(|q| self.sample(q.value).1 <= 0.0).unwrap_or(&p[0]).value
+    }
+
+    /// The base value below all visible values; `None` if the first value is visible.
+    fn base_below(&self) -> Option<f64> {
+        let p = &self.points;
+        let end = p.iter().take_while(|q| q.opacity <= 0.0).count().checked_sub(1)?;
+        let value = p[end].value;
+        if p.get(end + 1).is_none_or(|next| next.value > value) {
+            return Some(value);
+        }
+        // At a step, half the distance to the point before it, or of the range.
+        let half = |q: &ControlPoint| (q.value / 2.0 - value / 2.0).abs();
+        let neighbour = p[..end].iter().map(half).filter(|&gap| gap > 0.0).reduce(f64::min);
+        let gap = neighbour.unwrap_or((p[p.len() - 1].value / 2.0 - p[0].value / 2.0).abs());
+        let gap = [gap, value.abs() / 2.0].into_iter().filter(|&gap| gap > 0.0).reduce(f64::min);
+        Some(value - gap.unwrap_or(0.5))
     }
 
     /// The function mirrored at 0: it maps a value as this one maps its opposite. (At a step itself the other side
@@ -225,20 +226,18 @@ impl TransferFunction {
         if !self.is_invisible([value; 2]) {
             return None;
         }
+        Some([-self.mirrored().invisible_up_to(-value), self.invisible_up_to(value)])
+    }
+
+    /// The upper end of the values without opacity from `value` on, which has none.
+    fn invisible_up_to(&self, value: f64) -> f64 {
+        let p = &self.points;
+        let Some(visible) = p.iter().position(|q| q.value > value && q.opacity > 0.0) else { return f64::INFINITY };
         // A segment is invisible if both its ends are, so the range ends with the last invisible point.
-        let end = |visible: Option<&ControlPoint>, last: Option<&ControlPoint>, infinite: f64| match (visible, last) {
-            (None, _) => infinite,
-            (Some(visible), Some(last)) if last.value != visible.value => last.value,
-            (Some(visible), _) => f64::midpoint(value, visible.value),
-        };
-        let above = self.points.iter().position(|p| p.value > value && p.opacity > 0.0);
-        let below = self.points.iter().rposition(|p| p.value < value && p.opacity > 0.0);
-        let before = above.and_then(|i| self.points.get(i.checked_sub(1)?)).filter(|p| p.value >= value);
-        let after = below.and_then(|i| self.points.get(i + 1)).filter(|p| p.value <= value);
-        Some([
-            end(below.map(|i| &self.points[i]), after, f64::NEG_INFINITY),
-            end(above.map(|i| &self.points[i]), before, f64::INFINITY),
-        ])
+        match visible.checked_sub(1).map(|last| p[last].value) {
+            Some(last) if last >= value && last != p[visible].value => last,
+            _ => f64::midpoint(value, p[visible].value),
+        }
     }
 
     /// The ranges of values whose opacity is at least `least`, which is over 0: ascending and apart. Both ends are

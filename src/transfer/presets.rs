@@ -24,11 +24,13 @@ pub struct Preset {
     gradient: &'static [(f64, f64)],
 }
 
+/// A control point of a preset: its value, colour `0xrrggbb` and opacity.
+type Row = (fn(&Levels) -> f64, u32, f64);
+
 /// The control points of a preset.
 #[derive(Debug, Clone, Copy)]
 enum Ramp {
-    /// A value, a colour `0xrrggbb` and an opacity each.
-    Points(&'static [(fn(&Levels) -> f64, u32, f64)]),
+    Points(&'static [Row]),
     /// A colour map over the foreground. Opacity rises with the square of the place in the map, up to the given one.
     Map(fn(f64) -> colorous::Color, f64),
 }
@@ -208,10 +210,9 @@ impl Ramp {
     fn points(self, levels: &Levels) -> Vec<ControlPoint> {
         match self {
             Self::Points(rows) => {
-                let point = |&(value, rgb, opacity): &(fn(&Levels) -> f64, u32, f64)| ControlPoint {
-                    value: value(levels),
-                    color: color::packed(rgb),
-                    opacity,
+                let point = |&(value, rgb, opacity): &Row| {
+                    let (value, color) = (value(levels), color::packed(rgb));
+                    ControlPoint { value, color, opacity }
                 };
                 rows.iter().map(point).collect()
             }

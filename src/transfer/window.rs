@@ -16,7 +16,7 @@ pub struct Window {
 impl Window {
     /// Returns the window of the foreground, up to its 99.5th percentile; `None` if all values are the same.
     #[must_use]
-    pub fn of(statistics: &Statistics) -> Option<Self> {
+    pub fn of_foreground(statistics: &Statistics) -> Option<Self> {
         let [low, high] = presets::foreground(statistics)?;
         Some(Self { level: f64::midpoint(low, high), width: high - low }).filter(|window| window.ends().is_ok())
     }

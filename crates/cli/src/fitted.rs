@@ -72,7 +72,7 @@ fn fitted(
         TransferChoice::Labels => return Ok(Fitted { labels: true, ..Fitted::clear()? }),
         TransferChoice::Given(imported) => {
             let window = match asked.window {
-                None if imported.fits => Window::of(&statistics()?),
+                None if imported.fits => Window::of_foreground(&statistics()?),
                 given => given,
             };
             let transfer = imported.placed(volume.grid(), window.as_ref())?;

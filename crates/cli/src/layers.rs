@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use voxsplat::Background;
 use voxsplat::error::{Error, Hint};
 use voxsplat::formats::{self, LoadOptions};
-use voxsplat::layers::{Fit, Label, LabelChange, LabelCount, Labels, Layer, Layers, Which, count_labels, on_lattice};
+use voxsplat::layers::{
+    Fit, Label, LabelChange, LabelCount, LabelSelection, Labels, Layer, Layers, count_labels, on_lattice,
+};
 use voxsplat::report::readable;
 use voxsplat::volume::Volume;
 
@@ -16,7 +18,7 @@ use super::output;
 /// A change of the looks of some labels.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LabelArg {
-    which: Which,
+    which: LabelSelection,
     look: LabelChange,
 }
 
@@ -46,7 +48,7 @@ pub(crate) struct LayersJob {
     pub(crate) alone: bool,
     labels: Option<PathBuf>,
     looks: Looks,
-    mask: Option<(PathBuf, Which)>,
+    mask: Option<(PathBuf, LabelSelection)>,
 }
 
 /// How labels are to look.
@@ -135,16 +137,16 @@ impl LayersJob {
 pub(crate) fn parted(text: &Path) -> (PathBuf, &str) {
     let parts = text.to_str().and_then(|text| Some((text, text.rfind(':')?)));
     match parts.map(|(text, at)| (&text[..at], &text[at..], text[at + 1..].parse())) {
-        Some((file, labels, Ok(Which::All | Which::Numbers(_)))) => (PathBuf::from(file), labels),
+        Some((file, labels, Ok(LabelSelection::All | LabelSelection::Numbers(_)))) => (PathBuf::from(file), labels),
         // A path with a colon in it, such as C:\mask.nrrd, means itself.
         _ => (text.to_owned(), ""),
     }
 }
 
 /// The file of a mask and its labels: all but 0 if none are given.
-fn masked(text: &Path) -> Result<(PathBuf, Which), Failure> {
+fn masked(text: &Path) -> Result<(PathBuf, LabelSelection), Failure> {
     let (file, labels) = parted(text);
-    Ok((file, labels.strip_prefix(':').map_or(Ok(Which::All), str::parse)?))
+    Ok((file, labels.strip_prefix(':').map_or(Ok(LabelSelection::All), str::parse)?))
 }
 
 /// An error of a setting by the name of the option that was typed.
@@ -284,14 +286,18 @@ mod tests {
 
     #[test]
     fn labels_are_told_by_number_range_and_name() {
-        let numbers = |ranges: &[[i64; 2]]| Which::Numbers(ranges.to_vec());
+        let numbers = |ranges: &[[i64; 2]]| LabelSelection::Numbers(ranges.to_vec());
         for (text, which, look) in [
             ("3:0.5", numbers(&[[3, 3]]), LabelChange::Opacity(0.5)),
             ("-4--2,7:off", numbers(&[[-4, -2], [7, 7]]), LabelChange::Opacity(0.0)),
-            ("all:on", Which::All, LabelChange::Opacity(1.0)),
-            ("Left kidney:#ff0000", Which::Name("Left kidney".to_owned()), LabelChange::Color([1.0, 0.0, 0.0])),
+            ("all:on", LabelSelection::All, LabelChange::Opacity(1.0)),
+            (
+                "Left kidney:#ff0000",
+                LabelSelection::Name("Left kidney".to_owned()),
+                LabelChange::Color([1.0, 0.0, 0.0]),
+            ),
             ("2-3:x0.25", numbers(&[[2, 3]]), LabelChange::Factor(0.25)),
-            ("a:b:red", Which::Name("a:b".to_owned()), LabelChange::Color([1.0, 0.0, 0.0])),
+            ("a:b:red", LabelSelection::Name("a:b".to_owned()), LabelChange::Color([1.0, 0.0, 0.0])),
         ] {
             assert_eq!(label(text), Ok(LabelArg { which, look }), "{text}");
         }
@@ -321,8 +327,8 @@ mod tests {
     #[test]
     fn masks_have_labels_behind_their_file() {
         let of = |text: &str| masked(Path::new(text)).unwrap();
-        assert_eq!(of("m.nrrd"), (PathBuf::from("m.nrrd"), Which::All));
-        assert_eq!(of("C:/m.nrrd"), (PathBuf::from("C:/m.nrrd"), Which::All));
-        assert_eq!(of("C:/m.nrrd:2,5-6"), (PathBuf::from("C:/m.nrrd"), Which::Numbers(vec![[2, 2], [5, 6]])));
+        assert_eq!(of("m.nrrd"), (PathBuf::from("m.nrrd"), LabelSelection::All));
+        assert_eq!(of("C:/m.nrrd"), (PathBuf::from("C:/m.nrrd"), LabelSelection::All));
+        assert_eq!(of("C:/m.nrrd:2,5-6"), (PathBuf::from("C:/m.nrrd"), LabelSelection::Numbers(vec![[2, 2], [5, 6]])));
     }
 }

@@ -263,7 +263,7 @@ impl Session {
         };
         let transfer = &fitted.transfer;
         if self.channels.is_empty() && job.layers.is_plain() && !fitted.labels {
-            return Ok(Layers::of(&self.volume, transfer));
+            return Ok(Layers::of_volume(&self.volume, transfer));
         }
         let base = match (&*self.channels, fitted.labels) {
             (_, true) => {

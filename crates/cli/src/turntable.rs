@@ -132,7 +132,7 @@ impl Target {
             Destination::stdout()?;
             return Ok(Self::Stream(format.unwrap_or(Format::Y4m)));
         }
-        match (path.to_str().filter(|name| name.contains(FRAME)), format.or(Format::of(&path))) {
+        match (path.to_str().filter(|name| name.contains(FRAME)), format.or(Format::for_path(&path))) {
             (Some(name), _) => {
                 let first = PathBuf::from(numbered(name, 0, 1));
                 // A folder for the frames is made. If it cannot be, the check says what is wrong.

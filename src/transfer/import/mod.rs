@@ -32,7 +32,7 @@ const MAX_BYTES: u64 = 4 << 20;
 ///
 /// let volume = voxsplat::load("ct.nrrd", &Default::default())?;
 /// let imported = Imported::load("presets.xml#CT-Bone")?;
-/// let window = if imported.fits { Window::of(&Statistics::of(&volume)?) } else { None };
+/// let window = if imported.fits { Window::of_foreground(&Statistics::of(&volume)?) } else { None };
 /// let transfer = imported.placed(volume.grid(), window.as_ref())?;
 /// # Ok::<(), voxsplat::error::Error>(())
 /// ```
@@ -239,14 +239,13 @@ fn chosen<T>(
 ) -> Result<T> {
     let mut items: Vec<T> = items.into_iter().collect();
     let names: Vec<&str> = items.iter().map(|item| name(item).unwrap_or("(no name)")).collect();
-    let place = match (requested, names.len()) {
-        (_, 0) => return Err(fault("it holds no transfer function")),
-        (None, 1) => Some(0),
-        (None, _) => None,
-        (Some(requested), _) => names.iter().position(|name| *name == requested),
+    let place = match requested {
+        None => (names.len() == 1).then_some(0),
+        Some(requested) => names.iter().position(|name| *name == requested),
     };
     match place {
         Some(place) => Ok(items.swap_remove(place)),
+        None if names.is_empty() => Err(fault("it holds no transfer function")),
         None => {
             let choice = requested.map_or("choose one by FILE#NAME".to_owned(), |name| format!("none is {name:?}"));
             Err(fault(format!("it holds {} functions, {choice}: {}", names.len(), names.join(", "))))

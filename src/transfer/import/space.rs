@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::fault;
-use crate::color::{from_linear, to_linear};
+use crate::color::{from_linear, hsv, to_linear};
 use crate::error::Result;
 
 /// A space in which colours between two points are interpolated.
@@ -55,7 +55,7 @@ impl Space {
                 if wrap && (a[0] - b[0]).abs() > 0.5 {
                     if a[0] > b[0] { a[0] -= 1.0 } else { b[0] -= 1.0 }
                 }
-                hsv_to_rgb(mixed(a, b, s))
+                hsv(mixed(a, b, s))
             }
             Self::Diverging => diverging(a, b, s),
         }
@@ -81,15 +81,6 @@ fn rgb_to_hsv(rgb: [f64; 3]) -> [f64; 3] {
         4.0 + (r - g) / range
     };
     [(sixth / 6.0).rem_euclid(1.0), range / most, most]
-}
-
-fn hsv_to_rgb([hue, saturation, value]: [f64; 3]) -> [f64; 3] {
-    // Each channel is full over a third of the circle, and falls off over a sixth on both sides.
-    [0.0, 1.0 / 3.0, 2.0 / 3.0].map(|center| {
-        let away = (hue - center).rem_euclid(1.0);
-        let away = 6.0 * away.min(1.0 - away);
-        value * (1.0 - saturation * (away - 1.0).clamp(0.0, 1.0))
-    })
 }
 
 /// The white of Lab.
