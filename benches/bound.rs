@@ -152,7 +152,7 @@ struct Row {
 }
 
 fn row(renderer: &Renderer, c: &Combination, report: &mut Report, seed: u64) -> Outcome<Row> {
-    let (scene_of, at) = (Layers::of(&c.volume, &c.transfer), &c.camera);
+    let (scene_of, at) = (Layers::of_volume(&c.volume, &c.transfer), &c.camera);
     let chosen = choose(renderer, &scene_of, at, &c.settings, c.bound, CHOOSING)?;
     let truth = Truth::trace(&scene_of, at, &c.settings, CHECKING)?;
     let error = truth.estimate(&chosen.rendered.image)?.error;

@@ -9,7 +9,7 @@ fn main() -> voxsplat::Result<()> {
     let picture = arguments.next().unwrap_or_else(|| "minimal.png".to_owned());
 
     let volume = load(&source, &Default::default())?;
-    let look = Appearance::of(&source, &volume)?;
+    let look = Appearance::for_file(&source, &volume)?;
     let renderer = Renderer::new(&RendererOptions::default())?;
     let scene = renderer.prepare_layers(&look.layers, &look.settings)?;
     let rendered = renderer.render(&scene, &look.camera([512, 512])?, &look.settings)?;

@@ -1,7 +1,6 @@
-//! How a volume looks if nobody says otherwise: transfer function or labels, side, framing, light, material, sharpness.
+//! The default appearance of a volume: transfer function or labels, side, framing, light, material and sharpness.
 //!
-//! `voxsplat render FILE` draws the same picture; its options replace one choice or another.
-//! The example is that of [the library](crate).
+//! `voxsplat render FILE` draws the same picture; its options replace choices. [The library](crate) has an example.
 
 use std::fmt;
 use std::path::Path;
@@ -16,24 +15,24 @@ use crate::transfer::TransferFunction;
 use crate::transfer::presets::{self, Preset, Suggestion};
 use crate::volume::{Statistics, Volume};
 
-/// Azimuth and elevation of a view that shows three sides of a box, degrees.
+/// Azimuth and elevation of a view of three sides of a box, degrees.
 const OBLIQUE: [f64; 2] = [30.0, 20.0];
 
-/// The sharpness of a picture of surfaces: crisper edges at the cost of a frame without, and less noise than 1 shows.
+/// The sharpness of a picture of surfaces: crisper edges at no cost per frame, and less noise than at 1.
 const SHARPNESS: f64 = 0.5;
 
 /// [`Lighting::shadow_bias`] of labels, voxels: their surfaces are stairs of voxels, which cast shadows on each other.
 const LABEL_BIAS: f64 = 4.0;
 
-/// What the values of a volume mean.
+/// The meaning of the values of a volume.
 #[derive(Debug, Clone)]
-pub enum Meaning {
-    /// Labels, and why they are taken for such.
+pub enum ValueMeaning {
+    /// Labels.
     Labels {
-        /// The property of the volume or its file that speaks for labels.
+        /// The property of the volume or its file that indicates labels.
         reason: String,
     },
-    /// The values of a built-in volume, which has a transfer function of its own.
+    /// The values of a built-in volume, with its transfer function.
     BuiltIn(TransferFunction),
     /// Values that a preset suits.
     Values {
@@ -41,19 +40,19 @@ pub enum Meaning {
         transfer: TransferFunction,
         /// The preset.
         preset: &'static Preset,
-        /// The property of the volume that speaks for it.
+        /// The property of the volume that suits the preset.
         reason: String,
     },
 }
 
-impl Meaning {
-    /// What the values of the volume that `source` names mean: a file, or `demo:NAME`. Without `labels`, values are not
-    /// taken for labels. `statistics` is asked for if the values decide.
+impl ValueMeaning {
+    /// Finds the meaning of the values of a volume from `source`: a file, or `demo:NAME`. Without `labels`, values are
+    /// never taken for labels. Calls `statistics` only if the values decide.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) and [`Error::Memory`](crate::Error::Memory) if samples cannot be read;
     /// [`Error::Transfer`](crate::Error::Transfer) if all values are the same.
-    pub fn of(
+    pub fn find(
         source: impl AsRef<Path>,
         volume: &Volume,
         labels: bool,
@@ -70,12 +69,12 @@ impl Meaning {
     }
 }
 
-/// Which choices are left open.
+/// The choices that are left to the library.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Open {
-    /// From which side to look.
+pub struct OpenChoices {
+    /// The side of the volume that faces the eye.
     pub side: bool,
-    /// Whether there is light, and which.
+    /// The lights, or no light.
     pub light: bool,
     /// The material of lit surfaces.
     pub material: bool,
@@ -83,40 +82,40 @@ pub struct Open {
     pub sharpness: bool,
 }
 
-impl Open {
-    /// All of them.
+impl OpenChoices {
+    /// All choices.
     pub const ALL: Self = Self { side: true, light: true, material: true, sharpness: true };
 }
 
-/// What decides on the choices that are left open.
+/// The facts that decide open choices.
 #[derive(Debug, Clone, Copy)]
-pub struct Subject<'a> {
+pub struct ChoiceContext<'a> {
     /// The volume.
     pub volume: &'a Volume,
-    /// Whether it is built in: its front is known, though no file states an orientation.
+    /// Whether the volume is built in: its front is known although no file states an orientation.
     pub built_in: bool,
-    /// The preset that its transfer function is, if it is one.
+    /// The preset of its transfer function, if it has one.
     pub preset: Option<&'static Preset>,
     /// Whether labels are drawn.
     pub labels: bool,
-    /// Whether nothing but the volume is drawn: no labels over it, no mask.
+    /// Whether the volume is drawn alone, without labels over it or a mask.
     pub plain: bool,
 }
 
-/// A choice, and why. `Display` says it in the words of the library.
+/// A choice with its reason. `Display` prints it in the words of the library.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Choice {
     /// Values are labels.
     Labels {
-        /// Why they are taken for labels.
+        /// The reason to take them for labels.
         reason: String,
     },
     /// A preset.
     Preset {
         /// Its name.
         name: &'static str,
-        /// Why it suits.
+        /// The reason why it suits.
         reason: String,
     },
     /// An oblique side, because the file states no orientation. Degrees.
@@ -126,10 +125,9 @@ pub enum Choice {
         /// [`View::elevation`].
         elevation: f64,
     },
-    /// Studio light around the view, because there are surfaces: those of a preset, or of labels, whose shadows begin
-    /// farther from a voxel.
+    /// Studio light around the view, because a preset or labels have surfaces. Labels have a larger shadow bias.
     Light {
-        /// [`Lighting::shadow_bias`] in voxels, if it is that of labels.
+        /// [`Lighting::shadow_bias`] of labels, in voxels.
         shadow_bias: Option<f64>,
     },
     /// [`Settings::sharpness`], because the preset shows surfaces.
@@ -153,14 +151,14 @@ impl fmt::Display for Choice {
     }
 }
 
-impl Subject<'_> {
-    /// Makes the choices that are left open, in `view` and `settings`.
+impl ChoiceContext<'_> {
+    /// Makes the open choices in `view` and `settings`, and returns them.
     ///
     /// # Errors
     /// [`Error::Camera`](crate::Error::Camera) if the view has no direction.
-    pub fn choose(&self, open: Open, view: &mut View, settings: &mut Settings) -> Result<Vec<Choice>> {
+    pub fn make_choices(&self, open: OpenChoices, view: &mut View, settings: &mut Settings) -> Result<Vec<Choice>> {
         let mut choices = Vec::new();
-        // Of a box whose front means nothing the front hides most.
+        // The front of a box without an orientation hides most of it.
         let has_front = self.built_in || self.volume.is_oriented();
         if open.side && !has_front && !self.volume.grid().dims().contains(&1) {
             let [azimuth, elevation] = OBLIQUE;
@@ -180,7 +178,7 @@ impl Subject<'_> {
         if open.material {
             settings.lighting = settings.lighting.take().map(|lighting| material.lit(lighting));
         }
-        // Post-shaded, samples would be filtered: noise is left as it is unless sharpness is asked for.
+        // Post-shading would filter the samples: noise stays as it is unless sharpness is requested.
         if open.sharpness && composite && !settings.is_post_shaded() && self.plain {
             settings.sharpness = SHARPNESS;
             choices.push(Choice::Sharpness(SHARPNESS));
@@ -189,67 +187,68 @@ impl Subject<'_> {
     }
 }
 
-/// How a volume looks: what [`Renderer::prepare_layers`](crate::Renderer::prepare_layers),
-/// [`Renderer::render`](crate::Renderer::render) and a camera take, to be changed before use.
+/// The appearance of a volume: input of [`Renderer::prepare_layers`](crate::Renderer::prepare_layers),
+/// [`Renderer::render`](crate::Renderer::render) and a camera, to be changed before use.
 #[derive(Debug, Clone)]
 pub struct Appearance {
     /// The volume with its transfer function, or its labels.
     pub layers: Layers,
     /// Side and framing.
     pub view: View,
-    /// Light, material, sharpness; the rest has its defaults.
+    /// Light, material and sharpness; otherwise defaults.
     pub settings: Settings,
-    /// What was chosen, and why.
+    /// The choices that were made, with reasons.
     pub choices: Vec<Choice>,
 }
 
 impl Appearance {
-    /// The looks of the volume that `source` names: a file, or `demo:NAME`. A volume that is not from a file may name
-    /// any file.
+    /// Chooses the appearance of a volume from `source`: a file, or `demo:NAME`. A volume that is not from a file may
+    /// name any file.
     ///
     /// # Errors
-    /// Those of [`Meaning::of`].
-    pub fn of(source: impl AsRef<Path>, volume: &Volume) -> Result<Self> {
-        let meaning = Meaning::of(source, volume, true, || Ok(Statistics::of(volume)?))?;
-        let plain = |transfer| Layers::of(volume, transfer);
-        let subject = Subject { volume, built_in: false, preset: None, labels: false, plain: true };
+    /// The errors of [`ValueMeaning::find`].
+    pub fn for_file(source: impl AsRef<Path>, volume: &Volume) -> Result<Self> {
+        let meaning = ValueMeaning::find(source, volume, true, || Ok(Statistics::of(volume)?))?;
+        let alone = ChoiceContext { volume, built_in: false, preset: None, labels: false, plain: true };
         match meaning {
-            Meaning::Labels { reason } => {
+            ValueMeaning::Labels { reason } => {
                 let layers = Layers::new(Layer::labels(volume, &Labels::stated(volume))?);
-                Self::new(layers, Subject { labels: true, ..subject }, Some(Choice::Labels { reason }))
+                Self::new(layers, ChoiceContext { labels: true, ..alone }, Some(Choice::Labels { reason }))
             }
-            Meaning::BuiltIn(transfer) => Self::new(plain(&transfer), Subject { built_in: true, ..subject }, None),
-            Meaning::Values { transfer, preset, reason } => {
-                let chosen = Choice::Preset { name: preset.name, reason };
-                Self::new(plain(&transfer), Subject { preset: Some(preset), ..subject }, Some(chosen))
+            ValueMeaning::BuiltIn(transfer) => {
+                Self::new(Layers::of_volume(volume, &transfer), ChoiceContext { built_in: true, ..alone }, None)
+            }
+            ValueMeaning::Values { transfer, preset, reason } => {
+                let choice = Choice::Preset { name: preset.name, reason };
+                let context = ChoiceContext { preset: Some(preset), ..alone };
+                Self::new(Layers::of_volume(volume, &transfer), context, Some(choice))
             }
         }
     }
 
-    /// The looks of a volume with a preset.
+    /// Chooses the appearance of a volume with a preset.
     ///
     /// # Errors
     /// [`Error::Transfer`](crate::Error::Transfer) if there is no such preset, or if all values are the same;
     /// [`Error::Input`](crate::Error::Input) and [`Error::Memory`](crate::Error::Memory) if samples cannot be read.
-    pub fn with_preset(name: &str, volume: &Volume) -> Result<Self> {
-        let layers = Layers::of(volume, &TransferFunction::preset(name, volume)?);
+    pub fn for_preset(name: &str, volume: &Volume) -> Result<Self> {
+        let layers = Layers::of_volume(volume, &TransferFunction::preset(name, volume)?);
         let preset = Some(presets::find(name)?);
-        Self::new(layers, Subject { volume, built_in: false, preset, labels: false, plain: true }, None)
+        Self::new(layers, ChoiceContext { volume, built_in: false, preset, labels: false, plain: true }, None)
     }
 
-    /// The looks of what is drawn, after the choice of it.
-    fn new(layers: Layers, subject: Subject<'_>, chosen: Option<Choice>) -> Result<Self> {
+    fn new(layers: Layers, context: ChoiceContext<'_>, chosen: Option<Choice>) -> Result<Self> {
         let (mut view, mut settings) = (View::default(), Settings::default());
         let mut choices: Vec<Choice> = chosen.into_iter().collect();
-        choices.extend(subject.choose(Open::ALL, &mut view, &mut settings)?);
+        choices.extend(context.make_choices(OpenChoices::ALL, &mut view, &mut settings)?);
         view.around = layers.hull(&settings.clip)?;
         Ok(Self { layers, view, settings, choices })
     }
 
-    /// The camera of a picture of `size` pixels, width and height.
+    /// Returns the camera of a picture of `size` pixels, width and height.
     ///
     /// # Errors
-    /// Those of [`Camera::new`].
+    /// The errors of [`Camera::new`].
     pub fn camera(&self, size: [u32; 2]) -> Result<Camera> {
         Camera::new(&self.view, self.layers.grid(), size)
     }

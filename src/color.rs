@@ -41,6 +41,14 @@ pub(crate) fn named(name: &str) -> Option<[f64; 3]> {
     NAMED.iter().find(|(known, _)| *known == name).map(|(_, rgb)| packed(*rgb))
 }
 
+/// The colour of a hue, a saturation and a value in 0..1 (Smith 1978, "Color gamut transform pairs").
+pub(crate) fn hsv([hue, saturation, value]: [f64; 3]) -> [f64; 3] {
+    [5.0, 3.0, 1.0].map(|n: f64| {
+        let k = (n + 6.0 * hue) % 6.0;
+        value * (1.0 - saturation * k.min(4.0 - k).clamp(0.0, 1.0))
+    })
+}
+
 /// Converts a display value from 0 to 1 to the intensity of its light (sRGB, IEC 61966-2-1).
 pub(crate) fn to_linear(value: f64) -> f64 {
     if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
@@ -76,6 +84,7 @@ mod tests {
         for bad in ["", "#", "ff8000", "#ff800", "#ff80000", "#+f8000", "#gg0000", "#\u{e4}\u{e4}\u{e4}"] {
             assert_eq!(hex(bad), None, "{bad}");
         }
+        assert_eq!([hsv([0.0, 1.0, 1.0]), hsv([1.0 / 3.0, 1.0, 0.5])], [[1.0, 0.0, 0.0], [0.0, 0.5, 0.0]]);
         assert_eq!(short_hex("#ff8000"), None);
         assert_eq!(named("blurple"), None);
     }

@@ -13,9 +13,9 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// Everything that can go wrong.
 ///
-/// `{}` gives the message alone: one line without a trailing full stop, in the words of the library. The cause, if
-/// there is one, is what [`source`](std::error::Error::source) returns; the message does not repeat it, so a report
-/// that walks the chain prints each fact once. `{:#}` gives the whole of it in one line: message, cause and way out.
+/// `{}` prints the message alone: one line without a trailing full stop, in the words of the library.
+/// [`source`](std::error::Error::source) returns the cause, if there is one. The message does not repeat the cause, so
+/// that a report that walks the chain prints each fact once. `{:#}` prints message, cause and remedy in one line.
 ///
 /// ```
 /// use voxsplat::formats::{LoadOptions, load};
@@ -31,17 +31,17 @@ pub enum Error {
     Input(InputError),
     /// An output could not be created, written or renamed into place.
     Write {
-        /// The file asked for (not the temporary one).
+        /// The requested file (not the temporary one).
         path: PathBuf,
-        /// What the operating system or the encoder said.
+        /// The error of the operating system or the encoder.
         source: io::Error,
     },
     /// A path that cannot be an output: a directory, a device, an unknown extension; or a picture that the format of
     /// the output cannot hold.
     Output {
-        /// The file asked for.
+        /// The requested file.
         path: PathBuf,
-        /// Why it cannot be written.
+        /// The reason why it cannot be written.
         reason: String,
     },
     /// A transfer function that cannot be used.
@@ -52,7 +52,7 @@ pub enum Error {
     Setting {
         /// The setting: the name of its field, with `_` or `-` between words.
         name: &'static str,
-        /// What was given and what would be accepted.
+        /// The given value and the accepted values.
         reason: String,
     },
     /// No usable graphics adapter.
@@ -61,14 +61,14 @@ pub enum Error {
     Unsupported {
         /// The adapter's name.
         adapter: String,
-        /// What it lacks and what to do instead.
+        /// The missing feature and the remedy.
         reason: String,
     },
     /// There is no host memory for a volume or a picture.
     Memory {
-        /// What the memory is for.
+        /// The use of the memory.
         what: String,
-        /// Bytes asked for.
+        /// The requested bytes.
         bytes: u64,
     },
     /// The GPU ran out of memory.
@@ -77,7 +77,7 @@ pub enum Error {
     Device {
         /// The stage that was running.
         stage: String,
-        /// What the driver said.
+        /// The message of the driver.
         reason: String,
     },
     /// Pixels that do not make a picture.
@@ -92,17 +92,30 @@ impl Error {
         InputError::Volume(reason.into()).into()
     }
 
-    /// An [`InputError::Format`]: a file that is malformed or not of a format that is read.
+    /// An [`InputError::Format`]: a malformed file, or a file of an unknown format.
     pub(crate) fn format(path: &Path, reason: impl Into<String>) -> Self {
         InputError::format(path, reason).into()
     }
 
-    /// Whether a way to draw is refused, and another way may still succeed.
+    /// An [`Error::Setting`].
+    pub(crate) fn setting(name: &'static str, reason: impl Into<String>) -> Self {
+        Self::Setting { name, reason: reason.into() }
+    }
+
+    /// The same error with the path of the file whose text is no transfer function.
+    pub(crate) fn in_file(self, path: &Path) -> Self {
+        match self {
+            Self::Transfer(reason) => Self::format(path, reason),
+            other => other,
+        }
+    }
+
+    /// Whether the error refuses one way to draw, and another way may still succeed.
     pub(crate) fn refuses_settings(&self) -> bool {
         matches!(self, Self::Setting { .. } | Self::Unsupported { .. } | Self::Memory { .. } | Self::OutOfMemory(_))
     }
 
-    /// What the caller can do about it, if the library knows a way out that its message does not state.
+    /// Returns the remedy, if the library knows one that the message does not state.
     #[must_use]
     pub fn hint(&self) -> Option<Hint> {
         match self {
@@ -113,7 +126,7 @@ impl Error {
 }
 
 impl From<InputError> for Error {
-    /// Settings and memory are one kind of error, whatever they are of; other errors are about an input.
+    /// Converts errors of settings and memory to the same kind here; other errors are about an input.
     fn from(error: InputError) -> Self {
         match error {
             InputError::Setting { name, reason } => Self::Setting { name, reason },

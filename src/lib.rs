@@ -1,17 +1,17 @@
 //! A GPU splatting renderer for voxel volumes.
 //!
-//! A volume is a lattice of samples; a transfer function gives each some colour and extinction; every voxel that has
-//! any is a fuzzy ball, the *reconstruction kernel*, whose line integral, the *footprint*, is known in advance. The
+//! A volume is a lattice of samples. A transfer function gives each sample a colour and an extinction. Every visible
+//! voxel is a fuzzy ball, the *reconstruction kernel*; its line integral, the *footprint*, is known in advance. The
 //! painter `tiles`, the default, gathers footprints along rays. The painter `quads` draws them as quads into *sheets*
-//! parallel to the image and composites the sheets front to back: its optical depth is exact whatever the thickness of
-//! the sheets, and colours converge as the square of it.
+//! parallel to the image and composites the sheets front to back: optical depth is exact at any thickness of the
+//! sheets, and colours converge with its square.
 //!
 //! ```no_run
 //! use voxsplat::{Appearance, Background, Renderer, RendererOptions, load};
 //!
 //! # fn main() -> voxsplat::Result<()> {
 //! let volume = load("scan.nii.gz", &Default::default())?;
-//! let look = Appearance::of("scan.nii.gz", &volume)?; // transfer function, side, light, as `voxsplat render`
+//! let look = Appearance::for_file("scan.nii.gz", &volume)?; // transfer function, side, light, as `voxsplat render`
 //! let renderer = Renderer::new(&RendererOptions::default())?; // a device
 //! let scene = renderer.prepare_layers(&look.layers, &look.settings)?; // the visible voxels on it
 //! let rendered = renderer.render(&scene, &look.camera([1024, 1024])?, &look.settings)?;
@@ -20,7 +20,7 @@
 //! # }
 //! ```
 //!
-//! [`appearance`] chooses what is not said. Names that most programs use are at the root. The rest is in modules:
+//! [`appearance`] makes default choices. Names that most programs use are at the root, others in modules:
 //! [`volume`] (samples on a lattice), [`formats`] (readers), [`demos`] (built-in volumes), [`transfer`] (functions,
 //! presets, JSON), [`kernel`], [`camera`], [`clip`] (planes, boxes), [`lighting`], [`settings`], [`renderer`] (the
 //! GPU), [`mod@reference`] (the same model integrated in f64, to measure against), [`accuracy`] (pictures that keep an
@@ -76,7 +76,7 @@ pub use volume::{Grid, Volume};
 pub use voxsplat_volume::{formats, volume};
 pub use wgpu;
 
-/// What can be shared between threads.
+/// These types can be shared between threads.
 const _: fn() = || {
     fn shared<T: Send + Sync>() {}
     shared::<(Renderer, Scene, Camera, View, Settings, Volume, TransferFunction, Image, Rendered, Error)>();

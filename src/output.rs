@@ -7,40 +7,33 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::error::{Error, Result};
 
-fn directory_of(path: &Path) -> PathBuf {
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
-        _ => PathBuf::from("."),
-    }
+fn directory_of(path: &Path) -> &Path {
+    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// The file that a path leads to. Links are followed: a rename onto a link would replace the link.
+/// The file behind a path. Follows links, because a rename onto a link would replace the link.
 fn target(path: &Path) -> Result<PathBuf> {
-    let error = |reason: &str| Err(Error::Output { path: path.to_owned(), reason: reason.to_owned() });
-    // `Path` drops what follows a name: a separator, or a dot behind it.
+    let error = |reason: String| Error::Output { path: path.to_owned(), reason };
+    // `Path` drops a separator behind a name, and a dot behind the separator.
     let name = path.file_name().unwrap_or_default().as_encoded_bytes();
     if !path.as_os_str().as_encoded_bytes().ends_with(name) {
-        return error("it ends as a directory does, expected a file name");
+        return Err(error("it ends as a directory does, expected a file name".to_owned()));
     }
-    let file = if path.is_symlink() {
-        match path.canonicalize() {
-            Ok(file) => file,
-            Err(e) => return error(&format!("it is a link that leads nowhere: {e}")),
-        }
-    } else {
-        path.to_owned()
-    };
+    let mut file = path.to_owned();
+    if path.is_symlink() {
+        file = path.canonicalize().map_err(|e| error(format!("it is a link that leads nowhere: {e}")))?;
+    }
     if file.is_dir() {
-        return error("it is a directory, expected a file name");
+        return Err(error("it is a directory, expected a file name".to_owned()));
     }
     // A rename would replace a device or a pipe instead of writing to it.
     if file.exists() && !file.is_file() {
-        return error("it is not a regular file");
+        return Err(error("it is not a regular file".to_owned()));
     }
     Ok(file)
 }
 
-/// Refuses a path that cannot be written. It is checked before the work whose result would be lost.
+/// Refuses a path that cannot be written, before the work whose result would be lost.
 ///
 /// # Errors
 /// [`Error::Output`] if the path is a directory, a device or a pipe, or its own directory does not exist or cannot be
@@ -48,77 +41,67 @@ fn target(path: &Path) -> Result<PathBuf> {
 pub(crate) fn check_writable(path: &Path) -> Result<()> {
     let target = target(path)?;
     let directory = directory_of(&target);
+    let refused = |reason: String| Err(Error::Output { path: path.to_owned(), reason });
     if !directory.is_dir() {
         let name = directory.display();
-        let reason = match directory.exists() {
-            true => format!("{name} is no directory"),
-            false => format!("there is no directory {name}"),
-        };
-        return Err(Error::Output { path: path.to_owned(), reason });
+        let exists = directory.exists();
+        return refused(if exists {
+            format!("{name} is no directory")
+        } else {
+            format!("there is no directory {name}")
+        });
     }
-    let failed = |source| Err(Error::Write { path: path.to_owned(), source });
-    match target.symlink_metadata() {
-        // The name is too long, or has characters that the system does not take.
-        Err(e) if e.kind() != io::ErrorKind::NotFound => return failed(e),
-        _ => {}
+    // The name is too long, or has characters that the system does not accept.
+    if let Err(source) = target.symlink_metadata()
+        && source.kind() != io::ErrorKind::NotFound
+    {
+        return Err(Error::Write { path: path.to_owned(), source });
     }
     #[cfg(target_os = "linux")]
-    if unnamed(&directory).is_some() {
+    if unnamed(directory).is_some() {
         return Ok(());
     }
-    named(&directory).map(drop).map_err(|source| {
-        let reason = format!("no file can be made in {}: {source}", directory.display());
-        Error::Output { path: path.to_owned(), reason }
-    })
+    named(directory).map(drop).or_else(|e| refused(format!("no file can be made in {}: {e}", directory.display())))
 }
 
-/// The temporary names of files that are being written. The lock is held while a name is made or given up, so whoever
-/// holds it knows all names.
-struct Unfinished(Mutex<Names>);
-
-enum Names {
-    Open(Vec<PathBuf>),
-    /// No name is made any more.
-    Closed,
-}
+/// The temporary names of files that are being written; `None` if no more may be made. The lock is held while a name is
+/// made or removed, so that its holder knows all names.
+struct Unfinished(Mutex<Option<Vec<PathBuf>>>);
 
 static UNFINISHED: Unfinished = Unfinished::new();
 
-/// Removes the temporary files of pictures that are being written, and lets no other begin: from here on
+/// Removes the temporary files of pictures that are being written, and prevents new ones: from here on
 /// [`Image::save`](crate::Image::save) fails.
 ///
-/// For a program that handles signals: call it before the process ends, not in the signal handler itself but in the
-/// thread that is told of the signal. Linux needs it least: a picture has no name there until it is complete, on file
-/// systems that know unnamed files.
+/// For programs that handle signals: call it before the process ends, not in the signal handler but in the thread that
+/// receives the signal. On Linux a picture mostly has no name until it is complete, on file systems with unnamed files.
 pub fn abandon_unfinished() {
     UNFINISHED.abandon();
 }
 
 impl Unfinished {
     const fn new() -> Self {
-        Self(Mutex::new(Names::Open(Vec::new())))
+        Self(Mutex::new(Some(Vec::new())))
     }
 
     fn abandon(&self) {
-        let mut names = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Names::Open(names) = std::mem::replace(&mut *names, Names::Closed) {
-            // What cannot be removed cannot be reported either: the process ends.
-            names.iter().for_each(|name| drop(std::fs::remove_file(name)));
-        }
+        let names = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
+        // A file that cannot be removed cannot be reported either: the process ends.
+        names.iter().flatten().for_each(|name| drop(std::fs::remove_file(name)));
     }
 
-    /// Runs `step` with the names, unless they are closed.
+    /// Runs `step` with the names, unless no more may be made.
     fn with<T>(&self, step: impl FnOnce(&mut Vec<PathBuf>) -> io::Result<T>) -> io::Result<T> {
         match &mut *self.0.lock().unwrap_or_else(PoisonError::into_inner) {
-            Names::Open(names) => step(names),
-            Names::Closed => Err(io::Error::other("the program is ending")),
+            Some(names) => step(names),
+            None => Err(io::Error::other("the program is ending")),
         }
     }
 
     /// Writes a file under a temporary name and renames it when it is complete.
     fn write_named(&self, target: &Path, write: &impl Fn(&mut File) -> io::Result<()>) -> io::Result<()> {
         let mut file = self.with(|names| {
-            let file = named(&directory_of(target))?;
+            let file = named(directory_of(target))?;
             names.push(file.path().to_owned());
             Ok(file)
         })?;
@@ -155,34 +138,34 @@ fn temporary() -> tempfile::Builder<'static, 'static> {
     builder
 }
 
-/// A file under a temporary name, with the permissions of the user's umask. Its error does not state that name.
+/// Makes a file under a temporary name, with the permissions of the user's umask. Errors do not state the name.
 fn named(directory: &Path) -> io::Result<tempfile::NamedTempFile> {
     let create = |path: &Path| File::options().read(true).write(true).create_new(true).open(path);
     temporary().make_in(directory, create)
 }
 
-/// A file in `directory` without a name, which vanishes with the process; `None` if the system has none.
+/// Makes a file in `directory` without a name, which vanishes with the process; `None` if the system has no such files.
 #[cfg(target_os = "linux")]
 fn unnamed(directory: &Path) -> Option<File> {
     use std::os::unix::fs::OpenOptionsExt;
     let flags = rustix::fs::OFlags::TMPFILE.bits().cast_signed();
     let file = File::options().read(true).write(true).mode(0o666).custom_flags(flags).open(directory).ok()?;
-    // It is named by way of this folder.
+    // The link that names it goes through this folder.
     Path::new("/proc/self/fd").is_dir().then_some(file)
 }
 
-/// Writes a file that takes the name `path` when it is complete.
+/// Writes a file that gets the name `path` when it is complete.
 ///
 /// # Errors
 /// [`Error::Output`] if `path` is a directory, a device or a pipe, [`Error::Write`] if any step fails. Nothing is left
-/// behind then, and an older file stays as it was.
+/// behind then, and an older file stays unchanged.
 pub(crate) fn write_atomically(path: &Path, write: impl Fn(&mut File) -> io::Result<()>) -> Result<()> {
     let failed = |source| Error::Write { path: path.to_owned(), source };
     let target = target(path)?;
     #[cfg(target_os = "linux")]
-    if let Some(mut file) = unnamed(&directory_of(&target)) {
+    if let Some(mut file) = unnamed(directory_of(&target)) {
         write(&mut file).map_err(failed)?;
-        // File systems without links fail here, and succeed by the other way.
+        // File systems without links fail here, and succeed with a temporary name.
         if UNFINISHED.name(&file, &target).is_ok() {
             return Ok(());
         }

@@ -132,7 +132,7 @@ impl Renderer {
             let prepare = || Scene::of_scalars(context, volume, transfer, settings, &self.progress);
             return context.guarded("preparing the volume", prepare);
         }
-        self.prepared(&Layers::of(volume, transfer), settings)
+        self.prepared(&Layers::of_volume(volume, transfer), settings)
     }
 
     /// Prepares layers for pre-shaded pictures; one volume alone like [`Self::prepare`]. Several layers are always

@@ -9,7 +9,7 @@ use crate::camera::Camera;
 /// An end of an axis.
 #[derive(Debug, PartialEq)]
 pub(super) struct End {
-    /// What it is called; `None` if its name would lie on others.
+    /// Its name; `None` if the name would lie on other names.
     pub(super) name: Option<&'static str>,
     /// Whether a line leads to it.
     pub(super) line: bool,
@@ -17,7 +17,7 @@ pub(super) struct End {
     axis: usize,
     /// Its place, right and up: of length 1 if it lies in the picture's plane.
     pub(super) place: DVec2,
-    /// How far it is behind that plane; under 0 in front of it.
+    /// Its distance behind that plane; negative in front of it.
     depth: f64,
 }
 
@@ -25,7 +25,7 @@ pub(super) struct End {
 const PATIENT: [[&str; 2]; 3] = [["L", "R"], ["P", "A"], ["S", "I"]];
 const WORLD: [[&str; 2]; 3] = [["X", "−X"], ["Y", "−Y"], ["Z", "−Z"]];
 
-/// An axis whose ends are nearer to the middle than this is seen along its length: its near end alone has a name.
+/// An axis with ends closer to the middle than this is seen along its length: only its near end has a name.
 const ALONG: f64 = 0.4;
 
 /// Red, green and blue, of one luminance that shows on black and on white.
@@ -49,12 +49,12 @@ pub(super) fn ends(camera: &Camera, is_patient: bool) -> Vec<End> {
     ends
 }
 
-/// The side of the square that they take.
+/// The side of the square of the axes.
 pub(super) fn room(em: f64) -> f64 {
     6.0 * em
 }
 
-/// Draws them within a square whose lower left corner is given.
+/// Draws the axes in a square, given its lower left corner.
 pub(super) fn draw(canvas: &mut Canvas, camera: &Camera, is_patient: bool, corner: DVec2) {
     let em = canvas.em;
     let radius = 1.9 * em;

@@ -1,4 +1,4 @@
-//! What a figure is drawn on: a picture, or a region of it, over its background.
+//! The canvas of a figure: a picture, or a region of it, over its background.
 
 use glam::DVec2;
 
@@ -22,18 +22,18 @@ pub(super) struct Canvas {
     halo: [f64; 3],
 }
 
-/// The share of the light behind a halo that it stops.
+/// The opacity of a halo.
 const HALO: f64 = 0.8;
 
-/// The luminance over which black is farther from a colour than white is, as contrasts are counted by WCAG 2.
+/// The luminance above which black has more contrast to a colour than white, by WCAG 2.
 const BRIGHT: f64 = 0.179;
 
 impl Canvas {
-    /// A copy of the region of a picture.
+    /// Makes a canvas of a copy of the region of a picture.
     pub(super) fn new(image: &Image, region: Region, background: Background, em: f64) -> Result<Self> {
         let mut copy = Image::transparent(image.width(), image.height())?;
         copy.pixels_mut().copy_from_slice(image.pixels());
-        // A transparent picture is most often put on paper.
+        // A transparent picture is usually put on paper.
         let dark = matches!(background, Background::Color(color) if luminance(color) <= BRIGHT);
         let (black, white) = ([0.0; 3], [1.0; 3]);
         let (ink, halo) = if dark { (white, black) } else { (black, white) };
@@ -44,7 +44,7 @@ impl Canvas {
         self.image
     }
 
-    /// Draws a shape in a colour that stops this share of the light behind it.
+    /// Draws a shape in a colour that hides a share of the light behind it, its opacity.
     pub(super) fn fill(&mut self, path: &Path, color: [f64; 3], opacity: f64) {
         let Some(coverage) = path.coverage() else { return };
         let light = color.map(to_linear);
@@ -52,7 +52,7 @@ impl Canvas {
         let offset = [self.region.x, self.region.y].map(i64::from);
         for (y, row) in (coverage.origin[1] - offset[1]..).zip(coverage.shares.chunks_exact(coverage.width)) {
             for (x, &share) in (coverage.origin[0] - offset[0]..).zip(row) {
-                // Sums of f32 leave a little where there is nothing.
+                // Sums of f32 leave a rounding error outside the shape.
                 if share > 1e-4 && (0..width).contains(&x) && (0..height).contains(&y) {
                     let pixel = &mut self.image.pixels_mut()[(y * width + x) as usize];
                     *pixel = blended(*pixel, self.background, light, opacity * f64::from(share));
@@ -61,7 +61,7 @@ impl Canvas {
         }
     }
 
-    /// Draws a shape with a halo, to be seen on anything.
+    /// Draws a shape with a halo, visible on everything.
     pub(super) fn fill_with_halo(&mut self, path: &Path, color: [f64; 3]) {
         self.halo(path);
         self.fill(path, color, 1.0);
@@ -72,7 +72,7 @@ impl Canvas {
         self.fill(&path.outline((0.12 * self.em).max(1.2)), self.halo, HALO);
     }
 
-    /// Draws a ground on which letters and lines are seen.
+    /// Draws a ground that makes letters and lines visible.
     pub(super) fn ground(&mut self, path: &Path) {
         self.fill(path, self.halo, 0.5);
     }
@@ -85,7 +85,7 @@ impl Canvas {
     }
 }
 
-/// A pixel behind light of a colour that stops a share of it. Light is added as light: display values are not.
+/// Covers a share of a pixel with light of a colour. Light adds up linearly, display values do not.
 fn blended(pixel: [f32; 4], background: Background, light: [f64; 3], share: f64) -> [f32; 4] {
     let [r, g, b, alpha] = pixel.map(f64::from);
     let (premultiplied, alpha) = match background {

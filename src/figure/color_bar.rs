@@ -9,7 +9,7 @@ use super::path::Path;
 use crate::error::{Error, Result};
 use crate::transfer::{ControlPoint, TransferFunction};
 
-/// The values that a bar shows: those of the control points, without clear ones at the ends.
+/// The range of values of a bar: from the first to the last control point, without clear ones at the ends.
 pub(super) fn range(transfer: &TransferFunction) -> Result<[f64; 2]> {
     let points = transfer.points();
     let clear = |p: &&ControlPoint| p.opacity <= 0.0;
@@ -18,107 +18,101 @@ pub(super) fn range(transfer: &TransferFunction) -> Result<[f64; 2]> {
     let last = points.len() - 1 - points.iter().rev().take_while(clear).count().saturating_sub(1);
     let visible = if first < last { [points[first].value, points[last].value] } else { transfer.range() };
     let spread = |[low, high]: [f64; 2]| low < high && (high - low).is_finite();
-    [visible, transfer.range()].into_iter().find(|&range| spread(range)).ok_or_else(|| Error::Setting {
-        name: "color_bar",
-        reason: "the transfer function has one value, or values too far apart: there is no range to show".to_owned(),
-    })
+    let reason = "the transfer function has one value, or values too far apart: there is no range to show";
+    let range = [visible, transfer.range()].into_iter().find(|&range| spread(range));
+    range.ok_or_else(|| Error::setting("color_bar", reason))
 }
 
-/// The height of a bar in an area of a height: the unit is above, and below it says what the curve is.
+/// The height of a bar in an area of a height: the unit is above it, and the label of the curve below.
 pub(super) fn room(height: f64, em: f64) -> f64 {
     height - 3.0 * em
 }
 
-/// Where a bar and its labels are.
+/// The places of a bar and its labels.
 struct Layout {
-    values: Vec<f64>,
-    labels: Vec<String>,
-    /// Of the letters of labels, pixels.
-    text: f64,
+    range: [f64; 2],
+    labels: Vec<(f64, String)>,
     /// The edges of the bar, and its height, pixels.
     left: f64,
     right: f64,
     top: f64,
     tall: f64,
-    /// The width of the panel of the curve at its left.
+    /// The width of the panel of the curve at the left of the bar.
     wide: f64,
-    /// The largest opacity of what it shows.
+    /// The largest opacity in the range.
     densest: f64,
 }
 
 impl Layout {
-    /// That of a bar with its labels against the right of the area between two corners and in the middle of its
-    /// height.
+    /// Places a bar with its labels at the right of the area between two corners, in the middle of its height.
     fn new(font: &Font, transfer: &TransferFunction, em: f64, [least, most]: [DVec2; 2]) -> Result<Self> {
-        let [low, high] = range(transfer)?;
-        let text = 0.9 * em;
+        let range @ [low, high] = range(transfer)?;
         let tall = room(most.y - least.y, em).min(16.0 * em).floor();
         let top = (f64::midpoint(least.y, most.y) - tall / 2.0).round();
-        let (step, values) = ticks([low, high], (tall / (1.9 * em)).clamp(2.0, 6.0) as usize);
-        let labels: Vec<String> = values.iter().map(|&value| label(value, step)).collect();
-        let widest = labels.iter().map(|label| font.width(label, text)).fold(0.0, f64::max);
+        let (step, values) = ticks(range, (tall / (1.9 * em)).clamp(2.0, 6.0) as usize);
+        let labels: Vec<(f64, String)> = values.into_iter().map(|value| (value, label(value, step))).collect();
+        let widest = labels.iter().map(|(_, label)| font.width(label, TEXT * em)).fold(0.0, f64::max);
         let right = (most.x - widest - 0.45 * em).floor();
         let left = right - em.round();
         let densest =
             transfer.points().iter().filter(|p| (low..=high).contains(&p.value)).map(|p| p.opacity).fold(0.0, f64::max);
         let wide = if densest > 0.0 { 2.0 * em } else { 0.0 };
-        Ok(Self { values, labels, text, left, right, top, tall, wide, densest })
+        Ok(Self { range, labels, left, right, top, tall, wide, densest })
     }
 }
 
-/// How far to the left a bar reaches that is drawn in an area, with a little space beside it.
+/// The left end of a bar that is drawn in an area, with a little space beside it.
 pub(super) fn left_end(font: &Font, transfer: &TransferFunction, em: f64, area: [DVec2; 2]) -> Result<f64> {
     let layout = Layout::new(font, transfer, em, area)?;
     let text = if layout.wide > 0.0 { font.width(&curve_text(layout.densest), CURVE_TEXT * em) } else { 0.0 };
     Ok((layout.left - layout.wide).min(area[1].x - text) - 0.5 * em)
 }
 
-/// The size of the letters that say what the curve is, in sizes of letters.
+/// The size of labels, and of the label of the curve, in sizes of letters.
+const TEXT: f64 = 0.9;
 const CURVE_TEXT: f64 = 0.8;
 
-/// What the curve is whose largest opacity is `densest`.
+/// The label of a curve with a largest opacity.
 fn curve_text(densest: f64) -> String {
     // Two digits, without a last 0.
     let number = label(densest, (densest / 10.0).min(0.1));
     format!("opacity 0–{}", if densest < 1.0 { number.trim_end_matches('0') } else { "1" })
 }
 
-/// Draws the bar with its labels, against the right of the area between two corners and in the middle of its height.
+/// Draws the bar with its labels at the right of the area between two corners, in the middle of its height.
 pub(super) fn draw(
     canvas: &mut Canvas,
     transfer: &TransferFunction,
     unit: Option<&str>,
     area: [DVec2; 2],
 ) -> Result<()> {
-    let [low, high] = range(transfer)?;
     let (em, [_, most]) = (canvas.em, area);
-    let Layout { values, labels, text, left, right, top, tall, wide, densest } =
+    let Layout { range: [low, high], labels, left, right, top, tall, wide, densest } =
         Layout::new(&canvas.font, transfer, em, area)?;
-    let y_of = |value: f64| top + tall * (high - value) / (high - low);
 
     // The curve of opacity, to the left; the largest opacity is as far from the bar as the panel is wide.
     let rows = tall as u32;
     let value_of = |y: f64| high - (high - low) * (y - top) / tall;
-    let places: Vec<f64> = (0..=rows).map(|row| top + f64::from(row)).collect();
-    let opacity = |y: f64| transfer.sample(value_of(y).clamp(low, high)).1;
     if densest > 0.0 {
-        let curve: Vec<DVec2> = places.iter().map(|&y| DVec2::new(left - wide * opacity(y) / densest, y)).collect();
-        let panel = Path::rectangle(DVec2::new(left - wide, top), DVec2::new(left, top + tall));
-        canvas.ground(&panel);
+        let place = |row: u32| {
+            let y = top + f64::from(row);
+            DVec2::new(left - wide * transfer.sample(value_of(y).clamp(low, high)).1 / densest, y)
+        };
+        let curve: Vec<DVec2> = (0..=rows).map(place).collect();
+        canvas.ground(&Path::rectangle(DVec2::new(left - wide, top), DVec2::new(left, top + tall)));
         let ends = [DVec2::new(left, top + tall), DVec2::new(left, top)];
         canvas.fill(&Path::polygon(curve.iter().copied().chain(ends).collect()), canvas.ink, 0.3);
         canvas.fill(&Path::line(&curve, (0.09 * em).max(1.0)), canvas.ink, 1.0);
         canvas.write(&curve_text(densest), CURVE_TEXT * em, DVec2::new(most.x, top + tall + 0.85 * em), 1.0);
     }
 
-    let frame = Path::rectangle(DVec2::new(left, top), DVec2::new(right, top + tall));
-    canvas.halo(&frame);
+    canvas.halo(&Path::rectangle(DVec2::new(left, top), DVec2::new(right, top + tall)));
     let thin = (em / 14.0).max(1.0);
-    for (value, label) in values.iter().zip(&labels) {
-        let y = y_of(*value).clamp(top + thin / 2.0, top + tall - thin / 2.0);
+    for (value, label) in &labels {
+        let y = (top + tall * (high - value) / (high - low)).clamp(top + thin / 2.0, top + tall - thin / 2.0);
         let tick = [DVec2::new(right, y - thin / 2.0), DVec2::new(right + 0.25 * em, y + thin / 2.0)];
         canvas.fill_with_halo(&Path::rectangle(tick[0], tick[1]), canvas.ink);
-        canvas.write(label, text, DVec2::new(right + 0.45 * em, y), 0.0);
+        canvas.write(label, TEXT * em, DVec2::new(right + 0.45 * em, y), 0.0);
     }
     // Over the halos of its ticks.
     for row in 0..rows {
@@ -127,7 +121,7 @@ pub(super) fn draw(
         canvas.fill(&Path::rectangle(DVec2::new(left, y), DVec2::new(right, y + 1.0)), color, 1.0);
     }
     if let Some(unit) = unit {
-        canvas.write(unit, text, DVec2::new(most.x, top - 0.9 * em), 1.0);
+        canvas.write(unit, TEXT * em, DVec2::new(most.x, top - 0.9 * em), 1.0);
     }
     Ok(())
 }

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 
 pub(super) struct Font(Face<'static>);
 
-/// How far, in pixels, a chord may be from a curve.
+/// The largest distance of a chord from its curve, pixels.
 const FLATNESS: f64 = 0.02;
 
 impl Font {
@@ -42,7 +42,7 @@ impl Font {
         size / f64::from(self.0.units_per_em())
     }
 
-    /// A line of text at a size in pixels, which begins at `origin` on its baseline.
+    /// The outlines of a line of text at a size in pixels, which begins at `origin` on its baseline.
     pub(super) fn text(&self, text: &str, size: f64, origin: DVec2) -> Path {
         let mut pen = Pen { path: Path::default(), polygon: Vec::new(), origin, scale: self.scale(size) };
         for c in text.chars() {
@@ -55,7 +55,7 @@ impl Font {
         pen.path
     }
 
-    /// Text in lines of at most `width` pixels, broken between words, and where it says so.
+    /// Breaks text into lines of at most `width` pixels, between words and at line breaks.
     pub(super) fn lines(&self, text: &str, size: f64, width: f64) -> Vec<String> {
         let mut lines = Vec::new();
         for paragraph in text.lines() {
@@ -86,12 +86,6 @@ impl Pen {
     fn at(&self, x: f32, y: f32) -> DVec2 {
         self.origin + DVec2::new(x.into(), -f64::from(y)) * self.scale
     }
-
-    /// Adds a curve in so many chords that `bend`, how far its control points are from even, stays flat.
-    fn curve(&mut self, bend: DVec2, place: impl Fn(f64) -> DVec2) {
-        let chords = (bend.length() / (4.0 * FLATNESS)).sqrt().ceil().max(1.0) as u32;
-        self.polygon.extend((1..=chords).map(|i| place(f64::from(i) / f64::from(chords))));
-    }
 }
 
 impl OutlineBuilder for Pen {
@@ -106,18 +100,14 @@ impl OutlineBuilder for Pen {
     fn quad_to(&mut self, x1: f32, y1: f32, x: f32, y: f32) {
         let Some(&a) = self.polygon.last() else { return };
         let (b, c) = (self.at(x1, y1), self.at(x, y));
-        self.curve(a - 2.0 * b + c, |t| a.lerp(b, t).lerp(b.lerp(c, t), t));
+        let chords = ((a - 2.0 * b + c).length() / (4.0 * FLATNESS)).sqrt().ceil().max(1.0) as u32;
+        let shares = (1..=chords).map(|chord| f64::from(chord) / f64::from(chords));
+        self.polygon.extend(shares.map(|t| a.lerp(b, t).lerp(b.lerp(c, t), t)));
     }
 
-    fn curve_to(&mut self, x1: f32, y1: f32, x2: f32, y2: f32, x: f32, y: f32) {
-        let Some(&a) = self.polygon.last() else { return };
-        let (b, c, d) = (self.at(x1, y1), self.at(x2, y2), self.at(x, y));
-        // The sum of both bends, three times, as a cubic has it at most.
-        let bend = 3.0 * ((a - 2.0 * b + c).abs() + (b - 2.0 * c + d).abs());
-        self.curve(bend, |t| {
-            let (ab, bc, cd) = (a.lerp(b, t), b.lerp(c, t), c.lerp(d, t));
-            ab.lerp(bc, t).lerp(bc.lerp(cd, t), t)
-        });
+    /// TrueType fonts have no cubic curves.
+    fn curve_to(&mut self, _: f32, _: f32, _: f32, _: f32, x: f32, y: f32) {
+        self.line_to(x, y);
     }
 
     fn close(&mut self) {

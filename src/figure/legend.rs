@@ -2,6 +2,7 @@
 
 use glam::DVec2;
 
+use super::NO_ROOM;
 use super::canvas::Canvas;
 use super::font::Font;
 use super::path::Path;
@@ -15,82 +16,69 @@ const PATCH: f64 = 0.9;
 /// From the left edge of a patch to its name, and from a name to the next column.
 const INDENT: f64 = 1.4;
 const GAP: f64 = 1.0;
-/// The widest name; what is longer is cut off.
+/// The largest width of a name; longer names are cut.
 const WIDEST: f64 = 14.0;
-/// What stands for the rest of a name.
+/// The sign at the end of a cut name.
 const CUT: char = '…';
 
-/// The columns of a legend: the names in each, with its width; and how many entries there is no room for.
+/// The columns of a legend, each with its names and its width, and the number of entries that do not fit.
 struct Columns {
     columns: Vec<(Vec<String>, f64)>,
     left_out: usize,
 }
 
-/// How names fit into a width and a height. Columns are filled one after the other, over at most half of the width if
-/// there are several. If there is no room for all, the last line says how many are missing.
+/// Arranges names in a width and a height. Columns are filled one after the other, over at most half of the width if
+/// there are several. If there is no room for all, the last line is left for the number of missing entries.
 fn arranged(font: &Font, entries: &[LegendEntry], em: f64, [width, height]: [f64; 2]) -> Columns {
     let rows = (height / (LINE * em)).floor().max(0.0) as usize;
     let names: Vec<String> = entries.iter().map(|entry| cut(font, &entry.name, TEXT * em, WIDEST * em)).collect();
-    let of = |names: &[String]| {
-        let widest = names.iter().map(|name| font.width(name, TEXT * em)).fold(0.0, f64::max);
-        (names.to_vec(), INDENT * em + widest)
-    };
-    let (mut columns, mut taken, mut placed) = (Vec::new(), 0.0, 0);
+    let mut columns: Vec<(Vec<String>, f64)> = Vec::new();
+    let (mut used, mut left_out) = (0.0, entries.len());
     for names in names.chunks(rows.max(1)) {
-        let (names, wide) = of(names);
-        let gap = if columns.is_empty() { 0.0 } else { GAP * em };
-        // More columns than one leave half of the picture free.
-        let room = if columns.is_empty() { width } else { width / 2.0 };
-        if rows == 0 || taken + gap + wide > room {
+        let widest = names.iter().map(|name| font.width(name, TEXT * em)).fold(0.0, f64::max);
+        let wide = INDENT * em + widest;
+        // Several columns leave half of the picture free.
+        let (gap, room) = if columns.is_empty() { (0.0, width) } else { (GAP * em, width / 2.0) };
+        if rows == 0 || used + gap + wide > room {
             break;
         }
-        taken += gap + wide;
-        placed += names.len();
-        columns.push((names, wide));
+        used += gap + wide;
+        left_out -= names.len();
+        columns.push((names.to_vec(), wide));
     }
-    if placed < entries.len()
-        && let Some((last, _)) = columns.last_mut()
-    {
-        // Its line says so in place of a name.
+    if let Some((last, _)) = columns.last_mut().filter(|_| left_out > 0) {
         last.pop();
-        placed -= 1;
+        left_out += 1;
     }
-    Columns { columns, left_out: entries.len() - placed }
+    Columns { columns, left_out }
 }
 
-/// As much of a name as fits.
+/// Cuts a name to a width.
 fn cut(font: &Font, name: &str, size: f64, most: f64) -> String {
     if font.width(name, size) <= most {
         return name.to_owned();
     }
     let room = most - font.width(&CUT.to_string(), size);
-    let mut kept = String::new();
-    for c in name.chars() {
-        kept.push(c);
-        if font.width(&kept, size) > room {
-            kept.pop();
-            break;
-        }
-    }
-    format!("{}{CUT}", kept.trim_end())
+    let fits = |end: &usize| font.width(&name[..*end], size) <= room;
+    let end = name.char_indices().map(|(at, _)| at).take_while(fits).last().unwrap_or(0);
+    format!("{}{CUT}", name[..end].trim_end())
 }
 
-/// Refuses names that cannot be written, and a legend of which no line fits.
+/// Refuses names that cannot be written, and a legend without room for a line.
 pub(super) fn check(font: &Font, entries: &[LegendEntry], em: f64, room: [f64; 2]) -> Result<()> {
-    let refused = |reason: String| Err(Error::Setting { name: "legend", reason });
     for LegendEntry { name, .. } in entries {
-        let lacked = font.lacks(name).or_else(|| name.chars().find(|c| c.is_control()));
-        if let Some(c) = lacked {
-            return refused(format!("{name:?}: the font has no {c:?}: it has Latin, Greek and Cyrillic letters"));
+        if let Some(c) = font.lacks(name).or_else(|| name.chars().find(|c| c.is_control())) {
+            let reason = format!("{name:?}: the font has no {c:?}: it has Latin, Greek and Cyrillic letters");
+            return Err(Error::setting("legend", reason));
         }
     }
     if arranged(font, entries, em, room).left_out == entries.len() {
-        return refused("there is no room for it: choose a larger picture, or shorter texts".to_owned());
+        return Err(Error::setting("legend", NO_ROOM));
     }
     Ok(())
 }
 
-/// Draws it within an area, from its upper left corner on.
+/// Draws a legend in an area, from its upper left corner.
 pub(super) fn draw(canvas: &mut Canvas, entries: &[LegendEntry], [least, most]: [DVec2; 2]) {
     let em = canvas.em;
     let Columns { columns, left_out } = arranged(&canvas.font, entries, em, (most - least).to_array());

@@ -1,7 +1,7 @@
-//! What a picture needs to stand in a figure: a scale bar, axes, a colour bar, a legend, a title and a caption.
+//! Figures: a scale bar, axes, a colour bar, a legend, a title and a caption on a picture.
 //!
-//! They are drawn on the finished picture, in letters of Open Sans, and grow with the shorter side of the picture. On a
-//! dark background they are white, otherwise black, each with a halo that keeps it legible in front of the volume.
+//! They are drawn on the finished picture, in Open Sans, and scale with the shorter side of the picture. They are white
+//! on a dark background, otherwise black, with a halo that keeps them legible in front of the volume.
 //!
 //! ```no_run
 //! use voxsplat::figure::{Figure, Shown};
@@ -43,24 +43,24 @@ use crate::settings::Model;
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
 
-/// What is drawn on a picture; by default nothing.
+/// The annotations that are drawn on a picture; by default none.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Figure {
     /// A bar of a round length (1, 2 or 5 times a power of ten) at the lower right, in the unit of
     /// [`Volume::length_unit`], otherwise in voxels if they are 1 apart, or in units. With parallel rays it is true
-    /// everywhere; in perspective it is true at the depth of the camera's target, and says "at the centre".
+    /// everywhere; in perspective it is true at the depth of the camera's target, and labelled "at the centre".
     pub scale_bar: bool,
-    /// The axes of the world at the lower left, as they are seen at the centre. If [`Volume::is_oriented`], their ends
-    /// have the letters of the patient: right and left, anterior and posterior, superior and inferior. Otherwise they
-    /// are X, Y and Z.
+    /// The axes of the world at the lower left, as seen at the centre. If [`Volume::is_oriented`], letters name the
+    /// sides of the patient: right and left, anterior and posterior, superior and inferior. Otherwise they are X, Y and
+    /// Z.
     pub axes: bool,
-    /// The colours of the transfer function over the values that it shows, at the right, with a curve of its opacity
-    /// (of a slab one unit distance thick) and the unit of the values, if that is known. Colours are those without
-    /// light. An X-ray has none.
+    /// The colours of the transfer function over its visible values, at the right, with a curve of its opacity (of a
+    /// slab one unit distance thick) and the unit of the values, if it is known. Colours are unlit. X-rays have no
+    /// colour bar.
     pub color_bar: bool,
-    /// Patches of colour with names at the upper left: of labels or channels (see
-    /// [`Layers::legend`](crate::layers::Layers::legend)), in columns over at most half of the picture; if there is no
-    /// room for all, the last line says how many are left out. Colours are those without light. An X-ray has none.
+    /// Patches of colour with the names of labels or channels at the upper left (see
+    /// [`Layers::legend`](crate::layers::Layers::legend)), in columns over at most half of the picture. If there is no
+    /// room for all, the last line counts the missing entries. Colours are unlit. X-rays have no legend.
     pub legend: Vec<LegendEntry>,
     /// Text above, in at most 3 lines.
     pub title: Option<String>,
@@ -68,7 +68,7 @@ pub struct Figure {
     pub caption: Option<String>,
 }
 
-/// What a picture shows.
+/// The content of a picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Shown<'a> {
     /// The volume.
@@ -77,60 +77,101 @@ pub struct Shown<'a> {
     pub transfer: &'a TransferFunction,
     /// The camera of the whole picture.
     pub camera: &'a Camera,
-    /// What a pixel is.
+    /// The model of a pixel.
     pub model: Model,
 }
 
-/// The shortest side of a picture, in pixels, that letters fit on.
+/// The shortest side of a picture with room for letters, pixels.
 const LEAST_SIDE: u32 = 128;
 /// The size of letters, as a share of the shorter side: 8 points in a picture 8 cm high.
 const EM: f64 = 0.035;
-/// The smallest letters that can be read, pixels.
+/// The smallest legible size of letters, pixels.
 const LEAST_EM: f64 = 11.0;
-/// Space between the edge of the picture and what is drawn, in sizes of letters.
+/// Space between the edge of the picture and a figure, in sizes of letters.
 const MARGIN: f64 = 0.8;
 /// The least height of a colour bar, in sizes of letters.
 const LEAST_BAR: f64 = 3.0;
-/// The most characters of a unit.
+/// The largest number of characters of a unit.
 const LONGEST_UNIT: usize = 16;
-/// The most of a picture that is reserved on a side.
+/// The largest share of a picture that is reserved on a side.
 const MOST_RESERVED: f64 = 1.0 / 3.0;
 /// The distance of lines of text, in sizes of letters.
 const LINE: f64 = 1.3;
 
-/// A text above or below, in lines.
+/// The reason to refuse a part of a figure that does not fit.
+const NO_ROOM: &str = "there is no room for it: choose a larger picture, or shorter texts";
+
+/// The title or the caption, in lines.
 struct Text {
     lines: Vec<String>,
-    /// Of the letters, pixels.
+    /// The size of letters, pixels.
     size: f64,
 }
 
 impl Text {
+    /// Breaks a text into at most `most` lines of at most `width` pixels.
+    fn new(
+        font: &Font,
+        name: &'static str,
+        text: Option<&str>,
+        size: f64,
+        (most, width): (usize, f64),
+    ) -> Result<Self> {
+        let refused = |reason: String| Err(Error::setting(name, reason));
+        let text = text.unwrap_or_default();
+        if let Some(c) = text.chars().find(|&c| c.is_control() && c != '\n') {
+            return refused(format!("it has the control character {c:?}"));
+        }
+        if let Some(c) = font.lacks(text) {
+            return refused(format!("the font has no {c:?}: it has Latin, Greek and Cyrillic letters"));
+        }
+        let lines = font.lines(text, size, width);
+        if lines.len() > most || lines.iter().any(|line| font.width(line, size) > width) {
+            return refused(format!("it is too long: expected words that fit into {most} lines of the picture"));
+        }
+        Ok(Self { lines, size })
+    }
+
     fn height(&self) -> f64 {
         self.lines.len() as f64 * LINE * self.size
     }
 
     /// Writes the lines in the middle of a width, the first below `top`.
     fn write(&self, canvas: &mut Canvas, width: f64, top: f64) {
-        for (i, line) in (0_u32..).zip(&self.lines) {
-            let y = top + (f64::from(i) + 0.5) * LINE * self.size;
+        for (i, line) in self.lines.iter().enumerate() {
+            let y = top + (i as f64 + 0.5) * LINE * self.size;
             canvas.write(line, self.size, DVec2::new(width / 2.0, y), 0.5);
         }
     }
 }
 
+/// The places of the parts of a figure, pixels.
+struct Places {
+    font: Font,
+    /// The size of letters.
+    em: f64,
+    /// Width and height of the picture.
+    size: [f64; 2],
+    title: Text,
+    caption: Text,
+    /// The bottom of the area above the caption.
+    low: f64,
+    /// The corners of the area between the title, the caption, the scale bar and the margins.
+    area: [DVec2; 2],
+}
+
 impl Figure {
-    /// Whether nothing is drawn.
+    /// Returns whether nothing is drawn.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
 
-    /// Refuses what cannot be drawn on a picture of a size (width, height) and a model.
+    /// Refuses a figure that cannot be drawn on a picture of a size (width, height) and a model.
     ///
     /// # Errors
     /// [`Error::Setting`] if a text is too long or has a character that the font lacks, if a side of the picture is
-    /// under 128 pixels, or if a colour bar or a legend is asked for and there is no room for it, or it is of an X-ray.
+    /// under 128 pixels, or if there is no room for a colour bar or a legend, or the picture is an X-ray.
     pub fn validate(&self, size: [u32; 2], model: Model) -> Result<()> {
         if self.is_empty() {
             return Ok(());
@@ -138,107 +179,88 @@ impl Figure {
         if size.into_iter().any(|side| side < LEAST_SIDE) {
             let [width, height] = size;
             let reason = format!("{width}x{height} pixels, expected sides of {LEAST_SIDE} or more for a figure");
-            return Err(Error::Setting { name: "size", reason });
+            return Err(Error::setting("size", reason));
         }
-        if self.color_bar && model == Model::Xray {
-            let reason = "an X-ray is white: it has no colours to show".to_owned();
-            return Err(Error::Setting { name: "color_bar", reason });
+        let has_legend = !self.legend.is_empty();
+        for (name, drawn, verb) in [("color_bar", self.color_bar, "show"), ("legend", has_legend, "name")] {
+            if drawn && model == Model::Xray {
+                return Err(Error::setting(name, format!("an X-ray is white: it has no colours to {verb}")));
+            }
         }
-        if !self.legend.is_empty() && model == Model::Xray {
-            let reason = "an X-ray is white: it has no colours to name".to_owned();
-            return Err(Error::Setting { name: "legend", reason });
+        let places = self.places(size)?;
+        if has_legend {
+            let [least, most] = self.legend_area(&places);
+            legend::check(&places.font, &self.legend, places.em, (most - least).to_array())?;
         }
-        let font = Font::new()?;
-        let texts = self.texts(&font, size)?;
-        let ([top, foot], em) = (self.free(&texts, size), em(size));
-        if !self.legend.is_empty() {
-            let [least, most] = self.legend_area([top, foot], size);
-            legend::check(&font, &self.legend, em, (most - least).to_array())?;
-        }
-        if self.color_bar && color_bar::room(foot - top, em) < LEAST_BAR * em {
-            let reason = "there is no room for it: choose a larger picture, or shorter texts".to_owned();
-            return Err(Error::Setting { name: "color_bar", reason });
+        let [least, most] = places.area;
+        if self.color_bar && color_bar::room(most.y - least.y, places.em) < LEAST_BAR * places.em {
+            return Err(Error::setting("color_bar", NO_ROOM));
         }
         Ok(())
     }
 
-    /// The rows between title and caption that a scale bar does not take.
-    fn free(&self, [title, caption]: &[Text; 2], size: [u32; 2]) -> [f64; 2] {
-        let em = em(size);
+    fn places(&self, size: [u32; 2]) -> Result<Places> {
+        let font = Font::new()?;
+        let size = size.map(f64::from);
+        let [width, height] = size;
+        let em = (EM * width.min(height)).max(LEAST_EM);
+        let margin = MARGIN * em;
+        let wide = width - 2.0 * margin;
+        let title = Text::new(&font, "title", self.title.as_deref(), 1.25 * em, (3, wide))?;
+        let caption = Text::new(&font, "caption", self.caption.as_deref(), 0.9 * em, (6, wide))?;
+        let low = height - margin - caption.height();
         let bar = if self.scale_bar { scale_bar::height(em) } else { 0.0 };
-        [MARGIN * em + title.height(), f64::from(size[1]) - MARGIN * em - caption.height() - bar]
+        let area = [DVec2::new(margin, margin + title.height()), DVec2::new(width - margin, low - bar)];
+        Ok(Places { font, em, size, title, caption, low, area })
     }
 
-    /// Where a legend has room: left of a colour bar, and above axes.
-    fn legend_area(&self, [top, foot]: [f64; 2], size: [u32; 2]) -> [DVec2; 2] {
-        let (em, width) = (em(size), f64::from(size[0]));
-        let right = width * if self.color_bar { 0.6 } else { 1.0 } - MARGIN * em;
-        let foot = if self.axes { foot - axes::room(em) } else { foot };
-        [DVec2::new(MARGIN * em, top), DVec2::new(right, foot)]
+    /// The area of a legend: left of a colour bar, and above axes.
+    fn legend_area(&self, places: &Places) -> [DVec2; 2] {
+        let [least, most] = places.area;
+        let right = places.size[0] * if self.color_bar { 0.6 } else { 1.0 } - MARGIN * places.em;
+        let foot = if self.axes { most.y - axes::room(places.em) } else { most.y };
+        [least, DVec2::new(right, foot)]
     }
 
-    /// The title and the caption.
-    fn texts(&self, font: &Font, size: [u32; 2]) -> Result<[Text; 2]> {
-        let em = em(size);
-        let wide = f64::from(size[0]) - 2.0 * MARGIN * em;
-        let text = |name: &'static str, text: &Option<String>, size: f64, most: usize| {
-            let refused = |reason: String| Err(Error::Setting { name, reason });
-            let text = text.as_deref().unwrap_or_default();
-            if let Some(c) = text.chars().find(|&c| c.is_control() && c != '\n') {
-                return refused(format!("it has the control character {c:?}"));
-            }
-            if let Some(c) = font.lacks(text) {
-                return refused(format!("the font has no {c:?}: it has Latin, Greek and Cyrillic letters"));
-            }
-            let lines = font.lines(text, size, wide);
-            if lines.len() > most || lines.iter().any(|line| font.width(line, size) > wide) {
-                return refused(format!("it is too long: expected words that fit into {most} lines of the picture"));
-            }
-            Ok(Text { lines, size })
-        };
-        Ok([text("title", &self.title, 1.25 * em, 3)?, text("caption", &self.caption, 0.9 * em, 6)?])
-    }
-
-    /// The parts of a picture of a size (width, height) at its left, right, top and bottom that the colour bar of a
-    /// transfer function, the title and the caption take, fractions of its width and height:
-    /// [`View::reserved`](crate::camera::View::reserved) for what is shown to lie beside them. At most a third of the
-    /// picture on a side: what remains would be too small. Scale bar and axes are drawn in corners.
+    /// Returns the shares of a picture of a size (width, height) at its left, right, top and bottom that the colour bar
+    /// of a transfer function, the title and the caption take: with them as
+    /// [`View::reserved`](crate::camera::View::reserved) the volume lies beside the figure. At most a third of the
+    /// picture on a side, because the rest would be too small. Scale bar and axes are drawn in corners.
     ///
     /// # Errors
     /// [`Error::Setting`] as [`Self::validate`] if a text is too long, or if a colour bar has no range.
     pub fn reserved(&self, size: [u32; 2], transfer: &TransferFunction) -> Result<[f64; 4]> {
-        let (font, em) = (Font::new()?, em(size));
-        let ([width, height], margin) = (size.map(f64::from), MARGIN * em);
-        let texts = self.texts(&font, size)?;
+        let Places { font, em, size: [width, height], title, caption, area, .. } = self.places(size)?;
         let mut right = 0.0;
         if self.color_bar {
-            let [top, foot] = self.free(&texts, size);
-            let area = [DVec2::new(margin, top), DVec2::new(width - margin, foot)];
             right = (width - color_bar::left_end(&font, transfer, em, area)?) / width;
         }
-        let of_text = |text: &Text| if text.lines.is_empty() { 0.0 } else { (margin + text.height()) / height };
-        let [title, caption] = texts.each_ref().map(of_text);
+        let [title, caption] = [title, caption].map(|text| match text.lines.as_slice() {
+            [] => 0.0,
+            _ => (MARGIN * em + text.height()) / height,
+        });
         Ok([0.0, right, title, caption].map(|share: f64| share.min(MOST_RESERVED)))
     }
 
-    /// A copy of a picture with all this drawn on it. If the background is a colour, what is drawn is opaque: save the
-    /// copy over the same background.
+    /// Draws the figure on a copy of a picture. If the background is a colour, the figure is opaque: save the copy over
+    /// the same background.
     ///
     /// # Errors
-    /// Those of [`Self::validate`]; [`Error::Setting`] if a unit has over 16 characters or one that the font lacks, if
-    /// a scale bar has no length because the camera's target is not in front of its eye, or a colour bar no range
-    /// because the transfer function has one value; [`Error::Image`] if the picture is not of the camera's size;
-    /// [`Error::Memory`] if there is no memory for the copy.
+    /// The errors of [`Self::validate`]; [`Error::Setting`] if a unit has over 16 characters or a character that the
+    /// font lacks, if a scale bar has no length because the camera's target is not in front of its eye, or a colour bar
+    /// no range because the transfer function has one value; [`Error::Image`] if the picture does not have the camera's
+    /// size; [`Error::Memory`] if there is no memory for the copy.
     pub fn draw(&self, image: &Image, background: Background, shown: &Shown<'_>) -> Result<Image> {
         let [width, height] = shown.camera.size;
         self.draw_region(image, Region { x: 0, y: 0, width, height }, background, shown)
     }
 
-    /// The same of a picture that [`Renderer::render_region`](crate::renderer::Renderer::render_region) made: the same
-    /// bytes as that region of the whole picture has.
+    /// Draws the part of the figure in a region that
+    /// [`Renderer::render_region`](crate::renderer::Renderer::render_region) made: the same bytes as in the whole
+    /// picture.
     ///
     /// # Errors
-    /// Those of [`Self::draw`], and [`Error::Setting`] if the region reaches beyond the picture.
+    /// The errors of [`Self::draw`], and [`Error::Setting`] if the region reaches beyond the picture.
     pub fn draw_region(
         &self,
         image: &Image,
@@ -253,43 +275,34 @@ impl Figure {
             let [a, b, c, d] = [image.width(), image.height(), region.width, region.height];
             return Err(Error::Image(format!("{a} x {b} pixels are not those of a region of {c} x {d}")));
         }
-        let em = em(size);
-        let mut canvas = Canvas::new(image, region, background, em)?;
-        let texts = self.texts(&canvas.font, size)?;
-        let [top, foot] = self.free(&texts, size);
-        let [title, caption] = texts;
+        let places = self.places(size)?;
+        let Places { font, em, size: [width, _], title, caption, low, area } = &places;
         let units = [("length_unit", shown.volume.length_unit()), ("value_unit", shown.volume.value_unit())];
-        for (name, unit) in units.into_iter().filter_map(|(name, unit)| Some((name, unit?))) {
-            if unit.chars().count() > LONGEST_UNIT || canvas.font.lacks(unit).is_some() {
+        for (name, unit) in units {
+            let Some(unit) = unit else { continue };
+            if unit.chars().count() > LONGEST_UNIT || font.lacks(unit).is_some() {
                 let reason = format!("{unit:?}, expected up to {LONGEST_UNIT} Latin, Greek or Cyrillic letters");
-                return Err(Error::Setting { name, reason });
+                return Err(Error::setting(name, reason));
             }
         }
-        let [width, height] = size.map(f64::from);
-        let margin = MARGIN * em;
-        title.write(&mut canvas, width, margin);
-        caption.write(&mut canvas, width, height - margin - caption.height());
-        let (left, right, low) = (margin, width - margin, height - margin - caption.height());
+        let mut canvas = Canvas::new(image, region, background, *em)?;
+        let [left, right] = [area[0].x, area[1].x];
+        title.write(&mut canvas, *width, MARGIN * em);
+        caption.write(&mut canvas, *width, *low);
         if self.axes {
-            axes::draw(&mut canvas, shown.camera, shown.volume.is_oriented(), DVec2::new(left, low));
+            axes::draw(&mut canvas, shown.camera, shown.volume.is_oriented(), DVec2::new(left, *low));
         }
         if self.scale_bar {
-            scale_bar::draw(&mut canvas, shown, DVec2::new(right, low), 0.28 * width)?;
+            scale_bar::draw(&mut canvas, shown, DVec2::new(right, *low), 0.28 * width)?;
         }
         if !self.legend.is_empty() {
-            legend::draw(&mut canvas, &self.legend, self.legend_area([top, foot], size));
+            legend::draw(&mut canvas, &self.legend, self.legend_area(&places));
         }
         if self.color_bar {
-            let area = [DVec2::new(left, top), DVec2::new(right, foot)];
-            color_bar::draw(&mut canvas, shown.transfer, shown.volume.value_unit(), area)?;
+            color_bar::draw(&mut canvas, shown.transfer, shown.volume.value_unit(), *area)?;
         }
         Ok(canvas.into_image())
     }
-}
-
-/// The size of letters on a picture, pixels.
-fn em([width, height]: [u32; 2]) -> f64 {
-    (EM * f64::from(width.min(height))).max(LEAST_EM)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use ab_glyph_rasterizer::{Rasterizer, point};
 use glam::DVec2;
 
-/// A shape: closed polygons. What a polygon of the other sense lies in is a hole.
+/// A shape: closed polygons. A polygon of the opposite sense inside another is a hole.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Path {
     polygons: Vec<Vec<DVec2>>,
@@ -17,7 +17,7 @@ pub(super) struct Coverage {
     pub(super) shares: Vec<f32>,
 }
 
-/// Corners of the polygon that stands for a disc.
+/// Corners of the polygon that approximates a disc.
 const CORNERS: u32 = 24;
 
 impl Path {
@@ -36,7 +36,7 @@ impl Path {
         line
     }
 
-    /// Adds what lies within `radius` of a line through points. Where parts overlap, edges get a little darker.
+    /// Adds the places within `radius` of a line through points. Where parts overlap, edges get a little darker.
     fn stroke(&mut self, points: &[DVec2], radius: f64) {
         let corner = |i| radius * DVec2::from_angle(std::f64::consts::TAU * f64::from(i) / f64::from(CORNERS));
         for &center in points {
@@ -44,7 +44,7 @@ impl Path {
         }
         for ends in points.windows(2) {
             let [a, b] = [ends[0], ends[1]];
-            // Of the same sense as discs, so that what overlaps adds up.
+            // Of the same sense as discs, so that overlaps add up.
             let aside = (b - a).normalize_or_zero().perp() * radius;
             self.add(vec![a + aside, a - aside, b - aside, b + aside]);
         }
@@ -58,7 +58,7 @@ impl Path {
         self.polygons.push(polygon);
     }
 
-    /// What lies within `radius` of the edges.
+    /// The places within `radius` of the edges.
     pub(super) fn outline(&self, radius: f64) -> Self {
         let mut outline = Self::default();
         for polygon in &self.polygons {
@@ -68,12 +68,13 @@ impl Path {
         outline
     }
 
-    /// The corners of the smallest box around it; `None` if it is empty.
+    /// The corners of the bounding box; `None` if the shape is empty.
     pub(super) fn bounds(&self) -> Option<[DVec2; 2]> {
         let corners = || self.polygons.iter().flatten().copied();
         Some([corners().reduce(DVec2::min)?, corners().reduce(DVec2::max)?])
     }
 
+    /// Rasterises the shape; `None` if it is empty.
     pub(super) fn coverage(&self) -> Option<Coverage> {
         let [least, most] = self.bounds()?;
         let (least, most) = (least.floor(), most.ceil());

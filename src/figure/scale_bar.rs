@@ -9,7 +9,7 @@ use super::path::Path;
 use crate::camera::Projection;
 use crate::error::{Error, Result};
 
-/// A length to be drawn.
+/// A length with its label.
 #[derive(Debug, PartialEq)]
 pub(super) struct Bar {
     /// Pixels, not rounded.
@@ -17,25 +17,24 @@ pub(super) struct Bar {
     pub(super) text: String,
 }
 
-/// Units of length that are written as others if that makes a shorter number: 1000 of each are the next.
+/// Units of length that are converted for shorter numbers: 1000 of each are the next.
 const METRIC: [&str; 5] = ["nm", "µm", "mm", "m", "km"];
 
 impl Bar {
-    /// The largest round length of at most so many pixels.
+    /// The largest round length of at most `most` pixels.
     pub(super) fn new(shown: &Shown<'_>, most: f64) -> Result<Self> {
         let pixel = shown.camera.pixel_size();
         if !(pixel.is_finite() && pixel > 0.0) {
-            let reason = "the target is not in front of the eye: there is no length to show".to_owned();
-            return Err(Error::Setting { name: "scale_bar", reason });
+            let reason = "the target is not in front of the eye: there is no length to show";
+            return Err(Error::setting("scale_bar", reason));
         }
         let length = round_below(most * pixel);
-        let text = match shown.volume.length_unit() {
-            Some(unit) => with_unit(length, unit),
-            None if shown.volume.grid().spacing() == [1.0; 3] => with_unit(length, "voxels"),
-            None => with_unit(length, "units"),
-        };
-        let of_center = matches!(shown.camera.projection, Projection::Perspective { .. });
-        let text = if of_center { text + " at the centre" } else { text };
+        let is_plain = shown.volume.grid().spacing() == [1.0; 3];
+        let unit = shown.volume.length_unit().unwrap_or(if is_plain { "voxels" } else { "units" });
+        let mut text = with_unit(length, unit);
+        if matches!(shown.camera.projection, Projection::Perspective { .. }) {
+            text += " at the centre";
+        }
         Ok(Self { pixels: length / pixel, text })
     }
 }
@@ -49,7 +48,7 @@ fn with_unit(length: f64, unit: &str) -> String {
     let Some(at) = METRIC.iter().position(|&metric| metric == named) else {
         return format!("{} {unit}", label(length, length));
     };
-    // The first unit of which there are under a thousand; of millimetres, tenths are usual.
+    // The first unit that gives a number under a thousand; tenths of millimetres are usual.
     let units = METRIC.iter().zip(0_i32..).map(|(unit, i)| (unit, length * 1000_f64.powi(at as i32 - i)));
     let fits = |&(unit, number): &(&&str, f64)| number < 1000.0 * (1.0 - 1e-9) && !(*unit == "µm" && number > 99.0);
     match units.clone().find(fits).filter(|(_, number)| *number > 0.05) {
@@ -63,7 +62,7 @@ pub(super) fn height(em: f64) -> f64 {
     1.6 * em
 }
 
-/// Draws the bar, of at most so many pixels, with its right foot at `corner`.
+/// Draws the bar of at most `most` pixels with its right foot at `corner`.
 pub(super) fn draw(canvas: &mut Canvas, shown: &Shown<'_>, corner: DVec2, most: f64) -> Result<()> {
     let Bar { pixels, text } = Bar::new(shown, most)?;
     let em = canvas.em;
@@ -72,8 +71,8 @@ pub(super) fn draw(canvas: &mut Canvas, shown: &Shown<'_>, corner: DVec2, most: 
     let [right, foot] = corner.floor().to_array();
     let left = right - pixels;
     let mut path = Path::rectangle(DVec2::new(left, foot - thick), DVec2::new(right, foot));
-    for [from, to] in [[left, left + thick], [right - thick, right]] {
-        path.append(Path::rectangle(DVec2::new(from, foot - tall), DVec2::new(to, foot - thick)));
+    for end in [left, right - thick] {
+        path.append(Path::rectangle(DVec2::new(end, foot - tall), DVec2::new(end + thick, foot - thick)));
     }
     canvas.fill_with_halo(&path, canvas.ink);
     let width = canvas.font.width(&text, em);

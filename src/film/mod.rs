@@ -1,10 +1,10 @@
-//! Films: pictures of one size as GIF, APNG, Y4M or a page that turns when it is dragged.
+//! Films: pictures of one size as GIF, APNG, Y4M or an HTML page that turns when it is dragged.
 
 mod page;
 mod palette;
 
 use std::fs::File;
-use std::io::{self, BufWriter, Read, Seek, Write};
+use std::io::{self, BufWriter, Error as IoError, Read, Seek, Write};
 use std::path::Path;
 
 use page::Page;
@@ -12,35 +12,35 @@ use palette::Histogram;
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::image::{Background, Image};
+use crate::image::{Background, Image, png_encoder};
 use crate::output::{check_writable, write_atomically};
 use voxsplat_volume::names::named;
 
 /// The format of a film.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
-    /// 256 colours for all frames, in an ordered pattern, endless.
+    /// 256 colours for all frames, with an ordered dither, endless.
     Gif,
-    /// Animated PNG: every colour, endless.
+    /// Animated PNG: all colours, endless.
     Apng,
     /// Uncompressed YUV (BT.601, 4:4:4) for encoders of video, such as `ffmpeg -i -`.
     Y4m,
-    /// One HTML page with every frame in it, as PNG, which turns when it is dragged.
+    /// One HTML page with every frame as PNG, which turns when it is dragged.
     Html,
 }
 
 named!("format", Format { Gif: "gif", Apng: "apng", Y4m: "y4m", Html: "html" });
 
 impl Format {
-    /// The format that the extension of a path stands for.
+    /// Returns the format for the extension of a path.
     #[must_use]
-    pub fn of(path: &Path) -> Option<Self> {
+    pub fn for_path(path: &Path) -> Option<Self> {
         let extension = path.extension()?.to_str()?.to_lowercase();
         Self::ALL.into_iter().find(|format| format.name() == extension)
     }
 }
 
-/// A film that is being written, frame after frame.
+/// A film that is written frame by frame.
 ///
 /// ```
 /// use voxsplat::film::{Film, Format};
@@ -64,7 +64,7 @@ pub struct Film<W: Write> {
 }
 
 enum Sink<W: Write> {
-    /// Frames wait in a file until their palette is known.
+    /// Frames wait in a temporary file until their palette is known.
     Gif {
         out: W,
         waiting: BufWriter<File>,
@@ -77,58 +77,42 @@ enum Sink<W: Write> {
 }
 
 impl<W: Write> Film<W> {
-    /// A film of so many frames of `size` (width, height) pixels, at `rate` frames a second. A GIF shows frames for
-    /// whole hundredths of a second.
+    /// Begins a film of a number of frames of `size` (width, height) pixels, at `rate` frames a second. A GIF shows
+    /// frames for whole hundredths of a second.
     ///
     /// # Errors
     /// [`Error::Setting`] if a side is 0 or over [`Camera::MAX_SIZE`], there are no frames, or the rate is not 0.1 to
     /// 1000; [`Error::Image`] if the head of the film cannot be written.
-    pub fn new(mut out: W, format: Format, size: [u32; 2], frames: u32, rate: f64) -> Result<Self> {
-        let [width, height] = size;
-        let setting = |name, reason| Err(Error::Setting { name, reason });
+    pub fn new(out: W, format: Format, size: [u32; 2], frames: u32, rate: f64) -> Result<Self> {
         if size.iter().any(|side| !(1..=Camera::MAX_SIZE).contains(side)) {
-            return setting("size", format!("{width}x{height}, expected 1 to {} pixels", Camera::MAX_SIZE));
+            let [width, height] = size;
+            let reason = format!("{width}x{height}, expected 1 to {} pixels", Camera::MAX_SIZE);
+            return Err(Error::setting("size", reason));
         }
         if frames == 0 {
-            return setting("frames", "0, expected 1 or more".to_owned());
+            return Err(Error::setting("frames", "0, expected 1 or more"));
         }
         if !(0.1..=1000.0).contains(&rate) {
-            return setting("rate", format!("{rate}, expected 0.1 to 1000 frames a second"));
+            return Err(Error::setting("rate", format!("{rate}, expected 0.1 to 1000 frames a second")));
         }
-        let thousandths = (rate * 1000.0).round();
         let sink = match format {
             Format::Gif => {
-                let waiting = BufWriter::new(temporary()?);
                 let hundredths = (100.0 / rate).round().max(1.0) as u16;
-                Sink::Gif { out, waiting, histogram: Box::default(), hundredths }
+                Sink::Gif { out, waiting: BufWriter::new(temporary()?), histogram: Box::default(), hundredths }
             }
-            Format::Apng => {
-                let mut encoder = png::Encoder::new(out, width, height);
-                encoder.set_color(png::ColorType::Rgb);
-                encoder.set_depth(png::BitDepth::Eight);
-                encoder.set_compression(png::Compression::Fast);
-                encoder.set_filter(png::Filter::Adaptive);
-                encoder.set_animated(frames, 0).map_err(failed)?;
-                let milliseconds = (1000.0 / rate).round().clamp(1.0, f64::from(u16::MAX));
-                encoder.set_frame_delay(milliseconds as u16, 1000).map_err(failed)?;
-                Sink::Apng(encoder.write_header().map_err(failed)?)
-            }
-            Format::Y4m => {
-                let head = format!("YUV4MPEG2 W{width} H{height} F{thousandths}:1000 Ip A1:1 C444\n");
-                out.write_all(head.as_bytes()).map_err(failed)?;
-                Sink::Y4m(out)
-            }
+            Format::Apng => Sink::apng(out, size, frames, rate).map_err(failed)?,
+            Format::Y4m => Sink::y4m(out, size, rate).map_err(failed)?,
             Format::Html => Sink::Html(Page::new(out, size, rate)),
         };
         Ok(Self { size, frames, added: 0, lines: Vec::new(), sink })
     }
 
-    /// Lines of text for a film that has room for them: a page.
+    /// Sets the lines of text below the picture, which only a page shows.
     pub fn describe(&mut self, lines: Vec<String>) {
         self.lines = lines;
     }
 
-    /// The title of a film that has room for it: a page. It is given before the first frame.
+    /// Sets the title, which only a page shows, before the first frame.
     pub fn title(&mut self, title: &str) {
         if let Sink::Html(page) = &mut self.sink {
             page.title = title.to_owned();
@@ -138,12 +122,11 @@ impl<W: Write> Film<W> {
     /// Adds the next frame, over an opaque background.
     ///
     /// # Errors
-    /// [`Error::Image`] if the picture is of another size or one too many, or it cannot be written;
-    /// [`Error::Setting`] if the background is transparent.
+    /// [`Error::Image`] if the picture has another size, is one too many, or cannot be written; [`Error::Setting`] if
+    /// the background is transparent.
     pub fn add(&mut self, image: &Image, background: Background) -> Result<()> {
         if background == Background::Transparent {
-            let reason = "transparent, expected a colour: films have no alpha".to_owned();
-            return Err(Error::Setting { name: "background", reason });
+            return Err(Error::setting("background", "transparent, expected a colour: films have no alpha"));
         }
         if [image.width(), image.height()] != self.size || self.added == self.frames {
             let [width, height] = self.size;
@@ -151,25 +134,7 @@ impl<W: Write> Film<W> {
             return Err(Error::Image(reason));
         }
         self.added += 1;
-        let rgba = image.to_rgba8(background);
-        let pixels = rgba.chunks_exact(4).map(|pixel| [pixel[0], pixel[1], pixel[2]]);
-        match &mut self.sink {
-            Sink::Gif { waiting, histogram, .. } => {
-                let bytes: Vec<u8> = pixels.inspect(|pixel| histogram.count(*pixel)).flatten().collect();
-                waiting.write_all(&bytes).map_err(failed)
-            }
-            Sink::Apng(writer) => {
-                let bytes: Vec<u8> = pixels.flatten().collect();
-                writer.write_image_data(&bytes).map_err(failed)
-            }
-            Sink::Y4m(out) => {
-                let yuv: Vec<[u8; 3]> = pixels.map(yuv).collect();
-                let mut frame = b"FRAME\n".to_vec();
-                (0..3).for_each(|plane| frame.extend(yuv.iter().map(|pixel| pixel[plane])));
-                out.write_all(&frame).map_err(failed)
-            }
-            Sink::Html(page) => page.add(&pixels.flatten().collect::<Vec<u8>>()).map_err(failed),
-        }
+        self.sink.add(&image.to_rgb8(background)).map_err(failed)
     }
 
     /// Completes the film.
@@ -180,33 +145,70 @@ impl<W: Write> Film<W> {
         if self.added < self.frames {
             return Err(Error::Image(format!("the film has {} of {} frames", self.added, self.frames)));
         }
-        match self.sink {
-            Sink::Gif { out, waiting, histogram, hundredths } => {
-                let mut waiting = waiting.into_inner().map_err(|e| failed(e.into_error()))?;
-                waiting.rewind().map_err(failed)?;
-                let [width, height] = self.size.map(|side| side as u16);
+        self.sink.finish(self.size, self.frames, &self.lines).map_err(failed)
+    }
+}
+
+impl<W: Write> Sink<W> {
+    fn apng(out: W, size: [u32; 2], frames: u32, rate: f64) -> io::Result<Self> {
+        let mut encoder = png_encoder(out, size, png::ColorType::Rgb, png::Compression::Fast);
+        encoder.set_animated(frames, 0)?;
+        let milliseconds = (1000.0 / rate).round().clamp(1.0, f64::from(u16::MAX));
+        encoder.set_frame_delay(milliseconds as u16, 1000)?;
+        Ok(Self::Apng(encoder.write_header()?))
+    }
+
+    fn y4m(mut out: W, [width, height]: [u32; 2], rate: f64) -> io::Result<Self> {
+        let thousandths = (rate * 1000.0).round();
+        writeln!(out, "YUV4MPEG2 W{width} H{height} F{thousandths}:1000 Ip A1:1 C444")?;
+        Ok(Self::Y4m(out))
+    }
+
+    /// Adds a frame of RGB bytes.
+    fn add(&mut self, rgb: &[u8]) -> io::Result<()> {
+        match self {
+            Self::Gif { waiting, histogram, .. } => {
+                histogram.count(rgb);
+                waiting.write_all(rgb)
+            }
+            Self::Apng(writer) => Ok(writer.write_image_data(rgb)?),
+            Self::Y4m(out) => {
+                let yuv: Vec<[u8; 3]> = rgb.as_chunks().0.iter().copied().map(yuv).collect();
+                let mut frame = b"FRAME\n".to_vec();
+                (0..3).for_each(|plane| frame.extend(yuv.iter().map(|pixel| pixel[plane])));
+                out.write_all(&frame)
+            }
+            Self::Html(page) => page.add(rgb),
+        }
+    }
+
+    fn finish(self, size: [u32; 2], frames: u32, lines: &[String]) -> io::Result<()> {
+        match self {
+            Self::Gif { out, waiting, histogram, hundredths } => {
+                let mut waiting = waiting.into_inner()?;
+                waiting.rewind()?;
+                let [width, height] = size.map(|side| side as u16);
                 let palette = histogram.palette();
-                let mut encoder = gif::Encoder::new(out, width, height, &palette.bytes()).map_err(failed)?;
-                encoder.set_repeat(gif::Repeat::Infinite).map_err(failed)?;
+                let mut encoder = gif::Encoder::new(out, width, height, &palette.bytes()).map_err(IoError::other)?;
+                encoder.set_repeat(gif::Repeat::Infinite).map_err(IoError::other)?;
                 let mut pixels = vec![0; usize::from(width) * usize::from(height) * 3];
-                for _ in 0..self.frames {
-                    waiting.read_exact(&mut pixels).map_err(failed)?;
+                for _ in 0..frames {
+                    waiting.read_exact(&mut pixels)?;
                     let indices = palette.indices(&pixels, usize::from(width));
                     let mut frame = gif::Frame::from_indexed_pixels(width, height, indices, None);
                     frame.delay = hundredths;
-                    encoder.write_frame(&frame).map_err(failed)?;
+                    encoder.write_frame(&frame).map_err(IoError::other)?;
                 }
-                let mut out = encoder.into_inner().map_err(failed)?;
-                out.flush().map_err(failed)
+                encoder.into_inner().map_err(IoError::other)?.flush()
             }
-            Sink::Apng(writer) => writer.finish().map_err(failed),
-            Sink::Y4m(mut out) => out.flush().map_err(failed),
-            Sink::Html(page) => page.finish(&self.lines).map_err(failed),
+            Self::Apng(writer) => Ok(writer.finish()?),
+            Self::Y4m(mut out) => out.flush(),
+            Self::Html(page) => page.finish(lines),
         }
     }
 }
 
-/// A file without a name for frames that wait.
+/// A file without a name, for frames.
 fn temporary() -> Result<File> {
     tempfile::tempfile().map_err(|source| {
         let folder = std::env::temp_dir();
@@ -214,8 +216,8 @@ fn temporary() -> Result<File> {
     })
 }
 
-/// What an encoder or the system says.
-fn failed(error: impl std::fmt::Display) -> Error {
+/// The error of an encoder or the system.
+fn failed(error: IoError) -> Error {
     Error::Image(format!("the film cannot be written: {error}"))
 }
 
@@ -229,52 +231,35 @@ fn yuv(rgb: [u8; 3]) -> [u8; 3] {
 
 /// A film in a file, which appears whole or not at all.
 pub struct FilmFile {
-    film: Film<File>,
+    /// The film, which waits in a temporary file.
+    pub film: Film<File>,
     file: File,
 }
 
 impl FilmFile {
-    /// Refuses a path that cannot be written, before the work.
+    /// Refuses a path that cannot be written, before frames are made.
     ///
     /// # Errors
-    /// [`Error::Output`] and [`Error::Write`] as [`Image::check_output`]; [`Error::Image`] if there can be no temporary
-    /// file.
+    /// [`Error::Output`] and [`Error::Write`] as [`Image::check_output`]; [`Error::Image`] if no temporary file can be
+    /// made.
     pub fn check(path: impl AsRef<Path>) -> Result<()> {
         check_writable(path.as_ref())?;
         temporary().map(drop)
     }
 
-    /// A film as [`Film::new`]. Its frames wait in a temporary file.
+    /// Begins a film in a temporary file.
     ///
     /// # Errors
-    /// Those of [`Film::new`].
+    /// The errors of [`Film::new`].
     pub fn new(format: Format, size: [u32; 2], frames: u32, rate: f64) -> Result<Self> {
         let file = temporary()?;
         Ok(Self { film: Film::new(file.try_clone().map_err(failed)?, format, size, frames, rate)?, file })
     }
 
-    /// As [`Film::add`].
+    /// Completes the film and writes it to `path`.
     ///
     /// # Errors
-    /// Those of [`Film::add`].
-    pub fn add(&mut self, image: &Image, background: Background) -> Result<()> {
-        self.film.add(image, background)
-    }
-
-    /// As [`Film::title`].
-    pub fn title(&mut self, title: &str) {
-        self.film.title(title);
-    }
-
-    /// As [`Film::describe`].
-    pub fn describe(&mut self, lines: Vec<String>) {
-        self.film.describe(lines);
-    }
-
-    /// Completes the film and gives it its name.
-    ///
-    /// # Errors
-    /// Those of [`Film::finish`]; [`Error::Output`] and [`Error::Write`] if the file cannot be written.
+    /// The errors of [`Film::finish`]; [`Error::Output`] and [`Error::Write`] if the file cannot be written.
     pub fn save(self, path: impl AsRef<Path>) -> Result<()> {
         self.film.finish()?;
         write_atomically(path.as_ref(), |target| {

@@ -1,22 +1,23 @@
-//! A page that turns when it is dragged: one HTML file with all frames in it, which asks nothing of the network.
+//! An HTML page that turns when it is dragged: one file with all frames, without requests to the network.
 
 use std::io::{self, Write};
 
 use base64::display::Base64Display;
 use base64::engine::general_purpose::STANDARD;
 
+use crate::image::png_encoder;
 use voxsplat_volume::names::escaped;
 
-/// What stands before the frames.
+/// The HTML before the frames.
 const HEAD: &str = include_str!("page_head.html");
-/// What stands behind them.
+/// The HTML behind the frames.
 const TAIL: &str = include_str!("page_tail.html");
 
-/// A page that is being written.
+/// A page that is written frame by frame.
 pub(super) struct Page<W> {
     out: W,
     size: [u32; 2],
-    /// Milliseconds a frame, when it plays.
+    /// Milliseconds per frame when the page plays.
     delay: u32,
     pub(super) title: String,
     /// Whether its head has been written.
@@ -37,10 +38,7 @@ impl<W: Write> Page<W> {
             self.begun = true;
         }
         let mut file = Vec::new();
-        let mut encoder = png::Encoder::new(&mut file, self.size[0], self.size[1]);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_filter(png::Filter::Adaptive);
+        let encoder = png_encoder(&mut file, self.size, png::ColorType::Rgb, png::Compression::Balanced);
         encoder.write_header()?.write_image_data(rgb)?;
         writeln!(self.out, "\"{}\",", Base64Display::new(&file, &STANDARD))
     }
@@ -51,7 +49,7 @@ impl<W: Write> Page<W> {
         let lines: String = lines.iter().map(|line| format!("<p>{}</p>\n", escaped(line))).collect();
         let tail = TAIL.replace("{width}", &width.to_string()).replace("{height}", &height.to_string());
         let tail = tail.replace("{delay}", &self.delay.to_string());
-        // Last, for a line may say anything.
+        // Last, because a line may contain a placeholder.
         self.out.write_all(tail.replacen("{lines}", &lines, 1).as_bytes())?;
         self.out.flush()
     }

@@ -1,16 +1,16 @@
-//! 256 colours for the pixels of many frames: Heckbert 1982, "Color image quantization for frame buffer display".
+//! A palette of 256 colours for many frames: Heckbert 1982, "Color image quantization for frame buffer display".
 
-/// Bits of a channel that tell colours apart.
+/// Bits of a channel in the histogram.
 const BITS: u32 = 5;
 /// Cells of a histogram.
 const CELLS: usize = 1 << (3 * BITS);
 /// Colours of a palette.
 const COLORS: usize = 256;
 
-/// Thresholds of Bayer's ordered pattern, 0 to 15.
+/// Thresholds of Bayer's ordered dither, 0 to 15.
 const PATTERN: [[i16; 4]; 4] = [[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]];
 
-/// How many pixels there are of each colour, and the sums of their channels.
+/// The number of pixels of each colour, and the sums of their channels.
 pub(super) struct Histogram(Vec<[u64; 4]>);
 
 impl Default for Histogram {
@@ -25,13 +25,16 @@ fn cell(rgb: [u8; 3]) -> usize {
 }
 
 impl Histogram {
-    pub(super) fn count(&mut self, rgb: [u8; 3]) {
-        let cell = &mut self.0[cell(rgb)];
-        cell[0] += 1;
-        (0..3).for_each(|c| cell[c + 1] += u64::from(rgb[c]));
+    /// Counts pixels of RGB bytes.
+    pub(super) fn count(&mut self, rgb: &[u8]) {
+        for &rgb in rgb.as_chunks().0 {
+            let cell = &mut self.0[cell(rgb)];
+            cell[0] += 1;
+            (0..3).for_each(|c| cell[c + 1] += u64::from(rgb[c]));
+        }
     }
 
-    /// The palette of what has been counted: boxes of colours are halved where they are widest.
+    /// Makes the palette of the counted pixels: halves the widest box of colours until there are enough.
     pub(super) fn palette(&self) -> Palette {
         let mean = |cell: &[u64; 4]| [1, 2, 3].map(|c| cell[c] as f64 / cell[0] as f64);
         let counted: Vec<(f64, [f64; 3])> =
@@ -60,7 +63,7 @@ impl Histogram {
     }
 }
 
-/// Colours that share one of the palette.
+/// Colours that share a colour of the palette.
 struct ColorBox {
     cells: Vec<(f64, [f64; 3])>,
     mean: [f64; 3],
@@ -87,7 +90,7 @@ impl ColorBox {
     }
 }
 
-/// Colours, and which of them is nearest to each cell.
+/// Colours, and the nearest colour to each cell.
 pub(super) struct Palette {
     colors: Vec<[u8; 3]>,
     nearest: Vec<u8>,
@@ -99,11 +102,11 @@ impl Palette {
         self.colors.concat()
     }
 
-    /// The colours of pixels in rows of `width`, in an ordered pattern: it stays still where the picture does.
+    /// The colours of pixels in rows of `width`, with an ordered dither, which stays still where the picture does.
     pub(super) fn indices(&self, pixels: &[u8], width: usize) -> Vec<u8> {
         let (pixels, _) = pixels.as_chunks::<3>();
         let index = |(i, rgb): (usize, &[u8; 3])| {
-            // Half a cell at most, so black stays black.
+            // At most half a cell, so that black stays black.
             let shift = PATTERN[i / width % 4][i % width % 4] / 2 - 4;
             self.nearest[cell(rgb.map(|c| (i16::from(c) + shift).clamp(0, 255) as u8))]
         };

@@ -1,4 +1,4 @@
-//! What a picture frames.
+//! Framing: the hull of the visible voxels, and the camera that fits around it.
 
 mod outline;
 
@@ -13,19 +13,20 @@ use crate::error::Result;
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
 
-/// The convex hull of what a transfer function shows of a volume.
+/// The convex hull of the visible voxels of a volume.
 ///
-/// A view that is fitted around it has the same target and scale at every azimuth, so a turntable is steady: the hull
-/// counts as if it were turned all around [`View::up`](crate::camera::View::up), unless it is [`Self::from_one_side`].
+/// A view that is fitted around it has the same target and scale at every azimuth, so that a turntable is steady: the
+/// hull counts as if it were rotated around [`View::up`](crate::camera::View::up), unless it is
+/// [`Self::from_one_side`].
 #[derive(Clone, PartialEq)]
 pub struct Hull {
-    /// The world point that the others are relative to.
+    /// The world point that `points` are relative to.
     origin: DVec3,
-    /// Voxels that have the corners of the hull among them.
+    /// Voxels that include the corners of the hull.
     points: Arc<[DVec3]>,
-    /// How far kernels reach beyond these voxels, and voxels between rows that were looked at.
+    /// The reach beyond these voxels of kernels, and of voxels between inspected rows.
     reach: f64,
-    /// Whether it counts as if it were turned all around an axis.
+    /// Whether it counts as if it were rotated around an axis.
     turned: bool,
 }
 
@@ -35,26 +36,26 @@ impl fmt::Debug for Hull {
     }
 }
 
-/// The least opacity that counts as visible, as a share of the largest of the transfer function.
+/// The smallest opacity that counts as visible, as a share of the largest opacity of the transfer function.
 const VISIBLE: f64 = 0.01;
 
-/// The least cosine between the axis and the picture's up for places along the axis to be places up the picture.
+/// The smallest cosine between the axis and the picture's up at which the axis is used to centre the hull vertically.
 const LEAST_LEAN: f64 = 0.2;
 
-/// The most points of hulls that are joined; if there are more, the farthest in so many directions are kept.
+/// The largest number of points of a joined hull; of more points the farthest in each of `DIRECTIONS` are kept.
 const MOST_POINTS: usize = 16_384;
 const DIRECTIONS: u32 = 4096;
 
 /// The golden angle, radians.
 const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
 
-/// Steps towards the smallest circle: its radius then is mostly within a hundredth of the smallest.
+/// Steps towards the smallest circle, mostly enough for a radius within a hundredth of the smallest.
 const STEPS: u32 = 200;
 
 impl Hull {
-    /// The hull of the voxels that a transfer function shows and that are not cut away; `None` if there are none.
-    /// Voxels of less than a hundredth of the function's largest opacity do not count. In volumes of over 255 voxels
-    /// along y or z only some rows are looked at, so a thing of a few voxels may be missed.
+    /// Returns the hull of the voxels that a transfer function makes visible and that are not clipped; `None` if there
+    /// are none. Voxels of less than a hundredth of the function's largest opacity do not count. Volumes of over 255
+    /// voxels along y or z are searched in some rows only, so that a structure of a few voxels may be missed.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) and [`Error::Memory`](crate::error::Error::Memory) if samples left in
@@ -67,7 +68,7 @@ impl Hull {
         Self::of_values(volume, &transfer.values_over(VISIBLE * most), clip)
     }
 
-    /// The same of the voxels with values in some ranges, which ascend and are apart.
+    /// The hull of the voxels with values in some ranges, which ascend and are apart.
     pub(crate) fn of_values(volume: &Volume, ranges: &[[f64; 2]], clip: &Clip) -> Result<Option<Self>> {
         let grid = volume.grid();
         let to_world = grid.centered().to_world();
@@ -79,16 +80,16 @@ impl Hull {
         Ok((!hull.points.is_empty()).then_some(hull))
     }
 
-    /// The hull of both.
+    /// The hull of both hulls, with all points.
     pub(crate) fn and(&self, other: &Self) -> Self {
         let offset = other.origin - self.origin;
         let points = self.points.iter().copied().chain(other.points.iter().map(|&point| point + offset)).collect();
         Self { points, reach: self.reach.max(other.reach), ..self.clone() }
     }
 
-    /// The hull of both, such as those of two points in time: all of their points if there are no more than 16384,
-    /// otherwise those that reach farthest in each of 4096 directions. Of things that are no flatter than 1 : 6 less
-    /// than 1/200 of the largest extent is lost.
+    /// Returns the hull of both hulls, such as of two time points. It has all their points if there are at most 16384,
+    /// otherwise the farthest points in each of 4096 directions. Less than 1/200 of the largest extent is lost if the
+    /// hull is no flatter than 1 : 6.
     #[must_use]
     pub fn joined(&self, other: &Self) -> Self {
         let both = self.and(other);
@@ -99,27 +100,27 @@ impl Hull {
             let along = |point: &&DVec3| point.dot(direction);
             both.points.iter().max_by(|a, b| along(a).total_cmp(&along(b))).copied()
         };
-        // Directions along a spiral, each of which has as much of the sphere to itself (Saff and Kuijlaars 1997,
-        // "Distributing many points on a sphere").
+        // Directions along a spiral, each with an equal area of the sphere (Saff and Kuijlaars 1997, "Distributing many
+        // points on a sphere").
         let direction = |n: u32| {
-            let (height, turn) =
-                ((2.0 * f64::from(n) + 1.0) / f64::from(DIRECTIONS) - 1.0, f64::from(n) * GOLDEN_ANGLE);
+            let height = (2.0 * f64::from(n) + 1.0) / f64::from(DIRECTIONS) - 1.0;
+            let turn = f64::from(n) * GOLDEN_ANGLE;
             let across = (1.0 - height * height).sqrt();
             DVec3::new(across * turn.cos(), across * turn.sin(), height)
         };
         Self { points: (0..DIRECTIONS).filter_map(|n| farthest(direction(n))).collect(), ..both }
     }
 
-    /// The same, to be fitted as it is seen from the side of the view: it fills the picture, and every view has a
-    /// target and a scale of its own.
+    /// Returns the same hull, to be fitted as seen from the direction of the view: it fills the picture, and every view
+    /// has its own target and scale.
     #[must_use]
     pub fn from_one_side(self) -> Self {
         Self { turned: false, ..self }
     }
 
-    /// The point that a view has in the middle of its picture, whose own unit vector up is `top`. Each of `shifts` is a
-    /// vector, and two directions in which the hull must reach alike. By the vector the point moves for each unit that
-    /// it reaches farther in the first than halfway between the two.
+    /// The point in the middle of a picture with the unit vector `top` upwards. Each of `shifts` is a vector and two
+    /// directions in which the extents of the hull must be equal: the point moves by the vector for each unit of half
+    /// the difference of the extents.
     pub(crate) fn target(&self, up: DVec3, top: DVec3, shifts: [[DVec3; 3]; 3]) -> DVec3 {
         if self.turned {
             return self.center(up, top);
@@ -130,9 +131,9 @@ impl Hull {
         })
     }
 
-    /// The point of its axis along the unit vector `up` that is in the middle of a picture whose own unit vector up is
-    /// `top`. The axis goes through the centre of a small circle around it (Badoiu and Clarkson 2003, "Smaller
-    /// core-sets for balls").
+    /// The point on the axis of the hull along the unit vector `up` that is in the middle of a picture with the unit
+    /// vector `top` upwards. The axis goes through the centre of a small circle around the hull (Badoiu and Clarkson
+    /// 2003, "Smaller core-sets for balls").
     fn center(&self, up: DVec3, top: DVec3) -> DVec3 {
         let heights = || self.points.iter().map(|point| point.dot(up));
         let (least, most) = (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));
@@ -153,14 +154,14 @@ impl Hull {
             center += (point - center) / f64::from(step + 2);
         }
         let middle = self.origin + best.1 + up * f64::midpoint(least, most);
-        // From above, one end may be wider than the other and reach farther up or down.
+        // Seen from above, a wider end of the hull reaches farther up or down the picture.
         let lean = top.dot(up);
         let [above, below] = [top, -top].map(|side| self.extent(middle, up, side));
         if lean > LEAST_LEAN { middle + up * ((above - below) / 2.0 / lean) } else { middle }
     }
 
-    /// How far it reaches from a target in a direction, whose length multiplies the result, once it has been turned all
-    /// around the unit vector `up` through the target if it is to be.
+    /// The extent from a target in a direction, times the length of `direction`; rotated around the unit vector `up`
+    /// through the target unless the hull is [`Self::from_one_side`].
     pub(crate) fn extent(&self, target: DVec3, up: DVec3, direction: DVec3) -> f64 {
         let (along, across) = (direction.dot(up), direction.reject_from_normalized(up).length());
         let offset = self.origin - target;

@@ -1,4 +1,4 @@
-//! The outermost voxels of a volume whose values are in given ranges.
+//! The outermost voxels of a volume with values in given ranges.
 
 use std::ops::Range;
 
@@ -10,21 +10,21 @@ use voxsplat_volume::volume::{ToF64, Volume, with_samples};
 use crate::clip::Side;
 use crate::error::Result;
 
-/// The rows and planes of a volume that are looked at, at least: places to within a hundredth suffice for a frame.
+/// The smallest number of inspected rows and planes of a volume: a frame needs places to within a hundredth.
 const ROWS: usize = 128;
 
 /// Columns and rows of voxels in a plane of a volume.
 type Places = Vec<[i64; 2]>;
 
-/// Every how many-th row along y and plane along z [`outline`] looks at: some 128 to 256 of each.
+/// The steps between the rows along y and the planes along z that [`outline`] inspects: 128 to 256 of each.
 pub(super) fn outline_steps(volume: &Volume) -> [usize; 2] {
     let [_, height, depth] = volume.grid().dims().map(|d| d as usize);
     [height, depth].map(|d| (d / ROWS).max(1))
 }
 
-/// The lattice points whose convex hull is that of all voxels with values in `ranges`, which ascend and are apart:
-/// the corners of the hull of each plane of voxels along z. Of large volumes, of the rows and planes looked at.
-/// Only what is on the inner side of all `sides` counts.
+/// Returns lattice points with the same convex hull as all voxels with values in `ranges`, which ascend and are apart:
+/// the corners of the hull of each plane of voxels along z. Inspects only some rows and planes of large volumes. Voxels
+/// on the outer side of any of `sides` do not count.
 pub(super) fn outline(volume: &Volume, ranges: &[[f64; 2]], sides: &[Side]) -> Result<Vec<DVec3>> {
     let [width, height, depth] = volume.grid().dims().map(|d| d as usize);
     let plane = width * height;
@@ -52,14 +52,14 @@ pub(super) fn outline(volume: &Volume, ranges: &[[f64; 2]], sides: &[Side]) -> R
     Ok(planes.into_iter().zip(places).flat_map(|(z, places)| places.into_iter().map(point(z))).collect())
 }
 
-/// Every n-th of a count, and the last.
+/// Every n-th number below a count, and the last.
 fn every(n: usize, count: usize) -> impl Iterator<Item = usize> {
     let last = count - 1;
     (0..last).step_by(n).chain([last])
 }
 
-/// The voxels of a row that are on the inner side of all `sides`. `first` is the first of them, from the middle of the
-/// lattice.
+/// The voxels of a row on the inner side of all `sides`. `first` is the place of the first voxel, from the middle of
+/// the lattice.
 fn columns(sides: &[Side], first: DVec3, width: usize) -> Range<usize> {
     let (mut low, mut high) = (0.0_f64, width as f64 - 1.0);
     for (gradient, value) in sides {
@@ -76,7 +76,7 @@ fn columns(sides: &[Side], first: DVec3, width: usize) -> Range<usize> {
     low.ceil() as usize..((high.floor() + 1.0) as usize).max(low.ceil() as usize)
 }
 
-/// The corners of the convex hull of the samples of a plane that show, in every n-th row and in the columns of it.
+/// The corners of the convex hull of the visible samples of a plane, in every n-th row and in its columns.
 fn hull<T: ToF64>(
     samples: &[T],
     [width, rows]: [usize; 2],
@@ -98,7 +98,7 @@ fn hull<T: ToF64>(
     left
 }
 
-/// Adds a place below others to a chain that bends one way: `sense` is 1 for a left side, -1 for a right one.
+/// Adds a place below the places of a convex chain: `sense` is 1 for a left side, -1 for a right side.
 fn push(chain: &mut Places, place: [i64; 2], sense: i64) {
     while let [.., a, b] = chain[..] {
         let cross = (b[0] - a[0]) * (place[1] - a[1]) - (b[1] - a[1]) * (place[0] - a[0]);

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use crate::color;
 use crate::error::Error;
 
-/// The background that a picture is composited over when it becomes 8-bit pixels.
+/// The background behind a picture when it becomes 8-bit pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Background {
     /// No background: pixels keep their alpha, as straight alpha.
@@ -23,7 +23,7 @@ impl Default for Background {
 impl FromStr for Background {
     type Err = Error;
 
-    /// `transparent`, `#rgb`, `#rrggbb`, a colour of HTML 4 by name, or `r,g,b` in 0..1.
+    /// Parses `transparent`, `#rgb`, `#rrggbb`, a colour of HTML 4 by name, or `r,g,b` in 0..1.
     fn from_str(text: &str) -> Result<Self, Error> {
         let lower = text.trim().to_lowercase();
         if lower == "transparent" {
@@ -33,10 +33,8 @@ impl FromStr for Background {
             .or_else(|| color::short_hex(&lower))
             .or_else(|| color::named(&lower))
             .or_else(|| channels(&lower));
-        color.map(Self::Color).ok_or_else(|| Error::Setting {
-            name: "background",
-            reason: format!("{text:?}, expected transparent, #rrggbb, a colour name such as white, or r,g,b in 0..1"),
-        })
+        let expected = "expected transparent, #rrggbb, a colour name such as white, or r,g,b in 0..1";
+        color.map(Self::Color).ok_or_else(|| Error::setting("background", format!("{text:?}, {expected}")))
     }
 }
 

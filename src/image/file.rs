@@ -1,55 +1,64 @@
-//! Pictures as files: PNG to look at, EXR to measure.
+//! Files of pictures: PNG to view, EXR to measure.
 
-use std::io::{self, BufWriter, Cursor, Write};
+use std::ffi::OsStr;
+use std::io::{self, Cursor, Write};
 use std::path::Path;
 
 use exr::image::SpecificChannels;
 use exr::image::write::WritableImage;
 use exr::meta::attribute::AttributeValue;
-use image::{ImageDecoder, ImageFormat, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Rgba};
 
 use super::{Background, Image};
 use voxsplat_volume::files;
 
 use crate::camera::Camera;
-use crate::error::{Error, InputError, Result};
+use crate::error::{Error, Result};
 use crate::output::{check_writable, write_atomically};
 use voxsplat_volume::memory;
 
-fn format_of(path: &Path) -> Option<ImageFormat> {
-    let extension = path.extension()?.to_str()?.to_lowercase();
-    match extension.as_str() {
-        "png" => Some(ImageFormat::Png),
-        "exr" => Some(ImageFormat::OpenExr),
-        _ => None,
+/// The format for the extension of a path.
+fn format_of(path: &Path) -> Result<ImageFormat> {
+    match path.extension().and_then(OsStr::to_str).map(str::to_lowercase).as_deref() {
+        Some("png") => Ok(ImageFormat::Png),
+        Some("exr") => Ok(ImageFormat::OpenExr),
+        _ => Err(Error::Output { path: path.to_owned(), reason: "pictures are written as .png or .exr".to_owned() }),
     }
 }
 
-fn unknown(path: &Path) -> Error {
-    Error::Output { path: path.to_owned(), reason: "pictures are written as .png or .exr".to_owned() }
+/// A PNG encoder of 8-bit pixels.
+pub(crate) fn png_encoder<W: Write>(
+    out: W,
+    [width, height]: [u32; 2],
+    color: png::ColorType,
+    compression: png::Compression,
+) -> png::Encoder<'static, W> {
+    let mut encoder = png::Encoder::new(out, width, height);
+    encoder.set_color(color);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(compression);
+    encoder.set_filter(png::Filter::Adaptive);
+    encoder
 }
 
-/// A text that a picture's file holds beside the pixels.
+/// A text in a picture's file beside the pixels.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Note {
     /// Its keyword: 1 to 79 characters of ASCII. PNG knows Title, Author, Description, Software, Comment and others.
     pub name: &'static str,
-    /// What it says. Characters beyond Latin-1 become question marks in an EXR.
+    /// Its text. Characters beyond Latin-1 become question marks in an EXR.
     pub text: String,
 }
 
 impl Image {
-    /// Refuses a path that [`Image::save`] could not write.
+    /// Refuses a path that [`Image::save`] cannot write.
     ///
     /// # Errors
     /// [`Error::Output`] if the extension is neither .png nor .exr, or if the path is a directory, a device or a pipe;
     /// [`Error::Write`] if the directory cannot be written to.
     pub fn check_output(path: impl AsRef<Path>) -> Result<()> {
-        let path = path.as_ref();
-        if format_of(path).is_none() {
-            return Err(unknown(path));
-        }
-        check_writable(path)
+        format_of(path.as_ref())?;
+        check_writable(path.as_ref())
     }
 
     /// Writes the picture in the format of the extension of `path`. The file appears whole or not at all.
@@ -61,19 +70,16 @@ impl Image {
     /// [`Error::Output`] as [`Image::check_output`], and if a PNG would have to hold a value that is not finite;
     /// [`Error::Write`] if encoding or writing fails. No partial file is left behind.
     pub fn save(&self, path: impl AsRef<Path>, background: Background) -> Result<()> {
-        self.save_to(path.as_ref(), background, &[])
+        self.save_with_notes(path, background, &[])
     }
 
-    /// The same, with notes in the file: text chunks of a PNG, attributes of an EXR.
+    /// Writes the picture as [`Self::save`], with notes: text chunks of a PNG, attributes of an EXR.
     ///
     /// # Errors
-    /// Those of [`Self::save`].
+    /// The errors of [`Self::save`].
     pub fn save_with_notes(&self, path: impl AsRef<Path>, background: Background, notes: &[Note]) -> Result<()> {
-        self.save_to(path.as_ref(), background, notes)
-    }
-
-    fn save_to(&self, path: &Path, background: Background, notes: &[Note]) -> Result<()> {
-        let format = format_of(path).ok_or_else(|| unknown(path))?;
+        let path = path.as_ref();
+        let format = format_of(path)?;
         if format == ImageFormat::Png
             && let Some(bad) = self.pixels.iter().position(|p| p.iter().any(|v| !v.is_finite()))
         {
@@ -84,14 +90,10 @@ impl Image {
         // A failed encoding never touches the disk.
         let encoded = self.encoded(format, background, notes, &path.display().to_string())?;
         let encoded = encoded.map_err(|source| Error::Write { path: path.to_owned(), source })?;
-        write_atomically(path, |file| {
-            let mut file = BufWriter::new(file);
-            file.write_all(&encoded)?;
-            file.flush()
-        })
+        write_atomically(path, |file| file.write_all(&encoded))
     }
 
-    /// The picture as the bytes of a PNG file, as [`Self::save`] writes it.
+    /// Returns the bytes of a PNG file as [`Self::save`] writes it.
     ///
     /// # Errors
     /// [`Error::Image`] if it cannot be encoded; [`Error::Memory`] if there is no memory for it.
@@ -99,16 +101,16 @@ impl Image {
         self.to_png_with_notes(background, &[])
     }
 
-    /// The same, with notes as [`Self::save_with_notes`] writes them.
+    /// Returns the bytes of a PNG file as [`Self::save_with_notes`] writes it.
     ///
     /// # Errors
-    /// Those of [`Self::to_png`].
+    /// The errors of [`Self::to_png`].
     pub fn to_png_with_notes(&self, background: Background, notes: &[Note]) -> Result<Vec<u8>> {
         self.encoded(ImageFormat::Png, background, notes, "a PNG")?
             .map_err(|e| Error::Image(format!("it cannot be encoded: {e}")))
     }
 
-    /// The bytes of a file of a name, or what the encoder says.
+    /// Encodes a file; `name` is for messages. The inner error is the encoder's.
     fn encoded(
         &self,
         format: ImageFormat,
@@ -119,23 +121,21 @@ impl Image {
         // 8-bit pixels with and without alpha, or the encoder's copy of f32, and the file.
         let area = u64::from(self.width) * u64::from(self.height);
         memory::check(area * if format == ImageFormat::Png { 12 } else { 32 }, || name.to_owned())?;
-        if format == ImageFormat::OpenExr {
-            return Ok(self.exr(notes));
-        }
-        let rgba = self.to_rgba8(background);
-        Ok(match background {
-            Background::Transparent => self.png(&rgba, png::ColorType::Rgba, notes),
-            Background::Color(_) => self.png(&without_alpha(&rgba), png::ColorType::Rgb, notes),
+        Ok(match (format, background) {
+            (ImageFormat::OpenExr, _) => self.exr(notes),
+            (_, Background::Transparent) => self.png(&self.to_rgba8(background), png::ColorType::Rgba, notes),
+            (_, Background::Color(_)) => self.png(&self.to_rgb8(background), png::ColorType::Rgb, notes),
         })
+    }
+
+    /// The picture over an opaque background as 8-bit RGB.
+    pub(crate) fn to_rgb8(&self, background: Background) -> Vec<u8> {
+        self.to_rgba8(background).chunks_exact(4).flat_map(|pixel| &pixel[..3]).copied().collect()
     }
 
     fn png(&self, bytes: &[u8], color: png::ColorType, notes: &[Note]) -> io::Result<Vec<u8>> {
         let mut file = Vec::new();
-        let mut encoder = png::Encoder::new(&mut file, self.width, self.height);
-        encoder.set_color(color);
-        encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_compression(png::Compression::Fast);
-        encoder.set_filter(png::Filter::Adaptive);
+        let mut encoder = png_encoder(&mut file, [self.width, self.height], color, png::Compression::Fast);
         for Note { name, text } in notes {
             encoder.add_itxt_chunk((*name).to_owned(), text.clone())?;
         }
@@ -147,10 +147,8 @@ impl Image {
 
     fn exr(&self, notes: &[Note]) -> io::Result<Vec<u8>> {
         let size = (self.width as usize, self.height as usize);
-        let channels = SpecificChannels::rgba(|at: exr::math::Vec2<usize>| {
-            let [r, g, b, a] = self.pixels[at.y() * size.0 + at.x()];
-            (r, g, b, a)
-        });
+        let pixel = |at: exr::math::Vec2<usize>| <(f32, f32, f32, f32)>::from(self.pixels[at.y() * size.0 + at.x()]);
+        let channels = SpecificChannels::rgba(pixel);
         let mut image = exr::image::Image::from_channels(size, channels);
         for Note { name, text } in notes {
             // OpenEXR holds bytes of Latin-1.
@@ -166,78 +164,47 @@ impl Image {
         Ok(bytes)
     }
 
-    /// Reads a PNG or EXR picture. The alpha of a PNG is straight, that of an EXR premultiplied.
+    /// Loads a PNG or EXR picture. The alpha of a PNG is straight, the alpha of an EXR premultiplied.
     ///
     /// # Errors
-    /// [`Error::Input`] if the file cannot be read, is
-    /// not a regular file (standard input excepted), is neither PNG nor EXR, is damaged or too large; [`Error::Memory`]
-    /// if there is no memory for it.
+    /// [`Error::Input`] if the file cannot be read, is not a regular file (standard input excepted), is neither PNG nor
+    /// EXR, is damaged or too large; [`Error::Memory`] if there is no memory for it.
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
-        Self::load_from(path.as_ref())
-    }
-
-    fn load_from(path: &Path) -> Result<Self> {
+        let path = path.as_ref();
         let damaged = |reason: String| Error::format(path, format!("the picture cannot be decoded: {reason}"));
         let bytes = files::read(path, MAX_BYTES)?;
-        let reader = ImageReader::new(Cursor::new(&bytes))
-            .with_guessed_format()
-            .map_err(|source| InputError::Read { path: path.to_owned(), source })?;
-        let format = reader.format();
-        if !matches!(format, Some(ImageFormat::Png | ImageFormat::OpenExr)) {
-            return Err(Error::format(path, "not a PNG or EXR picture"));
-        }
-        if format == Some(ImageFormat::OpenExr) {
+        let format = match image::guess_format(&bytes) {
+            Ok(format @ (ImageFormat::Png | ImageFormat::OpenExr)) => format,
+            _ => return Err(Error::format(path, "not a PNG or EXR picture")),
+        };
+        if format == ImageFormat::OpenExr {
             check_exr(path, &bytes)?;
         }
+        let reader = ImageReader::with_format(Cursor::new(&bytes), format);
         let decoder = reader.into_decoder().map_err(|e| damaged(e.to_string()))?;
-        let ((width, height), color) = (decoder.dimensions(), decoder.color_type());
+        let (width, height) = decoder.dimensions();
         let area = u64::from(width) * u64::from(height);
         if width > Camera::MAX_SIZE || height > Camera::MAX_SIZE || area > MAX_AREA {
             return Err(Error::format(path, format!("a picture of {width} x {height} pixels is too large")));
         }
-        let what = || format!("the picture {}", path.display());
-        // The decoder holds about as much once more.
-        let size = decoder.total_bytes();
-        memory::check(2 * size + 16 * area, what)?;
-        let mut decoded = memory::reserved(size, what)?;
-        decoded.resize(size as usize, 0);
-        decoder.read_image(&mut decoded).map_err(|e| damaged(e.to_string()))?;
-        let mut pixels = memory::reserved(area, what)?;
-        let straight = format == Some(ImageFormat::Png);
-        pixels.extend(decoded.chunks_exact(color.bytes_per_pixel().into()).map(|pixel| {
-            let [r, g, b, a] = channels(pixel, color.channel_count());
-            if straight { [r * a, g * a, b * a, a] } else { [r, g, b, a] }
-        }));
-        Self::new(width, height, pixels)
+        // The decoder, its pixels of any type, and two copies in f32.
+        memory::check(2 * decoder.total_bytes() + 32 * area, || format!("the picture {}", path.display()))?;
+        let decoded = DynamicImage::from_decoder(decoder).map_err(|e| damaged(e.to_string()))?.into_rgba32f();
+        let pixel = |&Rgba([r, g, b, a]): &Rgba<f32>| match format {
+            ImageFormat::Png => [r * a, g * a, b * a, a],
+            _ => [r, g, b, a],
+        };
+        Self::new(width, height, decoded.pixels().map(pixel).collect())
     }
 }
 
-/// The most pixels of a picture that is read: 4 GiB of RGBA in f32.
+/// The largest number of pixels of a picture that is read: 4 GiB of RGBA in f32.
 const MAX_AREA: u64 = 1 << 28;
 
-/// The largest file that is read, in bytes: the largest picture, with as much again for channels that are not used.
+/// The largest file that is read, in bytes: the largest picture, and as much again for unused channels.
 const MAX_BYTES: u64 = 32 * MAX_AREA;
 
-/// Red, green, blue and alpha of a decoded pixel: of `count` channels of 8 or 16 bits, which mean 0..1, or of f32.
-fn channels(pixel: &[u8], count: u8) -> [f32; 4] {
-    let channel = |i: usize| {
-        let size = pixel.len() / usize::from(count);
-        match pixel[i * size..(i + 1) * size] {
-            [byte] => f32::from(byte) / 255.0,
-            [a, b] => f32::from(u16::from_ne_bytes([a, b])) / 65_535.0,
-            [a, b, c, d] => f32::from_ne_bytes([a, b, c, d]),
-            _ => 0.0,
-        }
-    };
-    match count {
-        1 => [channel(0), channel(0), channel(0), 1.0],
-        2 => [channel(0), channel(0), channel(0), channel(1)],
-        3 => [channel(0), channel(1), channel(2), 1.0],
-        _ => std::array::from_fn(channel),
-    }
-}
-
-/// Sorts the attributes in the header of an encoded EXR with one part by their names: the encoder keeps them in a hash
+/// Sorts the attributes in the header of an encoded EXR with one part by their names. The encoder keeps them in a hash
 /// map, so that the bytes of one picture would differ from run to run. The header keeps its length.
 fn sort_attributes(bytes: &mut [u8]) {
     // Behind the magic number and the version: name, type, both ending in 0, size in four bytes, value; a 0 ends them.
@@ -257,8 +224,8 @@ fn sort_attributes(bytes: &mut [u8]) {
     bytes[begin..at].copy_from_slice(&records.concat());
 }
 
-/// Refuses an EXR whose header claims more than the largest picture. The decoder reserves the memory that the header
-/// claims, for every layer, before it looks at the pixels.
+/// Refuses an EXR whose header claims more than the largest picture: the decoder allocates the memory that the header
+/// claims, for every layer, before it reads pixels.
 fn check_exr(path: &Path, bytes: &[u8]) -> Result<()> {
     let meta = exr::meta::MetaData::read_from_buffered(bytes, false)
         .map_err(|e| Error::format(path, format!("the picture cannot be decoded: {e}")))?;
@@ -268,11 +235,6 @@ fn check_exr(path: &Path, bytes: &[u8]) -> Result<()> {
         Some(s) => Err(Error::format(path, format!("a picture of {} x {} pixels is too large", s.width(), s.height()))),
         None => Ok(()),
     }
-}
-
-/// The bytes of red, green and blue of opaque pixels.
-fn without_alpha(rgba: &[u8]) -> Vec<u8> {
-    rgba.chunks_exact(4).flat_map(|pixel| &pixel[..3]).copied().collect()
 }
 
 #[cfg(test)]

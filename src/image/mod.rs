@@ -6,6 +6,8 @@ mod region;
 
 pub use background::Background;
 pub use file::Note;
+#[cfg(feature = "film")]
+pub(crate) use file::png_encoder;
 pub use region::Region;
 
 pub use crate::output::abandon_unfinished;
@@ -24,7 +26,7 @@ pub struct Image {
 }
 
 impl Image {
-    /// A picture of the given premultiplied pixels, row by row from the top.
+    /// Makes a picture of premultiplied pixels, row by row from the top.
     ///
     /// # Errors
     /// [`Error::Image`] if there are not `width * height` pixels.
@@ -35,7 +37,7 @@ impl Image {
         Ok(Self { width, height, pixels })
     }
 
-    /// A picture of transparent pixels.
+    /// Makes a picture of transparent pixels.
     ///
     /// # Errors
     /// [`Error::Memory`] if there is no memory for it: 16 bytes a pixel.
@@ -47,7 +49,8 @@ impl Image {
         Ok(Self { width, height, pixels })
     }
 
-    /// The picture as 8-bit RGBA, 4 bytes a pixel, rows from the top, each from the left: `4 * width * height` bytes.
+    /// Returns the picture as 8-bit RGBA, 4 bytes a pixel, rows from the top, each from the left: `4 * width * height`
+    /// bytes.
     ///
     /// Over a colour, every alpha is 255. Over [`Background::Transparent`], alpha is straight: colours are divided by
     /// it, and a pixel of alpha 0 is four zeros. Values are clamped to 0..1 and rounded to the nearest of 256 steps;
@@ -76,25 +79,25 @@ impl Image {
         self.pixels.iter().flat_map(bytes).collect()
     }
 
-    /// Width in pixels.
+    /// Returns the width in pixels.
     #[must_use]
     pub fn width(&self) -> u32 {
         self.width
     }
 
-    /// Height in pixels.
+    /// Returns the height in pixels.
     #[must_use]
     pub fn height(&self) -> u32 {
         self.height
     }
 
-    /// The premultiplied pixels, row by row from the top.
+    /// Returns the premultiplied pixels, row by row from the top.
     #[must_use]
     pub fn pixels(&self) -> &[[f32; 4]] {
         &self.pixels
     }
 
-    /// The premultiplied pixels, mutable, row by row from the top.
+    /// Returns the premultiplied pixels, mutable, row by row from the top.
     pub fn pixels_mut(&mut self) -> &mut [[f32; 4]] {
         &mut self.pixels
     }

@@ -1,4 +1,4 @@
-//! Parts of pictures.
+//! Regions of pictures.
 
 use crate::error::{Error, Result};
 
@@ -24,7 +24,7 @@ impl Region {
     /// Refuses a region without pixels, and a region that reaches beyond a picture of a width and height.
     ///
     /// # Errors
-    /// [`Error::Setting`] that names both.
+    /// [`Error::Setting`] that states the region and the size.
     pub fn check_within(self, [width, height]: [u32; 2]) -> Result<()> {
         let fits = |start: u32, length: u32, end: u32| length > 0 && start < end && length <= end - start;
         if fits(self.x, self.width, width) && fits(self.y, self.height, height) {
@@ -32,10 +32,10 @@ impl Region {
         }
         let Self { x, y, width: across, height: down } = self;
         let reason = format!("{across} x {down} pixels at ({x}, {y}) are no part of a picture of {width} x {height}");
-        Err(Error::Setting { name: "region", reason })
+        Err(Error::setting("region", reason))
     }
 
-    /// What it has in common with another; `None` if that is nothing.
+    /// The intersection with another region; `None` if it is empty.
     pub(crate) fn and(self, other: Self) -> Option<Self> {
         let (x, y) = (self.x.max(other.x), self.y.max(other.y));
         let end = |start: u32, length: u32| u64::from(start) + u64::from(length);
@@ -44,7 +44,7 @@ impl Region {
         (width > 0 && height > 0).then_some(Self { x, y, width: width as u32, height: height as u32 })
     }
 
-    /// The region in rectangles of at most `side` pixels a side, row by row.
+    /// Splits the region into rectangles of at most `side` pixels a side, row by row.
     pub(crate) fn parts(self, side: u32) -> Vec<Self> {
         let steps = |start: u32, length: u32| {
             (0..length).step_by(side as usize).map(move |at| (start + at, side.min(length - at)))

@@ -1,11 +1,11 @@
-//! Layers: several media on one lattice, drawn together. Each has samples and a look of its own; where they overlap,
-//! extinctions add, and colours add by extinction:
+//! Layers: several media on one lattice, drawn together. Each layer has its own samples and look. Where layers overlap,
+//! extinctions add, and colours add weighted by extinction:
 //!
 //! ```text
 //! tau_j = sum over layers of tau        c_j tau_j = sum over layers of c tau
 //! ```
 //!
-//! Voxels are classified before they are reconstructed, each by its own samples: numbers of labels are never mixed.
+//! Voxels are classified before they are reconstructed, so that numbers of labels are never mixed.
 
 mod labels;
 mod lattice;
@@ -15,7 +15,7 @@ mod table;
 
 use std::sync::Arc;
 
-pub use self::labels::{LabelCount, Labels, Which, count_labels};
+pub use self::labels::{LabelChange, LabelCount, LabelSelection, Labels, count_labels};
 pub(crate) use self::labels::{Look, look_of};
 pub use self::lattice::{Fit, on_lattice};
 pub use self::recognise::recognised;
@@ -36,7 +36,7 @@ pub struct Layers {
 /// A line of a legend.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LegendEntry {
-    /// What it is of.
+    /// The name of the layer or the label.
     pub name: String,
     /// Red, green and blue, sRGB.
     pub color: [u8; 3],
@@ -47,18 +47,18 @@ pub struct LegendEntry {
 pub struct Layer {
     pub(crate) matter: Matter,
     pub(crate) mask: Option<Mask>,
-    /// What a legend says of it, if it is not of labels.
+    /// Its line in a legend, unless it is a layer of labels.
     named: Option<LegendEntry>,
 }
 
-/// Samples, and what they look like.
-#[derive(Debug, Clone)]
+/// Samples with their look.
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Matter {
     Scalars {
         volume: Volume,
         transfer: TransferFunction,
     },
-    /// With the names of the looks.
+    /// Numbers of labels, with a look and a name for each.
     Labels {
         volume: Volume,
         looks: Arc<[Look]>,
@@ -68,14 +68,14 @@ pub(crate) enum Matter {
 }
 
 /// Voxels that have colours.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Colors {
     /// Red, green, blue.
     pub(crate) channels: [Volume; 3],
     pub(crate) alpha: Option<Volume>,
     /// The value of a channel at its brightest.
     pub(crate) white: f64,
-    /// Opacities of alpha, or of [`luminance`] where there is none.
+    /// Opacities by alpha, or by [`luminance`] without alpha.
     pub(crate) transfer: TransferFunction,
 }
 
@@ -84,66 +84,37 @@ pub(crate) fn luminance([red, green, blue]: [f64; 3]) -> f64 {
     0.2126 * red + 0.7152 * green + 0.0722 * blue
 }
 
-/// Where a layer shows.
-#[derive(Debug, Clone)]
+/// The voxels in which a layer shows.
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Mask {
     pub(crate) volume: Volume,
-    /// The labels of it where the layer shows, ascending.
+    /// The labels of `volume` at which the layer shows, ascending.
     pub(crate) shown: Arc<[i64]>,
 }
 
-impl PartialEq for Matter {
-    fn eq(&self, other: &Self) -> bool {
-        match (self, other) {
-            (Self::Scalars { volume: a, transfer }, Self::Scalars { volume: b, transfer: of_b }) => {
-                a.is_same(b) && transfer == of_b
-            }
-            (Self::Labels { volume: a, looks, names }, Self::Labels { volume: b, looks: of_b, names: named }) => {
-                a.is_same(b) && looks == of_b && names == named
-            }
-            (Self::Colors(a), Self::Colors(b)) => {
-                let alphas = match (&a.alpha, &b.alpha) {
-                    (Some(a), Some(b)) => a.is_same(b),
-                    (a, b) => a.is_none() && b.is_none(),
-                };
-                let channels = a.channels.iter().zip(&b.channels).all(|(a, b)| a.is_same(b));
-                channels && alphas && a.white == b.white && a.transfer == b.transfer
-            }
-            _ => false,
-        }
-    }
-}
-
-impl PartialEq for Mask {
-    fn eq(&self, other: &Self) -> bool {
-        self.volume.is_same(&other.volume) && self.shown == other.shown
-    }
-}
-
 impl Layer {
-    fn of(matter: Matter) -> Self {
+    fn new(matter: Matter) -> Self {
         Self { matter, mask: None, named: None }
     }
 
-    /// Scalars that a transfer function classifies.
+    /// Makes a layer of scalars that a transfer function classifies.
     #[must_use]
     pub fn scalars(volume: &Volume, transfer: &TransferFunction) -> Self {
-        Self::of(Matter::Scalars { volume: volume.clone(), transfer: transfer.clone() })
+        Self::new(Matter::Scalars { volume: volume.clone(), transfer: transfer.clone() })
     }
 
-    /// Labels, each of which has a colour and an opacity of a slab as thick as the least distance of voxels. Reads the
-    /// volume once.
+    /// Makes a layer of labels. Each label has a colour and an opacity, per slab as thick as the smallest spacing.
+    /// Reads the volume once.
     ///
     /// # Errors
-    /// Those of [`count_labels`].
+    /// The errors of [`count_labels`].
     pub fn labels(volume: &Volume, labels: &Labels) -> Result<Self> {
         let (looks, names) = labels.looks(&count_labels(volume)?);
-        Ok(Self::of(Matter::Labels { volume: volume.clone(), looks: looks.into(), names: names.into() }))
+        Ok(Self::new(Matter::Labels { volume: volume.clone(), looks: looks.into(), names: names.into() }))
     }
 
-    /// Voxels in colours of their own: red, green and blue, `white` where they are brightest. The transfer function
-    /// says how opaque they are, by their `alpha` or, if there is none, by their luminance (ITU-R BT.709); its colours
-    /// do not count.
+    /// Makes a layer of voxels with colours: red, green and blue, brightest at `white`. The transfer function gives
+    /// their opacity, by `alpha` or, without it, by their luminance (ITU-R BT.709); its colours are ignored.
     ///
     /// # Errors
     /// [`Error::Setting`] if the lattices differ or `white` is not over 0.
@@ -157,66 +128,57 @@ impl Layer {
             check_lattice("channel", channels[0], other)?;
         }
         if !(white > 0.0 && white.is_finite()) {
-            return Err(Error::Setting { name: "white", reason: format!("{white}, expected a number over 0") });
+            return Err(Error::setting("white", format!("{white}, expected a number over 0")));
         }
         let (channels, alpha) = (channels.map(Volume::clone), alpha.cloned());
         let colors = Colors { channels, alpha, white, transfer: transfer.clone() };
-        Ok(Self::of(Matter::Colors(Box::new(colors))))
+        Ok(Self::new(Matter::Colors(Box::new(colors))))
     }
 
-    /// The same layer with a name and a colour in [`Layers::legend`], such as those of a channel. Labels have their
-    /// own.
+    /// Returns the same layer with a line in [`Layers::legend`], such as for a channel. Labels have lines without it.
     #[must_use]
     pub fn named(self, entry: LegendEntry) -> Self {
         Self { named: Some(entry), ..self }
     }
 
-    /// What [`Self::named`] said.
+    /// Returns the line that [`Self::named`] set.
     #[must_use]
     pub fn entry(&self) -> Option<&LegendEntry> {
         self.named.as_ref()
     }
 
-    /// The same layer where a volume of labels has one of some, and nothing elsewhere. Reads that volume once.
+    /// Returns the same layer, visible only in the voxels whose label in `mask` is one of `which`. Reads `mask` once.
     ///
     /// # Errors
-    /// Those of [`Self::labels`], and [`Error::Setting`] if the lattices differ (see [`on_lattice`]) or no voxel has
-    /// such a label.
-    pub fn masked(self, mask: &Volume, which: &Which) -> Result<Self> {
+    /// The errors of [`Self::labels`], and [`Error::Setting`] if the lattices differ (see [`on_lattice`]) or no voxel
+    /// has such a label.
+    pub fn masked(self, mask: &Volume, which: &LabelSelection) -> Result<Self> {
         check_lattice("mask", self.volume(), mask)?;
         let shown: Vec<i64> =
             count_labels(mask)?.into_iter().map(|count| count.label).filter(|&label| which.has(label, "")).collect();
         if shown.is_empty() {
-            return Err(Error::Setting { name: "mask", reason: "no voxel has such a label".to_owned() });
+            return Err(Error::setting("mask", "no voxel has such a label"));
         }
         Ok(Self { mask: Some(Mask { volume: mask.clone(), shown: shown.into() }), ..self })
     }
 
-    /// The same look of other samples, such as those of another point in time. `other` gives the volume that takes the
-    /// place of each. Looks of labels are those of the labels that there are now.
+    /// Returns the same layer with other samples, such as of another time point. `other` replaces each volume. Labels
+    /// keep the looks of the labels that there are now.
     ///
     /// # Errors
-    /// [`Error::Setting`] if the lattice of a volume is another one, and what `other` returns.
+    /// [`Error::Setting`] if a volume has another lattice, and the errors of `other`.
     pub fn with_samples(&self, mut other: impl FnMut(&Volume) -> Result<Volume>) -> Result<Self> {
-        let mut next = |volume: &Volume| {
+        let mut layer = self.clone();
+        let volumes = match &mut layer.matter {
+            Matter::Scalars { volume, .. } | Matter::Labels { volume, .. } => vec![volume],
+            Matter::Colors(colors) => colors.channels.iter_mut().chain(&mut colors.alpha).collect(),
+        };
+        for volume in volumes {
             let next = other(volume)?;
-            check_lattice("volume", volume, &next).map(|()| next)
-        };
-        let matter = match &self.matter {
-            Matter::Scalars { volume, transfer } => {
-                Matter::Scalars { volume: next(volume)?, transfer: transfer.clone() }
-            }
-            Matter::Labels { volume, looks, names } => {
-                Matter::Labels { volume: next(volume)?, looks: Arc::clone(looks), names: Arc::clone(names) }
-            }
-            Matter::Colors(colors) => {
-                let [red, green, blue] = &colors.channels;
-                let channels = [next(red)?, next(green)?, next(blue)?];
-                let alpha = colors.alpha.as_ref().map(&mut next).transpose()?;
-                Matter::Colors(Box::new(Colors { channels, alpha, ..Colors::clone(colors) }))
-            }
-        };
-        Ok(Self { matter, mask: self.mask.clone(), named: self.named.clone() })
+            check_lattice("volume", volume, &next)?;
+            *volume = next;
+        }
+        Ok(layer)
     }
 
     fn grid(&self) -> &Grid {
@@ -230,48 +192,52 @@ impl Layer {
         }
     }
 
-    /// The distance that opacities are per, world units.
+    /// The transfer function, unless the layer is of labels.
+    fn transfer(&self) -> Option<&TransferFunction> {
+        match &self.matter {
+            Matter::Scalars { transfer, .. } => Some(transfer),
+            Matter::Colors(colors) => Some(&colors.transfer),
+            Matter::Labels { .. } => None,
+        }
+    }
+
+    /// The thickness of the slab that opacities belong to, world units.
     pub(crate) fn unit(&self) -> f64 {
         let spacing = self.grid().min_spacing();
-        match &self.matter {
-            Matter::Scalars { transfer, .. } => transfer.unit_or(spacing),
-            Matter::Colors(colors) => colors.transfer.unit_or(spacing),
-            Matter::Labels { .. } => spacing,
-        }
+        self.transfer().map_or(spacing, |transfer| transfer.unit_or(spacing))
     }
 
     /// The largest opacity of any voxel.
     pub(crate) fn max_opacity(&self) -> f64 {
         match &self.matter {
-            Matter::Scalars { transfer, .. } => transfer.max_opacity(),
-            Matter::Colors(colors) => colors.transfer.max_opacity(),
             Matter::Labels { looks, .. } => looks.iter().map(|look| look.opacity).fold(0.0, f64::max),
+            _ => self.transfer().map_or(0.0, TransferFunction::max_opacity),
         }
     }
 }
 
 /// Refuses a volume on another lattice.
 fn check_lattice(name: &'static str, volume: &Volume, other: &Volume) -> Result<()> {
-    lattice::fit(other, volume).map(drop).map_err(|reason| Error::Setting { name, reason })
+    lattice::fit(other, volume).map(drop).map_err(|reason| Error::setting(name, reason))
 }
 
 impl Layers {
-    /// A volume as it is drawn alone.
+    /// Makes one layer of a volume and its transfer function.
     #[must_use]
-    pub fn of(volume: &Volume, transfer: &TransferFunction) -> Self {
+    pub fn of_volume(volume: &Volume, transfer: &TransferFunction) -> Self {
         Self::new(Layer::scalars(volume, transfer))
     }
 
-    /// One layer.
+    /// Makes layers of a single one.
     #[must_use]
     pub fn new(layer: Layer) -> Self {
         Self { layers: vec![layer] }
     }
 
-    /// The same with another layer.
+    /// Adds a layer.
     ///
     /// # Errors
-    /// [`Error::Setting`] if it has another number of voxels along an axis, or if the files state where both are and
+    /// [`Error::Setting`] if it has another number of voxels along an axis, or if the files state where both lie and
     /// voxels are half a voxel or more apart: [`on_lattice`] resamples labels.
     pub fn with(mut self, layer: Layer) -> Result<Self> {
         check_lattice("labels", self.layers[0].volume(), layer.volume())?;
@@ -279,16 +245,17 @@ impl Layers {
         Ok(self)
     }
 
-    /// The lattice.
+    /// Returns the lattice.
     #[must_use]
     pub fn grid(&self) -> &Grid {
         self.layers[0].grid()
     }
 
-    /// The hull of all that layers show and that is not cut away; `None` if that is nothing. Masks do not count.
+    /// Returns the hull of all visible voxels of the layers that are not clipped; `None` if there are none. Of a masked
+    /// layer it is the hull of the mask.
     ///
     /// # Errors
-    /// Those of [`Hull::of_visible`].
+    /// The errors of [`Hull::of_visible`].
     pub fn hull(&self, clip: &Clip) -> Result<Option<Hull>> {
         let hull = |layer: &Layer| match (&layer.mask, &layer.matter) {
             (Some(mask), _) => Hull::of_values(&mask.volume, &runs(mask.shown.iter().copied()), clip),
@@ -306,9 +273,9 @@ impl Layers {
         united(self.layers.iter().map(hull))
     }
 
-    /// What a legend says of layers: every label that shows, in ascending order, and layers that are
-    /// [named](Layer::named). A label shows if it is not clear and one of its voxels is neither cut away nor masked; it
-    /// may be hidden behind others. Reads labels again if something is cut away or masked.
+    /// Returns the lines of a legend: every visible label, in ascending order, and layers that are
+    /// [named](Layer::named). A label is visible if it is not clear and one of its voxels is neither clipped nor
+    /// masked; it may be hidden behind others. Reads labels again if something is clipped or masked.
     ///
     /// # Errors
     /// [`Error::Input`] and [`Error::Memory`] if samples left in a file cannot be read.
@@ -330,7 +297,7 @@ impl Layers {
         Ok(entries)
     }
 
-    /// The volume and the transfer function, if there is nothing else.
+    /// The volume and the transfer function, if there is no other layer and no mask.
     pub(crate) fn plain(&self) -> Option<(&Volume, &TransferFunction)> {
         match self.layers.as_slice() {
             [Layer { matter: Matter::Scalars { volume, transfer }, mask: None, .. }] => Some((volume, transfer)),
@@ -342,7 +309,7 @@ impl Layers {
         &self.layers
     }
 
-    /// The distance that opacities of splats are per, world units.
+    /// The thickness of the slab that opacities of splats belong to, world units.
     pub(crate) fn unit(&self) -> f64 {
         self.layers[0].unit()
     }
@@ -353,7 +320,7 @@ impl Layers {
         self.layers.iter().map(density).sum()
     }
 
-    /// The largest of each channel of the colours.
+    /// The largest value of each channel of the colours.
     pub(crate) fn brightest(&self) -> [f64; 3] {
         let brightest = |layer: &Layer| match &layer.matter {
             Matter::Scalars { transfer, .. } => transfer.brightest(),
@@ -363,24 +330,20 @@ impl Layers {
         self.layers.iter().map(brightest).fold([0.0; 3], larger)
     }
 
-    /// Refuses settings that layers are not drawn by, and values that are no numbers.
+    /// Refuses settings that layers do not support, and values that are not finite.
     pub(crate) fn check(&self, settings: &Settings) -> Result<()> {
-        for layer in &self.layers {
-            match &layer.matter {
-                Matter::Scalars { volume, .. } => volume.check_finite()?,
-                Matter::Labels { .. } => {}
-                Matter::Colors(colors) => {
-                    colors.channels.iter().chain(&colors.alpha).try_for_each(Volume::check_finite)?;
-                }
-            }
-        }
+        self.layers.iter().try_for_each(|layer| match &layer.matter {
+            Matter::Scalars { volume, .. } => volume.check_finite(),
+            Matter::Colors(colors) => colors.channels.iter().chain(&colors.alpha).try_for_each(Volume::check_finite),
+            Matter::Labels { .. } => Ok(()),
+        })?;
         if self.plain().is_some() { Ok(()) } else { Self::check_settings(settings) }
     }
 
-    /// Refuses settings that layers are not drawn by, unless they are one volume alone.
+    /// Refuses settings that layers do not support, except a volume alone.
     ///
     /// # Errors
-    /// [`Error::Setting`] of post-shading, projections of intensity and cells of a level above 0.
+    /// [`Error::Setting`] for post-shading, projections of intensity and cells of a level above 0.
     pub fn check_settings(settings: &Settings) -> Result<()> {
         let (name, what) = match settings {
             Settings { model: Model::Mip | Model::Minip | Model::Average, .. } => ("model", settings.model.name()),
@@ -388,12 +351,12 @@ impl Layers {
             Settings { level: Level::At(1..), .. } => ("level", "over 0"),
             _ => return Ok(()),
         };
-        let reason = format!("{what}, and labels, masks and channels are drawn voxel by voxel, pre-shaded");
-        Err(Error::Setting { name, reason })
+        let reason = "labels, masks and channels are drawn voxel by voxel, pre-shaded";
+        Err(Error::setting(name, format!("{what}, and {reason}")))
     }
 }
 
-/// The hull of all.
+/// The common hull.
 fn united(mut hulls: impl Iterator<Item = Result<Option<Hull>>>) -> Result<Option<Hull>> {
     hulls.try_fold(None, |all: Option<Hull>, hull| {
         Ok(match (all, hull?) {

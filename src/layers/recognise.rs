@@ -4,34 +4,34 @@ use std::collections::BTreeSet;
 
 use rayon::prelude::*;
 
+use super::labels;
 use crate::error::Result;
-use crate::volume::{ToF64, Volume, with_samples};
+use crate::volume::{Volume, with_samples};
 
-/// The most samples that are looked at, in rows spread over the volume.
-const MOST: usize = 1 << 22;
-/// Samples of rows looked at together.
+/// The largest number of samples that are inspected, in rows spread over the volume.
+const SAMPLES: usize = 1 << 22;
+/// Samples of rows that are read together.
 const PIECE: usize = 1 << 18;
-/// The most different values.
+/// The largest number of different values.
 const VALUES: usize = 4096;
-/// The fewest samples beside the background.
+/// The smallest number of samples outside the background.
 const FEWEST: u64 = 100;
-/// The largest share of different ones among neighbours that are not both of the background. Scans of 8 bits have 0.4
+/// The largest share of unequal pairs among pairs of neighbours that are not both background. Scans of 8 bits have 0.4
 /// to 0.9, organs 0.02 to 0.1, cells of 2 to 6 voxels 0.3.
 const DIFFERENT: f64 = 0.35;
-/// The largest share of the borders behind which there is one sample alone, larger than one of its neighbours and
-/// smaller than the other: there the scan of an edge has a value of its own. Scans rounded to 4 values have 0.08 to
-/// 0.4, to more 0.2 to 0.8; organs 0.004 to 0.02.
+/// The largest share of borders with a single sample behind them that lies between its two neighbours in value, as on
+/// an edge in a scan. Scans rounded to 4 values have 0.08 to 0.4, to more values 0.2 to 0.8; organs 0.004 to 0.02.
 const BETWEEN: f64 = 0.05;
-/// The least share of the borders between values that do not follow each other, of up to 8 values and of more: a field
-/// without jumps passes through all of them.
+/// The smallest share of borders between values that do not follow each other, for up to 8 values and for more: a field
+/// without jumps passes through all values.
 const JUMPS: [f64; 2] = [0.05, 0.3];
 
 /// A row of samples as runs of one value, and their lengths.
 type Runs = Vec<(f64, u64)>;
 
-/// Why the values of a volume are taken for labels; `None` if they are not. Either its file says so, or they are whole
-/// numbers of 0 and more, mostly 0, that fill regions with sharp borders; scans and fields do not, even if they are
-/// rounded to few values. At most 4 Mi samples are looked at, along the first axis. Bounds are rules of thumb.
+/// Returns why the values of a volume are taken for labels; `None` if they are not. Either the file says so, or the
+/// values are whole numbers from 0 up, mostly 0, that fill regions with sharp borders; scans and fields do not, even if
+/// they are rounded to few values. Inspects at most 4 Mi samples, along the first axis. Bounds are rules of thumb.
 ///
 /// # Errors
 /// [`Error::Input`](crate::Error::Input) and [`Error::Memory`](crate::error::Error::Memory) if samples left in a
@@ -47,7 +47,7 @@ pub fn recognised(volume: &Volume) -> Result<Option<String>> {
     }
     let [nx, ny, nz] = volume.grid().dims().map(|d| d as usize);
     let (slope, intercept) = volume.rescale();
-    let step = (nx * ny * nz).div_ceil(MOST);
+    let step = (nx * ny * nz).div_ceil(SAMPLES);
     // A step along y and z that have a factor in common would miss most of the slices.
     let rows: Vec<usize> = (0..ny * nz).filter(|row| (row % ny + row / ny) % step == 0).collect();
     let (mut values, mut all) = (BTreeSet::new(), Vec::new());
@@ -55,7 +55,7 @@ pub fn recognised(volume: &Volume) -> Result<Option<String>> {
     for piece in rows.chunks(PIECE.div_ceil(nx)) {
         let row = |row: &usize| -> Result<Runs> {
             let samples = volume.read(row * nx..(row + 1) * nx)?;
-            Ok(with_samples!(&samples, s => runs_of(s)))
+            Ok(with_samples!(&samples, s => labels::runs(s).collect()))
         };
         for row in piece.par_iter().map(row).collect::<Result<Vec<Runs>>>()? {
             values.extend(row.iter().map(|(raw, _)| (slope * raw + intercept).to_bits()));
@@ -63,22 +63,19 @@ pub fn recognised(volume: &Volume) -> Result<Option<String>> {
             runs += row.len();
             all.push(row);
         }
-        // Positive numbers are sorted as their bits are; -0 is none of a whole sample, and negative ones are larger.
+        // Bits of positive numbers are sorted like the numbers. Whole samples have no -0, and bits of negative numbers
+        // are larger.
         let are_whole = values.iter().all(|&bits| f64::from_bits(bits) >= 0.0 && f64::from_bits(bits).fract() == 0.0);
         if !are_whole || values.len() > VALUES || runs > samples / 2 + 1000 {
             return Ok(None);
         }
     }
     let values: Vec<f64> = values.into_iter().map(f64::from_bits).collect();
-    let ranked = |row: &Runs| -> Vec<(usize, u64)> {
-        row.iter()
-            .map(|(raw, length)| {
-                let value = slope * raw + intercept;
-                (values.partition_point(|&other| other < value), *length)
-            })
-            .collect()
-    };
-    let found = all.par_iter().map(|row| Borders::of(&ranked(row))).reduce(Borders::default, Borders::and);
+    let mut found = Borders::default();
+    for row in &all {
+        let rank = |raw: f64| values.partition_point(|&other| other < slope * raw + intercept);
+        found.add(&row.iter().map(|&(raw, length)| (rank(raw), length)).collect::<Vec<_>>());
+    }
     let background = values.first() == Some(&0.0) && found.background > found.labelled / 4;
     let jumps = JUMPS[usize::from(values.len() > 8)];
     let are_labels = background
@@ -94,60 +91,43 @@ pub fn recognised(volume: &Volume) -> Result<Option<String>> {
     Ok(are_labels.then(reason))
 }
 
-fn runs_of<T: ToF64 + PartialEq>(samples: &[T]) -> Runs {
-    samples.chunk_by(|a, b| a == b).map(|run| (run[0].to_f64(), run.len() as u64)).collect()
-}
-
-/// What rows have where values meet. The background is the least value, 0.
-#[derive(Debug, Default, Clone, Copy, PartialEq)]
+/// Counts at the borders between values in rows. The background is the lowest value, 0.
+#[derive(Default)]
 struct Borders {
     background: u64,
     labelled: u64,
-    /// Neighbours that are not both of the background.
+    /// Pairs of neighbours that are not both background.
     pairs: u64,
+    /// Pairs of neighbours with different values.
     different: u64,
-    /// Of them, those whose values do not follow each other.
+    /// Pairs of neighbours with values that do not follow each other.
     jumps: u64,
-    /// Borders behind which there is a label.
+    /// Borders with a label behind them.
     starts: u64,
-    /// Of them, those behind which one sample lies between two values.
+    /// Borders with a single sample behind them that lies between its neighbours in value.
     between: u64,
 }
 
 impl Borders {
-    /// Those of a row, of runs of values given by their places among all values.
-    fn of(row: &[(usize, u64)]) -> Self {
-        let mut found = Self::default();
+    /// Adds a row, given by runs of values, which are ranks among all values.
+    fn add(&mut self, row: &[(usize, u64)]) {
         for &(value, length) in row {
             if value == 0 {
-                found.background += length;
+                self.background += length;
             } else {
-                found.labelled += length;
-                found.pairs += length - 1;
+                self.labelled += length;
+                self.pairs += length - 1;
             }
         }
         for pair in row.windows(2) {
-            found.pairs += 1;
-            found.different += 1;
-            found.jumps += u64::from(pair[0].0.abs_diff(pair[1].0) > 1);
-            found.starts += u64::from(pair[1].0 != 0);
+            self.pairs += 1;
+            self.different += 1;
+            self.jumps += u64::from(pair[0].0.abs_diff(pair[1].0) > 1);
+            self.starts += u64::from(pair[1].0 != 0);
         }
         for three in row.windows(3) {
             let [(a, _), (b, length), (c, _)] = [three[0], three[1], three[2]];
-            found.between += u64::from(length == 1 && b != 0 && (a < b) == (b < c));
-        }
-        found
-    }
-
-    fn and(self, other: Self) -> Self {
-        Self {
-            background: self.background + other.background,
-            labelled: self.labelled + other.labelled,
-            pairs: self.pairs + other.pairs,
-            different: self.different + other.different,
-            jumps: self.jumps + other.jumps,
-            starts: self.starts + other.starts,
-            between: self.between + other.between,
+            self.between += u64::from(length == 1 && b != 0 && (a < b) == (b < c));
         }
     }
 }

@@ -1,44 +1,42 @@
-//! Which labels show.
+//! The labels that are visible.
+
+use std::ops::Range;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Look, Mask, look_of};
+use super::{Look, Mask};
 use crate::clip::{Clip, is_inside};
 use crate::error::Result;
-use crate::volume::{ToF64, Volume, with_samples};
+use crate::volume::Volume;
 
-/// Of each look, whether one of its voxels shows: it is not clear, and the middle of the voxel is neither masked nor
-/// cut away.
+/// Returns for each look whether one of its voxels is visible: it is not clear, and the middle of the voxel is neither
+/// masked nor clipped.
 pub(super) fn labels(volume: &Volume, looks: &[Look], mask: Option<&Mask>, clip: &Clip) -> Result<Vec<bool>> {
-    let is_clear = |look: &Look| look.opacity <= 0.0;
     if mask.is_none() && clip.is_empty() {
-        return Ok(looks.iter().map(|look| !is_clear(look)).collect());
+        return Ok(looks.iter().map(|look| look.opacity > 0.0).collect());
     }
     let [nx, ny, nz] = volume.grid().dims().map(|d| d as usize);
     let middle = DVec3::new(nx as f64, ny as f64, nz as f64) / 2.0 - 0.5;
     let sides = clip.sides(volume.grid());
     let slice = |z: usize| -> Result<Vec<bool>> {
         let range = z * nx * ny..(z + 1) * nx * ny;
-        let values = values(volume, range.clone())?;
-        let masked = mask.map(|mask| self::values(&mask.volume, range)).transpose()?;
-        let is_shown = |i: usize| match (&masked, mask) {
-            (Some(values), Some(mask)) => mask.shown.binary_search(&(values[i] as i64)).is_ok(),
-            _ => true,
-        };
+        let label = labels_of(volume, range.clone())?;
+        let masked = mask.map(|mask| labels_of(&mask.volume, range).map(|of| (of, &mask.shown))).transpose()?;
+        let is_masked = |i: usize| masked.as_ref().is_some_and(|(of, shown)| shown.binary_search(&of(i)).is_err());
         let mut found = vec![false; looks.len()];
-        let mut last: Option<(f64, usize)> = None;
-        for (i, &value) in values.iter().enumerate() {
+        // Labels come in runs: each is looked up once.
+        let mut last = None;
+        for i in 0..nx * ny {
+            let label = label(i);
             let at = match last {
-                Some((of, at)) if of == value => at,
-                _ => look_of(looks, value)
-                    .map_or(looks.len(), |look| looks.partition_point(|other| other.label < look.label)),
+                Some((same, at)) if same == label => at,
+                _ => looks.binary_search_by_key(&label, |look| look.label).ok(),
             };
-            last = Some((value, at));
-            if found.get(at) == Some(&false) && !is_clear(&looks[at]) && is_shown(i) {
-                let place = DVec3::new((i % nx) as f64, (i / nx) as f64, z as f64) - middle;
-                found[at] = is_inside(&sides, place);
-            }
+            last = Some((label, at));
+            let Some(at) = at.filter(|&at| !found[at] && looks[at].opacity > 0.0 && !is_masked(i)) else { continue };
+            let place = DVec3::new((i % nx) as f64, (i / nx) as f64, z as f64) - middle;
+            found[at] = is_inside(&sides, place);
         }
         Ok(found)
     };
@@ -46,10 +44,8 @@ pub(super) fn labels(volume: &Volume, looks: &[Look], mask: Option<&Mask>, clip:
     (0..nz).into_par_iter().map(slice).try_reduce(|| vec![false; looks.len()], either)
 }
 
-fn values(volume: &Volume, range: std::ops::Range<usize>) -> Result<Vec<f64>> {
-    fn of<T: ToF64>(samples: &[T], (slope, intercept): (f64, f64)) -> Vec<f64> {
-        samples.iter().map(|sample| slope * sample.to_f64() + intercept).collect()
-    }
-    let samples = volume.read(range)?;
-    Ok(with_samples!(&samples, s => of(s, volume.rescale())))
+/// Reads a range of samples as labels.
+fn labels_of(volume: &Volume, range: Range<usize>) -> Result<impl Fn(usize) -> i64> {
+    let (samples, (slope, intercept)) = (volume.read(range)?, volume.rescale());
+    Ok(move |i| (slope * samples.raw(i) + intercept) as i64)
 }

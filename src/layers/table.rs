@@ -1,4 +1,4 @@
-//! Tables of labels as other programs write them, told apart by their content.
+//! Tables of labels of other programs, told apart by content.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,20 +11,21 @@ use crate::error::{Error, Result};
 /// The largest table that is read, in bytes.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// A row: a label, its name, red, green and blue from 0 to 255 and, if it is stated, the opacity from 0 to 1.
+/// A row: a label, its name, red, green and blue from 0 to 255 and, if stated, the opacity from 0 to 1.
 type Row = (i64, String, [f64; 3], Option<f64>);
 
-/// A label.
+/// The name and the look of a label.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Label {
-    /// What it is of.
+    /// The name of the labelled structure.
     pub name: String,
     /// Red, green and blue in 0..1, in display space.
     pub color: [f64; 3],
-    /// Opacity in 0..1 of a slab as thick as the least distance of voxels; 0: it does not show.
+    /// Opacity in 0..1 of a slab as thick as the smallest spacing; 0: invisible.
     pub opacity: f64,
 }
 
+/// Loads a table.
 pub(super) fn load(path: &Path) -> Result<BTreeMap<i64, Label>> {
     let fault = |reason: String| Error::format(path, reason);
     parse(&files::read_text(path, MAX_BYTES)?).map_err(fault)
@@ -43,7 +44,7 @@ fn parse(text: &str) -> Result<BTreeMap<i64, Label>, String> {
     if rows.is_empty() {
         return Err("no label".to_owned());
     }
-    // FreeSurfer states how transparent labels are in place of how opaque, and none is.
+    // FreeSurfer states transparencies in place of opacities, and all are 0.
     let transparent = rows.iter().all(|(_, _, _, opacity)| opacity.is_none_or(|opacity| opacity == 0.0));
     let label = |(number, name, color, opacity): Row| {
         let stated = if transparent { None } else { opacity };
@@ -54,11 +55,11 @@ fn parse(text: &str) -> Result<BTreeMap<i64, Label>, String> {
     Ok(rows.into_iter().map(label).collect())
 }
 
-/// A row without a line of columns before it.
+/// Parses a row of a table without a line that names columns.
 fn row(line: &str) -> Option<Row> {
     let line = line.trim();
     if let Some((numbers, name)) = line.split_once('"') {
-        // ITK-SNAP: number, red, green, blue, opacity, whether slices and whether meshes show it, name.
+        // ITK-SNAP: number, red, green, blue, opacity, visibility in slices and in meshes, name.
         let name = name.strip_suffix('"')?.to_owned();
         let label = numbers.split_whitespace().next()?.parse().ok()?;
         let values: Vec<f64> = numbers.split_whitespace().skip(1).map(|v| v.parse().ok()).collect::<Option<_>>()?;
@@ -66,7 +67,7 @@ fn row(line: &str) -> Option<Row> {
         let shown = slices != 0.0 && meshes != 0.0;
         return Some((label, name, [red, green, blue], Some(if shown { opacity } else { 0.0 })));
     }
-    // 3D Slicer and FreeSurfer: number, name, red, green, blue, and from 0 to 255 how opaque or how transparent.
+    // 3D Slicer and FreeSurfer: number, name, red, green, blue, and opacity or transparency from 0 to 255.
     let words: Vec<&str> = line.split_whitespace().collect();
     let label = words.first()?.parse().ok()?;
     let behind = words.get(2..)?.iter().rev().take_while(|word| word.parse::<f64>().is_ok()).count().min(4);
@@ -79,19 +80,14 @@ fn row(line: &str) -> Option<Row> {
     Some((label, name.join(" ").replace('_', " "), [values[0], values[1], values[2]], opacity))
 }
 
-/// Where the columns of a table are that names them: .csv of 3D Slicer, .tsv of BIDS.
+/// The places of the columns of a table that names them: .csv of 3D Slicer, .tsv of BIDS.
 struct Columns {
     separator: char,
     label: usize,
     name: usize,
-    /// As #rrggbb, or red, green and blue from 0 to 255.
-    color: Color,
+    /// One column of #rrggbb, or red, green and blue from 0 to 255.
+    color: Vec<usize>,
     opacity: Option<usize>,
-}
-
-enum Color {
-    Hex(usize),
-    Channels([usize; 3]),
 }
 
 impl Columns {
@@ -99,8 +95,8 @@ impl Columns {
         let separator = if line.contains('\t') { '\t' } else { ',' };
         let names: Vec<String> = cells(line, separator).map(str::to_ascii_lowercase).collect();
         let at = |all: &[&str]| names.iter().position(|name| all.contains(&name.as_str()));
-        let channels = || Some([at(&["color_r", "r"])?, at(&["color_g", "g"])?, at(&["color_b", "b"])?]);
-        let color = at(&["color", "colour"]).map(Color::Hex).or_else(|| channels().map(Color::Channels))?;
+        let channels = || Some(vec![at(&["color_r", "r"])?, at(&["color_g", "g"])?, at(&["color_b", "b"])?]);
+        let color = at(&["color", "colour"]).map(|hex| vec![hex]).or_else(channels)?;
         Some(Self {
             separator,
             label: at(&["labelvalue", "index", "label", "id"])?,
@@ -113,9 +109,9 @@ impl Columns {
     fn row(&self, line: &str) -> Option<Row> {
         let cells: Vec<&str> = cells(line, self.separator).collect();
         let number = |at: usize| -> Option<f64> { cells.get(at)?.parse().ok() };
-        let color = match self.color {
-            Color::Hex(at) => color::hex(cells.get(at)?)?.map(|channel| 255.0 * channel),
-            Color::Channels([red, green, blue]) => [number(red)?, number(green)?, number(blue)?],
+        let color = match self.color.as_slice() {
+            &[red, green, blue] => [number(red)?, number(green)?, number(blue)?],
+            hex => color::hex(cells.get(*hex.first()?)?)?.map(|channel| 255.0 * channel),
         };
         let opacity = self.opacity.and_then(number).map(|opacity| opacity / 255.0);
         Some((cells.get(self.label)?.parse().ok()?, (*cells.get(self.name)?).to_owned(), color, opacity))

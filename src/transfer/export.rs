@@ -1,4 +1,4 @@
-//! Transfer functions as files, for this library and for 3D Slicer.
+//! Files of transfer functions, for this library and for 3D Slicer.
 
 use std::io::Write;
 use std::path::Path;
@@ -10,40 +10,33 @@ use crate::error::{Error, Result};
 use crate::output::write_atomically;
 use crate::volume::Grid;
 
-/// Where Slicer looks up what a `.vp.json` may hold.
+/// The schema of a `.vp.json`, for Slicer.
 const SCHEMA: &str = "https://raw.githubusercontent.com/slicer/slicer/main/Modules/Loadable/VolumeRendering/Resources/\
                       Schema/volume-property-schema-v1.0.0.json#";
 
-/// What a file's name asks for.
-#[derive(Clone, Copy, PartialEq)]
-enum Format {
-    Own,
-    SlicerJson,
-    SlicerText,
-}
+/// The writer of a format: a text of a function for the volume on a grid.
+type Writer = fn(&TransferFunction, &Grid) -> String;
 
-impl Format {
-    fn of(path: &Path) -> Result<Self> {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
-        match name.as_str() {
-            name if name.ends_with(".vp.json") => Ok(Self::SlicerJson),
-            name if name.ends_with(".json") => Ok(Self::Own),
-            name if name.ends_with(".vp") => Ok(Self::SlicerText),
-            _ => {
-                let reason = "transfer functions are written as .json, .vp.json or .vp".to_owned();
-                Err(Error::Output { path: path.to_owned(), reason })
-            }
-        }
-    }
+/// The writer for the extension of a path.
+fn writer(path: &Path) -> Result<Writer> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    let writers: [(&str, Writer); 3] = [
+        (".vp.json", TransferFunction::to_slicer_json),
+        (".json", |transfer, _| transfer.to_json()),
+        (".vp", TransferFunction::to_slicer_vp),
+    ];
+    let known = writers.into_iter().find(|(extension, _)| name.ends_with(extension));
+    let reason = || "transfer functions are written as .json, .vp.json or .vp".to_owned();
+    Ok(known.ok_or_else(|| Error::Output { path: path.to_owned(), reason: reason() })?.1)
 }
 
 impl TransferFunction {
     /// Refuses a path that [`Self::save`] has no format for.
     ///
     /// # Errors
-    /// [`Error::Output`] if the extension is not one of those.
+    /// [`Error::Output`] if the extension is not `.json`, `.vp.json` or `.vp`.
     pub fn check_output(path: impl AsRef<Path>) -> Result<()> {
-        Format::of(path.as_ref()).map(drop)
+        writer(path.as_ref()).map(drop)
     }
 
     /// Writes the function in the format of the extension of `path`: `.json` as [`Self::to_json`], `.vp.json` and `.vp`
@@ -53,22 +46,16 @@ impl TransferFunction {
     /// [`Error::Output`] as [`Self::check_output`]; [`Error::Write`] if writing fails.
     pub fn save(&self, path: impl AsRef<Path>, grid: &Grid) -> Result<()> {
         let path = path.as_ref();
-        let text = match Format::of(path)? {
-            Format::Own => self.to_json(),
-            Format::SlicerJson => self.to_slicer_json(grid),
-            Format::SlicerText => self.to_slicer_vp(grid),
-        };
+        let text = writer(path)?(self, grid);
         write_atomically(path, |file| file.write_all(text.as_bytes()))
     }
 
-    /// The function as a `.vp` of 3D Slicer, without light. The format has no unit distance.
+    /// Returns the function as a `.vp` of 3D Slicer, without light. The format has no unit distance.
     #[must_use]
     pub fn to_slicer_vp(&self, grid: &Grid) -> String {
         let list = |numbers: Vec<f64>| {
-            let words: Vec<String> = std::iter::once(numbers.len().to_string())
-                .chain(numbers.iter().map(|number| format!("{number:?}")))
-                .collect();
-            words.join(" ")
+            let words = numbers.iter().map(|number| format!(" {number:?}"));
+            format!("{}{}", numbers.len(), words.collect::<String>())
         };
         let opacities = self.points().iter().flat_map(|p| [p.value, p.opacity]).collect();
         let gradient = self.gradient_for_slicer(grid).iter().flat_map(|p| [p.magnitude, p.opacity]).collect();
@@ -76,7 +63,7 @@ impl TransferFunction {
         format!("1\n0\n0.9\n0.1\n0.2\n10\n{}\n{}\n{}\n", list(opacities), list(gradient), list(colors))
     }
 
-    /// The function as a `.vp.json` of 3D Slicer, without light.
+    /// Returns the function as a `.vp.json` of 3D Slicer, without light.
     #[must_use]
     pub fn to_slicer_json(&self, grid: &Grid) -> String {
         let with = |at: f64, key: &str, value: Value| {
@@ -106,7 +93,8 @@ impl TransferFunction {
         format!("{:#}\n", json!({"@schema": SCHEMA, "volumeProperties": [property]}))
     }
 
-    /// Gradient opacity over differences of a mean spacing. Slicer wants points, so none are two of opacity 1.
+    /// Gradient opacity over differences of a mean spacing. Slicer requires points: without gradient opacity they are
+    /// two of opacity 1.
     fn gradient_for_slicer(&self, grid: &Grid) -> Vec<GradientPoint> {
         let plain = [0.0, 255.0].map(|magnitude| GradientPoint { magnitude, opacity: 1.0 });
         let spacing = grid.mean_spacing();

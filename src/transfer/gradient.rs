@@ -1,23 +1,24 @@
-//! Gradient opacity, and the resolution of samples, below which a gradient is rounding and no surface.
+//! Gradient opacity, and the resolution of samples: a gradient below it is rounding and no surface.
 
-use super::TransferFunction;
+use super::{TransferFunction, segment};
 use crate::error::{Error, Result};
 use crate::volume::Volume;
 
 /// A control point of gradient opacity.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Deserialize)]
+#[serde(deny_unknown_fields, expecting = "an object with the keys `magnitude` and `opacity`")]
 pub struct GradientPoint {
     /// The length of the scalar's gradient: value per world unit, 0 or more.
     pub magnitude: f64,
-    /// The share of extinction that stays, 0 to 1.
+    /// The share of extinction that is kept, 0 to 1.
     pub opacity: f64,
 }
 
 impl TransferFunction {
-    /// The same with gradient opacity, piecewise linear in the length of the gradient and constant beyond its ends:
-    /// extinction is multiplied by it (Levoy 1988, "Display of surfaces from volume data"; VTK's gradient opacity in
-    /// the limit of short steps). What is flat, like the inside of organs, gives way to what has a surface. No points:
-    /// extinction stays as it is. Projections of intensity have none.
+    /// Returns the same function with gradient opacity, piecewise linear in the length of the gradient and constant
+    /// beyond its ends: it multiplies extinction (Levoy 1988, "Display of surfaces from volume data"; VTK's gradient
+    /// opacity in the limit of short steps). Flat regions, such as the inside of organs, fade and surfaces stay.
+    /// Without points, extinction stays as it is. Projections of intensity ignore gradient opacity.
     ///
     /// ```
     /// use voxsplat::transfer::{ControlPoint, GradientPoint, TransferFunction};
@@ -51,32 +52,34 @@ impl TransferFunction {
         Ok(Self { gradient: points, ..self })
     }
 
-    /// The control points of gradient opacity, magnitudes ascending; none if extinction is as it is everywhere.
+    /// Returns the control points of gradient opacity, magnitudes ascending; none if the function has no gradient
+    /// opacity.
     #[must_use]
     pub fn gradient_opacity(&self) -> &[GradientPoint] {
         &self.gradient
     }
 
-    /// The share of extinction that stays where the gradient is so long, value per world unit.
+    /// Returns the share of extinction that is kept at a gradient of this length, value per world unit.
     #[must_use]
     pub fn gradient_share(&self, magnitude: f64) -> f64 {
         share(&self.gradient, magnitude, |p| (p.magnitude, p.opacity))
     }
 
-    /// Gradient opacity as shaders and their twins see it, whose gradients are `scale` times as long: pairs of
-    /// magnitude and share.
+    /// Gradient opacity for shaders and their twins, whose gradients are `scale` times as long: pairs of magnitude and
+    /// share.
     pub(crate) fn scaled_gradient_opacity(&self, scale: f64) -> Vec<[f32; 2]> {
         let scaled = |p: &GradientPoint| [(p.magnitude * scale).min(1e36) as f32, p.opacity as f32];
         self.gradient.iter().map(scaled).collect()
     }
 }
 
-/// Which central differences of a scalar are rounding, and no surface.
+/// The size below which central differences of a scalar are rounding, and no surface.
 ///
 /// A gradient is the vector of central differences of the samples, (f_(j+1) - f_(j-1)) / 2 along each axis of the
-/// lattice. Painters hold samples less the base of the transfer function in f32. So differences below a share of that
-/// distance are noise, and the direction of their sum is arbitrary. Nor does light depend on differences far below all
-/// that the transfer function tells apart, which half floats and fitted kernels do not hold.
+/// lattice. Painters hold the distance of samples from the base of the transfer function in f32. Differences below a
+/// share of that distance are therefore noise, and the direction of their sum is arbitrary. Light does not depend
+/// either on differences far below the smallest that the transfer function distinguishes, because half floats and
+/// fitted kernels do not hold them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Resolution {
     of_distance: f64,
@@ -84,15 +87,15 @@ pub(crate) struct Resolution {
 }
 
 impl Resolution {
-    /// The share of the distance of a value from the base: 64 times what rounding to f32 may change. 2^-18.
+    /// The share of the distance of a value from the base: 64 times the rounding of f32. 2^-18.
     pub(crate) const OF_DISTANCE: f64 = 1.0 / 262_144.0;
     /// The share of the largest distance of values from the base, if it is within the extent of the transfer function:
-    /// what half floats hold to 11 bits if the largest distance is to stay in their range. 2^-28.
+    /// half floats hold it to 11 bits if the largest distance stays in their range. 2^-28.
     const OF_ALL: f64 = Self::OF_DISTANCE / 1024.0;
     /// The least share of the extent of the transfer function that counts as the largest distance. 2^-32.
     const LEAST: f64 = 1.0 / 4_294_967_296.0;
 
-    /// Every difference is a surface's.
+    /// Takes every difference for a surface.
     pub(crate) const NONE: Self = Self { of_distance: 0.0, faintest: 0.0 };
 
     /// The resolution of the values of a volume.
@@ -106,19 +109,19 @@ impl Resolution {
         Ok(Self { of_distance: Self::OF_DISTANCE, faintest })
     }
 
-    /// The part of the resolution that is the same for all values.
+    /// The part of the resolution that does not depend on the value.
     pub(crate) fn faintest(&self) -> f64 {
         self.faintest
     }
 
-    /// The largest central difference that counts half as a surface, of a value so far from the base.
+    /// The largest central difference that counts half as a surface, at a distance of the value from the base.
     fn at(&self, distance: f64) -> f64 {
         self.of_distance * distance.abs() + self.faintest
     }
 
-    /// The weight of a surface of a value so far from the base, given its central differences along the axes of the
-    /// lattice: g^4 / (g^4 + 1) with g the largest of them over the resolution. It is steep, so that quadrature along a
-    /// ray meets a surface or none.
+    /// The weight of a surface at a distance of its value from the base, given its central differences along the axes
+    /// of the lattice: g^4 / (g^4 + 1) with g the largest difference over the resolution. It is steep, so that
+    /// quadrature along a ray meets a surface or none.
     pub(crate) fn share(&self, differences: [f64; 3], distance: f64) -> f64 {
         let largest = differences.iter().fold(0.0_f64, |largest, d| largest.max(d.abs()));
         if largest <= 0.0 {
@@ -128,26 +131,24 @@ impl Resolution {
         g / (g + 1.0)
     }
 
-    /// The differences of a voxel, which is a surface or not: 0 if their weight is less than half.
+    /// The differences of a voxel, or 0 if their weight as a surface is less than half.
     pub(crate) fn resolved(&self, differences: [f64; 3], distance: f64) -> [f64; 3] {
         if self.share(differences, distance) < 0.5 { [0.0; 3] } else { differences }
     }
 }
 
-/// What pairs of [`TransferFunction::scaled_gradient_opacity`] say of a magnitude.
+/// The share of extinction at a magnitude, by pairs of [`TransferFunction::scaled_gradient_opacity`].
 pub(crate) fn scaled_share(points: &[[f32; 2]], magnitude: f32) -> f32 {
-    let share = share(points, f64::from(magnitude), |&[m, share]| (f64::from(m), f64::from(share)));
-    share as f32
+    share(points, magnitude.into(), |pair| pair.map(f64::from).into()) as f32
 }
 
-/// Linear between points, constant beyond them. Of points of one magnitude the last holds from there on.
-fn share<T>(points: &[T], magnitude: f64, of: impl Fn(&T) -> (f64, f64)) -> f64 {
-    let above = points.partition_point(|p| of(p).0 <= magnitude);
-    let (Some(a), Some(b)) = (points.get(above.saturating_sub(1)), points.get(above).or(points.last())) else {
+/// The share at a magnitude, by points that `pair` splits into magnitude and share; 1 without points.
+fn share<T>(points: &[T], magnitude: f64, pair: impl Fn(&T) -> (f64, f64)) -> f64 {
+    if points.is_empty() {
         return 1.0;
-    };
-    let ((low, first), (high, last)) = (of(a), of(b));
-    let f = if high > low { ((magnitude - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 };
+    }
+    let (a, b, f) = segment(points, magnitude, |p| pair(p).0);
+    let (first, last) = (pair(a).1, pair(b).1);
     first + (last - first) * f
 }
 

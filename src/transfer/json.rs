@@ -6,10 +6,10 @@
 //!  "gradient_opacity": [{"magnitude": 0, "opacity": 0.0}, {"magnitude": 20, "opacity": 1.0}]}
 //! ```
 
-use std::fmt;
 use std::path::Path;
 
-use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
+use serde::Deserialize;
+use serde_json::Value;
 use serde_json::value::RawValue;
 
 use super::{ControlPoint, GradientPoint, TransferFunction};
@@ -17,11 +17,11 @@ use crate::color;
 use crate::error::{Error, Result};
 use voxsplat_volume::files::{self, fault};
 
-/// The largest file that is read, in bytes: 1 KiB for each of the most points.
+/// The largest file that is read, in bytes: 1 KiB for each of [`TransferFunction::MAX_POINTS`].
 const MAX_BYTES: u64 = 4 << 20;
 
-/// The file. Points stay text until each is parsed by itself, so an error can name the point and its line.
-#[derive(serde::Deserialize)]
+/// The file. Points stay text until each is parsed by itself, so that an error can name the point and its line.
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields, expecting = "an object with the keys `points`, `unit_distance` and `gradient_opacity`")]
 struct Document<'a> {
     #[serde(default)]
@@ -29,53 +29,20 @@ struct Document<'a> {
     #[serde(borrow)]
     points: Vec<&'a RawValue>,
     #[serde(default)]
-    gradient_opacity: Vec<Steepness>,
+    gradient_opacity: Vec<GradientPoint>,
 }
 
-#[derive(serde::Deserialize)]
-#[serde(deny_unknown_fields, expecting = "an object with the keys `magnitude` and `opacity`")]
-struct Steepness {
-    magnitude: f64,
-    opacity: f64,
-}
-
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields, expecting = "an object with the keys `value`, `color` and `opacity`")]
 struct Point {
     value: f64,
-    color: Color,
+    color: Value,
     opacity: f64,
 }
 
-struct Color([f64; 3]);
-
-impl<'de> Deserialize<'de> for Color {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct ColorVisitor;
-        impl<'de> Visitor<'de> for ColorVisitor {
-            type Value = Color;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a colour \"#rrggbb\" or [red, green, blue] from 0 to 1")
-            }
-
-            fn visit_str<E: de::Error>(self, text: &str) -> Result<Color, E> {
-                color::hex(text).map(Color).ok_or_else(|| E::invalid_value(de::Unexpected::Str(text), &self))
-            }
-
-            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Color, A::Error> {
-                let mut color = [0.0; 3];
-                for (i, c) in color.iter_mut().enumerate() {
-                    *c = seq.next_element()?.ok_or_else(|| de::Error::invalid_length(i, &self))?;
-                }
-                match seq.next_element::<de::IgnoredAny>()? {
-                    None => Ok(Color(color)),
-                    Some(_) => Err(de::Error::invalid_length(4, &self)),
-                }
-            }
-        }
-        deserializer.deserialize_any(ColorVisitor)
-    }
+/// Red, green and blue of a colour in either notation.
+fn channels(color: &Value) -> Option<[f64; 3]> {
+    color.as_str().map_or_else(|| Deserialize::deserialize(color).ok(), color::hex)
 }
 
 impl TransferFunction {
@@ -83,7 +50,7 @@ impl TransferFunction {
     ///
     /// # Errors
     /// [`Error::Transfer`] for malformed JSON, missing or unknown keys, wrong colours, and all that
-    /// [`TransferFunction::new`] refuses. It names the line and, inside a point, the point.
+    /// [`TransferFunction::new`] refuses. The message names the line and, inside a point, the point.
     pub fn from_json(text: &str) -> Result<Self> {
         let document: Document<'_> = serde_json::from_str(text)
             .map_err(|e| Error::Transfer(format!("line {} column {}: {}", e.line(), e.column(), fault(&e))))?;
@@ -94,65 +61,52 @@ impl TransferFunction {
         let (mut line, mut passed) = (1, 0);
         for raw in document.points {
             let number = points.len() + 1;
-            // The raw text is a slice of `text`, behind that of the point before: its offset gives the line.
+            // The raw text is a slice of `text` behind the raw text of the point before: its offset gives the line.
             let start = raw.get().as_ptr().addr() - text.as_ptr().addr();
             line += text[passed..start].bytes().filter(|&b| b == b'\n').count();
             passed = start;
             let error = |line: usize, reason: &str| Error::Transfer(format!("point {number} (line {line}): {reason}"));
             let Point { value, color, opacity } =
                 serde_json::from_str(raw.get()).map_err(|e| error(line + e.line() - 1, &fault(&e)))?;
-            let point = ControlPoint { value, color: color.0, opacity };
+            let expected = "expected \"#rrggbb\" or [red, green, blue] from 0 to 1";
+            let color = channels(&color).ok_or_else(|| error(line, &format!("colour {color}, {expected}")))?;
+            let point = ControlPoint { value, color, opacity };
             point.check(points.last()).map_err(|reason| error(line, &reason))?;
             points.push(point);
         }
-        let steepness = |Steepness { magnitude, opacity }| GradientPoint { magnitude, opacity };
-        let gradient = document.gradient_opacity.into_iter().map(steepness).collect();
-        Self::new(points, document.unit_distance)?.with_gradient_opacity(gradient)
+        Self::new(points, document.unit_distance)?.with_gradient_opacity(document.gradient_opacity)
     }
 
     /// Reads a transfer function from a JSON file.
     ///
     /// # Errors
-    /// [`Error::Input`] if the file cannot be read, is
-    /// not a regular file (standard input excepted), takes over 4 MiB, or [`TransferFunction::from_json`] refuses its
-    /// text.
+    /// [`Error::Input`] if the file cannot be read, is not a regular file (standard input excepted), takes over 4 MiB,
+    /// or [`TransferFunction::from_json`] refuses its text.
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        let text = files::read_text(path, MAX_BYTES)?;
-        Self::from_json(&text).map_err(|e| match e {
-            Error::Transfer(reason) => Error::format(path, reason),
-            other => Error::format(path, other.to_string()),
-        })
+        Self::from_json(&files::read_text(path, MAX_BYTES)?).map_err(|e| e.in_file(path))
     }
 
-    /// The function as JSON text, one point per line. [`TransferFunction::from_json`] reads back the same function.
+    /// Returns the function as JSON text, one point per line. [`TransferFunction::from_json`] reads the same function
+    /// back.
     #[must_use]
     pub fn to_json(&self) -> String {
-        let points: Vec<String> = self
-            .points
-            .iter()
-            .map(|p| {
-                let [r, g, b] = p.color.map(number);
-                let (value, opacity) = (number(p.value), number(p.opacity));
-                format!("    {{\"value\": {value}, \"color\": [{r}, {g}, {b}], \"opacity\": {opacity}}}")
-            })
-            .collect();
-        let unit = self.unit_distance.map(|u| format!("  \"unit_distance\": {},\n", number(u))).unwrap_or_default();
-        let steepness = |p: &GradientPoint| {
-            format!("    {{\"magnitude\": {}, \"opacity\": {}}}", number(p.magnitude), number(p.opacity))
+        // Debug prints the shortest decimal that reads back as the same number. All numbers are finite.
+        let point = |ControlPoint { value, color, opacity }: &ControlPoint| {
+            format!("    {{\"value\": {value:?}, \"color\": {color:?}, \"opacity\": {opacity:?}}}")
         };
-        let gradient: Vec<String> = self.gradient.iter().map(steepness).collect();
-        let gradient = match gradient.as_slice() {
-            [] => String::new(),
-            points => format!(",\n  \"gradient_opacity\": [\n{}\n  ]", points.join(",\n")),
+        let steepness = |GradientPoint { magnitude, opacity }: &GradientPoint| {
+            format!("    {{\"magnitude\": {magnitude:?}, \"opacity\": {opacity:?}}}")
         };
-        format!("{{\n{unit}  \"points\": [\n{}\n  ]{gradient}\n}}\n", points.join(",\n"))
+        let points = self.points.iter().map(point).collect::<Vec<_>>().join(",\n");
+        let gradient = self.gradient.iter().map(steepness).collect::<Vec<_>>().join(",\n");
+        let unit = self.unit_distance.map(|unit| format!("  \"unit_distance\": {unit:?},\n")).unwrap_or_default();
+        let gradient = match gradient.as_str() {
+            "" => String::new(),
+            points => format!(",\n  \"gradient_opacity\": [\n{points}\n  ]"),
+        };
+        format!("{{\n{unit}  \"points\": [\n{points}\n  ]{gradient}\n}}\n")
     }
-}
-
-/// The shortest decimal that reads back as the same number. Numbers of a transfer function are finite.
-fn number(value: f64) -> String {
-    format!("{value:?}")
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
-//! Lines of colours and of opacities, put together.
+//! Lines of colours and of opacities, merged to control points.
 
-use super::ControlPoint;
+use super::{ControlPoint, segment};
 
-/// Control points that have the colours of one line and the opacities of another. Neither is empty.
+/// Merges the colours of one line with the opacities of another to control points. Neither line is empty.
 pub(super) fn merged(colors: &[(f64, [f64; 3])], opacities: &[(f64, [f64; 1])]) -> Vec<ControlPoint> {
     let mut values: Vec<f64> = colors.iter().map(|c| c.0).chain(opacities.iter().map(|o| o.0)).collect();
     values.sort_by(f64::total_cmp);
@@ -23,22 +23,14 @@ pub(super) fn merged(colors: &[(f64, [f64; 3])], opacities: &[(f64, [f64; 1])]) 
     points
 }
 
-/// What a line is just below a value, and from there on.
-fn sides<const N: usize>(line: &[(f64, [f64; N])], value: f64) -> [[f64; N]; 2] {
-    let (first, beyond) = (line.partition_point(|p| p.0 < value), line.partition_point(|p| p.0 <= value));
+/// The values of a line just below a place, and from there on.
+fn sides<const N: usize>(line: &[(f64, [f64; N])], at: f64) -> [[f64; N]; 2] {
+    let (first, beyond) = (line.partition_point(|p| p.0 < at), line.partition_point(|p| p.0 <= at));
     if first < beyond {
         return [line[first].1, line[beyond - 1].1];
     }
-    let between = match (first.checked_sub(1), line.get(first)) {
-        (Some(a), Some(b)) => {
-            let a = line[a];
-            let s = (value - a.0) / (b.0 - a.0);
-            std::array::from_fn(|c| a.1[c] + (b.1[c] - a.1[c]) * s)
-        }
-        (Some(a), None) => line[a].1,
-        (None, _) => line[0].1,
-    };
-    [between; 2]
+    let ((_, a), (_, b), s) = segment(line, at, |p| p.0);
+    [std::array::from_fn(|c| a[c] + (b[c] - a[c]) * s); 2]
 }
 
 #[cfg(test)]

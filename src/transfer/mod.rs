@@ -27,7 +27,7 @@ pub struct ControlPoint {
 }
 
 impl ControlPoint {
-    /// Checks the point, and that it may follow `before`.
+    /// Checks the point, and that it may follow the point `before`.
     fn check(&self, before: Option<&Self>) -> Result<(), String> {
         if !self.value.is_finite() {
             return Err(format!("value {} is not finite", self.value));
@@ -44,6 +44,15 @@ impl ControlPoint {
     }
 }
 
+/// The points on both sides of a value, at least one point, and the place of the value between them, 0 to 1. Beyond the
+/// ends both are the outermost point; of several points at one value the last holds from there on.
+fn segment<T>(points: &[T], value: f64, at: impl Fn(&T) -> f64) -> (&T, &T, f64) {
+    let above = points.partition_point(|p| at(p) <= value);
+    let (a, b) = (&points[above.saturating_sub(1)], &points[above.min(points.len() - 1)]);
+    let width = at(b) - at(a);
+    (a, b, if width > 0.0 { (value - at(a)) / width } else { 0.0 })
+}
+
 /// A piecewise linear map from scalar values to colour and opacity, constant beyond its ends.
 ///
 /// Two points at the same value make a step; at the value itself the later point holds.
@@ -55,15 +64,15 @@ pub struct TransferFunction {
 }
 
 impl TransferFunction {
-    /// Larger opacities are clamped to this one: an opacity of 1 would be infinite extinction. Through one unit
-    /// distance of it less than 1/65000 of the light passes, which no 8 or 16 bit picture shows.
+    /// The largest opacity that is used; larger ones are clamped, because an opacity of 1 would be infinite extinction.
+    /// One unit distance lets less than 1/65000 of the light through, which no 8 or 16 bit picture shows.
     pub const MAX_OPACITY: f64 = 1.0 - 1.0 / 65_536.0;
 
-    /// The most control points accepted.
+    /// The largest number of control points that is accepted.
     pub const MAX_POINTS: usize = 4096;
 
-    /// A transfer function through `points`. Their opacities are those of a slab `unit_distance` thick, in world units;
-    /// `None` is the smallest spacing of the volume that the function is applied to.
+    /// Makes a transfer function through `points`. Their opacities belong to a slab `unit_distance` thick, in world
+    /// units; `None` is the smallest spacing of the volume that the function is applied to.
     ///
     /// ```
     /// use voxsplat::transfer::{ControlPoint, TransferFunction};
@@ -107,40 +116,35 @@ impl TransferFunction {
         Error::Transfer(format!("{count} control points, expected 1 to {}", Self::MAX_POINTS))
     }
 
-    /// The control points, values ascending.
+    /// Returns the control points, values ascending.
     #[must_use]
     pub fn points(&self) -> &[ControlPoint] {
         &self.points
     }
 
-    /// The values of the first and the last control point.
+    /// Returns the values of the first and the last control point.
     #[must_use]
     pub fn range(&self) -> [f64; 2] {
         [self.points[0].value, self.points[self.points.len() - 1].value]
     }
 
-    /// The thickness of slab, in world units, that opacities belong to; `None` is the smallest spacing of the volume.
+    /// Returns the thickness of the slab, in world units, that opacities belong to; `None` is the smallest spacing of
+    /// the volume.
     #[must_use]
     pub fn unit_distance(&self) -> Option<f64> {
         self.unit_distance
     }
 
-    /// Colour and opacity at a value. The opacity is not clamped to [`Self::MAX_OPACITY`].
+    /// Returns colour and opacity at a value. The opacity is not clamped to [`Self::MAX_OPACITY`].
     #[must_use]
     pub fn sample(&self, value: f64) -> ([f64; 3], f64) {
-        // `above` is the first point over the value, so the segment is from above - 1 to above.
-        let above = self.points.partition_point(|p| p.value <= value);
-        let (a, b) = match (above.checked_sub(1), self.points.get(above)) {
-            (Some(a), Some(b)) => (&self.points[a], b),
-            (Some(a), None) => (&self.points[a], &self.points[a]),
-            (None, _) => (&self.points[0], &self.points[0]),
-        };
-        let f = if b.value > a.value { (value - a.value) / (b.value - a.value) } else { 0.0 };
+        let (a, b, f) = segment(&self.points, value, |p| p.value);
         let mix = |x: f64, y: f64| x + (y - x) * f;
         (std::array::from_fn(|c| mix(a.color[c], b.color[c])), mix(a.opacity, b.opacity))
     }
 
-    /// Extinction per world unit of a slab with the given opacity, `unit` world units thick: -ln(1 - opacity) / unit.
+    /// Returns the extinction per world unit of a slab with an opacity and a thickness of `unit` world units: -ln(1 -
+    /// opacity) / unit.
     #[must_use]
     pub fn extinction(opacity: f64, unit: f64) -> f64 {
         -(-opacity.min(Self::MAX_OPACITY)).ln_1p() / unit
@@ -152,12 +156,11 @@ impl TransferFunction {
         self.unit_distance.unwrap_or(min_spacing)
     }
 
-    /// The base value: the value of a scalar field outside the voxels that have splats.
+    /// Returns the base value: the value of a scalar field outside the voxels that have splats.
     ///
-    /// Post-shading reconstructs the difference of the scalar from the base value, so voxels that show nothing need no
-    /// splats. The base value has no opacity, if any value has none, and is as near to the visible values as the
-    /// transfer function allows: the error of a sum of kernels is proportional to the difference. It is the first of
-    /// these:
+    /// Post-shading reconstructs the difference of the scalar from the base value, so invisible voxels need no splats.
+    /// The base value has no opacity, if any value has none, and is as near to the visible values as the transfer
+    /// function allows: the error of a sum of kernels is proportional to the difference. It is the first of these:
     ///
     /// 1. the upper end of the values without opacity below all visible values;
     /// 2. the lower end of the values without opacity above all visible values;
@@ -166,30 +169,15 @@ impl TransferFunction {
     ///
     /// If opacity jumps at such an end, the base value is off it, on the invisible side: half way to the neighbouring
     /// invisible point, or by half the range of the points if there is none; but by no more than half the value, if
-    /// that is not 0. So a clear point far away does not matter. A step at 0 alone tells nothing of the data: the
+    /// that is not 0. A clear point far away therefore does not matter. A single step at 0 gives no scale: the
     /// distance is 0.5.
     #[must_use]
     pub fn base(&self) -> f64 {
+        let below = self.base_below();
+        if let Some(base) = below.or_else(|| self.mirrored().base_below().map(|base| -base)) {
+            return base;
+        }
         let p = &self.points;
-        let invisible = |i: usize| p[i].opacity <= 0.0;
-        let last = p.len() - 1;
-        // How far to stay off a step, with the invisible points on its invisible side.
-        let off = |value: f64, beyond: &[ControlPoint]| {
-            let half = |q: &ControlPoint| (q.value / 2.0 - value / 2.0).abs();
-            let neighbour = beyond.iter().map(half).filter(|&gap| gap > 0.0).reduce(f64::min);
-            let gap = neighbour.unwrap_or((p[last].value / 2.0 - p[0].value / 2.0).abs());
-            [gap, value.abs() / 2.0].into_iter().filter(|&gap| gap > 0.0).reduce(f64::min).unwrap_or(0.5)
-        };
-        if invisible(0) {
-            let end = (0..=last).take_while(|&i| invisible(i)).last().unwrap_or(0);
-            let steps = p.get(end + 1).is_some_and(|next| next.value <= p[end].value);
-            return p[end].value - if steps { off(p[end].value, &p[..end]) } else { 0.0 };
-        }
-        if invisible(last) {
-            let start = (0..=last).rev().take_while(|&i| invisible(i)).last().unwrap_or(last);
-            let steps = start > 0 && p[start - 1].value >= p[start].value;
-            return p[start].value + if steps { off(p[start].value, &p[start..]) } else { 0.0 };
-        }
         // Between two invisible points every value is invisible. A single invisible point is invisible at its value,
         // unless it is part of a step.
         let between = p.windows(2).find(|w| w.iter().all(|q| q.opacity <= 0.0) && w[0].value < w[1].value);
@@ -199,7 +187,24 @@ impl TransferFunction {
         p.iter().find(|q| self.sample(q.value).1 <= 0.0).unwrap_or(&p[0]).value
     }
 
-    /// The function that gives every value what this one gives its opposite. (At a step itself the other side holds.)
+    /// The base value below all visible values; `None` if the first value is visible.
+    fn base_below(&self) -> Option<f64> {
+        let p = &self.points;
+        let end = p.iter().take_while(|q| q.opacity <= 0.0).count().checked_sub(1)?;
+        let value = p[end].value;
+        if p.get(end + 1).is_none_or(|next| next.value > value) {
+            return Some(value);
+        }
+        // At a step, half the distance to the point before it, or of the range.
+        let half = |q: &ControlPoint| (q.value / 2.0 - value / 2.0).abs();
+        let neighbour = p[..end].iter().map(half).filter(|&gap| gap > 0.0).reduce(f64::min);
+        let gap = neighbour.unwrap_or((p[p.len() - 1].value / 2.0 - p[0].value / 2.0).abs());
+        let gap = [gap, value.abs() / 2.0].into_iter().filter(|&gap| gap > 0.0).reduce(f64::min);
+        Some(value - gap.unwrap_or(0.5))
+    }
+
+    /// The function mirrored at 0: it maps a value as this one maps its opposite. (At a step itself the other side
+    /// holds.)
     #[must_use]
     pub(crate) fn mirrored(&self) -> Self {
         let points = self.points.iter().rev().map(|p| ControlPoint { value: -p.value, ..*p }).collect();
@@ -214,27 +219,25 @@ impl TransferFunction {
         ends.into_iter().chain(inside).all(|opacity| opacity <= 0.0)
     }
 
-    /// The largest range of values without opacity around `value`, both ends included; an end may be infinite. `None`
-    /// if the value has opacity. If opacity jumps at an end, the range ends half way to the jump.
+    /// The largest range of values without opacity around `value`, both ends included; an end may be infinite. `None`:
+    /// the value has opacity. If opacity jumps at an end, the range ends half way to the jump.
     #[must_use]
     pub(crate) fn invisible_around(&self, value: f64) -> Option<[f64; 2]> {
         if !self.is_invisible([value; 2]) {
             return None;
         }
+        Some([-self.mirrored().invisible_up_to(-value), self.invisible_up_to(value)])
+    }
+
+    /// The upper end of the values without opacity from `value` on, which has none.
+    fn invisible_up_to(&self, value: f64) -> f64 {
+        let p = &self.points;
+        let Some(visible) = p.iter().position(|q| q.value > value && q.opacity > 0.0) else { return f64::INFINITY };
         // A segment is invisible if both its ends are, so the range ends with the last invisible point.
-        let end = |visible: Option<&ControlPoint>, last: Option<&ControlPoint>, infinite: f64| match (visible, last) {
-            (None, _) => infinite,
-            (Some(visible), Some(last)) if last.value != visible.value => last.value,
-            (Some(visible), _) => f64::midpoint(value, visible.value),
-        };
-        let above = self.points.iter().position(|p| p.value > value && p.opacity > 0.0);
-        let below = self.points.iter().rposition(|p| p.value < value && p.opacity > 0.0);
-        let before = above.and_then(|i| self.points.get(i.checked_sub(1)?)).filter(|p| p.value >= value);
-        let after = below.and_then(|i| self.points.get(i + 1)).filter(|p| p.value <= value);
-        Some([
-            end(below.map(|i| &self.points[i]), after, f64::NEG_INFINITY),
-            end(above.map(|i| &self.points[i]), before, f64::INFINITY),
-        ])
+        match visible.checked_sub(1).map(|last| p[last].value) {
+            Some(last) if last >= value && last != p[visible].value => last,
+            _ => f64::midpoint(value, p[visible].value),
+        }
     }
 
     /// The ranges of values whose opacity is at least `least`, which is over 0: ascending and apart. Both ends are
@@ -268,28 +271,25 @@ impl TransferFunction {
         ranges
     }
 
-    /// The control points that matter: the function is constant outside the outermost of them.
+    /// The control points without redundant ones at the ends: beyond the outermost the function is constant.
     pub(crate) fn knots(&self) -> &[ControlPoint] {
-        let alike = |pair: &[ControlPoint]| match pair {
-            [a, b] => a.opacity == b.opacity && (a.color == b.color || a.opacity <= 0.0),
-            _ => false,
-        };
+        let alike =
+            |a: &ControlPoint, b: &ControlPoint| a.opacity == b.opacity && (a.color == b.color || a.opacity <= 0.0);
         let mut points = self.points.as_slice();
-        while let [_, rest @ ..] = points
-            && points.get(..2).is_some_and(alike)
+        while let [a, rest @ ..] = points
+            && rest.first().is_some_and(|b| alike(a, b))
         {
             points = rest;
         }
-        while let [rest @ .., _] = points
-            && points.len().checked_sub(2).and_then(|last| points.get(last..)).is_some_and(alike)
+        while let [rest @ .., b] = points
+            && rest.last().is_some_and(|a| alike(a, b))
         {
             points = rest;
         }
         points
     }
 
-    /// The distance from the base to the farthest control point that matters, or if none is apart from the base another
-    /// distance.
+    /// The distance from the base to the farthest of the [`Self::knots`], or `other` if none is apart from the base.
     pub(crate) fn extent_or(&self, other: f64) -> f64 {
         let base = self.base();
         let extent = self.knots().iter().map(|p| (p.value - base).abs()).fold(0.0, f64::max);
@@ -302,7 +302,7 @@ impl TransferFunction {
         self.points.iter().map(|p| p.opacity).fold(0.0, f64::max)
     }
 
-    /// The largest of each channel of the colours.
+    /// The largest value of each channel of the colours.
     pub(crate) fn brightest(&self) -> [f64; 3] {
         std::array::from_fn(|channel| self.points.iter().map(|p| p.color[channel]).fold(0.0, f64::max))
     }

@@ -1,10 +1,10 @@
-//! Transfer functions moved to other values.
+//! Windows of values, and transfer functions moved into them.
 
 use super::{ControlPoint, GradientPoint, TransferFunction, presets};
 use crate::error::{Error, Result};
 use crate::volume::Statistics;
 
-/// A range of values, by its middle and its extent, as radiologists state it.
+/// A range of values by its middle and its extent, as radiologists state it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Window {
     /// The value in the middle.
@@ -14,30 +14,30 @@ pub struct Window {
 }
 
 impl Window {
-    /// The values of the foreground, up to the 99.5th percentile; `None` if all values are the same.
+    /// Returns the window of the foreground, up to its 99.5th percentile; `None` if all values are the same.
     #[must_use]
-    pub fn of(statistics: &Statistics) -> Option<Self> {
+    pub fn of_foreground(statistics: &Statistics) -> Option<Self> {
         let [low, high] = presets::foreground(statistics)?;
         Some(Self { level: f64::midpoint(low, high), width: high - low }).filter(|window| window.ends().is_ok())
     }
 
-    /// The least and the largest value.
+    /// Returns the lowest and the highest value.
     ///
     /// # Errors
-    /// [`Error::Setting`] if the width is not over 0, or if level and ends are not finite and apart.
+    /// [`Error::Setting`] if the width is not over 0, or if the ends are not finite and apart.
     pub fn ends(&self) -> Result<[f64; 2]> {
         let Self { level, width } = *self;
         let ends = [level - width / 2.0, level + width / 2.0];
         if width > 0.0 && ends.iter().all(|end| end.is_finite()) && ends[0] < ends[1] {
             return Ok(ends);
         }
-        Err(Error::Setting { name: "window", reason: format!("{level},{width}, expected a width over 0") })
+        Err(Error::setting("window", format!("{level},{width}, expected a width over 0")))
     }
 }
 
 impl TransferFunction {
-    /// The same colours and opacities with the first point at the lower end of a window and the last at its upper end.
-    /// Gradient opacity keeps to its surfaces: its magnitudes and the floor under gradients grow as the range does.
+    /// Stretches the function over a window: its first point moves to the lower end and its last point to the upper
+    /// end. Gradient opacity stays at its surfaces: its magnitudes grow with the range.
     ///
     /// ```
     /// use voxsplat::transfer::{TransferFunction, Window, maps};
@@ -56,24 +56,24 @@ impl TransferFunction {
         if first >= last {
             return Err(Error::Transfer(format!("all its points are at {first}: no window stretches it")));
         }
-        // Halves, as the range may be that of f64.
+        // Halves, because the range may be as wide as the range of f64.
         let share = |value: f64| (value / 2.0 - first / 2.0) / (last / 2.0 - first / 2.0);
         let point = |p: &ControlPoint| ControlPoint { value: presets::between(low, high, share(p.value)), ..*p };
         let grown = (high / 2.0 - low / 2.0) / (last / 2.0 - first / 2.0);
         Self { points: self.points.iter().map(point).collect(), ..self.clone() }.with_steeper_gradients(grown)
     }
 
-    /// The same with the opacities of gradient opacity at magnitudes so many times as large.
+    /// The same function with the magnitudes of its gradient opacity multiplied by a factor.
     pub(super) fn with_steeper_gradients(self, times: f64) -> Result<Self> {
         let steeper = |p: &GradientPoint| GradientPoint { magnitude: p.magnitude * times, ..*p };
         let gradient = self.gradient.iter().map(steeper).collect();
         self.with_gradient_opacity(gradient)
     }
 
-    /// The same function with the opacities of slabs `unit_distance` thick, in world units.
+    /// Returns the same function with opacities for slabs `unit_distance` thick, in world units.
     ///
     /// # Errors
-    /// [`Error::Transfer`] if that is not a positive length.
+    /// [`Error::Transfer`] if the distance is not a positive length.
     pub fn with_unit_distance(&self, unit_distance: f64) -> Result<Self> {
         Self::check_unit(unit_distance)?;
         Ok(Self { unit_distance: Some(unit_distance), ..self.clone() })

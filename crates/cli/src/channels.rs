@@ -143,7 +143,7 @@ pub(crate) fn load(
 fn window(volume: &Volume, label: &Channel, asked: Option<&Window>) -> Result<Option<Window>, Failure> {
     let of_file = label.window.map(|[low, high]| Window { level: f64::midpoint(low, high), width: high - low });
     match asked.copied().or(of_file.filter(|window| window.ends().is_ok())) {
-        None => Ok(Window::of(&Statistics::of(volume)?)),
+        None => Ok(Window::of_foreground(&Statistics::of(volume)?)),
         window => Ok(window),
     }
 }

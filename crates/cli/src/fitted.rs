@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use voxsplat::appearance::Meaning;
+use voxsplat::appearance::ValueMeaning;
 use voxsplat::report::readable;
 use voxsplat::transfer::presets::{self, Preset};
 use voxsplat::transfer::{ControlPoint, Imported, TransferFunction, Window};
@@ -72,7 +72,7 @@ fn fitted(
         TransferChoice::Labels => return Ok(Fitted { labels: true, ..Fitted::clear()? }),
         TransferChoice::Given(imported) => {
             let window = match asked.window {
-                None if imported.fits => Window::of(&statistics()?),
+                None if imported.fits => Window::of_foreground(&statistics()?),
                 given => given,
             };
             let transfer = imported.placed(volume.grid(), window.as_ref())?;
@@ -83,14 +83,14 @@ fn fitted(
             let transfer = presets::preset(preset.name, volume, &statistics()?)?;
             Fitted { preset: Some(preset), ..Fitted::new(transfer) }
         }
-        TransferChoice::Suggested => match Meaning::of(source, volume, may_be_labels, || Ok(statistics()?))? {
-            Meaning::Values { transfer, preset, reason } => {
+        TransferChoice::Suggested => match ValueMeaning::find(source, volume, may_be_labels, || Ok(statistics()?))? {
+            ValueMeaning::Values { transfer, preset, reason } => {
                 let name = preset.name;
                 let suggested = format!("note: using --transfer {name} because {reason} (choose another: --transfer)");
                 Fitted { preset: Some(preset), suggested: Some(suggested), ..Fitted::new(transfer) }
             }
-            Meaning::BuiltIn(transfer) => return Ok(Fitted::new(transfer)),
-            Meaning::Labels { reason } => {
+            ValueMeaning::BuiltIn(transfer) => return Ok(Fitted::new(transfer)),
+            ValueMeaning::Labels { reason } => {
                 let note =
                     format!("note: using --transfer labels because {reason} (show values: --transfer grayscale)");
                 return Ok(Fitted { labels: true, suggested: Some(note), ..Fitted::clear()? });

@@ -4,7 +4,7 @@ use std::ffi::OsStr;
 
 use glam::DVec3;
 use serde::Serialize;
-use voxsplat::appearance::Meaning;
+use voxsplat::appearance::ValueMeaning;
 use voxsplat::error::Error;
 use voxsplat::formats::{self, LoadOptions, MissingSlices, PyramidLevel};
 use voxsplat::report::readable;
@@ -149,10 +149,10 @@ impl Info {
     fn new(input: &InputArgs, volume: &Volume, statistics: &Statistics) -> Result<Self, Failure> {
         let grid = volume.grid();
         let (slope, intercept) = volume.rescale();
-        let (preset, reason, fits) = match Meaning::of(&input.source, volume, true, || Ok(statistics.clone())) {
-            Ok(Meaning::BuiltIn(_)) => (None, "a built-in volume has its own transfer function".to_owned(), true),
-            Ok(Meaning::Labels { reason }) => (Some(LABELS), reason, true),
-            Ok(Meaning::Values { preset, reason, .. }) => (Some(preset.name), reason, true),
+        let (preset, reason, fits) = match ValueMeaning::find(&input.source, volume, true, || Ok(statistics.clone())) {
+            Ok(ValueMeaning::BuiltIn(_)) => (None, "a built-in volume has its own transfer function".to_owned(), true),
+            Ok(ValueMeaning::Labels { reason }) => (Some(LABELS), reason, true),
+            Ok(ValueMeaning::Values { preset, reason, .. }) => (Some(preset.name), reason, true),
             Err(Error::Transfer(_)) => {
                 let reason = presets::suggest(volume, statistics).reason;
                 (None, format!("no preset fits: {reason}; write one, and give --transfer FILE.json"), false)

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use voxsplat::appearance::Open;
+use voxsplat::appearance::OpenChoices;
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::figure::{Figure, LegendEntry};
 use voxsplat::formats::LoadOptions;
@@ -73,7 +73,7 @@ pub(crate) struct RenderJob {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Choices {
     /// Those of the library.
-    pub(crate) open: Open,
+    pub(crate) open: OpenChoices,
     /// A frame beside the figure's colour bar and texts.
     pub(crate) space: bool,
 }
@@ -186,7 +186,7 @@ impl RenderJob {
             settings,
             clip: args.model.clip,
             choices: Choices {
-                open: Open {
+                open: OpenChoices {
                     side: args.view.says_no_side(),
                     light: args.model.light.is_empty(),
                     material: args.model.material.is_none(),

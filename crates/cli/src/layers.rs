@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use voxsplat::Background;
 use voxsplat::error::{Error, Hint};
 use voxsplat::formats::{self, LoadOptions};
-use voxsplat::layers::{Fit, Label, LabelCount, Labels, Layer, Layers, Which, count_labels, on_lattice};
+use voxsplat::layers::{
+    Fit, Label, LabelChange, LabelCount, LabelSelection, Labels, Layer, Layers, count_labels, on_lattice,
+};
 use voxsplat::report::readable;
 use voxsplat::volume::Volume;
 
@@ -16,16 +18,8 @@ use super::output;
 /// A change of the looks of some labels.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LabelArg {
-    which: Which,
-    look: LookArg,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum LookArg {
-    Opacity(f64),
-    /// A factor of the opacity.
-    Factor(f64),
-    Color([f64; 3]),
+    which: LabelSelection,
+    look: LabelChange,
 }
 
 /// `WHICH:OPACITY`, `WHICH:xFACTOR`, `WHICH:on`, `WHICH:off` or `WHICH:COLOUR`.
@@ -35,13 +29,13 @@ pub(crate) fn label(text: &str) -> Result<LabelArg, String> {
     let (which, look) = text.rsplit_once(':').ok_or(expected)?;
     let factor = look.strip_prefix('x').and_then(|factor| factor.parse().ok());
     if let Some(factor) = factor.filter(|factor| (0.0..=1.0).contains(factor)) {
-        return Ok(LabelArg { which: which.parse().map_err(|_| expected)?, look: LookArg::Factor(factor) });
+        return Ok(LabelArg { which: which.parse().map_err(|_| expected)?, look: LabelChange::Factor(factor) });
     }
     let look = match (look, look.parse::<f64>(), look.parse()) {
-        ("on", ..) => LookArg::Opacity(1.0),
-        ("off", ..) => LookArg::Opacity(0.0),
-        (_, Ok(opacity), _) if (0.0..=1.0).contains(&opacity) => LookArg::Opacity(opacity),
-        (_, Err(_), Ok(Background::Color(color))) => LookArg::Color(color),
+        ("on", ..) => LabelChange::Opacity(1.0),
+        ("off", ..) => LabelChange::Opacity(0.0),
+        (_, Ok(opacity), _) if (0.0..=1.0).contains(&opacity) => LabelChange::Opacity(opacity),
+        (_, Err(_), Ok(Background::Color(color))) => LabelChange::Color(color),
         _ => return Err(expected.to_owned()),
     };
     Ok(LabelArg { which: which.parse().map_err(|_| expected)?, look })
@@ -54,7 +48,7 @@ pub(crate) struct LayersJob {
     pub(crate) alone: bool,
     labels: Option<PathBuf>,
     looks: Looks,
-    mask: Option<(PathBuf, Which)>,
+    mask: Option<(PathBuf, LabelSelection)>,
 }
 
 /// How labels are to look.
@@ -74,11 +68,7 @@ impl Looks {
 
     fn changed(&self, mut labels: Labels) -> Result<Labels, Failure> {
         for LabelArg { which, look } in &self.changes {
-            labels = match *look {
-                LookArg::Opacity(opacity) => labels.with_opacity(which.clone(), opacity)?,
-                LookArg::Factor(factor) => labels.thinned(which.clone(), factor)?,
-                LookArg::Color(color) => labels.with_color(which.clone(), color),
-            };
+            labels = labels.changed(which.clone(), *look)?;
         }
         Ok(labels)
     }
@@ -147,16 +137,16 @@ impl LayersJob {
 pub(crate) fn parted(text: &Path) -> (PathBuf, &str) {
     let parts = text.to_str().and_then(|text| Some((text, text.rfind(':')?)));
     match parts.map(|(text, at)| (&text[..at], &text[at..], text[at + 1..].parse())) {
-        Some((file, labels, Ok(Which::All | Which::Numbers(_)))) => (PathBuf::from(file), labels),
+        Some((file, labels, Ok(LabelSelection::All | LabelSelection::Numbers(_)))) => (PathBuf::from(file), labels),
         // A path with a colon in it, such as C:\mask.nrrd, means itself.
         _ => (text.to_owned(), ""),
     }
 }
 
 /// The file of a mask and its labels: all but 0 if none are given.
-fn masked(text: &Path) -> Result<(PathBuf, Which), Failure> {
+fn masked(text: &Path) -> Result<(PathBuf, LabelSelection), Failure> {
     let (file, labels) = parted(text);
-    Ok((file, labels.strip_prefix(':').map_or(Ok(Which::All), str::parse)?))
+    Ok((file, labels.strip_prefix(':').map_or(Ok(LabelSelection::All), str::parse)?))
 }
 
 /// An error of a setting by the name of the option that was typed.
@@ -296,14 +286,18 @@ mod tests {
 
     #[test]
     fn labels_are_told_by_number_range_and_name() {
-        let numbers = |ranges: &[[i64; 2]]| Which::Numbers(ranges.to_vec());
+        let numbers = |ranges: &[[i64; 2]]| LabelSelection::Numbers(ranges.to_vec());
         for (text, which, look) in [
-            ("3:0.5", numbers(&[[3, 3]]), LookArg::Opacity(0.5)),
-            ("-4--2,7:off", numbers(&[[-4, -2], [7, 7]]), LookArg::Opacity(0.0)),
-            ("all:on", Which::All, LookArg::Opacity(1.0)),
-            ("Left kidney:#ff0000", Which::Name("Left kidney".to_owned()), LookArg::Color([1.0, 0.0, 0.0])),
-            ("2-3:x0.25", numbers(&[[2, 3]]), LookArg::Factor(0.25)),
-            ("a:b:red", Which::Name("a:b".to_owned()), LookArg::Color([1.0, 0.0, 0.0])),
+            ("3:0.5", numbers(&[[3, 3]]), LabelChange::Opacity(0.5)),
+            ("-4--2,7:off", numbers(&[[-4, -2], [7, 7]]), LabelChange::Opacity(0.0)),
+            ("all:on", LabelSelection::All, LabelChange::Opacity(1.0)),
+            (
+                "Left kidney:#ff0000",
+                LabelSelection::Name("Left kidney".to_owned()),
+                LabelChange::Color([1.0, 0.0, 0.0]),
+            ),
+            ("2-3:x0.25", numbers(&[[2, 3]]), LabelChange::Factor(0.25)),
+            ("a:b:red", LabelSelection::Name("a:b".to_owned()), LabelChange::Color([1.0, 0.0, 0.0])),
         ] {
             assert_eq!(label(text), Ok(LabelArg { which, look }), "{text}");
         }
@@ -333,8 +327,8 @@ mod tests {
     #[test]
     fn masks_have_labels_behind_their_file() {
         let of = |text: &str| masked(Path::new(text)).unwrap();
-        assert_eq!(of("m.nrrd"), (PathBuf::from("m.nrrd"), Which::All));
-        assert_eq!(of("C:/m.nrrd"), (PathBuf::from("C:/m.nrrd"), Which::All));
-        assert_eq!(of("C:/m.nrrd:2,5-6"), (PathBuf::from("C:/m.nrrd"), Which::Numbers(vec![[2, 2], [5, 6]])));
+        assert_eq!(of("m.nrrd"), (PathBuf::from("m.nrrd"), LabelSelection::All));
+        assert_eq!(of("C:/m.nrrd"), (PathBuf::from("C:/m.nrrd"), LabelSelection::All));
+        assert_eq!(of("C:/m.nrrd:2,5-6"), (PathBuf::from("C:/m.nrrd"), LabelSelection::Numbers(vec![[2, 2], [5, 6]])));
     }
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use voxsplat::accuracy::Estimate;
-use voxsplat::appearance::{Choice, Subject};
+use voxsplat::appearance::{Choice, ChoiceContext};
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::clip::Clip;
 use voxsplat::demos;
@@ -182,14 +182,14 @@ impl Session {
             self.say(format!("note: the file requests light: add --light headlight --material {material}"));
         }
         job.settings.clip = intersection(&job.clip, &self.volume)?;
-        let subject = Subject {
+        let context = ChoiceContext {
             volume: &self.volume,
             built_in: demos::own_transfer(&job.source).is_some(),
             preset: fitted.preset,
             labels: has_labels,
             plain: job.layers.is_plain(),
         };
-        let choices = subject.choose(job.choices.open, &mut job.view, &mut job.settings)?;
+        let choices = context.make_choices(job.choices.open, &mut job.view, &mut job.settings)?;
         // Studio light that was requested stands around the view.
         if job.studio.follows || choices.iter().any(|choice| matches!(choice, Choice::Side { .. })) {
             place_studio(job)?;
@@ -263,7 +263,7 @@ impl Session {
         };
         let transfer = &fitted.transfer;
         if self.channels.is_empty() && job.layers.is_plain() && !fitted.labels {
-            return Ok(Layers::of(&self.volume, transfer));
+            return Ok(Layers::of_volume(&self.volume, transfer));
         }
         let base = match (&*self.channels, fitted.labels) {
             (_, true) => {

@@ -132,7 +132,7 @@ impl Target {
             Destination::stdout()?;
             return Ok(Self::Stream(format.unwrap_or(Format::Y4m)));
         }
-        match (path.to_str().filter(|name| name.contains(FRAME)), format.or(Format::of(&path))) {
+        match (path.to_str().filter(|name| name.contains(FRAME)), format.or(Format::for_path(&path))) {
             (Some(name), _) => {
                 let first = PathBuf::from(numbered(name, 0, 1));
                 // A folder for the frames is made. If it cannot be, the check says what is wrong.
@@ -418,13 +418,14 @@ fn write(job: &TurntableJob, frames: Receiver<Done>, size: [u32; 2], count: u32)
             }
         }
         Target::Film(path, format) => {
-            let mut film = FilmFile::new(*format, size, count, rate)?;
+            let mut file = FilmFile::new(*format, size, count, rate)?;
+            let film = &mut file.film;
             film.title(&title);
             for Done { image, notes, .. } in frames {
                 film.add(&image, background)?;
                 film.describe(described(&job.command, notes));
             }
-            film.save(path)?;
+            file.save(path)?;
         }
         Target::Stream(format) => {
             let fault = RefCell::new(None);

@@ -1,20 +1,20 @@
-//! Curves between points, as straight lines between more points.
+//! Curves between points, approximated by straight lines between more points.
 
 use super::space::Space;
 use crate::transfer::TransferFunction;
 
-/// The most by which a channel of a straight line is off the curve: a quarter of an 8-bit step.
+/// The largest distance of a straight line from the curve in a channel: a quarter of an 8-bit step.
 const TOLERANCE: f64 = 1e-3;
 
-/// The most times that a stretch between two points is halved.
+/// The largest number of halvings of a stretch between two points.
 const HALVINGS: u32 = 12;
 
-/// A point of a curve. How the curve runs to the next point is told as VTK does.
+/// A point of a curve, with the course of the curve to the next point in VTK's terms.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Node<const N: usize> {
     pub(super) at: f64,
     pub(super) value: [f64; N],
-    /// Where on the way to the next point the value is half way, 0 to 1.
+    /// The place between this point and the next, 0 to 1, at which the value is half way.
     pub(super) midpoint: f64,
     /// 0 is a straight line, 1 nearly a step at the midpoint.
     pub(super) sharpness: f64,
@@ -26,7 +26,7 @@ impl<const N: usize> Node<N> {
         Self { at, value, midpoint: 0.5, sharpness: 0.0 }
     }
 
-    /// The share of the next point at the share `s` of the way (`vtkPiecewiseFunction::GetTable`).
+    /// The share of the next point in the value at the share `s` of the way (`vtkPiecewiseFunction::GetTable`).
     fn share(&self, s: f64) -> f64 {
         let middle = self.midpoint.clamp(1e-5, 1.0 - 1e-5);
         let s = if s < middle { 0.5 * s / middle } else { 0.5 + 0.5 * (s - middle) / (1.0 - middle) };
@@ -38,6 +38,13 @@ impl<const N: usize> Node<N> {
         // A cubic with the same slope at both ends.
         let (ss, sss) = (s * s, s * s * s);
         (3.0 * ss - 2.0 * sss + (2.0 * sss - 3.0 * ss + s) * (1.0 - self.sharpness)).clamp(0.0, 1.0)
+    }
+}
+
+impl Node<3> {
+    /// Points of colour from (value, red, green, blue), with straight lines between them.
+    pub(super) fn colors(rows: &[[f64; 4]]) -> Vec<Self> {
+        rows.iter().map(|&[at, r, g, b]| Self::plain(at, [r, g, b])).collect()
     }
 }
 
@@ -59,7 +66,7 @@ fn line<const N: usize>(
     steps: bool,
     between: impl Fn([f64; N], [f64; N], f64) -> [f64; N],
 ) -> Line<N> {
-    // As VTK does; points at the same place stay in order.
+    // Like VTK; points at the same place stay in order.
     nodes.sort_by(|a, b| a.at.total_cmp(&b.at));
     let mut line = Vec::with_capacity(nodes.len());
     for (i, node) in nodes.iter().enumerate() {
@@ -71,14 +78,14 @@ fn line<const N: usize>(
         }
         let at = |s: f64| node.at + (next.at - node.at) * s;
         let curve = |s: f64| between(node.value, next.value, node.share(s));
-        // What is longer is refused, whatever it looks like.
+        // A longer line is refused later.
         let halvings = if line.len() > TransferFunction::MAX_POINTS { 0 } else { HALVINGS };
         halve(&curve, [0.0, 1.0], [node.value, next.value], halvings, &mut |s, value| line.push((at(s), value)));
     }
     line
 }
 
-/// Gives out the points within a stretch of a curve that a line needs.
+/// Gives `out` the points within a stretch of a curve that a line needs.
 fn halve<const N: usize>(
     curve: &impl Fn(f64) -> [f64; N],
     [from, to]: [f64; 2],
@@ -114,7 +121,7 @@ mod tests {
         }
         let steps = colors(vec![Node::plain(0.0, [0.1; 3]), Node::plain(1.0, [0.2; 3])], Space::Step);
         assert_eq!(steps, [(0.0, [0.1; 3]), (0.0, [0.2; 3]), (1.0, [0.2; 3])]);
-        // What no function holds is not drawn out further.
+        // A line that is too long for a function gets no further points.
         let many = (0..20_000).map(|i| node(f64::from(i), f64::from(i % 2), 0.5)).collect();
         assert!(opacities(many).len() < 40_000);
     }

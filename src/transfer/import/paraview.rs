@@ -1,32 +1,28 @@
 //! Transfer functions and colour maps of ParaView, as JSON and as the older XML.
 
-use roxmltree::{Document, Node as Element};
+use roxmltree::Document;
 use serde_json::Value;
 
 use super::curve::{Node, colors, opacities};
 use super::space::Space;
-use super::{Found, chosen, fault, groups, number, numbers};
+use super::{Found, chosen, fault, groups, number, numbers, parsed};
 use crate::error::Result;
 
-/// A preset file: an object, or an array of them.
-pub(super) fn json(value: &Value, name: Option<&str>) -> Result<Found> {
-    let presets: Vec<&Value> = value.as_array().map_or_else(|| vec![value], |array| array.iter().collect());
-    let label = |preset: &Value| preset.get("Name").and_then(Value::as_str).unwrap_or("(no name)").to_owned();
-    let named = presets.into_iter().filter(|preset| preset.is_object()).map(|preset| (label(preset), preset)).collect();
-    preset(chosen(named, name)?)
-}
+const OF_LABELS: &str = "its colours are for labels, not for values";
 
-fn preset(preset: &Value) -> Result<Found> {
+/// Reads a preset file: an object, or an array of objects.
+pub(super) fn json(value: &Value, name: Option<&str>) -> Result<Found> {
+    let presets = value.as_array().map_or(std::slice::from_ref(value), Vec::as_slice);
+    let objects = presets.iter().filter(|preset| preset.is_object());
+    let preset = chosen(objects, |preset| preset.get("Name").and_then(Value::as_str), name)?;
+    let is_on = |key: &str| preset.get(key).is_some_and(|on| on.as_bool().unwrap_or(on.as_f64() == Some(1.0)));
     let mut found = Found::default();
     if let Some(points) = preset.get("RGBPoints") {
         let name = preset.get("ColorSpace").and_then(Value::as_str).unwrap_or("RGB");
-        let wrap = preset.get("HSVWrap").is_some_and(|wrap| wrap.as_bool().unwrap_or(wrap.as_f64() == Some(1.0)));
-        let (space, note) = Space::named(name, wrap)?;
-        found.notes.extend(note.map(str::to_owned));
-        let nodes = groups::<4>(&numbers(points)?, "RGBPoints")?;
-        found.colors = Some(colors(nodes.into_iter().map(|[x, r, g, b]| Node::plain(x, [r, g, b])).collect(), space));
+        let space = Space::named(name, is_on("HSVWrap"), &mut found.notes)?;
+        found.colors = Some(colors(Node::colors(&groups(&numbers(points)?, "RGBPoints")?), space));
     } else if preset.get("IndexedColors").is_some() {
-        return Err(fault("its colours are for labels, not for values"));
+        return Err(fault(OF_LABELS));
     }
     if let Some(points) = preset.get("Points") {
         let nodes = groups::<4>(&numbers(points)?, "Points")?.into_iter();
@@ -35,39 +31,32 @@ fn preset(preset: &Value) -> Result<Found> {
         found.placed = true;
     }
     found.unit_distance = preset.get("ScalarOpacityUnitDistance").map(number).transpose()?;
-    if preset.get("UseLogScale").is_some_and(|log| log.as_bool().unwrap_or(log.as_f64() == Some(1.0))) {
-        found.notes.push("its scale is logarithmic; between points it is taken as linear".to_owned());
+    if is_on("UseLogScale") {
+        found.notes.push("its scale is logarithmic, but is read as linear between points".to_owned());
     }
     Ok(found)
 }
 
-/// A file of `ColorMap` elements. Their opacities are not used, as in ParaView.
+/// Reads a file of `ColorMap` elements. Their opacities are not used, as in ParaView.
 pub(super) fn xml(document: &Document<'_>, name: Option<&str>) -> Result<Found> {
     let maps = document.descendants().filter(|node| node.has_tag_name("ColorMap"));
-    let named = maps.map(|map| (map.attribute("name").unwrap_or("(no name)").to_owned(), map)).collect();
-    color_map(chosen(named, name)?)
-}
-
-fn color_map(map: Element<'_, '_>) -> Result<Found> {
+    let map = chosen(maps, |map| map.attribute("name"), name)?;
     if map.attribute("indexedLookup").is_some_and(|indexed| indexed == "1" || indexed == "true") {
-        return Err(fault("its colours are for labels, not for values"));
+        return Err(fault(OF_LABELS));
     }
-    let (space, note) = Space::named(map.attribute("space").unwrap_or("RGB"), false)?;
-    let mut nodes = Vec::new();
-    for point in map.children().filter(|node| node.has_tag_name("Point")) {
+    let mut found = Found::default();
+    let space = Space::named(map.attribute("space").unwrap_or("RGB"), false, &mut found.notes)?;
+    let points = map.children().filter(|node| node.has_tag_name("Point")).map(|point| {
         let number = |name: &str| {
             let text = point.attribute(name).unwrap_or_default();
-            let number = text.trim().parse().ok().filter(|n: &f64| n.is_finite());
-            number.ok_or_else(|| fault(format!("a point has {name}={text:?}, expected a number")))
+            parsed(text).ok_or_else(|| fault(format!("a point has {name}={text:?}, expected a number")))
         };
-        nodes.push(Node::plain(number("x")?, [number("r")?, number("g")?, number("b")?]));
-    }
+        Ok(Node::plain(number("x")?, [number("r")?, number("g")?, number("b")?]))
+    });
+    let nodes = points.collect::<Result<Vec<_>>>()?;
     if nodes.is_empty() {
         return Err(fault("its colour map has no points"));
     }
-    Ok(Found {
-        colors: Some(colors(nodes, space)),
-        notes: note.map(str::to_owned).into_iter().collect(),
-        ..Found::default()
-    })
+    found.colors = Some(colors(nodes, space));
+    Ok(found)
 }

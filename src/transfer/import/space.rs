@@ -1,18 +1,19 @@
-//! The spaces in which other programs interpolate colours, with the constants of VTK: its maps are tuned to them.
+//! Colour spaces in which other programs interpolate, with VTK's constants, because its maps are tuned to them.
 
 use std::f64::consts::PI;
 
 use super::fault;
-use crate::color::{from_linear, to_linear};
+use crate::color::{from_linear, hsv, to_linear};
 use crate::error::Result;
 
-/// How colours between two points are found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// A space in which colours between two points are interpolated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Space {
-    #[default]
     Rgb,
     /// Hue, saturation and value; with `wrap` hues take the shorter way around.
-    Hsv { wrap: bool },
+    Hsv {
+        wrap: bool,
+    },
     /// CIE L*a*b* for a white of (0.9505, 1, 1.089).
     Lab,
     /// Moreland 2009, "Diverging color maps for scientific visualization": polar Lab, through white if both ends are
@@ -23,27 +24,27 @@ pub(super) enum Space {
 }
 
 impl Space {
-    /// The space of a name of ParaView, and what is not as the name says.
-    pub(super) fn named(name: &str, wrap: bool) -> Result<(Self, Option<&'static str>)> {
+    /// Finds the space with a name of ParaView. Adds a note if colours differ from the named space.
+    pub(super) fn named(name: &str, wrap: bool, notes: &mut Vec<String>) -> Result<Self> {
         Ok(match name.to_lowercase().as_str() {
-            "rgb" => (Self::Rgb, None),
-            "hsv" => (Self::Hsv { wrap }, None),
-            "wrapped" => (Self::Hsv { wrap: true }, None),
-            "lab" | "cielab" => (Self::Lab, None),
+            "rgb" => Self::Rgb,
+            "hsv" => Self::Hsv { wrap },
+            "wrapped" => Self::Hsv { wrap: true },
+            "lab" | "cielab" => Self::Lab,
             "ciede2000" | "lab/ciede2000" => {
-                (Self::Lab, Some("colours between points are mixed in Lab, without the paths of CIEDE2000"))
+                notes.push("colours between points are mixed in Lab, without the paths of CIEDE2000".to_owned());
+                Self::Lab
             }
-            "diverging" => (Self::Diverging, None),
-            "step" => (Self::Step, None),
+            "diverging" => Self::Diverging,
+            "step" => Self::Step,
             _ => {
-                return Err(fault(format!(
-                    "colour space {name:?}, expected RGB, HSV, Wrapped, Lab, Diverging or Step"
-                )));
+                let expected = "expected RGB, HSV, Wrapped, Lab, Diverging or Step";
+                return Err(fault(format!("colour space {name:?}, {expected}")));
             }
         })
     }
 
-    /// The colour a share `s` of the way from `a` to `b`, both in 0..1.
+    /// Returns the colour at the share `s` of the way from `a` to `b`, both in 0..1.
     pub(super) fn between(self, a: [f64; 3], b: [f64; 3], s: f64) -> [f64; 3] {
         match self {
             Self::Rgb => mixed(a, b, s),
@@ -54,7 +55,7 @@ impl Space {
                 if wrap && (a[0] - b[0]).abs() > 0.5 {
                     if a[0] > b[0] { a[0] -= 1.0 } else { b[0] -= 1.0 }
                 }
-                hsv_to_rgb(mixed(a, b, s))
+                hsv(mixed(a, b, s))
             }
             Self::Diverging => diverging(a, b, s),
         }
@@ -80,15 +81,6 @@ fn rgb_to_hsv(rgb: [f64; 3]) -> [f64; 3] {
         4.0 + (r - g) / range
     };
     [(sixth / 6.0).rem_euclid(1.0), range / most, most]
-}
-
-fn hsv_to_rgb([hue, saturation, value]: [f64; 3]) -> [f64; 3] {
-    // Each channel is full over a third of the circle, and falls off over a sixth on both sides.
-    [0.0, 1.0 / 3.0, 2.0 / 3.0].map(|center| {
-        let away = (hue - center).rem_euclid(1.0);
-        let away = 6.0 * away.min(1.0 - away);
-        value * (1.0 - saturation * (away - 1.0).clamp(0.0, 1.0))
-    })
 }
 
 /// The white of Lab.
@@ -137,7 +129,7 @@ fn msh_to_rgb([m, s, h]: [f64; 3]) -> [f64; 3] {
     lab_to_rgb([m * s.cos(), m * s.sin() * h.cos(), m * s.sin() * h.sin()])
 }
 
-/// The saturation from which a hue counts.
+/// The smallest saturation at which a hue counts.
 const SATURATED: f64 = 0.05;
 
 fn diverging(a: [f64; 3], b: [f64; 3], s: f64) -> [f64; 3] {
@@ -160,7 +152,7 @@ fn diverging(a: [f64; 3], b: [f64; 3], s: f64) -> [f64; 3] {
     msh_to_rgb(mixed(a, b, s))
 }
 
-/// The hue towards which a saturated colour runs if the other end has none, of magnitude `to`.
+/// The hue of an end without saturation, of magnitude `to`, given the saturated colour at the other end.
 fn spun([m, s, h]: [f64; 3], to: f64) -> f64 {
     if m >= to - 0.1 {
         return h;

@@ -141,6 +141,6 @@ fn every_colour_map_has_its_published_ends() {
 #[test]
 fn a_window_fits_the_foreground() {
     let statistics = Statistics::of(&demo("shepp-logan", 16).0).unwrap();
-    let [low, high] = Window::of(&statistics).unwrap().ends().unwrap();
+    let [low, high] = Window::of_foreground(&statistics).unwrap().ends().unwrap();
     assert!(statistics.min <= low && low < high && high <= statistics.max, "{low} {high}");
 }

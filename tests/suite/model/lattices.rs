@@ -5,7 +5,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::ProjectionKind;
 use voxsplat::error::Error;
 use voxsplat::image::Image;
-use voxsplat::layers::{Fit, Labels, Layer, Layers, Which, on_lattice};
+use voxsplat::layers::{Fit, LabelSelection, Labels, Layer, Layers, on_lattice};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
@@ -94,9 +94,10 @@ fn picture(layers: &Layers, of: &Volume) -> Image {
 #[test]
 fn labels_on_other_lattices_give_the_picture_of_the_matching_one() {
     let (scan, transfer) = scan();
-    let over = |labels: &Volume| Layers::of(&scan, &transfer).with(Layer::labels(labels, &Labels::default()).unwrap());
+    let over =
+        |labels: &Volume| Layers::of_volume(&scan, &transfer).with(Layer::labels(labels, &Labels::default()).unwrap());
     let masked = |mask: &Volume| {
-        let which = Which::Numbers(vec![[3, 7]]);
+        let which = LabelSelection::Numbers(vec![[3, 7]]);
         Layer::scalars(&scan, &transfer).masked(mask, &which).map(Layers::new)
     };
     let truth = [over(&matching()).unwrap(), masked(&matching()).unwrap()].map(|layers| picture(&layers, &scan));

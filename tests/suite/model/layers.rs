@@ -3,7 +3,7 @@
 use voxsplat::camera::ProjectionKind;
 use voxsplat::error::Error;
 use voxsplat::image::Image;
-use voxsplat::layers::{Label, Labels, Layer, Layers, Which, count_labels};
+use voxsplat::layers::{Label, LabelChange, LabelSelection, Labels, Layer, Layers, count_labels};
 use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
 use voxsplat::settings::{Level, Model, Settings, Shading};
@@ -46,12 +46,12 @@ fn scan() -> (Volume, TransferFunction) {
 
 fn looks() -> Labels {
     let three = Label { name: "three".to_owned(), color: [0.1, 0.9, 0.2], opacity: 0.7 };
-    let big = Which::Numbers(vec![[4_000_000_000; 2]]);
+    let big = LabelSelection::Numbers(vec![[4_000_000_000; 2]]);
     Labels::default()
         .with(3, three)
-        .with_opacity(Which::Numbers(vec![[-7, -7]]), 0.1)
+        .changed(LabelSelection::Numbers(vec![[-7, -7]]), LabelChange::Opacity(0.1))
+        .and_then(|labels| labels.changed(big, LabelChange::Color([1.0; 3])))
         .unwrap()
-        .with_color(big, [1.0; 3])
 }
 
 /// Samples that vary along an axis.
@@ -76,10 +76,12 @@ fn scenes() -> [Layers; 7] {
     ]);
     [
         Layers::new(layer()),
-        Layers::of(&volume, &transfer).with(layer()).unwrap(),
+        Layers::of_volume(&volume, &transfer).with(layer()).unwrap(),
         Layers::new(mask(Layer::scalars(&volume, &transfer), "2-3")),
         Layers::new(mask(Layer::scalars(&volume, &thin.unwrap()), "all")).with(mask(layer(), "-7")).unwrap(),
-        Layers::of(&red, &channel([0.0, 1.0, 0.0])).with(Layer::scalars(&green, &channel([1.0, 0.0, 1.0]))).unwrap(),
+        Layers::of_volume(&red, &channel([0.0, 1.0, 0.0]))
+            .with(Layer::scalars(&green, &channel([1.0, 0.0, 1.0])))
+            .unwrap(),
         Layers::new(Layer::colors([&red, &green, &blue], None, 255.0, &channel([0.0; 3])).unwrap()),
         Layers::new(Layer::colors([&red, &green, &blue], Some(&volume), 250.0, &transfer).unwrap()),
     ]
@@ -168,13 +170,13 @@ fn one_layer_is_its_volume() {
     let camera = camera(33.0, ProjectionKind::Orthographic, &volume, 32);
     let scenes = [
         RENDERER.prepare(&volume, &transfer, &settings).unwrap(),
-        RENDERER.prepare_layers(&Layers::of(&volume, &transfer), &settings).unwrap(),
+        RENDERER.prepare_layers(&Layers::of_volume(&volume, &transfer), &settings).unwrap(),
     ];
     let [alone, layer] = scenes.map(|scene| draw(&scene, &camera, &settings).image);
     assert!(alone.pixels() == layer.pixels());
     // A mask of the whole volume changes only the rounding of extinctions.
     let all = Volume::from_slice([32; 3], [1.0; 3], &[1_u8; 32 * 32 * 32]).unwrap();
-    let masked = Layers::new(Layer::scalars(&volume, &transfer).masked(&all, &Which::All).unwrap());
+    let masked = Layers::new(Layer::scalars(&volume, &transfer).masked(&all, &LabelSelection::All).unwrap());
     let masked = draw(&RENDERER.prepare_layers(&masked, &settings).unwrap(), &camera, &settings).image;
     let (color, alpha) = errors(&alone, &masked);
     assert!(color < 1e-5 && alpha < 1e-5, "{color:e} {alpha:e}");
@@ -202,7 +204,11 @@ fn what_layers_are_not_drawn_by_is_refused() {
     refused(prepared(&Settings { model: Model::Mip, ..Settings::default() }), "model", "mip, and labels");
     refused(prepared(&Settings { level: Level::At(1), ..Settings::default() }), "level", "over 0");
     let (other, transfer) = demo("sphere", 16);
-    refused(Layers::of(&other, &transfer).with(layer).map(drop), "labels", "34 x 34 x 34, expected that of the volume");
+    refused(
+        Layers::of_volume(&other, &transfer).with(layer).map(drop),
+        "labels",
+        "34 x 34 x 34, expected that of the volume",
+    );
     let scan = Layer::scalars(&scan().0, &transfer);
-    refused(scan.masked(&labels(), &Which::Numbers(vec![[90, 99]])).map(drop), "mask", "no voxel");
+    refused(scan.masked(&labels(), &LabelSelection::Numbers(vec![[90, 99]])).map(drop), "mask", "no voxel");
 }

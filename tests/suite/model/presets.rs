@@ -331,9 +331,9 @@ fn json_errors_name_the_point_and_the_line() {
         (format!("{{\"points\": [{good},\n{}]}}", good.replace("opacity", "alpha")), "point 2 (line 2): unknown field"),
         (
             format!("{{\"points\": [{}]}}", good.replace("#ffffff", "white")),
-            "point 1 (line 1): string \"white\", expected",
+            "point 1 (line 1): colour \"white\", expected",
         ),
-        (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2]")), "point 1 (line 1): invalid length 2"),
+        (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2]")), "point 1 (line 1): colour [1,2], ex"),
         (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2, 0]")), "must lie in 0..1"),
         (format!("{{\"points\": [{good},\n{}]}}", good.replace(": 1,", ": 0.5,")), "point 2 (line 2): value 0.5 comes"),
         (

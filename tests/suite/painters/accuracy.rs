@@ -14,10 +14,10 @@ fn chosen_settings_keep_the_bound() {
     let lit = Settings { lighting: headlight(), ..Settings::default() };
     let post = Settings { shading: Shading::Post, ..lit.clone() };
     for (settings, bound) in [(&lit, 3e-2), (&lit, 3e-4), (&post, 1e-2)] {
-        let chosen = choose(&RENDERER, &Layers::of(&volume, &transfer), &camera, settings, bound, 4096).unwrap();
+        let chosen = choose(&RENDERER, &Layers::of_volume(&volume, &transfer), &camera, settings, bound, 4096).unwrap();
         assert!(chosen.keeps && chosen.estimate.error <= bound, "{bound}: {:?}", chosen.estimate);
         // All pixels: the choice also traced all.
-        let truth = Truth::trace(&Layers::of(&volume, &transfer), &camera, &chosen.settings, u32::MAX).unwrap();
+        let truth = Truth::trace(&Layers::of_volume(&volume, &transfer), &camera, &chosen.settings, u32::MAX).unwrap();
         let all = truth.estimate(&chosen.rendered.image).unwrap();
         assert!(all.error <= bound, "{bound}: {all:?}");
         // The content stays, and the settings reproduce the picture.
@@ -33,7 +33,8 @@ fn a_loose_bound_costs_less_than_a_tight_one() {
     let (volume, transfer) = demo("vessels", 24);
     let camera = camera(33.0, PERSPECTIVE, &volume, 48);
     let settings = Settings { lighting: headlight(), ..Settings::default() };
-    let of = |bound| choose(&RENDERER, &Layers::of(&volume, &transfer), &camera, &settings, bound, 1024).unwrap();
+    let of =
+        |bound| choose(&RENDERER, &Layers::of_volume(&volume, &transfer), &camera, &settings, bound, 1024).unwrap();
     let (loose, tight) = (of(3e-2), of(1e-4));
     assert_eq!(loose.tried.len(), 1, "the defaults keep it");
     assert!(
@@ -49,11 +50,11 @@ fn a_bound_that_nothing_keeps_is_said_to_be_broken() {
     let (volume, transfer) = demo("shell", 16);
     let camera = camera(33.0, PERSPECTIVE, &volume, 32);
     let settings = Settings { shading: Shading::Post, ..Settings::default() };
-    let chosen = choose(&RENDERER, &Layers::of(&volume, &transfer), &camera, &settings, 1e-7, 1024).unwrap();
+    let chosen = choose(&RENDERER, &Layers::of_volume(&volume, &transfer), &camera, &settings, 1e-7, 1024).unwrap();
     let least = chosen.tried.iter().map(|tried| tried.estimate.error).fold(f64::INFINITY, f64::min);
     assert!(!chosen.keeps && chosen.estimate.error == least && chosen.tried.len() >= 2);
     for bound in [0.0, f64::NAN, f64::INFINITY] {
-        let refused = choose(&RENDERER, &Layers::of(&volume, &transfer), &camera, &settings, bound, 1024);
+        let refused = choose(&RENDERER, &Layers::of_volume(&volume, &transfer), &camera, &settings, bound, 1024);
         assert!(matches!(refused, Err(Error::Setting { name: "max_error", .. })));
     }
 }

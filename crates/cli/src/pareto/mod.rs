@@ -83,7 +83,7 @@ pub(crate) fn run(mut job: ParetoJob, matches: &ArgMatches) -> Result<(), Failur
         (volume, fitted.transfer)
     };
     job.settings.clip = intersection(&job.clip, &volume)?;
-    let around = framed(job.frame, &Layers::of(&volume, &transfer), &job.settings.clip)?;
+    let around = framed(job.frame, &Layers::of_volume(&volume, &transfer), &job.settings.clip)?;
     let views = job.views.iter().map(|view| View { around: around.clone(), ..view.clone() });
     let cameras: Vec<Camera> =
         views.map(|view| Camera::new(&view, volume.grid(), job.size)).collect::<Result<_, _>>()?;

@@ -30,7 +30,7 @@ fn choices(folder: &Path, source: &str) -> Vec<Choice> {
     assert!(output.status.success(), "{source}: {}", String::from_utf8_lossy(&output.stderr));
     let named = if source.starts_with("demo:") { source.into() } else { folder.join(source) };
     let volume = load(&named, &LoadOptions::default()).unwrap();
-    let look = Appearance::of(&named, &volume).unwrap();
+    let look = Appearance::for_file(&named, &volume).unwrap();
     let scene = RENDERER.prepare_layers(&look.layers, &look.settings).unwrap();
     let rendered = RENDERER.render(&scene, &look.camera([48, 48]).unwrap(), &look.settings).unwrap();
     rendered.image.save(folder.join("library.png"), Background::default()).unwrap();

@@ -199,6 +199,13 @@ fn check_count(grid: &Grid, count: usize) -> Result<()> {
     Err(Error::Volume(format!("{count} samples for a lattice of {x} x {y} x {z} = {}", grid.len())))
 }
 
+/// Volumes are equal if they share the same samples on the same grid, such as clones.
+impl PartialEq for Volume {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.data, &other.data) && self.grid == other.grid && self.rescale() == other.rescale()
+    }
+}
+
 /// Samples read at a time by a pass over a whole volume: 4 Mi, at most 32 MiB.
 const PASS: usize = 1 << 22;
 
@@ -323,11 +330,6 @@ impl Volume {
         stored.replace_non_finite(raw);
         self.data = Arc::new(Data { finite: OnceLock::from(true), ..Data::new(stored) });
         Ok(self)
-    }
-
-    /// Whether another volume has the same samples on the same grid, shared with a clone.
-    pub fn is_same(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.data, &other.data) && self.grid == other.grid && self.rescale() == other.rescale()
     }
 
     /// The lattice and its position in the world.
