@@ -97,8 +97,9 @@ impl Error {
         InputError::format(path, reason).into()
     }
 
-    /// Whether a way to draw is refused, and another way may still succeed.
-    pub(crate) fn refuses_settings(&self) -> bool {
+    /// Whether settings are refused, so that other settings may succeed on the same volume and device.
+    #[must_use]
+    pub fn refuses_settings(&self) -> bool {
         matches!(self, Self::Setting { .. } | Self::Unsupported { .. } | Self::Memory { .. } | Self::OutOfMemory(_))
     }
 

@@ -45,7 +45,8 @@ fn target(path: &Path) -> Result<PathBuf> {
 /// # Errors
 /// [`Error::Output`] if the path is a directory, a device or a pipe, or its own directory does not exist or cannot be
 /// written to; [`Error::Write`] if no file can have that name.
-pub(crate) fn check_writable(path: &Path) -> Result<()> {
+pub fn check_writable(path: impl AsRef<Path>) -> Result<()> {
+    let path = path.as_ref();
     let target = target(path)?;
     let directory = directory_of(&target);
     if !directory.is_dir() {
@@ -188,6 +189,14 @@ pub(crate) fn write_atomically(path: &Path, write: impl Fn(&mut File) -> io::Res
         }
     }
     UNFINISHED.write_named(&target, &write).map_err(failed)
+}
+
+/// Writes a file. It appears whole or not at all, in place of an older one.
+///
+/// # Errors
+/// [`Error::Output`] if the path is a directory, a device or a pipe; [`Error::Write`] if writing fails.
+pub fn write_file(path: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
+    write_atomically(path.as_ref(), |file| io::Write::write_all(file, bytes))
 }
 
 #[cfg(test)]

@@ -7,9 +7,9 @@ use voxsplat::error::InputError;
 use voxsplat::figure::LegendEntry;
 use voxsplat::formats::{self, LoadOptions};
 use voxsplat::layers::Layer;
-use voxsplat::report::readable;
 use voxsplat::transfer::{ControlPoint, TransferFunction, Window};
 use voxsplat::volume::{Channel, SampleType, Statistics, Volume};
+use voxsplat_volume::names::readable;
 
 use super::failure::Failure;
 

@@ -1,7 +1,6 @@
 //! `voxsplat compare`.
 
-use voxsplat::image::{Background, Image};
-use voxsplat::report;
+use voxsplat::image::{self, Background, Image};
 
 use super::failure::Failure;
 use super::job::CompareJob;
@@ -12,9 +11,9 @@ const GAIN: f64 = 10.0;
 
 pub(crate) fn run(job: &CompareJob) -> Result<(), Failure> {
     let (a, b) = (Image::load(&job.a)?, Image::load(&job.b)?);
-    let comparison = report::compare(&a, &b, job.tolerance)?;
+    let comparison = image::compare(&a, &b, job.tolerance)?;
     if let Some(path) = &job.difference {
-        report::difference_picture(&a, &b, GAIN)?.save(path, Background::default())?;
+        image::difference_picture(&a, &b, GAIN)?.save(path, Background::default())?;
     }
     if job.json {
         output::print_json(&comparison)?;

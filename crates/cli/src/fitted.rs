@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use voxsplat::appearance::Meaning;
-use voxsplat::report::readable;
 use voxsplat::transfer::presets::{self, Preset};
 use voxsplat::transfer::{ControlPoint, Imported, TransferFunction, Window};
 use voxsplat::volume::{Statistics, Volume};
+use voxsplat_volume::names::readable;
 
 use super::failure::Failure;
 use super::parse::GradientOpacity;

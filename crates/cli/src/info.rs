@@ -7,9 +7,9 @@ use serde::Serialize;
 use voxsplat::appearance::Meaning;
 use voxsplat::error::Error;
 use voxsplat::formats::{self, LoadOptions, MissingSlices, PyramidLevel};
-use voxsplat::report::readable;
 use voxsplat::transfer::presets;
 use voxsplat::volume::{Channel, Grid, Statistics, Volume};
+use voxsplat_volume::names::readable;
 
 use super::args::{InfoArgs, InputArgs};
 use super::failure::Failure;

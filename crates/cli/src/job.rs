@@ -7,10 +7,9 @@ use voxsplat::appearance::Open;
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::figure::{Figure, LegendEntry};
 use voxsplat::formats::LoadOptions;
-use voxsplat::image::{Background, Image, Region};
+use voxsplat::image::{Background, Image, Region, check_writable};
 use voxsplat::layers::Layers;
 use voxsplat::lighting::{Light, Lighting, Source};
-use voxsplat::report::check_file;
 use voxsplat::settings::{Painter, Response, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Units};
@@ -151,7 +150,7 @@ impl RenderJob {
         }
         if let Some(path) = &args.save_transfer {
             TransferFunction::check_output(path)
-                .and_then(|()| check_file(path))
+                .and_then(|()| check_writable(path))
                 .map_err(|e| Failure::Usage(format!("--save-transfer: {e:#}")))?;
         }
         let [width, height] = args.size;
@@ -432,7 +431,7 @@ fn check_folder(folder: &Path) -> Result<(), Failure> {
         }
         first = above.to_owned();
     }
-    check_file(&first).or_else(|error| usage(format!("{error:#}")))
+    check_writable(&first).or_else(|error| usage(format!("{error:#}")))
 }
 
 /// Two pictures to compare.

@@ -6,8 +6,8 @@ use voxsplat::Background;
 use voxsplat::error::{Error, Hint};
 use voxsplat::formats::{self, LoadOptions};
 use voxsplat::layers::{Fit, Label, LabelCount, Labels, Layer, Layers, Which, count_labels, on_lattice};
-use voxsplat::report::readable;
 use voxsplat::volume::Volume;
+use voxsplat_volume::names::readable;
 
 use super::args::LayerArgs;
 use super::failure::Failure;

@@ -157,10 +157,10 @@ pub(crate) fn without(words: impl IntoIterator<Item = String>, valued: &[&str], 
 #[cfg(test)]
 mod tests {
     use clap::Parser;
-    use voxsplat::report::variants;
 
     use super::super::args::{Args, Command};
     use super::super::job::RenderJob;
+    use super::super::pareto::variants;
     use super::*;
 
     #[test]

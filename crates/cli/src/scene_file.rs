@@ -4,7 +4,7 @@ use std::ffi::{OsStr, OsString};
 use std::path::{Component, Path, PathBuf};
 
 use serde_json::Value;
-use voxsplat::report::{check_file, write_file};
+use voxsplat::image::{check_writable, write_file};
 use voxsplat::transfer::TransferFunction;
 
 use super::failure::Failure;
@@ -46,7 +46,7 @@ impl SceneFile {
         if !is_scene(&path) {
             return Err(Failure::Usage(format!("--save-scene: {path:?}, expected a name that ends in .json")));
         }
-        check_file(&path).map_err(|e| Failure::Usage(format!("--save-scene: {e:#}")))?;
+        check_writable(&path).map_err(|e| Failure::Usage(format!("--save-scene: {e:#}")))?;
         Ok(Self { path, options })
     }
 

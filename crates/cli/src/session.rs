@@ -14,11 +14,11 @@ use voxsplat::layers::{Layer, Layers};
 use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
 use voxsplat::renderer::{Renderer, RendererOptions};
-use voxsplat::report::readable;
 use voxsplat::settings::{Model, Settings};
 use voxsplat::stats::Stats;
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Contents, Volume};
+use voxsplat_volume::names::readable;
 
 use super::args::FrameArg;
 use super::clip::intersection;

@@ -3,10 +3,11 @@
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use voxsplat::image::{Background, Image};
-use voxsplat::report::{Measurement, Variant, escaped};
 use voxsplat::{Result, Volume};
+use voxsplat_volume::names::escaped;
 
 use super::Kept;
+use super::study::{Measurement, Variant};
 
 /// What differences are multiplied by to be seen.
 pub(crate) const GAIN: f64 = 50.0;
@@ -29,8 +30,8 @@ pub(crate) struct Report<'a> {
 
 /// A picture of the first view, and how it differs from the truth at the sampled pixels.
 pub(crate) struct Pictures {
-    pub(crate) title: String,
-    pub(crate) of: Variant,
+    pub(crate) title: &'static str,
+    pub(crate) variant: Variant,
     pub(crate) image: Image,
     pub(crate) difference: Image,
 }
@@ -139,7 +140,7 @@ fn numbers(measured: &Measurement) -> String {
 }
 
 fn pair(pictures: &Pictures) -> Result<String> {
-    let Pictures { title, of, image, difference } = pictures;
+    let Pictures { title, variant, image, difference } = pictures;
     let figure = |image: &Image, caption: &str| -> Result<String> {
         let png = BASE64_STANDARD.encode(image.to_png(Background::default())?);
         let alt = escaped(caption);
@@ -149,8 +150,8 @@ fn pair(pictures: &Pictures) -> Result<String> {
     };
     Ok(format!(
         "<h2>{title}</h2>\n<p>{}: {}</p>\n<div class=\"pair\">\n{}{}</div>\n",
-        escaped(&of.model),
-        escaped(&of.name),
+        escaped(&variant.model),
+        escaped(&variant.name),
         figure(image, "the picture of the first view")?,
         figure(difference, &format!("its difference from the truth at the sampled pixels, times {GAIN}"))?
     ))
