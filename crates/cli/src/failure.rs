@@ -5,7 +5,7 @@ use std::error::Error as _;
 use voxsplat::error::{Error, Hint, InputError};
 use voxsplat::volume::SampleType;
 
-use super::tune::knob;
+use super::tune;
 
 /// The failure of a command.
 #[derive(Debug)]
@@ -74,7 +74,7 @@ fn flag(setting: &str) -> String {
         "accumulation" => "--tune accumulate".to_owned(),
         "lighting" => "--light".to_owned(),
         "color-bar" => "--colour-bar".to_owned(),
-        _ if knob(&name).is_some() => format!("--tune {name}"),
+        _ if tune::has(&name) => format!("--tune {name}"),
         _ => format!("--{name}"),
     }
 }

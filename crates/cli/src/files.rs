@@ -13,7 +13,7 @@ use voxsplat::formats::data_files;
 
 use super::destination::STREAM;
 use super::failure::Failure;
-use super::rules::MAP;
+use super::given::MAP;
 
 /// The arguments that name outputs. All others that take a path name inputs.
 const OUTPUTS: [&str; 4] = ["output", "save_scene", "save_transfer", "difference"];

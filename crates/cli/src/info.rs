@@ -13,8 +13,8 @@ use voxsplat_volume::names::readable;
 
 use super::args::{InfoArgs, InputArgs};
 use super::failure::Failure;
+use super::given::LABELS;
 use super::progress::Progress;
-use super::rules::LABELS;
 use super::session::say_level;
 use super::{histogram, layers, output};
 

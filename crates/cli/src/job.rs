@@ -23,7 +23,7 @@ use super::destination::Destination;
 use super::failure::Failure;
 use super::layers::LayersJob;
 use super::options::STUDIED;
-use super::parse::{LightArg, Occlusion, PainterArg, PlaceArg};
+use super::parse::{LightArg, Occlusion, PlaceArg};
 use super::scene_file::SceneFile;
 use super::transfer::{Transfer, TransferChoice};
 use super::tune::{Tuning, pairs_without};
@@ -140,7 +140,7 @@ impl RenderJob {
             view.margin = FIGURE_MARGIN;
         }
         let tuning = Tuning::new(&args.model.tune).map_err(Failure::Usage)?;
-        let settings = settings(&args.model, &tuning, painter(args.painter, &tuning), &view)?;
+        let settings = settings(&args.model, &tuning, tuning.painter(args.painter), &view)?;
         // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         if settings.response == Response::Depth && !output.keeps_values() {
@@ -249,16 +249,6 @@ fn settings(model: &ModelArgs, tuning: &Tuning, painter: Painter, view: &View) -
     };
     settings.validate()?;
     Ok(settings)
-}
-
-/// The requested painter with its knobs. A knob of a painter chooses its painter.
-fn painter(requested: PainterArg, tuning: &Tuning) -> Painter {
-    let chosen = if requested == PainterArg::Auto { tuning.painter.unwrap_or(requested) } else { requested };
-    match chosen {
-        PainterArg::Quads => Painter::Quads(tuning.quads),
-        PainterArg::Tiles => Painter::Tiles(tuning.tiles),
-        PainterArg::Auto => Painter::Auto,
-    }
 }
 
 /// The lights and their material; `None` if there is no light.

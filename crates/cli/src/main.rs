@@ -14,6 +14,7 @@ mod effects;
 mod failure;
 mod files;
 mod fitted;
+mod given;
 mod histogram;
 mod info;
 mod job;
@@ -25,7 +26,6 @@ mod pareto;
 mod parse;
 mod progress;
 mod render;
-mod rules;
 mod scene;
 mod scene_file;
 mod session;
@@ -48,7 +48,7 @@ use failure::Failure;
 /// Parses the arguments, runs the command, reports its failure.
 fn main() -> ExitCode {
     let words: Vec<OsString> = std::env::args_os().collect();
-    if usage::asks_for_knobs(&words) {
+    if usage::requests_knobs(&words) {
         drop(output::print(&tune::help()));
         return ExitCode::SUCCESS;
     }
@@ -59,7 +59,7 @@ fn main() -> ExitCode {
         Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             output::print(&error.render().to_string())
         }
-        Err(error) => Err(Failure::Several(usage::messages(error, &words))),
+        Err(error) => Err(Failure::Several(usage::messages(&error, &words))),
     };
     let (code, messages) = match result {
         Ok(()) => return ExitCode::SUCCESS,
@@ -79,8 +79,7 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
     if args.quiet {
         output::be_quiet();
     }
-    let mut program = args::command();
-    program.build();
+    let program = args::built();
     if let Some((name, matches)) = matches.subcommand()
         && let Some(command) = program.find_subcommand(name)
     {

@@ -16,8 +16,7 @@ pub(crate) fn completions(shell: Shell) -> Result<(), Failure> {
 
 /// Prints the manual page of the program, or of a command.
 pub(crate) fn page(command: Option<&str>) -> Result<(), Failure> {
-    let mut program = args::command();
-    program.build();
+    let program = args::built();
     let page = match command {
         None => Man::new(program),
         Some(name) => {

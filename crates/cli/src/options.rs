@@ -3,11 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use clap::ArgMatches;
-use voxsplat::settings::{
-    Accumulation, Interslice, Level, Model, Painter, QuadsSettings, Resolution, Settings, Sheets, TilesSettings,
-};
+use voxsplat::settings::{Level, Model, Painter, Settings};
 
-use super::rules::MAP;
+use super::given::MAP;
+use super::tune;
 
 /// Keys of `--tune` that a study varies or measures by.
 pub(crate) const STUDIED: [&str; 9] = [
@@ -22,69 +21,35 @@ pub(crate) const STUDIED: [&str; 9] = [
     "sample",
 ];
 
-/// The options of `voxsplat render` that a study varies, with their values; defaults are left out, apart from the
-/// painter.
+/// Returns the options of `voxsplat render` that make settings what they are, with their values. Defaults are left out,
+/// apart from the painter.
 pub(crate) fn options_of(settings: &Settings) -> Vec<String> {
-    let mut options = Vec::new();
-    let mut tuned = Vec::new();
-    let mut add = |name: &str, value: String| options.extend([format!("--{name}"), value]);
-    let mut tune = |key: &str, value: String| tuned.push(format!("{key}={value}"));
     let default = Settings::default();
-    if settings.model == Model::Composite && settings.shading != default.shading {
-        add("shading", settings.shading.to_string());
-    }
-    if settings.response != default.response {
-        add("response", settings.response.to_string());
-    }
-    if settings.kernel != default.kernel {
-        add("kernel", settings.kernel.to_string());
-    }
-    if settings.sharpness != default.sharpness {
-        add("sharpness", settings.sharpness.to_string());
-    }
-    if let Level::At(level) = settings.level {
-        add("level", level.to_string());
-    }
-    if settings.termination != default.termination {
-        tune("termination", settings.termination.to_string());
-    }
-    if settings.interslice != Interslice::default() {
-        tune("interslice", settings.interslice.to_string());
-    }
-    match settings.painter {
-        Painter::Auto => {}
-        Painter::Tiles(TilesSettings { resolution }) => {
-            add("painter", "tiles".to_owned());
-            if resolution != Resolution::default() {
-                tune("resolution", resolution.to_string());
-            }
-        }
-        Painter::Quads(quads) => {
-            add("painter", "quads".to_owned());
-            let default = QuadsSettings::default();
-            if quads.sheets != Sheets::default() {
-                tune("sheets", quads.sheets.to_string());
-            }
-            if quads.accumulation != Accumulation::default() {
-                tune("accumulate", quads.accumulation.to_string());
-            }
-            if quads.sheet_thickness != default.sheet_thickness {
-                tune("sheet-thickness", quads.sheet_thickness.to_string());
-            }
-            if let Some(precision) = quads.precision {
-                tune("precision", precision.to_string());
-            }
-            if let Some(error) = quads.table_error {
-                tune("table-error", error.to_string());
-            }
-        }
-    }
-    if !tuned.is_empty() {
-        options.extend(["--tune".to_owned(), tuned.join(",")]);
-    }
-    if settings.attenuation > 0.0 {
-        options.extend(["--attenuation".to_owned(), settings.attenuation.to_string()]);
-    }
+    let is_composite = settings.model == Model::Composite;
+    let level = |level| match level {
+        Level::Auto => "auto".to_owned(),
+        Level::At(level) => level.to_string(),
+    };
+    let painter = |painter: &Painter| match painter {
+        Painter::Auto => "auto",
+        Painter::Tiles(_) => "tiles",
+        Painter::Quads(_) => "quads",
+    };
+    let text = |s: &Settings| {
+        let shading = if is_composite { s.shading } else { default.shading };
+        [
+            ("--shading", shading.to_string()),
+            ("--response", s.response.to_string()),
+            ("--kernel", s.kernel.to_string()),
+            ("--sharpness", s.sharpness.to_string()),
+            ("--level", level(s.level)),
+            ("--painter", painter(&s.painter).to_owned()),
+            ("--tune", tune::pairs_of(s)),
+            ("--attenuation", s.attenuation.to_string()),
+        ]
+    };
+    let changed = text(settings).into_iter().zip(text(&default)).filter(|(own, default)| own != default);
+    let mut options: Vec<String> = changed.flat_map(|((name, value), _)| [name.to_owned(), value]).collect();
     if settings.depth_coded {
         options.push("--depth-coded".to_owned());
     }

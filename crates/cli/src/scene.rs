@@ -17,8 +17,8 @@ use super::args::{Args, RenderArgs};
 use super::destination::STREAM;
 use super::failure::Failure;
 use super::files::Files;
+use super::given::MAP;
 use super::job::RenderJob;
-use super::rules::MAP;
 use super::scene_file::{Given, OF_TRANSFER, SceneFile, VERSION, VOLUME, is_scene};
 use super::{args, effects, output, usage};
 
@@ -39,8 +39,7 @@ pub(crate) fn jobs(
     (name, matches): (&str, &ArgMatches),
     job: impl Fn(RenderArgs) -> Result<RenderJob, Failure>,
 ) -> Result<Vec<RenderJob>, Failure> {
-    let mut program = args::command();
-    program.build();
+    let program = args::built();
     let Some(command) = program.find_subcommand("render") else { return Ok(Vec::new()) };
     if !is_scene(&args.input.source) || args.input.dims.is_some() {
         let notes = effects::noted(name, vec![matches])?;
@@ -71,7 +70,7 @@ pub(crate) fn jobs(
     // The outputs of the command line are in the lines too.
     files.add_inputs(command, matches);
     let mut parsed = |words: &Vec<OsString>| {
-        let failed = |e: clap::Error| Failure::Several(usage::messages(e, words));
+        let failed = |e: clap::Error| Failure::Several(usage::messages(&e, words));
         let whole = args::command().try_get_matches_from(words).map_err(failed)?;
         let of_scene = whole.subcommand_matches("render").unwrap_or(matches);
         files.add(command, of_scene);
@@ -118,19 +117,12 @@ fn given(command: &Command, matches: &ArgMatches) -> Vec<Given> {
     command.get_arguments().filter(asked).filter_map(option).collect()
 }
 
-/// The option of a name.
-fn option<'a>(command: &'a Command, name: &str) -> Option<&'a Arg> {
-    let called = |arg: &&Arg| {
-        arg.get_long() == Some(name) || arg.get_all_aliases().is_some_and(|aliases| aliases.contains(&name))
-    };
-    command.get_arguments().find(called)
-}
-
 /// Options with others in front: those of the same name, or that do not go with them, give way.
 fn overlaid(command: &Command, base: &[Given], over: &[Given]) -> Vec<Given> {
     let gives_way = |name: &str| {
         over.iter().any(|(other, _)| {
-            let conflicts = option(command, other).map(|arg| command.get_arg_conflicts_with(arg)).unwrap_or_default();
+            let conflicts =
+                args::option(command, other).map(|arg| command.get_arg_conflicts_with(arg)).unwrap_or_default();
             other == name || conflicts.iter().any(|arg| arg.get_long() == Some(name))
         })
     };
@@ -176,7 +168,7 @@ fn read(
     let base = options(&scene)?;
     let line = |output: &Map<String, Value>| {
         let shared = |name: &str| {
-            let of_input = option(command, name).is_some_and(|arg| arg.get_help_heading() == Some("Input"));
+            let of_input = args::option(command, name).is_some_and(|arg| arg.get_help_heading() == Some("Input"));
             of_input || SHARED.contains(&name) || name == VOLUME
         };
         if let Some(name) = output.keys().find(|name| shared(name)) {
@@ -204,7 +196,7 @@ fn read(
 
 /// The option that a key of a scene stands for; `None` for a flag that is off.
 fn words(command: &Command, folder: &Path, key: &str, value: &Value) -> Result<Option<Given>, Failure> {
-    let arg = option(command, key);
+    let arg = args::option(command, key);
     let name = arg.and_then(Arg::get_long).unwrap_or(key).to_owned();
     let fault = |expected: &str| Failure::Usage(format!("{key:?}: {value}, expected {expected}"));
     let word = |value: &Value| match value {

@@ -9,8 +9,8 @@ use voxsplat::transfer::TransferFunction;
 
 use super::failure::Failure;
 use super::fitted::Fitted;
+use super::given::LABELS;
 use super::layers;
-use super::rules::LABELS;
 use super::transfer::TransferChoice;
 
 /// The key of the volume, which has no option.

@@ -9,8 +9,8 @@ use voxsplat::transfer::{Imported, Window};
 use super::args::ModelArgs;
 use super::destination::STREAM;
 use super::failure::Failure;
+use super::given::{LABELS, MAP};
 use super::parse::{GradientOpacity, reason};
-use super::rules::{LABELS, MAP};
 
 /// The choice of a transfer function.
 #[derive(Debug, Clone)]
