@@ -11,7 +11,7 @@ use voxsplat::transfer::{ControlPoint, TransferFunction, Window};
 use voxsplat::volume::{Channel, SampleType, Statistics, Volume};
 use voxsplat_volume::names::readable;
 
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 
 use super::transfer::{Transfer, TransferChoice};
 
@@ -88,7 +88,7 @@ pub(crate) fn load(
         ([first, ..], true) => of(first.number)?,
         (_, false) => {
             let message = "--transfer is for one channel; give several colours by --channel N:COLOUR";
-            return Err(Failure::Usage(message.to_owned()));
+            return refuse(message);
         }
     };
     let contents = first.contents().clone();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use voxsplat::image::{Background, Image, Note};
 
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 use super::output;
 
 /// What stands for standard input and standard output in place of a file.
@@ -26,16 +26,14 @@ impl Destination {
         if path == Path::new(STREAM) {
             return Self::stdout().map(|()| Self::Stdout);
         }
-        Image::check_output(&path).map_err(|e| Failure::Usage(format!("{e:#}")))?;
+        Image::check_output(&path).map_err(|e| Failure::usage(format!("{e:#}")))?;
         Ok(Self::File(path))
     }
 
     /// Refuses a terminal, which shows no bytes.
     pub(crate) fn stdout() -> Result<(), Failure> {
         if stdout().is_terminal() {
-            return Err(Failure::Usage(
-                "--output -: standard output is a terminal, expected a pipe or a file".to_owned(),
-            ));
+            return refuse("--output -: standard output is a terminal, expected a pipe or a file");
         }
         Ok(())
     }

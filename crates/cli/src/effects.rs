@@ -3,9 +3,8 @@
 //! An option is refused if it contradicts another one, and noted in one line if it is harmless. A unit test takes all
 //! options from `clap` and fails for an option that neither [`RULES`] nor [`FREE`] names.
 
-use clap::ArgMatches;
+use clap::{ArgMatches, Command};
 
-use super::args;
 use super::failure::Failure;
 use super::given::{
     Given, casts, is_film, is_frames, is_lit, is_parallel, is_post_shaded, is_sized, keeps_values, occludes,
@@ -175,9 +174,7 @@ fn lacks(given: &Given<'_>, quantity: &str, option: &str) -> bool {
 /// program's.
 ///
 /// Refuses options that contradict others, all at once.
-pub(crate) fn noted(command: &str, lines: Vec<&ArgMatches>) -> Result<Vec<String>, Failure> {
-    let program = args::built();
-    let Some(command) = program.find_subcommand(command) else { return Ok(Vec::new()) };
+pub(crate) fn noted(command: &Command, lines: Vec<&ArgMatches>) -> Result<Vec<String>, Failure> {
     let given = &Given { command, lines };
     let (mut refusals, mut notes, mut seen) = (Vec::new(), Vec::new(), Vec::new());
     for Rule { options, holds, kind } in RULES {
@@ -193,7 +190,7 @@ pub(crate) fn noted(command: &str, lines: Vec<&ArgMatches>) -> Result<Vec<String
             }
         }
     }
-    if refusals.is_empty() { Ok(notes) } else { Err(Failure::Several(refusals)) }
+    if refusals.is_empty() { Ok(notes) } else { Err(Failure { code: 2, messages: refusals }) }
 }
 
 #[cfg(test)]
@@ -201,6 +198,7 @@ mod tests {
     use clap::CommandFactory as _;
 
     use super::*;
+    use crate::args;
     use crate::tune::Tuning;
 
     #[test]

@@ -7,15 +7,34 @@ use voxsplat::volume::SampleType;
 
 use super::tune;
 
-/// The failure of a command.
+/// The failure of a command: the lines that report it, and the exit code.
 #[derive(Debug)]
-pub(crate) enum Failure {
-    /// The arguments are wrong.
-    Usage(String),
-    /// The arguments are wrong in several ways.
-    Several(Vec<String>),
-    /// The work failed.
-    Failed(String),
+pub(crate) struct Failure {
+    /// 1 if the work failed, 2 if the arguments are wrong.
+    pub(crate) code: u8,
+    pub(crate) messages: Vec<String>,
+}
+
+impl Failure {
+    /// Wrong arguments.
+    pub(crate) fn usage(message: impl Into<String>) -> Self {
+        Self { code: 2, messages: vec![message.into()] }
+    }
+
+    /// Work that failed.
+    pub(crate) fn failed(message: impl Into<String>) -> Self {
+        Self { code: 1, messages: vec![message.into()] }
+    }
+}
+
+/// Refuses arguments.
+pub(crate) fn refuse<T>(message: impl Into<String>) -> Result<T, Failure> {
+    Err(Failure::usage(message))
+}
+
+/// Reports work that failed.
+pub(crate) fn fail<T>(message: impl Into<String>) -> Result<T, Failure> {
+    Err(Failure::failed(message))
 }
 
 impl From<Error> for Failure {
@@ -23,8 +42,8 @@ impl From<Error> for Failure {
         let message = in_flags(&error);
         match error {
             // Both are about options, even if the volume or the adapter must be known to find the fault.
-            Error::Setting { .. } | Error::Camera(_) => Self::Usage(message),
-            _ => Self::Failed(message),
+            Error::Setting { .. } | Error::Camera(_) => Self::usage(message),
+            _ => Self::failed(message),
         }
     }
 }

@@ -12,7 +12,7 @@ use clap::{ArgMatches, Command};
 use voxsplat::formats::data_files;
 
 use super::destination::STREAM;
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 use super::given::MAP;
 
 /// The arguments that name outputs. All others that take a path name inputs.
@@ -118,7 +118,7 @@ impl Files {
             let earlier = self.outputs[..index].iter().filter(|other| !shares(other));
             if let Some(other) = self.inputs.iter().chain(earlier).find(is_same) {
                 let [one, two] = [output, other].map(|file| format!("{} {}", file.argument, file.path.display()));
-                return Err(Failure::Usage(format!("{one}: it is the same file as {two}, which it would overwrite")));
+                return refuse(format!("{one}: it is the same file as {two}, which it would overwrite"));
             }
         }
         Ok(())

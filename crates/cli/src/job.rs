@@ -7,23 +7,21 @@ use voxsplat::appearance::Open;
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::figure::{Figure, LegendEntry};
 use voxsplat::formats::LoadOptions;
-use voxsplat::image::{Background, Image, Region, check_writable};
+use voxsplat::image::{Background, Region, check_writable};
 use voxsplat::layers::Layers;
 use voxsplat::lighting::{Light, Lighting, Source};
 use voxsplat::settings::{Painter, Response, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Units};
 
-use super::args::{
-    CompareArgs, FigureArgs, FrameArg, ModelArgs, ParetoArgs, ProjectionArg, RenderArgs, StatsFormat, ViewArgs,
-};
+use super::args::{FigureArgs, FrameArg, ModelArgs, ParetoArgs, ProjectionArg, RenderArgs, StatsFormat, ViewArgs};
 use super::channels::ChannelArg;
 use super::clip::ClipArg;
 use super::destination::Destination;
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 use super::layers::LayersJob;
 use super::options::STUDIED;
-use super::parse::{LightArg, Occlusion, PlaceArg};
+use super::parse::{LightArg, Occlusion, PlaceArg, TimeArg};
 use super::scene_file::SceneFile;
 use super::transfer::{Transfer, TransferChoice};
 use super::tune::{Tuning, pairs_without};
@@ -48,6 +46,8 @@ pub(crate) enum Engine {
 pub(crate) struct RenderJob {
     pub(crate) source: PathBuf,
     pub(crate) load: LoadOptions,
+    /// The time points of a turntable.
+    pub(crate) times: Option<TimeArg>,
     pub(crate) transfer: Transfer,
     pub(crate) layers: LayersJob,
     pub(crate) channels: Vec<ChannelArg>,
@@ -122,11 +122,11 @@ impl RenderJob {
         args.input.check_one_time()?;
         let Some(output) = args.output.take() else {
             let missing = "--output FILE is missing: where the picture goes (see --help)";
-            return Err(Failure::Usage(missing.to_owned()));
+            return refuse(missing);
         };
         let output = Destination::checked(output)?;
         if output == Destination::Stdout && args.stats.is_some() {
-            return Err(Failure::Usage("--stats: standard output takes the picture".to_owned()));
+            return refuse("--stats: standard output takes the picture");
         }
         Self::with_output(args, output)
     }
@@ -139,19 +139,17 @@ impl RenderJob {
         if args.view.margin.is_none() && texts && !makes_room {
             view.margin = FIGURE_MARGIN;
         }
-        let tuning = Tuning::new(&args.model.tune).map_err(Failure::Usage)?;
+        let tuning = Tuning::new(&args.model.tune).map_err(Failure::usage)?;
         let settings = settings(&args.model, &tuning, tuning.painter(args.painter), &view)?;
         // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         if settings.response == Response::Depth && !output.keeps_values() {
-            return Err(Failure::Usage(
-                "--response depth is for an .exr: a .png holds 0 to 1, window shows it".to_owned(),
-            ));
+            return refuse("--response depth is for an .exr: a .png holds 0 to 1, window shows it");
         }
         if let Some(path) = &args.save_transfer {
             TransferFunction::check_output(path)
                 .and_then(|()| check_writable(path))
-                .map_err(|e| Failure::Usage(format!("--save-transfer: {e:#}")))?;
+                .map_err(|e| Failure::usage(format!("--save-transfer: {e:#}")))?;
         }
         let [width, height] = args.size;
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
@@ -163,7 +161,7 @@ impl RenderJob {
         let layers = LayersJob::new(&args.layers, alone)?;
         let is_one = !matches!(transfer.choice, TransferChoice::Suggested) && !transfer.is_window();
         if legend && is_one && !layers.has_labels() {
-            return Err(Failure::Usage(NO_LEGEND.to_owned()));
+            return refuse(NO_LEGEND);
         }
         if !layers.is_plain() {
             Layers::check_settings(&settings)?;
@@ -175,6 +173,7 @@ impl RenderJob {
         Ok(Self {
             load: LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&args.view, args.size) },
             source: args.input.source,
+            times: args.input.time,
             transfer,
             layers,
             channels: args.input.channel,
@@ -253,7 +252,7 @@ fn settings(model: &ModelArgs, tuning: &Tuning, painter: Painter, view: &View) -
 
 /// The lights and their material; `None` if there is no light.
 fn lighting(args: &ModelArgs, tuning: &Tuning, view: &View) -> Result<Option<Lighting>, Failure> {
-    let usage = |message: String| Err(Failure::Usage(message));
+    let usage = |message: String| refuse(message);
     let lit: Vec<LightArg> = args.light.iter().copied().filter(|l| *l != LightArg::Off).collect();
     if lit.is_empty() {
         return Ok(None);
@@ -309,7 +308,7 @@ fn view(args: &ViewArgs) -> Result<View, Failure> {
         ProjectionArg::Orthographic => ProjectionKind::Orthographic,
     };
     if args.up == Some(DVec3::ZERO) || args.direction == Some(DVec3::ZERO) {
-        return Err(Failure::Usage("--up and --direction need a length over 0".to_owned()));
+        return refuse("--up and --direction need a length over 0");
     }
     Ok(View {
         azimuth: args.azimuth.unwrap_or_default(),
@@ -362,10 +361,10 @@ impl ParetoJob {
     pub(crate) fn new(args: ParetoArgs) -> Result<Self, Failure> {
         args.input.check_one_time()?;
         let first = view(&args.view)?;
-        let tuning = Tuning::new(&args.model.tune).map_err(Failure::Usage)?;
+        let tuning = Tuning::new(&args.model.tune).map_err(Failure::usage)?;
         let settings = settings(&args.model, &tuning, Painter::Auto, &first)?;
         if settings.response == Response::Depth {
-            return Err(Failure::Usage("--response depth is no picture for a report: window shows it".to_owned()));
+            return refuse("--response depth is no picture for a report: window shows it");
         }
         Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         let (figure, units) = figure(args.figure, args.size, &settings)?;
@@ -381,10 +380,10 @@ impl ParetoJob {
         let views = std::iter::once(first.clone()).chain((1..args.views).map(turned)).collect();
         let transfer = Transfer::new(&args.model)?;
         if args.input.channel.len() > 1 {
-            return Err(Failure::Usage("--channel: a study is of one channel".to_owned()));
+            return refuse("--channel: a study is of one channel");
         }
         if matches!(transfer.choice, TransferChoice::Labels) {
-            return Err(Failure::Usage("--transfer labels is for render and turntable".to_owned()));
+            return refuse("--transfer labels is for render and turntable");
         }
         let tune = pairs_without(&args.model.tune, &STUDIED);
         check_folder(&args.output)?;
@@ -413,7 +412,7 @@ impl ParetoJob {
 
 /// Refuses a folder that cannot be made or written to. It is made after the volume has been read.
 fn check_folder(folder: &Path) -> Result<(), Failure> {
-    let usage = |reason: String| Err(Failure::Usage(format!("--output: {}: {reason}", folder.display())));
+    let usage = |reason: String| refuse(format!("--output: {}: {reason}", folder.display()));
     let mut first = folder.join("report.html");
     while let Some(above) = first.parent().filter(|above| !above.as_os_str().is_empty() && !above.is_dir()) {
         if above.exists() {
@@ -422,24 +421,4 @@ fn check_folder(folder: &Path) -> Result<(), Failure> {
         first = above.to_owned();
     }
     check_writable(&first).or_else(|error| usage(format!("{error:#}")))
-}
-
-/// Two pictures to compare.
-#[derive(Debug)]
-pub(crate) struct CompareJob {
-    pub(crate) a: PathBuf,
-    pub(crate) b: PathBuf,
-    pub(crate) tolerance: f64,
-    pub(crate) difference: Option<PathBuf>,
-    pub(crate) json: bool,
-}
-
-impl CompareJob {
-    pub(crate) fn new(args: CompareArgs) -> Result<Self, Failure> {
-        if let Some(path) = &args.difference {
-            Image::check_output(path).map_err(|e| Failure::Usage(format!("{e:#}")))?;
-        }
-        let CompareArgs { a, b, tolerance, difference, json } = args;
-        Ok(Self { a, b, tolerance, difference, json })
-    }
 }

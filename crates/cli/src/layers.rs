@@ -10,7 +10,7 @@ use voxsplat::volume::Volume;
 use voxsplat_volume::names::readable;
 
 use super::args::LayerArgs;
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 use super::output;
 
 /// A change of the looks of some labels.
@@ -94,7 +94,7 @@ impl LayersJob {
         let LayerArgs { labels, label_table, label, mask } = args;
         if alone && labels.is_some() {
             let message = "--labels: the volume is one of labels itself, by --transfer labels";
-            return Err(Failure::Usage(message.to_owned()));
+            return refuse(message);
         }
         let looks = Looks::new(label_table.as_deref(), label)?;
         Ok(Self { alone, labels: labels.clone(), looks, mask: mask.as_deref().map(masked).transpose()? })
@@ -127,7 +127,7 @@ impl LayersJob {
             let [mask] = masks.as_slice() else {
                 let (path, count) = (path.display(), masks.len());
                 let message = format!("--mask: {path} has {count} layers of labels, a mask has one");
-                return Err(Failure::Usage(message));
+                return refuse(message);
             };
             let masked = |layer: Layer| layer.masked(mask, which).map_err(|error| named(error, "mask"));
             base = base.into_iter().map(masked).collect::<Result<_, _>>()?;
@@ -138,7 +138,7 @@ impl LayersJob {
             }
         }
         let mut layers = base.into_iter();
-        let first = layers.next().map(Layers::new).ok_or_else(|| Failure::Failed("nothing to draw".to_owned()))?;
+        let first = layers.next().map(Layers::new).ok_or_else(|| Failure::failed("nothing to draw".to_owned()))?;
         Ok(layers.try_fold(first, Layers::with)?)
     }
 }
@@ -174,7 +174,7 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Volume>, Failure> {
     let bare = |hint| matches!(hint, Hint::GiveDims | Hint::GiveSampleType | Hint::GiveDimsAndSampleType);
     let of = |channel: Option<u32>| {
         formats::load(path, &LoadOptions { channel, ..options }).map_err(|error| match error.hint().is_some_and(bare) {
-            true => Failure::Failed(error.to_string()),
+            true => Failure::failed(error.to_string()),
             false => error.into(),
         })
     };

@@ -44,6 +44,7 @@ use clap::FromArgMatches;
 use clap::error::ErrorKind;
 
 use failure::Failure;
+use options::given;
 
 /// Parses the arguments, runs the command, reports its failure.
 fn main() -> ExitCode {
@@ -59,14 +60,9 @@ fn main() -> ExitCode {
         Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             output::print(&error.render().to_string())
         }
-        Err(error) => Err(Failure::Several(usage::messages(&error, &words))),
+        Err(error) => Err(Failure { code: 2, messages: usage::messages(&error, &words) }),
     };
-    let (code, messages) = match result {
-        Ok(()) => return ExitCode::SUCCESS,
-        Err(Failure::Failed(message)) => (1, vec![message]),
-        Err(Failure::Usage(message)) => (2, vec![message]),
-        Err(Failure::Several(messages)) => (2, messages),
-    };
+    let Err(Failure { code, messages }) = result else { return ExitCode::SUCCESS };
     // A volume that is not there comes before what is wrong with the options.
     let missing = if code == 2 { usage::missing_input(&words) } else { None };
     let typed = messages.iter().map(|message| usage::as_typed(message, &words));
@@ -80,29 +76,25 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
         output::be_quiet();
     }
     let program = args::built();
-    if let Some((name, matches)) = matches.subcommand()
-        && let Some(command) = program.find_subcommand(name)
-    {
-        let mut files = files::Files::default();
-        files.add(command, matches);
-        files.check()?;
-    }
-    // What was given is told apart from defaults by the matches of the command itself.
-    let (name, matches) = matches.subcommand().unwrap_or(("", matches));
+    let found = matches.subcommand().and_then(|(name, matches)| Some((program.find_subcommand(name)?, matches)));
+    let Some(line @ (command, matches)) = found else { return Ok(()) };
+    let mut files = files::Files::default();
+    files.add(command, matches);
+    files.check()?;
     match args.command {
-        args::Command::Render(args) => render::run(scene::jobs(*args, (name, matches), job::RenderJob::new)?),
-        args::Command::Turntable(args) => turntable::run(turntable::TurntableJob::new(*args, (name, matches))?),
+        args::Command::Render(args) => render::run(scene::jobs(*args, line, job::RenderJob::new)?),
+        args::Command::Turntable(args) => turntable::run(turntable::TurntableJob::new(*args, line)?),
         args::Command::Pareto(args) => {
-            let notes = effects::noted(name, vec![matches])?;
+            let notes = effects::noted(command, vec![matches])?;
             let job = job::ParetoJob::new(*args)?;
             notes.iter().for_each(|note| output::say(note));
             pareto::run(job, matches)
         }
         args::Command::Info(args) => {
-            effects::noted(name, vec![matches])?.iter().for_each(|note| output::say(note));
-            info::run(&args)
+            effects::noted(command, vec![matches])?.iter().for_each(|note| output::say(note));
+            info::run(&args, &given(command, matches))
         }
-        args::Command::Compare(args) => compare::run(&job::CompareJob::new(args)?),
+        args::Command::Compare(args) => compare::run(&args),
         args::Command::Devices => devices::run(),
         args::Command::Completions { shell } => manual::completions(shell),
         args::Command::Man { command } => manual::page(command.as_deref()),

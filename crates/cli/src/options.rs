@@ -1,8 +1,10 @@
 //! Options from settings, to be copied into a command line.
 
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 
-use clap::ArgMatches;
+use clap::parser::ValueSource;
+use clap::{Arg, ArgMatches, Command};
 use voxsplat::settings::{Level, Model, Painter, Settings};
 
 use super::given::MAP;
@@ -56,15 +58,38 @@ pub(crate) fn options_of(settings: &Settings) -> Vec<String> {
     options
 }
 
-/// A command line of words, those quoted that a shell would take apart.
-pub(crate) fn command_line(words: &[String]) -> String {
-    let plain = |word: &str| {
-        !word.is_empty()
-            && word.chars().all(|c| c.is_ascii_alphanumeric() || "-_./:,=+@%#".contains(c))
-            && !word.starts_with('#')
+/// An option by its long name, with its values; a flag has none.
+pub(crate) type OptionValues = (String, Vec<OsString>);
+
+/// Returns the options that a command line gives, without the defaults.
+pub(crate) fn given(command: &Command, matches: &ArgMatches) -> Vec<OptionValues> {
+    let is_given = |arg: &&Arg| matches.value_source(arg.get_id().as_str()) == Some(ValueSource::CommandLine);
+    let option = |arg: &Arg| {
+        let raw = arg.get_action().takes_values().then(|| matches.get_raw(arg.get_id().as_str())).flatten();
+        Some((arg.get_long()?.to_owned(), raw.into_iter().flatten().map(OsStr::to_owned).collect()))
     };
-    let quoted = |word: &String| if plain(word) { word.clone() } else { format!("'{}'", word.replace('\'', r"'\''")) };
-    words.iter().map(quoted).collect::<Vec<_>>().join(" ")
+    command.get_arguments().filter(is_given).filter_map(option).collect()
+}
+
+/// Returns a command line of words, quoted for a shell.
+pub(crate) fn command_line(words: &[String]) -> String {
+    words.iter().map(|word| quoted(word.as_ref())).collect::<Vec<_>>().join(" ")
+}
+
+/// Returns a text as one word of a POSIX shell. Text that is not UTF-8 is written as `$'...'` (POSIX 2024).
+pub(crate) fn quoted(text: &OsStr) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./:,=+@%#".contains(c);
+    match text.to_str() {
+        Some(text) if !text.is_empty() && !text.starts_with('#') && text.chars().all(plain) => text.to_owned(),
+        Some(text) => format!("'{}'", text.replace('\'', r"'\''")),
+        None => {
+            let byte = |&byte: &u8| match char::from(byte) {
+                c if c.is_ascii() && plain(c) => c.to_string(),
+                _ => format!("\\x{byte:02x}"),
+            };
+            format!("$'{}'", text.as_encoded_bytes().iter().map(byte).collect::<String>())
+        }
+    }
 }
 
 /// The words of this process's command line with the names of files for their paths: folders are private.

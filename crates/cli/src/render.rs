@@ -11,7 +11,7 @@ use voxsplat::stats::{StageTime, Stats};
 
 use super::args::StatsFormat;
 use super::draw::in_words;
-use super::failure::Failure;
+use super::failure::{Failure, fail};
 use super::job::RenderJob;
 use super::output;
 use super::session::{Picture, Session};
@@ -88,9 +88,7 @@ fn report(job: &RenderJob, layers: &Layers, picture: Picture, stages: Stages) ->
     let broken = verified.filter(|verified| job.accuracy.max_error.is_some_and(|bound| verified.interval[0] > bound));
     print_stats(job.output.stats, &RenderStats { stats, estimate, verified }, RenderStats::to_text)?;
     match (broken, job.accuracy.max_error) {
-        (Some(verified), Some(bound)) => {
-            Err(Failure::Failed(format!("--max-error {bound} is broken: {}", in_words(&verified))))
-        }
+        (Some(verified), Some(bound)) => fail(format!("--max-error {bound} is broken: {}", in_words(&verified))),
         _ => Ok(()),
     }
 }

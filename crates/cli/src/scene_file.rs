@@ -7,10 +7,11 @@ use serde_json::Value;
 use voxsplat::image::{check_writable, write_file};
 use voxsplat::transfer::TransferFunction;
 
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 use super::fitted::Fitted;
 use super::given::LABELS;
 use super::layers;
+use super::options::OptionValues;
 use super::transfer::TransferChoice;
 
 /// The key of the volume, which has no option.
@@ -25,14 +26,11 @@ pub(crate) const OF_TRANSFER: [&str; 3] = ["transfer", "window", "gradient-opaci
 /// Options that name files of labels, which may have labels behind them.
 const OF_FILES: [&str; 3] = ["labels", "label-table", "mask"];
 
-/// An option by its long name, with its values; a flag has none.
-pub(crate) type Given = (String, Vec<OsString>);
-
 /// A scene to be written when its picture is done.
 #[derive(Debug, Clone)]
 pub(crate) struct SceneFile {
     path: PathBuf,
-    options: Vec<Given>,
+    options: Vec<OptionValues>,
 }
 
 /// Whether a path names a scene, not a volume.
@@ -42,11 +40,11 @@ pub(crate) fn is_scene(path: &Path) -> bool {
 
 impl SceneFile {
     /// A scene to be written to a file that can be written, and that `render` takes for a scene.
-    pub(crate) fn new(path: PathBuf, options: Vec<Given>) -> Result<Self, Failure> {
+    pub(crate) fn new(path: PathBuf, options: Vec<OptionValues>) -> Result<Self, Failure> {
         if !is_scene(&path) {
-            return Err(Failure::Usage(format!("--save-scene: {path:?}, expected a name that ends in .json")));
+            return refuse(format!("--save-scene: {path:?}, expected a name that ends in .json"));
         }
-        check_writable(&path).map_err(|e| Failure::Usage(format!("--save-scene: {e:#}")))?;
+        check_writable(&path).map_err(|e| Failure::usage(format!("--save-scene: {e:#}")))?;
         Ok(Self { path, options })
     }
 
@@ -113,7 +111,7 @@ fn moved(folder: &Path, value: &OsStr) -> Result<String, Failure> {
 }
 
 fn text(value: &OsStr) -> Result<&str, Failure> {
-    value.to_str().ok_or_else(|| Failure::Failed(format!("--save-scene: {value:?} is not Unicode, as JSON is")))
+    value.to_str().ok_or_else(|| Failure::failed(format!("--save-scene: {value:?} is not Unicode, as JSON is")))
 }
 
 /// A path as it is seen from a folder, if both are on one drive.

@@ -24,7 +24,7 @@ use super::args::FrameArg;
 use super::clip::intersection;
 
 use super::draw::{Prepared, draw, framed, in_words, notes, with_units};
-use super::failure::Failure;
+use super::failure::{Failure, fail, refuse};
 use super::fitted::{Fitted, transfer};
 use super::job::{Engine, NO_LEGEND, RenderJob};
 use super::progress::{self, Progress, Remaining};
@@ -165,10 +165,10 @@ impl Session {
         let has_labels = fitted.labels || job.layers.has_labels();
         if !self.channels.is_empty() && (job.figure.drawn.color_bar || job.output.transfer.is_some()) {
             let message = "--colour-bar and --save-transfer are for one transfer function, not for several channels";
-            return Err(Failure::Usage(message.to_owned()));
+            return refuse(message);
         }
         if job.figure.legend && !has_labels && self.channels.iter().all(|layer| layer.entry().is_none()) {
-            return Err(Failure::Usage(NO_LEGEND.to_owned()));
+            return refuse(NO_LEGEND);
         }
         if let Some(note) = &fitted.suggested {
             self.say(note.clone());
@@ -332,7 +332,7 @@ impl Session {
         };
         self.legend = Some((layers.clone(), clip.clone(), legend.clone()));
         if legend.is_empty() {
-            return Err(Failure::Failed("--legend: no label shows".to_owned()));
+            return fail("--legend: no label shows");
         }
         let figure = Figure { legend, ..job.figure.drawn.clone() };
         figure.validate(job.size, job.settings.model)?;

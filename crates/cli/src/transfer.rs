@@ -8,7 +8,7 @@ use voxsplat::transfer::{Imported, Window};
 
 use super::args::ModelArgs;
 use super::destination::STREAM;
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 use super::given::{LABELS, MAP};
 use super::parse::{GradientOpacity, reason};
 
@@ -53,14 +53,14 @@ impl Transfer {
                 (None, Some(map)) if is_file_name(map) => given(Imported::of_map(&ColorMap::load(map)?)?),
                 (None, Some(map)) => {
                     let map = maps::find(&map.to_string_lossy());
-                    let usage = |error| Failure::Usage(format!("--transfer: {}", reason(error)));
+                    let usage = |error| Failure::usage(format!("--transfer: {}", reason(error)));
                     given(Imported::of_map(&map.map_err(usage)?)?)
                 }
                 (None, None) if is_file_name(name) => given(Imported::load(name)?),
                 (None, None) if name.to_string_lossy().starts_with('{') => {
                     given(Imported::parse(&name.to_string_lossy(), None)?)
                 }
-                (None, None) => return Err(Failure::Usage(no_transfer(name))),
+                (None, None) => return refuse(no_transfer(name)),
             },
             // A window alone is the window of a radiologist: grey values.
             None if window.is_some() => given(Imported::of_map(&maps::find("gray")?)?),

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
-use clap::ArgMatches;
+use clap::{ArgMatches, Command};
 use serde::{Deserialize, Serialize};
 use voxsplat::camera::View;
 use voxsplat::film::{Film, FilmFile, Format};
@@ -16,11 +16,11 @@ use voxsplat::image::{Image, Note};
 
 use super::args::{FrameArg, RenderArgs, TurntableArgs};
 use super::destination::{Destination, STREAM};
-use super::failure::Failure;
+use super::failure::{Failure, fail, refuse};
 use super::fitted::Fitted;
 use super::given::MAX_KEY_FRAMES;
 use super::job::RenderJob;
-use super::options::{command_line, file_name, without, without_folders};
+use super::options::{command_line, file_name, quoted, without, without_folders};
 use super::parse::TimeArg;
 use super::progress::Remaining;
 use super::render::print_stats;
@@ -123,42 +123,42 @@ impl Totals {
 }
 
 impl Target {
-    fn new(path: Option<PathBuf>, format: Option<Format>) -> Result<Self, Failure> {
-        let usage = |reason: String| Err(Failure::Usage(reason));
-        let Some(path) = path else {
-            return usage("--output is missing: DIR/{frame}.png, FILE.gif, FILE.html or -".to_owned());
-        };
+    /// A destination that can be written to, as far as is known before the work.
+    fn checked(path: &Path, format: Option<Format>) -> Result<Self, Failure> {
+        if path.as_os_str().is_empty() {
+            return refuse("--output is missing: DIR/{frame}.png, FILE.gif, FILE.html or -");
+        }
         if path == Path::new(STREAM) {
             Destination::stdout()?;
             return Ok(Self::Stream(format.unwrap_or(Format::Y4m)));
         }
-        match (path.to_str().filter(|name| name.contains(FRAME)), format.or(Format::of(&path))) {
+        match (path.to_str().filter(|name| name.contains(FRAME)), format.or(Format::of(path))) {
             (Some(name), _) => {
                 let first = PathBuf::from(numbered(name, 0, 1));
                 // A folder for the frames is made. If it cannot be, the check says what is wrong.
                 if let Some(folder) = first.parent().filter(|folder| !folder.as_os_str().is_empty()) {
                     let made = std::fs::create_dir(folder).map_err(|e| (e.kind(), e));
                     if let Err((ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem, e)) = made {
-                        return usage(format!("--output: the folder {} cannot be made: {e}", folder.display()));
+                        return refuse(format!("--output: the folder {} cannot be made: {e}", folder.display()));
                     }
                 }
                 Destination::checked(first)?;
                 Ok(Self::Files(name.to_owned()))
             }
             (None, Some(format)) => {
-                FilmFile::check(&path).map_err(|e| Failure::Usage(format!("{e:#}")))?;
-                Ok(Self::Film(path, format))
+                FilmFile::check(path).map_err(|e| Failure::usage(format!("{e:#}")))?;
+                Ok(Self::Film(path.to_owned(), format))
             }
-            (None, None) if is_video(&path) => {
+            (None, None) if is_video(path) => {
                 let words = std::env::args().skip(1);
                 let words = command_line(&without(words, &["-o", "--output"], &[]));
-                let name = command_line(&[path.to_string_lossy().into_owned()]);
-                usage(format!(
+                let name = quoted(path.as_os_str());
+                refuse(format!(
                     "--output: videos are encoded by ffmpeg: \
                      voxsplat {words} -o - | ffmpeg -i - -pix_fmt yuv420p {name}"
                 ))
             }
-            (None, None) => usage(format!(
+            (None, None) => refuse(format!(
                 "--output: {path:?}, expected a name with {FRAME} such as frames/{FRAME}.png, FILE.gif, FILE.apng, \
                  FILE.y4m, FILE.html, or - for standard output"
             )),
@@ -179,28 +179,24 @@ fn numbered(name: &str, frame: u32, frames: u32) -> String {
 }
 
 impl TurntableJob {
-    pub(crate) fn new(args: TurntableArgs, matches: (&str, &ArgMatches)) -> Result<Self, Failure> {
-        let usage = |reason: &str| Err(Failure::Usage(reason.to_owned()));
+    pub(crate) fn new(args: TurntableArgs, line: (&Command, &ArgMatches)) -> Result<Self, Failure> {
         let TurntableArgs { render, frames, turn, key_frames, rate, format, part, resume } = args;
-        // A scene may have an output and a time too.
-        let (path, times) = (RefCell::new(None), RefCell::new(None));
-        let first = |args: RenderArgs| {
-            times.replace(args.input.time.filter(|time| !matches!(time, TimeArg::One(_))));
-            let output = args.output.clone().unwrap_or_default();
-            path.replace(args.output.clone());
-            RenderJob::with_output(args, Destination::File(output))
+        let job = |args: RenderArgs| {
+            let output = Destination::File(args.output.clone().unwrap_or_default());
+            RenderJob::with_output(args, output)
         };
-        let mut jobs = scene::jobs(render, matches, first)?;
+        let mut jobs = scene::jobs(render, line, job)?;
         let Some(mut first) = jobs.pop().filter(|_| jobs.is_empty()) else {
-            return usage("a turntable takes a scene of one picture");
+            return refuse("a turntable takes a scene of one picture");
         };
         // It looks from all sides.
         first.choices.open.side = false;
         first.studio.follows |= first.choices.open.light;
-        let target = Target::new(path.take(), format)?;
-        let times = times.into_inner();
+        let Destination::File(path) = &first.output.picture else { return refuse("--output: expected a file or -") };
+        let target = Target::checked(path, format)?;
+        let times = first.times.filter(|time| !matches!(time, TimeArg::One(_)));
         if times.is_some() && first.source == Path::new(STREAM) {
-            return usage("--time: standard input is read once, several points in time need a file");
+            return refuse("--time: standard input is read once, several time points need a file");
         }
         let frames = frames.or(match times {
             None => Some(FRAMES),
@@ -212,7 +208,7 @@ impl TurntableJob {
             None => Course::Turn(turn),
         };
         let words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
-        let command = format!("voxsplat {}", command_line(&without_folders(words, matches.1)));
+        let command = format!("voxsplat {}", command_line(&without_folders(words, line.1)));
         let part = part.unwrap_or([1, 1]);
         Ok(Self { first, course, frames, times, part, rate, resume, target, command })
     }
@@ -222,36 +218,29 @@ impl TurntableJob {
 fn read_key_frames(path: &Path) -> Result<Vec<KeyFrame>, Failure> {
     let mut keys: Vec<KeyFrame> = read_json(path, MAX_KEY_FRAMES)?;
     if keys.is_empty() {
-        return Err(Failure::Failed(format!("{}: has no key frames", path.display())));
+        return fail(format!("{}: has no key frames", path.display()));
     }
     keys.sort_by_key(|key| key.frame);
     Ok(keys)
 }
 
-/// The views of frames: straight from one key frame to the next, and as the nearest before the first and after the
-/// last.
+/// Returns the views of frames: linear between key frames, and constant before the first and after the last.
 fn views_of(base: &View, keys: &[KeyFrame], frames: u32) -> Vec<View> {
-    let of = |value: fn(&KeyFrame) -> Option<f64>, default: f64| {
+    let at = |frame: u32, value: fn(&KeyFrame) -> Option<f64>, default: f64| {
         let known: Vec<(f64, f64)> = keys.iter().filter_map(|k| Some((f64::from(k.frame), value(k)?))).collect();
-        move |frame: u32| {
-            let frame = f64::from(frame);
-            let above = known.partition_point(|(at, _)| *at <= frame);
-            match (above.checked_sub(1).map(|below| known[below]), known.get(above)) {
-                (Some(a), Some(b)) => a.1 + (b.1 - a.1) * (frame - a.0) / (b.0 - a.0),
-                (Some(end), None) => end.1,
-                (None, Some(end)) => end.1,
-                (None, None) => default,
-            }
+        let frame = f64::from(frame);
+        let above = known.partition_point(|(at, _)| *at <= frame);
+        match (above.checked_sub(1).map(|below| known[below]), known.get(above).copied()) {
+            (Some(a), Some(b)) => a.1 + (b.1 - a.1) * (frame - a.0) / (b.0 - a.0),
+            (Some((_, end)), None) | (None, Some((_, end))) => end,
+            (None, None) => default,
         }
     };
-    let azimuth = of(|key| key.azimuth, base.azimuth);
-    let elevation = of(|key| key.elevation, base.elevation);
-    let (roll, zoom) = (of(|key| key.roll, base.roll), of(|key| key.zoom, base.zoom));
     let view = |frame| View {
-        azimuth: azimuth(frame),
-        elevation: elevation(frame),
-        roll: roll(frame),
-        zoom: zoom(frame),
+        azimuth: at(frame, |key| key.azimuth, base.azimuth),
+        elevation: at(frame, |key| key.elevation, base.elevation),
+        roll: at(frame, |key| key.roll, base.roll),
+        zoom: at(frame, |key| key.zoom, base.zoom),
         ..base.clone()
     };
     (0..frames).map(view).collect()
@@ -291,10 +280,8 @@ impl TurntableJob {
         };
         let source = self.first.source.display();
         match held {
-            1 => Err(Failure::Failed(format!("--time {asked}: {source} has one point in time"))),
-            _ if last >= held => {
-                Err(Failure::Failed(format!("--time {asked}: {source} has the points in time 0 to {}", held - 1)))
-            }
+            1 => fail(format!("--time {asked}: {source} has one time point")),
+            _ if last >= held => fail(format!("--time {asked}: {source} has the time points 0 to {}", held - 1)),
             _ => Ok(asked.first()..last + 1),
         }
     }
@@ -354,19 +341,19 @@ fn spread(times: &Range<u32>, frames: u32) -> Vec<u32> {
     (0..frames).map(|frame| times.start + (u64::from(frame) * count / u64::from(frames)) as u32).collect()
 }
 
-/// Tells what all points in time have in common.
+/// Notes what all time points have in common.
 fn say_times(job: &RenderJob, times: &Range<u32>) {
-    let fitted = match &job.transfer.choice {
+    let is_fitted = match &job.transfer.choice {
         TransferChoice::Labels => false,
         TransferChoice::Given(imported) => imported.fits && job.transfer.window.is_none(),
         TransferChoice::Preset(_) | TransferChoice::Suggested => true,
     };
-    let fitted = fitted.then_some("the transfer function is that of the first");
-    let framed = (job.frame != FrameArg::Volume).then_some("the picture frames what shows at any of them");
-    let told: Vec<&str> = fitted.into_iter().chain(framed).collect();
-    if !told.is_empty() {
+    let fitted = is_fitted.then_some("the transfer function of the first");
+    let framed = (job.frame != FrameArg::Volume).then_some("one framing for all (disable: --frame volume)");
+    let shared: Vec<&str> = fitted.into_iter().chain(framed).collect();
+    if !shared.is_empty() {
         let (first, last) = (times.start, times.end - 1);
-        output::say(&format!("note: points in time {first} to {last}: {}", told.join(", and ")));
+        output::say(&format!("note: time points {first} to {last}: using {}", shared.join(", and ")));
     }
 }
 
@@ -442,7 +429,7 @@ fn write(job: &TurntableJob, frames: Receiver<Done>, size: [u32; 2], count: u32)
             match fault.take() {
                 // The reader has enough, as `| head` has.
                 Some(e) if e.kind() == ErrorKind::BrokenPipe => {}
-                Some(e) => return Err(Failure::Failed(format!("cannot write to stdout: {e}"))),
+                Some(e) => return fail(format!("cannot write to stdout: {e}")),
                 None => result?,
             }
         }

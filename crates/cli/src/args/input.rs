@@ -7,7 +7,7 @@ use voxsplat::volume::{Endian, SampleType};
 
 use super::view::ViewArgs;
 use crate::channels::{ChannelArg, channel};
-use crate::failure::Failure;
+use crate::failure::{Failure, refuse};
 use crate::parse::{self, TimeArg, one_of};
 
 /// The help of the volume: formats as the library lists them.
@@ -91,7 +91,7 @@ impl InputArgs {
     pub(crate) fn check_one_time(&self) -> Result<(), Failure> {
         match self.time {
             None | Some(TimeArg::One(_)) => Ok(()),
-            Some(several) => Err(Failure::Usage(format!("--time {several}: several time points are for turntable"))),
+            Some(several) => refuse(format!("--time {several}: several time points are for turntable")),
         }
     }
 

@@ -13,7 +13,6 @@ use clap::builder::ValueHint;
 use clap::{Arg, CommandFactory, Parser, Subcommand};
 
 pub(crate) use self::figure::FigureArgs;
-pub(crate) use self::input::InputArgs;
 pub(crate) use self::inspect::{CompareArgs, InfoArgs};
 pub(crate) use self::model::{LayerArgs, ModelArgs};
 pub(crate) use self::pareto::ParetoArgs;

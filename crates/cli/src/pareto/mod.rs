@@ -28,7 +28,7 @@ use voxsplat::{Error, Renderer, RendererOptions, formats};
 
 use super::clip::intersection;
 use super::draw::{framed, with_units};
-use super::failure::Failure;
+use super::failure::{Failure, fail};
 use super::fitted::transfer;
 use super::job::ParetoJob;
 use super::options::{command_line, file_name, options_of, without, without_folders};
@@ -146,7 +146,7 @@ fn content(volume: &Volume, transfer: &TransferFunction) -> Result<String, Failu
 }
 
 fn make_directory(path: &Path) -> Result<(), Failure> {
-    let failed = |e| Failure::Failed(format!("{}: the directory cannot be made: {e}", path.display()));
+    let failed = |e| Failure::failed(format!("{}: the directory cannot be made: {e}", path.display()));
     std::fs::create_dir_all(path).map_err(failed)
 }
 
@@ -156,11 +156,11 @@ fn kept(job: &ParetoJob, subject: Subject) -> Result<Kept, Failure> {
     let measurements = if job.resume && numbers.exists() {
         let found: Kept = read_json(&numbers, MAX_JSON)?;
         if found.subject != subject {
-            return Err(Failure::Failed(format!(
+            return fail(format!(
                 "{}: it was measured by another command, of other data, on another adapter or by another version: \
                  give another directory, or leave out --resume",
                 numbers.display()
-            )));
+            ));
         }
         found.measurements
     } else {
@@ -192,7 +192,7 @@ struct Run<'a> {
 impl Run<'_> {
     fn save(&mut self) -> Result<(), Failure> {
         self.kept.date = today();
-        let text = serde_json::to_string_pretty(&self.kept).map_err(|e| Failure::Failed(e.to_string()))?;
+        let text = serde_json::to_string_pretty(&self.kept).map_err(|e| Failure::failed(e.to_string()))?;
         Ok(write_file(self.job.directory.join("pareto.json"), text.as_bytes())?)
     }
 
@@ -343,7 +343,7 @@ impl Run<'_> {
         for (file, name, error) in ERRORS {
             let points = points(&self.kept.measurements, error, if file == "rms" { rivals } else { &[] });
             let svg = plot(&title, name, &points)
-                .ok_or_else(|| Failure::Failed("nothing was timed: there is no plot".to_owned()))?;
+                .ok_or_else(|| Failure::failed("nothing was timed: there is no plot".to_owned()))?;
             write_file(job.directory.join(format!("time-{file}.svg")), svg.as_bytes())?;
             plots.push(svg);
         }
