@@ -3,8 +3,12 @@
 //! `voxsplat render FILE` draws the same picture; its options replace one choice or another.
 //! The example is that of [the library](crate).
 
+mod channels;
+
 use std::fmt;
 use std::path::Path;
+
+pub use channels::{ChannelChoice, ChannelLook, Loaded, Values, load_channels};
 
 use crate::camera::{Camera, View};
 use crate::demos;

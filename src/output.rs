@@ -278,7 +278,7 @@ mod tests {
     #[test]
     fn impossible_targets_are_named_before_the_work() {
         let directory = tempfile::tempdir().unwrap();
-        let missing = check_writable(&directory.path().join("no/out.png")).unwrap_err().to_string();
+        let missing = check_writable(directory.path().join("no/out.png")).unwrap_err().to_string();
         assert!(missing.contains("there is no directory"), "{missing}");
         let folder = check_writable(directory.path()).unwrap_err().to_string();
         assert!(folder.contains("is a directory"), "{folder}");
@@ -287,7 +287,7 @@ mod tests {
             let folder = check_writable(Path::new(&name)).unwrap_err().to_string();
             assert!(folder.contains("ends as a directory does"), "{name}: {folder}");
         }
-        let long = check_writable(&directory.path().join("a".repeat(300)));
+        let long = check_writable(directory.path().join("a".repeat(300)));
         assert!(matches!(long, Err(Error::Write { .. })), "no file has so long a name: {long:?}");
         #[cfg(unix)]
         {

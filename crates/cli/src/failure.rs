@@ -54,8 +54,8 @@ impl From<InputError> for Failure {
     }
 }
 
-/// An error in one line: message, causes and way out, with the options of the command line for the fields of the
-/// library.
+/// Returns an error in one line: message, causes and way out, with the options of the command line for the fields of
+/// the library.
 fn in_flags(error: &Error) -> String {
     let mut message = match error {
         Error::Setting { name, reason } => format!("{}: {reason}", flag(name)),
@@ -85,7 +85,7 @@ fn in_flags(error: &Error) -> String {
     message
 }
 
-/// The option that sets a setting of the library.
+/// Returns the option for a setting of the library.
 fn flag(setting: &str) -> String {
     let name = setting.replace('_', "-");
     match name.as_str() {
@@ -98,7 +98,7 @@ fn flag(setting: &str) -> String {
     }
 }
 
-/// The sample types, as `--type` takes them.
+/// Returns the sample types, as `--type` takes them.
 fn sample_types() -> String {
     SampleType::ALL.map(SampleType::name).join("|")
 }

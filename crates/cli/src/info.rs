@@ -52,27 +52,27 @@ struct Info {
     /// no preset fits.
     preset: Option<&'static str>,
     reason: String,
-    /// The points in time of the file.
+    /// The number of time points of the file.
     times: u32,
-    /// The point in time that is described.
+    /// The time point that is described.
     time: u32,
-    /// The levels of the file's pyramid.
+    /// The number of levels of the file's pyramid.
     levels: u32,
     /// The level that is described.
     level: u32,
-    /// The channels of the file.
+    /// The number of channels of the file.
     channels: u32,
     /// The channel that is described.
     channel: u32,
-    /// What the file says of its channels; empty if it says nothing.
+    /// The names, colours and windows that the file states for its channels.
     labels: Vec<Label>,
-    /// What of the file the volume could not keep.
+    /// Properties of the file that the volume could not keep.
     notes: Vec<String>,
     /// `None` if the volume needs a transfer function that the user must write.
     command: Option<String>,
 }
 
-/// What the file says of a channel.
+/// The name, colour and window that the file states for a channel.
 #[derive(Serialize)]
 struct Label {
     name: Option<String>,
@@ -96,7 +96,7 @@ impl Label {
         Self { name: channel.name.clone(), color, window: channel.window }
     }
 
-    /// The name, the colour and the window, as far as they are stated.
+    /// Returns the stated ones of name, colour and window.
     fn text(&self) -> String {
         let window = self.window.map(|[low, high]| format!("{} to {}", readable(low), readable(high)));
         [self.name.clone(), self.color.clone(), window].into_iter().flatten().collect::<Vec<_>>().join(" ")
@@ -135,7 +135,7 @@ pub(crate) fn run(args: &InfoArgs, options: &[OptionValues]) -> Result<(), Failu
         let load = args.input.options();
         // A file of several channels is described by its first.
         let channel = load.channel.or(Some(0));
-        // A pyramid by a level that is soon read.
+        // A level of a pyramid that is read quickly.
         let level = if args.input.pyramid.is_none() { PyramidLevel::Pixels(512.0) } else { load.level };
         let volume = formats::load(&args.input.source, &LoadOptions { channel, level, ..load })?;
         say_level(&volume, &load);
@@ -203,17 +203,16 @@ impl Info {
         let [x, y, z] = self.dims;
         line("lattice", format!("{x} x {y} x {z} = {} voxels", self.voxels));
         line("samples", format!("{}, {}", self.sample_type, in_bytes(self.bytes)));
-        if self.times > 1 {
-            line("times", format!("0 to {}: {} is described", self.times - 1, self.time));
+        let several = [
+            ("times", self.times, self.time),
+            ("levels", self.levels, self.level),
+            ("channels", self.channels, self.channel),
+        ];
+        for (name, count, described) in several.into_iter().filter(|(_, count, _)| *count > 1) {
+            line(name, format!("0 to {}: {described} is described", count - 1));
         }
-        if self.levels > 1 {
-            line("pyramid", format!("levels 0 to {}: {} is described", self.levels - 1, self.level));
-        }
-        if self.channels > 1 {
-            line("channels", format!("0 to {}: {} is described", self.channels - 1, self.channel));
-            for (n, label) in self.labels.iter().enumerate() {
-                line("", format!("{n} {}", label.text()));
-            }
+        for (n, label) in self.labels.iter().enumerate().filter(|_| self.channels > 1) {
+            line("", format!("{n} {}", label.text()));
         }
         if (self.slope, self.intercept) != (1.0, 0.0) {
             line("values", format!("{} * sample + {}", readable(self.slope), readable(self.intercept)));
@@ -247,7 +246,7 @@ impl Info {
     }
 }
 
-/// Bytes as people write them: in units of 1024 from 10 KiB on.
+/// Returns a number of bytes as text: in units of 1024 from 10 KiB on.
 fn in_bytes(bytes: u64) -> String {
     let unit = [("GiB", 30), ("MiB", 20), ("KiB", 10)].into_iter().find(|(_, power)| bytes >= 10 << power);
     match unit {

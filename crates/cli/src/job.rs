@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use voxsplat::appearance::Open;
+use voxsplat::appearance::{ChannelChoice, Open, Values};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::figure::{Figure, LegendEntry};
 use voxsplat::formats::LoadOptions;
@@ -15,7 +15,6 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Units};
 
 use super::args::{FigureArgs, FrameArg, ModelArgs, ParetoArgs, ProjectionArg, RenderArgs, StatsFormat, ViewArgs};
-use super::channels::ChannelArg;
 use super::clip::ClipArg;
 use super::destination::Destination;
 use super::failure::{Failure, refuse};
@@ -26,13 +25,13 @@ use super::scene_file::SceneFile;
 use super::transfer::{Transfer, TransferChoice};
 use super::tune::{Tuning, pairs_without};
 
-/// The default space around what is fitted if there are texts above or below and a frame or zoom is asked for.
+/// The default margin of a picture with a title or a caption, if an option sets the frame or the zoom.
 const FIGURE_MARGIN: f64 = 0.1;
 
 /// The default vertical field of view, degrees.
 const DEFAULT_FOV: f64 = 30.0;
 
-/// The way to make the picture.
+/// The renderer of a picture.
 #[derive(Debug, Clone)]
 pub(crate) enum Engine {
     /// Splatting on a graphics adapter.
@@ -50,15 +49,15 @@ pub(crate) struct RenderJob {
     pub(crate) times: Option<TimeArg>,
     pub(crate) transfer: Transfer,
     pub(crate) layers: LayersJob,
-    pub(crate) channels: Vec<ChannelArg>,
+    pub(crate) channels: Vec<ChannelChoice>,
     pub(crate) view: View,
     pub(crate) frame: FrameArg,
     /// Width and height of the picture, pixels.
     pub(crate) size: [u32; 2],
-    /// The part of it that is wanted.
+    /// The part of it to render.
     pub(crate) region: Region,
     pub(crate) settings: Settings,
-    /// The cuts, which are in the settings once the volume is known.
+    /// The values of `--clip`, which enter the settings once the volume is known.
     pub(crate) clip: Vec<ClipArg>,
     pub(crate) choices: Choices,
     pub(crate) studio: Studio,
@@ -68,12 +67,12 @@ pub(crate) struct RenderJob {
     pub(crate) accuracy: Accuracy,
 }
 
-/// Choices that the arguments leave to the volume and its transfer function.
+/// Choices that the arguments leave open.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Choices {
-    /// Those of the library.
+    /// The choices of the library.
     pub(crate) open: Open,
-    /// A frame beside the figure's colour bar and texts.
+    /// Whether the picture is framed beside the figure's colour bar and texts.
     pub(crate) space: bool,
 }
 
@@ -141,7 +140,7 @@ impl RenderJob {
         }
         let tuning = Tuning::new(&args.model.tune).map_err(Failure::usage)?;
         let settings = settings(&args.model, &tuning, tuning.painter(args.painter), &view)?;
-        // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
+        // The validity of a view does not depend on the volume: one voxel is enough, before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         if settings.response == Response::Depth && !output.keeps_values() {
             return refuse("--response depth is for an .exr: a .png holds 0 to 1, window shows it");
@@ -159,8 +158,7 @@ impl RenderJob {
         let transfer = Transfer::new(&args.model)?;
         let alone = matches!(transfer.choice, TransferChoice::Labels);
         let layers = LayersJob::new(&args.layers, alone)?;
-        let is_one = !matches!(transfer.choice, TransferChoice::Suggested) && !transfer.is_window();
-        if legend && is_one && !layers.has_labels() {
+        if legend && transfer.values() == Values::Transfer && !layers.has_labels() {
             return refuse(NO_LEGEND);
         }
         if !layers.is_plain() {
@@ -210,24 +208,24 @@ impl RenderJob {
     }
 }
 
-/// Why there is no legend.
+/// The error of a legend without names.
 pub(crate) const NO_LEGEND: &str = "--legend names labels and channels, and there are none: \
     --transfer labels takes values as labels, --colour-bar shows values";
 
-/// What is drawn on a picture, and the units of what it shows.
+/// Returns the figure on a picture, and its units.
 fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings) -> Result<(Figure, Units), Failure> {
     let FigureArgs { scale_bar, axes, colour_bar: color_bar, legend: names, title, caption, units } = args;
     let figure = Figure { scale_bar, axes, color_bar, legend: Vec::new(), title, caption };
     figure.validate(size, settings.model)?;
     if names {
-        // Of which size the picture must be, one name tells before the others are known.
+        // One name is enough to check the size of the picture, before the others are known.
         let legend = vec![LegendEntry { name: String::new(), color: [0; 3] }];
         Figure { legend, ..figure.clone() }.validate(size, settings.model)?;
     }
     Ok((figure, units.unwrap_or_default()))
 }
 
-/// The settings of a picture.
+/// Returns the settings of a picture.
 fn settings(model: &ModelArgs, tuning: &Tuning, painter: Painter, view: &View) -> Result<Settings, Failure> {
     let settings = Settings {
         model: model.model,
@@ -250,7 +248,7 @@ fn settings(model: &ModelArgs, tuning: &Tuning, painter: Painter, view: &View) -
     Ok(settings)
 }
 
-/// The lights and their material; `None` if there is no light.
+/// Returns the lights and their material; `None` if there is no light.
 fn lighting(args: &ModelArgs, tuning: &Tuning, view: &View) -> Result<Option<Lighting>, Failure> {
     let usage = |message: String| refuse(message);
     let lit: Vec<LightArg> = args.light.iter().copied().filter(|l| *l != LightArg::Off).collect();
@@ -258,11 +256,11 @@ fn lighting(args: &ModelArgs, tuning: &Tuning, view: &View) -> Result<Option<Lig
         return Ok(None);
     }
     if lit.len() < args.light.len() {
-        return usage("--light: off does not go with other lights".to_owned());
+        return usage("--light: off and other lights contradict each other, give one of them".to_owned());
     }
     let mut lighting = if lit.iter().any(|light| matches!(light, LightArg::Studio(_))) {
         if lit.len() > 1 {
-            return usage("--light: studio is all of the lights, no other goes with it".to_owned());
+            return usage("--light: studio is three lights, expected no other --light beside it".to_owned());
         }
         Lighting::studio(view.forward()?, view.up)
     } else {
@@ -296,7 +294,7 @@ fn lighting(args: &ModelArgs, tuning: &Tuning, view: &View) -> Result<Option<Lig
     Ok(Some(lighting))
 }
 
-/// What a picture is fitted to.
+/// Returns the region that a picture is fitted to.
 fn frame(args: &ViewArgs) -> FrameArg {
     let placed = args.target.is_some() || args.view_height.is_some() || args.distance.is_some();
     args.frame.unwrap_or(if placed { FrameArg::Volume } else { FrameArg::Visible })
@@ -308,7 +306,7 @@ fn view(args: &ViewArgs) -> Result<View, Failure> {
         ProjectionArg::Orthographic => ProjectionKind::Orthographic,
     };
     if args.up == Some(DVec3::ZERO) || args.direction == Some(DVec3::ZERO) {
-        return refuse("--up and --direction need a length over 0");
+        return refuse("--up and --direction: 0,0,0, expected a length over 0");
     }
     Ok(View {
         azimuth: args.azimuth.unwrap_or_default(),
@@ -333,7 +331,7 @@ pub(crate) struct ParetoJob {
     pub(crate) source: PathBuf,
     pub(crate) load: LoadOptions,
     pub(crate) transfer: Transfer,
-    /// The view asked for, and others.
+    /// The requested view, and others.
     pub(crate) views: Vec<View>,
     pub(crate) frame: FrameArg,
     /// Width and height of the pictures, pixels.
@@ -349,7 +347,7 @@ pub(crate) struct ParetoJob {
     pub(crate) patience: f64,
     pub(crate) resume: bool,
     pub(crate) rivals: Option<PathBuf>,
-    /// What is drawn on the pictures of the page.
+    /// The figure on the pictures of the page.
     pub(crate) figure: Figure,
     pub(crate) units: Units,
 }

@@ -13,7 +13,7 @@ use super::args::LayerArgs;
 use super::failure::{Failure, refuse};
 use super::output;
 
-/// A change of the looks of some labels.
+/// A change of the looks of labels.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LabelArg {
     which: Which,
@@ -28,7 +28,7 @@ enum LookArg {
     Color([f64; 3]),
 }
 
-/// `WHICH:OPACITY`, `WHICH:xFACTOR`, `WHICH:on`, `WHICH:off` or `WHICH:COLOUR`.
+/// Parses `WHICH:OPACITY`, `WHICH:xFACTOR`, `WHICH:on`, `WHICH:off` or `WHICH:COLOUR`.
 pub(crate) fn label(text: &str) -> Result<LabelArg, String> {
     let expected = "expected WHICH:LOOK; WHICH is all, numbers such as 1,4,7-9, or a name, and LOOK an opacity from 0 \
                     to 1, xF (a factor of the opacity from 0 to 1), on, off or a colour";
@@ -47,7 +47,7 @@ pub(crate) fn label(text: &str) -> Result<LabelArg, String> {
     Ok(LabelArg { which: which.parse().map_err(|_| expected)?, look })
 }
 
-/// What a job draws beside its volume, or in place of its values.
+/// The layers of a job beside its volume, or in place of its values.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct LayersJob {
     /// Whether the volume is one of labels.
@@ -57,7 +57,7 @@ pub(crate) struct LayersJob {
     mask: Option<(PathBuf, Which)>,
 }
 
-/// How labels are to look.
+/// The looks of labels.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Looks {
     table: Option<Labels>,
@@ -83,7 +83,7 @@ impl Looks {
         Ok(labels)
     }
 
-    /// Those of a volume: of the table or else of the volume's file, changed as options ask.
+    /// Returns the labels of a volume: of the table or else of the volume's file, changed by options.
     pub(crate) fn of(&self, volume: &Volume) -> Result<Labels, Failure> {
         self.changed(self.table.clone().unwrap_or_else(|| Labels::stated(volume)))
     }
@@ -93,30 +93,31 @@ impl LayersJob {
     pub(crate) fn new(args: &LayerArgs, alone: bool) -> Result<Self, Failure> {
         let LayerArgs { labels, label_table, label, mask } = args;
         if alone && labels.is_some() {
-            let message = "--labels: the volume is one of labels itself, by --transfer labels";
+            let message = "--labels: the volume is one of labels itself, by --transfer labels; leave out either";
             return refuse(message);
         }
         let looks = Looks::new(label_table.as_deref(), label)?;
         Ok(Self { alone, labels: labels.clone(), looks, mask: mask.as_deref().map(masked).transpose()? })
     }
 
-    /// Whether there is nothing but the values of the volume.
+    /// Whether only the values of the volume are drawn.
     pub(crate) fn is_plain(&self) -> bool {
         !self.has_labels() && self.mask.is_none()
     }
 
-    /// Whether there are labels among what is drawn.
+    /// Whether labels are drawn.
     pub(crate) fn has_labels(&self) -> bool {
         self.alone || self.labels.is_some()
     }
 
-    /// A volume of labels as it is to look.
+    /// Returns the layer of a volume of labels.
     pub(crate) fn of_labels(&self, volume: &Volume) -> Result<Layer, Failure> {
         let option = if self.alone { "transfer" } else { "labels" };
         Layer::labels(volume, &self.looks.of(volume)?).map_err(|error| named(error, option).into())
     }
 
-    /// What is drawn of some layers, and over them. `read` reads volumes of labels, onto the lattice of the layers.
+    /// Returns layers with the mask and the labels of the job. `read` reads volumes of labels onto the lattice of the
+    /// layers.
     pub(crate) fn over(
         &self,
         mut base: Vec<Layer>,
@@ -126,7 +127,7 @@ impl LayersJob {
             let masks = read("mask", path)?;
             let [mask] = masks.as_slice() else {
                 let (path, count) = (path.display(), masks.len());
-                let message = format!("--mask: {path} has {count} layers of labels, a mask has one");
+                let message = format!("--mask: {path} has {count} layers of labels, expected one");
                 return refuse(message);
             };
             let masked = |layer: Layer| layer.masked(mask, which).map_err(|error| named(error, "mask"));
@@ -143,7 +144,7 @@ impl LayersJob {
     }
 }
 
-/// `FILE` or `FILE:LABELS`: the file, and the rest from the colon on.
+/// Splits `FILE` or `FILE:LABELS` into the file, and the rest from the colon on.
 pub(crate) fn parted(text: &Path) -> (PathBuf, &str) {
     let parts = text.to_str().and_then(|text| Some((text, text.rfind(':')?)));
     match parts.map(|(text, at)| (&text[..at], &text[at..], text[at + 1..].parse())) {
@@ -153,13 +154,13 @@ pub(crate) fn parted(text: &Path) -> (PathBuf, &str) {
     }
 }
 
-/// The file of a mask and its labels: all but 0 if none are given.
+/// Returns the file of a mask and its labels: all but 0 if none are given.
 fn masked(text: &Path) -> Result<(PathBuf, Which), Failure> {
     let (file, labels) = parted(text);
     Ok((file, labels.strip_prefix(':').map_or(Ok(Which::All), str::parse)?))
 }
 
-/// An error of a setting by the name of the option that was typed.
+/// Returns an error of a setting with the name of the option that was typed.
 pub(crate) fn named(error: Error, option: &'static str) -> Error {
     match error {
         Error::Setting { reason, .. } => Error::Setting { name: option, reason },
@@ -170,7 +171,7 @@ pub(crate) fn named(error: Error, option: &'static str) -> Error {
 /// Reads the volumes of labels of a file, mostly one. NaN is label 0.
 pub(crate) fn read(path: &Path) -> Result<Vec<Volume>, Failure> {
     let options = LoadOptions { replace_nan: Some(0.0), ..LoadOptions::default() };
-    // The options of bare samples are those of the volume.
+    // Options of bare samples are for the volume.
     let bare = |hint| matches!(hint, Hint::GiveDims | Hint::GiveSampleType | Hint::GiveDimsAndSampleType);
     let of = |channel: Option<u32>| {
         formats::load(path, &LoadOptions { channel, ..options }).map_err(|error| match error.hint().is_some_and(bare) {
@@ -181,13 +182,13 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Volume>, Failure> {
     let first = of(Some(0))?;
     let channels = first.contents().channels;
     if channels > 1 && first.contents().segments.is_none() {
-        // The error says how many there are.
+        // Its error lists the channels.
         return Ok(vec![of(None)?]);
     }
     std::iter::once(Ok(first)).chain((1..channels).map(|n| of(Some(n)))).collect()
 }
 
-/// Volumes of labels of an option on the lattice of another, and what is to be said of it.
+/// Returns the volumes of labels of an option on the lattice of another volume, and a note on it.
 pub(crate) fn placed(
     option: &'static str,
     path: &Path,
@@ -204,8 +205,7 @@ pub(crate) fn placed(
         match fit {
             Fit::Same => {}
             Fit::Unplaced => {
-                let text =
-                    "the files do not say where both lie in one space: voxels of the same numbers are put together";
+                let text = "using voxels of equal numbers because the files state no common space";
                 note = said(text.to_owned());
             }
             Fit::Nearest { outside } => {
@@ -216,7 +216,7 @@ pub(crate) fn placed(
                     percent => format!("{percent:.1} %"),
                 };
                 note = said(format!(
-                    "on a lattice of its own ({by}), so each voxel takes the label of the nearest; {out} of its \
+                    "using the nearest label of each voxel because the lattice is another one ({by}); {out} of its \
                      labelled voxels lie outside of the volume"
                 ));
             }
@@ -255,8 +255,8 @@ pub(crate) fn list(volume: &Volume, looks: &Looks) -> Result<Vec<Listed>, Failur
 const LENGTHS: [(&str, f64, f64); 5] =
     [("nm", 1e-9, 0.0), ("µm", 1e-6, 1e-3), ("mm", 1e-3, 1e-3), ("cm", 1e-2, 1.0), ("m", 1.0, 1.0)];
 
-/// A volume in cubes of the largest unit that gives a number near 1 or above it; in the file's if that is no unit of
-/// length.
+/// Returns a volume in cubes of the largest unit of length that gives a number near 1 or above it, or in cubes of the
+/// file's unit if that is no known unit of length.
 fn in_cubes(volume: f64, unit: Option<&str>) -> String {
     let name = match unit {
         Some("um" | "μm" | "micron" | "microns" | "micrometer") => Some("µm"),

@@ -4,7 +4,6 @@
 //! `compare`, the pictures differ, 2 wrong arguments. A signal ends the program as it ends others.
 
 mod args;
-mod channels;
 mod clip;
 mod compare;
 mod destination;
@@ -63,7 +62,7 @@ fn main() -> ExitCode {
         Err(error) => Err(Failure { code: 2, messages: usage::messages(&error, &words) }),
     };
     let Err(Failure { code, messages }) = result else { return ExitCode::SUCCESS };
-    // A volume that is not there comes before what is wrong with the options.
+    // A missing volume comes before errors of options.
     let missing = if code == 2 { usage::missing_input(&words) } else { None };
     let typed = messages.iter().map(|message| usage::as_typed(message, &words));
     missing.into_iter().chain(typed).for_each(|message| output::complain(&message));
@@ -88,7 +87,7 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
             let notes = effects::noted(command, vec![matches])?;
             let job = job::ParetoJob::new(*args)?;
             notes.iter().for_each(|note| output::say(note));
-            pareto::run(job, matches)
+            pareto::run(job, line)
         }
         args::Command::Info(args) => {
             effects::noted(command, vec![matches])?.iter().for_each(|note| output::say(note));

@@ -7,7 +7,7 @@ use super::args;
 use super::failure::{Failure, refuse};
 use super::output;
 
-/// Prints what a shell reads to complete command lines.
+/// Prints the completions of a shell.
 pub(crate) fn completions(shell: Shell) -> Result<(), Failure> {
     let mut text = Vec::new();
     clap_complete::generate(shell, &mut args::command(), "voxsplat", &mut text);

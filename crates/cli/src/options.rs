@@ -1,12 +1,14 @@
 //! Options from settings, to be copied into a command line.
 
 use std::ffi::{OsStr, OsString};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+use clap::builder::ValueHint;
 use clap::parser::ValueSource;
 use clap::{Arg, ArgMatches, Command};
 use voxsplat::settings::{Level, Model, Painter, Settings};
 
+use super::args;
 use super::given::MAP;
 use super::tune;
 
@@ -92,19 +94,28 @@ pub(crate) fn quoted(text: &OsStr) -> String {
     }
 }
 
-/// The words of this process's command line with the names of files for their paths: folders are private.
-pub(crate) fn without_folders(words: impl IntoIterator<Item = String>, matches: &ArgMatches) -> Vec<String> {
-    let of = |id: &clap::Id| matches.try_get_many::<PathBuf>(id.as_str()).ok().flatten();
-    let paths: Vec<String> =
-        matches.ids().filter_map(of).flatten().map(|path| path.to_string_lossy().into_owned()).collect();
-    let shared = |word: String| {
-        let path = paths.iter().filter(|path| !path.is_empty() && word.ends_with(*path)).max_by_key(|path| path.len());
-        match path {
-            Some(path) => format!("{}{}", &word[..word.len() - path.len()], file_name(path)),
-            None => word,
+/// Returns the words behind a command: its input, and its options but for some. `path` writes paths.
+pub(crate) fn words(
+    (command, matches): (&Command, &ArgMatches),
+    skipped: &[&str],
+    path: impl Fn(&str) -> String,
+) -> Vec<String> {
+    let source = matches.get_raw("source").into_iter().flatten().map(|source| path(&source.to_string_lossy()));
+    let mut words: Vec<String> = source.collect();
+    for (name, values) in given(command, matches).into_iter().filter(|(name, _)| !skipped.contains(&name.as_str())) {
+        let arg = args::option(command, &name);
+        let short = arg.and_then(Arg::get_short).map(|short| format!("-{short}"));
+        let option = short.unwrap_or_else(|| format!("--{name}"));
+        let is_path = arg.is_some_and(|arg| arg.get_value_hint() == ValueHint::AnyPath);
+        if values.is_empty() {
+            words.push(option.clone());
         }
-    };
-    words.into_iter().map(shared).collect()
+        for value in values {
+            let value = value.to_string_lossy();
+            words.extend([option.clone(), if is_path { path(&value) } else { value.into_owned() }]);
+        }
+    }
+    words
 }
 
 /// The name of a file or a folder, with the data set behind it; of a colour map in a file, with its prefix.
@@ -121,27 +132,6 @@ pub(crate) fn file_name(path: &str) -> String {
     };
     let name = Path::new(file).canonicalize().ok().filter(|_| file.ends_with('.')).unwrap_or_else(|| file.into());
     name.file_name().map_or_else(|| file.to_owned(), |name| name.to_string_lossy().into_owned()) + inside
-}
-
-/// The words of a command line without some options and their values, and without some that have none.
-pub(crate) fn without(words: impl IntoIterator<Item = String>, valued: &[&str], bare: &[&str]) -> Vec<String> {
-    let mut kept = Vec::new();
-    let mut words = words.into_iter();
-    while let Some(word) = words.next() {
-        let name = word.split_once('=').map_or(word.as_str(), |(name, _)| name);
-        let is_short = |option: &&str| option.len() == 2 && word.len() > 2 && word.starts_with(*option);
-        if bare.contains(&name) || valued.iter().any(|option| is_short(option) && !word.starts_with("--")) {
-            continue;
-        }
-        if valued.contains(&name) {
-            if name == word {
-                words.next();
-            }
-            continue;
-        }
-        kept.push(word);
-    }
-    kept
 }
 
 #[cfg(test)]
@@ -187,9 +177,14 @@ mod tests {
 
     #[test]
     fn words_are_quoted_and_left_out() {
-        let words = ["a b", "it's", "--up", "0,1,0", ""].map(str::to_owned);
-        assert_eq!(command_line(&words), r"'a b' 'it'\''s' --up 0,1,0 ''");
-        let words = "ct.nrrd -o dir -odir --level=2 --resume --zoom 2 --level 1".split(' ').map(str::to_owned);
-        assert_eq!(without(words, &["-o", "--level"], &["--resume"]), ["ct.nrrd", "--zoom", "2"]);
+        let all = ["a b", "it's", "--up", "0,1,0", ""].map(str::to_owned);
+        assert_eq!(command_line(&all), r"'a b' 'it'\''s' --up 0,1,0 ''");
+        let program = args::built();
+        let line = "voxsplat pareto a/ct.nrrd -ob/dir --level=2 --resume --transfer c/t.json --zoom 2";
+        let matches = args::command().try_get_matches_from(line.split(' ')).unwrap();
+        let line = (program.find_subcommand("pareto").unwrap(), matches.subcommand().unwrap().1);
+        let kept = words(line, &["output", "level", "resume"], file_name);
+        assert_eq!(kept, ["ct.nrrd", "--zoom", "2", "--transfer", "t.json"]);
+        assert_eq!(words(line, &["level", "resume", "zoom", "transfer"], str::to_owned), ["a/ct.nrrd", "-o", "b/dir"]);
     }
 }

@@ -38,10 +38,10 @@ pub(crate) fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
     print(&(text + "\n"))
 }
 
-/// The most characters of a message: two paths of the longest names, and what is said of them.
+/// The most characters of a message: two paths of the longest names, and some words.
 const MAX_MESSAGE: usize = 10_000;
 
-/// Writes a note of one line to stderr, unless it is to be quiet.
+/// Writes a note of one line to stderr, unless `--quiet` is given.
 pub(crate) fn say(message: &str) {
     if !is_quiet() {
         complain(message);
@@ -52,7 +52,7 @@ pub(crate) fn say(message: &str) {
 pub(crate) fn complain(message: &str) {
     let words: Vec<&str> = message.split_whitespace().collect();
     let mut line = words.join(" ");
-    // It may quote an argument of any length. The end states what is expected.
+    // It may quote an argument of any length. The end states the expected value.
     let half = MAX_MESSAGE / 2;
     if let (Some((head, _)), Some((tail, _))) = (line.char_indices().nth(half), line.char_indices().rev().nth(half - 1))
         && head < tail

@@ -1,4 +1,4 @@
-//! Parsers of option values. Their errors say what is accepted.
+//! Parsers of option values. Their errors state the accepted values.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,6 +7,7 @@ use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use voxsplat::Background;
+use voxsplat::appearance::ChannelChoice;
 use voxsplat::error::Error;
 use voxsplat::image::Region;
 use voxsplat::kernel::Kernel;
@@ -26,7 +27,7 @@ pub(crate) enum PainterArg {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum LightArg {
     Off,
-    /// Whether it comes along with the eye.
+    /// Whether it follows the eye.
     Studio(bool),
     /// A light with its colour.
     One(PlaceArg, [f64; 3]),
@@ -36,7 +37,7 @@ pub(crate) enum LightArg {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum PlaceArg {
     Eye,
-    /// Azimuth and elevation in degrees, as those of an eye.
+    /// Azimuth and elevation in degrees, as of an eye.
     From(f64, f64),
     /// A place in the world.
     At([f64; 3]),
@@ -74,7 +75,7 @@ fn finite<const N: usize>(text: &str) -> Option<[f64; N]> {
     list(text).filter(|numbers: &[f64; N]| numbers.iter().all(|number| number.is_finite()))
 }
 
-/// Returns a value, or an error that says what is expected.
+/// Returns a value, or an error that names the expected one.
 pub(crate) fn expect<T>(value: Option<T>, expected: &str) -> Result<T, String> {
     value.ok_or_else(|| format!("expected {expected}"))
 }
@@ -249,7 +250,7 @@ pub(crate) fn gradient_opacity(text: &str) -> Result<GradientOpacity, String> {
     let points: Option<Vec<GradientPoint>> = text.split(',').map(point).collect();
     let points =
         expect(points, "off, or MAGNITUDE:OPACITY pairs such as 10:0,50:1, magnitudes in values per world unit")?;
-    // Whether points go together does not depend on what they thin out.
+    // The validity of the points does not depend on the rest of the transfer function.
     let any = ControlPoint { value: 0.0, color: [1.0; 3], opacity: 1.0 };
     let transfer = TransferFunction::new(vec![any], None).and_then(|any| any.with_gradient_opacity(points));
     transfer.map(|transfer| GradientOpacity(transfer.gradient_opacity().to_vec())).map_err(reason)
@@ -264,6 +265,13 @@ pub(crate) fn number(text: &str) -> Result<f64, String> {
 fn unit(text: &str) -> &'static str {
     let number = text.trim_end_matches(|c: char| !c.is_ascii_digit() && c != '.');
     if number.len() < text.len() && number.parse::<f64>().is_ok() { ", without a unit" } else { "" }
+}
+
+/// Parses a whole number from `MIN` to `MAX`.
+pub(crate) fn whole<T: TryFrom<u64>, const MIN: u64, const MAX: u64>(text: &str) -> Result<T, String> {
+    let number = text.trim().parse().ok().filter(|number| (MIN..=MAX).contains(number));
+    let range = if MAX == u64::MAX { format!(", {MIN} or more") } else { format!(" from {MIN} to {MAX}") };
+    expect(number.and_then(|number: u64| T::try_from(number).ok()), &format!("a whole number{range}"))
 }
 
 /// Parses a finite number over 0.
@@ -310,11 +318,22 @@ pub(crate) fn response(text: &str) -> Result<Response, String> {
     response.validate().map(|()| response).map_err(reason)
 }
 
+/// Parses `N` or `N:COLOUR`.
+pub(crate) fn channel(text: &str) -> Result<ChannelChoice, String> {
+    let (number, color) = text.split_once(':').map_or((text, None), |(number, color)| (number, Some(color)));
+    let color = match color.map(str::parse) {
+        None => Some(None),
+        Some(Ok(Background::Color(color))) => Some(Some(color)),
+        Some(_) => None,
+    };
+    let channel = number.parse().ok().zip(color).map(|(number, color)| ChannelChoice { number, color });
+    expect(channel, "N or N:COLOUR, channels counted from 0")
+}
+
 /// Parses `NAME` or `NAME:NUMBER,NUMBER`.
 fn name_and_pair(text: &str) -> Result<(&str, Option<[f64; 2]>), String> {
     let Some((name, numbers)) = text.split_once(':') else { return Ok((text, None)) };
-    let pair = list(numbers).and_then(|n| n.try_into().ok());
-    Ok((name, Some(pair.ok_or_else(|| format!("expected two numbers after {name}:, found {numbers:?}"))?)))
+    Ok((name, Some(expect(list(numbers), &format!("two numbers after {name}:, found {numbers:?}"))?)))
 }
 
 #[cfg(test)]
@@ -350,6 +369,16 @@ mod tests {
         assert_eq!(units("value=HU"), Ok(Units { length: None, ..both }));
         for bad in ["", "mm", "length=", "length=mm,width=3", "=mm"] {
             assert!(units(bad).unwrap_err().starts_with("expected length=UNIT"), "{bad}");
+        }
+    }
+
+    #[test]
+    fn channels_have_a_number_and_maybe_a_colour() {
+        assert_eq!(channel("2"), Ok(ChannelChoice { number: 2, color: None }));
+        assert_eq!(channel("0:#ff0000"), Ok(ChannelChoice { number: 0, color: Some([1.0, 0.0, 0.0]) }));
+        for bad in ["", "-1", "a", "1:", "1:transparent", "1.5"] {
+            let error = channel(bad).unwrap_err();
+            assert!(error.starts_with("expected N or N:COLOUR"), "{bad}: {error}");
         }
     }
 

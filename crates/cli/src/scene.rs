@@ -28,9 +28,9 @@ const MAX_BYTES: u64 = 16 << 20;
 /// The key of several pictures.
 const OUTPUTS: &str = "outputs";
 
-/// Options that pictures of one volume and one device share, besides those of the input.
+/// Options, besides the input's, that pictures of one volume and one device share.
 const SHARED: [&str; 4] = ["adapter", "reference", "units", "save-scene"];
-/// The option whose values from a scene and from the command line go together: later pairs win.
+/// The option whose values of a scene and of the command line are joined: later pairs win.
 const TUNE: &str = "tune";
 
 /// Returns the pictures of a command line: one, or the pictures of a scene. `job` makes each of its arguments. The
@@ -77,7 +77,7 @@ pub(crate) fn jobs(
         let options = given(command, of_scene);
         match Args::from_arg_matches(&whole).map_err(failed)?.command {
             args::Command::Render(args) => with_scene(*args, options, &job),
-            _ => refuse("it is not about a picture"),
+            _ => refuse("the command is not about a picture"),
         }
     };
     let jobs = lines.iter().map(|words| parsed(words).map_err(in_scene)).collect::<Result<_, Failure>>()?;
@@ -121,7 +121,7 @@ fn overlaid(command: &Command, base: &[OptionValues], over: &[OptionValues]) -> 
     all
 }
 
-/// The command lines of a scene, with options that replace its own.
+/// Returns the command lines of a scene, with options that replace its own.
 fn read(
     path: &Path,
     mut scene: Map<String, Value>,
@@ -181,7 +181,7 @@ fn read(
     outputs.iter().map(line).collect()
 }
 
-/// The option that a key of a scene stands for; `None` for a flag that is off.
+/// Returns the option that a key of a scene stands for; `None` for a flag that is off.
 fn words(command: &Command, folder: &Path, key: &str, value: &Value) -> Result<Option<OptionValues>, Failure> {
     let arg = args::option(command, key);
     let name = arg.and_then(Arg::get_long).unwrap_or(key).to_owned();
@@ -206,7 +206,7 @@ fn words(command: &Command, folder: &Path, key: &str, value: &Value) -> Result<O
     };
     let is_path = arg.is_some_and(|arg| arg.get_value_hint() == ValueHint::AnyPath);
     let in_folder = |text: String| match is_path && !value.is_object() {
-        // A name may be that of a preset or a colour map.
+        // It may be the name of a preset or a colour map.
         true => found(folder, &text, !OF_TRANSFER.contains(&name.as_str())),
         false => text.into(),
     };
@@ -214,7 +214,7 @@ fn words(command: &Command, folder: &Path, key: &str, value: &Value) -> Result<O
     Ok(Some((name, values)))
 }
 
-/// The path that a text in a scene means. If it may be a name too, it is a path if there is such a file.
+/// Returns the path that a text in a scene means. A text that may be a name too is a path if there is such a file.
 fn found(folder: &Path, text: &str, is_path: bool) -> OsString {
     if let Some(map) = text.strip_prefix(MAP) {
         let mut value = OsString::from(MAP);

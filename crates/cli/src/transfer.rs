@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use voxsplat::appearance::Values;
 use voxsplat::transfer::maps::{self, ColorMap};
 use voxsplat::transfer::presets::{self, Preset};
 use voxsplat::transfer::{Imported, Window};
@@ -15,7 +16,7 @@ use super::parse::{GradientOpacity, reason};
 /// The choice of a transfer function.
 #[derive(Debug, Clone)]
 pub(crate) enum TransferChoice {
-    /// That of a built-in volume, otherwise the preset suggested by the values.
+    /// The transfer function of a built-in volume, otherwise the preset that suits the values.
     Suggested,
     /// A preset.
     Preset(&'static Preset),
@@ -29,18 +30,23 @@ pub(crate) enum TransferChoice {
 #[derive(Debug, Clone)]
 pub(crate) struct Transfer {
     pub(crate) choice: TransferChoice,
-    /// The values that it begins and ends at.
+    /// The values at which it begins and ends.
     pub(crate) window: Option<Window>,
-    /// Whether there is nothing but that window.
+    /// Whether only the window was requested.
     by_window: bool,
-    /// What replaces its gradient opacity.
+    /// A replacement for its gradient opacity.
     pub(crate) gradient: Option<GradientOpacity>,
 }
 
 impl Transfer {
-    /// Whether it is only a window.
-    pub(crate) fn is_window(&self) -> bool {
-        self.by_window
+    /// Returns the request for the values of a file.
+    pub(crate) fn values(&self) -> Values {
+        match (&self.choice, self.window.filter(|_| self.by_window)) {
+            (_, Some(window)) => Values::Window(window),
+            (TransferChoice::Suggested, None) => Values::Open,
+            (TransferChoice::Labels, None) => Values::Labels,
+            (TransferChoice::Preset(_) | TransferChoice::Given(_), None) => Values::Transfer,
+        }
     }
 
     pub(crate) fn new(args: &ModelArgs) -> Result<Self, Failure> {
@@ -71,7 +77,7 @@ impl Transfer {
     }
 }
 
-/// Why a name is no transfer function.
+/// Returns the error of a name that is no transfer function.
 fn no_transfer(name: &Path) -> String {
     let text = name.to_string_lossy();
     if maps::find(&text).is_ok() {
@@ -81,7 +87,7 @@ fn no_transfer(name: &Path) -> String {
     format!("--transfer: {name:?}, expected a file, map:NAME, labels or one of {}", known.join(", "))
 }
 
-/// The name or the file of a colour map.
+/// Returns the name or the file of a colour map.
 fn of_map(transfer: &Path) -> Option<&Path> {
     transfer.to_str()?.strip_prefix(MAP).map(Path::new)
 }

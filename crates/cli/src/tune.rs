@@ -9,14 +9,11 @@ use voxsplat::settings::{
 };
 
 use super::args;
-use super::parse::{PainterArg, library, number, positive, tolerance};
+use super::parse::{PainterArg, library, number, positive, tolerance, whole};
 
 const QUADS: &str = "Painter quads (a key chooses this painter)";
 const TILES: &str = "Painter tiles (a key chooses this painter)";
 const ANY: &str = "Any painter";
-
-/// The least pixels to trace: fewer say nothing of 99.9 % of them.
-const MIN_SAMPLE: u32 = 64;
 
 /// The values of the knobs.
 #[derive(Debug, Clone, PartialEq, Parser)]
@@ -68,7 +65,8 @@ pub(crate) struct Tuning {
     #[arg(long, value_name = "VOXELS, 0 to 16", value_parser = number, help_heading = ANY)]
     pub(crate) shadow_bias: Option<f64>,
     /// Trace this many covered pixels for --max-error, --verify and pareto, spread evenly; all, if there are fewer
-    #[arg(long, value_name = "PIXELS, 64 or more", default_value = "4096", value_parser = sample, help_heading = ANY)]
+    #[arg(long, value_name = "PIXELS, 64 or more", default_value = "4096",
+        value_parser = whole::<u32, 64, { u64::MAX }>, help_heading = ANY)]
     pub(crate) sample: u32,
     /// Read larger volumes (MiB) brick by brick from their file, if the file is uncompressed
     #[arg(long, value_name = "MIB, 0 or more", default_value = "4", value_parser = mebibytes, help_heading = ANY)]
@@ -78,6 +76,7 @@ pub(crate) struct Tuning {
     painter: Option<PainterArg>,
 }
 
+/// Parses `on` or `off`.
 fn on_or_off(text: &str) -> Result<bool, String> {
     match text {
         "on" => Ok(true),
@@ -86,16 +85,9 @@ fn on_or_off(text: &str) -> Result<bool, String> {
     }
 }
 
-fn sample(text: &str) -> Result<u32, String> {
-    let pixels = text.parse().ok().filter(|pixels| *pixels >= MIN_SAMPLE);
-    pixels.ok_or_else(|| format!("expected a whole number, {MIN_SAMPLE} or more"))
-}
-
-/// Bytes, from mebibytes.
+/// Parses bytes, from mebibytes.
 fn mebibytes(text: &str) -> Result<u64, String> {
-    text.parse()
-        .map(|mebibytes: u64| mebibytes.saturating_mul(1 << 20))
-        .map_err(|_| "expected a whole number".to_owned())
+    whole::<u64, 0, { u64::MAX }>(text).map(|mebibytes| mebibytes.saturating_mul(1 << 20))
 }
 
 /// A value of `--tune`: pairs of key and value.

@@ -20,7 +20,7 @@ use super::failure::{Failure, fail, refuse};
 use super::fitted::Fitted;
 use super::given::MAX_KEY_FRAMES;
 use super::job::RenderJob;
-use super::options::{command_line, file_name, quoted, without, without_folders};
+use super::options::{command_line, file_name, quoted, words};
 use super::parse::TimeArg;
 use super::progress::Remaining;
 use super::render::print_stats;
@@ -29,13 +29,13 @@ use super::stages::Stages;
 use super::transfer::TransferChoice;
 use super::{output, scene};
 
-/// What stands for the number of a frame in the name of its file.
+/// The place of the number of a frame in the name of its file.
 const FRAME: &str = "{frame}";
 
-/// The frames of a turn, unless so many are asked for or they go through points in time.
+/// The default number of frames of a turn.
 const FRAMES: u32 = 36;
 
-/// A point in a film, in a list of them as JSON. What it leaves out is as the options say.
+/// A key frame, in a JSON list. Options set the values that it leaves out.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct KeyFrame {
@@ -47,7 +47,7 @@ struct KeyFrame {
     zoom: Option<f64>,
 }
 
-/// Where frames go.
+/// The destination of frames.
 #[derive(Debug)]
 enum Target {
     /// A file for each, by a name with a place for the number.
@@ -58,17 +58,17 @@ enum Target {
     Stream(Format),
 }
 
-/// How the view changes.
+/// The change of the view.
 #[derive(Debug)]
 enum Course {
-    /// Degrees around.
+    /// A turn by degrees.
     Turn(f64),
-    /// In the order of frames.
+    /// Key frames in the order of frames.
     Keys(Vec<KeyFrame>),
 }
 
 impl Course {
-    /// The views of frames, from that of the first on.
+    /// Returns the views of frames, beginning with the first.
     fn views(&self, first: &View, frames: u32) -> Vec<View> {
         match self {
             Self::Turn(turn) => {
@@ -87,11 +87,11 @@ pub(crate) struct TurntableJob {
     /// The first frame, without a destination of its own.
     first: RenderJob,
     course: Course,
-    /// The number of frames, if that does not depend on the file.
+    /// The number of frames, unless it depends on the file.
     frames: Option<u32>,
-    /// The points in time that frames go through, if there are several.
+    /// The time points that frames go through, if there are several.
     times: Option<TimeArg>,
-    /// The part of the frames that is wanted now, and the number of parts.
+    /// The part of the frames to render, and the number of parts.
     part: [u32; 2],
     rate: f64,
     resume: bool,
@@ -124,7 +124,7 @@ impl Totals {
 
 impl Target {
     /// A destination that can be written to, as far as is known before the work.
-    fn checked(path: &Path, format: Option<Format>) -> Result<Self, Failure> {
+    fn checked(path: &Path, format: Option<Format>, line: (&Command, &ArgMatches)) -> Result<Self, Failure> {
         if path.as_os_str().is_empty() {
             return refuse("--output is missing: DIR/{frame}.png, FILE.gif, FILE.html or -");
         }
@@ -135,7 +135,7 @@ impl Target {
         match (path.to_str().filter(|name| name.contains(FRAME)), format.or(Format::of(path))) {
             (Some(name), _) => {
                 let first = PathBuf::from(numbered(name, 0, 1));
-                // A folder for the frames is made. If it cannot be, the check says what is wrong.
+                // The folder of the frames is made. If that fails otherwise, the check below reports the error.
                 if let Some(folder) = first.parent().filter(|folder| !folder.as_os_str().is_empty()) {
                     let made = std::fs::create_dir(folder).map_err(|e| (e.kind(), e));
                     if let Err((ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem, e)) = made {
@@ -150,12 +150,11 @@ impl Target {
                 Ok(Self::Film(path.to_owned(), format))
             }
             (None, None) if is_video(path) => {
-                let words = std::env::args().skip(1);
-                let words = command_line(&without(words, &["-o", "--output"], &[]));
+                let words = command_line(&words(line, &["output"], str::to_owned));
                 let name = quoted(path.as_os_str());
                 refuse(format!(
                     "--output: videos are encoded by ffmpeg: \
-                     voxsplat {words} -o - | ffmpeg -i - -pix_fmt yuv420p {name}"
+                     voxsplat turntable {words} -o - | ffmpeg -i - -pix_fmt yuv420p {name}"
                 ))
             }
             (None, None) => refuse(format!(
@@ -166,13 +165,13 @@ impl Target {
     }
 }
 
-/// Whether a name is that of a video, which other programs encode.
+/// Whether a name is of a video, which other programs encode.
 fn is_video(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     ["mp4", "m4v", "mov", "mkv", "webm", "avi", "mpg", "mpeg", "wmv", "ogv"].contains(&extension.as_str())
 }
 
-/// The name of the file of a frame, with as many digits as the last has.
+/// Returns the name of the file of a frame, with as many digits as the last has.
 fn numbered(name: &str, frame: u32, frames: u32) -> String {
     let digits = (frames.saturating_sub(1)).to_string().len().max(4);
     name.replace(FRAME, &format!("{frame:0digits$}"))
@@ -187,13 +186,13 @@ impl TurntableJob {
         };
         let mut jobs = scene::jobs(render, line, job)?;
         let Some(mut first) = jobs.pop().filter(|_| jobs.is_empty()) else {
-            return refuse("a turntable takes a scene of one picture");
+            return refuse("the scene has several outputs, a turntable takes a scene of one picture");
         };
         // It looks from all sides.
         first.choices.open.side = false;
         first.studio.follows |= first.choices.open.light;
         let Destination::File(path) = &first.output.picture else { return refuse("--output: expected a file or -") };
-        let target = Target::checked(path, format)?;
+        let target = Target::checked(path, format, line)?;
         let times = first.times.filter(|time| !matches!(time, TimeArg::One(_)));
         if times.is_some() && first.source == Path::new(STREAM) {
             return refuse("--time: standard input is read once, several time points need a file");
@@ -207,18 +206,17 @@ impl TurntableJob {
             Some(path) => Course::Keys(read_key_frames(path)?),
             None => Course::Turn(turn),
         };
-        let words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
-        let command = format!("voxsplat {}", command_line(&without_folders(words, line.1)));
+        let command = format!("voxsplat turntable {}", command_line(&words(line, &[], file_name)));
         let part = part.unwrap_or([1, 1]);
         Ok(Self { first, course, frames, times, part, rate, resume, target, command })
     }
 }
 
-/// The key frames of a file, in the order of frames.
+/// Reads the key frames of a file, in the order of frames.
 fn read_key_frames(path: &Path) -> Result<Vec<KeyFrame>, Failure> {
     let mut keys: Vec<KeyFrame> = read_json(path, MAX_KEY_FRAMES)?;
     if keys.is_empty() {
-        return fail(format!("{}: has no key frames", path.display()));
+        return fail(format!("{}: has no key frames, expected one or more", path.display()));
     }
     keys.sort_by_key(|key| key.frame);
     Ok(keys)
@@ -254,7 +252,7 @@ struct Done {
 }
 
 impl TurntableJob {
-    /// Of so many frames those that are wanted now.
+    /// Returns the frames to render now.
     fn wanted(&self, frames: u32) -> Vec<u32> {
         let [part, parts] = self.part.map(u64::from);
         let end = |part: u64| (u64::from(frames) * part / parts) as u32;
@@ -272,7 +270,7 @@ impl TurntableJob {
         text.map_or_else(|| file.clone(), |text| format!("{file}: {text}"))
     }
 
-    /// The points in time that are asked for, of a file that holds so many.
+    /// Returns the requested time points of a file that has `held` of them.
     fn times_of(&self, asked: TimeArg, held: u32) -> Result<Range<u32>, Failure> {
         let last = match asked {
             TimeArg::One(time) | TimeArg::Range(_, time) => time,
@@ -335,7 +333,7 @@ pub(crate) fn run(job: TurntableJob) -> Result<(), Failure> {
     done(wanted.len())
 }
 
-/// The points in time of frames: each as long as the others, or if there are fewer frames, as many at even distances.
+/// Returns the time point of each frame: all for equally many frames, or some at even distances if frames are fewer.
 fn spread(times: &Range<u32>, frames: u32) -> Vec<u32> {
     let count = u64::from(times.end - times.start);
     (0..frames).map(|frame| times.start + (u64::from(frame) * count / u64::from(frames)) as u32).collect()
@@ -357,7 +355,7 @@ fn say_times(job: &RenderJob, times: &Range<u32>) {
     }
 }
 
-/// Makes the frames that are wanted, of a series each at its point in time.
+/// Renders the wanted frames, each at its time point.
 fn make(
     session: &mut Session,
     first: &RenderJob,
@@ -427,7 +425,7 @@ fn write(job: &TurntableJob, frames: Receiver<Done>, size: [u32; 2], count: u32)
             };
             let result = stream();
             match fault.take() {
-                // The reader has enough, as `| head` has.
+                // The reader has closed the pipe, as `| head` does.
                 Some(e) if e.kind() == ErrorKind::BrokenPipe => {}
                 Some(e) => return fail(format!("cannot write to stdout: {e}")),
                 None => result?,
@@ -465,7 +463,7 @@ impl Write for Watched<'_> {
     }
 }
 
-/// What a page says of its frames: the command, and what the file of the last picture would say.
+/// Returns the text of a page below its frames: the command, and the notes of the last picture.
 fn described(command: &str, notes: Vec<Note>) -> Vec<String> {
     std::iter::once(command.to_owned())
         .chain(notes.into_iter().map(|Note { name, text }| format!("{name}: {text}")))

@@ -12,7 +12,7 @@ use super::destination::STREAM;
 use super::tune;
 
 /// Words of other programs and of earlier versions, each row with the option of this program: VTK and ParaView, 3D
-/// Slicer, niivue, MRIcroGL, napari, Blender, ffmpeg and ImageMagick. A word whose option the command lacks gets no tip.
+/// Slicer, niivue, MRIcroGL, napari, Blender, ffmpeg and ImageMagick. A command without the option gives no tip.
 const FOREIGN: [&str; 33] = [
     "preset tf transfer-function opacity-transfer-function lut opacity color-transfer-function: \
      --transfer PRESET or FILE",
@@ -106,7 +106,7 @@ pub(crate) fn messages(first: &clap::Error, words: &[OsString]) -> Vec<String> {
     };
     let (mut all, mut right) = (Vec::new(), Vec::new());
     for group in tail.chunk_by(|_, next| !starts_option(next)) {
-        match parted_numbers(group, command, &error).or_else(|| Some(message(&error(group)?, command))) {
+        match parted_numbers(group, command, error).or_else(|| Some(message(&error(group)?, command))) {
             Some(message) if all.contains(&message) => {}
             Some(message) => all.push(message),
             None => right.extend_from_slice(group),
@@ -191,7 +191,7 @@ fn message(error: &clap::Error, command: &Command) -> String {
     format!("unexpected argument '{typed}' found{tip} (see --help)")
 }
 
-/// A message with options in the spelling that was typed: some have aliases.
+/// Returns a message with options in the spelling that was typed: some have aliases.
 pub(crate) fn as_typed(message: &str, words: &[OsString]) -> String {
     let typed = |name: &str| {
         let word = |word: &OsString| word.to_string_lossy().split('=').next() == Some(&format!("--{name}"));
@@ -213,7 +213,7 @@ pub(crate) fn as_typed(message: &str, words: &[OsString]) -> String {
     })
 }
 
-/// The error of `clap` in one line: its first paragraph and its tips, without the usage text.
+/// Returns the error of `clap` in one line: its first paragraph and its tips, without the usage text.
 fn in_one_line(text: &str) -> String {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
     let end = lines.iter().position(|l| l.starts_with("Usage:") || l.starts_with("For more information"));
@@ -222,34 +222,23 @@ fn in_one_line(text: &str) -> String {
     format!("{} (see --help)", plain(message.strip_prefix("error: ").unwrap_or(&message)))
 }
 
-/// A message of `clap` with lists and ranges as they are in other messages.
+/// Returns a message of `clap` with possible values as they are in other messages.
 fn plain(message: &str) -> String {
-    let listed = message.split_once("; [possible values: ").and_then(|(head, rest)| {
-        let (values, tail) = rest.split_once(']')?;
-        Some(format!("{head}: expected one of {values}{tail}"))
-    });
-    let ranged = message.split_once("..=").and_then(|(head, last)| {
-        let (head, first) = head.rsplit_once(' ')?;
-        let (head, _) = head.strip_suffix(" is not in")?.rsplit_once(' ')?;
-        Some(format!("{head} expected {first} to {last}"))
-    });
-    let message = listed.or(ranged).unwrap_or_else(|| message.to_owned());
-    let of_numbers = [
-        ("invalid digit found in string", "expected a whole number"),
-        ("cannot parse integer from empty string", "expected a whole number"),
-        ("number too large to fit in target type", "the number is too large"),
-    ];
-    of_numbers.iter().fold(message, |message, (from, to)| message.replace(from, to))
+    let (head, rest) = message.split_once("; [possible values: ").unwrap_or((message, ""));
+    match rest.split_once(']') {
+        Some((values, tail)) => format!("{head}: expected one of {values}{tail}"),
+        None => message.to_owned(),
+    }
 }
 
-/// What is wrong with the input of a wrong command line: a volume that is not there. It comes before what is wrong
-/// with the options, so that both are known at once.
+/// Returns the error of a missing volume in a wrong command line, so that it is reported together with errors of
+/// options.
 pub(crate) fn missing_input(words: &[OsString]) -> Option<String> {
     let matches = args::command().ignore_errors(true).try_get_matches_from(words).ok()?;
     let (name, matches) = matches.subcommand()?;
     let source = matches.try_get_one::<std::path::PathBuf>("source").ok().flatten()?;
     let text = source.to_string_lossy();
-    // The value of a misspelt option may be taken for the volume: only what looks like a file is looked for.
+    // The volume may be the value of a misspelt option, so only names of files are checked.
     let is_number = text.split(',').all(|part| part.parse::<f64>().is_ok());
     let looks_like_file = text.contains(['.', '/', '\\']) && !is_number;
     let is_there = source.exists() || text.rsplit_once(':').is_some_and(|(file, _)| Path::new(file).exists());
@@ -364,7 +353,7 @@ mod tests {
             ("turntable a.nii --frames 2.5", &["'2.5' for '--frames <N>': expected a whole number"]),
             ("render a.nii --window 40 400 --wobble", &["'400' found; tip: --window 40,400", "'--wobble'"]),
             ("render a.nii --projection iso", &["'iso' for '--projection <KIND>': expected one of orthographic, "]),
-            ("turntable a.nii --frames 0", &["'0' for '--frames <N>': expected 1 to 100000"]),
+            ("turntable a.nii --frames 0", &["'0' for '--frames <N>': expected a whole number from 1 to 100000"]),
             ("render a.nii --azimuth 30deg --zoom 200%", &["expected a finite number, without a unit", "0, without a"]),
             ("render", &["not provided"]),
         ] {

@@ -4,7 +4,7 @@ use voxsplat::volume::Units;
 
 use crate::parse;
 
-/// What is drawn on the finished picture. A PNG has the figure, an EXR keeps the values of the volume's picture.
+/// The figure on the finished picture. A PNG has the figure, an EXR keeps the values of the picture.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Figure")]
 pub(crate) struct FigureArgs {

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
+use voxsplat::appearance::ChannelChoice;
 use voxsplat::formats::{FORMATS, Format, LoadOptions, MissingSlices, PyramidLevel};
 use voxsplat::volume::{Endian, SampleType};
 
 use super::view::ViewArgs;
-use crate::channels::{ChannelArg, channel};
 use crate::failure::{Failure, refuse};
 use crate::parse::{self, TimeArg, one_of};
 
@@ -42,7 +42,7 @@ pub(crate) struct InputArgs {
     #[arg(long, value_name = "ORDER", value_parser = parse::library::<Endian>)]
     pub(crate) endian: Option<Endian>,
     /// Raw files: bytes to skip before the samples
-    #[arg(long, value_name = "BYTES", default_value_t = 0)]
+    #[arg(long, value_name = "BYTES", default_value_t = 0, value_parser = parse::whole::<u64, 0, { u64::MAX }>)]
     pub(crate) offset: u64,
     /// World distance between samples; replaces the spacing of the file
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing)]
@@ -54,8 +54,8 @@ pub(crate) struct InputArgs {
     ///
     /// [default: all channels, in the colours of the file or in green, magenta, cyan ..; channels that the file calls
     /// red, green and blue are the colours of voxels]
-    #[arg(long, value_name = "N[:COLOUR]", value_parser = channel)]
-    pub(crate) channel: Vec<ChannelArg>,
+    #[arg(long, value_name = "N[:COLOUR]", value_parser = parse::channel)]
+    pub(crate) channel: Vec<ChannelChoice>,
     /// Draw time point N, counted from 0; a turntable also takes a range or all [default: 0]
     ///
     /// All frames use the first time point's transfer function and one common framing.
@@ -63,7 +63,7 @@ pub(crate) struct InputArgs {
     pub(crate) time: Option<TimeArg>,
     /// Folders of DICOM files, or OME-Zarr by Bio-Formats: read the N-th series, counted from 1 [default: list the
     /// series of DICOM, if there are several]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse::whole::<u32, 1, { u64::MAX }>)]
     pub(crate) series: Option<u32>,
     /// Folders of DICOM files: refuse a series that lacks slices between others, or interpolate the missing slices
     #[arg(long, value_name = "HOW", default_value = "refuse", value_parser = one_of(MissingSlices::ALL,
@@ -71,7 +71,7 @@ pub(crate) struct InputArgs {
     pub(crate) missing_slices: MissingSlices,
     /// OME-Zarr: read level N of the pyramid, 0 is the finest [default: the coarsest level whose samples are no coarser
     /// than pixels]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse::whole::<u32, 0, { u64::MAX }>)]
     pub(crate) pyramid: Option<u32>,
 }
 

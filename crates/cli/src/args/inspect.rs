@@ -1,4 +1,4 @@
-//! What is shown as text: volumes, comparisons.
+//! Descriptions of volumes, comparisons of pictures.
 
 use std::path::PathBuf;
 

@@ -34,10 +34,10 @@ pub(crate) struct ParetoArgs {
     #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = parse::size, help_heading = "Output")]
     pub(crate) size: [u32; 2],
     /// Number of views: the requested view and others around the volume; 1 to 16
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=16))]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = parse::whole::<u32, 1, 16>)]
     pub(crate) views: u32,
     /// Timed frames of each view, each after an untimed frame; 1 to 100
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = parse::whole::<u32, 1, 100>)]
     pub(crate) repeats: u32,
     /// Time settings only once if a frame takes longer than SECONDS
     #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = parse::positive)]

@@ -26,7 +26,7 @@ pub(crate) struct TurntableArgs {
     #[command(flatten)]
     pub(crate) render: RenderArgs,
     /// Number of frames. Several time points (--time) are spread over the frames [default: 36, or one per time point]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "N", value_parser = parse::whole::<u32, 1, 100_000>)]
     pub(crate) frames: Option<u32>,
     /// Turn the eye by DEG degrees from --azimuth on; the last frame is one step before the end. 0: no turn
     #[arg(long, value_name = "DEG", default_value_t = 360.0, value_parser = parse::number)]

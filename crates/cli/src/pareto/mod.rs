@@ -8,7 +8,7 @@ mod study;
 use std::path::Path;
 use std::time::Instant;
 
-use clap::ArgMatches;
+use clap::{ArgMatches, Command};
 use flate2::Crc;
 use glam::DQuat;
 use serde::{Deserialize, Serialize};
@@ -31,7 +31,7 @@ use super::draw::{framed, with_units};
 use super::failure::{Failure, fail};
 use super::fitted::transfer;
 use super::job::ParetoJob;
-use super::options::{command_line, file_name, options_of, without, without_folders};
+use super::options::{command_line, file_name, options_of, words};
 use super::output;
 use super::progress::{Progress, Remaining};
 use super::session::say_choice;
@@ -48,7 +48,7 @@ struct Subject {
     /// The arguments of `voxsplat render` that make the picture, with names of files for their paths.
     command: String,
     volume: [u32; 3],
-    /// A checksum of the distribution of the values and of the transfer function: files of one name may differ.
+    /// Returns a checksum of the distribution of the values and of the transfer function: files of one name may differ.
     content: String,
     views: u32,
     size: [u32; 2],
@@ -79,8 +79,8 @@ struct Rival {
 }
 
 /// Options of `voxsplat pareto` alone, and options that a study varies.
-const OWN: [&str; 10] =
-    ["-o", "--output", "--views", "--repeats", "--patience", "--rivals", "--shading", "--kernel", "--level", "--tune"];
+const OWN: [&str; 11] =
+    ["output", "views", "repeats", "patience", "rivals", "resume", "quiet", "shading", "kernel", "level", "tune"];
 
 /// The error of the truth: a tenth of the error of the most exact pictures.
 const TOLERANCE: f64 = 1e-6;
@@ -91,7 +91,7 @@ const TURN: f64 = 3.0;
 /// The largest JSON file that is read, in bytes.
 const MAX_JSON: u64 = 64 << 20;
 
-pub(crate) fn run(mut job: ParetoJob, matches: &ArgMatches) -> Result<(), Failure> {
+pub(crate) fn run(mut job: ParetoJob, line: (&Command, &ArgMatches)) -> Result<(), Failure> {
     let rivals =
         job.rivals.as_deref().map(|path| read_json::<Vec<Rival>>(path, MAX_JSON)).transpose()?.unwrap_or_default();
     let (volume, transfer) = {
@@ -99,7 +99,7 @@ pub(crate) fn run(mut job: ParetoJob, matches: &ArgMatches) -> Result<(), Failur
         let volume = with_units(formats::load(&job.source, &job.load)?, &job.units);
         say_choice(&volume, &job.load);
         let fitted = transfer(&job.source, &job.transfer, &volume, false, &mut Stages::default())?;
-        fitted.notes().for_each(|note| output::say(note));
+        fitted.notes.iter().for_each(|note| output::say(note));
         (volume, fitted.transfer)
     };
     job.settings.clip = intersection(&job.clip, &volume)?;
@@ -109,8 +109,7 @@ pub(crate) fn run(mut job: ParetoJob, matches: &ArgMatches) -> Result<(), Failur
         views.map(|view| Camera::new(&view, volume.grid(), job.size)).collect::<Result<_, _>>()?;
     let options = RendererOptions { adapter: job.adapter.clone(), ..RendererOptions::default() };
     let renderer = silenced(|| Renderer::new(&options))?;
-    let words = std::env::args_os().skip(2).map(|word| word.to_string_lossy().into_owned());
-    let mut base = without_folders(without(words, &OWN, &["--resume", "--quiet", "-q"]), matches);
+    let mut base = words(line, &OWN, file_name);
     base.extend(job.tune.iter().flat_map(|pairs| ["--tune".to_owned(), pairs.clone()]));
     let adapter = renderer.adapter();
     let subject = Subject {
@@ -135,7 +134,7 @@ pub(crate) fn run(mut job: ParetoJob, matches: &ArgMatches) -> Result<(), Failur
     run.write(&rivals)
 }
 
-/// A checksum of the distribution of the values and of the transfer function.
+/// Returns a checksum of the distribution of the values and of the transfer function.
 fn content(volume: &Volume, transfer: &TransferFunction) -> Result<String, Failure> {
     let values = Statistics::of(volume)?;
     let mut sum = Crc::new();
@@ -150,14 +149,14 @@ fn make_directory(path: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(path).map_err(failed)
 }
 
-/// What earlier runs of the same command have kept, if this one resumes them.
+/// Returns the measurements of earlier runs of the same command, if this one resumes them.
 fn kept(job: &ParetoJob, subject: Subject) -> Result<Kept, Failure> {
     let numbers = job.directory.join("pareto.json");
     let measurements = if job.resume && numbers.exists() {
         let found: Kept = read_json(&numbers, MAX_JSON)?;
         if found.subject != subject {
             return fail(format!(
-                "{}: it was measured by another command, of other data, on another adapter or by another version: \
+                "{}: it is of another command, of other data, of another adapter or of another version: \
                  give another directory, or leave out --resume",
                 numbers.display()
             ));
@@ -169,7 +168,7 @@ fn kept(job: &ParetoJob, subject: Subject) -> Result<Kept, Failure> {
     Ok(Kept { subject, date: today(), measurements })
 }
 
-/// What a scene was prepared for: whether for post-shading, and the kernel that samples were filtered for.
+/// The properties that a scene was prepared for: post-shading, and the kernel that samples were filtered for.
 type Prepared = (bool, Option<Kernel>);
 
 /// A study under way.
@@ -315,7 +314,8 @@ impl Run<'_> {
                 if measured.refused.is_some() || slow || measured.frames.len() >= round * views {
                     continue;
                 }
-                for camera in self.cameras[..views].to_vec() {
+                for view in 0..views {
+                    let camera = self.cameras[view];
                     // A frame that is not timed, then one of another angle.
                     self.draw(&camera, &variant.settings)?;
                     let turn = DQuat::from_axis_angle(camera.up, TURN.to_radians());
@@ -348,11 +348,9 @@ impl Run<'_> {
             plots.push(svg);
         }
         let mut pictures = Vec::new();
-        let best: [(&str, fn(&Measurement) -> f64); 2] = [
-            ("The most exact of the front", |measured| measured.errors.rms),
-            ("The fastest of the front", |measured| measured.seconds().unwrap_or(f64::INFINITY)),
-        ];
-        for (title, rank) in best {
+        let exact: fn(&Measurement) -> f64 = |measured| measured.errors.rms;
+        let fast: fn(&Measurement) -> f64 = |measured| measured.seconds().unwrap_or(f64::INFINITY);
+        for (title, rank) in [("The most exact of the front", exact), ("The fastest of the front", fast)] {
             let measurements = front.iter().map(|&index| &self.kept.measurements[index]);
             let best = measurements.min_by(|a, b| rank(a).total_cmp(&rank(b)));
             let Some(variant) = best.and_then(|best| self.variant(best)).cloned() else { continue };
@@ -453,7 +451,7 @@ fn csv(measurements: &[Measurement], front: &[usize], commands: &[String]) -> St
     text
 }
 
-/// The front as a table on stdout.
+/// Returns the front as a table.
 fn summary(measurements: &[Measurement], front: &[usize], page: &Path) -> String {
     let mut text = format!("{:>3}  {:>10}  {:>9}  {:>9}  way\n", "", "frame, ms", "rms", "99.9 %");
     for (number, m) in front.iter().filter_map(|&index| measurements.get(index)).enumerate() {

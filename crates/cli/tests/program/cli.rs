@@ -650,7 +650,7 @@ fn lights_that_cannot_be_are_refused() {
         ("--light-size 4", "--light-size needs a --light"),
         ("--light headlight --shadows on", "a headlight casts none"),
         ("--light 20,30 --light-size 4", "--light-size shows in shadows alone"),
-        ("--light studio --light headlight", "no other goes with it"),
+        ("--light studio --light headlight", "expected no other --light beside it"),
         ("--light 20", "expected off, studio, studio:eye, headlight, AZ,EL"),
         ("--light @1,2", "expected off, studio, studio:eye, headlight, AZ,EL"),
         ("--light @1,2,3 --shadows on --light-size 4", "a light at a place is a point"),
@@ -727,7 +727,7 @@ fn transfer_functions_of_other_programs_are_drawn_and_written() {
     let (again, said) = render("b", "--transfer b.vp.json");
     assert_eq!((again, said.as_str()), (picture, ""));
     let (fitted, said) = render("c", "--transfer maps.json#Lab");
-    assert!(said.contains("gentle ramp") && said.contains("colours run from") && said.contains("--window"), "{said}");
+    assert!(said.contains("gentle ramp") && said.contains("using values from") && said.contains("--window"), "{said}");
     let (placed, said) = render("d", "--transfer map:maps.json#Lab --window 12,24");
     assert!(said.is_empty() && placed != fitted, "{said}");
     // A window alone is grey.
