@@ -14,9 +14,9 @@ mod common;
 use common::{Arguments, Outcome, Report};
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::demos::{self, demo_transfer, demos};
+use voxsplat::image::compare;
 use voxsplat::kernel::Kernel;
 use voxsplat::reference::Reference;
-use voxsplat::report::compare;
 use voxsplat::settings::{Painter, Precision, QuadsSettings};
 use voxsplat::{
     Camera, Grid, Image, ProjectionKind, Renderer, RendererOptions, Settings, TransferFunction, View, Volume,

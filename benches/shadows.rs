@@ -17,9 +17,9 @@ use std::time::Instant;
 
 use common::{Arguments, Outcome, Report, median, own_or_suggested};
 use glam::DVec3;
+use voxsplat::image::compare;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::reference::Reference;
-use voxsplat::report::compare;
 use voxsplat::settings::Shading;
 use voxsplat::{Camera, LoadOptions, Renderer, RendererOptions, Scene, Settings, View, load};
 

@@ -3,8 +3,8 @@
 
 #![allow(clippy::print_stdout, reason = "the error is the result of the example")]
 
+use voxsplat::image::{compare, difference_picture};
 use voxsplat::reference::Reference;
-use voxsplat::report::{compare, difference_picture};
 use voxsplat::{Background, Camera, Renderer, RendererOptions, Settings, View, demos};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -182,7 +182,7 @@ impl Place {
 
     fn picture(&self, name: &str, bytes: &[u8]) -> bool {
         accepted(Image::load(self.written(name, bytes))).is_some_and(|image| {
-            let same = voxsplat::report::compare(&image, &image, 0.0);
+            let same = voxsplat::image::compare(&image, &image, 0.0);
             assert!(same.is_ok_and(|same| same.rms == 0.0 || image.pixels().iter().flatten().any(|v| !v.is_finite())));
             true
         })

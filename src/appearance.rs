@@ -2,8 +2,12 @@
 //!
 //! `voxsplat render FILE` draws the same picture; its options replace choices. [The library](crate) has an example.
 
+mod channels;
+
 use std::fmt;
 use std::path::Path;
+
+pub use channels::{ChannelChoice, ChannelLook, Loaded, Values, load_channels};
 
 use crate::camera::{Camera, View};
 use crate::demos;

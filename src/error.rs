@@ -110,8 +110,9 @@ impl Error {
         }
     }
 
-    /// Whether the error refuses one way to draw, and another way may still succeed.
-    pub(crate) fn refuses_settings(&self) -> bool {
+    /// Whether settings are refused, so that other settings may succeed on the same volume and device.
+    #[must_use]
+    pub fn refuses_settings(&self) -> bool {
         matches!(self, Self::Setting { .. } | Self::Unsupported { .. } | Self::Memory { .. } | Self::OutOfMemory(_))
     }
 

@@ -24,13 +24,13 @@
 //! [`volume`] (samples on a lattice), [`formats`] (readers), [`demos`] (built-in volumes), [`transfer`] (functions,
 //! presets, JSON), [`kernel`], [`camera`], [`clip`] (planes, boxes), [`lighting`], [`settings`], [`renderer`] (the
 //! GPU), [`mod@reference`] (the same model integrated in f64, to measure against), [`accuracy`] (pictures that keep an
-//! error), [`reconstruction`] (the error of kernels), [`report`] (differences of pictures, speed against error),
-//! [`image`] (pictures and their files), [`figure`] (scale bar, axes, colour bar and title on a picture), `film` (GIF,
-//! APNG and Y4M), [`stats`], [`progress`], [`adapter`] and [`error`].
+//! error), [`reconstruction`] (the error of kernels), [`image`] (pictures, their files and their differences),
+//! [`figure`] (scale bar, axes, colour bar and title on a picture), `film` (GIF, APNG and Y4M), [`stats`],
+//! [`progress`], [`adapter`] and [`error`].
 //!
-//! The features, on by default: `film` writes films; `report` has plots of speed against error; `dicom`, `jpeg2000` (in
-//! DICOM), `tiff`, `vtk` and `zarr` are readers. `hdf5`, which reads HDF5 and NetCDF, is not on by default. The program
-//! `voxsplat` is a package of its own, `crates/cli`.
+//! The features, on by default: `film` writes films; `dicom`, `jpeg2000` (in DICOM), `tiff`, `vtk` and `zarr` are
+//! readers. `hdf5`, which reads HDF5 and NetCDF, is not on by default. The program `voxsplat` is a package of its own,
+//! `crates/cli`.
 
 pub mod accuracy;
 pub mod adapter;
@@ -57,7 +57,6 @@ pub mod progress;
 pub mod reconstruction;
 pub mod reference;
 pub mod renderer;
-pub mod report;
 mod response;
 pub mod settings;
 pub mod stats;

@@ -38,7 +38,8 @@ fn target(path: &Path) -> Result<PathBuf> {
 /// # Errors
 /// [`Error::Output`] if the path is a directory, a device or a pipe, or its own directory does not exist or cannot be
 /// written to; [`Error::Write`] if no file can have that name.
-pub(crate) fn check_writable(path: &Path) -> Result<()> {
+pub fn check_writable(path: impl AsRef<Path>) -> Result<()> {
+    let path = path.as_ref();
     let target = target(path)?;
     let directory = directory_of(&target);
     let refused = |reason: String| Err(Error::Output { path: path.to_owned(), reason });
@@ -173,6 +174,14 @@ pub(crate) fn write_atomically(path: &Path, write: impl Fn(&mut File) -> io::Res
     UNFINISHED.write_named(&target, &write).map_err(failed)
 }
 
+/// Writes a file. It appears whole or not at all, in place of an older one.
+///
+/// # Errors
+/// [`Error::Output`] if the path is a directory, a device or a pipe; [`Error::Write`] if writing fails.
+pub fn write_file(path: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
+    write_atomically(path.as_ref(), |file| io::Write::write_all(file, bytes))
+}
+
 #[cfg(test)]
 mod tests {
     use std::io::Write;
@@ -252,7 +261,7 @@ mod tests {
     #[test]
     fn impossible_targets_are_named_before_the_work() {
         let directory = tempfile::tempdir().unwrap();
-        let missing = check_writable(&directory.path().join("no/out.png")).unwrap_err().to_string();
+        let missing = check_writable(directory.path().join("no/out.png")).unwrap_err().to_string();
         assert!(missing.contains("there is no directory"), "{missing}");
         let folder = check_writable(directory.path()).unwrap_err().to_string();
         assert!(folder.contains("is a directory"), "{folder}");
@@ -261,7 +270,7 @@ mod tests {
             let folder = check_writable(Path::new(&name)).unwrap_err().to_string();
             assert!(folder.contains("ends as a directory does"), "{name}: {folder}");
         }
-        let long = check_writable(&directory.path().join("a".repeat(300)));
+        let long = check_writable(directory.path().join("a".repeat(300)));
         assert!(matches!(long, Err(Error::Write { .. })), "no file has so long a name: {long:?}");
         #[cfg(unix)]
         {

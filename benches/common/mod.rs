@@ -2,6 +2,10 @@
 
 #![allow(dead_code, reason = "each harness is a program of its own and takes what it needs")]
 
+#[allow(unused_imports, reason = "a bench has no tests")]
+#[path = "../../crates/cli/src/pareto/date.rs"]
+mod date;
+
 use std::error::Error;
 use std::fmt::Display;
 use std::io::Read as _;
@@ -12,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use voxsplat::adapter::AdapterInfo;
 use voxsplat::demos::own_transfer;
-use voxsplat::report::{compare, today};
+use voxsplat::image::compare;
 use voxsplat::volume::Statistics;
 use voxsplat::{Image, TransferFunction, Volume};
 
@@ -98,7 +102,7 @@ impl Report {
         if !self.write {
             return Ok(None);
         }
-        let date = today();
+        let date = date::today();
         let Self { name, arguments, text, .. } = self;
         let arguments: String = arguments.iter().map(|a| format!(" {a}")).collect();
         let cores = std::thread::available_parallelism()?;

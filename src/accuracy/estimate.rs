@@ -2,12 +2,12 @@
 
 use serde::Serialize;
 
+use super::Sample;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::image::Image;
+use crate::image::{Image, covered_differences, percentile};
 use crate::layers::Layers;
 use crate::reference::Reference;
-use crate::report::{Sample, covered_differences, percentile};
 use crate::settings::Settings;
 
 /// The fraction of covered pixels whose errors the error of a picture bounds.

@@ -6,6 +6,8 @@
 
 mod choose;
 mod estimate;
+mod sample;
 
 pub use choose::{Chosen, Tried, choose};
 pub use estimate::{Estimate, Truth};
+pub use sample::Sample;

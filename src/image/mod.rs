@@ -1,16 +1,19 @@
 //! Pictures: composited values in f32, their files and their 8-bit pixels.
 
 mod background;
+mod compare;
 mod file;
 mod region;
 
 pub use background::Background;
+pub use compare::{Comparison, compare, difference_picture};
+pub(crate) use compare::{covered_differences, percentile};
 pub use file::Note;
 #[cfg(feature = "film")]
 pub(crate) use file::png_encoder;
 pub use region::Region;
 
-pub use crate::output::abandon_unfinished;
+pub use crate::output::{abandon_unfinished, check_writable, write_file};
 
 use crate::error::{Error, Result};
 use voxsplat_volume::memory::reserved;

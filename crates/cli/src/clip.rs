@@ -1,15 +1,14 @@
-//! What is cut away, as options say it: it is known in the world once the volume is.
-
-use std::ops::Range;
+//! Clipping, as options request it: its place in the world depends on the volume.
 
 use glam::DVec3;
 use voxsplat::clip::{Clip, Plane};
 use voxsplat::volume::Volume;
 
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 use super::layers::named;
+use super::parse::{expect, list};
 
-/// Voxels along an axis; a missing end is that of the volume.
+/// A range of voxels along an axis; a missing end is the end of the volume.
 type Voxels = [Option<u32>; 2];
 
 /// The value of `--clip`.
@@ -17,8 +16,8 @@ type Voxels = [Option<u32>; 2];
 pub(crate) enum ClipArg {
     /// The half of a volume in a direction.
     Half(DVec3),
-    /// The half of the patient on a side.
-    Side(char),
+    /// The half of the patient on a side, and its direction in the world.
+    Side(char, DVec3),
     /// The inner side of a plane.
     Plane(Plane),
     /// A box of the world.
@@ -32,40 +31,33 @@ const SIDES: [(char, DVec3); 6] =
     [('L', DVec3::X), ('R', DVec3::NEG_X), ('P', DVec3::Y), ('A', DVec3::NEG_Y), ('S', DVec3::Z), ('I', DVec3::NEG_Z)];
 
 impl ClipArg {
-    /// What is left of a volume.
+    /// Returns the part of a volume that stays.
     fn inside(&self, volume: &Volume) -> Result<Clip, Failure> {
         let grid = volume.grid();
         let plane = match self {
             Self::Box(inside) => return Ok(inside.clone()),
             Self::Voxels(voxels) => {
-                let range = |axis: usize| -> Range<u32> {
-                    let [start, end] = voxels[axis];
-                    start.unwrap_or(0)..end.unwrap_or(grid.dims()[axis])
-                };
+                let range = |axis: usize| voxels[axis][0].unwrap_or(0)..voxels[axis][1].unwrap_or(grid.dims()[axis]);
                 return Ok(Clip::of_voxels(grid, [0, 1, 2].map(range)).map_err(|error| named(error, "clip"))?);
             }
             Self::Plane(plane) => *plane,
-            Self::Half(normal) => Plane::through(grid.center(), *normal)?,
-            Self::Side(letter) if !volume.is_oriented() => {
-                return Err(Failure::Usage(format!(
+            Self::Side(letter, _) if !volume.is_oriented() => {
+                return refuse(format!(
                     "--clip {letter}: the file does not state the patient's sides, give a direction NX,NY,NZ"
-                )));
+                ));
             }
-            Self::Side(letter) => {
-                let normal = SIDES.iter().find(|(side, _)| side == letter).map_or(DVec3::X, |(_, normal)| *normal);
-                Plane::through(grid.center(), normal)?
-            }
+            Self::Half(normal) | Self::Side(_, normal) => Plane::through(grid.center(), *normal)?,
         };
         Ok(Clip::new(vec![plane])?)
     }
 }
 
-/// The region that all values of `--clip` leave of a volume.
+/// Returns the region that all values of `--clip` leave of a volume.
 pub(crate) fn intersection(args: &[ClipArg], volume: &Volume) -> Result<Clip, Failure> {
     args.iter().try_fold(Clip::default(), |clip, arg| Ok(clip.and(arg.inside(volume)?)?))
 }
 
-/// `box:X0,X1,Y0,Y1,Z0,Z1`, `voxels:I0:I1,J0:J1,K0:K1`, a side of the patient, `NX,NY,NZ`, `NX,NY,NZ,D` or
+/// Parses `box:X0,X1,Y0,Y1,Z0,Z1`, `voxels:I0:I1,J0:J1,K0:K1`, a side of the patient, `NX,NY,NZ`, `NX,NY,NZ,D` or
 /// `NX,NY,NZ,X,Y,Z`.
 pub(crate) fn clip(text: &str) -> Result<ClipArg, String> {
     if let Some(numbers) = text.strip_prefix("box:") {
@@ -74,50 +66,42 @@ pub(crate) fn clip(text: &str) -> Result<ClipArg, String> {
     if let Some(ranges) = text.strip_prefix("voxels:") {
         return voxels(ranges).map(ClipArg::Voxels);
     }
-    let expected = "expected a direction NX,NY,NZ over 0, with a distance D or a point X,Y,Z behind it, L, R, A, P, S \
+    let expected = "a direction NX,NY,NZ over 0, with a distance D or a point X,Y,Z behind it, L, R, A, P, S \
                     or I, box:X0,X1,Y0,Y1,Z0,Z1 or voxels:I0:I1,J0:J1,K0:K1";
-    let expected = || expected.to_owned();
-    if let [(letter, _)] = SIDES.iter().filter(|(side, _)| text == side.to_string()).collect::<Vec<_>>()[..] {
-        return Ok(ClipArg::Side(*letter));
+    if let Some((letter, normal)) = SIDES.into_iter().find(|(side, _)| text == side.to_string()) {
+        return Ok(ClipArg::Side(letter, normal));
     }
     let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
-    let plane = match numbers.as_deref() {
-        Some(&[x, y, z]) => {
-            let normal = DVec3::new(x, y, z);
-            return Plane::new(normal, 0.0).map(|_| ClipArg::Half(normal)).map_err(|_| expected());
+    let half = match numbers.as_deref() {
+        Some(&[x, y, z]) => Plane::new(DVec3::new(x, y, z), 0.0).map(|_| ClipArg::Half(DVec3::new(x, y, z))).ok(),
+        Some(&[x, y, z, offset]) => Plane::new(DVec3::new(x, y, z), offset).map(ClipArg::Plane).ok(),
+        Some(&[x, y, z, px, py, pz]) => {
+            Plane::through(DVec3::new(px, py, pz), DVec3::new(x, y, z)).map(ClipArg::Plane).ok()
         }
-        Some(&[x, y, z, offset]) => Plane::new(DVec3::new(x, y, z), offset),
-        Some(&[x, y, z, px, py, pz]) => Plane::through(DVec3::new(px, py, pz), DVec3::new(x, y, z)),
-        _ => return Err(expected()),
-    };
-    plane.map(ClipArg::Plane).map_err(|_| expected())
-}
-
-/// A box of the world, `X0,X1,Y0,Y1,Z0,Z1`.
-fn clip_box(text: &str) -> Result<Clip, String> {
-    let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
-    let inside = match numbers.as_deref() {
-        Some(&[x0, x1, y0, y1, z0, z1]) => Clip::of_box(DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1)).ok(),
         _ => None,
     };
-    inside.ok_or_else(|| {
-        "expected box: and six numbers X0,X1,Y0,Y1,Z0,Z1, the first of each pair below the second".to_owned()
-    })
+    expect(half, expected)
 }
 
-/// Voxels along the axes, `I0:I1,J0:J1,K0:K1`.
+/// Parses a box of the world, `X0,X1,Y0,Y1,Z0,Z1`.
+fn clip_box(text: &str) -> Result<Clip, String> {
+    let inside = |[x0, x1, y0, y1, z0, z1]: [f64; 6]| Clip::of_box(DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1)).ok();
+    expect(
+        list(text).and_then(inside),
+        "box: and six numbers X0,X1,Y0,Y1,Z0,Z1, the first of each pair below the second",
+    )
+}
+
+/// Parses voxels along the axes, `I0:I1,J0:J1,K0:K1`.
 fn voxels(text: &str) -> Result<[Voxels; 3], String> {
-    let number = |text: &str| -> Option<Option<u32>> {
-        let text = text.trim();
-        if text.is_empty() { Some(None) } else { text.parse().ok().map(Some) }
+    let number = |text: &str| match text.trim() {
+        "" => Some(None),
+        text => text.parse().ok().map(Some),
     };
-    let range = |part: &str| -> Option<Voxels> {
-        let (start, end) = part.split_once(':')?;
-        Some([number(start)?, number(end)?])
-    };
+    let range = |part: &str| part.split_once(':').and_then(|(start, end)| Some([number(start)?, number(end)?]));
     let ranges: Option<Vec<Voxels>> = text.split(',').map(range).collect();
     let ranges = ranges.and_then(|ranges| ranges.try_into().ok());
-    ranges.ok_or_else(|| "expected voxels: and three ranges I0:I1,J0:J1,K0:K1, such as voxels:10:20,:,40:".to_owned())
+    expect(ranges, "voxels: and three ranges I0:I1,J0:J1,K0:K1, such as voxels:10:20,:,40:")
 }
 
 #[cfg(test)]
@@ -126,7 +110,7 @@ mod tests {
 
     #[test]
     fn planes_are_directions_with_a_place() {
-        assert_eq!(clip("R"), Ok(ClipArg::Side('R')));
+        assert_eq!(clip("R"), Ok(ClipArg::Side('R', DVec3::NEG_X)));
         assert_eq!(clip("0, -2,0"), Ok(ClipArg::Half(DVec3::new(0.0, -2.0, 0.0))));
         let plane = |normal, offset| Ok(ClipArg::Plane(Plane::new(normal, offset).unwrap()));
         assert_eq!(clip("0,0,2,-7"), plane(DVec3::Z, -7.0));

@@ -1,17 +1,17 @@
-//! Where a picture goes: a file, or standard output.
+//! The destination of a picture: a file, or standard output.
 
 use std::io::{IsTerminal, stdout};
 use std::path::{Path, PathBuf};
 
 use voxsplat::image::{Background, Image, Note};
 
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 use super::output;
 
-/// What stands for standard input and standard output in place of a file.
+/// The name of standard input and standard output in place of a file.
 pub(crate) const STREAM: &str = "-";
 
-/// Where a picture goes.
+/// The destination of a picture.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Destination {
     /// Standard output, as PNG.
@@ -21,26 +21,24 @@ pub(crate) enum Destination {
 }
 
 impl Destination {
-    /// A destination that can be written to, as far as is known before the work.
+    /// Returns a destination that can be written to, as far as can be checked before the work.
     pub(crate) fn checked(path: PathBuf) -> Result<Self, Failure> {
         if path == Path::new(STREAM) {
             return Self::stdout().map(|()| Self::Stdout);
         }
-        Image::check_output(&path).map_err(|e| Failure::Usage(format!("{e:#}")))?;
+        Image::check_output(&path).map_err(|e| Failure::usage(format!("{e:#}")))?;
         Ok(Self::File(path))
     }
 
     /// Refuses a terminal, which shows no bytes.
     pub(crate) fn stdout() -> Result<(), Failure> {
         if stdout().is_terminal() {
-            return Err(Failure::Usage(
-                "--output -: standard output is a terminal, expected a pipe or a file".to_owned(),
-            ));
+            return refuse("--output -: standard output is a terminal, expected a pipe or a file");
         }
         Ok(())
     }
 
-    /// Whether it keeps the values of a picture, not what a screen shows of them.
+    /// Whether it keeps the values of a picture, not only the colours that a screen shows.
     pub(crate) fn keeps_values(&self) -> bool {
         match self {
             Self::Stdout => false,

@@ -2,17 +2,17 @@
 
 use voxsplat::renderer::adapters;
 
-use super::failure::Failure;
+use super::failure::{Failure, fail};
 use super::output;
 use super::stderr::silenced;
 
 pub(crate) fn run() -> Result<(), Failure> {
     let adapters = silenced(adapters);
     if adapters.is_empty() {
-        return Err(Failure::Failed(
+        return fail(
             "no graphics adapter: install a Vulkan driver, or mesa-vulkan-drivers for rendering without a GPU"
                 .to_owned(),
-        ));
+        );
     }
     let width = adapters.iter().map(|a| a.name.chars().count()).max().unwrap_or(0);
     let lines: String =

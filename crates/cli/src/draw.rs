@@ -18,7 +18,7 @@ use super::job::RenderJob;
 use super::options::{command_line, options_of};
 use super::output;
 
-/// A scene, and what it was prepared with.
+/// A scene, and the layers and settings that it was prepared with.
 pub(crate) struct Prepared {
     layers: Layers,
     settings: Settings,
@@ -37,7 +37,7 @@ impl Prepared {
     }
 }
 
-/// An estimate as a person reads it.
+/// Returns an estimate as a sentence.
 pub(crate) fn in_words(estimate: &Estimate) -> String {
     let Estimate { pixels, error, interval: [low, high], rms, max } = estimate;
     if *pixels == 0 {
@@ -49,11 +49,11 @@ pub(crate) fn in_words(estimate: &Estimate) -> String {
     )
 }
 
-/// A picture, the settings that it was made by, and what traced pixels said of them.
+/// A picture, its settings, and the error that traced pixels estimate.
 type Drawn = (Rendered, Settings, Option<Estimate>);
 
-/// The picture of a job, by the settings asked for or by those that an error asks for, which a note names. What was
-/// prepared is for the next picture.
+/// Draws the picture of a job, by its settings or by the cheapest ones that keep its error, which a note names. Returns
+/// the prepared scene for the next picture too.
 pub(crate) fn draw(
     renderer: &Renderer,
     layers: &Layers,
@@ -84,7 +84,7 @@ pub(crate) fn draw(
     Ok(((rendered, settings, Some(estimate)), None))
 }
 
-/// What the file of a picture says of how it was made.
+/// Returns the notes in the file of a picture: program, settings, error, title and caption.
 pub(crate) fn notes(settings: &Settings, figure: &Figure, of_errors: Option<Note>) -> Vec<Note> {
     let software = format!("voxsplat {}", env!("CARGO_PKG_VERSION"));
     let mut options = vec!["--model".to_owned(), settings.model.to_string()];
@@ -108,7 +108,7 @@ pub(crate) fn notes(settings: &Settings, figure: &Figure, of_errors: Option<Note
     notes
 }
 
-/// The hull that a picture is fitted to; `None` is the box of the volume.
+/// Returns the hull that a picture is fitted to; `None` is the box of the volume.
 pub(crate) fn framed(frame: FrameArg, layers: &Layers, clip: &Clip) -> Result<Option<Hull>, Failure> {
     Ok(match frame {
         FrameArg::Volume => None,
@@ -117,7 +117,7 @@ pub(crate) fn framed(frame: FrameArg, layers: &Layers, clip: &Clip) -> Result<Op
     })
 }
 
-/// A volume whose units are those given, otherwise those of its file.
+/// Returns a volume with the given units, and otherwise the units of its file.
 pub(crate) fn with_units(volume: Volume, given: &Units) -> Volume {
     let of_file = volume.units().clone();
     let units = Units { length: given.length.clone().or(of_file.length), value: given.value.clone().or(of_file.value) };

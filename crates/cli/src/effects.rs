@@ -1,273 +1,234 @@
 //! Options that have no effect beside others: one table for command lines and scene files.
 //!
 //! An option is refused if it contradicts another one, and noted in one line if it is harmless. A unit test takes all
-//! options from `clap` and fails for an option without a row.
+//! options from `clap` and fails for an option that neither [`RULES`] nor [`FREE`] names.
 
-use clap::ArgMatches;
+use clap::{ArgMatches, Command};
 
-use super::args;
 use super::failure::Failure;
-use super::rules::{
-    BY_REFERENCE, Given, Kind, NEEDS_LIGHT, Rule, casts, idle, is_film, is_frames, is_lit, is_parallel, is_sized,
-    keeps_values, refused, shows_intensity, shows_labels,
+use super::given::{
+    Given, casts, is_film, is_frames, is_lit, is_parallel, is_post_shaded, is_sized, keeps_values, occludes,
+    shows_intensity, shows_labels,
 };
-use super::tune::KNOBS;
 
-/// The option has an effect, or its reader refuses it.
-const ALWAYS: &[Rule] = &[];
-/// The library refuses the option where it has no effect: `Settings::validate` and `formats::load`.
-const BY_LIBRARY: &[Rule] = &[];
-/// `clap` refuses the option without the one that it needs.
-const BY_PARSER: &[Rule] = &[];
-
-const FIGURE: &[Rule] = &[refused(keeps_values, " is drawn on a .png: an .exr keeps the values of the picture")];
-const COLOUR_BAR: &[Rule] = &[
-    refused(keeps_values, " is drawn on a .png: an .exr keeps the values of the picture"),
-    refused(|given| given.has("depth-coded"), " shows the colours of values; with --depth-coded colours show depths"),
-    refused(shows_labels, " is for transfer functions, not for labels"),
-];
-const LEGEND: &[Rule] = &[
-    refused(keeps_values, " is drawn on a .png: an .exr keeps the values of the picture"),
-    refused(|given| given.is_for("pareto"), ": a study is of one volume of values"),
-];
-const LABELLED: &[Rule] =
-    &[refused(|given| !given.has("labels") && !shows_labels(given), " needs --labels FILE or --transfer labels")];
-const FOR_VALUES: Rule = refused(shows_labels, " is for values, not for labels");
-const BY_KEYS: &str = "because key frames set it";
-const FOR_PICTURES: &[Rule] = &[refused(|given| given.is_for("turntable"), " is for a picture, not for a turntable")];
-const FOR_FRAMES: &[Rule] = &[refused(is_film, " needs a file for each frame, such as -o frames/{frame}.png")];
-
-/// The options by their long names.
-const TABLE: &[(&str, &[Rule])] = &[
-    ("help", ALWAYS),
-    ("quiet", ALWAYS),
-    // Input.
-    ("dims", BY_LIBRARY),
-    ("type", BY_LIBRARY),
-    (
-        "endian",
-        &[idle(|given| given.is("type", "u8") || given.is("type", "i8"), "because the samples are single bytes")],
-    ),
-    ("offset", BY_LIBRARY),
-    ("spacing", ALWAYS),
-    ("replace-nan", ALWAYS),
-    ("channel", BY_LIBRARY),
-    ("time", BY_LIBRARY),
-    (
-        "series",
-        &[
-            idle(|given| given.reads_one_file(), "because the volume is one file: only folders hold series"),
-            idle(|given| given.reads_no_dicom(), "because only folders of DICOM files hold series"),
-        ],
-    ),
-    // Whether a folder holds a pyramid is known when it is read: `session::say_choice`.
-    ("pyramid", ALWAYS),
-    (
-        "missing-slices",
-        &[
-            idle(|given| given.reads_one_file(), "because the volume is one file"),
-            idle(|given| given.reads_no_dicom(), "because only slices of DICOM have places"),
-        ],
-    ),
-    // Output.
-    ("output", ALWAYS),
-    ("size", ALWAYS),
-    ("region", ALWAYS),
-    (
-        "background",
-        &[
-            idle(keeps_values, "because an .exr keeps alpha"),
-            refused(
-                |given| is_film(given) && given.is("background", "transparent"),
-                ": films have no alpha, expected a colour",
-            ),
-        ],
-    ),
-    ("save-scene", FOR_PICTURES),
-    ("save-transfer", &[refused(shows_labels, " is for transfer functions, not for labels")]),
-    (
-        "stats",
-        &[refused(|given| given.is_for("turntable") && given.is("output", "-"), ": standard output takes the film")],
-    ),
-    // Figure.
-    ("scale-bar", FIGURE),
-    ("axes", FIGURE),
-    ("colour-bar", COLOUR_BAR),
-    ("legend", LEGEND),
-    ("title", FIGURE),
-    ("caption", FIGURE),
-    (
-        "units",
-        &[
-            refused(|given| names_unit(given, "length") && !given.has("scale-bar"), " length=.. needs --scale-bar"),
-            refused(|given| names_unit(given, "value") && !given.has("colour-bar"), " value=.. needs --colour-bar"),
-        ],
-    ),
-    // View.
-    ("azimuth", &[idle(|given| given.keys_set("azimuth"), BY_KEYS)]),
-    ("elevation", &[idle(|given| given.keys_set("elevation"), BY_KEYS)]),
-    ("roll", &[idle(|given| given.keys_set("roll"), BY_KEYS)]),
-    ("up", ALWAYS),
-    ("direction", &[refused(|given| given.is_for("turntable"), ": a turntable turns the azimuth")]),
-    ("target", ALWAYS),
-    ("projection", ALWAYS),
-    (
-        "fov",
-        &[
-            refused(is_parallel, " needs --projection perspective"),
-            refused(
-                |given| given.has("view-height") && given.has("distance"),
-                ": --view-height and --distance decide the field of view",
-            ),
-        ],
-    ),
-    ("zoom", &[idle(|given| given.keys_set("zoom"), BY_KEYS)]),
-    (
-        "frame",
-        &[idle(|given| given.has("target") && is_sized(given), "because --target and the size place the picture")],
-    ),
-    ("margin", &[idle(is_sized, "because --view-height or --distance sets the size")]),
-    ("view-height", ALWAYS),
-    ("distance", &[refused(is_parallel, " needs --projection perspective")]),
-    // Model.
-    ("transfer", ALWAYS),
-    ("window", &[FOR_VALUES]),
-    ("gradient-opacity", &[FOR_VALUES, refused(shows_intensity, ": projections of intensity have none")]),
-    ("model", ALWAYS),
-    ("response", BY_LIBRARY),
-    ("depth-coded", BY_LIBRARY),
-    ("attenuation", BY_LIBRARY),
-    (
-        "shading",
-        &[
-            refused(
-                |given| shows_intensity(given) && given.is("shading", "pre"),
-                " pre: projections of intensity reconstruct values before they classify them",
-            ),
-            idle(shows_intensity, "because projections of intensity are always post-shaded"),
-        ],
-    ),
-    ("light", BY_LIBRARY),
-    ("material", &[NEEDS_LIGHT]),
-    ("clip", ALWAYS),
-    (
-        "shadows",
-        &[
-            NEEDS_LIGHT,
-            refused(
-                |given| is_lit(given) && casts(given) && given.all("light", |light| light.starts_with("headlight")),
-                ": a headlight casts none, give a light by AZ,EL or @X,Y,Z",
-            ),
-        ],
-    ),
-    (
-        "light-size",
-        &[
-            NEEDS_LIGHT,
-            refused(|given| is_lit(given) && !casts(given), " shows in shadows alone: it needs --shadows"),
-            refused(
-                |given| is_lit(given) && given.all("light", |light| light.starts_with('@')),
-                ": a light at a place is a point, it needs a light by AZ,EL",
-            ),
-        ],
-    ),
-    ("occlusion", &[NEEDS_LIGHT]),
-    ("kernel", ALWAYS),
-    ("sharpness", ALWAYS),
-    ("level", &[BY_REFERENCE]),
-    // Labels.
-    ("labels", ALWAYS),
-    ("label-table", LABELLED),
-    ("label", LABELLED),
-    ("mask", ALWAYS),
-    // Painters and devices.
-    ("painter", &[BY_REFERENCE]),
-    // Each key has rules of its own.
-    ("tune", ALWAYS),
-    ("adapter", &[BY_REFERENCE]),
-    ("reference", ALWAYS),
-    // Accuracy and studies.
-    ("max-error", BY_PARSER),
-    ("verify", FOR_PICTURES),
-    ("views", ALWAYS),
-    ("repeats", ALWAYS),
-    ("patience", ALWAYS),
-    ("rivals", ALWAYS),
-    // Turntables.
-    ("frames", ALWAYS),
-    ("turn", BY_PARSER),
-    ("key-frames", BY_PARSER),
-    ("rate", &[idle(is_frames, "because files of frames have no rate")]),
-    ("format", &[refused(is_frames, ": {frame} asks for a file for each frame")]),
-    ("part", FOR_FRAMES),
-    ("resume", FOR_FRAMES),
-];
-
-/// Whether `--units` names the unit of a quantity.
-fn names_unit(given: &Given<'_>, quantity: &str) -> bool {
-    given.text("units").split(',').any(|pair| pair.trim_start().starts_with(&format!("{quantity}=")))
+/// A condition that takes the effect from options.
+struct Rule {
+    /// The long names of the options, parted by blanks; `tune:KEY` for a key of `--tune`.
+    options: &'static str,
+    holds: fn(&Given<'_>) -> bool,
+    kind: Kind,
 }
 
-/// Notes on the options of a command that have no effect. A scene has two lines: that of its picture, and that of the
-/// program.
+/// The consequence of a rule. The text follows the name of the option.
+enum Kind {
+    /// The option contradicts others.
+    Refused(&'static str),
+    /// The option is harmless.
+    Noted(&'static str),
+}
+
+const fn refused(options: &'static str, holds: fn(&Given<'_>) -> bool, text: &'static str) -> Rule {
+    Rule { options, holds, kind: Kind::Refused(text) }
+}
+
+const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'static str) -> Rule {
+    Rule { options, holds, kind: Kind::Noted(because) }
+}
+
+/// Options that always have an effect, or that `clap` (`conflicts_with`), the library (`Settings::validate`,
+/// `formats::load`) or `session::say_choice` refuse or note.
+#[cfg(test)]
+const FREE: &str = "help quiet dims type offset spacing replace-nan channel time pyramid output size region up target \
+                    projection view-height transfer model response depth-coded attenuation light clip kernel sharpness \
+                    labels mask tune tune:normalization tune:antialiasing reference max-error views repeats patience \
+                    rivals frames turn key-frames";
+
+const BY_KEYS: &str = "because key frames set it";
+const IS_ONE_FILE: &str = "because the volume is one file: only folders hold series";
+const IS_NO_DICOM: &str = "because only folders of DICOM files hold series";
+const QUADS: &str = "tune:sheets tune:accumulate tune:sheet-thickness tune:precision tune:table-error";
+const TILES: &str = "tune:resolution";
+
+/// The rules, by groups of options. Of several rules for an option the first that holds counts.
+const RULES: &[Rule] = &[
+    // Input.
+    idle("endian", |given| given.is("type", "u8") || given.is("type", "i8"), "because the samples are single bytes"),
+    idle("series missing-slices", |given| given.reads_one_file(), IS_ONE_FILE),
+    idle("series missing-slices", |given| given.reads_no_dicom(), IS_NO_DICOM),
+    idle("tune:stream-over", |given| given.source().starts_with("demo:"), "because the volume is built in"),
+    // Output.
+    idle("background", keeps_values, "because an .exr keeps alpha"),
+    refused(
+        "background",
+        |given| is_film(given) && given.is("background", "transparent"),
+        ": films have no alpha, expected a colour",
+    ),
+    refused("save-scene verify", |given| given.is_for("turntable"), " is for a picture, not for a turntable"),
+    refused("save-transfer colour-bar", shows_labels, " is for transfer functions, not for labels"),
+    refused("stats", |given| given.is_for("turntable") && given.is("output", "-"), ": standard output takes the film"),
+    // Figure.
+    refused(
+        "scale-bar axes colour-bar legend title caption",
+        keeps_values,
+        " is drawn on a .png: an .exr keeps the values of the picture",
+    ),
+    refused(
+        "colour-bar",
+        |given| given.has("depth-coded"),
+        " shows the colours of values; with --depth-coded colours show depths",
+    ),
+    refused("legend", |given| given.is_for("pareto"), ": a study is of one volume of values"),
+    refused("units", |given| lacks(given, "length", "scale-bar"), " length=.. needs --scale-bar"),
+    refused("units", |given| lacks(given, "value", "colour-bar"), " value=.. needs --colour-bar"),
+    // View.
+    idle("azimuth", |given| given.keys_set("azimuth"), BY_KEYS),
+    idle("elevation", |given| given.keys_set("elevation"), BY_KEYS),
+    idle("roll", |given| given.keys_set("roll"), BY_KEYS),
+    idle("zoom", |given| given.keys_set("zoom"), BY_KEYS),
+    refused("direction", |given| given.is_for("turntable"), ": a turntable turns the azimuth"),
+    refused("fov distance", is_parallel, " needs --projection perspective"),
+    refused(
+        "fov",
+        |given| given.has("view-height") && given.has("distance"),
+        ": --view-height and --distance decide the field of view",
+    ),
+    idle("frame", |given| given.has("target") && is_sized(given), "because --target and the size place the picture"),
+    idle("margin", is_sized, "because --view-height or --distance sets the size"),
+    // Model.
+    refused("window gradient-opacity", shows_labels, " is for values, not for labels"),
+    refused("gradient-opacity", shows_intensity, ": projections of intensity have none"),
+    refused(
+        "shading",
+        |given| shows_intensity(given) && given.is("shading", "pre"),
+        " pre: projections of intensity reconstruct values before they classify them",
+    ),
+    idle("shading", shows_intensity, "because projections of intensity are always post-shaded"),
+    refused("material shadows light-size occlusion tune:shadow-bias", |given| !is_lit(given), " needs a --light"),
+    refused(
+        "shadows",
+        |given| casts(given) && given.all("light", |light| light.starts_with("headlight")),
+        ": a headlight casts none, give a light by AZ,EL or @X,Y,Z",
+    ),
+    refused("light-size", |given| !casts(given), " shows in shadows alone: it needs --shadows"),
+    refused(
+        "light-size",
+        |given| given.all("light", |light| light.starts_with('@')),
+        ": a light at a place is a point, it needs a light by AZ,EL",
+    ),
+    refused(
+        "tune:shadow-bias",
+        |given| !casts(given) && !occludes(given),
+        " acts on shadows and occlusion only: it needs either",
+    ),
+    idle("tune:termination", |given| !given.is("model", "composite"), "because only the composite model hides matter"),
+    idle("tune:interslice", |given| !is_post_shaded(given), "without --shading post of the composite model"),
+    // Labels.
+    refused(
+        "label label-table",
+        |given| !given.has("labels") && !shows_labels(given),
+        " needs --labels FILE or --transfer labels",
+    ),
+    // Painters and devices.
+    refused(
+        QUADS,
+        |given| given.is("painter", "tiles") || given.tuned("resolution").is_some(),
+        " is a knob of quads, not of tiles",
+    ),
+    refused(TILES, |given| given.is("painter", "quads"), " is a knob of tiles, not of quads"),
+    refused(QUADS, |given| given.is_for("pareto"), ": a study varies the painters and their knobs"),
+    refused(TILES, |given| given.is_for("pareto"), ": a study varies the painters and their knobs"),
+    idle("level painter adapter tune:interslice tune:termination", is_traced, BY_REFERENCE),
+    idle(QUADS, is_traced, BY_REFERENCE),
+    idle(TILES, is_traced, BY_REFERENCE),
+    idle("tune:sheet-thickness", |given| given.is("model", "xray"), "because an X-ray has one sheet"),
+    idle(
+        TILES,
+        |given| shows_intensity(given) || is_post_shaded(given),
+        "because post-shaded pictures have a ray for each pixel",
+    ),
+    // Accuracy and turntables.
+    idle(
+        "tune:sample",
+        |given| !given.is_for("pareto") && !given.has("max-error") && !given.has("verify"),
+        "without --max-error or --verify",
+    ),
+    idle("rate", is_frames, "because files of frames have no rate"),
+    refused("format", is_frames, ": {frame} asks for a file for each frame"),
+    refused("part resume", is_film, " needs a file for each frame, such as -o frames/{frame}.png"),
+];
+
+/// Rays on the CPU know neither painters nor devices.
+fn is_traced(given: &Given<'_>) -> bool {
+    given.has("reference")
+}
+
+const BY_REFERENCE: &str = "because --reference integrates rays on the CPU";
+
+/// Whether `--units` names the unit of a quantity without the option that shows it.
+fn lacks(given: &Given<'_>, quantity: &str, option: &str) -> bool {
+    let prefix = format!("{quantity}=");
+    given.text("units").split(',').any(|pair| pair.trim_start().starts_with(&prefix)) && !given.has(option)
+}
+
+/// Returns notes on the options of a command that have no effect. A scene has two lines: its picture's, and the
+/// program's.
 ///
 /// Refuses options that contradict others, all at once.
-pub(crate) fn noted(command: &str, lines: Vec<&ArgMatches>) -> Result<Vec<String>, Failure> {
-    let mut program = args::command();
-    program.build();
-    let Some(command) = program.find_subcommand(command) else { return Ok(Vec::new()) };
+pub(crate) fn noted(command: &Command, lines: Vec<&ArgMatches>) -> Result<Vec<String>, Failure> {
     let given = &Given { command, lines };
-    let (mut refusals, mut notes) = (Vec::new(), Vec::new());
-    let mut apply = |option: &str, mut rules: Box<dyn Iterator<Item = &'static Rule>>| match rules
-        .find(|rule| (rule.idle)(given))
-        .map(|rule| &rule.kind)
-    {
-        Some(Kind::Refused(says)) => refusals.push(format!("--{option}{says}")),
-        Some(Kind::Noted(because)) => notes.push(format!("note: --{option} has no effect {because}")),
-        None => {}
-    };
-    for (option, rules) in TABLE.iter().filter(|(option, _)| given.has(option)) {
-        apply(option, Box::new(rules.iter()));
+    let (mut refusals, mut notes, mut seen) = (Vec::new(), Vec::new(), Vec::new());
+    for Rule { options, holds, kind } in RULES {
+        for option in options.split(' ').filter(|option| given.sets(option)) {
+            if seen.contains(&option) || !holds(given) {
+                continue;
+            }
+            seen.push(option);
+            let option = option.replace(':', " ");
+            match kind {
+                Kind::Refused(text) => refusals.push(format!("--{option}{text}")),
+                Kind::Noted(because) => notes.push(format!("note: --{option} has no effect {because}")),
+            }
+        }
     }
-    for knob in KNOBS.iter().filter(|knob| knob.is_given(given)) {
-        apply(&format!("tune {}", knob.key), Box::new(knob.rules()));
-    }
-    if refusals.is_empty() { Ok(notes) } else { Err(Failure::Several(refusals)) }
+    if refusals.is_empty() { Ok(notes) } else { Err(Failure { code: 2, messages: refusals }) }
 }
 
 #[cfg(test)]
 mod tests {
+    use clap::CommandFactory as _;
+
     use super::*;
-    use crate::tune::Knob;
+    use crate::args;
+    use crate::tune::Tuning;
 
     #[test]
-    fn every_option_has_a_row() {
-        let mut program = args::command();
-        program.build();
-        let mut known = Vec::new();
+    fn every_option_has_a_rule_or_is_free() {
+        let program = args::built();
+        let mut known: Vec<String> =
+            Tuning::command().get_arguments().filter_map(|arg| Some(format!("tune:{}", arg.get_long()?))).collect();
         for name in ["render", "turntable", "pareto"] {
-            for option in program.find_subcommand(name).unwrap().get_arguments().filter_map(|arg| arg.get_long()) {
-                let rows = TABLE.iter().filter(|(row, _)| *row == option).count();
-                assert_eq!(rows, 1, "--{option} of {name} has {rows} rows in the table of effects");
-                known.push(option.to_owned());
-            }
+            let arguments = program.find_subcommand(name).unwrap().get_arguments();
+            known.extend(arguments.filter_map(|arg| arg.get_long().map(str::to_owned)));
         }
-        for (row, _) in TABLE {
-            assert!(known.iter().any(|option| option == row), "--{row} is no option");
+        let ruled = || RULES.iter().flat_map(|rule| rule.options.split(' '));
+        for option in &known {
+            let is_free = FREE.split(' ').any(|free| free == option);
+            assert_ne!(is_free, ruled().any(|ruled| ruled == option), "--{option}");
+        }
+        for option in ruled().chain(FREE.split(' ')) {
+            assert!(known.iter().any(|known| known == option), "--{option} is no option");
         }
     }
 
     #[test]
     fn rules_name_options_that_exist() {
-        let mut program = args::command();
-        program.build();
-        let render = program.find_subcommand("turntable").unwrap();
-        let of_knobs = KNOBS.iter().flat_map(Knob::rules);
-        let words = TABLE.iter().flat_map(|(_, rules)| rules.iter()).chain(of_knobs).flat_map(|rule| match rule.kind {
+        let program = args::built();
+        let turntable = program.find_subcommand("turntable").unwrap();
+        let words = RULES.iter().flat_map(|rule| match rule.kind {
             Kind::Refused(text) | Kind::Noted(text) => text.split([' ', ',', ':', ';', ')']),
         });
         for word in words.filter_map(|word| word.strip_prefix("--")) {
-            assert!(render.get_arguments().any(|arg| arg.get_long() == Some(word)), "--{word}");
+            assert!(args::option(turntable, word).is_some(), "--{word}");
         }
     }
 }

@@ -5,17 +5,36 @@ use std::error::Error as _;
 use voxsplat::error::{Error, Hint, InputError};
 use voxsplat::volume::SampleType;
 
-use super::tune::knob;
+use super::tune;
 
-/// The failure of a command.
+/// The failure of a command: the lines that report it, and the exit code.
 #[derive(Debug)]
-pub(crate) enum Failure {
-    /// The arguments are wrong.
-    Usage(String),
-    /// The arguments are wrong in several ways.
-    Several(Vec<String>),
-    /// The work failed.
-    Failed(String),
+pub(crate) struct Failure {
+    /// 1 if the work failed, 2 if the arguments are wrong.
+    pub(crate) code: u8,
+    pub(crate) messages: Vec<String>,
+}
+
+impl Failure {
+    /// Wrong arguments.
+    pub(crate) fn usage(message: impl Into<String>) -> Self {
+        Self { code: 2, messages: vec![message.into()] }
+    }
+
+    /// Work that failed.
+    pub(crate) fn failed(message: impl Into<String>) -> Self {
+        Self { code: 1, messages: vec![message.into()] }
+    }
+}
+
+/// Refuses arguments.
+pub(crate) fn refuse<T>(message: impl Into<String>) -> Result<T, Failure> {
+    Err(Failure::usage(message))
+}
+
+/// Reports work that failed.
+pub(crate) fn fail<T>(message: impl Into<String>) -> Result<T, Failure> {
+    Err(Failure::failed(message))
 }
 
 impl From<Error> for Failure {
@@ -23,8 +42,8 @@ impl From<Error> for Failure {
         let message = in_flags(&error);
         match error {
             // Both are about options, even if the volume or the adapter must be known to find the fault.
-            Error::Setting { .. } | Error::Camera(_) => Self::Usage(message),
-            _ => Self::Failed(message),
+            Error::Setting { .. } | Error::Camera(_) => Self::usage(message),
+            _ => Self::failed(message),
         }
     }
 }
@@ -35,8 +54,8 @@ impl From<InputError> for Failure {
     }
 }
 
-/// An error in one line: message, causes and way out, with the options of the command line for the fields of the
-/// library.
+/// Returns an error in one line: message, causes and way out, with the options of the command line for the fields of
+/// the library.
 fn in_flags(error: &Error) -> String {
     let mut message = match error {
         Error::Setting { name, reason } => format!("{}: {reason}", flag(name)),
@@ -66,7 +85,7 @@ fn in_flags(error: &Error) -> String {
     message
 }
 
-/// The option that sets a setting of the library.
+/// Returns the option for a setting of the library.
 fn flag(setting: &str) -> String {
     let name = setting.replace('_', "-");
     match name.as_str() {
@@ -74,12 +93,12 @@ fn flag(setting: &str) -> String {
         "accumulation" => "--tune accumulate".to_owned(),
         "lighting" => "--light".to_owned(),
         "color-bar" => "--colour-bar".to_owned(),
-        _ if knob(&name).is_some() => format!("--tune {name}"),
+        _ if tune::has(&name) => format!("--tune {name}"),
         _ => format!("--{name}"),
     }
 }
 
-/// The sample types, as `--type` takes them.
+/// Returns the sample types, as `--type` takes them.
 fn sample_types() -> String {
     SampleType::ALL.map(SampleType::name).join("|")
 }

@@ -12,8 +12,8 @@ use clap::{ArgMatches, Command};
 use voxsplat::formats::data_files;
 
 use super::destination::STREAM;
-use super::failure::Failure;
-use super::rules::MAP;
+use super::failure::{Failure, refuse};
+use super::given::MAP;
 
 /// The arguments that name outputs. All others that take a path name inputs.
 const OUTPUTS: [&str; 4] = ["output", "save_scene", "save_transfer", "difference"];
@@ -21,10 +21,10 @@ const OUTPUTS: [&str; 4] = ["output", "save_scene", "save_transfer", "difference
 /// The files that a study writes into its folder, apart from the truths.
 const STUDY_FILES: [&str; 5] = ["pareto.json", "pareto.csv", "time-rms.svg", "time-p999.svg", "report.html"];
 
-/// The argument whose file pictures of one scene may share: its content is the same.
+/// The argument whose file the pictures of a scene may share, because its content is equal.
 const SHARED: &str = "--save-transfer";
 
-/// What tells a file from others, however its path is spelt.
+/// The identity of a file, however its path is spelt.
 #[derive(Debug, PartialEq, Eq)]
 enum Identity {
     #[cfg(unix)]
@@ -118,14 +118,16 @@ impl Files {
             let earlier = self.outputs[..index].iter().filter(|other| !shares(other));
             if let Some(other) = self.inputs.iter().chain(earlier).find(is_same) {
                 let [one, two] = [output, other].map(|file| format!("{} {}", file.argument, file.path.display()));
-                return Err(Failure::Usage(format!("{one}: it is the same file as {two}, which it would overwrite")));
+                return refuse(format!(
+                    "{one}: it is the same file as {two}, which it would overwrite; give another name"
+                ));
             }
         }
         Ok(())
     }
 }
 
-/// The paths that a value may mean: labels, a data set or a name may stand behind the file.
+/// Returns the paths that a value may mean: labels, a data set or a name may stand behind the file.
 fn readings(value: &OsStr) -> Vec<PathBuf> {
     let value = value.to_str().and_then(|text| text.strip_prefix(MAP)).map_or(value, OsStr::new);
     let ends = value.to_str().into_iter().flat_map(|text| text.match_indices(['#', ':']).map(|(at, _)| &text[..at]));

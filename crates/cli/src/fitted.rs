@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use voxsplat::appearance::ValueMeaning;
-use voxsplat::report::readable;
 use voxsplat::transfer::presets::{self, Preset};
 use voxsplat::transfer::{ControlPoint, Imported, TransferFunction, Window};
 use voxsplat::volume::{Statistics, Volume};
+use voxsplat_volume::names::readable;
 
 use super::failure::Failure;
 use super::parse::GradientOpacity;
@@ -18,102 +18,86 @@ pub(crate) struct Fitted {
     pub(crate) transfer: TransferFunction,
     /// The preset that it is.
     pub(crate) preset: Option<&'static Preset>,
-    /// Whether there is none, as values are labels.
+    /// Whether there is none, because values are labels.
     pub(crate) labels: bool,
-    /// For the user: why it was suggested, if it was.
-    pub(crate) suggested: Option<String>,
-    /// For the user: what was found out.
+    /// Notes for the user.
     pub(crate) notes: Vec<String>,
 }
 
 impl Fitted {
-    fn new(transfer: TransferFunction) -> Self {
-        Self { transfer, preset: None, labels: false, suggested: None, notes: Vec::new() }
+    fn new(transfer: TransferFunction, preset: Option<&'static Preset>, notes: Vec<String>) -> Self {
+        Self { transfer, preset, labels: false, notes }
     }
 
-    /// What stands for none, where layers say what shows.
+    /// A clear transfer function, for layers that have their own.
     pub(crate) fn clear() -> Result<Self, Failure> {
         let clear = ControlPoint { value: 0.0, color: [0.0; 3], opacity: 0.0 };
-        Ok(Self::new(TransferFunction::new(vec![clear], None)?))
-    }
-
-    /// All that the user should know of it.
-    pub(crate) fn notes(&self) -> impl Iterator<Item = &String> {
-        self.suggested.iter().chain(&self.notes)
+        Ok(Self::new(TransferFunction::new(vec![clear], None)?, None, Vec::new()))
     }
 }
 
-/// The transfer function of a job, or none if its values may be labels and are.
+/// Returns the transfer function of a job, or none if its values may be labels and are.
 pub(crate) fn transfer(
     source: &Path,
-    asked: &Transfer,
+    requested: &Transfer,
     volume: &Volume,
     may_be_labels: bool,
     stages: &mut Stages,
 ) -> Result<Fitted, Failure> {
-    let mut fitted = fitted(source, asked, volume, may_be_labels, stages)?;
-    if let Some(GradientOpacity(points)) = &asked.gradient {
+    let labels = |notes| Ok(Fitted { labels: true, notes, ..Fitted::clear()? });
+    let mut window = requested.window;
+    let mut statistics = || stages.time("statistics", || Statistics::of(volume));
+    let mut fitted = match &requested.choice {
+        TransferChoice::Labels => return labels(Vec::new()),
+        TransferChoice::Given(imported) => {
+            // The window places the points of a file, it does not stretch them.
+            let place = match window.take() {
+                None if imported.fits => Window::of_foreground(&statistics()?),
+                given => given,
+            };
+            let transfer = imported.placed(volume.grid(), place.as_ref())?;
+            let notes = notes_on(imported, &transfer, requested.window.is_some(), volume);
+            Fitted::new(transfer, None, notes)
+        }
+        TransferChoice::Preset(preset) => {
+            Fitted::new(presets::preset(preset.name, volume, &statistics()?)?, Some(preset), Vec::new())
+        }
+        TransferChoice::Suggested => match ValueMeaning::find(source, volume, may_be_labels, || Ok(statistics()?))? {
+            ValueMeaning::Values { transfer, preset, reason } => {
+                let note =
+                    format!("note: using --transfer {} because {reason} (choose another: --transfer)", preset.name);
+                Fitted::new(transfer, Some(preset), vec![note])
+            }
+            ValueMeaning::BuiltIn(transfer) => Fitted::new(transfer, None, Vec::new()),
+            ValueMeaning::Labels { reason } => {
+                let note =
+                    format!("note: using --transfer labels because {reason} (show values: --transfer grayscale)");
+                return labels(vec![note]);
+            }
+        },
+    };
+    if let Some(window) = &window {
+        fitted.transfer = fitted.transfer.stretched(window)?;
+    }
+    if let Some(GradientOpacity(points)) = &requested.gradient {
         fitted.transfer = fitted.transfer.with_gradient_opacity(points.clone())?;
     }
     Ok(fitted)
 }
 
-/// The same with the gradient opacity that it has.
-fn fitted(
-    source: &Path,
-    asked: &Transfer,
-    volume: &Volume,
-    may_be_labels: bool,
-    stages: &mut Stages,
-) -> Result<Fitted, Failure> {
-    let mut statistics = || stages.time("statistics", || Statistics::of(volume));
-    let fitted = match &asked.choice {
-        // There is none: layers have the labels.
-        TransferChoice::Labels => return Ok(Fitted { labels: true, ..Fitted::clear()? }),
-        TransferChoice::Given(imported) => {
-            let window = match asked.window {
-                None if imported.fits => Window::of_foreground(&statistics()?),
-                given => given,
-            };
-            let transfer = imported.placed(volume.grid(), window.as_ref())?;
-            let notes = notes_on(imported, &transfer, asked.window.is_some(), volume);
-            return Ok(Fitted { notes, ..Fitted::new(transfer) });
-        }
-        TransferChoice::Preset(preset) => {
-            let transfer = presets::preset(preset.name, volume, &statistics()?)?;
-            Fitted { preset: Some(preset), ..Fitted::new(transfer) }
-        }
-        TransferChoice::Suggested => match ValueMeaning::find(source, volume, may_be_labels, || Ok(statistics()?))? {
-            ValueMeaning::Values { transfer, preset, reason } => {
-                let name = preset.name;
-                let suggested = format!("note: using --transfer {name} because {reason} (choose another: --transfer)");
-                Fitted { preset: Some(preset), suggested: Some(suggested), ..Fitted::new(transfer) }
-            }
-            ValueMeaning::BuiltIn(transfer) => return Ok(Fitted::new(transfer)),
-            ValueMeaning::Labels { reason } => {
-                let note =
-                    format!("note: using --transfer labels because {reason} (show values: --transfer grayscale)");
-                return Ok(Fitted { labels: true, suggested: Some(note), ..Fitted::clear()? });
-            }
-        },
-    };
-    Ok(match &asked.window {
-        Some(window) => Fitted { transfer: fitted.transfer.stretched(window)?, ..fitted },
-        None => fitted,
-    })
-}
-
-/// What a transfer function from a file leaves open, and how it was filled.
+/// Returns notes on what the file of a transfer function leaves open.
 fn notes_on(imported: &Imported, transfer: &TransferFunction, windowed: bool, volume: &Volume) -> Vec<String> {
     let mut notes: Vec<String> = imported.notes.iter().map(|note| format!("note: transfer function: {note}")).collect();
     if let (true, Some(unit)) = (imported.mean_spacing, transfer.unit_distance()) {
         let length = volume.length_unit().unwrap_or("world units");
         let thickness = format!("slabs {} {length} thick, the mean spacing", readable(unit));
-        notes.push(format!("note: transfer function: its opacities are taken for {thickness}, as none is stated"));
+        notes.push(format!(
+            "note: transfer function: using opacities of {thickness}, because the file states no length"
+        ));
     }
     if imported.fits && !windowed {
         let [low, high] = transfer.range().map(readable);
-        notes.push(format!("note: colours run from {low} to {high}, the foreground; --window LEVEL,WIDTH places them"));
+        notes.push(format!("note: using values from {low} to {high}, the foreground (change: --window LEVEL,WIDTH)"));
     }
     notes
 }

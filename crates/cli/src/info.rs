@@ -1,20 +1,21 @@
 //! `voxsplat info`.
 
-use std::ffi::OsStr;
+use std::path::Path;
 
 use glam::DVec3;
 use serde::Serialize;
 use voxsplat::appearance::ValueMeaning;
 use voxsplat::error::Error;
-use voxsplat::formats::{self, LoadOptions, MissingSlices, PyramidLevel};
-use voxsplat::report::readable;
+use voxsplat::formats::{self, LoadOptions, PyramidLevel};
 use voxsplat::transfer::presets;
 use voxsplat::volume::{Channel, Grid, Statistics, Volume};
+use voxsplat_volume::names::readable;
 
-use super::args::{InfoArgs, InputArgs};
+use super::args::InfoArgs;
 use super::failure::Failure;
+use super::given::LABELS;
+use super::options::{OptionValues, quoted};
 use super::progress::Progress;
-use super::rules::LABELS;
 use super::session::say_level;
 use super::{histogram, layers, output};
 
@@ -51,27 +52,27 @@ struct Info {
     /// no preset fits.
     preset: Option<&'static str>,
     reason: String,
-    /// The points in time of the file.
+    /// The number of time points of the file.
     times: u32,
-    /// The point in time that is described.
+    /// The time point that is described.
     time: u32,
-    /// The levels of the file's pyramid.
+    /// The number of levels of the file's pyramid.
     levels: u32,
     /// The level that is described.
     level: u32,
-    /// The channels of the file.
+    /// The number of channels of the file.
     channels: u32,
     /// The channel that is described.
     channel: u32,
-    /// What the file says of its channels; empty if it says nothing.
+    /// The names, colours and windows that the file states for its channels.
     labels: Vec<Label>,
-    /// What of the file the volume could not keep.
+    /// Properties of the file that the volume could not keep.
     notes: Vec<String>,
     /// `None` if the volume needs a transfer function that the user must write.
     command: Option<String>,
 }
 
-/// What the file says of a channel.
+/// The name, colour and window that the file states for a channel.
 #[derive(Serialize)]
 struct Label {
     name: Option<String>,
@@ -95,7 +96,7 @@ impl Label {
         Self { name: channel.name.clone(), color, window: channel.window }
     }
 
-    /// The name, the colour and the window, as far as they are stated.
+    /// Returns the stated ones of name, colour and window.
     fn text(&self) -> String {
         let window = self.window.map(|[low, high]| format!("{} to {}", readable(low), readable(high)));
         [self.name.clone(), self.color.clone(), window].into_iter().flatten().collect::<Vec<_>>().join(" ")
@@ -120,36 +121,36 @@ impl Orientation {
     }
 }
 
-pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
+pub(crate) fn run(args: &InfoArgs, options: &[OptionValues]) -> Result<(), Failure> {
     args.input.check_one_time()?;
     if args.labels {
-        let mut options = args.input.options();
-        options.replace_nan = options.replace_nan.or(Some(0.0));
-        let volume = formats::load(&args.input.source, &options)?;
+        let mut load = args.input.options();
+        load.replace_nan = load.replace_nan.or(Some(0.0));
+        let volume = formats::load(&args.input.source, &load)?;
         let listed = layers::list(&volume, &layers::Looks::new(args.label_table.as_deref(), &[])?)?;
         return if args.json { output::print_json(&listed) } else { layers::print(&listed, volume.length_unit()) };
     }
     let (volume, statistics) = {
         let _progress = Progress::spinner("reading");
-        let options = args.input.options();
+        let load = args.input.options();
         // A file of several channels is described by its first.
-        let channel = options.channel.or(Some(0));
-        // A pyramid by a level that is soon read.
-        let level = if args.input.pyramid.is_none() { PyramidLevel::Pixels(512.0) } else { options.level };
-        let volume = formats::load(&args.input.source, &LoadOptions { channel, level, ..options })?;
-        say_level(&volume, &options);
+        let channel = load.channel.or(Some(0));
+        // A level of a pyramid that is read quickly.
+        let level = if args.input.pyramid.is_none() { PyramidLevel::Pixels(512.0) } else { load.level };
+        let volume = formats::load(&args.input.source, &LoadOptions { channel, level, ..load })?;
+        say_level(&volume, &load);
         let statistics = Statistics::of(&volume)?;
         (volume, statistics)
     };
-    let info = Info::new(&args.input, &volume, &statistics)?;
+    let info = Info::new(&args.input.source, options, &volume, &statistics)?;
     if args.json { output::print_json(&info) } else { output::print(&info.to_text()) }
 }
 
 impl Info {
-    fn new(input: &InputArgs, volume: &Volume, statistics: &Statistics) -> Result<Self, Failure> {
+    fn new(source: &Path, options: &[OptionValues], volume: &Volume, statistics: &Statistics) -> Result<Self, Failure> {
         let grid = volume.grid();
         let (slope, intercept) = volume.rescale();
-        let (preset, reason, fits) = match ValueMeaning::find(&input.source, volume, true, || Ok(statistics.clone())) {
+        let (preset, reason, fits) = match ValueMeaning::find(source, volume, true, || Ok(statistics.clone())) {
             Ok(ValueMeaning::BuiltIn(_)) => (None, "a built-in volume has its own transfer function".to_owned(), true),
             Ok(ValueMeaning::Labels { reason }) => (Some(LABELS), reason, true),
             Ok(ValueMeaning::Values { preset, reason, .. }) => (Some(preset.name), reason, true),
@@ -161,7 +162,7 @@ impl Info {
         };
         let (spacing, contents) = (grid.spacing(), volume.contents());
         Ok(Self {
-            source: input.source.to_string_lossy().into_owned(),
+            source: source.to_string_lossy().into_owned(),
             dims: grid.dims(),
             voxels: grid.len(),
             sample_type: volume.sample_type().name(),
@@ -190,7 +191,7 @@ impl Info {
             channel: contents.channel,
             labels: contents.labels.iter().map(Label::of).collect(),
             notes: contents.notes.clone(),
-            command: fits.then(|| command(input, preset)),
+            command: fits.then(|| command(source, options, preset)),
         })
     }
 
@@ -202,17 +203,16 @@ impl Info {
         let [x, y, z] = self.dims;
         line("lattice", format!("{x} x {y} x {z} = {} voxels", self.voxels));
         line("samples", format!("{}, {}", self.sample_type, in_bytes(self.bytes)));
-        if self.times > 1 {
-            line("times", format!("0 to {}: {} is described", self.times - 1, self.time));
+        let several = [
+            ("times", self.times, self.time),
+            ("levels", self.levels, self.level),
+            ("channels", self.channels, self.channel),
+        ];
+        for (name, count, described) in several.into_iter().filter(|(_, count, _)| *count > 1) {
+            line(name, format!("0 to {}: {described} is described", count - 1));
         }
-        if self.levels > 1 {
-            line("pyramid", format!("levels 0 to {}: {} is described", self.levels - 1, self.level));
-        }
-        if self.channels > 1 {
-            line("channels", format!("0 to {}: {} is described", self.channels - 1, self.channel));
-            for (n, label) in self.labels.iter().enumerate() {
-                line("", format!("{n} {}", label.text()));
-            }
+        for (n, label) in self.labels.iter().enumerate().filter(|_| self.channels > 1) {
+            line("", format!("{n} {}", label.text()));
         }
         if (self.slope, self.intercept) != (1.0, 0.0) {
             line("values", format!("{} * sample + {}", readable(self.slope), readable(self.intercept)));
@@ -246,7 +246,7 @@ impl Info {
     }
 }
 
-/// Bytes as people write them: in units of 1024 from 10 KiB on.
+/// Returns a number of bytes as text: in units of 1024 from 10 KiB on.
 fn in_bytes(bytes: u64) -> String {
     let unit = [("GiB", 30), ("MiB", 20), ("KiB", 10)].into_iter().find(|(_, power)| bytes >= 10 << power);
     match unit {
@@ -255,49 +255,18 @@ fn in_bytes(bytes: u64) -> String {
     }
 }
 
-/// The command line that renders the volume, with the same input options.
-fn command(input: &InputArgs, preset: Option<&str>) -> String {
-    let mut words = vec!["voxsplat".to_owned(), "render".to_owned(), quoted(input.source.as_os_str())];
-    let mut option = |name: &str, value: Option<String>| words.extend(value.map(|v| format!("--{name} {v}")));
-    option("dims", input.dims.map(|d| d.map(|d| d.to_string()).join(",")));
-    option("type", input.sample_type.map(|t| t.to_string()));
-    option("endian", input.endian.map(|e| e.to_string()));
-    option("offset", (input.offset > 0).then(|| input.offset.to_string()));
-    option("spacing", input.spacing.map(|s| s.map(|s| s.to_string()).join(",")));
-    option("replace-nan", input.replace_nan.map(|v| v.to_string()));
-    option("time", input.time.map(|n| n.to_string()));
-    option("pyramid", input.pyramid.map(|n| n.to_string()));
-    option("series", input.series.map(|n| n.to_string()));
-    let fills = input.missing_slices != MissingSlices::default();
-    option("missing-slices", fills.then(|| input.missing_slices.to_string()));
-    option("channel", input.channel.first().map(|channel| channel.number.to_string()));
-    option("transfer", preset.map(str::to_owned));
-    let name = match input.source.to_str().and_then(|source| source.strip_prefix("demo:")) {
-        Some(name) => name.split(':').next().unwrap_or(name).to_owned(),
-        // All extensions are dropped: scan.nii.gz becomes scan.png.
-        None => input
-            .source
-            .file_name()
-            .and_then(|n| n.to_str()?.split('.').find(|part| !part.is_empty()))
-            .unwrap_or("volume")
-            .to_owned(),
-    };
-    words.push(format!("-o {}", quoted(format!("{name}.png").as_ref())));
-    words.join(" ")
-}
-
-/// The text as one word of a POSIX shell. Text that is not UTF-8 is written as `$'...'` (POSIX 2024).
-fn quoted(text: &OsStr) -> String {
-    let plain = |c: char| c.is_alphanumeric() || "-_./:,+=@%".contains(c);
-    match text.to_str() {
-        Some(text) if text.chars().all(plain) => text.to_owned(),
-        Some(text) => format!("'{}'", text.replace('\'', r"'\''")),
-        None => {
-            let byte = |&byte: &u8| match char::from(byte) {
-                c if c.is_ascii() && plain(c) => c.to_string(),
-                _ => format!("\\x{byte:02x}"),
-            };
-            format!("$'{}'", text.as_encoded_bytes().iter().map(byte).collect::<String>())
-        }
+/// Returns the command line that renders the volume, with the same input options.
+fn command(source: &Path, options: &[OptionValues], preset: Option<&str>) -> String {
+    let mut words = vec!["voxsplat".to_owned(), "render".to_owned(), quoted(source.as_os_str())];
+    for (name, values) in options {
+        words.extend(values.iter().flat_map(|value| [format!("--{name}"), quoted(value)]));
     }
+    words.extend(preset.map(|preset| format!("--transfer {preset}")));
+    let name = match source.to_str().and_then(|source| source.strip_prefix("demo:")) {
+        Some(name) => name.split(':').next(),
+        // All extensions are dropped: scan.nii.gz becomes scan.png.
+        None => source.file_name().and_then(|name| name.to_str()?.split('.').find(|part| !part.is_empty())),
+    };
+    words.push(format!("-o {}", quoted(format!("{}.png", name.unwrap_or("volume")).as_ref())));
+    words.join(" ")
 }

@@ -3,39 +3,35 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use voxsplat::appearance::OpenChoices;
+use voxsplat::appearance::{ChannelChoice, OpenChoices, Values};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::figure::{Figure, LegendEntry};
 use voxsplat::formats::LoadOptions;
-use voxsplat::image::{Background, Image, Region};
+use voxsplat::image::{Background, Region, check_writable};
 use voxsplat::layers::Layers;
 use voxsplat::lighting::{Light, Lighting, Source};
-use voxsplat::report::check_file;
 use voxsplat::settings::{Painter, Response, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Units};
 
-use super::args::{
-    CompareArgs, FigureArgs, FrameArg, ModelArgs, ParetoArgs, ProjectionArg, RenderArgs, StatsFormat, ViewArgs,
-};
-use super::channels::ChannelArg;
+use super::args::{FigureArgs, FrameArg, ModelArgs, ParetoArgs, ProjectionArg, RenderArgs, StatsFormat, ViewArgs};
 use super::clip::ClipArg;
 use super::destination::Destination;
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 use super::layers::LayersJob;
 use super::options::STUDIED;
-use super::parse::{LightArg, Occlusion, PainterArg, PlaceArg};
+use super::parse::{LightArg, Occlusion, PlaceArg, TimeArg};
 use super::scene_file::SceneFile;
 use super::transfer::{Transfer, TransferChoice};
 use super::tune::{Tuning, pairs_without};
 
-/// The default space around what is fitted if there are texts above or below and a frame or zoom is asked for.
+/// The default margin of a picture with a title or a caption, if an option sets the frame or the zoom.
 const FIGURE_MARGIN: f64 = 0.1;
 
 /// The default vertical field of view, degrees.
 const DEFAULT_FOV: f64 = 30.0;
 
-/// The way to make the picture.
+/// The renderer of a picture.
 #[derive(Debug, Clone)]
 pub(crate) enum Engine {
     /// Splatting on a graphics adapter.
@@ -49,17 +45,19 @@ pub(crate) enum Engine {
 pub(crate) struct RenderJob {
     pub(crate) source: PathBuf,
     pub(crate) load: LoadOptions,
+    /// The time points of a turntable.
+    pub(crate) times: Option<TimeArg>,
     pub(crate) transfer: Transfer,
     pub(crate) layers: LayersJob,
-    pub(crate) channels: Vec<ChannelArg>,
+    pub(crate) channels: Vec<ChannelChoice>,
     pub(crate) view: View,
     pub(crate) frame: FrameArg,
     /// Width and height of the picture, pixels.
     pub(crate) size: [u32; 2],
-    /// The part of it that is wanted.
+    /// The part of it to render.
     pub(crate) region: Region,
     pub(crate) settings: Settings,
-    /// The cuts, which are in the settings once the volume is known.
+    /// The values of `--clip`, which enter the settings once the volume is known.
     pub(crate) clip: Vec<ClipArg>,
     pub(crate) choices: Choices,
     pub(crate) studio: Studio,
@@ -69,12 +67,12 @@ pub(crate) struct RenderJob {
     pub(crate) accuracy: Accuracy,
 }
 
-/// Choices that the arguments leave to the volume and its transfer function.
+/// Choices that the arguments leave open.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Choices {
-    /// Those of the library.
+    /// The choices of the library.
     pub(crate) open: OpenChoices,
-    /// A frame beside the figure's colour bar and texts.
+    /// Whether the picture is framed beside the figure's colour bar and texts.
     pub(crate) space: bool,
 }
 
@@ -123,11 +121,11 @@ impl RenderJob {
         args.input.check_one_time()?;
         let Some(output) = args.output.take() else {
             let missing = "--output FILE is missing: where the picture goes (see --help)";
-            return Err(Failure::Usage(missing.to_owned()));
+            return refuse(missing);
         };
         let output = Destination::checked(output)?;
         if output == Destination::Stdout && args.stats.is_some() {
-            return Err(Failure::Usage("--stats: standard output takes the picture".to_owned()));
+            return refuse("--stats: standard output takes the picture");
         }
         Self::with_output(args, output)
     }
@@ -140,19 +138,17 @@ impl RenderJob {
         if args.view.margin.is_none() && texts && !makes_room {
             view.margin = FIGURE_MARGIN;
         }
-        let tuning = Tuning::new(&args.model.tune).map_err(Failure::Usage)?;
-        let settings = settings(&args.model, &tuning, painter(args.painter, &tuning), &view)?;
-        // Whether a view is valid does not depend on the volume: one voxel tells before a long read.
+        let tuning = Tuning::new(&args.model.tune).map_err(Failure::usage)?;
+        let settings = settings(&args.model, &tuning, tuning.painter(args.painter), &view)?;
+        // The validity of a view does not depend on the volume: one voxel is enough, before a long read.
         Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         if settings.response == Response::Depth && !output.keeps_values() {
-            return Err(Failure::Usage(
-                "--response depth is for an .exr: a .png holds 0 to 1, window shows it".to_owned(),
-            ));
+            return refuse("--response depth is for an .exr: a .png holds 0 to 1, window shows it");
         }
         if let Some(path) = &args.save_transfer {
             TransferFunction::check_output(path)
-                .and_then(|()| check_file(path))
-                .map_err(|e| Failure::Usage(format!("--save-transfer: {e:#}")))?;
+                .and_then(|()| check_writable(path))
+                .map_err(|e| Failure::usage(format!("--save-transfer: {e:#}")))?;
         }
         let [width, height] = args.size;
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
@@ -162,9 +158,8 @@ impl RenderJob {
         let transfer = Transfer::new(&args.model)?;
         let alone = matches!(transfer.choice, TransferChoice::Labels);
         let layers = LayersJob::new(&args.layers, alone)?;
-        let is_one = !matches!(transfer.choice, TransferChoice::Suggested) && !transfer.is_window();
-        if legend && is_one && !layers.has_labels() {
-            return Err(Failure::Usage(NO_LEGEND.to_owned()));
+        if legend && transfer.values() == Values::Transfer && !layers.has_labels() {
+            return refuse(NO_LEGEND);
         }
         if !layers.is_plain() {
             Layers::check_settings(&settings)?;
@@ -176,6 +171,7 @@ impl RenderJob {
         Ok(Self {
             load: LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&args.view, args.size) },
             source: args.input.source,
+            times: args.input.time,
             transfer,
             layers,
             channels: args.input.channel,
@@ -212,24 +208,24 @@ impl RenderJob {
     }
 }
 
-/// Why there is no legend.
+/// The error of a legend without names.
 pub(crate) const NO_LEGEND: &str = "--legend names labels and channels, and there are none: \
     --transfer labels takes values as labels, --colour-bar shows values";
 
-/// What is drawn on a picture, and the units of what it shows.
+/// Returns the figure on a picture, and its units.
 fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings) -> Result<(Figure, Units), Failure> {
     let FigureArgs { scale_bar, axes, colour_bar: color_bar, legend: names, title, caption, units } = args;
     let figure = Figure { scale_bar, axes, color_bar, legend: Vec::new(), title, caption };
     figure.validate(size, settings.model)?;
     if names {
-        // Of which size the picture must be, one name tells before the others are known.
+        // One name is enough to check the size of the picture, before the others are known.
         let legend = vec![LegendEntry { name: String::new(), color: [0; 3] }];
         Figure { legend, ..figure.clone() }.validate(size, settings.model)?;
     }
     Ok((figure, units.unwrap_or_default()))
 }
 
-/// The settings of a picture.
+/// Returns the settings of a picture.
 fn settings(model: &ModelArgs, tuning: &Tuning, painter: Painter, view: &View) -> Result<Settings, Failure> {
     let settings = Settings {
         model: model.model,
@@ -252,29 +248,19 @@ fn settings(model: &ModelArgs, tuning: &Tuning, painter: Painter, view: &View) -
     Ok(settings)
 }
 
-/// The requested painter with its knobs. A knob of a painter chooses its painter.
-fn painter(requested: PainterArg, tuning: &Tuning) -> Painter {
-    let chosen = if requested == PainterArg::Auto { tuning.painter.unwrap_or(requested) } else { requested };
-    match chosen {
-        PainterArg::Quads => Painter::Quads(tuning.quads),
-        PainterArg::Tiles => Painter::Tiles(tuning.tiles),
-        PainterArg::Auto => Painter::Auto,
-    }
-}
-
-/// The lights and their material; `None` if there is no light.
+/// Returns the lights and their material; `None` if there is no light.
 fn lighting(args: &ModelArgs, tuning: &Tuning, view: &View) -> Result<Option<Lighting>, Failure> {
-    let usage = |message: String| Err(Failure::Usage(message));
+    let usage = |message: String| refuse(message);
     let lit: Vec<LightArg> = args.light.iter().copied().filter(|l| *l != LightArg::Off).collect();
     if lit.is_empty() {
         return Ok(None);
     }
     if lit.len() < args.light.len() {
-        return usage("--light: off does not go with other lights".to_owned());
+        return usage("--light: off and other lights contradict each other, give one of them".to_owned());
     }
     let mut lighting = if lit.iter().any(|light| matches!(light, LightArg::Studio(_))) {
         if lit.len() > 1 {
-            return usage("--light: studio is all of the lights, no other goes with it".to_owned());
+            return usage("--light: studio is three lights, expected no other --light beside it".to_owned());
         }
         Lighting::studio(view.forward()?, view.up)
     } else {
@@ -308,7 +294,7 @@ fn lighting(args: &ModelArgs, tuning: &Tuning, view: &View) -> Result<Option<Lig
     Ok(Some(lighting))
 }
 
-/// What a picture is fitted to.
+/// Returns the region that a picture is fitted to.
 fn frame(args: &ViewArgs) -> FrameArg {
     let placed = args.target.is_some() || args.view_height.is_some() || args.distance.is_some();
     args.frame.unwrap_or(if placed { FrameArg::Volume } else { FrameArg::Visible })
@@ -320,7 +306,7 @@ fn view(args: &ViewArgs) -> Result<View, Failure> {
         ProjectionArg::Orthographic => ProjectionKind::Orthographic,
     };
     if args.up == Some(DVec3::ZERO) || args.direction == Some(DVec3::ZERO) {
-        return Err(Failure::Usage("--up and --direction need a length over 0".to_owned()));
+        return refuse("--up and --direction: 0,0,0, expected a length over 0");
     }
     Ok(View {
         azimuth: args.azimuth.unwrap_or_default(),
@@ -345,7 +331,7 @@ pub(crate) struct ParetoJob {
     pub(crate) source: PathBuf,
     pub(crate) load: LoadOptions,
     pub(crate) transfer: Transfer,
-    /// The view asked for, and others.
+    /// The requested view, and others.
     pub(crate) views: Vec<View>,
     pub(crate) frame: FrameArg,
     /// Width and height of the pictures, pixels.
@@ -361,7 +347,7 @@ pub(crate) struct ParetoJob {
     pub(crate) patience: f64,
     pub(crate) resume: bool,
     pub(crate) rivals: Option<PathBuf>,
-    /// What is drawn on the pictures of the page.
+    /// The figure on the pictures of the page.
     pub(crate) figure: Figure,
     pub(crate) units: Units,
 }
@@ -373,10 +359,10 @@ impl ParetoJob {
     pub(crate) fn new(args: ParetoArgs) -> Result<Self, Failure> {
         args.input.check_one_time()?;
         let first = view(&args.view)?;
-        let tuning = Tuning::new(&args.model.tune).map_err(Failure::Usage)?;
+        let tuning = Tuning::new(&args.model.tune).map_err(Failure::usage)?;
         let settings = settings(&args.model, &tuning, Painter::Auto, &first)?;
         if settings.response == Response::Depth {
-            return Err(Failure::Usage("--response depth is no picture for a report: window shows it".to_owned()));
+            return refuse("--response depth is no picture for a report: window shows it");
         }
         Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         let (figure, units) = figure(args.figure, args.size, &settings)?;
@@ -392,10 +378,10 @@ impl ParetoJob {
         let views = std::iter::once(first.clone()).chain((1..args.views).map(turned)).collect();
         let transfer = Transfer::new(&args.model)?;
         if args.input.channel.len() > 1 {
-            return Err(Failure::Usage("--channel: a study is of one channel".to_owned()));
+            return refuse("--channel: a study is of one channel");
         }
         if matches!(transfer.choice, TransferChoice::Labels) {
-            return Err(Failure::Usage("--transfer labels is for render and turntable".to_owned()));
+            return refuse("--transfer labels is for render and turntable");
         }
         let tune = pairs_without(&args.model.tune, &STUDIED);
         check_folder(&args.output)?;
@@ -424,7 +410,7 @@ impl ParetoJob {
 
 /// Refuses a folder that cannot be made or written to. It is made after the volume has been read.
 fn check_folder(folder: &Path) -> Result<(), Failure> {
-    let usage = |reason: String| Err(Failure::Usage(format!("--output: {}: {reason}", folder.display())));
+    let usage = |reason: String| refuse(format!("--output: {}: {reason}", folder.display()));
     let mut first = folder.join("report.html");
     while let Some(above) = first.parent().filter(|above| !above.as_os_str().is_empty() && !above.is_dir()) {
         if above.exists() {
@@ -432,25 +418,5 @@ fn check_folder(folder: &Path) -> Result<(), Failure> {
         }
         first = above.to_owned();
     }
-    check_file(&first).or_else(|error| usage(format!("{error:#}")))
-}
-
-/// Two pictures to compare.
-#[derive(Debug)]
-pub(crate) struct CompareJob {
-    pub(crate) a: PathBuf,
-    pub(crate) b: PathBuf,
-    pub(crate) tolerance: f64,
-    pub(crate) difference: Option<PathBuf>,
-    pub(crate) json: bool,
-}
-
-impl CompareJob {
-    pub(crate) fn new(args: CompareArgs) -> Result<Self, Failure> {
-        if let Some(path) = &args.difference {
-            Image::check_output(path).map_err(|e| Failure::Usage(format!("{e:#}")))?;
-        }
-        let CompareArgs { a, b, tolerance, difference, json } = args;
-        Ok(Self { a, b, tolerance, difference, json })
-    }
+    check_writable(&first).or_else(|error| usage(format!("{error:#}")))
 }

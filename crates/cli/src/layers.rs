@@ -8,21 +8,21 @@ use voxsplat::formats::{self, LoadOptions};
 use voxsplat::layers::{
     Fit, Label, LabelChange, LabelCount, LabelSelection, Labels, Layer, Layers, count_labels, on_lattice,
 };
-use voxsplat::report::readable;
 use voxsplat::volume::Volume;
+use voxsplat_volume::names::readable;
 
 use super::args::LayerArgs;
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 use super::output;
 
-/// A change of the looks of some labels.
+/// A change of the looks of labels.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LabelArg {
     which: LabelSelection,
     look: LabelChange,
 }
 
-/// `WHICH:OPACITY`, `WHICH:xFACTOR`, `WHICH:on`, `WHICH:off` or `WHICH:COLOUR`.
+/// Parses `WHICH:OPACITY`, `WHICH:xFACTOR`, `WHICH:on`, `WHICH:off` or `WHICH:COLOUR`.
 pub(crate) fn label(text: &str) -> Result<LabelArg, String> {
     let expected = "expected WHICH:LOOK; WHICH is all, numbers such as 1,4,7-9, or a name, and LOOK an opacity from 0 \
                     to 1, xF (a factor of the opacity from 0 to 1), on, off or a colour";
@@ -41,7 +41,7 @@ pub(crate) fn label(text: &str) -> Result<LabelArg, String> {
     Ok(LabelArg { which: which.parse().map_err(|_| expected)?, look })
 }
 
-/// What a job draws beside its volume, or in place of its values.
+/// The layers of a job beside its volume, or in place of its values.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct LayersJob {
     /// Whether the volume is one of labels.
@@ -51,7 +51,7 @@ pub(crate) struct LayersJob {
     mask: Option<(PathBuf, LabelSelection)>,
 }
 
-/// How labels are to look.
+/// The looks of labels.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Looks {
     table: Option<Labels>,
@@ -73,7 +73,7 @@ impl Looks {
         Ok(labels)
     }
 
-    /// Those of a volume: of the table or else of the volume's file, changed as options ask.
+    /// Returns the labels of a volume: of the table or else of the volume's file, changed by options.
     pub(crate) fn of(&self, volume: &Volume) -> Result<Labels, Failure> {
         self.changed(self.table.clone().unwrap_or_else(|| Labels::stated(volume)))
     }
@@ -83,30 +83,31 @@ impl LayersJob {
     pub(crate) fn new(args: &LayerArgs, alone: bool) -> Result<Self, Failure> {
         let LayerArgs { labels, label_table, label, mask } = args;
         if alone && labels.is_some() {
-            let message = "--labels: the volume is one of labels itself, by --transfer labels";
-            return Err(Failure::Usage(message.to_owned()));
+            let message = "--labels: the volume is one of labels itself, by --transfer labels; leave out either";
+            return refuse(message);
         }
         let looks = Looks::new(label_table.as_deref(), label)?;
         Ok(Self { alone, labels: labels.clone(), looks, mask: mask.as_deref().map(masked).transpose()? })
     }
 
-    /// Whether there is nothing but the values of the volume.
+    /// Whether only the values of the volume are drawn.
     pub(crate) fn is_plain(&self) -> bool {
         !self.has_labels() && self.mask.is_none()
     }
 
-    /// Whether there are labels among what is drawn.
+    /// Whether labels are drawn.
     pub(crate) fn has_labels(&self) -> bool {
         self.alone || self.labels.is_some()
     }
 
-    /// A volume of labels as it is to look.
+    /// Returns the layer of a volume of labels.
     pub(crate) fn of_labels(&self, volume: &Volume) -> Result<Layer, Failure> {
         let option = if self.alone { "transfer" } else { "labels" };
         Layer::labels(volume, &self.looks.of(volume)?).map_err(|error| named(error, option).into())
     }
 
-    /// What is drawn of some layers, and over them. `read` reads volumes of labels, onto the lattice of the layers.
+    /// Returns layers with the mask and the labels of the job. `read` reads volumes of labels onto the lattice of the
+    /// layers.
     pub(crate) fn over(
         &self,
         mut base: Vec<Layer>,
@@ -116,8 +117,8 @@ impl LayersJob {
             let masks = read("mask", path)?;
             let [mask] = masks.as_slice() else {
                 let (path, count) = (path.display(), masks.len());
-                let message = format!("--mask: {path} has {count} layers of labels, a mask has one");
-                return Err(Failure::Usage(message));
+                let message = format!("--mask: {path} has {count} layers of labels, expected one");
+                return refuse(message);
             };
             let masked = |layer: Layer| layer.masked(mask, which).map_err(|error| named(error, "mask"));
             base = base.into_iter().map(masked).collect::<Result<_, _>>()?;
@@ -128,12 +129,12 @@ impl LayersJob {
             }
         }
         let mut layers = base.into_iter();
-        let first = layers.next().map(Layers::new).ok_or_else(|| Failure::Failed("nothing to draw".to_owned()))?;
+        let first = layers.next().map(Layers::new).ok_or_else(|| Failure::failed("nothing to draw".to_owned()))?;
         Ok(layers.try_fold(first, Layers::with)?)
     }
 }
 
-/// `FILE` or `FILE:LABELS`: the file, and the rest from the colon on.
+/// Splits `FILE` or `FILE:LABELS` into the file, and the rest from the colon on.
 pub(crate) fn parted(text: &Path) -> (PathBuf, &str) {
     let parts = text.to_str().and_then(|text| Some((text, text.rfind(':')?)));
     match parts.map(|(text, at)| (&text[..at], &text[at..], text[at + 1..].parse())) {
@@ -143,13 +144,13 @@ pub(crate) fn parted(text: &Path) -> (PathBuf, &str) {
     }
 }
 
-/// The file of a mask and its labels: all but 0 if none are given.
+/// Returns the file of a mask and its labels: all but 0 if none are given.
 fn masked(text: &Path) -> Result<(PathBuf, LabelSelection), Failure> {
     let (file, labels) = parted(text);
     Ok((file, labels.strip_prefix(':').map_or(Ok(LabelSelection::All), str::parse)?))
 }
 
-/// An error of a setting by the name of the option that was typed.
+/// Returns an error of a setting with the name of the option that was typed.
 pub(crate) fn named(error: Error, option: &'static str) -> Error {
     match error {
         Error::Setting { reason, .. } => Error::Setting { name: option, reason },
@@ -160,24 +161,24 @@ pub(crate) fn named(error: Error, option: &'static str) -> Error {
 /// Reads the volumes of labels of a file, mostly one. NaN is label 0.
 pub(crate) fn read(path: &Path) -> Result<Vec<Volume>, Failure> {
     let options = LoadOptions { replace_nan: Some(0.0), ..LoadOptions::default() };
-    // The options of bare samples are those of the volume.
+    // Options of bare samples are for the volume.
     let bare = |hint| matches!(hint, Hint::GiveDims | Hint::GiveSampleType | Hint::GiveDimsAndSampleType);
     let of = |channel: Option<u32>| {
         formats::load(path, &LoadOptions { channel, ..options }).map_err(|error| match error.hint().is_some_and(bare) {
-            true => Failure::Failed(error.to_string()),
+            true => Failure::failed(error.to_string()),
             false => error.into(),
         })
     };
     let first = of(Some(0))?;
     let channels = first.contents().channels;
     if channels > 1 && first.contents().segments.is_none() {
-        // The error says how many there are.
+        // Its error lists the channels.
         return Ok(vec![of(None)?]);
     }
     std::iter::once(Ok(first)).chain((1..channels).map(|n| of(Some(n)))).collect()
 }
 
-/// Volumes of labels of an option on the lattice of another, and what is to be said of it.
+/// Returns the volumes of labels of an option on the lattice of another volume, and a note on it.
 pub(crate) fn placed(
     option: &'static str,
     path: &Path,
@@ -194,8 +195,7 @@ pub(crate) fn placed(
         match fit {
             Fit::Same => {}
             Fit::Unplaced => {
-                let text =
-                    "the files do not say where both lie in one space: voxels of the same numbers are put together";
+                let text = "using voxels of equal numbers because the files state no common space";
                 note = said(text.to_owned());
             }
             Fit::Nearest { outside } => {
@@ -206,7 +206,7 @@ pub(crate) fn placed(
                     percent => format!("{percent:.1} %"),
                 };
                 note = said(format!(
-                    "on a lattice of its own ({by}), so each voxel takes the label of the nearest; {out} of its \
+                    "using the nearest label of each voxel because the lattice is another one ({by}); {out} of its \
                      labelled voxels lie outside of the volume"
                 ));
             }
@@ -245,8 +245,8 @@ pub(crate) fn list(volume: &Volume, looks: &Looks) -> Result<Vec<Listed>, Failur
 const LENGTHS: [(&str, f64, f64); 5] =
     [("nm", 1e-9, 0.0), ("µm", 1e-6, 1e-3), ("mm", 1e-3, 1e-3), ("cm", 1e-2, 1.0), ("m", 1.0, 1.0)];
 
-/// A volume in cubes of the largest unit that gives a number near 1 or above it; in the file's if that is no unit of
-/// length.
+/// Returns a volume in cubes of the largest unit of length that gives a number near 1 or above it, or in cubes of the
+/// file's unit if that is no known unit of length.
 fn in_cubes(volume: f64, unit: Option<&str>) -> String {
     let name = match unit {
         Some("um" | "μm" | "micron" | "microns" | "micrometer") => Some("µm"),

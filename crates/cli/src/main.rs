@@ -4,7 +4,6 @@
 //! `compare`, the pictures differ, 2 wrong arguments. A signal ends the program as it ends others.
 
 mod args;
-mod channels;
 mod clip;
 mod compare;
 mod destination;
@@ -14,6 +13,7 @@ mod effects;
 mod failure;
 mod files;
 mod fitted;
+mod given;
 mod histogram;
 mod info;
 mod job;
@@ -25,7 +25,6 @@ mod pareto;
 mod parse;
 mod progress;
 mod render;
-mod rules;
 mod scene;
 mod scene_file;
 mod session;
@@ -44,11 +43,12 @@ use clap::FromArgMatches;
 use clap::error::ErrorKind;
 
 use failure::Failure;
+use options::given;
 
 /// Parses the arguments, runs the command, reports its failure.
 fn main() -> ExitCode {
     let words: Vec<OsString> = std::env::args_os().collect();
-    if usage::asks_for_knobs(&words) {
+    if usage::requests_knobs(&words) {
         drop(output::print(&tune::help()));
         return ExitCode::SUCCESS;
     }
@@ -59,15 +59,10 @@ fn main() -> ExitCode {
         Err(error) if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             output::print(&error.render().to_string())
         }
-        Err(error) => Err(Failure::Several(usage::messages(error, &words))),
+        Err(error) => Err(Failure { code: 2, messages: usage::messages(&error, &words) }),
     };
-    let (code, messages) = match result {
-        Ok(()) => return ExitCode::SUCCESS,
-        Err(Failure::Failed(message)) => (1, vec![message]),
-        Err(Failure::Usage(message)) => (2, vec![message]),
-        Err(Failure::Several(messages)) => (2, messages),
-    };
-    // A volume that is not there comes before what is wrong with the options.
+    let Err(Failure { code, messages }) = result else { return ExitCode::SUCCESS };
+    // A missing volume comes before errors of options.
     let missing = if code == 2 { usage::missing_input(&words) } else { None };
     let typed = messages.iter().map(|message| usage::as_typed(message, &words));
     missing.into_iter().chain(typed).for_each(|message| output::complain(&message));
@@ -79,31 +74,26 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
     if args.quiet {
         output::be_quiet();
     }
-    let mut program = args::command();
-    program.build();
-    if let Some((name, matches)) = matches.subcommand()
-        && let Some(command) = program.find_subcommand(name)
-    {
-        let mut files = files::Files::default();
-        files.add(command, matches);
-        files.check()?;
-    }
-    // What was given is told apart from defaults by the matches of the command itself.
-    let (name, matches) = matches.subcommand().unwrap_or(("", matches));
+    let program = args::built();
+    let found = matches.subcommand().and_then(|(name, matches)| Some((program.find_subcommand(name)?, matches)));
+    let Some(line @ (command, matches)) = found else { return Ok(()) };
+    let mut files = files::Files::default();
+    files.add(command, matches);
+    files.check()?;
     match args.command {
-        args::Command::Render(args) => render::run(scene::jobs(*args, (name, matches), job::RenderJob::new)?),
-        args::Command::Turntable(args) => turntable::run(turntable::TurntableJob::new(*args, (name, matches))?),
+        args::Command::Render(args) => render::run(scene::jobs(*args, line, job::RenderJob::new)?),
+        args::Command::Turntable(args) => turntable::run(turntable::TurntableJob::new(*args, line)?),
         args::Command::Pareto(args) => {
-            let notes = effects::noted(name, vec![matches])?;
+            let notes = effects::noted(command, vec![matches])?;
             let job = job::ParetoJob::new(*args)?;
             notes.iter().for_each(|note| output::say(note));
-            pareto::run(job, matches)
+            pareto::run(job, line)
         }
         args::Command::Info(args) => {
-            effects::noted(name, vec![matches])?.iter().for_each(|note| output::say(note));
-            info::run(&args)
+            effects::noted(command, vec![matches])?.iter().for_each(|note| output::say(note));
+            info::run(&args, &given(command, matches))
         }
-        args::Command::Compare(args) => compare::run(&job::CompareJob::new(args)?),
+        args::Command::Compare(args) => compare::run(&args),
         args::Command::Devices => devices::run(),
         args::Command::Completions { shell } => manual::completions(shell),
         args::Command::Man { command } => manual::page(command.as_deref()),

@@ -4,10 +4,10 @@ use clap_complete::Shell;
 use clap_mangen::Man;
 
 use super::args;
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 use super::output;
 
-/// Prints what a shell reads to complete command lines.
+/// Prints the completions of a shell.
 pub(crate) fn completions(shell: Shell) -> Result<(), Failure> {
     let mut text = Vec::new();
     clap_complete::generate(shell, &mut args::command(), "voxsplat", &mut text);
@@ -16,19 +16,18 @@ pub(crate) fn completions(shell: Shell) -> Result<(), Failure> {
 
 /// Prints the manual page of the program, or of a command.
 pub(crate) fn page(command: Option<&str>) -> Result<(), Failure> {
-    let mut program = args::command();
-    program.build();
+    let program = args::built();
     let page = match command {
         None => Man::new(program),
         Some(name) => {
             let known: Vec<String> = program.get_subcommands().map(|command| command.get_name().to_owned()).collect();
             let Some(command) = program.find_subcommand(name) else {
-                return Err(Failure::Usage(format!("man: {name:?}, expected one of {}", known.join(", "))));
+                return refuse(format!("man: {name:?}, expected one of {}", known.join(", ")));
             };
             Man::new(command.clone()).title(format!("voxsplat-{name}"))
         }
     };
     let mut text = Vec::new();
-    page.render(&mut text).map_err(|e| Failure::Failed(format!("cannot write the manual page: {e}")))?;
+    page.render(&mut text).map_err(|e| Failure::failed(format!("cannot write the manual page: {e}")))?;
     output::print_bytes(&text)
 }

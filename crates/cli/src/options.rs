@@ -1,13 +1,16 @@
 //! Options from settings, to be copied into a command line.
 
-use std::path::{Path, PathBuf};
+use std::ffi::{OsStr, OsString};
+use std::path::Path;
 
-use clap::ArgMatches;
-use voxsplat::settings::{
-    Accumulation, Interslice, Level, Model, Painter, QuadsSettings, Resolution, Settings, Sheets, TilesSettings,
-};
+use clap::builder::ValueHint;
+use clap::parser::ValueSource;
+use clap::{Arg, ArgMatches, Command};
+use voxsplat::settings::{Level, Model, Painter, Settings};
 
-use super::rules::MAP;
+use super::args;
+use super::given::MAP;
+use super::tune;
 
 /// Keys of `--tune` that a study varies or measures by.
 pub(crate) const STUDIED: [&str; 9] = [
@@ -22,99 +25,97 @@ pub(crate) const STUDIED: [&str; 9] = [
     "sample",
 ];
 
-/// The options of `voxsplat render` that a study varies, with their values; defaults are left out, apart from the
-/// painter.
+/// Returns the options of `voxsplat render` that make settings what they are, with their values. Defaults are left out,
+/// apart from the painter.
 pub(crate) fn options_of(settings: &Settings) -> Vec<String> {
-    let mut options = Vec::new();
-    let mut tuned = Vec::new();
-    let mut add = |name: &str, value: String| options.extend([format!("--{name}"), value]);
-    let mut tune = |key: &str, value: String| tuned.push(format!("{key}={value}"));
     let default = Settings::default();
-    if settings.model == Model::Composite && settings.shading != default.shading {
-        add("shading", settings.shading.to_string());
-    }
-    if settings.response != default.response {
-        add("response", settings.response.to_string());
-    }
-    if settings.kernel != default.kernel {
-        add("kernel", settings.kernel.to_string());
-    }
-    if settings.sharpness != default.sharpness {
-        add("sharpness", settings.sharpness.to_string());
-    }
-    if let Level::At(level) = settings.level {
-        add("level", level.to_string());
-    }
-    if settings.termination != default.termination {
-        tune("termination", settings.termination.to_string());
-    }
-    if settings.interslice != Interslice::default() {
-        tune("interslice", settings.interslice.to_string());
-    }
-    match settings.painter {
-        Painter::Auto => {}
-        Painter::Tiles(TilesSettings { resolution }) => {
-            add("painter", "tiles".to_owned());
-            if resolution != Resolution::default() {
-                tune("resolution", resolution.to_string());
-            }
-        }
-        Painter::Quads(quads) => {
-            add("painter", "quads".to_owned());
-            let default = QuadsSettings::default();
-            if quads.sheets != Sheets::default() {
-                tune("sheets", quads.sheets.to_string());
-            }
-            if quads.accumulation != Accumulation::default() {
-                tune("accumulate", quads.accumulation.to_string());
-            }
-            if quads.sheet_thickness != default.sheet_thickness {
-                tune("sheet-thickness", quads.sheet_thickness.to_string());
-            }
-            if let Some(precision) = quads.precision {
-                tune("precision", precision.to_string());
-            }
-            if let Some(error) = quads.table_error {
-                tune("table-error", error.to_string());
-            }
-        }
-    }
-    if !tuned.is_empty() {
-        options.extend(["--tune".to_owned(), tuned.join(",")]);
-    }
-    if settings.attenuation > 0.0 {
-        options.extend(["--attenuation".to_owned(), settings.attenuation.to_string()]);
-    }
+    let is_composite = settings.model == Model::Composite;
+    let level = |level| match level {
+        Level::Auto => "auto".to_owned(),
+        Level::At(level) => level.to_string(),
+    };
+    let painter = |painter: &Painter| match painter {
+        Painter::Auto => "auto",
+        Painter::Tiles(_) => "tiles",
+        Painter::Quads(_) => "quads",
+    };
+    let text = |s: &Settings| {
+        let shading = if is_composite { s.shading } else { default.shading };
+        [
+            ("--shading", shading.to_string()),
+            ("--response", s.response.to_string()),
+            ("--kernel", s.kernel.to_string()),
+            ("--sharpness", s.sharpness.to_string()),
+            ("--level", level(s.level)),
+            ("--painter", painter(&s.painter).to_owned()),
+            ("--tune", tune::pairs_of(s)),
+            ("--attenuation", s.attenuation.to_string()),
+        ]
+    };
+    let changed = text(settings).into_iter().zip(text(&default)).filter(|(own, default)| own != default);
+    let mut options: Vec<String> = changed.flat_map(|((name, value), _)| [name.to_owned(), value]).collect();
     if settings.depth_coded {
         options.push("--depth-coded".to_owned());
     }
     options
 }
 
-/// A command line of words, those quoted that a shell would take apart.
-pub(crate) fn command_line(words: &[String]) -> String {
-    let plain = |word: &str| {
-        !word.is_empty()
-            && word.chars().all(|c| c.is_ascii_alphanumeric() || "-_./:,=+@%#".contains(c))
-            && !word.starts_with('#')
+/// An option by its long name, with its values; a flag has none.
+pub(crate) type OptionValues = (String, Vec<OsString>);
+
+/// Returns the options that a command line gives, without the defaults.
+pub(crate) fn given(command: &Command, matches: &ArgMatches) -> Vec<OptionValues> {
+    let is_given = |arg: &&Arg| matches.value_source(arg.get_id().as_str()) == Some(ValueSource::CommandLine);
+    let option = |arg: &Arg| {
+        let raw = arg.get_action().takes_values().then(|| matches.get_raw(arg.get_id().as_str())).flatten();
+        Some((arg.get_long()?.to_owned(), raw.into_iter().flatten().map(OsStr::to_owned).collect()))
     };
-    let quoted = |word: &String| if plain(word) { word.clone() } else { format!("'{}'", word.replace('\'', r"'\''")) };
-    words.iter().map(quoted).collect::<Vec<_>>().join(" ")
+    command.get_arguments().filter(is_given).filter_map(option).collect()
 }
 
-/// The words of this process's command line with the names of files for their paths: folders are private.
-pub(crate) fn without_folders(words: impl IntoIterator<Item = String>, matches: &ArgMatches) -> Vec<String> {
-    let of = |id: &clap::Id| matches.try_get_many::<PathBuf>(id.as_str()).ok().flatten();
-    let paths: Vec<String> =
-        matches.ids().filter_map(of).flatten().map(|path| path.to_string_lossy().into_owned()).collect();
-    let shared = |word: String| {
-        let path = paths.iter().filter(|path| !path.is_empty() && word.ends_with(*path)).max_by_key(|path| path.len());
-        match path {
-            Some(path) => format!("{}{}", &word[..word.len() - path.len()], file_name(path)),
-            None => word,
+/// Returns a command line of words, quoted for a shell.
+pub(crate) fn command_line(words: &[String]) -> String {
+    words.iter().map(|word| quoted(word.as_ref())).collect::<Vec<_>>().join(" ")
+}
+
+/// Returns a text as one word of a POSIX shell. Text that is not UTF-8 is written as `$'...'` (POSIX 2024).
+pub(crate) fn quoted(text: &OsStr) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./:,=+@%#".contains(c);
+    match text.to_str() {
+        Some(text) if !text.is_empty() && !text.starts_with('#') && text.chars().all(plain) => text.to_owned(),
+        Some(text) => format!("'{}'", text.replace('\'', r"'\''")),
+        None => {
+            let byte = |&byte: &u8| match char::from(byte) {
+                c if c.is_ascii() && plain(c) => c.to_string(),
+                _ => format!("\\x{byte:02x}"),
+            };
+            format!("$'{}'", text.as_encoded_bytes().iter().map(byte).collect::<String>())
         }
-    };
-    words.into_iter().map(shared).collect()
+    }
+}
+
+/// Returns the words behind a command: its input, and its options but for some. `path` writes paths.
+pub(crate) fn words(
+    (command, matches): (&Command, &ArgMatches),
+    skipped: &[&str],
+    path: impl Fn(&str) -> String,
+) -> Vec<String> {
+    let source = matches.get_raw("source").into_iter().flatten().map(|source| path(&source.to_string_lossy()));
+    let mut words: Vec<String> = source.collect();
+    for (name, values) in given(command, matches).into_iter().filter(|(name, _)| !skipped.contains(&name.as_str())) {
+        let arg = args::option(command, &name);
+        let short = arg.and_then(Arg::get_short).map(|short| format!("-{short}"));
+        let option = short.unwrap_or_else(|| format!("--{name}"));
+        let is_path = arg.is_some_and(|arg| arg.get_value_hint() == ValueHint::AnyPath);
+        if values.is_empty() {
+            words.push(option.clone());
+        }
+        for value in values {
+            let value = value.to_string_lossy();
+            words.extend([option.clone(), if is_path { path(&value) } else { value.into_owned() }]);
+        }
+    }
+    words
 }
 
 /// The name of a file or a folder, with the data set behind it; of a colour map in a file, with its prefix.
@@ -133,34 +134,13 @@ pub(crate) fn file_name(path: &str) -> String {
     name.file_name().map_or_else(|| file.to_owned(), |name| name.to_string_lossy().into_owned()) + inside
 }
 
-/// The words of a command line without some options and their values, and without some that have none.
-pub(crate) fn without(words: impl IntoIterator<Item = String>, valued: &[&str], bare: &[&str]) -> Vec<String> {
-    let mut kept = Vec::new();
-    let mut words = words.into_iter();
-    while let Some(word) = words.next() {
-        let name = word.split_once('=').map_or(word.as_str(), |(name, _)| name);
-        let is_short = |option: &&str| option.len() == 2 && word.len() > 2 && word.starts_with(*option);
-        if bare.contains(&name) || valued.iter().any(|option| is_short(option) && !word.starts_with("--")) {
-            continue;
-        }
-        if valued.contains(&name) {
-            if name == word {
-                words.next();
-            }
-            continue;
-        }
-        kept.push(word);
-    }
-    kept
-}
-
 #[cfg(test)]
 mod tests {
     use clap::Parser;
-    use voxsplat::report::variants;
 
     use super::super::args::{Args, Command};
     use super::super::job::RenderJob;
+    use super::super::pareto::variants;
     use super::*;
 
     #[test]
@@ -197,9 +177,14 @@ mod tests {
 
     #[test]
     fn words_are_quoted_and_left_out() {
-        let words = ["a b", "it's", "--up", "0,1,0", ""].map(str::to_owned);
-        assert_eq!(command_line(&words), r"'a b' 'it'\''s' --up 0,1,0 ''");
-        let words = "ct.nrrd -o dir -odir --level=2 --resume --zoom 2 --level 1".split(' ').map(str::to_owned);
-        assert_eq!(without(words, &["-o", "--level"], &["--resume"]), ["ct.nrrd", "--zoom", "2"]);
+        let all = ["a b", "it's", "--up", "0,1,0", ""].map(str::to_owned);
+        assert_eq!(command_line(&all), r"'a b' 'it'\''s' --up 0,1,0 ''");
+        let program = args::built();
+        let line = "voxsplat pareto a/ct.nrrd -ob/dir --level=2 --resume --transfer c/t.json --zoom 2";
+        let matches = args::command().try_get_matches_from(line.split(' ')).unwrap();
+        let line = (program.find_subcommand("pareto").unwrap(), matches.subcommand().unwrap().1);
+        let kept = words(line, &["output", "level", "resume"], file_name);
+        assert_eq!(kept, ["ct.nrrd", "--zoom", "2", "--transfer", "t.json"]);
+        assert_eq!(words(line, &["level", "resume", "zoom", "transfer"], str::to_owned), ["a/ct.nrrd", "-o", "b/dir"]);
     }
 }

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::failure::Failure;
+use super::failure::{Failure, fail};
 
 /// Whether only results and errors are printed.
 static QUIET: AtomicBool = AtomicBool::new(false);
@@ -27,21 +27,21 @@ pub(crate) fn print(text: &str) -> Result<(), Failure> {
 pub(crate) fn print_bytes(bytes: &[u8]) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
     match out.write_all(bytes).and_then(|()| out.flush()) {
-        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Failed(format!("cannot write to stdout: {e}"))),
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => fail(format!("cannot write to stdout: {e}")),
         _ => Ok(()),
     }
 }
 
 /// Writes a value to stdout as JSON.
 pub(crate) fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
-    let text = serde_json::to_string_pretty(value).map_err(|e| Failure::Failed(format!("cannot write JSON: {e}")))?;
+    let text = serde_json::to_string_pretty(value).map_err(|e| Failure::failed(format!("cannot write JSON: {e}")))?;
     print(&(text + "\n"))
 }
 
-/// The most characters of a message: two paths of the longest names, and what is said of them.
+/// The most characters of a message: two paths of the longest names, and some words.
 const MAX_MESSAGE: usize = 10_000;
 
-/// Writes a note of one line to stderr, unless it is to be quiet.
+/// Writes a note of one line to stderr, unless `--quiet` is given.
 pub(crate) fn say(message: &str) {
     if !is_quiet() {
         complain(message);
@@ -52,7 +52,7 @@ pub(crate) fn say(message: &str) {
 pub(crate) fn complain(message: &str) {
     let words: Vec<&str> = message.split_whitespace().collect();
     let mut line = words.join(" ");
-    // It may quote an argument of any length. The end states what is expected.
+    // It may quote an argument of any length. The end states the expected value.
     let half = MAX_MESSAGE / 2;
     if let (Some((head, _)), Some((tail, _))) = (line.char_indices().nth(half), line.char_indices().rev().nth(half - 1))
         && head < tail

@@ -1,4 +1,4 @@
-//! Parsers of option values. Their errors say what is accepted.
+//! Parsers of option values. Their errors state the accepted values.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,6 +7,7 @@ use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use voxsplat::Background;
+use voxsplat::appearance::ChannelChoice;
 use voxsplat::error::Error;
 use voxsplat::image::Region;
 use voxsplat::kernel::Kernel;
@@ -26,7 +27,7 @@ pub(crate) enum PainterArg {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum LightArg {
     Off,
-    /// Whether it comes along with the eye.
+    /// Whether it follows the eye.
     Studio(bool),
     /// A light with its colour.
     One(PlaceArg, [f64; 3]),
@@ -36,7 +37,7 @@ pub(crate) enum LightArg {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum PlaceArg {
     Eye,
-    /// Azimuth and elevation in degrees, as those of an eye.
+    /// Azimuth and elevation in degrees, as of an eye.
     From(f64, f64),
     /// A place in the world.
     At([f64; 3]),
@@ -63,71 +64,61 @@ where
     PossibleValuesParser::new(all.map(name)).try_map(|text| library(&text))
 }
 
-/// Comma-separated numbers.
-fn list<T: FromStr>(text: &str) -> Option<Vec<T>> {
-    text.split(',').map(|part| part.trim().parse().ok()).collect()
+/// Returns numbers parted by commas; `None` if there are not `N`.
+pub(crate) fn list<T: FromStr, const N: usize>(text: &str) -> Option<[T; N]> {
+    let numbers: Option<Vec<T>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    numbers?.try_into().ok()
 }
 
-fn three<T: FromStr>(text: &str) -> Option<[T; 3]> {
-    list(text)?.try_into().ok()
+/// Returns finite numbers parted by commas; `None` if there are not `N`.
+fn finite<const N: usize>(text: &str) -> Option<[f64; N]> {
+    list(text).filter(|numbers: &[f64; N]| numbers.iter().all(|number| number.is_finite()))
 }
 
-/// A point or a direction, `X,Y,Z`.
+/// Returns a value, or an error that names the expected one.
+pub(crate) fn expect<T>(value: Option<T>, expected: &str) -> Result<T, String> {
+    value.ok_or_else(|| format!("expected {expected}"))
+}
+
+/// Parses a point or a direction, `X,Y,Z`.
 pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
-    three(text)
-        .map(DVec3::from_array)
-        .filter(|v| v.is_finite())
-        .ok_or_else(|| "expected three numbers X,Y,Z".to_owned())
+    expect(finite(text).map(DVec3::from_array), "three numbers X,Y,Z")
 }
 
-/// A window, `LEVEL,WIDTH`.
+/// Parses a window, `LEVEL,WIDTH`.
 pub(crate) fn window(text: &str) -> Result<Window, String> {
-    let window = match list::<f64>(text).as_deref() {
-        Some(&[level, width]) => Some(Window { level, width }),
-        _ => None,
-    };
-    let valid = window.filter(|window| window.ends().is_ok());
-    valid.ok_or_else(|| "expected two numbers LEVEL,WIDTH, the width over 0".to_owned())
+    let window = list(text).map(|[level, width]| Window { level, width });
+    expect(window.filter(|window| window.ends().is_ok()), "two numbers LEVEL,WIDTH, the width over 0")
 }
 
-/// Distances between samples, `X,Y,Z`.
+/// Parses distances between samples, `X,Y,Z`.
 pub(crate) fn spacing(text: &str) -> Result<[f64; 3], String> {
-    three(text)
-        .filter(|s: &[f64; 3]| s.iter().all(|s| s.is_finite() && *s > 0.0))
-        .ok_or_else(|| "expected three lengths over 0, X,Y,Z".to_owned())
+    expect(finite(text).filter(|spacing| spacing.iter().all(|s| *s > 0.0)), "three lengths over 0, X,Y,Z")
 }
 
-/// Numbers of samples, `X,Y,Z`.
+/// Parses numbers of samples, `X,Y,Z`.
 pub(crate) fn dims(text: &str) -> Result<[u32; 3], String> {
-    three(text)
-        .filter(|d: &[u32; 3]| d.iter().all(|&d| d > 0))
-        .ok_or_else(|| "expected three whole numbers over 0, X,Y,Z".to_owned())
+    expect(list(text).filter(|dims| !dims.contains(&0)), "three whole numbers over 0, X,Y,Z")
 }
 
-/// Pixels, `WxH` or one number for both.
+/// Parses pixels, `WxH` or one number for both.
 pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
-    let error = || "expected WIDTHxHEIGHT or one number for both, in pixels".to_owned();
-    let number = |part: &str| part.trim().parse().map_err(|_| error());
-    match text.split_once(['x', 'X']) {
-        Some((width, height)) => Ok([number(width)?, number(height)?]),
-        None => number(text).map(|n| [n, n]),
-    }
+    let (width, height) = text.split_once(['x', 'X']).unwrap_or((text, text));
+    let size = width.trim().parse().ok().zip(height.trim().parse().ok()).map(<[u32; 2]>::from);
+    expect(size, "WIDTHxHEIGHT or one number for both, in pixels")
 }
 
-/// A part of a picture, `X,Y,W,H`.
+/// Parses a part of a picture, `X,Y,W,H`.
 pub(crate) fn region(text: &str) -> Result<Region, String> {
-    let numbers: Option<[u32; 4]> = list(text).and_then(|numbers| numbers.try_into().ok());
-    match numbers {
-        Some([x, y, width, height]) if width > 0 && height > 0 => Ok(Region { x, y, width, height }),
-        _ => Err("expected four whole numbers X,Y,W,H, pixels from the top left, W and H over 0".to_owned()),
-    }
+    let region = list(text).map(|[x, y, width, height]| Region { x, y, width, height });
+    let region = region.filter(|region| region.width > 0 && region.height > 0);
+    expect(region, "four whole numbers X,Y,W,H, pixels from the top left, W and H over 0")
 }
 
-/// A part of a whole, `I/N`, counted from 1.
+/// Parses a part of a whole, `I/N`, counted from 1.
 pub(crate) fn part(text: &str) -> Result<[u32; 2], String> {
-    let parsed = text.split_once('/').and_then(|(i, n)| Some([i.trim().parse().ok()?, n.trim().parse().ok()?]));
-    let valid = parsed.filter(|&[i, n]: &[u32; 2]| (1..=n).contains(&i));
-    valid.ok_or_else(|| "expected I/N, such as 2/8, I from 1 to N".to_owned())
+    let part = text.split_once('/').and_then(|(i, n)| Some([i.trim().parse().ok()?, n.trim().parse().ok()?]));
+    expect(part.filter(|[i, n]| (1..=*n).contains(i)), "I/N, such as 2/8, I from 1 to N")
 }
 
 /// The value of `--time`: time points counted from 0.
@@ -158,88 +149,76 @@ impl fmt::Display for TimeArg {
     }
 }
 
-/// `N`, `FIRST-LAST` or `all`.
+/// Parses `N`, `FIRST-LAST` or `all`.
 pub(crate) fn time(text: &str) -> Result<TimeArg, String> {
     let number = |text: &str| text.trim().parse::<u32>().ok().filter(|number| *number < u32::MAX);
     let time = match text.split_once('-') {
         _ if text == "all" => Some(TimeArg::All),
         None => number(text).map(TimeArg::One),
-        Some((first, last)) => match (number(first), number(last)) {
-            (Some(first), Some(last)) if first <= last => Some(TimeArg::Range(first, last)),
-            _ => None,
-        },
+        Some((first, last)) => {
+            let ends = number(first).zip(number(last)).filter(|(first, last)| first <= last);
+            ends.map(|(first, last)| TimeArg::Range(first, last))
+        }
     };
-    time.ok_or_else(|| "expected N, FIRST-LAST or all, time points counted from 0".to_owned())
+    expect(time, "N, FIRST-LAST or all, time points counted from 0")
 }
 
-/// `length=U`, `value=U`, or both parted by a comma.
+/// Parses `length=U`, `value=U`, or both parted by a comma.
 pub(crate) fn units(text: &str) -> Result<Units, String> {
     let mut units = Units::default();
     for pair in text.split(',') {
-        let unit = match pair.split_once('=') {
-            Some((quantity, unit)) if !unit.trim().is_empty() => match quantity.trim() {
-                "length" => Some((&mut units.length, unit)),
-                "value" => Some((&mut units.value, unit)),
-                _ => None,
-            },
+        let (quantity, unit) = pair.split_once('=').unwrap_or_default();
+        let kept = match quantity.trim() {
+            "length" => Some(&mut units.length),
+            "value" => Some(&mut units.value),
             _ => None,
         };
-        let (kept, unit) = unit.ok_or("expected length=UNIT, value=UNIT or both, such as length=mm,value=HU")?;
-        *kept = Some(unit.trim().to_owned());
+        let kept = kept.filter(|_| !unit.trim().is_empty());
+        *expect(kept, "length=UNIT, value=UNIT or both, such as length=mm,value=HU")? = Some(unit.trim().to_owned());
     }
     Ok(units)
 }
 
-/// `off`, `studio`, `studio:eye`, or `headlight`, `AZ,EL` or `@X,Y,Z` with `:INTENSITY`, `:#RRGGBB` or
+/// Parses `off`, `studio`, `studio:eye`, or `headlight`, `AZ,EL` or `@X,Y,Z` with `:INTENSITY`, `:#RRGGBB` or
 /// `:INTENSITY,#RRGGBB`.
 pub(crate) fn light(text: &str) -> Result<LightArg, String> {
-    let expected = || {
-        "expected off, studio, studio:eye, headlight, AZ,EL in degrees or @X,Y,Z; the last three with :INTENSITY or \
-         :#RRGGBB"
-    };
+    let expected = "off, studio, studio:eye, headlight, AZ,EL in degrees or @X,Y,Z; the last three with :INTENSITY or \
+                    :#RRGGBB";
     let (place, color) = text.split_once(':').map_or((text, None), |(place, color)| (place, Some(color)));
     let place = match (place, color) {
         ("off", None) => return Ok(LightArg::Off),
         ("studio", None) => return Ok(LightArg::Studio(false)),
         ("studio", Some("eye")) => return Ok(LightArg::Studio(true)),
-        ("headlight", _) => PlaceArg::Eye,
-        _ if place.starts_with('@') => match list::<f64>(&place[1..]).as_deref() {
-            Some(&[x, y, z]) if [x, y, z].iter().all(|c| c.is_finite()) => PlaceArg::At([x, y, z]),
-            _ => return Err(expected().to_owned()),
-        },
-        _ => match list::<f64>(place).as_deref() {
-            Some(&[azimuth, elevation]) if azimuth.is_finite() && elevation.is_finite() => {
-                PlaceArg::From(azimuth, elevation)
-            }
-            _ => return Err(expected().to_owned()),
+        ("headlight", _) => Some(PlaceArg::Eye),
+        _ => match place.strip_prefix('@') {
+            Some(point) => finite(point).map(PlaceArg::At),
+            None => finite(place).map(|[azimuth, elevation]| PlaceArg::From(azimuth, elevation)),
         },
     };
+    let place = expect(place, expected)?;
     let mut light = [1.0; 3];
     for part in color.into_iter().flat_map(|color| color.split(',')) {
-        let intensity = part.parse().ok().filter(|n: &f64| n.is_finite()).map(|n| [n; 3]);
-        let factors = match (intensity, part.parse()) {
-            (Some(intensity), _) => intensity,
-            (None, Ok(Background::Color(color))) => color,
-            _ => return Err(expected().to_owned()),
+        let factors = match (number(part), part.parse()) {
+            (Ok(intensity), _) => Some([intensity; 3]),
+            (Err(_), Ok(Background::Color(color))) => Some(color),
+            _ => None,
         };
-        light.iter_mut().zip(factors).for_each(|(light, factor)| *light *= factor);
+        light.iter_mut().zip(expect(factors, expected)?).for_each(|(light, factor)| *light *= factor);
     }
     Ok(LightArg::One(place, light))
 }
 
-/// Ambient, diffuse, specular and shininess.
+/// Parses ambient, diffuse, specular and shininess.
 pub(crate) fn material(text: &str) -> Result<[f64; 4], String> {
-    list::<f64>(text)
-        .and_then(|numbers| numbers.try_into().ok())
-        .ok_or_else(|| "expected four numbers AMBIENT,DIFFUSE,SPECULAR,SHININESS".to_owned())
+    expect(list(text), "four numbers AMBIENT,DIFFUSE,SPECULAR,SHININESS")
 }
 
-/// `on`, `off` or a number.
+/// Parses `on`, `off` or a number.
 pub(crate) fn strength(text: &str) -> Result<f64, String> {
     match text {
         "on" => Ok(1.0),
         "off" => Ok(0.0),
-        _ => number(text).map_err(|_| "expected on, off or a number from 0 to 1".to_owned()),
+        _ => expect(number(text).ok(), "on, off or a number from 0 to 1"),
     }
 }
 
@@ -247,19 +226,19 @@ pub(crate) fn strength(text: &str) -> Result<f64, String> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Occlusion(pub(crate) Option<f64>);
 
-/// `off` or a number.
+/// Parses `off` or a number.
 pub(crate) fn occlusion(text: &str) -> Result<Occlusion, String> {
-    if text == "off" {
-        return Ok(Occlusion(None));
+    match text {
+        "off" => Ok(Occlusion(None)),
+        _ => expect(number(text).ok().map(Some).map(Occlusion), "off or a radius in voxels"),
     }
-    number(text).map(|radius| Occlusion(Some(radius))).map_err(|_| "expected off or a radius in voxels".to_owned())
 }
 
 /// The value of `--gradient-opacity`; off has no points.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct GradientOpacity(pub(crate) Vec<GradientPoint>);
 
-/// `off`, or pairs `MAGNITUDE:OPACITY`.
+/// Parses `off`, or pairs `MAGNITUDE:OPACITY`.
 pub(crate) fn gradient_opacity(text: &str) -> Result<GradientOpacity, String> {
     if text == "off" {
         return Ok(GradientOpacity(Vec::new()));
@@ -269,44 +248,51 @@ pub(crate) fn gradient_opacity(text: &str) -> Result<GradientOpacity, String> {
         Some(GradientPoint { magnitude: number(magnitude.trim()).ok()?, opacity: number(opacity.trim()).ok()? })
     };
     let points: Option<Vec<GradientPoint>> = text.split(',').map(point).collect();
-    let points = points
-        .ok_or("expected off, or MAGNITUDE:OPACITY pairs such as 10:0,50:1, magnitudes in values per world unit")?;
-    // Whether points go together does not depend on what they thin out.
+    let points =
+        expect(points, "off, or MAGNITUDE:OPACITY pairs such as 10:0,50:1, magnitudes in values per world unit")?;
+    // The validity of the points does not depend on the rest of the transfer function.
     let any = ControlPoint { value: 0.0, color: [1.0; 3], opacity: 1.0 };
     let transfer = TransferFunction::new(vec![any], None).and_then(|any| any.with_gradient_opacity(points));
     transfer.map(|transfer| GradientOpacity(transfer.gradient_opacity().to_vec())).map_err(reason)
 }
 
-/// A finite number.
+/// Parses a finite number.
 pub(crate) fn number(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(|| format!("expected a finite number{}", unit(text)))
+    expect(finite(text).map(|[number]| number), &format!("a finite number{}", unit(text)))
 }
 
-/// What is to be said of a unit behind a number.
+/// Returns a hint if a number has a unit behind it.
 fn unit(text: &str) -> &'static str {
     let number = text.trim_end_matches(|c: char| !c.is_ascii_digit() && c != '.');
     if number.len() < text.len() && number.parse::<f64>().is_ok() { ", without a unit" } else { "" }
 }
 
-/// A finite number over 0.
+/// Parses a whole number from `MIN` to `MAX`.
+pub(crate) fn whole<T: TryFrom<u64>, const MIN: u64, const MAX: u64>(text: &str) -> Result<T, String> {
+    let number = text.trim().parse().ok().filter(|number| (MIN..=MAX).contains(number));
+    let range = if MAX == u64::MAX { format!(", {MIN} or more") } else { format!(" from {MIN} to {MAX}") };
+    expect(number.and_then(|number: u64| T::try_from(number).ok()), &format!("a whole number{range}"))
+}
+
+/// Parses a finite number over 0.
 pub(crate) fn positive(text: &str) -> Result<f64, String> {
-    number(text).ok().filter(|&n| n > 0.0).ok_or_else(|| format!("expected a number over 0{}", unit(text)))
+    expect(number(text).ok().filter(|&n| n > 0.0), &format!("a number over 0{}", unit(text)))
 }
 
-/// A finite number, 0 or over.
+/// Parses a finite number, 0 or over.
 pub(crate) fn tolerance(text: &str) -> Result<f64, String> {
-    number(text).ok().filter(|&n| n >= 0.0).ok_or_else(|| "expected a number, 0 or over".to_owned())
+    expect(number(text).ok().filter(|&n| n >= 0.0), "a number, 0 or over")
 }
 
-/// `auto` or a number.
+/// Parses `auto` or a number.
 pub(crate) fn level(text: &str) -> Result<Level, String> {
     match text {
         "auto" => Ok(Level::Auto),
-        _ => text.parse().map(Level::At).map_err(|_| "expected auto, or a number from 0 to 12".to_owned()),
+        _ => expect(text.parse().ok().map(Level::At), "auto, or a number from 0 to 12"),
     }
 }
 
-/// `gaussian[:SIGMA,RADIUS]` or `kaiser-bessel[:RADIUS,ALPHA]`.
+/// Parses `gaussian[:SIGMA,RADIUS]` or `kaiser-bessel[:RADIUS,ALPHA]`.
 pub(crate) fn kernel(text: &str) -> Result<Kernel, String> {
     let kernel = match name_and_pair(text)? {
         ("gaussian", None) => Kernel::default(),
@@ -318,7 +304,7 @@ pub(crate) fn kernel(text: &str) -> Result<Kernel, String> {
     kernel.validate().map(|()| kernel).map_err(reason)
 }
 
-/// `absorption`, `depth`, `window[:LOW,HIGH]` or `film[:EXPOSURE,GAMMA]`.
+/// Parses `absorption`, `depth`, `window[:LOW,HIGH]` or `film[:EXPOSURE,GAMMA]`.
 pub(crate) fn response(text: &str) -> Result<Response, String> {
     let response = match name_and_pair(text)? {
         ("absorption", None) => Response::Absorption,
@@ -332,11 +318,22 @@ pub(crate) fn response(text: &str) -> Result<Response, String> {
     response.validate().map(|()| response).map_err(reason)
 }
 
-/// `NAME` or `NAME:NUMBER,NUMBER`.
+/// Parses `N` or `N:COLOUR`.
+pub(crate) fn channel(text: &str) -> Result<ChannelChoice, String> {
+    let (number, color) = text.split_once(':').map_or((text, None), |(number, color)| (number, Some(color)));
+    let color = match color.map(str::parse) {
+        None => Some(None),
+        Some(Ok(Background::Color(color))) => Some(Some(color)),
+        Some(_) => None,
+    };
+    let channel = number.parse().ok().zip(color).map(|(number, color)| ChannelChoice { number, color });
+    expect(channel, "N or N:COLOUR, channels counted from 0")
+}
+
+/// Parses `NAME` or `NAME:NUMBER,NUMBER`.
 fn name_and_pair(text: &str) -> Result<(&str, Option<[f64; 2]>), String> {
     let Some((name, numbers)) = text.split_once(':') else { return Ok((text, None)) };
-    let pair = list(numbers).and_then(|n| n.try_into().ok());
-    Ok((name, Some(pair.ok_or_else(|| format!("expected two numbers after {name}:, found {numbers:?}"))?)))
+    Ok((name, Some(expect(list(numbers), &format!("two numbers after {name}:, found {numbers:?}"))?)))
 }
 
 #[cfg(test)]
@@ -372,6 +369,16 @@ mod tests {
         assert_eq!(units("value=HU"), Ok(Units { length: None, ..both }));
         for bad in ["", "mm", "length=", "length=mm,width=3", "=mm"] {
             assert!(units(bad).unwrap_err().starts_with("expected length=UNIT"), "{bad}");
+        }
+    }
+
+    #[test]
+    fn channels_have_a_number_and_maybe_a_colour() {
+        assert_eq!(channel("2"), Ok(ChannelChoice { number: 2, color: None }));
+        assert_eq!(channel("0:#ff0000"), Ok(ChannelChoice { number: 0, color: Some([1.0, 0.0, 0.0]) }));
+        for bad in ["", "-1", "a", "1:", "1:transparent", "1.5"] {
+            let error = channel(bad).unwrap_err();
+            assert!(error.starts_with("expected N or N:COLOUR"), "{bad}: {error}");
         }
     }
 

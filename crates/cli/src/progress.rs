@@ -28,12 +28,12 @@ impl Progress {
         Self(bar)
     }
 
-    /// For work of unknown length.
+    /// Shows work of unknown length.
     pub(crate) fn spinner(what: &'static str) -> Self {
         Self::new(ProgressBar::new_spinner(), "{spinner} {msg} {elapsed}", what)
     }
 
-    /// For work that tells how far it is.
+    /// Shows the progress of work that reports it.
     fn bar(what: &'static str) -> Self {
         Self::new(
             ProgressBar::new(STEPS),
@@ -49,7 +49,7 @@ impl Drop for Progress {
     }
 }
 
-/// What the library tells its progress to: one bar at a time, for the work that is being done.
+/// Returns the callback for the progress of the library: one bar at a time, for the current work.
 pub(crate) fn reporter() -> voxsplat::progress::Progress {
     let shown: Mutex<Option<(&'static str, Progress)>> = Mutex::new(None);
     voxsplat::progress::Progress::new(move |doing, fraction| {
@@ -64,11 +64,11 @@ pub(crate) fn reporter() -> voxsplat::progress::Progress {
     })
 }
 
-/// A bar for steps that take unlike times, with what is being done.
+/// A bar for steps of unlike times, with the current step.
 pub(crate) struct Remaining(Progress);
 
 impl Remaining {
-    /// For so many steps.
+    /// Shows a number of steps.
     pub(crate) fn new(what: &'static str, steps: usize) -> Self {
         let bar = ProgressBar::new(steps as u64);
         Self(Progress::new(
@@ -78,7 +78,7 @@ impl Remaining {
         ))
     }
 
-    /// So many steps are done, and this is next.
+    /// Shows the number of finished steps, and the next one.
     pub(crate) fn at(&self, done: usize, next: &str) {
         self.0.0.set_position(done as u64);
         self.0.0.set_message(next.to_owned());

@@ -11,7 +11,7 @@ use voxsplat::stats::{StageTime, Stats};
 
 use super::args::StatsFormat;
 use super::draw::in_words;
-use super::failure::Failure;
+use super::failure::{Failure, fail};
 use super::job::RenderJob;
 use super::output;
 use super::session::{Picture, Session};
@@ -27,7 +27,7 @@ struct ReferenceStats {
     stages: Vec<StageTime>,
 }
 
-/// Makes the pictures of jobs of one volume and one device.
+/// Renders the pictures of jobs of one volume and one device.
 pub(crate) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
     let mut shared: Option<Session> = None;
     for mut job in jobs {
@@ -58,7 +58,7 @@ pub(crate) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Prints what was asked for of a finished picture, and holds it to its bound.
+/// Prints the requested statistics of a finished picture, and holds it to its bound.
 fn report(job: &RenderJob, layers: &Layers, picture: Picture, stages: Stages) -> Result<(), Failure> {
     let Picture { image, camera, settings, estimate, stats, .. } = picture;
     let Some(mut stats) = stats else {
@@ -79,7 +79,7 @@ fn report(job: &RenderJob, layers: &Layers, picture: Picture, stages: Stages) ->
             format!("painter      reference (f64)\npicture      {width} x {height} px\n{times}")
         });
     };
-    // What is done with the picture comes after what the renderer did.
+    // Drawing the figure and encoding come after the stages of the renderer.
     let (before, after): (Vec<_>, Vec<_>) =
         stages.0.into_iter().partition(|s| s.name != "figure" && s.name != "encode");
     stats.stages.splice(0..0, before);
@@ -88,14 +88,12 @@ fn report(job: &RenderJob, layers: &Layers, picture: Picture, stages: Stages) ->
     let broken = verified.filter(|verified| job.accuracy.max_error.is_some_and(|bound| verified.interval[0] > bound));
     print_stats(job.output.stats, &RenderStats { stats, estimate, verified }, RenderStats::to_text)?;
     match (broken, job.accuracy.max_error) {
-        (Some(verified), Some(bound)) => {
-            Err(Failure::Failed(format!("--max-error {bound} is broken: {}", in_words(&verified))))
-        }
+        (Some(verified), Some(bound)) => fail(format!("--max-error {bound} is exceeded: {}", in_words(&verified))),
         _ => Ok(()),
     }
 }
 
-/// Statistics of a picture by the renderer, and what traced pixels say of it.
+/// Statistics of a picture by the renderer, and its error by traced pixels.
 #[derive(Serialize)]
 struct RenderStats {
     #[serde(flatten)]
@@ -117,7 +115,7 @@ impl RenderStats {
     }
 }
 
-/// What pixels other than those of the choice say of a picture.
+/// Returns the error of a picture by other pixels than the ones that chose its settings.
 fn verify(
     image: &Image,
     layers: &Layers,
@@ -125,7 +123,7 @@ fn verify(
     settings: &Settings,
     job: &RenderJob,
 ) -> Result<Estimate, Failure> {
-    // A tenth more pixels along each axis fall between those of the other sample.
+    // A tenth more pixels along each axis fall between the pixels of the other sample.
     let pixels = job.accuracy.sample.saturating_add(job.accuracy.sample / 5);
     let estimate = Truth::trace(layers, camera, settings, pixels)?.estimate(image)?;
     if job.output.stats.is_none() {
@@ -134,7 +132,7 @@ fn verify(
     Ok(estimate)
 }
 
-/// Prints statistics if they are asked for.
+/// Prints statistics if they are requested.
 pub(crate) fn print_stats<S: Serialize>(
     format: Option<StatsFormat>,
     stats: &S,

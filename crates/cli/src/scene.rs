@@ -3,11 +3,10 @@
 //! A scene becomes the words of a command line and is read by the parser of command lines, so it holds whatever that
 //! takes. Paths in a scene are relative to its folder.
 
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsString;
 use std::path::Path;
 
 use clap::builder::ValueHint;
-use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command, FromArgMatches};
 use serde_json::{Map, Value};
 use voxsplat::error::InputError;
@@ -15,11 +14,12 @@ use voxsplat::formats::read_json;
 
 use super::args::{Args, RenderArgs};
 use super::destination::STREAM;
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 use super::files::Files;
+use super::given::MAP;
 use super::job::RenderJob;
-use super::rules::MAP;
-use super::scene_file::{Given, OF_TRANSFER, SceneFile, VERSION, VOLUME, is_scene};
+use super::options::{OptionValues, given};
+use super::scene_file::{OF_TRANSFER, SceneFile, VERSION, VOLUME, is_scene};
 use super::{args, effects, output, usage};
 
 /// The largest scene file that is read, in bytes.
@@ -28,159 +28,138 @@ const MAX_BYTES: u64 = 16 << 20;
 /// The key of several pictures.
 const OUTPUTS: &str = "outputs";
 
-/// Options that pictures of one volume and one device share, besides those of the input.
+/// Options, besides the input's, that pictures of one volume and one device share.
 const SHARED: [&str; 4] = ["adapter", "reference", "units", "save-scene"];
-/// The option whose values from a scene and from the command line go together: later pairs win.
+/// The option whose values of a scene and of the command line are joined: later pairs win.
 const TUNE: &str = "tune";
 
-/// The pictures that a command of this name is asked for: one, or those of a scene. `job` makes each of its arguments.
+/// Returns the pictures of a command line: one, or the pictures of a scene. `job` makes each of its arguments. The
+/// command is `render` or a relative of it, and the words of a scene are options of `render`.
 pub(crate) fn jobs(
     args: RenderArgs,
-    (name, matches): (&str, &ArgMatches),
+    (own, matches): (&Command, &ArgMatches),
     job: impl Fn(RenderArgs) -> Result<RenderJob, Failure>,
 ) -> Result<Vec<RenderJob>, Failure> {
-    let mut program = args::command();
-    program.build();
+    let program = args::built();
     let Some(command) = program.find_subcommand("render") else { return Ok(Vec::new()) };
     if !is_scene(&args.input.source) || args.input.dims.is_some() {
-        let notes = effects::noted(name, vec![matches])?;
+        let notes = effects::noted(own, vec![matches])?;
         let job = with_scene(args, given(command, matches), &job)?;
         notes.iter().for_each(|note| output::say(note));
         return Ok(vec![job]);
     }
     let path = &args.input.source;
-    let placed = |reason: String| format!("{}: {reason}", path.display());
-    let in_scene = |failure: Failure| match failure {
-        Failure::Usage(reason) => Failure::Usage(placed(reason)),
-        Failure::Several(reasons) => Failure::Several(reasons.into_iter().map(placed).collect()),
-        Failure::Failed(reason) => Failure::Failed(placed(reason)),
+    let in_scene = |failure: Failure| {
+        let placed = failure.messages.iter().map(|message| format!("{}: {message}", path.display()));
+        Failure { messages: placed.collect(), ..failure }
     };
     let no_scene = |error: InputError| match error {
         InputError::Format { path, reason, .. } if reason.starts_with("line ") => {
-            Failure::Failed(format!("{}: no scene, which is a JSON object: {reason}", path.display()))
+            Failure::failed(format!("{}: no scene, which is a JSON object: {reason}", path.display()))
         }
         other => other.into(),
     };
     let scene = read_json(path, MAX_BYTES).map_err(no_scene)?;
     let lines = read(path, scene, command, &given(command, matches)).map_err(in_scene)?;
     if lines.len() > 1 && args.save_scene.is_some() {
-        return Err(Failure::Usage("--save-scene: a scene of several outputs is there already".to_owned()));
+        return refuse("--save-scene: the scene has several outputs, expected one");
     }
     let mut notes: Vec<String> = Vec::new();
     let mut files = Files::default();
-    // The outputs of the command line are in the lines too.
+    // The lines include the outputs of the command line.
     files.add_inputs(command, matches);
     let mut parsed = |words: &Vec<OsString>| {
-        let failed = |e: clap::Error| Failure::Several(usage::messages(e, words));
+        let failed = |e: clap::Error| Failure { code: 2, messages: usage::messages(&e, words) };
         let whole = args::command().try_get_matches_from(words).map_err(failed)?;
         let of_scene = whole.subcommand_matches("render").unwrap_or(matches);
         files.add(command, of_scene);
-        for note in effects::noted(name, vec![of_scene, matches])? {
-            if !notes.contains(&note) {
-                notes.push(note);
-            }
-        }
+        notes.extend(effects::noted(own, vec![of_scene, matches])?);
         let options = given(command, of_scene);
         match Args::from_arg_matches(&whole).map_err(failed)?.command {
             args::Command::Render(args) => with_scene(*args, options, &job),
-            _ => Err(Failure::Usage("it is not about a picture".to_owned())),
+            _ => refuse("the command is not about a picture"),
         }
     };
-    let jobs =
-        lines.iter().map(|words| parsed(words).map_err(in_scene)).collect::<Result<Vec<RenderJob>, Failure>>()?;
+    let jobs = lines.iter().map(|words| parsed(words).map_err(in_scene)).collect::<Result<_, Failure>>()?;
     files.check()?;
-    notes.iter().for_each(|note| output::say(note));
+    let is_new = |at: &usize| !notes[..*at].contains(&notes[*at]);
+    (0..notes.len()).filter(is_new).for_each(|at| output::say(&notes[at]));
     Ok(jobs)
 }
 
-/// A job with the scene that it is to write.
+/// Makes a job with the scene that it writes.
 fn with_scene(
     args: RenderArgs,
-    options: Vec<Given>,
+    options: Vec<OptionValues>,
     job: &impl Fn(RenderArgs) -> Result<RenderJob, Failure>,
 ) -> Result<RenderJob, Failure> {
     let scene = args.save_scene.clone().map(|path| SceneFile::new(path, options)).transpose()?;
     if scene.is_some() && args.input.source == Path::new(STREAM) {
-        return Err(Failure::Usage("--save-scene: standard input cannot be named in a file".to_owned()));
+        return refuse("--save-scene: standard input cannot be named in a file, expected a file as VOLUME");
     }
     let mut job = job(args)?;
     job.output.scene = scene;
     Ok(job)
 }
 
-/// The options that a command line gives, without the defaults.
-fn given(command: &Command, matches: &ArgMatches) -> Vec<Given> {
-    let asked = |arg: &&Arg| matches.value_source(arg.get_id().as_str()) == Some(ValueSource::CommandLine);
-    let option = |arg: &Arg| {
-        let raw = arg.get_action().takes_values().then(|| matches.get_raw(arg.get_id().as_str())).flatten();
-        Some((arg.get_long()?.to_owned(), raw.into_iter().flatten().map(OsStr::to_owned).collect()))
-    };
-    command.get_arguments().filter(asked).filter_map(option).collect()
-}
-
-/// The option of a name.
-fn option<'a>(command: &'a Command, name: &str) -> Option<&'a Arg> {
-    let called = |arg: &&Arg| {
-        arg.get_long() == Some(name) || arg.get_all_aliases().is_some_and(|aliases| aliases.contains(&name))
-    };
-    command.get_arguments().find(called)
-}
-
-/// Options with others in front: those of the same name, or that do not go with them, give way.
-fn overlaid(command: &Command, base: &[Given], over: &[Given]) -> Vec<Given> {
+/// Returns options with others in front: options of the same name, or that do not go with them, give way.
+fn overlaid(command: &Command, base: &[OptionValues], over: &[OptionValues]) -> Vec<OptionValues> {
     let gives_way = |name: &str| {
         over.iter().any(|(other, _)| {
-            let conflicts = option(command, other).map(|arg| command.get_arg_conflicts_with(arg)).unwrap_or_default();
+            let conflicts =
+                args::option(command, other).map(|arg| command.get_arg_conflicts_with(arg)).unwrap_or_default();
             other == name || conflicts.iter().any(|arg| arg.get_long() == Some(name))
         })
     };
-    let tuned = |options: &[Given]| options.iter().find(|(name, _)| name == TUNE).map(|(_, pairs)| pairs.clone());
-    let mut all: Vec<Given> = base.iter().filter(|(name, _)| !gives_way(name)).chain(over).cloned().collect();
-    if let Some((_, pairs)) = all.iter_mut().find(|(name, _)| name == TUNE) {
-        *pairs = tuned(base).into_iter().chain(tuned(over)).flatten().collect();
+    let pairs = base.iter().filter(|(name, _)| name == TUNE).flat_map(|(_, pairs)| pairs);
+    let mut all: Vec<OptionValues> = base.iter().filter(|(name, _)| !gives_way(name)).chain(over).cloned().collect();
+    if gives_way(TUNE)
+        && let Some((_, own)) = all.iter_mut().find(|(name, _)| name == TUNE)
+    {
+        own.splice(0..0, pairs.cloned());
     }
     all
 }
 
-/// The command lines of a scene, with options that replace its own.
+/// Returns the command lines of a scene, with options that replace its own.
 fn read(
     path: &Path,
     mut scene: Map<String, Value>,
     command: &Command,
-    over: &[Given],
+    over: &[OptionValues],
 ) -> Result<Vec<Vec<OsString>>, Failure> {
     let folder = path.parent().unwrap_or(Path::new(""));
     scene.remove(VERSION);
     let volume = match scene.remove(VOLUME) {
         Some(Value::String(volume)) => found(folder, &volume, true),
-        _ => return Err(Failure::Usage(format!("{VOLUME:?} is missing: a scene names its volume"))),
+        _ => return refuse(format!("{VOLUME:?} is missing: a scene names its volume")),
     };
     let outputs = match scene.remove(OUTPUTS) {
         None => vec![Map::new()],
         Some(Value::Array(outputs)) if !outputs.is_empty() => {
             let object = |output: Value| match output {
                 Value::Object(output) => Ok(output),
-                _ => Err(Failure::Usage(format!("{OUTPUTS:?} has objects, each an output with options of its own"))),
+                _ => refuse(format!("{OUTPUTS:?} has objects, each an output with options of its own")),
             };
             outputs.into_iter().map(object).collect::<Result<_, _>>()?
         }
-        Some(_) => return Err(Failure::Usage(format!("{OUTPUTS:?}: expected a list of objects"))),
+        Some(_) => return refuse(format!("{OUTPUTS:?}: expected a list of objects")),
     };
     if outputs.len() > 1 && over.iter().any(|(name, _)| name == "output") {
-        return Err(Failure::Usage(format!("--output: the scene has {} outputs of its own", outputs.len())));
+        return refuse(format!("--output: the scene has {} outputs of its own", outputs.len()));
     }
-    let options = |map: &Map<String, Value>| -> Result<Vec<Given>, Failure> {
+    let options = |map: &Map<String, Value>| -> Result<Vec<OptionValues>, Failure> {
         let options = map.iter().map(|(key, value)| words(command, folder, key, value));
         Ok(options.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
     };
     let base = options(&scene)?;
     let line = |output: &Map<String, Value>| {
         let shared = |name: &str| {
-            let of_input = option(command, name).is_some_and(|arg| arg.get_help_heading() == Some("Input"));
+            let of_input = args::option(command, name).is_some_and(|arg| arg.get_help_heading() == Some("Input"));
             of_input || SHARED.contains(&name) || name == VOLUME
         };
         if let Some(name) = output.keys().find(|name| shared(name)) {
-            return Err(Failure::Usage(format!("{name:?} is for the whole scene, not for one of its outputs")));
+            return refuse(format!("{name:?} is for the whole scene, not for one of its outputs"));
         }
         let given = overlaid(command, &overlaid(command, &base, &options(output)?), over);
         let mut line: Vec<OsString> = vec!["voxsplat".into(), "render".into()];
@@ -202,11 +181,11 @@ fn read(
     outputs.iter().map(line).collect()
 }
 
-/// The option that a key of a scene stands for; `None` for a flag that is off.
-fn words(command: &Command, folder: &Path, key: &str, value: &Value) -> Result<Option<Given>, Failure> {
-    let arg = option(command, key);
+/// Returns the option that a key of a scene stands for; `None` for a flag that is off.
+fn words(command: &Command, folder: &Path, key: &str, value: &Value) -> Result<Option<OptionValues>, Failure> {
+    let arg = args::option(command, key);
     let name = arg.and_then(Arg::get_long).unwrap_or(key).to_owned();
-    let fault = |expected: &str| Failure::Usage(format!("{key:?}: {value}, expected {expected}"));
+    let fault = |expected: &str| Failure::usage(format!("{key:?}: {value}, expected {expected}"));
     let word = |value: &Value| match value {
         Value::String(text) => Ok(text.clone()),
         Value::Number(number) => Ok(number.to_string()),
@@ -227,7 +206,7 @@ fn words(command: &Command, folder: &Path, key: &str, value: &Value) -> Result<O
     };
     let is_path = arg.is_some_and(|arg| arg.get_value_hint() == ValueHint::AnyPath);
     let in_folder = |text: String| match is_path && !value.is_object() {
-        // A name may be that of a preset or a colour map.
+        // It may be the name of a preset or a colour map.
         true => found(folder, &text, !OF_TRANSFER.contains(&name.as_str())),
         false => text.into(),
     };
@@ -235,7 +214,7 @@ fn words(command: &Command, folder: &Path, key: &str, value: &Value) -> Result<O
     Ok(Some((name, values)))
 }
 
-/// The path that a text in a scene means. If it may be a name too, it is a path if there is such a file.
+/// Returns the path that a text in a scene means. A text that may be a name too is a path if there is such a file.
 fn found(folder: &Path, text: &str, is_path: bool) -> OsString {
     if let Some(map) = text.strip_prefix(MAP) {
         let mut value = OsString::from(MAP);

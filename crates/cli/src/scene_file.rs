@@ -4,20 +4,21 @@ use std::ffi::{OsStr, OsString};
 use std::path::{Component, Path, PathBuf};
 
 use serde_json::Value;
-use voxsplat::report::{check_file, write_file};
+use voxsplat::image::{check_writable, write_file};
 use voxsplat::transfer::TransferFunction;
 
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 use super::fitted::Fitted;
+use super::given::LABELS;
 use super::layers;
-use super::rules::LABELS;
+use super::options::OptionValues;
 use super::transfer::TransferChoice;
 
 /// The key of the volume, which has no option.
 pub(crate) const VOLUME: &str = "volume";
 /// The key of the version that wrote the scene.
 pub(crate) const VERSION: &str = "voxsplat";
-/// Options that say where a picture goes and what is told of it, not what it shows.
+/// Options of a run, which do not change the picture.
 const OF_A_RUN: [&str; 6] = ["output", "save-scene", "save-transfer", "stats", "quiet", "help"];
 /// Options that make the transfer function.
 pub(crate) const OF_TRANSFER: [&str; 3] = ["transfer", "window", "gradient-opacity"];
@@ -25,14 +26,11 @@ pub(crate) const OF_TRANSFER: [&str; 3] = ["transfer", "window", "gradient-opaci
 /// Options that name files of labels, which may have labels behind them.
 const OF_FILES: [&str; 3] = ["labels", "label-table", "mask"];
 
-/// An option by its long name, with its values; a flag has none.
-pub(crate) type Given = (String, Vec<OsString>);
-
 /// A scene to be written when its picture is done.
 #[derive(Debug, Clone)]
 pub(crate) struct SceneFile {
     path: PathBuf,
-    options: Vec<Given>,
+    options: Vec<OptionValues>,
 }
 
 /// Whether a path names a scene, not a volume.
@@ -42,11 +40,11 @@ pub(crate) fn is_scene(path: &Path) -> bool {
 
 impl SceneFile {
     /// A scene to be written to a file that can be written, and that `render` takes for a scene.
-    pub(crate) fn new(path: PathBuf, options: Vec<Given>) -> Result<Self, Failure> {
+    pub(crate) fn new(path: PathBuf, options: Vec<OptionValues>) -> Result<Self, Failure> {
         if !is_scene(&path) {
-            return Err(Failure::Usage(format!("--save-scene: {path:?}, expected a name that ends in .json")));
+            return refuse(format!("--save-scene: {path:?}, expected a name that ends in .json"));
         }
-        check_file(&path).map_err(|e| Failure::Usage(format!("--save-scene: {e:#}")))?;
+        check_writable(&path).map_err(|e| Failure::usage(format!("--save-scene: {e:#}")))?;
         Ok(Self { path, options })
     }
 
@@ -59,7 +57,7 @@ impl SceneFile {
             (VERSION.to_owned(), Value::from(env!("CARGO_PKG_VERSION")).to_string()),
             (VOLUME.to_owned(), Value::from(volume).to_string()),
         ];
-        // A file may change or vanish: what it held is kept. Presets adapt to the data, here and elsewhere.
+        // A file may change or vanish, so its transfer function is kept. Presets adapt to the data again.
         let inlined = matches!(choice, TransferChoice::Given(_));
         if fitted.labels {
             fields.push((OF_TRANSFER[0].to_owned(), Value::from(LABELS).to_string()));
@@ -92,12 +90,12 @@ impl SceneFile {
     }
 }
 
-/// A transfer function as a value in a scene.
+/// Returns a transfer function as a value in a scene.
 fn indented(transfer: &TransferFunction) -> String {
     transfer.to_json().trim_end().replace('\n', "\n  ")
 }
 
-/// A value of an option as a number, if it reads back as the same text.
+/// Returns a value of an option as a number, if it reads back as the same text.
 fn literal(text: &str) -> Value {
     match serde_json::from_str::<serde_json::Number>(text) {
         Ok(number) if number.to_string() == text => Value::Number(number),
@@ -105,7 +103,7 @@ fn literal(text: &str) -> Value {
     }
 }
 
-/// The name of a file, maybe with labels behind it, as it is seen from a folder.
+/// Returns the name of a file, maybe with labels behind it, relative to a folder.
 fn moved(folder: &Path, value: &OsStr) -> Result<String, Failure> {
     let (file, labels) = layers::parted(Path::new(value));
     let file = relative(folder, &file);
@@ -113,10 +111,10 @@ fn moved(folder: &Path, value: &OsStr) -> Result<String, Failure> {
 }
 
 fn text(value: &OsStr) -> Result<&str, Failure> {
-    value.to_str().ok_or_else(|| Failure::Failed(format!("--save-scene: {value:?} is not Unicode, as JSON is")))
+    value.to_str().ok_or_else(|| Failure::failed(format!("--save-scene: {value:?} is not Unicode, as JSON is")))
 }
 
-/// A path as it is seen from a folder, if both are on one drive.
+/// Returns a path relative to a folder, if both are on one drive.
 fn relative(folder: &Path, path: &Path) -> PathBuf {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let (Ok(folder), Ok(file)) = (folder.canonicalize(), path.canonicalize()) else { return path.to_owned() };

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use voxsplat::accuracy::Estimate;
-use voxsplat::appearance::{Choice, ChoiceContext};
+use voxsplat::appearance::{Choice, ChoiceContext, Loaded, load_channels};
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::clip::Clip;
 use voxsplat::demos;
@@ -14,49 +14,68 @@ use voxsplat::layers::{Layer, Layers};
 use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
 use voxsplat::renderer::{Renderer, RendererOptions};
-use voxsplat::report::readable;
 use voxsplat::settings::{Model, Settings};
 use voxsplat::stats::Stats;
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Contents, Volume};
+use voxsplat_volume::names::readable;
 
 use super::args::FrameArg;
 use super::clip::intersection;
 
 use super::draw::{Prepared, draw, framed, in_words, notes, with_units};
-use super::failure::Failure;
+use super::failure::{Failure, fail, refuse};
 use super::fitted::{Fitted, transfer};
 use super::job::{Engine, NO_LEGEND, RenderJob};
 use super::progress::{self, Progress, Remaining};
 use super::stages::Stages;
 use super::stderr::silenced;
 use super::transfer::TransferChoice;
-use super::{channels, layers, output};
+use super::{layers, output};
 
-/// What pictures of one volume share.
+/// The state that pictures of one volume share.
 pub(crate) struct Session {
     pub(crate) volume: Volume,
     /// `None` if the reference makes the pictures.
     renderer: Option<Renderer>,
-    /// What the last picture was made of.
+    /// The scene of the last picture.
     prepared: Option<Prepared>,
-    /// What the last picture was fitted to, and how that was found.
-    framed: Option<(FrameArg, Clip, Layers, Option<Hull>)>,
-    /// What all pictures are fitted to, if that was found before them; of nothing that shows `Some(None)`.
+    /// The hull that the last picture was fitted to.
+    framed: Held<(FrameArg, Clip, Layers), Option<Hull>>,
+    /// The hull that all pictures are fitted to, if it was found before them; `Some(None)` if nothing is visible.
     steady: Option<Option<Hull>>,
-    /// What is drawn in place of its values, if it has several channels.
+    /// Layers in place of the volume's values, if it has several channels.
     channels: Vec<Layer>,
-    /// Other labels of its file, that overlap with its own.
+    /// Further labels of its file, which overlap with its own.
     more: Vec<Volume>,
     /// Volumes of labels on its lattice, by their files.
     labels: Vec<(PathBuf, Vec<Volume>)>,
-    /// What the last legend was of, and says.
-    legend: Option<(Layers, Clip, Vec<LegendEntry>)>,
-    /// What the user has been told.
+    /// The last legend.
+    legend: Held<(Layers, Clip), Vec<LegendEntry>>,
+    /// Notes that have been printed.
     said: Vec<String>,
 }
 
-/// A picture, and how it was made.
+/// The last value, with the key that it belongs to.
+type Held<K, V> = Option<(K, V)>;
+
+/// Returns the held value, or makes another if the key has changed.
+fn held<K: PartialEq, V: Clone>(
+    last: &mut Held<K, V>,
+    key: K,
+    make: impl FnOnce(&K) -> Result<V, Failure>,
+) -> Result<V, Failure> {
+    let (key, value) = match last.take() {
+        Some((held, value)) if held == key => (held, value),
+        _ => {
+            let value = make(&key)?;
+            (key, value)
+        }
+    };
+    Ok(last.insert((key, value)).1.clone())
+}
+
+/// A picture, with its settings and measurements.
 pub(crate) struct Picture {
     /// As rendered, without figure.
     pub(crate) image: Image,
@@ -66,7 +85,7 @@ pub(crate) struct Picture {
     pub(crate) settings: Settings,
     pub(crate) notes: Vec<Note>,
     pub(crate) estimate: Option<Estimate>,
-    /// Those of the renderer; `None` if the reference made the picture.
+    /// Statistics of the renderer; `None` if the reference made the picture.
     pub(crate) stats: Option<Stats>,
 }
 
@@ -77,14 +96,14 @@ impl Picture {
     }
 }
 
-/// Tells that a volume has no other level than its own if one was asked for.
+/// Notes that `--pyramid` has no effect, if the volume has one level.
 pub(crate) fn say_level(volume: &Volume, options: &LoadOptions) {
     if volume.contents().levels <= 1 && matches!(options.level, PyramidLevel::At(level) if level > 0) {
         output::say("note: --pyramid has no effect because the volume has one level");
     }
 }
 
-/// Tells which of the volumes of a file was taken if that was not asked for.
+/// Notes which time point and which level of a file are used, if no option requests them.
 pub(crate) fn say_choice(volume: &Volume, options: &LoadOptions) {
     let Contents { times, level, levels, notes, .. } = volume.contents();
     notes.iter().for_each(|note| output::say(&format!("note: {note}")));
@@ -103,7 +122,7 @@ pub(crate) fn say_choice(volume: &Volume, options: &LoadOptions) {
 }
 
 impl Session {
-    /// Reads the volume of a job and opens its device. The transfer function is that of the job.
+    /// Reads the volume of a job and opens its device. Returns the transfer function of the job too.
     pub(crate) fn open(job: &RenderJob, stages: &mut Stages) -> Result<(Self, Fitted), Failure> {
         let mut opening = Stages::default();
         let progress = Progress::spinner("reading");
@@ -120,11 +139,14 @@ impl Session {
                 scope.spawn(move || opening.time("device", || silenced(|| Renderer::new(&options))))
             });
             let mut read = || {
-                let load = || channels::load(&job.source, &job.load, &job.channels, &job.transfer);
-                let channels::Loaded { volume, layers, labels, note } = stages.time("load", load)?;
+                let load = || load_channels(&job.source, &job.load, &job.channels, job.transfer.values());
+                let Loaded { volume, layers, labels, channels } = stages.time("load", load)?;
                 let volume = with_units(volume, &job.figure.units);
                 let mut fitted = fitted(job, &volume, &layers, stages)?;
-                fitted.notes.extend(note);
+                if !channels.is_empty() {
+                    let channels: Vec<String> = channels.iter().map(|look| format!("--channel {look}")).collect();
+                    fitted.notes.push(format!("note: using {} (draw one: --channel N)", channels.join(", ")));
+                }
                 Ok::<_, Failure>((volume, layers, labels, fitted))
             };
             (read(), device.map(|thread| thread.join()))
@@ -150,7 +172,7 @@ impl Session {
         Ok((session, fitted))
     }
 
-    /// Tells the user a note once.
+    /// Prints a note once.
     fn say(&mut self, note: String) {
         if !self.said.contains(&note) {
             output::say(&note);
@@ -158,20 +180,17 @@ impl Session {
         }
     }
 
-    /// Tells what was found out for a job, and completes it with the view, the light and the sharpness that suit it.
+    /// Prints the notes of a job, and completes it with the view, the light and the sharpness that suit it.
     ///
-    /// Refuses what the volume has nothing for.
+    /// Refuses options that the volume has nothing for.
     pub(crate) fn complete(&mut self, job: &mut RenderJob, fitted: &Fitted) -> Result<(), Failure> {
         let has_labels = fitted.labels || job.layers.has_labels();
         if !self.channels.is_empty() && (job.figure.drawn.color_bar || job.output.transfer.is_some()) {
             let message = "--colour-bar and --save-transfer are for one transfer function, not for several channels";
-            return Err(Failure::Usage(message.to_owned()));
+            return refuse(message);
         }
         if job.figure.legend && !has_labels && self.channels.iter().all(|layer| layer.entry().is_none()) {
-            return Err(Failure::Usage(NO_LEGEND.to_owned()));
-        }
-        if let Some(note) = &fitted.suggested {
-            self.say(note.clone());
+            return refuse(NO_LEGEND);
         }
         fitted.notes.iter().for_each(|note| self.say(note.clone()));
         if let TransferChoice::Given(imported) = &job.transfer.choice
@@ -179,7 +198,9 @@ impl Session {
                 imported.material.filter(|_| job.choices.open.light && job.settings.model == Model::Composite)
         {
             let material = material.map(readable).join(",");
-            self.say(format!("note: the file requests light: add --light headlight --material {material}"));
+            self.say(format!(
+                "note: the transfer function is for lit surfaces: add --light headlight --material {material}"
+            ));
         }
         job.settings.clip = intersection(&job.clip, &self.volume)?;
         let context = ChoiceContext {
@@ -198,13 +219,13 @@ impl Session {
         Ok(())
     }
 
-    /// Goes on to another point in time: its samples take the place of those there are, and all else stays.
+    /// Replaces the samples by the ones of another time point.
     pub(crate) fn go_to(&mut self, job: &RenderJob, series: &mut TimeSeries, time: u32) -> Result<(), Failure> {
         let Contents { channel, time: now, .. } = *self.volume.contents();
         if time == now {
             return Ok(());
         }
-        // What was made of the last one goes before the next one comes.
+        // The last scene leaves memory before the next samples are read.
         (self.prepared, self.framed) = (None, None);
         let next = with_units(series.channel(time, channel)?, &job.figure.units);
         for layer in &mut self.channels {
@@ -220,7 +241,8 @@ impl Session {
         Ok(())
     }
 
-    /// Fits all pictures of a job to what shows at any of some points in time, so that none moves or changes its size.
+    /// Fits all pictures of a job to the voxels that are visible at any of some time points, so that no picture moves
+    /// or changes its size.
     pub(crate) fn frame_all(
         &mut self,
         job: &RenderJob,
@@ -231,7 +253,7 @@ impl Session {
         let progress = Remaining::new("times", times.len());
         let mut around: Option<Hull> = None;
         for (done, &time) in times.iter().enumerate().filter(|_| job.frame != FrameArg::Volume) {
-            progress.at(done, &format!("framing {} of {} points in time", done + 1, times.len()));
+            progress.at(done, &format!("framing {} of {} time points", done + 1, times.len()));
             self.go_to(job, series, time)?;
             let layers = self.layers(job, fitted, &mut Stages::default())?;
             let hull = framed(job.frame, &layers, &job.settings.clip)?;
@@ -244,12 +266,12 @@ impl Session {
         Ok(())
     }
 
-    /// The transfer function of a job of the same volume.
+    /// Returns the transfer function of a job of the same volume.
     pub(crate) fn fitted(&self, job: &RenderJob, stages: &mut Stages) -> Result<Fitted, Failure> {
         fitted(job, &self.volume, &self.channels, stages)
     }
 
-    /// What a job draws. Files of labels are read once.
+    /// Returns the layers of a job. Files of labels are read once.
     pub(crate) fn layers(&mut self, job: &RenderJob, fitted: &Fitted, stages: &mut Stages) -> Result<Layers, Failure> {
         let (held, lattice) = (&mut self.labels, &self.volume);
         let read = |option: &'static str, path: &Path| match held.iter().find(|(of, _)| of == path) {
@@ -284,13 +306,14 @@ impl Session {
         transfer: &TransferFunction,
         stages: &mut Stages,
     ) -> Result<Picture, Failure> {
-        let inside = &job.settings.clip;
-        let around = match &self.framed {
-            _ if self.steady.is_some() => self.steady.clone().flatten(),
-            Some((frame, clip, of, hull)) if *frame == job.frame && clip == inside && of == layers => hull.clone(),
-            _ => stages.time("framing", || framed(job.frame, layers, inside))?,
+        let around = match &self.steady {
+            Some(steady) => steady.clone(),
+            None => held(
+                &mut self.framed,
+                (job.frame, job.settings.clip.clone(), layers.clone()),
+                |(frame, clip, layers)| stages.time("framing", || framed(*frame, layers, clip)),
+            )?,
         };
-        self.framed = Some((job.frame, inside.clone(), layers.clone(), around.clone()));
         let figure = self.figure(job, layers)?;
         let reserved = if job.choices.space { figure.reserved(job.size, transfer)? } else { job.view.reserved };
         let camera = Camera::new(&View { around, reserved, ..job.view.clone() }, self.volume.grid(), job.size)?;
@@ -320,19 +343,15 @@ impl Session {
         Ok(Picture { image, drawn, camera, settings, notes, estimate, stats })
     }
 
-    /// What is drawn on the picture of a job, with the names of a legend.
+    /// Returns the figure of a job, with the names of its legend.
     fn figure(&mut self, job: &RenderJob, layers: &Layers) -> Result<Figure, Failure> {
         if !job.figure.legend {
             return Ok(job.figure.drawn.clone());
         }
-        let clip = &job.settings.clip;
-        let legend = match &self.legend {
-            Some((of, inside, legend)) if of == layers && inside == clip => legend.clone(),
-            _ => layers.legend(clip)?,
-        };
-        self.legend = Some((layers.clone(), clip.clone(), legend.clone()));
+        let key = (layers.clone(), job.settings.clip.clone());
+        let legend = held(&mut self.legend, key, |(layers, clip)| Ok(layers.legend(clip)?))?;
         if legend.is_empty() {
-            return Err(Failure::Failed("--legend: no label shows".to_owned()));
+            return fail("--legend: no label is visible");
         }
         let figure = Figure { legend, ..job.figure.drawn.clone() };
         figure.validate(job.size, job.settings.model)?;
@@ -340,7 +359,7 @@ impl Session {
     }
 }
 
-/// The transfer function of a job, or none if the values of its volume are labels.
+/// Returns the transfer function of a job, or none if the values of its volume are labels.
 fn fitted(job: &RenderJob, volume: &Volume, channels: &[Layer], stages: &mut Stages) -> Result<Fitted, Failure> {
     if !channels.is_empty() {
         return Fitted::clear();
@@ -348,13 +367,13 @@ fn fitted(job: &RenderJob, volume: &Volume, channels: &[Layer], stages: &mut Sta
     transfer(&job.source, &job.transfer, volume, may_be_labels(job), stages)
 }
 
-/// Whether a job leaves open what values mean, and asks for nothing that labels are not drawn by.
+/// Whether a job leaves the meaning of values open, and requests nothing that labels lack.
 fn may_be_labels(job: &RenderJob) -> bool {
-    let asks = job.transfer.gradient.is_some() || job.figure.drawn.color_bar || job.output.transfer.is_some();
-    !asks && job.channels.is_empty() && !job.layers.has_labels() && Layers::check_settings(&job.settings).is_ok()
+    let for_values = job.transfer.gradient.is_some() || job.figure.drawn.color_bar || job.output.transfer.is_some();
+    !for_values && job.channels.is_empty() && !job.layers.has_labels() && Layers::check_settings(&job.settings).is_ok()
 }
 
-/// What the user is told of a choice, with the option that undoes it.
+/// Returns the note on a choice, with the option that undoes it.
 fn note_on(choice: &Choice, follows: bool) -> String {
     let text = match choice {
         Choice::Side { azimuth, elevation } => {
@@ -377,7 +396,7 @@ fn note_on(choice: &Choice, follows: bool) -> String {
     format!("note: using {text}")
 }
 
-/// Places studio light, if a job asks for it, around its view.
+/// Places studio light, if a job requests it, around its view.
 fn place_studio(job: &mut RenderJob) -> Result<(), Failure> {
     if let Some(lighting) = job.settings.lighting.as_mut().filter(|_| job.studio.requested) {
         let studio = Lighting::studio(job.view.forward()?, job.view.up);

@@ -2,20 +2,21 @@
 
 use std::path::Path;
 
+use voxsplat::appearance::Values;
 use voxsplat::transfer::maps::{self, ColorMap};
 use voxsplat::transfer::presets::{self, Preset};
 use voxsplat::transfer::{Imported, Window};
 
 use super::args::ModelArgs;
 use super::destination::STREAM;
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
+use super::given::{LABELS, MAP};
 use super::parse::{GradientOpacity, reason};
-use super::rules::{LABELS, MAP};
 
 /// The choice of a transfer function.
 #[derive(Debug, Clone)]
 pub(crate) enum TransferChoice {
-    /// That of a built-in volume, otherwise the preset suggested by the values.
+    /// The transfer function of a built-in volume, otherwise the preset that suits the values.
     Suggested,
     /// A preset.
     Preset(&'static Preset),
@@ -29,18 +30,23 @@ pub(crate) enum TransferChoice {
 #[derive(Debug, Clone)]
 pub(crate) struct Transfer {
     pub(crate) choice: TransferChoice,
-    /// The values that it begins and ends at.
+    /// The values at which it begins and ends.
     pub(crate) window: Option<Window>,
-    /// Whether there is nothing but that window.
+    /// Whether only the window was requested.
     by_window: bool,
-    /// What replaces its gradient opacity.
+    /// A replacement for its gradient opacity.
     pub(crate) gradient: Option<GradientOpacity>,
 }
 
 impl Transfer {
-    /// Whether it is only a window.
-    pub(crate) fn is_window(&self) -> bool {
-        self.by_window
+    /// Returns the request for the values of a file.
+    pub(crate) fn values(&self) -> Values {
+        match (&self.choice, self.window.filter(|_| self.by_window)) {
+            (_, Some(window)) => Values::Window(window),
+            (TransferChoice::Suggested, None) => Values::OpenChoices,
+            (TransferChoice::Labels, None) => Values::Labels,
+            (TransferChoice::Preset(_) | TransferChoice::Given(_), None) => Values::Transfer,
+        }
     }
 
     pub(crate) fn new(args: &ModelArgs) -> Result<Self, Failure> {
@@ -53,14 +59,14 @@ impl Transfer {
                 (None, Some(map)) if is_file_name(map) => given(Imported::of_map(&ColorMap::load(map)?)?),
                 (None, Some(map)) => {
                     let map = maps::find(&map.to_string_lossy());
-                    let usage = |error| Failure::Usage(format!("--transfer: {}", reason(error)));
+                    let usage = |error| Failure::usage(format!("--transfer: {}", reason(error)));
                     given(Imported::of_map(&map.map_err(usage)?)?)
                 }
                 (None, None) if is_file_name(name) => given(Imported::load(name)?),
                 (None, None) if name.to_string_lossy().starts_with('{') => {
                     given(Imported::parse(&name.to_string_lossy(), None)?)
                 }
-                (None, None) => return Err(Failure::Usage(no_transfer(name))),
+                (None, None) => return refuse(no_transfer(name)),
             },
             // A window alone is the window of a radiologist: grey values.
             None if window.is_some() => given(Imported::of_map(&maps::find("gray")?)?),
@@ -71,7 +77,7 @@ impl Transfer {
     }
 }
 
-/// Why a name is no transfer function.
+/// Returns the error of a name that is no transfer function.
 fn no_transfer(name: &Path) -> String {
     let text = name.to_string_lossy();
     if maps::find(&text).is_ok() {
@@ -81,7 +87,7 @@ fn no_transfer(name: &Path) -> String {
     format!("--transfer: {name:?}, expected a file, map:NAME, labels or one of {}", known.join(", "))
 }
 
-/// The name or the file of a colour map.
+/// Returns the name or the file of a colour map.
 fn of_map(transfer: &Path) -> Option<&Path> {
     transfer.to_str()?.strip_prefix(MAP).map(Path::new)
 }

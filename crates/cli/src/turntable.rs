@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
-use clap::ArgMatches;
+use clap::{ArgMatches, Command};
 use serde::{Deserialize, Serialize};
 use voxsplat::camera::View;
 use voxsplat::film::{Film, FilmFile, Format};
@@ -16,26 +16,26 @@ use voxsplat::image::{Image, Note};
 
 use super::args::{FrameArg, RenderArgs, TurntableArgs};
 use super::destination::{Destination, STREAM};
-use super::failure::Failure;
+use super::failure::{Failure, fail, refuse};
 use super::fitted::Fitted;
+use super::given::MAX_KEY_FRAMES;
 use super::job::RenderJob;
-use super::options::{command_line, file_name, without, without_folders};
+use super::options::{command_line, file_name, quoted, words};
 use super::parse::TimeArg;
 use super::progress::Remaining;
 use super::render::print_stats;
-use super::rules::MAX_KEY_FRAMES;
 use super::session::Session;
 use super::stages::Stages;
 use super::transfer::TransferChoice;
 use super::{output, scene};
 
-/// What stands for the number of a frame in the name of its file.
+/// The place of the number of a frame in the name of its file.
 const FRAME: &str = "{frame}";
 
-/// The frames of a turn, unless so many are asked for or they go through points in time.
+/// The default number of frames of a turn.
 const FRAMES: u32 = 36;
 
-/// A point in a film, in a list of them as JSON. What it leaves out is as the options say.
+/// A key frame, in a JSON list. Options set the values that it leaves out.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct KeyFrame {
@@ -47,7 +47,7 @@ struct KeyFrame {
     zoom: Option<f64>,
 }
 
-/// Where frames go.
+/// The destination of frames.
 #[derive(Debug)]
 enum Target {
     /// A file for each, by a name with a place for the number.
@@ -58,17 +58,17 @@ enum Target {
     Stream(Format),
 }
 
-/// How the view changes.
+/// The change of the view.
 #[derive(Debug)]
 enum Course {
-    /// Degrees around.
+    /// A turn by degrees.
     Turn(f64),
-    /// In the order of frames.
+    /// Key frames in the order of frames.
     Keys(Vec<KeyFrame>),
 }
 
 impl Course {
-    /// The views of frames, from that of the first on.
+    /// Returns the views of frames, beginning with the first.
     fn views(&self, first: &View, frames: u32) -> Vec<View> {
         match self {
             Self::Turn(turn) => {
@@ -87,11 +87,11 @@ pub(crate) struct TurntableJob {
     /// The first frame, without a destination of its own.
     first: RenderJob,
     course: Course,
-    /// The number of frames, if that does not depend on the file.
+    /// The number of frames, unless it depends on the file.
     frames: Option<u32>,
-    /// The points in time that frames go through, if there are several.
+    /// The time points that frames go through, if there are several.
     times: Option<TimeArg>,
-    /// The part of the frames that is wanted now, and the number of parts.
+    /// The part of the frames to render, and the number of parts.
     part: [u32; 2],
     rate: f64,
     resume: bool,
@@ -123,42 +123,41 @@ impl Totals {
 }
 
 impl Target {
-    fn new(path: Option<PathBuf>, format: Option<Format>) -> Result<Self, Failure> {
-        let usage = |reason: String| Err(Failure::Usage(reason));
-        let Some(path) = path else {
-            return usage("--output is missing: DIR/{frame}.png, FILE.gif, FILE.html or -".to_owned());
-        };
+    /// A destination that can be written to, as far as is known before the work.
+    fn checked(path: &Path, format: Option<Format>, line: (&Command, &ArgMatches)) -> Result<Self, Failure> {
+        if path.as_os_str().is_empty() {
+            return refuse("--output is missing: DIR/{frame}.png, FILE.gif, FILE.html or -");
+        }
         if path == Path::new(STREAM) {
             Destination::stdout()?;
             return Ok(Self::Stream(format.unwrap_or(Format::Y4m)));
         }
-        match (path.to_str().filter(|name| name.contains(FRAME)), format.or(Format::for_path(&path))) {
+        match (path.to_str().filter(|name| name.contains(FRAME)), format.or(Format::for_path(path))) {
             (Some(name), _) => {
                 let first = PathBuf::from(numbered(name, 0, 1));
-                // A folder for the frames is made. If it cannot be, the check says what is wrong.
+                // The folder of the frames is made. If that fails otherwise, the check below reports the error.
                 if let Some(folder) = first.parent().filter(|folder| !folder.as_os_str().is_empty()) {
                     let made = std::fs::create_dir(folder).map_err(|e| (e.kind(), e));
                     if let Err((ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem, e)) = made {
-                        return usage(format!("--output: the folder {} cannot be made: {e}", folder.display()));
+                        return refuse(format!("--output: the folder {} cannot be made: {e}", folder.display()));
                     }
                 }
                 Destination::checked(first)?;
                 Ok(Self::Files(name.to_owned()))
             }
             (None, Some(format)) => {
-                FilmFile::check(&path).map_err(|e| Failure::Usage(format!("{e:#}")))?;
-                Ok(Self::Film(path, format))
+                FilmFile::check(path).map_err(|e| Failure::usage(format!("{e:#}")))?;
+                Ok(Self::Film(path.to_owned(), format))
             }
-            (None, None) if is_video(&path) => {
-                let words = std::env::args().skip(1);
-                let words = command_line(&without(words, &["-o", "--output"], &[]));
-                let name = command_line(&[path.to_string_lossy().into_owned()]);
-                usage(format!(
+            (None, None) if is_video(path) => {
+                let words = command_line(&words(line, &["output"], str::to_owned));
+                let name = quoted(path.as_os_str());
+                refuse(format!(
                     "--output: videos are encoded by ffmpeg: \
-                     voxsplat {words} -o - | ffmpeg -i - -pix_fmt yuv420p {name}"
+                     voxsplat turntable {words} -o - | ffmpeg -i - -pix_fmt yuv420p {name}"
                 ))
             }
-            (None, None) => usage(format!(
+            (None, None) => refuse(format!(
                 "--output: {path:?}, expected a name with {FRAME} such as frames/{FRAME}.png, FILE.gif, FILE.apng, \
                  FILE.y4m, FILE.html, or - for standard output"
             )),
@@ -166,41 +165,37 @@ impl Target {
     }
 }
 
-/// Whether a name is that of a video, which other programs encode.
+/// Whether a name is of a video, which other programs encode.
 fn is_video(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     ["mp4", "m4v", "mov", "mkv", "webm", "avi", "mpg", "mpeg", "wmv", "ogv"].contains(&extension.as_str())
 }
 
-/// The name of the file of a frame, with as many digits as the last has.
+/// Returns the name of the file of a frame, with as many digits as the last has.
 fn numbered(name: &str, frame: u32, frames: u32) -> String {
     let digits = (frames.saturating_sub(1)).to_string().len().max(4);
     name.replace(FRAME, &format!("{frame:0digits$}"))
 }
 
 impl TurntableJob {
-    pub(crate) fn new(args: TurntableArgs, matches: (&str, &ArgMatches)) -> Result<Self, Failure> {
-        let usage = |reason: &str| Err(Failure::Usage(reason.to_owned()));
+    pub(crate) fn new(args: TurntableArgs, line: (&Command, &ArgMatches)) -> Result<Self, Failure> {
         let TurntableArgs { render, frames, turn, key_frames, rate, format, part, resume } = args;
-        // A scene may have an output and a time too.
-        let (path, times) = (RefCell::new(None), RefCell::new(None));
-        let first = |args: RenderArgs| {
-            times.replace(args.input.time.filter(|time| !matches!(time, TimeArg::One(_))));
-            let output = args.output.clone().unwrap_or_default();
-            path.replace(args.output.clone());
-            RenderJob::with_output(args, Destination::File(output))
+        let job = |args: RenderArgs| {
+            let output = Destination::File(args.output.clone().unwrap_or_default());
+            RenderJob::with_output(args, output)
         };
-        let mut jobs = scene::jobs(render, matches, first)?;
+        let mut jobs = scene::jobs(render, line, job)?;
         let Some(mut first) = jobs.pop().filter(|_| jobs.is_empty()) else {
-            return usage("a turntable takes a scene of one picture");
+            return refuse("the scene has several outputs, a turntable takes a scene of one picture");
         };
         // It looks from all sides.
         first.choices.open.side = false;
         first.studio.follows |= first.choices.open.light;
-        let target = Target::new(path.take(), format)?;
-        let times = times.into_inner();
+        let Destination::File(path) = &first.output.picture else { return refuse("--output: expected a file or -") };
+        let target = Target::checked(path, format, line)?;
+        let times = first.times.filter(|time| !matches!(time, TimeArg::One(_)));
         if times.is_some() && first.source == Path::new(STREAM) {
-            return usage("--time: standard input is read once, several points in time need a file");
+            return refuse("--time: standard input is read once, several time points need a file");
         }
         let frames = frames.or(match times {
             None => Some(FRAMES),
@@ -211,47 +206,39 @@ impl TurntableJob {
             Some(path) => Course::Keys(read_key_frames(path)?),
             None => Course::Turn(turn),
         };
-        let words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
-        let command = format!("voxsplat {}", command_line(&without_folders(words, matches.1)));
+        let command = format!("voxsplat turntable {}", command_line(&words(line, &[], file_name)));
         let part = part.unwrap_or([1, 1]);
         Ok(Self { first, course, frames, times, part, rate, resume, target, command })
     }
 }
 
-/// The key frames of a file, in the order of frames.
+/// Reads the key frames of a file, in the order of frames.
 fn read_key_frames(path: &Path) -> Result<Vec<KeyFrame>, Failure> {
     let mut keys: Vec<KeyFrame> = read_json(path, MAX_KEY_FRAMES)?;
     if keys.is_empty() {
-        return Err(Failure::Failed(format!("{}: has no key frames", path.display())));
+        return fail(format!("{}: has no key frames, expected one or more", path.display()));
     }
     keys.sort_by_key(|key| key.frame);
     Ok(keys)
 }
 
-/// The views of frames: straight from one key frame to the next, and as the nearest before the first and after the
-/// last.
+/// Returns the views of frames: linear between key frames, and constant before the first and after the last.
 fn views_of(base: &View, keys: &[KeyFrame], frames: u32) -> Vec<View> {
-    let of = |value: fn(&KeyFrame) -> Option<f64>, default: f64| {
+    let at = |frame: u32, value: fn(&KeyFrame) -> Option<f64>, default: f64| {
         let known: Vec<(f64, f64)> = keys.iter().filter_map(|k| Some((f64::from(k.frame), value(k)?))).collect();
-        move |frame: u32| {
-            let frame = f64::from(frame);
-            let above = known.partition_point(|(at, _)| *at <= frame);
-            match (above.checked_sub(1).map(|below| known[below]), known.get(above)) {
-                (Some(a), Some(b)) => a.1 + (b.1 - a.1) * (frame - a.0) / (b.0 - a.0),
-                (Some(end), None) => end.1,
-                (None, Some(end)) => end.1,
-                (None, None) => default,
-            }
+        let frame = f64::from(frame);
+        let above = known.partition_point(|(at, _)| *at <= frame);
+        match (above.checked_sub(1).map(|below| known[below]), known.get(above).copied()) {
+            (Some(a), Some(b)) => a.1 + (b.1 - a.1) * (frame - a.0) / (b.0 - a.0),
+            (Some((_, end)), None) | (None, Some((_, end))) => end,
+            (None, None) => default,
         }
     };
-    let azimuth = of(|key| key.azimuth, base.azimuth);
-    let elevation = of(|key| key.elevation, base.elevation);
-    let (roll, zoom) = (of(|key| key.roll, base.roll), of(|key| key.zoom, base.zoom));
     let view = |frame| View {
-        azimuth: azimuth(frame),
-        elevation: elevation(frame),
-        roll: roll(frame),
-        zoom: zoom(frame),
+        azimuth: at(frame, |key| key.azimuth, base.azimuth),
+        elevation: at(frame, |key| key.elevation, base.elevation),
+        roll: at(frame, |key| key.roll, base.roll),
+        zoom: at(frame, |key| key.zoom, base.zoom),
         ..base.clone()
     };
     (0..frames).map(view).collect()
@@ -265,7 +252,7 @@ struct Done {
 }
 
 impl TurntableJob {
-    /// Of so many frames those that are wanted now.
+    /// Returns the frames to render now.
     fn wanted(&self, frames: u32) -> Vec<u32> {
         let [part, parts] = self.part.map(u64::from);
         let end = |part: u64| (u64::from(frames) * part / parts) as u32;
@@ -283,7 +270,7 @@ impl TurntableJob {
         text.map_or_else(|| file.clone(), |text| format!("{file}: {text}"))
     }
 
-    /// The points in time that are asked for, of a file that holds so many.
+    /// Returns the requested time points of a file that has `held` of them.
     fn times_of(&self, asked: TimeArg, held: u32) -> Result<Range<u32>, Failure> {
         let last = match asked {
             TimeArg::One(time) | TimeArg::Range(_, time) => time,
@@ -291,10 +278,8 @@ impl TurntableJob {
         };
         let source = self.first.source.display();
         match held {
-            1 => Err(Failure::Failed(format!("--time {asked}: {source} has one point in time"))),
-            _ if last >= held => {
-                Err(Failure::Failed(format!("--time {asked}: {source} has the points in time 0 to {}", held - 1)))
-            }
+            1 => fail(format!("--time {asked}: {source} has one time point")),
+            _ if last >= held => fail(format!("--time {asked}: {source} has the time points 0 to {}", held - 1)),
             _ => Ok(asked.first()..last + 1),
         }
     }
@@ -348,29 +333,29 @@ pub(crate) fn run(job: TurntableJob) -> Result<(), Failure> {
     done(wanted.len())
 }
 
-/// The points in time of frames: each as long as the others, or if there are fewer frames, as many at even distances.
+/// Returns the time point of each frame: all for equally many frames, or some at even distances if frames are fewer.
 fn spread(times: &Range<u32>, frames: u32) -> Vec<u32> {
     let count = u64::from(times.end - times.start);
     (0..frames).map(|frame| times.start + (u64::from(frame) * count / u64::from(frames)) as u32).collect()
 }
 
-/// Tells what all points in time have in common.
+/// Notes what all time points have in common.
 fn say_times(job: &RenderJob, times: &Range<u32>) {
-    let fitted = match &job.transfer.choice {
+    let is_fitted = match &job.transfer.choice {
         TransferChoice::Labels => false,
         TransferChoice::Given(imported) => imported.fits && job.transfer.window.is_none(),
         TransferChoice::Preset(_) | TransferChoice::Suggested => true,
     };
-    let fitted = fitted.then_some("the transfer function is that of the first");
-    let framed = (job.frame != FrameArg::Volume).then_some("the picture frames what shows at any of them");
-    let told: Vec<&str> = fitted.into_iter().chain(framed).collect();
-    if !told.is_empty() {
+    let fitted = is_fitted.then_some("the transfer function of the first");
+    let framed = (job.frame != FrameArg::Volume).then_some("one framing for all (disable: --frame volume)");
+    let shared: Vec<&str> = fitted.into_iter().chain(framed).collect();
+    if !shared.is_empty() {
         let (first, last) = (times.start, times.end - 1);
-        output::say(&format!("note: points in time {first} to {last}: {}", told.join(", and ")));
+        output::say(&format!("note: time points {first} to {last}: using {}", shared.join(", and ")));
     }
 }
 
-/// Makes the frames that are wanted, of a series each at its point in time.
+/// Renders the wanted frames, each at its time point.
 fn make(
     session: &mut Session,
     first: &RenderJob,
@@ -441,9 +426,9 @@ fn write(job: &TurntableJob, frames: Receiver<Done>, size: [u32; 2], count: u32)
             };
             let result = stream();
             match fault.take() {
-                // The reader has enough, as `| head` has.
+                // The reader has closed the pipe, as `| head` does.
                 Some(e) if e.kind() == ErrorKind::BrokenPipe => {}
-                Some(e) => return Err(Failure::Failed(format!("cannot write to stdout: {e}"))),
+                Some(e) => return fail(format!("cannot write to stdout: {e}")),
                 None => result?,
             }
         }
@@ -479,7 +464,7 @@ impl Write for Watched<'_> {
     }
 }
 
-/// What a page says of its frames: the command, and what the file of the last picture would say.
+/// Returns the text of a page below its frames: the command, and the notes of the last picture.
 fn described(command: &str, notes: Vec<Note>) -> Vec<String> {
     std::iter::once(command.to_owned())
         .chain(notes.into_iter().map(|Note { name, text }| format!("{name}: {text}")))

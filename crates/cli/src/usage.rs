@@ -1,135 +1,81 @@
-//! Wrong command lines: a line for each error, with our option for a word of another program.
+//! Errors of command lines: a line for each error, with our option for a word of another program.
 
 use std::ffi::OsString;
-use std::ops::Range;
 use std::path::Path;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Command};
+use strsim::osa_distance;
 
 use super::args;
 use super::destination::STREAM;
-use super::tune::knob;
+use super::tune;
 
-/// Words of other programs and of earlier versions for options of this one: VTK and ParaView, 3D Slicer, niivue,
-/// MRIcroGL, napari, Blender, ffmpeg and ImageMagick. A word whose option the command lacks gets no tip.
-const FOREIGN: [(&[&str], &str); 33] = [
-    (
-        &[
-            "preset",
-            "tf",
-            "transfer-function",
-            "opacity-transfer-function",
-            "lut",
-            "opacity",
-            "color-transfer-function",
-        ],
-        "--transfer takes presets and files",
-    ),
-    (
-        &[
-            "colour-map",
-            "color-map",
-            "colormap",
-            "colourmap",
-            "cmap",
-            "palette",
-            "clut",
-            "color-preset",
-            "colorscale",
-            "colors",
-        ],
-        "--transfer map:NAME colours values",
-    ),
-    (
-        &["threshold", "iso", "isovalue", "isosurface", "contour", "cal-min", "cal-max", "clim", "range", "min", "max"],
-        "--window LEVEL,WIDTH says which values show",
-    ),
-    (&["level-width", "ww", "wl", "wc", "contrast", "contrast-limits", "brightness"], "--window LEVEL,WIDTH"),
-    (
-        &["slice", "slices", "slab", "cut", "cutplane", "clip-plane-depth", "section", "slice-type", "mosaic"],
-        "there are no slices; --clip cuts the volume",
-    ),
-    (&["crop", "roi", "bounds", "extract", "subset", "voi"], "--clip voxels:I0:I1,J0:J1,K0:K1 keeps voxels"),
-    (&["clip-box"], "--clip box:X0,X1,Y0,Y1,Z0,Z1 keeps a box of the world"),
-    (&["length-unit"], "--units length=UNIT"),
-    (&["value-unit"], "--units value=UNIT"),
-    (&["label-opacity"], "--label all:xF multiplies the opacities of labels"),
-    (&["footprint-table"], "it is removed; --tune table-error=E sets the accuracy of the table"),
-    (&["sheets-per-pass"], "it is removed; the adapter's best number is used"),
-    (
-        &["view", "camera", "camera-position", "rotate", "rotation", "rotate-camera", "orientation", "angle", "side"],
-        "--azimuth and --elevation turn the view, --direction X,Y,Z sets it",
-    ),
-    (&["pitch", "tilt", "elev"], "--elevation DEG raises the eye"),
-    (&["yaw", "azi", "azim", "heading"], "--azimuth DEG turns the eye"),
-    (&["view-up", "viewup", "up-vector"], "--up X,Y,Z"),
-    (&["focal-point", "center", "centre", "look-at", "lookat", "focus"], "--target X,Y,Z is the middle of the picture"),
-    (&["parallel", "parallel-projection", "ortho", "perspective"], "--projection orthographic or perspective"),
-    (&["field-of-view", "view-angle", "focal-length", "lens"], "--fov DEG with --projection perspective"),
-    (&["parallel-scale", "scale", "magnification"], "--zoom F magnifies, --view-height LENGTH sets the world height"),
-    (
-        &["resolution-xy", "width", "height", "image-size", "image-resolution", "geometry", "pixels", "window-size"],
-        "--size WxH, in pixels",
-    ),
-    (&["bg", "background-colour", "back-color", "bgcolor", "clear-color"], "--background COLOUR"),
-    (&["out", "save", "save-bmp", "savebmp", "screenshot", "file", "filename", "o"], "-o FILE is the picture"),
-    (
-        &["blend", "blend-mode", "render-mode", "rendering", "mode", "volume-mapper", "technique", "projection-mode"],
-        "--model composite, xray, mip, minip or average",
-    ),
-    (&["mip", "maximum", "maximum-intensity", "max-intensity"], "--model mip"),
-    (&["shade", "shader", "lighting", "illumination", "headlight"], "--light studio, headlight, AZ,EL or @X,Y,Z"),
-    (&["ambient", "diffuse", "specular", "specular-power", "shininess"], "--material A,D,S,N of lit surfaces"),
-    (&["ambient-occlusion", "ao", "ssao"], "--occlusion RADIUS"),
-    (&["sample-distance", "step", "step-size", "samples", "quality", "lod"], "--max-error E sets the accuracy"),
-    (&["interpolation", "interpolate", "filter", "smooth", "linear"], "--kernel and --sharpness reconstruct"),
-    (&["fps", "framerate", "frame-rate", "r"], "--rate N, frames a second"),
-    (&["overlay", "segmentation", "seg", "atlas", "labelmap", "label-map"], "--labels FILE, --mask FILE"),
-    (&["colorbar", "scalar-bar", "scalarbar", "show-colorbar"], "--colour-bar"),
+/// Words of other programs and of earlier versions, each row with the option of this program: VTK and ParaView, 3D
+/// Slicer, niivue, MRIcroGL, napari, Blender, ffmpeg and ImageMagick. A command without the option gives no tip.
+const FOREIGN: [&str; 33] = [
+    "preset tf transfer-function opacity-transfer-function lut opacity color-transfer-function: \
+     --transfer PRESET or FILE",
+    "colour-map color-map colormap colourmap cmap palette clut color-preset colorscale colors: --transfer map:NAME",
+    "threshold iso isovalue isosurface contour cal-min cal-max clim range min max: --window LEVEL,WIDTH",
+    "level-width ww wl wc contrast contrast-limits brightness: --window LEVEL,WIDTH",
+    "slice slices slab cut cutplane clip-plane-depth section slice-type mosaic: \
+     there are no slices; --clip cuts the volume",
+    "crop roi bounds extract subset voi: --clip voxels:I0:I1,J0:J1,K0:K1 keeps voxels",
+    "clip-box: --clip box:X0,X1,Y0,Y1,Z0,Z1 keeps a box of the world",
+    "length-unit: --units length=UNIT",
+    "value-unit: --units value=UNIT",
+    "label-opacity: --label all:xF multiplies the opacities of labels",
+    "footprint-table: the option is removed; --tune table-error=E sets the accuracy of the table",
+    "sheets-per-pass: the option is removed; the adapter's best number is used",
+    "view camera camera-position rotate rotation rotate-camera orientation angle side: \
+     --azimuth and --elevation turn the view, --direction X,Y,Z sets it",
+    "pitch tilt elev: --elevation DEG raises the eye",
+    "yaw azi azim heading: --azimuth DEG turns the eye",
+    "view-up viewup up-vector: --up X,Y,Z",
+    "focal-point center centre look-at lookat focus: --target X,Y,Z is the middle of the picture",
+    "parallel parallel-projection ortho perspective: --projection orthographic or perspective",
+    "field-of-view view-angle focal-length lens: --fov DEG with --projection perspective",
+    "parallel-scale scale magnification: --zoom F magnifies, --view-height LENGTH sets the world height",
+    "resolution-xy width height image-size image-resolution geometry pixels window-size: --size WxH, in pixels",
+    "bg background-colour back-color bgcolor clear-color: --background COLOUR",
+    "out save save-bmp savebmp screenshot file filename o: -o FILE is the picture",
+    "blend blend-mode render-mode rendering mode volume-mapper technique projection-mode: \
+     --model composite, xray, mip, minip or average",
+    "mip maximum maximum-intensity max-intensity: --model mip",
+    "shade shader lighting illumination headlight: --light studio, headlight, AZ,EL or @X,Y,Z",
+    "ambient diffuse specular specular-power shininess: --material A,D,S,N of lit surfaces",
+    "ambient-occlusion ao ssao: --occlusion RADIUS",
+    "sample-distance step step-size samples quality lod: --max-error E sets the accuracy",
+    "interpolation interpolate filter smooth linear: --kernel and --sharpness reconstruct",
+    "fps framerate frame-rate r: --rate N, frames a second",
+    "overlay segmentation seg atlas labelmap label-map: --labels FILE, --mask FILE",
+    "colorbar scalar-bar scalarbar show-colorbar: --colour-bar",
 ];
 
-/// The most edits of a word that count as a misspelling.
-fn most_edits(word: &str) -> usize {
-    (word.len() / 4).max(1)
+/// Whether a word is so near to another that it counts as a misspelling.
+fn is_near(word: &str, other: &str) -> bool {
+    osa_distance(word, other) <= (word.len() / 4).max(1)
 }
 
-/// Insertions, deletions, replacements and swaps of neighbours that make one word of another.
-fn edits(a: &str, b: &str) -> usize {
-    let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
-    let mut rows = vec![(0..=b.len()).collect::<Vec<usize>>()];
-    for i in 1..=a.len() {
-        let mut row = vec![i];
-        for j in 1..=b.len() {
-            let changed = usize::from(a[i - 1] != b[j - 1]);
-            let mut least = (rows[i - 1][j] + 1).min(row[j - 1] + 1).min(rows[i - 1][j - 1] + changed);
-            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
-                least = least.min(rows[i - 2][j - 2] + 1);
-            }
-            row.push(least);
-        }
-        rows.push(row);
-    }
-    rows[a.len()][b.len()]
-}
-
-/// The option for a word of another program or of an earlier version, if the command has all options that the text
-/// names.
+/// Returns our option for a word of another program or of an earlier version, if the command has all options that the
+/// text names.
 fn own_words(command: &Command, word: &str) -> Option<String> {
-    let of_table = FOREIGN.iter().find(|(words, _)| words.contains(&word)).map(|(_, text)| (*text).to_owned());
-    let text = of_table.or_else(|| knob(word).map(|knob| format!("--tune {}=VALUE", knob.key)))?;
-    let has = |name: &str| command.get_arguments().any(|arg| arg.get_long() == Some(name));
-    let is_known = named_in(&text).all(has);
+    let mut rows = FOREIGN.iter().filter_map(|row| row.split_once(": "));
+    let row = rows.find(|(words, _)| words.split(' ').any(|other| other == word));
+    let of_table = row.map(|(_, text)| text.to_owned());
+    let text = of_table.or_else(|| tune::has(word).then(|| format!("--tune {word}=VALUE")))?;
+    let is_known = named_in(&text).all(|name| args::option(command, name).is_some());
     is_known.then_some(text)
 }
 
-/// Whether a command line asks for the list of knobs: `--tune help` of a command that has the option.
-pub(crate) fn asks_for_knobs(words: &[OsString]) -> bool {
-    let mut program = args::command();
-    program.build();
+/// Whether a command line requests the list of knobs: `--tune help` of a command that has the option.
+pub(crate) fn requests_knobs(words: &[OsString]) -> bool {
+    let program = args::built();
     let command = words.get(1).and_then(|word| program.find_subcommand(word));
-    let asks = words.contains(&OsString::from("--tune=help")) || words.windows(2).any(|two| two == ["--tune", "help"]);
-    asks && command.is_some_and(|command| command.get_arguments().any(|arg| arg.get_long() == Some("tune")))
+    let requests =
+        words.contains(&OsString::from("--tune=help")) || words.windows(2).any(|two| two == ["--tune", "help"]);
+    requests && command.is_some_and(|command| args::option(command, "tune").is_some())
 }
 
 /// The options that a text names.
@@ -137,148 +83,61 @@ fn named_in(text: &str) -> impl Iterator<Item = &str> {
     text.split([' ', ',', ';']).filter_map(|word| word.strip_prefix("--"))
 }
 
-/// The most errors of a command line that are told.
+/// The most errors of a command line that are reported.
 const MOST_ERRORS: usize = 8;
 
-/// What is wrong with a command line, a line for each error. The parser stops at the first error: what it is about is
-/// left out, and the rest is parsed again.
-pub(crate) fn messages(first: clap::Error, words: &[OsString]) -> Vec<String> {
-    let mut program = args::command();
-    program.build();
-    let command = words.iter().skip(1).find_map(|word| program.find_subcommand(word));
-    let (mut error, mut words, mut all) = (first, words.to_vec(), Vec::new());
-    while all.len() < MOST_ERRORS {
-        let numbers = Numbers::of(&error, &words, command).map(|numbers| numbers.message(&words));
-        let said = numbers.unwrap_or_else(|| message(&error, command.map(Command::get_name)));
-        if !all.contains(&said) {
-            all.push(said);
-        }
-        let parsed = |words: Vec<OsString>| (args::command().try_get_matches_from(&words).err(), words);
-        let mut rests = command.map(|command| without_fault(&error, &words, command)).unwrap_or_default().into_iter();
-        let is_about_words = |error: &clap::Error| {
-            use ErrorKind::{ArgumentConflict, InvalidValue, TooManyValues, UnknownArgument, ValueValidation};
-            [ArgumentConflict, InvalidValue, TooManyValues, UnknownArgument, ValueValidation].contains(&error.kind())
-        };
-        // What is missing has been left out with the error, as the volume behind an unknown option.
-        let next = rests.find_map(|rest| match parsed(rest) {
-            (Some(error), _) if !is_about_words(&error) => None,
-            next => Some(next),
-        });
-        match next {
-            Some((Some(next), rest)) => (error, words) = (next, rest),
-            Some((None, _)) | None => break,
+/// Returns the errors of a command line, each in a line. The parser stops at the first error, so each option is parsed
+/// alone with the words behind it, and then all that are right together.
+pub(crate) fn messages(first: &clap::Error, words: &[OsString]) -> Vec<String> {
+    let program = args::built();
+    let found = words.iter().enumerate().skip(1).find_map(|(at, word)| Some((at + 1, program.find_subcommand(word)?)));
+    let Some((at, command)) = found else { return vec![message(first, &program)] };
+    let (head, tail) = words.split_at(at);
+    let error = |words: &[OsString]| {
+        use ErrorKind::{ArgumentConflict, InvalidValue, TooManyValues, UnknownArgument, ValueValidation};
+        let about_words = [ArgumentConflict, InvalidValue, TooManyValues, UnknownArgument, ValueValidation];
+        let error = args::command().try_get_matches_from([head, words].concat()).err()?;
+        about_words.contains(&error.kind()).then_some(error)
+    };
+    let starts_option = |word: &OsString| {
+        let word = word.to_string_lossy();
+        let is_short = |arg: &Arg| arg.get_short().is_some_and(|short| word.starts_with(&format!("-{short}")));
+        word.len() > 2 && word.starts_with("--") || command.get_arguments().any(is_short)
+    };
+    let (mut all, mut right) = (Vec::new(), Vec::new());
+    for group in tail.chunk_by(|_, next| !starts_option(next)) {
+        match parted_numbers(group, command, error).or_else(|| Some(message(&error(group)?, command))) {
+            Some(message) if all.contains(&message) => {}
+            Some(message) => all.push(message),
+            None => right.extend_from_slice(group),
         }
     }
+    all.extend(error(&right).map(|error| message(&error, command)));
+    // Otherwise something is missing.
+    if all.is_empty() {
+        all.push(message(first, command));
+    }
+    all.truncate(MOST_ERRORS);
     all
 }
 
-/// An option with a number behind it that is taken for another option or for a second volume: a negative number, or the
-/// second of several.
-struct Numbers<'a> {
-    command: &'a str,
-    arg: &'a Arg,
-    /// Its word and the word behind its numbers.
-    places: Range<usize>,
-    /// The number that is taken for something else.
-    fault: usize,
-}
-
-impl<'a> Numbers<'a> {
-    fn of(error: &clap::Error, words: &[OsString], command: Option<&'a Command>) -> Option<Self> {
-        let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidArg) else { return None };
-        let command = command.filter(|_| error.kind() == ErrorKind::UnknownArgument)?;
-        let is_number =
-            |word: &OsString| word.to_string_lossy().split(',').all(|number| number.trim().parse::<f64>().is_ok());
-        let found = |fault: usize| {
-            // The parser names the first letter behind a dash.
-            if !is_number(&words[fault]) || !words[fault].to_string_lossy().starts_with(typed.as_str()) {
-                return None;
-            }
-            let first = (1..fault).rev().find(|at| !is_number(&words[*at]))?;
-            let word = words[first].to_string_lossy();
-            let takes = |arg: &&Arg| arg.get_action().takes_values() && spellings(arg).iter().any(|name| *name == word);
-            let arg = command.get_arguments().find(takes)?;
-            // A number that the option may have is not the fault.
-            let is_fine = first + 1 == fault
-                && (!typed.starts_with('-') || arg.is_allow_negative_numbers_set() || arg.is_allow_hyphen_values_set());
-            let end =
-                words[fault..].iter().position(|word| !is_number(word)).map_or(words.len(), |count| fault + count);
-            (!is_fine).then_some(Self { command: command.get_name(), arg, places: first..end, fault })
-        };
-        (2..words.len()).find_map(found)
+/// Returns the error of an option with several numbers behind it, which should be joined by commas.
+fn parted_numbers(
+    group: &[OsString],
+    command: &Command,
+    error: impl Fn(&[OsString]) -> Option<clap::Error>,
+) -> Option<String> {
+    let texts: Vec<_> = group.iter().map(|word| word.to_string_lossy()).collect();
+    let [option, numbers @ ..] = &texts[..] else { return None };
+    let arg = command.get_arguments().find(|arg| spellings(arg).contains(&option.to_string()))?;
+    let are_numbers = numbers.iter().all(|word| word.split(',').all(|number| number.trim().parse::<f64>().is_ok()));
+    if numbers.len() < 2 || !are_numbers || !arg.get_action().takes_values() {
+        return None;
     }
-
-    /// What is wrong: a number is negative, or numbers should be joined by commas.
-    fn message(&self, words: &[OsString]) -> String {
-        let long = self.arg.get_long().unwrap_or_default();
-        let text = |at: usize| words[at].to_string_lossy().into_owned();
-        let number = text(self.fault);
-        if self.fault == self.places.start + 1 {
-            let name = self.arg.get_value_names().and_then(|names| names.first()).map(ToString::to_string);
-            let name = name.unwrap_or_default();
-            return format!("invalid value '{number}' for '--{long} <{name}>': it is negative (see --help)");
-        }
-        let joined = (self.places.start + 1..self.places.end).map(text).collect::<Vec<_>>().join(",");
-        // The option alone: what else is wrong does not count.
-        let words = ["voxsplat", self.command, &format!("--{long}"), &joined].map(str::to_owned);
-        let is_invalid = |error: clap::Error| match error.get(ContextKind::InvalidArg) {
-            Some(ContextValue::String(arg)) => arg.split(' ').next() == Some(&format!("--{long}")),
-            _ => false,
-        };
-        let tip = match args::command().try_get_matches_from(words).err().is_some_and(is_invalid) {
-            true => String::new(),
-            false => format!("; tip: --{long} {joined}"),
-        };
-        format!("unexpected argument '{number}' found{tip} (see --help)")
-    }
-}
-
-/// A command line without what an error is about: the ways to leave it out, the likeliest first.
-fn without_fault(error: &clap::Error, words: &[OsString], command: &Command) -> Vec<Vec<OsString>> {
-    let text = |kind| match error.get(kind) {
-        Some(ContextValue::String(text)) => text.clone(),
-        Some(ContextValue::Strings(texts)) => texts.first().cloned().unwrap_or_default(),
-        _ => String::new(),
-    };
-    let (typed, value) = (text(ContextKind::InvalidArg), text(ContextKind::InvalidValue));
-    let name = typed.split([' ', '=']).next().unwrap_or_default();
-    let without = |from: usize, count: usize| [&words[..from], &words[(from + count).min(words.len())..]].concat();
-    if let Some(Numbers { places, .. }) = Numbers::of(error, words, Some(command)) {
-        return vec![without(places.start, places.len())];
-    }
-    let is_value = |word: &OsString| {
-        let word = word.to_string_lossy();
-        !word.starts_with('-') || word == STREAM || word.parse::<f64>().is_ok()
-    };
-    let word_is = |word: &OsString, name: &str| {
-        let word = word.to_string_lossy();
-        let inline = || word.strip_prefix(name).is_some_and(|rest| rest.starts_with('='));
-        word == name || (name.starts_with("--") && inline())
-    };
-    if error.kind() == ErrorKind::UnknownArgument {
-        let Some(at) = words.iter().rposition(|word| word_is(word, name)) else { return Vec::new() };
-        // Whether the words behind an unknown option are its values is not known.
-        let is_alone = !name.starts_with('-') || words[at].to_string_lossy().contains('=');
-        let values = words[at + 1..].iter().take_while(|word| is_value(word) && !is_alone).count();
-        return (0..=values).rev().map(|values| without(at, 1 + values)).collect();
-    }
-    let Some(arg) = command.get_arguments().find(|arg| arg.get_long().is_some_and(|long| name == format!("--{long}")))
-    else {
-        return Vec::new();
-    };
-    let spelled = spellings(arg);
-    let holds = |at: &usize| {
-        let next = words.get(at + 1).map(|next| next.to_string_lossy().into_owned()).unwrap_or_default();
-        words[*at].to_string_lossy().contains(&value) || next.contains(&value)
-    };
-    let places = (1..words.len()).filter(|&at| spelled.iter().any(|name| word_is(&words[at], name)));
-    let Some(at) = places.rev().find(holds) else { return Vec::new() };
-    let is_inline = words[at].to_string_lossy().contains('=');
-    // A value may begin as an option does.
-    let is_wrong = |word: &OsString| !value.is_empty() && word.to_string_lossy().contains(&value);
-    let next = words.get(at + 1).filter(|word| is_value(word) || is_wrong(word));
-    let has_value = arg.get_action().takes_values() && !is_inline && next.is_some();
-    vec![without(at, 1 + usize::from(has_value))]
+    let joined = numbers.join(",");
+    let is_valid = error(&[group[0].clone(), OsString::from(&joined)]).is_none();
+    let tip = if is_valid { format!("; tip: {option} {joined}") } else { String::new() };
+    Some(format!("unexpected argument '{}' found{tip} (see --help)", numbers[1]))
 }
 
 /// The words that stand for an option.
@@ -288,55 +147,51 @@ fn spellings(arg: &Arg) -> Vec<String> {
     long.chain(arg.get_short().map(|short| format!("-{short}"))).collect()
 }
 
-/// What is wrong with the name of a command: `help` is an option, and a volume alone is no command.
-fn of_command(error: &clap::Error) -> Option<String> {
-    let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else { return None };
-    let program = args::command();
-    let is_near = |command: &Command| edits(word, command.get_name()) <= most_edits(word);
-    if let Some(near) = program.get_subcommands().find(|command| is_near(command)) {
-        return Some(format!(
-            "unrecognized subcommand '{word}'; tip: a similar subcommand exists: '{}'",
-            near.get_name()
-        ));
-    }
-    let names: Vec<&str> = program.get_subcommands().map(Command::get_name).collect();
-    let expected =
-        if word == "help" { "voxsplat --help or voxsplat COMMAND --help".to_owned() } else { names.join(", ") };
-    Some(format!("unrecognized subcommand '{word}', expected {expected}"))
-}
-
-/// What is wrong with a command line, in one line. `command` is the name of its command.
-pub(crate) fn message(error: &clap::Error, command: Option<&str>) -> String {
-    let text = |kind| match error.get(kind) {
+/// Returns the text of an error's context.
+fn context(error: &clap::Error, kind: ContextKind) -> Option<String> {
+    match error.get(kind) {
         Some(ContextValue::String(text)) => Some(text.clone()),
         Some(ContextValue::Strings(texts)) => texts.first().cloned(),
         _ => None,
-    };
-    if let Some(said) = of_command(error) {
-        return said;
     }
-    let typed = text(ContextKind::InvalidArg).filter(|_| error.kind() == ErrorKind::UnknownArgument);
-    let Some(word) = typed.as_deref().filter(|typed| typed.starts_with('-') && *typed != STREAM) else {
+}
+
+/// Returns the error of a command's name, if it is one.
+fn of_command(error: &clap::Error) -> Option<String> {
+    let word = context(error, ContextKind::InvalidSubcommand)?;
+    let program = args::command();
+    let names: Vec<&str> = program.get_subcommands().map(Command::get_name).collect();
+    let tip = match names.iter().find(|name| is_near(&word, name)) {
+        Some(near) => format!("; tip: a similar subcommand exists: '{near}'"),
+        None if word == "help" => ", expected voxsplat --help or voxsplat COMMAND --help".to_owned(),
+        None => format!(", expected {}", names.join(", ")),
+    };
+    Some(format!("unrecognized subcommand '{word}'{tip}"))
+}
+
+/// Returns an error of a command in one line.
+fn message(error: &clap::Error, command: &Command) -> String {
+    if let Some(message) = of_command(error) {
+        return message;
+    }
+    let typed = context(error, ContextKind::InvalidArg).filter(|_| error.kind() == ErrorKind::UnknownArgument);
+    let Some(typed) = typed.filter(|typed| typed.starts_with('-') && typed != STREAM) else {
         return in_one_line(&error.render().to_string());
     };
-    let word = word.trim_start_matches('-').split('=').next().unwrap_or_default().to_lowercase().replace('_', "-");
-    let mut program = args::command();
-    program.build();
-    let command = command.and_then(|name| program.find_subcommand(name)).unwrap_or(&program);
-    let suggested = text(ContextKind::SuggestedArg);
-    let near = suggested.filter(|other| {
+    let word = typed.trim_start_matches('-').split('=').next().unwrap_or_default().to_lowercase().replace('_', "-");
+    let near = context(error, ContextKind::SuggestedArg).filter(|other| {
         let other = other.trim_start_matches('-').split([' ', '=']).next().unwrap_or_default();
-        edits(&word, other) <= most_edits(&word) || (word.len() > 2 && other.starts_with(&word))
+        is_near(&word, other) || (word.len() > 2 && other.starts_with(&word))
     });
     let tip = match (own_words(command, &word), near) {
         (Some(own), _) => format!(": {own}"),
         (None, Some(near)) => format!("; tip: a similar argument exists: '{near}'"),
         (None, None) => String::new(),
     };
-    format!("unexpected argument '{}' found{tip} (see --help)", typed.unwrap_or_default())
+    format!("unexpected argument '{typed}' found{tip} (see --help)")
 }
 
-/// A message with options in the spelling that was typed: some have aliases.
+/// Returns a message with options in the spelling that was typed: some have aliases.
 pub(crate) fn as_typed(message: &str, words: &[OsString]) -> String {
     let typed = |name: &str| {
         let word = |word: &OsString| word.to_string_lossy().split('=').next() == Some(&format!("--{name}"));
@@ -358,7 +213,7 @@ pub(crate) fn as_typed(message: &str, words: &[OsString]) -> String {
     })
 }
 
-/// The error of `clap` in one line: its first paragraph and its tips, without the usage text.
+/// Returns the error of `clap` in one line: its first paragraph and its tips, without the usage text.
 fn in_one_line(text: &str) -> String {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
     let end = lines.iter().position(|l| l.starts_with("Usage:") || l.starts_with("For more information"));
@@ -367,34 +222,23 @@ fn in_one_line(text: &str) -> String {
     format!("{} (see --help)", plain(message.strip_prefix("error: ").unwrap_or(&message)))
 }
 
-/// A message of `clap` with lists and ranges as they are in other messages.
+/// Returns a message of `clap` with possible values as they are in other messages.
 fn plain(message: &str) -> String {
-    let listed = message.split_once("; [possible values: ").and_then(|(head, rest)| {
-        let (values, tail) = rest.split_once(']')?;
-        Some(format!("{head}: expected one of {values}{tail}"))
-    });
-    let ranged = message.split_once("..=").and_then(|(head, last)| {
-        let (head, first) = head.rsplit_once(' ')?;
-        let (head, _) = head.strip_suffix(" is not in")?.rsplit_once(' ')?;
-        Some(format!("{head} expected {first} to {last}"))
-    });
-    let message = listed.or(ranged).unwrap_or_else(|| message.to_owned());
-    let of_numbers = [
-        ("invalid digit found in string", "expected a whole number"),
-        ("cannot parse integer from empty string", "expected a whole number"),
-        ("number too large to fit in target type", "the number is too large"),
-    ];
-    of_numbers.iter().fold(message, |message, (from, to)| message.replace(from, to))
+    let (head, rest) = message.split_once("; [possible values: ").unwrap_or((message, ""));
+    match rest.split_once(']') {
+        Some((values, tail)) => format!("{head}: expected one of {values}{tail}"),
+        None => message.to_owned(),
+    }
 }
 
-/// What is wrong with the input of a wrong command line: a volume that is not there. It comes before what is wrong
-/// with the options, so that both are known at once.
+/// Returns the error of a missing volume in a wrong command line, so that it is reported together with errors of
+/// options.
 pub(crate) fn missing_input(words: &[OsString]) -> Option<String> {
     let matches = args::command().ignore_errors(true).try_get_matches_from(words).ok()?;
     let (name, matches) = matches.subcommand()?;
     let source = matches.try_get_one::<std::path::PathBuf>("source").ok().flatten()?;
     let text = source.to_string_lossy();
-    // The value of a misspelt option may be taken for the volume: only what looks like a file is looked for.
+    // The volume may be the value of a misspelt option, so only names of files are checked.
     let is_number = text.split(',').all(|part| part.parse::<f64>().is_ok());
     let looks_like_file = text.contains(['.', '/', '\\']) && !is_number;
     let is_there = source.exists() || text.rsplit_once(':').is_some_and(|(file, _)| Path::new(file).exists());
@@ -408,29 +252,25 @@ pub(crate) fn missing_input(words: &[OsString]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tune::{KNOBS, Knob};
+    use crate::tune::Tuning;
+    use clap::CommandFactory;
 
     fn said(line: &str) -> String {
         let words: Vec<&str> = line.split_whitespace().collect();
         let error = args::command().try_get_matches_from(&words).unwrap_err();
-        message(&error, Some(words[1]))
+        message(&error, args::built().find_subcommand(words[1]).unwrap())
     }
 
     #[test]
     fn words_of_other_programs_lead_to_options_that_exist() {
-        let mut program = args::command();
-        program.build();
+        let program = args::built();
         let turntable = program.find_subcommand("turntable").unwrap();
-        let has = |name: &str| {
-            turntable
-                .get_arguments()
-                .any(|arg| arg.get_long() == Some(name) || arg.get_all_aliases().is_some_and(|all| all.contains(&name)))
-        };
+        let has = |name: &str| args::option(turntable, name).is_some();
         let mut seen = Vec::new();
-        for (words, text) in FOREIGN {
-            for word in words {
+        for (words, text) in FOREIGN.iter().map(|row| row.split_once(": ").unwrap()) {
+            for word in words.split(' ') {
                 assert!(!has(word), "--{word} is an option");
-                assert!(!seen.contains(word), "{word} is there twice");
+                assert!(!seen.contains(&word), "{word} is there twice");
                 seen.push(word);
                 assert!(said(&format!("voxsplat turntable a.nii --{word}")).contains(text), "{word}");
             }
@@ -440,7 +280,7 @@ mod tests {
 
     #[test]
     fn keys_of_tune_that_were_options_lead_to_tune() {
-        for Knob { key, .. } in KNOBS {
+        for key in Tuning::command().get_arguments().filter_map(Arg::get_long) {
             for command in ["render", "turntable", "pareto"] {
                 let said = said(&format!("voxsplat {command} a.nii --{key} 3"));
                 assert!(said.contains(&format!("'--{key}' found: --tune {key}=VALUE")), "{said}");
@@ -450,8 +290,7 @@ mod tests {
 
     #[test]
     fn a_first_picture_needs_few_options_and_help_has_a_bounded_number() {
-        let mut program = args::command();
-        program.build();
+        let program = args::built();
         let own = |arg: &&Arg| arg.get_long().is_some_and(|long| !["help", "quiet"].contains(&long));
         let count = |shown: &dyn Fn(&Arg) -> bool| {
             let render = program.find_subcommand("render").unwrap();
@@ -503,9 +342,9 @@ mod tests {
             ("help render", &["expected voxsplat --help"]),
             ("rendr a.nii", &["tip: a similar subcommand exists: 'render'"]),
             // Numbers that look like options or like volumes.
-            ("render a.nii --size -5 --elevation -5", &["'-5' for '--size <WxH>': it is negative"]),
+            ("render a.nii --size -5 --elevation -5", &["'-5' for '--size <WxH>': expected WIDTHxHEIGHT"]),
             ("turntable a.nii --frames -3 --part -1/2", &["'-3' for '--frames <N>'", "'-1"]),
-            ("render a.nii --region -1,0,5,5", &["'-1,0,5,5' for '--region <X,Y,W,H>': it is negative"]),
+            ("render a.nii --region -1,0,5,5", &["'-1,0,5,5' for '--region <X,Y,W,H>': expected four"]),
             (
                 "render a.nii --up 0 0 1 --light 30 40",
                 &["'0' found; tip: --up 0,0,1", "'40' found; tip: --light 30,40"],
@@ -514,12 +353,12 @@ mod tests {
             ("turntable a.nii --frames 2.5", &["'2.5' for '--frames <N>': expected a whole number"]),
             ("render a.nii --window 40 400 --wobble", &["'400' found; tip: --window 40,400", "'--wobble'"]),
             ("render a.nii --projection iso", &["'iso' for '--projection <KIND>': expected one of orthographic, "]),
-            ("turntable a.nii --frames 0", &["'0' for '--frames <N>': expected 1 to 100000"]),
+            ("turntable a.nii --frames 0", &["'0' for '--frames <N>': expected a whole number from 1 to 100000"]),
             ("render a.nii --azimuth 30deg --zoom 200%", &["expected a finite number, without a unit", "0, without a"]),
             ("render", &["not provided"]),
         ] {
             let words: Vec<OsString> = format!("voxsplat {line}").split_whitespace().map(OsString::from).collect();
-            let all = messages(args::command().try_get_matches_from(&words).unwrap_err(), &words);
+            let all = messages(&args::command().try_get_matches_from(&words).unwrap_err(), &words);
             assert_eq!(all.len(), parts.len(), "{line}: {all:#?}");
             for part in parts {
                 let count = all.iter().filter(|said| said.contains(part)).count();
@@ -542,10 +381,12 @@ mod tests {
     }
 
     #[test]
-    fn edits_are_counted() {
-        for (a, b, count) in [("azimut", "azimuth", 1), ("sahdows", "shadows", 1), ("slice", "size", 2), ("", "ab", 2)]
-        {
-            assert_eq!(edits(a, b), count, "{a} {b}");
+    fn a_letter_in_four_may_be_wrong() {
+        for (word, other) in [("azimut", "azimuth"), ("sahdows", "shadows"), ("ligth", "light")] {
+            assert!(is_near(word, other), "{word} {other}");
+        }
+        for (word, other) in [("slice", "size"), ("", "ab"), ("wobble", "zoom")] {
+            assert!(!is_near(word, other), "{word} {other}");
         }
     }
 }

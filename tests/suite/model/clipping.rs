@@ -3,11 +3,10 @@
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, Hull, ProjectionKind, View};
 use voxsplat::clip::{Clip, Plane};
-use voxsplat::image::Image;
+use voxsplat::image::{Image, compare};
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::reference::Reference;
-use voxsplat::report::compare;
 use voxsplat::settings::{Level, Model, Resolution, Settings, Shading};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};

@@ -11,10 +11,9 @@ use std::sync::{LazyLock, OnceLock};
 use glam::DVec3;
 use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::figure::{Figure, Shown};
-use voxsplat::image::{Background, Image};
+use voxsplat::image::{Background, Comparison, Image, compare, difference_picture};
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
-use voxsplat::report::{Comparison, compare, difference_picture};
 use voxsplat::settings::{Accumulation, Model, Precision, Resolution, Settings, Shading, Sheets};
 
 use crate::support::{demo, headlight, look, render, thick, with_quads, with_tiles};

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
+use voxsplat::appearance::ChannelChoice;
 use voxsplat::formats::{FORMATS, Format, LoadOptions, MissingSlices, PyramidLevel};
 use voxsplat::volume::{Endian, SampleType};
 
 use super::view::ViewArgs;
-use crate::channels::{ChannelArg, channel};
-use crate::failure::Failure;
+use crate::failure::{Failure, refuse};
 use crate::parse::{self, TimeArg, one_of};
 
 /// The help of the volume: formats as the library lists them.
@@ -27,51 +27,51 @@ fn volume_help() -> String {
 
 /// The volume, and the properties that its file does not state.
 #[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Input")]
 pub(crate) struct InputArgs {
     /// A volume: a file, a folder of slices, - for standard input, or demo:NAME[:SIZE]
     #[arg(value_name = "VOLUME", long_help = volume_help())]
     pub(crate) source: PathBuf,
     /// Raw files: number of samples along x (fastest), y and z
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims, allow_hyphen_values = true, help_heading = "Input")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims)]
     pub(crate) dims: Option<[u32; 3]>,
     /// Raw files: type of the samples: u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64
-    #[arg(long = "type", value_name = "TYPE", value_parser = parse::library::<SampleType>, help_heading = "Input")]
+    #[arg(long = "type", value_name = "TYPE", value_parser = parse::library::<SampleType>)]
     pub(crate) sample_type: Option<SampleType>,
     /// Raw files: byte order, little or big [default: little]
-    #[arg(long, value_name = "ORDER", value_parser = parse::library::<Endian>, help_heading = "Input")]
+    #[arg(long, value_name = "ORDER", value_parser = parse::library::<Endian>)]
     pub(crate) endian: Option<Endian>,
     /// Raw files: bytes to skip before the samples
-    #[arg(long, value_name = "BYTES", default_value_t = 0, help_heading = "Input")]
+    #[arg(long, value_name = "BYTES", default_value_t = 0, value_parser = parse::whole::<u64, 0, { u64::MAX }>)]
     pub(crate) offset: u64,
     /// World distance between samples; replaces the spacing of the file
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing, allow_hyphen_values = true,
-        help_heading = "Input")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing)]
     pub(crate) spacing: Option<[f64; 3]>,
     /// Replace NaN and infinite samples by VALUE [default: refuse them]
-    #[arg(long, value_name = "VALUE", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Input")]
+    #[arg(long, value_name = "VALUE", value_parser = parse::number)]
     pub(crate) replace_nan: Option<f64>,
     /// Draw channel N, counted from 0; repeat the option to draw several, each in a colour
     ///
     /// [default: all channels, in the colours of the file or in green, magenta, cyan ..; channels that the file calls
     /// red, green and blue are the colours of voxels]
-    #[arg(long, value_name = "N[:COLOUR]", value_parser = channel, help_heading = "Input")]
-    pub(crate) channel: Vec<ChannelArg>,
+    #[arg(long, value_name = "N[:COLOUR]", value_parser = parse::channel)]
+    pub(crate) channel: Vec<ChannelChoice>,
     /// Draw time point N, counted from 0; a turntable also takes a range or all [default: 0]
     ///
     /// All frames use the first time point's transfer function and one common framing.
-    #[arg(long, value_name = "N|FIRST-LAST|all", value_parser = parse::time, help_heading = "Input")]
+    #[arg(long, value_name = "N|FIRST-LAST|all", value_parser = parse::time)]
     pub(crate) time: Option<TimeArg>,
     /// Folders of DICOM files, or OME-Zarr by Bio-Formats: read the N-th series, counted from 1 [default: list the
     /// series of DICOM, if there are several]
-    #[arg(long, value_name = "N", help_heading = "Input")]
+    #[arg(long, value_name = "N", value_parser = parse::whole::<u32, 1, { u64::MAX }>)]
     pub(crate) series: Option<u32>,
     /// Folders of DICOM files: refuse a series that lacks slices between others, or interpolate the missing slices
-    #[arg(long, value_name = "HOW", default_value = "refuse",
-        value_parser = one_of(MissingSlices::ALL, MissingSlices::name), help_heading = "Input")]
+    #[arg(long, value_name = "HOW", default_value = "refuse", value_parser = one_of(MissingSlices::ALL,
+        MissingSlices::name))]
     pub(crate) missing_slices: MissingSlices,
     /// OME-Zarr: read level N of the pyramid, 0 is the finest [default: the coarsest level whose samples are no coarser
     /// than pixels]
-    #[arg(long, value_name = "N", help_heading = "Input")]
+    #[arg(long, value_name = "N", value_parser = parse::whole::<u32, 0, { u64::MAX }>)]
     pub(crate) pyramid: Option<u32>,
 }
 
@@ -91,7 +91,7 @@ impl InputArgs {
     pub(crate) fn check_one_time(&self) -> Result<(), Failure> {
         match self.time {
             None | Some(TimeArg::One(_)) => Ok(()),
-            Some(several) => Err(Failure::Usage(format!("--time {several}: several time points are for turntable"))),
+            Some(several) => refuse(format!("--time {several}: several time points are for turntable")),
         }
     }
 

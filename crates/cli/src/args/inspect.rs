@@ -1,4 +1,4 @@
-//! What is shown as text: volumes, comparisons.
+//! Descriptions of volumes, comparisons of pictures.
 
 use std::path::PathBuf;
 
@@ -7,14 +7,15 @@ use crate::parse;
 
 /// Show the properties of a volume file, its histogram, and the command line that renders it.
 #[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Labels")]
 pub(crate) struct InfoArgs {
     #[command(flatten)]
     pub(crate) input: InputArgs,
     /// List labels with their colours, voxels and volumes in place of the rest
-    #[arg(long, help_heading = "Labels")]
+    #[arg(long)]
     pub(crate) labels: bool,
     /// Names, colours and opacities of labels, as for render
-    #[arg(long, value_name = "FILE", requires = "labels", help_heading = "Labels")]
+    #[arg(long, value_name = "FILE", requires = "labels")]
     pub(crate) label_table: Option<PathBuf>,
     /// Print one JSON object
     #[arg(long, help_heading = "Output")]
@@ -29,7 +30,7 @@ pub(crate) struct CompareArgs {
     /// A picture of the same size
     pub(crate) b: PathBuf,
     /// Largest tolerated difference of a channel; channels run from 0 to 1, so an 8-bit step is 0.00392
-    #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = parse::tolerance, allow_hyphen_values = true)]
+    #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = parse::tolerance)]
     pub(crate) tolerance: f64,
     /// Write the difference, multiplied by ten, as a picture
     #[arg(long, value_name = "FILE")]

@@ -9,10 +9,10 @@ mod render;
 mod turntable;
 mod view;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::builder::ValueHint;
+use clap::{Arg, CommandFactory, Parser, Subcommand};
 
 pub(crate) use self::figure::FigureArgs;
-pub(crate) use self::input::InputArgs;
 pub(crate) use self::inspect::{CompareArgs, InfoArgs};
 pub(crate) use self::model::{LayerArgs, ModelArgs};
 pub(crate) use self::pareto::ParetoArgs;
@@ -69,42 +69,38 @@ pub(crate) enum Command {
 }
 
 /// The options of `render` and its relatives for a first picture, which `-h` shows.
-const BASIC: [&str; 21] = [
-    "output",
-    "size",
-    "background",
-    "stats",
-    "channel",
-    "time",
-    "azimuth",
-    "elevation",
-    "projection",
-    "zoom",
-    "transfer",
-    "window",
-    "model",
-    "shading",
-    "light",
-    "clip",
-    "labels",
-    "label",
-    "scale-bar",
-    "colour-bar",
-    "max-error",
-];
+const BASIC: &str = "output size background stats channel time azimuth elevation projection zoom transfer window model \
+                     shading light clip labels label scale-bar colour-bar max-error";
 
-/// The definition of the program's arguments. `-h` shows the options of [`BASIC`] and the ones of a command alone.
+/// Options whose values are any text, so that a value with a dash in front is more likely a forgotten value.
+const TEXTS: [&str; 4] = ["stats", "title", "caption", "adapter"];
+
+/// Returns the definition of the program's arguments. `-h` shows the options of [`BASIC`] and the ones of a command
+/// alone. Values may begin with a dash, as negative numbers do.
 pub(crate) fn command() -> clap::Command {
     let own = [Some("Turntable"), Some("Measurement")];
-    let brief = |command: clap::Command| {
+    let is_basic = |arg: &Arg| arg.get_long().is_none_or(|long| BASIC.split(' ').any(|basic| basic == long));
+    Args::command().mut_subcommands(|command| {
+        let has_many = ["render", "turntable", "pareto"].contains(&command.get_name());
         command.mut_args(|arg| {
-            let is_basic = arg.get_long().is_none_or(|long| BASIC.contains(&long));
-            let is_own = own.contains(&arg.get_help_heading());
-            arg.hide_short_help(!is_basic && !is_own)
+            let is_hidden = has_many && !is_basic(&arg) && !own.contains(&arg.get_help_heading());
+            let is_value = arg.get_long().is_some_and(|long| !TEXTS.contains(&long))
+                && arg.get_action().takes_values()
+                && arg.get_value_hint() != ValueHint::AnyPath;
+            arg.hide_short_help(is_hidden).allow_hyphen_values(is_value)
         })
-    };
-    Args::command().mut_subcommands(|command| match command.get_name() {
-        "render" | "turntable" | "pareto" => brief(command),
-        _ => command,
     })
+}
+
+/// Returns the definition with the options that all commands share in each command.
+pub(crate) fn built() -> clap::Command {
+    let mut program = command();
+    program.build();
+    program
+}
+
+/// Returns the option of a name or an alias.
+pub(crate) fn option<'a>(command: &'a clap::Command, name: &str) -> Option<&'a Arg> {
+    let is_alias = |arg: &Arg| arg.get_all_aliases().is_some_and(|aliases| aliases.contains(&name));
+    command.get_arguments().find(|arg| arg.get_long() == Some(name) || is_alias(arg))
 }

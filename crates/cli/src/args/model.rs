@@ -31,44 +31,44 @@ fn transfer_help() -> String {
 
 /// The contents of a picture, and its light.
 #[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Model")]
 pub(crate) struct ModelArgs {
     /// Transfer function: a preset such as ct-bone, a file, map:NAME or labels
-    #[arg(long, value_name = "PRESET|FILE[#NAME]|map:NAME", long_help = transfer_help(), help_heading = "Model")]
+    #[arg(long, value_name = "PRESET|FILE[#NAME]|map:NAME", long_help = transfer_help())]
     pub(crate) transfer: Option<PathBuf>,
     /// Map the transfer function to the values LEVEL - WIDTH/2 to LEVEL + WIDTH/2
     ///
     /// [default: the values that the file states; for colour maps, the values of the foreground]
-    #[arg(long, value_name = "LEVEL,WIDTH", value_parser = parse::window, allow_hyphen_values = true,
-        help_heading = "Model")]
+    #[arg(long, value_name = "LEVEL,WIDTH", value_parser = parse::window)]
     pub(crate) window: Option<Window>,
     /// Gradient opacity: multiply opacities by O, 0 to 1, if the value changes by M per world unit; linear between the
     /// points, constant beyond them. Flat interiors become clear and surfaces stay. Or off [default: the transfer
     /// function's]
-    #[arg(long, value_name = "M:O,M:O,..|off", value_parser = parse::gradient_opacity, help_heading = "Model")]
+    #[arg(long, value_name = "M:O,M:O,..|off", value_parser = parse::gradient_opacity)]
     pub(crate) gradient_opacity: Option<GradientOpacity>,
     /// Model of a pixel: composite, xray, mip, minip or average
     ///
     /// composite is emission and absorption, xray absorption only (white), mip the largest value of the ray, minip the
     /// smallest, average the mean; the transfer function colours the last three.
     #[arg(long, value_name = "MODEL", default_value = "composite", value_parser = one_of(Model::ALL, Model::name),
-        hide_possible_values = true, help_heading = "Model")]
+        hide_possible_values = true)]
     pub(crate) model: Model,
     /// X-ray: show the optical depth of a ray as absorption (white of alpha 1 - exp(-depth)), window (grey, linear from
     /// black at depth LOW to white at HIGH: 0,4), film (radiographic film on a light box: exposure relative to half
     /// density, and contrast: 4,3) or depth (the optical depth itself, for an .exr)
     #[arg(long, value_name = "absorption|window[:LOW,HIGH]|film[:EXPOSURE,GAMMA]|depth", default_value = "absorption",
-        value_parser = parse::response, help_heading = "Model")]
+        value_parser = parse::response)]
     pub(crate) response: Response,
     /// Projections mip and minip: colour values by depth, from red (nearest) to violet (farthest); the transfer
     /// function sets the brightness
-    #[arg(long, help_heading = "Model")]
+    #[arg(long)]
     pub(crate) depth_coded: bool,
     /// Projection mip: dim distant values by up to exp(-A) at the far end of the box; A from 0 to 20
-    #[arg(long, value_name = "A", default_value_t = 0.0, value_parser = parse::number, help_heading = "Model")]
+    #[arg(long, value_name = "A", default_value_t = 0.0, value_parser = parse::number)]
     pub(crate) attenuation: f64,
     /// Classify and light voxels before reconstruction (pre: fast) or pixels after it (post: sharp)
     #[arg(long, value_name = "WHEN", default_value = "pre", value_parser = one_of(Shading::ALL, Shading::name),
-        hide_possible_values = true, help_heading = "Model")]
+        hide_possible_values = true)]
     pub(crate) shading: Shading,
     /// Light surfaces: off, headlight, studio, AZ,EL in degrees, or @X,Y,Z in the world
     ///
@@ -78,11 +78,11 @@ pub(crate) struct ModelArgs {
     /// for up to 4 lights. All but studio and off take :INTENSITY or :#RRGGBB.
     ///
     /// [default: studio if render uses a preset that shows surfaces, otherwise off]
-    #[arg(long, value_name = "LIGHT", value_parser = parse::light, allow_hyphen_values = true, help_heading = "Model")]
+    #[arg(long, value_name = "LIGHT", value_parser = parse::light)]
     pub(crate) light: Vec<LightArg>,
     /// Material of lit surfaces: ambient, diffuse and specular reflection, 0 to 1, and shininess, 1 to 1000
     /// [default: 0.3,0.7,0.2,24; studio 0.4,0.7,0.2,24; render uses the material of a preset that shows surfaces]
-    #[arg(long, value_name = "A,D,S,N", value_parser = parse::material, help_heading = "Model")]
+    #[arg(long, value_name = "A,D,S,N", value_parser = parse::material)]
     pub(crate) material: Option<[f64; 4]>,
     /// Clip the volume: keep one side of a plane, a box or some voxels
     ///
@@ -92,31 +92,30 @@ pub(crate) struct ModelArgs {
     /// open. voxels:I0:I1,J0:J1,K0:K1 keeps the cells of voxels I0 to I1 - 1 along the first axis of the lattice,
     /// counted from 0, and so on; a missing number is the end of the volume (voxels:10:20,:,40:). Repeat the option to
     /// keep what all leave; up to 8 planes, 6 of them for a box.
-    #[arg(long, alias = "clip-plane", value_name = "PLANE|SIDE|box:..|voxels:..", value_parser = clip,
-        allow_hyphen_values = true, help_heading = "Model")]
+    #[arg(long, alias = "clip-plane", value_name = "PLANE|SIDE|box:..|voxels:..", value_parser = clip)]
     pub(crate) clip: Vec<ClipArg>,
     /// Shadows of the first three lights at AZ,EL or @X,Y,Z: on, off, or their strength, 0 to 1 [default: off; studio
     /// 0.85]
-    #[arg(long, value_name = "on|off|STRENGTH", value_parser = parse::strength, help_heading = "Model")]
+    #[arg(long, value_name = "on|off|STRENGTH", value_parser = parse::strength)]
     pub(crate) shadows: Option<f64>,
     /// Angular size of lights at AZ,EL, degrees, 0 to 90: larger lights cast softer shadows [default: 0; studio 10]
-    #[arg(long, value_name = "DEGREES", value_parser = parse::number, help_heading = "Model")]
+    #[arg(long, value_name = "DEGREES", value_parser = parse::number)]
     pub(crate) light_size: Option<f64>,
     /// Ambient occlusion: voxels within RADIUS voxels dim each other's ambient light, or off [default: off; studio 8]
-    #[arg(long, value_name = "RADIUS|off", value_parser = parse::occlusion, help_heading = "Model")]
+    #[arg(long, value_name = "RADIUS|off", value_parser = parse::occlusion)]
     pub(crate) occlusion: Option<Occlusion>,
     /// Reconstruction kernel, lengths in voxels: gaussian[:SIGMA,RADIUS] (1,2) or kaiser-bessel[:RADIUS,ALPHA] (2,10.4)
     /// [default: gaussian]
-    #[arg(long, value_name = "KERNEL", value_parser = parse::kernel, help_heading = "Model")]
+    #[arg(long, value_name = "KERNEL", value_parser = parse::kernel)]
     pub(crate) kernel: Option<Kernel>,
     /// Undo the blur of the kernel: 0 (not at all) to 1; noise grows. A Gaussian becomes a narrower Kaiser-Bessel blob.
     /// Post-shaded pictures, mip, minip and average also filter the samples so that the field interpolates them
     /// [default: 0; render uses 0.5 for a pre-shaded preset that shows surfaces, unless --kernel is given]
-    #[arg(long, value_name = "S", value_parser = parse::number, allow_hyphen_values = true, help_heading = "Model")]
+    #[arg(long, value_name = "S", value_parser = parse::number)]
     pub(crate) sharpness: Option<f64>,
     /// Level of detail: cells of 2^N voxels along each axis in place of voxels, N 0 to 12; auto uses the coarsest cells
     /// that change a pre-shaded picture by at most 2 of 255 (rms), and a post-shaded one about as little
-    #[arg(long, value_name = "N|auto", default_value = "auto", value_parser = parse::level, help_heading = "Model")]
+    #[arg(long, value_name = "N|auto", default_value = "auto", value_parser = parse::level)]
     pub(crate) level: Level,
     /// Knobs of painters, sheets, footprint tables, shadows and readers; --tune help lists them
     #[arg(long, value_name = "KEY=VALUE,..", value_parser = tune, help_heading = "Tuning")]
@@ -125,26 +124,27 @@ pub(crate) struct ModelArgs {
 
 /// Labels, and a mask.
 #[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Labels")]
 pub(crate) struct LayerArgs {
     /// Draw the labels of another volume too
     ///
     /// Extinctions add. On another lattice each voxel gets the label of the nearest voxel. Label 0 is clear. Labels are
     /// pre-shaded. (For a volume of labels alone: --transfer labels.)
-    #[arg(long, value_name = "FILE", help_heading = "Labels")]
+    #[arg(long, value_name = "FILE")]
     pub(crate) labels: Option<PathBuf>,
     /// Names, colours and opacities of labels: an ITK-SNAP label description, a 3D Slicer colour table (.ctbl, .csv), a
     /// FreeSurfer lookup table or a BIDS .tsv [default: the table of a .seg.nrrd, otherwise distinct colours]
-    #[arg(long, value_name = "FILE", help_heading = "Labels")]
+    #[arg(long, value_name = "FILE")]
     pub(crate) label_table: Option<PathBuf>,
     /// Change the looks of labels, such as all:0.2, 3:on or 1,4,7-9:red
     ///
     /// WHICH is all, numbers (1,4,7-9) or a name of the table. LOOK is an opacity from 0 to 1, xF (multiply the opacity
     /// by F, 0 to 1), on, off or a colour. Repeat the option; later changes apply to the result of earlier ones:
     /// --label all:0.2 --label 3:on.
-    #[arg(long, value_name = "WHICH:LOOK", value_parser = label, allow_hyphen_values = true, help_heading = "Labels")]
+    #[arg(long, value_name = "WHICH:LOOK", value_parser = label)]
     pub(crate) label: Vec<LabelArg>,
     /// Show the volume only inside another volume's labels other than 0, or inside LABELS (1,4,7-9); on another lattice
     /// the nearest voxel counts
-    #[arg(long, value_name = "FILE[:LABELS]", help_heading = "Labels")]
+    #[arg(long, value_name = "FILE[:LABELS]")]
     pub(crate) mask: Option<PathBuf>,
 }

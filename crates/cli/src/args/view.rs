@@ -21,72 +21,55 @@ pub(crate) enum FrameArg {
 
 /// The view.
 #[derive(Debug, clap::Args)]
+#[command(next_help_heading = "View")]
 pub(crate) struct ViewArgs {
     /// Turn the eye about the up direction by DEG degrees from the front of the volume
     ///
     /// [default: 0; render uses 30 for a file without orientation, unless an option sets the view]
-    #[arg(long, alias = "camera-azimuth-angle", value_name = "DEG", value_parser = parse::number,
-        allow_hyphen_values = true, help_heading = "View")]
+    #[arg(long, alias = "camera-azimuth-angle", value_name = "DEG", value_parser = parse::number)]
     pub(crate) azimuth: Option<f64>,
     /// Raise the eye towards the up direction by DEG degrees
     ///
     /// [default: 0; 20 if the azimuth is 30 by default]
-    #[arg(long, alias = "camera-elevation-angle", value_name = "DEG", value_parser = parse::number,
-        allow_hyphen_values = true, help_heading = "View")]
+    #[arg(long, alias = "camera-elevation-angle", value_name = "DEG", value_parser = parse::number)]
     pub(crate) elevation: Option<f64>,
     /// Rotate the camera about its viewing direction by DEG degrees, counter-clockwise
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number, allow_hyphen_values = true,
-        help_heading = "View")]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse::number)]
     pub(crate) roll: f64,
     /// World direction that points up in the picture [default: 0,0,1]
-    #[arg(long, alias = "camera-view-up", value_name = "X,Y,Z", value_parser = parse::vector,
-        allow_hyphen_values = true, help_heading = "View")]
+    #[arg(long, alias = "camera-view-up", value_name = "X,Y,Z", value_parser = parse::vector)]
     pub(crate) up: Option<DVec3>,
     /// World direction from the eye to the target, in place of azimuth and elevation
     #[arg(long, alias = "camera-direction", value_name = "X,Y,Z", value_parser = parse::vector,
-        allow_hyphen_values = true,
-        conflicts_with_all = ["azimuth", "elevation"], help_heading = "View")]
+        conflicts_with_all = ["azimuth", "elevation"])]
     pub(crate) direction: Option<DVec3>,
     /// World point at the centre of the picture [default: the centre of the framed region]
-    #[arg(long, alias = "camera-focal-point", value_name = "X,Y,Z", value_parser = parse::vector,
-        allow_hyphen_values = true, help_heading = "View")]
+    #[arg(long, alias = "camera-focal-point", value_name = "X,Y,Z", value_parser = parse::vector)]
     pub(crate) target: Option<DVec3>,
     /// Parallel rays (orthographic), or rays through one eye (perspective)
-    #[arg(
-        long,
-        value_name = "KIND",
-        default_value = "orthographic",
-        hide_possible_values = true,
-        help_heading = "View"
-    )]
+    #[arg(long, value_name = "KIND", default_value = "orthographic", hide_possible_values = true)]
     pub(crate) projection: ProjectionArg,
     /// Perspective: vertical field of view in degrees, over 0 and under 180 [default: 30]
-    #[arg(long, alias = "camera-view-angle", value_name = "DEG", value_parser = parse::positive,
-        allow_hyphen_values = true, help_heading = "View")]
+    #[arg(long, alias = "camera-view-angle", value_name = "DEG", value_parser = parse::positive)]
     pub(crate) fov: Option<f64>,
     /// Magnify by F, over 0
-    #[arg(long, alias = "camera-zoom-factor", value_name = "F", default_value_t = 1.0, value_parser = parse::positive,
-        allow_hyphen_values = true,
-        help_heading = "View")]
+    #[arg(long, alias = "camera-zoom-factor", value_name = "F", default_value_t = 1.0, value_parser = parse::positive)]
     pub(crate) zoom: f64,
     /// Fit the picture to the visible voxels at one size for every azimuth (visible), to the visible voxels as large as
     /// this view permits (view), or to the box of the lattice (volume) [default: visible, or volume with --target,
     /// --view-height or --distance]
-    #[arg(long, value_name = "WHAT", help_heading = "View")]
+    #[arg(long, value_name = "WHAT")]
     pub(crate) frame: Option<FrameArg>,
     /// Margin around the framed region: a fraction of the picture on each side, 0 to under 0.5 [default: 0.02 beside
     /// the colour bar, the title and the caption; with --zoom or --frame they lie over the picture, and 0.1 leaves
     /// space for texts]
-    #[arg(long, value_name = "FRACTION", value_parser = parse::tolerance, allow_hyphen_values = true,
-        help_heading = "View")]
+    #[arg(long, value_name = "FRACTION", value_parser = parse::tolerance)]
     pub(crate) margin: Option<f64>,
     /// World height that the picture spans at the target [default: the framed region just fits]
-    #[arg(long, value_name = "LENGTH", value_parser = parse::positive, allow_hyphen_values = true,
-        help_heading = "View")]
+    #[arg(long, value_name = "LENGTH", value_parser = parse::positive)]
     pub(crate) view_height: Option<f64>,
     /// Perspective: world distance from the eye to the target [default: the framed region just fits]
-    #[arg(long, value_name = "LENGTH", value_parser = parse::positive, allow_hyphen_values = true,
-        help_heading = "View")]
+    #[arg(long, value_name = "LENGTH", value_parser = parse::positive)]
     pub(crate) distance: Option<f64>,
 }
 

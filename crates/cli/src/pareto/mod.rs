@@ -1,43 +1,54 @@
-//! `voxsplat pareto`.
+//! `voxsplat pareto`: speed against error of many settings, as a report.
 
+mod date;
 mod page;
+mod plot;
+mod study;
 
 use std::path::Path;
+use std::time::Instant;
 
-use clap::ArgMatches;
+use clap::{ArgMatches, Command};
 use flate2::Crc;
+use glam::DQuat;
 use serde::{Deserialize, Serialize};
+use voxsplat::accuracy::Sample;
 use voxsplat::camera::{Camera, View};
 use voxsplat::figure::Shown;
 use voxsplat::formats::read_json;
-use voxsplat::image::{Background, Image};
+use voxsplat::image::{Background, Image, compare, difference_picture, write_file};
+use voxsplat::kernel::Kernel;
 use voxsplat::layers::Layers;
-use voxsplat::report::{
-    Errors, Marker, Measurement, Point, Study, Variant, difference_picture, front, plot, today, variants, write_file,
-};
+use voxsplat::reference::Reference;
+use voxsplat::renderer::{Rendered, Scene};
+use voxsplat::settings::Settings;
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Statistics, Volume};
-use voxsplat::{Renderer, RendererOptions, formats};
+use voxsplat::{Error, Renderer, RendererOptions, formats};
 
 use super::clip::intersection;
 use super::draw::{framed, with_units};
-use super::failure::Failure;
+use super::failure::{Failure, fail};
 use super::fitted::transfer;
 use super::job::ParetoJob;
-use super::options::{command_line, file_name, options_of, without, without_folders};
+use super::options::{command_line, file_name, options_of, words};
 use super::output;
 use super::progress::{Progress, Remaining};
 use super::session::say_choice;
 use super::stages::Stages;
 use super::stderr::silenced;
+use date::today;
+use plot::{Marker, Point, plot};
+pub(crate) use study::variants;
+use study::{Errors, Measurement, Variant, front};
 
-/// What is measured, and of what: an interrupted run is gone on with only if all of it is the same.
+/// The subject of a study: an interrupted run continues only if all of it is the same.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Subject {
-    /// The arguments that say what is drawn, as those of `voxsplat render`, with names of files for their paths.
+struct ChoiceContext {
+    /// The arguments of `voxsplat render` that make the picture, with names of files for their paths.
     command: String,
     volume: [u32; 3],
-    /// A checksum of the distribution of the values and of the transfer function: files of one name may differ.
+    /// Returns a checksum of the distribution of the values and of the transfer function: files of one name may differ.
     content: String,
     views: u32,
     size: [u32; 2],
@@ -47,11 +58,11 @@ struct Subject {
     version: String,
 }
 
-/// All that a run keeps.
+/// Everything that a run keeps.
 #[derive(Debug, Serialize, Deserialize)]
 struct Kept {
     #[serde(flatten)]
-    subject: Subject,
+    subject: ChoiceContext,
     /// The day of the last measurement.
     date: String,
     measurements: Vec<Measurement>,
@@ -61,17 +72,26 @@ struct Kept {
 #[derive(Debug, Deserialize)]
 struct Rival {
     name: String,
-    /// Of a frame.
+    /// Seconds of a frame.
     seconds: f64,
-    /// Error against its own truth, of 1.
+    /// Error against the renderer's own truth, of 1.
     rms: f64,
 }
 
 /// Options of `voxsplat pareto` alone, and options that a study varies.
-const OWN: [&str; 10] =
-    ["-o", "--output", "--views", "--repeats", "--patience", "--rivals", "--shading", "--kernel", "--level", "--tune"];
+const OWN: [&str; 11] =
+    ["output", "views", "repeats", "patience", "rivals", "resume", "quiet", "shading", "kernel", "level", "tune"];
 
-pub(crate) fn run(mut job: ParetoJob, matches: &ArgMatches) -> Result<(), Failure> {
+/// The error of the truth: a tenth of the error of the most exact pictures.
+const TOLERANCE: f64 = 1e-6;
+
+/// Degrees by which the eye turns before a frame is timed: a turntable does not draw the same frame twice.
+const TURN: f64 = 3.0;
+
+/// The largest JSON file that is read, in bytes.
+const MAX_JSON: u64 = 64 << 20;
+
+pub(crate) fn run(mut job: ParetoJob, line: (&Command, &ArgMatches)) -> Result<(), Failure> {
     let rivals =
         job.rivals.as_deref().map(|path| read_json::<Vec<Rival>>(path, MAX_JSON)).transpose()?.unwrap_or_default();
     let (volume, transfer) = {
@@ -79,7 +99,7 @@ pub(crate) fn run(mut job: ParetoJob, matches: &ArgMatches) -> Result<(), Failur
         let volume = with_units(formats::load(&job.source, &job.load)?, &job.units);
         say_choice(&volume, &job.load);
         let fitted = transfer(&job.source, &job.transfer, &volume, false, &mut Stages::default())?;
-        fitted.notes().for_each(|note| output::say(note));
+        fitted.notes.iter().for_each(|note| output::say(note));
         (volume, fitted.transfer)
     };
     job.settings.clip = intersection(&job.clip, &volume)?;
@@ -89,12 +109,10 @@ pub(crate) fn run(mut job: ParetoJob, matches: &ArgMatches) -> Result<(), Failur
         views.map(|view| Camera::new(&view, volume.grid(), job.size)).collect::<Result<_, _>>()?;
     let options = RendererOptions { adapter: job.adapter.clone(), ..RendererOptions::default() };
     let renderer = silenced(|| Renderer::new(&options))?;
-    let study = Study::new(&renderer, &volume, &transfer, &cameras, job.sample)?.with_patience(job.patience);
-    let words = std::env::args_os().skip(2).map(|word| word.to_string_lossy().into_owned());
-    let mut base = without_folders(without(words, &OWN, &["--resume", "--quiet", "-q"]), matches);
+    let mut base = words(line, &OWN, file_name);
     base.extend(job.tune.iter().flat_map(|pairs| ["--tune".to_owned(), pairs.clone()]));
     let adapter = renderer.adapter();
-    let subject = Subject {
+    let subject = ChoiceContext {
         command: command_line(&base),
         volume: volume.grid().dims(),
         content: content(&volume, &transfer)?,
@@ -106,14 +124,17 @@ pub(crate) fn run(mut job: ParetoJob, matches: &ArgMatches) -> Result<(), Failur
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
     make_directory(&job.directory)?;
-    let mut run = Run::new(&job, study, subject)?;
+    let kept = kept(&job, subject)?;
+    let sample = Sample::new(job.size, job.sample);
+    let (job, volume, transfer, variants) = (&job, &volume, &transfer, variants(&job.settings));
+    let mut run =
+        Run { job, renderer, volume, transfer, cameras, sample, variants, kept, scene: None, truths: Vec::new() };
     run.measure()?;
-    run.time(&job)?;
-    let shown = Shown { volume: &volume, transfer: &transfer, camera: &cameras[0], model: job.settings.model };
-    run.write(&job, &shown, &rivals)
+    run.time()?;
+    run.write(&rivals)
 }
 
-/// A checksum of the distribution of the values and of the transfer function.
+/// Returns a checksum of the distribution of the values and of the transfer function.
 fn content(volume: &Volume, transfer: &TransferFunction) -> Result<String, Failure> {
     let values = Statistics::of(volume)?;
     let mut sum = Crc::new();
@@ -124,165 +145,249 @@ fn content(volume: &Volume, transfer: &TransferFunction) -> Result<String, Failu
 }
 
 fn make_directory(path: &Path) -> Result<(), Failure> {
-    let failed = |e| Failure::Failed(format!("{}: the directory cannot be made: {e}", path.display()));
+    let failed = |e| Failure::failed(format!("{}: the directory cannot be made: {e}", path.display()));
     std::fs::create_dir_all(path).map_err(failed)
 }
 
-/// The largest JSON file that is read, in bytes.
-const MAX_JSON: u64 = 64 << 20;
+/// Returns the measurements of earlier runs of the same command, if this one resumes them.
+fn kept(job: &ParetoJob, subject: ChoiceContext) -> Result<Kept, Failure> {
+    let numbers = job.directory.join("pareto.json");
+    let measurements = if job.resume && numbers.exists() {
+        let found: Kept = read_json(&numbers, MAX_JSON)?;
+        if found.subject != subject {
+            return fail(format!(
+                "{}: it is of another command, of other data, of another adapter or of another version: \
+                 give another directory, or leave out --resume",
+                numbers.display()
+            ));
+        }
+        found.measurements
+    } else {
+        Vec::new()
+    };
+    Ok(Kept { subject, date: today(), measurements })
+}
+
+/// The properties that a scene was prepared for: post-shading, and the kernel that samples were filtered for.
+type Prepared = (bool, Option<Kernel>);
 
 /// A study under way.
 struct Run<'a> {
-    directory: &'a Path,
-    study: Study<'a>,
+    job: &'a ParetoJob,
+    renderer: Renderer,
+    volume: &'a Volume,
+    transfer: &'a TransferFunction,
+    cameras: Vec<Camera>,
+    /// The pixels that are compared.
+    sample: Sample,
     variants: Vec<Variant>,
     kept: Kept,
-    /// The truths of the models, each of all views.
+    /// The scene of the last picture.
+    scene: Option<(Prepared, Scene)>,
+    /// The true sampled pixels of each view, by model.
     truths: Vec<(String, Vec<Image>)>,
 }
 
-impl<'a> Run<'a> {
-    fn new(job: &'a ParetoJob, study: Study<'a>, subject: Subject) -> Result<Self, Failure> {
-        let directory = job.directory.as_path();
-        let numbers = directory.join("pareto.json");
-        let mut kept = Kept { subject, date: today(), measurements: Vec::new() };
-        if job.resume && numbers.exists() {
-            let found: Kept = read_json(&numbers, MAX_JSON)?;
-            if found.subject != kept.subject {
-                return Err(Failure::Failed(format!(
-                    "{}: it was measured by another command, of other data, on another adapter or by another version: \
-                     give another directory, or leave out --resume",
-                    numbers.display()
-                )));
-            }
-            kept.measurements = found.measurements;
-        }
-        Ok(Self { directory, study, variants: variants(&job.settings), kept, truths: Vec::new() })
-    }
-
+impl Run<'_> {
     fn save(&mut self) -> Result<(), Failure> {
         self.kept.date = today();
-        let text = serde_json::to_string_pretty(&self.kept).map_err(|e| Failure::Failed(e.to_string()))?;
-        Ok(write_file(self.directory.join("pareto.json"), text.as_bytes())?)
+        let text = serde_json::to_string_pretty(&self.kept).map_err(|e| Failure::failed(e.to_string()))?;
+        Ok(write_file(self.job.directory.join("pareto.json"), text.as_bytes())?)
     }
 
     fn measurement(&self, variant: &Variant) -> Option<usize> {
         self.kept.measurements.iter().position(|m| m.model == variant.model && m.name == variant.name)
     }
 
-    /// The errors of all variants.
+    /// Measures the errors of all variants. A refusal of the renderer is a measurement too.
     fn measure(&mut self) -> Result<(), Failure> {
         let progress = Remaining::new("measuring errors", self.variants.len());
         for (done, variant) in self.variants.clone().iter().enumerate() {
             progress.at(done, &format!("{}: {}", variant.model, variant.name));
-            if self.measurement(variant).is_none() {
-                let truth = self.truth(variant)?;
-                let measured = self.study.measure(variant, &self.truths[truth].1)?;
-                self.kept.measurements.push(measured);
-                self.save()?;
+            if self.measurement(variant).is_some() {
+                continue;
             }
+            let truth = self.truth(variant)?;
+            let mut measured = Measurement {
+                model: variant.model.clone(),
+                name: variant.name.clone(),
+                refused: None,
+                painter: String::new(),
+                views: 0,
+                first: 0.0,
+                frames: Vec::new(),
+                errors: Errors::default(),
+            };
+            match self.errors(&variant.settings, &truth, &mut measured) {
+                Err(error) if error.refuses_settings() => measured.refused = Some(format!("{error:#}")),
+                result => result?,
+            }
+            self.kept.measurements.push(measured);
+            self.save()?;
         }
         Ok(())
     }
 
-    /// The place of a model's truth, which is traced at most once: it is kept for an interrupted run.
-    fn truth(&mut self, variant: &Variant) -> Result<usize, Failure> {
-        if let Some(known) = self.truths.iter().position(|(model, _)| *model == variant.model) {
-            return Ok(known);
+    /// Draws each view from the start and compares it with its truth.
+    fn errors(&mut self, settings: &Settings, truth: &[Image], measured: &mut Measurement) -> Result<(), Error> {
+        let start = Instant::now();
+        self.scene = None;
+        for (view, truth) in truth.iter().enumerate() {
+            if measured.first > self.job.patience {
+                break;
+            }
+            let camera = self.cameras[view];
+            let rendered = self.draw(&camera, settings)?;
+            if measured.first == 0.0 {
+                measured.first = start.elapsed().as_secs_f64();
+                measured.painter = rendered.stats.painter.name().to_owned();
+            }
+            let c = compare(&self.sample.of(&rendered.image)?, truth, 0.0)?;
+            let [red, green, blue, alpha] = c.max_channel;
+            measured.views += 1;
+            let errors = &mut measured.errors;
+            let psnr = if errors.psnr == 0.0 { c.psnr } else { c.psnr.min(errors.psnr) };
+            *errors = Errors {
+                max: errors.max.max(c.max),
+                p999: errors.p999.max(c.p999),
+                rms: errors.rms.max(c.rms_covered),
+                psnr: if psnr.is_finite() { psnr } else { 0.0 },
+                alpha: errors.alpha.max(alpha),
+                color: errors.color.max(red).max(green).max(blue),
+            };
         }
-        let models: Vec<&str> = self.variants.iter().map(|v| v.model.as_str()).collect();
-        let number = models.iter().position(|model| *model == variant.model).unwrap_or(0);
-        let file = |view: usize| self.directory.join("truth").join(format!("{number}-{view}.exr"));
-        let views = self.kept.subject.views as usize;
+        Ok(())
+    }
+
+    fn draw(&mut self, camera: &Camera, settings: &Settings) -> Result<Rendered, Error> {
+        let filter = (settings.sharpness > 0.0).then(|| settings.reconstruction_kernel());
+        let prepared = (settings.is_post_shaded(), filter);
+        let scene = match self.scene.take().filter(|(held, _)| *held == prepared) {
+            Some((_, scene)) => scene,
+            None => self.renderer.prepare(self.volume, self.transfer, settings)?,
+        };
+        let (_, scene) = self.scene.insert((prepared, scene));
+        self.renderer.render(scene, camera, settings)
+    }
+
+    /// The true sampled pixels of each view, by the reference. They are traced at most once for a model, and kept for
+    /// an interrupted run.
+    fn truth(&mut self, variant: &Variant) -> Result<Vec<Image>, Failure> {
+        if let Some((_, truth)) = self.truths.iter().find(|(model, _)| *model == variant.model) {
+            return Ok(truth.clone());
+        }
+        let number = self.variants.iter().position(|v| v.model == variant.model).unwrap_or(0);
+        let folder = self.job.directory.join("truth");
+        let file = |view: usize| folder.join(format!("{number}-{view}.exr"));
+        let views = self.cameras.len();
         let truth = if self.kept.measurements.iter().any(|m| m.model == variant.model) && file(views - 1).exists() {
             (0..views).map(|view| Image::load(file(view))).collect::<Result<Vec<Image>, _>>()?
         } else {
-            let truth = self.study.truth(variant)?;
-            let folder = self.directory.join("truth");
+            let reference = Reference::new(self.volume, self.transfer, &variant.settings)?.with_tolerance(TOLERANCE);
+            let [width, height] = self.sample.grid();
+            let traced = |camera: &Camera| {
+                let pixels = reference.pixels(camera, &self.sample.pixels())?;
+                Image::new(width, height, pixels.into_iter().map(|pixel| pixel.map(|v| v as f32)).collect())
+            };
+            let truth = self.cameras.iter().map(traced).collect::<Result<Vec<Image>, _>>()?;
             make_directory(&folder)?;
             for (view, image) in truth.iter().enumerate() {
                 image.save(file(view), Background::Transparent)?;
             }
             truth
         };
-        self.truths.push((variant.model.clone(), truth));
-        Ok(self.truths.len() - 1)
+        self.truths.push((variant.model.clone(), truth.clone()));
+        Ok(truth)
     }
 
-    /// The times of all variants: rounds, so that a busy moment of the machine does not meet one variant alone.
-    fn time(&mut self, job: &ParetoJob) -> Result<(), Failure> {
-        let views = self.kept.subject.views as usize;
-        let progress = Remaining::new("timing frames", self.variants.len() * job.repeats as usize);
-        for round in 1..=job.repeats as usize {
+    /// Times all variants in rounds, so that a busy moment of the machine does not meet one variant alone.
+    fn time(&mut self) -> Result<(), Failure> {
+        let repeats = self.job.repeats as usize;
+        let progress = Remaining::new("timing frames", self.variants.len() * repeats);
+        for round in 1..=repeats {
             for (done, variant) in self.variants.clone().iter().enumerate() {
                 progress.at((round - 1) * self.variants.len() + done, &format!("{}: {}", variant.model, variant.name));
                 let Some(at) = self.measurement(variant) else { continue };
-                let measured = &mut self.kept.measurements[at];
-                let slow = measured.seconds().is_some_and(|seconds| seconds > job.patience);
-                let all = round * views.min(measured.views as usize);
-                if measured.refused.is_none() && !slow && measured.frames.len() < all {
-                    self.study.time(variant, measured)?;
-                    self.save()?;
+                let measured = &self.kept.measurements[at];
+                let slow = measured.seconds().is_some_and(|seconds| seconds > self.job.patience);
+                let views = measured.views as usize;
+                if measured.refused.is_some() || slow || measured.frames.len() >= round * views {
+                    continue;
                 }
+                for view in 0..views {
+                    let camera = self.cameras[view];
+                    // A frame that is not timed, then one of another angle.
+                    self.draw(&camera, &variant.settings)?;
+                    let turn = DQuat::from_axis_angle(camera.up, TURN.to_radians());
+                    let turned = Camera { forward: turn * camera.forward, right: turn * camera.right, ..camera };
+                    let start = Instant::now();
+                    self.draw(&turned, &variant.settings)?;
+                    self.kept.measurements[at].frames.push(start.elapsed().as_secs_f64());
+                }
+                self.save()?;
             }
         }
         Ok(())
     }
 
-    /// The report: numbers, plots and the page.
-    fn write(&mut self, job: &ParetoJob, shown: &Shown<'_>, rivals: &[Rival]) -> Result<(), Failure> {
+    /// Writes the report: numbers, plots and the page.
+    fn write(&mut self, rivals: &[Rival]) -> Result<(), Failure> {
         self.save()?;
+        let job = self.job;
         let front = front(&self.kept.measurements, |errors| errors.rms);
         let commands: Vec<String> = self.kept.measurements.iter().map(|measured| self.command(measured)).collect();
         let name = file_name(&job.source.to_string_lossy());
-        write_file(self.directory.join("pareto.csv"), csv(&self.kept.measurements, &front, &commands).as_bytes())?;
+        write_file(job.directory.join("pareto.csv"), csv(&self.kept.measurements, &front, &commands).as_bytes())?;
         let title = format!("{name}, {} x {} pixels", job.size[0], job.size[1]);
         let mut plots = Vec::new();
         for (file, name, error) in ERRORS {
             let points = points(&self.kept.measurements, error, if file == "rms" { rivals } else { &[] });
-            let svg = plot(&title, name, &points)?;
-            write_file(self.directory.join(format!("time-{file}.svg")), svg.as_bytes())?;
+            let svg = plot(&title, name, &points)
+                .ok_or_else(|| Failure::failed("nothing was timed: there is no plot".to_owned()))?;
+            write_file(job.directory.join(format!("time-{file}.svg")), svg.as_bytes())?;
             plots.push(svg);
         }
         let mut pictures = Vec::new();
-        let best = |of: &dyn Fn(&Measurement) -> f64| {
+        let exact: fn(&Measurement) -> f64 = |measured| measured.errors.rms;
+        let fast: fn(&Measurement) -> f64 = |measured| measured.seconds().unwrap_or(f64::INFINITY);
+        for (title, rank) in [("The most exact of the front", exact), ("The fastest of the front", fast)] {
             let measurements = front.iter().map(|&index| &self.kept.measurements[index]);
-            measurements.min_by(|a, b| of(a).total_cmp(&of(b))).cloned()
-        };
-        let exact = (best(&|m| m.errors.rms), "The most exact of the front");
-        let fast = (best(&|m| m.seconds().unwrap_or(f64::INFINITY)), "The fastest of the front");
-        for (measured, title) in [exact, fast] {
-            let Some(measured) = measured else { continue };
-            let found = self.variants.iter().find(|v| v.model == measured.model && v.name == measured.name).cloned();
-            let Some(variant) = found else { continue };
+            let best = measurements.min_by(|a, b| rank(a).total_cmp(&rank(b)));
+            let Some(variant) = best.and_then(|best| self.variant(best)).cloned() else { continue };
             let truth = self.truth(&variant)?;
-            let image = self.study.picture(&variant)?;
-            let sampled = self.study.sample().of(&image)?;
-            let difference = difference_picture(&sampled, &self.truths[truth].1[0], page::GAIN)?;
-            let image =
-                if job.figure.is_empty() { image } else { job.figure.draw(&image, Background::default(), shown)? };
-            pictures.push(page::Pictures { title: title.to_owned(), of: variant, image, difference });
+            let camera = self.cameras[0];
+            let mut image = self.draw(&camera, &variant.settings)?.image;
+            let difference = difference_picture(&self.sample.of(&image)?, &truth[0], page::GAIN)?;
+            if !job.figure.is_empty() {
+                let (volume, transfer) = (self.volume, self.transfer);
+                let shown = Shown { volume, transfer, camera: &camera, model: job.settings.model };
+                image = job.figure.draw(&image, Background::default(), &shown)?;
+            }
+            pictures.push(page::Pictures { title, variant, image, difference });
         }
         let page = page::page(&page::Report {
             name: &name,
             caption: job.figure.caption.as_deref(),
-            volume: shown.volume,
+            volume: self.volume,
             kept: &self.kept,
             front: &front,
             commands: &commands,
             plots: &plots,
             pictures: &pictures,
         })?;
-        let path = self.directory.join("report.html");
+        let path = job.directory.join("report.html");
         write_file(&path, page.as_bytes())?;
         output::print(&summary(&self.kept.measurements, &front, &path))
     }
 
-    /// The command that draws one picture of a measurement.
+    fn variant(&self, measured: &Measurement) -> Option<&Variant> {
+        self.variants.iter().find(|v| v.model == measured.model && v.name == measured.name)
+    }
+
+    /// Returns the command that draws the picture of a measurement.
     fn command(&self, measured: &Measurement) -> String {
         let base = &self.kept.subject.command;
-        let variant = self.variants.iter().find(|v| v.model == measured.model && v.name == measured.name);
-        let options = variant.map(|v| command_line(&options_of(&v.settings))).unwrap_or_default();
+        let options = self.variant(measured).map(|v| command_line(&options_of(&v.settings))).unwrap_or_default();
         format!("voxsplat render {base} -o picture.png {options}")
     }
 }
@@ -346,7 +451,7 @@ fn csv(measurements: &[Measurement], front: &[usize], commands: &[String]) -> St
     text
 }
 
-/// The front as a table on stdout.
+/// Returns the front as a table.
 fn summary(measurements: &[Measurement], front: &[usize], page: &Path) -> String {
     let mut text = format!("{:>3}  {:>10}  {:>9}  {:>9}  way\n", "", "frame, ms", "rms", "99.9 %");
     for (number, m) in front.iter().filter_map(|&index| measurements.get(index)).enumerate() {

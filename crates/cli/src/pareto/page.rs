@@ -3,15 +3,16 @@
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use voxsplat::image::{Background, Image};
-use voxsplat::report::{Measurement, Variant, escaped};
 use voxsplat::{Result, Volume};
+use voxsplat_volume::names::escaped;
 
 use super::Kept;
+use super::study::{Measurement, Variant};
 
-/// What differences are multiplied by to be seen.
+/// The factor that makes differences visible.
 pub(crate) const GAIN: f64 = 50.0;
 
-/// What the page shows.
+/// The content of the page.
 pub(crate) struct Report<'a> {
     /// The name of the file.
     pub(crate) name: &'a str,
@@ -27,10 +28,10 @@ pub(crate) struct Report<'a> {
     pub(crate) pictures: &'a [Pictures],
 }
 
-/// A picture of the first view, and how it differs from the truth at the sampled pixels.
+/// A picture of the first view, and its difference from the truth at the sampled pixels.
 pub(crate) struct Pictures {
-    pub(crate) title: String,
-    pub(crate) of: Variant,
+    pub(crate) title: &'static str,
+    pub(crate) variant: Variant,
     pub(crate) image: Image,
     pub(crate) difference: Image,
 }
@@ -46,7 +47,7 @@ tr.front{background:#eef5fb}code{background:#f3f3f3;padding:.1em .3em;overflow-w
 .pair img{width:100%;image-rendering:pixelated;background:#000}figcaption{font-size:.9em;color:#555}\
 dl{display:grid;grid-template-columns:max-content 1fr;gap:.1em 1em}dt{color:#555}dd{margin:0}.wide{overflow-x:auto}";
 
-/// The page.
+/// Returns the page.
 pub(crate) fn page(report: &Report<'_>) -> Result<String> {
     let caption = report.caption.map(|caption| format!(": {caption}")).unwrap_or_default();
     let name = escaped(&format!("{}{caption}", report.name));
@@ -104,42 +105,49 @@ fn facts(report: &Report<'_>) -> String {
     format!("<dl>\n{rows}</dl>\n")
 }
 
+/// The name of a column, and its text for a measurement.
+type Column = (&'static str, fn(&Measurement) -> String);
+
+/// The columns of numbers of a table.
+const COLUMNS: [Column; 8] = [
+    ("frame, ms", |m| m.seconds().map(milliseconds).unwrap_or_default()),
+    ("first, ms", |m| milliseconds(m.first)),
+    ("rms", |m| format!("{:.2e}", m.errors.rms)),
+    ("99.9 %", |m| format!("{:.2e}", m.errors.p999)),
+    ("max", |m| format!("{:.2e}", m.errors.max)),
+    ("PSNR, dB", |m| if m.errors.psnr > 0.0 { format!("{:.1}", m.errors.psnr) } else { "exact".to_owned() }),
+    ("alpha", |m| format!("{:.2e}", m.errors.alpha)),
+    ("colour", |m| format!("{:.2e}", m.errors.color)),
+];
+
+fn milliseconds(seconds: f64) -> String {
+    format!("{:.1}", seconds * 1e3)
+}
+
 fn table(report: &Report<'_>, rows: &[usize]) -> String {
-    let mut html = "<div class=\"wide\"><table>\n<tr><th>#</th><th class=\"text\">way</th><th class=\"text\">of</th>\
-                    <th>frame, ms</th><th>first, ms</th><th>rms</th><th>99.9 %</th><th>max</th><th>PSNR, dB</th>\
-                    <th>alpha</th><th>colour</th></tr>\n"
-        .to_owned();
+    let names = COLUMNS.map(|(name, _)| format!("<th>{name}</th>")).concat();
+    let mut html = format!(
+        "<div class=\"wide\"><table>\n<tr><th>#</th><th class=\"text\">way</th><th class=\"text\">of</th>{names}</tr>\n"
+    );
     for &index in rows {
         let measured = &report.kept.measurements[index];
         let number = report.front.iter().position(|&at| at == index);
         let class = if number.is_some() { " class=\"front\"" } else { "" };
         let number = number.map(|number| (number + 1).to_string()).unwrap_or_default();
+        let numbers = match &measured.refused {
+            Some(reason) => format!("<td class=\"text\" colspan=\"8\">{}</td>", escaped(reason)),
+            None => COLUMNS.map(|(_, text)| format!("<td>{}</td>", text(measured))).concat(),
+        };
+        let [name, model] = [&measured.name, &measured.model].map(|text| escaped(text));
         html += &format!(
-            "<tr{class}><td>{number}</td><td class=\"text\">{}</td><td class=\"text\">{}</td>{}</tr>\n",
-            escaped(&measured.name),
-            escaped(&measured.model),
-            numbers(measured)
+            "<tr{class}><td>{number}</td><td class=\"text\">{name}</td><td class=\"text\">{model}</td>{numbers}</tr>\n"
         );
     }
     html + "</table></div>\n"
 }
 
-fn numbers(measured: &Measurement) -> String {
-    if let Some(reason) = &measured.refused {
-        return format!("<td class=\"text\" colspan=\"8\">{}</td>", escaped(reason));
-    }
-    let milliseconds = |seconds: Option<f64>| seconds.map(|s| format!("{:.1}", s * 1e3)).unwrap_or_default();
-    let e = measured.errors;
-    let errors = [e.rms, e.p999, e.max].map(|error| format!("{error:.2e}"));
-    let psnr = if e.psnr > 0.0 { format!("{:.1}", e.psnr) } else { "exact".to_owned() };
-    let [alpha, color] = [e.alpha, e.color].map(|error| format!("{error:.2e}"));
-    let [frame, first] = [milliseconds(measured.seconds()), milliseconds(Some(measured.first))];
-    let [rms, p999, max] = errors;
-    [frame, first, rms, p999, max, psnr, alpha, color].map(|number| format!("<td>{number}</td>")).concat()
-}
-
 fn pair(pictures: &Pictures) -> Result<String> {
-    let Pictures { title, of, image, difference } = pictures;
+    let Pictures { title, variant, image, difference } = pictures;
     let figure = |image: &Image, caption: &str| -> Result<String> {
         let png = BASE64_STANDARD.encode(image.to_png(Background::default())?);
         let alt = escaped(caption);
@@ -149,8 +157,8 @@ fn pair(pictures: &Pictures) -> Result<String> {
     };
     Ok(format!(
         "<h2>{title}</h2>\n<p>{}: {}</p>\n<div class=\"pair\">\n{}{}</div>\n",
-        escaped(&of.model),
-        escaped(&of.name),
+        escaped(&variant.model),
+        escaped(&variant.name),
         figure(image, "the picture of the first view")?,
         figure(difference, &format!("its difference from the truth at the sampled pixels, times {GAIN}"))?
     ))

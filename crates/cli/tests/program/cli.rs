@@ -650,7 +650,7 @@ fn lights_that_cannot_be_are_refused() {
         ("--light-size 4", "--light-size needs a --light"),
         ("--light headlight --shadows on", "a headlight casts none"),
         ("--light 20,30 --light-size 4", "--light-size shows in shadows alone"),
-        ("--light studio --light headlight", "no other goes with it"),
+        ("--light studio --light headlight", "expected no other --light beside it"),
         ("--light 20", "expected off, studio, studio:eye, headlight, AZ,EL"),
         ("--light @1,2", "expected off, studio, studio:eye, headlight, AZ,EL"),
         ("--light @1,2,3 --shadows on --light-size 4", "a light at a place is a point"),
@@ -727,7 +727,7 @@ fn transfer_functions_of_other_programs_are_drawn_and_written() {
     let (again, said) = render("b", "--transfer b.vp.json");
     assert_eq!((again, said.as_str()), (picture, ""));
     let (fitted, said) = render("c", "--transfer maps.json#Lab");
-    assert!(said.contains("gentle ramp") && said.contains("colours run from") && said.contains("--window"), "{said}");
+    assert!(said.contains("gentle ramp") && said.contains("using values from") && said.contains("--window"), "{said}");
     let (placed, said) = render("d", "--transfer map:maps.json#Lab --window 12,24");
     assert!(said.is_empty() && placed != fitted, "{said}");
     // A window alone is grey.
@@ -771,8 +771,8 @@ fn a_turntable_goes_through_points_in_time() {
     };
     let bytes = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
     let said = turn("ball.nrrd --size 32 --time all --turn 0 --transfer gray --save-transfer t.json -o {frame}.png");
-    let first = "points in time 0 to 2: the transfer function is that of the first";
-    assert!(said.contains(&format!("note: {first}, and the picture frames what shows at any of them")), "{said}");
+    let first = "time points 0 to 2: using the transfer function of the first";
+    assert!(said.contains(&format!("note: {first}, and one framing for all (disable: --frame volume)")), "{said}");
     assert!(!dir.path().join("0003.png").exists());
     // The ball moves, and no more than the tails of its kernels reach an edge: all have one frame.
     let places = [0, 1, 2].map(|frame| {
@@ -789,7 +789,7 @@ fn a_turntable_goes_through_points_in_time() {
     assert!((places[0] + places[2] - 31.0).abs() < 1.0, "{places:?} are not around the middle");
     // Each frame is the picture of its time by the first one's transfer function.
     let said = turn("ball.nrrd --size 32 --time 1-2 --turn 90 --transfer t.json --frame volume -o b{frame}.png");
-    assert!(!said.contains("points in time"), "{said}");
+    assert!(!said.contains("time points"), "{said}");
     for (frame, azimuth) in [(0, 0), (1, 45)] {
         let time = frame + 1;
         let line = format!("ball.nrrd --size 32 --time {time} --azimuth {azimuth} --elevation 0 --transfer t.json");
@@ -837,11 +837,11 @@ fn points_in_time_that_make_no_sense_are_refused() {
     refused("info demo:sphere:8 --time all", 2, "are for turntable");
     refused("turntable demo:sphere:8 -o a.gif --time 3-1", 2, "expected N, FIRST-LAST or all");
     refused("turntable - -o a.gif --time all", 2, "standard input is read once");
-    refused("turntable demo:sphere:8 -o a.gif --time all", 1, "demo:sphere:8 has one point in time");
+    refused("turntable demo:sphere:8 -o a.gif --time all", 1, "demo:sphere:8 has one time point");
     let dir = folder();
     moving_ball(dir.path());
     let output = voxsplat(dir.path(), "turntable ball.nrrd -o a.gif --time 1-3");
-    assert!(complaint(&output).contains("--time 1-3: ball.nrrd has the points in time 0 to 2"), "{output:?}");
+    assert!(complaint(&output).contains("--time 1-3: ball.nrrd has the time points 0 to 2"), "{output:?}");
     assert_eq!(output.status.code(), Some(1));
     let output = rendered(dir.path(), "ball.nrrd -o a.png --size 8");
     let said = String::from_utf8_lossy(&output.stderr).into_owned();

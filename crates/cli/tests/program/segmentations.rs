@@ -181,7 +181,7 @@ fn labels_of_another_lattice_are_taken_with_a_word() {
     assert!(!said.contains("lattice"), "{said}");
     for option in ["labels", "mask"] {
         let (_, said) = drawn(dir, &format!("scan.nrrd --transfer gray --size 8 --{option} moved.nrrd"));
-        let expected = format!("note: --{option} moved.nrrd: on a lattice of its own (16 x 16 x 16)");
+        let expected = format!("note: --{option} moved.nrrd: using the nearest label of each voxel because");
         assert!(said.contains(&expected) && said.contains(&outside), "{said}");
         let output =
             voxsplat(dir, &format!("render scan.nrrd --transfer gray --light off --{option} away.nrrd -o b.png"));
@@ -231,7 +231,7 @@ fn legends_name_what_shows() {
     refused("kidney.seg.nrrd --transfer labels --model xray", "an X-ray is white");
     let output =
         voxsplat(dir, "render kidney.seg.nrrd --legend --transfer labels --label all:off --reference -o b.png");
-    assert!(String::from_utf8_lossy(&output.stderr).contains("--legend: no label shows"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("--legend: no label is visible"));
     // Nothing is written before a refusal.
     let output = voxsplat(dir, "render several.ome.tif -o b.png --save-transfer t.json --reference");
     assert!(

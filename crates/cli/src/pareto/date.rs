@@ -2,16 +2,15 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// The day by the system clock in UTC, as YYYY-MM-DD.
-#[must_use]
-pub fn today() -> String {
+/// Returns the day by the system clock in UTC, as YYYY-MM-DD.
+pub(crate) fn today() -> String {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let (year, month, day) = civil_from_days((seconds / 86_400) as i64);
     format!("{year:04}-{month:02}-{day:02}")
 }
 
-/// Year, month and day of the Gregorian calendar, from days since 1970-01-01: Howard Hinnant, "chrono-Compatible
-/// Low-Level Date Algorithms" (2013), `civil_from_days`, for days on and after 0000-03-01.
+/// Returns year, month and day of the Gregorian calendar, from days since 1970-01-01: Howard Hinnant,
+/// "chrono-Compatible Low-Level Date Algorithms" (2013), `civil_from_days`, for days on and after 0000-03-01.
 fn civil_from_days(days: i64) -> (i64, i64, i64) {
     // From 0000-03-01: leap days are the last days of their years then, and eras of 400 years are alike.
     let days = days + 719_468;

@@ -7,8 +7,8 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
+use super::Image;
 use crate::error::{Error, Result};
-use crate::image::Image;
 use voxsplat_volume::memory::reserved;
 
 /// The result of a comparison. d stands for the differences of all channels of all pixels.
@@ -59,8 +59,7 @@ fn finite_or_text<S: Serializer>(value: &f64, serializer: S) -> std::result::Res
 /// A value that is not finite in either picture differs infinitely, even from itself: NaN never matches.
 ///
 /// ```
-/// use voxsplat::image::Image;
-/// use voxsplat::report::compare;
+/// use voxsplat::image::{Image, compare};
 ///
 /// let a = Image::new(2, 1, vec![[0.0; 4], [0.5, 0.5, 0.5, 1.0]])?;
 /// let b = Image::new(2, 1, vec![[0.0; 4], [0.5, 0.5, 0.25, 1.0]])?;

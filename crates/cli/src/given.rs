@@ -1,4 +1,4 @@
-//! Conditions on what a command line gives, by which options lose their effect or contradict others.
+//! The options that a command line gives, and conditions on them.
 
 use std::path::Path;
 
@@ -16,35 +16,7 @@ pub(crate) const MAP: &str = "map:";
 /// The largest file of key frames that is read, bytes.
 pub(crate) const MAX_KEY_FRAMES: u64 = 64 << 20;
 
-/// A condition that takes the effect from an option.
-pub(crate) struct Rule {
-    pub(crate) idle: fn(&Given<'_>) -> bool,
-    pub(crate) kind: Kind,
-}
-
-/// What happens to an option without effect. The text follows the name of the option.
-pub(crate) enum Kind {
-    /// The option contradicts others.
-    Refused(&'static str),
-    /// The option is harmless.
-    Noted(&'static str),
-}
-
-pub(crate) const fn refused(idle: fn(&Given<'_>) -> bool, says: &'static str) -> Rule {
-    Rule { idle, kind: Kind::Refused(says) }
-}
-
-pub(crate) const fn idle(idle: fn(&Given<'_>) -> bool, because: &'static str) -> Rule {
-    Rule { idle, kind: Kind::Noted(because) }
-}
-
-/// A lit picture.
-pub(crate) const NEEDS_LIGHT: Rule = refused(|given| !is_lit(given), " needs a --light");
-/// Rays on the CPU know neither painters nor devices.
-pub(crate) const BY_REFERENCE: Rule =
-    idle(|given| given.has("reference"), "because --reference integrates rays on the CPU");
-
-/// What a command line gives; of a scene, that of its picture first and then that of the program.
+/// The options of a command line; of a scene, the options of its picture first and then the program's.
 pub(crate) struct Given<'a> {
     pub(crate) command: &'a Command,
     pub(crate) lines: Vec<&'a ArgMatches>,
@@ -70,6 +42,11 @@ impl Given<'_> {
 
     pub(crate) fn has(&self, option: &str) -> bool {
         self.id(option).is_some_and(|id| self.giving(id).next().is_some())
+    }
+
+    /// Whether an option is given; `tune:KEY` is a key of `--tune`.
+    pub(crate) fn sets(&self, option: &str) -> bool {
+        option.strip_prefix("tune:").map_or_else(|| self.has(option), |key| self.tuned(key).is_some())
     }
 
     /// The values of an option or its default.

@@ -1,0 +1,192 @@
+//! Files of several channels, drawn together: each in a colour, or all as the colours of voxels.
+
+use std::fmt;
+use std::path::Path;
+
+use crate::error::{Error, Result};
+use crate::formats::{self, LoadOptions};
+use crate::layers::{Layer, LegendEntry};
+use crate::transfer::{ControlPoint, TransferFunction, Window};
+use crate::volume::{Channel, SampleType, Statistics, Volume};
+use voxsplat_volume::names::readable;
+
+/// Colours of channels without one: pairs that red-green colour-blind people tell apart, as microscopists use them.
+const COLORS: [[f64; 3]; 6] =
+    [[0.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [1.0, 1.0, 0.0], [1.0, 0.3, 0.2], [0.3, 0.4, 1.0]];
+
+/// The most channels that are drawn unless they are requested.
+const MOST_CHANNELS: u32 = 6;
+/// The opacity of a channel at the upper end of its window, per voxel.
+const CHANNEL_OPACITY: f64 = 0.2;
+/// The opacity of the colours of voxels at the upper end of their window, per voxel.
+const COLOR_OPACITY: f64 = 0.4;
+/// Steps of the ramp of opacity, which is the square of the place in the window.
+const STEPS: u32 = 16;
+
+/// A channel to draw.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChannelChoice {
+    /// The number of the channel, from 0.
+    pub number: u32,
+    /// Its colour, each channel 0 to 1; `None` for the colour of the file or a colour that differs from the others.
+    pub color: Option<[f64; 3]>,
+}
+
+/// The request for the values of a file: by what they are shown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Values {
+    /// Whatever suits them.
+    Open,
+    /// A window of values.
+    Window(Window),
+    /// Labels.
+    Labels,
+    /// A transfer function.
+    Transfer,
+}
+
+/// The contents of a file that are drawn.
+#[derive(Debug, Clone)]
+pub struct Loaded {
+    /// The volume, or the first of its channels.
+    pub volume: Volume,
+    /// Layers in place of the volume's values, if several channels are drawn.
+    pub layers: Vec<Layer>,
+    /// Further volumes of labels on the same lattice, which may overlap with the first.
+    pub labels: Vec<Volume>,
+    /// The channels that are drawn in a colour each.
+    pub channels: Vec<ChannelLook>,
+}
+
+impl From<Volume> for Loaded {
+    fn from(volume: Volume) -> Self {
+        Self { volume, layers: Vec::new(), labels: Vec::new(), channels: Vec::new() }
+    }
+}
+
+/// The look of a channel. `Display` writes it as `NUMBER:#RRGGBB NAME from LOW to HIGH`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChannelLook {
+    /// The number of the channel, from 0.
+    pub number: u32,
+    /// Red, green and blue.
+    pub color: [u8; 3],
+    /// The name that the file states.
+    pub name: Option<String>,
+    /// The values at which the opacity begins and ends to rise.
+    pub range: [f64; 2],
+}
+
+impl fmt::Display for ChannelLook {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ([r, g, b], [low, high]) = (self.color, self.range.map(readable));
+        let name = self.name.as_ref().map(|name| format!(" {name}")).unwrap_or_default();
+        write!(f, "{}:#{r:02x}{g:02x}{b:02x}{name} from {low} to {high}", self.number)
+    }
+}
+
+/// Loads a file and chooses what is drawn of its channels: the requested ones, the only one, labels, the colours of
+/// voxels if channels are called red, green and blue, and otherwise up to 6 channels, in a colour each.
+///
+/// # Errors
+/// Those of [`formats::load`], also if the file has more channels than are drawn by default, or several for labels or
+/// one transfer function; [`Error::Setting`] if one transfer function is requested for several channels.
+pub fn load_channels(
+    source: impl AsRef<Path>,
+    options: &LoadOptions,
+    requested: &[ChannelChoice],
+    values: Values,
+) -> Result<Loaded> {
+    let source = source.as_ref();
+    let one = |number: u32| formats::load(source, &LoadOptions { channel: Some(number), ..*options });
+    // Of a file of several channels this is an error that lists them.
+    let whole = || Ok(formats::load(source, options)?.into());
+    let has_colors = matches!(values, Values::Open | Values::Window(_));
+    let first = match (requested, values) {
+        ([only], _) if only.color.is_none() || !has_colors => return Ok(one(only.number)?.into()),
+        ([], Values::Transfer) => return whole(),
+        ([], _) => one(0)?,
+        ([first, ..], _) if has_colors => one(first.number)?,
+        _ => {
+            let reason = "it is for one channel, and several have a colour each".to_owned();
+            return Err(Error::Setting { name: "transfer", reason });
+        }
+    };
+    let contents = first.contents().clone();
+    let all: Vec<ChannelChoice> = match requested {
+        [] if contents.channels == 1 => return Ok(first.into()),
+        [] if contents.segments.is_some() && !matches!(values, Values::Window(_)) => {
+            let labels = (1..contents.channels).map(one).collect::<Result<_, _>>()?;
+            return Ok(Loaded { labels, ..first.into() });
+        }
+        _ if values == Values::Labels => return whole(),
+        [] if are_colors(&contents.labels) => {
+            let alpha = (contents.channels == 4).then(|| one(3)).transpose()?;
+            let layer = colors([&first, &one(1)?, &one(2)?], alpha.as_ref(), values)?;
+            return Ok(Loaded { layers: vec![layer], ..first.into() });
+        }
+        [] if contents.channels > MOST_CHANNELS => return whole(),
+        [] => (0..contents.channels).map(|number| ChannelChoice { number, color: None }).collect(),
+        _ => requested.to_vec(),
+    };
+    let (mut layers, mut channels) = (Vec::new(), Vec::new());
+    for (at, ChannelChoice { number, color }) in all.into_iter().enumerate() {
+        let volume = if number == contents.channel { first.clone() } else { one(number)? };
+        let label = contents.labels.get(number as usize).cloned().unwrap_or_default();
+        let of_file = label.color.map(|color| color.map(|c| f64::from(c) / 255.0)).filter(|c| *c != [0.0; 3]);
+        let float = color.or(of_file).unwrap_or(COLORS[at % COLORS.len()]);
+        let Some(window) = window(&volume, &label, values)? else { continue };
+        let color = float.map(|channel| (255.0 * channel).round() as u8);
+        let name = label.name.clone().unwrap_or_else(|| format!("channel {number}"));
+        let layer = Layer::scalars(&volume, &ramp(float, CHANNEL_OPACITY, &window)?);
+        layers.push(layer.named(LegendEntry { name, color }));
+        channels.push(ChannelLook { number, color, name: label.name, range: window.ends()? });
+    }
+    if layers.is_empty() {
+        return Err(Error::volume("all values of every channel are the same"));
+    }
+    Ok(Loaded { layers, channels, ..first.into() })
+}
+
+/// Whether the first channels are called red, green and blue.
+fn are_colors(channels: &[Channel]) -> bool {
+    let names: Vec<Option<&str>> = channels.iter().map(|channel| channel.name.as_deref()).collect();
+    names.starts_with(&["red", "green", "blue"].map(Some))
+}
+
+/// The window of a channel: as requested, of its file, or of its foreground; `None` if all values are the same.
+fn window(volume: &Volume, label: &Channel, values: Values) -> Result<Option<Window>> {
+    if let Values::Window(window) = values {
+        return Ok(Some(window));
+    }
+    let of_file = label.window.map(|[low, high]| Window { level: f64::midpoint(low, high), width: high - low });
+    match of_file.filter(|window| window.ends().is_ok()) {
+        None => Ok(Window::of(&Statistics::of(volume)?)),
+        window => Ok(window),
+    }
+}
+
+/// One colour, and opacities that rise over a window.
+fn ramp(color: [f64; 3], opacity: f64, window: &Window) -> Result<TransferFunction> {
+    let point = |i: u32| {
+        let share = f64::from(i) / f64::from(STEPS);
+        ControlPoint { value: share, color, opacity: opacity * share * share }
+    };
+    TransferFunction::new((0..=STEPS).map(point).collect(), None)?.stretched(window)
+}
+
+/// Voxels in the colours of a file.
+fn colors(channels: [&Volume; 3], alpha: Option<&Volume>, values: Values) -> Result<Layer> {
+    let mut white = 255.0_f64;
+    if channels[0].sample_type() != SampleType::U8 {
+        white = 0.0;
+        for channel in channels {
+            white = white.max(Statistics::of(channel)?.max);
+        }
+    }
+    let window = match values {
+        Values::Window(window) => window,
+        _ => Window { level: white / 2.0, width: white },
+    };
+    Layer::colors(channels, alpha, white, &ramp([1.0; 3], COLOR_OPACITY, &window)?)
+}
