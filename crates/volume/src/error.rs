@@ -106,11 +106,59 @@ impl fmt::Display for Hint {
     }
 }
 
+/// Returns an [`Error`] about a file, or [`Damage`] of its content, from a function: `refuse!(path, "has {n} axes")`.
+macro_rules! refuse {
+    ($subject:expr, $($reason:tt)+) => {
+        return Err($subject.error(format!($($reason)+)))
+    };
+}
+pub(crate) use refuse;
+
+/// As [`refuse!`], if a condition holds: `refuse_if!(n > 3, path, "has {n} axes")`.
+macro_rules! refuse_if {
+    ($condition:expr, $($refusal:tt)+) => {
+        if $condition {
+            $crate::error::refuse!($($refusal)+);
+        }
+    };
+}
+pub(crate) use refuse_if;
+
+/// What is wrong with the content of a file, for readers that do not know its name: see [`Error::of_content`].
+pub(crate) struct Damage;
+
+impl Damage {
+    pub(crate) fn error(&self, reason: impl Into<String>) -> io::Error {
+        io::Error::new(io::ErrorKind::InvalidData, reason.into())
+    }
+}
+
+/// The file that an error is about.
+pub(crate) trait Subject {
+    /// An [`Error::Format`] about this file.
+    fn error(&self, reason: impl Into<String>) -> Error;
+}
+
+impl Subject for Path {
+    fn error(&self, reason: impl Into<String>) -> Error {
+        Error::format(self, reason)
+    }
+}
+
 impl Error {
     /// An [`Error::Format`] without a hint.
     #[must_use]
     pub fn format(path: &Path, reason: impl Into<String>) -> Self {
         Self::Format { path: path.to_owned(), reason: reason.into(), hint: None }
+    }
+
+    /// A failed read as [`Error::Format`] if the content is at fault, otherwise as [`Error::Read`].
+    pub(crate) fn of_content(path: &Path, source: io::Error) -> Self {
+        use io::ErrorKind::{InvalidData, InvalidInput, Other, UnexpectedEof};
+        match source.kind() {
+            InvalidData | InvalidInput | UnexpectedEof | Other => path.error(format!("is damaged: {source}")),
+            _ => Self::Read { path: path.to_owned(), source },
+        }
     }
 
     /// The same error, with a hint if it is an [`Error::Format`].

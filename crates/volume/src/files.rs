@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde::de::DeserializeOwned;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, Subject, refuse_if};
 
 /// Opens a regular file, or standard input if `path` is `-` or leads there. The second value is the length of the file
 /// in bytes; `None` if standard input is a stream.
@@ -20,9 +20,7 @@ use crate::error::{Error, Result};
 pub fn open(path: &Path) -> Result<(File, Option<u64>)> {
     let read_error = |source| Error::Read { path: path.to_owned(), source };
     if path == Path::new("-") {
-        if std::io::stdin().is_terminal() {
-            return Err(Error::format(path, "standard input is a terminal, expected a pipe or a file"));
-        }
+        refuse_if!(std::io::stdin().is_terminal(), path, "standard input is a terminal, expected a pipe or a file");
         return Ok((stream().map_err(read_error)?, None));
     }
     let meta = std::fs::metadata(path).map_err(read_error)?;
@@ -49,9 +47,7 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     file.take(most.saturating_add(1))
         .read_to_end(&mut bytes)
         .map_err(|source| Error::Read { path: path.to_owned(), source })?;
-    if bytes.len() as u64 > most {
-        return Err(Error::format(path, format!("is too large: expected at most {most} bytes")));
-    }
+    refuse_if!(bytes.len() as u64 > most, path, "is too large: expected at most {most} bytes");
     Ok(bytes)
 }
 

@@ -17,13 +17,12 @@ use netcdf_reader::{
 };
 
 use super::LoadOptions;
-use super::decode::lattice;
 use super::input::Input;
 use super::placement::{Placement, named_unit, plain_name};
-use super::selection::{Role, chosen, guessed};
-use crate::error::{Error, Hint, Result};
+use super::selection::{Axes, Role, guessed, indices, sized};
+use crate::error::{Error, Hint, Result, Subject, refuse, refuse_if};
 use crate::memory::{reserved, samples_in};
-use crate::volume::{MAX_DIM, Number, Samples, Stored, Units, Volume};
+use crate::volume::{MAX_DIM, Number, Samples, ToF64, Units, Volume, with_samples};
 
 /// The most data sets of a file, and the deepest groups.
 const MAX_SETS: usize = 4096;
@@ -61,7 +60,7 @@ struct Axis {
 pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
     let path = input.path();
     let Some((file, _)) = input.plain_file()? else {
-        return Err(input.error("is a file of HDF5 or NetCDF in a stream or in gzip: write it to a file, decompressed"));
+        refuse!(input, "is a file of HDF5 or NetCDF in a stream or in gzip: write it to a file, decompressed");
     };
     let failed =
         |error: &dyn std::fmt::Display| input.error(format!("is damaged, or of a kind that is not read: {error}"));
@@ -84,7 +83,7 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
     // MINC 1 is NetCDF with variables that scale each slice.
     let scales = |variable: &NcVariable| ["image-max", "image-min"].contains(&variable.name.as_str());
     if root.group("minc-2.0").is_some() || root.variables.iter().any(scales) {
-        return Err(input.error("is a MINC file, whose scales are not read: convert it with mnc2nii"));
+        refuse!(input, "is a MINC file, whose scales are not read: convert it with mnc2nii");
     }
     let mut sets = Vec::new();
     collect(root, "", &[], &mut sets);
@@ -101,34 +100,20 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
     while let Some(single) = space.iter().position(|&axis| axes[axis].size == 1).filter(|_| space.len() > 3) {
         space.remove(single);
     }
-    if space.len() > 3 {
-        return Err(input.error(format!("{} has {} axes of space, expected at most 3", set.path, space.len())));
-    }
-    let sizes: Vec<i64> = space.iter().map(|&axis| i64::try_from(axes[axis].size).unwrap_or(i64::MAX)).collect();
-    let dims = lattice(path, &sizes)?;
+    refuse_if!(space.len() > 3, input, "{} has {} axes of space, expected at most 3", set.path, space.len());
+    let sizes: Vec<i64> = space.iter().map(|&axis| sized(axes[axis].size)).collect();
     let (placement, length) = placement(&axes, &space);
-    let grid = placement.grid(path, dims, options.spacing)?;
-    let count = |role: Role| axes.iter().filter(|a| a.role == role).fold(1_u64, |n, a| n.saturating_mul(a.size));
-    let mut contents = chosen(path, options, count(Role::Channel), count(Role::Time))?;
+    let grid = placement.grid(path, &sizes, options.spacing)?;
+    let all: Axes = axes.iter().rev().map(|axis| (axis.role, sized(axis.size))).collect();
+    let (indices, mut contents) = indices(path, &all, options)?;
     if options.spacing.is_none() {
         contents.notes = notes(&axes, &space);
     }
-    let (mut channel, mut time) = (u64::from(contents.channel), u64::from(contents.time));
-    let mut selections: Vec<NcSliceInfoElem> = axes
-        .iter()
-        .rev()
-        .map(|axis| {
-            let number = match axis.role {
-                Role::Space => return NcSliceInfoElem::Slice { start: 0, end: axis.size, step: 1 },
-                Role::Channel => &mut channel,
-                Role::Time => &mut time,
-            };
-            let index = *number % axis.size;
-            *number /= axis.size;
-            NcSliceInfoElem::Slice { start: index, end: index + 1, step: 1 }
-        })
-        .collect();
-    selections.reverse();
+    let selected = |(axis, index): (&Axis, Option<u64>)| {
+        let (start, end) = index.map_or((0, axis.size), |index| (index, index + 1));
+        NcSliceInfoElem::Slice { start, end, step: 1 }
+    };
+    let selections = axes.iter().zip(indices.into_iter().rev()).map(selected).collect();
     let slabs = Slabs { file: &file, set, selections, slowest: space.last().copied(), path };
     let unsigned = text(&set.variable.attributes, "_Unsigned").is_some_and(|text| text == "true");
     let samples = slabs.samples(&set.variable.dtype, unsigned, grid.len())?;
@@ -136,7 +121,7 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
     let number = |name: &str| attribute(&set.variable.attributes, name).and_then(|a| a.value.as_f64());
     let (slope, intercept) = (number("scale_factor").unwrap_or(1.0), number("add_offset").unwrap_or(0.0));
     let units = Units { length, value: text(&set.variable.attributes, "units").and_then(|unit| named_unit(&unit)) };
-    let volume = placement.volume(grid, Stored::Memory(Arc::new(samples)))?.with_units(units).with_contents(contents);
+    let volume = placement.volume(grid, samples.into())?.with_units(units).with_contents(contents);
     volume.with_rescale(slope, intercept).map_err(|error| input.error(format!("{}: {error}", set.path)))
 }
 
@@ -151,8 +136,7 @@ fn check_groups(path: &Path, root: &Group) -> Result<Vec<String>> {
             seen += 1;
             let address = group.address();
             if above.contains(&address) || above.len() == MAX_DEPTH || seen > MAX_SETS {
-                let reason = format!("has over {MAX_SETS} groups, or some within themselves by a link");
-                return Err(Error::format(path, reason));
+                refuse!(path, "has over {MAX_SETS} groups, or some within themselves by a link");
             }
             let mut above = above.clone();
             above.push(address);
@@ -267,7 +251,7 @@ fn axes(file: &NcFile, set: &Set<'_>) -> Vec<Axis> {
     // Axes whose names say nothing.
     let unknown = axes.iter().all(|axis| axis.role == Role::Space && axis.place.is_none());
     if unknown && axes.len() > 3 {
-        let sizes: Vec<i64> = axes.iter().rev().map(|axis| i64::try_from(axis.size).unwrap_or(i64::MAX)).collect();
+        let sizes: Vec<i64> = axes.iter().rev().map(|axis| sized(axis.size)).collect();
         let roles = guessed(&sizes);
         axes.iter_mut().rev().zip(roles).for_each(|(axis, (role, _))| axis.role = role);
     }
@@ -361,8 +345,7 @@ impl Slabs<'_> {
             NcType::Double => Samples::F64(self.read(count)?),
             NcType::Enum { base, .. } => self.samples(base, unsigned, count)?,
             _ => {
-                let reason = format!("{} has no numbers: expected integers or floats", self.set.path);
-                return Err(Error::format(self.path, reason));
+                refuse!(self.path, "{} has no numbers: expected integers or floats", self.set.path);
             }
         })
     }
@@ -372,7 +355,7 @@ impl Slabs<'_> {
         let mut selections = self.selections.clone();
         let (slowest, size) = match self.slowest.and_then(|axis| Some((axis, self.selections.get(axis)?))) {
             Some((axis, NcSliceInfoElem::Slice { end, .. })) => (axis, *end),
-            _ => return Err(Error::format(self.path, format!("{} has no axes", self.set.path))),
+            _ => refuse!(self.path, "{} has no axes", self.set.path),
         };
         let thick = (SLAB * size / (count * size_of::<T>() as u64).max(1)).clamp(1, size);
         for start in (0..size).step_by(thick as usize) {
@@ -400,37 +383,35 @@ impl Slabs<'_> {
 fn without_fill(mut samples: Samples, attributes: &[NcAttribute], path: &Path) -> Result<Samples> {
     let stated = ["_FillValue", "missing_value"].into_iter().filter_map(|name| attribute(attributes, name));
     let mut fill: Vec<f64> = stated.filter_map(|attribute| attribute.value.as_f64_vec()).flatten().take(16).collect();
-    fn filled<T: crate::volume::ToF64>(samples: &[T], fill: &[f64]) -> bool {
-        !fill.is_empty() && samples.iter().any(|sample| fill.contains(&sample.to_f64()))
-    }
-    macro_rules! with_nan {
-        ($samples:ident as $t:ty, $variant:ident) => {{
-            if !filled(&$samples, &fill) {
-                return Ok(samples);
-            }
-            let mut floats: Vec<$t> = reserved($samples.len() as u64, || samples_in(path))?;
-            floats.extend($samples.iter().map(|&s| if fill.contains(&(s as f64)) { <$t>::NAN } else { s as $t }));
-            Ok(Samples::$variant(floats))
-        }};
-    }
     match &mut samples {
-        Samples::U8(s) => with_nan!(s as f32, F32),
-        Samples::I8(s) => with_nan!(s as f32, F32),
-        Samples::U16(s) => with_nan!(s as f32, F32),
-        Samples::I16(s) => with_nan!(s as f32, F32),
-        Samples::U32(s) => with_nan!(s as f64, F64),
-        Samples::I32(s) => with_nan!(s as f64, F64),
-        Samples::U64(s) => with_nan!(s as f64, F64),
-        Samples::I64(s) => with_nan!(s as f64, F64),
         Samples::F32(s) => {
             fill.extend(NOT_WRITTEN);
             s.iter_mut().filter(|s| fill.contains(&f64::from(**s))).for_each(|s| *s = f32::NAN);
-            Ok(samples)
         }
         Samples::F64(s) => {
             fill.extend(NOT_WRITTEN);
             s.iter_mut().filter(|s| fill.contains(*s)).for_each(|s| *s = f64::NAN);
-            Ok(samples)
+        }
+        integers => {
+            let is_small = integers.sample_type().size() <= 2;
+            let value = |sample: f64| if fill.contains(&sample) { f64::NAN } else { sample };
+            with_samples!(&*integers, s => {
+                if s.iter().any(|sample| fill.contains(&sample.to_f64())) {
+                    let values = s.iter().map(|sample| value(sample.to_f64()));
+                    samples = match is_small {
+                        true => Samples::F32(filled(s.len(), values.map(|value| value as f32), path)?),
+                        false => Samples::F64(filled(s.len(), values, path)?),
+                    };
+                }
+            });
         }
     }
+    Ok(samples)
+}
+
+/// A vector of so many values.
+fn filled<T>(count: usize, values: impl Iterator<Item = T>, path: &Path) -> Result<Vec<T>> {
+    let mut all = reserved(count as u64, || samples_in(path))?;
+    all.extend(values);
+    Ok(all)
 }

@@ -17,6 +17,7 @@ mod nrrd;
 mod placement;
 mod readers;
 mod selection;
+mod text_header;
 #[cfg(feature = "tiff")]
 mod tiff;
 mod time_series;
@@ -30,7 +31,7 @@ mod zarr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use decode::{Layout, lattice, read_all};
+use decode::{Layout, read_all};
 pub use folder::is_zarr;
 use folder::zarr_folder_of;
 use input::{Input, Unpacked};
@@ -41,7 +42,7 @@ use selection::{Pick, chosen};
 pub use time_series::TimeSeries;
 
 use crate::demos;
-use crate::error::{Error, Hint, Result};
+use crate::error::{Error, Hint, Result, Subject, refuse, refuse_if};
 pub use crate::files::{read_json, read_text};
 use crate::names::{counted, named};
 use crate::volume::{Endian, SampleType, Volume};
@@ -194,11 +195,9 @@ fn load_file(
     if let Some(folder) = zarr_folder_of(path) {
         return load_folder(folder, options);
     }
-    let mut input = Input::open_kept(path, unpacked.cloned())?;
+    let mut input = Input::open(path, unpacked.cloned())?;
     let head = input.peek(nifti::HEADER_SIZE)?;
-    if head.is_empty() {
-        return Err(input.error("is empty"));
-    }
+    refuse_if!(head.is_empty(), input, "is empty");
     let content = Format::of_content(&head);
     let has_raw_options = options.dims.is_some() || options.sample_type.is_some();
     // Users may name the image file of a NIfTI pair instead of its header.
@@ -213,14 +212,14 @@ fn load_file(
         && nifti::is_analyze(&head)
         && Format::of_name(path).is_some_and(|format| format.name == "NIfTI")
     {
-        return Err(input.error("is in ANALYZE 7.5 format, which is not read: convert it to NIfTI"));
+        refuse!(input, "is in ANALYZE 7.5 format, which is not read: convert it to NIfTI");
     }
     let Some(format) = content.or(Format::of_name(path)) else { return read_raw(input, &head, options) };
     refuse_raw_options(path, options, &format!("a {} file", format.name))?;
     if let Some(inside) = inside
         && !format.has_sets
     {
-        return Err(input.error(format!("is a {} file, which has no data set {inside:?}", format.name)));
+        refuse!(input, "is a {} file, which has no data set {inside:?}", format.name);
     }
     format.read(input, inside, options)
 }
@@ -234,11 +233,10 @@ fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
     let mut parts = parts_of_folder(folder)?;
     refuse_raw_options(folder, options, "a folder")?;
     let Some((format, mut files)) = parts.pop() else {
-        return Err(Error::format(folder, "is a directory without TIFF or DICOM files, and no OME-Zarr"));
+        refuse!(folder, "is a directory without TIFF or DICOM files, and no OME-Zarr");
     };
     if let Some((other, _)) = parts.pop() {
-        let reason = format!("holds {} and {} files: give each a folder of its own", other.name, format.name);
-        return Err(Error::format(folder, reason));
+        refuse!(folder, "holds {} and {} files: give each a folder of its own", other.name, format.name);
     }
     files.sort_by_cached_key(|path| natural(&path.file_name().unwrap_or_default().to_string_lossy()));
     format.read_folder(folder, &files, options)
@@ -254,7 +252,7 @@ fn parts_of_folder(folder: &Path) -> Result<Vec<(&'static Format, Vec<PathBuf>)>
             continue;
         }
         // Other files may lie beside the slices, such as notes and previews.
-        let content = Format::of_content(&Input::open(&path)?.peek(nifti::HEADER_SIZE)?);
+        let content = Format::of_content(&Input::open(&path, None)?.peek(nifti::HEADER_SIZE)?);
         let Some(format) = content.filter(|format| format.has_sections && format.allows_name(&path)) else { continue };
         match parts.iter_mut().find(|(of, _)| of.name == format.name) {
             Some((_, files)) => files.push(path),
@@ -273,7 +271,7 @@ fn parts_of_folder(folder: &Path) -> Result<Vec<(&'static Format, Vec<PathBuf>)>
 #[must_use]
 pub fn data_files(source: &Path) -> Vec<PathBuf> {
     let of_header = |file: &Path| -> Result<Vec<PathBuf>> {
-        let mut input = Input::open(file)?;
+        let mut input = Input::open(file, None)?;
         match Format::of_content(&input.peek(nifti::HEADER_SIZE)?).or(Format::of_name(file)) {
             Some(format) => format.data_files(input),
             None if nifti::is_image_name(file) => Ok(nifti::header_of_image(file).into_iter().collect()),
@@ -349,15 +347,13 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
         (None, None) => return Err(unknown(&input, head)),
     };
     let path = input.path().to_owned();
-    let dims = lattice(&path, &dims.map(i64::from))?;
     let placement = Placement::axis_parallel([1.0; 3]);
-    let grid = placement.grid(&path, dims, options.spacing)?;
+    let grid = placement.grid(&path, &dims.map(i64::from), options.spacing)?;
     input.skip(options.offset)?;
     let needed = grid.len().saturating_mul(sample_type.size() as u64);
     if let Some(left) = input.exactly_left().filter(|left| *left < needed) {
         let ([x, y, z], after) = (dims, if options.offset > 0 { " after the offset" } else { "" });
-        let reason = format!("has {left} bytes{after}, and {x} x {y} x {z} samples of {sample_type} need {needed}");
-        return Err(input.error(reason));
+        refuse!(input, "has {left} bytes{after}, and {x} x {y} x {z} samples of {sample_type} need {needed}");
     }
     let layout = Layout::Binary(options.endian.unwrap_or_default());
     let mut contents = chosen(&path, options, 1, 1)?;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::input::Input;
 use super::{LoadOptions, metaimage, mrc, nifti, npy, nrrd};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, Subject};
 use crate::volume::Volume;
 
 /// Reads the volume of a file that begins here, or the data set of that name in it.
@@ -52,32 +52,22 @@ const PLAIN: Format = Format {
 };
 
 /// A reader that is there if a feature is on.
-macro_rules! optional {
-    ($name:ident, $type:ty, $feature:literal, $reader:expr) => {
+macro_rules! built {
+    ($feature:literal, $type:ty, $reader:expr) => {{
         #[cfg(feature = $feature)]
-        const $name: Option<$type> = Some($reader);
+        const READER: Option<$type> = Some($reader);
         #[cfg(not(feature = $feature))]
-        const $name: Option<$type> = None;
-    };
+        const READER: Option<$type> = None;
+        READER
+    }};
 }
-optional!(READ_VTI, Read, "vtk", |input, _, options| super::vtk::image_data::read(input, options));
-optional!(READ_VTK, Read, "vtk", |input, _, options| super::vtk::legacy::read(input, options));
-optional!(READ_TIFF, Read, "tiff", |input, _, options| super::tiff::read(input, options));
-optional!(READ_TIFFS, ReadFolder, "tiff", super::tiff::read_files);
-optional!(READ_DICOM, Read, "dicom", |input, _, options| {
-    let path = input.path().to_owned();
-    super::dicom::read_files(&path, std::slice::from_ref(&path), options)
-});
-optional!(READ_SLICES, ReadFolder, "dicom", super::dicom::read_files);
-optional!(READ_HDF5, Read, "hdf5", |input, inside, options| super::hdf5::read(&input, inside, options));
-optional!(READ_ZARR, ReadFolder, "zarr", |folder, _, options| super::zarr::read(folder, options));
 
 /// Zarr, whose folders are known by the files of metadata in them.
 pub(super) const ZARR: Format = Format {
     name: "Zarr",
     description: "folders of Zarr 2 and 3, and of OME-Zarr",
     feature: Some("zarr"),
-    read_folder: READ_ZARR,
+    read_folder: built!("zarr", ReadFolder, |folder, _, options| super::zarr::read(folder, options)),
     ..PLAIN
 };
 
@@ -90,8 +80,10 @@ pub static FORMATS: [Format; 11] = [
         feature: Some("dicom"),
         begins: |head| head.get(128..132) == Some(b"DICM"),
         has_sections: true,
-        read: READ_DICOM,
-        read_folder: READ_SLICES,
+        read: built!("dicom", Read, |input, _, options| {
+            super::dicom::read_files(input.path(), &[input.path().to_owned()], options)
+        }),
+        read_folder: built!("dicom", ReadFolder, super::dicom::read_files),
         ..PLAIN
     },
     Format {
@@ -143,7 +135,7 @@ pub static FORMATS: [Format; 11] = [
         extensions: &["vtk"],
         feature: Some("vtk"),
         begins: |head| head.starts_with(b"# vtk DataFile Version"),
-        read: READ_VTK,
+        read: built!("vtk", Read, |input, _, options| super::vtk::legacy::read(input, options)),
         ..PLAIN
     },
     Format {
@@ -155,7 +147,7 @@ pub static FORMATS: [Format; 11] = [
             let head = String::from_utf8_lossy(head);
             head.trim_start_matches('\u{feff}').trim_start().starts_with('<') && head.contains("<VTKFile")
         },
-        read: READ_VTI,
+        read: built!("vtk", Read, |input, _, options| super::vtk::image_data::read(input, options)),
         ..PLAIN
     },
     Format {
@@ -165,8 +157,8 @@ pub static FORMATS: [Format; 11] = [
         feature: Some("tiff"),
         begins: |head| [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| head.starts_with(*magic)),
         has_sections: true,
-        read: READ_TIFF,
-        read_folder: READ_TIFFS,
+        read: built!("tiff", Read, |input, _, options| super::tiff::read(input, options)),
+        read_folder: built!("tiff", ReadFolder, super::tiff::read_files),
         ..PLAIN
     },
     Format {
@@ -178,7 +170,7 @@ pub static FORMATS: [Format; 11] = [
             let magics: [&[u8]; 5] = [b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3 MAT-file", b"CDF\x01", b"CDF\x02", b"CDF\x05"];
             magics.iter().any(|magic| head.starts_with(magic))
         },
-        read: READ_HDF5,
+        read: built!("hdf5", Read, |input, inside, options| super::hdf5::read(&input, inside, options)),
         ..PLAIN
     },
     ZARR,
@@ -234,9 +226,7 @@ impl Format {
     fn absent(&self, path: &Path) -> Error {
         let (name, feature) = (self.name, self.feature.unwrap_or_default());
         let what = if path.is_dir() { "folder" } else { "file" };
-        Error::format(
-            path,
-            format!("is a {name} {what}, and this build has no reader of it: build it with --features {feature}"),
-        )
+        let way_out = format!("build it with --features {feature}");
+        path.error(format!("is a {name} {what}, and this build has no reader of it: {way_out}"))
     }
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::LoadOptions;
-use crate::error::{Error, Hint, Result};
+use crate::error::{Error, Hint, Result, Subject, refuse};
 use crate::volume::{Channel, Contents};
 
 /// What an axis of the samples of a file runs along.
@@ -93,57 +93,58 @@ impl Pick {
 /// The channel and the point in time that the options ask for. Without a choice the first point in time is taken; of
 /// several channels one must be chosen.
 pub(super) fn chosen(path: &Path, options: &LoadOptions, channels: u64, times: u64) -> Result<Contents> {
-    let number = |name: &'static str, found: u64| match u32::try_from(found) {
+    let number = |name: &str, found: u64| match u32::try_from(found) {
         Ok(found) if found > 0 => Ok(found),
-        _ => Err(Error::format(path, format!("has {found} {name}"))),
+        _ => refuse!(path, "has {found} {name}"),
     };
     let (channels, times) = (number("channels", channels)?, number("points in time", times)?);
-    let index = |name: &'static str, what: &str, asked: u32, found: u32| match asked {
-        asked if asked < found => Ok(asked),
-        asked => {
-            let range = if found == 1 { "0 alone".to_owned() } else { format!("0 to {}", found - 1) };
-            Err(Error::Setting { name, reason: format!("{asked}, but {} has {what} {range}", path.display()) })
+    let index = |name: &'static str, what: &str, asked: u32, found: u32| {
+        if asked < found {
+            return Ok(asked);
         }
+        let range = if found == 1 { "0 alone".to_owned() } else { format!("0 to {}", found - 1) };
+        Err(Error::Setting { name, reason: format!("{asked}, but {} has {what} {range}", path.display()) })
     };
     let time = index("time", "point in time", options.time.unwrap_or(0), times)?;
-    let channel = match options.channel {
-        Some(channel) => index("channel", "channel", channel, channels)?,
-        None if channels == 1 => 0,
-        None => {
-            let error = Error::format(path, format!("has {channels} channels per sample"));
-            return Err(error.hinted(Hint::ChooseChannel));
-        }
-    };
+    if options.channel.is_none() && channels > 1 {
+        return Err(path.error(format!("has {channels} channels per sample")).hinted(Hint::ChooseChannel));
+    }
+    let channel = index("channel", "channel", options.channel.unwrap_or(0), channels)?;
     Ok(Contents { time, times, channel, channels, ..Contents::default() })
 }
 
 /// The samples of a volume in a file with these axes, the fastest first, and what else the file holds.
 pub(super) fn picked(path: &Path, axes: &[(Role, i64)], options: &LoadOptions) -> Result<(Pick, Contents)> {
-    let count = |role: Role| {
-        let sizes = axes.iter().filter(|(of, _)| *of == role).map(|(_, size)| u64::try_from(*size).unwrap_or(0));
-        sizes.fold(1, u64::saturating_mul)
-    };
-    let contents = chosen(path, options, count(Role::Channel), count(Role::Time))?;
-    // Several axes of one role count as one, the fastest first.
-    let (mut channel, mut time) = (u64::from(contents.channel), u64::from(contents.time));
-    let indexed: Vec<(u64, Option<u64>)> = axes
-        .iter()
-        .map(|&(role, size)| {
-            let size = u64::try_from(size).unwrap_or(0).max(1);
-            let digit = |number: &mut u64| {
-                let digit = *number % size;
-                *number /= size;
-                (size, Some(digit))
-            };
-            match role {
-                Role::Space => (size, None),
-                Role::Channel => digit(&mut channel),
-                Role::Time => digit(&mut time),
-            }
-        })
-        .collect();
-    let pick = Pick::of(&indexed).ok_or_else(|| Error::format(path, "claims more samples than any file has"))?;
+    let (indices, contents) = indices(path, axes, options)?;
+    let size = |(_, size): &(Role, i64)| u64::try_from(*size).unwrap_or(0).max(1);
+    let indexed: Vec<(u64, Option<u64>)> = axes.iter().map(size).zip(indices).collect();
+    let pick = Pick::of(&indexed).ok_or_else(|| path.error("claims more samples than any file has"))?;
     Ok((pick, contents))
+}
+
+/// The index along each of these axes, the fastest first, of the chosen channel and point in time, and what else the
+/// file holds; `None` for axes of space. Several axes of one role count as one.
+pub(super) fn indices(
+    path: &Path,
+    axes: &[(Role, i64)],
+    options: &LoadOptions,
+) -> Result<(Vec<Option<u64>>, Contents)> {
+    let size = |size: i64| u64::try_from(size).unwrap_or(0);
+    let count =
+        |role: Role| axes.iter().filter(|axis| axis.0 == role).map(|axis| size(axis.1)).fold(1, u64::saturating_mul);
+    let contents = chosen(path, options, count(Role::Channel), count(Role::Time))?;
+    let (mut channel, mut time) = (u64::from(contents.channel), u64::from(contents.time));
+    let index = |axis: &(Role, i64)| {
+        let number = match axis.0 {
+            Role::Space => return None,
+            Role::Channel => &mut channel,
+            Role::Time => &mut time,
+        };
+        let index = *number % size(axis.1);
+        *number /= size(axis.1);
+        Some(index)
+    };
+    Ok((axes.iter().map(index).collect(), contents))
 }
 
 /// What four axes of unknown meaning are, the fastest first: channels if the fastest has at most four samples and all
@@ -168,6 +169,11 @@ pub(super) fn colours(channels: u32) -> Vec<Channel> {
     let label =
         |(name, color): &(&str, [u8; 3])| Channel { name: Some((*name).to_owned()), color: Some(*color), window: None };
     names.get(..channels as usize).unwrap_or_default().iter().map(label).collect()
+}
+
+/// A size as axes have it; the largest if it is larger.
+pub(super) fn sized(size: u64) -> i64 {
+    i64::try_from(size).unwrap_or(i64::MAX)
 }
 
 /// The sizes of the axes of space.

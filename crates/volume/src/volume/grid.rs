@@ -38,14 +38,9 @@ impl Grid {
     /// two others.
     pub fn new(dims: [u32; 3], to_world: DAffine3) -> Result<Self> {
         if let Some(axis) = (0..3).find(|&a| dims[a] == 0 || dims[a] > MAX_DIM) {
-            return Err(Error::Volume(format!(
-                "dimension {} is {}, expected 1 to {MAX_DIM} (lattice {} x {} x {})",
-                axis + 1,
-                dims[axis],
-                dims[0],
-                dims[1],
-                dims[2]
-            )));
+            let ([x, y, z], size, n) = (dims, dims[axis], axis + 1);
+            let reason = format!("dimension {n} is {size}, expected 1 to {MAX_DIM} (lattice {x} x {y} x {z})");
+            return Err(Error::Volume(reason));
         }
         let m = to_world.matrix3;
         let axes = [m.x_axis, m.y_axis, m.z_axis];
@@ -68,11 +63,9 @@ impl Grid {
             } else {
                 String::new()
             };
-            return Err(Error::Volume(format!(
-                "the grid's axes do not span space ({flat}spacing {} x {} x {}): check spacing and directions in the \
-                 header",
-                lengths[0], lengths[1], lengths[2]
-            )));
+            let ([x, y, z], check) = (lengths, "check spacing and directions in the header");
+            let reason = format!("the grid's axes do not span space ({flat}spacing {x} x {y} x {z}): {check}");
+            return Err(Error::Volume(reason));
         }
         Ok(Self { dims, to_world, to_lattice: to_world.inverse() })
     }

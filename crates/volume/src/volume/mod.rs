@@ -39,17 +39,11 @@ pub enum Samples {
 #[macro_export]
 macro_rules! with_samples {
     ($samples:expr, $s:ident => $body:expr) => {
+        $crate::volume::with_samples!(@ $samples, $s, $body; U8 I8 U16 I16 U32 I32 U64 I64 F32 F64)
+    };
+    (@ $samples:expr, $s:ident, $body:expr; $($variant:ident)+) => {
         match $samples {
-            $crate::volume::Samples::U8($s) => $body,
-            $crate::volume::Samples::I8($s) => $body,
-            $crate::volume::Samples::U16($s) => $body,
-            $crate::volume::Samples::I16($s) => $body,
-            $crate::volume::Samples::U32($s) => $body,
-            $crate::volume::Samples::I32($s) => $body,
-            $crate::volume::Samples::U64($s) => $body,
-            $crate::volume::Samples::I64($s) => $body,
-            $crate::volume::Samples::F32($s) => $body,
-            $crate::volume::Samples::F64($s) => $body,
+            $($crate::volume::Samples::$variant($s) => $body,)+
         }
     };
 }
@@ -234,21 +228,13 @@ impl Volume {
     /// # Errors
     /// [`Error::Volume`] if the grid has another number of samples.
     pub fn new(grid: Grid, samples: Samples) -> Result<Self> {
-        Self::of(grid, Stored::Memory(Arc::new(samples)))
+        Self::of(grid, samples.into())
     }
 
     pub(crate) fn of(grid: Grid, stored: Stored) -> Result<Self> {
         check_count(&grid, stored.len())?;
-        let data = Arc::new(Data::new(stored));
-        Ok(Self {
-            grid,
-            data,
-            slope: 1.0,
-            intercept: 0.0,
-            oriented: false,
-            units: Units::default(),
-            contents: Arc::default(),
-        })
+        let (data, units, contents) = (Arc::new(Data::new(stored)), Units::default(), Arc::default());
+        Ok(Self { grid, data, slope: 1.0, intercept: 0.0, oriented: false, units, contents })
     }
 
     /// The same samples read as `slope * sample + intercept` (NIfTI's scl_slope and scl_inter, DICOM's rescale).
@@ -289,12 +275,9 @@ impl Volume {
     /// # Errors
     /// [`Error::Volume`] if the dimensions differ.
     pub fn with_grid(mut self, grid: Grid) -> Result<Self> {
-        if grid.dims() != self.grid.dims() {
-            return Err(Error::Volume(format!(
-                "a grid of {:?} cannot replace one of {:?}",
-                grid.dims(),
-                self.grid.dims()
-            )));
+        let (new, old) = (grid.dims(), self.grid.dims());
+        if new != old {
+            return Err(Error::Volume(format!("a grid of {new:?} cannot replace one of {old:?}")));
         }
         self.grid = grid;
         Ok(self)
@@ -318,7 +301,7 @@ impl Volume {
         }
         let mut stored = match Arc::try_unwrap(self.data) {
             Ok(data) => data.stored,
-            Err(shared) => Stored::Memory(Arc::new(shared.stored.read(0..shared.stored.len())?)),
+            Err(shared) => shared.stored.read(0..shared.stored.len())?.into(),
         };
         stored.replace_non_finite(raw);
         self.data = Arc::new(Data { finite: OnceLock::from(true), ..Data::new(stored) });
@@ -388,7 +371,7 @@ impl Volume {
             && let Stored::File(_) = &self.data.stored
         {
             let samples = self.read(0..self.data.stored.len())?;
-            self.data = Arc::new(Data::new(Stored::Memory(Arc::new(samples))));
+            self.data = Arc::new(Data::new(samples.into()));
         }
         Ok(self)
     }

@@ -109,19 +109,8 @@ impl Statistics {
         let Moments(_, min, max, sum) = found;
         let non_finite = len as u64 - count;
         if count == 0 {
-            let (bins, nan) = (Vec::new(), f64::NAN);
-            return Ok(Self {
-                min: nan,
-                max: nan,
-                mean: nan,
-                std_dev: nan,
-                count,
-                non_finite,
-                bins,
-                first: nan,
-                step: nan,
-                scale,
-            });
+            let (bins, [min, max, mean, std_dev, first, step]) = (Vec::new(), [f64::NAN; 6]);
+            return Ok(Self { min, max, mean, std_dev, count, non_finite, bins, first, step, scale });
         }
         let (mean, range) = (sum / count as f64, max - min);
         let (bin_count, first, step) = if range == 0.0 {

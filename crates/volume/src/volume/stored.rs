@@ -18,6 +18,12 @@ pub(crate) enum Stored {
     File(FileSamples),
 }
 
+impl From<Samples> for Stored {
+    fn from(samples: Samples) -> Self {
+        Self::Memory(Arc::new(samples))
+    }
+}
+
 /// Binary samples in one piece of a file.
 #[derive(Debug)]
 pub(crate) struct FileSamples {

@@ -5,9 +5,10 @@ use std::io::{Read, Seek, SeekFrom};
 use jpeg_decoder::{ColorTransform, PixelFormat};
 
 use super::dataset::Dataset;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, refuse};
 use crate::memory::{self, reserved, samples_in};
 use crate::names::counted;
+use crate::volume::Endian;
 
 /// The most fragments of a file.
 const MAX_FRAGMENTS: usize = 1 << 20;
@@ -65,7 +66,6 @@ pub(super) struct Size {
 impl Frames {
     /// Finds the fragments of a file with so many frames whose pixels begin at `start`.
     pub(super) fn find(set: &Dataset, start: u64, frames: usize, codec: Codec) -> Result<Self> {
-        let damaged = |reason: &str| Error::format(&set.path, reason);
         let read_error = |source| Error::Read { path: set.path.clone(), source };
         let mut file = set.open().map_err(read_error)?;
         let end = file.seek(SeekFrom::End(0)).map_err(read_error)?;
@@ -76,16 +76,16 @@ impl Frames {
                 break;
             }
             file.seek(SeekFrom::Start(at)).and_then(|_| file.read_exact(&mut head)).map_err(read_error)?;
-            let [a, b, c, d, length @ ..] = head;
-            let (length, content) = (u64::from(u32::from_le_bytes(length)), at + 8);
-            match [a, b, c, d] {
-                [0xfe, 0xff, 0x00, 0xe0] if length <= end - content => {}
+            let [tag, length] = [&head[..4], &head[4..]].map(|bytes| Endian::Little.number(bytes));
+            let content = at + 8;
+            match tag {
                 // The mark of the end.
-                [0xfe, 0xff, 0xdd, 0xe0] => break,
-                [0xfe, 0xff, 0x00, 0xe0] => {
-                    return Err(damaged("is cut short: a fragment ends behind the end of the file"));
+                0xe0dd_fffe => break,
+                0xe000_fffe if length > end - content => {
+                    refuse!(set, "is cut short: a fragment ends behind the end of the file")
                 }
-                _ => return Err(damaged("is damaged: a fragment does not begin where it should")),
+                0xe000_fffe => {}
+                _ => refuse!(set, "is damaged: a fragment does not begin where it should"),
             }
             match &table {
                 // The first item has the offsets of frames, or nothing.
@@ -94,7 +94,7 @@ impl Frames {
                     file.read_exact(&mut offsets).map_err(read_error)?;
                     table = Some(offsets);
                 }
-                Some(_) if fragments.len() == MAX_FRAGMENTS => return Err(damaged("has too many fragments")),
+                Some(_) if fragments.len() == MAX_FRAGMENTS => refuse!(set, "has too many fragments"),
                 Some(_) => fragments.push([content, length]),
             }
             at = content + length;
@@ -115,8 +115,7 @@ impl Frames {
         let firsts = firsts.filter(|firsts: &Vec<usize>| firsts.is_sorted());
         let Some(firsts) = firsts else {
             let (frames, fragments) = (counted(frames as u64, "frame"), counted(fragments.len() as u64, "fragment"));
-            let reason = format!("has {frames} in {fragments}, and no table tells them apart");
-            return Err(Error::format(&set.path, reason));
+            refuse!(set, "has {frames} in {fragments}, and no table tells them apart");
         };
         Ok(Self { codec, fragments, firsts })
     }
@@ -138,32 +137,31 @@ impl Frames {
         // Codecs of other crates cannot be refused memory without an abort.
         memory::check(count.saturating_mul(if self.codec == Codec::Jpeg2000 { 24 } else { 12 }), what)?;
         let mut pixels = reserved(count, what)?;
-        let failed = |reason: String| {
-            let name = syntax_of(&set.syntax).map(|(name, _)| name).unwrap_or_default();
-            Error::format(&set.path, format!("frame {}: {name}: {reason}", frame + 1))
+        let unpacked = match self.codec {
+            Codec::Rle => unpack_rle(&packed, size, &mut pixels),
+            Codec::Jpeg => unpack_jpeg(&packed, size, &mut pixels),
+            Codec::Jpeg2000 => unpack_jpeg_2000(&packed, size, &mut pixels),
         };
-        match self.codec {
-            Codec::Rle => unpack_rle(&packed, size, &mut pixels).map_err(|reason| failed(reason.to_owned()))?,
-            Codec::Jpeg => unpack_jpeg(&packed, size, &mut pixels).map_err(failed)?,
-            Codec::Jpeg2000 => unpack_jpeg_2000(&packed, size, &mut pixels).map_err(failed)?,
-        }
-        if pixels.len() as u64 == count {
-            return Ok(pixels);
-        }
-        Err(failed(format!("{} samples, expected {count}", pixels.len())))
+        let reason = match unpacked {
+            Ok(()) if pixels.len() as u64 == count => return Ok(pixels),
+            Ok(()) => format!("{} samples, expected {count}", pixels.len()),
+            Err(reason) => reason,
+        };
+        let name = syntax_of(&set.syntax).map(|(name, _)| name).unwrap_or_default();
+        refuse!(set, "frame {}: {name}: {reason}", frame + 1)
     }
 }
 
 /// Run lengths as in PackBits, of the highest bytes of the first sample of all pixels, then of the next ones, then of
 /// the next sample (PS3.5, G).
-fn unpack_rle(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<(), &'static str> {
+fn unpack_rle(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<(), String> {
     let word = |n: usize| {
-        let bytes = packed.get(4 * n..).and_then(<[u8]>::first_chunk::<4>);
-        bytes.map(|bytes| u32::from_le_bytes(*bytes) as usize).ok_or("its header is cut short")
+        let bytes = packed.get(4 * n..4 * n + 4).ok_or("its header is cut short")?;
+        Ok::<_, String>(Endian::Little.number(bytes) as usize)
     };
     let segments = word(0)?;
     if segments != size.bytes * size.samples {
-        return Err("it has another number of segments than a pixel has bytes");
+        return Err("it has another number of segments than a pixel has bytes".to_owned());
     }
     let count = size.columns * size.rows;
     pixels.resize(count * size.samples, 0);
@@ -217,11 +215,7 @@ fn unpack_jpeg(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<(), S
         return Err(format!("{bytes} bytes a pixel, expected {}", size.bytes));
     }
     let content = decoder.decode().map_err(|error| error.to_string())?;
-    if bytes == 1 {
-        pixels.extend(content.into_iter().map(u64::from));
-    } else {
-        pixels.extend(content.as_chunks::<2>().0.iter().map(|two| u64::from(u16::from_ne_bytes(*two))));
-    }
+    pixels.extend(content.chunks_exact(bytes).map(|sample| Endian::NATIVE.number(sample)));
     Ok(())
 }
 

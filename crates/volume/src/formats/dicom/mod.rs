@@ -14,7 +14,6 @@ mod times;
 
 use std::io::SeekFrom;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use glam::DVec3;
 
@@ -22,13 +21,12 @@ use self::dataset::Dataset;
 use self::encapsulated::{Codec, Frames, Size, syntax_of};
 use self::palette::Table;
 use self::times::in_times;
-use super::decode::lattice;
 use super::placement::Placement;
 use super::{LoadOptions, MissingSlices, selection};
-use crate::error::{Error, Hint, Result};
+use crate::error::{Error, Hint, Result, Subject, refuse, refuse_if};
 use crate::memory::{reserved, samples_in};
 use crate::names::{counted, readable};
-use crate::volume::{Endian, Samples, Stored, Units, Volume};
+use crate::volume::{Endian, Samples, Units, Volume};
 
 const IMAGE_TYPE: u32 = 0x0008_0008;
 const SOP_CLASS: u32 = 0x0008_0016;
@@ -75,7 +73,6 @@ struct Slice {
 }
 
 /// What all slices share.
-#[derive(PartialEq)]
 struct Plane {
     columns: u16,
     rows: u16,
@@ -139,7 +136,7 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
     // A report or a directory file has no pixels.
     sets.retain(|set| set.pixels.is_some());
     let sets = chosen(source, sets, options.series)?;
-    let Some(first) = sets.first() else { return Err(Error::format(source, "is DICOM without pixels")) };
+    let Some(first) = sets.first() else { refuse!(source, "is DICOM without pixels") };
     let plane = Plane::of(first, 0)?;
     let mut times = in_times(source, &sets, sorted(source, &sets, &plane)?)?;
     let mut contents = selection::chosen(source, options, plane.colors.channels().into(), times.len() as u64)?;
@@ -152,8 +149,8 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
         MissingSlices::Interpolate => completed(source, &sets, slices, &plane, &mut contents.notes)?,
     };
     let placement = placed(source, &sets, &slices, &plane)?;
-    let dims = lattice(source, &[plane.columns.into(), plane.rows.into(), slices.len() as i64])?;
-    let grid = placement.grid(source, dims, options.spacing)?;
+    let sizes = [plane.columns.into(), plane.rows.into(), slices.len() as i64];
+    let grid = placement.grid(source, &sizes, options.spacing)?;
     let maps: Vec<(f64, f64)> = slices.iter().map(|slice| (slice.slope, slice.intercept)).collect();
     let same = maps.windows(2).all(|pair| pair[0] == pair[1]);
     let unit = match (first.text(MODALITY).as_str(), first.text(DOSE_UNITS).as_str()) {
@@ -164,21 +161,20 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
     let units = Units { length: None, value: unit.map(str::to_owned) };
 
     let frames = pixels_in(source, &sets, &slices, plane.frame_bits())?;
-    let count = grid.len();
-    let what = || samples_in(source);
     let raw = |slice: &Slice| pixels_of(&sets[slice.file], frames[slice.file].as_ref(), slice.frame, &plane, channel);
-    let read = |slice: &Slice, value: fn(&Slice, i64) -> f64| -> Result<Vec<f64>> {
+    let value = |slice: &Slice, raw: i64| if same { raw as f64 } else { slice.slope * raw as f64 + slice.intercept };
+    let values = |slice: &Slice| -> Result<Vec<f64>> {
         let near = raw(slice)?.into_iter().map(|raw| value(slice, raw));
         Ok(match &slice.behind {
             None => near.collect(),
             Some((next, share)) => near.zip(raw(next)?).map(|(a, b)| a + (value(next, b) - a) * share).collect(),
         })
     };
-    macro_rules! whole {
-        ($variant:ident $t:ty) => {{
-            let mut all: Vec<$t> = reserved(count, what)?;
+    macro_rules! all {
+        ($variant:ident, $sample:expr) => {{
+            let mut all = reserved(grid.len(), || samples_in(source))?;
             for slice in &slices {
-                all.extend(read(slice, |_, raw| raw as f64)?.into_iter().map(|value| value.round() as $t));
+                all.extend(values(slice)?.into_iter().map($sample));
             }
             Samples::$variant(all)
         }};
@@ -188,22 +184,15 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
         _ => (plane.pixels.bytes(), plane.pixels.signed),
     };
     let samples = match (same, bytes, signed) {
-        (false, ..) => {
-            let mut all: Vec<f32> = reserved(count, what)?;
-            for slice in &slices {
-                let values = read(slice, |of, raw| of.slope * raw as f64 + of.intercept)?;
-                all.extend(values.into_iter().map(|value| value as f32));
-            }
-            Samples::F32(all)
-        }
-        (_, 1, false) => whole!(U8 u8),
-        (_, 1, true) => whole!(I8 i8),
-        (_, 2, false) => whole!(U16 u16),
-        (_, 2, true) => whole!(I16 i16),
-        (_, _, false) => whole!(U32 u32),
-        (_, _, true) => whole!(I32 i32),
+        (false, ..) => all!(F32, |value| value as f32),
+        (_, 1, false) => all!(U8, |value| value.round() as u8),
+        (_, 1, true) => all!(I8, |value| value.round() as i8),
+        (_, 2, false) => all!(U16, |value| value.round() as u16),
+        (_, 2, true) => all!(I16, |value| value.round() as i16),
+        (_, _, false) => all!(U32, |value| value.round() as u32),
+        (_, _, true) => all!(I32, |value| value.round() as i32),
     };
-    let volume = placement.volume(grid, Stored::Memory(Arc::new(samples)))?.with_units(units).with_contents(contents);
+    let volume = placement.volume(grid, samples.into())?.with_units(units).with_contents(contents);
     match (same, maps.first()) {
         (true, Some(&(slope, intercept))) => volume.with_rescale(slope, intercept),
         _ => Ok(volume),
@@ -232,11 +221,8 @@ fn chosen(source: &Path, sets: Vec<Dataset>, series: Option<u32>) -> Result<Vec<
     };
     let index = match series {
         None if all.len() > 1 => {
-            let mut error = Error::format(source, format!("holds {} series: {}", all.len(), listed()));
-            if let Error::Format { hint, .. } = &mut error {
-                *hint = Some(Hint::ChooseSeries);
-            }
-            return Err(error);
+            let reason = format!("holds {} series: {}", all.len(), listed());
+            return Err(source.error(reason).hinted(Hint::ChooseSeries));
         }
         None => 0,
         Some(n) if n == 0 || n as usize > all.len() => {
@@ -255,8 +241,7 @@ fn chosen(source: &Path, sets: Vec<Dataset>, series: Option<u32>) -> Result<Vec<
 
 impl Plane {
     fn of(set: &Dataset, frame: usize) -> Result<Self> {
-        let refused = |reason: String| Error::format(&set.path, reason);
-        let required = |tag: u32, name: &str| set.u16(tag).ok_or_else(|| refused(format!("has no {name}")));
+        let required = |tag: u32, name: &str| set.u16(tag).ok_or_else(|| set.error(format!("has no {name}")));
         let (rows, columns) = (required(ROWS, "number of rows")?, required(COLUMNS, "number of columns")?);
         let planar = set.u16(PLANAR) == Some(1);
         let photometric = set.text(PHOTOMETRIC);
@@ -269,17 +254,13 @@ impl Plane {
             (3, "RGB" | "YBR_ICT" | "YBR_RCT") => Colors::Rgb { planar },
             (3, "YBR_FULL" | "YBR_FULL_422" | "YBR_PARTIAL_420") if by_codec => Colors::Rgb { planar },
             (3, "YBR_FULL_422") if syntax_of(&set.syntax).is_none() => {
-                if columns % 2 == 1 {
-                    return Err(refused(format!("has {columns} columns of YBR_FULL_422, expected an even number")));
-                }
+                refuse_if!(columns % 2 == 1, set, "has {columns} columns of YBR_FULL_422, expected an even number");
                 Colors::Ybr422
             }
             (3, "YBR_FULL" | "YBR_FULL_422") => Colors::Ybr { planar },
             (channels, photometric) => {
-                let what = format!("{channels} samples per pixel of the kind {photometric:?}");
-                return Err(refused(format!(
-                    "has {what}: expected grey values, a palette, RGB, YBR_FULL or YBR_FULL_422"
-                )));
+                let expected = "grey values, a palette, RGB, YBR_FULL or YBR_FULL_422";
+                refuse!(set, "has {channels} samples per pixel of the kind {photometric:?}: expected {expected}")
             }
         };
         let allocated = u32::from(required(BITS_ALLOCATED, "number of bits")?);
@@ -287,12 +268,12 @@ impl Plane {
         let high = set.u16(HIGH_BIT).map_or(stored.saturating_sub(1), u32::from);
         let is_packed = allocated == 1 && (colors != Colors::Grey || syntax_of(&set.syntax).is_some());
         if !matches!(allocated, 1 | 8 | 16 | 32) || is_packed || stored == 0 || high >= allocated || stored > high + 1 {
-            return Err(refused(format!("has {stored} bits up to bit {high} in {allocated}, which is not read")));
+            refuse!(set, "has {stored} bits up to bit {high} in {allocated}, which is not read");
         }
         let pixels = Pixels { allocated, stored, high, signed: set.u16(SIGNED) == Some(1) };
         let is_chroma = matches!(colors, Colors::Ybr { .. } | Colors::Ybr422);
         if is_chroma && (allocated, stored, pixels.signed) != (8, 8, false) {
-            return Err(refused(format!("has {stored} bits of {photometric}, expected 8 without sign")));
+            refuse!(set, "has {stored} bits of {photometric}, expected 8 without sign");
         }
         let [x, y, z, a, b, c] = set.numbers(frame, ORIENTATION).unwrap_or([1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
         let [between_rows, between_columns] = set.numbers(frame, PIXEL_SPACING).unwrap_or([1.0; 2]);
@@ -317,16 +298,13 @@ impl Pixels {
 /// The places of the frames of a dose along the normal of their plane, from the position of the file (PS3.3,
 /// C.8.8.3.2); `None` if it states none.
 fn dose_offsets(set: &Dataset, normal: DVec3, frames: usize) -> Result<Option<Vec<f64>>> {
-    let refused = |reason: String| Err(Error::format(&set.path, reason));
     if frames == 1 || set.value(FRAME_OFFSETS).is_none_or(<[u8]>::is_empty) {
         return Ok(None);
     }
     let Some(mut offsets) = set.list(FRAME_OFFSETS) else {
-        return refused("has offsets of frames that are no numbers".to_owned());
+        refuse!(set, "has offsets of frames that are no numbers");
     };
-    if offsets.len() != frames {
-        return refused(format!("has offsets of {} frames, expected {frames}", offsets.len()));
-    }
+    refuse_if!(offsets.len() != frames, set, "has offsets of {} frames, expected {frames}", offsets.len());
     // Offsets that do not begin with 0 are coordinates along z, which transverse planes may have.
     let start = set.numbers(0, POSITION).map_or(0.0, |[_, _, z]: [f64; 3]| z);
     let first = offsets.first().copied().unwrap_or(0.0);
@@ -342,22 +320,17 @@ fn sorted(source: &Path, sets: &[Dataset], plane: &Plane) -> Result<Vec<Slice>> 
     let mut slices = Vec::new();
     for (file, set) in sets.iter().enumerate() {
         let [frames] = set.numbers(0, FRAMES).unwrap_or([1.0]);
-        if !(1.0..=f64::from(u16::MAX)).contains(&frames) {
-            return Err(Error::format(&set.path, format!("has {frames} frames")));
-        }
+        refuse_if!(!(1.0..=f64::from(u16::MAX)).contains(&frames), set, "has {frames} frames");
         let offsets = dose_offsets(set, normal, frames as usize)?;
         for frame in 0..frames as usize {
             let other = Plane::of(set, frame)?;
             let near = |a: DVec3, b: DVec3| a.distance(b) < 1e-3;
             let turned = !(0..2).all(|i| near(other.directions[i], plane.directions[i]));
             let scaled = (0..2).any(|i| (other.spacing[i] / plane.spacing[i] - 1.0).abs() > 1e-3);
-            if turned
-                || scaled
-                || (other.columns, other.rows, other.pixels) != (plane.columns, plane.rows, plane.pixels)
-                || other.colors != plane.colors
-            {
+            let kind = |plane: &Plane| (plane.columns, plane.rows, plane.pixels, plane.colors);
+            if turned || scaled || kind(&other) != kind(plane) {
                 let of = sets.first().map(|set| set.path.display().to_string()).unwrap_or_default();
-                return Err(Error::format(&set.path, format!("has another size, type, spacing or plane than {of}")));
+                refuse!(set, "has another size, type, spacing or plane than {of}");
             }
             let offset = offsets.as_ref().and_then(|offsets| offsets.get(frame).copied()).unwrap_or(0.0);
             let position = set.numbers(frame, POSITION).map(|place| DVec3::from_array(place) + normal * offset);
@@ -370,13 +343,11 @@ fn sorted(source: &Path, sets: &[Dataset], plane: &Plane) -> Result<Vec<Slice>> 
                 _ => None,
             };
             let Some(position) = position.or_else(|| number().map(|number| normal * number)) else {
-                return Err(Error::format(&set.path, "has no position"));
+                refuse!(set, "has no position");
             };
             let [slope] = set.numbers(frame, SLOPE).or_else(|| set.numbers(0, DOSE_SCALING)).unwrap_or([1.0]);
             let [intercept] = set.numbers(frame, INTERCEPT).unwrap_or([0.0]);
-            if slices.len() > usize::from(u16::MAX) {
-                return Err(Error::format(source, "has over 65535 slices"));
-            }
+            refuse_if!(slices.len() > usize::from(u16::MAX), source, "has over 65535 slices");
             slices.push(Slice { file, frame, position, slope, intercept, behind: None });
         }
     }
@@ -432,9 +403,7 @@ fn completed(
     let Some(&usual) = gaps.get(gaps.len() / 2).filter(|usual| **usual >= APART) else { return Ok(slices) };
     let lacking =
         slices.windows(2).map(|pair| missing_in(gap(pair), usual)).fold(slices.len() as u64, u64::saturating_add);
-    if lacking > u64::from(u16::MAX) {
-        return Err(Error::format(source, "has over 65535 slices with those that are missing"));
-    }
+    refuse_if!(lacking > u64::from(u16::MAX), source, "has over 65535 slices with those that are missing");
     let mut all = Vec::new();
     for pair in slices.windows(2) {
         let [before, after] = pair else { continue };
@@ -456,14 +425,13 @@ fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> R
     let [along_rows, along_columns] = plane.directions;
     let normal = along_rows.cross(along_columns);
     let (Some(first), Some(last)) = (slices.first(), slices.last()) else {
-        return Err(Error::format(source, "has no slices"));
+        refuse!(source, "has no slices");
     };
     let name = |slice: &Slice| name_of(sets, slice);
     let mut gaps: Vec<f64> = slices.windows(2).map(|pair| (pair[1].position - pair[0].position).dot(normal)).collect();
     for (pair, gap) in slices.windows(2).zip(&gaps) {
         if gap.abs() < APART {
-            let reason = format!("has two slices at one position: {} and {}", name(&pair[0]), name(&pair[1]));
-            return Err(Error::format(source, reason));
+            refuse!(source, "has two slices at one position: {} and {}", name(&pair[0]), name(&pair[1]));
         }
     }
     let step = if gaps.is_empty() {
@@ -481,15 +449,14 @@ fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> R
                 return Err(Error::format(source, reason).hinted(Hint::InterpolateSlices));
             }
             if (gap / usual - 1.0).abs() > 0.02 {
-                let reason = format!("slices are unequally spaced: {gap:.4} between {between}, {usual:.4} elsewhere");
-                return Err(Error::format(source, reason));
+                refuse!(source, "slices are unequally spaced: {gap:.4} between {between}, {usual:.4} elsewhere");
             }
         }
         (last.position - first.position) / (slices.len() - 1) as f64
     };
     for (n, slice) in slices.iter().enumerate() {
         if slice.position.distance(first.position + step * n as f64) > 0.05 * step.length() {
-            return Err(Error::format(source, format!("the slice {} is not in a row with the others", name(slice))));
+            refuse!(source, "the slice {} is not in a row with the others", name(slice));
         }
     }
     let length = step.length();
@@ -503,9 +470,7 @@ fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> R
 
 /// Where the pixels of a file are: compressed frames, or `None` if they follow one another.
 fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], frame_bits: u64) -> Result<Vec<Option<Frames>>> {
-    if slices.is_empty() {
-        return Err(Error::format(source, "has no slices"));
-    }
+    refuse_if!(slices.is_empty(), source, "has no slices");
     let mut is_used = vec![false; sets.len()];
     slices.iter().for_each(|slice| is_used[slice.file] = true);
     let frames = |(set, is_used): (&Dataset, bool)| {
@@ -514,23 +479,21 @@ fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], frame_bits: u64)
         }
         // All of them, also those at other points in time.
         let frames = set.numbers(0, FRAMES).map_or(1, |[frames]| frames as usize);
-        let refused = |reason: String| Err(Error::format(&set.path, reason));
         match (syntax_of(&set.syntax), set.pixels) {
             (Some((name, None)), _) => {
-                refused(format!("is compressed by {name}, which is not read: decompress it first"))
+                refuse!(set, "is compressed by {name}, which is not read: decompress it first")
             }
             (Some((_, Some(codec))), Some((start, None))) => Frames::find(set, start, frames, codec).map(Some),
-            (Some((name, _)), _) => refused(format!("is compressed by {name}, but its pixels are in no fragments")),
+            (Some((name, _)), _) => refuse!(set, "is compressed by {name}, but its pixels are in no fragments"),
             // Refused before memory is reserved.
             (None, Some((_, Some(length)))) => {
                 let needed = (frames as u64).saturating_mul(frame_bits).div_ceil(8);
-                if length >= needed {
-                    return Ok(None);
-                }
                 let need = if frames == 1 { "frame needs" } else { "frames need" };
-                refused(format!("is cut short: {frames} {need} {needed} bytes, {length} are there"))
+                let is_short = length < needed;
+                refuse_if!(is_short, set, "is cut short: {frames} {need} {needed} bytes, {length} are there");
+                Ok(None)
             }
-            (None, _) => refused(format!("is in the transfer syntax {}, which is not read", set.syntax)),
+            (None, _) => refuse!(set, "is in the transfer syntax {}, which is not read", set.syntax),
         }
     };
     sets.iter().zip(is_used).map(frames).collect()
@@ -576,27 +539,22 @@ fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane
             bytes.as_chunks_mut::<2>().0.iter_mut().for_each(|two| two.reverse());
         }
         let bytes = bytes.get(before as usize..).unwrap_or_default();
-        let more = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
         if pixels.allocated == 1 {
             let bits = bytes.iter().flat_map(|byte| (0..8).map(move |bit| u64::from(byte >> bit & 1)));
             all.extend(bits.skip((first % 8) as usize).take(count));
         } else {
-            all.extend(bytes.chunks_exact(width).map(|bytes| match set.endian {
-                Endian::Little => bytes.iter().rev().fold(0, more),
-                Endian::Big => bytes.iter().fold(0, more),
-            }));
+            all.extend(bytes.chunks_exact(width).map(|bytes| set.endian.number(bytes)));
         }
     }
     let sample = |pixel: usize, channel: usize| {
-        value(
-            all[match colors {
-                // Two of luma, then what both pixels share.
-                Colors::Ybr422 if channel == 0 => pixel / 2 * 4 + pixel % 2,
-                Colors::Ybr422 => pixel / 2 * 4 + channel + 1,
-                _ if is_planar => channel * area + pixel,
-                _ => pixel * samples + channel,
-            }],
-        )
+        let place = match colors {
+            // Two of luma, then what both pixels share.
+            Colors::Ybr422 if channel == 0 => pixel / 2 * 4 + pixel % 2,
+            Colors::Ybr422 => pixel / 2 * 4 + channel + 1,
+            _ if is_planar => channel * area + pixel,
+            _ => pixel * samples + channel,
+        };
+        value(all[place])
     };
     let mut values = reserved(area as u64, || samples_in(&set.path))?;
     match colors {

@@ -1,10 +1,11 @@
 //! Points in time: as many slices at each position, told apart by an index or a time.
 
+use std::cmp::Ordering;
 use std::path::Path;
 
 use super::dataset::Dataset;
 use super::{APART, Slice, name_of};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, Subject, refuse};
 
 /// How what tells slices of one position apart is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,25 +56,20 @@ pub(super) fn in_times(source: &Path, sets: &[Dataset], slices: Vec<Slice>) -> R
         };
         return Err(Error::format(source, reason));
     }
-    let Some(tag) = TIMES.into_iter().find(|&tag| {
-        // It tells apart what is at one position, everywhere.
-        positions.iter().all(|there| {
-            let mut keys: Vec<[f64; 2]> = there.iter().filter_map(|slice| key_of(sets, slice, tag)).collect();
-            keys.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
-            keys.dedup();
-            keys.len() == there.len()
-        })
-    }) else {
-        let what = if times == 2 { "two slices".to_owned() } else { format!("{times} slices") };
-        let reason = format!("has {what} at one position: {}, and no number or time tells them apart", at(most));
-        return Err(Error::format(source, reason));
+    let examples = at(most);
+    // The tag tells apart the slices at one position, everywhere, and they are sorted by it.
+    let tells_apart = |there: &mut Vec<Slice>, tag| {
+        let order = |a: &Slice, b: &Slice| key_of(sets, a, tag).partial_cmp(&key_of(sets, b, tag));
+        there.sort_by(|a, b| order(a, b).unwrap_or(Ordering::Equal));
+        there.iter().all(|slice| key_of(sets, slice, tag).is_some())
+            && there.windows(2).all(|pair| order(&pair[0], &pair[1]) == Some(Ordering::Less))
     };
+    if !TIMES.into_iter().any(|tag| positions.iter_mut().all(|there| tells_apart(there, tag))) {
+        let what = if times == 2 { "two slices".to_owned() } else { format!("{times} slices") };
+        refuse!(source, "has {what} at one position: {examples}, and no number or time tells them apart");
+    }
     let mut volumes: Vec<Vec<Slice>> = (0..times).map(|_| Vec::new()).collect();
-    for mut there in positions {
-        there.sort_by(|a, b| {
-            let keys = (key_of(sets, a, tag), key_of(sets, b, tag));
-            keys.0.partial_cmp(&keys.1).unwrap_or(std::cmp::Ordering::Equal)
-        });
+    for there in positions {
         volumes.iter_mut().zip(there).for_each(|(volume, slice)| volume.push(slice));
     }
     Ok(volumes)

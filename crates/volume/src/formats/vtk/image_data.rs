@@ -3,12 +3,11 @@
 use glam::DVec3;
 
 use super::blocks::{Codec, decompressed};
-use super::{At, Lattice, axes, numbers};
-use crate::error::{Error, Result};
+use super::{Array, At, Lattice, numbers};
+use crate::error::{Error, Result, refuse};
 use crate::formats::LoadOptions;
-use crate::formats::decode::{Layout, lattice, read_all};
+use crate::formats::decode::Layout;
 use crate::formats::input::Input;
-use crate::formats::selection::picked;
 use crate::formats::xml::Tag;
 use crate::volume::{Endian, SampleType, Volume};
 
@@ -20,7 +19,7 @@ pub(in crate::formats) fn read(input: Input, options: &LoadOptions) -> Result<Vo
     match read_array(input, options, false) {
         Ok(Some(volume)) => Ok(volume),
         Ok(None) if again => {
-            let found = read_array(Input::open(&path)?, options, true)?;
+            let found = read_array(Input::open(&path, None)?, options, true)?;
             found.ok_or_else(|| Error::format(&path, "has no array of scalars"))
         }
         Ok(None) => {
@@ -34,23 +33,18 @@ pub(in crate::formats) fn read(input: Input, options: &LoadOptions) -> Result<Vo
 /// there is no other.
 fn read_array(mut input: Input, options: &LoadOptions, several: bool) -> Result<Option<Volume>> {
     let Some(file) = tag(&mut input, "VTKFile")? else {
-        return Err(input.error("is not a VTK file: it has no tag VTKFile"));
+        refuse!(input, "is not a VTK file: it has no tag VTKFile");
     };
     match file.get("type") {
         Some("ImageData") => {}
-        other => return Err(input.error(format!("is of type {:?}, expected ImageData", other.unwrap_or_default()))),
+        other => refuse!(input, "is of type {:?}, expected ImageData", other.unwrap_or_default()),
     }
     let coding = Coding::of(&file, &input)?;
-    let Some(image) = tag(&mut input, "ImageData")? else { return Err(input.error("has no tag ImageData")) };
+    let Some(image) = tag(&mut input, "ImageData")? else { refuse!(input, "has no tag ImageData") };
     let image_lattice = image_lattice(&image, &input)?;
-    let Some(found) = find(&mut input, image.get("WholeExtent"), several)? else { return Ok(None) };
-    let (sizes, placement) = image_lattice.placed(found.at);
-    let dims = lattice(input.path(), &sizes)?;
-    let grid = placement.grid(input.path(), dims, options.spacing)?;
-    let (pick, contents) = picked(input.path(), &axes(found.components, sizes), options)?;
-    let (input, layout) = coding.at_samples(input, found.place)?;
-    let samples = read_all(input, &pick, found.sample_type, layout)?;
-    Ok(Some(placement.volume(grid, samples)?.with_contents(contents)))
+    let Some((array, place)) = find(&mut input, image.get("WholeExtent"), several)? else { return Ok(None) };
+    let (input, layout) = coding.at_samples(input, place)?;
+    image_lattice.read(&array, input, layout, options).map(Some)
 }
 
 /// The next tag of this name.
@@ -84,15 +78,6 @@ fn image_lattice(image: &Tag, input: &Input) -> Result<Lattice> {
     })
 }
 
-/// An array of samples.
-struct Array {
-    at: At,
-    sample_type: SampleType,
-    /// The numbers of each sample.
-    components: u64,
-    place: Place,
-}
-
 /// Where the samples of an array are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Place {
@@ -105,14 +90,14 @@ enum Place {
 }
 
 /// Finds the array of scalars and reads up to its tag, or up to the appended data if it is there.
-fn find(input: &mut Input, whole: Option<&str>, several: bool) -> Result<Option<Array>> {
+fn find(input: &mut Input, whole: Option<&str>, several: bool) -> Result<Option<(Array, Place)>> {
     let (mut at, mut active) = (None, None);
     let mut refused = false;
-    let mut appended: Option<Array> = None;
+    let mut appended = None;
     while let Some(tag) = Tag::next(input)? {
         match tag.name.as_str() {
             "Piece" if tag.get("Extent").is_some_and(|extent| whole.is_some_and(|whole| !same(extent, whole))) => {
-                return Err(input.error("is in several pieces: save it as one"));
+                refuse!(input, "is in several pieces: save it as one");
             }
             "PointData" => (at, active) = (Some(At::Points), tag.get("Scalars").map(str::to_owned)),
             "CellData" => (at, active) = (Some(At::Cells), tag.get("Scalars").map(str::to_owned)),
@@ -123,32 +108,27 @@ fn find(input: &mut Input, whole: Option<&str>, several: bool) -> Result<Option<
                     continue;
                 }
                 let components = tag.get("NumberOfComponents").unwrap_or("1");
-                let components = components
-                    .parse::<u64>()
-                    .map_err(|_| input.error(format!("NumberOfComponents is {components:?}, expected a number")))?;
+                let Ok(components) = components.parse::<u64>() else {
+                    refuse!(input, "NumberOfComponents is {components:?}, expected a number");
+                };
                 if components != 1 && active.is_none() && !several {
                     refused = true;
                     continue;
                 }
-                let array =
-                    Array { at, sample_type: sample_type(&tag, input)?, components, place: place(&tag, input)? };
-                match array.place {
-                    Place::Appended { .. } => appended = Some(array),
-                    Place::Text | Place::Inline => return Ok(Some(array)),
+                let array = Array { at, sample_type: sample_type(&tag, input)?, components };
+                match place(&tag, input)? {
+                    Place::Appended { offset, .. } => appended = Some((array, offset)),
+                    place => return Ok(Some((array, place))),
                 }
             }
             "AppendedData" => {
-                let Some(Array { place: Place::Appended { offset, .. }, at, sample_type, components }) = appended
-                else {
-                    break;
-                };
+                let Some((array, offset)) = appended.take() else { break };
                 let base64 = match tag.get("encoding") {
                     Some("raw") => false,
                     Some("base64") | None => true,
-                    Some(other) => return Err(input.error(format!("has appended data in the encoding {other:?}"))),
+                    Some(other) => refuse!(input, "has appended data in the encoding {other:?}"),
                 };
-                let place = Place::Appended { offset, base64 };
-                return Ok(Some(Array { at, sample_type, components, place }));
+                return Ok(Some((array, Place::Appended { offset, base64 })));
             }
             _ => {}
         }
@@ -198,21 +178,23 @@ impl Coding {
             Some("BigEndian") => Endian::Big,
             other => {
                 let found = other.unwrap_or_default();
-                return Err(input.error(format!("byte_order is {found:?}, expected LittleEndian or BigEndian")));
+                refuse!(input, "byte_order is {found:?}, expected LittleEndian or BigEndian");
             }
         };
         let wide = match file.get("header_type") {
             Some("UInt32") | None => false,
             Some("UInt64") => true,
-            Some(other) => return Err(input.error(format!("header_type is {other:?}, expected UInt32 or UInt64"))),
+            Some(other) => refuse!(input, "header_type is {other:?}, expected UInt32 or UInt64"),
         };
         let codec = match file.get("compressor") {
             None | Some("") => None,
             Some("vtkZLibDataCompressor") => Some(Codec::Zlib),
             Some("vtkLZ4DataCompressor") => Some(Codec::Lz4),
             Some(other) => {
-                let reason = "which is not read: save it with ZLib, LZ4 or no compression";
-                return Err(input.error(format!("is compressed by {other:?}, {reason}")));
+                refuse!(
+                    input,
+                    "is compressed by {other:?}, which is not read: save it with ZLib, LZ4 or no compression"
+                )
             }
         };
         Ok(Self { endian, wide, codec })
@@ -229,14 +211,8 @@ impl Coding {
                 if base64 { input.unbase64() } else { input }
             }
         };
-        let number = |input: &mut Input| -> Result<u64> {
-            let bytes = input.bytes(if self.wide { 8 } else { 4 })?;
-            let more = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
-            Ok(match self.endian {
-                Endian::Little => bytes.iter().rev().fold(0, more),
-                Endian::Big => bytes.iter().fold(0, more),
-            })
-        };
+        let number =
+            |input: &mut Input| -> Result<u64> { Ok(self.endian.number(&input.bytes(if self.wide { 8 } else { 4 })?)) };
         let input = match self.codec {
             Some(codec) => decompressed(input, codec, number)?,
             None => {

@@ -6,14 +6,27 @@ pub(super) mod legacy;
 
 use glam::DVec3;
 
+use super::LoadOptions;
+use super::decode::{Layout, read_all};
+use super::input::Input;
 use super::placement::Placement;
-use super::selection::Role;
+use super::selection::{Role, picked, sized};
+use crate::error::Result;
+use crate::volume::{SampleType, Volume};
 
 /// Where samples lie in the image: an array belongs to points or to cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum At {
     Points,
     Cells,
+}
+
+/// An array of samples.
+struct Array {
+    at: At,
+    sample_type: SampleType,
+    /// The numbers of each sample.
+    components: u64,
 }
 
 /// The lattice of an image.
@@ -43,12 +56,18 @@ impl Lattice {
         }
         (sizes, Placement { directions: self.directions, spacing: self.spacing, origin, oriented: false })
     }
-}
 
-/// The axes of an array with so many numbers for each sample of a lattice.
-fn axes(components: u64, [x, y, z]: [i64; 3]) -> [(Role, i64); 4] {
-    let channels = i64::try_from(components).unwrap_or(i64::MAX);
-    [(Role::Channel, channels), (Role::Space, x), (Role::Space, y), (Role::Space, z)]
+    /// Reads the volume of an array whose first sample begins here.
+    fn read(&self, array: &Array, input: Input, layout: Layout, options: &LoadOptions) -> Result<Volume> {
+        let path = input.path().to_owned();
+        let (sizes, placement) = self.placed(array.at);
+        let grid = placement.grid(&path, &sizes, options.spacing)?;
+        let mut axes = vec![(Role::Channel, sized(array.components))];
+        axes.extend(sizes.map(|size| (Role::Space, size)));
+        let (pick, contents) = picked(&path, &axes, options)?;
+        let samples = read_all(input, &pick, array.sample_type, layout)?;
+        Ok(placement.volume(grid, samples)?.with_contents(contents))
+    }
 }
 
 /// As many numbers as the array has, separated by blanks; `None` if there are not so many.
